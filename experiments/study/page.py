@@ -4,8 +4,10 @@ look at.
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from functools import partial
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 from experiments.flight.library import fly_line
 from experiments.intervals import Interval
@@ -14,8 +16,8 @@ from experiments.pages.page import Cell, Code, Film, Page, Text, number, words
 from experiments.study import charts
 from experiments.study.design import is_number
 from experiments.study.estimate import Place, Results, digits, main_effects, shown
-from experiments.study.file import METRIC
-from experiments.study.measure import METRICS
+from experiments.study.file import METRIC, Study
+from experiments.study.measure import METRICS, Metric
 from experiments.study.plan import Entry, Plan, many, varied
 
 _MOST_COMMANDS = 400
@@ -36,9 +38,13 @@ _COLUMNS = (
 
 def _place_text(plan: Plan, place: Place) -> str:
     """A place in words: its point, and arm and follower where there are several."""
-    parts = [charts.point_text(plan.points[place[0]])] if plan.points[place[0]] else []
-    parts += [f"arm {place[1]}"] if len(plan.arms) > 1 else []
-    parts += [place[2]] if len(plan.followers) > 1 else []
+    parts = []
+    if plan.points[place[0]]:
+        parts.append(charts.point_text(plan.points[place[0]]))
+    if len(plan.arms) > 1:
+        parts.append(f"arm {place[1]}")
+    if len(plan.followers) > 1:
+        parts.append(place[2])
     return ", ".join(parts) or "the study's only point"
 
 
@@ -103,90 +109,207 @@ def commands(plan: Plan, results: Results) -> str:
     return "\n".join(lines)
 
 
+@dataclass(frozen=True, kw_only=True)
+class StudyPage:
+    """What the template of a study's page shows; `failures` are entries that could not be flown,
+    by what happened, `films` its worst run.
+    """
+
+    plan: Plan
+    results: Results
+    failures: Mapping[str, list[Entry]]
+    films: Sequence[Film] = ()
+
+    @property
+    def study(self) -> Study:
+        return self.plan.study
+
+    @property
+    def metric(self) -> Metric:
+        """The metric of the report."""
+        return METRICS[self.study.file.report.metric]
+
+    @property
+    def columns(self) -> list[str]:
+        """Metrics of the table beside that of the report."""
+        return [name for name in _COLUMNS if name != self.study.file.report.metric]
+
+    @property
+    def question(self) -> Text:
+        return Text(text=self.study.file.question.strip())
+
+    @property
+    def several_arms(self) -> bool:
+        return len(self.plan.arms) > 1
+
+    @property
+    def several_followers(self) -> bool:
+        return len(self.plan.followers) > 1
+
+    @cached_property
+    def factors(self) -> list[str]:
+        """Factors of more than one value."""
+        return varied(self.plan)
+
+    @property
+    def factorial(self) -> bool:
+        return self.study.file.design == "factorial"
+
+    @cached_property
+    def layout(self) -> charts.Layout:
+        """Of the main figure."""
+        return charts.layout_of(self.plan)
+
+    @property
+    def has_lines(self) -> bool:
+        """Whether the metric is drawn over one factor."""
+        report = self.study.file.report
+        asked = any((report.against, report.lines, report.panels))
+        return self.factorial and (asked or len(self.factors) < 2)
+
+    @property
+    def map_axes(self) -> list[str]:
+        """The two factors over which the metric is drawn as a map, that of the main figure across;
+        none of fewer.
+        """
+        if not self.factorial or len(self.factors) < 2:
+            return []
+        first = self.layout.against if self.layout.against in self.factors else self.factors[0]
+        return [first, *(name for name in self.factors if name != first)][:2]
+
+    @cached_property
+    def estimates(self) -> dict[Place, Interval]:
+        """The metric of the report at all places."""
+        metric = self.study.file.report.metric
+        return {place: self.results.estimate(place, metric) for place in self.results.rows}
+
+    @cached_property
+    def ranked(self) -> list[Place]:
+        """Places with a value, the lowest first."""
+        measured = [place for place, of in self.estimates.items() if not math.isnan(of.value)]
+        return sorted(measured, key=lambda place: self.estimates[place].value)
+
+    @property
+    def extremes(self) -> list[tuple[Place, str]]:
+        """The places of the lowest and the highest value, and these in words."""
+        places = self.ranked if len(self.ranked) < 2 else [self.ranked[0], self.ranked[-1]]
+        return [(place, shown(self.estimates[place], self.metric.unit)) for place in places]
+
+    @cached_property
+    def listed_places(self) -> list[Place]:
+        """Places of the table: all, or of too many the lowest and the highest."""
+        if len(self.results.rows) <= _MOST_ROWS:
+            return list(self.results.rows)
+        half = _MOST_ROWS // 2
+        return self.ranked[:half] + self.ranked[-half:]
+
+    @cached_property
+    def differences(self) -> dict[Place, Interval]:
+        """Paired differences from the first arm."""
+        return self.results.differences(self.plan.arms[0], self.study.file.report.metric)
+
+    @cached_property
+    def verdicts(self) -> dict[Place, str]:
+        """What the differences decide."""
+        verdicts = {}
+        for place, difference in self.differences.items():
+            base = self.estimates[place[0], self.plan.arms[0], place[2]]
+            verdicts[place] = _verdict(difference, self.estimates[place].value, base.value)
+        return verdicts
+
+    def verdict(self, place: Place) -> Cell:
+        """A verdict, coloured."""
+        verdict = self.verdicts[place]
+        return words(verdict, _TONES[verdict])
+
+    @property
+    def verdict_counts(self) -> dict[str, Counter[str]]:
+        """How often each verdict is that of an arm."""
+        return {
+            arm: Counter(verdict for place, verdict in self.verdicts.items() if place[1] == arm)
+            for arm in self.plan.arms[1:]
+        }
+
+    @cached_property
+    def effects(self) -> dict[str, Interval]:
+        """Main effects of the factors."""
+        return main_effects(self.plan, self.results, self.study.file.report.metric)
+
+    @property
+    def effects_first(self) -> bool:
+        """Whether they stand before the figures."""
+        return bool(self.effects) and len(self.factors) > 2
+
+    @property
+    def idle(self) -> list[str]:
+        """Keys of waves that are drawn although no point has any."""
+        if any(entry.scenario.ocean.waves.kind != "none" for entry in self.plan.entries):
+            return []
+        return [draw.key for draw in self.study.draws if draw.key.startswith("ocean.waves.")]
+
+    @property
+    def runs(self) -> int:
+        """Runs of all followers."""
+        followers = sum(len(entry.scenario.followers) for entry in self.plan.entries)
+        return self.study.runs * followers
+
+    @property
+    def commands(self) -> Code:
+        return Code(
+            text=commands(self.plan, self.results),
+            title="Worst and median run of every place",
+            folded=len(self.results.rows) > 4,
+        )
+
+    def place_text(self, place: Place) -> str:
+        """A place in words."""
+        return _place_text(self.plan, place)
+
+    @property
+    def facts(self) -> list[tuple[str, str]]:
+        """What stands beside the title."""
+        seeds = [row["seed"] for rows in self.results.rows.values() for row in rows]
+        facts = [("scenario", ", ".join(self.study.scenarios))]
+        if self.study.arms:
+            facts.append(("arms", ", ".join(self.plan.arms)))
+        return [
+            *facts,
+            ("seed", str(min(seeds))),
+            ("runs", str(self.study.runs)),
+            ("realizations", str(self.study.file.realizations)),
+            ("repeat it", "laisn study study.toml, the file in this folder"),
+        ]
+
+
+def _factor_cell(value: Any) -> Cell:
+    return Cell(text=charts.value_text(value), sort=value if is_number(value) else "")
+
+
+def _listed(values: Iterable[Any]) -> str:
+    return ", ".join(map(charts.value_text, values))
+
+
+def _changes(settings: Mapping[str, Any]) -> str:
+    return ", ".join(f"{key} = {charts.value_text(value)}" for key, value in settings.items())
+
+
+_FORMATS: dict[str, Any] = {
+    "charts": charts,
+    "metrics": METRICS,
+    "words": words,
+    "many": many,
+    "cell": _cell,
+    "factor_cell": _factor_cell,
+    "listed": _listed,
+    "changes": _changes,
+}
+"""What the template writes with."""
+
+
 def page_of(
     plan: Plan, results: Results, failures: Mapping[str, list[Entry]], films: Sequence[Film] = ()
 ) -> Page:
-    """The page of a study; `failures` are entries that could not be flown, by what happened,
-    `films` its worst run.
-    """
-    study = plan.study
-    report = plan.study.file.report
-    factors = varied(plan)
-    layout = charts.layout_of(plan)
-    metric = METRICS[report.metric]
-    found = {place: results.estimate(place, report.metric) for place in results.rows}
-    known = sorted(
-        (place for place in found if not math.isnan(found[place].value)),
-        key=lambda p: found[p].value,
-    )
-    apart = results.differences(plan.arms[0], report.metric)
-    said = {
-        p: _verdict(d, found[p].value, found[p[0], plan.arms[0], p[2]].value)
-        for p, d in apart.items()
-    }
-    half = _MOST_ROWS // 2
-    effects = main_effects(plan, results, report.metric)
-    listed = list(results.rows) if len(results.rows) <= _MOST_ROWS else known[:half] + known[-half:]
-    across = layout.against if layout.against in factors else "".join(factors[:1])
-    factorial = study.file.design == "factorial"
-    asked = any((report.against, report.lines, report.panels))
-    calm = all(entry.scenario.ocean.waves.kind == "none" for entry in plan.entries)
-    values = {
-        "plan": plan,
-        "study": study,
-        "results": results,
-        "failures": failures,
-        "charts": charts,
-        "layout": layout,
-        "metrics": METRICS,
-        "metric": metric,
-        "columns": [c for c in _COLUMNS if c != report.metric],
-        "words": words,
-        "many": many,
-        "place_text": partial(_place_text, plan),
-        "cell": _cell,
-        "factor_cell": lambda value: Cell(
-            text=charts.value_text(value), sort=value if is_number(value) else ""
-        ),
-        "verdict": said.get,
-        "tones": _TONES,
-        "listed_places": listed,
-        "listed": lambda values: ", ".join(map(charts.value_text, values)),
-        "changes": lambda settings: ", ".join(
-            f"{key} = {charts.value_text(v)}" for key, v in settings.items()
-        ),
-        "found": found,
-        "apart": apart,
-        "effects": effects,
-        "effects_first": bool(effects) and len(factors) > 2,
-        "extremes": [
-            (place, shown(found[place], metric.unit)) for place in known[:1] + known[1:][-1:]
-        ],
-        "verdicts": {
-            a: Counter(text for p, text in said.items() if p[1] == a) for a in plan.arms[1:]
-        },
-        "question": Text(text=study.file.question.strip()),
-        "factorial": factorial,
-        "has_lines": factorial and (asked or len(factors) < 2),
-        "map_axes": [across, *(f for f in factors if f != across)][:2]
-        if factorial and len(factors) > 1
-        else [],
-        "idle": [draw.key for draw in study.draws if calm and draw.key.startswith("ocean.waves.")],
-        "runs": study.runs * sum(len(entry.scenario.followers) for entry in plan.entries),
-        "films": films,
-        "commands": Code(
-            text=commands(plan, results),
-            title="Worst and median run of every place",
-            folded=len(results.rows) > 4,
-        ),
-    }
-    facts = [("scenario", ", ".join(study.scenarios))]
-    if study.arms:
-        facts.append(("arms", ", ".join(plan.arms)))
-    facts += [
-        ("seed", str(min(row["seed"] for rows in results.rows.values() for row in rows))),
-        ("runs", str(study.runs)),
-        ("realizations", str(study.file.realizations)),
-        ("repeat it", "laisn study study.toml, the file in this folder"),
-    ]
-    return pages.page_of("experiments.study", facts, values)
+    """The page of a study; arguments as of `StudyPage`."""
+    page = StudyPage(plan=plan, results=results, failures=failures, films=films)
+    values = {"page": page, "plan": plan, "study": plan.study, "results": results, **_FORMATS}
+    return pages.page_of("experiments.study", page.facts, values)
