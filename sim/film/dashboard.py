@@ -33,6 +33,9 @@ from sim.film.film_data import (
 
 Trail = tuple[Floats, Colour]  # positions, shape (p, 3), [m], and the colour of their line
 Text = tuple[float, str, Colour, float]
+Row = tuple[
+    float, list[Text]
+]  # a line of the panel of numbers: distance from that above, and texts
 """Distance from the left edge of a panel, or from the right one if negative, words, colour and
 size.
 """
@@ -336,10 +339,9 @@ class Dashboard:
                 at = left + x * self._t + (0.0 if x > 0 else width)
                 canvas.text((at, baseline), words, colour, size, "ls" if x > 0 else "rs")
 
-    def _rows(self, state: FrameState) -> list[tuple[float, list[Text]]]:
-        """Lines of the panel of numbers: distance from the line above, and texts."""
+    def _rows(self, state: FrameState) -> list[Row]:
+        """Lines of the panel of numbers."""
         f = self._follower
-        data = self._data
         kind = state.fix_kind[f]
         position = state.position_error[f]
         bearing = state.bearing_error[f]
@@ -348,7 +350,7 @@ class Dashboard:
         e_b = "–" if np.isnan(bearing) else f"{abs(np.degrees(bearing)):.1f}°"
         half_axes = SIGMAS * np.sqrt(np.maximum(np.linalg.eigvalsh(state.covariance[f]), 0.0))
         sigma = "" if np.isnan(position) else format_half_axes(*half_axes[self._short :])
-        end = f"of {clock(data.end)}"
+        end = f"of {clock(self._data.end)}"
         if self._short:
             return [
                 (22, [(6, clock(state.time), PALE, -18), (-6, end, DIM, 11)]),
@@ -357,55 +359,52 @@ class Dashboard:
                 (19, [(6, f"{SIGMAS:g}σ", DIM, 11), (-6, sigma, ESTIMATE, 12)]),
                 (19, [(6, fix, PALE, 12)]),
             ]
-        vehicles = (0, f + 1)
-        motion: dict[str, list[str]] = {
-            "depth [m]": [f"{-state.position[v, 2]:.1f}" for v in vehicles],
-            "pitch [°]": [
-                f"{round(float(np.degrees(state.pitch[v])), 1) + 0.0:+.1f}" for v in vehicles
-            ],
-            "heading [°]": [
-                f"{round(float(np.degrees(state.heading[v]))) % 360}" for v in vehicles
-            ],
-            "speed [m/s]": [f"{state.speed[v]:.1f}" for v in vehicles],
-        }
-        rows: list[tuple[float, list[Text]]] = [
-            (
-                19,
-                [
-                    (12, name, DIM, 13),
-                    *((x, words, PALE, 13) for x, words in zip(_COLUMNS, values, strict=True)),
-                ],
-            )
-            for name, values in motion.items()
-        ]
-        heads = zip(_COLUMNS, vehicles, (LEADER, TRUTH), strict=True)
-        transmitters = range(data.flight.scenario.navigation.transmitters)
-        # names in the colours of the rays, as their legend
-        rays = self._added.ray_colours(state.message[f])
-        right = [-12.0 - 65.0 * (len(transmitters) - 1 - i) for i in transmitters]
-        ranges = [
-            "–" if np.isnan(state.ranges[f, i]) else f"{state.ranges[f, i]:.2f}"
-            for i in transmitters
-        ]
         return [
             (34, [(12, clock(state.time), (1, 1, 1), -26), (-12, end, DIM, 13)]),
-            (
-                27,
-                [(x, data.flight.trajectory.names[v][:12], colour, -12) for x, v, colour in heads],
-            ),
-            *rows,
-            (20, [(right[i], Ranges._fields[i], rays[i], 11) for i in transmitters]),
-            (
-                17,
-                [
-                    (12, "ranges [m]", DIM, 13),
-                    *((right[i], ranges[i], rays[i], 13) for i in transmitters),
-                ],
-            ),
+            *self._motion_rows(state),
+            *self._range_rows(state),
             (19, [(12, "fix", DIM, 13), (-12, fix, PALE, 13)]),
             (24, [(12, "position error", ESTIMATE, -14), (-12, e_p, ESTIMATE, -14)]),
             (20, [(12, "bearing error", ESTIMATE, -14), (-12, e_b, ESTIMATE, -14)]),
             (19, [(12, f"filter's {SIGMAS:g}σ", DIM, 13), (-12, sigma, ESTIMATE, 13)]),
+        ]
+
+    def _motion_rows(self, state: FrameState) -> list[Row]:
+        """Names of leader and follower, and how they move."""
+        vehicles = (0, self._follower + 1)
+        names = [self._data.flight.trajectory.names[v][:12] for v in vehicles]
+        # an angle that is rounded to nothing has no minus sign
+        pitch = [round(float(np.degrees(state.pitch[v])), 1) + 0.0 for v in vehicles]
+        heading = [round(float(np.degrees(state.heading[v]))) % 360 for v in vehicles]
+        motion = {
+            "depth [m]": [f"{-state.position[v, 2]:.1f}" for v in vehicles],
+            "pitch [°]": [f"{angle:+.1f}" for angle in pitch],
+            "heading [°]": [f"{angle}" for angle in heading],
+            "speed [m/s]": [f"{state.speed[v]:.1f}" for v in vehicles],
+        }
+        heads = zip(_COLUMNS, names, (LEADER, TRUTH), strict=True)
+        rows: list[Row] = [(27, [(x, name, colour, -12) for x, name, colour in heads])]
+        for name, values in motion.items():
+            columns = zip(_COLUMNS, values, strict=True)
+            rows.append((19, [(12, name, DIM, 13), *((x, text, PALE, 13) for x, text in columns)]))
+        return rows
+
+    def _range_rows(self, state: FrameState) -> list[Row]:
+        """Names of the transmitters in the colours of their rays, as their legend, and ranges."""
+        f = self._follower
+        count = self._data.flight.scenario.navigation.transmitters
+        colours = self._added.ray_colours(state.message[f])
+        right = [-12.0 - 65.0 * (count - 1 - i) for i in range(count)]
+        ranges = ["–" if np.isnan(r) else f"{r:.2f}" for r in state.ranges[f, :count]]
+        return [
+            (20, [(right[i], Ranges._fields[i], colours[i], 11) for i in range(count)]),
+            (
+                17,
+                [
+                    (12, "ranges [m]", DIM, 13),
+                    *((right[i], ranges[i], colours[i], 13) for i in range(count)),
+                ],
+            ),
         ]
 
     def _draw_cursors(self, canvas: Canvas, time: float) -> None:

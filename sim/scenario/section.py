@@ -158,6 +158,23 @@ class FurtherKeys(Section):
         def __getattr__(self, key: str) -> Any: ...
 
 
+_UNIT = re.compile(r" \[([^\]]+)\]")
+"""The unit that ends a docstring."""
+_ENDINGS = {unit.replace("°", "rad"): ending for ending, (unit, _) in UNITS.items()}
+"""Endings of keys by the units of the numbers that they become."""
+
+
+def _description(docstring: str) -> str:
+    """The text of a docstring as it stands beside a key: without its unit, in lower case unless it
+    begins with a symbol or an abbreviation.
+    """
+    unit = _UNIT.search(docstring)
+    text = docstring.replace(unit[0], "") if unit else docstring
+    if not text[:2].isupper() and text[1] not in ":_":
+        text = text[0].lower() + text[1:]
+    return text.removesuffix(".")
+
+
 def with_fields_of(
     kind: Any,
     *,
@@ -173,7 +190,6 @@ def with_fields_of(
     `without`, and those for which the section has a key are left out. Numbers are not negative, and
     those in POSITIVE and `positive` not zero; `optional`: all defaults are None.
     """
-    endings = {unit.replace("°", "rad"): ending for ending, (unit, _) in UNITS.items()}
     types = get_type_hints(kind)
     texts = _docstrings(kind)
     keys: dict[str, Any] = {}
@@ -181,21 +197,17 @@ def with_fields_of(
         text = texts.get(field.name, "")
         if not text or field.name in without:
             continue
-        unit = re.search(r" \[([^\]]+)\]", text)
-        ending = endings[unit[1]] if unit else ""
+        unit = _UNIT.search(text)
+        ending = _ENDINGS[unit[1]] if unit else ""
         value = field.default
-        kept = types[field.name]
-        if kept is float:
-            kept = Positive if field.name in {*kind.POSITIVE, *positive} else NonNegative
         if ending.startswith("_deg"):
             # the same angle to the bit once it is made radians again
             value = round(float(np.rad2deg(cast(float, value))), 9)
-        text = text.replace(unit[0], "") if unit else text
-        text = (
-            text if text[:2].isupper() or text[1] in ":_" else text[0].lower() + text[1:]
-        ).removesuffix(".")
-        described = Field(None if optional else value, description=text)
-        keys[field.name + ending] = (kept | None if optional else kept, described)
+        bounded = types[field.name]
+        if bounded is float:
+            bounded = Positive if field.name in {*kind.POSITIVE, *positive} else NonNegative
+        described = Field(None if optional else value, description=_description(text))
+        keys[field.name + ending] = (bounded | None if optional else bounded, described)
 
     def add(base: type[Kind]) -> type[Kind]:
         own = {split_unit(key)[0] for key in base.model_fields}
