@@ -1,7 +1,7 @@
 """Simulate one scenario and write log, film, report and numbers."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from functools import partial
 from importlib import import_module
@@ -110,6 +110,26 @@ def _draw_report(*arguments: Any) -> None:
     flight_report(*arguments)
 
 
+def _film(
+    flight: Flight, path: Path, update: Update, write_log: Callable[..., None]
+) -> Exception | None:
+    """Film a flight, and write its frames into the log if the scenario asks for it; returns what
+    prevented it, without which the other results are complete.
+    """
+    from sim.film.render import Job, render
+
+    video = flight.scenario.video
+    try:
+        frames = render(Job(flight=flight, video=video), path, progress=update)
+    except OSError:
+        raise
+    except Exception as error:
+        return error
+    if video.in_log:
+        write_log(video=frames)
+    return None
+
+
 def write_flight(
     scenario: Scenario, folder: Path, console: Console, *, with_video: bool
 ) -> tuple[Flight, dict[str, Any], Exception | None]:
@@ -169,20 +189,8 @@ def write_flight(
             with phase("log"):
                 write_log()
             if with_video:
-                from sim.film.render import Job, render
-
-                job = Job(flight=flight, video=scenario.video)
                 with phase("video") as update:
-                    try:
-                        frames = render(job, film, progress=update)
-                    except OSError:
-                        raise
-                    except Exception as error:
-                        # the other results are complete without a film
-                        film_error = error
-                    else:
-                        if scenario.video.in_log:
-                            write_log(video=frames)
+                    film_error = _film(flight, film, update, write_log)
             with phase("report"):
                 report(film if with_video and film_error is None else None, bounds)
     factor = float(flight.trajectory.time[-1]) / watch["simulate_s"]

@@ -33,12 +33,11 @@ from sim.film.film_data import (
 
 Trail = tuple[Floats, Colour]  # positions, shape (p, 3), [m], and the colour of their line
 Text = tuple[float, str, Colour, float]
-Row = tuple[
-    float, list[Text]
-]  # a line of the panel of numbers: distance from that above, and texts
 """Distance from the left edge of a panel, or from the right one if negative, words, colour and
 size.
 """
+Row = tuple[float, list[Text]]
+"""A line of the panel of numbers: distance from the line above, and texts."""
 
 SIGMAS = 2.0  # half axes of the ellipse of uncertainty in standard deviations
 _SHORT = 576
