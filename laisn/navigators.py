@@ -163,10 +163,8 @@ def _own(name: str) -> NavigatorSpec:
     if not known or not issubclass(settings, Settings):
         raise LaisnError(
             f"navigator {name!r}: expected a class with `step(own, reception, dt)`, `state` and "
-            "`covariance`, or with "
-            "`run(measurements) -> Estimates`; its own settings are a class `Settings` in it that "
-            "derives from "
-            "laisn.settings.Settings"
+            "`covariance`, or with `run(measurements) -> Estimates`; its own settings are a class "
+            "`Settings` in it that derives from laisn.settings.Settings"
         )
     sections = (OWN_SECTION,) if settings is not NavigationSettings else ()
     return NavigatorSpec(factory=made, settings=settings, sections=sections, title=made.__name__)
@@ -342,9 +340,8 @@ class SteppedNavigator(OnlineNavigator[Estimates]):
         if self._state.shape != (4,) or self._covariance.shape != (4, 4):
             raise LaisnError(
                 f"step {self._step}: {type(self._navigator).__name__} has a state of shape "
-                f"{self._state.shape} and a "
-                f"covariance of shape {self._covariance.shape}, expected (4,) for x, y, vx, vy, "
-                "and (4, 4)"
+                f"{self._state.shape} and a covariance of shape {self._covariance.shape}, expected "
+                "(4,) for x, y, vx, vy, and (4, 4)"
             )
         if reception is None:
             return []

@@ -271,8 +271,7 @@ class TightSettings(Settings):
         if self.transmitter_offsets and len(self.transmitter_offsets) < self.transmitters:
             raise ValueError(
                 f"transmitter_offsets has {len(self.transmitter_offsets)} places, expected one for "
-                "each of "
-                f"{self.transmitters} transmitters"
+                f"each of {self.transmitters} transmitters"
             )
         require_probability("outlier_probability", self.outlier_probability)
         super().__post_init__()

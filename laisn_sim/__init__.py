@@ -124,9 +124,8 @@ def _require_own_packages() -> None:
         if place != os.path.join(_ROOT, name, "__init__.py"):
             raise ImportError(
                 f"`import {name}` finds {place}, expected the package of laisn_sim in {_ROOT}: "
-                "rename the former, or "
-                "remove its folder from sys.path (the folder of the running script is its first "
-                "entry)"
+                "rename the former, or remove its folder from sys.path (the folder of the running "
+                "script is its first entry)"
             )
 
 

@@ -444,8 +444,7 @@ class OwnControl:
         ):
             raise LaisnError(
                 f"controller of {self._names[f]} returned {found!r:.80}; expected heading, speed "
-                "and depth, a Wrench, "
-                f"or an array of the states of {size} effectors, all finite"
+                f"and depth, a Wrench, or an array of the states of {size} effectors, all finite"
             )
 
     def _hold(self, k: int, f: int, wanted: Command, motion: Any) -> None:
@@ -541,8 +540,7 @@ def closed_loop_of(
     if any(one != settings[0] for one in settings):
         raise LaisnError(
             f"scenario {scenario.name!r}: followers that navigate under way need hydrophones of "
-            "one height above their "
-            "depth sensors"
+            "one height above their depth sensors"
         )
     starts = np.array([observation.start_of(still, i) for i in numbers])
     make = make_swarm or find(scenario.navigation.variant).new_swarm

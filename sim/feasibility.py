@@ -156,14 +156,12 @@ def _speed_errors(scenario: Scenario, vehicle: Vehicle, design: Any) -> list[str
     elif fastest > top:
         lines.append(
             f"its effectors drive it at {top:.2g} m/s at most, the fastest leg of its route has "
-            f"{fastest:.3g} through "
-            "the water"
+            f"{fastest:.3g} through the water"
         )
     if not design["has_heave"] and FIN in design["effectors"]["kind"] and slowest < LEAST_WAY:
         lines.append(
             f"it has no vertical thrusters and cannot hover: its fins need {LEAST_WAY:g} m/s, "
-            f"{where} "
-            f"{slowest:.3g} m/s through the water"
+            f"{where} {slowest:.3g} m/s through the water"
         )
     return lines
 
@@ -208,8 +206,7 @@ def _leader_too_fast(scenario: Scenario) -> list[str]:
         if speed[k] > fastest:
             return [
                 f"leader: on the way to waypoint {legs[k] + 2} followers at {depth:g} m would need "
-                f"{speed[k]:.3g} m/s "
-                f"through the water, formation.max_speed_m_s is {fastest:g} m/s"
+                f"{speed[k]:.3g} m/s through the water, formation.max_speed_m_s is {fastest:g} m/s"
             ]
     return []
 
@@ -253,10 +250,9 @@ def _station_conflict(scenario: Scenario) -> list[str]:
         return []
     return [
         f"{' and '.join(near.pair)}, in one layer, come within {near.distance_m:.2g} m of each "
-        "other at "
-        f"{near.time_s:g} s of the leader's route; at least {LEAST_APART_M:g} m are needed: give "
-        "them layers "
-        f"{LEAST_LAYER_M:g} m apart, other places, or formation.proximity to give way by"
+        f"other at {near.time_s:g} s of the leader's route; at least {LEAST_APART_M:g} m are "
+        f"needed: give them layers {LEAST_LAYER_M:g} m apart, other places, or formation.proximity "
+        "to give way by"
     ]
 
 
@@ -292,9 +288,8 @@ def _wide_turns(scenario: Scenario, vehicle: Vehicle) -> list[str]:
     rate, least = steady_turn(plant, 0, designs[0], START_SPEED)
     return [
         f"it turns at {np.rad2deg(rate):.2g}°/s at most at {START_SPEED:g} m/s, in circles of "
-        f"{least:.3g} m; routes "
-        f"are planned with {np.rad2deg(TURN_RATE):g}°/s: it cuts their corners, or leaves legs "
-        "that are too short"
+        f"{least:.3g} m; routes are planned with {np.rad2deg(TURN_RATE):g}°/s: it cuts their "
+        "corners, or leaves legs that are too short"
     ]
 
 

@@ -52,8 +52,7 @@ class Flight:
             if not isinstance(estimates, Estimates):
                 raise LaisnError(
                     f"the navigator of {self.scenario.followers[i].name} returned "
-                    f"{type(estimates).__name__} from "
-                    "`run`; expected laisn.estimates.Estimates"
+                    f"{type(estimates).__name__} from `run`; expected laisn.estimates.Estimates"
                 )
 
     @property

@@ -310,8 +310,7 @@ def simulate_motion(
     if keys and make_controller is None:
         raise LaisnError(
             f"scenario {scenario.name!r}: {keys[0]}: its path depends on the noise of the run, so "
-            "that no campaign can "
-            "fly it once for all runs; use `laisn fly --run N`"
+            "that no campaign can fly it once for all runs; use `laisn fly --run N`"
         )
     routes = routes_of(scenario)
     plant = Plant(setups_of(scenario, routes), ocean_of(scenario), scenario.timing.physics_step_s)

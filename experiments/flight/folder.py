@@ -53,8 +53,7 @@ def require_safe(folder: Path, source: Path | None = None, again: Callable[[], s
         names = ", ".join(path.name for path in present)
         raise LaisnError(
             f"{folder}: holds {names}, but no flight ({SUMMARY} and {SCENARIO}); a new flight "
-            "would replace these "
-            f"files: move them, or {_ELSEWHERE}"
+            f"would replace these files: move them, or {_ELSEWHERE}"
         )
 
 

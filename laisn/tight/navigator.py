@@ -155,8 +155,7 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
             if reception.transmitters is not None and not self.settings.assume.exact_leader:
                 raise LaisnError(
                     f"step {self._step}: the message places its transmitters, whom no compass of a "
-                    "leader turns; set "
-                    "assume.exact_leader"
+                    "leader turns; set assume.exact_leader"
                 )
             arms = places - (
                 message.east,

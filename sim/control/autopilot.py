@@ -195,8 +195,7 @@ def _require_control(name: str, record: Any, mode: DepthControl) -> None:
     if lacking:
         raise LaisnError(
             f"{name}: the effectors cannot give {' and '.join(lacking)} independently of the other "
-            "components that "
-            f"depth_control = {mode!r} needs ({', '.join(needed)})"
+            f"components that depth_control = {mode!r} needs ({', '.join(needed)})"
         )
     if mode == "pitch" and not record["lift"] > 0.0:
         raise LaisnError(

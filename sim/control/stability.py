@@ -196,9 +196,8 @@ def require_stable(plant: Plant, autopilots: Any, fastest: float, orbital: float
         if not rate * plant.dt < 1.0:
             raise LaisnError(
                 f"{name}: its motion changes within {1.0 / rate:.2g} s at {turning[0]:.3g} m/s, "
-                "too fast for physics "
-                f"steps of {plant.dt:g} s; damping, drag areas, levers and fins must fit mass and "
-                "added mass"
+                f"too fast for physics steps of {plant.dt:g} s; damping, drag areas, levers and "
+                "fins must fit mass and added mass"
             )
         for speed in np.arange(START_SPEED, max(fastest, START_SPEED) + _SPEED_STEP, _SPEED_STEP):
             growth, modes = np.linalg.eig(_motion(plant, i, d, np.append(speed, np.zeros(8))))
@@ -214,8 +213,7 @@ def require_stable(plant: Plant, autopilots: Any, fastest: float, orbital: float
                 plane = max(planes, key=lambda one: size[list(planes[one])].max())
                 raise LaisnError(
                     f"{name}: the autopilot cannot stabilise {plane} at {speed:g} m/s, they grow "
-                    "by a factor of e in "
-                    f"{1.0 / growth[worst].real:.2g} s; give the hull fins at the stern or hull "
-                    "lift (NAME.fin, "
-                    "hull_lift), or a centre of gravity below its origin"
+                    f"by a factor of e in {1.0 / growth[worst].real:.2g} s; give the hull fins at "
+                    "the stern or hull lift (NAME.fin, hull_lift), or a centre of gravity below "
+                    "its origin"
                 )

@@ -104,8 +104,7 @@ def _odometry(lines: list[_Line], order: dict[str, int], source: str) -> tuple[F
         names = list(order)
         raise LaisnError(
             f"{source}: no odometry (EDGE_SE2) from {names[gaps[0]]} to {names[gaps[0] + 1]}, nor "
-            "in "
-            f"{gaps.size - 1} other places of {len(steps)}"
+            f"in {gaps.size - 1} other places of {len(steps)}"
         )
     return steps, variances
 

@@ -44,8 +44,7 @@ def read_data_set(path: Path) -> RangeData:
     if reader is None:
         raise LaisnError(
             f"{path}: the name should end in .pyfg (a factor graph), or be that of a .mat or a "
-            "_DR.txt (a data set of "
-            "ranging radios)"
+            "_DR.txt (a data set of ranging radios)"
         )
     return reader(path)
 

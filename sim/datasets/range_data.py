@@ -302,8 +302,7 @@ def read_range_tables(path: Path) -> RangeData:
         if not usable.all():
             raise LaisnError(
                 f"{path}: table {name}, row {int(np.argmin(usable)) + 1}: expected numbers within "
-                f"±{LARGEST:g}, and "
-                "whole ones for nodes"
+                f"±{LARGEST:g}, and whole ones for nodes"
             )
         tables[name] = np.asarray(table, dtype=np.float64)
     odometry, ranges, nodes = (tables[name] for name in _NEEDED)

@@ -47,8 +47,7 @@ _X264 = {
     # what the preset leaves out and costs little: smooth borders of blocks, and transforms that
     # suit a smooth sea
     "x264-params": (
-        f"repeat-headers=1:annexb=1:scenecut=0:keyint={GROUP}:min-keyint={GROUP}"
-        ":deblock=0,0:8x8dct=1"
+        f"repeat-headers=1:annexb=1:scenecut=0:keyint={GROUP}:min-keyint={GROUP}:deblock=0,0:8x8dct=1"
     ),
 }
 _BT709 = _LIMITED = 1

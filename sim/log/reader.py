@@ -128,8 +128,7 @@ def read(path: Path | str) -> Flight:
         raise LogError(
             f"{path}: holds no flight: it lacks {', '.join(missing)}; available: "
             f"{', '.join(sorted(log.topics)) or 'no channels'}. Navigation alone needs "
-            "/FOLLOWER/motion and "
-            "/FOLLOWER/reception: laisn replay LOG --scenario FILE"
+            "/FOLLOWER/motion and /FOLLOWER/reception: laisn replay LOG --scenario FILE"
         )
     with log_errors(path):
         facts = log.metadata[FLIGHT]
@@ -153,8 +152,7 @@ def read(path: Path | str) -> Flight:
         if outcome is Outcome.COMPLETED and steps != scenario.filter_steps:
             raise LogError(
                 f"{path}: a completed mission of {scenario.duration_s:g} s has "
-                f"{scenario.filter_steps} filter steps, "
-                f"this log has {steps}"
+                f"{scenario.filter_steps} filter steps, this log has {steps}"
             )
         steps_ns = clock.ns(dt * np.arange(1, steps + 1))
         kind = next(
@@ -214,8 +212,7 @@ def _gaps(path: Path, topic: str, time_ns: Ints, spacing: Ints, longest_gap_s: f
     if spacing.max() / 1e9 > max(longest_gap_s, longest_step / 1e9):
         raise LogError(
             f"{path}: {topic} has {number} ({places}); gaps of up to {longest_gap_s:g} s are "
-            "bridged. Cut the log "
-            "there, or allow longer ones: --longest-gap SECONDS"
+            "bridged. Cut the log there, or allow longer ones: --longest-gap SECONDS"
         )
     return [f"{number} in {topic} bridged: {places}"] if found.size else []
 
@@ -262,8 +259,7 @@ def read_recording(
     if time_ns.size < 2:
         raise LogError(
             f"{log.path}: {topic} holds {_count(time_ns.size, 'usable message')}; at least two are "
-            "needed to "
-            "determine the filter step"
+            "needed to determine the filter step"
         )
     spacing = np.diff(time_ns)
     dt_ns = round(float(np.median(spacing)))

@@ -252,16 +252,14 @@ def station_inconsistencies(
         if proximity and apart < proximity.range_m and layers < LEAST_LAYER_M:
             found.append(
                 f"{names} are {apart:.3g} m apart in one layer, within {key}.range_m = "
-                f"{proximity.range_m:g}: their "
-                "followers would push each other away for ever"
+                f"{proximity.range_m:g}: their followers would push each other away for ever"
             )
     if proximity is None:
         return found
     if proximity.full_avoidance_range_m >= proximity.range_m:
         found.append(
             f"{key}.full_avoidance_range_m = {proximity.full_avoidance_range_m:g} is not less than "
-            f"{key}.range_m = "
-            f"{proximity.range_m:g}"
+            f"{key}.range_m = {proximity.range_m:g}"
         )
     if not is_multiple(proximity.period_s, CONTROL_STEP_S):
         found.append(

@@ -178,10 +178,8 @@ def _leg(route: Route, k: int, planner: _Planner, cut: float) -> tuple[float, fl
     if spare < -1e-9:
         raise LaisnError(
             f"{where}: a leg of {route.leg_length[k - 1]:.3g} m is {-spare:.3g} m too short for "
-            "its changes of "
-            f"speed and course: {planner.speed:.3g} to {speed:.3g} m/s, then a turn of "
-            f"{np.rad2deg(cut):.0f}° "
-            f"(radius {radius:.3g} m)"
+            f"its changes of speed and course: {planner.speed:.3g} to {speed:.3g} m/s, then a turn "
+            f"of {np.rad2deg(cut):.0f}° (radius {radius:.3g} m)"
         )
     return speed, float(spare / speed)
 

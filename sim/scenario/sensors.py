@@ -164,7 +164,6 @@ class Acoustics(Section):
         if self.surface_echo_probability + self.bottom_echo_probability > 1:
             raise ValueError(
                 f"surface_echo_probability = {self.surface_echo_probability:g} and "
-                "bottom_echo_probability = "
-                f"{self.bottom_echo_probability:g} add up to more than 1"
+                f"bottom_echo_probability = {self.bottom_echo_probability:g} add up to more than 1"
             )
         return self

@@ -314,8 +314,7 @@ class Scenario(Section):
             elif follower.guided_by_estimate:
                 errors.append(
                     f"followers[{i}].guidance_position = 'estimate' needs motion = 'physics'; the "
-                    "paper's point motion "
-                    "keeps to its route whatever the follower estimates"
+                    "paper's point motion keeps to its route whatever the follower estimates"
                 )
         return errors
 

@@ -118,8 +118,7 @@ def read_fixed(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
             if site < 0 or model.site_bodyid[site] != vehicle.body:
                 raise LaisnError(
                     f"<numeric name='{name}.fin'>: there is no actuator {name!r}, nor a site of "
-                    "the body "
-                    f"'{vehicle.name}/hull' for a fixed fin"
+                    f"the body '{vehicle.name}/hull' for a fixed fin"
                 )
             _fill(record, model, name, site, np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
             # rounding of the attitude: an upright fin has no lift

@@ -149,8 +149,7 @@ def from_dimensions(
     if length < 3.0 * diameter:
         raise LaisnError(
             f"length {length:g} m, diameter {diameter:g} m: the formulas are those of slender "
-            "hulls, at least three "
-            "times as long as thick"
+            "hulls, at least three times as long as thick"
         )
     cylinder = DENSITY * np.pi * diameter**2 / 4.0 * length
     if not FULLNESS[0] <= mass / cylinder <= FULLNESS[1]:
@@ -211,8 +210,7 @@ def from_dimensions(
         "linear_damping": (
             linear,
             "[N s/m], [N m s]: time constants 20 s in surge, sway, heave, 1 s in yaw; relative "
-            "damping 0.3 in roll, "
-            "0.8 in pitch (low speeds; Fossen's remus100)",
+            "damping 0.3 in roll, 0.8 in pitch (low speeds; Fossen's remus100)",
         ),
         "linear_damping_fade": (
             (3, 3, 3, 0, 0, 0),
@@ -229,8 +227,7 @@ def from_dimensions(
         "hull_lift": (
             (area, frontal, lift),
             "area 0.7 L D [m²]; drag 0.42 on the frontal area (Allen et al. 2000); slope π A / (1 "
-            "+ √(1 + A²/4)) "
-            "[1/rad], A = D² / area (Beard and McLain 2012)",
+            "+ √(1 + A²/4)) [1/rad], A = D² / area (Beard and McLain 2012)",
         ),
         "hull_lift_planes": ((1.0, 1.0), "[-]: both planes"),
         "cross_flow_drag": ((_CROSS_FLOW, _CROSS_FLOW), "[-]: circular cylinder (Hoerner 1965)"),

@@ -65,8 +65,7 @@ def _frame(element: Element, outer: Floats | None = None) -> Floats:
         if pose.get("relative_to") or pose.get("rotation_format", "euler_rpy") != "euler_rpy":
             raise LaisnError(
                 f"<pose> of {element.get('name')!r}: relative_to and quaternions are not read; gz "
-                "sdf -p FILE prints a "
-                "file without them"
+                "sdf -p FILE prints a file without them"
             )
         values = _numbers(pose.text, 6, f"<pose> of {element.get('name')!r}")
         # fixed axes: roll, then pitch, then yaw
@@ -339,8 +338,7 @@ def from_sdf(text: str) -> tuple[HullFile, list[str]]:
     if not 0.9 < buoyancy / (body.mass * GRAVITY) < 1.1:
         remarks.append(
             f"its collisions displace {buoyancy:.4g} N of water, it weighs "
-            f"{body.mass * GRAVITY:.4g} N: "
-            "the weight is taken for the buoyancy"
+            f"{body.mass * GRAVITY:.4g} N: the weight is taken for the buoyancy"
         )
         buoyancy = body.mass * GRAVITY
     matrices = {name: six @ matrix @ six for name, matrix in _coefficients(plugin, remarks).items()}
