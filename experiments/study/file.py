@@ -313,7 +313,7 @@ def _is_range(table: Mapping[str, Any]) -> bool:
     return bool({"from", "to", "steps"} & set(table))
 
 
-@dataclass(kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class _FileReader:
     """Makes the parts of a study from those of its file, and collects a line for each error."""
 
@@ -342,11 +342,11 @@ class _FileReader:
     def require_arms(self, arms: Mapping[str, Arm]) -> None:
         """A line for each arm that a case names and the file does not have."""
         for case in self.file.case:
-            self.lines += [
+            self.lines.extend(
                 f"  case {case.name}: there is no arm {name!r:.60}"
                 for name in case.arms
                 if name not in arms
-            ]
+            )
 
     def levels(self, key: str, chosen: Any, available: Sequence[str]) -> list[str]:
         """The cases or scenarios that [vary] chooses of those of the file; None: all."""
@@ -355,11 +355,11 @@ class _FileReader:
         names = chosen if isinstance(chosen, list) else [chosen]
         # a part of a study without cases takes no notice of theirs
         if available or key == SCENARIO:
-            self.lines += [
+            self.lines.extend(
                 f"  vary.{key}: there is no {key} {name!r:.60}"
                 for name in names
                 if name not in available
-            ]
+            )
         return [name for name in names if name in available]
 
     def valid(

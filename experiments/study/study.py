@@ -164,7 +164,7 @@ def _film_worst(outcomes: Outcomes, folder: Path) -> Path:
     return render(fly(entry.scenario_at(run))[0], folder / "worst.mp4")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Package:
     """The modules of a built-in study in `experiments/studies`; without a name there are none."""
 
@@ -261,7 +261,7 @@ def run_studies(
         LaisnError: as of `plan_of` and `fly_until_narrow`; something of a built-in study, or all of
             another, could not be flown; or the study has no such film.
     """
-    package = _Package(own)
+    package = _Package(study=own)
     _require_film(film, package)
     plans = [plan_of(study, quiet=options.get("quiet", False)) for study in studies.values()]
     flown = fly_until_narrow(plans, folder, **options)
