@@ -142,6 +142,16 @@ class Estimates(ArrayRecord):
             column.attribute: (column.shape, column.integer) for column in further
         }
 
+    @classmethod
+    def fix_dtype(cls) -> np.dtype[Any]:
+        """One fix as compiled navigators record it: a field for each array over fixes."""
+        return np.dtype(
+            [
+                (name, np.int64 if integer else np.float64, shape)
+                for name, (shape, integer) in cls._fix_columns().items()
+            ]
+        )
+
     @property
     def hypotheses(self) -> tuple[Floats, Floats, Floats]:
         """Weight (0 for none), position [m] and covariance [m²] of the h hypotheses after each of f
@@ -197,17 +207,6 @@ _STATES = (
     "clock_drift_m_s",
 )
 _KEPT = range(1, HYPOTHESES + 1)
-
-
-def kind_of(received: int, used: int) -> FixKind:
-    """Kind of a message by the number of ranges that were received with an estimate to test
-    them, and used.
-    """
-    if not received or not used:
-        return FixKind.GATED if received else FixKind.LOST
-    if used < received:
-        return FixKind.PARTLY
-    return FixKind.ONE_RANGE if used == 1 else FixKind.RANGES
 
 
 @dataclass(frozen=True, kw_only=True)

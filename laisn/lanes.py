@@ -34,6 +34,7 @@ from laisn.geometry import Point, Turn, is_singular, tilted_arms
 from laisn.messages import LeaderMessage, Measurements, Ranges
 from laisn.navigator import expected_acceleration, is_beyond, reach, speed_share, turn_share
 from laisn.settings import VARIANTS, NavigationSettings, Settings, Tuning, Variant
+from laisn.swarm import SwarmRecord, new_fix
 
 LANES = 64
 
@@ -420,6 +421,25 @@ _BROADCAST = [
 ]
 
 
+_PRIOR = (X, Y, PXX, PXY, PYY)
+"""Rows that an update is recorded with, as they are before it."""
+
+
+@compiled_lanes
+def no_prior() -> Floats:
+    """Room for no rows of `_PRIOR`: updates are not recorded."""
+    return np.empty((0, len(_PRIOR), LANES))
+
+
+@compiled_lanes
+def _keep_prior(block: Floats, prior: Floats, update: int) -> None:
+    """Copy the rows of `_PRIOR` before an update, 0 … 2 of a message, if there is room for them."""
+    if prior.shape[0] > 0:
+        for i, first in enumerate(_PRIOR):
+            for lane in range(LANES):
+                prior[update, i, lane] = block[first + lane]
+
+
 @compiled_lanes
 def _use_pair(block: Floats, t: Tuning, k: int, fix: int) -> None:
     copy_fix(block, fix, ZX)
@@ -428,36 +448,43 @@ def _use_pair(block: Floats, t: Tuning, k: int, fix: int) -> None:
 
 
 @compiled_lanes
-def position_update(block: Floats, t: Tuning, k: int) -> None:
-    """Position from the message of step k, by the variant (paper, Sections 2.2 and 2.3)."""
+def position_update(block: Floats, t: Tuning, k: int, prior: Floats) -> None:
+    """Position from the message of step k, by the variant (paper, Sections 2.2 and 2.3).
+
+    `prior`, out, are rows of `_PRIOR` before each update, shape (3, 5, LANES), or (0, 5, LANES).
+    """
     place_transmitters(block, t)
     fix_rear_front(block, t)
     if t.variant == _SEQUENTIAL:
+        _keep_prior(block, prior, 0)
         _use_pair(block, t, k, ZX12)
         fix_rear_middle(block, t)
+        _keep_prior(block, prior, 1)
         _use_pair(block, t, k, ZX13)
         fix_middle_front(block, t)
+        _keep_prior(block, prior, 2)
         _use_pair(block, t, k, ZX23)
     else:
         if t.transmitters > 2:
             fix_rear_middle(block, t)
             fix_middle_front(block, t)
         choose(block, t)
+        _keep_prior(block, prior, 0)
         update(block, t, k)
     update_gate(block, k)
 
 
 @compiled_lanes
-def advance(block: Floats, t: Tuning, k: int, received: bool) -> None:
+def advance(block: Floats, t: Tuning, k: int, received: bool, prior: Floats) -> None:
     """Step k: predict, position if a message is received, speed. Rows of measurements must be
-    filled.
+    filled; `prior` is as of `position_update`.
     """
     own_motion(block, t)
     if received:
         leader_motion(block, t)
     predict(block, t)
     if received:
-        position_update(block, t, k)
+        position_update(block, t, k, prior)
     speed_update(block, t)
 
 
@@ -487,6 +514,7 @@ class LaneSwarm(NamedTuple):
     block: Floats
     tuning: Tuning
     gated: Ints
+    prior: Floats  # rows of `_PRIOR` before each update of a message, shape (3, 5, LANES)
 
     @compiled_lanes
     def navigate(
@@ -497,6 +525,7 @@ class LaneSwarm(NamedTuple):
         messages: Records,
         ranges: Floats,
         estimates: Any,
+        record: SwarmRecord,
     ) -> int:
         """Advance by one filter step; see `laisn.swarm.Swarm.navigate`."""
         block = self.block
@@ -519,8 +548,12 @@ class LaneSwarm(NamedTuple):
                 for j in range(3):
                     # a message without ranges has the same effect as none
                     block[R1 + j * LANES + lane] = ranges[i, j] if received[i] else np.nan
-        advance(block, self.tuning, step, any_received)
+        advance(block, self.tuning, step, any_received, self.prior)
+        whole = record.covariance.shape[1] > 0
         for i in range(readings.shape[0]):
+            _record_state(block, i, step, record)
+            if whole and received[i]:
+                _record_fixes(block, self.tuning, self.prior, i, step, record)
             position = estimates[i].position
             velocity = estimates[i].velocity
             position[0] = block[X + i]
@@ -533,6 +566,62 @@ class LaneSwarm(NamedTuple):
         return 0
 
 
+@compiled_lanes
+def _record_state(block: Floats, i: int, step: int, record: SwarmRecord) -> None:
+    """Record state and covariance of the follower in lane i after a step."""
+    state = record.state[i, step - 1]
+    state[0] = block[X + i]
+    state[1] = block[Y + i]
+    state[2] = block[VX + i]
+    state[3] = block[VY + i]
+    if record.covariance.shape[1] > 0:
+        # P = [[Pxx, Pxy, Cxx, Cxy], [Pxy, Pyy, Cyx, Cyy], [Cxx, Cyx, Vxx, Vxy], [Cxy, Cyy, Vxy,
+        # Vyy]]
+        P = record.covariance[i, step - 1]
+        P[0, 0] = block[PXX + i]
+        P[0, 1] = P[1, 0] = block[PXY + i]
+        P[1, 1] = block[PYY + i]
+        P[0, 2] = P[2, 0] = block[CXX + i]
+        P[0, 3] = P[3, 0] = block[CXY + i]
+        P[1, 2] = P[2, 1] = block[CYX + i]
+        P[1, 3] = P[3, 1] = block[CYY + i]
+        P[2, 2] = block[VXX + i]
+        P[2, 3] = P[3, 2] = block[VXY + i]
+        P[3, 3] = block[VYY + i]
+
+
+@compiled_lanes
+def _record_fixes(
+    block: Floats, t: Tuning, prior: Floats, i: int, step: int, record: SwarmRecord
+) -> None:
+    """Record the fixes of the message that the follower in lane i has received at a step."""
+    made = 0
+    for update, first in enumerate(fix_rows(t.variant)):
+        if first < 0:
+            continue
+        fix = fix_at(block, first, i)
+        if fix.kind == LOST:
+            continue
+        made += 1
+        row = record.fix[i, new_fix(record, i, step, int(fix.kind))]
+        # R = r I of the position update
+        r = fix_variance(fix.sigma, block[DZ + i], t)
+        row.fix_position[0] = fix.east
+        row.fix_position[1] = fix.north
+        row.fix_sigma = np.sqrt(r)
+        if fix.kind != GATED:
+            # z − H x̂ and S = H P Hᵀ + R, with the rows x, y, Pxx, Pxy, Pyy
+            before = prior[update]
+            row.innovation[0] = fix.east - before[0, i]
+            row.innovation[1] = fix.north - before[1, i]
+            row.innovation_covariance[0, 0] = before[2, i] + r
+            row.innovation_covariance[0, 1] = before[3, i]
+            row.innovation_covariance[1, 0] = before[3, i]
+            row.innovation_covariance[1, 1] = before[4, i] + r
+    if made == 0:
+        new_fix(record, i, step, int(LOST))
+
+
 def new_lanes(settings: NavigationSettings, starts: Floats) -> LaneSwarm:
     """Navigators of followers at starts x, y [m], vx, vy [m/s], shape (f, 4); LaisnError for
     more than LANES.
@@ -540,4 +629,5 @@ def new_lanes(settings: NavigationSettings, starts: Floats) -> LaneSwarm:
     if len(starts) > LANES:
         raise LaisnError(f"{len(starts)} followers cannot navigate together, at most {LANES}")
     t = tuning(settings)
-    return LaneSwarm(new_block(starts, t), t, np.zeros(len(starts), dtype=np.int64))
+    gated = np.zeros(len(starts), dtype=np.int64)
+    return LaneSwarm(new_block(starts, t), t, gated, np.empty((3, len(_PRIOR), LANES)))

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
+from types import MappingProxyType
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -44,6 +45,8 @@ class OwnMotion(NamedTuple):
     speed: float  # speed log, along the hull [m/s]
     heading: float  # compass θ [rad]
     depth: float  # depth from the pressure sensor [m]; NaN for a missing reading
+    custom: Mapping[str, Floats] = MappingProxyType({})
+    """Readings of further sensors at this step by their names, shape (c,)."""
 
 
 class Bearing(NamedTuple):
@@ -51,6 +54,14 @@ class Bearing(NamedTuple):
 
     azimuth: float  # from forward, positive to starboard [rad]
     elevation: float  # positive upward [rad]
+
+
+def bearing_of(custom: Mapping[str, Floats]) -> Bearing | None:
+    """The direction among the readings of further sensors; None if no sensor measures it."""
+    reading = custom.get(BEARING)
+    if reading is None or np.shape(reading) != (2,):
+        return None
+    return Bearing(*map(float, reading))
 
 
 class Reception(NamedTuple):
@@ -164,19 +175,16 @@ class Measurements(ArrayRecord):
         # one by one, as all numbers of a mission as Python objects would take more memory than its
         # arrays
         columns = (map(float, column) for column in (self.speed, self.heading, self.depth))
-        for k, own in enumerate(map(OwnMotion, *columns), start=1):
+        for k, motion in enumerate(map(OwnMotion, *columns), start=1):
             i = arrival.get(k)
-            yield own, None if i is None else self.reception(i)
+            custom = {name: rows[k - 1] for name, rows in self.own.items()}
+            reading = motion._replace(custom=custom) if custom else motion
+            yield reading, None if i is None else self.reception(i)
 
     def reception(self, i: int) -> Reception:
         """Message i = 0 … m − 1 with its ranges, and its bearing if `own` has that."""
         places = None if self.transmitters is None else self.transmitters[i]
-        bearing = self.own.get(BEARING, np.empty(0))
-        return Reception(
-            LeaderMessage(*self.message[i].tolist()),
-            Ranges(*self.ranges[i].tolist()),
-            places,
-            None
-            if bearing.shape[1:] != (2,)
-            else Bearing(*bearing[self.message_step[i] - 1].tolist()),
-        )
+        custom = {name: rows[self.message_step[i] - 1] for name, rows in self.own.items()}
+        message = LeaderMessage(*self.message[i].tolist())
+        ranges = Ranges(*self.ranges[i].tolist())
+        return Reception(message, ranges, places, bearing_of(custom))

@@ -7,14 +7,16 @@ type of the NamedTuple.
 """
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numba import types
 from numba.extending import overload_method
 
-from laisn.arrays import Bools, Floats, Ints, Record, Records
-from laisn.messages import Bearing, LeaderMessage, OwnMotion, Ranges, Reception
+from laisn.arrays import Bools, Floats, Ints, Record, Records, records
+from laisn.compiled import compiled
+from laisn.estimates import Estimates, FixKind, FixRecord
+from laisn.messages import Bearing, LeaderMessage, OwnMotion, Ranges, Reception, bearing_of
 from laisn.settings import Settings
 
 ESTIMATE = np.dtype(
@@ -47,6 +49,58 @@ READING = np.dtype(
 MESSAGE = np.dtype([(name, np.float64) for name in LeaderMessage._fields])
 
 
+class SwarmRecord(NamedTuple):
+    """What the navigators of f followers conclude, with room for n steps and q fixes of each.
+
+    States are always recorded. Covariances and fixes, which take more time than navigation itself,
+    are where `covariance` has room for them.
+    """
+
+    state: Floats  # x, y [m], vx, vy [m/s] after each step, shape (f, n, 4)
+    covariance: Floats  # of `state`, shape (f, n, 4, 4); (f, 0, 4, 4): neither this nor fixes
+    fix: Records  # of `Estimates.fix_dtype`, shape (f, q)
+    fix_count: Ints  # fixes of each follower so far, shape (f,)
+
+    @classmethod
+    def empty(
+        cls, followers: int, steps: int, messages: int, kind: type[Estimates], *, whole: bool
+    ) -> Self:
+        """Room for a mission; with `whole` for covariances and fixes, up to three of a message."""
+        return cls(
+            state=np.full((followers, steps, 4), np.nan),
+            covariance=np.full((followers, steps if whole else 0, 4, 4), np.nan),
+            fix=records(kind.fix_dtype(), followers, 3 * messages if whole else 0),
+            fix_count=np.zeros(followers, dtype=np.int64),
+        )
+
+    def estimates(self, follower: int, steps: int, kind: type[Estimates]) -> Estimates:
+        """The estimates of a follower in the first steps, from a record that is whole."""
+        fixes = self.fix[follower, : self.fix_count[follower]]
+        fixes = fixes[fixes.fix_step <= steps]
+        return kind(
+            state=self.state[follower, :steps],
+            covariance=self.covariance[follower, :steps],
+            **{name: fixes[name] for name in fixes.dtype.names},
+        )
+
+
+@compiled
+def new_fix(record: SwarmRecord, follower: int, step: int, kind: int) -> int:
+    """Begin the next fix of a follower, with NaN where a fix has numbers; gives its index."""
+    number = record.fix_count[follower]
+    fix = record.fix[follower, number]
+    record.fix_count[follower] += 1
+    fix.fix_step = step
+    fix.fix_kind = kind
+    fix.fix_sigma = np.nan
+    for i in range(2):
+        fix.fix_position[i] = np.nan
+        fix.innovation[i] = np.nan
+        for j in range(2):
+            fix.innovation_covariance[i, j] = np.nan
+    return int(number)
+
+
 class Swarm(Protocol):
     """Navigators of f followers."""
 
@@ -64,6 +118,7 @@ class Swarm(Protocol):
         messages: Records,
         ranges: Floats,
         estimates: Records,
+        record: SwarmRecord,
     ) -> int:
         """Advance by one filter step.
 
@@ -74,6 +129,7 @@ class Swarm(Protocol):
             messages: records of MESSAGE, shape (f,).
             ranges: shape (f, 3), [m]; NaN where nothing was received.
             estimates: out: records of ESTIMATE, shape (f,).
+            record: out: what there is room for.
 
         Returns:
             Number, from 1, of the follower whose covariance is not positive definite any more; 0 if
@@ -88,11 +144,11 @@ SwarmFactory = Callable[[Any, Floats], Swarm]
 
 
 @overload_method(types.BaseNamedTuple, "navigate", inline="always")
-def _navigate(swarm, step, readings, received, messages, ranges, estimates):  # type: ignore[no-untyped-def]
+def _navigate(swarm, step, readings, received, messages, ranges, estimates, record):  # type: ignore[no-untyped-def]
     method = getattr(swarm.instance_class, "navigate", None)
     return method and (
-        lambda swarm, step, readings, received, messages, ranges, estimates: method(
-            swarm, step, readings, received, messages, ranges, estimates
+        lambda swarm, step, readings, received, messages, ranges, estimates, record: method(
+            swarm, step, readings, received, messages, ranges, estimates, record
         )
     )
 
@@ -111,8 +167,10 @@ class SeparateNavigators:
         """Make a navigator for each of the known starts, shape (f, 4)."""
         self.navigators = [make_navigator(settings, start) for start in starts]
         self.gated: Ints = np.zeros(len(starts), dtype=np.int64)
-        self.bearings: list[Bearing | None] = [None] * len(starts)
-        """What inverted USBLs measured at this filter step."""
+        self.fixes: list[list[FixRecord]] = [[] for _ in starts]
+        """Of each follower, as its navigator made them."""
+        self.custom: list[dict[str, Floats]] = [{} for _ in starts]
+        """Readings of further sensors of each follower at this filter step, by their names."""
 
     def navigate(
         self,
@@ -122,16 +180,51 @@ class SeparateNavigators:
         messages: Records,
         ranges: Floats,
         estimates: Records,
+        record: SwarmRecord,
     ) -> int:
         """Advance by one filter step; see `Swarm.navigate`. Gates are not counted."""
         for i, navigator in enumerate(self.navigators):
-            reception = (
-                reception_of(messages[i], ranges[i], self.bearings[i]) if received[i] else None
-            )
-            navigator.step(OwnMotion(*readings[i].tolist()[:3]), reception)
-            estimates.position[i], estimates.velocity[i] = np.split(navigator.state, 2)
+            speed, heading, depth, *_ = readings[i].tolist()
+            reading = OwnMotion(speed, heading, depth, self.custom[i])
+            reception = None
+            if received[i]:
+                reception = reception_of(messages[i], ranges[i], bearing_of(self.custom[i]))
+            fixes = navigator.step(reading, reception)
+            state = np.array(navigator.state, dtype=np.float64)
+            estimates.position[i], estimates.velocity[i] = np.split(state, 2)
             # of the sensors by which the hull is controlled, from a navigator that has them
-            estimates.log_bias[i], estimates.compass_bias[i] = getattr(
-                navigator, "biases", (0.0, 0.0)
-            )
+            biases = getattr(navigator, "biases", (0.0, 0.0))
+            estimates.log_bias[i], estimates.compass_bias[i] = biases
+            record.state[i, step - 1] = state
+            if record.covariance.shape[1] > 0:
+                covariance = getattr(navigator, "covariance", np.nan)
+                record.covariance[i, step - 1] = covariance
+                self.fixes[i] += _fixes_of(fixes, step, reception, state, covariance)
         return 0
+
+    def estimates(self, record: SwarmRecord, follower: int, steps: int) -> Estimates:
+        """The estimates of a follower in the first steps, of the navigator's own kind."""
+        kind: type[Estimates] = getattr(self.navigators[follower], "ESTIMATES", Estimates)
+        state = record.state[follower, :steps]
+        fixes = [fix for fix in self.fixes[follower] if fix.step <= steps]
+        return kind.of(state, record.covariance[follower, :steps], fixes)
+
+
+def _fixes_of(
+    fixes: Any, step: int, reception: Reception | None, state: Floats, covariance: Any
+) -> list[FixRecord]:
+    """Fixes that a navigator's `step` gave; of one that gives none, a fix at its estimate."""
+    if isinstance(fixes, list) and all(isinstance(fix, FixRecord) for fix in fixes):
+        return fixes
+    if reception is None:
+        return []
+    received = not np.isnan(reception.ranges).all()
+    variance = float(np.trace(np.broadcast_to(covariance, (4, 4))[:2, :2]))
+    return [
+        FixRecord(
+            step=step,
+            position=state[:2].copy(),
+            sigma=float(np.sqrt(0.5 * max(variance, 0.0))),
+            kind=FixKind.RANGES if received else FixKind.LOST,
+        )
+    ]

@@ -12,8 +12,8 @@ study file. Numbers and arrays of NumPy, tuples and ranges are values too. Inval
 `LaisnError`, a `ValueError`; `Scenario(...)` alone raises pydantic's `ValidationError`, another
 `ValueError`. A function imports what it needs at its first use.
 
-Classes: `Flight`, `Scenario`, `StudyFolder`, `Table`, `Navigator`, `Command`, `Wrench`,
-`LaisnError`.
+Classes: `Simulation`, `Flight`, `Scenario`, `StudyFolder`, `Table`, `Navigator`, `Command`,
+`Wrench`, `VehicleTruth`, `LaisnError`.
 """
 
 from __future__ import annotations
@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from laisn.failure import LaisnError as LaisnError
     from laisn.navigator import Navigator as Navigator
     from laisn.plugins import load_plugin
+    from laisn_sim.simulation import Simulation as Simulation
+    from laisn_sim.simulation import VehicleTruth as VehicleTruth
     from sim.closed_loop import Command as Command
     from sim.closed_loop import Wrench as Wrench
     from sim.scenario.settings import Scenario as Scenario
@@ -69,6 +71,8 @@ _HOMES = {
     "LaisnError": "laisn.failure:LaisnError",
     "Navigator": "laisn.navigator:Navigator",
     "Scenario": "sim.scenario.settings:Scenario",
+    "Simulation": "laisn_sim.simulation:Simulation",
+    "VehicleTruth": "laisn_sim.simulation:VehicleTruth",
     "StudyFolder": "experiments.study.study:StudyFolder",
     "load": "experiments.flight.library:loaded",
     "load_plugin": "laisn.plugins:load_plugin",

@@ -102,7 +102,7 @@ def forward_of(quaternion: Any) -> Any:
 
 
 @jitable
-def carried(pose: Any, offset: Floats) -> Any:
+def body_point_in_world(pose: Any, offset: Floats) -> Any:
     """East, north, up of a point of a hull by its position and quaternion, and the point's
     `offset` in the body [m].
     """

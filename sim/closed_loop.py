@@ -1,21 +1,22 @@
 """Followers that steer by their own estimates: the controller of a closed loop.
 
 At each instant `sense`, at filter steps the followers' navigators, a `laisn.swarm.Swarm`, then
-`guide`. Noise is addressed by step, so that navigating on the finished mission gives the estimates
-that steered it. Guidance and autopilot have nothing but readings, messages and estimates. A
-follower may have a controller of the user's own, whose Python code computes its commands from these
-(`OwnControl`).
+`guide`. What is read, received and estimated is recorded as it was, and is what a flight shows.
+Guidance and autopilot have nothing but readings, messages and estimates. A follower may have a
+controller of the user's own, whose Python code computes its commands from these (`OwnControl`).
 """
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from functools import partial
+from types import MappingProxyType
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints, Record, Records, numbers_of, records
 from laisn.compiled import compiled
 from laisn.failure import LaisnError
-from laisn.messages import BEARING, Bearing, Reception
+from laisn.messages import Reception, bearing_of
 from laisn.navigators import find
 from laisn.plugins import find_controller
 from laisn.swarm import (
@@ -24,10 +25,11 @@ from laisn.swarm import (
     SeparateNavigators,
     Swarm,
     SwarmFactory,
+    SwarmRecord,
     reception_of,
 )
 from sim.assembly import routes_of
-from sim.attitude import carried
+from sim.attitude import body_point_in_world
 from sim.control import follower as steering
 from sim.control.autopilot import apply_wrench, control, vehicle_state
 from sim.control.guidance import (
@@ -39,15 +41,29 @@ from sim.control.guidance import (
     track_current,
 )
 from sim.control.station import SPACING, TRAIL, LeaderPlan, extend_as_planned, plan_of
-from sim.flight import navigation_settings
+from sim.flight import Flight, Outcome, navigation_settings
 from sim.scenario.formation import Proximity
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.scenario.vehicles import Follower
 from sim.sensing import observation, proximity
 from sim.sensing.acoustics import Motion, site_at
 from sim.sensing.noise import STREAMS, normals
-from sim.sensing.sensors import OwnSensor, follow_tilt, follower_state, own_sensors
-from sim.simulation import TICK, RouteControl, simulate_motion, standing, steer_along_route
+from sim.sensing.sensors import (
+    FollowerState,
+    OwnSensor,
+    follow_tilt,
+    follower_state,
+    own_sensors,
+)
+from sim.simulation import (
+    TICK,
+    Mission,
+    RouteControl,
+    fly_mission,
+    new_mission,
+    standing,
+    steer_along_route,
+)
 from sim.tracking import stations_of
 from sim.trajectory import Trajectory, Truth, speed_through_water
 from sim.vehicle.plant import Plant
@@ -86,8 +102,8 @@ class ClosedLoopState(NamedTuple):
     memory: Records  # memory of each follower, of FOLLOWER_MEMORY, shape (f,)
     # reference of the autopilot of one follower at a time, of REFERENCE, shape (1,)
     reference: Records
-    # estimates at each instant, records of `laisn.swarm.ESTIMATE`, shape (n + 1, f)
-    history: Records
+    measured: observation.MeasurementRecord  # what each follower has read and received
+    concluded: SwarmRecord  # what its navigator has made of it
 
 
 def _kind(follower: Follower) -> int:
@@ -98,10 +114,16 @@ def _kind(follower: Follower) -> int:
     return ON_ROUTE_BY_ESTIMATE if follower.guided_by_estimate else ON_ROUTE
 
 
-def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> ClosedLoopState:
-    """The state of a closed loop at its start."""
+def init_closed_loop(
+    scenario: Scenario, plant: Plant, routes: RouteControl, *, whole: bool = True
+) -> ClosedLoopState:
+    """The state of a closed loop at its start; `whole` is as of `SwarmRecord.empty`."""
     f = len(scenario.followers)
     n = routes.reference.shape[0]
+    sensors = observation.sensor_model_of(scenario)
+    steps = (n - 1) // sensors.stride
+    messages = steps // scenario.message_every + 1
+    kind = find(scenario.navigation.variant).estimates
     offset = {name: plant.site_offset[i] for i, name in enumerate(plant.site_names)}
     names = [follower.name for follower in scenario.followers]
     memory = records(steering.FOLLOWER_MEMORY, f)
@@ -113,7 +135,6 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
     planned = n // round(SPACING / TICK) if waypoints else 0
     trails = records(TRAIL, f, n // scenario.message_every + planned + 2)
     counts = np.zeros((f, 1), dtype=np.int64)
-    sensors = observation.sensor_model_of(scenario)
     water = plant.ocean.velocity(plant.pose[:, :3], plant.time)[0]
     start = observation.first_message(sensors, plant.pose[0], plant.twist[0], water)
     for i, follower in enumerate(scenario.followers):
@@ -145,7 +166,8 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
         counts=counts,
         memory=memory,
         reference=records(REFERENCE, 1),
-        history=records(ESTIMATE, n, f),
+        measured=observation.MeasurementRecord.empty(f, steps, scenario.message_every),
+        concluded=SwarmRecord.empty(f, steps, messages, kind, whole=whole),
     )
 
 
@@ -174,6 +196,7 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
             )
             steering.update_avoidance(a.proximity, a.seen[i], a.estimates[i], a.memory[i])
         a.arrived[i] = False
+        a.inbox.outcome[i] = observation.NO_MESSAGE
         # few calls, for what is handed over costs more than the question
         if a.inbox.due[i] <= step:
             observation.receive(
@@ -201,6 +224,8 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
         if on_station:
             received = a.memory[i].last_received, a.memory[i].received_points
             extend_as_planned(a.plan, a.trails[i], a.counts[i], received, (k, TICK))
+        if k > 0:
+            observation.record_step(a.measured, a.inbox, step, i, a.read[i])
     return k > 0
 
 
@@ -225,7 +250,7 @@ def _true_estimate(
     reading.pitching = motion.pitching
     track_current((water[0], water[1]), TICK, guidance)
     estimate.log_bias = estimate.compass_bias = estimate.spread = 0.0
-    estimate.position[0], estimate.position[1], _ = carried(pose, hydrophone)
+    estimate.position[0], estimate.position[1], _ = body_point_in_world(pose, hydrophone)
     for i in range(2):
         estimate.velocity[i] = estimate.to_likelier[i] = 0.0
         estimate.current[i] = guidance.current[i]
@@ -264,19 +289,20 @@ def _follow_route(k: int, f: int, a: ClosedLoopState) -> None:
 
 @compiled
 def guide(k: int, truth: Truth, a: ClosedLoopState) -> None:
-    """Find the commands of all vehicles that hold from instant k until k + 1, and record the
-    estimates.
+    """Find the commands of all vehicles that hold from instant k until k + 1.
 
     Of the truth until then only that of the leader and of followers that steer by the truth is
     read.
     """
     routes = a.routes
-    steer_along_route(k, truth, 0, routes)
+    if not routes.outside[0]:
+        steer_along_route(k, truth, 0, routes)
     for f in range(a.kinds.size):
         i = f + 1
+        if routes.outside[i]:
+            continue
         reading = a.readings[f]
         estimate = a.estimates[f]
-        a.history[k, f] = estimate
         if a.kinds[f] == ON_ROUTE:
             steer_along_route(k, truth, i, routes)
         elif a.kinds[f] == ON_ROUTE_BY_ESTIMATE:
@@ -325,7 +351,13 @@ class ClosedLoop(NamedTuple):
             step = k // state.sensors.stride
             inbox = state.inbox
             failed = self.swarm.navigate(
-                step, state.readings, state.arrived, inbox.message, inbox.ranges, state.estimates
+                step,
+                state.readings,
+                state.arrived,
+                inbox.message,
+                inbox.ranges,
+                state.estimates,
+                state.concluded,
             )
         guide(k, truth, state)
         return failed
@@ -344,6 +376,8 @@ class Readings(NamedTuple):
     yaw_rate: float  # gyro about the hull's upward axis, positive to port [rad/s]
     pitch_rate: float  # gyro about the hull's port axis, positive nose down [rad/s]
     reception: Reception | None  # of the leader's message, at the control step at which it arrives
+    custom: Mapping[str, Floats] = MappingProxyType({})
+    """Readings of further sensors at the last filter step by their names, shape (c,)."""
 
 
 class Belief(NamedTuple):
@@ -378,6 +412,58 @@ class Wrench(NamedTuple):
     yaw: float = 0.0  # about the upward axis, positive to port [N m]
 
 
+def require_command(command: Any, effectors: int, whose: str) -> None:
+    """LaisnError, beginning with whose it is, if a command is none that a vehicle can be given.
+
+    It is a `Command` or three numbers, a `Wrench`, or an array of the states of all effectors.
+    """
+    expected = 3
+    if isinstance(command, Wrench):
+        expected = 6
+    elif isinstance(command, np.ndarray):
+        expected = effectors
+    right_shape = np.shape(command) == (expected,)
+    if not right_shape or not np.isfinite(np.asarray(command, dtype=np.float64)).all():
+        raise LaisnError(
+            f"{whose} {command!r:.80}; expected heading, speed and depth, a Wrench, "
+            f"or an array of the states of {effectors} effectors, all finite"
+        )
+
+
+def belief_of(estimate: Record) -> Belief:
+    """What a navigator believes, by a record of ESTIMATE."""
+    east, north = estimate.position.tolist()
+    east_velocity, north_velocity = estimate.velocity.tolist()
+    east_current, north_current = estimate.current.tolist()
+    return Belief(
+        east=east,
+        north=north,
+        east_velocity=east_velocity,
+        north_velocity=north_velocity,
+        log_bias=float(estimate.log_bias),
+        compass_bias=float(estimate.compass_bias),
+        east_current=east_current,
+        north_current=north_current,
+    )
+
+
+def readings_of(
+    time: float, reading: Record, reception: Reception | None, custom: Mapping[str, Floats]
+) -> Readings:
+    """What a follower measures, by a record of READING."""
+    return Readings(
+        time=time,
+        speed=float(reading.speed),
+        heading=float(reading.heading),
+        depth=float(reading.depth),
+        pitch=float(reading.pitch),
+        yaw_rate=float(reading.turning),
+        pitch_rate=float(reading.pitching),
+        reception=reception,
+        custom=custom,
+    )
+
+
 class OwnControl:
     """Calls the controllers of a scenario's followers and writes what they command.
 
@@ -404,20 +490,23 @@ class OwnControl:
         return bool(self._controllers)
 
     def command(
-        self, k: int, received: list[Reception | None], known: tuple[Any, Any, Any]
+        self,
+        k: int,
+        received: list[Reception | None],
+        custom: list[dict[str, Floats]],
+        known: tuple[Any, Any, Any],
     ) -> None:
-        """Write commands from instant k on, by receptions and records of READING, ESTIMATE and
-        FOLLOWER_MEMORY.
+        """Write commands from instant k on, by receptions, readings of further sensors, and records
+        of READING, ESTIMATE and FOLLOWER_MEMORY.
         """
         for f, controller in self._controllers.items():
+            if self._routes.outside[f + 1]:
+                continue
             reading, estimate, memory = (table[f] for table in known)
-            readings = Readings(*(k * CONTROL_STEP_S, *reading.tolist(), received[f]))
-            biases = estimate.log_bias, estimate.compass_bias
-            belief = Belief(
-                *map(float, (*estimate.position, *estimate.velocity, *biases, *estimate.current))
-            )
+            readings = readings_of(k * CONTROL_STEP_S, reading, received[f], custom[f])
+            belief = belief_of(estimate)
             found = controller.control(readings, belief, CONTROL_STEP_S)
-            self._require_valid(f, found)
+            require_command(found, self._effectors[f], f"controller of {self._names[f]} returned")
             motion = steering.measured_motion(reading, estimate, CONTROL_STEP_S, memory)
             command = self._routes.command[f + 1]
             autopilot = self._routes.autopilot[f + 1]
@@ -428,24 +517,6 @@ class OwnControl:
                 command[: len(found)] = found
             else:
                 self._hold(k, f, Command(*map(float, found)), motion)
-
-    def _require_valid(self, f: int, found: Any) -> None:
-        """LaisnError naming the follower if its controller has returned none of the three."""
-        size = self._effectors[f]
-        if isinstance(found, Wrench):
-            expected = 6
-        elif isinstance(found, np.ndarray):
-            expected = size
-        else:
-            expected = 3
-        if (
-            np.shape(found) != (expected,)
-            or not np.isfinite(np.asarray(found, dtype=np.float64)).all()
-        ):
-            raise LaisnError(
-                f"controller of {self._names[f]} returned {found!r:.80}; expected heading, speed "
-                f"and depth, a Wrench, or an array of the states of {size} effectors, all finite"
-            )
 
     def _hold(self, k: int, f: int, wanted: Command, motion: Any) -> None:
         routes = self._routes
@@ -462,32 +533,39 @@ class OwnControl:
 
 
 class PythonClosedLoop:
-    """The same controller with navigators, inverted USBL (one or none) or controllers that
-    Python calls.
-    """
+    """The same controller with navigators, further sensors or controllers that Python calls."""
 
     def __init__(
-        self, state: ClosedLoopState, swarm: Swarm, own: OwnControl, sensors: Sequence[OwnSensor]
+        self,
+        state: ClosedLoopState,
+        swarm: Swarm,
+        own: OwnControl,
+        sensors: Sequence[OwnSensor],
     ) -> None:
+        """Begin a mission; `sensors` are those beside the built-in ones, of each follower."""
         self.state = state
         self.swarm = swarm
         self._own = own
         self._sensors = sensors
+        followers = state.kinds.size
+        self.latest_custom: list[dict[str, Floats]] = [{} for _ in range(followers)]
+        self.custom: dict[str, list[list[Floats]]] = {
+            sensor.name: [[] for _ in range(followers)] for sensor in sensors
+        }
+        """Readings of further sensors by name, follower and filter step, each of shape (c,)."""
 
     def control(self, k: int, truth: Truth) -> int:
         """As `ClosedLoop.control`."""
         state = self.state
         failed = 0
-        followers = range(self.state.kinds.size)
+        followers = range(state.kinds.size)
         inbox = state.inbox
-        arrived = [False] * len(followers)
-        bearings: list[Bearing | None] = [None] * len(followers)
+        arrived = [False for _ in followers]
         if sense(k, truth, state):
             arrived = state.arrived.tolist()
-            if self._sensors:
-                bearings = [self._bearing(k, truth, f) if arrived[f] else None for f in followers]
+            self._read_custom(k, truth)
             if isinstance(self.swarm, SeparateNavigators):
-                self.swarm.bearings = bearings
+                self.swarm.custom = self.latest_custom
             failed = self.swarm.navigate(
                 k // state.sensors.stride,
                 state.readings,
@@ -495,49 +573,82 @@ class PythonClosedLoop:
                 inbox.message,
                 inbox.ranges,
                 state.estimates,
+                state.concluded,
             )
         guide(k, truth, state)
         if self._own:
-            received = [
-                reception_of(inbox.message[f], inbox.ranges[f], bearings[f]) if arrived[f] else None
-                for f in followers
-            ]
-            self._own.command(k, received, (state.readings, state.estimates, state.memory))
+            received: list[Reception | None] = [None for _ in followers]
+            for f in followers:
+                if arrived[f]:
+                    bearing = bearing_of(self.latest_custom[f])
+                    received[f] = reception_of(inbox.message[f], inbox.ranges[f], bearing)
+            tables = (state.readings, state.estimates, state.memory)
+            self._own.command(k, received, self.latest_custom, tables)
         return failed
 
-    def _bearing(self, k: int, truth: Truth, f: int) -> Bearing:
-        """What the inverted USBL of a follower measures of a message that is in at instant k."""
+    def _read_custom(self, k: int, truth: Truth) -> None:
+        """Read the further sensors of all followers at instant k, a filter step, and record
+        them.
+        """
+        if not self._sensors:
+            return
+        for f in range(len(self.latest_custom)):
+            seen = self._follower_state(k, truth, f)
+            readings = {sensor.name: self._read(sensor, seen, k, f) for sensor in self._sensors}
+            self.latest_custom[f] = readings
+            for name, reading in readings.items():
+                self.custom[name][f].append(reading)
+
+    def _read(self, sensor: OwnSensor, seen: FollowerState, k: int, f: int) -> Floats:
+        s = self.state.sensors
+        stream = STREAMS * f + sensor.stream
+        noise = normals(int(s.seed), int(s.run), stream, [k // s.stride])
+        reading = np.array(sensor.read(sensor.true(seen), noise)[0], dtype=np.float64)
+        heard = self.state.inbox.outcome[f] == observation.RECEIVED
+        if sensor.acoustic and not heard:
+            reading[:] = np.nan
+        return reading
+
+    def _follower_state(self, k: int, truth: Truth, f: int) -> FollowerState:
+        """True state of a follower at instant k, with the sources of a message that is in."""
         state = self.state
-        sensor, *_ = self._sensors
-        one = slice(k, k + 1)
-        s = state.sensors
-        inbox = state.inbox
-        if inbox.outcome[f] != observation.RECEIVED:
-            return Bearing(np.nan, np.nan)
-        motion = truth.pose[one, f + 1], truth.twist[one, f + 1], truth.water[one, f + 1]
-        known = Motion(truth, 0.0, k)
-        leaves = inbox.last_sent[f] * s.dt + s.sound.slot * np.arange(3)
-        source = [
-            site_at(s.sound, known, 0, offset, at)
-            for offset, at in zip(state.sites[0], leaves, strict=True)
-        ]
-        hydrophone = np.array([carried(motion[0][0], state.sites[1][f])])
-        seen = follower_state(np.array([k * TICK]), motion, hydrophone, np.array([source]))
-        noise = normals(int(s.seed), int(s.run), STREAMS * f + sensor.stream, [k // s.stride])
-        return Bearing(*sensor.read(sensor.true(seen), noise)[0].tolist())
+        instant = slice(k, k + 1)
+        v = f + 1
+        motion = (truth.pose[instant, v], truth.twist[instant, v], truth.water[instant, v])
+        hydrophone = np.array([body_point_in_world(motion[0][0], state.sites[1][f])])
+        source = np.full((1, 3, 3), np.nan)
+        if state.inbox.outcome[f] == observation.RECEIVED:
+            s = state.sensors
+            leaves = state.inbox.last_sent[f] * s.dt + s.sound.slot * np.arange(3)
+            for i, (site, time) in enumerate(zip(state.sites[0], leaves, strict=True)):
+                source[0, i] = site_at(s.sound, Motion(truth, 0.0, k), 0, site, time)
+        return follower_state(np.array([k * TICK]), motion, hydrophone, source)
+
+    def custom_readings(self, follower: int, steps: int) -> dict[str, Floats]:
+        """Readings of further sensors of a follower in the first steps by name, shape (n, c)."""
+        return {name: np.array(rows[follower][:steps]) for name, rows in self.custom.items()}
+
+
+AnyClosedLoop = ClosedLoop | PythonClosedLoop
 
 
 def closed_loop_of(
-    scenario: Scenario, plant: Plant, routes: RouteControl, make_swarm: SwarmFactory | None = None
-) -> ClosedLoop | PythonClosedLoop:
+    scenario: Scenario,
+    plant: Plant,
+    routes: RouteControl,
+    make_swarm: SwarmFactory | None = None,
+    *,
+    whole: bool = True,
+) -> AnyClosedLoop:
     """The closed loop of a scenario at its start, with the swarm's navigators, by default its own.
 
-    LaisnError if the followers' hydrophones are not equally high above their pressure sensors.
+    With `whole` all that navigators conclude is recorded, else their states alone. LaisnError if
+    the followers' hydrophones are not equally high above their pressure sensors.
     """
     still = standing(plant)
     numbers = range(len(scenario.followers))
     settings = [navigation_settings(scenario, still, i) for i in numbers]
-    if any(one != settings[0] for one in settings):
+    if any(of_follower != settings[0] for of_follower in settings):
         raise LaisnError(
             f"scenario {scenario.name!r}: followers that navigate under way need hydrophones of "
             "one height above their depth sensors"
@@ -545,30 +656,68 @@ def closed_loop_of(
     starts = np.array([observation.start_of(still, i) for i in numbers])
     make = make_swarm or find(scenario.navigation.variant).new_swarm
     swarm: Swarm = make(settings[0], starts)
-    state = init_closed_loop(scenario, plant, routes)
+    state = init_closed_loop(scenario, plant, routes, whole=whole)
     state.estimates.position = starts[:, :2] if settings[0].known_start else np.nan
     own = OwnControl(scenario, plant, routes)
-    sensors = [s for s in own_sensors(scenario) if s.name == BEARING]
-    compiled_loop = isinstance(swarm, tuple) and not own
-    return (
-        ClosedLoop(state, swarm) if compiled_loop else PythonClosedLoop(state, swarm, own, sensors)
+    sensors = own_sensors(scenario)
+    if isinstance(swarm, tuple) and not own and not sensors:
+        return ClosedLoop(state, swarm)
+    return PythonClosedLoop(state, swarm, own, sensors)
+
+
+def closed_loop_mission(
+    scenario: Scenario, make_swarm: SwarmFactory | None = None, *, whole: bool = True
+) -> Mission:
+    """A mission whose followers all navigate under way, also those that steer by the truth.
+
+    Its controller is a closed loop; arguments and errors are as of `closed_loop_of` and
+    `new_mission`.
+    """
+    return new_mission(
+        scenario, partial(closed_loop_of, scenario, make_swarm=make_swarm, whole=whole)
     )
 
 
 def simulate_closed_loop(
     scenario: Scenario, make_swarm: SwarmFactory | None = None
-) -> tuple[Trajectory, ClosedLoop | PythonClosedLoop]:
-    """Simulate a scenario whose followers all navigate under way, also those that steer by the
-    truth.
+) -> tuple[Trajectory, AnyClosedLoop]:
+    """Fly a mission of `closed_loop_mission` that records the states of estimates alone.
 
-    Gives the motion, and the closed loop at its end: `state.history` holds the estimates,
+    Gives the motion, and the closed loop at its end: `state.concluded.state` holds the estimates,
     `swarm.gated` counts fixes. Errors are those of `simulate_motion`.
     """
-    loops: list[ClosedLoop | PythonClosedLoop] = []
+    mission = closed_loop_mission(scenario, make_swarm, whole=False)
+    trajectory = fly_mission(scenario, mission)
+    return trajectory, cast(AnyClosedLoop, mission.controller)
 
-    def make_controller(plant: Plant, routes: RouteControl) -> ClosedLoop | PythonClosedLoop:
-        loops.append(closed_loop_of(scenario, plant, routes, make_swarm))
-        return loops[0]
 
-    trajectory = simulate_motion(scenario, make_controller=make_controller)
-    return trajectory, loops[0]
+def flight_of(
+    scenario: Scenario, mission: Mission, trajectory: Trajectory, outcome: Outcome
+) -> Flight:
+    """The flight of a mission of `closed_loop_mission`, as it was: nothing is computed again.
+
+    `trajectory` is the part of its motion that counts, from the start.
+    """
+    loop = cast(AnyClosedLoop, mission.controller)
+    state = loop.state
+    steps = (trajectory.time.size - 1) // state.sensors.stride
+    dt = scenario.timing.filter_step_s
+    kind = find(scenario.navigation.variant).estimates
+    measurements = []
+    estimates = []
+    for i in range(len(scenario.followers)):
+        custom: dict[str, Floats] = {}
+        if isinstance(loop, PythonClosedLoop):
+            custom = loop.custom_readings(i, steps)
+        measurements.append(state.measured.measurements(i, steps, dt, custom))
+        if isinstance(loop.swarm, SeparateNavigators):
+            estimates.append(loop.swarm.estimates(state.concluded, i, steps))
+        else:
+            estimates.append(state.concluded.estimates(i, steps, kind))
+    return Flight(
+        scenario=scenario,
+        trajectory=trajectory,
+        measurements=tuple(measurements),
+        estimates=tuple(estimates),
+        outcome=outcome,
+    )

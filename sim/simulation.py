@@ -13,13 +13,27 @@ import numpy as np
 from numba import types
 from numba.extending import overload_method
 
-from laisn.arrays import Floats, Records, records
+from laisn.arrays import Bools, Floats, Records, records
 from laisn.compiled import compiled, copy_values
 from laisn.failure import LaisnError
 from sim import attitude
 from sim.assembly import ocean_of, routes_of, setups_of, vehicle_names
-from sim.control.autopilot import AUTOPILOT_MEMORY, DepthControl, control, design, vehicle_state
-from sim.control.guidance import GUIDANCE_MEMORY, begin, reference, steer, track_current
+from sim.control.autopilot import (
+    AUTOPILOT_MEMORY,
+    DepthControl,
+    apply_wrench,
+    control,
+    design,
+    vehicle_state,
+)
+from sim.control.guidance import (
+    GUIDANCE_MEMORY,
+    begin,
+    limit_command,
+    reference,
+    steer,
+    track_current,
+)
 from sim.control.stability import least_radius
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
@@ -75,12 +89,15 @@ class RouteControl(NamedTuple):
     guidance: Records  # of GUIDANCE_MEMORY, shape (v,)
     autopilot: Records  # of AUTOPILOT_MEMORY, shape (v,)
     command: Floats  # commanded thrust of each effector, shape (v, m), [N]
+    # vehicles whose commands come from outside: no controller writes these, shape (v,)
+    outside: Bools
 
     @compiled
     def control(self, k: int, truth: Truth) -> int:
         """Find the commands of all vehicles; see `Controller.control`."""
         for i in range(self.command.shape[0]):
-            steer_along_route(k, truth, i, self)
+            if not self.outside[i]:
+                steer_along_route(k, truth, i, self)
         return 0
 
 
@@ -123,6 +140,50 @@ def steer_along_route(k: int, truth: Truth, i: int, routes: RouteControl) -> Non
         routes.autopilot[i],
         routes.command[i],
     )
+
+
+@compiled
+def hold_by_truth(
+    k: int, truth: Truth, i: int, held: Floats, reference: Records, routes: RouteControl
+) -> None:
+    """Find the command of vehicle i, from the recorded instant k on, that holds heading [rad],
+    speed through the water [m/s] and depth [m], by its true motion.
+
+    `held` are these three, `reference` room for a record of REFERENCE, shape (1,).
+    """
+    motion = vehicle_state(truth.pose[k, i], truth.twist[k, i], truth.water[k, i])
+    reference[0].depth = held[2]
+    control(
+        routes.autopilots[i],
+        limit_command(held[0], held[1], TICK, routes.guidance[i]),
+        reference[0],
+        motion,
+        TICK,
+        routes.autopilot[i],
+        routes.command[i],
+    )
+
+
+@compiled
+def apply_wrench_by_truth(
+    k: int, truth: Truth, i: int, wrench: Floats, routes: RouteControl
+) -> None:
+    """Find the command of vehicle i, from the recorded instant k on, whose effectors give a wrench
+    about the hull's axes as far as they can, shape (6,), [N], [N m].
+    """
+    motion = vehicle_state(truth.pose[k, i], truth.twist[k, i], truth.water[k, i])
+    memory = routes.autopilot[i]
+    copy_values(wrench, memory.wrench)
+    apply_wrench(routes.autopilots[i], motion.surge, memory, routes.command[i])
+
+
+@compiled
+def take_over(k: int, truth: Truth, i: int, routes: RouteControl) -> None:
+    """Begin the guidance of vehicle i anew where it is, at the recorded instant k."""
+    motion = vehicle_state(truth.pose[k, i], truth.twist[k, i], truth.water[k, i])
+    water = truth.water[k, i]
+    guidance = routes.guidance[i]
+    begin(routes.reference[k, i], motion.heading, motion.surge, (water[0], water[1]), guidance)
 
 
 @compiled
@@ -180,6 +241,108 @@ def standing(plant: Plant) -> Trajectory:
     return _trajectory(plant, truth, 2)
 
 
+class Mission:
+    """Vehicles of a plant under way, with what controls them and what is recorded until now.
+
+    Attributes:
+        plant: the vehicles in the ocean.
+        controller: of all vehicles.
+        truth: their motion, with room for n + 1 instants 0.1 s apart.
+        instants: how many of them are recorded.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        routes: Sequence[Route],
+        duration: float,
+        depth_control: Sequence[DepthControl | None] = (),
+        make_controller: ControllerFactory | None = None,
+    ) -> None:
+        """Set out along a route each, for a time [s] of 0.1 s times n; see `simulate`."""
+        self.plant = plant
+        self._substeps = round(TICK / plant.dt)
+        ticks = round(duration / TICK)
+        v = len(plant.names)
+        autopilots = design(plant, tuple(depth_control or ["pitch"] * v))
+        lead = [float(lag) for lag in 0.25 / autopilots["omega"]]
+        radii = [least_radius(plant, i, d) for i, d in enumerate(autopilots)]
+        time = np.arange(ticks + 1, dtype=np.float64) * TICK
+        self.routes = RouteControl(
+            reference=reference(routes, time, lead, radii),
+            autopilots=autopilots,
+            guidance=records(GUIDANCE_MEMORY, v),
+            autopilot=records(AUTOPILOT_MEMORY, v),
+            command=np.zeros_like(plant.thrust),
+            outside=np.zeros(v, dtype=np.bool_),
+        )
+        self.controller: Controller = self.routes
+        if make_controller is not None:
+            self.controller = make_controller(plant, self.routes)
+        self._loop = _simulate
+        if not isinstance(self.controller, tuple):
+            self._loop = cast(Any, _simulate).py_func
+        self.truth = Truth.empty(ticks + 1, *plant.thrust.shape)
+        self.instants = 0
+
+    @property
+    def last(self) -> int:
+        """The last instant that there is room for."""
+        return len(self.truth.pose) - 1
+
+    def advance(self, last: int) -> None:
+        """Fly, control and record until an instant; nothing from outside is looked at meanwhile,
+        not even Ctrl-C.
+
+        DivergedError if the simulation left finite numbers, PlantError if at its start;
+        ArithmeticError naming the follower whose navigator failed.
+        """
+        plant = self.plant
+        first = self.instants
+        handles = (plant.step_handles(), plant.state, plant.ocean.water)
+        span = (first, min(last, self.last), self._substeps)
+        k, fault = self._loop(span, handles, self.controller, self.routes.command, self.truth)
+        if fault[0] == NAVIGATION_FAILED:
+            raise ArithmeticError(
+                f"the covariance of follower {fault[1]} is not positive definite any more"
+            )
+        self.instants = k + 1
+        try:
+            plant.finish_step(fault)
+        except PlantError as error:
+            if k < 1:
+                raise
+            raise DivergedError(str(error), self.trajectory()) from error
+
+    def fly(
+        self,
+        *,
+        until_contact: bool = False,
+        progress: Callable[[float], None] | None = None,
+    ) -> Trajectory:
+        """Advance to the end, or until hulls touch; see `simulate`. Gives the motion."""
+        last = self.last
+        for end in sorted({1, *range(_PROGRESS_TICKS, last, _PROGRESS_TICKS), last}):
+            first = self.instants
+            self.advance(end)
+            touched = None
+            if until_contact:
+                touched = first_touch(self.truth.pose[first : end + 1])
+            if touched is not None:
+                self.instants = max(first + touched, 1) + 1
+                break
+            if progress is not None and end < last:
+                progress(end // _PROGRESS_TICKS * _PROGRESS_TICKS * TICK)
+        return self.trajectory()
+
+    def trajectory(self) -> Trajectory:
+        """The motion until now, of two instants or more; a copy where the mission goes on."""
+        truth = self.truth
+        if self.instants <= self.last:
+            truth = Truth(*(array[: self.instants].copy() for array in truth))
+        return _trajectory(self.plant, truth, self.instants)
+
+
 def simulate(
     plant: Plant,
     routes: Sequence[Route],
@@ -200,40 +363,8 @@ def simulate(
     LaisnError if a route cannot be flown; DivergedError if the simulation left finite numbers,
     PlantError if at its start; ArithmeticError naming the follower whose navigator failed.
     """
-    substeps = round(TICK / plant.dt)
-    ticks = round(duration / TICK)
-    v = len(plant.names)
-    autopilots = design(plant, tuple(depth_control or ["pitch"] * v))
-    lead = [float(lag) for lag in 0.25 / autopilots["omega"]]
-    radii = [least_radius(plant, i, d) for i, d in enumerate(autopilots)]
-    wanted = reference(routes, np.arange(ticks + 1, dtype=np.float64) * TICK, lead, radii)
-    memory = records(GUIDANCE_MEMORY, v), records(AUTOPILOT_MEMORY, v)
-    along = RouteControl(wanted, autopilots, *memory, np.zeros_like(plant.thrust))
-    controller = along if make_controller is None else make_controller(plant, along)
-    loop = _simulate if isinstance(controller, tuple) else cast(Any, _simulate).py_func
-    truth = Truth.empty(ticks + 1, *plant.thrust.shape)
-    first = 0
-    for last in sorted({1, *range(_PROGRESS_TICKS, ticks, _PROGRESS_TICKS), ticks}):
-        # between these instants nothing from outside is looked at, not even Ctrl-C
-        handles = plant.step_handles(), plant.state, plant.ocean.water
-        k, fault = loop((first, last, substeps), handles, controller, along.command, truth)
-        if fault[0] == NAVIGATION_FAILED:
-            raise ArithmeticError(
-                f"the covariance of follower {fault[1]} is not positive definite any more"
-            )
-        try:
-            plant.finish_step(fault)
-        except PlantError as error:
-            if k < 1:
-                raise
-            raise DivergedError(str(error), _trajectory(plant, truth, k + 1)) from error
-        end = first_touch(truth.pose[first : last + 1]) if until_contact else None
-        if end is not None:
-            return _trajectory(plant, truth, max(first + end, 1) + 1)
-        if progress is not None and last < ticks:
-            progress(last // _PROGRESS_TICKS * _PROGRESS_TICKS * TICK)
-        first = last + 1
-    return _trajectory(plant, truth, ticks + 1)
+    mission = Mission(plant, routes, duration, depth_control, make_controller)
+    return mission.fly(until_contact=until_contact, progress=progress)
 
 
 class ContactError(EndedError):
@@ -276,7 +407,7 @@ def simulate_points(
     )
 
 
-def listeners(scenario: Scenario) -> list[str]:
+def keys_needing_closed_loop(scenario: Scenario) -> list[str]:
     """Keys by which the motion of followers depends on their estimates: stations, or steering by
     them.
     """
@@ -290,6 +421,53 @@ def listeners(scenario: Scenario) -> list[str]:
     ]
 
 
+def plant_of(scenario: Scenario, routes: tuple[Route, ...]) -> Plant:
+    """A scenario's vehicles in its sea, at the start of their routes; LaisnError if that is
+    none.
+    """
+    setups = setups_of(scenario, routes)
+    return Plant(setups, ocean_of(scenario), scenario.timing.physics_step_s)
+
+
+def new_mission(scenario: Scenario, make_controller: ControllerFactory | None = None) -> Mission:
+    """A scenario's mission before its first instant, of rigid bodies in water.
+
+    LaisnError if a route cannot be flown, the sea is impossible, or vehicles move as points.
+    """
+    if scenario.motion != "physics":
+        raise LaisnError(
+            f"scenario {scenario.name!r}: motion is {scenario.motion!r}, whose path is no mission "
+            "that can be controlled; expected 'physics'"
+        )
+    routes = routes_of(scenario)
+    depth_control = [vehicle.depth_control for vehicle in (scenario.leader, *scenario.followers)]
+    plant = plant_of(scenario, routes)
+    return Mission(plant, routes, scenario.duration_s, depth_control, make_controller)
+
+
+def fly_mission(
+    scenario: Scenario, mission: Mission, progress: Callable[[float], None] | None = None
+) -> Trajectory:
+    """Fly a scenario's mission to its end; errors and `progress` are as of `simulate_motion`."""
+
+    def show_time(time: float) -> None:
+        if progress is not None:
+            progress(time / scenario.duration_s)
+
+    ends = scenario.contact == "end"
+    return _require_no_contact(scenario, mission.fly(until_contact=ends, progress=show_time))
+
+
+def _require_no_contact(scenario: Scenario, trajectory: Trajectory) -> Trajectory:
+    """The motion; ContactError if vehicles touched in a scenario whose missions end with that."""
+    met = contacts(trajectory) if scenario.contact == "end" else []
+    if not met:
+        return trajectory
+    time, (first, second) = met[0]
+    touched = f"at {time:g} s {first} and {second} touched, which ended the mission"
+    raise ContactError(touched, trajectory.part(0, max(round(time / trajectory.dt), 1)))
+
+
 def simulate_motion(
     scenario: Scenario,
     progress: Callable[[float], None] | None = None,
@@ -300,37 +478,22 @@ def simulate_motion(
 
     `progress` is called now and then with the share that is done, 0 … 1. `make_controller` makes
     another controller than that of routes; that of `sim.closed_loop` is needed if there are
-    `listeners`.
+    `keys_needing_closed_loop`.
 
     LaisnError if a route cannot be flown, the sea is impossible, or that controller is missing;
     DivergedError if the simulation left finite numbers; ContactError if vehicles touched, which
     ends the scenario's mission.
     """
-    keys = listeners(scenario)
+    keys = keys_needing_closed_loop(scenario)
     if keys and make_controller is None:
         raise LaisnError(
             f"scenario {scenario.name!r}: {keys[0]}: its path depends on the noise of the run, so "
             "that no campaign can fly it once for all runs; use `laisn fly --run N`"
         )
-    routes = routes_of(scenario)
-    plant = Plant(setups_of(scenario, routes), ocean_of(scenario), scenario.timing.physics_step_s)
     if scenario.motion == "kinematic":
-        trajectory = simulate_points(vehicle_names(scenario), routes, scenario.duration_s, plant)
-    else:
-        trajectory = simulate(
-            plant,
-            routes,
-            scenario.duration_s,
-            [vehicle.depth_control for vehicle in (scenario.leader, *scenario.followers)],
-            make_controller=make_controller,
-            until_contact=scenario.contact == "end",
-            progress=None
-            if progress is None
-            else lambda time: progress(time / scenario.duration_s),
-        )
-    met = contacts(trajectory) if scenario.contact == "end" else []
-    if not met:
-        return trajectory
-    time, (one, other) = met[0]
-    touched = f"at {time:g} s {one} and {other} touched, which ended the mission"
-    raise ContactError(touched, trajectory.part(0, max(round(time / trajectory.dt), 1)))
+        routes = routes_of(scenario)
+        plant = plant_of(scenario, routes)
+        names = vehicle_names(scenario)
+        trajectory = simulate_points(names, routes, scenario.duration_s, plant)
+        return _require_no_contact(scenario, trajectory)
+    return fly_mission(scenario, new_mission(scenario, make_controller), progress)

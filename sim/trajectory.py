@@ -225,7 +225,9 @@ class Trajectory(ArrayRecord):
         for first in range(0, len(path), _BLOCK):
             some = slice(first, first + _BLOCK)
             at = some if index is None else index[some]
-            path[some] = np.column_stack(attitude.carried(self.pose[at, v].T, self.site_offset[s]))
+            path[some] = np.column_stack(
+                attitude.body_point_in_world(self.pose[at, v].T, self.site_offset[s])
+            )
         return path
 
     def part(self, first: int, last: int) -> Self:
@@ -254,7 +256,7 @@ class Trajectory(ArrayRecord):
         """One site between grid points, shape (m, 3), [m]; `time` as in `at`."""
         s = self.site(name)
         pose = np.concatenate(self.at(time), axis=2)[:, self.site_vehicle[s]]
-        return np.column_stack(attitude.carried(pose.T, self.site_offset[s]))
+        return np.column_stack(attitude.body_point_in_world(pose.T, self.site_offset[s]))
 
     @property
     def arrays(self) -> dict[str, npt.NDArray[Any]]:

@@ -17,7 +17,7 @@ from experiments.study.measure import records_of_run
 from experiments.study.plan import plan_of
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
-from sim.closed_loop import guide, simulate_closed_loop
+from sim.closed_loop import closed_loop_mission, guide, simulate_closed_loop
 from sim.flight import navigate
 from sim.scenario.file import validate
 from sim.scenario.settings import Scenario
@@ -53,10 +53,8 @@ def apart(scenario: Scenario, follower: int = 0) -> Floats:
     assert measured.message_step.size > 5
     if scenario.navigation.variant != "tight":
         assert loop.swarm.gated[follower] == np.count_nonzero(estimates.fix_kind == FixKind.GATED)
-    stride = flight.stride
-    return np.asarray(
-        loop.state.history.position[stride::stride, follower] - estimates.state[:, :2]
-    )
+    steered = loop.state.concluded.state[follower, :, :2]
+    return np.asarray(steered - estimates.state[:, :2])
 
 
 TROUBLED = (
@@ -267,7 +265,7 @@ def test_in_a_current_it_keeps_to_its_route(variant: str) -> None:
         *EASTWARD,
     )
     flown, loop = simulate_closed_loop(mission(*settings, duration=400.0))
-    assert np.abs(loop.state.history.position[3000:, 0, 0] - 20.0).mean() < 0.4
+    assert np.abs(loop.state.concluded.state[0, 3000:, 0] - 20.0).mean() < 0.4
     assert flown.position[3000:, 1, 1] - flown.time[3000:] == pytest.approx(0.0, abs=1.0)
 
 
@@ -296,11 +294,15 @@ def test_a_follower_without_receptions_follows_the_drift_of_its_log_and_compass(
 def test_between_filter_steps_it_dead_reckons(variant: str) -> None:
     """From where its navigator has it, and with the velocity that its navigator gives it."""
     scenario = mission(f"navigation.variant={variant}", "timing.filter_step_s=0.5", duration=10.0)
-    trajectory, loop = simulate_closed_loop(scenario)
-    state = navigate(scenario, trajectory).estimates[0].state
+    flown = closed_loop_mission(scenario)
+    steered = []
+    for k in range(flown.last + 1):
+        flown.advance(k)
+        steered.append(flown.controller.state.estimates.position[0].copy())
+    state = navigate(scenario, flown.trajectory()).estimates[0].state
     for beyond in range(5):
         expected = state[:-1, :2] + 0.1 * beyond * state[:-1, 2:]
-        found = loop.state.history.position[5 + beyond : -1 : 5, 0]
+        found = np.array(steered[5 + beyond : -1 : 5])
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
 
 
@@ -388,11 +390,10 @@ def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatc
         hydrophones = [
             moved.site_path(f"{follower.name}/hydrophone")[:, :2] for follower in short.followers
         ]
-        beliefs = [path + np.array([3.0, -4.0]) * (i + 1) for i, path in enumerate(hydrophones)]
-        # at the start its position is known
-        history = SimpleNamespace(position=np.stack(beliefs, axis=1))
+        beliefs = [path[1:] + np.array([3.0, -4.0]) * (i + 1) for i, path in enumerate(hydrophones)]
+        concluded = SimpleNamespace(state=np.stack(beliefs))
         swarm = SimpleNamespace(gated=np.zeros(len(beliefs), dtype=np.int64))
-        return moved, SimpleNamespace(state=SimpleNamespace(history=history), swarm=swarm)
+        return moved, SimpleNamespace(state=SimpleNamespace(concluded=concluded), swarm=swarm)
 
     monkeypatch.setattr(study_measure, "simulate_closed_loop", flown)
     one, other, *_ = (

@@ -9,7 +9,7 @@ import pytest
 
 from experiments.campaign.montecarlo import simulate_mission
 from experiments.campaign.store import CampaignError
-from experiments.flight.fly import motion_and_outcome
+from experiments.flight.fly import MissionToFly
 from experiments.study.estimate import Results
 from experiments.study.measure import facts_of, records_of_run
 from experiments.study.run import _of_runs
@@ -101,8 +101,8 @@ FEELING = {
 
 @pytest.mark.parametrize("changes", [{}, {"motion": "kinematic"}], ids=["physics", "points"])
 def test_contact_ends_a_mission_where_one_that_goes_on_is_marked(changes: dict[str, Any]) -> None:
-    whole, went_on = motion_and_outcome(meeting(**changes))
-    ended, outcome = motion_and_outcome(meeting(contact="end", **changes))
+    whole, went_on = MissionToFly(meeting(**changes)).simulate()
+    ended, outcome = MissionToFly(meeting(contact="end", **changes)).simulate()
     assert (went_on, outcome) == (Outcome.COMPLETED, Outcome.CONTACT)
     # noses meet when both have swum 30 m, less half a hull each
     assert ended.time[-1] == pytest.approx(30.0 - 0.7, abs=0.5)
@@ -122,7 +122,7 @@ def test_a_fleet_stops_at_its_recorded_end() -> None:
 
 
 def test_without_contact_a_flight_reaches_its_end() -> None:
-    trajectory, outcome = motion_and_outcome(meeting(contact="end", duration_s=10.0))
+    trajectory, outcome = MissionToFly(meeting(contact="end", duration_s=10.0)).simulate()
     assert (trajectory.time[-1], outcome) == (10.0, Outcome.COMPLETED)
 
 

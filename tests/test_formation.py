@@ -87,7 +87,7 @@ def test_the_finished_mission_gives_the_estimates_that_steered_it(variant: str) 
     lost = np.isnan(flight.measurements[0].ranges).all(axis=1)
     assert 2 < lost.sum() < 38
     for i, estimates in enumerate(flight.estimates):
-        steered = controller.state.history.position[1:, i]
+        steered = controller.state.concluded.state[i, :, :2]
         np.testing.assert_allclose(steered, estimates.state[:, :2], rtol=0, atol=1e-9)
 
 
@@ -105,7 +105,7 @@ def test_the_tight_navigator_steers_by_the_very_estimates(assume: dict[str, obje
     flight = navigate(scenario, trajectory)
     for i, estimates in enumerate(flight.estimates):
         np.testing.assert_array_equal(
-            controller.state.history.position[1:, i], estimates.state[:, :2]
+            controller.state.concluded.state[i, :, :2], estimates.state[:, :2]
         )
 
 
@@ -144,7 +144,7 @@ def test_stations_are_kept_where_sound_takes_its_time() -> None:
     assert (flight.measurements[0].message_step % 10 == 1).all()
     for i, estimates in enumerate(flight.estimates):
         np.testing.assert_allclose(
-            controller.state.history.position[1:, i], estimates.state[:, :2], rtol=0, atol=1e-9
+            controller.state.concluded.state[i, :, :2], estimates.state[:, :2], rtol=0, atol=1e-9
         )
     # the worst station of those that receive at once is allowed as much
     assert np.sqrt(np.mean(off_station(scenario, trajectory) ** 2, axis=0)).max() < 0.6

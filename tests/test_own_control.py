@@ -135,7 +135,7 @@ def test_readings_and_estimates_are_those_of_the_finished_mission(
     )
     for i, found in enumerate(flight.estimates):
         np.testing.assert_allclose(
-            loop.state.history.position[1:, i], found.state[:, :2], atol=1e-6
+            loop.state.concluded.state[i, :, :2], found.state[:, :2], atol=1e-6
         )
     assert {dt for *_, dt in calls} == {0.1}
 

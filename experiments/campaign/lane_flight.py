@@ -477,6 +477,7 @@ def fly_block(
     histograms = np.zeros((2, BINS), dtype=np.int64)
     nees = np.empty(n)
     fixes = lanes.fix_rows(t.variant)
+    prior = lanes.no_prior()
     i = 0
     for k in range(1, n + 1):
         now = truth.own[k - 1]
@@ -497,7 +498,7 @@ def fly_block(
                     sense_message(
                         block, noise, (errors, int(t.transmitters)), truth.sent[i], now[2], steps
                     )
-            lanes.advance(block, t, k, received)
+            lanes.advance(block, t, k, received, prior)
             if received:
                 tally_fixes(block, tally, fixes)
         i += received

@@ -12,7 +12,7 @@ import numpy as np
 from rich.console import Console
 
 from experiments.campaign.progress import Update, phases, print_line, show_table
-from experiments.flight.fly import Stopwatch, fly, motion_and_outcome
+from experiments.flight.fly import MissionToFly, Stopwatch, fly
 from experiments.flight.folder import (
     FILM,
     LAYOUT,
@@ -27,7 +27,7 @@ from experiments.flight.folder import (
 from experiments.flight.summary import flight_bounds, flight_events, stray_events, summarise
 from laisn.failure import LaisnError
 from sim.feasibility import cautions
-from sim.flight import Flight, Outcome, navigate, position_and_bearing_errors
+from sim.flight import Flight, Outcome, position_and_bearing_errors
 from sim.scenario.settings import Scenario
 from sim.system import background_process, return_large_blocks
 
@@ -165,9 +165,10 @@ def write_flight(
             # navigation
             fly(scenario.first_messages)
         with phase("simulate") as update:
-            trajectory, outcome = motion_and_outcome(scenario, update)
+            mission = MissionToFly(scenario)
+            trajectory, outcome = mission.simulate(update)
         with phase("navigate"):
-            flight = navigate(scenario, trajectory, outcome=outcome)
+            flight = mission.flight(trajectory, outcome)
         errors = position_and_bearing_errors(flight)
         events = flight_events(flight)
         bounds = flight_bounds(flight)

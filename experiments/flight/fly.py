@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 from laisn.navigators import NavigatorFactory, find
@@ -16,7 +15,9 @@ from sim.simulation import (
     ContactError,
     ControllerFactory,
     DivergedError,
-    listeners,
+    Mission,
+    fly_mission,
+    keys_needing_closed_loop,
     simulate_motion,
 )
 from sim.trajectory import Trajectory
@@ -34,23 +35,51 @@ class Stopwatch(dict[str, float]):
             self[name] = time.perf_counter() - start
 
 
-def motion_and_outcome(
-    scenario: Scenario,
-    progress: Callable[[float], None] | None = None,
-    make_controller: ControllerFactory | None = None,
-) -> tuple[Trajectory, Outcome]:
-    """The motion of a scenario and how it ended; if before its time, what was flown until then."""
-    if make_controller is None and listeners(scenario):
-        # control of formations takes long to load
-        from sim.closed_loop import closed_loop_of
+class MissionToFly:
+    """A mission before its flight: how it is to move, then what its followers made of it.
 
-        make_controller = partial(closed_loop_of, scenario)
-    try:
-        return simulate_motion(scenario, progress, make_controller), Outcome.COMPLETED
-    except DivergedError as error:
-        return error.trajectory, Outcome.DIVERGED
-    except ContactError as error:
-        return error.trajectory, Outcome.CONTACT
+    Followers that steer by their estimates navigate under way, and their flight is what was
+    recorded. All others move by the truth alone, so that they sense and navigate afterwards.
+    """
+
+    def __init__(
+        self, scenario: Scenario, make_controller: ControllerFactory | None = None
+    ) -> None:
+        """Set up a scenario's mission, perhaps with another controller; errors as of
+        `simulate_motion`.
+        """
+        self._scenario = scenario
+        self._make_controller = make_controller
+        self._mission: Mission | None = None
+        if make_controller is None and keys_needing_closed_loop(scenario):
+            # control of formations takes long to load
+            from sim.closed_loop import closed_loop_mission
+
+            self._mission = closed_loop_mission(scenario)
+
+    def _move(self, progress: Callable[[float], None] | None) -> Trajectory:
+        if self._mission is not None:
+            return fly_mission(self._scenario, self._mission, progress)
+        return simulate_motion(self._scenario, progress, self._make_controller)
+
+    def simulate(
+        self, progress: Callable[[float], None] | None = None
+    ) -> tuple[Trajectory, Outcome]:
+        """Its motion and how it ended; if before its time, what was flown until then."""
+        try:
+            return self._move(progress), Outcome.COMPLETED
+        except DivergedError as error:
+            return error.trajectory, Outcome.DIVERGED
+        except ContactError as error:
+            return error.trajectory, Outcome.CONTACT
+
+    def flight(self, trajectory: Trajectory, outcome: Outcome) -> Flight:
+        """The flight of a motion and an outcome of `simulate`."""
+        if self._mission is None:
+            return navigate(self._scenario, trajectory, outcome=outcome)
+        from sim.closed_loop import flight_of
+
+        return flight_of(self._scenario, self._mission, trajectory, outcome)
 
 
 def fly(
@@ -63,9 +92,10 @@ def fly(
     """
     watch = Stopwatch()
     with watch.phase("simulate_s"):
-        trajectory, outcome = motion_and_outcome(scenario, progress, make_controller)
+        mission = MissionToFly(scenario, make_controller)
+        trajectory, outcome = mission.simulate(progress)
     with watch.phase("navigate_s"):
-        flight = navigate(scenario, trajectory, outcome=outcome)
+        flight = mission.flight(trajectory, outcome)
     return flight, watch
 
 

@@ -83,7 +83,9 @@ def _transmitters(trajectory: Trajectory, index: Ints, quaternion: Floats) -> Fl
     """
     pose = (*trajectory.position[index, 0].T, *quaternion.T)
     offsets = [trajectory.site_offset[trajectory.site(name)] for name in TRANSMITTERS]
-    return np.stack([np.column_stack(attitude.carried(pose, offset)) for offset in offsets], axis=1)
+    return np.stack(
+        [np.column_stack(attitude.body_point_in_world(pose, offset)) for offset in offsets], axis=1
+    )
 
 
 def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:

@@ -222,7 +222,8 @@ def records_of_run(scenario: Scenario, run: int) -> list[Record]:
     ended = False
     try:
         trajectory, loop = simulate_closed_loop(one)
-        estimates = loop.state.history.position[stride::stride]
+        flown = (trajectory.time.size - 1) // stride
+        estimates = np.moveaxis(loop.state.concluded.state[:, :flown, :2], 0, 1)
         gated = loop.swarm.gated.tolist()
     except DivergedError:
         raise CampaignError(f"run {run}: {Outcome.DIVERGED.value}") from None

@@ -24,7 +24,7 @@ from sim.feasibility import infeasibilities
 from sim.scenario.file import ScenarioError, assigned, examined, validate
 from sim.scenario.section import Section
 from sim.scenario.settings import Scenario
-from sim.simulation import listeners
+from sim.simulation import keys_needing_closed_loop
 
 FOLLOWER = "follower"
 MOST_ENTRIES = 200_000
@@ -56,7 +56,9 @@ class Entry:
     @cached_property
     def closed_loop(self) -> bool:
         """Whether each of its runs is another mission."""
-        return bool(listeners(self.scenario)) or any(map(follows_run, self.settings.values()))
+        return bool(keys_needing_closed_loop(self.scenario)) or any(
+            map(follows_run, self.settings.values())
+        )
 
     def settings_at(self, run: int) -> dict[str, Any]:
         """The settings with the values that a run has."""

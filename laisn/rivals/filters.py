@@ -151,7 +151,8 @@ class DeadReckoning(OnlineNavigator[Estimates]):
             states[part], covariances[part] = self._advance(readings[part], durations[part])
             self._step = done
             if i < measurements.message_step.size:
-                own = OwnMotion(*map(float, (*readings[done - 1], depth[done - 1])))
+                speed, heading = readings[done - 1].tolist()
+                own = OwnMotion(speed, heading, float(depth[done - 1]))
                 reception = measurements.reception(i)
                 require_valid(done, own, reception, None)
                 fixes.append(self._receive(own, reception))

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from laisn.arrays import Bools, Floats, Ints, Record, Records
+from laisn.arrays import Bools, Floats, Ints, Record, Records, records
 from laisn.compiled import compiled, copy_values
 from laisn.elementary import sin_cos
-from laisn.estimates import HYPOTHESES, FixKind, FixRecord, TightEstimates, kind_of
+from laisn.estimates import FixKind, FixRecord, TightEstimates
 from laisn.failure import LaisnError
 from laisn.geometry import given_transmitters
 from laisn.messages import Measurements, OwnMotion, Reception
@@ -29,12 +29,12 @@ from laisn.mixture import (
 )
 from laisn.navigators import MissionResult, OnlineNavigator
 from laisn.settings import TightSettings
-from laisn.swarm import MESSAGE
+from laisn.swarm import MESSAGE, SwarmRecord, new_fix
+from laisn.tight.details import FIX, kind_of_message, write_fix
 from laisn.tight.estimator import inflate_bias_covariance, mix_modes, place_arms, receive
 from laisn.tight.model import (
     COMPASS,
     LOG,
-    MOST_STATES,
     Belief,
     Model,
     X,
@@ -113,6 +113,12 @@ def update(
     return used
 
 
+@compiled
+def describe(b: ScalarRecord, m: ScalarRecord, places: Ints, used: int, fixes: Records) -> None:
+    """Write the result of a message into the only one of fixes; see `details.write_fix`."""
+    write_fix(b[0], m[0], places, used, fixes[0])
+
+
 class TightNavigator(OnlineNavigator[TightEstimates]):
     """The tightly coupled navigator on one follower; the details of a fix are as of
     `TightEstimates`.
@@ -174,44 +180,18 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
 
     def _fix(self, used: int) -> FixRecord:
         """The result of a message of which so many ranges were used by any hypothesis."""
-        b = self._belief
-        modes = int(self._model.modes)
-        n = int(self._model.states)
-        found: dict[str, Any] = {
-            "nis": np.nan,
-            "used": 0,
-            "full_state": np.full(MOST_STATES, np.nan),
-            "full_sigma": np.full(MOST_STATES, np.nan),
-            "weight": np.zeros(HYPOTHESES),
-            "hypothesis": np.full((HYPOTHESES, 2), np.nan),
-            "hypothesis_covariance": np.full((HYPOTHESES, 2, 2), np.nan),
+        fixes = records(FIX, 1)
+        describe(*self._records, self._places, used, fixes)
+        fix = fixes[0]
+        details = {
+            column.attribute: fix[column.attribute] for column in TightEstimates.DETAILS.columns
         }
-        hypotheses = int(b.alive)
-        if hypotheses:
-            weight, state, covariance = (
-                a[: hypotheses * modes] for a in (b.weight, b.state[:, :n], b.covariance)
-            )
-            mean = weight @ state
-            variance = np.diagonal(covariance[:, :n, :n], axis1=1, axis2=2)
-            found["full_state"][self._places] = mean
-            found["full_sigma"][self._places] = np.sqrt(weight @ (variance + (state - mean) ** 2))
-            by_mode = weight.reshape(hypotheses, modes)
-            total = by_mode.sum(axis=1)
-            order = np.argsort(-total, kind="stable")
-            found["weight"][:hypotheses] = total[order]
-            for i, h in enumerate(order.tolist()):
-                part = slice(h * modes, (h + 1) * modes)
-                found["hypothesis"][i], found["hypothesis_covariance"][i] = mixture_moments(
-                    by_mode[h] / total[h], state[part, :2], covariance[part, :2, :2]
-                )
-            if used:
-                last = b.outcome[order[0] * modes + int(np.argmax(by_mode[order[0]]))]
-                found["used"] = int(last["taken"])
-                found["nis"] = last["squared"] if last["taken"] else math.nan
-        kind = kind_of(int(b.received), found["used"]) if hypotheses else FixKind.LOST
-        sigma = float(np.sqrt(0.5 * np.sum(found["full_sigma"][:2] ** 2)))
         return FixRecord(
-            step=self._step, position=found["full_state"][:2], sigma=sigma, kind=kind, details=found
+            step=self._step,
+            position=fix.fix_position.copy(),
+            sigma=float(fix.fix_sigma),
+            kind=FixKind(int(fix.fix_kind)),
+            details=details,
         )
 
 
@@ -520,7 +500,7 @@ def fly(settings: TightSettings, measurements: Measurements, start: Floats) -> M
     """
     found = run_mission(settings, measurements, start)
     received, used, squared = found.outcome.T
-    kinds = list(map(kind_of, received, used))
+    kinds = [kind_of_message(int(r), int(u)) for r, u in zip(received, used, strict=True)]
     known = np.isfinite(squared)
     return MissionResult(
         found.state, found.covariance, kinds, squared[known].sum(), used[known].sum()
@@ -597,6 +577,23 @@ def _write_outputs(b: Belief, m: Model, out: Any) -> None:
     out.to_likelier[0], out.to_likelier[1] = _offset_to_likelier_hypothesis(b, m, x, y)
 
 
+@compiled
+def _record_state(
+    b: Belief, m: Model, estimate: Record, i: int, step: int, record: SwarmRecord
+) -> None:
+    """Record state and covariance of follower i after a step."""
+    state = record.state[i, step - 1]
+    if record.covariance.shape[1] > 0:
+        moments(b, m)
+        copy_values(b.now, state)
+        for j in range(4):
+            copy_values(b.now_covariance[j], record.covariance[i, step - 1, j])
+    else:
+        for j in range(2):
+            state[j] = estimate.position[j]
+            state[2 + j] = estimate.velocity[j]
+
+
 class TightSwarm(NamedTuple):
     """Tightly coupled navigators of f followers, with room for a message; see `Swarm`."""
 
@@ -604,6 +601,7 @@ class TightSwarm(NamedTuple):
     model: Model
     signal: Signal
     gated: Ints
+    places: Ints  # of the states in `TightEstimates.names`, shape (n,)
 
     @compiled
     def navigate(
@@ -614,24 +612,32 @@ class TightSwarm(NamedTuple):
         messages: Records,
         ranges: Floats,
         estimates: Any,
+        record: SwarmRecord,
     ) -> int:
         """Advance by one filter step, the same to the bit as `TightNavigator.step`; see
         `Swarm.navigate`.
         """
-        beliefs, m, signal, gated = self
+        beliefs = self.beliefs
+        m = self.model
+        whole = record.covariance.shape[1] > 0
         for i in range(beliefs.size):
             b = beliefs[i]
             estimate = estimates[i]
             preintegrate(b, m, readings[i].speed, readings[i].heading, m.dt)
             if received[i]:
-                used = _receive(b, m, signal, messages[i], ranges[i], readings[i].depth, True)
+                depth = readings[i].depth
+                used = _receive(b, m, self.signal, messages[i], ranges[i], depth, True)
                 if used < 0:
                     return i + 1
                 received_ranges, taken, _ = outcome_of(b, m, used)
-                gated[i] += received_ranges > 0 and taken == 0
+                self.gated[i] += received_ranges > 0 and taken == 0
                 _write_outputs(b, m, estimate)
+                if whole:
+                    fix = record.fix[i, new_fix(record, i, step, 0)]
+                    write_fix(b, m, self.places, used, fix)
             estimate.position[0], estimate.position[1] = position(b)
             estimate.velocity[0], estimate.velocity[1] = velocity(b)
+            _record_state(b, m, estimate, i, step, record)
         return 0
 
 
@@ -643,4 +649,5 @@ def new_tight_swarm(settings: TightSettings, starts: Floats) -> TightSwarm:
     known = [(float(row[0]), float(row[1])) if settings.known_start else None for row in starts]
     beliefs = np.stack([new_belief(settings, model, start) for start in known]).view(np.recarray)
     gated = np.zeros(len(beliefs), dtype=np.int64)
-    return TightSwarm(beliefs, model, new_signal(), gated)
+    places = np.array(list(prior_sigmas(settings)))
+    return TightSwarm(beliefs, model, new_signal(), gated, places)

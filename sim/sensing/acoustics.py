@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from laisn.arrays import Floats
 from laisn.compiled import formula, jitable
-from sim.attitude import Vector, carried
+from sim.attitude import Vector, body_point_in_world
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.trajectory import Trajectory, Truth, pose_between, row
 
@@ -188,11 +188,11 @@ def site_at(s: Sound, known: Motion, vehicle: int, offset: Any, time: float) -> 
     pose = known.truth.pose
     twist = known.truth.twist
     if s.on_grid:
-        return carried(row(pose, round(place), vehicle), offset)  # type: ignore[no-any-return]
+        return body_point_in_world(row(pose, round(place), vehicle), offset)  # type: ignore[no-any-return]
     i = min(int(place), known.last - 1)
     ends = row(pose, i, vehicle), row(pose, i + 1, vehicle)
     velocity = row(twist, i, vehicle), row(twist, i + 1, vehicle)
-    return carried(pose_between(place - i, CONTROL_STEP_S, ends, velocity), offset)  # type: ignore[no-any-return]
+    return body_point_in_world(pose_between(place - i, CONTROL_STEP_S, ends, velocity), offset)  # type: ignore[no-any-return]
 
 
 @jitable

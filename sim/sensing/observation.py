@@ -8,15 +8,16 @@ Functions take `s`, the sensors; `k`, a filter step, from 1; and `follower`, an 
 follower's vehicle is the one after.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numba import literal_unroll
 
 from laisn.arrays import Bools, Floats, Ints, Record, Records, numbers_of, own_arrays, records
-from laisn.compiled import compiled, jitable
+from laisn.compiled import compiled, copy_values, jitable
 from laisn.messages import LeaderMessage, Measurements
 from laisn.swarm import MESSAGE
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
@@ -144,6 +145,63 @@ def new_inbox(followers: int, message_every: int, over: int = 0) -> Inbox:
         np.zeros((followers, 2)),
         zeros[1],
     )
+
+
+class MeasurementRecord(NamedTuple):
+    """What f followers read and receive, with room for n filter steps and q messages of each."""
+
+    own: Floats  # speed [m/s], heading [rad] and depth [m] at each step, shape (f, n, 3)
+    message_step: Ints  # filter step at which each message is in, shape (f, q)
+    message: Floats  # rows of `LeaderMessage`, shape (f, q, 9)
+    ranges: Floats  # rows of `laisn.messages.Ranges`, shape (f, q, 3), [m]
+    messages: Ints  # how many are in so far, shape (f,)
+
+    @classmethod
+    def empty(cls, followers: int, steps: int, message_every: int) -> Self:
+        """Room for a mission of so many filter steps, with a message every so many of them."""
+        q = steps // message_every + 1
+        return cls(
+            own=np.empty((followers, steps, 3)),
+            message_step=np.zeros((followers, q), dtype=np.int64),
+            message=np.empty((followers, q, len(LeaderMessage._fields))),
+            ranges=np.empty((followers, q, 3)),
+            messages=np.zeros(followers, dtype=np.int64),
+        )
+
+    def measurements(
+        self, follower: int, steps: int, dt: float, custom: Mapping[str, Floats]
+    ) -> Measurements:
+        """All that a follower measured in the first steps of dt [s], with further sensors."""
+        arrived = self.message_step[follower, : self.messages[follower]]
+        messages = slice(0, int(np.searchsorted(arrived, steps, side="right")))
+        return Measurements(
+            dt=dt,
+            speed=self.own[follower, :steps, 0],
+            heading=self.own[follower, :steps, 1],
+            depth=self.own[follower, :steps, 2],
+            message_step=self.message_step[follower, messages],
+            message=self.message[follower, messages],
+            ranges=self.ranges[follower, messages],
+            own=custom,
+        )
+
+
+@compiled
+def record_step(
+    record: MeasurementRecord, inbox: Inbox, step: int, follower: int, reading: Floats
+) -> None:
+    """Record what a follower reads at a filter step, and the message that is in, if there is
+    one.
+    """
+    for i in range(3):
+        record.own[follower, step - 1, i] = reading[i]
+    if inbox.outcome[follower] == NO_MESSAGE:
+        return
+    m = record.messages[follower]
+    record.messages[follower] += 1
+    record.message_step[follower, m] = step
+    copy_values(inbox.content[follower], record.message[follower, m])
+    copy_values(inbox.ranges[follower], record.ranges[follower, m])
 
 
 @jitable

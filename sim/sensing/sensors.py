@@ -35,7 +35,7 @@ from laisn.messages import BEARING, LeaderMessage, Ranges
 from laisn.navigators import FARTHEST, FASTEST, NAVIGATORS
 from laisn.plugins import find_class
 from laisn.swarm import READING
-from sim.attitude import carried, heading_of, pitch_of, roll_of, rotate, rotated
+from sim.attitude import body_point_in_world, heading_of, pitch_of, roll_of, rotate, rotated
 from sim.scenario.section import in_si
 from sim.scenario.sensors import Acoustics, Sensors
 from sim.scenario.sensors import OwnSensor as OwnSensorTable
@@ -300,7 +300,12 @@ def read_leader_attitude(e: Any, true: float, drawn: tuple[float, float]) -> Any
 OWN = (  # what a follower's navigator takes
     _sensor("speed", Stream.OWN_MOTION, _drifting_speed, read_speed),
     _sensor("heading", Stream.OWN_MOTION, _drifting_heading, read_heading),
-    _sensor("depth", Stream.DEPTH, lambda e, at: -carried(at.pose, at.depth_sensor)[2], read_depth),
+    _sensor(
+        "depth",
+        Stream.DEPTH,
+        lambda e, at: -body_point_in_world(at.pose, at.depth_sensor)[2],
+        read_depth,
+    ),
 )
 INSTRUMENTS = (  # besides, inclinometer and gyros, which only steer
     *OWN,

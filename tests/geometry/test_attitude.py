@@ -54,7 +54,7 @@ def test_a_point_of_a_hull_is_placed_by_scipys_matrix() -> None:
     pose, offset = (1.0, 2.0, -3.0, *quaternion.T[[3, 0, 1, 2]]), np.array([0.7, -0.2, 0.3])
     expected = Rotation.from_quat(quaternion).apply(offset) + np.array(pose[:3])
     np.testing.assert_allclose(
-        np.column_stack(attitude.carried(pose, offset)), expected, atol=1e-14
+        np.column_stack(attitude.body_point_in_world(pose, offset)), expected, atol=1e-14
     )
     forward = np.column_stack(attitude.forward_of(quaternion.T[[3, 0, 1, 2]]))
     np.testing.assert_allclose(

@@ -29,12 +29,13 @@ def _run_block(
 ) -> tuple[Floats, Floats]:
     state, kinds = np.zeros((own.shape[0], 4 * LANES)), np.zeros((messages.shape[0], 3, LANES))
     block, i = row.new_block(start, t), 0
+    prior = lanes.no_prior()
     for k in range(1, own.shape[0] + 1):
         copy_values(own[k - 1], block[row.SPEED : row.SIN])
         received = i < message_step.size and message_step[i] == k
         if received:
             copy_values(messages[i], block[row.EAST : row.X1])
-        lanes.advance(block, t, k, received)
+        lanes.advance(block, t, k, received, prior)
         state[k - 1] = block[row.X : row.X + 4 * LANES]
         if received:
             for j, first in enumerate(lanes.fix_rows(t.variant)):

@@ -1,17 +1,18 @@
 """Navigators of a swarm, all followers in one call, against navigators of one follower each."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
 from laisn.arrays import Bools, Floats, Records, records
+from laisn.estimates import Estimates, TightEstimates
 from laisn.failure import LaisnError
 from laisn.lanes import new_lanes
-from laisn.messages import OwnMotion, Ranges, Reception
+from laisn.messages import Measurements, OwnMotion, Ranges, Reception
 from laisn.navigator import Navigator
-from laisn.settings import NavigationSettings, TightSettings
-from laisn.swarm import ESTIMATE, MESSAGE, READING, SeparateNavigators
+from laisn.settings import VARIANTS, NavigationSettings, TightSettings
+from laisn.swarm import ESTIMATE, MESSAGE, READING, SeparateNavigators, SwarmRecord
 from laisn.tight import navigator as mission
 from laisn.tight.model import refresh_output
 from laisn.tight.navigator import TightNavigator
@@ -33,7 +34,9 @@ def shared_voyage() -> tuple[list[Step], Floats]:
     steps, start = Voyage(seed=2, messages=8, turns=0.05, offset=(-15.0, 9.0)).readings()
     mine: list[Step] = []
     for own, reception, _ in steps:
-        owns = [OwnMotion(*(np.array(own) + 0.02 * rng.normal(size=3))) for _ in range(FOLLOWERS)]
+        owns = [
+            OwnMotion(*(np.array(own[:3]) + 0.02 * rng.normal(size=3))) for _ in range(FOLLOWERS)
+        ]
         arrived: list[Reception | None] = [None] * FOLLOWERS
         if reception is not None:
             ranges = np.array(reception.ranges) + 0.02 * rng.normal(size=(FOLLOWERS, 3))
@@ -59,8 +62,86 @@ def tables(step: Step) -> tuple[Records, Bools, Records, Floats]:
         if reception is not None:
             messages[i], ranges[i] = tuple(reception.message), reception.ranges
     readings = records(READING, FOLLOWERS)
-    readings.speed, readings.heading, readings.depth = np.array(owns).T
+    readings.speed, readings.heading, readings.depth = np.array([own[:3] for own in owns]).T
     return readings, received, messages, ranges
+
+
+def new_record(steps: list[Step], kind: type[Estimates] = Estimates) -> SwarmRecord:
+    """Room for all that navigators conclude in a voyage."""
+    return SwarmRecord.empty(FOLLOWERS, len(steps), len(steps), kind, whole=True)
+
+
+def measurements_of(steps: list[Step], follower: int) -> Measurements:
+    """The same voyage as one follower measures it."""
+    owns = np.array([owns[follower][:3] for owns, _ in steps])
+    receptions = [(k, r[follower]) for k, (_, r) in enumerate(steps, start=1) if r[follower]]
+    return Measurements(
+        dt=DT,
+        speed=owns[:, 0],
+        heading=owns[:, 1],
+        depth=owns[:, 2],
+        message_step=np.array([k for k, _ in receptions]),
+        message=np.array([reception.message for _, reception in receptions if reception]),
+        ranges=np.array([reception.ranges for _, reception in receptions if reception]),
+    )
+
+
+def require_equal(found: Estimates, expected: Estimates, tolerance: float) -> None:
+    """All arrays agree, where they hold numbers."""
+    assert type(found) is type(expected)
+    for field in fields(expected):
+        values = getattr(expected, field.name)
+        np.testing.assert_allclose(
+            getattr(found, field.name), values, rtol=0, atol=tolerance, err_msg=field.name
+        )
+
+
+@pytest.mark.parametrize("variant", [*VARIANTS])
+def test_lanes_record_what_navigators_of_one_follower_conclude(variant: str) -> None:
+    settings = NavigationSettings(variant=variant, dt=DT, use_attitude=True, hydrophone_height=0.2)  # type: ignore[arg-type]
+    steps, starts = shared_voyage()
+    swarm = new_lanes(settings, starts)
+    recorded = new_record(steps)
+    for k, step in enumerate(steps, start=1):
+        swarm.navigate(k, *tables(step), records(ESTIMATE, FOLLOWERS), recorded)
+    kinds = set[int]()
+    for i in range(FOLLOWERS):
+        expected = Navigator(settings, starts[i]).run(measurements_of(steps, i))
+        require_equal(recorded.estimates(i, len(steps), Estimates), expected, 1e-8)
+        kinds |= {*expected.fix_kind.tolist()}
+    assert len(kinds) > 1
+
+
+@pytest.mark.parametrize(
+    "settings", [ALL_OF_2, TightSettings(known_start=False)], ids=["all of 2", "start of 3"]
+)
+def test_a_tight_swarm_records_what_a_navigator_concludes_to_the_bit(
+    settings: TightSettings,
+) -> None:
+    settings = replace(settings, dt=DT)
+    steps, starts = shared_voyage()
+    swarm = mission.new_tight_swarm(settings, starts)
+    recorded = new_record(steps, TightEstimates)
+    for k, step in enumerate(steps, start=1):
+        swarm.navigate(k, *tables(step), records(ESTIMATE, FOLLOWERS), recorded)
+    for i in range(FOLLOWERS):
+        expected = TightNavigator(settings, starts[i]).run(measurements_of(steps, i))
+        require_equal(recorded.estimates(i, len(steps), TightEstimates), expected, 0.0)
+        assert expected.fix_step.size > 3
+
+
+def test_states_alone_are_recorded_where_there_is_no_room_for_more() -> None:
+    settings = replace(ALL_OF_2, dt=DT)
+    steps, starts = shared_voyage()
+    states = []
+    for whole in (True, False):
+        swarm = mission.new_tight_swarm(settings, starts)
+        recorded = SwarmRecord.empty(FOLLOWERS, len(steps), len(steps), TightEstimates, whole=whole)
+        for k, step in enumerate(steps, start=1):
+            swarm.navigate(k, *tables(step), records(ESTIMATE, FOLLOWERS), recorded)
+        assert recorded.fix_count.any() == whole
+        states.append(recorded.state)
+    np.testing.assert_allclose(states[0], states[1], rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("variant", ["laisn-2", "laisn-3-1"])
@@ -69,8 +150,9 @@ def test_a_swarm_of_lanes_is_so_many_navigators(variant: str) -> None:
     steps, starts = shared_voyage()
     together, alone = new_lanes(settings, starts), [Navigator(settings, row) for row in starts]
     out = records(ESTIMATE, FOLLOWERS)
+    recorded = new_record(steps)
     for k, step in enumerate(steps, start=1):
-        assert together.navigate(k, *tables(step), out) == 0
+        assert together.navigate(k, *tables(step), out, recorded) == 0
         for i, navigator in enumerate(alone):
             navigator.step(step[0][i], step[1][i])
             found = [*out[i].position, *out[i].velocity]
@@ -104,8 +186,9 @@ def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(settings: Tigh
         [TightNavigator(settings, row) for row in starts],
     )
     out, leant, upright = records(ESTIMATE, FOLLOWERS), 0, 0
+    recorded = new_record(steps, TightEstimates)
     for k, step in enumerate(steps, start=1):
-        assert together.navigate(k, *tables(step), out) == 0
+        assert together.navigate(k, *tables(step), out, recorded) == 0
         for i, navigator in enumerate(alone):
             updates = navigator.step(step[0][i], step[1][i])
             assert out[i].position.tobytes() == navigator.state[:2].tobytes()
@@ -155,8 +238,9 @@ def test_a_covariance_that_is_not_positive_definite_is_reported() -> None:
     steps, starts = shared_voyage()
     together = mission.new_tight_swarm(replace(ALL_OF_2, dt=DT), starts)
     together.beliefs[1].covariance[:] = -np.eye(12)
+    recorded = new_record(steps, TightEstimates)
     answers = [
-        together.navigate(k, *tables(step), records(ESTIMATE, FOLLOWERS))
+        together.navigate(k, *tables(step), records(ESTIMATE, FOLLOWERS), recorded)
         for k, step in enumerate(steps[:3])
     ]
     assert answers == [0, 0, 2]
@@ -171,11 +255,15 @@ def test_navigators_that_python_calls_one_by_one_get_the_measurements_of_their_o
         SeparateNavigators(Navigator, settings, starts),
     )
     expected, found = records(ESTIMATE, FOLLOWERS), records(ESTIMATE, FOLLOWERS)
+    recorded = new_record(steps)
     for k, step in enumerate(steps, start=1):
         assert (
-            together.navigate(k, *tables(step), expected)
-            == separate.navigate(k, *tables(step), found)
+            together.navigate(k, *tables(step), expected, new_record(steps))
+            == separate.navigate(k, *tables(step), found, recorded)
             == 0
         )
         np.testing.assert_allclose(found.position, expected.position, rtol=0, atol=1e-9)
         np.testing.assert_allclose(found.velocity, expected.velocity, rtol=0, atol=1e-9)
+    for i in range(FOLLOWERS):
+        expected_fixes = Navigator(settings, starts[i]).run(measurements_of(steps, i))
+        require_equal(separate.estimates(recorded, i, len(steps)), expected_fixes, 0.0)

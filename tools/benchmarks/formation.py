@@ -59,7 +59,7 @@ def _closed(scenario: Scenario) -> Callable[[], object]:
         Plant(setups_of(scenario, routes), ocean, scenario.timing.physics_step_s)
         for _ in range(_REPEATS + 1)
     ]
-    make_controller = partial(closed_loop_of, scenario)
+    make_controller = partial(closed_loop_of, scenario, whole=False)
     return lambda: simulate(
         plants.pop(), routes, scenario.duration_s, make_controller=make_controller
     )

@@ -47,6 +47,7 @@ def filter_only(
 ) -> Floats:
     """Steps of a block on measurements that lie ready."""
     block = row.new_block(start, t)
+    prior = lanes.no_prior()
     i = 0
     for k in range(1, own.shape[0] + 1):
         copy_values(own[k - 1], block[row.SPEED : row.SIN])
@@ -54,7 +55,7 @@ def filter_only(
         if received:
             copy_values(messages[i], block[row.EAST : row.X1])
             i += 1
-        lanes.advance(block, t, k, received)
+        lanes.advance(block, t, k, received, prior)
     return block
 
 

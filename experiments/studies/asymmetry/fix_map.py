@@ -69,7 +69,7 @@ def _sweep(points: Floats, ranges: Floats, t: Tuning, error: Floats) -> None:
             block[row.DEPTH + lane] = depth_offset
             block[row.PITCH + lane] = pitch
             block[row.R1 + lane], block[row.R2 + lane], block[row.R3 + lane] = ranges[k]
-        row.position_update(block, t, 1)
+        row.position_update(block, t, 1, row.no_prior())
         for lane in range(min(LANES, points.shape[0] - first)):
             error[first + lane, 0] = block[row.X + lane]
             error[first + lane, 1] = block[row.Y + lane]

@@ -1,0 +1,321 @@
+"""A mission that is stepped from outside: what happens is seen at each instant, and vehicles
+take commands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self, cast
+
+import numpy as np
+
+from experiments.campaign.progress import compiling_shown
+from experiments.flight.library import loaded
+from experiments.pages.results import Flight
+from laisn.arrays import Floats, records
+from laisn.failure import LaisnError
+from laisn.messages import Reception, bearing_of
+from laisn.swarm import reception_of
+from sim import attitude
+from sim.closed_loop import (
+    AnyClosedLoop,
+    Belief,
+    Command,
+    PythonClosedLoop,
+    Readings,
+    Wrench,
+    belief_of,
+    closed_loop_mission,
+    flight_of,
+    readings_of,
+    require_command,
+)
+from sim.control.guidance import REFERENCE
+from sim.flight import Outcome
+from sim.scenario.settings import Scenario
+from sim.simulation import (
+    TICK,
+    DivergedError,
+    apply_wrench_by_truth,
+    hold_by_truth,
+    take_over,
+)
+from sim.tracking import first_touch
+
+_SAME_TIME = 1e-6  # times within this are one: they are sums of control steps [s]
+
+
+@dataclass(frozen=True)
+class VehicleTruth:
+    """True state of a vehicle at an instant."""
+
+    position: Floats  # of the body's origin, east, north, up, shape (3,), [m]
+    quaternion: Floats  # attitude from body to world, (w, x, y, z), shape (4,)
+    velocity: Floats  # of the origin in the world, shape (3,), [m/s]
+    angular_velocity: Floats  # in the body frame, shape (3,), [rad/s]
+    water_velocity: Floats  # at the origin in the world, shape (3,), [m/s]
+    effectors: Floats  # states of the effectors: thrust [N], revolutions [1/s], deflection [rad]
+
+    @property
+    def depth(self) -> float:
+        """Of the origin [m]."""
+        return -float(self.position[2])
+
+    @property
+    def heading(self) -> float:
+        """Clockwise from north, in [0, 2π) [rad]."""
+        return float(attitude.heading_of(self.quaternion.tolist()))
+
+    @property
+    def pitch(self) -> float:
+        """Positive nose up [rad]."""
+        return float(attitude.pitch_of(self.quaternion.tolist()))
+
+    @property
+    def roll(self) -> float:
+        """Positive starboard down [rad]."""
+        return float(attitude.roll_of(self.quaternion.tolist()))
+
+
+class Simulation:
+    """A mission under way, from its first instant to its end, every 0.1 s.
+
+    All followers sense and navigate under way. What their navigators conclude is what a `flight`
+    shows; it is the flight that `laisn_sim.fly` gives where no vehicle was commanded.
+
+    >>> import laisn_sim
+    >>> sim = laisn_sim.Simulation("T5", {"navigation.variant": "tight"})
+    >>> while sim.time < 30.0:
+    ...     sim.step()
+    >>> sim.command("leader", laisn_sim.Command(heading=0.0, speed=0.8, depth=6.0))
+    >>> sim.step(20.0)
+    >>> flight = sim.flight()
+    """
+
+    def __init__(
+        self,
+        source: str | Path | Mapping[str, Any] | Scenario,
+        changes: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Set out on a scenario's mission; source, changes and errors are as of `load`.
+
+        LaisnError also if vehicles move as points.
+        """
+        self.scenario = loaded(source, changes)
+        self._set_out()
+
+    def _set_out(self) -> None:
+        with compiling_shown():
+            self._mission = closed_loop_mission(self.scenario)
+            self._loop = cast(AnyClosedLoop, self._mission.controller)
+            self._commands: dict[int, Command | Wrench | Floats] = {}
+            self._reference = records(REFERENCE, 1)
+            self._outcome = Outcome.INTERRUPTED
+            self._mission.advance(0)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Nothing has to be closed."""
+
+    def __repr__(self) -> str:
+        vehicles = len(self.names)
+        return f"<Simulation {self.scenario.name!r}: {self.time:g} s, vehicles: {vehicles}>"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the vehicles, the leader's first."""
+        return self._mission.plant.names
+
+    @property
+    def _instant(self) -> int:
+        return self._mission.instants - 1
+
+    @property
+    def time(self) -> float:
+        """Since the start [s]."""
+        return round(self._instant * TICK, 6)
+
+    @property
+    def done(self) -> bool:
+        """Whether the mission is at its end: its time is over, hulls have touched, or it
+        diverged.
+        """
+        ended = self._outcome in (Outcome.CONTACT, Outcome.DIVERGED)
+        return ended or self._instant >= self._mission.last
+
+    @property
+    def outcome(self) -> Outcome:
+        """How the mission ended; INTERRUPTED until it has."""
+        if self._outcome is Outcome.INTERRUPTED and self._instant >= self._mission.last:
+            return Outcome.COMPLETED
+        return self._outcome
+
+    def step(self, duration: float | None = None) -> Self:
+        """Advance to the next control instant, or by a duration [s], a multiple of 0.1 s, at most
+        to the end of the mission.
+
+        LaisnError if the mission is over or the duration is none; DivergedError if the simulation
+        left finite numbers; ArithmeticError naming a follower whose navigator failed.
+        """
+        if self.done:
+            raise LaisnError(f"the mission has ended at {self.time:g} s: {self.outcome.value}")
+        instants = self._instants_of(duration)
+        end = min(self._instant + instants, self._mission.last)
+        while self._instant < end and not self.done:
+            # commands from outside are worked out at each instant
+            self._advance(self._instant + 1 if self._commands else end)
+        return self
+
+    @staticmethod
+    def _instants_of(duration: float | None) -> int:
+        if duration is None:
+            return 1
+        instants = round(duration / TICK) if np.isfinite(duration) else 0
+        if instants < 1 or abs(instants * TICK - duration) > _SAME_TIME:
+            raise LaisnError(
+                f"duration is {duration} s, expected a positive multiple of {TICK:g} s"
+            )
+        return instants
+
+    def _advance(self, end: int) -> None:
+        first = self._mission.instants
+        for vehicle, command in self._commands.items():
+            self._apply(vehicle, command)
+        try:
+            self._mission.advance(end)
+        except DivergedError:
+            self._outcome = Outcome.DIVERGED
+            raise
+        if self.scenario.contact == "end":
+            touched = first_touch(self._mission.truth.pose[first : end + 1])
+            if touched is not None:
+                self._mission.instants = max(first + touched, 1) + 1
+                self._outcome = Outcome.CONTACT
+
+    def _apply(self, vehicle: int, command: Command | Wrench | Floats) -> None:
+        """Work out the commands of a vehicle's effectors that hold until the next instant."""
+        k = self._instant
+        truth = self._mission.truth
+        routes = self._mission.routes
+        if isinstance(command, Wrench):
+            apply_wrench_by_truth(k, truth, vehicle, np.array(command), routes)
+        elif isinstance(command, Command):
+            held = np.array(command)
+            hold_by_truth(k, truth, vehicle, held, self._reference, routes)
+        else:
+            routes.command[vehicle, : len(command)] = command
+
+    def command(
+        self, vehicle: str, command: Command | Wrench | tuple[float, float, float] | Floats | None
+    ) -> None:
+        """Command a vehicle from now on, until another command; its own controller is not asked.
+
+        Args:
+            vehicle: its name: "leader", or that of a follower.
+            command: heading [rad], speed through the water [m/s] and depth [m], which an autopilot
+                with true readings holds; a `Wrench` about the hull's axes; states of all effectors
+                in the order of the hull's actuators, shape (m,), in N, rad/s or rad; or None: the
+                vehicle is the scenario's again, and goes on along its route or to its station.
+
+        Raises:
+            LaisnError: there is no such vehicle, or the command is none.
+        """
+        if vehicle not in self.names:
+            raise LaisnError(f"vehicle {vehicle!r}: expected one of {', '.join(self.names)}")
+        index = self.names.index(vehicle)
+        if command is None:
+            self._commands.pop(index, None)
+            self._mission.routes.outside[index] = False
+            take_over(self._instant, self._mission.truth, index, self._mission.routes)
+            return
+        effectors = len(self._mission.plant.effector_names[index])
+        require_command(command, effectors, f"command of {vehicle}:")
+        if isinstance(command, Wrench | np.ndarray):
+            taken: Command | Wrench | Floats = command
+        else:
+            taken = Command(*map(float, command))
+        if index not in self._commands:
+            take_over(self._instant, self._mission.truth, index, self._mission.routes)
+        self._mission.routes.outside[index] = True
+        self._commands[index] = taken
+
+    @property
+    def truth(self) -> dict[str, VehicleTruth]:
+        """True states of all vehicles by name."""
+        k = self._instant
+        truth = self._mission.truth
+        states = {}
+        for i, name in enumerate(self.names):
+            effectors = len(self._mission.plant.effector_names[i])
+            states[name] = VehicleTruth(
+                position=truth.pose[k, i, :3].copy(),
+                quaternion=truth.pose[k, i, 3:].copy(),
+                velocity=truth.twist[k, i, :3].copy(),
+                angular_velocity=truth.twist[k, i, 3:].copy(),
+                water_velocity=truth.water[k, i].copy(),
+                effectors=truth.thrust[k, i, :effectors].copy(),
+            )
+        return states
+
+    def _custom(self, follower: int) -> dict[str, Floats]:
+        if isinstance(self._loop, PythonClosedLoop):
+            return dict(self._loop.latest_custom[follower])
+        return {}
+
+    @property
+    def receptions(self) -> dict[str, Reception | None]:
+        """What each follower has received of the leader at this instant by name; None: nothing."""
+        state = self._loop.state
+        k = self._instant
+        due = k > 0 and k % state.sensors.stride == 0
+        receptions: dict[str, Reception | None] = {}
+        for i, name in enumerate(self.names[1:]):
+            receptions[name] = None
+            if due and state.arrived[i]:
+                bearing = bearing_of(self._custom(i))
+                receptions[name] = reception_of(
+                    state.inbox.message[i], state.inbox.ranges[i], bearing
+                )
+        return receptions
+
+    @property
+    def readings(self) -> dict[str, Readings]:
+        """What each follower's sensors read last by name."""
+        receptions = self.receptions
+        return {
+            name: readings_of(
+                self.time, self._loop.state.readings[i], receptions[name], self._custom(i)
+            )
+            for i, name in enumerate(self.names[1:])
+        }
+
+    @property
+    def estimates(self) -> dict[str, Belief]:
+        """What each follower's navigator believes by name, brought forward between filter steps."""
+        return {
+            name: belief_of(self._loop.state.estimates[i]) for i, name in enumerate(self.names[1:])
+        }
+
+    def reset(self, *, seed: int | None = None, run: int | None = None) -> Self:
+        """Set out anew, perhaps with the noise of another seed or run; commands are forgotten."""
+        changes = {"seed": seed, "run": run}
+        given = {key: value for key, value in changes.items() if value is not None}
+        if given:
+            self.scenario = loaded(self.scenario, given)
+        self._set_out()
+        return self
+
+    def flight(self) -> Flight:
+        """The flight until now, with a plot, a report and a log, as `laisn_sim.fly` gives it.
+
+        LaisnError before the first filter step.
+        """
+        if self._instant < self._loop.state.sensors.stride:
+            raise LaisnError("there is no flight yet: no filter step is over")
+        trajectory = self._mission.trajectory()
+        flown = flight_of(self.scenario, self._mission, trajectory, self.outcome)
+        return Flight(**vars(flown))

@@ -1,0 +1,267 @@
+"""Missions that are stepped from outside, and what a flight shows of followers that steer
+themselves.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+import laisn_sim
+from laisn.arrays import Floats
+from laisn.failure import LaisnError
+from laisn_sim import Simulation, Wrench
+from sim.flight import Flight, Outcome
+
+STATIONS = [
+    {"name": "port", "station": {"behind_m": 8.0, "port_m": 8.0, "depth_m": 9.0}},
+    {"name": "astern", "station": {"behind_m": 16.0, "port_m": 0.0, "depth_m": 11.0}},
+]
+OPEN = {
+    "name": "open",
+    "duration_s": 20.0,
+    "navigation": {"variant": "tight"},
+    "acoustics": {"loss_probability": 0.2, "travel_time": True},
+    "followers": [{"route": "T5"}],
+}
+CLOSED = {
+    "name": "closed",
+    "duration_s": 20.0,
+    "navigation": {"variant": "laisn-3-2"},
+    "acoustics": {"loss_probability": 0.2},
+    "leader": {"broadcast_attitude": True},
+    "followers": STATIONS,
+}
+
+
+def require_same_bits(found: Flight, expected: Flight) -> None:
+    """All arrays of two flights are equal."""
+    parts = [(found.trajectory, expected.trajectory)]
+    parts += zip(found.measurements, expected.measurements, strict=True)
+    parts += zip(found.estimates, expected.estimates, strict=True)
+    for one, other in parts:
+        assert type(one) is type(other)
+        for field in fields(other):
+            value = getattr(other, field.name)
+            if isinstance(value, np.ndarray):
+                np.testing.assert_array_equal(getattr(one, field.name), value, field.name)
+    assert found.outcome is expected.outcome
+
+
+@pytest.mark.parametrize("table", [OPEN, CLOSED], ids=["open loop", "closed loop"])
+def test_steps_of_any_length_give_the_flight_of_one_go(table: dict[str, Any]) -> None:
+    sim = Simulation(table)
+    assert sim.time == 0.0
+    for _ in range(7):
+        sim.step()
+    assert sim.time == 0.7
+    sim.step(5.0)
+    while not sim.done:
+        sim.step(1.3)
+    assert sim.time == 20.0
+    require_same_bits(sim.flight(), laisn_sim.fly(table))
+
+
+def test_a_flight_until_now_is_the_beginning_of_the_whole_one() -> None:
+    sim = Simulation(OPEN).step(12.0)
+    begun = sim.flight()
+    assert begun.outcome is Outcome.INTERRUPTED
+    whole = sim.step(8.0).flight()
+    assert begun.trajectory.time[-1] == pytest.approx(12.0)
+    np.testing.assert_array_equal(begun.trajectory.pose, whole.trajectory.pose[:121])
+    np.testing.assert_array_equal(begun.estimates[0].state, whole.estimates[0].state[:120])
+    np.testing.assert_array_equal(begun.measurements[0].speed, whole.measurements[0].speed[:120])
+    before = whole.measurements[0].message_step <= 120
+    np.testing.assert_array_equal(
+        begun.measurements[0].message, whole.measurements[0].message[before]
+    )
+    assert (begun.estimates[0].fix_step <= 120).all()
+
+
+def test_what_is_seen_under_way_is_what_the_flight_holds() -> None:
+    sim = Simulation(CLOSED)
+    names = ("port", "astern")
+    seen = []
+    while not sim.done:
+        sim.step()
+        seen.append((sim.truth, sim.readings, sim.receptions, sim.estimates))
+    flight = sim.flight()
+    for i, name in enumerate(names):
+        measured = flight.measurements[i]
+        read = [readings[name] for _, readings, _, _ in seen]
+        np.testing.assert_array_equal([r.speed for r in read], measured.speed)
+        np.testing.assert_array_equal([r.depth for r in read], measured.depth)
+        received = [receptions[name] for _, _, receptions, _ in seen]
+        steps = [k for k, reception in enumerate(received, start=1) if reception is not None]
+        assert steps == measured.message_step.tolist()
+        np.testing.assert_array_equal([r.ranges for r in received if r], measured.ranges)
+        believed = [(e[name].east, e[name].north) for _, _, _, e in seen]
+        np.testing.assert_array_equal(believed, flight.estimates[i].state[:, :2])
+    for v, name in enumerate(("leader", *names)):
+        truth = [states[name] for states, _, _, _ in seen]
+        motion = flight.trajectory
+        np.testing.assert_array_equal([t.position for t in truth], motion.position[1:, v])
+        np.testing.assert_allclose([t.heading for t in truth], motion.heading[1:, v], atol=1e-12)
+        np.testing.assert_allclose([t.pitch for t in truth], motion.pitch[1:, v], atol=1e-12)
+
+
+def test_a_leader_that_is_commanded_turns_and_its_followers_go_with_it() -> None:
+    """Northwards and deeper, by a command from outside; then it goes back to its route."""
+    sim = Simulation({**CLOSED, "duration_s": 160.0}).step(10.0)
+    sim.command("leader", (0.0, 0.9, 6.0))
+    sim.step(80.0)
+    leader = sim.truth["leader"]
+    assert np.angle(np.exp(1j * leader.heading)) == pytest.approx(0.0, abs=0.03)
+    assert leader.depth == pytest.approx(6.0, abs=0.2)
+    assert np.linalg.norm(leader.velocity) == pytest.approx(0.9, abs=0.05)
+    follower = sim.truth["astern"]
+    assert follower.position[1] > 20.0
+    off = leader.position[:2] - follower.position[:2]
+    assert off == pytest.approx([0.0, 16.0], abs=3.0)
+    route = laisn_sim.fly({**CLOSED, "duration_s": 160.0}).trajectory.position[1600, 0, :2]
+    apart = np.linalg.norm(leader.position[:2] - route)
+    sim.command("leader", None)
+    sim.step(70.0)
+    assert np.linalg.norm(sim.truth["leader"].position[:2] - route) < 0.5 * apart
+
+
+def test_a_wrench_and_states_of_effectors_are_given_as_they_are() -> None:
+    sim = Simulation(OPEN)
+    sim.command("follower", Wrench(surge=5.0))
+    sim.step(10.0)
+    flight = sim.flight().trajectory
+    pushed = flight.thrust[100, 1] @ flight.effector_force[1]
+    assert pushed[0] == pytest.approx(5.0, rel=0.02)
+    effectors = sim.truth["follower"].effectors
+    sim.command("follower", np.zeros_like(effectors))
+    sim.step(10.0)
+    assert np.abs(sim.truth["follower"].effectors).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "command", "message"),
+    [
+        ("nobody", (0.0, 1.0, 5.0), "vehicle 'nobody': expected one of leader, follower"),
+        ("leader", (0.0, np.nan, 5.0), r"command of leader: .*nan.*; expected heading, speed"),
+        ("leader", (0.0, 1.0), "command of leader: .*; expected heading, speed and depth"),
+        ("leader", np.zeros(99), "states of [0-9]+ effectors, all finite"),
+    ],
+)
+def test_a_command_that_is_none_is_refused(vehicle: str, command: Any, message: str) -> None:
+    with pytest.raises(LaisnError, match=message):
+        Simulation(OPEN).command(vehicle, command)
+
+
+@pytest.mark.parametrize("duration", [0.0, -1.0, 0.25, np.inf, np.nan])
+def test_a_duration_is_a_number_of_control_steps(duration: float) -> None:
+    with pytest.raises(LaisnError, match=r"expected a positive multiple of 0\.1 s"):
+        Simulation(OPEN).step(duration)
+
+
+def test_a_mission_that_is_over_is_not_stepped() -> None:
+    sim = Simulation(OPEN)
+    with pytest.raises(LaisnError, match="there is no flight yet"):
+        sim.flight()
+    sim.step(1e6)
+    assert sim.outcome is Outcome.COMPLETED
+    with pytest.raises(LaisnError, match="the mission has ended at 20 s: the mission was flown"):
+        sim.step()
+
+
+def test_a_reset_gives_the_same_bits_or_the_noise_of_another_run() -> None:
+    sim = Simulation(CLOSED).step(5.0)
+    first = sim.flight()
+    sim.command("leader", (0.0, 0.5, 3.0))
+    again = sim.reset().step(5.0).flight()
+    require_same_bits(again, first)
+    other = sim.reset(run=3).step(5.0).flight()
+    assert other.scenario.run == 3
+    assert not np.array_equal(other.measurements[0].speed, first.measurements[0].speed)
+    np.testing.assert_array_equal(other.trajectory.pose[0], first.trajectory.pose[0])
+
+
+class Shaky:
+    """Dead reckoning with random numbers of its own: a second run gives other estimates."""
+
+    made: ClassVar[list[Any]] = []
+    generator: ClassVar[np.random.Generator] = np.random.default_rng(5)
+
+    def __init__(self, settings: Any, start: Floats) -> None:
+        self._dt = settings.dt
+        self.state = np.array(start, dtype=np.float64)
+        self.covariance = np.eye(4)
+        self.steps: list[Floats] = []
+        self.made.append(self)
+
+    def step(self, own: Any, reception: Any, dt: Any = None) -> None:
+        sine, cosine = np.sin(own.heading), np.cos(own.heading)
+        self.state[2:] = own.speed * sine, own.speed * cosine
+        self.state[:2] += self._dt * self.state[2:] + 0.05 * self.generator.normal(size=2)
+        self.steps.append(self.state.copy())
+
+
+def test_a_navigator_with_random_numbers_is_reported_as_it_steered() -> None:
+    """And it runs once: as many navigators as followers, and as many steps as filter steps."""
+    Shaky.made.clear()
+    flight = laisn_sim.fly(CLOSED, navigator=Shaky)
+    assert [len(navigator.steps) for navigator in Shaky.made] == [200, 200]
+    for navigator, estimates in zip(Shaky.made, flight.estimates, strict=True):
+        np.testing.assert_array_equal(estimates.state, navigator.steps)
+
+
+def test_an_inverted_usbl_in_a_closed_loop_reads_what_it_logs() -> None:
+    sim = Simulation({**CLOSED, "navigation": {"variant": "inverted-usbl"}})
+    read: dict[str, list[Any]] = {"port": [], "astern": []}
+    while not sim.done:
+        sim.step()
+        for name, reception in sim.receptions.items():
+            read[name].append(reception.bearing if reception else (np.nan, np.nan))
+    for name, measured in zip(read, sim.flight().measurements, strict=True):
+        np.testing.assert_array_equal(read[name], measured.own["bearing"])
+        assert np.isfinite(measured.own["bearing"]).all(axis=1).sum() > 10
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dvl:
+    """Velocity over the floor along the hull's axes [m/s], of noise that it is given."""
+
+    name = "dvl"
+    stream = 40
+    acoustic = False
+
+    sigma: float = 0.01
+
+    def true(self, state: Any) -> Floats:
+        w, x, y, z = state.quaternion.T
+        east, north, _ = state.velocity.T
+        ahead = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z)])
+        return np.column_stack([ahead[0] * east + ahead[1] * north, np.zeros_like(east)])
+
+    def read(self, true: Floats, normals: Floats) -> Floats:
+        return np.asarray(true + self.sigma * normals)
+
+
+class ByDvl(Shaky):
+    """Goes by the DVL instead of the log."""
+
+    def step(self, own: Any, reception: Any, dt: Any = None) -> None:
+        self.seen = own.custom["dvl"]
+        super().step(own._replace(speed=float(self.seen[0])), reception)
+
+
+def test_a_sensor_of_the_users_is_read_used_and_kept_in_a_closed_loop() -> None:
+    from laisn.plugins import register
+
+    sensors = {"own": [{"sensor": register(Dvl), "sigma": 0.02}]}
+    table = {**CLOSED, "duration_s": 10.0, "sensors": sensors}
+    ByDvl.made.clear()
+    flight = laisn_sim.fly(table, navigator=ByDvl)
+    for i, measured in enumerate(flight.measurements):
+        dvl = measured.own["dvl"]
+        assert dvl.shape == (100, 2)
+        speed = np.hypot(*flight.trajectory.velocity[1:, i + 1, :2].T)
+        error = dvl[:, 0] - speed
+        # the hull slips a little aside of its way
+        assert error.std() == pytest.approx(0.02, rel=0.3)
+        np.testing.assert_array_equal(ByDvl.made[i].seen, dvl[-1])
