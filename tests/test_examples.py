@@ -30,6 +30,7 @@ def numbers(text: str) -> list[float]:
 
 WROTE = {
     "compare_navigators": set(),
+    "controller_by_hand": set(),
     "export_tables": {
         f"{name}.{end}"
         for name in ("truth", "measurements", "errors")
@@ -41,6 +42,8 @@ WROTE = {
     "pitch_asymmetry": set(),
     "plot_from_parquet": {"out", "compass.png"},
     "replay_log": {"flight.mcap"},
+    "stop_button": set(),
+    "two_by_hand": set(),
 }
 """Files that an example leaves."""
 
@@ -70,6 +73,20 @@ def test_examples_run(name, tmp_path, capsys, monkeypatch):
         # at 1 m/s drag is ½ρ S C_D U²: twice the coefficient adds 6.1 N
         own, usual = (numbers(line)[0] for line in text.splitlines())
         assert own - usual == pytest.approx(0.5 * 1026 * 0.2128 * 0.05596, rel=0.03)
+    if name == "stop_button":
+        time, error = numbers(text.splitlines()[0])
+        messages = numbers(text.splitlines()[1])[0]
+        assert 3.0 <= error < 5.0
+        # a message a second
+        assert messages == pytest.approx(time, abs=1.0)
+    if name == "controller_by_hand":
+        assert numbers(text)[1] < 4.0
+    if name == "two_by_hand":
+        rows = [numbers(line) for line in text.splitlines()]
+        # the leader turns to port, the follower without effectors comes to rest, then goes on
+        assert rows[3][1] < rows[0][1]
+        assert rows[3][3] < 0.5 * rows[0][3]
+        assert rows[4][1] > 0.5
     if name == "replay_log":
         assert numbers(text.splitlines()[1])[-1] == pytest.approx(0.2, abs=0.1)
     if name == "own_study":

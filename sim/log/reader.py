@@ -23,7 +23,17 @@ from sim.log.contents import (
     Messages,
     log_errors,
 )
-from sim.log.schema import DETAILS, MEASURED, PLACES, Clock, RecordType, estimated, vehicle_state
+from sim.log.schema import (
+    DETAILS,
+    MEASURED,
+    PLACES,
+    SENSOR,
+    Clock,
+    RecordType,
+    custom_reading,
+    estimated,
+    vehicle_state,
+)
 from sim.scenario import file as scenario_file
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.trajectory import Trajectory
@@ -82,6 +92,18 @@ def _record(log: Contents, name: str, types: Sequence[RecordType], grid_ns: Ints
     return found
 
 
+def _custom_readings(log: Contents, name: str, grid_ns: Ints) -> dict[str, Floats]:
+    """Readings of a follower's further sensors by their names, shape (n, c)."""
+    readings = {}
+    beginning = f"/{name}/{SENSOR}"
+    for topic in [topic for topic in log.topics if topic.startswith(beginning)]:
+        sensor = topic.removeprefix(beginning)
+        channels = len(log.require(topic, ()).message_class.DESCRIPTOR.fields)
+        types = [custom_reading(sensor, channels)]
+        readings[sensor] = _record(log, name, types, grid_ns)["reading"]
+    return readings
+
+
 def _trajectory(log: Contents, grid_ns: Ints) -> Trajectory:
     """The truth at these times, shape (n,), [ns]."""
     table = json.loads(log.attachments[VEHICLES])
@@ -119,9 +141,8 @@ def read(path: Path | str) -> Flight:
     or lacks something.
     """
     path = Path(path)
-    log = Contents(
-        path, lambda topic, _: topic.endswith(tuple(f"/{type_.topic}" for type_ in CORE))
-    )
+    ends = tuple(f"/{type_.topic}" for type_ in CORE)
+    log = Contents(path, lambda topic, _: topic.endswith(ends) or f"/{SENSOR}" in topic)
     missing = [f"attachment {name}" for name in (SCENARIO, VEHICLES) if name not in log.attachments]
     missing += [] if FLIGHT in log.metadata else [f"metadata {FLIGHT}"]
     if missing:
@@ -160,7 +181,12 @@ def read(path: Path | str) -> Flight:
         )
         names = trajectory.names[1:]
         measured = tuple(
-            Measurements(dt=dt, **_record(log, name, MEASURED, steps_ns)) for name in names
+            Measurements(
+                dt=dt,
+                **_record(log, name, MEASURED, steps_ns),
+                own=_custom_readings(log, name, steps_ns),
+            )
+            for name in names
         )
         estimates = tuple(kind(**_record(log, name, estimated(kind), steps_ns)) for name in names)
         for name, m, e in zip(names, measured, estimates, strict=True):

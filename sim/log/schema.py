@@ -21,7 +21,7 @@ from mcap.well_known import SchemaEncoding
 from laisn.arrays import Ints
 from laisn.estimates import Columns
 from laisn.failure import LaisnError
-from laisn.messages import LeaderMessage, OwnMotion, Ranges
+from laisn.messages import LeaderMessage, Ranges
 from laisn.navigators import NAVIGATORS
 
 Array = npt.NDArray[Any]
@@ -212,7 +212,9 @@ def vehicle_state(effectors: tuple[str, ...]) -> RecordType:
 
 FIXED = ("names", "effector_names", "effector_force", "site_names", "site_vehicle", "site_offset")
 """Arrays of a trajectory that are attached."""
-OWN_MOTION = RecordType(name="OwnMotion", topic="motion", columns=_numbers(*OwnMotion._fields))
+OWN_MOTION = RecordType(
+    name="OwnMotion", topic="motion", columns=_numbers("speed", "heading", "depth")
+)
 _RECEIVED = (
     _array("message", "leader", LeaderMessage._fields),
     _array("ranges", "range", Ranges._fields),
@@ -248,6 +250,19 @@ DETAILS = {
 ERROR = RecordType(name="Error", topic="error", columns=_numbers("position_error", "bearing_error"))
 MEASURED = (OWN_MOTION, RECEPTION)
 """Channels of a follower's measurements; the first has a message at every filter step."""
+SENSOR = "sensor/"
+"""Beginning of the topics of readings of further sensors, after the vehicle's name."""
+
+
+@cache
+def custom_reading(sensor: str, channels: int) -> RecordType:
+    """Readings of a further sensor of this name, of so many numbers each, at every filter step."""
+    return RecordType(
+        # sensors of one log may have different numbers of channels
+        name=f"Reading_{crc32(sensor.encode()):08x}_{channels}",
+        topic=f"{SENSOR}{sensor}",
+        columns=(_array("reading", "value", [str(i + 1) for i in range(channels)]),),
+    )
 
 
 def estimated(kind: type) -> tuple[RecordType, ...]:

@@ -225,6 +225,10 @@ def _follower(
         for type_ in types:
             at = time_ns[getattr(record, type_.steps) - 1] if type_.steps else time_ns
             yield numeric(f"/{name}", type_, at, vars(record))
+    for sensor, readings in m.own.items():
+        rows = readings.reshape(len(readings), -1)
+        type_ = schema.custom_reading(sensor, rows.shape[1])
+        yield numeric(f"/{name}", type_, time_ns, {"reading": rows})
     yield numeric(
         f"/{name}", schema.ERROR, time_ns, dict(zip(schema.ERROR.fields, errors, strict=True))
     )

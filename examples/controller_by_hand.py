@@ -1,0 +1,28 @@
+"""A controller written where it is used, as in a notebook: the follower swims to a place and waits.
+
+It sees what a follower may see: its readings and what its navigator believes.
+"""
+
+import numpy as np
+
+import laisn_sim
+
+GOAL = np.array([30.0, 40.0])  # east, north [m]
+
+sim = laisn_sim.Simulation(
+    "T5", {"duration_s": 120, "navigation.variant": "tight", "followers.0.depth_m": 8}
+)
+while not sim.done:
+    belief = sim.estimates["follower"]
+    east, north = GOAL - (belief.east, belief.north)
+    distance = np.hypot(east, north)
+    # slower the nearer it is
+    speed = np.clip(0.2 * distance, 0.3, 1.2)
+    command = laisn_sim.Command(heading=np.arctan2(east, north), speed=speed, depth=8.0)
+    sim.command("follower", command)
+    sim.step(1.0)
+
+place = sim.truth["follower"].position[:2]
+print(f"after {sim.time:.0f} s the follower is {np.hypot(*(place - GOAL)):.1f} m from its goal")
+errors = laisn_sim.errors(sim.flight())
+print(f"its estimate was off by {errors['e_p_m'].mean():.2f} m on average")
