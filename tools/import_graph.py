@@ -19,12 +19,12 @@ def modules(root: Path = ROOT, packages: Iterable[str] = PACKAGES) -> dict[str, 
     """Source of every module of these packages, by its dotted name; a package goes by the name
     of its folder.
     """
-    found = {}
+    files = {}
     for package in packages:
         for path in sorted((root / package).rglob("*.py")):
             parts = path.relative_to(root).with_suffix("").parts
-            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    return found
+            files[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return files
 
 
 def statements(body: Iterable[ast.AST]) -> Iterator[ast.AST]:
@@ -43,8 +43,8 @@ def import_statements(path: Path) -> tuple[tuple[ast.Import | ast.ImportFrom, bo
     tree = ast.parse(path.read_bytes()).body
     functions = [node for node in statements(tree) if isinstance(node, ast.FunctionDef)]
     late = {id(node) for function in functions for node in statements(function.body)}
-    found = (node for node in statements(tree) if isinstance(node, ast.Import | ast.ImportFrom))
-    return tuple((node, id(node) in late) for node in found)
+    nodes = (node for node in statements(tree) if isinstance(node, ast.Import | ast.ImportFrom))
+    return tuple((node, id(node) in late) for node in nodes)
 
 
 def named(path: Path, module: str) -> Iterator[str]:
@@ -67,12 +67,15 @@ def named(path: Path, module: str) -> Iterator[str]:
 @cache
 def imports(root: Path = ROOT, packages: tuple[str, ...] = PACKAGES) -> Imports:
     """Which modules of these packages each of them imports, at its top or within a function."""
-    known = modules(root, packages)
-    found: Imports = {}
-    for module, path in known.items():
-        names = {name if name in known else name.rpartition(".")[0] for name in named(path, module)}
-        found[module] = {name for name in names if name in known and name != module}
-    return found
+    module_names = modules(root, packages)
+    graph: Imports = {}
+    for module, path in module_names.items():
+        names = {
+            name if name in module_names else name.rpartition(".")[0]
+            for name in named(path, module)
+        }
+        graph[module] = {name for name in names if name in module_names and name != module}
+    return graph
 
 
 def package_of(module: str) -> str:
@@ -85,35 +88,35 @@ def package_of(module: str) -> str:
     return package if package in ("laisn", "models") or not rest else f"{package}.{rest[0]}"
 
 
-def package_imports(found: Mapping[str, Iterable[str]]) -> Imports:
+def package_imports(graph: Mapping[str, Iterable[str]]) -> Imports:
     """Which packages each package imports."""
     between: Imports = {}
-    for module, names in found.items():
-        here = between.setdefault(package_of(module), set())
-        here |= {package_of(name) for name in names} - {package_of(module)}
+    for module, names in graph.items():
+        targets = between.setdefault(package_of(module), set())
+        targets |= {package_of(name) for name in names} - {package_of(module)}
     return between
 
 
-def cycle(found: Mapping[str, Iterable[str]]) -> list[str]:
+def cycle(graph: Mapping[str, Iterable[str]]) -> list[str]:
     """Names that import each other in a cycle, the first of them again at the end; empty if
     there is none.
     """
     try:
-        TopologicalSorter(found).prepare()
+        TopologicalSorter(graph).prepare()
     except CycleError as error:
         return list(error.args[1])
     return []
 
 
-def layers(found: Mapping[str, Iterable[str]]) -> dict[str, int]:
+def layers(graph: Mapping[str, Iterable[str]]) -> dict[str, int]:
     """The layer of each package: one above the highest that it imports, and those of
     `experiments` above all others.
     """
     level: dict[str, int] = {}
     for package in sorted(
-        TopologicalSorter(found).static_order(), key=lambda name: name.startswith("experiments.")
+        TopologicalSorter(graph).static_order(), key=lambda name: name.startswith("experiments.")
     ):
-        below = {*found.get(package, ())}
+        below = {*graph.get(package, ())}
         if package.startswith("experiments."):
             below |= {name for name in level if not name.startswith("experiments.")}
         level[package] = max((level[name] + 1 for name in below), default=0)

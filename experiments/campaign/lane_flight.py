@@ -116,10 +116,10 @@ def tally_step(
         nees = normalised_square(
             estimate.east - truth.east, estimate.north - truth.north, pxx, pxy, pyy
         )
-        known = nees == nees
+        has_nees = nees == nees
         tally[NEES + lane] = nees
-        tally[SUM_NEES + lane] += nees if known else 0.0
-        tally[COUNT_NEES + lane] += 1.0 if known else 0.0
+        tally[SUM_NEES + lane] += nees if has_nees else 0.0
+        tally[COUNT_NEES + lane] += 1.0 if has_nees else 0.0
 
 
 @compiled_lanes
@@ -168,11 +168,11 @@ def percentile(histogram: Ints, lowest: float, share: float, largest: float) -> 
     `largest` at most.
     """
     total = np.cumsum(histogram)
-    wanted = share * total[-1]
-    i = int(np.searchsorted(total, wanted))
+    below = share * total[-1]
+    i = int(np.searchsorted(total, below))
     edges = bin_edges(lowest)
     lower, upper = edges[i], min(edges[i + 1], largest)
-    inside = (wanted - (total[i] - histogram[i])) / histogram[i]
+    inside = (below - (total[i] - histogram[i])) / histogram[i]
     return float(min(lower + inside * (upper - lower), largest))
 
 

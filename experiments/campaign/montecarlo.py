@@ -96,7 +96,7 @@ def _observed_of(scenario: Scenario, follower: int) -> Scenario:
     own = {
         "seed": 1,
         "sensors": _without(sensors, *keys_per_run(Sensors), own=own_tables(scenario)),
-        "followers": tuple(_without(one, "sensors", "name") for one in scenario.followers),
+        "followers": tuple(_without(member, "sensors", "name") for member in scenario.followers),
         "acoustics": _without(acoustics, *keys_per_run(Acoustics), **echoes),
         "navigation": Navigation(
             variant="tight", assume={"transmitters": scenario.navigation.transmitters}
@@ -319,11 +319,11 @@ def _summed(cell: Cell, flown: Iterator[_Block]) -> CellResult:
         )
         means[name] = float(of_runs(total).sum() / every) if every else math.nan
     low, high = chdtri(2.0 * size, np.array([0.975, 0.025]))
-    known = nees[np.isfinite(nees)]
+    finite = nees[np.isfinite(nees)]
     fixes = tally[lane.KINDS // LANES :].sum(axis=1)
     whole: Record = {
         "nees": means["nees"],
-        "nees_inside": float(np.mean((known >= low) & (known <= high))) if known.size else None,
+        "nees_inside": float(np.mean((finite >= low) & (finite <= high))) if finite.size else None,
         "nis": means["nis"],
         "mirror_locked_runs": int(np.count_nonzero(mirror_locked)),
         "worst_run": cell.runs[int(np.argmax(runs["e_p_max_m"]))],
@@ -347,9 +347,11 @@ def _measured(cell: Cell, runs: Sequence[int]) -> list[Measurements]:
     ]
     if cell.disturbance is not None:
         disturb = cell.disturbance.disturb
-        measured = [disturb(one, seed, run) for one, run in zip(measured, runs, strict=True)]
+        measured = [
+            disturb(mission, seed, run) for mission, run in zip(measured, runs, strict=True)
+        ]
     if cell.spec.lanes and any(
-        not np.array_equal(one.message_step, truth.message_step) for one in measured
+        not np.array_equal(mission.message_step, truth.message_step) for mission in measured
     ):
         raise LaisnError(
             "a disturbance changes when messages arrive; LAISN in campaigns takes lost ranges as "
@@ -360,7 +362,9 @@ def _measured(cell: Cell, runs: Sequence[int]) -> list[Measurements]:
 
 def single_runs(cell: Cell, runs: Sequence[int]) -> list[MissionResult]:
     """Runs of a cell one by one; errors as of its navigator."""
-    return [cell.spec.fly(cell.settings, one, cell.truth.start) for one in _measured(cell, runs)]
+    return [
+        cell.spec.fly(cell.settings, mission, cell.truth.start) for mission in _measured(cell, runs)
+    ]
 
 
 def _fly(cell: Cell, truth: lane.TruthRecord, runs: range, history: Floats = _NO_HISTORY) -> _Block:
@@ -383,20 +387,20 @@ def _fly(cell: Cell, truth: lane.TruthRecord, runs: range, history: Floats = _NO
         single = single_runs(cell, runs)
         settings = NavigationSettings()
         given = lane.Given(states=np.ones((steps, 5, LANES)))
-        for i, found in enumerate(single):
-            given.states[:, :2, i] = found.state[:, :2]
-            given.states[:, 2:, i] = found.covariance
+        for i, estimates in enumerate(single):
+            given.states[:, :2, i] = estimates.state[:, :2]
+            given.states[:, 2:, i] = estimates.covariance
     elif cell.disturbance:
         given = lane.Given(*lanes.stacked(_measured(cell, runs)))
     address = np.uint64(cell.seed), np.uint64(runs[0]), np.uint64(cell.follower)
     block = lane.fly_block(
         truth, cell.errors, lanes.tuning(settings), address, len(runs), given, history
     )
-    for i, found in enumerate(single):
+    for i, estimates in enumerate(single):
         of_run = block[0][i::LANES]
-        of_run[lane.SUM_NIS // LANES] = found.squared
-        of_run[lane.COUNT_NIS // LANES] = 0.5 * found.numbers
-        for kind in found.kinds:
+        of_run[lane.SUM_NIS // LANES] = estimates.squared
+        of_run[lane.COUNT_NIS // LANES] = 0.5 * estimates.numbers
+        for kind in estimates.kinds:
             of_run[lane.KINDS // LANES + kind] += 1.0
     return block
 
@@ -417,7 +421,8 @@ def histories(cell: Cell) -> Floats:
     """States of all runs of a cell after each step: x, y [m], vx, vy [m/s], shape (n, 4, R)."""
     if not cell.spec.lanes:
         return np.stack(
-            [found.state for runs in cell.blocks for found in single_runs(cell, runs)], axis=-1
+            [estimates.state for runs in cell.blocks for estimates in single_runs(cell, runs)],
+            axis=-1,
         )
     truth = lane.truth_record(cell.truth)
     parts = []

@@ -79,8 +79,8 @@ class CellPlan:
         )
         others += (dict(self.disturb), dict(self.measured), self.facts)
         name = self.disturb.get("use", "")
-        own = [_disturbing(name).disturb] if name.startswith(_OWN) else []
-        return key_of(montecarlo.nameless(self.content), *others, *own)
+        functions = [_disturbing(name).disturb] if name.startswith(_OWN) else []
+        return key_of(montecarlo.nameless(self.content), *others, *functions)
 
     @property
     def steps_key(self) -> str:
@@ -109,17 +109,17 @@ in a plugin.
 
 def _disturbing(name: str) -> Any:
     """The class of a name; LaisnError if there is none, or it cannot disturb measurements."""
-    found = None
+    kind = None
     if name.startswith(_OWN):
         with suppress(ImportError, AttributeError, ValueError):
-            found = resolve_name(name)
+            kind = resolve_name(name)
     else:
-        found = find_class("disturbance", name, "disturb")
-    if not isinstance(found, type) or not hasattr(found, "disturb"):
+        kind = find_class("disturbance", name, "disturb")
+    if not isinstance(kind, type) or not hasattr(kind, "disturb"):
         raise LaisnError(
             f"disturb.use: {name!r:.100}: expected a class with `disturb(measurements, seed, run)`"
         )
-    return found
+    return kind
 
 
 def disturbance_of(table: Mapping[str, Any]) -> Disturbance | None:
@@ -129,10 +129,10 @@ def disturbance_of(table: Mapping[str, Any]) -> Disturbance | None:
     if not table:
         return None
     name = str(table.get("use", ""))
-    given = {key: value for key, value in table.items() if key != "use"}
-    made = _disturbing(name)
+    arguments = {key: value for key, value in table.items() if key != "use"}
+    kind = _disturbing(name)
     try:
-        return made(**given)
+        return kind(**arguments)
     except (TypeError, ValueError) as error:
         raise LaisnError(f"disturb: {name}: {error}") from None
 
@@ -143,10 +143,10 @@ def steps_of(cell: Cell) -> Arrays:
     leader = cell.truth.leader_position
     total = largest = np.zeros((2, truth.speed.size))
     for runs in cell.blocks:
-        for found in np.moveaxis(histories(replace(cell, runs=runs))[:, :2], -1, 0):
-            bearing = metrics.bearing_errors(found, truth.hydrophone, leader)
+        for states in np.moveaxis(histories(replace(cell, runs=runs))[:, :2], -1, 0):
+            bearing = metrics.bearing_errors(states, truth.hydrophone, leader)
             errors = np.stack(
-                [metrics.position_errors(found, truth.hydrophone), np.rad2deg(bearing)]
+                [metrics.position_errors(states, truth.hydrophone), np.rad2deg(bearing)]
             )
             total = total + errors
             largest = np.maximum(largest, errors)

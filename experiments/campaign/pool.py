@@ -63,7 +63,7 @@ class Pool:
             # joblib starts new processes where the arguments differ from those before
             begin = os.getpid(), (VARIABLE, os.environ.get(VARIABLE, ""))
             options = {"backend": "loky", "initializer": exit_with_parent, "initargs": begin}
-        calls = (joblib.delayed(_with_version)(function, *given) for given in arguments)
+        calls = (joblib.delayed(_with_version)(function, *values) for values in arguments)
         with joblib.parallel_config(n_jobs=self.size, **options):
             parallel = joblib.Parallel(
                 return_as="generator_unordered", batch_size=1, max_nbytes=None

@@ -88,9 +88,9 @@ def write_table(path: Path, columns: Mapping[str, Any] | Iterator[pa.Table]) -> 
     tables = iter([pa.table(dict(columns))]) if isinstance(columns, Mapping) else columns
     first = next(tables)
     with (
-        atomic_write(path) as part,
+        atomic_write(path) as unfinished,
         pq.ParquetWriter(
-            part, first.schema, compression="zstd", write_page_checksum=True
+            unfinished, first.schema, compression="zstd", write_page_checksum=True
         ) as writer,
     ):
         for table in chain([first], tables):
@@ -124,7 +124,10 @@ def columns_of(rows: Sequence[Record]) -> dict[str, list[Any]]:
 
 def write_csv(path: Path, rows: Sequence[Record]) -> None:
     """Write rows as CSV, numbers with all their digits."""
-    with atomic_write(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+    with (
+        atomic_write(path) as unfinished,
+        unfinished.open("w", newline="", encoding="utf-8") as file,
+    ):
         writer = csv.DictWriter(file, columns_of(rows))
         writer.writeheader()
         writer.writerows(rows)
@@ -150,24 +153,24 @@ class Store:
         self.written = set[str]()
         self._results.mkdir(parents=True, exist_ok=True)
         manifest = folder / STUDY_FILE
-        found = ""
+        stored_version = ""
         version = code_version()
         with locked(folder):
             # keys of results hold their version too, so that a damaged manifest may be written
             # again
             with suppress(FileNotFoundError, ValueError, KeyError, TypeError, RecursionError):
-                found = str(json.loads(manifest.read_text(encoding="utf-8"))["version"])
-            if found not in ("", version):
+                stored_version = str(json.loads(manifest.read_text(encoding="utf-8"))["version"])
+            if stored_version not in ("", version):
                 if not force:
                     raise LaisnError(
-                        f"{folder} holds results of version {found}, this is {version}; "
+                        f"{folder} holds results of version {stored_version}, this is {version}; "
                         "choose another folder with --out, or replace them with --force"
                     )
                 for path in self._results.iterdir():
                     path.unlink(missing_ok=True)
-            if found != version:
-                with atomic_write(manifest) as part:
-                    part.write_text(json.dumps({"version": version}) + "\n", encoding="utf-8")
+            if stored_version != version:
+                with atomic_write(manifest) as unfinished:
+                    unfinished.write_text(json.dumps({"version": version}) + "\n", encoding="utf-8")
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"written": set()}  # another process has no use for it
@@ -200,11 +203,11 @@ class Store:
         except FileNotFoundError:
             return None
         except Exception as error:  # NumPy raises a dozen kinds for files that are none of ours
-            what = (
+            problem = (
                 f"{self.path(key)} cannot be read and is computed again: "
                 f"{error or type(error).__name__}"
             )
-            warnings.warn(what, DamagedResult, stacklevel=1)
+            warnings.warn(problem, DamagedResult, stacklevel=1)
             return None
 
     def has(self, *keys: str) -> bool:
@@ -224,6 +227,6 @@ class Store:
             content[_COLUMNS] = np.rec.fromarrays([*arrays.values()], names=[*arrays])  # type: ignore[call-overload]
         else:
             content |= arrays
-        with atomic_write(self.path(key)) as part, part.open("wb") as file:
+        with atomic_write(self.path(key)) as unfinished, unfinished.open("wb") as file:
             np.savez(file, **content)
         self.written.add(key)

@@ -62,7 +62,7 @@ def sources(modules: Iterable[str] = (), root: Path = ROOT) -> list[Path]:
         root: folder of the packages.
     """
     named = tuple(modules)
-    found = reachable((*_COMPUTING, *named), root)
+    files = reachable((*_COMPUTING, *named), root)
     # of `experiments` the modules alone: its data are published tables and a layout, to compare
     # with and to draw
     data = {
@@ -71,8 +71,8 @@ def sources(modules: Iterable[str] = (), root: Path = ROOT) -> list[Path]:
         for p in (root / package).rglob("*")
         if p.suffix in _DATA
     }
-    tables = {p for name in named for p in found[name].parent.iterdir() if p.suffix in _TABLES}
-    return sorted({*found.values(), *data, *tables})
+    tables = {p for name in named for p in files[name].parent.iterdir() if p.suffix in _TABLES}
+    return sorted({*files.values(), *data, *tables})
 
 
 @cache

@@ -265,12 +265,12 @@ def heat_maps(plan: Plan, results: Results, names: Sequence[str]) -> Figures:
     ]
     drawn: dict[str, Floats] = {}
     for place in results.rows:
-        here = _factors_at(plan, place)
-        title = point_text({name: here[name] for name in others})
+        factors = _factors_at(plan, place)
+        title = point_text({name: factors[name] for name in others})
         if title in drawn or len(drawn) < MOST_PANELS:
             values = drawn.setdefault(title, np.full((len(row), len(column)), np.nan))
-            found = results.estimate(place, plan.study.file.report.metric)
-            values[row[repr(here[up.name])], column[repr(here[across.name])]] = found.value
+            estimate = results.estimate(place, plan.study.file.report.metric)
+            values[row[repr(factors[up.name])], column[repr(factors[across.name])]] = estimate.value
     x, y = [*map(value_text, across.values)], [*map(value_text, up.values)]
     labels = (label_of(across.name), label_of(up.name))
     every = np.array([*drawn.values()])

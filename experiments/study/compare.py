@@ -36,9 +36,11 @@ def _differing(tables: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
     setting.
     """
     keys = dict.fromkeys(key for table in tables for key, value in table.items() if value != {})
-    found = {key: [table.get(key) for table in tables] for key in keys}
+    settings = {key: [table.get(key) for table in tables] for key in keys}
     return {
-        key: values for key, values in found.items() if any(value != values[0] for value in values)
+        key: values
+        for key, values in settings.items()
+        if any(value != values[0] for value in values)
     }
 
 
@@ -64,13 +66,15 @@ def _flights(names: Sequence[str], flights: Sequence[Flight]) -> dict[str, Any]:
         ]
         parts.append(Part(lines=lines, y_label=label, y_limits=(0.0, None)))
     curves = Panel(parts=parts, x_label="time [s]", width=FULL, height=4.4)
-    found = [metrics.summarise(position, bearing) for position, bearing in errors]
+    summaries = [metrics.summarise(position, bearing) for position, bearing in errors]
     first = errors[0][0]
-    apart = [float(np.mean(e - first)) if e.size == first.size else math.nan for e, _ in errors]
+    differences = [
+        float(np.mean(e - first)) if e.size == first.size else math.nan for e, _ in errors
+    ]
     figures = Figures(panels=[curves], legend=[*zip(SERIES, names, strict=False)])
     return {
         "errors": figures,
-        "rows": [*zip(names, found, apart, strict=True)],
+        "rows": [*zip(names, summaries, differences, strict=True)],
         "changed": differing(flights),
     }
 

@@ -175,11 +175,11 @@ def value_at(value: Any, run: int) -> Any:
     """
     if not follows_run(value):
         return value
-    ((name, given),) = value.items()
-    if name == "cycle" and isinstance(given, list) and given:
-        return given[run % len(given)]
-    if name == "rotate" and is_number(given):
-        return run * given % 360
+    ((name, argument),) = value.items()
+    if name == "cycle" and isinstance(argument, list) and argument:
+        return argument[run % len(argument)]
+    if name == "rotate" and is_number(argument):
+        return run * argument % 360
     raise ValueError(
         f"expected {{ cycle = [value, …] }} or {{ rotate = degrees }} (given: {value!r:.60})"
     )
@@ -266,14 +266,14 @@ def _of_route_class(name: object) -> Quantile:
     return lambda share, address: random_waypoints(names[int(share * len(names))], address)
 
 
-def _of_formation(given: object) -> Quantile:
+def _of_formation(arguments: object) -> Quantile:
     try:
-        area = Scatter.model_validate(given)
+        area = Scatter.model_validate(arguments)
     except ValidationError as error:
         first = error.errors()[0]
-        known = f"a table with {', '.join(Scatter.model_fields)}"
+        expected = f"a table with {', '.join(Scatter.model_fields)}"
         raise ValueError(
-            f"formation expects {known}; {'.'.join(map(str, first['loc']))}: {first['msg']}"
+            f"formation expects {expected}; {'.'.join(map(str, first['loc']))}: {first['msg']}"
         ) from None
     scattered_followers(area, [0])
     return lambda _, address: scattered_followers(area, address)

@@ -203,29 +203,29 @@ def _names_a_law(table: Mapping[str, Any]) -> bool:
     """Whether a table is a distribution, perhaps one that is misspelled, and no part of a key."""
     from scipy import stats
 
-    ((name, given), *others) = table.items()
-    return not others and (name in LAWS or hasattr(stats, name) or isinstance(given, list))
+    ((name, arguments), *others) = table.items()
+    return not others and (name in LAWS or hasattr(stats, name) or isinstance(arguments, list))
 
 
 def _lines_of(error: ValidationError) -> list[str]:
     """A line for each invalid key of the file's own."""
     lines = []
-    for found in error.errors(include_url=False, include_context=False):
-        location = tuple(part for part in found["loc"] if part not in ("", "table", "list"))
+    for detail in error.errors(include_url=False, include_context=False):
+        location = tuple(part for part in detail["loc"] if part not in ("", "table", "list"))
         key = shortened(plain(key_of(location)), 100)
-        if found["type"] == "extra_forbidden":
+        if detail["type"] == "extra_forbidden":
             model = _SECTIONS.get(location[:-1], StudyFile)
             lines.append(
                 f"  {key}: unknown key of a study; known here: {', '.join(model.model_fields)}"
             )
-        elif found["type"] == "missing" and location == ("scenario",):
+        elif detail["type"] == "missing" and location == ("scenario",):
             lines.append(
                 f"  {key}: is missing; a built-in scenario, such as {names()[0]}, or a file beside "
                 "this one"
             )
         else:
             lines.append(
-                f"  {key}: {found['msg']} (given: {shortened(plain(repr(found['input'])), 80)})"
+                f"  {key}: {detail['msg']} (given: {shortened(plain(repr(detail['input'])), 80)})"
             )
     return lines
 
@@ -242,7 +242,7 @@ def _with_files(settings: Mapping[str, Any], rename: Callable[[str], str]) -> di
 
     def named(value: Any) -> Any:
         if isinstance(value, list):
-            return [named(one) for one in value]
+            return [named(name) for name in value]
         return rename(value) if isinstance(value, str) and not is_mjcf(value) else value
 
     return {key: named(value) if is_model_key(key) else value for key, value in settings.items()}
@@ -530,13 +530,14 @@ def table_in(study: Study, folder: Path) -> dict[str, Any]:
         factor.key: list(factor.values) for factor in study.factors if is_model_key(factor.key)
     }
     scenarios = [
-        one if one in names() else relpath(one, folder) for one in study.scenarios.values()
+        scenario if scenario in names() else relpath(scenario, folder)
+        for scenario in study.scenarios.values()
     ]
     return {
         **study.table,
         "scenario": scenarios if isinstance(study.table["scenario"], list) else scenarios[0],
         "set": seen(study.settings),
         "vary": dotted(study.table.get("vary", {}), _is_range) | seen(hulls),
-        "case": [one.own | seen(one.settings) for one in study.cases.values()],
-        "arm": [one.own | seen(one.settings) for one in study.arms.values()],
+        "case": [case.own | seen(case.settings) for case in study.cases.values()],
+        "arm": [arm.own | seen(arm.settings) for arm in study.arms.values()],
     }

@@ -172,24 +172,24 @@ def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
         }
 
     leader = {f"leader_{name}": value for name, value in motion(0).items()}
-    found = []
+    records = []
     for v, follower in enumerate(scenario.followers, start=1):
-        own = off[:, v - 1]
-        apart = np.delete(position, v, axis=1) - position[:, v : v + 1]
+        errors = off[:, v - 1]
+        offsets = np.delete(position, v, axis=1) - position[:, v : v + 1]
         away = position[:, v] - position[:, 0]
         east, north, up = away[sent].T
         off_bow = np.arctan2(east, north) - trajectory.heading[sent, 0]
         moved = pitch_fix_error(
             trajectory.pitch[sent, 0], -up, np.maximum(np.hypot(east, north), 1e-9), off_bow
         )
-        level = np.hypot(apart[..., 0], apart[..., 1]).min(axis=0)
+        level = np.hypot(offsets[..., 0], offsets[..., 1]).min(axis=0)
         layer = level[np.abs(np.delete(layers, v) - layers[v]) < LEAST_LAYER_M]
         row: Record = {
-            "track_error_rms_m": _rms(own),
-            "track_error_max_m": float(own.max()),
-            "track_error_end_m": float(own[-1]),
+            "track_error_rms_m": _rms(errors),
+            "track_error_max_m": float(errors.max()),
+            "track_error_end_m": float(errors[-1]),
             "depth_error_max_m": float(np.abs(depth_error(v)).max()),
-            "closest_approach_m": float(np.linalg.norm(apart, axis=2).min()),
+            "closest_approach_m": float(np.linalg.norm(offsets, axis=2).min()),
             "closest_horizontal_m": float(level.min()),
             "closest_in_layer_m": float(layer.min()) if layer.size else None,
             "touched": float(trajectory.names[v] in touching),
@@ -198,13 +198,13 @@ def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
             "pitch_fix_error_m": float(moved.mean()) if sent.size else None,
         }
         if follower.station and stations is not None:
-            row |= _station(own, np.abs(stations.rate[:, v - 1]) > TURNING_RAD_S, time)
+            row |= _station(errors, np.abs(stations.rate[:, v - 1]) > TURNING_RAD_S, time)
         else:
             until = time <= routes[v].time[-1] + 1e-9
             aside = cross_track(routes[v], time[until], position[until, v, :2])
             row |= {"cross_track_rms_m": _rms(aside), "cross_track_max_m": float(aside.max())}
-        found.append(row | motion(v) | leader)
-    return found
+        records.append(row | motion(v) | leader)
+    return records
 
 
 _OF_ENDED = ("run", "touched", "ended")

@@ -52,16 +52,16 @@ def _cell(interval: Interval) -> Cell:
     return Cell(text=shown(interval), sort=number(interval.value).sort)
 
 
-def _verdict(apart: Interval, value: float, base: float) -> str:
+def _verdict(difference: Interval, value: float, base: float) -> str:
     """Whether an arm is lower or higher than the first one, by the whole interval; "same" if no
     shown digit differs.
     """
-    decided = apart.high < 0 or apart.low > 0
-    if digits(value) == digits(base) and (decided or apart.value == 0):
+    decided = difference.high < 0 or difference.low > 0
+    if digits(value) == digits(base) and (decided or difference.value == 0):
         return "same"
     if not decided:
         return "undecided"
-    return "lower" if apart.value < 0 else "higher"
+    return "lower" if difference.value < 0 else "higher"
 
 
 def notable(plan: Plan, results: Results, place: Place) -> tuple[tuple[int, int], tuple[int, int]]:

@@ -137,17 +137,19 @@ def _resolved(settings: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, st
     """Settings with numbers for sums and without variables, columns that keys take, and a line
     for each invalid one.
     """
-    found = dict(settings)
+    resolved = dict(settings)
     measured = dict[str, str]()
     used = set[str]()
     lines = list[str]()
     for key, value in settings.items():
         if is_rule(value, "sum"):
             parts = value["sum"] if isinstance(value["sum"], list) else [value["sum"]]
-            numbers = [settings.get(part) if isinstance(part, str) else part for part in parts]
-            used.update(part for part in parts if isinstance(part, str))
+            numbers = [
+                settings.get(summand) if isinstance(summand, str) else summand for summand in parts
+            ]
+            used.update(summand for summand in parts if isinstance(summand, str))
             if all(map(is_number, numbers)):
-                found[key] = sum(numbers)
+                resolved[key] = sum(numbers)
             else:
                 text = (
                     "a sum is a list of numbers and of keys that the study sets to numbers "
@@ -155,7 +157,7 @@ def _resolved(settings: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, st
                 )
                 lines.append(f"  {key}: {text}")
         elif is_rule(value, "measured"):
-            measured[key] = str(found.pop(key)["measured"])
+            measured[key] = str(resolved.pop(key)["measured"])
             if measured[key] not in MISSION:
                 lines.append(
                     f"  {key}: unknown column of a mission {measured[key]!r:.60}; known: "
@@ -163,8 +165,8 @@ def _resolved(settings: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, st
                 )
     for name in used - Scenario.model_fields.keys():
         if "." not in name:
-            found.pop(name, None)
-    return found, measured, lines
+            resolved.pop(name, None)
+    return resolved, measured, lines
 
 
 def _with(
@@ -200,12 +202,12 @@ def _report_errors(study: Study) -> list[str]:
             lines.append(
                 f"  {key}: unknown metric {metric!r:.60}; available: {', '.join(near or METRICS)}"
             )
-    known = [*(factor.key for factor in study.factors), ARM, FOLLOWER]
+    names = [*(factor.key for factor in study.factors), ARM, FOLLOWER]
     for name in ("against", "lines", "panels"):
         wish = getattr(report, name)
-        if wish and wish not in known:
+        if wish and wish not in names:
             lines.append(
-                f"  report.{name}: {wish!r:.60} is not varied; available: {', '.join(known)}"
+                f"  report.{name}: {wish!r:.60} is not varied; available: {', '.join(names)}"
             )
     return lines
 
@@ -214,19 +216,19 @@ def _arm_errors(study: Study, point: Mapping[str, Any], entry: Entry) -> list[st
     """A line for each key of an arm, or of its case, that does not apply to an entry."""
     arm = study.arm(entry.arm)
     disturb = study.disturb_at(point, entry.arm)
-    found = []
+    errors = []
     if arm.every > 1 and not entry.closed_loop:
-        found.append("every applies to closed loops; its runs share one mission")
+        errors.append("every applies to closed loops; its runs share one mission")
     if (disturb or entry.measured or arm.leader_pitch_deg is not None) and entry.closed_loop:
-        found.append(
+        errors.append(
             "disturb, leader_pitch_deg and measured apply to missions that runs share, not to "
             "closed loops"
         )
     try:
         disturbance_of(disturb)
     except LaisnError as error:
-        found.append(str(error))
-    return [f"  arm {entry.arm}: {text}" for text in found]
+        errors.append(str(error))
+    return [f"  arm {entry.arm}: {text}" for text in errors]
 
 
 class _Examination:

@@ -52,7 +52,9 @@ class Cells(NamedTuple):
             " ".join(f"{row[k]:g}" if isinstance(row[k], float) else str(row[k]) for k in keys)
             for row in self.rows
         ]
-        return {name: self._take([one == name for one in names]) for name in dict.fromkeys(names)}
+        return {
+            name: self._take([other == name for other in names]) for name in dict.fromkeys(names)
+        }
 
     def runs(self, metric: str) -> Floats:
         """A metric run by run, shape (R, m); where runs share the mission, that of the mission."""
@@ -63,7 +65,7 @@ class Cells(NamedTuple):
         return np.array(each, dtype=np.float64).T
 
     def _take(self, chosen: Sequence[bool]) -> "Cells":
-        rows, lists, steps = ([*compress(part, chosen)] for part in self)
+        rows, lists, steps = ([*compress(column, chosen)] for column in self)
         return Cells(rows, lists, steps)  # type: ignore[arg-type]
 
 
@@ -98,13 +100,13 @@ class Outcomes:
         return Results.of(self.rows, self.runs)
 
 
-def _of_runs(entry: Entry, follower: int, found: Sequence[list[Record]]) -> tuple[Record, Record]:
+def _of_runs(entry: Entry, follower: int, runs: Sequence[list[Record]]) -> tuple[Record, Record]:
     """Row and lists over runs of a follower of a closed loop."""
-    lists = columns_of([records[follower] for records in found])
+    lists = columns_of([records[follower] for records in runs])
     row: Record = {
         "variant": entry.scenario.navigation.variant,
         "seed": entry.scenario.seed,
-        "runs": len(found),
+        "runs": len(runs),
     }
     for name, values in lists.items():
         whole = np.array(values, dtype=np.float64)
@@ -303,7 +305,7 @@ Choice = Mapping[tuple[int, str, int], int]  # numbers of runs by point, arm and
 
 
 def fly_further(
-    found: Mapping[str, Outcomes],
+    outcomes: Mapping[str, Outcomes],
     choose: Callable[[Mapping[str, Outcomes]], Mapping[str, Choice]],
     folder: Path,
     **options: Unpack[ExecutionOptions],
@@ -317,12 +319,12 @@ def fly_further(
     where = itemgetter("point", "arm", "realization", "follower")
     options |= {"force": False}
     while True:
-        chosen = choose(found)
+        chosen = choose(outcomes)
         if not chosen:
             return
         for name, numbers in chosen.items():
-            plan = found[name].plan
-            lists_at = {where(labels): lists for labels, lists in found[name].runs}
+            plan = outcomes[name].plan
+            lists_at = {where(labels): lists for labels, lists in outcomes[name].runs}
             # by the number of their further runs
             entries = defaultdict[int, list[Entry]](list)
             for place, number in numbers.items():
@@ -356,7 +358,7 @@ def run_tables(runs: Sequence[tuple[Record, Record]]) -> Iterator[pa.Table]:
 
     A column that some lacks has no value there.
     """
-    labels = pa.table(of_one_type(columns_of([own for own, _ in runs])))
+    labels = pa.table(of_one_type(columns_of([of_rows for of_rows, _ in runs])))
     kinds = {name: values for _, lists in reversed(runs) for name, values in lists.items()}
     names = dict.fromkeys(name for _, lists in runs for name in lists)
     whole = not all(isinstance(values, np.ndarray) for values in kinds.values())
@@ -374,5 +376,5 @@ def run_tables(runs: Sequence[tuple[Record, Record]]) -> Iterator[pa.Table]:
                 values = of_one_type({name: [*chain(*parts)]})[name]
             kind = None if whole else pa.from_numpy_dtype(kinds[name].dtype)
             columns[name] = pa.array(values, type=kind)
-        own = labels.take(np.repeat(chosen, sizes[chosen]))
-        yield pa.table(dict(zip(own.column_names, own.columns, strict=True)) | columns)
+        of_rows = labels.take(np.repeat(chosen, sizes[chosen]))
+        yield pa.table(dict(zip(of_rows.column_names, of_rows.columns, strict=True)) | columns)

@@ -62,7 +62,7 @@ def _cost(plan: Plan, workers: int) -> tuple[float, float]:
     for entry in plan.entries:
         missions.setdefault(entry.place if closed else entry.motion, []).append(entry)
     tried = [*missions.values()][: (FEW_MISSIONS + 1) * workers]
-    firsts = [own[0] for own in tried]
+    firsts = [of_mission[0] for of_mission in tried]
     with TemporaryDirectory() as folder:
 
         def took(entries: list[Entry], runs: int) -> float:
@@ -86,7 +86,7 @@ def _cost(plan: Plan, workers: int) -> tuple[float, float]:
         idle = took(firsts, runs)
         size = sum(path.stat().st_size for path in Path(folder).glob("store/*")) / flights
         for count in () if closed else _TRIED:
-            entries = [entry for own in tried for entry in own[:count]]
+            entries = [entry for of_mission in tried for entry in of_mission[:count]]
             if len(entries) > flown and time < _QUICK_S:
                 time = took(entries, max(2, min(plan.study.runs, LANES)))
                 each = (time - idle) / (len(entries) - flown)
@@ -125,32 +125,36 @@ def findings_of(plan: Plan, results: Results) -> dict[str, Finding]:
     """The metric of the report at every place, and the arms' differences from the first of them."""
     metric = plan.study.file.report.metric
     first = plan.arms[0]
-    found = dict[str, Finding]()
-    apart = results.differences(first, metric)
+    findings = dict[str, Finding]()
+    differences = results.differences(first, metric)
     for place in results.rows:
         name = f"{metric}: point {place[0]}, arm {place[1]}, {place[2]}"
-        what = "; ".join(
+        meaning = "; ".join(
             [
                 METRICS[metric].what,
                 *(f"{key} = {value}" for key, value in plan.points[place[0]].items()),
             ]
         )
-        found[name] = of(results.estimate(place, metric), what, METRICS[metric].unit)
-        if place in apart:
-            what = f"paired difference: {METRICS[metric].what}"
-            found[f"{name}, less {first}"] = of(apart[place], what, METRICS[metric].unit)
+        findings[name] = of(results.estimate(place, metric), meaning, METRICS[metric].unit)
+        if place in differences:
+            meaning = f"paired difference: {METRICS[metric].what}"
+            findings[f"{name}, less {first}"] = of(
+                differences[place], meaning, METRICS[metric].unit
+            )
     for name, share in main_effects(plan, results, metric).items():
-        found[f"share of variance: {name}"] = of(
+        findings[f"share of variance: {name}"] = of(
             share, f"of the variance of {metric} over all points"
         )
-    return found
+    return findings
 
 
 def _write_tables(outcomes: Outcomes, folder: Path) -> None:
     """Write the tables of a study, and the file that repeats it."""
     folder.mkdir(parents=True, exist_ok=True)
-    with atomic_write(folder / STUDY) as part:
-        part.write_text(tomli_w.dumps(table_in(outcomes.plan.study, folder)), encoding="utf-8")
+    with atomic_write(folder / STUDY) as unfinished:
+        unfinished.write_text(
+            tomli_w.dumps(table_in(outcomes.plan.study, folder)), encoding="utf-8"
+        )
     write_table(folder / RESULTS, of_one_type(columns_of(outcomes.rows)))
     write_table(folder / RUNS, run_tables(outcomes.runs))
 
@@ -214,8 +218,8 @@ def _write_record(
     """Write the findings of a study; returns them as they are read."""
     if package.study:
         modules = f"{package.name}.findings", "experiments.study.run"
-        found = package.findings.findings_of(outcomes)
-        findings = record(package.study, command, modules, found)
+        numbers = package.findings.findings_of(outcomes)
+        findings = record(package.study, command, modules, numbers)
     else:
         first = next(iter(outcomes.values()))
         study = first.plan.study

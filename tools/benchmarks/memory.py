@@ -32,10 +32,10 @@ def _processes(first: int) -> list[int]:
             with contextlib.suppress(OSError):
                 fields = (entry / "stat").read_text().rpartition(")")[2].split()
                 children[int(fields[1])].append(int(entry.name))
-    found = [first]
-    for process in found:
-        found += children[process]
-    return found
+    processes = [first]
+    for process in processes:
+        processes += children[process]
+    return processes
 
 
 def _memory(process: int) -> float:
@@ -85,17 +85,17 @@ def memory() -> list[Row]:
     if not os.path.exists("/proc/self/smaps_rollup"):
         return []
     with tempfile.TemporaryDirectory() as folder:
-        here = Path(folder)
+        work = Path(folder)
         peaks = []
-        (here / "study.toml").write_text(STUDY)
+        (work / "study.toml").write_text(STUDY)
         # of the same code, once, so that nothing is compiled below
-        peak_of("fly", "T5", "--no-video", "--out", str(here / "first"))
+        peak_of("fly", "T5", "--no-video", "--out", str(work / "first"))
         for hours in HOURS:
-            (here / f"{hours}.toml").write_text(mission_of(hours))
-            out = str(here / f"{hours} h")
-            peaks.append(peak_of("fly", str(here / f"{hours}.toml"), "--no-video", "--out", out))
-        many = ("study", str(here / "study.toml"), "--workers", str(WORKERS))
-        study = [peak_of(*many, "--out", str(here / name)) for name in ("study", "again")][1]
+            (work / f"{hours}.toml").write_text(mission_of(hours))
+            out = str(work / f"{hours} h")
+            peaks.append(peak_of("fly", str(work / f"{hours}.toml"), "--no-video", "--out", out))
+        many = ("study", str(work / "study.toml"), "--workers", str(WORKERS))
+        study = [peak_of(*many, "--out", str(work / name)) for name in ("study", "again")][1]
     growth = (peaks[1] - peaks[0]) / (HOURS[1] - HOURS[0])
     return [
         Row(f"laisn fly, a mission of {HOURS[0]} h", peaks[0], "MB"),

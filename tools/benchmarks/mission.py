@@ -45,11 +45,15 @@ def _scenario(followers: int, duration: float, model: str = "follower") -> Scena
         Follower(name=f"follower{i}", route="T5", depth_m=9.0 + i, model=model)
         for i in range(followers)
     )
-    given = load("T5", ())
+    scenario = load("T5", ())
     leader = (
-        given.leader if model == "follower" else given.leader.model_copy(update={"model": model})
+        scenario.leader
+        if model == "follower"
+        else scenario.leader.model_copy(update={"model": model})
     )
-    return given.model_copy(update={"duration_s": duration, "followers": swarm, "leader": leader})
+    return scenario.model_copy(
+        update={"duration_s": duration, "followers": swarm, "leader": leader}
+    )
 
 
 @compiled

@@ -60,8 +60,8 @@ def filter_only(
 
 
 def _fly(settings: TightSettings, missions: Sequence[Measurements], start: Floats) -> None:
-    for given in missions:
-        run_mission(settings, given, start, covariance=False)
+    for mission in missions:
+        run_mission(settings, mission, start, covariance=False)
 
 
 def _rows(interval: float) -> Iterator[Row]:
@@ -71,12 +71,12 @@ def _rows(interval: float) -> Iterator[Row]:
     missions = [measure(cell.truth, cell.errors, seed=1, run=run) for run in range(RUNS)]
     per = 1e9 / (RUNS * truth.speed.size)
     every = f"messages every {interval:g} s"
-    own, messages = lanes.stacked(missions)
+    readings, messages = lanes.stacked(missions)
     start = truth.start[None]
     tuned = row.tuning(NavigationSettings())
     cases = [(count, words, assume) for count in AIMS_NS for words, assume in _ASSUMED.items()]
     works: list[Callable[[], object]] = [
-        partial(filter_only, own, truth.message_step, messages, start, tuned)
+        partial(filter_only, readings, truth.message_step, messages, start, tuned)
     ]
     works += [
         partial(_fly, TightSettings(assume=assume, transmitters=count), missions, truth.start)
@@ -98,4 +98,4 @@ def tight() -> list[Row]:
     """A filter step of one follower: states without covariances, as a campaign of mirror locks
     takes them.
     """
-    return [one for interval in INTERVALS_S for one in _rows(interval)]
+    return [row for interval in INTERVALS_S for row in _rows(interval)]

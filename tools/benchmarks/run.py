@@ -236,9 +236,9 @@ def record(rounds: Mapping[str, Sequence[list[Row]]]) -> Findings:
         f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}, Python "
         f"{platform.python_version()}"
     )
-    found = {"machine": plain(machine, "where"), "date": plain(str(date.today()), "when")}
+    findings = {"machine": plain(machine, "where"), "date": plain(str(date.today()), "when")}
     for name, measured in rounds.items():
-        found["rounds"] = plain(
+        findings["rounds"] = plain(
             len(measured), "of each benchmark; limits are the least and the largest of them"
         )
         for repeated in zip(*measured, strict=True):
@@ -247,24 +247,24 @@ def record(rounds: Mapping[str, Sequence[list[Row]]]) -> Findings:
             once = row.unit == "MB" and name == "navigation"
             rows = repeated[:1] if once else repeated
             key = f"{name}: {row.name}"
-            key = f"{key}, than {row.against}" if key in found else key
-            found[key] = _spread(
+            key = f"{key}, than {row.against}" if key in findings else key
+            findings[key] = _spread(
                 [r.value for r in rows], row.unit, "median, least and largest of the rounds"
             )
             if row.against:
-                what = (
+                meaning = (
                     f"how many times faster than {row.against}; median, least and largest of "
                     "the rounds"
                 )
-                found[f"{name}: {row.name}, than {row.against}"] = _spread(
-                    [r.ratio for r in rows], "", what
+                findings[f"{name}: {row.name}, than {row.against}"] = _spread(
+                    [r.ratio for r in rows], "", meaning
                 )
             if not np.isnan(row.floor):
-                found[f"{name}: {row.name}, floor"] = _spread(
+                findings[f"{name}: {row.name}, floor"] = _spread(
                     [r.floor for r in rows], row.unit, "of the machine"
                 )
     return make_record(
-        "benchmarks", "make bench BENCH_ARGS=--record", ("tools.benchmarks.run",), found
+        "benchmarks", "make bench BENCH_ARGS=--record", ("tools.benchmarks.run",), findings
     )
 
 
@@ -285,8 +285,8 @@ def main() -> None:
     parser.add_argument(
         "--record", action="store_true", help="write the record that the documents quote"
     )
-    given = parser.parse_args()
-    names = given.names or list(BENCHMARKS)
+    arguments = parser.parse_args()
+    names = arguments.names or list(BENCHMARKS)
     cores = os.sched_getaffinity(0) if hasattr(os, "sched_setaffinity") else set()
     measured: dict[str, list[list[Row]]] = {}
     for name in names:
@@ -297,10 +297,10 @@ def main() -> None:
             )
         # memory hardly varies, and takes minutes
         measured[name] = [
-            BENCHMARKS[name]() for _ in range(1 if name == "memory" else given.rounds)
+            BENCHMARKS[name]() for _ in range(1 if name == "memory" else arguments.rounds)
         ]
         print(f"{name}\n{table(measured[name][-1])}\n", flush=True)
-    path = RECORDS / "benchmarks.json" if given.record else given.out
+    path = RECORDS / "benchmarks.json" if arguments.record else arguments.out
     record(measured).write(path)
     print(f"written to {path}")
 

@@ -77,11 +77,11 @@ def picture() -> Figure:
     """`experiments` above `sim` above `laisn` and `models`; an arrow is an import, and all of
     them point down.
     """
-    found = import_graph.imports()
+    imports = import_graph.imports()
     parents = {"sim", "experiments"}
     between = {
         package: below - parents
-        for package, below in import_graph.package_imports(found).items()
+        for package, below in import_graph.package_imports(imports).items()
         if package not in parents
     }
     placed = positions(between)
@@ -108,7 +108,7 @@ def picture() -> Figure:
                 },
             )
     for package, place in placed.items():
-        count = sum(import_graph.package_of(module) == package for module in found)
+        count = sum(import_graph.package_of(module) == package for module in imports)
         _draw_package(axes, package, place, max(1, count - ("." in package and count > 1)))
     columns, rows = zip(*placed.values(), strict=True)
     axes.set_xlim(min(columns) - 0.6, max(columns) + 0.6)

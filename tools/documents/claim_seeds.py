@@ -57,19 +57,21 @@ def run(
     """
     verdicts = {}
     for seed in seeds:
-        given = {**(keys or {}), "seed": seed, "runs": runs}
+        settings = {**(keys or {}), "seed": seed, "runs": runs}
         plans = {
-            part: plan_of(study_of(str(file), given))
+            part: plan_of(study_of(str(file), settings))
             for part, file in built_in("reproduce").items()
         }
         whole = plans["tables"]
         judged = [
-            one for one in whole.entries if f"{whole.points[one.point]['case']} {one.arm}" in JUDGED
+            entry
+            for entry in whole.entries
+            if f"{whole.points[entry.point]['case']} {entry.arm}" in JUDGED
         ]
         plans["tables"] = whole.part(judged, runs)
-        found = dict(zip(plans, fly_studies([*plans.values()], folder, **options), strict=True))
-        fly_further(found, claims.further_runs, folder, **options)
+        outcomes = dict(zip(plans, fly_studies([*plans.values()], folder, **options), strict=True))
+        fly_further(outcomes, claims.further_runs, folder, **options)
         verdicts[seed] = [
-            ours.verdict for _, ours, _ in claims.judge(Figures.of(found), claims.published())
+            ours.verdict for _, ours, _ in claims.judge(Figures.of(outcomes), claims.published())
         ]
     findings_of(verdicts).write(folder / FILE)

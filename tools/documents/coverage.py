@@ -79,7 +79,8 @@ def covered(law: str, runs: int, trials: int = TRIALS, seed: int = 1) -> int:
     _, truth, draw = LAWS[law]
     rng = np.random.default_rng([seed, runs])
     return sum(
-        found.low <= truth <= found.high for found in ratio_intervals(*draw(rng, (runs, trials)))
+        interval.low <= truth <= interval.high
+        for interval in ratio_intervals(*draw(rng, (runs, trials)))
     )
 
 
@@ -104,14 +105,14 @@ def stopped(law: str, rng: np.random.Generator) -> Interval:
     )
     until = Until(half_width=half_width, most=_MOST)
     runs = 0
-    wanted = _BATCH
-    found = Interval(mean, math.nan, math.nan)
-    while runs < wanted:
-        runs = wanted
-        some = values[:wanted]
-        found = mean_interval(some) if law == "normal" else proportion(int(some.sum()), runs)
-        wanted = runs_wanted(runs, (found.high - found.low) / 2.0, until, _BATCH)
-    return found
+    count = _BATCH
+    interval = Interval(mean, math.nan, math.nan)
+    while runs < count:
+        runs = count
+        some = values[:count]
+        interval = mean_interval(some) if law == "normal" else proportion(int(some.sum()), runs)
+        count = runs_wanted(runs, (interval.high - interval.low) / 2.0, until, _BATCH)
+    return interval
 
 
 def covered_when_stopped(law: str, trials: int = TRIALS, seed: int = 1) -> int:
@@ -121,7 +122,8 @@ def covered_when_stopped(law: str, trials: int = TRIALS, seed: int = 1) -> int:
     rng = np.random.default_rng([seed, 0])
     mean = _UNTIL[law][1]
     return sum(
-        found.low <= mean <= found.high for found in (stopped(law, rng) for _ in range(trials))
+        interval.low <= mean <= interval.high
+        for interval in (stopped(law, rng) for _ in range(trials))
     )
 
 
@@ -132,15 +134,17 @@ def findings() -> Findings:
     }
     for law, (words, _, _) in LAWS.items():
         for runs in RUNS:
-            what = f"share of 95 % intervals that hold the truth, {runs} runs, {words}; limits 95 %"
-            named[f"{law} {runs}"] = of(proportion(covered(law, runs), TRIALS), what)
+            meaning = (
+                f"share of 95 % intervals that hold the truth, {runs} runs, {words}; limits 95 %"
+            )
+            named[f"{law} {runs}"] = of(proportion(covered(law, runs), TRIALS), meaning)
     for law, (words, _, half_width) in _UNTIL.items():
-        what = (
+        meaning = (
             "share of 95 % intervals that hold the truth, runs until half-width "
             f"{half_width:g}, {words}"
         )
         named[f"until {law}"] = of(
-            proportion(covered_when_stopped(law), TRIALS), f"{what}; limits 95 %"
+            proportion(covered_when_stopped(law), TRIALS), f"{meaning}; limits 95 %"
         )
     for runs in RUNS:
         named[f"unseen {runs}"] = plain(

@@ -91,8 +91,8 @@ def moving_picture(name: str, flight: Flight, span: tuple[float, float]) -> None
     """Write a stretch of a flight, seen from above, as an animated WebP of a few hundred pixels,
     for a README.
     """
-    part = excerpt(flight, *span)
-    video = part.scenario.video.model_copy(
+    section = excerpt(flight, *span)
+    video = section.scenario.video.model_copy(
         update={
             "camera": "top",
             "width_px": 640,
@@ -103,7 +103,7 @@ def moving_picture(name: str, flight: Flight, span: tuple[float, float]) -> None
     )
     with tempfile.TemporaryDirectory() as folder:
         film = Path(folder) / "film.mp4"
-        render.render(Job(flight=part, video=video), film)
+        render.render(Job(flight=section, video=video), film)
         first, *others = frames(film)
     path = FOLDER / f"{name}.webp"
     step = round(1000 / FRAMES_HZ)

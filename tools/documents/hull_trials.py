@@ -68,21 +68,21 @@ BLUEROV_COMMANDS = {
 
 def _remus() -> dict[str, Finding]:
     """Final speed and its rise, steady turns, and pitch under stern planes of a REMUS 100."""
-    found = {}
+    findings = {}
     rises = []
     rates = []
     radii = []
     for rpm, published in PUBLISHED_SPEED.items():
         speed = remus.run(rpm, 100.0)[1][:, 0]
         # to the digits of the published table, lest it be rounded twice
-        found[f"speed {rpm}"] = plain(round(float(speed[-1]), 4), "final speed", "m/s")
+        findings[f"speed {rpm}"] = plain(round(float(speed[-1]), 4), "final speed", "m/s")
         aim = (1.0 - np.exp(-1.0)) * published
         k = int(np.argmax(speed >= aim))
         rises.append(remus.DT * (k - (speed[k] - aim) / (speed[k] - speed[k - 1])))
-    found["rise slowest"] = plain(
+    findings["rise slowest"] = plain(
         float(max(rises)), "rise to 63 % of the final speed at 300 /min", "s"
     )
-    found["rise quickest"] = plain(
+    findings["rise quickest"] = plain(
         float(min(rises)), "rise to 63 % of the final speed at 1525 /min", "s"
     )
     for rpm, turns in PUBLISHED_TURN.items():
@@ -90,18 +90,18 @@ def _remus() -> dict[str, Finding]:
             last = remus.run(rpm, 200.0, rudder_deg=rudder)[1][-1]
             rates.append(abs(float(np.degrees(abs(last[5]))) / published - 1.0))
             radii.append(float(np.linalg.norm(last[:3]) / abs(last[5])))
-    found["turn apart"] = plain(
+    findings["turn apart"] = plain(
         max(rates), "largest relative difference of turn rates from the published ones"
     )
-    found["radius largest"] = plain(max(radii), "radius", "m")
-    found["radius least"] = plain(min(radii), "radius", "m")
+    findings["radius largest"] = plain(max(radii), "radius", "m")
+    findings["radius least"] = plain(min(radii), "radius", "m")
     for rpm in PUBLISHED_TURN:
         tank, _ = remus.run(rpm, 200.0, stern_plane_deg=STERN_PLANE_DEG)
         pitch = abs(float(np.degrees(attitude.heading_pitch_roll(tank.pose[3:])[1])))
-        found[f"pitch {rpm}"] = plain(
+        findings[f"pitch {rpm}"] = plain(
             pitch, f"pitch under {STERN_PLANE_DEG:g}° of stern plane", "°"
         )
-    return found
+    return findings
 
 
 def _righting(dt: float) -> Finding:
@@ -191,7 +191,7 @@ def _fossen() -> dict[str, Finding]:
     """Turning circle, dive and propeller step of Fossen's model, term by term, and of ours, for
     100 s from rest.
     """
-    found = {}
+    findings = {}
     rudder = np.radians(RUDDER_DEG)
     plane = np.radians(STERN_PLANE_DEG)
 
@@ -207,26 +207,26 @@ def _fossen() -> dict[str, Finding]:
     values = {"ours": (last[0][4], last[1][5], last[2][3], 0.0)}
     for name, terms in REMUS_TERMS.items():
         turn, dive, ahead = (
-            fossen.fly(partial(_held, given), MANOEUVRE_S, terms)[1][-1]
-            for given in ((rudder, 0.0, RPM), (0.0, plane, RPM), (0.0, 0.0, RPM))
+            fossen.fly(partial(_held, commands), MANOEUVRE_S, terms)[1][-1]
+            for commands in ((rudder, 0.0, RPM), (0.0, plane, RPM), (0.0, 0.0, RPM))
         )
         _, path = fossen.fly(steps, MANOEUVRE_S, terms, (50.0,))
-        apart = float(np.linalg.norm(path[:, :3] - ours[:, :3], axis=1).max())
-        values[name] = turn[11], dive[4], ahead[6], apart
-    for name, (turn_rate, pitch, speed, apart) in values.items():
-        found[f"remus {name} turn"] = plain(
+        distance = float(np.linalg.norm(path[:, :3] - ours[:, :3], axis=1).max())
+        values[name] = turn[11], dive[4], ahead[6], distance
+    for name, (turn_rate, pitch, speed, distance) in values.items():
+        findings[f"remus {name} turn"] = plain(
             float(np.degrees(turn_rate)), f"turn rate after 100 s, rudder 15°: {name}", "°/s"
         )
-        found[f"remus {name} pitch"] = plain(
+        findings[f"remus {name} pitch"] = plain(
             float(np.degrees(pitch)), f"pitch after 100 s, planes -5°: {name}", "°"
         )
-        found[f"remus {name} speed"] = plain(
+        findings[f"remus {name} speed"] = plain(
             float(speed), f"speed after 100 s, 1525 /min: {name}", "m/s"
         )
-        found[f"remus {name} apart"] = plain(
-            apart, f"largest distance from ours in 100 s of steps: {name}", "m"
+        findings[f"remus {name} apart"] = plain(
+            distance, f"largest distance from ours in 100 s of steps: {name}", "m"
         )
-    return found
+    return findings
 
 
 ESTIMATED = {"remus100": (1.6, 0.19, 31.0294), "lauv": (1.08, 0.15, 18.0)}
@@ -243,17 +243,23 @@ def coefficients_of(model: str) -> dict[str, float]:
     (record,) = mjcf.read_coefficients(plant.model, plant.names, 1026.0)
     c = np.array([record], record.dtype).view(np.recarray)[0]
     inertia = mjcf.inertia_tensor(plant.model, plant.model.body("v/hull").id)
-    own = plant.effectors[0, : len(plant.effector_names[0])]
+    effectors = plant.effectors[0, : len(plant.effector_names[0])]
     rest = np.array([0.0, 0.0, -200.0, 1.0, 0.0, 0.0, 0.0])
     now, waves = instant_of(0.0, plant.ocean.water)
 
     def load(axis: int, size: float) -> float:
         force, moment, _ = wrench(
-            c, rest, size * np.eye(6)[axis], now, waves, (own[None], np.zeros((1, own.size))), 0
+            c,
+            rest,
+            size * np.eye(6)[axis],
+            now,
+            waves,
+            (effectors[None], np.zeros((1, effectors.size))),
+            0,
         )
         return abs(float(np.array([*force, *moment])[axis] - (c.buoyancy if axis == 2 else 0.0)))
 
-    fins = own[own["kind"] == FIN]
+    fins = effectors[effectors["kind"] == FIN]
     values = {
         "inertia in roll": float(inertia[0, 0]),
         "inertia in yaw": float(inertia[2, 2]),
@@ -267,7 +273,12 @@ def coefficients_of(model: str) -> dict[str, float]:
         "moment at 0.2 rad/s of pitch": load(4, 0.2),
         "moment at 0.2 rad/s of yaw": load(5, 0.2),
         "thrust at rest": float(
-            np.sum([max(reach(one, 1026.0, 0.0)[1] * one["force"][0], 0.0) for one in own])
+            np.sum(
+                [
+                    max(reach(effector, 1026.0, 0.0)[1] * effector["force"][0], 0.0)
+                    for effector in effectors
+                ]
+            )
         ),
     }
     for axis, name in ((1, "rudders"), (2, "stern planes")):
@@ -278,17 +289,17 @@ def coefficients_of(model: str) -> dict[str, float]:
 
 def _estimates() -> dict[str, Finding]:
     """Ratios of estimated to published coefficients."""
-    found = {}
+    findings = {}
     for model, (length, diameter, mass) in ESTIMATED.items():
         published = coefficients_of(model)
         estimated = coefficients_of(from_dimensions(length, diameter, mass).xml())
         for name, value in published.items():
             if value > 0.0:
                 ratio = estimated[name] / value
-                found[f"estimate {model} {name}"] = plain(
+                findings[f"estimate {model} {name}"] = plain(
                     ratio, f"{name}, estimated over published: {model}"
                 )
-    return found
+    return findings
 
 
 def bluerov_speed(trial: str) -> float:
@@ -299,20 +310,20 @@ def bluerov_speed(trial: str) -> float:
     plant.step(np.array([BLUEROV_COMMANDS[trial]]), 1500)
     if trial == "turn":
         return abs(float(plant.twist[0, 5]))
-    along = np.array(attitude.rotation(plant.pose[0, 3:])).T @ plant.twist[0, :3]
-    return abs(float(along[{"surge": 0, "sway": 1}.get(trial, 2)]))
+    velocity = np.array(attitude.rotation(plant.pose[0, 3:])).T @ plant.twist[0, :3]
+    return abs(float(velocity[{"surge": 0, "sway": 1}.get(trial, 2)]))
 
 
 def _vehicles() -> dict[str, Finding]:
     """Speeds of the BlueROV2, and how the vehicles keep T5, or a route of 0.5 m/s, and a station
     in a current.
     """
-    found = {}
+    findings = {}
     thrust = 4 * 30.4 / np.sqrt(2)
     drags = {"von Benzon": (13.7, 141.0), "Wu": (4.03, 18.18)}
     for name, (linear, square) in drags.items():
         speed = brentq(lambda u, a=linear, b=square: a * u + b * u * u - thrust, 0.0, 5.0)
-        found[f"bluerov balance {name}"] = plain(
+        findings[f"bluerov balance {name}"] = plain(
             float(speed), f"speed at full thrust by the drag of {name}", "m/s"
         )
     # in open loop the thrusters, above the centre of gravity, turn the hull over: the autopilot
@@ -324,21 +335,21 @@ def _vehicles() -> dict[str, Finding]:
     turn.step(np.array([[*np.sign(horizontal["torque"][:, 2]), 0, 0, 0, 0]]), 1500)
     way = float(np.hypot(*(ahead.position[-1, 0, :2] - ahead.position[-101, 0, :2])))
     speed = way / float(ahead.time[-1] - ahead.time[-101])
-    found["bluerov speed"] = plain(speed, "speed at full thrust, simulated", "m/s")
-    found["bluerov turn"] = plain(
+    findings["bluerov speed"] = plain(speed, "speed at full thrust, simulated", "m/s")
+    findings["bluerov turn"] = plain(
         float(np.degrees(abs(turn.twist[0, 5]))), "turn rate at full thrust, simulated", "°/s"
     )
     rate = np.degrees(np.sqrt(4 * 30.4 * (0.156 + 0.111) / np.sqrt(2) / 1.5))
-    found["bluerov turn balance"] = plain(
+    findings["bluerov turn balance"] = plain(
         float(rate), "turn rate by thrust and the paper's damping 1.5 r²", "°/s"
     )
 
     for trial, published in PUBLISHED_BLUEROV.items():
         unit = "rad/s" if trial == "turn" else "m/s"
-        found[f"bluerov {trial} ours"] = plain(
+        findings[f"bluerov {trial} ours"] = plain(
             bluerov_speed(trial), f"steady speed of the trial: {trial}", unit
         )
-        found[f"bluerov {trial} published"] = plain(
+        findings[f"bluerov {trial} published"] = plain(
             published, f"the same in the published code: {trial}", unit
         )
     hover = Route.timed(
@@ -347,7 +358,7 @@ def _vehicles() -> dict[str, Finding]:
     plant = _plant("bluerov2_heavy", heading=np.pi / 2, depth=10.0, current=0.3)
     motion = simulate(plant, [hover], 290.0, [None])
     off = np.hypot(*motion.position[600:, 0, :2].T)
-    found["bluerov hover"] = plain(
+    findings["bluerov hover"] = plain(
         float(np.sqrt(np.mean(off**2))), "RMS from a station in 0.3 m/s, 60 to 290 s", "m"
     )
     for model in ("leader", "follower", "remus100", "lauv", "bluerov2_heavy"):
@@ -368,27 +379,29 @@ def _vehicles() -> dict[str, Finding]:
             flown = simulate(Plant([setup], Ocean()), [route], float(route.time[-1]), [None])
             (report,) = tracking(flown, [route])
             key = f"route {model} {role}"
-            found[f"{key} off"] = plain(
+            findings[f"{key} off"] = plain(
                 report.cross_track_rms, f"RMS off its route: {model} as {role}", "m"
             )
-            found[f"{key} depth"] = plain(
+            findings[f"{key} depth"] = plain(
                 report.depth_error_rms, f"RMS error of depth: {model} as {role}", "m"
             )
-    return found
+    return findings
 
 
 def _formation() -> dict[str, Finding]:
     """How ten REMUS 100 keep their stations behind a REMUS 100."""
     flight = laisn_sim.fly(remus_formation.table(corners=18))
-    kept = remus_formation.keeping(flight)
-    rms = [one.station_rms_m for one in kept]
+    stations = remus_formation.keeping(flight)
+    rms = [station.station_rms_m for station in stations]
     leader = tracking(only(flight.trajectory, [0]), routes_of(flight.scenario)[:1])[0]
     return {
         "formation best": plain(min(rms), "least RMS distance from a station, ten REMUS 100", "m"),
         "formation worst": plain(
             max(rms), "largest RMS distance from a station, ten REMUS 100", "m"
         ),
-        "formation lost": plain(sum(one.lost for one in kept), "followers lost, ten REMUS 100"),
+        "formation lost": plain(
+            sum(station.lost for station in stations), "followers lost, ten REMUS 100"
+        ),
         "formation depth": plain(
             remus_formation.depth_rms(flight), "RMS error of depth, ten REMUS 100", "m"
         ),

@@ -106,13 +106,13 @@ def check(*, strict: bool = False) -> tuple[list[str], list[str]]:
     Returns:
         Errors; notices, among them stale measurements.
     """
-    found = records()
+    findings = records()
     errors = [
         f"{path.relative_to(ROOT)} has not the numbers of docs/results: run make figures"
         for path in DOCUMENTS
-        if filled(path.read_text(encoding="utf-8"), found) != path.read_text(encoding="utf-8")
+        if filled(path.read_text(encoding="utf-8"), findings) != path.read_text(encoding="utf-8")
     ]
-    stale = [name for name, record in found.items() if is_stale(record)]
+    stale = [name for name, record in findings.items() if is_stale(record)]
     studies, measured = (
         [n for n in stale if (n in MEASURED) is measured] for measured in (False, True)
     )
@@ -132,9 +132,9 @@ def check(*, strict: bool = False) -> tuple[list[str], list[str]]:
 
 def write() -> None:
     """Bring every document up to its records."""
-    found = records()
+    findings = records()
     for path in DOCUMENTS:
-        path.write_text(filled(path.read_text(encoding="utf-8"), found), encoding="utf-8")
+        path.write_text(filled(path.read_text(encoding="utf-8"), findings), encoding="utf-8")
 
 
 def main() -> None:
@@ -148,11 +148,11 @@ def main() -> None:
     parser.add_argument(
         "--strict", action="store_true", help="with --check: fail if a study has to be run again"
     )
-    given = parser.parse_args()
-    if not given.check:
+    arguments = parser.parse_args()
+    if not arguments.check:
         write()
         return
-    errors, notices = check(strict=given.strict)
+    errors, notices = check(strict=arguments.strict)
     for line in (*errors, *notices):
         print(line, file=sys.stderr)
     sys.exit(bool(errors))

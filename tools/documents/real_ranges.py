@@ -87,15 +87,15 @@ def scores(
     name: str, navigators: tuple[str, ...] = tuple(NAVIGATORS)
 ) -> dict[str, dict[tuple[str, ...], Score]]:
     """Scores by navigator and beacons."""
-    found: dict[str, dict[tuple[str, ...], Score]] = {navigator: {} for navigator in navigators}
+    scores_of: dict[str, dict[tuple[str, ...], Score]] = {navigator: {} for navigator in navigators}
     for beacons, recorded in recordings(name):
         for navigator in navigators:
             since = SETTLED_S if navigator == "unknown-start" else 0.0
             estimates = NAVIGATORS[navigator](recorded)
-            found[navigator][beacons] = score(
+            scores_of[navigator][beacons] = score(
                 estimates, recorded.measurements, recorded.truth, since
             )
-    return found
+    return scores_of
 
 
 def findings_of(name: str, found: dict[str, dict[tuple[str, ...], Score]]) -> dict[str, Finding]:
@@ -119,8 +119,8 @@ def findings_of(name: str, found: dict[str, dict[tuple[str, ...], Score]]) -> di
             "all-high": (every.high, "95 % of errors are smaller, with all beacons", "m"),
             "all-nees": (every.nees, "with all beacons", ""),
         }
-        for key, (value, what, unit) in values.items():
-            result[f"{key} {navigator} {name}"] = plain(value, what, unit)
+        for key, (value, meaning, unit) in values.items():
+            result[f"{key} {navigator} {name}"] = plain(value, meaning, unit)
     return result
 
 
@@ -143,7 +143,7 @@ def ranges_of(name: str) -> dict[str, Finding]:
 
 def run(folder: Path) -> None:
     """Navigate on everything and write the record into a folder."""
-    found: dict[str, Finding] = {}
+    findings: dict[str, Finding] = {}
     for name in SETS:
-        found |= ranges_of(name) | findings_of(name, scores(name))
-    record("real-ranges", COMMAND, MODULES, found).write(folder / FILE)
+        findings |= ranges_of(name) | findings_of(name, scores(name))
+    record("real-ranges", COMMAND, MODULES, findings).write(folder / FILE)

@@ -41,7 +41,9 @@ _UNBOUNDED = 100
 
 def _interval(schema: dict[str, Any]) -> str:
     bounds = {
-        key: value for part in (schema, *schema.get("anyOf", [])) for key, value in part.items()
+        key: value
+        for schemas in (schema, *schema.get("anyOf", []))
+        for key, value in schemas.items()
     }
     low, high = (
         bounds.get(key, bounds.get(f"exclusive{key.title()}")) for key in ("minimum", "maximum")
@@ -68,7 +70,10 @@ def _default(schema: dict[str, Any]) -> str:
 
 
 def _is_section(field: dict[str, Any]) -> bool:
-    return any("$ref" in part for part in (field, field.get("items", {}), *field.get("anyOf", [])))
+    return any(
+        "$ref" in schema_part
+        for schema_part in (field, field.get("items", {}), *field.get("anyOf", []))
+    )
 
 
 def _table(title: str, model: type[BaseModel]) -> list[str]:
@@ -96,15 +101,15 @@ def _table(title: str, model: type[BaseModel]) -> list[str]:
 
 
 def _sections(model: type[BaseModel], path: str = "") -> list[tuple[str, type[BaseModel]]]:
-    found: list[tuple[str, type[BaseModel]]] = []
+    sections: list[tuple[str, type[BaseModel]]] = []
     for key, field in model.model_fields.items():
         candidates = [field.annotation, *getattr(field.annotation, "__args__", ())]
         for candidate in candidates:
             if isinstance(candidate, type) and issubclass(candidate, BaseModel):
                 name = f"{path}{key}"
-                shown = f"[[{name}]]" if get_origin(field.annotation) is tuple else f"[{name}]"
-                found += [(shown, candidate), *_sections(candidate, f"{name}.")]
-    return found
+                title = f"[[{name}]]" if get_origin(field.annotation) is tuple else f"[{name}]"
+                sections += [(title, candidate), *_sections(candidate, f"{name}.")]
+    return sections
 
 
 def text() -> str:

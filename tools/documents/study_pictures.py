@@ -86,12 +86,12 @@ def real_ranges() -> Drawn:
     reckoned = dead_reckoning(recorded)
     estimated, _ = among_beacons(recorded, Beacons())
     # what was driven in the first five minutes is crowded enough
-    shown = np.flatnonzero(recorded.measurements.time < 300.0)
+    steps = np.flatnonzero(recorded.measurements.time < 300.0)
     true = recorded.truth[recorded.truth[:, 0] < 300.0]
     lines = [
-        Line(x=reckoned.state[shown, 0], y=reckoned.state[shown, 1], colour=MUTED, width=0.6),
+        Line(x=reckoned.state[steps, 0], y=reckoned.state[steps, 1], colour=MUTED, width=0.6),
         Line(x=true[:, 1], y=true[:, 2], colour=INK, width=1.6),
-        Line(x=estimated.state[shown, 0], y=estimated.state[shown, 1], colour=ESTIMATE, width=0.8),
+        Line(x=estimated.state[steps, 0], y=estimated.state[steps, 1], colour=ESTIMATE, width=0.8),
         Line(x=data.places[:, 0], y=data.places[:, 1], colour=SERIES[1], marker="^", size=7.0),
     ]
     figure = panel(lines, x_label="east [m]", y_label="north [m]", equal=True, height=4.0)

@@ -65,13 +65,13 @@ def _ratio(finding: Finding) -> str:
 
 def ratios(records: Records) -> str:
     """Mean E_P over the paper's, median and range of the missions."""
-    found = records["reproduce-physics"]
+    record = records["reproduce-physics"]
     rows = []
     for words, settings in RATIOS:
         cells = []
         for variant in ("laisn-2", "laisn-3-2"):
             keys = [f"ratio {setting} {variant}" for setting in settings]
-            cells.append(", ".join(_ratio(found[key]) for key in keys if key in found.findings))
+            cells.append(", ".join(_ratio(record[key]) for key in keys if key in record.findings))
         rows.append([words, *cells])
     heads = [
         "mean E_P, ours over the paper's: median of eight missions (least … largest)",
@@ -83,29 +83,31 @@ def ratios(records: Records) -> str:
 
 def closed_loop(records: Records) -> str:
     """Followers that steer by their own estimates, route by route."""
-    found = records["closed-loop"]
+    record = records["closed-loop"]
     heads = ["route", *STEERING.values()]
     rows = []
     for route in ROUTES:
         cells = [route]
         for name in STEERING:
-            errors = (f"{found[f'{what} {name} {route}']:.2f}" for what in ("error", "off"))
-            cells.append(f"{', '.join(errors)}, {found[f'lost-runs {name} {route}']:d}")
+            errors = (f"{record[f'{kind} {name} {route}']:.2f}" for kind in ("error", "off"))
+            cells.append(f"{', '.join(errors)}, {record[f'lost-runs {name} {route}']:d}")
         rows.append(cells)
-    total = [f"lost, of {found['missions']:d}"]
-    total += [f"{found[f'lost-runs {name}']:d}, {found[f'lost {name}']:.0% i}" for name in STEERING]
+    total = [f"lost, of {record['missions']:d}"]
+    total += [
+        f"{record[f'lost-runs {name}']:d}, {record[f'lost {name}']:.0% i}" for name in STEERING
+    ]
     return markdown(heads, [*rows, total])
 
 
 def closed_loop_current(records: Records) -> str:
     """Followers that steer by their own estimates in currents, navigator by navigator."""
-    found = records["closed-loop"]
+    record = records["closed-loop"]
     rows = []
     for name, words in STEERING.items():
-        if f"off current {name}" not in found.findings:
+        if f"off current {name}" not in record.findings:
             continue  # newer than the record
-        off = [f"{found[f'{what} current {name}']:.2f}" for what in ("off", "worst")]
-        lost = f"{found[f'lost current {name}']:.0% i}", f"{found[f'lost-runs current {name}']:d}"
+        off = [f"{record[f'{kind} current {name}']:.2f}" for kind in ("off", "worst")]
+        lost = f"{record[f'lost current {name}']:.0% i}", f"{record[f'lost-runs current {name}']:d}"
         rows.append([words, *off, *lost])
     heads = [
         "in currents",
@@ -119,7 +121,7 @@ def closed_loop_current(records: Records) -> str:
 
 def tracking(records: Records) -> str:
     """How closely vehicles keep to their routes."""
-    found = records["route-keeping"]
+    record = records["route-keeping"]
     heads = [
         "route",
         "off track, RMS [m]",
@@ -132,7 +134,7 @@ def tracking(records: Records) -> str:
         "roll, max [°]",
     ]
     rows = [
-        [name, *(format(found[f"{quantity} {key}"], spec) for quantity, spec in TRACKED.items())]
+        [name, *(format(record[f"{quantity} {key}"], spec) for quantity, spec in TRACKED.items())]
         for key, name in VEHICLES.items()
     ]
     return markdown(heads, rows)
@@ -140,16 +142,16 @@ def tracking(records: Records) -> str:
 
 def real_ranges(records: Records) -> str:
     """Errors among the beacons of both drives, navigator by navigator."""
-    found = records["real-ranges"]
+    record = records["real-ranges"]
     rows = []
     for navigator, words in AMONG_BEACONS.items():
         cells = [words]
         for name in ("Plaza1", "Plaza2"):
             cells.append(
-                f"{found[f'pairs {navigator} {name}']:.2f} "
-                f"({found[f'worst-pair {navigator} {name}']:.2f})"
+                f"{record[f'pairs {navigator} {name}']:.2f} "
+                f"({record[f'worst-pair {navigator} {name}']:.2f})"
             )
-            cells.append(f"{found[f'all {navigator} {name}']:.2f}")
+            cells.append(f"{record[f'all {navigator} {name}']:.2f}")
         rows.append(cells)
     heads = [
         f"{name}: {of}"
@@ -169,77 +171,79 @@ FLEETS = {
 
 def speed(records: Records) -> str:
     """What `make bench` measured: median, least and largest of its rounds."""
-    found = records["benchmarks"]
+    record = records["benchmarks"]
     rows = []
     for followers, words in FLEETS.items():
         fleet = f"physics: leader + {followers}"
         whole = f"{fleet}: with autopilot and recording"
-        bare = found[f"{fleet}: mj_step alone, no water"]
-        floor = found[f"{whole}, floor"]
+        bare = record[f"{fleet}: mj_step alone, no water"]
+        floor = record[f"{whole}, floor"]
         measured = (
-            f"{found[whole]:.1f i} µs a step, {found[f'{fleet}: real-time factor']:,.0f} "
+            f"{record[whole]:.1f i} µs a step, {record[f'{fleet}: real-time factor']:,.0f} "
             "times real time"
         )
         rows.append(
             [words, measured, f"bare `mj_step` {bare:.1f} µs, its needed part {floor:.1f} µs"]
         )
     alone = "navigation: lanes, LAISN-2 filter only"
-    filterpy = found[f"{alone}, than filterpy"]
-    vectorised = found[f"{alone}, than NumPy"]
+    filterpy = record[f"{alone}, than filterpy"]
+    vectorised = record[f"{alone}, than NumPy"]
     peers = (
         f"{filterpy:,.0f} times as fast as filterpy, {vectorised:.0f} times as NumPy over 60 runs"
     )
-    floor_ns = found[f"{alone}, floor"]
+    floor_ns = record[f"{alone}, floor"]
     rows.append(
         [
             "LAISN-2, filter alone, 60 runs side by side",
-            f"{found[alone]:.1f i} ns a step",
+            f"{record[alone]:.1f i} ns a step",
             f"{peers}; floor by flops {floor_ns:.1f} ns",
         ]
     )
     for variant in ("LAISN-2", "LAISN-3(2)"):
         key = f"navigation: lanes, {variant.replace('(', '-').rstrip(')')} with noise and metrics"
-        rows.append([f"{variant}, with noise and metrics", f"{found[key]:.1f i} ns a step", ""])
+        rows.append([f"{variant}, with noise and metrics", f"{record[key]:.1f i} ns a step", ""])
     tight = "tight: tight, 3 transmitters, messages every 1 s"
-    if tight in found.findings:
-        against = f"{found[f'{tight}, than LAISN-2']:.2f} times as fast as LAISN-2 alone"
-        measured = f"{found[tight]:.1f i} ns a step"
-        beside = f"{against}; floor by flops {found[f'{tight}, floor']:.1f} ns"
+    if tight in record.findings:
+        against = f"{record[f'{tight}, than LAISN-2']:.2f} times as fast as LAISN-2 alone"
+        measured = f"{record[tight]:.1f i} ns a step"
+        beside = f"{against}; floor by flops {record[f'{tight}, floor']:.1f} ns"
         rows.append(
             ["tightly coupled with three transmitters, one run after another", measured, beside]
         )
-    messages = found["log: writing"]
-    size = found["log: size"]
+    messages = record["log: writing"]
+    size = record["log: size"]
     rows.append(
         ["log", f"{messages:.0f i} thousand messages/s", f"{size:.1f} MB for 1000 s without film"]
     )
     film = "film: frames a second, once running"
-    if film in found.findings:
-        rows.append(["film at 1280×720, rendered and encoded", f"{found[film]:.0f i} frames/s", ""])
-    command = "command: laisn fly T5 --no-video"
-    if command in found.findings:
+    if film in record.findings:
         rows.append(
-            ["`laisn fly T5 --no-video` as a whole", f"{found[command]:.1f i} s by the clock", ""]
+            ["film at 1280×720, rendered and encoded", f"{record[film]:.0f i} frames/s", ""]
+        )
+    command = "command: laisn fly T5 --no-video"
+    if command in record.findings:
+        rows.append(
+            ["`laisn fly T5 --no-video` as a whole", f"{record[command]:.1f i} s by the clock", ""]
         )
     return markdown(["what", "measured (least to largest)", "for comparison"], rows)
 
 
 def _cases(records: Records, keys: Sequence[tuple[str, str]]) -> str:
     """A row of the study of the estimators for each pair of words and key."""
-    found = records["estimators"].findings
+    findings = records["estimators"].findings
     rows = []
     for words, key in keys:
-        bound = f"{found[f'bound {key}']:.2f}" if f"bound {key}" in found else "–"
-        locked = found[f"mirror-locked {key}"]
+        bound = f"{findings[f'bound {key}']:.2f}" if f"bound {key}" in findings else "–"
+        locked = findings[f"mirror-locked {key}"]
         rows.append(
             [
                 words,
-                f"{found[f'error {key}']:.2f}",
-                f"{found[f'laisn-2 {key}']:.2f}",
-                f"{found[f'ratio {key}']:.2f i}",
+                f"{findings[f'error {key}']:.2f}",
+                f"{findings[f'laisn-2 {key}']:.2f}",
+                f"{findings[f'ratio {key}']:.2f i}",
                 bound,
-                f"{found[f'nees {key}']:.2f} ({found[f'nees-least {key}']:.1f} … "
-                f"{found[f'nees-most {key}']:.1f})",
+                f"{findings[f'nees {key}']:.2f} ({findings[f'nees-least {key}']:.1f} … "
+                f"{findings[f'nees-most {key}']:.1f})",
                 f"{locked:.1% i}" if locked.number else f"{locked:.1%}",
             ]
         )
@@ -271,9 +275,9 @@ def estimators_at_sea(records: Records) -> str:
 
 def coverage(records: Records) -> str:
     """How often a 95 % interval of a mean holds it, law by law."""
-    found = records["coverage"]
+    record = records["coverage"]
     rows = [
-        [words, *(f"{found[f'{law} {runs}']:.1%}" for runs in RUNS)]
+        [words, *(f"{record[f'{law} {runs}']:.1%}" for runs in RUNS)]
         for law, (words, _, _) in LAWS.items()
     ]
     return markdown(["coverage of 95 % intervals", *(f"{runs} runs" for runs in RUNS)], rows)
@@ -283,10 +287,10 @@ def _rivals(records: Records, columns: Mapping[str, tuple[str, str]]) -> str:
     """A row for each navigator of the study of rival methods: heads, findings with NAME for the
     navigator, formats.
     """
-    found = records["rivals"].findings
+    findings = records["rivals"].findings
     rows = []
     for name, title in NAVIGATORS.items():
-        cells = ((found.get(key.replace("NAME", name)), spec) for key, spec in columns.values())
+        cells = ((findings.get(key.replace("NAME", name)), spec) for key, spec in columns.values())
         rows.append(
             [title, *("–" if finding is None else f"{finding:{spec}}" for finding, spec in cells)]
         )
@@ -315,13 +319,13 @@ def rivals_conditions(records: Records) -> str:
 
 def rivals_closed(records: Records) -> str:
     """The same in closed loop, and how many are lost."""
-    found = records["rivals"].findings
+    findings = records["rivals"].findings
     rows = []
     for name, title in NAVIGATORS.items():
         keys = [f"NAME {name} {condition}" for condition in CONDITIONS]
         cells = (
-            f"{found[k.replace('NAME', 'closed-error')]:.2f}, "
-            f"{found[k.replace('NAME', 'closed-lost')]:.0%}"
+            f"{findings[k.replace('NAME', 'closed-error')]:.2f}, "
+            f"{findings[k.replace('NAME', 'closed-lost')]:.0%}"
             for k in keys
         )
         rows.append([title, *cells])
@@ -342,9 +346,9 @@ REMUS_TERMS = {
 
 def fossen(records: Records) -> str:
     """Fossen's REMUS 100 term by term."""
-    found = records["hull-trials"]
+    record = records["hull-trials"]
     rows = [
-        [words, *(f"{found[f'remus {key} {what}']:{spec}}" for what, spec in
+        [words, *(f"{record[f'remus {key} {what}']:{spec}}" for what, spec in
                   (("turn", ".3f"), ("pitch", ".2f"), ("speed", ".3f"), ("apart", ".2f")))]
         for key, words in REMUS_TERMS.items()
     ]  # fmt: skip
@@ -355,17 +359,17 @@ def fossen(records: Records) -> str:
 
 def hull_estimates(records: Records) -> str:
     """Estimated over published coefficients of the shipped vehicles."""
-    found = records["hull-trials"]
+    record = records["hull-trials"]
     models = ("remus100", "lauv")
     names = dict.fromkeys(
-        key.split(" ", 2)[2] for key in found.findings if key.startswith("estimate ")
+        key.split(" ", 2)[2] for key in record.findings if key.startswith("estimate ")
     )
     rows = [
         [
             name,
             *(
-                f"{found[key]:.2f}"
-                if (key := f"estimate {model} {name}") in found.findings
+                f"{record[key]:.2f}"
+                if (key := f"estimate {model} {name}") in record.findings
                 else "–"
                 for model in models
             ),
@@ -377,14 +381,14 @@ def hull_estimates(records: Records) -> str:
 
 def routes_kept(records: Records) -> str:
     """Errors of the shipped vehicles on their routes in calm water."""
-    found = records["hull-trials"]
+    record = records["hull-trials"]
     rows = [
         [
             f"`{model}`",
             *(
-                f"{found[f'route {model} {role} {what}']:.3f}"
+                f"{record[f'route {model} {role} {kind}']:.3f}"
                 for role in ("follower", "leader")
-                for what in ("off", "depth")
+                for kind in ("off", "depth")
             ),
         ]
         for model in ("leader", "follower", "remus100", "lauv", "bluerov2_heavy")
@@ -396,7 +400,7 @@ def routes_kept(records: Records) -> str:
 
 def bluerov_speeds(records: Records) -> str:
     """Steady speeds of the BlueROV2 beside those of the published code."""
-    found = records["hull-trials"]
+    record = records["hull-trials"]
     trials = {
         "turn": "turn on the spot, full",
         "ascent": "ascent, full",
@@ -406,11 +410,11 @@ def bluerov_speeds(records: Records) -> str:
     }
     rows = [
         [
-            what,
-            *(f"{found[f'bluerov {trial} {whose}']:.3f}" for whose in ("published", "ours")),
-            found.findings[f"bluerov {trial} ours"].unit,
+            label,
+            *(f"{record[f'bluerov {trial} {whose}']:.3f}" for whose in ("published", "ours")),
+            record.findings[f"bluerov {trial} ours"].unit,
         ]
-        for trial, what in trials.items()
+        for trial, label in trials.items()
     ]
     return markdown(["motion, voltage", "published code", "simulation", "unit"], rows)
 

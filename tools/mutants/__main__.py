@@ -50,10 +50,12 @@ def draw(pattern: str, count: int | None, seed: int) -> tuple[list[MutationSpec]
     files = sorted(
         str(path.relative_to(ROOT)) for path in import_graph.modules(packages=SOURCES).values()
     )
-    found = [mutant for file in files if re.fullmatch(pattern, file) for mutant in mutants_of(file)]
-    return found if count is None else random.Random(seed).sample(
-        found, min(count, len(found))
-    ), len(found)
+    candidates = [
+        mutant for file in files if re.fullmatch(pattern, file) for mutant in mutants_of(file)
+    ]
+    return candidates if count is None else random.Random(seed).sample(
+        candidates, min(count, len(candidates))
+    ), len(candidates)
 
 
 def summary(package: str, tried: list[Tried], of: int) -> str:
@@ -91,12 +93,12 @@ def record(
         file.removesuffix(".py").removesuffix("/__init__").replace("/", ".") for file in sources
     )
     version = version_of(modules)
-    kept = (
+    others = (
         {n: f for n, f in before.findings.items() if n.rpartition(" ")[2] not in found}
         if before
         else {}
     )
-    findings = dict(kept)
+    findings = dict(others)
     for package, (tried, of) in found.items():
         equivalent = sum(bool(t.equivalent) and not t.killed for t in tried)
         killed = sum(t.killed for t in tried)
@@ -121,7 +123,7 @@ def record(
             ),
         }
     # a record with findings of other sources stays stale
-    version = before.version if before and kept else version
+    version = before.version if before and others else version
     command = 'make mutants MUTANTS=60 MUTANTS_ARGS="PACKAGE --seed SEED --record"'
     return Findings(
         study="mutants", command=command, modules=modules, version=version, findings=findings
@@ -150,9 +152,13 @@ def main() -> None:
     parser.add_argument(
         "--record", action="store_true", help="write the record that the documents quote"
     )
-    given = parser.parse_args()
-    patterns = {place: PACKAGES.get(place, re.escape(place)) for place in given.where} or PACKAGES
-    chosen = {name: draw(pattern, given.count, given.seed) for name, pattern in patterns.items()}
+    arguments = parser.parse_args()
+    patterns = {
+        place: PACKAGES.get(place, re.escape(place)) for place in arguments.where
+    } or PACKAGES
+    chosen = {
+        name: draw(pattern, arguments.count, arguments.seed) for name, pattern in patterns.items()
+    }
     tests = sorted(
         {
             test
@@ -161,27 +167,28 @@ def main() -> None:
             for test in covering(str(m.module_path))
         }
     )
-    found = {}
+    results = {}
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         spawn = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(given.jobs, spawn, enter_copy, (Path(folder),)) as pool:
+        with ProcessPoolExecutor(arguments.jobs, spawn, enter_copy, (Path(folder),)) as pool:
             took = dict(zip(tests, pool.map(time_of, tests), strict=True))
             for package, (mutants, of) in chosen.items():
                 tried = []
-                for one in pool.map(attempt, mutants, [took] * len(mutants)):
-                    tried.append(one)
-                    if one.killed:
+                for trial in pool.map(attempt, mutants, [took] * len(mutants)):
+                    tried.append(trial)
+                    if trial.killed:
                         print(".", end="", flush=True)
                     else:
-                        why = one.equivalent or ("TIMED OUT" if one.timed_out else "SURVIVED")
+                        why = trial.equivalent or ("TIMED OUT" if trial.timed_out else "SURVIVED")
                         print(
-                            f"\n{one.place}\n  - {one.before}\n  + {one.after}\n  {why}", flush=True
+                            f"\n{trial.place}\n  - {trial.before}\n  + {trial.after}\n  {why}",
+                            flush=True,
                         )
-                found[package] = tried, of
-                print(f"\n{summary(package, *found[package])}", flush=True)
-    if given.record:
+                results[package] = tried, of
+                print(f"\n{summary(package, *results[package])}", flush=True)
+    if arguments.record:
         path = RECORDS / "mutants.json"
-        record(found, given.seed, read(path) if path.is_file() else None).write(path)
+        record(results, arguments.seed, read(path) if path.is_file() else None).write(path)
 
 
 if __name__ == "__main__":

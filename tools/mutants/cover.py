@@ -30,7 +30,7 @@ def names_imported_by(test: Path) -> Iterator[str]:
 def distances() -> dict[str, dict[str, int]]:
     """Modules that each test file reaches, with the number of imports on the shortest path."""
     imports = import_graph.imports(packages=SOURCES)
-    found = {}
+    distance_of = {}
     for path in sorted((ROOT / "tests").rglob("test_*.py")):
         names = set(names_imported_by(path))
         front = {
@@ -42,8 +42,8 @@ def distances() -> dict[str, dict[str, int]]:
             reached |= dict.fromkeys(front, distance)
             front = {below for name in front for below in imports[name]} - reached.keys()
             distance += 1
-        found[str(path.relative_to(ROOT))] = reached
-    return found
+        distance_of[str(path.relative_to(ROOT))] = reached
+    return distance_of
 
 
 def covering(file: str) -> list[str]:

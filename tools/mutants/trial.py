@@ -66,17 +66,17 @@ def equivalents() -> dict[tuple[str, str, str], str]:
 
 def without_effect(source: str) -> list[Span]:
     """Annotations and the `strict` of zip: changes there cannot show when the code runs."""
-    found: list[ast.expr | None] = []
+    statements: list[ast.expr | None] = []
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.FunctionDef):
-            found.append(node.returns)
+            statements.append(node.returns)
         if isinstance(node, ast.arg | ast.AnnAssign):
-            found.append(node.annotation)
+            statements.append(node.annotation)
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "zip":
-            found += [keyword.value for keyword in node.keywords]
+            statements += [keyword.value for keyword in node.keywords]
     return [
         ((n.lineno, n.col_offset), (n.end_lineno or 0, n.end_col_offset or 0))
-        for n in found
+        for n in statements
         if n is not None
     ]
 

@@ -213,10 +213,10 @@ def message_top(message: Message) -> Panel:
 
 def around_leader(chart: Chart, depth_offset: float) -> Panel:
     """Errors of LAISN-2 around a leader pitched by 5°, over bearing and range, from the map."""
-    here = chosen(chart, pitch_deg=5.0, depth_offset_m=depth_offset)
-    range_m = np.unique(chart["range_m"][here])
-    bearing_deg = np.unique(chart["bearing_deg"][here])
-    error = chart["error_laisn-2_m"][here].reshape(range_m.size, bearing_deg.size)
+    rows = chosen(chart, pitch_deg=5.0, depth_offset_m=depth_offset)
+    range_m = np.unique(chart["range_m"][rows])
+    bearing_deg = np.unique(chart["bearing_deg"][rows])
+    error = chart["error_laisn-2_m"][rows].reshape(range_m.size, bearing_deg.size)
     around = np.append(bearing_deg, bearing_deg[0] + 360.0)
     closed = np.concatenate([error, error[:, :1]], axis=1)
     # bands of equal width to Plotly
@@ -268,8 +268,8 @@ def excess_over_lever(missions: Missions) -> Panel:
     equal = np.array([0.005, 1.1 * top])
     lines = [Line(x=equal, y=equal, colour=MUTED, dash="--")]
     for cause, colour in CAUSE_COLOURS.items():
-        here = select(missions, cause=cause)
-        points = np.array([(m.lever, max(m.added, 1e-3)) for m in here]).reshape(-1, 2)
+        of_cause = select(missions, cause=cause)
+        points = np.array([(m.lever, max(m.added, 1e-3)) for m in of_cause]).reshape(-1, 2)
         lines.append(
             Line(
                 x=points[:, 0],
@@ -299,13 +299,13 @@ def over_offset(missions: Missions) -> list[Panel]:
     """
     drawn: dict[str, list[Line]] = {}
     for cause, title in CAUSES.items():
-        here = select(missions, cause=cause)
-        offsets = sorted({m.real["depth_offset_m"] for m in here})
+        of_cause = select(missions, cause=cause)
+        offsets = sorted({m.real["depth_offset_m"] for m in of_cause})
         for arm, (colour, name), dash in zip(
             (LEVEL, REAL, AHRS), LEGEND, ("-", "-", "--"), strict=True
         ):
             error = [
-                np.median([m.arms[arm]["e_p_mean_m"] for m in select(here, depth_offset_m=o)])
+                np.median([m.arms[arm]["e_p_mean_m"] for m in select(of_cause, depth_offset_m=o)])
                 for o in offsets
             ]
             line = Line(x=np.array(offsets), y=np.array(error), colour=colour, width=1.4, dash=dash)
@@ -349,11 +349,11 @@ def fly_example(plan: Plan) -> Example:
         EVERYTHING,
         plan.study.arm(f"{AHRS} laisn-2").settings,
     )
-    one, everything, aware = (
+    example, everything, aware = (
         validate(assigned(table_of(ROUTE), {**settings, **more}), EXAMPLE) for more in changes
     )
-    trajectory = simulate_motion(one)
-    flight = navigate(one, trajectory)
+    trajectory = simulate_motion(example)
+    flight = navigate(example, trajectory)
     away = trajectory.position[:, 1, :2] - trajectory.position[:, 0, :2]
     pings = flight.measurements[0].message_step * flight.stride
     step = int(pings[np.argmax(np.abs(trajectory.pitch[pings, 0]) / np.hypot(*away[pings].T))])
@@ -390,16 +390,16 @@ def scene(example: Example) -> tuple[Flight, Annotations]:
     message = float(time[example.step])
     start = max(float(time[0]), message - _BEFORE_S)
     end = min(float(time[-1]), message + _AFTER_S)
-    shown = excerpt(level, start, end)
-    shown = replace(shown, scenario=level.scenario.model_copy(update={"name": EXAMPLE}))
+    section = excerpt(level, start, end)
+    section = replace(section, scenario=level.scenario.model_copy(update={"name": EXAMPLE}))
     received = time[level.measurements[0].message_step * level.stride]
     errors = pitch_errors(level)[
-        (received > shown.trajectory.time[0]) & (received <= shown.trajectory.time[-1])
+        (received > section.trajectory.time[0]) & (received <= section.trajectory.time[-1])
     ]
     largest = float(np.nanmax(np.abs(errors), initial=1e-3))
     digit = 10.0 ** np.floor(np.log10(largest))
     position = excerpt(aware, start, end).estimates[0].state[:, :2]
-    return shown, Annotations(
+    return section, Annotations(
         caption=f"The leader pitches: estimates of a follower {OFFSET_M:g} m below",
         label="level leader assumed",
         others=(
@@ -466,10 +466,10 @@ def against(finding: Finding | Interval, aim: float) -> Cell:
     """A share with its interval, green if the whole of it is beyond its aim, red if it is short
     of it.
     """
-    found = of(finding, "") if isinstance(finding, Interval) else finding
-    tone = "yes" if found.low is not None and found.low >= aim else ""
+    interval = of(finding, "") if isinstance(finding, Interval) else finding
+    tone = "yes" if interval.low is not None and interval.low >= aim else ""
     return replace(
-        share_of(found), tone="no" if found.high is not None and found.high < aim else tone
+        share_of(interval), tone="no" if interval.high is not None and interval.high < aim else tone
     )
 
 
@@ -515,7 +515,7 @@ def of_missions(
     }
 
 
-def values(found: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
+def values(record: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
     """What the page's template names, and tables that are written beside those of the parts."""
     plan = outcomes["missions"].plan
     rows = findings.judged_rows(outcomes)

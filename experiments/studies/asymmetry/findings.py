@@ -203,11 +203,11 @@ Missions = Sequence[ComparedMission]
 
 def paired(rows: Iterable[Record]) -> list[ComparedMission]:
     """Rows of the same mission and variant, put together."""
-    found: dict[tuple[object, ...], dict[str, Record]] = {}
+    by_mission: dict[tuple[object, ...], dict[str, Record]] = {}
     for row in rows:
         key = tuple(row[name] for name in ("condition", "route", "depth_offset_m", "variant"))
-        found.setdefault(key, {})[row["arm"]] = row
-    return [ComparedMission(arms=arms) for arms in found.values()]
+        by_mission.setdefault(key, {})[row["arm"]] = row
+    return [ComparedMission(arms=arms) for arms in by_mission.values()]
 
 
 def rows_of(outcomes: Outcomes) -> list[Record]:
@@ -235,14 +235,14 @@ def undecided(mission: ComparedMission, looks: Sequence[int], flown: int) -> lis
     """Arms to fly on to settle what is open on a mission in all its arms; `flown` runs were
     flown of them so far.
     """
-    wanted: set[str] = set()
+    names: set[str] = set()
     for arm, base in JUDGEMENTS if mission.judged else ():
         if {arm, base} <= mission.arms.keys():
             questions = QUESTIONS if base is LEVEL else QUESTIONS[:1]
             judged = [mission.judge(question, arm, looks, base) for question in questions]
             if any(one.promising and one.runs == flown for one in judged):
-                wanted |= {LEVEL, REAL, arm, base}
-    return [key for key in mission.arms if key in wanted]
+                names |= {LEVEL, REAL, arm, base}
+    return [key for key in mission.arms if key in names]
 
 
 def further_runs(
@@ -251,14 +251,14 @@ def further_runs(
     """Runs up to the next look of arms whose verdict is open, unless even the last would hardly
     settle it.
     """
-    wanted: dict[tuple[int, str, int], int] = {}
+    numbers: dict[tuple[int, str, int], int] = {}
     for mission in paired(rows_of(outcomes["missions"])):
         flown = max(len(row[OF_RUNS["error"]]) for row in mission.arms.values())
         for look, further in pairwise(looks):
             for arm in undecided(mission, looks, look) if look == flown else ():
                 row = mission.arms[arm]
-                wanted[row["point"], f"{arm} {row['variant']}", row["realization"]] = further
-    return {"missions": wanted} if wanted else {}
+                numbers[row["point"], f"{arm} {row['variant']}", row["realization"]] = further
+    return {"missions": numbers} if numbers else {}
 
 
 def with_verdicts(mission: ComparedMission, looks: Sequence[int]) -> list[Record]:
@@ -375,7 +375,7 @@ def curves_of(outcomes: Outcomes) -> list[Curve]:
     """The curves of a part over the values that its arms are named by; the noise that arms share
     drops out.
     """
-    found = []
+    curves = []
     every = zip(outcomes.rows, outcomes.runs, strict=True)
     for (_, interval), flown in groupby(
         every, key=lambda one: (one[0]["point"], one[0]["arm"].split()[1])
@@ -386,7 +386,7 @@ def curves_of(outcomes: Outcomes) -> list[Curve]:
         values, errors = zip(
             *((float(row["arm"].split()[0]), row["e_p_mean_m"]) for row in rows), strict=True
         )
-        found.append(
+        curves.append(
             Curve(
                 route=rows[0]["scenario"],
                 interval_s=float(interval),
@@ -396,7 +396,7 @@ def curves_of(outcomes: Outcomes) -> list[Curve]:
                 excess_half_m=tuple(limit.high - limit.value for limit in limits),
             )
         )
-    return found
+    return curves
 
 
 def equivalents(curves: Sequence[Curve], tau: float, depth_offset: float) -> dict[str, Interval]:
@@ -407,16 +407,16 @@ def equivalents(curves: Sequence[Curve], tau: float, depth_offset: float) -> dic
     pitch flown.
     """
     over_tau = _over_tau(curves, INTERVALS_S[1])
-    found = {}
+    values = {}
     for curve in sorted(
         (c for c in curves if c.depth_offset_m == depth_offset), key=lambda c: c.route
     ):
         if curve.route in over_tau:
             value, low, high = over_tau[curve.route].excess_at(tau)
-            found[curve.route] = Interval(
+            values[curve.route] = Interval(
                 *(curve.equivalent(e) for e in (value, max(low, 0.0), high))
             )
-    return found
+    return values
 
 
 def tau_equivalent(missions: Missions, curves: Sequence[Curve]) -> float:
@@ -437,7 +437,7 @@ def _errors(missions: Missions) -> dict[str, Finding]:
     """Mean error over the routes at the largest depth offset, behind the level and the real
     leader, by condition.
     """
-    found = {}
+    findings = {}
     offset = max(m.real["depth_offset_m"] for m in missions)
     for condition, variant in product(
         dict.fromkeys(m.real["condition"] for m in missions), VARIANTS
@@ -445,17 +445,17 @@ def _errors(missions: Missions) -> dict[str, Finding]:
         chosen = select(missions, condition=condition, depth_offset_m=offset, variant=variant)
         for arm in (LEVEL, REAL) if chosen else ():
             name = f"error {condition} {offset:g} {variant} {arm}"
-            found[name] = of(
+            findings[name] = of(
                 mean_error(chosen, arm), "mean E_P over the routes, 95 % over runs", "m"
             )
-    return found
+    return findings
 
 
 def _on_routes(missions: Missions, cause: str) -> dict[str, Finding]:
     """The least and the largest share that attitude broadcasts remove on any route, with limits
     for all together.
     """
-    found = {}
+    findings = {}
     routes = dict.fromkeys(m.real["route"] for m in missions)
     together = 1.0 - (1.0 - CONFIDENCE) / (len(routes) * len(CAUSES))
     by_route = [select(missions, variant="laisn-2", cause=cause, route=route) for route in routes]
@@ -463,34 +463,36 @@ def _on_routes(missions: Missions, cause: str) -> dict[str, Finding]:
         flown = [chosen for chosen in by_route if chosen and arm in chosen[0].arms]
         shares = [removed_in_all(chosen, arm, confidence=together) for chosen in flown]
         for name, extreme in (("least", min), ("largest", max)) if shares else ():
-            what = (
+            meaning = (
                 f"{name} share removed of what pitch adds on a route, limits that hold for all "
                 "routes and causes"
             )
-            found[f"{name} {arm} {cause}"] = of(extreme(shares), what)
-    return found
+            findings[f"{name} {arm} {cause}"] = of(extreme(shares), meaning)
+    return findings
 
 
 def _verdicts(chosen: Missions, arm: str, name: str, looks: Sequence[int]) -> dict[str, Finding]:
     """Number of missions on which a remedy comes to each verdict, and of those that stay open
     for long.
     """
-    found = {}
+    findings = {}
     for question in QUESTIONS:
-        given = [m.arms[arm][f"{question}_verdict"] for m in chosen]
-        judged = f"missions, of {len(given)} judged,"
+        verdicts = [m.arms[arm][f"{question}_verdict"] for m in chosen]
+        judged = f"missions, of {len(verdicts)} judged,"
         for verdict in (Verdict.MET, Verdict.OPEN, Verdict.MISSED):
-            what = f"{judged} with this verdict on {question}s"
-            found[f"{question} {verdict} {name}"] = plain(given.count(verdict), what)
-        undecided = [m for m, verdict in zip(chosen, given, strict=True) if verdict == Verdict.OPEN]
+            meaning = f"{judged} with this verdict on {question}s"
+            findings[f"{question} {verdict} {name}"] = plain(verdicts.count(verdict), meaning)
+        undecided = [
+            m for m, verdict in zip(chosen, verdicts, strict=True) if verdict == Verdict.OPEN
+        ]
         beyond = sum(m.judge(question, arm, looks).needed > SETTLING_RUNS for m in undecided)
-        what = (
+        meaning = (
             f"of the open ones, missions that would take more than {SETTLING_RUNS:,} runs to settle"
         )
-        found[f"{question} beyond {name}"] = plain(beyond, what)
-        harmed = len(given) - given.count(Verdict.NO_HARM)
-        found[f"{question} harmed {name}"] = plain(harmed, f"{judged} on which harm is shown")
-    return found
+        findings[f"{question} beyond {name}"] = plain(beyond, meaning)
+        harmed = len(verdicts) - verdicts.count(Verdict.NO_HARM)
+        findings[f"{question} harmed {name}"] = plain(harmed, f"{judged} on which harm is shown")
+    return findings
 
 
 def _remedies(
@@ -500,41 +502,41 @@ def _remedies(
     group = f"{variant} {cause or 'all'}"
     everywhere = select(missions, variant=variant, cause=cause)
     chosen = select(everywhere, judged=True)
-    found = {f"judged {group}": plain(len(chosen), "missions on which remedies are judged")}
+    findings = {f"judged {group}": plain(len(chosen), "missions on which remedies are judged")}
     for arm in (a for a in ARMS if everywhere and a in everywhere[0].arms):
         rows = [m.arms[arm] for m in everywhere]
         name = f"{arm} {group}"
         locked = proportion(
             sum(row["mirror_locked_runs"] for row in rows), sum(row["runs"] for row in rows)
         )
-        found[f"mirror-locked {name}"] = of(
+        findings[f"mirror-locked {name}"] = of(
             locked, "probability of a mirror lock, missions of any kind"
         )
         if arm in REMEDIES and chosen:
-            what = "share removed of what pitch adds to errors, judged missions, 95 %"
-            found[f"removed {name}"] = of(removed_in_all(chosen, arm), what)
-            what = "share removed of the mirror locks that pitch adds, 95 %"
-            found[f"mirror-locks-removed {name}"] = of(
-                removed_in_all(everywhere, arm, "mirror_lock"), what
+            meaning = "share removed of what pitch adds to errors, judged missions, 95 %"
+            findings[f"removed {name}"] = of(removed_in_all(chosen, arm), meaning)
+            meaning = "share removed of the mirror locks that pitch adds, 95 %"
+            findings[f"mirror-locks-removed {name}"] = of(
+                removed_in_all(everywhere, arm, "mirror_lock"), meaning
             )
-            found |= _verdicts(chosen, arm, name, looks)
-    return found
+            findings |= _verdicts(chosen, arm, name, looks)
+    return findings
 
 
 def _stage_4(curves: Sequence[Curve], offsets: Sequence[float]) -> dict[str, Finding]:
     """Pitch that raises the mean error as the paper's τ does, over the routes."""
-    found = {}
+    findings = {}
     for tau, offset in product(STAGE_4_TAU_M, offsets):
         pitch = [
             v.value for v in equivalents(curves, tau, offset).values() if not math.isnan(v.value)
         ]
         if pitch:
             value, low, high = (round(float(f(pitch)), 2) for f in (np.median, min, max))
-            what = "pitch that does what τ_rear does: median, least and largest of the routes"
-            found[f"stage-4 {tau:g} {offset:g}"] = Finding(
-                value=value, low=low, high=high, unit="°", what=what
+            meaning = "pitch that does what τ_rear does: median, least and largest of the routes"
+            findings[f"stage-4 {tau:g} {offset:g}"] = Finding(
+                value=value, low=low, high=high, unit="°", what=meaning
             )
-    return found
+    return findings
 
 
 def findings_of_rows(
@@ -542,7 +544,7 @@ def findings_of_rows(
 ) -> dict[str, Finding]:
     """All findings, from rows with verdicts and curves."""
     missions = paired(rows)
-    found = {
+    findings = {
         "missions": plain(
             len({(r["condition"], r["route"], r["depth_offset_m"]) for r in rows}), "missions flown"
         ),
@@ -551,12 +553,14 @@ def findings_of_rows(
         "most-runs": plain(looks[-1], "runs of cells whose verdict was open"),
         "runs": plain(sum(len(r[OF_RUNS["error"]]) for r in rows), "runs flown"),
     }
-    found |= _errors(missions)
+    findings |= _errors(missions)
     for cause in CAUSES:
-        found |= _on_routes(missions, cause)
+        findings |= _on_routes(missions, cause)
     for variant, cause_or_all in product(VARIANTS, (*CAUSES, None)):
-        found |= _remedies(missions, variant, cause_or_all, looks)
-    return found | _stage_4(curves, sorted({c.depth_offset_m for c in curves if c.depth_offset_m}))
+        findings |= _remedies(missions, variant, cause_or_all, looks)
+    return findings | _stage_4(
+        curves, sorted({c.depth_offset_m for c in curves if c.depth_offset_m})
+    )
 
 
 def judged_rows(outcomes: Mapping[str, Outcomes]) -> list[Record]:

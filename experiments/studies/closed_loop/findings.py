@@ -18,11 +18,13 @@ def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
     arms = outcomes["study"].cells.by("arm")
     named: dict[str, Finding] = {"lost-from": plain(LOST_M, "", "m")}
     for name in dict.fromkeys(arm.rpartition(" ")[0] for arm in arms):
-        by_truth, own, swept = (arms[f"{name} {by}"] for by in ("truth", "estimate", "current"))
-        far, adrift = (cells.runs("track_error_end_m") > LOST_M for cells in (own, swept))
+        by_truth, by_estimate, swept = (
+            arms[f"{name} {by}"] for by in ("truth", "estimate", "current")
+        )
+        far, adrift = (cells.runs("track_error_end_m") > LOST_M for cells in (by_estimate, swept))
         error, off, typical = (
             by_truth.runs("e_p_mean_m"),
-            *(c.runs("track_error_rms_m") for c in (own, swept)),
+            *(c.runs("track_error_rms_m") for c in (by_estimate, swept)),
         )
         named |= {
             "runs": plain(len(far), "runs of each route"),

@@ -24,9 +24,9 @@ def picture(findings: Findings, cases: Collection[str]) -> Panel:
     for name, (colour, title), aside in zip(
         ("laisn-2", "error"), LEGEND, (-0.08, 0.08), strict=True
     ):
-        found = [findings[f"{name} {case} 5"] for case in cases]
+        shares = [findings[f"{name} {case} 5"] for case in cases]
         places = np.arange(float(len(cases))) + aside
-        lines.append(marks(found, places, colour=colour, marker="o", name=title))
+        lines.append(marks(shares, places, colour=colour, marker="o", name=title))
     drawn = np.concatenate(
         [[*line.y, *line.interval[0], *line.interval[1]] for line in lines if line.interval]
     )
@@ -44,7 +44,7 @@ def picture(findings: Findings, cases: Collection[str]) -> Panel:
 
 def values(found: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
     """What the page's template names."""
-    studies = {part: one.plan.study for part, one in outcomes.items()}
+    studies = {part: of_part.plan.study for part, of_part in outcomes.items()}
     titles = {
         part: {name: study.title("case", name) for name in study.cases}
         for part, study in studies.items()

@@ -94,10 +94,10 @@ def of_missions(key: str, missions: Cells) -> dict[str, Finding]:
     tight, other = (missions.where(arm=arm) for arm in ("tight", "laisn-2"))
     several = f"{len(each)} missions"
     runs = tight.runs("run").size
-    column = {name: [one[name] for one in each] for name in each[0]}
+    column = {name: [mission[name] for mission in each] for name in each[0]}
     inside = "share of instants whose mean eᵀP⁻¹e is within its 95 % χ² interval"
     locked = "locked on the mirror image"
-    found = {
+    findings = {
         "ratio": of(median_ratio(missions), f"mean E_P over LAISN-2's, median of {several}, 95 %"),
         "worst": plain(max(column["ratio"]), f"the same, largest of {several}"),
         "error": of(mean_of(tight.runs("e_p_mean_m")), f"mean E_P, mean of {several}, 95 %", "m"),
@@ -123,25 +123,27 @@ def of_missions(key: str, missions: Cells) -> dict[str, Finding]:
     smoothed = [row.get("bound_smoothed_rms_m") for row in tight.rows]
     if None not in smoothed:
         over = [least / row["bound_rms_m"] for least, row in zip(smoothed, tight.rows, strict=True)]
-        found["smoothing"] = median(
+        findings["smoothing"] = median(
             over, f"bound of smoothing over that of filtering, median of {several}"
         )
     if None not in column["over_bound"]:
-        found["bound"] = median(
+        findings["bound"] = median(
             column["over_bound"], f"RMS E_P over the bound, median of {several}"
         )
-        found["least"] = median(
+        findings["least"] = median(
             column["bound_over_laisn"], f"the bound over LAISN-2's RMS E_P, median of {several}"
         )
-        found["bound-worst"] = plain(max(column["over_bound"]), f"the same, largest of {several}")
-    return {f"{name} {key}": finding for name, finding in found.items()}
+        findings["bound-worst"] = plain(
+            max(column["over_bound"]), f"the same, largest of {several}"
+        )
+    return {f"{name} {key}": finding for name, finding in findings.items()}
 
 
 def of_clocks(missions: Cells) -> dict[str, Finding]:
     """Findings of an unknown clock before the leader's first turn, where it is not observable,
     and after it.
     """
-    found = {}
+    findings = {}
     turn = float(library_route("L").time[1])
     pairs = [
         [missions.where(scenario=route, case=case).steps[0] for case in ("unknown", "exact")]
@@ -161,17 +163,19 @@ def of_clocks(missions: Cells) -> dict[str, Finding]:
                 )
                 values.append(float(unknown / exact))
         errors, bounds = ratios.values()
-        what = (
+        meaning = (
             f"mean E_P with an unknown clock over that with exact ones, {part} the leader's "
             "first turn"
         )
-        found[f"clock {part}"] = median(errors, f"{what}, median of {several}")
-        found[f"clock-worst {part}"] = plain(max(errors), f"the same, largest of {several}")
-        found[f"clock-bound {part}"] = median(
+        findings[f"clock {part}"] = median(errors, f"{meaning}, median of {several}")
+        findings[f"clock-worst {part}"] = plain(max(errors), f"the same, largest of {several}")
+        findings[f"clock-bound {part}"] = median(
             bounds, f"RMS of the bound likewise, median of {several}"
         )
-        found[f"clock-bound-worst {part}"] = plain(max(bounds), f"the same, largest of {several}")
-    return found
+        findings[f"clock-bound-worst {part}"] = plain(
+            max(bounds), f"the same, largest of {several}"
+        )
+    return findings
 
 
 def of_plain_filter(key: str, missions: Cells) -> dict[str, Finding]:
@@ -185,7 +189,7 @@ def of_plain_filter(key: str, missions: Cells) -> dict[str, Finding]:
     means = ekf.runs("e_p_mean_m")
     lost = ekf.runs("mirror_locked")
     whole = ratio_intervals(theirs.sum(axis=1, keepdims=True), means.sum(axis=1, keepdims=True))[0]
-    found = {
+    findings = {
         f"ekf {key}": of(mean_of(means), f"mean E_P of a plain EKF, mean of {several}, 95 %", "m"),
         f"over-ekf {key}": of(whole, f"{over}, {several}, 95 %"),
         f"ekf-nees {key}": of(
@@ -196,11 +200,11 @@ def of_plain_filter(key: str, missions: Cells) -> dict[str, Finding]:
         ),
     }
     for row, mean, ratio in zip(ekf.rows, means.T, ratio_intervals(theirs, means), strict=True):
-        found[f"over-ekf {key} {row['scenario']}"] = of(ratio, f"{over}, 95 %")
-        found[f"ekf {key} {row['scenario']}"] = of(
+        findings[f"over-ekf {key} {row['scenario']}"] = of(ratio, f"{over}, 95 %")
+        findings[f"ekf {key} {row['scenario']}"] = of(
             mean_interval(mean), "mean E_P of a plain EKF, 95 %", "m"
         )
-    return found
+    return findings
 
 
 def of_mirror_locks(key: str, mission: Cells) -> dict[str, Finding]:
@@ -218,7 +222,7 @@ def of_mirror_locks(key: str, mission: Cells) -> dict[str, Finding]:
 
 def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
     """Findings of all parts of the study."""
-    parts = {name: missions_of(one) for name, one in outcomes.items()}
+    parts = {name: missions_of(of_part) for name, of_part in outcomes.items()}
     study = outcomes["cases"].plan.study
     seed = study.file.seed
     runs = study.runs

@@ -136,12 +136,12 @@ def weave_findings() -> dict[str, Finding]:
     for amplitude, period in WEAVES:
         name = f"weave {amplitude:g} {period:g}"
         for behind in BEHIND:
-            what = (
+            meaning = (
                 f"least RMS error {behind} m behind, leader's heading swings by {amplitude:g}° "
                 f"each {period:g} s"
             )
             named[f"{name} {behind}"] = plain(
-                least_error(amplitude, period, float(behind)), what, "m"
+                least_error(amplitude, period, float(behind)), meaning, "m"
             )
         named[f"{name} way"] = plain(
             longer(amplitude), "way that this weave costs, as a share of the way made good"
@@ -157,7 +157,7 @@ def of_condition(name: str, followers: Cells) -> dict[str, Finding]:
     lost = column("lost")
     by_run = mean_interval(np.median(rms, axis=1))
     power = mean_interval(column("power_mean_w").mean(axis=1))
-    found = {
+    findings = {
         "median": median(rms, "RMS distance from the station, median of followers", "m"),
         "run-median": of(by_run, "median of a run's followers, mean of runs, 95 %", "m"),
         "worst": plain(float(rms.max()), "RMS distance from the station, worst follower", "m"),
@@ -190,7 +190,7 @@ def of_condition(name: str, followers: Cells) -> dict[str, Finding]:
         "contact": share(column("touched").max(axis=1), "share of runs with contact"),
         "power": of(power, "mean power of a follower's thrusters, 95 %", "W"),
     }
-    return {f"{key} {name}": finding for key, finding in found.items()}
+    return {f"{key} {name}": finding for key, finding in findings.items()}
 
 
 def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:

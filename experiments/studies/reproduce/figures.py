@@ -109,12 +109,12 @@ def error_figures(steps: Mapping[Key, Arrays]) -> list[tuple[int, str, str, Figu
     """The paper's figures, as far as errors over time are kept: number, setting, variant and
     panels.
     """
-    found = []
+    figures = []
     for figure, setting, variant, missions in FIGURES:
-        kept = {m: steps.get((setting, m, variant)) for m in missions.split()}
-        panels = [error_panel(s, m) for m, s in kept.items() if s]
-        found += [(figure, setting, variant, Figures(panels=panels))] if panels else []
-    return found
+        steps_of_mission = {m: steps.get((setting, m, variant)) for m in missions.split()}
+        panels = [error_panel(s, m) for m, s in steps_of_mission.items() if s]
+        figures += [(figure, setting, variant, Figures(panels=panels))] if panels else []
+    return figures
 
 
 def routes(flights: Mapping[str, Trajectory]) -> Figures:
@@ -155,10 +155,10 @@ class Cells(NamedTuple):
 
     def median(self, setting: str, variant: str, metric: str) -> Cell:
         """Median ratio over missions, with the least and the largest of them."""
-        found = ratios(self.rows, self.published, setting, variant, metric)
-        median = float(np.median(found))
+        values = ratios(self.rows, self.published, setting, variant, metric)
+        median = float(np.median(values))
         return number(
-            median, tone=ratio_tone(median), title=f"{found.min():.2f} … {found.max():.2f}"
+            median, tone=ratio_tone(median), title=f"{values.min():.2f} … {values.max():.2f}"
         )
 
     @staticmethod

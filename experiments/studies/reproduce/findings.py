@@ -173,10 +173,12 @@ class Figures:
         """Figures of all replications, missions in the order of `ROUTES`; NaN for those that
         were not flown.
         """
-        found: dict[tuple[str, str], Floats] = {}
+        figures: dict[tuple[str, str], Floats] = {}
 
         def put(cell: str, metric: str, route: str, values: Floats) -> None:
-            table = found.setdefault((cell, metric), np.full((values.size, len(ROUTES)), math.nan))
+            table = figures.setdefault(
+                (cell, metric), np.full((values.size, len(ROUTES)), math.nan)
+            )
             table[:, ROUTES.index(route)] = values
 
         tables = outcomes["tables"]
@@ -196,16 +198,16 @@ class Figures:
             for row, steps in zip(timed.rows, timed.steps, strict=True)
         ]
         for entry in {entry.motion: entry for entry in timed.plan.entries}.values():
-            here = [row for route, row in rows if route == entry.source][:REPLICATIONS]
+            rows_of_route = [row for route, row in rows if route == entry.source][:REPLICATIONS]
             for name in TIMED:
-                put(BASE, name, entry.source, np.array([row[name] for row in here]))
+                put(BASE, name, entry.source, np.array([row[name] for row in rows_of_route]))
             put(
                 BASE,
                 "distance_m",
                 entry.source,
-                np.full(len(here), mean_distance(timed.motion(entry))),
+                np.full(len(rows_of_route), mean_distance(timed.motion(entry))),
             )
-        return cls(each=found)
+        return cls(each=figures)
 
     @property
     def count(self) -> int:
@@ -237,10 +239,10 @@ class Figures:
 
     def means(self, cell: str, metric: str = "e_p_mean_m") -> Floats:
         """As `known`; NoDataError where there are none."""
-        found = self.known(cell, metric)
-        if not np.all(np.isfinite(found)):
+        values = self.known(cell, metric)
+        if not np.all(np.isfinite(values)):
             raise NoDataError
-        return found
+        return values
 
     def interval(self, values: Floats, kind: Kind = "ratio") -> Interval:
         """Interval of a figure over missions, of the means and of resamples, shape (1 + B,); a
@@ -305,8 +307,10 @@ def _statistic(name: str, ratio: Floats) -> Floats:
         _, relation, limit = name.split()
         return np.asarray(np.mean(HOLDS[relation](ratio, float(limit)), axis=-1))
     values = np.abs(np.log(ratio)) if name.endswith("change") else ratio
-    found = np.asarray(np.quantile(values, 0.9 if name.startswith("nine tenths") else 0.5, axis=-1))
-    return np.exp(found) if name.endswith("change") else found
+    quantiles = np.asarray(
+        np.quantile(values, 0.9 if name.startswith("nine tenths") else 0.5, axis=-1)
+    )
+    return np.exp(quantiles) if name.endswith("change") else quantiles
 
 
 def _median_over_others(values: Floats, at: Bools) -> Floats:
@@ -339,19 +343,21 @@ def _lateral(figures: Figures) -> list[Judged]:
     error = figures.means(BASE, "e_p_max_m")
     largest = figures.each[BASE, "e_p_max_m"]
     below = largest[:, LATERAL].max(axis=1) < largest[:, ~LATERAL].min(axis=1)
-    what = "share of replications with E_P max abeam below each other"
+    meaning = "share of replications with E_P max abeam below each other"
     criteria = [
         figures.judge(
             "median E_P max, abeam over the others", _median_over_others(error, LATERAL), "<", 1.0
         ),
-        figures.judge(what, np.mean(below, keepdims=True), ">", 0.5, "replications"),
+        figures.judge(meaning, np.mean(below, keepdims=True), ">", 0.5, "replications"),
     ]
     abeam, astern = (figures.known(BASE, f"e_p_{where}_m") for where in ("abeam", "astern"))
     both = np.isfinite(abeam + astern).all(axis=0)
     better = np.mean((astern / abeam)[:, both] > 1.0, axis=1) if both.any() else None
-    what = "share of missions better abeam than astern"
+    meaning = "share of missions better abeam than astern"
     return (
-        criteria if better is None else [*criteria, figures.judge(what, better, ">", 0.5, "share")]
+        criteria
+        if better is None
+        else [*criteria, figures.judge(meaning, better, ">", 0.5, "share")]
     )
 
 
@@ -381,9 +387,9 @@ def _burst(figures: Figures) -> list[Judged]:
     if np.isfinite(near).all():
         shares[f"with the peak within {NEAR_BURST_S:.0f} s of the burst"] = near.mean(axis=1)
     over = _median_over_others(error, BURST)
-    what = "largest E_B, median of the bursts over the others'"
+    meaning = "largest E_B, median of the bursts over the others'"
     return [
-        figures.judge(what, over, ">", 1.0),
+        figures.judge(meaning, over, ">", 1.0),
         *(
             figures.judge(f"share of replications {w}", v, ">", 0.5, "replications")
             for w, v in shares.items()
@@ -412,7 +418,9 @@ class Claim:
             criteria = _TESTS[self.test](figures) if self.test else _of_ratios(self, figures)
         except NoDataError:
             return Judgement(verdict="no data")
-        return Judgement(verdict=verdict_of([one.outcome for one in criteria]), criteria=criteria)
+        return Judgement(
+            verdict=verdict_of([criterion.outcome for criterion in criteria]), criteria=criteria
+        )
 
 
 CLAIMS = TypeAdapter(tuple[Claim, ...]).validate_python(
@@ -481,32 +489,32 @@ def _of_cells(
     rows: Mapping[Key, Record],
     published: Mapping[Key, Mapping[str, float]],
 ) -> dict[str, Finding]:
-    found = {}
+    findings = {}
     name = f"{setting} {variant}"
     mine = {mission: row for (s, mission, v), row in rows.items() if (s, v) == (setting, variant)}
     to_theirs = ratios(rows, published, setting, variant, "e_p_mean_m")
     if to_theirs.size:
         value, low, high = (round(float(f(to_theirs)), 4) for f in (np.median, np.min, np.max))
-        what = "mean E_P, ours over the paper's: median, least and largest of the missions"
-        found[f"ratio {name}"] = Finding(value=value, low=low, high=high, what=what)
+        meaning = "mean E_P, ours over the paper's: median, least and largest of the missions"
+        findings[f"ratio {name}"] = Finding(value=value, low=low, high=high, what=meaning)
     locked = proportion(
         *(sum(int(row[c]) for row in mine.values()) for c in ("mirror_locked_runs", "runs"))
     )
-    found[f"mirror-locked {name}"] = of(
+    findings[f"mirror-locked {name}"] = of(
         locked, "probability of a mirror lock over all missions, 95 %"
     )
     for mission, row in mine.items():
         if row["like"]:
             ours = row["e_p_mean_m"]
             theirs = published[row["like"], mission, variant]["e_p_mean_m"]
-            found[f"error {name} {mission}"] = plain(ours, "mean E_P", "m")
-            found[f"printed {name} {mission}"] = plain(
+            findings[f"error {name} {mission}"] = plain(ours, "mean E_P", "m")
+            findings[f"printed {name} {mission}"] = plain(
                 theirs, "mean E_P that the paper prints", "m"
             )
-            found[f"apart {name} {mission}"] = plain(
+            findings[f"apart {name} {mission}"] = plain(
                 abs(ours - theirs), "the difference of the two", "m"
             )
-    return found
+    return findings
 
 
 def findings_of_rows(
@@ -516,33 +524,34 @@ def findings_of_rows(
 ) -> dict[str, Finding]:
     """All findings, from rows and verdicts."""
     runs = next(iter(rows.values()))["runs"]
-    found = {"cells": plain(len(rows), "cells flown"), "runs": plain(runs, "runs of each cell")}
+    findings = {"cells": plain(len(rows), "cells flown"), "runs": plain(runs, "runs of each cell")}
     for i, whose in ((1, "our"), (2, "the paper's")):
         for verdict in VERDICTS:
             numbers = [judged[0].number for judged in judgements if judged[i].verdict == verdict]  # type: ignore[union-attr]
-            what = f"claims of the paper, judged on {whose} figures: {verdict}"
-            found[f"{whose} {verdict} number"] = plain(len(numbers), what)
-            found[f"{whose} {verdict}"] = plain(listed(numbers), what)
+            meaning = f"claims of the paper, judged on {whose} figures: {verdict}"
+            findings[f"{whose} {verdict} number"] = plain(len(numbers), meaning)
+            findings[f"{whose} {verdict}"] = plain(listed(numbers), meaning)
     for claim, ours, _ in judgements:
-        for number, one in enumerate(ours.criteria, start=1):
-            what = (
-                f"{one.what}, {one.relation} {one.bound:g}: {one.outcome}; {VERDICT_CONFIDENCE:.1%}"
+        for number, criterion in enumerate(ours.criteria, start=1):
+            meaning = (
+                f"{criterion.what}, {criterion.relation} {criterion.bound:g}: "
+                f"{criterion.outcome}; {VERDICT_CONFIDENCE:.1%}"
             )
-            found[f"criterion {claim.number}.{number}"] = of(one.interval, what)
+            findings[f"criterion {claim.number}.{number}"] = of(criterion.interval, meaning)
     for setting, variant in dict.fromkeys((setting, variant) for setting, _, variant in rows):
-        found |= _of_cells(setting, variant, rows, published)
-    return found
+        findings |= _of_cells(setting, variant, rows, published)
+    return findings
 
 
 def further_runs(outcomes: Mapping[str, Outcomes]) -> dict[str, Choice]:
     """The runs of all replications of the cells that claims compare."""
     runs = REPLICATIONS * outcomes["tables"].plan.study.runs
-    wanted = {
+    numbers = {
         (labels["point"], labels["arm"], labels["realization"]): runs
         for labels, lists in outcomes["tables"].runs
         if f"{labels['case']} {labels['arm']}" in JUDGED and len(lists["run"]) < runs
     }
-    return {"tables": wanted} if wanted else {}
+    return {"tables": numbers} if numbers else {}
 
 
 def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:

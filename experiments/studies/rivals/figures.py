@@ -23,12 +23,12 @@ def picture(findings: Findings) -> tuple[Panel, Legend]:
     lines = []
     legend = []
     for i, (condition, title) in enumerate(CONDITIONS.items()):
-        found = [findings[f"error {case_name(name, condition, USUAL)}"] for name in NAVIGATORS]
+        errors = [findings[f"error {case_name(name, condition, USUAL)}"] for name in NAVIGATORS]
         # a bar needs a positive end on a logarithmic axis
-        found = [f if f.low is None else replace(f, low=max(f.low, 1e-2)) for f in found]
+        errors = [f if f.low is None else replace(f, low=max(f.low, 1e-2)) for f in errors]
         lines.append(
             marks(
-                found,
+                errors,
                 places + 0.15 * (1.5 - i),
                 across=True,
                 colour=SERIES[i],

@@ -105,19 +105,19 @@ def of_arm(name: str, routes: Cells) -> Iterator[tuple[str, Finding]]:
         f"locked {name}",
         share(routes.runs("mirror_locked"), "share of missions locked on the mirror image, 95 %"),
     )
-    what = f"share of missions with an error beyond {LOST_M:g} m, 95 %"
-    yield f"lost {name}", share(routes.runs("e_p_max_m") > LOST_M, what)
+    meaning = f"share of missions with an error beyond {LOST_M:g} m, 95 %"
+    yield f"lost {name}", share(routes.runs("e_p_max_m") > LOST_M, meaning)
 
 
 def difference(one: Cells, other: Cells, what: str) -> Finding:
     """Paired difference of mean errors of two arms, over the runs that both have."""
     errors = [cells.runs("e_p_mean_m") for cells in (one, other)]
     n = min(map(len, errors))
-    apart = mean_over_missions([*(errors[0][:n] - errors[1][:n]).T])
-    return of(apart, f"paired difference of mean E_P: {what}, 95 %", "m")
+    mean = mean_over_missions([*(errors[0][:n] - errors[1][:n]).T])
+    return of(mean, f"paired difference of mean E_P: {what}, 95 %", "m")
 
 
-def compared(found: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
+def compared(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
     """Differences of every rival from LAISN-3(2) and from the tightly coupled navigator, and how
     often it is better.
     """
@@ -125,13 +125,13 @@ def compared(found: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
     for ours, rival in product(("laisn-3-2", "tight"), rivals):
         better = total = 0
         for condition, interval in product(CONDITIONS, INTERVALS):
-            one, other = (case_name(name, condition, interval) for name in (rival, ours))
-            if one not in found:
+            name_of_rival, other = (case_name(name, condition, interval) for name in (rival, ours))
+            if name_of_rival not in cells:
                 continue
-            apart = difference(found[one], found[other], f"{rival} less {ours}")
-            yield f"less {ours} {one}", apart
+            finding = difference(cells[name_of_rival], cells[other], f"{rival} less {ours}")
+            yield f"less {ours} {name_of_rival}", finding
             total += 1
-            better += apart.high is not None and apart.high < 0.0
+            better += finding.high is not None and finding.high < 0.0
         yield (
             f"better-than {ours} {rival}",
             plain(better, "cases with a smaller mean E_P, the whole interval below 0"),
@@ -139,46 +139,46 @@ def compared(found: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
         yield f"cases {ours} {rival}", plain(total, "cases of condition and message interval")
 
 
-def steered(found: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
+def steered(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
     """How followers keep their routes that steer by their estimates, messages every 5 s."""
     for name, condition in product(NAVIGATORS, CONDITIONS):
         case = f"{name} {condition}"
-        routes = found[case]
+        routes = cells[case]
         error = mean_over_missions([*routes.runs("e_p_mean_m").T])
         yield f"closed-error {case}", of(error, "mean E_P, 95 %", "m")
         off = routes.runs("track_error_rms_m")
         yield f"closed-off {case}", median(off, "RMS off its place, median of missions", "m")
-        what = f"share of missions that end more than {LOST_M:g} m off their place, 95 %"
-        yield f"closed-lost {case}", share(routes.runs("track_error_end_m") > LOST_M, what)
+        meaning = f"share of missions that end more than {LOST_M:g} m off their place, 95 %"
+        yield f"closed-lost {case}", share(routes.runs("track_error_end_m") > LOST_M, meaning)
 
 
-def mapped(found: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
+def mapped(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
     """Mean errors over range, compass bias and baseline, and where the inverted USBL is better
     than LAISN-3(2).
     """
     better = total = 0
     for reach, bias, baseline in product(RANGES_M, BIASES_DEG, BASELINES_M):
         names = [f"map {name} {reach} {bias:g} {baseline:g}" for name in MAPPED]
-        laisn, usbl = (found[name].runs("e_p_mean_m")[:, :1].T for name in names)
+        laisn, usbl = (cells[name].runs("e_p_mean_m")[:, :1].T for name in names)
         for name, errors in zip(names, (laisn, usbl), strict=True):
             yield name, of(mean_over_missions([*errors]), "mean E_P, 95 %", "m")
-        apart = of(
+        difference = of(
             mean_over_missions([*(usbl - laisn)]), "paired difference of mean E_P, 95 %", "m"
         )
-        yield f"map-less {reach} {bias:g} {baseline:g}", apart
-        better = better + int(apart.high is not None and apart.high < 0.0)
+        yield f"map-less {reach} {bias:g} {baseline:g}", difference
+        better = better + int(difference.high is not None and difference.high < 0.0)
         total = total + 1
     yield "map-better", plain(better, "points where the inverted USBL's mean E_P is smaller")
     yield "map-points", plain(total, "points of the map")
 
 
-def shared(found: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
+def shared(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
     """Errors of vehicles that interrogate in turn, interpolated over the interval, on
     logarithmic scales.
     """
     simulated = sorted({*INTERVALS, *FURTHER})
     for name in SHARING:
-        arms = [found[case_name(name, "calm", interval)] for interval in simulated]
+        arms = [cells[case_name(name, "calm", interval)] for interval in simulated]
         errors = [float(routes.runs("e_p_mean_m").mean()) for routes in arms]
         for interval, error in zip(simulated, errors, strict=True):
             yield f"interval {name} {interval:g}", plain(error, "mean E_P over routes", "m")
@@ -206,24 +206,28 @@ def findings_of_rows(
     """All findings, from records in open loop, in closed loop and of the map, and times of
     filter steps [µs].
     """
-    found = {name: finding for arm, runs in routes.items() for name, finding in of_arm(arm, runs)}
+    findings = {
+        name: finding for arm, runs in routes.items() for name, finding in of_arm(arm, runs)
+    }
     for more in (compared(routes), steered(closed), mapped(points), shared(routes)):
-        found |= dict(more)
-    calm = {name: found[f"error {case_name(name, 'calm', USUAL)}"] for name in NAVIGATORS}
+        findings |= dict(more)
+    calm = {name: findings[f"error {case_name(name, 'calm', USUAL)}"] for name in NAVIGATORS}
     best = min((name for name in calm if name not in OURS), key=lambda name: calm[name].number)
-    found["best-rival"] = plain(best, "rival of least mean E_P in calm water, messages every 5 s")
+    findings["best-rival"] = plain(
+        best, "rival of least mean E_P in calm water, messages every 5 s"
+    )
     for ours in ("laisn-3-2", "tight"):
         wins = [
             finding.number
-            for name, finding in found.items()
+            for name, finding in findings.items()
             if name.startswith(f"better-than {ours} ")
         ]
-        found[f"better-than {ours}"] = plain(int(sum(wins)), "the same of all rivals together")
-    found |= {
+        findings[f"better-than {ours}"] = plain(int(sum(wins)), "the same of all rivals together")
+    findings |= {
         f"step {name}": plain(time, "processor time of a filter step", "µs")
         for name, time in step_us.items()
     }
-    return found | {
+    return findings | {
         "runs": plain(len(next(iter(routes.values())).runs("run")), "runs of each mission"),
         "slow-runs": plain(
             len(routes[case_name(SLOW, "calm", USUAL)].runs("run")), "of the factor graph"
@@ -237,10 +241,10 @@ def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
     measured here.
     """
 
-    cells = {part: one.cells for part, one in outcomes.items()}
+    cells = {part: of_part.cells for part, of_part in outcomes.items()}
     routes: dict[str, Cells] = {}
     for part in ("routes", "shared", "slow"):
         routes |= cells[part].by("arm", "case", INTERVAL)
     grid = cells["map"].by("arm", "case", "sensors.heading_bias_deg", "leader.baseline_m")
-    points = {f"map {name}": one for name, one in grid.items()}
+    points = {f"map {name}": of_part for name, of_part in grid.items()}
     return findings_of_rows(routes, cells["closed"].by("arm", "case"), points, step_times_us())
