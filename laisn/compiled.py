@@ -31,7 +31,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 REACHED = ("laisn/**/*.py", "sim/**/*.py", "experiments/campaign/lane_*.py")
 """Sources that compiled code reads: a compiled module imports from them alone."""
-_APART = ("sim/datasets", "sim/film", "sim/log")
+_APART = ("sim/datasets", "sim/film", "sim/gazebo", "sim/log")
 _ROOT = Path(__file__).resolve().parents[1]
 _KEPT_S = 7 * 86_400.0
 """Code of other versions is removed when it has not been used for so long."""

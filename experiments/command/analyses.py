@@ -150,10 +150,10 @@ def hull(
     ] = None,
 ) -> None:
     """Print a first MJCF of an own vehicle, with the formula or source of each number."""
+    from sim.gazebo.hull import from_sdf
     from sim.system import read_text
     from sim.vehicle.hull_file import from_dimensions
     from sim.vehicle.own_hull import hull_errors
-    from sim.vehicle.sdf_import import from_sdf
 
     if sdf is None:
         if length is None or diameter is None or mass is None:
@@ -166,7 +166,7 @@ def hull(
                 "--propeller out"
             )
         try:
-            file, remarks = from_sdf(read_text(sdf, LARGEST_SDF))
+            file, remarks = from_sdf(read_text(sdf, LARGEST_SDF), sdf.parent)
         except LaisnError as error:
             raise LaisnError(f"{sdf}: {error}") from None
         text = file.xml()

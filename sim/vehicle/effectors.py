@@ -13,9 +13,13 @@ and a suffix:
     axis: area [m²],
                     slope of the normal force [1/rad], stall angle [rad], drag coefficient at no
                     incidence
+    NAME.foil       a fin with the forces of gz-sim's LiftDrag: area [m²], slope of the lift
+                    [1/rad], stall angle [rad], slope beyond it [1/rad], incidence at no deflection
+                    [rad], drag coefficient per incidence [1/rad], beyond the stall angle [1/rad],
+                    and 1 if it also acts in flow from behind, or 0
 
-A fixed fin is a site NAME with a numeric NAME.fin and no actuator. It pushes along the site's z
-axis.
+A fixed fin is a site NAME with a numeric NAME.fin or NAME.foil and no actuator. It pushes along
+the site's z axis.
 """
 
 from collections.abc import Sequence
@@ -35,10 +39,11 @@ from sim.vehicle.mjcf import Vehicle, VehicleSetup, numeric
 MOST = 16  # largest number of effectors of a vehicle
 MOST_POINTS = 32  # largest number of points of a thruster's curve
 THRUSTER, CURVE, PROPELLER, FIN = range(4)  # kinds of effectors
-SUFFIXES = {CURVE: ".curve", PROPELLER: ".propeller", FIN: ".fin"}
-# by kind, with the intervals of their values
-_PARAMETERS: dict[int, dict[str, tuple[str, float, float]]] = {
-    PROPELLER: {
+SUFFIXES = {".curve": CURVE, ".propeller": PROPELLER, ".fin": FIN, ".foil": FIN}
+FIN_SUFFIXES = (".fin", ".foil")
+# by suffix, with the intervals of their values
+_PARAMETERS: dict[str, dict[str, tuple[str, float, float]]] = {
+    ".propeller": {
         "diameter [m]": ("more than", 0.0, 1e3),
         "K_T at J = 0": ("more than", 0.0, 1e3),
         "dK_T/dJ": ("more than", -1e3, 1e-9),
@@ -48,15 +53,26 @@ _PARAMETERS: dict[int, dict[str, tuple[str, float, float]]] = {
         "thrust deduction": ("at least", 0.0, 1.0),
         "share of the torque on the hull": ("more than", -1e3, 1e3),
     },
-    FIN: {
+    ".fin": {
         "area [m²]": ("more than", 0.0, 1e3),
         "slope of the normal force [1/rad]": ("more than", 0.0, 1e3),
         "stall angle [rad]": ("more than", 0.0, 1.571),
         "drag coefficient": ("at least", 0.0, 1e3),
     },
+    ".foil": {
+        "area [m²]": ("more than", 0.0, 1e3),
+        "slope of the lift [1/rad]": ("more than", 0.0, 1e3),
+        "stall angle [rad]": ("more than", 0.0, 1.571),
+        "slope of the lift beyond the stall angle [1/rad]": ("more than", -1e3, 1e3),
+        "incidence at no deflection [rad]": ("more than", -1.571, 1.571),
+        "drag coefficient per incidence [1/rad]": ("more than", -1e3, 1e3),
+        "drag coefficient per incidence beyond the stall angle [1/rad]": ("more than", -1e3, 1e3),
+        "1 if it acts in flow from behind, or 0": ("at least", 0.0, 1.000001),
+    },
 }
 # speed below which allocation leaves fins out, and hulls that need them cannot be steered [m/s]
 LEAST_WAY = 0.5
+LEAST_FLOW = 0.01  # speed up to which gz-sim's LiftDrag gives no force [m/s]
 
 EFFECTOR = np.dtype(  # one actuator of a vehicle, as its MJCF gives it
     [
@@ -65,6 +81,7 @@ EFFECTOR = np.dtype(  # one actuator of a vehicle, as its MJCF gives it
         ("lag", np.float64),  # time constant of the state [s]
         ("limits", np.float64, (2,)),  # lowest and highest state: thrust [N], or as of the kind
         ("kind", np.int64),
+        ("foil", np.int64),  # 1: a fin with the forces of gz-sim's LiftDrag
         ("place", np.float64, (3,)),  # of the site, in the body frame [m]
         ("parameters", np.float64, (8,)),  # of a propeller or a fin, as the MJCF has them
         ("points", np.int64),
@@ -106,7 +123,7 @@ def read_fixed(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
     q).
     """
     numerics = [model.numeric(i).name for i in range(model.nnumeric)]
-    fins = [name.removesuffix(SUFFIXES[FIN]) for name in numerics if name.endswith(SUFFIXES[FIN])]
+    fins = [name.rpartition(".")[0] for name in numerics if name.endswith(FIN_SUFFIXES)]
     fixed = [
         name for name in fins if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name) < 0
     ]
@@ -134,15 +151,14 @@ def _fill(record: Any, model: Any, name: str, site: int, gear: Floats) -> None:
     record["force"] = force
     record["torque"] = torque + np.cross(model.site_pos[site], force)
     record["place"] = model.site_pos[site]
-    for kind, suffix in SUFFIXES.items():
+    for suffix, kind in SUFFIXES.items():
         values = numeric(model, name + suffix)
         if values is None:
             continue
         if record["kind"] != THRUSTER:
-            raise LaisnError(
-                f"actuator {name!r} has several of the numerics {', '.join(SUFFIXES.values())}"
-            )
+            raise LaisnError(f"actuator {name!r} has several of the numerics {', '.join(SUFFIXES)}")
         record["kind"] = kind
+        record["foil"] = suffix == ".foil"
         where = f"<numeric name={name + suffix!r}>"
         if kind == CURVE:
             pairs = values.reshape(-1, 2) if values.size % 2 == 0 else np.zeros((0, 2))
@@ -158,7 +174,7 @@ def _fill(record: Any, model: Any, name: str, site: int, gear: Floats) -> None:
             record["points"] = len(pairs)
             record["curve"][: len(pairs)] = pairs
             continue
-        expected = _PARAMETERS[kind]
+        expected = _PARAMETERS[suffix]
         if values.size != len(expected):
             raise LaisnError(
                 f"{where} has {values.size} values, expected {len(expected)}: {', '.join(expected)}"
@@ -193,7 +209,8 @@ class MovingFins:
         for number, i in enumerate(own):
             name = model.actuator(i).name
             geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name)
-            if geom >= 0 and numeric(model, name + SUFFIXES[FIN]) is not None:
+            is_fin = any(numeric(model, name + suffix) is not None for suffix in FIN_SUFFIXES)
+            if geom >= 0 and is_fin:
                 push = attitude.rotate(
                     model.site_quat[model.actuator_trnid[i, 0]], model.actuator_gear[i, :3]
                 )
@@ -277,6 +294,36 @@ def fin_force(record: Any, density: float, deflection: float, local: Vector) -> 
 
 
 @compiled
+def foil_force(record: Any, density: float, deflection: float, local: Vector) -> Vector:
+    """Force of a fin as gz-sim's LiftDrag has it, by the velocity of its place, in the body [N].
+
+    Lift acts across the flow and drag along it, in the plane of the hull's axis and the fin's:
+    ½ρ S C U² with C = C_Lα α and C = |C_Dα α|, of other slopes beyond the stall angle, times the
+    squared cosine of the sweep. α is the incidence of the flow on the deflected chord.
+    """
+    e = record.force
+    p = record.parameters
+    along = local[0]
+    across = local[0] * e[0] + local[1] * e[1] + local[2] * e[2]
+    total = local[0] * local[0] + local[1] * local[1] + local[2] * local[2]
+    square = along * along + across * across
+    ahead = along * np.cos(deflection) + across * np.sin(deflection)
+    if total <= LEAST_FLOW * LEAST_FLOW or square == 0.0 or (ahead <= 0.0 and p[7] == 0.0):
+        return 0.0, 0.0, 0.0
+    incidence = p[4] + deflection + np.arctan2(-across, along)
+    while abs(incidence) > 0.5 * np.pi:
+        incidence -= np.copysign(np.pi, incidence)
+    beyond_stall = max(abs(incidence) - p[2], 0.0)
+    below_stall = min(abs(incidence), p[2])
+    lift = np.copysign(max(p[1] * below_stall + p[3] * beyond_stall, 0.0), incidence)
+    drag = abs(p[5] * below_stall + p[6] * beyond_stall)
+    # dynamic pressure times area and the squared cosine of the sweep, over the speed in the plane
+    scale = 0.5 * density * p[0] * np.sqrt(square) * (square / total)
+    aside = scale * (lift * along - drag * across)
+    return -scale * (lift * across + drag * along), aside * e[1], aside * e[2]
+
+
+@compiled
 def loads(
     fitted: tuple[Any, Floats], number: int, density: float, v: Vector, w: Vector
 ) -> tuple[Vector, Vector, Vector, Vector]:
@@ -319,7 +366,10 @@ def loads(
         place = (record.place[0], record.place[1], record.place[2])
         local = plus(v, cross(w, place))
         if record.kind == FIN:
-            part = fin_force(record, density, state, local)
+            if record.foil == 1:
+                part = foil_force(record, density, state, local)
+            else:
+                part = fin_force(record, density, state, local)
             force = plus(force, part)
             moment = plus(moment, cross(place, part))
             continue
@@ -363,7 +413,8 @@ def reach(record: Any, density: float, speed: float) -> tuple[float, float]:
     if record.kind == FIN:
         lift = fin_lift(record, density, speed)
         stall = record.parameters[2]
-        return lift * max(low, -stall), lift * min(high, stall)
+        at_rest = record.parameters[4]  # incidence of a foil at no deflection
+        return lift * max(low + at_rest, -stall), lift * min(high + at_rest, stall)
     return low, high
 
 
@@ -380,7 +431,7 @@ def state_for(record: Any, density: float, force: float, speed: float) -> float:
     along the hull.
     """
     if record.kind == FIN:
-        return force / fin_lift(record, density, speed)
+        return float(force / fin_lift(record, density, speed) - record.parameters[4])
     if record.kind == PROPELLER:
         p = record.parameters
         size = (1.0 - p[6]) * density * p[0] ** 3

@@ -9,6 +9,7 @@ Vorus and Prestero, OCEANS 2000 (REMUS 100).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib import resources
 from typing import Literal
 from xml.sax.saxutils import escape
@@ -35,18 +36,16 @@ class EffectorPart:
     limits: tuple[float, float] | None = None  # of the state; None: a fixed fin, without actuator
     lag: float = 0.0  # time constant of the state [s]
     source: str  # of limits, lag and parameters
-    # of its numeric: "curve", "propeller", "fin"; empty: a thruster, of thrust [N]
+    # of its numeric: "curve", "propeller", "fin", "foil"; empty: a thruster, of thrust [N]
     suffix: str = ""
     parameters: tuple[float, ...] = ()
     # half chord and half span of the box that shows a fin [m]
-    blade: tuple[float, float] = (0.0, 0.0)
+    blade: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class HullFile:
-    """A hull with the origin of its body frame in the centre of buoyancy; x forward, y port, z
-    up.
-    """
+    """A hull; x forward, y port, z up, the origin in the reference point of the coefficients."""
 
     name: str
     about: str  # where it comes from, for the head of the file
@@ -57,17 +56,21 @@ class HullFile:
     centre: Number  # of gravity, in the body frame [m]
     numerics: dict[str, Number]  # by the names of `sim.vehicle.mjcf.NUMERICS`
     effectors: Sequence[EffectorPart]
+    # of looks and instruments, in the body frame [m]
+    middle: npt.ArrayLike = (0.0, 0.0, 0.0)
+    digits: int = 6  # of the numbers in the file
 
     def xml(self) -> str:
         """Text of the file."""
         radius = 0.5 * self.diameter
         half = 0.5 * self.length
+        x, y, z = np.asarray(self.middle, dtype=np.float64)
         sites = {
-            "tx_rear": (-half, 0, 0),
-            "tx_front": (half, 0, 0),
-            "tx_middle": (0, radius, 0),
-            "hydrophone": (0, 0, radius),
-            "depth_sensor": (0, 0, 0),
+            "tx_rear": (x - half, y, z),
+            "tx_front": (x + half, y, z),
+            "tx_middle": (x, y + radius, z),
+            "hydrophone": (x, y, z + radius),
+            "depth_sensor": (x, y, z),
             "cg": self.centre[0],
         }
         template = resources.files("sim.vehicle").joinpath("hull.xml.j2").read_text("utf-8")
@@ -75,17 +78,17 @@ class HullFile:
             trim_blocks=True, keep_trailing_newline=True, undefined=jinja2.StrictUndefined
         )
         environment.filters |= {
-            "numbers": numbers,
+            "numbers": partial(numbers, digits=self.digits),
             "comment": lambda text: escape(text).replace("--", "‐‐"),
         }
         capsule = radius, max(half - radius, 0.01)
         return environment.from_string(template).render(hull=self, sites=sites, capsule=capsule)
 
 
-def numbers(values: npt.ArrayLike) -> str:
-    """Numbers as MJCF has them, to six digits."""
+def numbers(values: npt.ArrayLike, digits: int = 6) -> str:
+    """Numbers as MJCF has them, to so many digits."""
     flat = np.ravel(np.asarray(values, dtype=np.float64))
-    return " ".join(f"{0.0 if abs(value) < 1e-12 else value:.6g}" for value in flat)
+    return " ".join(f"{0.0 if abs(value) < 1e-12 else value:.{digits}g}" for value in flat)
 
 
 TOP_SPEED = 2.5  # speed that the propeller is geared for [m/s]

@@ -1,0 +1,238 @@
+"""All links of a model as one rigid body, in the model's frame: mass, inertia, volume, size."""
+
+from dataclasses import dataclass
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from laisn.arrays import Floats
+from laisn.failure import LaisnError
+from sim.gazebo.buoyancy import FileWater
+from sim.gazebo.document import Remarks, child_number, child_text, is_true, numbers
+from sim.gazebo.frames import Model, local_pose
+
+WATER = 1000.0  # density of collisions of <inertial auto="true"> without any [kg/m³]
+
+
+@dataclass(frozen=True)
+class Solid:
+    """The shape of a collision."""
+
+    volume: float  # [m³]
+    half_extents: Floats  # [m]
+    unit_inertia: Floats  # 3×3, about its centre, of a mass of 1 kg [m²]
+
+
+@dataclass(frozen=True)
+class Share:
+    """What one link adds to the body."""
+
+    mass: float  # [kg]
+    centre: Floats  # of gravity [m]
+    inertia: Floats  # 3×3, about the centre of gravity [kg m²]
+    added_mass: Floats  # 6×6, about the link's origin, in its frame [kg], [kg m], [kg m²]
+    frame: Floats  # of the link
+
+
+@dataclass(frozen=True)
+class Hull:
+    """The links as one body."""
+
+    shares: list[Share]
+    mass: float  # [kg]
+    centre: Floats  # of gravity [m]
+    inertia: Floats  # 3×3, about the centre of gravity [kg m²]
+    volume: float  # of the collisions that displace water [m³]
+    buoyancy_centre: Floats  # [m]
+    size: Floats  # of the box about the collisions [m]
+    has_mesh: bool
+
+
+def hull_of(model: Model, water: FileWater, remarks: Remarks) -> Hull:
+    """The links of the outermost model and of those nested in it as one body.
+
+    LaisnError if a number cannot be read, or the links have no mass.
+    """
+    shares: list[Share] = []
+    volumes: list[float] = []
+    centres: list[Floats] = []
+    corners: list[Floats] = []
+    has_mesh = False
+    for scope in model.all_models():
+        for name, link in scope.links.items():
+            frame = scope.pose_of(name)
+            shares.append(_share(name, link, frame, remarks))
+            displaces = water.displaces(scope, name)
+            for collision in link.findall("collision"):
+                solid = solid_of(collision)
+                at = frame @ local_pose(collision)
+                if solid is None:
+                    has_mesh = True
+                    remarks.of("link", name, _unread_shape(collision))
+                    # Gazebo takes the pose of a mesh for the centre of its volume
+                    centres.append(at[:3, 3])
+                    volumes.append(0.0)
+                    continue
+                reach = np.abs(at[:3, :3]) @ solid.half_extents
+                centres.append(at[:3, 3])
+                volumes.append(solid.volume * displaces)
+                corners.append(np.array([at[:3, 3] - reach, at[:3, 3] + reach]))
+    return _joined(shares, volumes, centres, corners, has_mesh)
+
+
+def _joined(
+    shares: list[Share],
+    volumes: list[float],
+    centres: list[Floats],
+    corners: list[Floats],
+    has_mesh: bool,
+) -> Hull:
+    masses = np.array([share.mass for share in shares])
+    mass = float(masses.sum())
+    if not mass > 0.0:
+        raise LaisnError("its links have no mass")
+    centre = np.average([share.centre for share in shares], axis=0, weights=masses)
+    inertia = np.zeros((3, 3))
+    for share in shares:
+        arm = share.centre - centre
+        inertia += share.inertia + share.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    volume = float(np.sum(volumes))
+    if volume > 0.0:
+        buoyancy_centre = np.average(centres, axis=0, weights=volumes)
+    else:
+        buoyancy_centre = np.mean(centres, axis=0) if centres else centre
+    if corners:
+        box = np.array(corners)
+        size = box[:, 1].max(axis=0) - box[:, 0].min(axis=0)
+    else:
+        size = _size_of(mass, inertia)
+    return Hull(shares, mass, centre, inertia, volume, buoyancy_centre, size, has_mesh)
+
+
+def _size_of(mass: float, inertia: Floats) -> Floats:
+    """Edges of the homogeneous box of a mass and an inertia [m]."""
+    moments = np.diag(inertia)
+    squares = 6.0 * (moments.sum() - 2.0 * moments) / mass
+    return np.asarray(np.sqrt(np.maximum(squares, 1e-4)))
+
+
+def solid_of(collision: Element) -> Solid | None:
+    """The shape of a collision; None: a mesh or another of which the volume is not known."""
+    shape = next(collision.iterfind("geometry/*"), None)
+    if shape is None:
+        return None
+    if shape.tag in ("plane", "empty"):
+        return Solid(0.0, np.zeros(3), np.zeros((3, 3)))
+    if shape.tag == "box":
+        size = numbers(child_text(shape, "size") or "1 1 1", 3, "<size>")
+        return Solid(float(np.prod(size)), size / 2.0, _moments(size**2 / 12.0))
+    if shape.tag == "ellipsoid":
+        radii = numbers(child_text(shape, "radii") or "1 1 1", 3, "<radii>")
+        return Solid(float(4.0 / 3.0 * np.pi * np.prod(radii)), radii, _moments(radii**2 / 5.0))
+    if shape.tag not in ("sphere", "cylinder", "capsule", "cone"):
+        return None
+    radius = child_number(shape, "radius", 1.0)
+    if shape.tag == "sphere":
+        radii = np.full(3, radius)
+        return Solid(float(4.0 / 3.0 * np.pi * radius**3), radii, _moments(radii**2 / 5.0))
+    length = child_number(shape, "length", 1.0)
+    if shape.tag == "cone":
+        across = 3.0 / 20.0 * radius**2
+        squares = np.array([across, across, 3.0 / 80.0 * length**2])
+        half = np.array([radius, radius, length / 2.0])
+        return Solid(np.pi * radius**2 * length / 3.0, half, _moments(squares))
+    cylinder = np.pi * radius**2 * length
+    ends = 4.0 / 3.0 * np.pi * radius**3 if shape.tag == "capsule" else 0.0
+    volume = cylinder + ends
+    # mean squares of the coordinates over cylinder and both half spheres
+    along = cylinder * length**2 / 12.0
+    along += ends * (length**2 / 4.0 + 3.0 / 8.0 * length * radius + radius**2 / 5.0)
+    across = cylinder * radius**2 / 4.0 + ends * radius**2 / 5.0
+    squares = np.array([across, across, along]) / max(volume, 1e-300)
+    half = np.array([radius, radius, length / 2.0 + (radius if ends else 0.0)])
+    return Solid(volume, half, _moments(squares))
+
+
+def _moments(squares: Floats) -> Floats:
+    """Moments of inertia by the mean squares of the coordinates, of a mass of 1."""
+    return np.diag(squares.sum() - squares)
+
+
+def _share(name: str, link: Element, frame: Floats, remarks: Remarks) -> Share:
+    inertial = link.find("inertial")
+    if inertial is None:
+        remarks.of("link", name, "no <inertial>, thus as in Gazebo 1 kg and moments of 1 kg m²")
+        return Share(1.0, frame[:3, 3], np.eye(3), np.zeros((6, 6)), frame)
+    if is_true(inertial.get("auto")):
+        mass, centre, inertia = _automatic(name, link, inertial, frame, remarks)
+    else:
+        own = frame @ local_pose(inertial)
+        mass = child_number(inertial, "mass", 1.0)
+        centre = own[:3, 3]
+        inertia = own[:3, :3] @ _tensor(name, inertial, remarks) @ own[:3, :3].T
+    if not 0.0 <= mass < np.inf:
+        raise LaisnError(f"<mass> of link {name!r} must not be negative (given: {mass:g})")
+    if child_text(link, "gravity").lower() in ("0", "false"):
+        remarks.of("link", name, "<gravity> is off in Gazebo; its weight is counted here")
+    added = inertial.find("fluid_added_mass")
+    return Share(mass, centre, inertia, _fluid_added_mass(added), frame)
+
+
+def _tensor(name: str, inertial: Element, remarks: Remarks) -> Floats:
+    inertia = inertial.find("inertia")
+    if inertia is None or inertia.find("ixx") is None:
+        remarks.of("link", name, "no <ixx> …, thus as in Gazebo moments of 1 kg m²")
+    if inertia is None:
+        return np.eye(3)
+    xx, yy, zz = (child_number(inertia, tag, 1.0) for tag in ("ixx", "iyy", "izz"))
+    xy, xz, yz = (child_number(inertia, tag, 0.0) for tag in ("ixy", "ixz", "iyz"))
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _automatic(
+    name: str, link: Element, inertial: Element, frame: Floats, remarks: Remarks
+) -> tuple[float, Floats, Floats]:
+    """Mass, centre and inertia of <inertial auto="true">: those of the collisions."""
+    default = child_number(inertial, "density", WATER)
+    masses = []
+    centres = []
+    tensors = []
+    for collision in link.findall("collision"):
+        solid = solid_of(collision)
+        if solid is None:
+            remarks.of("link", name, "<inertial auto> leaves out a collision that is not read")
+            continue
+        at = frame @ local_pose(collision)
+        masses.append(child_number(collision, "density", default) * solid.volume)
+        centres.append(at[:3, 3])
+        tensors.append(masses[-1] * at[:3, :3] @ solid.unit_inertia @ at[:3, :3].T)
+    total = float(np.sum(masses))
+    if not total > 0.0:
+        raise LaisnError(
+            f"link {name!r}: <inertial auto> needs a <collision> with a volume that is read"
+        )
+    centre = np.average(centres, axis=0, weights=masses)
+    inertia = np.sum(tensors, axis=0)
+    for mass, place in zip(masses, centres, strict=True):
+        arm = place - centre
+        inertia += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    given = child_number(inertial, "mass", total)
+    return given, centre, inertia * given / total
+
+
+def _fluid_added_mass(element: Element | None) -> Floats:
+    """<fluid_added_mass>, 6×6: the fluid's inertia about the link's origin, positive."""
+    matrix = np.zeros((6, 6))
+    if element is None:
+        return matrix
+    axes = "xyzpqr"
+    for i in range(6):
+        for j in range(i, 6):
+            matrix[i, j] = matrix[j, i] = child_number(element, axes[i] + axes[j], 0.0)
+    return matrix
+
+
+def _unread_shape(collision: Element) -> str:
+    shape = next(collision.iterfind("geometry/*"), None)
+    kind = "no shape" if shape is None else f"a <{shape.tag}>"
+    return f"a collision is {kind}, whose volume is not read: size and buoyancy are without it"

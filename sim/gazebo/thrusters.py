@@ -1,0 +1,131 @@
+"""Thrusters of gz-sim: a force at the origin of the joint's child link, along the joint's axis."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from laisn.arrays import Floats
+from laisn.failure import LaisnError
+from sim.gazebo.document import Parameters, Remarks, child_text, plugins_of
+from sim.gazebo.frames import Model
+
+GAZEBO_LIMIT = 1000.0  # of a command without limits, either way [N] or [rad/s]
+_ROTATION = ("thrust_coefficient", "fluid_density", "propeller_diameter")
+_CONTROL = ("velocity_control", "p_gain", "i_gain", "d_gain")
+_OPEN_WATER = ("alpha_1", "alpha_2", "wake_fraction")
+
+
+@dataclass(frozen=True)
+class Thruster:
+    """A thruster in the model's frame."""
+
+    joint: str
+    place: Floats  # [m]
+    axis: Floats  # unit vector of a positive thrust
+    # least and largest thrust [N]; None: the file has no such limit
+    least: float | None
+    largest: float | None
+
+
+def thrusters_of(model: Model, remarks: Remarks) -> list[Thruster]:
+    """All thrusters of a model and of those nested in it; LaisnError if a joint is missing."""
+    return [
+        _read(scope, Parameters(plugin, "Thruster", remarks), remarks)
+        for scope in model.all_models()
+        for plugin in plugins_of(scope.element, "Thruster")
+    ]
+
+
+def _read(scope: Model, parameters: Parameters, remarks: Remarks) -> Thruster:
+    name = parameters.text("joint_name")
+    joint = scope.joints.get(name)
+    found = None if joint is None else scope.find_link(child_text(joint, "child"))
+    if found is None:
+        raise LaisnError(f"Thruster: there is no <joint name={name!r}> with a child link")
+    inner, link = found
+    least, largest = _limits(name, parameters, remarks)
+    band = parameters.number("deadband", 0.0)
+    if band:
+        remarks.of(
+            "thruster",
+            name,
+            f"a deadband of {band:g} N, below which Gazebo gives no thrust, is not modelled",
+        )
+    parameters.set_aside(["namespace", "topic"], "topics of Gazebo")
+    parameters.set_aside(_CONTROL, "the lag of the thrust is assumed instead")
+    parameters.set_aside(_ROTATION, "of the propeller's rotation, not of the thrust")
+    parameters.set_aside(
+        _OPEN_WATER,
+        "of the rotation; without thrust_coefficient and with use_angvel_cmd also of the thrust",
+    )
+    parameters.set_aside(["battery_name", "power_load"], "there is no battery")
+    parameters.close()
+    return Thruster(name, inner.pose_of(link)[:3, 3], scope.joint_axis(name), least, largest)
+
+
+def _limits(
+    name: str, parameters: Parameters, remarks: Remarks
+) -> tuple[float | None, float | None]:
+    """Least and largest thrust [N]; None where the file has none."""
+    low = parameters.number("min_thrust_cmd", -GAZEBO_LIMIT)
+    high = parameters.number("max_thrust_cmd", GAZEBO_LIMIT)
+    has_low = "min_thrust_cmd" in parameters
+    has_high = "max_thrust_cmd" in parameters
+    if high < low:
+        remarks.of(
+            "thruster",
+            name,
+            "max_thrust_cmd is below min_thrust_cmd; as in Gazebo, neither is used",
+        )
+        has_low = has_high = False
+    if not parameters.flag("use_angvel_cmd"):
+        return (low if has_low else None), (high if has_high else None)
+    # thrust K_T ρ D⁴ ω|ω|, commanded by the rate ω [rad/s]
+    coefficient = parameters.number("thrust_coefficient", 1.0)
+    scale = parameters.number("fluid_density", 1000.0) * coefficient
+    scale *= parameters.number("propeller_diameter", 0.02) ** 4
+    remarks.of(
+        "thruster",
+        name,
+        f"commanded in Gazebo by its rate of rotation, {scale:.4g} N per (rad/s)², here by its "
+        "thrust",
+    )
+    least = scale * low * abs(low) if has_low else None
+    largest = scale * high * abs(high) if has_high else None
+    return (largest, least) if scale < 0.0 else (least, largest)
+
+
+def with_limits(
+    thrusters: list[Thruster], default: float, remarks: Remarks
+) -> list[tuple[float, float]]:
+    """Limits [N], where the file has none those of the other direction, or the default."""
+    limits = []
+    for thruster in thrusters:
+        least = thruster.least
+        largest = thruster.largest
+        assumed = []
+        if largest is None:
+            largest = -least if least is not None and least < 0.0 else default
+            assumed.append(f"max_thrust_cmd {largest:.3g} N")
+        if least is None:
+            least = -largest if largest > 0.0 else -default
+            assumed.append(f"min_thrust_cmd {least:.3g} N")
+        if assumed:
+            remarks.of(
+                "thruster",
+                thruster.joint,
+                f"no limit in the file, assumed {' and '.join(assumed)} (Gazebo: "
+                f"±{GAZEBO_LIMIT:g})",
+            )
+        if not least < largest:
+            raise LaisnError(
+                f"thruster {thruster.joint!r}: max_thrust_cmd must be above min_thrust_cmd (given: "
+                f"{least:g} and {largest:g})"
+            )
+        limits.append((least, largest))
+    return limits
+
+
+def pushing_along(thrusters: list[Thruster], axis: Floats) -> list[Thruster]:
+    """Thrusters that push along an axis of the model, either way."""
+    return [one for one in thrusters if abs(float(np.dot(one.axis, axis))) > 0.9]
