@@ -53,12 +53,12 @@ def beacons_of(values: Mapping[str, object]) -> Beacons:
         return Beacons.model_validate(dict(values))
     except ValidationError as error:
         lines = ["settings of beacons:"]
-        for one in error.errors():
-            key = one["loc"][0]
-            known = (
+        for detail in error.errors():
+            key = detail["loc"][0]
+            keys = (
                 "" if key in Beacons.model_fields else f"; known: {', '.join(Beacons.model_fields)}"
             )
-            lines.append(f"  beacons.{key}: {one['msg']}{known}")
+            lines.append(f"  beacons.{key}: {detail['msg']}{keys}")
         raise LaisnError("\n".join(lines)) from None
 
 
@@ -79,13 +79,13 @@ def score(
     [m], shape (t, 3).
     """
     time = measured.time
-    known = np.isfinite(estimates.state[:, 0])
-    first = max(since_s, float(time[known][0]) if known.any() else np.inf)
+    estimated = np.isfinite(estimates.state[:, 0])
+    first = max(since_s, float(time[estimated][0]) if estimated.any() else np.inf)
     path = truth[(truth[:, 0] >= first) & (truth[:, 0] <= time[-1])]
     if not len(path):
         return Score(math.nan, math.nan, math.nan, math.nan)
     place = np.column_stack(
-        [np.interp(path[:, 0], time[known], estimates.state[known, k]) for k in range(2)]
+        [np.interp(path[:, 0], time[estimated], estimates.state[estimated, k]) for k in range(2)]
     )
     covariance = estimates.covariance[np.searchsorted(time, path[:, 0]), :2, :2]
     off = place - path[:, 1:]
@@ -118,17 +118,17 @@ def by_laisn(recorded: Replayable, given: NavigationSettings) -> Estimates:
     return Navigator(settings, recorded.start).run(recorded.measurements)
 
 
-def _settings(recorded: Replayable, given: Beacons, medium: str) -> BeaconSettings:
-    return given.over(replace(MEDIA[medium], dt=recorded.measurements.dt, **recorded.stated))
+def _settings(recorded: Replayable, beacons: Beacons, medium: str) -> BeaconSettings:
+    return beacons.over(replace(MEDIA[medium], dt=recorded.measurements.dt, **recorded.stated))
 
 
-def among_beacons(recorded: Replayable, given: Beacons) -> tuple[Estimates, str]:
+def among_beacons(recorded: Replayable, beacons: Beacons) -> tuple[Estimates, str]:
     """Estimates of the navigator among beacons, and the medium: if it is open, that with the
     likeliest ranges.
     """
-    found = list[tuple[float, Estimates, str]]()
-    for medium in MEDIA if given.medium == "auto" else (given.medium,):
-        navigator = BeaconNavigator(_settings(recorded, given, medium), recorded.start)
+    candidates = list[tuple[float, Estimates, str]]()
+    for medium in MEDIA if beacons.medium == "auto" else (beacons.medium,):
+        navigator = BeaconNavigator(_settings(recorded, beacons, medium), recorded.start)
         estimates = navigator.run(recorded.measurements)
-        found.append((navigator.evidence, estimates, medium))
-    return max(found, key=itemgetter(0))[1:]
+        candidates.append((navigator.evidence, estimates, medium))
+    return max(candidates, key=itemgetter(0))[1:]

@@ -57,8 +57,8 @@ class Finding:
                 f"{spec!r} is no format of a finding, such as '.2f', 'low .0%' or '.1f i'"
             )
         which, inner, added = match.groups()
-        given = getattr(self, which) if which else self.value
-        value, low, high = (_set(v, inner) for v in (given, self.low, self.high))
+        number = getattr(self, which) if which else self.value
+        value, low, high = (_set(v, inner) for v in (number, self.low, self.high))
         if added == " i":
             return f"{value} ({low.removesuffix(' %')} to {high})"
         if added and self.low is not None and self.high is not None:
@@ -135,12 +135,12 @@ class Findings:
         ).rpartition("{}")
         # a line for each finding, so that a difference of records can be read
         for name, finding in self.findings.items():
-            given = {
+            table = {
                 key: value
                 for key, value in asdict(finding).items()
                 if value not in ("", None) or key == "value"
             }
-            lines.append(f"  {text(name)}: {text(given)}")
+            lines.append(f"  {text(name)}: {text(table)}")
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(path) as part:
             part.write_text(
@@ -162,10 +162,10 @@ def record(
 def read(path: Path) -> Findings:
     """A record; LaisnError if it is not there, or no record of this schema."""
     try:
-        given = json.loads(path.read_text(encoding="utf-8"))
-        if given.pop("schema", None) != SCHEMA:
+        table = json.loads(path.read_text(encoding="utf-8"))
+        if table.pop("schema", None) != SCHEMA:
             raise LaisnError(f"its schema is not {SCHEMA}; make it anew with make studies")
-        found = {name: Finding(**finding) for name, finding in given.pop("findings").items()}
-        return Findings(**given | {"modules": tuple(given["modules"])}, findings=found)
+        findings = {name: Finding(**finding) for name, finding in table.pop("findings").items()}
+        return Findings(**table | {"modules": tuple(table["modules"])}, findings=findings)
     except (OSError, ValueError, RecursionError, KeyError, TypeError, AttributeError) as error:
         raise LaisnError(f"{path}: no record of a study: {error}") from None

@@ -156,5 +156,5 @@ def share_removed(
     root = b * b - a * c
     if a <= 0.0 or root < 0.0:
         return Interval(1.0 - left / part, math.nan, math.nan)
-    kept = sorted(((b - math.sqrt(root)) / a, (b + math.sqrt(root)) / a))
-    return Interval(1.0 - left / part, 1.0 - kept[1], 1.0 - kept[0])
+    roots = sorted(((b - math.sqrt(root)) / a, (b + math.sqrt(root)) / a))
+    return Interval(1.0 - left / part, 1.0 - roots[1], 1.0 - roots[0])

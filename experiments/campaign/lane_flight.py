@@ -308,10 +308,10 @@ def _read_attitude(
     draws = noise.draws
     fluctuation = noise.fluctuation
     offset = noise.offset
-    kept, fresh = sensors.weights(since, noise.dt, errors.leader_tilt_time)
+    weight, fresh = sensors.weights(since, noise.dt, errors.leader_tilt_time)
     _draw_if(errors.leader_tilt_sigma > 0.0, noise, _LEADER_ATTITUDE, emitted)
     for i in range(2 * LANES):
-        fluctuation[i] = sensors.advanced(fluctuation[i], kept, fresh, draws[i])
+        fluctuation[i] = sensors.advanced(fluctuation[i], weight, fresh, draws[i])
     for lane in range(LANES):
         i = _FIRST + lane
         j = _SECOND + lane

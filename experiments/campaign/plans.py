@@ -185,8 +185,8 @@ def compute(trajectory: Trajectory, plans: Sequence[CellPlan]) -> list[Result]:
         given = scenario
         variant = scenario.navigation.variant
         if plan.measured and plan.facts:
-            found = plan.facts(plan.scenario, trajectory)[plan.follower]
-            values = {key: found.get(name) for key, name in plan.measured.items()}
+            facts = plan.facts(plan.scenario, trajectory)[plan.follower]
+            values = {key: facts.get(name) for key, name in plan.measured.items()}
             given = validate(assigned(scenario.model_dump(mode="json"), values), plan.scenario.name)
         cell = Cell.of(given, plan.follower, runs, mission=mission, disturbance=disturbance)
         result = simulate(cell, threads=plan.threads)

@@ -143,20 +143,20 @@ def progress(what: str, total: int, *, quiet: bool = False) -> Iterator[Advance]
         return
     with _Bars(console, MofNCompleteColumn()) as bars:
         task = bars.add_task(what, total=total)
-        shown = time.monotonic()
+        shown_at = time.monotonic()
 
         def advance(count: int) -> None:
-            nonlocal shown
+            nonlocal shown_at
             bars.advance(task, count)
             state = bars.tasks[task]
             now = time.monotonic()
-            if bars.disable and (state.finished or now - shown >= _LINE_EVERY_S):
+            if bars.disable and (state.finished or now - shown_at >= _LINE_EVERY_S):
                 pace = (
                     f", {state.speed:.1f}/s, {state.time_remaining:.0f} s left"
                     if state.speed
                     else ""
                 )
                 console.print(f"{what}: {state.completed:.0f}/{total}{pace}", highlight=False)
-                shown = now
+                shown_at = now
 
         yield advance

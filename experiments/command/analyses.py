@@ -57,11 +57,11 @@ def bound(
             ]
             cells = [f"{value:.3f}" for value in bounds]
             if runs:
-                found = simulate(
+                flight = simulate(
                     Cell.of(flown, i, runs, mission=mission), threads=len(os.sched_getaffinity(0))
                 ).row
-                rms = float(np.hypot(found["e_p_mean_m"], found["e_p_std_m"]))
-                cells += [f"{rms:.3f}", f"{rms / bounds[-1]:.2f}", f"{found['nees']:.3g}"]
+                rms = float(np.hypot(flight["e_p_mean_m"], flight["e_p_std_m"]))
+                cells += [f"{rms:.3f}", f"{rms / bounds[-1]:.2f}", f"{flight['nees']:.3g}"]
             lines.append([follower.name, *cells])
             time = flown.timing.filter_step_s * np.arange(1, least.size + 1)
             rows += [

@@ -170,8 +170,8 @@ def render(
     from experiments.pages import results as files
     from sim.scenario.settings import Video
 
-    given = {"camera": camera, "speed_up": speed_up, **(size or {})}
-    changes = {name: value for name, value in given.items() if value is not None}
+    settings = {"camera": camera, "speed_up": speed_up, **(size or {})}
+    changes = {name: value for name, value in settings.items() if value is not None}
     # before the mission is simulated
     files.video_of(Video(), changes)
     flight = files.flight_of(source, set_ or ())

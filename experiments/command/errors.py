@@ -62,20 +62,22 @@ def _outcome(error: BaseException) -> tuple[int, list[str]]:
     notes = list(getattr(error, "__notes__", ()))
     # libraries in C and Rust may replace the exception of a signal by an error of their own
     if _signals or isinstance(error, KeyboardInterrupt):
-        kept = notes or ["finished files are kept, none is half-written"]
-        return 128 + _signals[-1] if _signals else INTERRUPTED, ["; ".join(["interrupted", *kept])]
+        remarks = notes or ["finished files are kept, none is half-written"]
+        return 128 + _signals[-1] if _signals else INTERRUPTED, [
+            "; ".join(["interrupted", *remarks])
+        ]
     if isinstance(error, LaisnError):
         return USER_ERROR, [*(str(error).splitlines() or [type(error).__name__]), *notes]
     if isinstance(error, OSError) and error.errno is not None:
         # of the system: a full disk, a folder without permission
         return USER_ERROR, [f"{error.filename or 'output'}: {error.strerror}", *notes]
-    what = (f"{type(error).__name__}: {plain(error)}" if str(error) else type(error).__name__)[:200]
+    text = (f"{type(error).__name__}: {plain(error)}" if str(error) else type(error).__name__)[:200]
     compiled = sys.modules.get("laisn.compiled")
     if compiled is not None and compiled.remove_if_damaged(error):
         return USER_ERROR, [
-            f"compiled code could not be read and is removed ({what}); run the command again"
+            f"compiled code could not be read and is removed ({text}); run the command again"
         ]
-    return INTERNAL_ERROR, [f"this is a bug in the program ({what}); {_report(error)}", *notes]
+    return INTERNAL_ERROR, [f"this is a bug in the program ({text}); {_report(error)}", *notes]
 
 
 @contextmanager

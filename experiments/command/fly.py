@@ -41,7 +41,7 @@ def _show_stations(console: Console, flight: Flight, summary: dict[str, Any]) ->
     rows = []
     for name, row in summary["followers"].items():
         if "station_rms_m" in row:
-            off = (f"{row[f'station_{what}_m']:.2f} m" for what in ("rms", "p95", "max"))
+            off = (f"{row[f'station_{statistic}_m']:.2f} m" for statistic in ("rms", "p95", "max"))
             joined = "never" if row["joined_s"] is None else f"{row['joined_s']:.0f} s"
             rows.append(
                 [name, *off, f"{row['e_p_mean_m']:.2f} m", joined, "lost" if row["lost"] else ""]
@@ -51,8 +51,8 @@ def _show_stations(console: Console, flight: Flight, summary: dict[str, Any]) ->
     truth = flight.trajectory
     pair = summary["closest_approach_pair"]
     positions = truth.position[np.argmin(np.abs(truth.time - summary["closest_approach_s"]))]
-    one, other = (positions[truth.names.index(name), :2] for name in pair)
-    level = float(np.hypot(*(one - other)))
+    first, other = (positions[truth.names.index(name), :2] for name in pair)
+    level = float(np.hypot(*(first - other)))
     text = (
         f"{' and '.join(pair)}, {summary['closest_approach_m']:.1f} m ({level:.1f} m horizontally)"
     )
@@ -77,8 +77,10 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
             heads.append("track error")
         rows = []
         for name, row in summary["followers"].items():
-            metres = (f"{row[f'e_p_{what}_m']:.2f} m" for what in ("max", "mean", "std"))
-            degrees = (f"{row[f'e_b_{what}_deg']:.2f}°" for what in ("max", "mean", "std"))
+            metres = (f"{row[f'e_p_{statistic}_m']:.2f} m" for statistic in ("max", "mean", "std"))
+            degrees = (
+                f"{row[f'e_b_{statistic}_deg']:.2f}°" for statistic in ("max", "mean", "std")
+            )
             consistent = (
                 "–" if row[key] is None else f"{row[key]:.3g}" for key in ("nees", "rms_over_bound")
             )

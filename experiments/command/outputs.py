@@ -30,10 +30,10 @@ def output_file(
     """The file at a path, in a folder that is made; LaisnError, before anything is computed, if
     it has another suffix, is a folder or one of the sources, or its folder cannot be made.
     """
-    known = tuple(suffixes)
-    if path.suffix not in known:
+    endings = tuple(suffixes)
+    if path.suffix not in endings:
         raise LaisnError(
-            f"{option}: expected a file name that ends in {' or '.join(known)} (given: {path})"
+            f"{option}: expected a file name that ends in {' or '.join(endings)} (given: {path})"
         )
     if path.is_dir():
         raise LaisnError(f"{option}: expected the name of a file (given the folder: {path})")

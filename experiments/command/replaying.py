@@ -115,8 +115,8 @@ def replay_measurements(
     remarks = list[str]()
     vehicles = list[Replayed]()
     for i, name in enumerate(begin.names[1:]):
-        measured, found = read_recording(path, name, longest_gap_s)
-        remarks += found
+        measured, recorded = read_recording(path, name, longest_gap_s)
+        remarks += recorded
         settings = replace(navigation_settings(scenario, begin, i), dt=measured.dt)
         try:
             estimates = make(settings, start_of(begin, i)).run(measured)
@@ -164,10 +164,10 @@ def _write_replay(
         write_csv(
             output.path,
             [
-                dict(zip(columns, (one.name, time_s, *state), strict=True))
-                for one in vehicles
+                dict(zip(columns, (vehicle.name, time_s, *state), strict=True))
+                for vehicle in vehicles
                 for time_s, state in zip(
-                    one.measured.time.tolist(), one.estimates.state.tolist(), strict=True
+                    vehicle.measured.time.tolist(), vehicle.estimates.state.tolist(), strict=True
                 )
             ],
         )
@@ -203,7 +203,7 @@ def show_info(path: Path) -> None:
     """Print what a log holds; LogError if it cannot be read."""
     log = Contents(path, lambda topic, _: False)
     console = Console()
-    times = [at for found in log.topics.values() for at in found.times]
+    times = [at for messages in log.topics.values() for at in messages.times]
     begin = min(times, default=0)
     end = max(times, default=0)
     start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=begin // 1000)
@@ -214,16 +214,16 @@ def show_info(path: Path) -> None:
     )
     topics = sorted(log.topics.items())
     rows = [
-        (topic, found.schema.name if found.schema else "", str(len(found.times)))
-        for topic, found in topics
+        (topic, messages.schema.name if messages.schema else "", str(len(messages.times)))
+        for topic, messages in topics
     ]
     show_table(console, ("channel", "schema", "messages"), rows)
     for name, data in log.attachments.items():
         print_line(console, f"attachment {name}: {len(data)} bytes")
     for name, record in log.metadata.items():
         print_line(console, f"metadata {name}: {', '.join(f'{k}={v}' for k, v in record.items())}")
-    for what in log.unverified:
-        print_line(console, f"{what}: no checksum, damage is not detected", "note:")
+    for content in log.unverified:
+        print_line(console, f"{content}: no checksum, damage is not detected", "note:")
 
 
 def _smoother(variant: str, lag_s: float | None) -> NavigatorFactory | None:
@@ -249,10 +249,10 @@ def _show_smoothing(console: Console, filtered: Flight, smoothed: Flight, lag_s:
     for i, name in enumerate(filtered.trajectory.names[1:]):
         row = [name]
         for flight, lag in ((filtered, 0.0), (smoothed, lag_s)):
-            found = consistency(flight, i, flight_bound(filtered, i, lag))
-            bound = found["bound_rms_m"]
-            over = found["rms_over_bound"]
-            values = (over * bound if over and bound else None, bound, found["nees"])
+            agreement = consistency(flight, i, flight_bound(filtered, i, lag))
+            bound = agreement["bound_rms_m"]
+            over = agreement["rms_over_bound"]
+            values = (over * bound if over and bound else None, bound, agreement["nees"])
             row += ["–" if value is None else f"{value:.3f}" for value in values]
         rows.append(row)
     heads = (
@@ -338,9 +338,9 @@ def replay_data_set(
     measured = recorded.measurements
     heads = ("", "mean error [m]", "RMS [m]", "95 % [m]", "NEES", "ends at x, y [m]")
     rows = []
-    for name, found in (("dead reckoning", dead_reckoning(recorded)), (title, estimates)):
-        errors = score(found, measured, recorded.truth)
-        x, y = found.state[-1, :2]
+    for name, result in (("dead reckoning", dead_reckoning(recorded)), (title, estimates)):
+        errors = score(result, measured, recorded.truth)
+        x, y = result.state[-1, :2]
         rows.append([name, *map(_figure, errors), f"{x:.2f}, {y:.2f}"])
     show_table(Console(), heads, rows)
     truth = recorded.truth

@@ -138,10 +138,10 @@ def study(  # noqa: PLR0913 - an argument for each option of the command
     if film and graphics.working() is None:
         typer.echo(f"no film: {graphics.MISSING}", err=True)
         film = ""
-    found = run(
+    results = run(
         source, keys, out, quick=quick, film=film, workers=workers, cluster=cluster, force=force
     )
-    echo(f"report in {found.report()}")
+    echo(f"report in {results.report()}")
 
 
 BUILT_IN = {

@@ -84,10 +84,10 @@ def _exchange(folder: Path, work: Path) -> None:
 
 def _outcome(folder: Path, work: Path) -> str:
     """Remove the files of a failed flight unless there is a log, and report what is kept."""
-    kept = (work / LOG).exists() or partial_path(work / LOG).exists()
-    if not kept:
+    has_log = (work / LOG).exists() or partial_path(work / LOG).exists()
+    if not has_log:
         shutil.rmtree(work, ignore_errors=True)
-    text = f"the unfinished flight is in {work}" if kept else "nothing of this flight is kept"
+    text = f"the unfinished flight is in {work}" if has_log else "nothing of this flight is kept"
     return (
         f"{text}; the earlier flight in {folder} is unchanged"
         if (folder / SUMMARY).exists()

@@ -51,8 +51,8 @@ def table_of(source: str) -> dict[str, Any]:
     path = Path(source)
     # also of a name that no system has a file of
     if path.suffix != ".toml" and not os.path.exists(source):
-        known = f"available: {', '.join(names())}, or a TOML file"
-        raise ScenarioError(f"unknown scenario '{shortened(plain(source), 200)}'; {known}")
+        available = f"available: {', '.join(names())}, or a TOML file"
+        raise ScenarioError(f"unknown scenario '{shortened(plain(source), 200)}'; {available}")
     return {"name": name_of(path)} | seen_from(read(path), path.parent)
 
 
@@ -176,11 +176,11 @@ def vehicle_rows() -> list[tuple[str, str, str, str]]:
         sides = np.max(middle + reach, axis=0) - np.min(middle - reach, axis=0)
         size = " × ".join(f"{side:.2f}" for side in sides) + " m"
         groups = Counter[str]()
-        for one in plant.effectors[0, : len(plant.effector_names[0])]:
-            what, scale, unit = kinds[int(one["kind"])]
+        for effector in plant.effectors[0, : len(plant.effector_names[0])]:
+            label, scale, unit = kinds[int(effector["kind"])]
             groups[
-                f"{what} {scale * one['limits'][0]:.4g} … "
-                f"{scale * one['limits'][1]:.4g} {unit}".rstrip()
+                f"{label} {scale * effector['limits'][0]:.4g} … "
+                f"{scale * effector['limits'][1]:.4g} {unit}".rstrip()
             ] += 1
         mass = float(plant.model.body(f"{name}/hull").mass[0])
         rows.append(

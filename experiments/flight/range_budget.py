@@ -96,11 +96,11 @@ def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
     sound = propagate(trajectory, scenario, follower)
     # sound counts steps from the start of the mission, a flight from its own
     first = round(float(trajectory.time[0]) / measured.dt)
-    _, row, kept = np.intersect1d(
+    _, row, pings = np.intersect1d(
         sound.message_step - first, measured.message_step, return_indices=True
     )
     emission = sound.emission_step[row]
-    fix = measured.message_step[kept] * flight.stride
+    fix = measured.message_step[pings] * flight.stride
     sent = (emission - first) * flight.stride
 
     broadcast = _transmitters(trajectory, sent, trajectory.quaternion[sent, 0])
@@ -117,10 +117,10 @@ def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
         return np.asarray(np.take_along_axis(values[row], path[:, :, None], axis=2)[:, :, 0])
 
     length = taken(sound.arrival.length)
-    message = dict(zip(LeaderMessage._fields, measured.message[kept].T, strict=True))
+    message = dict(zip(LeaderMessage._fields, measured.message[pings].T, strict=True))
     height = navigation_settings(scenario, trajectory, follower).hydrophone_height
     measured_difference = message["depth"] - (
-        measured.depth[measured.message_step[kept] - 1] - height
+        measured.depth[measured.message_step[pings] - 1] - height
     )
     d_level = np.linalg.norm(level[..., :2] - hydrophone[:, None, :2], axis=2)
     steps = {
@@ -132,8 +132,8 @@ def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
         Cause.ECHO: _on_plane(length, depth_difference),
         Cause.SOUND_SPEED: _on_plane(length * taken(sound.arrival.ratio), depth_difference),
         Cause.CLOCK: _on_plane(taken(sound.range), depth_difference),
-        Cause.RANDOM: _on_plane(measured.ranges[kept], depth_difference),
-        Cause.DEPTH: _on_plane(measured.ranges[kept], measured_difference),
+        Cause.RANDOM: _on_plane(measured.ranges[pings], depth_difference),
+        Cause.DEPTH: _on_plane(measured.ranges[pings], measured_difference),
     }
     chain = np.stack([d_level, *(steps[cause] for cause in Cause)], axis=2)
     share = np.diff(chain, axis=2)

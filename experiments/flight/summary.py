@@ -56,13 +56,13 @@ def _nearest(flight: Flight) -> dict[str, Any]:
     layer; contacts.
     """
     space, level = tracking.closest_approaches(flight.trajectory)
-    found = dict[str, Any]()
+    row = dict[str, Any]()
     layer = tracking.closest_in_a_layer(flight.scenario, flight.trajectory)
-    for name, one in (("approach", space), ("horizontal", level), ("in_layer", layer)):
-        found[f"closest_{name}_m"] = one and one.distance_m
-        found[f"closest_{name}_pair"] = one and list(one.pair)
-        found[f"closest_{name}_s"] = one and one.time_s
-    return found | {
+    for name, approach in (("approach", space), ("horizontal", level), ("in_layer", layer)):
+        row[f"closest_{name}_m"] = approach and approach.distance_m
+        row[f"closest_{name}_pair"] = approach and list(approach.pair)
+        row[f"closest_{name}_s"] = approach and approach.time_s
+    return row | {
         "contacts": [
             {"time_s": time, "pair": list(pair)}
             for time, pair in tracking.contacts(flight.trajectory)
@@ -180,8 +180,8 @@ def contact_events(flight: Flight) -> list[Event]:
     other.
     """
     return [
-        Event(t, "warning", f"{other} and {one} touch", other)
-        for t, (one, other) in tracking.contacts(flight.trajectory)
+        Event(t, "warning", f"{other} and {first} touch", other)
+        for t, (first, other) in tracking.contacts(flight.trajectory)
     ]
 
 
@@ -215,24 +215,26 @@ def uncertainty_events(flight: Flight) -> list[Event]:
     events = []
     pairs = [
         (i, j)
-        for i, one in enumerate(followers)
+        for i, follower in enumerate(followers)
         for j, other in enumerate(followers[:i])
-        if one.station and other.station and abs(one.layer_m - other.layer_m) < LEAST_LAYER_M
+        if follower.station
+        and other.station
+        and abs(follower.layer_m - other.layer_m) < LEAST_LAYER_M
     ]
     if not pairs:
         return []
     places = tracking.true_stations(flight.scenario, flight.trajectory)[steps]
     for i, j in pairs:
-        apart = np.hypot(
+        distance = np.hypot(
             places.east[:, i] - places.east[:, j], places.north[:, i] - places.north[:, j]
         )
-        near = apart < SIGMAS * largest_sigma(
+        near = distance < SIGMAS * largest_sigma(
             flight.estimates[i].covariance + flight.estimates[j].covariance
         )
         if near.any():
             k = int(np.argmax(near))
             text = (
-                f"stations of {followers[i].name} and {followers[j].name}, {apart[k]:.1f} m "
+                f"stations of {followers[i].name} and {followers[j].name}, {distance[k]:.1f} m "
                 "apart, are nearer"
             )
             text += f" than {SIGMAS:g} sigma of their relative position error"

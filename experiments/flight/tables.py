@@ -135,9 +135,9 @@ def truth_table(flight: Flight) -> Table:
             "pitch_deg": np.rad2deg(t.pitch[:, v]),
         }
         columns |= {"roll_deg": np.rad2deg(t.roll[:, v]), "surge_m_s": t.forward_speed[:, v]}
-        for what, values in (("velocity", t.velocity), ("water", t.water_velocity)):
+        for quantity, values in (("velocity", t.velocity), ("water", t.water_velocity)):
             columns |= {
-                f"{what}_{axis}_m_s": values[:, v, j]
+                f"{quantity}_{axis}_m_s": values[:, v, j]
                 for j, axis in enumerate(("east", "north", "up"))
             }
         parts.append(pa.table(columns))

@@ -147,8 +147,8 @@ class Panel:
         gap = 0.03
         whole = sum(part.height for part in self.parts)
         low = 1.0
-        along = [line.x for part in self.parts for line in part.lines]
-        across = _axis(self.x_label, self.x_limits, self.x_log, self.x_ticks, along)
+        values = [line.x for part in self.parts for line in part.lines]
+        across = _axis(self.x_label, self.x_limits, self.x_log, self.x_ticks, values)
         across |= {
             "showspikes": not self.equal,
             "spikemode": "across",
@@ -260,10 +260,10 @@ def decimate(x: Floats, y: Floats, points: int = DRAWN_POINTS) -> tuple[Floats, 
     lowest = np.where(missing, np.inf, table)
     highest = np.where(missing, -np.inf, table)
     start = np.arange(stretches) * length
-    kept = np.concatenate(
+    indices = np.concatenate(
         [[0, n - 1], start + lowest.argmin(axis=1), start + highest.argmax(axis=1)]
     )
-    index = np.unique(np.minimum(kept, n - 1))
+    index = np.unique(np.minimum(indices, n - 1))
     return x[index], y[index]
 
 
@@ -318,16 +318,16 @@ def _log_ticks(values: Sequence[Floats]) -> list[float]:
 def _ends(limits: Limits, values: Sequence[Floats]) -> tuple[float, float]:
     """Ends of an axis: the limits, and for one that is None the values with a margin."""
     bottom, top = limits
-    shown = np.concatenate([*values, np.array([end for end in limits if end is not None])])
-    low = float(np.nanmin(shown))
-    high = float(np.nanmax(shown))
+    numbers_shown = np.concatenate([*values, np.array([end for end in limits if end is not None])])
+    low = float(np.nanmin(numbers_shown))
+    high = float(np.nanmax(numbers_shown))
     margin = 0.04 * (high - low) or 1.0
     return low - margin if bottom is None else bottom, high + margin if top is None else top
 
 
 def _trace(line: Line, points: int | None, place: bool) -> dict[str, Any]:
     x, y = (line.x, line.y) if line.marker or points is None else decimate(line.x, line.y, points)
-    shown = "%{x:.1f} m, %{y:.1f} m" if place else "%{y:.4~g}"
+    hover = "%{x:.1f} m, %{y:.1f} m" if place else "%{y:.4~g}"
     trace: dict[str, Any] = {
         "type": "scatter",
         "x": numbers(x),
@@ -353,9 +353,9 @@ def _trace(line: Line, points: int | None, place: bool) -> dict[str, Any]:
         }
     if line.time is not None:
         trace["customdata"] = numbers(line.time)
-        shown += ", %{customdata:.0f} s"
+        hover += ", %{customdata:.0f} s"
     trace |= (
-        {"hovertemplate": f"{shown}<extra>{symbols(line.name)}</extra>"}
+        {"hovertemplate": f"{hover}<extra>{symbols(line.name)}</extra>"}
         if line.name
         else {"hoverinfo": "skip"}
     )

@@ -276,14 +276,14 @@ def ranges_part(flight: Flight, follower: int) -> Part:
 
 def fixes_part(flight: Flight, follower: int) -> Part:
     """A mark over time for every fix, in a row for each kind."""
-    found = flight.estimates[follower]
+    estimates = flight.estimates[follower]
     dt = flight.measurements[follower].dt
-    kinds = [FixKind(kind) for kind in sorted(set(found.fix_kind.tolist()))]
-    at = np.asarray(flight.trajectory.time[0] + found.fix_step * dt, dtype=np.float64)
+    kinds = [FixKind(kind) for kind in sorted(set(estimates.fix_kind.tolist()))]
+    at = np.asarray(flight.trajectory.time[0] + estimates.fix_step * dt, dtype=np.float64)
     marks = []
     for row, kind in enumerate(kinds):
         failed = kind in (FixKind.GATED, FixKind.SINGULAR, FixKind.LOST)
-        times = at[found.fix_kind == kind]
+        times = at[estimates.fix_kind == kind]
         colour = MUTED if failed else SERIES[row % len(SERIES)]
         y = np.full(times.size, float(row))
         marks.append(Line(x=times, y=y, colour=colour, marker="|"))

@@ -62,12 +62,15 @@ def share_table(budget: RangeErrorBudget, caption: str = "", transmitters: int =
     asymmetry of bow and stern.
     """
     at_work = [c for c in Cause if _largest(budget.share[..., c]) > _NOTICEABLE_M]
-    apart = budget.asymmetry
+    asymmetry = budget.asymmetry
     errors = {c: [_rms(budget.share[:, i, c]) for i in range(transmitters)] for c in at_work}
     rows = [
         [
             words(LABELS[c]),
-            *(number(100 * e, 1) for e in (*errors[c], _rms(apart[:, c]), _largest(apart[:, c]))),
+            *(
+                number(100 * e, 1)
+                for e in (*errors[c], _rms(asymmetry[:, c]), _largest(asymmetry[:, c]))
+            ),
         ]
         for c in at_work
     ]
@@ -153,11 +156,11 @@ def accuracy(flight: Flight, follower: int) -> dict[str, float]:
     estimate is across that axis.
     """
     steps = flight.step_index()
-    found = flight.estimates[follower]
+    estimates = flight.estimates[follower]
     truth = flight.hydrophone(follower)[:, :2]
     leader = flight.trajectory.position[steps, 0, :2]
     heading = flight.trajectory.heading[steps, 0]
-    estimate = found.state[:, :2]
+    estimate = estimates.state[:, :2]
     starboard = np.column_stack([np.cos(heading), -np.sin(heading)])
     side, estimated = (
         np.einsum("ni,ni->n", point - leader, starboard) for point in (truth, estimate)
@@ -165,23 +168,23 @@ def accuracy(flight: Flight, follower: int) -> dict[str, float]:
     wrong = (np.minimum(np.abs(side), np.abs(estimated)) >= SIDE_M) & (side * estimated < 0)
     folded = np.mod(true_bearing(flight, follower), np.pi)
     near = np.minimum(folded, np.pi - folded) < np.radians(ON_AXIS_DEG)
-    square = nees(found, truth)
+    square = nees(estimates, truth)
     error = np.hypot(*(estimate - truth).T)
     # with a singular covariance any error is outside
     outside = np.where(np.isnan(square), np.any(estimate != truth, axis=1), square > SIGMAS**2)
     # with an unknown start there is no estimate before the first messages
-    known = np.isfinite(error)
-    error = error[known]
-    near = near[known]
-    wrong = wrong[known]
-    outside = outside[known]
+    finite = np.isfinite(error)
+    error = error[finite]
+    near = near[finite]
+    wrong = wrong[finite]
+    outside = outside[finite]
     k = int(error.argmax())
     return {
         "mean": float(error.mean()),
         "sigma": float(error.std()),
         "high": float(np.percentile(error, 95)),
         "largest": float(error[k]),
-        "largest_s": float(flight.trajectory.time[steps][known][k]),
+        "largest_s": float(flight.trajectory.time[steps][finite][k]),
         "outside": float(outside.mean()),
         "near_axis": float(near.mean()),
         "mean_near": float(error[near].mean()) if near.any() else np.nan,

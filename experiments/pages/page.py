@@ -168,10 +168,10 @@ def number(value: float | int | None, digits: int = 2, tone: str = "", title: st
     """A number with a fixed count of decimals; a dash for None and NaN, sorted last."""
     if value is None or math.isnan(value):
         return Cell(text="–", sort=math.inf, title=title)
-    shown = f"{value:d}" if isinstance(value, int) else f"{value:.{digits}f}"
+    text = f"{value:d}" if isinstance(value, int) else f"{value:.{digits}f}"
     # what is rounded to zero has no sign
-    shown = shown.replace("-", "−" if float(shown) else "")
-    return Cell(text=shown, sort=value, tone=tone, title=title)
+    text = text.replace("-", "−" if float(text) else "")
+    return Cell(text=text, sort=value, tone=tone, title=title)
 
 
 def with_limits(finding: Finding, digits: int = 2) -> Cell:
@@ -221,8 +221,8 @@ def _environment(**settings: Any) -> jinja2.Environment:
 
 def render(page: Page) -> str:
     """The page as HTML text."""
-    found = versions()
-    made_with = ", ".join(f"{name} {found[package]}" for package, name in _SHOWN_VERSIONS.items())
+    in_use = versions()
+    made_with = ", ".join(f"{name} {in_use[package]}" for package, name in _SHOWN_VERSIONS.items())
     blocks = [block for section in page.sections for block in section.blocks]
     drawn = any(isinstance(block, Figures) and block.panels for block in blocks)
     plotly = resources.files("plotly") / "package_data" / "plotly.min.js" if drawn else None

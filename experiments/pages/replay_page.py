@@ -79,7 +79,7 @@ class Replayed:
         """
         measured = self.measured
         step = self.measured.message_step - 1
-        own = np.column_stack([self.estimates.state[step, :2], measured.last_depth[step]])
+        hydrophone = np.column_stack([self.estimates.state[step, :2], measured.last_depth[step]])
         places = measured.transmitters
         if places is None:
             east, north, heading, depth = _poses(measured)
@@ -90,7 +90,7 @@ class Replayed:
             )
             middle = np.column_stack([east, north, depth])
             places = np.stack([middle - arm, middle + arm, np.full_like(middle, np.nan)], axis=1)
-        return np.asarray(measured.ranges - np.linalg.norm(places - own[:, None], axis=2))
+        return np.asarray(measured.ranges - np.linalg.norm(places - hydrophone[:, None], axis=2))
 
 
 def ellipse(centre: Floats, covariance: Floats) -> Floats:
@@ -103,20 +103,20 @@ def ellipse(centre: Floats, covariance: Floats) -> Floats:
     return outline
 
 
-def _map(one: Replayed) -> tuple[Panel, list[tuple[Colour, str]]]:
-    state = one.estimates.state
-    covariance = one.estimates.covariance
-    known = np.flatnonzero(np.isfinite(state[:, 0]))
-    drawn = known[:: max(1, known.size // _TRACK_POINTS)]
+def _map(replayed: Replayed) -> tuple[Panel, list[tuple[Colour, str]]]:
+    state = replayed.estimates.state
+    covariance = replayed.estimates.covariance
+    estimated = np.flatnonzero(np.isfinite(state[:, 0]))
+    drawn = estimated[:: max(1, estimated.size // _TRACK_POINTS)]
     track = state[drawn]
-    time = one.measured.time[drawn]
+    time = replayed.measured.time[drawn]
     lines = [Line(x=track[:, 0], y=track[:, 1], colour=ESTIMATE, name="estimate", time=time)]
     legend = [(ESTIMATE, "estimate, with 2σ ellipses")]
-    for step in known[:: max(1, known.size // _ELLIPSES)]:
+    for step in estimated[:: max(1, estimated.size // _ELLIPSES)]:
         outline = ellipse(state[step, :2], covariance[step, :2, :2])
         lines.append(Line(x=outline[:, 0], y=outline[:, 1], colour=ESTIMATE, width=0.5))
-    if one.measured.transmitters is not None:
-        places = np.unique(one.measured.transmitters[..., :2].reshape(-1, 2).round(2), axis=0)
+    if replayed.measured.transmitters is not None:
+        places = np.unique(replayed.measured.transmitters[..., :2].reshape(-1, 2).round(2), axis=0)
         places = places[np.isfinite(places).all(axis=1)]
         lines.append(
             Line(
@@ -129,13 +129,13 @@ def _map(one: Replayed) -> tuple[Panel, list[tuple[Colour, str]]]:
             )
         )
         legend.append((LEADER, "transmitters"))
-    elif len(one.measured.message):
-        east, north, *_ = _poses(one.measured)
-        sent = one.measured.time[one.measured.message_step - 1]
+    elif len(replayed.measured.message):
+        east, north, *_ = _poses(replayed.measured)
+        sent = replayed.measured.time[replayed.measured.message_step - 1]
         lines.append(Line(x=east, y=north, colour=LEADER, name="leader", time=sent))
         legend.append((LEADER, "leader, as broadcast"))
-    if one.path is not None:
-        lines.insert(0, Line(x=one.path[:, 1], y=one.path[:, 2], colour=INK, dash="--"))
+    if replayed.path is not None:
+        lines.insert(0, Line(x=replayed.path[:, 1], y=replayed.path[:, 2], colour=INK, dash="--"))
         legend.append((INK, "surveyed path"))
     chart = panel(
         lines,
@@ -144,18 +144,18 @@ def _map(one: Replayed) -> tuple[Panel, list[tuple[Colour, str]]]:
         equal=True,
         width=_MAP_WIDTH,
         height=_HEIGHT,
-        link=one.name,
+        link=replayed.name,
     )
     return chart, legend
 
 
-def _over_time(one: Replayed) -> Panel:
+def _over_time(replayed: Replayed) -> Panel:
     """2σ of the position, range residuals of each transmitter, and NIS, where there are any."""
-    at = one.measured.time[one.measured.message_step - 1]
-    residuals = one.residuals
-    squared = one.nis
+    at = replayed.measured.time[replayed.measured.message_step - 1]
+    residuals = replayed.residuals
+    squared = replayed.nis
     seen = np.isfinite(residuals)
-    curve = Line(x=one.measured.time, y=2.0 * one.sigma, colour=ESTIMATE, name="2σ")
+    curve = Line(x=replayed.measured.time, y=2.0 * replayed.sigma, colour=ESTIMATE, name="2σ")
     parts = [Part(lines=[curve], y_label="2σ of position [m]", y_limits=(0.0, None))]
     lines = [
         Line(
@@ -171,39 +171,44 @@ def _over_time(one: Replayed) -> Panel:
     parts += [Part(lines=lines, y_label="range residual [m]")] if lines else []
     if np.isfinite(squared).any():
         top = max(2.0, float(np.nanpercentile(squared, 99)))
-        time = one.measured.time[one.estimates.fix_step - 1]
+        time = replayed.measured.time[replayed.estimates.fix_step - 1]
         marks = Line(x=time, y=squared, colour=SERIES[2], marker="o", name="NIS")
         parts.append(Part(lines=[marks], y_label="NIS per quantity", y_limits=(0.0, top)))
-    ends = (float(one.measured.time[0]), float(one.measured.time[-1]))
+    ends = (float(replayed.measured.time[0]), float(replayed.measured.time[-1]))
     width = FULL - _MAP_WIDTH
     return Panel(
-        parts=parts, x_label="time [s]", x_limits=ends, width=width, height=_HEIGHT, link=one.name
+        parts=parts,
+        x_label="time [s]",
+        x_limits=ends,
+        width=width,
+        height=_HEIGHT,
+        link=replayed.name,
     )
 
 
-def _values(one: Replayed) -> dict[str, Any]:
-    two_sigma = 2.0 * one.sigma
-    squared = one.nis
+def _values(replayed: Replayed) -> dict[str, Any]:
+    two_sigma = 2.0 * replayed.sigma
+    squared = replayed.nis
     worst = int(two_sigma.argmax())
-    chart, legend = _map(one)
+    chart, legend = _map(replayed)
     hues = [
         (colour, f"residual of the {name}")
         for colour, name in zip(TRANSMITTERS, _NAMES, strict=True)
     ]
-    received = [bool(np.isfinite(column).any()) for column in one.residuals.T]
+    received = [bool(np.isfinite(column).any()) for column in replayed.residuals.T]
     legend += [hue for hue, used in zip(hues, received, strict=True) if used]
     legend += [(SERIES[2], "NIS")] if np.isfinite(squared).any() else []
     return {
-        "name": one.name,
-        "steps": len(one.estimates.state),
-        "messages": len(one.measured.message),
-        "fixes": one.fixes,
+        "name": replayed.name,
+        "steps": len(replayed.estimates.state),
+        "messages": len(replayed.measured.message),
+        "fixes": replayed.fixes,
         "median": number(float(np.median(two_sigma))).text,
         "largest": number(float(two_sigma[worst])).text,
-        "largest_s": number(float(one.measured.time[worst]), 0).text,
+        "largest_s": number(float(replayed.measured.time[worst]), 0).text,
         "mean_nis": number(float(np.nanmean(squared)) if np.isfinite(squared).any() else None).text,
-        "mean_error": number(one.mean_error).text,
-        "figure": Figures(panels=[chart, _over_time(one)], legend=legend),
+        "mean_error": number(replayed.mean_error).text,
+        "figure": Figures(panels=[chart, _over_time(replayed)], legend=legend),
     }
 
 
@@ -216,7 +221,7 @@ def write_replay_page(
     path.parent.mkdir(parents=True, exist_ok=True)
     values = {
         "log": plain(log.name),
-        "vehicles": [_values(one) for one in replayed],
+        "vehicles": [_values(vehicle) for vehicle in replayed],
         "remarks": remarks,
     }
     facts = [("Log", str(log)), ("Navigator", navigator)]

@@ -87,8 +87,8 @@ class Flight(simulated.Flight):
         for name, (error, _) in zip(
             self.trajectory.names[1:], position_and_bearing_errors(self), strict=True
         ):
-            found = (f"{error.mean():.2f} m", f"{error.max():.2f} m") if error.size else ("–", "–")
-            body += f"<tr>{''.join(f'<td>{cell}</td>' for cell in (escape(name), *found))}</tr>"
+            texts = (f"{error.mean():.2f} m", f"{error.max():.2f} m") if error.size else ("–", "–")
+            body += f"<tr>{''.join(f'<td>{cell}</td>' for cell in (escape(name), *texts))}</tr>"
         heads = "<th>follower</th><th>mean E_P</th><th>largest E_P</th>"
         about = escape(f"{self!r}"[1:-1])
         return (
@@ -129,14 +129,18 @@ def fly(
     docs/extending.md.
     """
     scenario = loaded(source, changes)
-    given: dict[str, Any] = {} if navigator is None else {"navigation.variant": register(navigator)}
+    settings: dict[str, Any] = (
+        {} if navigator is None else {"navigation.variant": register(navigator)}
+    )
     if takes_readings(controller):
-        given |= {
+        settings |= {
             f"followers.{i}.controller": register(controller)
             for i in range(len(scenario.followers))
         }
         controller = None
-    return flying.fly(loaded(scenario, given) if given else scenario, make_controller=controller)[0]
+    return flying.fly(
+        loaded(scenario, settings) if settings else scenario, make_controller=controller
+    )[0]
 
 
 def video_of(video: Video, changes: Mapping[str, object]) -> Video:

@@ -50,23 +50,23 @@ class Factor:
     log: bool = False
 
     @classmethod
-    def of(cls, key: str, given: object, *, sampled: bool = False) -> "Factor":
+    def of(cls, key: str, values: object, *, sampled: bool = False) -> "Factor":
         """A factor as a file gives it: a list of values, or a table with `from`, `to`, `steps` and
         `scale`.
 
         A sampled design draws values from the range, so that it needs no steps. ValueError states
         what was expected.
         """
-        if isinstance(given, list):
-            if not given:
+        if isinstance(values, list):
+            if not values:
                 raise ValueError("the list of values is empty")
-            if len({repr(value) for value in given}) < len(given):
+            if len({repr(value) for value in values}) < len(values):
                 raise ValueError("a value stands in the list twice")
-            return cls(key=key, values=tuple(given))
-        whole = cls._of_range(key, given)
+            return cls(key=key, values=tuple(values))
+        whole = cls._of_range(key, values)
         if sampled:
             return whole
-        steps = given.get("steps") if isinstance(given, dict) else None
+        steps = values.get("steps") if isinstance(values, dict) else None
         if not isinstance(steps, int) or isinstance(steps, bool) or not 2 <= steps <= 10_000:
             raise ValueError(f"steps must be a whole number, 2 to 10000 (given: {steps!r})")
         return replace(whole, values=tuple(_tidy(whole.at(i / (steps - 1))) for i in range(steps)))

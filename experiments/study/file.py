@@ -366,13 +366,13 @@ class _FileReader:
         self, part: str, table: Mapping[str, Any], make: Callable[[str, Any], Made]
     ) -> tuple[Made, ...]:
         """Factors or draws of a part of the file; an invalid one is left out, with a line."""
-        made = []
+        parts = []
         for key, value in table.items():
             try:
-                made.append(make(key, value))
+                parts.append(make(key, value))
             except ValueError as error:
                 self.lines.append(f"  {part}.{key}: {error}")
-        return tuple(made)
+        return tuple(parts)
 
     def scenario(self, name: str) -> str:
         """A built-in scenario, or a file named as seen from here."""

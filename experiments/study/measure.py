@@ -124,15 +124,15 @@ def _station(off: Floats, turning: Bools, time: Floats) -> Record:
     """How a follower kept its station: distances from it [m] and where its frame turns, all of
     shape (n,).
     """
-    kept = station_keeping(off, time)
+    keeping = station_keeping(off, time)
     leg = off[~turning]
     return {
-        "station_rms_m": kept.station_rms_m,
-        "station_p95_m": kept.station_p95_m,
-        "station_max_m": kept.station_max_m,
+        "station_rms_m": keeping.station_rms_m,
+        "station_p95_m": keeping.station_p95_m,
+        "station_max_m": keeping.station_max_m,
         "station_turn_max_m": float(off[turning].max(initial=0.0)),
         "station_leg_rms_m": _rms(leg) if leg.size else None,
-        "lost": float(kept.lost),
+        "lost": float(keeping.lost),
     }
 
 
@@ -217,11 +217,11 @@ def records_of_run(scenario: Scenario, run: int) -> list[Record]:
     A run that contact ended has no other results than that: a mean over missions of unlike length
     would hide it. CampaignError: the simulation left finite numbers.
     """
-    one = scenario.model_copy(update={"run": run})
-    stride = round(one.timing.filter_step_s / CONTROL_STEP_S)
+    of_run = scenario.model_copy(update={"run": run})
+    stride = round(of_run.timing.filter_step_s / CONTROL_STEP_S)
     ended = False
     try:
-        trajectory, loop = simulate_closed_loop(one)
+        trajectory, loop = simulate_closed_loop(of_run)
         flown = (trajectory.time.size - 1) // stride
         estimates = np.moveaxis(loop.state.concluded.state[:, :flown, :2], 0, 1)
         gated = loop.swarm.gated.tolist()
@@ -230,14 +230,14 @@ def records_of_run(scenario: Scenario, run: int) -> list[Record]:
     except ContactError as error:
         trajectory = error.trajectory
         ended = True
-        followers = len(one.followers)
+        followers = len(of_run.followers)
         estimates = np.full(((trajectory.time.size - 1) // stride, followers, 2), np.nan)
         gated = [0] * followers
     steps = slice(stride, len(estimates) * stride + 1, stride)
     leader = trajectory.position[steps, 0, :2]
     heading = trajectory.heading[steps, 0]
     rows = []
-    for i, facts in enumerate(facts_of(one, trajectory)):
+    for i, facts in enumerate(facts_of(of_run, trajectory)):
         estimate = estimates[:, i]
         truth = trajectory.site_path(f"{trajectory.names[i + 1]}/hydrophone")[steps, :2]
         position = metrics.position_errors(estimate, truth)
@@ -249,7 +249,7 @@ def records_of_run(scenario: Scenario, run: int) -> list[Record]:
             "e_p_mean_m": float(position.mean()),
             "e_b_max_deg": float(degrees.max()),
             "e_b_mean_deg": float(degrees.mean()),
-            "mirror_locked": metrics.longest_mirror_lock(locked) >= one.message_every,
+            "mirror_locked": metrics.longest_mirror_lock(locked) >= of_run.message_every,
             "gated": gated[i],
             **facts,
             "ended": ended,

@@ -25,7 +25,7 @@ by.
 
 def findings_of(verdicts: Mapping[int, Sequence[Verdict]]) -> Findings:
     """The record of the verdicts on all claims, by seed."""
-    together, same = Counter(tuple(found) for found in verdicts.values()).most_common(1)[0]
+    together, same = Counter(tuple(of_seed) for of_seed in verdicts.values()).most_common(1)[0]
     named: dict[str, Finding] = {
         "seeds": plain(len(verdicts), "seeds"),
         "same": plain(same, "seeds whose verdicts on all claims are the commonest ones"),
@@ -35,7 +35,7 @@ def findings_of(verdicts: Mapping[int, Sequence[Verdict]]) -> Findings:
         named[f"verdict {claim.number}"] = plain(
             together[i], f"commonest verdict on claim {claim.number}"
         )
-        alike = sum(found[i] == together[i] for found in verdicts.values())
+        alike = sum(of_seed[i] == together[i] for of_seed in verdicts.values())
         named[f"same {claim.number}"] = plain(
             alike, f"seeds with this verdict on claim {claim.number}"
         )

@@ -43,7 +43,7 @@ def records(folder: Path = RECORDS) -> dict[str, Findings]:
 
 
 def filled(
-    text: str, found: Mapping[str, Findings], tables: Mapping[str, Callable[..., str]] = TABLES
+    text: str, records: Mapping[str, Findings], tables: Mapping[str, Callable[..., str]] = TABLES
 ) -> str:
     """A document with every number and table as the records have it.
 
@@ -53,11 +53,11 @@ def filled(
     """
 
     def study(name: str) -> Findings:
-        if name not in found:
+        if name not in records:
             raise LaisnError(
-                f"there is no record of {name!r}; there are {', '.join(found)}: make studies"
+                f"there is no record of {name!r}; there are {', '.join(records)}: make studies"
             )
-        return found[name]
+        return records[name]
 
     def number(match: re.Match[str]) -> str:
         name = match[1]
@@ -69,7 +69,7 @@ def filled(
     def table(match: re.Match[str]) -> str:
         if match[2] not in tables:
             raise LaisnError(f"there is no table {match[2]!r}; there are {', '.join(tables)}")
-        return f"{match[1]}\n{tables[match[2]](found)}\n{match[3]}"
+        return f"{match[1]}\n{tables[match[2]](records)}\n{match[3]}"
 
     understood = len(_NUMBER.findall(text)) + len(_TABLE.findall(text))
     if understood != len(_ANY.findall(text)):

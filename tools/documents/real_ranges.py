@@ -98,10 +98,10 @@ def scores(
     return scores_of
 
 
-def findings_of(name: str, found: dict[str, dict[tuple[str, ...], Score]]) -> dict[str, Finding]:
+def findings_of(name: str, scores: dict[str, dict[tuple[str, ...], Score]]) -> dict[str, Finding]:
     """Findings on a data set."""
     result: dict[str, Finding] = {}
-    for navigator, each in found.items():
+    for navigator, each in scores.items():
         pairs = np.array([errors for beacons, errors in each.items() if len(beacons) == 2])
         every = next(errors for beacons, errors in each.items() if len(beacons) > 2)
         mean, _, high, nees = pairs.T

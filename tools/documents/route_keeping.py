@@ -145,8 +145,10 @@ def _findings(report: TrackingReport, name: str) -> dict[str, Finding]:
 def findings_of(reports: Sequence[TrackingReport], planned: TrackingReport) -> Findings:
     """The record: every vehicle, the extremes of them all, and T8 as the point motion flies it."""
     each = [_findings(report, report.name) for report in reports]
-    named: dict[str, Finding] = {key: finding for one in each for key, finding in one.items()}
-    for row in zip(*(one.items() for one in each), strict=True):
+    named: dict[str, Finding] = {
+        key: finding for findings in each for key, finding in findings.items()
+    }
+    for row in zip(*(findings.items() for findings in each), strict=True):
         quantity = row[0][0].partition(" ")[0]
         values = [finding.number for _, finding in row]
         named[f"{quantity} least"] = plain(min(values), "of all vehicles", row[0][1].unit)

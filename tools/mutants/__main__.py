@@ -71,7 +71,7 @@ def summary(package: str, tried: list[Tried], of: int) -> str:
 
 
 def record(
-    found: dict[str, tuple[list[Tried], int]], seed: int, before: Findings | None
+    results: dict[str, tuple[list[Tried], int]], seed: int, before: Findings | None
 ) -> Findings:
     """What a draw found, for the documents.
 
@@ -94,12 +94,12 @@ def record(
     )
     version = version_of(modules)
     others = (
-        {n: f for n, f in before.findings.items() if n.rpartition(" ")[2] not in found}
+        {n: f for n, f in before.findings.items() if n.rpartition(" ")[2] not in results}
         if before
         else {}
     )
     findings = dict(others)
-    for package, (tried, of) in found.items():
+    for package, (tried, of) in results.items():
         equivalent = sum(bool(t.equivalent) and not t.killed for t in tried)
         killed = sum(t.killed for t in tried)
         counted = len(tried) - equivalent

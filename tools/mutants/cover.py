@@ -64,9 +64,9 @@ def covering(file: str) -> list[str]:
         }
         for home in homes
     )
-    own = next(filter(None, at_home), {})
-    least = min((own or reach).values(), default=0)
-    near = {t: n for t, n in (own or reach).items() if n <= least + bool(own)}
+    contexts = next(filter(None, at_home), {})
+    least = min((contexts or reach).values(), default=0)
+    near = {t: n for t, n in (contexts or reach).items() if n <= least + bool(contexts)}
     return sorted(
         near, key=lambda test: (Path(test).stem != f"test_{Path(file).stem}", near[test], test)
     )

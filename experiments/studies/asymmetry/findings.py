@@ -95,7 +95,7 @@ class Judgement(NamedTuple):
 
 
 def judge(
-    part: Floats, left: Floats, wanted: float, looks: Sequence[int], free: Bools | None = None
+    part: Floats, left: Floats, share: float, looks: Sequence[int], free: Bools | None = None
 ) -> Judgement:
     """Judge after each look until the question is settled; each look has its part of the chance of
     a wrong verdict.
@@ -116,7 +116,7 @@ def judge(
     judgement = Judgement(Verdict.OPEN, looks[0])
     slack = _REACH / float(ndtri((1.0 + confidence) / 2.0))
     for runs in (look for look in looks if look <= part.size):
-        rest = interval(left - (1.0 - wanted) * part, runs, confidence)
+        rest = interval(left - (1.0 - share) * part, runs, confidence)
         if rest.high <= 0.0 or rest.low > 0.0:
             return Judgement(Verdict.MET if rest.high <= 0.0 else Verdict.MISSED, runs)
         # whether the last run would settle it
@@ -240,7 +240,7 @@ def undecided(mission: ComparedMission, looks: Sequence[int], flown: int) -> lis
         if {arm, base} <= mission.arms.keys():
             questions = QUESTIONS if base is LEVEL else QUESTIONS[:1]
             judged = [mission.judge(question, arm, looks, base) for question in questions]
-            if any(one.promising and one.runs == flown for one in judged):
+            if any(judgement.promising and judgement.runs == flown for judgement in judged):
                 names |= {LEVEL, REAL, arm, base}
     return [key for key in mission.arms if key in names]
 

@@ -319,11 +319,11 @@ def _median_over_others(values: Floats, at: Bools) -> Floats:
 
 def _of_ratios(claim: "Claim", figures: Figures) -> list[Judged]:
     ratios = []
-    for given in claim.ratios:
-        at = np.isin(ROUTES, given.get("missions", ROUTES))
-        metric = given.get("metric", "e_p_mean_m")
+    for ratio in claim.ratios:
+        at = np.isin(ROUTES, ratio.get("missions", ROUTES))
+        metric = ratio.get("metric", "e_p_mean_m")
         above, below = (
-            np.concatenate([figures.means(cell, metric)[:, at] for cell in given[side]], axis=-1)
+            np.concatenate([figures.means(cell, metric)[:, at] for cell in ratio[side]], axis=-1)
             for side in ("of", "over")
         )
         ratios.append(above / below)
