@@ -24,7 +24,7 @@ from sim.film import render
 from sim.film.render import Job
 from sim.flight import Flight, excerpt, position_and_bearing_errors
 from sim.simulation import simulate_motion
-from tools.documents import architecture, drawing, physics, route_keeping, study_pictures
+from tools.documents import architecture, drawing, physics, route_keeping, study_pictures, terms
 from tools.documents.markers import records
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "pictures"
@@ -162,6 +162,7 @@ def main() -> None:
     FOLDER.mkdir(parents=True, exist_ok=True)
     save(architecture.picture(), "architecture")
     save(routes(), "routes")
+    save(terms.picture(), "terms")
     flown = {
         name: fly(load(name, ()))[0]
         for name in {"T5", *(scenario for scenario, _, _ in STILLS.values())}

@@ -1,0 +1,84 @@
+"""The picture of the glossary: leader, transmitters, circles of ranges, estimate and mirror
+image from above.
+"""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from experiments.pages.style import FRAME, INK, SERIES
+from laisn.arrays import Floats
+
+_HALF_BASELINE = 1.0  # [m], drawn larger than the project's
+_TRUTH = np.array([5.6, -4.6])
+_OFF = np.array([-1.3, -1.1])  # of the estimate from the truth
+
+
+def _point(axes: Axes, place: Floats, words: str, colour: str, offset: tuple[float, float]) -> None:
+    axes.plot(*place, "o", color=colour, markersize=5)
+    axes.annotate(
+        words, tuple(place), xytext=offset, textcoords="offset points", color=colour, fontsize=8.5
+    )
+
+
+def picture() -> Figure:
+    """A leader that heads north, seen from above, with a follower astern and to starboard of it."""
+    figure = Figure(figsize=(6.2, 4.2))
+    axes = figure.add_subplot()
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    ink = INK.light
+    truth_colour, estimate_colour, mirror_colour = (colour.light for colour in SERIES[:3])
+    # the leader and its axis
+    axes.plot([0, 0], [-8.2, 3.2], "--", color=FRAME.light, linewidth=0.8)
+    axes.annotate("leader's axis", (0.1, 2.6), color=ink, fontsize=8)
+    axes.plot([0, 0], [-1.6, 1.6], "-", color=ink, linewidth=5, solid_capstyle="round", alpha=0.35)
+    rear = np.array([0.0, -_HALF_BASELINE])
+    front = np.array([0.0, _HALF_BASELINE])
+    _point(axes, front, "front transmitter", ink, (-98, 6))
+    _point(axes, rear, "rear transmitter", ink, (-94, -13))
+    axes.annotate(
+        "", (-0.7, front[1]), (-0.7, rear[1]), arrowprops={"arrowstyle": "<->", "color": ink}
+    )
+    axes.annotate("baseline", (-0.9, 0.0), ha="right", va="center", color=ink, fontsize=8)
+    # circles of the two ranges, which meet at the truth and at its mirror image
+    for transmitter in (rear, front):
+        radius = float(np.hypot(*(_TRUTH - transmitter)))
+        angle = np.linspace(np.deg2rad(205), np.deg2rad(335), 200)
+        axes.plot(
+            transmitter[0] + radius * np.cos(angle),
+            transmitter[1] + radius * np.sin(angle),
+            color=FRAME.light,
+            linewidth=0.7,
+        )
+    mirror = _TRUTH * (-1.0, 1.0)
+    estimate = _TRUTH + _OFF
+    _point(axes, _TRUTH, "truth", truth_colour, (7, 2))
+    _point(axes, estimate, "estimate", estimate_colour, (-6, -14))
+    _point(axes, mirror, "mirror image", mirror_colour, (-68, -12))
+    axes.plot(*np.transpose([_TRUTH, estimate]), color=estimate_colour, linewidth=1.4)
+    axes.annotate(
+        "E_P",
+        0.5 * (_TRUTH + estimate),
+        xytext=(5, -8),
+        textcoords="offset points",
+        color=estimate_colour,
+    )
+    # bearings from the leader
+    for place, colour in ((_TRUTH, truth_colour), (estimate, estimate_colour)):
+        axes.plot(*np.transpose([[0, 0], place]), color=colour, linewidth=0.7)
+    _arc(axes, 4.2, _TRUTH, estimate, estimate_colour, "E_B")
+    _arc(axes, 1.9, np.array([0.0, 1.0]), _TRUTH, truth_colour, "B")
+    axes.set_xlim(-8.5, 8.5)
+    axes.set_ylim(-7.6, 3.2)
+    return figure
+
+
+def _arc(axes: Axes, radius: float, start: Floats, end: Floats, colour: str, words: str) -> None:
+    """An arc about the leader from one direction to another, with its name at the middle."""
+    first, last = (np.arctan2(place[0], place[1]) for place in (start, end))
+    angle = np.linspace(first, last, 60)
+    axes.plot(radius * np.sin(angle), radius * np.cos(angle), color=colour, linewidth=0.9)
+    middle = 0.5 * (first + last)
+    place = (1.12 * radius * np.sin(middle), 1.12 * radius * np.cos(middle))
+    axes.annotate(words, place, ha="center", va="center", color=colour, fontsize=8.5)
