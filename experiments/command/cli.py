@@ -261,9 +261,13 @@ def log_info(log: LogArgument) -> None:
 def log_export(
     log: LogArgument,
     out: Annotated[
-        Path,
-        typer.Argument(parser=studies.folder_option, metavar="OUT", help="folder for the tables"),
-    ],
+        Path | None,
+        typer.Argument(
+            parser=studies.folder_option,
+            metavar="[OUT]",
+            help="folder for the tables (default: out/export/NAME)",
+        ),
+    ] = None,
     format_: Annotated[str, typer.Option("--format", help="parquet or csv")] = "parquet",
     rerun: Annotated[
         bool, typer.Option("--rerun", help="write one Rerun recording instead of tables")
@@ -278,16 +282,17 @@ def log_export(
     from experiments.command.outputs import written_files
     from sim.log.export import export, write_recording
 
-    before = [*out.glob("*")] if out.is_dir() else []
+    folder = out or Path("out") / "export" / log.stem
+    before = [*folder.glob("*")] if folder.is_dir() else []
     if pyfg:
         from experiments.command.replaying import export_factor_graphs
 
-        files = export_factor_graphs(log, out)
+        files = export_factor_graphs(log, folder)
     elif rerun:
-        out.mkdir(parents=True, exist_ok=True)
-        files = [write_recording(log, out / f"{log.stem}.rrd")]
+        folder.mkdir(parents=True, exist_ok=True)
+        files = [write_recording(log, folder / f"{log.stem}.rrd")]
     else:
-        files = export(log, out, format_)
+        files = export(log, folder, format_)
     for file in written_files(files, before):
         echo(file)
 
