@@ -35,6 +35,7 @@ from tools.benchmarks.memory import memory
 from tools.benchmarks.navigators import filter_only, tight
 from tools.benchmarks.peak import peak_flops
 from tools.benchmarks.row import Row, least_time
+from tools.benchmarks.stepping import stepping
 from tools.documents.markers import RECORDS
 
 RUNS = 60
@@ -211,6 +212,7 @@ BENCHMARKS: dict[str, Callable[[], list[Row]]] = {
     "tight": tight,
     "physics": benchmarks_mission.physics,
     "formation": formation,
+    "stepping": stepping,
     "log": benchmarks_mission.log,
     "film": benchmarks_mission.film,
     "command": benchmarks_mission.command,
