@@ -42,8 +42,14 @@ def estimates(state: str) -> Callable[[Settings, Scenario], bool]:
     return lambda settings, _: state in settings.estimated
 
 
-def _never(_settings: Settings, _scenario: Scenario) -> bool:
-    return False
+def has(*fields: str) -> Callable[[Settings, Scenario], bool]:
+    """Whether settings of a navigator set one of these fields, which it need not have."""
+    return lambda settings, _: any(bool(getattr(settings, field, False)) for field in fields)
+
+
+def _expects_common_echoes(settings: Settings, scenario: Scenario) -> bool:
+    """Whether the paths by surface and floor are computed from depths."""
+    return hasattr(settings, "floor_depth") and find(scenario.navigation.variant).near_bound
 
 
 def distances(scenario: Scenario, follower: Follower) -> Floats:
@@ -177,9 +183,7 @@ RULES = (
     Rule(
         keys=("acoustics.ping_slot_s",),
         assumption="",
-        is_assumed=lambda settings, scenario: (
-            getattr(settings, "ping_slot", 0.0) == scenario.acoustics.ping_slot_s
-        ),
+        is_assumed=has("compensate_motion"),
         effect=_slots,
         needs="pings at one time",
     ),
@@ -193,14 +197,14 @@ RULES = (
     Rule(
         keys=("acoustics.common_echoes",),
         assumption="assume.outlier_span_m",
-        is_assumed=_never,
+        is_assumed=_expects_common_echoes,
         effect=_common_echoes,
         needs="echoes within that span",
     ),
     Rule(
         keys=("sensors.leader_position_drift_m_s",),
         assumption="",
-        is_assumed=_never,
+        is_assumed=has("leader_position_sigma", "leader_position_walk"),
         effect=_leader_position,
         needs="an exact position of the leader",
     ),

@@ -23,6 +23,7 @@ _RIGHT_SHARE = 0.3  # an error of the estimate below this share of the distance 
 _LOCKED_SHARE = 0.5  # of the last part of the time before a loss
 _LOCKED_S = 20.0
 _CONSISTENT_NEES = 20.0  # mean NEES above this: the filter is surer than right (2 if consistent)
+_NO_CAUSE = "the record shows no single cause"
 _NAMED = 4  # most followers that the sentence names
 
 
@@ -158,7 +159,7 @@ def _cause(flight: Flight, follower: int, loss_s: float, errors: Floats, off: Fl
             f"the filter was surer than right (mean NEES {finite.mean():.3g} before, 2 if "
             "consistent): its assumed errors are too small for the true ones"
         )
-    return "the record shows no single cause"
+    return _NO_CAUSE
 
 
 def losses(flight: Flight, off: Floats) -> tuple[Loss, ...]:
@@ -187,6 +188,10 @@ def losses(flight: Flight, off: Floats) -> tuple[Loss, ...]:
     return tuple(sorted(found, key=lambda loss: loss.time_s))
 
 
+def _because(which: str, cause: str) -> str:
+    return cause if cause == _NO_CAUSE else f"{which}: {cause}"
+
+
 def _lost_text(lost: Sequence[Loss], followers: int) -> str:
     named = [f"{loss.follower} at {loss.time_s:.0f} s" for loss in lost[:_NAMED]]
     if len(lost) > _NAMED:
@@ -195,14 +200,10 @@ def _lost_text(lost: Sequence[Loss], followers: int) -> str:
     number = f"{len(lost)} of {followers} followers" if followers > 1 else first.follower
     verb = "was" if len(lost) == 1 else "were"
     if followers == 1:
-        return (
-            f"{number} was lost at {first.time_s:.0f} s ({first.what}); likeliest cause: "
-            f"{first.cause}."
-        )
-    return (
-        f"{number} {verb} lost: {', '.join(named)}; likeliest cause of the first "
-        f"({first.what}): {first.cause}."
-    )
+        cause = _because("likeliest cause", first.cause)
+        return f"{number} was lost at {first.time_s:.0f} s ({first.what}); {cause}."
+    which = f"likeliest cause of the first ({first.what})"
+    return f"{number} {verb} lost: {', '.join(named)}; {_because(which, first.cause)}."
 
 
 def _errors_text(flight: Flight) -> str:
