@@ -29,13 +29,15 @@ ASPECT = DIAMETER**2 / AREA
 LIFT = np.pi * ASPECT / (1 + np.sqrt(1 + (ASPECT / 2) ** 2))
 HOERNER = 1.1977304
 """Of his table, interpolated at B/2T = 0.5."""
-# place, unit vector of a positive deflection, lift coefficient; positive rudder and plane push to
-# port and up
+FITTED_RUDDER_LIFT, FITTED_PLANE_LIFT = 1.2, 0.81
+"""Slopes with which fins that feel the flow turn and pitch the hull as his do that feel none."""
+# place, unit vector of a positive deflection, lift coefficient and fitted slope; positive rudder and
+# plane push to port and up
 FINS = (
-    ((-A, 0.0, -0.12), (0.0, -1.0, 0.0), RUDDER_LIFT),
-    ((-A, 0.0, 0.12), (0.0, -1.0, 0.0), RUDDER_LIFT),
-    ((-A, -0.12, 0.0), (0.0, 0.0, -1.0), PLANE_LIFT),
-    ((-A, 0.12, 0.0), (0.0, 0.0, -1.0), PLANE_LIFT),
+    ((-A, 0.0, -0.12), (0.0, -1.0, 0.0), RUDDER_LIFT, FITTED_RUDDER_LIFT),
+    ((-A, 0.0, 0.12), (0.0, -1.0, 0.0), RUDDER_LIFT, FITTED_RUDDER_LIFT),
+    ((-A, -0.12, 0.0), (0.0, 0.0, -1.0), PLANE_LIFT, FITTED_PLANE_LIFT),
+    ((-A, 0.12, 0.0), (0.0, 0.0, -1.0), PLANE_LIFT, FITTED_PLANE_LIFT),
 )
 
 
@@ -53,13 +55,15 @@ class Terms:
     """Fins: force from the incidence of the flow where they stand, in place of the deflection
     alone.
     """
+    fitted_slope: bool = False
+    """Such fins: with slopes fitted to his turning and pitching, in place of his coefficients."""
     munk: bool = False
     """Keep the eight Coriolis terms of added mass that are set to zero there."""
     steady_damping: bool = False
     """Linear damping in surge and sway that does not fade with the speed."""
 
 
-OURS = Terms(hull_normal_force=True, axial_advance=True, fin_incidence=True)
+OURS = Terms(hull_normal_force=True, axial_advance=True, fin_incidence=True, fitted_slope=True)
 
 
 def _lamb() -> Floats:
@@ -142,7 +146,9 @@ def _fins(nu: Floats, rudder: float, plane: float, terms: Terms) -> Floats:
         ahead = -side * rudder**2 - up * plane**2
         return np.array([ahead, -side * rudder, -up * plane, 0, -A * up * plane, A * side * rudder])
     total = np.zeros(6)
-    for (place, axis, slope), deflection in zip(FINS, (rudder, rudder, plane, plane), strict=True):
+    deflections = rudder, rudder, plane, plane
+    for (place, axis, given, fitted), deflection in zip(FINS, deflections, strict=True):
+        slope = fitted if terms.fitted_slope else given
         local = nu[:3] + np.cross(nu[3:], place)
         across = float(local @ axis)
         incidence = np.clip(deflection - np.arctan2(across, local[0]), -STALL, STALL)

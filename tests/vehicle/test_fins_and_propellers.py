@@ -443,13 +443,13 @@ def test_what_a_hull_cannot_do_is_refused_by_name() -> None:
     ("old", "new", "message"),
     [
         (
-            "0.00665 0.5 0.44 0",
-            "0.00665 0.5 0.44",
+            "0.00665 1.2 0.44 0",
+            "0.00665 1.2 0.44",
             r"rudder_top\.fin'> has 3 values, expected 4: area",
         ),
         (
-            "0.00665 0.5 0.44 0",
-            "-0.00665 0.5 0.44 0",
+            "0.00665 1.2 0.44 0",
+            "-0.00665 1.2 0.44 0",
             r"rudder_top\.fin'>: value 1, area \[m²\], must be more than 0 .* \(given: -0\.00665\)",
         ),
         (

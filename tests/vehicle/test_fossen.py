@@ -56,3 +56,22 @@ def test_with_our_terms_his_model_moves_as_ours() -> None:
         fossen.Terms(hull_normal_force=True),
     ):
         assert difference(fossen.fly(command, 100.0, terms, (50.0,))[1], ours)[0] > 3 * place
+
+
+@pytest.mark.parametrize(
+    ("rpm", "published_deg_s"), [(1000, 4.644), (1525, 7.767)], ids=["1000 /min", "1525 /min"]
+)
+def test_the_shipped_remus_turns_as_published_at_full_rudder(
+    rpm: float, published_deg_s: float
+) -> None:
+    """The slope of the rudders, one number, is fitted to both; smaller rudders turn it less."""
+    last = remus_flight(np.radians(15.0), 0.0, rpm, {})[-1]
+    assert abs(np.degrees(last[4])) == pytest.approx(published_deg_s, rel=0.025)
+
+
+@pytest.mark.parametrize(
+    ("rpm", "published_deg"), [(1000, 8.80), (1525, 20.86)], ids=["1000 /min", "1525 /min"]
+)
+def test_the_shipped_remus_pitches_as_published(rpm: float, published_deg: float) -> None:
+    last = remus_flight(0.0, PLANE, rpm, {})[-1]
+    assert np.degrees(last[5]) == pytest.approx(published_deg, rel=0.01)
