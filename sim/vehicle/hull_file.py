@@ -4,7 +4,10 @@ its dimensions.
 Coefficients of a slender body of revolution: Lamb, Hydrodynamics, 6th ed. 1932, articles 114 and
 373; Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021, Section 8.4.2
 and chapter 9; Hoerner, Fluid-Dynamic Drag, 1965; Anderson, Fundamentals of Aerodynamics; Allen,
-Vorus and Prestero, OCEANS 2000 (REMUS 100).
+Vorus and Prestero, OCEANS 2000 (REMUS 100). Sizes that follow from no formula are means of
+published vehicles: Prestero, Verification of a Six-Degree of Freedom Simulation Model for the REMUS
+Autonomous Underwater Vehicle, MIT and WHOI 2001; LAUV (lauv_gazebo); Tethys (osrf/lrauv); Sparus II
+(University of Toulon). `docs/vehicles.md` compares what comes out with all four.
 """
 
 from collections.abc import Sequence
@@ -17,7 +20,6 @@ from xml.sax.saxutils import escape
 import jinja2
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import brentq
 
 from laisn.failure import LaisnError
 from sim.water import GRAVITY
@@ -94,8 +96,16 @@ def numbers(values: npt.ArrayLike, digits: int = 6) -> str:
 TOP_SPEED = 2.5  # speed that the propeller is geared for [m/s]
 # least and largest mass, as a share of the water in the cylinder of length and diameter
 FULLNESS = (0.45, 1.0)
+LENGTHS_M = (0.1, 30.0)  # shortest and longest hull
+SLENDERNESS = (3.0, 50.0)  # least and largest length over diameter
+PROPELLERS = (0.2, 2.0)  # smallest and largest propeller, over the diameter of the hull
 FIN_ASPECT = 1.3  # span over chord of one fin; the hull mirrors it
-MARGIN = 1.15  # moment of the fins over the Munk moment of the hull; the leader's hull has 1.16
+# lift slope of a pair of fins [m²/rad] over length times diameter: geometric mean of the rudders of
+# REMUS 100 (0.074), LAUV (0.237) and Tethys (0.144)
+FIN_SIZE = 0.136
+# roll inertia over mass times radius squared: geometric mean of REMUS 100 (0.64), LAUV (0.5),
+# Tethys (0.88) and Sparus II (0.61); a cylinder has 0.5, a tube 1
+ROLL_INERTIA = 0.64
 _DRAG = 0.42
 _CROSS_FLOW = 1.1
 _PLATE = 1.2
@@ -122,6 +132,54 @@ def helmbold_slope(aspect: float) -> float:
     return float(2.0 * np.pi * aspect / (2.0 + np.sqrt(4.0 + aspect**2)))
 
 
+def _require_dimensions(length: float, diameter: float, mass: float, screw: float) -> None:
+    """LaisnError unless they are those of a slender neutral hull and its propeller."""
+    for name, value in (
+        ("length", length),
+        ("diameter", diameter),
+        ("mass", mass),
+        ("propeller", screw),
+    ):
+        if not 0.0 < value < np.inf:
+            raise LaisnError(f"{name}: expected a positive number (given: {value:g})")
+    shortest, longest = LENGTHS_M
+    if not shortest <= length <= longest:
+        raise LaisnError(
+            f"length {length:g} m: the formulas are those of hulls of {shortest:g} to {longest:g} m"
+        )
+    least, largest = SLENDERNESS
+    if not least * diameter <= length <= largest * diameter:
+        raise LaisnError(
+            f"length {length:g} m, diameter {diameter:g} m: the formulas are those of slender "
+            f"hulls, at least three times as long as thick, and at most {largest:g} times"
+        )
+    cylinder = DENSITY * np.pi * diameter**2 / 4.0 * length
+    if not FULLNESS[0] <= mass / cylinder <= FULLNESS[1]:
+        low, high = (share * cylinder for share in FULLNESS)
+        raise LaisnError(
+            f"mass {mass:g} kg: a neutral hull of {length:g} m and {diameter:g} m has {low:.3g} to "
+            f"{high:.3g} kg"
+        )
+    smallest, widest = (share * diameter for share in PROPELLERS)
+    if screw > widest:
+        raise LaisnError(
+            f"propeller {screw:g} m: at most twice the diameter of the hull, {widest:g} m"
+        )
+    if screw < smallest:
+        raise LaisnError(
+            f"propeller {screw:g} m: at least {PROPELLERS[0]:g} of the diameter of the hull, "
+            f"{smallest:g} m"
+        )
+
+
+def _transverse_share(fullness: float) -> float:
+    """Transverse inertia over m (a² + b²): 1/5 of a spheroid, which fills 2/3 of its cylinder, to
+    1/3 of the cylinder.
+    """
+    beyond = max(fullness - 2.0 / 3.0, 0.0) * 3.0
+    return 0.2 + (1.0 / 3.0 - 0.2) * beyond
+
+
 def from_dimensions(
     length: float,
     diameter: float,
@@ -141,35 +199,13 @@ def from_dimensions(
     Raises:
         LaisnError: the dimensions are not those of a slender neutral hull.
     """
-    for name, value in (
-        ("length", length),
-        ("diameter", diameter),
-        ("mass", mass),
-        ("propeller", propeller or 1.0),
-    ):
-        if not 0.0 < value < 1e6:
-            raise LaisnError(f"{name}: expected a positive number (given: {value:g})")
-    if length < 3.0 * diameter:
-        raise LaisnError(
-            f"length {length:g} m, diameter {diameter:g} m: the formulas are those of slender "
-            "hulls, at least three times as long as thick"
-        )
+    screw = 0.7 * diameter if propeller is None else propeller
+    _require_dimensions(length, diameter, mass, screw)
     cylinder = DENSITY * np.pi * diameter**2 / 4.0 * length
-    if not FULLNESS[0] <= mass / cylinder <= FULLNESS[1]:
-        low, high = (share * cylinder for share in FULLNESS)
-        raise LaisnError(
-            f"mass {mass:g} kg: a neutral hull of {length:g} m and {diameter:g} m has {low:.3g} to "
-            f"{high:.3g} kg"
-        )
     a = length / 2
     b = diameter / 2
-    screw = propeller or 0.7 * diameter
-    if screw > 2.0 * diameter:
-        raise LaisnError(
-            f"propeller {screw:g} m: at most twice the diameter of the hull, {2 * diameter:g} m"
-        )
-    roll_inertia = 0.4 * mass * b**2
-    inertia = mass * (a**2 + b**2) / 5.0
+    roll_inertia = ROLL_INERTIA * mass * b**2
+    inertia = _transverse_share(mass / cylinder) * mass * (a**2 + b**2)
     along, across, turning = lamb_factors(length, diameter)
     added = np.array(
         [
@@ -197,7 +233,7 @@ def from_dimensions(
     side = np.diff(ends * np.sqrt(1.0 - ends**2) + np.arcsin(ends)) * a * b  # of the spheroid
     slope = helmbold_slope(2.0 * FIN_ASPECT)
     fin_x = -0.45 * length
-    pair = MARGIN * (added[1] - added[0]) / (0.5 * DENSITY * slope * -fin_x)
+    pair = FIN_SIZE * length * diameter / slope
     span = float(np.sqrt(FIN_ASPECT * pair / 2.0))
     middle = 0.6 * b + span / 2.0
     rolling = 4 * 0.5 * DENSITY * _PLATE * pair / 2.0 * middle**3
@@ -224,8 +260,9 @@ def from_dimensions(
             "[N m s²]: fins as plates across the flow of roll, coefficient 1.2 (Hoerner 1965), at "
             "mid span",
         ),
-        "buoyancy": (weight, "[N]: the weight, m g"),
-        "displaced_inertia": (inertia, "[kg m²]: displaced water, m (a² + b²) / 5"),
+        "buoyancy": (weight, "[N]: the weight, m g, in water of buoyancy_density"),
+        "buoyancy_density": (DENSITY, "[kg/m³]: sea water"),
+        "displaced_inertia": (inertia, "[kg m²]: displaced water, as that of the hull"),
         "hull_radius": (b, "[m]: D / 2"),
         "hull_lift": (
             (area, frontal, lift),
@@ -239,13 +276,12 @@ def from_dimensions(
     }
     load = 0.5 * DENSITY * area * frontal * TOP_SPEED**2
 
-    def missing_thrust(rate: float) -> float:
-        advance = (1.0 - _WAKE) * TOP_SPEED / (rate * screw)
-        return (1.0 - _DEDUCTION) * DENSITY * rate**2 * screw**4 * (
-            _K_T[0] + _K_T[1] * advance
-        ) - load
-
-    rate = float(brentq(missing_thrust, 1e-3, 1e4))
+    # thrust a n² + b n of the propeller at the top speed equals the load
+    square = (1.0 - _DEDUCTION) * DENSITY * screw**4 * _K_T[0]
+    inflow = (1.0 - _WAKE) * TOP_SPEED
+    proportional = (1.0 - _DEDUCTION) * DENSITY * screw**3 * _K_T[1] * inflow
+    root = float(np.sqrt(proportional**2 + 4.0 * square * load))
+    rate = (root - proportional) / (2.0 * square)
     parts = [
         EffectorPart(
             name="propeller",
@@ -278,8 +314,8 @@ def from_dimensions(
                 suffix="fin",
                 parameters=(pair / 2.0, slope, 0.44, 0.01),
                 blade=(span / FIN_ASPECT / 2.0, span / 2.0),
-                source=f"state [rad]; area [m²]: the pair has {MARGIN:g} times the Munk moment of "
-                "the hull; slope "
+                source=f"state [rad]; area [m²]: the pair has a lift slope of {FIN_SIZE:g} L D, "
+                "the mean of three published vehicles; slope "
                 f"[1/rad]: Helmbold at twice the aspect ratio {FIN_ASPECT:g}; stall 0.44 rad, "
                 "±0.35 rad and lag 0.1 s "
                 "assumed; drag 0.01 of a thin profile (Hoerner 1965)",
@@ -295,7 +331,9 @@ def from_dimensions(
         mass=(mass, "as given; neutral in sea water"),
         inertia=(
             (roll_inertia, inertia, inertia),
-            "homogeneous spheroid, 2/5 m b² and m (a² + b²) / 5",
+            f"in roll {ROLL_INERTIA:g} m b², the mean of four published vehicles; else m (a² + b²) "
+            "times 1/5 (spheroid) to 1/3 (cylinder), by the share of the cylinder of L and D that "
+            "its mass fills",
         ),
         centre=((0.0, 0.0, -drop), "0.1 D below the centre of buoyancy (REMUS 100 has 0.02 m)"),
         numerics=numerics,

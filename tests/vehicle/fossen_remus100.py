@@ -31,8 +31,8 @@ HOERNER = 1.1977304
 """Of his table, interpolated at B/2T = 0.5."""
 FITTED_RUDDER_LIFT, FITTED_PLANE_LIFT = 1.2, 0.81
 """Slopes with which fins that feel the flow turn and pitch the hull as his do that feel none."""
-# place, unit vector of a positive deflection, lift coefficient and fitted slope; positive rudder and
-# plane push to port and up
+# place, unit vector of a positive deflection, lift coefficient and fitted slope; positive rudder
+# and plane push to port and up
 FINS = (
     ((-A, 0.0, -0.12), (0.0, -1.0, 0.0), RUDDER_LIFT, FITTED_RUDDER_LIFT),
     ((-A, 0.0, 0.12), (0.0, -1.0, 0.0), RUDDER_LIFT, FITTED_RUDDER_LIFT),

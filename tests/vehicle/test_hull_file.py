@@ -12,12 +12,12 @@ from sim.control.stability import require_stable
 from sim.scenario.routes import Route
 from sim.simulation import simulate
 from sim.vehicle import mjcf
-from sim.vehicle.effectors import FIN
 from sim.vehicle.hull_file import from_dimensions, helmbold_slope, lamb_factors
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.own_hull import hull_errors
 from sim.vehicle.plant import Plant
 from sim.water import Ocean
+from tools.documents.hull_trials import PUBLISHED_HULLS, estimate_ratios
 from tools.documents.route_keeping import tracking
 
 SIZE = 1.8, 0.2, 50.0
@@ -58,18 +58,38 @@ def test_an_estimated_hull_flies(fins: str) -> None:
     autopilot = design(plant, (None,))
     require_stable(plant, autopilot, 2.0)
     assert top_speed(autopilot[0]) == pytest.approx(2.5, abs=0.03)
-    # fins outweigh the Munk moment (A22 − A11) u v of the hull by the margin that the file names
-    c = record_of(text)
-    moving = plant.effectors[0][plant.effectors[0]["kind"] == FIN]
-    for axis in (1, 2):
-        share = moving["force"][:, axis] ** 2
-        lift = 0.5 * 1026.0 * np.prod(moving["parameters"][:, :2], axis=1) * share
-        munk = c["added_mass"][axis, axis] - c["added_mass"][0, 0]
-        assert -(lift @ moving["place"][:, 0]) / munk == pytest.approx(1.15, rel=1e-3)
     route = Route.at_speed("bend", [[0, 0], [50, 0], [100, 20], [150, 20]], 1.0, 10.0)
     report = tracking(simulate(plant, [route], 150.0, [None]), [route])[0]
     assert report.cross_track_rms < 0.5
     assert report.depth_error_rms < 0.2
+
+
+def test_estimates_of_published_vehicles_have_no_bias() -> None:
+    """Fins and inertia of REMUS 100, LAUV, Tethys and Sparus II: each within a factor of two of the
+    published figure, and their geometric mean within a fifth.
+    """
+    ratios = {name: estimate_ratios(name) for name in PUBLISHED_HULLS}
+    for key in (
+        "inertia in roll",
+        "inertia in yaw",
+        "force of the rudders per angle",
+        "force of the stern planes per angle",
+    ):
+        values = np.array([found[key] for found in ratios.values() if key in found])
+        assert len(values) >= 3
+        assert np.abs(np.log(values)).max() < np.log(2.0)
+        assert abs(np.log(values).mean()) < np.log(1.2)
+
+
+@pytest.mark.parametrize(
+    "size",
+    [(0.1, 0.1 / 3, 0.08), (30.0, 10.0, 2e6), (30.0, 0.6, 5000.0), (0.1, 0.002, 2.5e-4)],
+    ids=["short", "thick", "long", "thin"],
+)
+@pytest.mark.parametrize("share", [0.2, 2.0])
+def test_hulls_at_the_bounds_are_complete(size: tuple[float, float, float], share: float) -> None:
+    text = from_dimensions(*size, propeller=share * size[1]).xml()
+    assert hull_errors(text, "leader") == hull_errors(text, "follower") == []
 
 
 def test_estimated_strips_and_buoyancy_are_those_of_the_hull() -> None:
@@ -90,11 +110,25 @@ def test_estimated_strips_and_buoyancy_are_those_of_the_hull() -> None:
         ((-1.8, 0.2, 50.0), r"length: expected a positive number \(given: -1\.8\)"),
         ((1.8, float("nan"), 50.0), "diameter: expected a positive number"),
         ((1.8, 0.2, 50.0, "x", 0.5), r"propeller 0\.5 m: at most twice the diameter"),
+        ((1.8, 0.2, 50.0, "x", 0.001), r"propeller 0\.001 m: at least 0\.2 of the diameter"),
+        ((1.8, 0.2, 50.0, "x", 0.0), r"propeller: expected a positive number \(given: 0\)"),
+        ((1.8, 0.2, 50.0, "x", float("inf")), "propeller: expected a positive number"),
+        ((500.0, 10.0, 2e7), r"length 500 m: the formulas are those of hulls of 0\.1 to 30 m"),
+        ((20.0, 0.1, 100.0), "and at most 50 times"),
+        ((1.8, 0.2, float("inf")), "mass: expected a positive number"),
     ],
 )
 def test_dimensions_of_no_hull_are_refused(given: tuple[float, ...], words: str) -> None:
     with pytest.raises(LaisnError, match=words):
         from_dimensions(*given)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("value", ["0", "0.001", "1e9", "-1", "nan", "inf"])
+def test_the_command_refuses_extreme_propellers_in_a_line(value: str) -> None:
+    size = ["--length", "1.8", "--diameter", "0.2", "--mass", "50"]
+    result = CliRunner().invoke(app, ["hull", *size, "--propeller", value])
+    assert isinstance(result.exception, SystemExit | LaisnError)
+    assert "propeller" in f"{result.output} {result.exception}"
 
 
 def test_the_command_prints_a_hull() -> None:

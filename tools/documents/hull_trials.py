@@ -2,6 +2,7 @@
 models and closed forms.
 """
 
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -34,6 +35,8 @@ COMMAND = "python -m tools.documents.studies hull-trials"
 MODULES = ("tools.documents.hull_trials",)
 PUBLISHED_SPEED = {300: 0.4860, 500: 0.8314, 750: 1.2542, 1000: 1.6741, 1250: 2.0930, 1525: 2.5536}
 """Final speed [m/s] of a REMUS 100 in Fossen's published code, by propeller speed [1/min]."""
+PUBLISHED_PITCH = {1000: 8.80, 1525: 20.86}
+"""Pitch [°] of a REMUS 100 in Fossen's published code under −5° of stern plane."""
 PUBLISHED_TURN = {1000: {5: 2.092, 10: 3.488, 15: 4.644}, 1525: {5: 3.609, 10: 5.894, 15: 7.767}}
 """Turn rate [°/s] of a REMUS 100 in Fossen's published code, by propeller speed [1/min] and
 rudder [°].
@@ -88,7 +91,9 @@ def _remus() -> dict[str, Finding]:
     for rpm, turns in PUBLISHED_TURN.items():
         for rudder, published in turns.items():
             last = remus.run(rpm, 200.0, rudder_deg=rudder)[1][-1]
-            rates.append(abs(float(np.degrees(abs(last[5]))) / published - 1.0))
+            rate = float(np.degrees(abs(last[5])))
+            findings[f"turn {rpm} {rudder}"] = plain(rate, f"turn rate, rudder {rudder}°", "°/s")
+            rates.append(abs(rate / published - 1.0))
             radii.append(float(np.linalg.norm(last[:3]) / abs(last[5])))
     findings["turn apart"] = plain(
         max(rates), "largest relative difference of turn rates from the published ones"
@@ -126,6 +131,7 @@ REMUS_TERMS = {
     "hull": fossen.Terms(hull_normal_force=True),
     "advance": fossen.Terms(axial_advance=True),
     "fins": fossen.Terms(fin_incidence=True),
+    "slopes": fossen.Terms(fin_incidence=True, fitted_slope=True),
     "all": fossen.OURS,
     "munk": fossen.Terms(munk=True),
     "damping": fossen.Terms(steady_damping=True),
@@ -183,6 +189,30 @@ def remus_flight(
     return out
 
 
+def _shipped_remus() -> dict[str, Finding]:
+    """The same figures of the shipped REMUS 100, with fins that feel the flow."""
+    findings = {}
+    for rpm, turns in PUBLISHED_TURN.items():
+        for rudder in turns:
+            last = remus_flight(float(np.radians(rudder)), 0.0, rpm, {})[-1]
+            findings[f"shipped turn {rpm} {rudder}"] = plain(
+                float(np.degrees(abs(last[4]))),
+                f"turn rate of remus100.xml, rudder {rudder}°",
+                "°/s",
+            )
+        last = remus_flight(0.0, float(np.radians(STERN_PLANE_DEG)), rpm, {})[-1]
+        findings[f"shipped pitch {rpm}"] = plain(
+            float(np.degrees(last[5])),
+            f"pitch of remus100.xml under {STERN_PLANE_DEG:g}° of stern plane",
+            "°",
+        )
+        last = remus_flight(0.0, 0.0, rpm, {})[-1]
+        findings[f"shipped speed {rpm}"] = plain(
+            float(last[3]), "final speed of remus100.xml", "m/s"
+        )
+    return findings
+
+
 def _held(command: tuple[float, float, float], _: float) -> tuple[float, float, float]:
     return command
 
@@ -229,10 +259,95 @@ def _fossen() -> dict[str, Finding]:
     return findings
 
 
-ESTIMATED = {"remus100": (1.6, 0.19, 31.0294), "lauv": (1.08, 0.15, 18.0)}
-"""Length and diameter [m] and mass [kg] for `laisn hull`; the BlueROV2 is no slender hull, and
-refused.
-"""
+@dataclass(frozen=True, kw_only=True)
+class PublishedHull:
+    """A slender vehicle whose coefficients are published."""
+
+    title: str
+    length: float  # [m]
+    diameter: float  # [m]
+    mass: float  # [kg]
+    figures: dict[str, float]
+    """By the names of `coefficients_of`; empty: those of the shipped model of its name."""
+
+
+def _half_density(area: float) -> float:
+    """Force of a pair of fins per angle and speed² [N s²/m² per rad] by its area times slope."""
+    return 0.5 * 1025.0 * area
+
+
+PUBLISHED_HULLS = {
+    # T. Prestero, Verification of a Six-Degree of Freedom Simulation Model for the REMUS Autonomous
+    # Underwater Vehicle, MIT and WHOI 2001: I, added mass, X_uu, Y_vv, Y_uu_delta_r
+    "remus100": PublishedHull(
+        title="REMUS 100 (Prestero 2001)",
+        length=1.33,
+        diameter=0.191,
+        mass=30.48,
+        figures={
+            "inertia in roll": 0.177,
+            "inertia in yaw": 3.45,
+            "added mass in surge": 0.93,
+            "added mass in sway": 35.5,
+            "added mass in heave": 35.5,
+            "added mass in roll": 0.0704,
+            "added mass in pitch": 4.88,
+            "added mass in yaw": 4.88,
+            "drag at 1 m/s": 1.62,
+            "side force at 0.3 m/s of sway": 131.0 * 0.3**2,
+            "vertical force at 0.3 m/s of heave": 131.0 * 0.3**2,
+            "force of the rudders per angle": 9.64,
+            "force of the stern planes per angle": 9.64,
+        },
+    ),
+    "lauv": PublishedHull(
+        title="LAUV (lauv_gazebo)", length=1.08, diameter=0.15, mass=18.0, figures={}
+    ),
+    # Tethys of MBARI: osrf/lrauv (Apache 2.0 licence), lrauv_description/models: tethys (mass, and
+    # inertia of the vehicle whole) and tethys_equipped (Hydrodynamics and LiftDrag)
+    "tethys": PublishedHull(
+        title="Tethys (osrf/lrauv)",
+        length=2.3,
+        diameter=0.305,
+        mass=146.57,
+        figures={
+            "inertia in roll": 3.0,
+            "inertia in yaw": 41.98,
+            "added mass in surge": 4.876,
+            "added mass in sway": 126.32,
+            "added mass in heave": 126.32,
+            "added mass in pitch": 33.46,
+            "added mass in yaw": 33.46,
+            "drag at 1 m/s": 6.2282,
+            "side force at 0.3 m/s of sway": 601.27 * 0.3**2,
+            "vertical force at 0.3 m/s of heave": 601.27 * 0.3**2,
+            "moment at 0.2 rad/s of pitch": 632.7 * 0.2**2,
+            "moment at 0.2 rad/s of yaw": 632.7 * 0.2**2,
+            "force of the rudders per angle": _half_density(0.0244 * 4.13),
+            "force of the stern planes per angle": _half_density(0.0244 * 4.13),
+        },
+    ),
+    # Sparus II of the University of Girona, which steers by thrusters: Elkholy2021,
+    # marine_modeling_sparus_II (course of the University of Toulon): Body_Mass_Matrix.m, and
+    # the whole mass matrix in Parameters.m less it
+    "sparus2": PublishedHull(
+        title="Sparus II (Toulon)",
+        length=1.6,
+        diameter=0.23,
+        mass=52.0,
+        figures={
+            "inertia in roll": 0.42,
+            "inertia in yaw": 10.47,
+            "added mass in surge": 54.0945 - 52.0,
+            "added mass in sway": 122.3984 - 52.0,
+            "added mass in heave": 121.1792 - 52.0,
+            "added mass in roll": 0.8385 - 0.42,
+            "added mass in pitch": 26.5838 - 10.42,
+            "added mass in yaw": 26.6822 - 10.47,
+        },
+    ),
+}
+"""Vehicles with which estimates are compared; the BlueROV2 is no slender hull, and refused."""
 
 
 def coefficients_of(model: str) -> dict[str, float]:
@@ -287,19 +402,23 @@ def coefficients_of(model: str) -> dict[str, float]:
     return values
 
 
+def estimate_ratios(name: str) -> dict[str, float]:
+    """Estimated over published figures of one of PUBLISHED_HULLS, by the names of
+    `coefficients_of`.
+    """
+    one = PUBLISHED_HULLS[name]
+    published = one.figures or coefficients_of(name)
+    estimated = coefficients_of(from_dimensions(one.length, one.diameter, one.mass).xml())
+    return {key: estimated[key] / value for key, value in published.items() if value > 0.0}
+
+
 def _estimates() -> dict[str, Finding]:
     """Ratios of estimated to published coefficients."""
-    findings = {}
-    for model, (length, diameter, mass) in ESTIMATED.items():
-        published = coefficients_of(model)
-        estimated = coefficients_of(from_dimensions(length, diameter, mass).xml())
-        for name, value in published.items():
-            if value > 0.0:
-                ratio = estimated[name] / value
-                findings[f"estimate {model} {name}"] = plain(
-                    ratio, f"{name}, estimated over published: {model}"
-                )
-    return findings
+    return {
+        f"estimate {name} {key}": plain(ratio, f"{key}, estimated over published: {name}")
+        for name in PUBLISHED_HULLS
+        for key, ratio in estimate_ratios(name).items()
+    }
 
 
 def bluerov_speed(trial: str) -> float:
@@ -416,6 +535,7 @@ def findings() -> Findings:
     named = (
         _remus()
         | {"righting": _righting(0.02)}
+        | _shipped_remus()
         | _fossen()
         | _vehicles()
         | _formation()

@@ -7,6 +7,12 @@ from experiments.flight.library import ROUTES
 from experiments.studies.rivals.findings import CONDITIONS, INTERVALS, NAVIGATORS, USUAL
 from experiments.study.file import built_in, study_of
 from tools.documents.coverage import LAWS, RUNS
+from tools.documents.hull_trials import (
+    PUBLISHED_HULLS,
+    PUBLISHED_PITCH,
+    PUBLISHED_SPEED,
+    PUBLISHED_TURN,
+)
 
 Records = Mapping[str, Findings]
 
@@ -337,7 +343,8 @@ REMUS_TERMS = {
     "hull": "with the hull's normal force in place of lift and induced drag",
     "advance": "with the propeller's inflow along the axis in place of the whole speed",
     "fins": "with the incidence of the flow at the fins in place of the deflection alone",
-    "all": "with these three",
+    "slopes": "the same with slopes of 1.2 and 0.81 in place of his C_L of 0.5 and 0.7",
+    "all": "with all of these",
     "ours": "this project, `remus100.xml`",
     "munk": "as published, with the eight Coriolis terms it removes",
     "damping": "as published, with damping that does not fade",
@@ -357,10 +364,30 @@ def fossen(records: Records) -> str:
     )
 
 
-def hull_estimates(records: Records) -> str:
-    """Estimated over published coefficients of the shipped vehicles."""
+def remus_figures(records: Records) -> str:
+    """REMUS 100: published figures, his propeller and fins on his hull here, and the shipped
+    vehicle.
+    """
     record = records["hull-trials"]
-    models = ("remus100", "lauv")
+    rows = []
+    for rpm, turns in PUBLISHED_TURN.items():
+        figures = {"speed": ("final speed [m/s]", PUBLISHED_SPEED[rpm], ".3f")}
+        for rudder, rate in turns.items():
+            figures[f"turn {{}} {rudder}"] = (f"turn rate, {rudder}° of rudder [°/s]", rate, ".3f")
+        figures["pitch"] = ("pitch, −5° of stern plane [°]", PUBLISHED_PITCH[rpm], ".2f")
+        for key, (words, published, spec) in figures.items():
+            name = key.format(rpm) if "{}" in key else f"{key} {rpm}"
+            cells = (format(record[whose + name], spec) for whose in ("", "shipped "))
+            rows.append([f"{words} at {rpm} /min", format(published, spec), *cells])
+    return markdown(
+        ["", "Fossen's code", "his hull, propeller and fins, here", "shipped `remus100`"], rows
+    )
+
+
+def hull_estimates(records: Records) -> str:
+    """Estimated over published coefficients of slender vehicles."""
+    record = records["hull-trials"]
+    models = {name: one.title for name, one in PUBLISHED_HULLS.items()}
     names = dict.fromkeys(
         key.split(" ", 2)[2] for key in record.findings if key.startswith("estimate ")
     )
@@ -376,7 +403,7 @@ def hull_estimates(records: Records) -> str:
         ]
         for name in names
     ]
-    return markdown(["estimated / published", *(f"`{model}`" for model in models)], rows)
+    return markdown(["estimated / published", *models.values()], rows)
 
 
 def routes_kept(records: Records) -> str:
@@ -433,6 +460,7 @@ TABLES: dict[str, Callable[[Records], str]] = {
     "rivals-conditions": rivals_conditions,
     "rivals-closed": rivals_closed,
     "fossen": fossen,
+    "remus-figures": remus_figures,
     "hull-estimates": hull_estimates,
     "routes-kept": routes_kept,
     "bluerov-speeds": bluerov_speeds,
