@@ -17,6 +17,7 @@ from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.own_hull import hull_errors
 from sim.vehicle.plant import Plant
 from sim.water import Ocean
+from tests.vehicle.tank import Tank, hull
 
 G = 9.81
 VOLUME = {  # of the displaced water [m³]
@@ -151,6 +152,23 @@ def test_righting_is_the_same_wherever_the_origin_stands() -> None:
     expected = [0.0, 31.0294 * G * 0.02 * np.sin(np.radians(5.0)), 0.0]
     np.testing.assert_allclose(np.abs(moments[0]), expected, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(moments[1], moments[0], rtol=1e-6, atol=1e-9)
+
+
+def test_water_that_accelerates_carries_a_hull_along_without_turning_it() -> None:
+    """Without drag and added mass a neutral hull moves as the water whose place it takes, if its
+    weight lies in its centre of buoyancy, wherever that is.
+    """
+    centre = (0.1, 0.03, 0.05)
+    data = " ".join(map(str, centre))
+    text = hull(31.0, (0.2, 4.0, 4.0), centre).replace(
+        "</custom>", f'<numeric name="buoyancy_centre" data="{data}"/></custom>'
+    )
+    ocean = Ocean(current_change=np.array([[0.0, 0.0, 0.0], [50.0, 0.5, -0.3]]))
+    tank = Tank(text, ocean, 0.02)
+    tank.place()
+    tank.step(n=500)
+    np.testing.assert_allclose(tank.twist[:3], [0.1, -0.06, 0.0], atol=1e-9)
+    np.testing.assert_allclose(tank.twist[3:], 0.0, atol=1e-9)
 
 
 def test_the_mission_has_the_density_and_the_trim_of_its_scenario(tmp_path: Path) -> None:
