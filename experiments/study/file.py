@@ -89,7 +89,7 @@ class Group(Section):
         return self.model_extra or {}
 
     @property
-    def own(self) -> dict[str, Any]:
+    def options(self) -> dict[str, Any]:
         """All other keys."""
         return self.model_dump(exclude=set(self.settings), exclude_none=True)
 
@@ -335,7 +335,7 @@ class _FileReader:
         if repeated:
             self.lines.append(f"  {part}: names must differ; repeated: {', '.join(repeated)}")
         return {
-            group.name: type(group)(**group.own, **self.settings(dotted(group.settings, is_rule)))
+            group.name: type(group)(**group.options, **self.settings(dotted(group.settings, is_rule)))
             for group in groups
         }
 
@@ -538,6 +538,6 @@ def table_in(study: Study, folder: Path) -> dict[str, Any]:
         "scenario": scenarios if isinstance(study.table["scenario"], list) else scenarios[0],
         "set": seen(study.settings),
         "vary": dotted(study.table.get("vary", {}), _is_range) | seen(hulls),
-        "case": [case.own | seen(case.settings) for case in study.cases.values()],
-        "arm": [arm.own | seen(arm.settings) for arm in study.arms.values()],
+        "case": [case.options | seen(case.settings) for case in study.cases.values()],
+        "arm": [arm.options | seen(arm.settings) for arm in study.arms.values()],
     }

@@ -237,7 +237,7 @@ def _write_record(
 def run_studies(
     studies: Mapping[str, Study],
     folder: Path,
-    own: str = "",
+    name: str = "",
     command: str = "",
     *,
     quick: bool = False,
@@ -250,7 +250,7 @@ def run_studies(
     Args:
         studies: by part.
         folder: of the results; tables of several parts are in folders of their names.
-        own: name of a built-in study, whose package in `experiments/studies` has `findings.py` with
+        name: of a built-in study, whose package in `experiments/studies` has `findings.py` with
             `findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]`, a pure function
             of the outcomes by part, and perhaps `further_runs(outcomes)`, which chooses runs that
             are flown on, as of `fly_further`; and for a page of its own `page.md.j2`, with
@@ -265,7 +265,7 @@ def run_studies(
         LaisnError: as of `plan_of` and `fly_until_narrow`; something of a built-in study, or all of
             another, could not be flown; or the study has no such film.
     """
-    package = _Package(study=own)
+    package = _Package(study=name)
     _require_film(film, package)
     plans = [plan_of(study, quiet=options.get("quiet", False)) for study in studies.values()]
     flown = fly_until_narrow(plans, folder, **options)
