@@ -335,7 +335,9 @@ class _FileReader:
         if repeated:
             self.lines.append(f"  {part}: names must differ; repeated: {', '.join(repeated)}")
         return {
-            group.name: type(group)(**group.options, **self.settings(dotted(group.settings, is_rule)))
+            group.name: type(group)(
+                **group.options, **self.settings(dotted(group.settings, is_rule))
+            )
             for group in groups
         }
 
