@@ -149,7 +149,10 @@ def _hinge(
     model: Model, link: str, nose: Floats, upward: Floats, remarks: Remarks
 ) -> tuple[float, tuple[float, float] | None]:
     """The sense in which a positive angle pushes along `upward`, and the limits of the joint."""
-    for scope in [model, *([] if model.parent is None else [model.parent])]:
+    scopes = [model]
+    if model.parent is not None:
+        scopes.append(model.parent)
+    for scope in scopes:
         for name, joint in scope.joints.items():
             turns = joint.get("type") in _MOVING
             if not turns or scope.find_link(child_text(joint, "child")) != (model, link):

@@ -85,7 +85,9 @@ class Model:
 
     def path(self) -> list[str]:
         """Names of the models that hold this one, and its own, from the outermost on."""
-        return [*([] if self.parent is None else self.parent.path()), self.name]
+        if self.parent is None:
+            return [self.name]
+        return [*self.parent.path(), self.name]
 
     def all_models(self) -> "list[Model]":
         """The model and those nested in it, at any depth."""

@@ -224,7 +224,11 @@ def _remark_on_moved(
         is_turned = not np.allclose(axes, np.round(axes), atol=1e-6)
         if arm < 1e-9 and not is_turned:
             continue
-        how = [f"moved by {arm:.3g} m"] * (arm >= 1e-9) + ["turned"] * is_turned
+        how = []
+        if arm >= 1e-9:
+            how.append(f"moved by {arm:.3g} m")
+        if is_turned:
+            how.append("turned")
         text = f"coefficients of a link are {' and '.join(how)} to the axes of the hull"
         if part.quadratic.any():
             text += ": quadratic damping holds along or about one axis, between axes nearly"

@@ -164,7 +164,9 @@ class Summary:
             for record in self.records
             if isinstance(record, indices)
         ]
-        return sorted([*begins, *([self.start - _DATA_END_BYTES] if self.start else [])])
+        if self.start:
+            begins.append(self.start - _DATA_END_BYTES)
+        return sorted(begins)
 
 
 def summary_of(data: Bytes) -> Summary:
