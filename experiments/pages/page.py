@@ -250,6 +250,7 @@ _MARKED = re.compile("\ue000([0-9]+)\ue000")
 _NUMBER = re.compile(r"(−?\d[\d,]*(?:\.\d+)?)(?: %)?(?: \(.*\)| ± \S+)?")
 """A cell that is a number: perhaps with its limits, or in per cent."""
 _TONES: Mapping[str, Tone] = {"failure": "failure", "warning": "warning", "note": "note"}
+_RULE = re.compile(r"\s*\|[-| ]*-[-| ]*")
 # text within blocks is no Markdown: names of settings hold underscores
 _MARKDOWN = MarkdownIt("zero").enable(["heading", "blockquote", "table"])
 
@@ -358,6 +359,18 @@ class _Rendered:
         return Cell(text=text)
 
 
+def _with_rules(text: str) -> str:
+    """The text with a rule of as many columns as the heads above it, below those of each table,
+    however many the template writes.
+    """
+    lines = text.splitlines()
+    for i, line in enumerate(lines[1:], start=1):
+        if _RULE.fullmatch(line):
+            columns = lines[i - 1].strip().removeprefix("|").removesuffix("|").count("|") + 1
+            lines[i] = "|" + "---|" * columns
+    return "\n".join(lines)
+
+
 def _groups(text: str) -> list[tuple[str, int]]:
     """Groups of columns of the row above the heads of a table: their text, and how many columns
     they span, one more for each bar that follows another.
@@ -408,5 +421,5 @@ def page_of(
     environment = _environment(finalize=place, autoescape=False)
     environment.filters["caption"] = lambda block, text: replace(block, caption=_line(text))
     source = (resources.files(package) / name).read_text(encoding="utf-8")
-    text = environment.from_string(source).render({**values, "n": number})
+    text = _with_rules(environment.from_string(source).render({**values, "n": number}))
     return _Rendered(name=f"{package}: {name}", text=text, placed=placed).page(facts)
