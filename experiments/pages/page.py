@@ -309,7 +309,7 @@ class _Rendered:
 
     def _heading(self, node: SyntaxTreeNode) -> str:
         """Title of a heading, with a # at its end, which Markdown would drop."""
-        line = self.text.splitlines()[_span(node)[0]]
+        line = self.text.split("\n")[_span(node)[0]]
         return _line(line.strip().removeprefix(node.markup))
 
     def _block(self, node: SyntaxTreeNode) -> Block:
@@ -328,7 +328,7 @@ class _Rendered:
         """A table; of the lines that Markdown counts as its rows, those without a bar at their
         beginning are its caption.
         """
-        lines = self.text.splitlines()
+        lines = self.text.split("\n")
         head, *bodies = node.children
         (heads,) = head.children
         rows = []
@@ -363,7 +363,8 @@ def _with_rules(text: str) -> str:
     """The text with a rule of as many columns as the heads above it, below those of each table,
     however many the template writes.
     """
-    lines = text.splitlines()
+    # lines as Markdown counts them
+    lines = re.split(r"\r\n?|\n", text)
     for i, line in enumerate(lines[1:], start=1):
         if _RULE.fullmatch(line):
             columns = lines[i - 1].strip().removeprefix("|").removesuffix("|").count("|") + 1
