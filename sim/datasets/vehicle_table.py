@@ -44,7 +44,9 @@ class VehicleTable(NamedTuple):
 
 
 def _time_ns(columns: Columns, unit: str) -> Ints:
-    """Times of the rows; LaisnError if they lie before 1970."""
+    """Times of the rows; LaisnError if they lie before 1970, or are too large for their unit."""
+    if np.abs(columns.time.values).max() * TIME.units[unit] > LARGEST:
+        raise LaisnError(f"{columns.time.where}: in {unit}, times are not within ±{LARGEST:g} s")
     nanoseconds = round(1e9 * TIME.units[unit])
     times = np.rint(columns.time.values * nanoseconds).astype(np.int64)
     if times.min() < 0:

@@ -488,8 +488,9 @@ def _copy(path: Path, target: Path, remarks: list[str]) -> list[str]:
                 )
             copy.finish(whole, remarks)
     if problems and not copy.times_ns:
+        lacking = " whose channel is described" if copy.undescribed else ""
         raise LogError(
-            f"{path}: holds no intact message ({problems[0]}); there is nothing to recover"
+            f"{path}: holds no intact message{lacking} ({problems[0]}); there is nothing to recover"
         )
     span_s = np.ptp(copy.times_ns) / 1e9 if copy.times_ns else 0.0
     number = len(copy.times_ns)

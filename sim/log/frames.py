@@ -169,19 +169,35 @@ class Summary:
         return sorted(begins)
 
 
+def _summary_at(data: Bytes, start: int, footer: Footer) -> list[McapRecord]:
+    """Records of a summary that begins at a byte; none if its checksum does not match."""
+    footer_at = len(data) - _FOOTER_BYTES
+    if not 0 < start <= footer_at:
+        return []
+    checked = data[start : len(data) - len(MAGIC) - 4]
+    if footer.summary_crc not in (0, zlib.crc32(checked)):
+        return []
+    return [record for record in _framed(data[start:footer_at]) if record is not None]
+
+
 def summary_of(data: Bytes) -> Summary:
-    """The summary of a file, if it is intact."""
+    """The summary of a file, if it is intact.
+
+    Where bytes before it were lost or added, it stands behind the last end of data, and its
+    offsets are of no use.
+    """
     size = len(data)
     try:
         if size < _FOOTER_BYTES or data[size - len(MAGIC) :] != MAGIC:
             return Summary()
         footer_at = size - _FOOTER_BYTES
         footer = Footer.read(ReadDataStream(BytesIO(data[footer_at + _HEAD.size :])))
-        start = footer.summary_start
-        checked = data[start : size - len(MAGIC) - 4]
-        if not 0 < start <= footer_at or footer.summary_crc not in (0, zlib.crc32(checked)):
-            return Summary()
-        return Summary(start, [r for r in _framed(data[start:footer_at]) if r is not None])
+        if records := _summary_at(data, footer.summary_start, footer):
+            return Summary(footer.summary_start, records)
+        start = data.rfind(_HEAD.pack(Opcode.DATA_END, 4)) + _DATA_END_BYTES
+        described = (Schema, Channel, Statistics)
+        moved = _summary_at(data, start, footer)
+        return Summary(0, [record for record in moved if isinstance(record, described)])
     except Exception:
         # foreign bytes make the library fail in many ways
         return Summary()
@@ -273,7 +289,7 @@ class Salvage:
             first = (min(chunk.message_start_time for chunk in lost) - start) / 1e9
             last = (max(chunk.message_end_time for chunk in lost) - start) / 1e9
             reason = f"{reason} (messages from {first:g} s to {last:g} s)"
-        return Damage(at, reason, bool(lost) or not self.summary.records)
+        return Damage(at, reason, bool(lost) or not chunks)
 
     def _contents(self, frame: _Frame) -> list[McapRecord | Damage | DamagedAttachment]:
         """What a frame holds; errors of the library if that is malformed."""

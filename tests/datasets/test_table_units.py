@@ -198,6 +198,11 @@ def test_a_time_beyond_the_bound_in_its_unit_is_refused(tmp_path: Path) -> None:
         read_vehicle_table(path)
 
 
+def test_a_time_of_rows_beyond_the_bound_in_its_unit_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(LaisnError, match=r"time \[s\]: in s, times are not within ±4e\+09 s"):
+        read_vehicle_table(table(tmp_path, {}, {"time": 1e3}, offset_s=1.7e9))
+
+
 @pytest.mark.parametrize(
     ("headers", "words"),
     [

@@ -104,6 +104,32 @@ def test_chunks_are_found_without_a_summary(tmp_path: Path, compression: Compres
     )
 
 
+@pytest.mark.parametrize("lost", [True, False])
+def test_channels_of_a_broken_first_chunk_are_those_of_a_summary_that_moved(
+    tmp_path: Path, lost: bool
+) -> None:
+    """Bytes in chunk 2 are lost, or stand there twice, so that all offsets behind are wrong."""
+    data = bytearray(several_chunks())
+    starts = chunk_starts(bytes(data))
+    data[starts[0] + 60] ^= 4
+    first, last = starts[2] + 5, starts[2] + 60
+    changed = data[:first] + data[last:] if lost else data[:last] + data[first:]
+    (tmp_path / "a.mcap").write_bytes(changed)
+    printed: list[str] = []
+    path = recover(tmp_path / "a.mcap", printed.append)
+    lost_messages = messages_of(0) | messages_of(2)
+    assert numbers(path) == [k for k in range(CHUNKS * EACH) if k not in lost_messages]
+    assert sum(line.startswith("left out: ") for line in printed) >= 2
+
+
+def test_messages_without_an_intact_channel_are_no_recovery(tmp_path: Path) -> None:
+    data = bytearray(several_chunks())
+    data[chunk_starts(bytes(data))[0] + 60] ^= 4
+    (tmp_path / "a.mcap").write_bytes(data[:-200])
+    with pytest.raises(LogError, match="no intact message whose channel is described"):
+        recover(tmp_path / "a.mcap")
+
+
 def frame(kind: int, content: bytes, more: bytes = b"") -> bytes:
     return struct.pack("<BQ", kind, len(content) + len(more)) + content + more
 
