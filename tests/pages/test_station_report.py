@@ -124,8 +124,9 @@ def test_who_is_lost_leaves_the_panel() -> None:
 
 
 def columns(html: str) -> list[str]:
-    """Heads of the table of details, the second one, with the groups above them."""
-    (_, head, *_) = re.findall(r"<thead>(.*?)</thead>", html, flags=re.DOTALL)
+    """Heads of the table of details, the one with bearing errors, with the groups above them."""
+    heads = re.findall(r"<thead>(.*?)</thead>", html, flags=re.DOTALL)
+    (head,) = (head for head in heads if "bearing error" in head)
     return [
         re.sub(r"<.*?>", "", cell).strip()
         for cell in re.findall(r"<th.*?</th>", head, flags=re.DOTALL)
