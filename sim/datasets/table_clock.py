@@ -12,11 +12,11 @@ from laisn.arrays import Bools, Floats, Ints
 from laisn.failure import LaisnError
 from laisn.messages import Ranges
 from sim.datasets.table_columns import TIMESTAMP
+from sim.log.order import steps_back
 
 _SOUND_M_S = 1500.0
 _MOST_STEPS = 20  # more steps back are no corrections of a clock
 _NAMED = 5  # most gaps that are named
-_FREE = 2.0 / 3.0  # least distance of a late row from others [intervals between rows]
 _GAP = 10.0  # shortest gap that is named [intervals between rows]
 _SHORTEST_GAP_S = 1.0
 _STRAIGHT = math.radians(20.0)  # largest turn of a leader whose way tells the time that passed
@@ -60,40 +60,6 @@ class Recording:
             if clock is None
             else np.where(self.received, clock, np.nan)
         )
-
-
-def _late_rows(times: Ints, first: int, interval: int) -> int:
-    """How many rows from `first` on only fill a gap that was left before them; 0 if they are
-    recorded times again.
-    """
-    before = np.sort(times[:first])
-    below = times[first:] < before[-1]
-    number = int(np.argmin(below)) if not below.all() else below.size
-    late = times[first : first + number]
-    at = np.searchsorted(before, late)
-    distance = np.minimum(
-        np.abs(late - before[np.maximum(at - 1, 0)]),
-        np.abs(before[np.minimum(at, before.size - 1)] - late),
-    )
-    # times recorded again lie within half an interval of those before
-    return number if np.all(distance >= _FREE * interval) else 0
-
-
-def _steps_back(times: Ints, interval: int) -> list[int]:
-    """Positions of the first times after each step back of the clock; late rows are none."""
-    steps = list[int]()
-    begin = 0
-    skip = 0
-    for position in (np.flatnonzero(np.diff(times) < 0) + 1).tolist():
-        if position < skip:
-            continue
-        late = _late_rows(times[begin:], position - begin, interval)
-        if late:
-            skip = position + late
-        else:
-            steps.append(position)
-            begin = position
-    return steps
 
 
 @dataclass(frozen=True)
@@ -154,7 +120,7 @@ def correct_steps_back(recording: Recording) -> None:
     """
     rows = recording.rows
     interval = recording.interval_ns
-    steps = _steps_back(recording.time[rows], interval)
+    steps = steps_back(recording.time[rows], interval)
     if len(steps) > _MOST_STEPS:
         raise LaisnError(
             f"{recording.source}: {recording.name}: the time steps back {len(steps)} times, first "
@@ -186,7 +152,7 @@ def correct_steps_back(recording: Recording) -> None:
 def _require_receptions_in_order(recording: Recording) -> None:
     """LaisnError if rows that hold receptions alone step back among themselves."""
     alone = np.flatnonzero(recording.received & ~recording.moving)
-    steps = _steps_back(recording.time[alone], 2 * recording.interval_ns)
+    steps = steps_back(recording.time[alone], 2 * recording.interval_ns)
     if steps:
         raise LaisnError(
             f"{recording.source}: {recording.name}: the time of receptions steps back after row "

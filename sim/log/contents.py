@@ -163,6 +163,8 @@ class Messages:
     kept: bool = True  # data are kept, not times alone
     times: "array[int]" = field(default_factory=lambda: array("q"))
     data: list[bytes] = field(default_factory=list)
+    # log times in order of recording, where that is not the order of time [ns]
+    recorded_ns: Ints | None = None
 
     @property
     def time_ns(self) -> Ints:
@@ -290,6 +292,7 @@ class Contents:
                         self.unverified += (f"{bare} of {chunks} chunks",)
             for m in self.topics.values():
                 if m.kept and np.any(m.time_ns[1:] < m.time_ns[:-1]):
+                    m.recorded_ns = m.time_ns.copy()
                     order = np.argsort(m.time_ns, kind="stable").tolist()
                     m.times, m.data = (
                         array("q", [m.times[i] for i in order]),

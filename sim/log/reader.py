@@ -23,6 +23,7 @@ from sim.log.contents import (
     Messages,
     log_errors,
 )
+from sim.log.order import steps_back
 from sim.log.schema import (
     DETAILS,
     MEASURED,
@@ -44,6 +45,10 @@ _OWN, _RECEIVED = MEASURED
 LONGEST_GAP_S = 10.0  # longer gaps between own measurements are not bridged unless requested [s]
 _GAP = 2.0  # shortest gap [filter steps]
 _NAMED = 5  # most gaps that are named
+_SOUND_M_S = 1500.0
+# ages of messages that are neither noise nor of another clock [s]
+_SHORTEST_DELAY_S = 0.1
+_LONGEST_DELAY_S = 60.0
 # limits of usual filter steps
 _SHORTEST_NS = 10**5
 _LONGEST_NS = 10**11
@@ -224,6 +229,35 @@ def _optional(messages: Messages, names: Sequence[str]) -> Floats:
     return values
 
 
+def _clock_steps(topic: str, recorded_ns: Ints | None, dt_ns: int) -> list[str]:
+    """Remarks on a clock that stepped back while it recorded a channel, by times in that order."""
+    if recorded_ns is None:
+        return []
+    back = -np.diff(recorded_ns) / 1e9
+    return [
+        f"the clock of {topic} steps back by {back[at - 1]:.6g} s after message {at}: messages of "
+        "before and after lie among each other; cut the log there"
+        for at in steps_back(recorded_ns, dt_ns)[:_NAMED]
+    ]
+
+
+def _late_receptions(
+    topic: str, heard_ns: Ints, message: Floats, ranges: Floats, dt_ns: int
+) -> list[str]:
+    """A remark on receptions that were recorded later than sound needs, by the leader's clock."""
+    counts = np.isfinite(ranges).sum(axis=1)
+    travel = np.nansum(ranges, axis=1) / np.maximum(counts, 1) / _SOUND_M_S
+    delays = heard_ns / 1e9 - message[:, 0] - travel
+    delays = delays[np.isfinite(delays) & (counts > 0)]
+    delay = float(np.median(delays)) if delays.size else 0.0
+    if not max(_SHORTEST_DELAY_S, 1.5e-9 * dt_ns) < delay < _LONGEST_DELAY_S:
+        return []
+    return [
+        f"messages of {topic} are {delay:.3g} s older than sound needs (median), by "
+        "leader_timestamp: they are used as if the leader were there when they were recorded"
+    ]
+
+
 def _gaps(path: Path, topic: str, time_ns: Ints, spacing: Ints, longest_gap_s: float) -> list[str]:
     """Remarks on gaps; LogError if one is too long."""
     longest_step = _GAP * float(np.median(spacing))
@@ -268,6 +302,7 @@ def read_recording(
             received, needed, _RECEIVED.schema if FLIGHT in log.metadata else None
         )
         time_ns = motion.time_ns
+        recorded_ns = motion.recorded_ns
         own = motion.table(_OWN.fields).T
         heard_ns = reception.time_ns
         message, ranges = (_optional(reception, array.names) for array in _RECEIVED.columns)
@@ -289,7 +324,10 @@ def read_recording(
         )
     spacing = np.diff(time_ns)
     dt_ns = round(float(np.median(spacing)))
-    remarks = _gaps(log.path, topic, time_ns, spacing, longest_gap_s)
+    remarks = _clock_steps(topic, recorded_ns, dt_ns)
+    remarks += _gaps(log.path, topic, time_ns, spacing, longest_gap_s)
+    if FLIGHT not in log.metadata:
+        remarks += _late_receptions(received, heard_ns, message, ranges, dt_ns)
     if not _SHORTEST_NS < dt_ns < _LONGEST_NS:
         remarks.append(f"{topic} comes every {dt_ns / 1e9:g} s: are the log times in nanoseconds?")
     durations = None if np.all(spacing == dt_ns) else np.append(float(dt_ns), spacing) / 1e9

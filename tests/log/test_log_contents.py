@@ -305,3 +305,50 @@ def test_a_long_log_is_recovered(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-1])
     again = read_recording(recover(path)).measurements
     np.testing.assert_array_equal(again.speed, measurements.speed)
+
+
+def vehicle_log(path: Path, times_s: list[float], sent_before_s: float) -> Path:
+    """A vehicle's own motion at these times in order of recording, with a reception at every
+    tenth.
+    """
+    with path.open("wb") as stream:
+        log = Writer(stream)
+        log.start()
+        motion, reception = (
+            log.register_channel(
+                f"/auv/{kind.topic}", "protobuf", register_schema(log, kind.message_class)
+            )
+            for kind in (OWN_MOTION, RECEPTION)
+        )
+        for k, time_s in enumerate(times_s):
+            at = round(1e9 * time_s)
+            own = OWN_MOTION.message_class(speed=1.0, heading=0.0, depth=8.0)
+            log.add_message(motion, at, own.SerializeToString(), at)
+            if k % 10 == 9:
+                values = dict.fromkeys(RECEPTION.fields, 1.0)
+                values |= {"leader_timestamp": time_s - sent_before_s}
+                values |= dict.fromkeys(("range_rear", "range_front", "range_middle"), 30.0)
+                log.add_message(
+                    reception, at, RECEPTION.message_class(**values).SerializeToString(), at
+                )
+        log.finish()  # type: ignore[no-untyped-call]
+    return path
+
+
+def test_a_clock_that_steps_back_while_it_records_is_reported(tmp_path: Path) -> None:
+    steady = [100.0 + 0.1 * k for k in range(200)]
+    path = vehicle_log(
+        tmp_path / "a.mcap", [*steady[:120], *(t - 5.03 for t in steady[120:])], 0.02
+    )
+    (remark,) = read_recording(path, "auv").remarks
+    assert remark.startswith("the clock of /auv/motion steps back by 4.93 s after message 120: ")
+    late = [*steady[:50], *steady[60:70], *steady[50:60], *steady[70:]]
+    assert read_recording(vehicle_log(tmp_path / "b.mcap", late, 0.02), "auv").remarks == ()
+
+
+def test_receptions_older_than_sound_needs_are_reported(tmp_path: Path) -> None:
+    steady = [100.0 + 0.1 * k for k in range(200)]
+    (remark,) = read_recording(vehicle_log(tmp_path / "a.mcap", steady, 2.02), "auv").remarks
+    assert remark.startswith("messages of /auv/reception are 2 s older than sound needs (median)")
+    for age in (0.02, 1e6, -3.0):
+        assert read_recording(vehicle_log(tmp_path / "b.mcap", steady, age), "auv").remarks == ()

@@ -1,0 +1,43 @@
+"""Times in order of recording: steps back of a clock, apart from late messages."""
+
+import numpy as np
+
+from laisn.arrays import Ints
+
+_FREE = 2.0 / 3.0  # least distance of a late time from others [intervals]
+
+
+def _late(times: Ints, first: int, interval: float) -> int:
+    """How many times from `first` on only fill a gap that was left before them; 0 if they are
+    recorded times again.
+    """
+    before = np.sort(times[:first])
+    below = times[first:] < before[-1]
+    number = int(np.argmin(below)) if not below.all() else below.size
+    late = times[first : first + number]
+    at = np.searchsorted(before, late)
+    distance = np.minimum(
+        np.abs(late - before[np.maximum(at - 1, 0)]),
+        np.abs(before[np.minimum(at, before.size - 1)] - late),
+    )
+    # times recorded again lie within half an interval of those before
+    return number if np.all(distance >= _FREE * interval) else 0
+
+
+def steps_back(times: Ints, interval: float) -> list[int]:
+    """Positions of the first times after each step back of the clock, of times a usual interval
+    apart, both [ns]; late ones are none.
+    """
+    steps = list[int]()
+    begin = 0
+    skip = 0
+    for position in (np.flatnonzero(np.diff(times) < 0) + 1).tolist():
+        if position < skip:
+            continue
+        late = _late(times[begin:], position - begin, interval)
+        if late:
+            skip = position + late
+        else:
+            steps.append(position)
+            begin = position
+    return steps
