@@ -227,6 +227,7 @@ def update(b: Belief, k: int, z: Ranging) -> float:
 # error
 _BEND = 0.7
 _LEAST_WEIGHT = 1e-8
+_SAME = 0.3  # squared Mahalanobis distance of positions, below which they are one
 BEARINGS = 48  # Gaussians of a ring
 STARTERS = 8  # first ranges, each of which may be the one that gives an unknown start
 # errors of ranges are estimated where one component has more weight than this
@@ -282,7 +283,7 @@ def split(b: Belief, z: Ranging) -> None:
 @compiled
 def prune_and_merge(b: Belief) -> None:
     """Prune and merge components, keep the heaviest ones, and put the heaviest of all first."""
-    count = mixture.prune_and_merge(b, 1, b.alive[0], _LEAST_WEIGHT, KEPT, -1)
+    count = mixture.prune_and_merge(b, 1, b.alive[0], _LEAST_WEIGHT, KEPT, -1, _SAME)
     top = mixture.heaviest_hypothesis(b, 1, count)
     if top > 0:
         spare = CAPACITY - 1

@@ -191,7 +191,7 @@ class Estimates(ArrayRecord):
         own_arrays(self)
 
 
-HYPOTHESES = 4  # that are kept from message to message
+HYPOTHESES = 8  # that are kept from message to message
 _STATES = (
     "x_m",
     "y_m",

@@ -21,8 +21,6 @@ update, which copies keep. `states` is the number of states in use; arrays may b
 
 _SQRT_HALF = math.sqrt(0.5)
 _PER_SQRT_TURN = 1.0 / math.sqrt(2.0 * math.pi)
-# squared Mahalanobis distance below which two positions are one; likewise of another state
-_SAME = 0.3
 # σ of a bearing's Gaussian as a share of their spacing on a ring, for which their sum is nearly
 # even
 _OVERLAP = 0.6
@@ -143,9 +141,9 @@ def merge_components(b: Mixture, i: int, j: int) -> None:
 
 
 @compiled
-def _is_same(b: Mixture, modes: int, g: int, h: int, further: int) -> bool:
-    """Whether the heaviest components of two hypotheses are nearer than their mean spread, in
-    `further` too.
+def _is_same(b: Mixture, modes: int, g: int, h: int, further: int, same: float) -> bool:
+    """Whether the heaviest components of two hypotheses are nearer than `same`, a squared
+    Mahalanobis distance by their mean covariance; in `further` too.
     """
     i = heaviest(b, modes, g)
     j = heaviest(b, modes, h)
@@ -154,21 +152,21 @@ def _is_same(b: Mixture, modes: int, g: int, h: int, further: int) -> bool:
     if further >= 0:
         apart = x[i, further] - x[j, further]
         variance = 0.5 * (P[i, further, further] + P[j, further, further])
-        if not apart * apart <= _SAME * variance:
+        if not apart * apart <= same * variance:
             return False
     dx, dy = x[i, 0] - x[j, 0], x[i, 1] - x[j, 1]
     xx, xy = 0.5 * (P[i, 0, 0] + P[j, 0, 0]), 0.5 * (P[i, 0, 1] + P[j, 0, 1])
     yy = 0.5 * (P[i, 1, 1] + P[j, 1, 1])
-    return bool(dx * dx * yy - 2.0 * dx * dy * xy + dy * dy * xx < _SAME * (xx * yy - xy * xy))
+    return bool(dx * dx * yy - 2.0 * dx * dy * xy + dy * dy * xx < same * (xx * yy - xy * xy))
 
 
 @compiled
 def prune_and_merge(
-    b: Mixture, modes: int, count: int, least_weight: float, kept: int, further: int
+    b: Mixture, modes: int, count: int, least_weight: float, kept: int, further: int, same: float
 ) -> int:
-    """Prune hypotheses lighter than `least_weight`, merge those at one position, and in the state
-    `further` (−1: none), and keep the heaviest; how many are left. Weights are not scaled to a sum
-    of 1; the last hypothesis fills a gap.
+    """Prune hypotheses lighter than `least_weight`, merge those nearer than `same` (as of
+    `_is_same`) in position and in the state `further` (−1: none), and keep the heaviest; how many
+    are left. Weights are not scaled to a sum of 1; the last hypothesis fills a gap.
     """
     h = 0
     while h < count:
@@ -181,7 +179,7 @@ def prune_and_merge(
     while g < count:
         h = g + 1
         while h < count:
-            if _is_same(b, modes, g, h, further):
+            if _is_same(b, modes, g, h, further, same):
                 for mode in range(modes):
                     merge_components(b, g * modes + mode, h * modes + mode)
                 count -= 1

@@ -135,6 +135,7 @@ NAVIGATORS: dict[str, NavigatorSpec] = {
     "tight": _TIGHT,
     "dead-reckoning": _rival("filters:DeadReckoning", "dead reckoning"),
     "ekf": _rival("filters:RangeFilter", "the extended Kalman filter on ranges"),
+    "imm": _rival("speed_modes:SpeedModes", "the extended Kalman filter with two modes of speed"),
     "owtt": _rival(
         "filters:OneWayTravelTime", "the filter on one-way travel times of one transmitter"
     ),

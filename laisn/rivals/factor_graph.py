@@ -9,6 +9,7 @@ proportional to the range; GTSAM's `RangeFactorWithTransformBias2D` adds one bia
 alike.
 """
 
+import math
 from functools import partial
 from typing import Any
 
@@ -18,6 +19,7 @@ from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.messages import OwnMotion, Reception
 from laisn.rivals.filters import STATES, DeadReckoning, slant
+from laisn.rivals.leader_track import SeenCurrent
 from laisn.settings import COMPASS_WALK, RivalSettings
 
 RELINEARISE = 1e-3
@@ -172,3 +174,14 @@ class FactorGraph(DeadReckoning):
             self.P[i, i] = self._smoother.marginalCovariance(key)[0, 0]
         self.P[5:, 5:] = self._smoother.marginalCovariance(self._current)
         return True
+
+    def _update_current(self, seen: SeenCurrent) -> None:
+        """Add what the leader's way shows of the current to the graph, and to the estimate until
+        the next message.
+        """
+        gtsam = self._gtsam
+        graph = gtsam.NonlinearFactorGraph()
+        noise = gtsam.noiseModel.Isotropic.Sigma(2, math.sqrt(seen.variance))
+        graph.add(gtsam.PriorFactorPoint2(self._current, seen.current, noise))
+        self._smoother.update(graph, gtsam.Values(), {self._current: self._time})
+        super()._update_current(seen)

@@ -21,6 +21,7 @@ from laisn.geometry import place_transmitters, signed_angle
 from laisn.messages import Measurements, OwnMotion, Reception
 from laisn.navigator import kalman_update
 from laisn.navigators import OnlineNavigator, require_valid
+from laisn.rivals.leader_track import LeaderTrack, SeenCurrent
 from laisn.settings import COMPASS_WALK, CURRENT_WALK, LOG_WALK, RivalSettings, TightSettings
 
 STATES = 7
@@ -118,6 +119,7 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         )
         self._reading = np.empty((0, 2))
         self._kept = list[tuple[Floats, Floats]]()
+        self._track = LeaderTrack()
         self._noise = settings.speed_sigma, settings.heading_sigma, settings.slip, walk
 
     @property
@@ -183,6 +185,9 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         ranges = np.where(np.isfinite(below).all(axis=1), reception.ranges, np.nan)
         ranges[self.settings.transmitters :] = np.nan
         used = bool(np.isfinite(ranges).any()) and self._update(below, ranges, own, reception)
+        seen = self._track.receive(reception.message)
+        if seen is not None and self.settings.assume.current:
+            self._update_current(seen)
         if used:
             # velocity by the new biases; no time passes
             self._advance(self._reading, np.zeros(1))
@@ -196,6 +201,13 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         some ranges are NaN.
         """
         return False
+
+    def _update_current(self, seen: SeenCurrent) -> None:
+        """Update the current with what the leader's way shows of it."""
+        H = np.zeros((2, STATES))
+        H[:, 5:] = np.eye(2)
+        noise = seen.variance * np.eye(2)
+        self.x, self.P = kalman_update(self.x, self.P, H, seen.current - self.x[5:], noise)
 
     def _odometry(self) -> tuple[Floats, Floats, Floats, float]:
         """Odometry since the last call by the compass as it reads: Σ s u Δt, Σ u Δt, covariance
@@ -247,6 +259,25 @@ def slant(x: Floats, transmitter: Floats) -> tuple[float, Floats]:
     return rho, away / rho
 
 
+def range_measurement(
+    settings: TightSettings, x: Floats, below: Floats, ranges: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """H, shape (r, n), innovation, shape (r,), and R of the r ranges that are not NaN, for a state
+    of n numbers that begins with [x, y, b_v, b_θ, b_r]; `below` as of `DeadReckoning._update`.
+    """
+    received = np.flatnonzero(np.isfinite(ranges))
+    z = ranges[received]
+    away = np.column_stack([x[:2] - below[received, :2], below[received, 2]])
+    rho = np.linalg.norm(away, axis=1)
+    share = rho / z.max()
+    H = np.zeros((z.size, x.size))
+    H[:, :2] = away[:, :2] / rho[:, None]
+    H[:, 4] = share
+    common = settings.range_scale_sigma**2 * np.outer(share, share)
+    R = settings.range_sigma**2 * np.eye(z.size) + common
+    return H, z - rho - share * x[4], R
+
+
 class RangeFilter(DeadReckoning):
     """Extended Kalman filter on the ranges of a message, one measurement, without a test for
     echoes.
@@ -257,19 +288,8 @@ class RangeFilter(DeadReckoning):
     """
 
     def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
-        settings: TightSettings = self.settings
-        received = np.flatnonzero(np.isfinite(ranges))
-        z = ranges[received]
-        away = np.column_stack([self.x[:2] - below[received, :2], below[received, 2]])
-        rho = np.linalg.norm(away, axis=1)
-        share = rho / z.max()
-        H = np.zeros((z.size, STATES))
-        H[:, :2] = away[:, :2] / rho[:, None]
-        H[:, 4] = share
-        R = settings.range_sigma**2 * np.eye(z.size) + settings.range_scale_sigma**2 * np.outer(
-            share, share
-        )
-        self.x, self.P = kalman_update(self.x, self.P, H, z - rho - share * self.x[4], R)
+        H, innovation, R = range_measurement(self.settings, self.x, below, ranges)
+        self.x, self.P = kalman_update(self.x, self.P, H, innovation, R)
         return True
 
 
@@ -440,6 +460,22 @@ class ParticleFilter(DeadReckoning):
         along = (share * residual).sum(axis=1)
         squared = ((residual**2).sum(axis=1) - large * along**2 / whole) / small
         return np.asarray(-0.5 * (squared + np.log(whole)))
+
+    def _update_current(self, seen: SeenCurrent) -> None:
+        """Move each particle's current as a Kalman filter would, by their common covariance, with
+        random numbers that leave the right one (P. L. Houtekamer, H. L. Mitchell, Monthly Weather
+        Review 126, 1998): few particles have the current that is seen.
+        """
+        random = self._random(self._step, float(seen.current[0]))
+        mean = self.weights @ self.particles
+        away = self.particles - mean
+        P = (self.weights[:, None] * away).T @ away
+        gain = np.linalg.solve(P[5:, 5:] + seen.variance * np.eye(2), P[5:]).T
+        noise = math.sqrt(seen.variance) * random.standard_normal((self.weights.size, 2))
+        self.particles = self.particles + (seen.current + noise - self.particles[:, 5:]) @ gain.T
+        self.x = self.weights @ self.particles
+        away = self.particles - self.x
+        self.P = (self.weights[:, None] * away).T @ away
 
     def _resample(self, random: np.random.Generator, first: int) -> None:
         """Systematic resampling, and new states from `first` on from the kernel of Liu and West."""

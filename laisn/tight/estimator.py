@@ -34,10 +34,13 @@ from laisn.tight.model import (
 from laisn.tight.ranging import Signal, update
 
 # least lateral standard deviation of a split, as a share of the distance ℓ_c at which the axis
-# matters
-_SPLIT = 0.3
+# matters, and at most [m]: far away halves that wide still drift to the wrong side
+_SPLIT = 0.2
+_WIDEST = 1.0
 _REACH = 3.5
 _LEAST_WEIGHT = 1e-5
+# squared Mahalanobis distance below which two hypotheses are one
+_SAME = 1.0
 
 
 @compiled
@@ -99,7 +102,8 @@ def split(b: Belief, m: Model, signal: Signal) -> None:
     """
     for h in range(b.alive):
         lateral, variance, critical = _lateral(b, m, mixture.heaviest(b, m.modes, h), signal)
-        across = variance > (_SPLIT * critical) ** 2 and abs(lateral) < _REACH * math.sqrt(variance)
+        least = min(_SPLIT * critical, _WIDEST)
+        across = variance > least * least and abs(lateral) < _REACH * math.sqrt(variance)
         if b.alive < CAPACITY and across:
             other = b.alive
             b.alive += 1
@@ -114,7 +118,9 @@ def prune_and_merge(b: Belief, m: Model) -> None:
     """Prune and merge hypotheses, and keep the heaviest few; those with different leader
     headings are not merged.
     """
-    b.alive = mixture.prune_and_merge(b, m.modes, b.alive, _LEAST_WEIGHT, HYPOTHESES, m.leader)
+    b.alive = mixture.prune_and_merge(
+        b, m.modes, b.alive, _LEAST_WEIGHT, HYPOTHESES, m.leader, _SAME
+    )
     mixture.normalise(b.weight, b.alive * m.modes)
 
 

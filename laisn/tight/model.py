@@ -222,6 +222,10 @@ _WORK = np.dtype(
         ("white", np.float64, _T),
         ("turned", np.float64, _T),
         ("gain", np.float64, (_T, MOST_STATES)),  # H P
+        # where the ranges are linearised, from the mean of x, y [m], and the part of their
+        # covariance xx, xy, yy that an update has taken away there [m²]
+        ("shift", np.float64, 2),
+        ("removed", np.float64, 3),
         ("white_gain", np.float64, (_T, MOST_STATES)),  # root⁻¹ H P over the ranges that are used
         ("received", np.int64, _T),  # indices of the ranges of the message
         ("used", np.int64, _T),  # indices of the ranges that are used

@@ -2,7 +2,9 @@
 
 A range is z_i = ρ_i (1 + b_r / max ρ) + d_i with ρ_i = |p − o − Rot(b_L) a_i|: o is the leader's
 origin, a_i the arm from it to a transmitter as the broadcast heading places it, and Rot turns
-anticlockwise by the leader's compass bias.
+anticlockwise by the leader's compass bias. The common error is taken in proportion to the measured
+ranges, z_i − ρ_i = b_r z_i / max z, which is linear in b_r: in proportion to predicted ones, the
+error of the prediction would act through it on the differences of the ranges.
 """
 
 import math
@@ -20,6 +22,15 @@ _TOO_SHORT = 6.0
 # the leader's error is estimated from a message if it leaves less than this share of its variance
 _INFORMATIVE = 0.5
 _SHORTEST = 0.01  # nearer to a transmitter than this the direction to it means nothing [m]
+# within this of a transmitter ranges are linearised a second time, at the updated position, where
+# that is so many lateral standard deviations from the axis; nearer to it that would bias the side
+_NEAR = 12.0
+_CLEAR = 3.0
+# Two transmitters do not observe a motion that scales all ranges alike with b_r. Errors of the
+# linearisation seem to observe it: they repeat from message to message, and come to more than their
+# second-order terms. As an error of each range, σ = 0.12 m³ / ρ², with ρ of 1 m and more.
+_NEAR_ERROR = 0.12
+_LEAST_RANGE = 1.0
 
 _SIGNAL = np.dtype(
     (
@@ -57,23 +68,11 @@ def predict_ranges(
     many there are.
 
     Second-order EKF (Bar-Shalom, Li & Kirubarajan 2001): ½ tr(H P) in the mean and ½ tr(H_i P H_j
-    P) in the covariance, over position and leader's compass. It is linearised about a random error
-    of the leader's heading, `turn`, of whose variance `turn_variance` is left [rad²].
+    P) in the covariance, over position and leader's compass. It is linearised at `work.shift` from
+    the mean, and about a random error of the leader's heading, `turn`, of whose variance
+    `turn_variance` is left [rad²].
     """
     w = b.work
-    x = b.state
-    P = b.covariance
-    n = m.states
-    leader = m.leader
-    clock = m.clock
-    turning = leader != ABSENT
-    hl = 0.0
-    bias = x[k, leader] + turn if turning else 0.0
-    s, c = sin_cos(bias)
-    qx, qy = x[k, X] - signal.east, x[k, Y] - signal.north
-    pxx = P[k, X, X]
-    pxy = P[k, X, Y]
-    pyy = P[k, Y, Y]
     count = 0
     farthest = 0.0
     for i in range(m.transmitters):
@@ -84,66 +83,102 @@ def predict_ranges(
     per_farthest = 1.0 / max(farthest, _SHORTEST)
     for j in range(count):
         i = w.used[j]
-        ax, ay = signal.arms[i, 0], signal.arms[i, 1]
-        sx, sy = c * ax - s * ay, s * ax + c * ay
-        dx, dy, dz = qx - sx, qy - sy, signal.arms[i, 2]
-        rho = max(math.sqrt(dx * dx + dy * dy + dz * dz), _SHORTEST)
-        per_rho = 1.0 / rho
-        hx, hy = dx * per_rho, dy * per_rho
-        share = rho * per_farthest
-        w.row_x[i] = hx
-        w.row_y[i] = hy
-        w.row_scale[i] = share
-        # second derivatives by x and y, times the covariance
-        fxx = (1.0 - hx * hx) * per_rho
-        fxy = -hx * hy * per_rho
-        fyy = (1.0 - hy * hy) * per_rho
-        f = w.curvature
-        f[i, 0, 0] = fxx * pxx + fxy * pxy
-        f[i, 0, 1] = fxx * pxy + fxy * pyy
-        f[i, 1, 0] = fxy * pxx + fyy * pxy
-        f[i, 1, 1] = fxy * pxy + fyy * pyy
-        mean_shift = f[i, 0, 0] + f[i, 1, 1]
-        if turning:
-            hl = hx * sy - hy * sx
-            w.row_leader[i] = hl
-            fxl = (sy - hx * hl) * per_rho
-            fyl = (-sx - hy * hl) * per_rho
-            fll = (qx * sx + qy * sy - hl * hl) * per_rho
-            pxl = P[k, X, leader]
-            pyl = P[k, Y, leader]
-            # the random error of this heading turns the arms just as the bias does
-            pll = P[k, leader, leader] + turn_variance
-            f[i, 0, 0] += fxl * pxl
-            f[i, 0, 1] += fxl * pyl
-            f[i, 0, 2] = fxx * pxl + fxy * pyl + fxl * pll
-            f[i, 1, 0] += fyl * pxl
-            f[i, 1, 1] += fyl * pyl
-            f[i, 1, 2] = fxy * pxl + fyy * pyl + fyl * pll
-            f[i, 2, 0] = fxl * pxx + fyl * pxy + fll * pxl
-            f[i, 2, 1] = fxl * pxy + fyl * pyy + fll * pyl
-            f[i, 2, 2] = fxl * pxl + fyl * pyl + fll * pll
-            mean_shift = f[i, 0, 0] + f[i, 1, 1] + f[i, 2, 2] - 2.0 * hl * turn
-        expected = rho + share * x[k, SCALE] + 0.5 * mean_shift
-        if m.offset != ABSENT and i > 0:
-            expected += x[k, m.offset + i - 1]
-        if clock != ABSENT:
-            expected += x[k, clock]
-        w.residual[i] = signal.ranges[i] - expected
-        # loops over contiguous rows of the symmetric P, which are vectorised
-        gain = w.gain[i]
+        w.row_scale[i] = signal.ranges[i] * per_farthest
+        _linearise_range(b, m, k, signal, i, turn, turn_variance)
+    _fill_innovation_covariance(b, m, signal, count)
+    return count
+
+
+@compiled
+def _linearise_range(
+    b: Belief, m: Model, k: int, signal: Signal, i: int, turn: float, turn_variance: float
+) -> None:
+    """Residual of range i, its derivatives h, its second derivatives F times P, and h P."""
+    w = b.work
+    x = b.state
+    P = b.covariance
+    leader = m.leader
+    clock = m.clock
+    turning = leader != ABSENT
+    hl = 0.0
+    bias = x[k, leader] + turn if turning else 0.0
+    s, c = sin_cos(bias)
+    shift_x = w.shift[0]
+    shift_y = w.shift[1]
+    qx = x[k, X] + shift_x - signal.east
+    qy = x[k, Y] + shift_y - signal.north
+    pxx = P[k, X, X] - w.removed[0]
+    pxy = P[k, X, Y] - w.removed[1]
+    pyy = P[k, Y, Y] - w.removed[2]
+    # ρ = |q − Rot(b_L) a|, h = ∂ρ/∂(x, y, b_L)
+    ax, ay = signal.arms[i, 0], signal.arms[i, 1]
+    sx, sy = c * ax - s * ay, s * ax + c * ay
+    dx, dy, dz = qx - sx, qy - sy, signal.arms[i, 2]
+    rho = max(math.sqrt(dx * dx + dy * dy + dz * dz), _SHORTEST)
+    per_rho = 1.0 / rho
+    hx, hy = dx * per_rho, dy * per_rho
+    share = w.row_scale[i]
+    w.row_x[i] = hx
+    w.row_y[i] = hy
+    # F P with F = (∂q/∂(x, y, b_L)ᵀ ∂q/∂(x, y, b_L) + q · ∂²q/∂b_L² − h hᵀ) / ρ
+    fxx = (1.0 - hx * hx) * per_rho
+    fxy = -hx * hy * per_rho
+    fyy = (1.0 - hy * hy) * per_rho
+    f = w.curvature
+    f[i, 0, 0] = fxx * pxx + fxy * pxy
+    f[i, 0, 1] = fxx * pxy + fxy * pyy
+    f[i, 1, 0] = fxy * pxx + fyy * pxy
+    f[i, 1, 1] = fxy * pxy + fyy * pyy
+    mean_shift = f[i, 0, 0] + f[i, 1, 1]
+    if turning:
+        hl = hx * sy - hy * sx
+        w.row_leader[i] = hl
+        fxl = (sy - hx * hl) * per_rho
+        fyl = (-sx - hy * hl) * per_rho
+        fll = (qx * sx + qy * sy - hl * hl) * per_rho
+        pxl = P[k, X, leader]
+        pyl = P[k, Y, leader]
+        # the random error of this heading turns the arms just as the bias does
+        pll = P[k, leader, leader] + turn_variance
+        f[i, 0, 0] += fxl * pxl
+        f[i, 0, 1] += fxl * pyl
+        f[i, 0, 2] = fxx * pxl + fxy * pyl + fxl * pll
+        f[i, 1, 0] += fyl * pxl
+        f[i, 1, 1] += fyl * pyl
+        f[i, 1, 2] = fxy * pxl + fyy * pyl + fyl * pll
+        f[i, 2, 0] = fxl * pxx + fyl * pxy + fll * pxl
+        f[i, 2, 1] = fxl * pxy + fyl * pyy + fll * pyl
+        f[i, 2, 2] = fxl * pxl + fyl * pyl + fll * pll
+        mean_shift = f[i, 0, 0] + f[i, 1, 1] + f[i, 2, 2] - 2.0 * hl * turn
+    # ẑ = ρ − h · (where it is linearised − mean) + ½ tr(F P) + scale, offset and clock
+    expected = rho - hx * shift_x - hy * shift_y + share * x[k, SCALE] + 0.5 * mean_shift
+    if m.offset != ABSENT and i > 0:
+        expected += x[k, m.offset + i - 1]
+    if clock != ABSENT:
+        expected += x[k, clock]
+    w.residual[i] = signal.ranges[i] - expected
+    # h P, by loops over contiguous rows of the symmetric P, which are vectorised
+    gain = w.gain[i]
+    n = m.states
+    for h in range(n):
+        gain[h] = P[k, X, h] * hx + P[k, Y, h] * hy + P[k, SCALE, h] * share
+    if turning:
         for h in range(n):
-            gain[h] = P[k, X, h] * hx + P[k, Y, h] * hy + P[k, SCALE, h] * share
-        if turning:
-            for h in range(n):
-                gain[h] += P[k, leader, h] * hl
-        if m.offset != ABSENT and i > 0:
-            offset = m.offset + i - 1
-            for h in range(n):
-                gain[h] += P[k, offset, h]
-        if clock != ABSENT:
-            for h in range(n):
-                gain[h] += P[k, clock, h]
+            gain[h] += P[k, leader, h] * hl
+    if m.offset != ABSENT and i > 0:
+        offset = m.offset + i - 1
+        for h in range(n):
+            gain[h] += P[k, offset, h]
+    if clock != ABSENT:
+        for h in range(n):
+            gain[h] += P[k, clock, h]
+
+
+@compiled
+def _fill_innovation_covariance(b: Belief, m: Model, signal: Signal, count: int) -> None:
+    """S = H P Hᵀ + σ² I + σ_s² s sᵀ + σ_L² h_L h_Lᵀ + [½ tr(F_i P F_j P)], into `work.spread`."""
+    w = b.work
+    turning = m.leader != ABSENT
     for j in range(count):
         i = w.used[j]
         for h in range(j + 1):
@@ -163,16 +198,18 @@ def predict_ranges(
                 )
                 second += f[2, 2] * e[2, 2]
                 noise += b.leader_variance * w.row_leader[i] * w.row_leader[g]
-                value += w.row_leader[i] * w.gain[g, leader]
+                value += w.row_leader[i] * w.gain[g, m.leader]
             if m.offset != ABSENT and i > 0:
                 value += w.gain[g, m.offset + i - 1]
-            if clock != ABSENT:
-                value += w.gain[g, clock]
+            if m.clock != ABSENT:
+                value += w.gain[g, m.clock]
             value += noise + 0.5 * second
             if i == g:
                 value += m.range_sigma * m.range_sigma
+                if m.transmitters == 2:
+                    rho = max(signal.ranges[i], _LEAST_RANGE)
+                    value += (_NEAR_ERROR / (rho * rho)) ** 2
             w.spread[i, g] = w.spread[g, i] = value
-    return count
 
 
 @compiled
@@ -309,6 +346,50 @@ def _update_component(b: Belief, m: Model, k: int, count: int) -> None:
             )
 
 
+@compiled
+def _is_near(b: Belief, m: Model, k: int, signal: Signal, count: int) -> bool:
+    """Whether component k is so near to a transmitter of a range in `work.used` that it bends,
+    and clear of the axis of two.
+    """
+    w = b.work
+    nearest = math.inf
+    for j in range(count):
+        nearest = min(nearest, signal.ranges[w.used[j]])
+    if count < 2 or not nearest < _NEAR:
+        return False
+    if m.transmitters > 2:
+        return True
+    # ℓ = t × (q − a_1) with t the direction from transmitter 1 to 2, and its variance tᵀ P t
+    arms = signal.arms
+    P = b.covariance
+    ex, ey = arms[1, 0] - arms[0, 0], arms[1, 1] - arms[0, 1]
+    off_x = b.state[k, X] - signal.east - arms[0, 0]
+    off_y = b.state[k, Y] - signal.north - arms[0, 1]
+    lateral = ex * off_y - ey * off_x
+    variance = ey * ey * P[k, X, X] - 2.0 * ex * ey * P[k, X, Y] + ex * ex * P[k, Y, Y]
+    return bool(lateral * lateral > _CLEAR * _CLEAR * variance)
+
+
+@compiled
+def _linearise_at_update(b: Belief, count: int) -> None:
+    """Put the linearisation to where an update would move the position, W ν, and what it takes of
+    its covariance, W Wᵀ, into `work`; W as of `_update_component`.
+    """
+    w = b.work
+    rows = w.white_gain
+    w.shift[0] = w.shift[1] = w.removed[0] = w.removed[1] = w.removed[2] = 0.0
+    for j in range(count):
+        for h in range(2):
+            value = w.gain[w.used[j], h]
+            for i in range(j):
+                value -= w.root[j, i] * rows[i, h]
+            rows[j, h] = value * w.per_root[j]
+            w.shift[h] += rows[j, h] * w.white[j]
+        w.removed[0] += rows[j, X] * rows[j, X]
+        w.removed[1] += rows[j, X] * rows[j, Y]
+        w.removed[2] += rows[j, Y] * rows[j, Y]
+
+
 @inlined
 def _leader_turn(b: Belief, count: int) -> tuple[float, float]:
     """Mean and variance of the random error w of the leader's heading, given the whitened
@@ -403,12 +484,15 @@ def update(b: Belief, m: Model, k: int, signal: Signal) -> int:
 
     −1: a covariance was not positive definite. Sets `outcome`, `evidence` and `turn_excess`. Where
     the leader's heading errs at random and the ranges determine by how much, they are linearised
-    about that: about the broadcast heading, derivatives and residuals would err together, which in
-    hundreds of messages adds up to a bias.
+    about that, and near a transmitter at the updated position: about the broadcast heading, and at
+    the prediction, derivatives and residuals would err together, which in hundreds of messages adds
+    up to a bias.
     """
     v = b.leader_variance
-    b.work.mask = 7
-    b.work.shared = 0
+    w = b.work
+    w.mask = 7
+    w.shared = 0
+    w.shift[0] = w.shift[1] = w.removed[0] = w.removed[1] = w.removed[2] = 0.0
     received = predict_ranges(b, m, k, signal, 0.0, v)
     outcome = b.outcome[k]
     outcome.taken = 0
@@ -437,18 +521,28 @@ def update(b: Belief, m: Model, k: int, signal: Signal) -> int:
     outcome.taken = numbers
     outcome.squared = squared
     outcome.normalised_innovation = (squared + echo_cost) / received
+    turn = 0.0
+    left = v
+    again = False
     if m.leader != ABSENT and used > 0:
-        turn, left = _leader_turn(b, used)
-        b.turn_excess[k] = turn * turn + left - v
-        if left < _INFORMATIVE * v:
-            predict_ranges(b, m, k, signal, turn, left)
-            _use_subset(b, received, b.work.mask)
-            if b.work.shared:
-                _add_common_echo(b, signal, used, b.work.share)
-            density, squared = _likelihood(b, used)
-            if density != density:
-                return -1
-            if b.work.shared:
-                _marginalise_common_echo(b, used)
+        estimate, remaining = _leader_turn(b, used)
+        b.turn_excess[k] = estimate * estimate + remaining - v
+        if remaining < _INFORMATIVE * v:
+            turn = estimate
+            left = remaining
+            again = True
+    if not w.shared and _is_near(b, m, k, signal, used):
+        _linearise_at_update(b, used)
+        again = True
+    if again:
+        predict_ranges(b, m, k, signal, turn, left)
+        _use_subset(b, received, w.mask)
+        if w.shared:
+            _add_common_echo(b, signal, used, w.share)
+        density, squared = _likelihood(b, used)
+        if density != density:
+            return -1
+        if w.shared:
+            _marginalise_common_echo(b, used)
     _update_component(b, m, k, used)
     return numbers

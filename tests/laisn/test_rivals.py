@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from filterpy.kalman import ExtendedKalmanFilter
+from filterpy.kalman import ExtendedKalmanFilter, IMMEstimator, KalmanFilter
 from scipy.optimize import least_squares
 
 import laisn_sim
@@ -17,6 +17,7 @@ from laisn.estimates import FixKind
 from laisn.failure import LaisnError
 from laisn.messages import Bearing, LeaderMessage, Measurements, OwnMotion, Ranges, Reception
 from laisn.navigators import NAVIGATORS, find
+from laisn.rivals import speed_modes
 from laisn.rivals.filters import (
     DeadReckoning,
     GeodeticAdjustment,
@@ -25,6 +26,8 @@ from laisn.rivals.filters import (
     ParticleFilter,
     RangeFilter,
 )
+from laisn.rivals.leader_track import LeaderTrack
+from laisn.rivals.speed_modes import SpeedModes
 from laisn.settings import Assume, RivalSettings
 from sim.sensing.observation import measure
 from sim.sensing.sensors import SensorErrors
@@ -435,3 +438,100 @@ def test_a_shipped_usbl_is_there_for_its_navigator_alone(flight: Any) -> None:
 def test_settings_that_no_rival_has_are_refused(settings: dict[str, object], expected: str) -> None:
     with pytest.raises(LaisnError, match=expected):
         laisn_sim.load("T5", {"navigation.variant": "particle", **settings})
+
+
+def test_modes_of_speed_are_mixed_as_by_filterpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Due north with an exact compass the motion is linear: position, log bias and speed."""
+    monkeypatch.setattr(speed_modes, "MIXING_TIME", 0.1)
+    settings = replace(
+        SETTINGS,
+        heading_sigma=0.0,
+        heading_bias_sigma=0.0,
+        range_scale_sigma=0.0,
+        range_scale_bias_sigma=0.0,
+        range_sigma=0.05,
+    )
+    rng = np.random.default_rng(3)
+    dt = settings.dt
+    filters = []
+    for walk in (0.005, 0.2):
+        kalman = KalmanFilter(dim_x=3, dim_z=1)
+        kalman.P = np.diag([settings.start_sigma**2, settings.speed_bias_sigma**2, 100.0])
+        kalman.F = np.array([[1.0, 0.0, dt], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+        kalman.Q = np.diag([0.0, 4e-8 * dt, walk**2 * dt])
+        filters.append(kalman)
+    expected = IMMEstimator(filters, [0.5, 0.5], np.array([[0.97, 0.03], [0.03, 0.97]]))
+    navigator = SpeedModes(settings, np.zeros(4))
+    for k in range(1, 201):
+        # the vehicle doubles its speed after 12 s
+        speed = 1.0 if k < 120 else 2.0
+        place = 0.1 * k if k < 120 else 12.0 + 0.2 * (k - 120)
+        reading = speed + 0.1 + 0.2 * rng.normal()
+        expected.predict()
+        for kalman in filters:
+            kalman.H = np.array([[0.0, 1.0, 1.0]])
+            kalman.R = np.array([[settings.speed_sigma**2]])
+        expected.update(np.array([reading]))
+        reception = None
+        if k % 10 == 0:
+            # the front transmitter is 1 m ahead of the leader
+            distance = 101.0 - place + 0.05 * rng.normal()
+            for kalman in filters:
+                kalman.H = np.array([[-1.0, 0.0, 0.0]])
+                kalman.R = np.array([[0.05**2]])
+            expected.update(np.array([distance - 101.0]))
+            reception = Reception(message(0.0, 100.0), Ranges(np.nan, distance, np.nan))
+        navigator.step(OwnMotion(reading, 0.0, 10.0), reception)
+        along = [1, 3]
+        np.testing.assert_allclose(navigator.state[along], expected.x[[0, 2]], atol=2e-5)
+        np.testing.assert_allclose(
+            navigator.covariance[np.ix_(along, along)],
+            expected.P[np.ix_([0, 2], [0, 2])],
+            rtol=1e-3,
+            atol=1e-7,
+        )
+        weights = [mode.weight for mode in navigator.modes]
+    # the quick mode took over in the jump and gave way again; both estimates agree on it
+    np.testing.assert_allclose(weights, expected.cbar, atol=1e-3)
+
+
+def leader_in_current(k: int, current: Floats, turn: float = 0.0) -> LeaderMessage:
+    """A leader at 1.5 m/s through water that moves, a message a second."""
+    heading = 0.4 + turn
+    way = k * (1.5 * np.array([np.sin(heading), np.cos(heading)]) + current)
+    return LeaderMessage(float(k), *way.tolist(), heading, 1.5, 10.0)
+
+
+def test_the_leaders_track_shows_the_current() -> None:
+    """Windows of 1 s that grow to 10 s, and none with a turn."""
+    current = np.array([0.3, -0.2])
+    track = LeaderTrack()
+    times = []
+    for k in range(80):
+        seen = track.receive(leader_in_current(k, current))
+        if seen is not None:
+            np.testing.assert_allclose(seen.current, current, atol=1e-12)
+            window = k - (times[-1] if times else 0)
+            assert seen.variance == pytest.approx(0.05**2 * 10.0 / window)
+            times.append(k)
+    windows = np.diff([0, *times])
+    assert windows[0] <= 2
+    assert np.all(np.diff(windows) >= 0)
+    assert windows[-1] == 10
+    assert track.receive(leader_in_current(80, current, turn=0.3)) is None
+
+
+@pytest.mark.parametrize("name", RIVALS)
+@pytest.mark.parametrize("current", [False, True])
+def test_all_rivals_take_the_current_from_the_leaders_track(name: str, current: bool) -> None:
+    """A follower that rests in the water, beside the leader's start, and hears no range."""
+    flow = np.array([0.3, -0.2])
+    settings = replace(SETTINGS, speed_sigma=0.01, assume=Assume(current=current))
+    navigator = by_name(name, replace(settings, **EXACT_LOG), np.zeros(4))
+    for k in range(1, 121):
+        for _ in range(9):
+            navigator.step(OwnMotion(0.0, 0.0, 10.0), None)
+        sent = Reception(leader_in_current(k, flow), Ranges(np.nan, np.nan, np.nan))
+        navigator.step(OwnMotion(0.0, 0.0, 10.0), sent)
+    expected = flow if current else np.zeros(2)
+    np.testing.assert_allclose(navigator.state[2:], expected, atol=0.03)

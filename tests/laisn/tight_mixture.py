@@ -93,8 +93,8 @@ def mix(side: Side, time: float) -> None:
 
 
 def prune_and_merge(sides: list[Side]) -> None:
-    """No side lighter than 1e-5, none nearer to another than 0.3 in squared distance and in b_L,
-    and four at most.
+    """No side lighter than 1e-5, none nearer to another than 1 in squared distance and in b_L,
+    and eight at most.
     """
 
     def drop(h: int) -> None:
@@ -106,9 +106,9 @@ def prune_and_merge(sides: list[Side]) -> None:
         a, b = heaviest(one), heaviest(other)
         off = (a.x - b.x)[:2]
         turned, spread = a.x[LEADER] - b.x[LEADER], 0.5 * (a.P + b.P)[LEADER, LEADER]
-        if turned**2 > 0.3 * spread:
+        if turned**2 > spread:
             return False
-        return bool(off @ np.linalg.solve(0.5 * (a.P + b.P)[:2, :2], off) < 0.3)
+        return bool(off @ np.linalg.solve(0.5 * (a.P + b.P)[:2, :2], off) < 1.0)
 
     h = 0
     while h < len(sides):
@@ -136,6 +136,6 @@ def prune_and_merge(sides: list[Side]) -> None:
             else:
                 h += 1
         g += 1
-    while len(sides) > 4:
+    while len(sides) > 8:
         drop(min(range(len(sides)), key=lambda h: weight_of(sides[h])))
     normalise(sides)

@@ -84,15 +84,29 @@ def to_message(settings: TightSettings, own: OwnMotion, reception: Reception) ->
     )
 
 
-def expected(
-    settings: TightSettings, v: float, c: Component, received: Message, turn: float, left: float
-) -> tuple[Floats, Floats, Floats]:
-    """Residuals, H and S of the ranges, about an error `turn` of the leader's heading, whose
-    variance v is `left`.
+@dataclass
+class About:
+    """Where the ranges are linearised: beside the mean position, where an update has taken
+    `removed` of its covariance, and about an error of the leader's heading of variance `left`.
     """
-    q, t = c.x[:2] - received.place, len(received.which)
+
+    turn: float
+    left: float
+    off: Floats
+    removed: Floats
+
+
+def expected(
+    settings: TightSettings, v: float, c: Component, received: Message, about: About
+) -> tuple[Floats, Floats, Floats]:
+    """Residuals, H and S of the ranges; errors common to them are in proportion to what was
+    measured.
+    """
+    turn = about.turn
+    q, t = c.x[:2] + about.off - received.place, len(received.which)
     C = c.P[np.ix_(BENT, BENT)].copy()
-    C[2, 2] += left
+    C[2, 2] += about.left
+    C[:2, :2] -= about.removed
     residual, H, bent = np.empty(t), np.zeros((t, N)), []
     for j, (arm, i) in enumerate(zip(received.arms, received.which, strict=True)):
         s = rotation(c.x[LEADER] + turn) @ arm[:2]
@@ -102,7 +116,7 @@ def expected(
         g = J.T @ apart / rho
         second = (J.T @ J + np.diag([0.0, 0.0, apart @ s]) - np.outer(g, g)) / rho
         bent.append(second @ C)
-        H[j, BENT], H[j, SCALE] = g, rho / max(received.ranges.max(), 0.01)
+        H[j, BENT], H[j, SCALE] = g, received.ranges[j] / max(received.ranges.max(), 0.01)
         if i > 0 and settings.assume.offsets:
             H[j, 7 + i] = 1.0
         H[j, CLOCK] = 1.0
@@ -111,11 +125,14 @@ def expected(
             + H[j, SCALE] * c.x[SCALE]
             + H[j, 8:] @ c.x[8:]
             - g[2] * turn
+            - g[:2] @ about.off
             + 0.5 * np.trace(bent[-1])
         )
         residual[j] = received.ranges[j] - mean
     S = H @ c.P @ H.T + settings.range_scale_sigma**2 * np.outer(H[:, SCALE], H[:, SCALE])
     S += v * np.outer(H[:, LEADER], H[:, LEADER]) + settings.range_sigma**2 * np.eye(t)
+    if settings.transmitters == 2:
+        S += np.diag((0.12 / np.maximum(received.ranges, 1.0) ** 2) ** 2)
     return residual, H, S + 0.5 * np.array([[np.trace(a @ b) for a in bent] for b in bent])
 
 
@@ -128,7 +145,8 @@ def update_with_ranges(settings: TightSettings, v: float, c: Component, received
     the square of each range.
     """
     t = len(received.which)
-    residual, H, S = expected(settings, v, c, received, 0.0, v)
+    about = About(0.0, v, np.zeros(2), np.zeros((2, 2)))
+    residual, H, S = expected(settings, v, c, received, about)
     direct, echo = (
         np.log(1.0 - settings.outlier_probability),
         np.log(settings.outlier_probability / settings.outlier_span),
@@ -156,17 +174,33 @@ def update_with_ranges(settings: TightSettings, v: float, c: Component, received
     (c.evidence, c.squared), c.excess, c.taken = likelihood(best), 0.0, len(A)
     c.normalised_innovation = (c.squared + 2.0 * (t - len(A)) * (direct - echo)) / t
     S += np.outer(tilt, tilt)
+    again = False
     if len(A) and not settings.assume.exact_leader:
         by_heading = A @ H[:, LEADER]
         by_residual = np.linalg.solve(A @ S @ A.T, by_heading)
         turn, left = v * (by_residual @ A @ residual), v - v**2 * (by_residual @ by_heading)
         c.excess = turn**2 + left - v
         if left < 0.5 * v:
-            residual, H, S = expected(settings, v, c, received, turn, left)
-            S += np.outer(tilt, tilt)
+            again, about.turn, about.left = True, turn, left
+    nearest = min((A @ received.ranges).tolist(), default=np.inf)
+    if len(A) > 1 and not tilt.any() and nearest < 12.0 and clear_of_axis(settings, c, received):
+        gain = np.linalg.solve(A @ S @ A.T, A @ H @ c.P).T[:2]
+        again, about.off = True, gain @ A @ residual
+        about.removed = gain @ A @ H @ c.P[:, :2]
+    if again:
+        residual, H, S = expected(settings, v, c, received, about)
+        S += np.outer(tilt, tilt)
     if len(A):
         c.update(A @ residual, A @ H, A @ S @ A.T)
     return len(A)
+
+
+def clear_of_axis(settings: TightSettings, c: Component, received: Message) -> bool:
+    """Three standard deviations off the axis as broadcast, which only two transmitters have."""
+    along = received.axis[1, :2] - received.axis[0, :2]
+    across = np.array([-along[1], along[0]])
+    lateral = across @ (c.x[:2] - received.place - received.axis[0, :2])
+    return settings.transmitters > 2 or bool(lateral**2 > 9.0 * across @ c.P[:2, :2] @ across)
 
 
 def aside(c: Component, received: Message) -> tuple[float, Floats]:
@@ -196,8 +230,8 @@ def half(c: Component, received: Message, sign: float) -> Component:
 
 
 def split(settings: TightSettings, sides: list[Side], received: Message) -> None:
-    """Into halves, where the axis is within 3.5 σ and σ is more than 0.3 of where the axis
-    matters.
+    """Into halves, where the axis is within 3.5 σ and σ is more than 0.2 of where the axis
+    matters, or 1 m.
     """
     for side in list(sides):
         top = heaviest(side)
@@ -207,6 +241,6 @@ def split(settings: TightSettings, sides: list[Side], received: Message) -> None
             2.8 * settings.range_sigma / length
         )
         sigma = np.sqrt(row @ top.P @ row)
-        if len(sides) < 8 and sigma > 0.3 * matters and abs(lateral) < 3.5 * sigma:
+        if len(sides) < 16 and sigma > min(0.2 * matters, 1.0) and abs(lateral) < 3.5 * sigma:
             sides.append([half(c, received, -1.0) for c in side])
             side[:] = [half(c, received, 1.0) for c in side]

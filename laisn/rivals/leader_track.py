@@ -1,0 +1,69 @@
+"""The current that the leader's own way shows, for all rival methods that estimate one."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from laisn.arrays import Floats
+from laisn.geometry import signed_angle
+from laisn.messages import LeaderMessage
+
+# a window ends after 10 s; at the start sooner, so that something is known soon [s]
+_LONGEST = 10.0
+_FIRST = 1.0
+_GROWTH = 0.2
+_ROUNDING = 1e-6
+# windows with more turn of the leader are not used: its way between messages is uncertain [rad]
+_MOST_TURN = 0.2
+_SIGMA = 0.05  # of the mean current over the longest window [m/s]
+
+
+class SeenCurrent(NamedTuple):
+    """A measurement of the current."""
+
+    current: Floats  # mean over the window, east and north, shape (2,), [m/s]
+    variance: float  # along each axis [m²/s²]
+
+
+class LeaderTrack:
+    """The leader's way over ground less its way through the water, window by window.
+
+    z = Δp_L / T − mean(s_L u(θ_L)), by the positions, headings and speeds that it broadcasts, which
+    count as exact. The tightly coupled navigator takes the same (`laisn.tight.motion`).
+    """
+
+    def __init__(self) -> None:
+        self._begin: LeaderMessage | None = None
+        self._last: LeaderMessage | None = None
+        self._first_time = 0.0
+        self._through_water = np.zeros(2)
+
+    def receive(self, message: LeaderMessage) -> SeenCurrent | None:
+        """Take a message; the current, where a window ends with it."""
+        begin = self._begin
+        last = self._last
+        self._last = message
+        if begin is None or last is None:
+            self._begin = message
+            self._first_time = message.timestamp
+            return None
+        elapsed = message.timestamp - last.timestamp
+        self._through_water += 0.5 * elapsed * (_velocity(last) + _velocity(message))
+        window = message.timestamp - begin.timestamp
+        wanted = min(_LONGEST, _FIRST + _GROWTH * (message.timestamp - self._first_time))
+        turned = abs(signed_angle(message.heading - begin.heading)) > _MOST_TURN
+        if not turned and window < wanted - _ROUNDING:
+            return None
+        way = np.array([message.east - begin.east, message.north - begin.north])
+        current = (way - self._through_water) / window if window > 0.0 else way
+        self._begin = message
+        self._through_water = np.zeros(2)
+        if turned or window <= 0.0:
+            return None
+        return SeenCurrent(current, _SIGMA**2 * _LONGEST / window)
+
+
+def _velocity(message: LeaderMessage) -> Floats:
+    """Through the water, east and north, shape (2,), [m/s]."""
+    return message.speed * np.array([math.sin(message.heading), math.cos(message.heading)])
