@@ -87,11 +87,11 @@ class SpeedModes(OnlineNavigator[Estimates]):
         for mode in self.modes:
             self._predict(mode, middle, dt)
         self._weigh([self._update_log(mode, own.speed) for mode in self.modes])
+        used = reception is not None and self._receive(own, reception)
         self._since_mixing += dt
         if self._since_mixing >= MIXING_TIME - 1e-6:
             self._since_mixing = 0.0
             self._mix()
-        used = reception is not None and self._receive(own, reception)
         self._write_estimate(own.heading)
         if reception is None:
             return []

@@ -85,6 +85,7 @@ def by_filterpy(
 
     arrival = {k: i for i, k in enumerate(mission.message_step.tolist())}
     before, states, spreads = (mission.speed[0], mission.heading[0]), [], []
+    track: list[Floats] = []
     for k, now in enumerate(zip(mission.speed, mission.heading, strict=True), start=1):
 
         def moved(x: Floats, before=before, now=now) -> Floats:  # type: ignore[no-untyped-def]
@@ -135,6 +136,24 @@ def by_filterpy(
                     expected,
                     R=noise,
                 )
+            # the leader's way over ground less that of its log, over 1 s to 10 s
+            track.append(mission.message[arrival[k]])
+            t, *place, course, log = np.array(track)[:, :5].T
+            through = np.trapezoid(log * np.array([np.sin(course), np.cos(course)]), t)
+            wanted = min(10.0, 1.0 + 0.2 * (t[-1] - mission.message[0, 0])) - 1e-6
+            if abs(course[-1] - course[0]) > 0.2:
+                track = track[-1:]
+            elif t[-1] - t[0] >= wanted:
+                window = t[-1] - t[0]
+                seen = (np.array(place)[:, -1] - np.array(place)[:, 0] - through) / window
+                if settings.assume.current:
+                    kalman.update(
+                        seen,
+                        lambda x: np.eye(7)[5:],
+                        lambda x: x[5:],
+                        R=0.05**2 * 10.0 / window * np.eye(2),
+                    )
+                track = track[-1:]
         before = now
         states.append(kalman.x[:2].copy())
         spreads.append(kalman.P[[0, 0, 1], [0, 1, 1]])
@@ -468,22 +487,26 @@ def test_modes_of_speed_are_mixed_as_by_filterpy(monkeypatch: pytest.MonkeyPatch
         place = 0.1 * k if k < 120 else 12.0 + 0.2 * (k - 120)
         reading = speed + 0.1 + 0.2 * rng.normal()
         expected.predict()
-        for kalman in filters:
-            kalman.H = np.array([[0.0, 1.0, 1.0]])
-            kalman.R = np.array([[settings.speed_sigma**2]])
-        expected.update(np.array([reading]))
+        rows = [[0.0, 1.0, 1.0]]
+        sigmas = [settings.speed_sigma]
+        numbers = [reading]
         reception = None
         if k % 10 == 0:
             # the front transmitter is 1 m ahead of the leader
             distance = 101.0 - place + 0.05 * rng.normal()
-            for kalman in filters:
-                kalman.H = np.array([[-1.0, 0.0, 0.0]])
-                kalman.R = np.array([[0.05**2]])
-            expected.update(np.array([distance - 101.0]))
+            rows.append([-1.0, 0.0, 0.0])
+            sigmas.append(0.05)
+            numbers.append(distance - 101.0)
             reception = Reception(message(0.0, 100.0), Ranges(np.nan, distance, np.nan))
+        # one update a step: each of filterpy's changes the modes
+        for kalman in filters:
+            kalman.dim_z = len(numbers)
+            kalman.H = np.array(rows)
+            kalman.R = np.diag(np.square(sigmas))
+        expected.update(np.array(numbers).reshape(-1, 1))
         navigator.step(OwnMotion(reading, 0.0, 10.0), reception)
         along = [1, 3]
-        np.testing.assert_allclose(navigator.state[along], expected.x[[0, 2]], atol=2e-5)
+        np.testing.assert_allclose(navigator.state[along], expected.x.ravel()[[0, 2]], atol=2e-5)
         np.testing.assert_allclose(
             navigator.covariance[np.ix_(along, along)],
             expected.P[np.ix_([0, 2], [0, 2])],

@@ -55,7 +55,7 @@ def found() -> dict[str, Any]:
     errors = dict(
         zip(
             findings.NAVIGATORS,
-            (0.9, 0.8, 0.7, 0.3, 9.0, 8.0, 7.0, 0.35, 0.5, 0.4, 0.2),
+            (0.9, 0.8, 0.7, 0.3, 9.0, 8.0, 7.0, 0.35, 0.33, 0.5, 0.4, 0.2),
             strict=True,
         )
     )
@@ -76,6 +76,9 @@ def found() -> dict[str, Any]:
         (50.0, 4.0),
     ):
         arms[f"ekf calm {interval:g}"] = rows(error, 4, 8)
+    two = product(findings.WITH_TWO, [findings.TWO], findings.INTERVALS)
+    arms |= {findings.case_name(*case): rows(errors[case[0]], 4, 8) for case in two}
+    arms["imm two 5"] = rows(0.25, 4, 8)
     closed = {
         f"{name} {condition}": rows(1.0, 2, 8)
         for name, condition in product(findings.NAVIGATORS, findings.CONDITIONS)
@@ -106,7 +109,10 @@ def test_every_case_is_valid_and_every_navigator_is_simulated(plans: dict[str, P
     steered = {(entry.arm, closed.points[entry.point]["case"]) for entry in closed.entries}
     assert steered == set(product(findings.NAVIGATORS, findings.CONDITIONS))
     runs = {part: plan.study.runs for part, plan in plans.items()}
-    assert runs == {"routes": 3, "shared": 3, "slow": 2, "closed": 2, "map": 4}
+    assert runs == {"routes": 20, "two": 20, "shared": 3, "slow": 6, "closed": 2, "map": 4}
+    two = plans["two"]
+    assert {entry.arm for entry in two.entries} == set(findings.WITH_TWO)
+    assert {entry.scenario.navigation.transmitters for entry in two.entries} == {2}
 
 
 def test_the_follower_of_the_map_stays_at_its_distance_on_the_quarter(
@@ -137,8 +143,14 @@ def test_findings_are_the_means_shares_and_differences_of_the_rows(found: dict[s
         == 12
     )
     assert found["cases tight factor-graph"].value == 12
-    # those of the inverted USBL, and the filter on ranges with messages every second
-    assert found["better-than tight"].value == 13
+    # those of the inverted USBL, the filter on ranges with messages every second, and one with two
+    # transmitters
+    assert found["better-than tight"].value == 14
+    assert found["cases tight imm"].value == 15
+    assert found["less tight imm two 5"].value == pytest.approx(-0.05)
+    assert "less laisn-3-2 imm two 5" not in found
+    # the last of eight routes is 0.35 m above the mean
+    assert found["worst tight calm 5"].value == pytest.approx(0.65)
     assert found["best-rival"].value == "inverted-usbl"
     lost = found["lost owtt calm 5"]
     assert lost.value == 1.0

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from experiments.findings import Finding, Findings
 from experiments.flight.library import ROUTES
-from experiments.studies.rivals.findings import CONDITIONS, INTERVALS, NAVIGATORS, USUAL
+from experiments.studies.rivals.findings import CONDITIONS, INTERVALS, NAVIGATORS, USUAL, WITH_TWO
 from experiments.study.file import built_in, study_of
 from tools.documents.coverage import LAWS, RUNS
 from tools.documents.hull_trials import (
@@ -239,7 +239,9 @@ def _cases(records: Records, keys: Sequence[tuple[str, str]]) -> str:
     findings = records["estimators"].findings
     rows = []
     for words, key in keys:
-        bound = f"{findings[f'bound {key}']:.2f}" if f"bound {key}" in findings else "–"
+        bound = "–"
+        if f"bound {key}" in findings:
+            bound = f"{findings[f'bound {key}']:.2f} ({findings[f'bound-worst {key}']:.2f})"
         locked = findings[f"mirror-locked {key}"]
         rows.append(
             [
@@ -247,6 +249,7 @@ def _cases(records: Records, keys: Sequence[tuple[str, str]]) -> str:
                 f"{findings[f'error {key}']:.2f}",
                 f"{findings[f'laisn-2 {key}']:.2f}",
                 f"{findings[f'ratio {key}']:.2f i}",
+                f"{findings[f'worst {key}']:.2f}",
                 bound,
                 f"{findings[f'nees {key}']:.2f} ({findings[f'nees-least {key}']:.1f} … "
                 f"{findings[f'nees-most {key}']:.1f})",
@@ -258,7 +261,8 @@ def _cases(records: Records, keys: Sequence[tuple[str, str]]) -> str:
         "mean E_P [m]",
         "LAISN-2 [m]",
         "over LAISN-2",
-        "bound",
+        "worst route",
+        "bound (worst route)",
         "NEES (least … most)",
         "mirror-locked",
     ]
@@ -309,10 +313,35 @@ def rivals(records: Records) -> str:
         f"mean E_P [m], every {t:g} s": (f"error NAME calm {t:g}", ".2f i" if t == USUAL else ".2f")
         for t in INTERVALS
     }
-    more = {"95 % below [m]": ("high NAME calm 5", ".2f"), "NEES": ("nees NAME calm 5", ".3g"),
-            "mirror-locked": ("locked NAME calm 5", ".0%"), "lost": ("lost NAME calm 5", ".0%"),
-            "µs per step": ("step NAME", ".1f")}  # fmt: skip
+    more = {
+        "worst route [m]": ("worst NAME calm 5", ".2f"),
+        "95 % below [m]": ("high NAME calm 5", ".2f"),
+        "NEES": ("nees NAME calm 5", ".3g"),
+        "mirror-locked": ("locked NAME calm 5", ".0%"),
+        "lost": ("lost NAME calm 5", ".0%"),
+        "µs per step": ("step NAME", ".1f"),
+    }
     return _rivals(records, columns | more)
+
+
+def rivals_two(records: Records) -> str:
+    """With two transmitters: means, worst routes and paired differences, messages every 5 s."""
+    findings = records["rivals"].findings
+    columns = {
+        "mean E_P [m], every 1 s": ("error NAME two 1", ".2f"),
+        "every 5 s": ("error NAME two 5", ".2f i"),
+        "every 10 s": ("error NAME two 10", ".2f"),
+        "worst route, every 5 s [m]": ("worst NAME two 5", ".2f"),
+        "NEES": ("nees NAME two 5", ".3g"),
+        "less tightly coupled, every 5 s [m]": ("less tight NAME two 5", ".3f i"),
+    }
+    rows = []
+    for name, title in WITH_TWO.items():
+        cells = ((findings.get(key.replace("NAME", name)), spec) for key, spec in columns.values())
+        rows.append(
+            [title, *("–" if finding is None else f"{finding:{spec}}" for finding, spec in cells)]
+        )
+    return markdown(["", *columns], rows)
 
 
 def rivals_conditions(records: Records) -> str:
@@ -330,7 +359,9 @@ def rivals_closed(records: Records) -> str:
     for name, title in NAVIGATORS.items():
         keys = [f"NAME {name} {condition}" for condition in CONDITIONS]
         cells = (
-            f"{findings[k.replace('NAME', 'closed-error')]:.2f}, "
+            "–"
+            if k.replace("NAME", "closed-error") not in findings
+            else f"{findings[k.replace('NAME', 'closed-error')]:.2f}, "
             f"{findings[k.replace('NAME', 'closed-lost')]:.0%}"
             for k in keys
         )
@@ -457,6 +488,7 @@ TABLES: dict[str, Callable[[Records], str]] = {
     "estimators": estimators,
     "estimators-at-sea": estimators_at_sea,
     "rivals": rivals,
+    "rivals-two": rivals_two,
     "rivals-conditions": rivals_conditions,
     "rivals-closed": rivals_closed,
     "fossen": fossen,

@@ -22,9 +22,9 @@ from sim.sensing.observation import measure, observe, start_of
 from sim.sensing.sensors import errors_of
 from sim.simulation import simulate_motion
 
-_ROUTES, _SHARED, _CLOSED, _MAP = (
+_ROUTES, _SHARED, _CLOSED, _MAP, _TWO = (
     tomllib.loads((resources.files(__package__) / f"study-{part}.toml").read_text(encoding="utf-8"))
-    for part in ("routes", "shared", "closed", "map")
+    for part in ("routes", "shared", "closed", "map", "two")
 )
 
 
@@ -35,6 +35,9 @@ def _titles(groups: Sequence[Mapping[str, Any]]) -> dict[str, str]:
 NAVIGATORS = _titles(_CLOSED["arm"])
 CONDITIONS = _titles(_ROUTES["case"])
 """Titles by the names of the registry, and of what is simulated."""
+TWO = "two"
+"""Condition with two transmitters."""
+WITH_TWO = _titles(_TWO["arm"])
 OURS = ("laisn-2", "laisn-3-1", "laisn-3-2", "tight")
 SLOW = "factor-graph"  # simulated in fewer runs
 INTERVAL = "timing.message_interval_s"
@@ -109,6 +112,13 @@ def of_arm(name: str, routes: Cells) -> Iterator[tuple[str, Finding]]:
     yield f"lost {name}", share(routes.runs("e_p_max_m") > LOST_M, meaning)
 
 
+def worst_routes(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
+    """Mean error of each arm on its worst route."""
+    for name, routes in cells.items():
+        errors = routes.runs("e_p_mean_m").mean(axis=0)
+        yield f"worst {name}", plain(float(errors.max()), "mean E_P on the worst route", "m")
+
+
 def difference(one: Cells, other: Cells, what: str) -> Finding:
     """Paired difference of mean errors of two arms, over the runs that both have."""
     errors = [cells.runs("e_p_mean_m") for cells in (one, other)]
@@ -124,9 +134,9 @@ def compared(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
     rivals = [name for name in NAVIGATORS if name not in OURS]
     for ours, rival in product(("laisn-3-2", "tight"), rivals):
         better = total = 0
-        for condition, interval in product(CONDITIONS, INTERVALS):
+        for condition, interval in product((*CONDITIONS, TWO), INTERVALS):
             name_of_rival, other = (case_name(name, condition, interval) for name in (rival, ours))
-            if name_of_rival not in cells:
+            if name_of_rival not in cells or other not in cells:
                 continue
             finding = difference(cells[name_of_rival], cells[other], f"{rival} less {ours}")
             yield f"less {ours} {name_of_rival}", finding
@@ -227,6 +237,7 @@ def findings_of_rows(
         f"step {name}": plain(time, "processor time of a filter step", "µs")
         for name, time in step_us.items()
     }
+    findings |= dict(worst_routes(routes))
     return findings | {
         "runs": plain(len(next(iter(routes.values())).runs("run")), "runs of each mission"),
         "slow-runs": plain(
@@ -243,7 +254,7 @@ def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
 
     cells = {part: of_part.cells for part, of_part in outcomes.items()}
     routes: dict[str, Cells] = {}
-    for part in ("routes", "shared", "slow"):
+    for part in ("routes", "shared", "slow", "two"):
         routes |= cells[part].by("arm", "case", INTERVAL)
     grid = cells["map"].by("arm", "case", "sensors.heading_bias_deg", "leader.baseline_m")
     points = {f"map {name}": of_part for name, of_part in grid.items()}
