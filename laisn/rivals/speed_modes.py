@@ -124,7 +124,8 @@ class SpeedModes(OnlineNavigator[Estimates]):
         innovation = reading - float(mode.x[SPEED] + mode.x[LOG])
         mode.x += gain * innovation / variance
         mode.P -= np.outer(gain, gain) / variance
-        return -0.5 * (innovation**2 / variance + math.log(variance))
+        squared = innovation * innovation / variance
+        return float(-0.5 * (squared + math.log(variance)))
 
     def _weigh(self, likelihoods: list[float]) -> None:
         """Multiply the weights by likelihoods, given as logarithms."""
