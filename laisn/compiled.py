@@ -3,29 +3,44 @@ find the machine code.
 
 Compiled code contains constants of other modules, and numba compares only the function's own file.
 The folder is therefore named by a hash of the versions and of `REACHED`, the sources that compiled
-code can reach.
+code can reach. All processes share it.
+
+What takes a type of a class outside of this project, as a user's controller, is compiled by each
+process: an index with such a class in it could be read by none that cannot import the class, and
+the methods of the class may change.
 """
 
 import fcntl
 import hashlib
-import itertools
+import io
 import os
+import secrets
 import shutil
 import stat
 import sys
 import time
 import traceback
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import FunctionType
 from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
 from numba import errors
+from numba.core.caching import (
+    CompileResultCacheImpl,
+    FunctionCache,
+    IndexDataCacheFile,
+    UserProvidedCacheLocator,
+)
+from numba.core.serialize import NumbaPickler
 from numba.extending import overload, register_jitable, typeof_impl
 
 from laisn.arrays import Floats
+from laisn.failure import LaisnWarning
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -42,69 +57,55 @@ def reached_sources() -> list[Path]:
     return [path for path in found if not path.relative_to(_ROOT).as_posix().startswith(_APART)]
 
 
-def _own_folder(version: Path) -> Path:
-    """The first numbered folder that no running process uses, with links to the code in the others.
+class UnstoredCode(LaisnWarning):
+    """Compiled code cannot be stored; the text names folder, reason and what to do."""
 
-    Two processes that store different signatures of a function in one folder would give both files
-    one name.
-    """
-    for own in (version / str(n) for n in itertools.count()):
-        own.mkdir(parents=True, exist_ok=True)
-        lock = os.open(own / "lock", os.O_RDWR | os.O_CREAT, 0o600)
-        try:
-            # held until this process ends
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            break
-        except BlockingIOError:
-            os.close(lock)
-    for index in version.glob("*/*/*.nbi"):
-        folder = own / index.parent.name
-        if not (folder / index.name).exists():
-            folder.mkdir(exist_ok=True)
-            # the index first: what it names and is missing is compiled, and no code is there
-            # without its index
-            for file in (index, *index.parent.glob(f"{index.stem}.*.nbc")):
-                os.link(file, folder / file.name)
-    return own
+
+def _warn_unstored(folder: Path, reason: str) -> None:
+    warnings.warn(
+        f"compiled code cannot be stored in {folder} ({reason}), and every command compiles for a "
+        "minute or more; make room there, or set XDG_CACHE_HOME to a folder that only you enter",
+        UnstoredCode,
+        stacklevel=3,
+    )
 
 
 def find_folder() -> Path | None:
-    """Folder for the code of these sources, below one that only this user can enter; None if
-    there is none.
+    """Folder for the code of these sources, below one that only this user can enter; None, with a
+    warning, if there is none.
     """
     home = os.environ.get("XDG_CACHE_HOME", "")
     digest = hashlib.sha256(f"{sys.version} {numba.__version__} {np.__version__}".encode())
     for path in reached_sources():
         digest.update(f"{path.relative_to(_ROOT)} ".encode() + path.read_bytes())
+    place = Path(home if os.path.isabs(home) else "~/.cache") / "laisn-sim" / "compiled"
     try:
-        place = (
-            (Path(home) if os.path.isabs(home) else Path.home() / ".cache")
-            / "laisn-sim"
-            / "compiled"
-        )
+        place = place.expanduser()
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
         state = place.lstat()
         version = place / digest.hexdigest()[:16]
         if not stat.S_ISDIR(state.st_mode) or state.st_uid != os.geteuid() or state.st_mode & 0o077:
+            _warn_unstored(place, "it is not a folder that only this user can enter")
             return None
-        own = _own_folder(version)
+        version.mkdir(exist_ok=True)
         os.utime(version)
         for other in place.iterdir():
             if other.stat().st_mtime < time.time() - _KEPT_S:
                 shutil.rmtree(other, ignore_errors=True)
-    except (OSError, RuntimeError):
+    except (OSError, RuntimeError) as error:
         # the latter: this user has no home
+        _warn_unstored(place, getattr(error, "strerror", None) or str(error))
         return None
-    return own
+    return version
 
 
 FOLDER = find_folder()
-"""Where this process stores machine code; None: nowhere."""
+"""Where processes with these sources store machine code; None: nowhere."""
 
 
 def count_stored() -> int:
     """Number of compiled functions that this process and those beside it have stored."""
-    return len({path.stat().st_ino for path in FOLDER.parent.rglob("*.nbc")}) if FOLDER else 0
+    return sum(1 for _ in FOLDER.rglob("*.nbc")) if FOLDER else 0
 
 
 def remove_if_damaged(error: BaseException) -> bool:
@@ -116,8 +117,100 @@ def remove_if_damaged(error: BaseException) -> bool:
         Path(frame.filename).match("numba/core/caching.py") for frame in frames
     ):
         return False
-    shutil.rmtree(FOLDER.parent, ignore_errors=True)
+    shutil.rmtree(FOLDER, ignore_errors=True)
     return True
+
+
+_SHARED = ("experiments", "laisn", "sim", "numba", "numpy", "llvmlite")
+"""Packages whose classes every process can import, beside the standard library."""
+
+
+class _Modules(NumbaPickler):
+    """Collects the modules of classes and functions, as numba's index would name them."""
+
+    def __init__(self) -> None:
+        super().__init__(io.BytesIO())
+        self.names: set[str] = set()
+
+    def reducer_override(self, obj: Any) -> Any:
+        """Note the module of an object; see `pickle.Pickler.reducer_override`."""
+        if isinstance(obj, type | FunctionType):
+            self.names.add(obj.__module__.partition(".")[0])
+        return super().reducer_override(obj)
+
+
+def has_custom_types(signature: Any) -> bool:
+    """Whether a signature of numba's holds a class or a function outside of this project."""
+    modules = _Modules()
+    modules.dump(signature)
+    return bool(modules.names.difference(_SHARED, sys.stdlib_module_names))
+
+
+class _Folder(UserProvidedCacheLocator):
+    """Numba's place of a function's code, which is made when something is stored there."""
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> Any:
+        """The place of a function; see `UserProvidedCacheLocator`."""
+        return cls(py_func, py_file)
+
+
+class _Implementation(CompileResultCacheImpl):
+    """Numba's storing of code, in no other folder."""
+
+    _locator_classes = [_Folder]  # noqa: RUF012
+
+
+class _Files(IndexDataCacheFile):
+    """Numba's index and data files of a function, which several processes write."""
+
+    def save(self, key: Any, data: Any) -> None:
+        """Store data under a name that no other process takes, then its entry of the index."""
+        files: Any = super()
+        name = files._data_name(secrets.randbits(48))
+        files._save_data(name, data)
+        files._save_index(files._load_index() | {key: name})
+
+
+class _Cache(FunctionCache):
+    """Numba's cache of a function, shared by all processes, without types of the user's own."""
+
+    _impl_class = _Implementation
+
+    def __init__(self, py_func: Any) -> None:
+        super().__init__(py_func)
+        files = self._cache_file
+        self._cache_file = _Files(self.cache_path, self._impl.filename_base, files._source_stamp)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The stored code of a signature, None if there is none."""
+        return None if has_custom_types(sig) else super().load_overload(sig, target_context)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Store the code of a signature; a warning if the folder cannot be written."""
+        if not self._enabled or has_custom_types(sig):
+            return
+        try:
+            with _one_writer():
+                super().save_overload(sig, data)
+        except OSError as error:
+            _warn_unstored(cast(Path, FOLDER), error.strerror or str(error))
+
+
+@contextmanager
+def _one_writer() -> Iterator[None]:
+    """Keep other processes from writing an index, which would lose this one's entry; a file system
+    without locks may lose one.
+    """
+    folder = cast(Path, FOLDER)
+    folder.mkdir(exist_ok=True)
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
 
 
 # numba warns of names of its own where formulas with branches are inlined into one another
@@ -128,14 +221,14 @@ def compiled(function: Function, **flags: Any) -> Function:
     """Compile a function, which releases the interpreter's lock; division by zero gives inf or
     NaN as in NumPy.
     """
+    jit: Any = numba.njit(error_model="numpy", nogil=True, **flags)(function)
     # what other projects and closures refer to is not in the name of the folder
-    own = not function.__closure__ and function.__module__.startswith(
-        ("laisn.", "sim.", "experiments.")
-    )
-    config: Any = numba.config
-    config.CACHE_DIR = str(FOLDER or "")
-    jit = numba.njit(error_model="numpy", nogil=True, cache=own and FOLDER is not None, **flags)
-    return cast(Function, jit(function))
+    in_project = function.__module__.startswith(("laisn.", "sim.", "experiments."))
+    if FOLDER is not None and in_project and not function.__closure__ and jit is not function:
+        config: Any = numba.config
+        config.CACHE_DIR = str(FOLDER)
+        jit._cache = _Cache(function)
+    return cast(Function, jit)
 
 
 def compiled_lanes(function: Function) -> Function:

@@ -10,16 +10,17 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pkgutil import resolve_name
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from laisn.arrays import Floats
+from laisn.arrays import Bools, Floats
 from laisn.estimates import Estimates, FixKind, FixRecord, TightEstimates
 from laisn.failure import LaisnError
 from laisn.messages import Measurements, OwnMotion, Reception
-from laisn.plugins import find_class, is_plugin_name
+from laisn.plugins import calling, find_class, is_plugin_name
 from laisn.settings import VARIANTS, NavigationSettings, RivalSettings, Settings, TightSettings
 
 NavigatorFactory = Callable[[Any, Floats], Any]
@@ -36,6 +37,24 @@ class MissionResult(NamedTuple):
     kinds: Sequence[int]
     squared: float  # squared innovations of all updates, in units of S
     numbers: float  # how many numbers these are of: the mean of `squared`, if S is right
+
+
+class Extra(NamedTuple):
+    """A package that few need, so that it is not installed with this project."""
+
+    module: str
+    title: str
+    install: str  # the command
+
+    @property
+    def missing(self) -> str:
+        """What to do if it is not installed; else empty."""
+        if find_spec(self.module) is not None:
+            return ""
+        return f"needs {self.title}, which is not installed; install it with: {self.install}"
+
+
+GTSAM = Extra("gtsam", "GTSAM", 'pip install "gtsam>=4.3a1"')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +81,12 @@ class NavigatorSpec:
     sensor: str = ""
     # its errors come near the Cramér–Rao bound, so that campaigns compute that too
     near_bound: bool = False
+    extra: Extra | None = None  # without which it cannot be made
+
+    @property
+    def missing(self) -> str:
+        """What it needs that is not installed, and what to do; empty if nothing is missing."""
+        return self.extra.missing if self.extra else ""
 
     @property
     def _class(self) -> Any:
@@ -71,8 +96,13 @@ class NavigatorSpec:
         """The navigator of one follower at its start [x, y, vx, vy]; ValueError if that is not
         four finite numbers.
         """
-        navigator = self._class(settings, start)
-        return navigator if hasattr(navigator, "run") else SteppedNavigator(navigator, settings)
+        if isinstance(self.factory, str):
+            return self._class(settings, start)
+        with calling(f"navigator {self.title}"):
+            navigator = self._class(settings, start)
+        if hasattr(navigator, "run"):
+            return CustomNavigator(navigator, settings)
+        return SteppedNavigator(navigator, settings)
 
     def new_swarm(self, settings: Settings, starts: Floats) -> Any:
         """A `laisn.swarm.Swarm` of navigators at their starts, shape (f, 4); LaisnError if that
@@ -122,11 +152,14 @@ _TIGHT = NavigatorSpec(
 )
 
 
-def _rival(factory: str, title: str, sensor: str = "") -> NavigatorSpec:
-    code = f"laisn.rivals.{factory}"
-    sections = ("assume", "rival")
+def _rival(factory: str, title: str, sensor: str = "", extra: Extra | None = None) -> NavigatorSpec:
     return NavigatorSpec(
-        factory=code, settings=RivalSettings, sections=sections, title=title, sensor=sensor
+        factory=f"laisn.rivals.{factory}",
+        settings=RivalSettings,
+        sections=("assume", "rival"),
+        title=title,
+        sensor=sensor,
+        extra=extra,
     )
 
 
@@ -140,7 +173,9 @@ NAVIGATORS: dict[str, NavigatorSpec] = {
         "filters:OneWayTravelTime", "the filter on one-way travel times of one transmitter"
     ),
     "particle": _rival("filters:ParticleFilter", "the particle filter"),
-    "factor-graph": _rival("factor_graph:FactorGraph", "the fixed-lag smoother on a factor graph"),
+    "factor-graph": _rival(
+        "factor_graph:FactorGraph", "the fixed-lag smoother on a factor graph", extra=GTSAM
+    ),
     "inverted-usbl": _rival("filters:InvertedUsbl", "the inverted USBL", sensor="inverted-usbl"),
     "geodetic": _rival("filters:GeodeticAdjustment", "the geodetic adjustment of dead reckoning"),
 }
@@ -322,28 +357,118 @@ class OnlineNavigator(ABC, Generic[Result]):
         return result
 
 
+def _require_finite(navigator: Any, state: Floats, known_start: bool, times: Floats) -> None:
+    """LaisnError naming the class of a navigator and the time at which its estimate left finite
+    numbers.
+
+    `state` are its estimates at `times`, shape (n, 4). Without a known start there may be none at
+    first.
+    """
+    finite: Bools = np.asarray(np.isfinite(state).all(axis=1))
+    first = 0 if known_start else int(np.argmax(finite)) if finite.any() else finite.size
+    lost = first + np.flatnonzero(~finite[first:])
+    if lost.size:
+        raise LaisnError(
+            f"navigator {type(navigator).__name__}: its estimate at {times[lost[0]]:g} s is "
+            f"{state[lost[0]].tolist()}; expected finite x, y, vx, vy"
+        )
+
+
+class _CustomSteps:
+    """Calls `step` of a navigator of the user's own, and checks the state that it leaves."""
+
+    def __init__(self, navigator: Any, settings: Settings) -> None:
+        self._navigator = navigator
+        self._has_estimate = settings.known_start
+        self._time = 0.0
+
+    def step(self, own: OwnMotion, reception: Reception | None, dt: float) -> Floats:
+        """Advance by a step of `dt` [s]; the state after it, shape (4,). LaisnError if it is none,
+        or left finite numbers.
+        """
+        kind = type(self._navigator).__name__
+        self._time += dt
+        with calling(f"navigator {kind}: step"):
+            self._navigator.step(own, reception, dt)
+        state = _numbers_in(self._navigator, "state", (4,))
+        self._has_estimate = self._has_estimate or bool(np.isfinite(state).all())
+        _require_finite(self._navigator, state[None], self._has_estimate, np.array([self._time]))
+        return state
+
+
+def _numbers_in(navigator: Any, name: str, shape: tuple[int, ...]) -> Floats:
+    """An attribute of a navigator of the user's own; LaisnError if it has not this shape."""
+    value = getattr(navigator, name, None)
+    try:
+        numbers = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = np.empty(0)
+    if numbers.shape != shape:
+        raise LaisnError(
+            f"navigator {type(navigator).__name__}: its `{name}` is {value!r:.60}; expected "
+            f"numbers of shape {shape}: state x, y, vx, vy, and covariance of them"
+        )
+    return numbers
+
+
+class CustomNavigator:
+    """A navigator of the user's own with `run`: what it returns is checked. All else of it is as
+    it is.
+    """
+
+    def __init__(self, navigator: Any, settings: Settings) -> None:
+        self._navigator = navigator
+        self._settings = settings
+        self._steps = _CustomSteps(navigator, settings)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._navigator, name)
+
+    def step(
+        self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
+    ) -> None:
+        """Advance by one filter step; see `OnlineNavigator.step`."""
+        self._steps.step(own, reception, self._settings.dt if duration is None else duration)
+
+    def run(self, measurements: Measurements) -> Estimates:
+        """Its estimates of a mission; LaisnError if they are of another kind, of another number
+        of steps, or not finite.
+        """
+        kind = type(self._navigator).__name__
+        with calling(f"navigator {kind}: run"):
+            estimates = self._navigator.run(measurements)
+        if not isinstance(estimates, Estimates):
+            raise LaisnError(
+                f"navigator {kind} returned {type(estimates).__name__} from `run`; expected "
+                "laisn.estimates.Estimates"
+            )
+        steps = measurements.speed.size
+        if np.shape(estimates.state) != (steps, 4):
+            raise LaisnError(
+                f"navigator {kind}: its states have the shape {np.shape(estimates.state)}; "
+                f"expected ({steps}, 4) for x, y, vx, vy after each of {steps} steps"
+            )
+        times: Floats = self._settings.dt * np.arange(1, steps + 1, dtype=np.float64)
+        _require_finite(self._navigator, estimates.state, self._settings.known_start, times)
+        return estimates
+
+
 class SteppedNavigator(OnlineNavigator[Estimates]):
     """A plugin's class with `step(own, reception, dt)`, `state` and `covariance`, run over
     missions.
 
-    A message gives a fix at the estimate. LaisnError if that has another shape.
+    A message gives a fix at the estimate. LaisnError if that has another shape, or left finite
+    numbers.
     """
 
     def __init__(self, navigator: Any, settings: Settings) -> None:
         super().__init__(settings, None, 0.0)
         self._navigator = navigator
+        self._steps = _CustomSteps(navigator, settings)
 
     def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
-        self._navigator.step(own, reception, dt)
-        self._state, self._covariance = (
-            np.array(getattr(self._navigator, a), float) for a in ("state", "covariance")
-        )
-        if self._state.shape != (4,) or self._covariance.shape != (4, 4):
-            raise LaisnError(
-                f"step {self._step}: {type(self._navigator).__name__} has a state of shape "
-                f"{self._state.shape} and a covariance of shape {self._covariance.shape}, expected "
-                "(4,) for x, y, vx, vy, and (4, 4)"
-            )
+        self._state = self._steps.step(own, reception, dt)
+        self._covariance = _numbers_in(self._navigator, "covariance", (4, 4))
         if reception is None:
             return []
         received = not all(map(math.isnan, reception.ranges))

@@ -3,23 +3,63 @@
 
 Scenarios and logs name classes in them as "module:Class", but never make a program import a module.
 The environment variable `LAISN_PLUGINS` lists the files; processes that this one starts inherit it.
+
+A plugin is imported anew when one of its sources (`laisn.custom_sources`) has changed. Its digest
+is that of the sources that were imported, so that no result of other code is stored under it.
 """
 
+import hashlib
+import importlib
 import importlib.util
+import linecache
 import os
 import re
+import secrets
 import sys
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
+from laisn.custom_sources import Sources, is_custom, remove_bytecode
 from laisn.failure import LaisnError
 
 VARIABLE = "LAISN_PLUGINS"
-_REGISTERED: dict[str, Any] = {}
-"""Classes and functions that Python code of this process has given, by the names that scenarios
-have for them.
-"""
+# of the user's own code in the message of an error
+_MOST_FRAMES = 5
+# imports of a plugin whose files change meanwhile
+_MOST_IMPORTS = 5
+
+
+class PluginError(LaisnError):
+    """An exception of the user's own code; the text names file, line and exception."""
+
+
+class _Registered(NamedTuple):
+    """A class or function that Python code of this process has given."""
+
+    made: Any
+    token: str  # in keys of results, so that no other process finds them
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Loaded:
+    """A plugin that this process has imported."""
+
+    module: ModuleType
+    file: Path
+    sources: Sources
+
+
+_REGISTERED: dict[str, _Registered] = {}
+"""By the names that scenarios have for them."""
+_LOADED: dict[str, _Loaded] = {}
+"""By the names of modules."""
+_IMPORTED: dict[Path, str] = {}
+"""Digests of the user's own sources as they were imported."""
 
 
 def plugin_files() -> dict[str, Path]:
@@ -28,38 +68,122 @@ def plugin_files() -> dict[str, Path]:
     return {file.stem: file for file in files}
 
 
-def _import(file: Path) -> ModuleType:
-    """The module of a plugin, which may import others from its folder."""
+def _is_as_read(name: str, sources: Sources) -> bool:
+    """Whether Python has not imported a module of a plugin yet, or from the same source."""
+    if name not in sys.modules:
+        return True
+    file = Path(str(getattr(sys.modules[name], "__file__", None)))
+    return file == sources.modules[name] and _IMPORTED.get(file) == sources.contents[file]
+
+
+def _forget_changed(sources: Sources, before: _Loaded | None) -> None:
+    """Make Python import all modules of a plugin anew if one of them is not as it was imported."""
+    changed = before is not None and before.sources.digest != sources.digest
+    if not changed and all(_is_as_read(name, sources) for name in sources.modules):
+        return
+    names = {*sources.modules, *(before.sources.modules if before else ())}
+    for name in names - {"__main__"}:
+        sys.modules.pop(name, None)
+    remove_bytecode(sources.files)
+
+
+def _import_once(file: Path, sources: Sources) -> ModuleType:
+    """Import a plugin whose sources are known; PluginError if that fails."""
+    importlib.invalidate_caches()
+    linecache.checkcache()
+    writes_bytecode = sys.dont_write_bytecode
+    sys.dont_write_bytecode = True
+    try:
+        return importlib.import_module(file.stem)
+    except (Exception, SystemExit) as error:
+        reason = "\n".join(_lines_of(error, {*map(str, sources.files)}))
+        raise PluginError(f"plugin {file} cannot be imported: {reason}") from error
+    finally:
+        sys.dont_write_bytecode = writes_bytecode
+
+
+def _require_free_name(file: Path) -> None:
+    """LaisnError if Python would import another module by the name of a plugin."""
     name = file.stem
-    known = sys.modules.get(name)
-    if known is not None and getattr(known, "__file__", None) == str(file):
-        return known
-    found = importlib.util.find_spec(name) if known is None else known.__spec__
-    if found is not None and found.origin != str(file):
+    module = sys.modules.get(name)
+    spec = importlib.util.find_spec(name) if module is None else getattr(module, "__spec__", None)
+    if spec is not None and spec.origin != str(file):
         raise LaisnError(
-            f"plugin {file}: there is another module {name!r} ({found.origin}); rename the file"
+            f"plugin {file}: there is another module {name!r} ({spec.origin}); rename the file"
         )
+
+
+def _load(file: Path) -> _Loaded:
+    """The plugin of a file as its sources are now, imported anew if they changed; PluginError if
+    that fails.
+    """
+    name = file.stem
+    before = _LOADED.get(name)
+    if before is not None and before.file == file and before.sources.unchanged:
+        return before
+    _require_free_name(file)
     if str(file.parent) not in sys.path:
         sys.path.append(str(file.parent))
-    try:
-        return importlib.import_module(name)
-    except Exception as error:
-        raise LaisnError(
-            f"plugin {file} cannot be imported: {type(error).__name__}: {error}"
-        ) from error
+    for _ in range(_MOST_IMPORTS):
+        sources = Sources.of(file)
+        _forget_changed(sources, before)
+        # without them if the import fails
+        _LOADED.pop(name, None)
+        for registered in [key for key in _REGISTERED if key.partition(":")[0] == name]:
+            del _REGISTERED[registered]
+        module = _import_once(file, sources)
+        _IMPORTED.update(sources.contents)
+        before = _LOADED[name] = _Loaded(module=module, file=file, sources=sources)
+        if sources.unchanged:
+            return before
+    raise LaisnError(f"plugin {file}: it changes while it is imported")
 
 
 def load_plugin(file: str | os.PathLike[str]) -> ModuleType:
     """Import a Python file, whose classes scenarios may then name as "module:Class"; LaisnError
     if that fails.
+
+    After an edit of the file, or of a file of the user's own that it imports, this gives the new
+    module.
     """
     path = Path(file).resolve()
-    if path.suffix != ".py" or not path.stem.isidentifier() or not path.is_file():
+    if path.suffix != ".py" or not path.stem.isidentifier():
         raise LaisnError(f"plugin {file}: expected a Python file such as mine.py")
-    module = _import(path)
+    if not path.is_file():
+        raise LaisnError(
+            f"plugin {file}: {'it is no file' if path.exists() else 'there is no such file'}"
+        )
+    module = _load(path).module
     files = plugin_files() | {path.stem: path}
     os.environ[VARIABLE] = os.pathsep.join(map(str, files.values()))
     return module
+
+
+def plugin_digest(name: str) -> str:
+    """Digest of the sources of a plugin, by the name of its module, which is imported anew if they
+    changed.
+    """
+    return _load(plugin_files()[name]).sources.digest
+
+
+def plugins_version(*, refresh: bool) -> str:
+    """Digest of all plugins as this process has imported them; `refresh`: those that changed are
+    imported anew.
+    """
+    digest = hashlib.sha256()
+    for name, file in sorted(plugin_files().items()):
+        loaded = _LOADED.get(name)
+        if loaded is None or refresh:
+            loaded = _load(file)
+        digest.update(f"{name} {loaded.sources.digest} ".encode())
+    return digest.hexdigest()[:24]
+
+
+def registered_tokens(text: str) -> list[str]:
+    """Tokens of what Python code of this process has given, of those whose names are in a text of
+    JSON.
+    """
+    return [one.token for name, one in sorted(_REGISTERED.items()) if f'"{name}"' in text]
 
 
 def register(made: Any, *, importable: bool = False) -> str:
@@ -67,21 +191,25 @@ def register(made: Any, *, importable: bool = False) -> str:
     anywhere.
 
     If other processes need it (`importable`), it must be a class at the top of a file of its own,
-    or LaisnError.
+    or LaisnError; they import the file as it is now.
     """
     module = made.__module__
     attribute = re.sub(r"\W", "_", made.__qualname__)
     file = Path(getattr(sys.modules.get(module), "__file__", None) or "")
     named = isinstance(made, type) and attribute == made.__name__ and module != "__main__"
-    if named and file.suffix == ".py" and file.stem == module:
-        load_plugin(file)
-    elif importable:
+    in_a_file = named and file.suffix == ".py" and file.stem == module
+    name = f"{module.rpartition('.')[2]}:{attribute}"
+    if importable and not in_a_file:
         raise LaisnError(
             f"{attribute}: other processes import it; define it as a class in a file of its own, "
             "mine.py"
         )
-    name = f"{module.rpartition('.')[2]}:{attribute}"
-    _REGISTERED[name] = made
+    if importable:
+        load_plugin(file)
+        return name
+    loaded = _LOADED.get(module)
+    if loaded is None or getattr(loaded.module, attribute, None) is not made:
+        _REGISTERED[name] = _Registered(made, secrets.token_hex(12))
     return name
 
 
@@ -98,7 +226,7 @@ def find_class(kind: str, name: str, method: str = "") -> Any:
     method; LaisnError, with the `kind` that it should be, if there is none.
     """
     if name in _REGISTERED:
-        return _REGISTERED[name]
+        return _REGISTERED[name].made
     module, _, attribute = name.partition(":")
     file = plugin_files().get(module)
     if file is None:
@@ -106,9 +234,12 @@ def find_class(kind: str, name: str, method: str = "") -> Any:
             f"{kind} {name!r} is in a plugin that is not loaded: add --plugin {module}.py "
             f'(in Python: laisn_sim.load_plugin("{module}.py"))'
         )
-    loaded = _import(file)
+    # not as the file is now: a mission is flown by one version
+    loaded = _LOADED.get(module) or _load(file)
     classes = {
-        key: c for key, c in vars(loaded).items() if isinstance(c, type) and c.__module__ == module
+        key: c
+        for key, c in vars(loaded.module).items()
+        if isinstance(c, type) and c.__module__ == module
     }
     chosen = [
         key for key, c in classes.items() if (key == attribute if attribute else hasattr(c, method))
@@ -138,3 +269,73 @@ def find_controller(name: str) -> Any:
             f"controller {name!r}: expected a class with `control(readings, belief, dt)`"
         )
     return made
+
+
+def _custom_frames(error: BaseException, sources: set[str]) -> list[traceback.FrameSummary]:
+    """Calls of the user's own code that led to an exception; none if none is in these sources."""
+    frames = traceback.extract_tb(error.__traceback__)
+    if not any(frame.filename in sources for frame in frames):
+        return []
+    return [f for f in frames if f.filename in sources or is_custom(f.filename)]
+
+
+def _lines_of(error: BaseException, sources: set[str]) -> list[str]:
+    """The exception, and where in the user's own code it was raised, the last call last."""
+    kind = type(error).__name__
+    text = str(error).partition("\n")[0]
+    head = f"{kind}: {text}" if text else kind
+    if isinstance(error, SystemExit):
+        head = f"it ends the program (SystemExit: {error.code})"
+    frames = _custom_frames(error, sources)
+    if isinstance(error, SyntaxError) and error.filename:
+        source = (error.text or "").strip()
+        return [f"{kind}: {error.msg}", f'  File "{error.filename}", line {error.lineno}: {source}']
+    if not frames:
+        return [head]
+    shown = [f"  … {len(frames) - _MOST_FRAMES} calls before"] * (len(frames) > _MOST_FRAMES)
+    for frame in frames[-_MOST_FRAMES:]:
+        shown.append(f'  File "{frame.filename}", line {frame.lineno}, in {frame.name}')
+        if frame.line:
+            shown.append(f"    {frame.line}")
+    return [head, *shown]
+
+
+def plugin_error(error: BaseException) -> PluginError | None:
+    """What is told of an exception that came through the code of a plugin; None of others."""
+    for loaded in _LOADED.values():
+        sources = {*map(str, loaded.sources.files)}
+        if _custom_frames(error, sources):
+            head, *frames = _lines_of(error, sources)
+            return PluginError("\n".join([f"plugin {loaded.file}: {head}", *frames]))
+    return None
+
+
+@contextmanager
+def calling(what: str) -> Iterator[None]:
+    """A call of the user's own code in the block: PluginError if it takes other arguments."""
+    try:
+        yield
+    except TypeError as error:
+        # the block's frame alone is below that of this function: nothing was called
+        frames = list(traceback.walk_tb(error.__traceback__))
+        if len(frames) > 2:
+            raise
+        raise PluginError(f"{what}: {error}") from error
+
+
+@contextmanager
+def plugin_errors() -> Iterator[None]:
+    """Exceptions of plugins in the block, also those that would end the program, become
+    PluginError, which other processes can be sent.
+    """
+    try:
+        yield
+    except LaisnError:
+        raise
+    except (Exception, SystemExit) as error:
+        told = plugin_error(error)
+        if told is None:
+            raise
+        for note in getattr(error, "__notes__", ()):
+            told.add_note(note)
+        raise told from error

@@ -18,7 +18,7 @@ from laisn.compiled import compiled
 from laisn.failure import LaisnError
 from laisn.messages import Reception, bearing_of
 from laisn.navigators import find
-from laisn.plugins import find_controller
+from laisn.plugins import calling, find_controller
 from laisn.swarm import (
     ESTIMATE,
     READING,
@@ -412,7 +412,7 @@ class Wrench(NamedTuple):
     yaw: float = 0.0  # about the upward axis, positive to port [N m]
 
 
-def require_command(command: Any, effectors: int, whose: str) -> None:
+def require_command(command: Any, effectors: int, whose: str, where: str = "") -> None:
     """LaisnError, beginning with whose it is, if a command is none that a vehicle can be given.
 
     It is a `Command` or three numbers, a `Wrench`, or an array of the states of all effectors.
@@ -422,11 +422,14 @@ def require_command(command: Any, effectors: int, whose: str) -> None:
         expected = 6
     elif isinstance(command, np.ndarray):
         expected = effectors
-    right_shape = np.shape(command) == (expected,)
-    if not right_shape or not np.isfinite(np.asarray(command, dtype=np.float64)).all():
+    try:
+        numbers = np.asarray(command, dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = np.empty(0)
+    if numbers.shape != (expected,) or not np.isfinite(numbers).all():
         raise LaisnError(
             f"{whose} {command!r:.80}; expected heading, speed and depth, a Wrench, "
-            f"or an array of the states of {effectors} effectors, all finite"
+            f"or an array of the states of {effectors} effectors, all finite{where}"
         )
 
 
@@ -464,6 +467,13 @@ def readings_of(
     )
 
 
+def _made_controller(follower: Follower) -> Any:
+    """The controller of a follower's table; LaisnError if there is no such class."""
+    name = str(follower.controller)
+    with calling(f"controller {name}"):
+        return find_controller(name)(follower.without_hidden_errors)
+
+
 class OwnControl:
     """Calls the controllers of a scenario's followers and writes what they command.
 
@@ -477,10 +487,7 @@ class OwnControl:
     def __init__(self, scenario: Scenario, plant: Plant, routes: RouteControl) -> None:
         """Make the controllers; LaisnError if there is no such class."""
         own = {i: follower for i, follower in enumerate(scenario.followers) if follower.controller}
-        self._controllers = {
-            i: find_controller(str(follower.controller))(follower.without_hidden_errors)
-            for i, follower in own.items()
-        }
+        self._controllers = {i: _made_controller(follower) for i, follower in own.items()}
         self._names = plant.names[1:]
         self._effectors = [len(names) for names in plant.effector_names[1:]]
         self._routes = routes
@@ -505,8 +512,12 @@ class OwnControl:
             reading, estimate, memory = (table[f] for table in known)
             readings = readings_of(k * CONTROL_STEP_S, reading, received[f], custom[f])
             belief = belief_of(estimate)
-            found = controller.control(readings, belief, CONTROL_STEP_S)
-            require_command(found, self._effectors[f], f"controller of {self._names[f]} returned")
+            kind = type(controller).__name__
+            with calling(f"controller {kind}: control"):
+                found = controller.control(readings, belief, CONTROL_STEP_S)
+            where = f" (class {kind}, at {readings.time:g} s)"
+            whose = f"controller of {self._names[f]} returned"
+            require_command(found, self._effectors[f], whose, where)
             motion = steering.measured_motion(reading, estimate, CONTROL_STEP_S, memory)
             command = self._routes.command[f + 1]
             autopilot = self._routes.autopilot[f + 1]

@@ -310,9 +310,13 @@ class Mission:
         try:
             plant.finish_step(fault)
         except PlantError as error:
+            text = str(error)
+            if not np.isfinite(self.routes.command).all():
+                what = f"controller {type(self.controller).__name__} commanded no finite numbers"
+                text = f"{what} at {k * TICK:g} s; {text}"
             if k < 1:
-                raise
-            raise DivergedError(str(error), self.trajectory()) from error
+                raise PlantError(text) from error
+            raise DivergedError(text, self.trajectory()) from error
 
     def fly(
         self,

@@ -20,6 +20,7 @@ from experiments.campaign.progress import compiling_shown
 from experiments.campaign.store import Arrays, CampaignError, Record, Result, Store, key_of
 from laisn.compiled import FOLDER
 from laisn.navigators import find
+from laisn.plugins import plugin_errors, plugins_version
 from sim.scenario.settings import Scenario
 from sim.system import background_process
 from sim.trajectory import Trajectory
@@ -44,6 +45,8 @@ class ExecutionOptions(TypedDict, total=False):
     cluster: str | None  # address of a Dask scheduler (tcp://…); its workers compute instead
     force: bool
     quiet: bool
+    # version of the plugins of which keys were made; a later edit ends the campaign
+    plugins: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,7 +138,7 @@ def compile_ahead(plan: CellPlan) -> None:
     first result.
     """
     short = plan.scenario.first_messages
-    with compiling_shown():
+    with compiling_shown(), plugin_errors():
         compute(montecarlo.simulate_mission(short), [replace(plan, scenario=short, runs=1)])
 
 
@@ -313,7 +316,9 @@ def fly(
     workers = options.get("workers")
     cluster = options.get("cluster")
     quiet = options.get("quiet", False)
-    pool = Pool(len(os.sched_getaffinity(0)) if workers is None else workers, cluster)
+    plugins = options.get("plugins") or plugins_version(refresh=True)
+    cores = len(os.sched_getaffinity(0))
+    pool = Pool(cores if workers is None else workers, cluster, plugins=plugins)
     store = Store(folder, force=options.get("force", False))
     campaign = _Campaign.of(cells, tasks, facts, store)
     threads = 1

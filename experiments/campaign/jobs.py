@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from experiments.campaign.pool import Pool
 from experiments.campaign.progress import progress
 from experiments.campaign.store import CampaignError, Result, Store
+from laisn.plugins import plugins_version
 
 Work = Callable[[], list[Result]]
 """What a process computes; CampaignError if it cannot."""
@@ -56,12 +57,29 @@ def run_jobs(
     return failures
 
 
-def _attempt(key: Hashable, work: Work, store: Store | None) -> tuple[Hashable, list[Result] | str]:
-    """Results of a job by its key, or why it has none; a store that is given takes them instead."""
+def _require_plugins(version: str, *, refresh: bool) -> None:
+    """CampaignError if this process has other plugins than the keys of the results were made of."""
+    if plugins_version(refresh=refresh) != version:
+        raise CampaignError(
+            "a plugin, or a file that it reads, changed while the study ran; run it again; what "
+            "was computed before is stored"
+        )
+
+
+def _attempt(
+    key: Hashable, work: Work, store: Store | None, plugins: str
+) -> tuple[Hashable, list[Result] | str]:
+    """Results of a job by its key, or why it has none; a store that is given takes them instead.
+
+    `plugins` is the version of the plugins of which keys of results were made; CampaignError if
+    there is another one before or after the work.
+    """
+    _require_plugins(plugins, refresh=True)
     try:
         results = work()
     except CampaignError as error:
         return key, str(error).splitlines()[0]
+    _require_plugins(plugins, refresh=False)
     if store is None:
         return key, results
     for result in results:
@@ -81,12 +99,13 @@ def _compute(
     failures = dict[Hashable, str]()
     with progress(kind, sum(job.size for job in jobs), quiet=quiet) as advance:
 
-        def missing() -> Iterator[tuple[Hashable, Work, Store | None]]:
+        def missing() -> Iterator[tuple[Hashable, Work, Store | None, str]]:
             for job in random.sample(jobs, len(jobs)):
                 if store.has(*job.results):
                     advance(job.size)
                 else:
-                    yield job.key, job.run(store), store if pool.cluster is None else None
+                    shared = store if pool.cluster is None else None
+                    yield job.key, job.run(store), shared, pool.plugins
 
         for key, outcome in pool.each(_attempt, missing()):
             job = by_key[key]

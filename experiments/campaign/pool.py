@@ -13,7 +13,7 @@ from joblib.externals.loky import get_reusable_executor
 from experiments.campaign.store import CampaignError
 from experiments.campaign.version import code_version
 from laisn.failure import LaisnError
-from laisn.plugins import VARIABLE
+from laisn.plugins import VARIABLE, plugin_errors, plugins_version
 from sim.system import exit_with_parent
 
 Made = TypeVar("Made")
@@ -21,22 +21,28 @@ _CONNECT_S = 3
 
 
 def _with_version(function: Callable[..., Made], *arguments: Any) -> tuple[str, Made]:
-    return code_version(), function(*arguments)
+    # an exception of a plugin may be one that no other process can read
+    with plugin_errors():
+        return code_version(), function(*arguments)
 
 
 class Pool:
     """A pool of `size` local processes, or of the workers of the Dask scheduler at an address; use
     it as a context.
 
-    With one local worker everything is computed in this process. LaisnError if there is no worker,
-    or the cluster cannot be used.
+    With one local worker everything is computed in this process. `plugins` is the version of the
+    plugins of which the keys of results were made, by default of those that there are. LaisnError
+    if there is no worker, or the cluster cannot be used.
     """
 
-    def __init__(self, workers: int, cluster: str | None = None) -> None:
+    def __init__(
+        self, workers: int, cluster: str | None = None, *, plugins: str | None = None
+    ) -> None:
         if workers < 1:
             raise LaisnError(f"workers is {workers}, expected at least 1")
         self.size = workers
         self.cluster = cluster
+        self.plugins = plugins_version(refresh=True) if plugins is None else plugins
         self._client: Any = None
 
     def __enter__(self) -> Self:
@@ -84,6 +90,11 @@ class Pool:
                         "stored, and the same command goes on from there (fewer --workers need "
                         "less memory)"
                     ) from error
+                if isinstance(error, OSError):
+                    # such as a full disk
+                    error.add_note(
+                        "finished results are stored, and the same command goes on from there"
+                    )
                 raise
 
 

@@ -23,7 +23,7 @@ from pydantic_core import to_jsonable_python
 
 from experiments.campaign.version import code_version, version_of
 from laisn.failure import LaisnError, LaisnWarning
-from laisn.plugins import plugin_files
+from laisn.plugins import plugin_digest, plugin_files, registered_tokens
 from sim.system import atomic_write, locked
 
 Record = dict[str, Any]  # a row: plain values by column
@@ -69,15 +69,18 @@ def key_of(*content: object) -> str:
     """Key of a result: a hash of the code version and of all that makes it.
 
     That is JSON values, data classes, scenarios, functions with every source that they can reach,
-    and the sources of plugins whose names are values. TypeError if there is something else.
+    and of plugins whose names are values all sources of the user's own that they reach. TypeError
+    if there is something else.
     """
     text = json.dumps(
         to_jsonable_python([code_version(), *content], fallback=_plain), sort_keys=True
     )
     digest = hashlib.sha256(text.encode())
-    for name, file in sorted(plugin_files().items()):
+    for name in sorted(plugin_files()):
         if f'"{name}"' in text or f'"{name}:' in text:
-            digest.update(file.read_bytes())
+            digest.update(plugin_digest(name).encode())
+    for token in registered_tokens(text):
+        digest.update(token.encode())
     return digest.hexdigest()[:24]
 
 

@@ -2,6 +2,7 @@
 like Ctrl-C.
 """
 
+import errno
 import io
 import os
 import platform
@@ -22,11 +23,15 @@ from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
 from laisn.failure import LaisnError, LaisnWarning, plain, screenful
+from laisn.plugins import PluginError, plugin_errors
 
 # exit codes
 USER_ERROR = 2  # an error that the user can correct
 INTERNAL_ERROR = 1  # a bug
 INTERRUPTED = 130  # Ctrl-C
+
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_NO_PERMISSION = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 
 def _print(lines: Iterable[str], colour: str) -> None:
@@ -57,6 +62,16 @@ def _report(error: BaseException) -> str:
     return f"the traceback is in {path}"
 
 
+def _system_error(error: OSError) -> str:
+    """What the system refuses, where, and what to do about it."""
+    text = f"{error.filename or 'output'}: {error.strerror}"
+    if error.errno in _NO_ROOM:
+        return f"{text}; make room there, or choose another folder"
+    if error.errno in _NO_PERMISSION:
+        return f"{text}; choose a folder that you can write to"
+    return text
+
+
 def _outcome(error: BaseException) -> tuple[int, list[str]]:
     """Exit code and message for an exception, with the notes that were added to it."""
     notes = list(getattr(error, "__notes__", ()))
@@ -67,10 +82,10 @@ def _outcome(error: BaseException) -> tuple[int, list[str]]:
             "; ".join(["interrupted", *remarks])
         ]
     if isinstance(error, LaisnError):
+        notes += ["LAISN_DEBUG=1 shows all calls"] * isinstance(error, PluginError)
         return USER_ERROR, [*(str(error).splitlines() or [type(error).__name__]), *notes]
     if isinstance(error, OSError) and error.errno is not None:
-        # of the system: a full disk, a folder without permission
-        return USER_ERROR, [f"{error.filename or 'output'}: {error.strerror}", *notes]
+        return USER_ERROR, [_system_error(error), *notes]
     text = (f"{type(error).__name__}: {plain(error)}" if str(error) else type(error).__name__)[:200]
     compiled = sys.modules.get("laisn.compiled")
     if compiled is not None and compiled.remove_if_damaged(error):
@@ -90,7 +105,8 @@ def report_errors() -> Iterator[None]:
         if not debug:
             warnings.showwarning = _show_warning
         try:
-            yield
+            with plugin_errors():
+                yield
             return
         except (typer.Exit, typer.Abort, TyperException, BrokenPipeError):
             raise

@@ -5,13 +5,25 @@ import os
 import re
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from laisn.failure import plain, shortened
-from sim.scenario.file import ScenarioError, assigned, read, seen_from, validate, values_of
+from sim.scenario.file import (
+    LARGEST_BYTES,
+    Location,
+    ScenarioError,
+    assigned,
+    line_in,
+    read,
+    seen_from,
+    validate,
+    values_of,
+)
 from sim.scenario.settings import Scenario
+from sim.system import read_text
 
 FOLDER = Path(__file__).parents[1] / "scenarios"
 ROUTES = tuple(f"T{i}" for i in range(2, 10))
@@ -56,13 +68,30 @@ def table_of(source: str) -> dict[str, Any]:
     return {"name": name_of(path)} | seen_from(read(path), path.parent)
 
 
-def _checked(table: Mapping[str, Any], changes: Mapping[str, Any], name: str) -> Scenario:
+def _line_of(source: str, changes: Iterable[str]) -> Callable[[Location], str]:
+    """A function that says in which line of a user's file a key stands that is not changed."""
+
+    @cache
+    def of_file() -> Callable[[Location], str]:
+        if source in names() or Path(source).suffix != ".toml":
+            return lambda _: ""
+        return line_in(read_text(Path(source), LARGEST_BYTES), changes)
+
+    return lambda location: of_file()(location)
+
+
+def _checked(
+    table: Mapping[str, Any],
+    changes: Mapping[str, Any],
+    name: str,
+    where: Callable[[Location], str] = lambda _: "",
+) -> Scenario:
     """A scenario whose sea, routes, date and cost are checked too."""
     # sea and hulls take half a second to import, and commands that read or list scenarios need
     # neither
     from sim.feasibility import infeasibilities
 
-    return validate(assigned(table, changes), name, further=infeasibilities)
+    return validate(assigned(table, changes), name, further=infeasibilities, where=where)
 
 
 def load(source: str, assignments: Iterable[str], *, flyable: bool = False) -> Scenario:
@@ -76,7 +105,10 @@ def load(source: str, assignments: Iterable[str], *, flyable: bool = False) -> S
     given = list(assignments)
     changes = values_of(given)
     name = " ".join([source, *(f"--set {shortened(a, 200)}" for a in given)])
-    return _checked(table, changes, name) if flyable else validate(assigned(table, changes), name)
+    where = _line_of(source, changes)
+    if flyable:
+        return _checked(table, changes, name, where)
+    return validate(assigned(table, changes), name, where=where)
 
 
 def loaded(
@@ -103,6 +135,7 @@ def loaded(
     else:
         table = table_of(str(source))
         name = str(source)
+        return _checked(table, changes, name, _line_of(name, changes))
     return _checked(table, changes, name)
 
 

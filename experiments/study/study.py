@@ -37,6 +37,7 @@ from experiments.study.run import (
 )
 from laisn.failure import LaisnError
 from laisn.lanes import LANES
+from laisn.plugins import plugins_version
 from sim.system import atomic_write
 
 RESULTS = "results.parquet"
@@ -267,6 +268,7 @@ def run_studies(
     """
     package = _Package(study=name)
     _require_film(film, package)
+    options["plugins"] = plugins_version(refresh=True)
     plans = [plan_of(study, quiet=options.get("quiet", False)) for study in studies.values()]
     flown = fly_until_narrow(plans, folder, **options)
     _require_flown(flown, package)

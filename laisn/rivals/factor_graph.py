@@ -18,6 +18,7 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.messages import OwnMotion, Reception
+from laisn.navigators import GTSAM
 from laisn.rivals.filters import STATES, DeadReckoning, slant
 from laisn.rivals.leader_track import SeenCurrent
 from laisn.settings import COMPASS_WALK, RivalSettings
@@ -83,11 +84,7 @@ class FactorGraph(DeadReckoning):
         try:
             import gtsam
         except ImportError:
-            raise LaisnError(
-                'navigator "factor-graph" needs GTSAM, which is not installed; install it with: '
-                "pip install "
-                '"gtsam>=4.3a1"'
-            ) from None
+            raise LaisnError(f"navigator 'factor-graph' {GTSAM.missing}") from None
         self._gtsam = gtsam
         parameters = gtsam.ISAM2Params()
         parameters.relinearizeSkip = 1

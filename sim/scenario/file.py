@@ -7,14 +7,17 @@ import json
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
+from functools import cache
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 from pydantic_core import to_json
 
 import models
 from laisn.failure import ROWS, LaisnError, plain, screenful, shortened
+from sim.scenario.section import PATTERNS, Because
 from sim.scenario.settings import KEYS_ALONE, Scenario
 from sim.scenario.vehicles import is_mjcf
 from sim.system import read_text
@@ -35,49 +38,202 @@ def key_of(location: Location) -> str:
     return text or "scenario"
 
 
+def _field(location: Location) -> FieldInfo | None:
+    """The declaration of a key, or of the list that holds a value; None if there is none."""
+    model: type[BaseModel] | None = Scenario
+    field = None
+    for part in location:
+        if isinstance(part, int):
+            continue
+        if model is None or part not in model.model_fields:
+            return None
+        field = model.model_fields[part]
+        model = _table_in(field)
+    return field
+
+
+def _table_in(field: FieldInfo) -> type[BaseModel] | None:
+    """The table that a key holds, or a list of tables; None of other keys."""
+    kinds = [field.annotation]
+    for kind in kinds:
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            return kind
+        kinds += get_args(kind)
+    return None
+
+
+def _is_list_of_tables(field: FieldInfo | None) -> bool:
+    return (
+        field is not None and _table_in(field) is not None and get_origin(field.annotation) is tuple
+    )
+
+
 def _keys(location: Location) -> list[str]:
     """All keys of the table that a key path ends in."""
-    model: type[BaseModel] = Scenario
-    for part in location:
-        if isinstance(part, str):
-            field = model.model_fields.get(part)
-            kinds = (field.annotation, *get_args(field.annotation)) if field else ()
-            tables = [
-                kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)
-            ]
-            if not tables:
-                return []
-            model = tables[0]
-    return list(model.model_fields)
+    field = _field(location)
+    model = Scenario if not location else _table_in(field) if field else None
+    return list(model.model_fields) if model else []
 
 
-def _unknown(location: Location) -> str:
+@cache
+def _all_keys() -> dict[str, list[str]]:
+    """Dotted keys of a scenario by their last names."""
+    found: dict[str, list[str]] = {}
+
+    def add(model: type[BaseModel], above: str) -> None:
+        for name, field in model.model_fields.items():
+            found.setdefault(name, []).append(f"{above}{name}")
+            table = _table_in(field)
+            if table is not None:
+                add(table, f"{above}{name}.{'*.' if _is_list_of_tables(field) else ''}")
+
+    add(Scenario, "")
+    return found
+
+
+def _hint(location: Location) -> str:
+    """What an unknown key may have meant."""
+    name = shortened(str(location[-1]), 80)
     known = _keys(location[:-1])
-    close = difflib.get_close_matches(shortened(str(location[-1]), 80), known, n=1, cutoff=0.5)
-    hint = f"did you mean {close[0]!r}?" if close else f"known here: {', '.join(known)}"
-    return f"  {shortened(plain(key_of(location)), 100)}: unknown key; {hint}"
+    elsewhere = _all_keys().get(name, [])
+    section = [key for key in elsewhere if key.partition(".")[0] == str(location[0])]
+    close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    closest = difflib.get_close_matches(name, known, n=1, cutoff=0.75)
+    if section or (elsewhere and not closest):
+        return f"did you mean {' or '.join((section or elsewhere)[:3])}?"
+    if close:
+        return f"did you mean {close[0]!r}?"
+    distant = difflib.get_close_matches(name, _all_keys(), n=1, cutoff=0.8)
+    if distant:
+        return f"did you mean {_all_keys()[distant[0]][0]}?"
+    return f"known here: {', '.join(known)}"
+
+
+def _expected(error: Mapping[str, Any]) -> str:
+    """What a value should have been, in words, where pydantic's message does not help."""
+    field = _field(error["loc"])
+    kind = error["type"]
+    message = str(error["msg"]).removeprefix("Value error, ")
+    form = re.match(r"\[+.*?\](?:, …\])?", field.description or "") if field else None
+    if kind in ("tuple_type", "list_type") and isinstance(error["input"], dict):
+        names = ".".join(str(part) for part in error["loc"] if not isinstance(part, int))
+        return f"expected a list of tables: write [[{names}]] with two brackets"
+    if kind in ("missing", "too_long") and form and isinstance(error["loc"][-1], int):
+        return f"expected {form[0]}"
+    if kind == "string_pattern_mismatch":
+        return _expected_text(error)
+    return message
+
+
+def _reason(error: Mapping[str, Any]) -> str:
+    """Why the bounds are what they are that a number is beyond; empty if that is not declared."""
+    field = _field(error["loc"])
+    if field is None or not error["type"].endswith(("_than", "_equal")):
+        return ""
+    return "".join(f"; {one.text}" for one in field.metadata if isinstance(one, Because))
+
+
+def _expected_text(error: Mapping[str, Any]) -> str:
+    """What a text that does not match a pattern should have been."""
+    pattern = str(error["msg"]).partition("'")[2].removesuffix("'")
+    words = PATTERNS.get(pattern)
+    if words is None:
+        return str(error["msg"])
+    given = str(error["input"])
+    close = difflib.get_close_matches(given, re.findall(r'"([^"]+)"', words), n=1, cutoff=0.6)
+    return f"did you mean {close[0]!r}? Expected {words}" if close else f"expected {words}"
 
 
 def _line(error: Mapping[str, Any]) -> str:
-    if error["type"] == "extra_forbidden":
-        return _unknown(error["loc"])
     key = shortened(plain(key_of(error["loc"])), 100)
-    message = error["msg"].removeprefix("Value error, ")
+    if error["type"] == "extra_forbidden":
+        return f"{key}: unknown key; {_hint(error['loc'])}"
+    message = _expected(error)
     given = error["input"]
-    if isinstance(given, dict | BaseModel) or error["type"] == "missing":
-        return f"  {key}: {message}"
+    if isinstance(given, dict | BaseModel) or message == "Field required":
+        return f"{key}: {message}"
     shown = shortened(repr(given) if not isinstance(given, list | str) else repr(given[:80]), 80)
-    return f"  {key}: {message} (given: {plain(shown)})"
+    return f"{key}: {message} (given: {plain(shown)}){_reason(error)}"
 
 
-def lines_of(error: ValidationError) -> list[str]:
-    """A line for each error of a validation; empty ones beyond what a screen holds."""
+def lines_of(error: ValidationError, where: Callable[[Location], str] = lambda _: "") -> list[str]:
+    """A line for each error of a validation; empty ones beyond what a screen holds.
+
+    `where` says in which line of a file a key stands, for the beginning of the line.
+    """
     errors = error.errors(include_url=False, include_context=False)
     parents = {one["loc"][:n] for one in errors for n in range(len(one["loc"]))}
     # pydantic leaves an invalid item out of its list, which may then seem too short
     errors = [one for one in errors if one["type"] != "too_short" or one["loc"] not in parents]
-    lines = [_line(error) for error in errors[:ROWS]]
-    return lines + [""] * len(errors[ROWS:])
+    shown = [f"  {where(one['loc'])}{_line(one)}" for one in errors[:ROWS]]
+    return [*shown, *[""] * len(errors[ROWS:])]
+
+
+_HEADER = re.compile(r"\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?$")
+_KEY = re.compile(r"\s*([\w.\"'*-]+)\s*=")
+
+
+def key_lines(text: str) -> dict[Location, int]:
+    """Numbers of the lines of a TOML text, from 1, in which tables and keys begin.
+
+    Keys within inline tables are not found; the key before the table is.
+    """
+    found: dict[Location, int] = {}
+    counts: dict[Location, int] = {}
+    table: Location = ()
+    for number, line in enumerate(text.splitlines(), start=1):
+        header = _HEADER.match(line)
+        key = _KEY.match(line)
+        if header:
+            table = tuple(_parts(header[2]))
+            # the last of a list of tables that is above this one
+            for n in range(1, len(table)):
+                if table[:n] in counts:
+                    table = (*table[:n], counts[table[:n]] - 1, *table[n:])
+            if header[1] == "[[":
+                counts[table] = counts.get(table, 0) + 1
+                found.setdefault(table, number)
+                table = (*table, counts[table] - 1)
+            found.setdefault(table, number)
+        elif key:
+            names = tuple(_parts(key[1]))
+            for n in range(1, len(names) + 1):
+                found.setdefault((*table, *names[:n]), number)
+    return found
+
+
+def _parts(key: str) -> list[str]:
+    """Names of a dotted key of TOML, quoted or not."""
+    return [part.strip().strip("\"'") for part in key.split(".")]
+
+
+def line_in(text: str, changed: Iterable[str] = ()) -> Callable[[Location], str]:
+    """A function that says in which line of a TOML text a key stands, "line 12: ", and nothing of
+    a key that is not there or was `changed` afterwards.
+    """
+    lines = key_lines(text)
+    other = [_changed_location(key) for key in changed]
+
+    def where(location: Location) -> str:
+        if any(_begins(location, one) or _begins(one, location) for one in other):
+            return ""
+        for n in range(len(location), 0, -1):
+            if location[:n] in lines:
+                return f"line {lines[location[:n]]}: "
+        return ""
+
+    return where
+
+
+def _changed_location(key: str) -> Location:
+    return tuple(int(part) if _INDEX.fullmatch(part) else part for part in key.split("."))
+
+
+def _begins(location: Location, other: Location) -> bool:
+    """Whether a location begins with another, in which "*" is any number."""
+    return len(other) <= len(location) and all(
+        b in (a, "*") for a, b in zip(location, other, strict=False)
+    )
 
 
 # of a scenario file: four routes of the most points that a route may have
@@ -92,24 +248,60 @@ class ScenarioError(LaisnError):
     """
 
 
+# of tables and lists in one another; the deepest key of a scenario has six
+DEEPEST = 20
+# of an integer that a float can hold
+_LARGEST_BITS = 1023
+
+
+def _require_bounded(table: Any) -> None:
+    """ScenarioError naming the key of what lies deeper than `DEEPEST`, of text that is no Unicode,
+    and of an integer that no float can hold.
+    """
+    left: list[tuple[Location, Any]] = [((), table)]
+    while left:
+        location, value = left.pop()
+        if isinstance(value, str):
+            problem = "" if _is_unicode(value) else "this is no Unicode text"
+        elif isinstance(value, int):
+            digits = int(value.bit_length() * 0.30103) + 1
+            huge = value.bit_length() > _LARGEST_BITS
+            problem = f"an integer of about {digits} digits; at most 308" if huge else ""
+        elif isinstance(value, Mapping | list | tuple):
+            problem = f"tables and lists more than {DEEPEST} deep"
+            if len(location) < DEEPEST:
+                problem = ""
+                inner = value.items() if isinstance(value, Mapping) else enumerate(value)
+                left += [((*location, key), one) for key, one in inner if type(one) is not float]
+                names = (key for key in value if isinstance(value, Mapping))
+                if not all(_is_unicode(str(name)) for name in names):
+                    problem = "a key that is no Unicode text"
+        else:
+            problem = ""
+        if problem:
+            key = f"{shortened(plain(key_of(location)), 100)}: " if location else ""
+            raise ScenarioError(f"{key}{problem}")
+
+
+def _is_unicode(text: str) -> bool:
+    """Whether a text has no halves of surrogate pairs, as bytes that are no UTF-8 become."""
+    return text.isascii() or not any("\ud800" <= c <= "\udfff" for c in text)
+
+
 def plain_values(table: Any) -> Any:
     """A copy of a table or value that JSON can hold: numbers and arrays of NumPy as Python's, other
     objects as text.
 
-    So is an integer that no float can hold.
+    ScenarioError as of `_require_bounded`.
     """
+    _require_bounded(table)
 
-    def plain_value(value: Any) -> Any:
-        if isinstance(value, range):
-            return list(value)
-        return value.tolist() if hasattr(value, "tolist") else str(value)
+    def plain_value(one: Any) -> Any:
+        if isinstance(one, range):
+            return list(one)
+        return one.tolist() if hasattr(one, "tolist") else str(one)
 
-    def integer(digits: str) -> int | str:
-        return int(digits) if len(digits) < 308 else f"an integer of {len(digits)} digits"
-
-    return json.loads(
-        to_json(table, fallback=plain_value, inf_nan_mode="constants"), parse_int=integer
-    )
+    return json.loads(to_json(table, fallback=plain_value, inf_nan_mode="constants"))
 
 
 def is_model_key(key: str) -> bool:
@@ -140,7 +332,9 @@ def seen_from(table: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def examined(
-    table: dict[str, Any], further: Callable[[Scenario], Iterable[str]] = lambda _: ()
+    table: dict[str, Any],
+    further: Callable[[Scenario], Iterable[str]] = lambda _: (),
+    where: Callable[[Location], str] = lambda _: "",
 ) -> tuple[Scenario | None, list[str]]:
     """The scenario, None if a key is invalid, and a line for each error; arguments as of
     `validate`.
@@ -148,7 +342,7 @@ def examined(
     try:
         scenario = Scenario.model_validate_json(to_json(table), context=KEYS_ALONE)
     except ValidationError as error:
-        return None, lines_of(error)
+        return None, lines_of(error, where)
     return scenario, [f"  {text}" for text in (*scenario.inconsistencies(), *further(scenario))]
 
 
@@ -156,18 +350,37 @@ def validate(
     table: Mapping[str, Any],
     source: str,
     further: Callable[[Scenario], Iterable[str]] = lambda _: (),
+    where: Callable[[Location], str] = lambda _: "",
 ) -> Scenario:
     """A scenario from a table of keys; ScenarioError with a line for every error, as many as a
     screen holds.
 
     `source` is the name of the file, for messages; `further` lists more errors of a scenario whose
-    keys are valid, as `sim.feasibility` does.
+    keys are valid, as `sim.feasibility` does; `where` is as of `lines_of`.
     """
-    scenario, lines = examined(plain_values(table), further)
+    try:
+        values = plain_values(table)
+    except ScenarioError as error:
+        raise ScenarioError(f"{source}: 1 error\n  {error}") from None
+    scenario, lines = examined(values, further, where)
     if lines or scenario is None:
         head = f"{source}: {len(lines)} error{'s' if len(lines) != 1 else ''}"
         raise ScenarioError("\n".join(screenful([head, *lines])))
     return scenario
+
+
+def _toml(text: str) -> dict[str, Any]:
+    """The table in a TOML text; ScenarioError with the reason alone if it is none."""
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ScenarioError(f"tables and lists more than {DEEPEST} deep") from None
+    except ValueError as error:
+        reason = str(error).partition("; use sys.")[0]
+        number = re.search(r"\d[\d_]{999}", text)
+        if number is not None and "\n" in text and not isinstance(error, tomllib.TOMLDecodeError):
+            reason += f" (at line {text.count(chr(10), 0, number.start()) + 1})"
+        raise ScenarioError(f"not valid TOML: {shortened(plain(reason), 300)}") from error
 
 
 def parse(text: str, source: str) -> dict[str, Any]:
@@ -175,9 +388,9 @@ def parse(text: str, source: str) -> dict[str, Any]:
     syntax error.
     """
     try:
-        return plain_values(tomllib.loads(text))  # type: ignore[no-any-return]
-    except ValueError as error:
-        raise ScenarioError(f"{source}: not valid TOML: {shortened(plain(error), 300)}") from error
+        return plain_values(_toml(text))  # type: ignore[no-any-return]
+    except ScenarioError as error:
+        raise ScenarioError(f"{source}: {error}") from error
 
 
 def read(path: Path) -> dict[str, Any]:
@@ -192,11 +405,21 @@ def read(path: Path) -> dict[str, Any]:
 
 
 def value_of(text: str) -> Any:
-    """A value on the command line: TOML, or text without quotes."""
+    """A value on the command line: TOML, or text without quotes; ScenarioError if it is beyond
+    what `plain_values` takes.
+    """
     try:
-        return plain_values(tomllib.loads(f"value = {text}")["value"])
+        table = tomllib.loads(f"value = {text}")
     except tomllib.TOMLDecodeError:
-        return text
+        table = {}
+    except (RecursionError, ValueError):
+        table = _toml(f"value = {text}")
+    # more than one key: the text goes on in another line
+    return plain_values(table["value"] if [*table] == ["value"] else text)
+
+
+def _parts_of(key: str) -> list[int | str]:
+    return [int(part) if _INDEX.fullmatch(part) else part for part in key.split(".")]
 
 
 def _put(table: dict[str, Any], key: str, value: object) -> None:
@@ -204,13 +427,29 @@ def _put(table: dict[str, Any], key: str, value: object) -> None:
     table or list.
     """
     place: Any = table
-    *parents, last = (int(part) if _INDEX.fullmatch(part) else part for part in key.split("."))
-    try:
-        for part in parents:
-            place = place.setdefault(str(part), {}) if isinstance(place, dict) else place[part]
-        place[str(last) if isinstance(place, dict) else last] = value
-    except (IndexError, ValueError, TypeError):
-        raise ScenarioError(f"{shortened(plain(key), 100)} is no key of this scenario") from None
+    parts = _parts_of(key)
+    for n, part in enumerate(parts):
+        index = str(part) if isinstance(place, dict) else part
+        if isinstance(place, dict):
+            place.setdefault(index, {})
+        elif not (isinstance(place, list) and isinstance(index, int) and index < len(place)):
+            text = f"{shortened(plain(key), 100)} is no key of this scenario"
+            raise ScenarioError(f"{text}{_list_hint(place, parts, n)}")
+        if n == len(parts) - 1:
+            place[index] = value
+        else:
+            place = place[index]
+
+
+def _list_hint(place: Any, parts: list[int | str], n: int) -> str:
+    """What to write for the members of a list, if a key of n parts leads to one."""
+    if not isinstance(place, list) or not place:
+        return ""
+    name = ".".join(map(str, parts[:n]))
+    if isinstance(parts[n], int):
+        return f"; {name} has {len(place)}, of which the last is {name}.{len(place) - 1}"
+    rest = ".".join(map(str, parts[n:]))
+    return f"; did you mean {name}.0.{rest} of the first, or {name}.*.{rest} of all?"
 
 
 def dotted(
@@ -231,19 +470,30 @@ def dotted(
     return found
 
 
+def _each(table: Mapping[str, Any], key: str) -> list[str]:
+    """A dotted key with each number in place of "*", of a list that is there."""
+    before, every, rest = key.partition(".*.")
+    if not every:
+        return [key]
+    place: Any = table
+    for part in _parts_of(before):
+        if isinstance(place, list) and isinstance(part, int) and part < len(place):
+            place = place[part]
+        else:
+            place = place.get(str(part)) if isinstance(place, Mapping) else None
+    if not isinstance(place, list):
+        raise ScenarioError(f"{shortened(plain(key), 100)}: the scenario has no list {before}")
+    numbered = (f"{before}.{i}.{rest}" for i in range(len(place)))
+    return [one for number in numbered for one in _each(table, number)]
+
+
 def assigned(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
     """A copy of a table with values put at dotted keys, such as `followers.0.depth_m`, or
-    `followers.*.depth_m`.
+    `followers.*.depth_m` for all; ScenarioError if a key leads through what is no table or list.
     """
     result: dict[str, Any] = plain_values(table)
     for name, value in settings.items():
-        key = str(name).strip()
-        followers = result.get("followers", [{}])
-        before, every, rest = key.partition("followers.*.")
-        if every and not before and isinstance(followers, list):
-            for i in range(len(followers)):
-                _put(result, f"followers.{i}.{rest}", plain_values(value))
-        else:
+        for key in _each(result, str(name).strip()):
             _put(result, key, plain_values(value))
     return result
 
@@ -260,5 +510,8 @@ def values_of(assignments: Iterable[str], option: str = "--set") -> dict[str, An
             raise ScenarioError(
                 f"{option} {given}: expected key=value, such as sensors.speed_bias_m_s=0.1"
             )
-        found[key.strip()] = value_of(value.strip())
+        try:
+            found[key.strip()] = value_of(value.strip())
+        except ScenarioError as error:
+            raise ScenarioError(f"{option} {shortened(plain(key), 100)}: {error}") from None
     return found

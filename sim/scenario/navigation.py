@@ -2,6 +2,7 @@
 navigator is made of.
 """
 
+import difflib
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, cast
@@ -195,9 +196,10 @@ class Navigation(FurtherKeys):
     @classmethod
     def _known(cls, name: str) -> str:
         if name not in NAVIGATORS and not is_plugin_name(name):
-            raise ValueError(
-                f"Input should be {', '.join(map(repr, NAVIGATORS))} or 'module:Class' of a plugin"
-            )
+            close = difflib.get_close_matches(name.lower(), NAVIGATORS, n=1, cutoff=0.6)
+            meant = f"; did you mean {close[0]!r}?" if close else ""
+            names = ", ".join(map(repr, NAVIGATORS))
+            raise ValueError(f"Input should be {names} or 'module:Class' of a plugin{meant}")
         return name
 
     @field_validator("transmitters_m")

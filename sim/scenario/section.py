@@ -6,7 +6,7 @@ import ast
 import inspect
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar, cast, get_args, get_type_hints
@@ -31,7 +31,16 @@ Angle = Annotated[float, Field(ge=-360, le=360)]
 Chance = Annotated[float, Field(ge=0, le=1)]
 Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
 Speed = Annotated[float, Field(gt=0, le=5)]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+_NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
+Name = Annotated[str, Field(pattern=_NAME)]
+OWN_CLASS = r"^\w+(:\w+)?$"
+SENSOR_CLASS = r"^([\w.]+:[\w.]+|inverted-usbl)$"
+PATTERNS = {
+    _NAME: "1 to 64 letters A to Z, digits, '_', '.' or '-', the first a letter or digit",
+    OWN_CLASS: "the class of a plugin, module:Class",
+    SENSOR_CLASS: '"inverted-usbl", or the class of a plugin, module:Class',
+}
+"""What patterns of texts mean, for messages; what is in double quotes is a value."""
 Kind = TypeVar("Kind", bound="Section")
 LISTED = Strict(False)  # lets a tuple be given as a list too, as a TOML file has it
 
@@ -40,6 +49,13 @@ class PerRun:
     """In the annotation of a key: it changes what runs read and nothing before, as random errors
     and biases do.
     """
+
+
+@dataclass(frozen=True)
+class Because:
+    """In the annotation of a key: why its bounds are what they are, for messages."""
+
+    text: str
 
 
 CONTROL_STEP_S = 0.1  # interval of the autopilot and of the recorded truth [s]

@@ -7,6 +7,7 @@ from pydantic import ConfigDict, Field, create_model, model_validator
 from sim.scenario.section import (
     LISTED,
     MOST_POINTS,
+    SENSOR_CLASS,
     Angle,
     Chance,
     NonNegative,
@@ -59,7 +60,7 @@ class OwnSensor(Section):
 
     sensor: str = Field(
         description="inverted-usbl, or class, as module:Class",
-        pattern=r"^([\w.]+:[\w.]+|inverted-usbl)$",
+        pattern=SENSOR_CLASS,
     )
 
 

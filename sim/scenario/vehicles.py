@@ -1,5 +1,6 @@
 """What a user may set of the vehicles: routes, depths, hulls."""
 
+import difflib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -12,6 +13,8 @@ from sim.scenario.routes import FOLLOWER_DEPTH, LEADER_DEPTH
 from sim.scenario.section import (
     LISTED,
     MOST_POINTS,
+    OWN_CLASS,
+    Because,
     Coordinate,
     Name,
     NonNegative,
@@ -33,6 +36,16 @@ TimedDepth = Annotated[tuple[NonNegative, NonNegative], LISTED]
 def is_mjcf(model: str) -> bool:
     """Whether this is the text of a hull, and not the name of its file."""
     return model.lstrip().startswith("<")
+
+
+def _vehicle_hint(model: str) -> str:
+    """The vehicles, for the name of a file that has no ending and cannot be read."""
+    name = Path(model).name
+    if Path(model).suffix:
+        return ""
+    close = difflib.get_close_matches(name.lower(), models.VEHICLES, n=1, cutoff=0.5)
+    meant = f"did you mean {close[0]!r}? " if close else ""
+    return f"; {meant}vehicles: {', '.join(models.VEHICLES)}, or the file of an own hull"
 
 
 class Vehicle(Section):
@@ -99,7 +112,7 @@ class Vehicle(Section):
         try:
             text = read_text(Path(model), LONGEST_MODEL)
         except LaisnError as error:
-            raise ValueError(f"cannot be read: {error}") from None
+            raise ValueError(f"cannot be read: {error}{_vehicle_hint(model)}") from None
         if not is_mjcf(text):
             raise ValueError("cannot be read: it is no XML")
         return text
@@ -118,14 +131,22 @@ class Vehicle(Section):
         return self
 
 
+_TRANSMITTERS_NEAR = (
+    "the transmitters are on the leader's hull of 2 m, or a little beyond its ends; an own hull "
+    "(leader.model) has them anywhere"
+)
+
+
 class Leader(Vehicle):
     """The vehicle with the transmitters."""
 
     route: Name | None = Field("L", description="library route: L, T2 … T9")
-    baseline_m: Annotated[float, Field(ge=0.01, le=2.4)] | None = Field(
-        2.0, description="L, rear to front transmitter; default on an own hull: its sites"
-    )
-    middle_offset_m: Annotated[float, Field(ge=0.001, le=0.5)] | None = Field(
+    baseline_m: Annotated[
+        Annotated[float, Field(ge=0.01, le=2.4)] | None, Because(_TRANSMITTERS_NEAR)
+    ] = Field(2.0, description="L, rear to front transmitter; default on an own hull: its sites")
+    middle_offset_m: Annotated[
+        Annotated[float, Field(ge=0.001, le=0.5)] | None, Because(_TRANSMITTERS_NEAR)
+    ] = Field(
         0.1,
         description="H_T, port offset of the middle transmitter; default on an own hull: its site",
     )
@@ -165,7 +186,7 @@ class Follower(Vehicle):
         None,
         description="position used for guidance; default: truth on a route, estimate on a station",
     )
-    controller: Annotated[str, Field(pattern=r"^\w+(:\w+)?$")] | None = Field(
+    controller: Annotated[str, Field(pattern=OWN_CLASS)] | None = Field(
         None, description="own controller, module:Class; route or station give the start"
     )
     sensors: FollowerSensors = Field(

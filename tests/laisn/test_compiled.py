@@ -1,5 +1,6 @@
 """Compiled code from the cache: never of other sources, never of another user."""
 
+import errno
 import os
 import re
 import shutil
@@ -126,7 +127,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     found = compilation.find_folder()
     assert found is not None
-    assert found.parents[1] == tmp_path / "laisn-sim" / "compiled"
+    assert found.parent == tmp_path / "laisn-sim" / "compiled"
     monkeypatch.setattr(compilation, "FOLDER", found)
     return found
 
@@ -148,7 +149,7 @@ def files(folder: Path) -> list[Path]:
 
 def test_code_is_stored_in_a_private_folder(folder: Path) -> None:
     assert [added(), added()] == [0, 1]
-    assert folder.parents[1].stat().st_mode & 0o777 == 0o700
+    assert folder.parent.stat().st_mode & 0o777 == 0o700
     assert {path.suffix for path in files(folder)} == {".nbi", ".nbc"}
 
 
@@ -156,8 +157,9 @@ def test_code_is_stored_in_a_private_folder(folder: Path) -> None:
 def test_a_folder_that_others_can_enter_is_not_used(
     folder: Path, monkeypatch: pytest.MonkeyPatch, mode: int
 ) -> None:
-    folder.parents[1].chmod(mode)
-    assert compilation.find_folder() is None
+    folder.parent.chmod(mode)
+    with pytest.warns(compilation.UnstoredCode, match="only this user can enter"):
+        assert compilation.find_folder() is None
     monkeypatch.setattr(compilation, "FOLDER", None)
     assert [added(), added()] == [0, 0]
     assert files(folder) == []
@@ -167,17 +169,20 @@ def test_a_folder_of_another_user_is_not_used(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
-    assert compilation.find_folder() is None
+    with pytest.warns(compilation.UnstoredCode):
+        assert compilation.find_folder() is None
 
 
 def test_a_link_or_a_file_in_the_folder_s_place_is_not_used(folder: Path) -> None:
-    place, elsewhere = folder.parents[1], folder.parents[2] / "elsewhere"
+    place, elsewhere = folder.parent, folder.parents[1] / "elsewhere"
     place.rename(elsewhere)
     place.symlink_to(elsewhere)
-    assert compilation.find_folder() is None
+    with pytest.warns(compilation.UnstoredCode, match=str(place)):
+        assert compilation.find_folder() is None
     place.unlink()
     place.write_text("no folder")
-    assert compilation.find_folder() is None
+    with pytest.warns(compilation.UnstoredCode, match="File exists"):
+        assert compilation.find_folder() is None
 
 
 @pytest.mark.parametrize("home", ["/dev/null", "/proc/none"])
@@ -207,7 +212,7 @@ def test_other_errors_leave_compiled_code_alone(folder: Path) -> None:
 
 
 def test_code_of_versions_that_were_not_used_for_a_week_is_removed(folder: Path) -> None:
-    present, now = folder.parent, time.time()
+    present, now = folder, time.time()
     for days in (6, 8, 100):
         other = present.with_name(f"{days:016x}")
         other.mkdir()
@@ -218,36 +223,101 @@ def test_code_of_versions_that_were_not_used_for_a_week_is_removed(folder: Path)
     assert set(present.parent.iterdir()) == {present, present.with_name(f"{6:016x}")}
 
 
-def test_processes_side_by_side_store_code_apart_and_a_later_one_finds_what_each_has_stored(
-    tmp_path: Path,
-) -> None:
-    """In one folder, both first signatures of a function would get one file name and one of them
-    the other's code.
-    """
+def test_two_processes_that_compile_at_once_lose_no_code_of_each_other(tmp_path: Path) -> None:
+    """Both begin with an empty index of the function, and each stores its first signature."""
     pair = [child(ADDS.format(kind=kind, wait=True), tmp_path) for kind in ("float", "complex")]
-    places = [process.stdout.readline().split()[0] for process in pair if process.stdout]
+    places = {process.stdout.readline().split()[0] for process in pair if process.stdout}
     for process in pair:
-        process.communicate("\n", timeout=120)
-    assert sorted(Path(place).name for place in places) == ["0", "1"]
+        assert process.stdin
+        process.stdin.write("\n")
+        process.stdin.flush()
+    for process in pair:
+        process.communicate(timeout=120)
+        assert process.returncode == 0
+    (place,) = places
     results = []
-    for kind in ("float", "complex", "float", "complex"):
+    for kind in ("float", "complex"):
         out, errors = child(ADDS.format(kind=kind, wait=False), tmp_path).communicate(timeout=120)
         assert not errors
-        results.append(out.split()[1:])
-    assert [total for total, _ in results] == ["4.0", "(4+0j)"] * 2
-    assert [int(hits) for _, hits in results[2:]] == [1, 1]
+        results.append(out.split())
+    assert results == [[place, "4.0", "1"], [place, "(4+0j)", "1"]]
+    # nothing grows with the number of processes
+    assert [path.name for path in Path(place).parent.iterdir()] == [Path(place).name]
+    assert len(files(Path(place))) == 3
 
 
-def test_links_give_a_process_the_code_that_another_one_holds(
+def test_an_index_that_another_process_has_written_meanwhile_keeps_its_entry(
+    folder: Path,
+) -> None:
+    """As if both had read the empty index before either of them wrote."""
+    first = compiled_lanes(lane_flight.fill_histograms.py_func)
+    second = compiled_lanes(lane_flight.fill_histograms.py_func)
+    bins = np.zeros(2 * LANES, dtype=np.int64)
+    first(bins, np.zeros((2, 1)), 4)
+    second(bins, np.zeros((2, 1), dtype=np.complex128), 4)
+    third = compiled_lanes(lane_flight.fill_histograms.py_func)
+    for counts in (np.zeros((2, 1)), np.zeros((2, 1), dtype=np.complex128)):
+        third(bins, counts, 4)
+        assert counts[0, 0] == 4.0
+    assert sum(third.stats.cache_hits.values()) == 2
+    assert compilation.count_stored() == 2
+
+
+CUSTOM = """
+import sys
+from typing import NamedTuple
+import numpy as np
+import laisn.compiled as compilation
+from sim import simulation
+from laisn.compiled import compiled
+{imports}
+
+class Pair(NamedTuple):
+    first: float
+    second: float
+
+@compiled
+def total(pair):
+    return pair[0] + pair[1]
+
+total._cache = compilation._Cache(simulation.standing)
+print(total({argument}), sum(total.stats.cache_hits.values()))
+"""
+
+
+def test_a_type_of_the_user_s_is_in_no_index(tmp_path: Path) -> None:
+    """A process that cannot import its class reads the index of the same function."""
+    (tmp_path / "mine.py").write_text(
+        "from typing import NamedTuple\nclass Mine(NamedTuple):\n    a: float\n    b: float\n"
+    )
+    cache = tmp_path / "cache"
+    path = f"sys.path.append({str(tmp_path)!r}); import mine"
+    programs = [
+        CUSTOM.format(imports=path, argument="mine.Mine(1.0, 2.0)"),
+        CUSTOM.format(imports="", argument="(1.0, 2.0)"),
+        CUSTOM.format(imports="", argument="(1.0, 2.0)"),
+        CUSTOM.format(imports=path, argument="mine.Mine(1.0, 2.0)"),
+    ]
+    results = []
+    for program in programs:
+        out, errors = child(program, cache).communicate(timeout=120)
+        assert not errors
+        results.append(out.split())
+    assert results == [["3.0", "0"], ["3.0", "0"], ["3.0", "1"], ["3.0", "0"]]
+    (index,) = cache.rglob("*.nbi")
+    assert b"mine" not in index.read_bytes()
+
+
+def test_a_folder_without_room_is_named_and_costs_nothing_but_time(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert added() == 0
-    second = compilation.find_folder()
-    assert second is not None
-    assert second != folder
-    monkeypatch.setattr(compilation, "FOLDER", second)
-    assert added() == 1
-    assert compilation.count_stored() == 1
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(compilation._Files, "save", full)
+    with pytest.warns(compilation.UnstoredCode, match=f"{folder}.*No space left.*make room there"):
+        assert added() == 0
+    assert files(folder) == []
 
 
 def _adding(number: float) -> object:

@@ -132,7 +132,7 @@ def test_defaults_are_the_papers() -> None:
             "mine.toml: 1 error\n  followers[0].waypoints[1]",
         ),
         ({"epoch": "yesterday"}, "epoch: Invalid isoformat string: 'yesterday'"),
-        ({"name": "a/b"}, "name: String should match pattern"),
+        ({"name": "a/b"}, "name: expected 1 to 64 letters A to Z"),
     ],
 )
 def test_an_error_reports_file_key_and_expectation(change: dict[str, Any], expected: str) -> None:

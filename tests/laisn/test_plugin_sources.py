@@ -1,0 +1,267 @@
+"""What a plugin reaches is read anew, so that no result of other code is shown or stored; its
+faults are told as the user's own.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+import laisn_sim
+from experiments.campaign.store import key_of
+from experiments.command.cli import app
+from laisn.custom_sources import Sources
+from laisn.failure import LaisnError
+
+NAVIGATOR = """
+import numpy as np
+from laisn.estimates import Estimates, FixKind
+{imports}
+
+class Nav:
+    def __init__(self, settings, start):
+        self.settings, self.start = settings, start
+
+    def run(self, measured):
+        n, m = measured.speed.size, measured.message_step.size
+        state = np.zeros((n, 4))
+        state[:, :2] = self.start[:2]
+        {further}
+        return Estimates(
+            state=state,
+            covariance=np.full((n, 4, 4), np.nan),
+            fix_step=measured.message_step,
+            fix_position=np.full((m, 2), np.nan),
+            fix_sigma=np.full(m, np.nan),
+            fix_kind=np.full(m, FixKind.LOST),
+            innovation=np.full((m, 2), np.nan),
+            innovation_covariance=np.full((m, 2, 2), np.nan),
+        )
+"""
+SETTINGS = {"duration_s": 2.0, "motion": "kinematic", "navigation.variant": "mynav:Nav"}
+OPTIONS = [word for key, value in SETTINGS.items() for word in ("--set", f"{key}={value}")]
+HELPED = {"imports": "from helper import GAIN", "further": "state[:, 0] += GAIN"}
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_plugins: None) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "300")
+    return tmp_path
+
+
+def write(*, imports: str = "", further: str = "pass") -> None:
+    """Write a navigator that stays where it starts."""
+    Path("mynav.py").write_text(NAVIGATOR.format(imports=imports, further=further))
+
+
+def command(*arguments: str) -> Result:
+    return CliRunner().invoke(app, [*arguments, "--plugin", "mynav.py"])
+
+
+def east_error(gain: float, workers: int) -> float:
+    """Error of a study of a navigator that adds a gain of a module beside it to its position."""
+    Path("helper.py").write_text(f"GAIN = {gain}\n")
+    laisn_sim.load_plugin("mynav.py")
+    results = laisn_sim.study(
+        "T5",
+        set=SETTINGS,
+        vary={"followers.0.depth_m": [10.0]},
+        runs=1,
+        out="out",
+        workers=workers,
+    )
+    (row,) = results.table.rows()
+    return float(row["e_p_mean_m"])
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_study_shows_the_results_of_a_helper_as_it_is_now() -> None:
+    """Also within a second and of the same size, which bytecode does not tell apart, and back."""
+    write(**HELPED)
+    errors = [east_error(gain, workers=1) for gain in (5e3, 7e3, 5e3)]
+    # the follower is within metres of its start
+    assert errors == pytest.approx([5e3, 7e3, 5e3], abs=5.0)
+    assert errors[0] == errors[2]
+    stored = len(list(Path("out/store").iterdir()))
+    assert east_error(7e3, workers=1) == errors[1]
+    assert len(list(Path("out/store").iterdir())) == stored
+
+
+CHANGES = """
+import os
+if not os.path.exists("changed"):
+    open("changed", "w").close()
+    open("helper.py", "w").write("GAIN = 7000.0\\n")
+"""
+
+
+@pytest.mark.usefixtures("folder")
+def test_an_edit_while_a_study_runs_ends_it() -> None:
+    """What the old code computes is not stored under the key of the new one, nor the reverse."""
+    write(imports=HELPED["imports"], further=CHANGES.strip().replace("\n", "\n        "))
+    Path("helper.py").write_text("GAIN = 5000.0\n")
+    options = ["--vary", "followers.0.depth_m=10,11,12", "--runs", "1", "--workers", "1"]
+    result = command("study", "T5", *OPTIONS, *options)
+    assert result.exit_code == 2, result.output
+    assert "changed while the study ran; run it again" in result.output
+    assert command("study", "T5", *OPTIONS, *options).exit_code == 0
+
+
+@pytest.mark.usefixtures("folder")
+def test_loading_after_an_edit_gives_the_new_module() -> None:
+    write(**HELPED)
+    Path("helper.py").write_text("GAIN = 5.0\n")
+    first = laisn_sim.load_plugin("mynav.py")
+    assert laisn_sim.load_plugin("mynav.py") is first
+    Path("helper.py").write_text("GAIN = 7.0\n")
+    second = laisn_sim.load_plugin("mynav.py")
+    assert (first.GAIN, second.GAIN, sys.modules["helper"].GAIN) == (5.0, 7.0, 7.0)
+    Path("mynav.py").write_text("GAIN = 9.0\n")
+    assert laisn_sim.load_plugin("mynav.py").GAIN == 9.0
+
+
+def test_the_sources_of_a_plugin_are_all_files_of_the_user_s_that_it_reaches(folder: Path) -> None:
+    files = {
+        "mine.py": "import first, numpy, json\nimport laisn.fix\nfrom parts import second",
+        "first.py": "def late():\n    from parts.inner import third\n    return open('gains.csv')",
+        "parts/second.py": "from . import fourth\nimport importlib\n"
+        "fifth = importlib.import_module('fifth')",
+        "parts/fourth.py": "",
+        "parts/inner/__init__.py": "from .third import x",
+        "parts/inner/third.py": "x = 1",
+        "fifth.py": "def broken(",
+        "gains.csv": "1,2",
+        "other.py": "",
+        "other.csv": "",
+    }
+    for name, text in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+    sys.path.append(str(folder))
+    reached = Sources.of(folder / "mine.py")
+    assert {str(path.relative_to(folder)) for path in reached.files} == {*files} - {
+        "other.py",
+        "other.csv",
+    }
+    for name in sorted(files):
+        before = Sources.of(folder / "mine.py")
+        (folder / name).write_text(f"{files[name]} ")
+        after = Sources.of(folder / "mine.py")
+        assert (before.digest == after.digest) == name.startswith("other")
+        assert before.unchanged == name.startswith("other")
+
+
+@pytest.mark.usefixtures("folder")
+def test_the_key_of_a_result_holds_what_a_plugin_imports() -> None:
+    write(**HELPED)
+    Path("helper.py").write_text("GAIN = 5.0\n")
+    laisn_sim.load_plugin("mynav.py")
+    scenario = laisn_sim.load("T5", SETTINGS)
+    first = key_of(scenario)
+    Path("helper.py").write_text("GAIN = 7.0\n")
+    second = key_of(scenario)
+    # and what is flown is what the key says
+    assert sys.modules["helper"].GAIN == 7.0
+    Path("helper.py").write_text("GAIN = 5.0\n")
+    os.utime("helper.py", (0, 0))
+    assert [key_of(scenario) == key for key in (first, second)] == [True, False]
+
+
+FAULTS = [
+    ("1 / 0", "ZeroDivisionError: division by zero"),
+    ("raise SystemExit(3)", "it ends the program (SystemExit: 3)"),
+    ("__import__('sys').exit('enough')", "it ends the program (SystemExit: enough)"),
+    ("raise type('Odd', (Exception,), {'__reduce__': None})('x')", "Odd: x"),
+    ("open('gains.txt')", "FileNotFoundError"),
+]
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(("fault", "expected"), FAULTS)
+@pytest.mark.parametrize("workers", [0, 1, 2])
+def test_a_fault_of_a_plugin_names_file_line_and_calls(
+    fault: str, expected: str, workers: int
+) -> None:
+    """In a flight (0), in a study, and in one whose workers are other processes."""
+    write(imports=f"def deeper():\n    {fault}\n", further="deeper()")
+    arguments = ["fly", "T5", *OPTIONS, "--no-video"]
+    if workers:
+        arguments = ["study", "T5", *OPTIONS, "--vary", "followers.0.depth_m=10,11"]
+        arguments += ["--runs", "1", "--workers", str(workers)]
+    result = command(*arguments)
+    assert result.exit_code == 2, result.output
+    assert "bug" not in result.output
+    lines = [line.strip() for line in result.stderr.splitlines()]
+    begin = next(i for i, line in enumerate(lines) if line.startswith("laisn: plugin"))
+    file = Path("mynav.py").resolve()
+    assert lines[begin].startswith(f"laisn: plugin {file}: {expected}")
+    source = file.read_text().splitlines()
+    number = source.index(f"    {fault}") + 1
+    assert f'File "{file}", line {number}, in deeper' in lines
+    assert lines[lines.index(f'File "{file}", line {number}, in deeper') + 1] == fault
+    assert any(line.endswith("in run") for line in lines)
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("further", "expected"),
+    [
+        ("state[4:, 1] = np.nan", "navigator Nav: its estimate at 0.5 s is [0.0, nan"),
+        ("return {}", "navigator Nav returned dict from `run`"),
+        (
+            "state, n = state[1:], n - 1",
+            "navigator Nav: its states have the shape (19, 4); expected (20, 4)",
+        ),
+    ],
+)
+@pytest.mark.parametrize("study", [False, True])
+def test_what_no_estimate_can_be_names_the_class(further: str, expected: str, study: bool) -> None:
+    write(imports="", further=f"state[:, 0] = 0.0\n        {further}")
+    arguments = ["fly", "T5", *OPTIONS, "--no-video"]
+    if study:
+        arguments = ["study", "T5", *OPTIONS, "--vary", "followers.0.depth_m=10", "--workers", "1"]
+    result = command(*arguments)
+    assert result.exit_code == 2, result.output
+    assert expected in result.output
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("class Nav:\n    step = run = print\n    def __init__(self): pass", "navigator Nav: "),
+        (
+            "class Nav:\n    def __init__(self, s, start): pass\n    def step(self, own): pass",
+            "navigator Nav: step: ",
+        ),
+        (
+            "class Nav:\n    def __init__(self, s, start): self.state = 'here'\n"
+            "    def step(self, own, reception, dt): pass",
+            "navigator Nav: its `state` is 'here'; expected numbers of shape (4,)",
+        ),
+    ],
+)
+def test_a_class_that_takes_other_arguments_is_told_as_the_user_s(text: str, expected: str) -> None:
+    Path("mynav.py").write_text(text)
+    result = command("fly", "T5", *OPTIONS, "--no-video")
+    assert (result.exit_code, expected in result.output) == (2, True), result.output
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_plugin_that_ends_the_program_is_named() -> None:
+    Path("mynav.py").write_text("# ends\nraise SystemExit(3)\n")
+    result = command("check", "T5")
+    assert result.exit_code == 2
+    assert "mynav.py cannot be imported: it ends the program (SystemExit: 3)" in result.output
+    assert 'mynav.py", line 2' in result.output
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_plugin_that_is_not_there_is_named() -> None:
+    result = command("check", "T5")
+    assert (result.exit_code, "mynav.py: there is no such file" in result.output) == (2, True)
+    with pytest.raises(LaisnError, match="no such file"):
+        laisn_sim.load_plugin("nosuch.py")
