@@ -6,6 +6,7 @@ import errno
 import io
 import os
 import platform
+import re
 import shlex
 import signal
 import sys
@@ -121,8 +122,35 @@ def report_errors() -> Iterator[None]:
     raise typer.Exit(code)
 
 
+_MARKUP = re.compile(r"(\\*)(\[[a-z#/@][^\[]*?\])")
+"""What Rich takes for a style, and leaves out: a unit such as [m]."""
+_NARROWEST = 20
+
+
+def _show_units(command: Any) -> None:
+    """Let help texts of a command and its subcommands stand as they are written."""
+    for option in command.params:
+        if getattr(option, "help", None):
+            option.help = _MARKUP.sub(r"\1\1\\\2", option.help)
+    for inner in getattr(command, "commands", {}).values():
+        _show_units(inner)
+
+
 class Commands(TyperGroup):
     """Subcommands whose errors are reported by `report_errors`."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        # shells show help as it is
+        if not any(name.endswith("_COMPLETE") for name in os.environ):
+            _show_units(self)
+
+    def main(self, *arguments: Any, **options: Any) -> Any:
+        """Run the command, at least so wide that a word has room, whatever `COLUMNS` says."""
+        columns = os.environ.get("COLUMNS", "")
+        if columns and not (columns.isdecimal() and int(columns) >= _NARROWEST):
+            del os.environ["COLUMNS"]
+        return super().main(*arguments, **options)
 
     def invoke(self, ctx: Any) -> Any:
         with report_errors():

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from laisn.failure import plain, shortened
+from laisn.navigators import NAVIGATORS
 from sim.scenario.file import (
     LARGEST_BYTES,
     Location,
@@ -80,6 +81,13 @@ def _line_of(source: str, changes: Iterable[str]) -> Callable[[Location], str]:
     return lambda location: of_file()(location)
 
 
+def missing_extras(scenario: Scenario) -> list[str]:
+    """A line if the scenario's navigator needs a package that is not installed."""
+    variant = scenario.navigation.variant
+    missing = NAVIGATORS[variant].missing if variant in NAVIGATORS else ""
+    return [f"navigation.variant: {variant!r} {missing}"] if missing else []
+
+
 def _checked(
     table: Mapping[str, Any],
     changes: Mapping[str, Any],
@@ -91,7 +99,10 @@ def _checked(
     # neither
     from sim.feasibility import infeasibilities
 
-    return validate(assigned(table, changes), name, further=infeasibilities, where=where)
+    def further(scenario: Scenario) -> list[str]:
+        return [*missing_extras(scenario), *infeasibilities(scenario)]
+
+    return validate(assigned(table, changes), name, further=further, where=where)
 
 
 def load(source: str, assignments: Iterable[str], *, flyable: bool = False) -> Scenario:

@@ -13,7 +13,7 @@ from typing import Any
 from experiments.campaign.montecarlo import motion_key
 from experiments.campaign.plans import disturbance_of
 from experiments.campaign.progress import progress
-from experiments.flight.library import table_of, text_of
+from experiments.flight.library import missing_extras, table_of, text_of
 from experiments.study.design import follows_run, is_number, is_rule, points_of, value_at
 from experiments.study.file import ALONE, CASE, SCENARIO, Study, refusal
 from experiments.study.file import ARM as ARM
@@ -316,7 +316,8 @@ class _Examination:
     def _infeasibilities(self, motion: str, scenario: Scenario) -> list[str]:
         """Found once for all scenarios that move and are filmed alike."""
         if motion not in self._infeasibilities_of:
-            self._infeasibilities_of[motion] = infeasibilities(scenario)
+            lines = [*missing_extras(scenario), *infeasibilities(scenario)]
+            self._infeasibilities_of[motion] = lines
         return self._infeasibilities_of[motion]
 
     def _shared(self, scenario: Scenario) -> dict[str, Section]:

@@ -1,6 +1,7 @@
 """A study from its file to its folder: `laisn study` and `laisn_sim.study`."""
 
 import shlex
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -24,6 +25,7 @@ from experiments.flight.library import text_of
 from experiments.flight.tables import Table
 from experiments.pages import page as pages
 from experiments.study.estimate import Results, main_effects
+from experiments.study.extras import arms_left_out, installed
 from experiments.study.file import FOLDER, Study, built_in, study_of, table_in
 from experiments.study.measure import METRICS
 from experiments.study.plan import Entry, Plan, many, plan_of
@@ -35,7 +37,7 @@ from experiments.study.run import (
     of_one_type,
     run_tables,
 )
-from laisn.failure import LaisnError
+from laisn.failure import LaisnError, LaisnWarning
 from laisn.lanes import LANES
 from laisn.plugins import plugins_version
 from sim.system import atomic_write
@@ -169,6 +171,10 @@ def _film_worst(outcomes: Outcomes, folder: Path) -> Path:
     return render(fly(entry.scenario_at(run))[0], folder / "worst.mp4")
 
 
+class LeftOut(LaisnWarning):
+    """An arm of a built-in study is left out, since a package that it needs is not installed."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Package:
     """The modules of a built-in study in `experiments/studies`; without a name there are none."""
@@ -269,6 +275,11 @@ def run_studies(
     package = _Package(study=name)
     _require_film(film, package)
     options["plugins"] = plugins_version(refresh=True)
+    left_out = arms_left_out(studies) if package.study else {}
+    if left_out:
+        for title, reason in left_out.items():
+            warnings.warn(f"left out: {title}, which {reason}", LeftOut, stacklevel=2)
+        studies = installed(studies)
     plans = [plan_of(study, quiet=options.get("quiet", False)) for study in studies.values()]
     flown = fly_until_narrow(plans, folder, **options)
     _require_flown(flown, package)
@@ -280,7 +291,10 @@ def run_studies(
         _write_tables(of_part, folder / part if len(outcomes) > 1 else folder)
     findings = _write_record(outcomes, folder, command, package)
     if package.has_page:
-        _write_own_page(outcomes, folder, findings, package, quick=quick, film=film)
+        remarks = [f"{title}, which {reason}" for title, reason in left_out.items()]
+        _write_own_page(
+            outcomes, folder, findings, package, remarks=remarks, quick=quick, film=film
+        )
     else:
         _write_page(flown[0], folder, film=film)
 
@@ -307,6 +321,7 @@ def _write_own_page(
     findings: Findings,
     package: _Package,
     *,
+    remarks: Sequence[str],
     quick: bool,
     film: str,
 ) -> None:
@@ -319,6 +334,7 @@ def _write_own_page(
         ("runs", ", ".join(runs)),
         ("version", findings.version),
         ("repeat it", findings.command),
+        *(("left out", remark) for remark in remarks),
     ]
 
     def write(films: list[pages.Film]) -> None:

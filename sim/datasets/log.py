@@ -43,8 +43,8 @@ def read_data_set(path: Path) -> RangeData:
     reader = _READERS.get(path.suffix)
     if reader is None:
         raise LaisnError(
-            f"{path}: the name should end in .pyfg (a factor graph), or be that of a .mat or a "
-            "_DR.txt (a data set of ranging radios)"
+            f"{path}: the name should end in .csv (a table), .pyfg (a factor graph), "
+            "or be that of a .mat or a _DR.txt (a data set of ranging radios)"
         )
     return reader(path)
 

@@ -50,8 +50,8 @@ def rows(error: float, runs: int, routes: int, **more: float) -> Cells:
     return cells_of({"": found})
 
 
-@pytest.fixture(scope="module")
-def found() -> dict[str, Any]:
+def findings_without(navigator: str = "") -> dict[str, Any]:
+    """All findings of rows, but for those of a navigator that was left out."""
     errors = dict(
         zip(
             findings.NAVIGATORS,
@@ -90,7 +90,17 @@ def found() -> dict[str, Any]:
     }
     points["map inverted-usbl 20 0 2"] = rows(0.4, 4, 1)
     points["map inverted-usbl 200 0 2"] = rows(0.6, 4, 1)
-    return findings.findings_of_rows(arms, closed, points, dict.fromkeys(findings.NAVIGATORS, 12.5))
+    times = dict.fromkeys(findings.NAVIGATORS, 12.5)
+    if navigator:
+        arms = {case: cells for case, cells in arms.items() if case.split()[0] != navigator}
+        closed = {case: cells for case, cells in closed.items() if case.split()[0] != navigator}
+        del times[navigator]
+    return findings.findings_of_rows(arms, closed, points, times)
+
+
+@pytest.fixture(scope="module")
+def found() -> dict[str, Any]:
+    return findings_without()
 
 
 def test_every_case_is_valid_and_every_navigator_is_simulated(plans: dict[str, Plan]) -> None:
@@ -186,3 +196,20 @@ def test_the_page_is_made_of_the_record(found: dict[str, Any], tmp_path: Path) -
         "better in 1 of 36 points",
     ):
         assert title in page
+
+
+def test_the_page_is_made_without_what_was_left_out(tmp_path: Path) -> None:
+    whole = findings_without()
+    found = findings_without(findings.SLOW)
+    assert {key for key in whole if key not in found} == {
+        key for key in whole if findings.SLOW in key
+    } | {"slow-runs"}
+    record("rivals", "laisn rivals", ("experiments.studies.rivals.findings",), found).write(
+        tmp_path / "results.json"
+    )
+    kept = read(tmp_path / "results.json")
+    values = {"quick": True, "found": kept, **figures.values(kept, {})}
+    facts = [("left out", "factor graph, which needs GTSAM")]
+    page = render(page_of("experiments.studies.rivals", facts, values, kept))
+    assert page.count("factor graph") == 1
+    assert "the best rival, inverted USBL" in page

@@ -11,7 +11,7 @@ from experiments.pages.figures import Panel, marks, panel
 from experiments.pages.page import Figures, share_of
 from experiments.pages.style import FULL, SERIES, Legend
 from experiments.studies.rivals import findings as study
-from experiments.studies.rivals.findings import CONDITIONS, NAVIGATORS, USUAL, case_name
+from experiments.studies.rivals.findings import CONDITIONS, USUAL, case_name
 from experiments.study.run import Outcomes
 
 
@@ -19,11 +19,12 @@ def picture(findings: Findings) -> tuple[Panel, Legend]:
     """Mean position errors of all navigators in all conditions, messages every 5 s; a bar is a
     95 % interval.
     """
-    places = np.arange(len(NAVIGATORS), dtype=np.float64)[::-1]
+    navigators = study.navigators_in(findings.findings)
+    places = np.arange(len(navigators), dtype=np.float64)[::-1]
     lines = []
     legend = []
     for i, (condition, title) in enumerate(CONDITIONS.items()):
-        errors = [findings[f"error {case_name(name, condition, USUAL)}"] for name in NAVIGATORS]
+        errors = [findings[f"error {case_name(name, condition, USUAL)}"] for name in navigators]
         # a bar needs a positive end on a logarithmic axis
         errors = [f if f.low is None else replace(f, low=max(f.low, 1e-2)) for f in errors]
         lines.append(
@@ -37,7 +38,7 @@ def picture(findings: Findings) -> tuple[Panel, Legend]:
             )
         )
         legend.append((SERIES[i], title))
-    titles = dict(zip(places.tolist(), NAVIGATORS.values(), strict=True))
+    titles = dict(zip(places.tolist(), navigators.values(), strict=True))
     figure = panel(
         lines,
         x_label="mean E_P over the routes [m]",
@@ -56,6 +57,7 @@ def values(found: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
     figure, legend = picture(found)
     return {
         "study": study,
+        "navigators": study.navigators_in(found.findings),
         "share": lambda key: share_of(found[key]),
         "errors": Figures(panels=[figure], legend=legend),
     }

@@ -1,0 +1,65 @@
+"""What help texts show: every unit, at any width."""
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from experiments.command.cli import app
+
+UNIT = re.compile(r"\[[^\]]*\]")
+
+
+def commands(command: Any, words: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """The words of every command and subcommand."""
+    yield words
+    for name, inner in getattr(command, "commands", {}).items():
+        yield from commands(inner, (*words, name))
+
+
+ALL = [*commands(typer.main.get_command(app))]
+
+
+def shown(*words: str) -> str:
+    """The text of a command's help, on one line, without its frame."""
+    result = CliRunner().invoke(app, [*words, "--help"])
+    assert result.exit_code == 0
+    return " ".join(re.sub("[│╭╮╰╯─]", " ", result.output).split())
+
+
+def command_at(words: tuple[str, ...]) -> Any:
+    command: Any = typer.main.get_command(app)
+    for word in words:
+        command = command.commands[word]
+    return command
+
+
+@pytest.mark.parametrize("words", ALL, ids=" ".join)
+def test_every_help_text_shows_what_is_in_brackets(words: tuple[str, ...]) -> None:
+    """Every text is declared with them; Rich takes [m] for a style unless it is escaped."""
+    text = shown(*words)
+    for option in command_at(words).params:
+        declared = str(getattr(option, "help", "") or "").replace("\\[", "[")
+        for unit in UNIT.findall(declared):
+            assert unit in text
+
+
+def test_units_of_hulls_and_films_are_shown() -> None:
+    hull = shown("hull")
+    assert "length of the hull [m]" in hull
+    assert "mass with all that floods [kg]; the hull is neutral" in hull
+    assert "diameter of the propeller [m]; default: 0.7 of the hull" in hull
+    assert "one picture at mission time T [s]" in shown("render")
+
+
+@pytest.mark.parametrize("columns", ["0", "1", "-5", "wide", ""])
+def test_a_terminal_of_no_width_shows_everything(
+    columns: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    assert "length of the hull [m]" in shown("hull")
+    monkeypatch.setenv("COLUMNS", columns)
+    assert "following-sea" in CliRunner().invoke(app, ["scenarios"]).output
