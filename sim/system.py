@@ -23,7 +23,7 @@ _M_MMAP_THRESHOLD = -3  # of malloc.h of the GNU C library
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
     """Yield a path for the block to create a file at, which replaces `path`, whole, when the
-    block has succeeded.
+    block has succeeded. An OSError of the block that names no file, as of a full disk, names it.
     """
     part = path.with_name(f".{path.name}.{secrets.token_hex(6)}.part")
     try:
@@ -31,6 +31,10 @@ def atomic_write(path: Path) -> Iterator[Path]:
         with part.open("rb") as file:
             os.fsync(file.fileno())
         os.replace(part, path)
+    except OSError as error:
+        if error.errno is None or error.filename is not None:
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from error
     finally:
         part.unlink(missing_ok=True)
 

@@ -95,7 +95,7 @@ def _hint(location: Location) -> str:
     """What an unknown key may have meant."""
     name = shortened(str(location[-1]), 80)
     known = _keys(location[:-1])
-    elsewhere = _all_keys().get(name, [])
+    elsewhere = sorted(_all_keys().get(name, []), key=lambda key: key.count("."))
     section = [key for key in elsewhere if key.partition(".")[0] == str(location[0])]
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
     closest = difflib.get_close_matches(name, known, n=1, cutoff=0.75)

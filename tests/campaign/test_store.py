@@ -1,5 +1,7 @@
 """Stored results: no damage changes a number, and processes may share a folder."""
 
+import errno
+import os
 import subprocess
 import sys
 import warnings
@@ -8,9 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+import typer
 
 from experiments.campaign.store import Arrays, DamagedResult, Record, Store, read_table, write_table
 from experiments.campaign.version import ROOT
+from experiments.command.errors import report_errors
 from laisn.failure import LaisnError
 
 KEY, OTHER = "0123456789abcdef01234567", "76543210fedcba9876543210"
@@ -174,3 +178,23 @@ def test_processes_that_share_a_folder_never_fail(tmp_path: Path) -> None:
         _, words = child.communicate(timeout=300)
         assert child.returncode == 0, words
     assert sorted(p.name for p in folder.rglob("*")) == [f"{KEY}.npz", "campaign.json", "store"]
+
+
+def test_a_full_disk_names_the_file_that_had_no_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As the system reports it while a file is written: without a name."""
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    store = Store(tmp_path)
+    monkeypatch.setattr(np, "savez", full)
+    with pytest.raises(OSError, match="No space left") as caught:
+        store.put("a", {}, {})
+    assert caught.value.filename == str(store.path("a"))
+    assert [path.name for path in (tmp_path / "store").iterdir()] == []
+    with pytest.raises(typer.Exit) as ended, report_errors():
+        raise caught.value
+    assert ended.value.exit_code == 2
+    assert "make room there, or choose another folder" in capsys.readouterr().err
