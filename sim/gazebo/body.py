@@ -170,7 +170,7 @@ def _share(name: str, link: Element, frame: Floats, remarks: Remarks) -> Share:
         mass = child_number(inertial, "mass", 1.0)
         centre = own[:3, 3]
         inertia = own[:3, :3] @ _tensor(name, inertial, remarks) @ own[:3, :3].T
-    if not 0.0 <= mass < np.inf:
+    if mass < 0.0:
         raise LaisnError(f"<mass> of link {name!r} must not be negative (given: {mass:g})")
     if child_text(link, "gravity").lower() in ("0", "false"):
         remarks.of("link", name, "<gravity> is off in Gazebo; its weight is counted here")

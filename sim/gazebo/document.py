@@ -3,7 +3,6 @@
 Gazebo's parser knows no namespaces: `gz:type` is a name like any other, declared or not.
 """
 
-import math
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -111,12 +110,12 @@ def numbers(text: str | None, count: int, label: str, largest: float = LARGEST) 
     return values
 
 
-def child_number(parent: Element, name: str, default: float) -> float:
-    """Number of a child element, or the default where there is none; infinite ones are read."""
+def child_number(parent: Element, name: str, default: float, largest: float = LARGEST) -> float:
+    """Number of a child element within ± `largest`, or the default where there is none."""
     child = parent.find(name)
     if child is None:
         return default
-    return float(numbers(child.text, 1, f"<{name}>", math.inf)[0])
+    return float(numbers(child.text, 1, f"<{name}>", largest)[0])
 
 
 def child_text(parent: Element, path: str) -> str:

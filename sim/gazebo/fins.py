@@ -170,8 +170,8 @@ def _hinge(
 
 def _limits(model: Model, name: str, remarks: Remarks) -> tuple[float, float]:
     limit = model.joints[name].find("axis/limit")
-    low = -np.inf if limit is None else child_number(limit, "lower", -np.inf)
-    high = np.inf if limit is None else child_number(limit, "upper", np.inf)
+    low = -np.inf if limit is None else child_number(limit, "lower", -np.inf, np.inf)
+    high = np.inf if limit is None else child_number(limit, "upper", np.inf, np.inf)
     if limit is not None:
         tags = [child.tag for child in limit if child.tag not in ("lower", "upper")]
         remarks.unused("joints of fins", tags, "the lag of fins is assumed instead")
