@@ -330,7 +330,7 @@ def log_recover(log: LogArgument) -> None:
 
     exists = recovered_path(log).exists()
     file = recover(log, lambda remark: echo(f"note: {remark}"))
-    echo(OutputFile(file, exists))
+    echo(OutputFile(path=file, replaces=exists))
 
 
 for _study in (studies.study, studies.compare):

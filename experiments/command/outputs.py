@@ -13,7 +13,7 @@ from laisn.failure import LaisnError
 REPLACED = "replaces an earlier file"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class OutputFile:
     """A file that a command is going to write; as text its name, and whether it replaces one."""
 
@@ -47,7 +47,7 @@ def output_file(
         raise LaisnError(
             f"{option}: the folder {path.parent} cannot be made: {error.strerror} (given: {path})"
         ) from None
-    return OutputFile(path, exists)
+    return OutputFile(path=path, replaces=exists)
 
 
 def optional_output(
@@ -60,4 +60,4 @@ def optional_output(
 def written_files(files: Iterable[Path], before: Iterable[Path]) -> list[OutputFile]:
     """Files that were written into a folder that held others before."""
     earlier = set(before)
-    return [OutputFile(file, file in earlier) for file in files]
+    return [OutputFile(path=file, replaces=file in earlier) for file in files]
