@@ -172,7 +172,8 @@ def test_a_follower_without_messages_is_lost_by_its_logs_bias(tmp_path: Path) ->
     out = tmp_path / "lost"
     words = "fly T5 --no-video --set motion=kinematic --set duration_s=60 --set sensors.speed_"
     words += "bias_m_s=0.4 --set sensors.speed_sigma_m_s=0 --set sensors.heading_bias_deg=0 "
-    words += "--set sensors.heading_sigma_deg=0 --set acoustics.loss_probability=1"
+    words += "--set sensors.heading_sigma_deg=0 --set acoustics.loss_probability=1 "
+    words += "--set acoustics.clock_offset_s=0.001"
     result = CliRunner().invoke(app, [*words.split(), "--out", str(out)])
     assert result.exit_code == 0, result.output
     (loss,) = json.loads((out / "summary.json").read_text())["verdict"]["lost"]
@@ -181,3 +182,7 @@ def test_a_follower_without_messages_is_lost_by_its_logs_bias(tmp_path: Path) ->
     flat = " ".join(result.output.split())
     assert "lost: follower was lost at 2" in flat
     assert "no message for 2" in flat
+    assert flat.index("warning: the clocks differ by up to 1 ms") < flat.index("E_P: max")
+    assert "(replaces" not in flat
+    again = CliRunner().invoke(app, [*words.split(), "--out", str(out)])
+    assert "(replaces the earlier flight)" in " ".join(again.output.split())
