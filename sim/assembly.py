@@ -1,8 +1,11 @@
 """A scenario made into sea, routes and vehicles."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from laisn.arrays import Floats
+from laisn.failure import LaisnError
 from sim.scenario.point_motion import SPEED_MIN
 from sim.scenario.routes import DepthProfile, Route, library_route
 from sim.scenario.settings import Follower, Scenario, Vehicle
@@ -56,13 +59,20 @@ def _depth_of(vehicle: Vehicle) -> DepthProfile:
 
 
 def route_of(vehicle: Vehicle, name: str) -> Route:
-    """Route of one vehicle; ValueError if the library has none of that name, or waypoints
-    coincide.
+    """Route of one vehicle; LaisnError if the library has none of that name, or if it begins with
+    a stop at a speed.
     """
-    if vehicle.waypoints:
-        return Route.timed(name, vehicle.waypoints, _depth_of(vehicle))
-    assert vehicle.route is not None  # the scenario's validation
-    return library_route(vehicle.route, _depth_of(vehicle))
+    speed = vehicle.start_speed_m_s
+    if not vehicle.waypoints:
+        assert vehicle.route is not None  # the scenario's validation
+        route = library_route(vehicle.route, _depth_of(vehicle))
+        return route if speed is None else replace(route, start_speed=speed)
+    route = Route.timed(name, vehicle.waypoints, _depth_of(vehicle), start_speed=speed)
+    if speed is not None and route.start_speed != speed:
+        raise LaisnError(
+            f"route {name!r}: it begins with a stop, which start_speed_m_s = {speed:g} contradicts"
+        )
+    return route
 
 
 def vehicle_names(scenario: Scenario) -> tuple[str, ...]:
@@ -100,7 +110,9 @@ def _stand_in(follower: Follower, scenario: Scenario, leader: Route) -> Route:
     start = leader.waypoint[0] - follower.station.behind_m * ahead + follower.station.port_m * port
     if follower.start_m is not None:
         start = np.array(follower.start_m)
-    speed = leader.start_speed or SPEED_MIN
+    # a route has legs; a follower that starts at rest begins to move at once
+    speed = leader.start_speed if follower.start_speed_m_s is None else follower.start_speed_m_s
+    speed = speed or SPEED_MIN
     points = [start, start + max(scenario.duration_s, 1.0) * speed * ahead]
     return Route.at_speed(follower.name, points, speed, _depth_of(follower))
 

@@ -64,7 +64,7 @@ from sim.simulation import (
     standing,
     steer_along_route,
 )
-from sim.tracking import stations_of
+from sim.tracking import formations_of, stations_of
 from sim.trajectory import Trajectory, Truth, speed_through_water
 from sim.vehicle.plant import Plant
 
@@ -75,7 +75,7 @@ ON_ROUTE, ON_ROUTE_BY_ESTIMATE, BY_OWN_CONTROL, ON_STATION_BY_TRUTH, ON_STATION 
 class ClosedLoopState(NamedTuple):
     """All that control works on beside the truth and the navigators; f followers."""
 
-    formation: Record  # settings of `[formation]`
+    formations: Records  # settings of `[formation]`, as each follower's hull can do it, shape (f,)
     proximity: Record  # settings of `[formation.proximity]`
     sensors: observation.SensorModel
     look_every: int  # ticks from one look around to the next; 0: there is none
@@ -141,7 +141,7 @@ def init_closed_loop(
         kinds[i] = _kind(follower)
         steering.init_memory(start, trails[i], counts[i], memory[i])
     return ClosedLoopState(
-        formation=scenario.formation.record(),
+        formations=formations_of(scenario),
         proximity=(scenario.formation.proximity or Proximity()).record(),
         sensors=sensors,
         look_every=proximity.look_interval(scenario),
@@ -213,7 +213,7 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
                 clock = (k * TICK, TICK)
                 message = a.inbox.message[i]
                 steering.extend_trail(
-                    a.formation,
+                    a.formations[i],
                     a.stations[i],
                     message,
                     a.trails[i],
@@ -321,7 +321,7 @@ def guide(k: int, truth: Truth, a: ClosedLoopState) -> None:
         senses = (reading, estimate)
         memory = a.memory[f]
         wanted, motion = steering.keep_station(
-            a.formation, a.stations[f], senses, trail, clock, memory, a.reference[0]
+            a.formations[f], a.stations[f], senses, trail, clock, memory, a.reference[0], a.plan
         )
         control(
             routes.autopilots[i],

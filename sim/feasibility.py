@@ -2,9 +2,9 @@
 time.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,20 +14,34 @@ from laisn.navigators import NAVIGATORS, find
 from laisn.plugins import find_controller, is_plugin_name
 from sim.assembly import models_of, ocean_of, on_axis, route_of, routes_of, setups_of, vehicle_names
 from sim.cautions import assumption_cautions
-from sim.control.autopilot import design, top_speed
-from sim.control.stability import least_radius, require_stable, steady_turn
+from sim.control.allocation import HEAVE, PITCH, clip
+from sim.control.autopilot import (
+    INCIDENCE_MAX,
+    SPEED_HEAVE,
+    SPEED_PITCH,
+    greatest_forces,
+    top_speed,
+)
+from sim.control.stability import require_stable
+from sim.hull import (
+    HULL_KEYS,
+    STATION_WAY,
+    Hull,
+    calm_plant,
+    hull_of,
+    needs_way,
+)
 from sim.log.schema import Clock
 from sim.scenario.formation import LEAST_APART_M, LEAST_LAYER_M
-from sim.scenario.point_motion import TURN_RATE, plan
-from sim.scenario.routes import START_SPEED, Route
+from sim.scenario.point_motion import plan
+from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S, Follower, Scenario, Vehicle, Video
 from sim.sensing.sensors import own_sensors
 from sim.tracking import HULL_RADIUS_M, closest_stations
 from sim.vehicle.effectors import FIN, LEAST_WAY
-from sim.vehicle.mjcf import VehicleSetup, spec_of, transmitter_places
+from sim.vehicle.mjcf import SEA_WATER, spec_of, transmitter_places
 from sim.vehicle.own_hull import hull_errors
 from sim.vehicle.plant import Plant
-from sim.water import Ocean
 
 # instants times vehicles: two vehicles for a day; a million takes 1.1 GB of memory
 MOST_INSTANTS = 2_000_000
@@ -97,103 +111,203 @@ def _through_water(scenario: Scenario, route: Route, depth: float) -> tuple[Floa
     return np.hypot(ends[..., 0], ends[..., 1]), legs
 
 
-def _speeds(scenario: Scenario, vehicle: Vehicle) -> tuple[float, float]:
-    """Lowest and highest speed through the water of a vehicle on its route or station [m/s]."""
+class SpeedRange(NamedTuple):
+    """Speeds through the water of a vehicle during a mission [m/s]."""
+
+    slowest: float
+    fastest: float
+    mean: float  # over the time
+
+
+_SEGMENT_POINTS = 9  # instants at which speeds are looked at, in each segment of a plan
+
+
+def _planned_speeds(scenario: Scenario, route: Route, depths: Sequence[float]) -> SpeedRange:
+    """Speeds through the water along the plan of a route, at depths [m]."""
+    flown = plan(route)
+    end = scenario.duration_s
+    starts = flown.start[flown.start < end]
+    changes = [time for time, *_ in scenario.ocean.current_profile if time < end]
+    bounds = np.unique([*starts, *changes, end])
+    shares = np.linspace(0.0, 1.0, _SEGMENT_POINTS)
+    times = (bounds[:-1, None] + np.diff(bounds)[:, None] * shares).ravel()
+    motion = flown.at(times)
+    over_ground = motion.speed * np.array([np.sin(motion.course), np.cos(motion.course)])
+    currents = [
+        np.broadcast_to(scenario.ocean.current_at(depth, times), (times.size, 2)).T
+        for depth in depths
+    ]
+    speeds = np.array([np.hypot(*(over_ground - current)) for current in currents])
+    mean = np.trapezoid(speeds.mean(axis=0), times) / end
+    return SpeedRange(float(speeds.min()), float(speeds.max()), float(mean))
+
+
+def _speeds(scenario: Scenario, vehicle: Vehicle) -> SpeedRange:
+    """Speeds through the water of a vehicle on its route, or of the leader at its station's
+    depth.
+    """
     if isinstance(vehicle, Follower) and vehicle.station:
-        return scenario.formation.min_along_track_speed_m_s, scenario.formation.max_speed_m_s
+        leader = route_of(scenario.leader, "leader")
+        return _planned_speeds(scenario, leader, [vehicle.layer_m])
     depths = [depth for _, depth in vehicle.depth_profile] or [
         vehicle.layer_m + side * vehicle.saw_tooth_amplitude_m for side in (-1.0, 1.0)
     ]
-    route = route_of(vehicle, "")
     # a current changes linearly with depth
-    found = np.array(
-        [_through_water(scenario, route, depth)[0] for depth in (min(depths), max(depths))]
-    )
-    return float(found.min()), float(found.max())
+    return _planned_speeds(scenario, route_of(vehicle, ""), [min(depths), max(depths)])
 
 
-_OF_HULL = (  # keys of a vehicle, beside its model, on which its stability depends
-    "depth_control",
-    "trim",
-    "cg_offset_x_m",
-    "cg_offset_z_m",
-    "drag_scale",
-    "added_mass_scale",
-    "lift_scale",
-    "thrust_scale",
-)
 # in physics steps up to this one the project's own hulls are stable at all speeds [s]
 _USUAL_STEP_S = 0.02
 
 
-def _hull(scenario: Scenario, vehicle: Vehicle) -> tuple[Vehicle, float, float]:
-    """What the stability of a vehicle depends on: its hull, the physics step [s] and the density
-    of the water.
-    """
-    model = vehicle.model or ("follower" if isinstance(vehicle, Follower) else "leader")
-    hull = Vehicle.model_construct(model=model, **{key: getattr(vehicle, key) for key in _OF_HULL})
-    return hull, scenario.timing.physics_step_s, scenario.ocean.density_kg_m3
-
-
-@lru_cache(maxsize=8)
-def _plant(hull: Vehicle, dt: float, density: float) -> tuple[Any, Any]:
-    """A vehicle alone in calm water, as a plant named "hull", and its autopilot."""
-    setup = VehicleSetup(
-        name="hull", model=str(hull.model), position_m=(0.0, 0.0, -10.0), settings=hull
-    )
-    plant = Plant([setup], Ocean(density_kg_m3=density), dt)
-    return plant, design(plant, (hull.depth_control,))
-
-
-def _speed_errors(scenario: Scenario, vehicle: Vehicle, design: Any) -> list[str]:
+def _speed_errors(vehicle: Vehicle, speeds: SpeedRange, design: Any) -> list[str]:
     """Speeds that a hull cannot have: more than its thrust, or less than its fins need."""
     lines = []
     top = top_speed(design)
-    slowest, fastest = _speeds(scenario, vehicle)
-    where = "the slowest leg of its route has"
-    if isinstance(vehicle, Follower) and vehicle.station:
-        where = "formation.min_along_track_speed_m_s is"
-    elif fastest > top:
+    on_station = isinstance(vehicle, Follower) and vehicle.station is not None
+    subject = "its station" if on_station else "its route"
+    advice = "the leader's legs" if on_station else "legs"
+    if speeds.fastest > top:
         lines.append(
-            f"its effectors drive it at {top:.2g} m/s at most, the fastest leg of its route has "
-            f"{fastest:.3g} through the water"
+            f"its effectors drive it at {top:.2g} m/s at most, {subject} needs up to "
+            f"{speeds.fastest:.3g} through the water; give {advice} more time or less current"
         )
-    if not design["has_heave"] and FIN in design["effectors"]["kind"] and slowest < LEAST_WAY:
+    if needs_way(design) and speeds.slowest < LEAST_WAY:
         lines.append(
             f"it has no vertical thrusters and cannot hover: its fins need {LEAST_WAY:g} m/s, "
-            f"{where} {slowest:.3g} m/s through the water"
+            f"{subject} has down to {speeds.slowest:.3g} m/s through the water; give {advice} less "
+            "time, without stops"
         )
     return lines
 
 
 @lru_cache(maxsize=1024)
-def _stability_errors(
-    hull: tuple[Vehicle, float, float], fastest: float, orbital: float
-) -> list[str]:
+def _stability_errors(hull: Hull, speeds: SpeedRange, orbital: float) -> list[str]:
     """What `require_stable` reports; a study has many scenarios with the same hulls and speeds."""
-    return _errors_of(lambda: require_stable(*_plant(*hull), fastest, orbital), "hull")
+    plant, designs = calm_plant(hull)
+    build = partial(require_stable, plant, designs, speeds.fastest, orbital, slowest=speeds.slowest)
+    return _errors_of(build, "hull")
+
+
+class VerticalForces(NamedTuple):
+    """What a vehicle can hold of its buoyancy less its weight [N]."""
+
+    down: float  # of a hull that is too light
+    up: float  # of one that is too heavy
+
+
+def _vertical_forces(plant: Plant, design: Any, speed: float) -> VerticalForces:
+    """Forces with which a vehicle holds its depth at a speed through the water, steadily.
+
+    The hull's lift is that of the incidence that fins and thrusters can hold against its righting
+    and its Munk moment; what they push down at the stern is lost.
+    """
+    own = design["effectors"]
+    forces = []
+    for side in (-1.0, 1.0):
+        force = 0.0
+        if design["has_heave"]:
+            force = side * _greatest(design, speed, HEAVE, side)
+        share = design["by_pitch"]
+        if design["has_heave"]:
+            share *= clip((speed - SPEED_HEAVE) / (SPEED_PITCH - SPEED_HEAVE), 0.0, 1.0)
+        if share > 0.0:
+            stiffness = design["righting"] + design["pitch_munk"] * speed**2
+            # moments nose up are negative about the body's axis to port
+            moment = abs(_greatest(design, speed, PITCH, -side))
+            incidence = INCIDENCE_MAX if stiffness <= 0.0 else moment / stiffness
+            incidence = min(incidence, INCIDENCE_MAX)
+            lever = _stern_lever(own)
+            lift = design["lift"] * speed**2 * incidence
+            lost = max(stiffness, 0.0) * incidence / lever if lever > 0.0 else 0.0
+            force += share * max(lift - lost, 0.0)
+        forces.append(force)
+    return VerticalForces(*forces)
+
+
+def _stern_lever(effectors: Any) -> float:
+    """Lever of the level fins behind the hull's origin [m]; 0 without."""
+    level = effectors[(effectors["kind"] == FIN) & (np.abs(effectors["force"][:, 2]) > 0.1)]
+    return float(-level["place"][:, 0].mean()) if level.size else 0.0
+
+
+def _greatest(design: Any, speed: float, axis: int, side: float) -> float:
+    """Largest component of a wrench to one side [N] or [N m]."""
+    return greatest_forces(design, speed, axis, side)[0]
+
+
+# a hull that is trimmed or flown as advised has this share of its vertical forces to spare
+_LIFT_RESERVE = 0.3
+
+
+def _weight_errors(hull: Hull, speeds: SpeedRange) -> list[str]:
+    """A vehicle that is heavier or lighter than it can hold at the mean of its speeds."""
+    plant, designs = calm_plant(hull)
+    body = plant.model.body("hull/hull")
+    coefficients = plant.true_coefficients[0]
+    excess = float(coefficients["buoyancy"] - body.mass[0] * coefficients["gravity"])
+    held = _vertical_forces(plant, designs[0], speeds.mean)
+    if -held.up <= excess <= held.down:
+        return []
+    trim = -excess - (1.0 - _LIFT_RESERVE) * (held.up if excess < 0.0 else -held.down)
+    trim += hull.settings.excess_buoyancy_n
+    advice = f"trim it with excess_buoyancy_n = {trim:.3g}"
+    if hull.settings.trim == "file" and hull.settings.excess_buoyancy_n == 0.0:
+        advice += ' or trim = "neutral"'
+    for speed in np.arange(speeds.mean, top_speed(designs[0]), 0.05):
+        faster = _vertical_forces(plant, designs[0], float(speed))
+        reserve = (1.0 - _LIFT_RESERVE) * (faster.up if excess < 0.0 else faster.down)
+        if abs(excess) <= reserve:
+            advice += f", or go at {speed + 0.05:.2g} m/s or more through the water"
+            break
+    kind = "heavier" if excess < 0.0 else "lighter"
+    most = held.up if excess < 0.0 else held.down
+    return [
+        f"it is {abs(excess):.3g} N {kind} than the water that it displaces; hull lift, fins and "
+        f"thrusters hold {most:.3g} N at {speeds.mean:.3g} m/s, the mean of its mission; "
+        f"{advice}"
+    ]
 
 
 def _control_errors(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]:
     """What the autopilot of a vehicle cannot control."""
     usual = all(
-        getattr(vehicle, name) == Vehicle.model_fields[name].default for name in _OF_HULL[1:]
+        getattr(vehicle, name) == Vehicle.model_fields[name].default for name in HULL_KEYS[1:]
     )
-    own = vehicle.model is not None
+    # buoyancy follows the density
+    usual = usual and scenario.ocean.density_kg_m3 == SEA_WATER
+    custom = vehicle.model is not None
     waves = scenario.ocean.waves
-    if not own and (
+    if not custom and (
         scenario.motion == "kinematic"
         or (usual and scenario.timing.physics_step_s <= _USUAL_STEP_S)
     ):
         return []
-    hull = _hull(scenario, vehicle)
-    lines = _errors_of(partial(_plant, *hull), "hull")
-    if own and not lines:
-        lines = _speed_errors(scenario, vehicle, _plant(*hull)[1][0])
+    hull = hull_of(scenario, vehicle)
+    lines = _errors_of(partial(calm_plant, hull), "hull")
+    if not lines:
+        speeds = _speeds(scenario, vehicle)
+        design = calm_plant(hull)[1][0]
+        if custom:
+            lines = _speed_errors(vehicle, speeds, design)
+        if isinstance(vehicle, Follower) and vehicle.station:
+            speeds = _station_speeds(scenario, speeds, design)
+        if not lines:
+            lines = _weight_errors(hull, speeds)
     if not lines:
         orbital = 0.0 if waves.kind == "none" else np.pi * waves.height_m / waves.period_s
-        lines = _stability_errors(hull, _speeds(scenario, vehicle)[1], float(orbital))
-    return [f"{key}{'.model' if own else ''}: {line.removeprefix('hull: ')}" for line in lines]
+        lines = _stability_errors(hull, speeds, float(orbital))
+    return [f"{key}{'.model' if custom else ''}: {line.removeprefix('hull: ')}" for line in lines]
+
+
+def _station_speeds(scenario: Scenario, leader: SpeedRange, design: Any) -> SpeedRange:
+    """Speeds through the water that a follower on a station may be asked for."""
+    formation = scenario.formation
+    slowest = formation.min_along_track_speed_m_s
+    fastest = min(formation.max_speed_m_s, top_speed(design))
+    if needs_way(design):
+        slowest = max(slowest, STATION_WAY)
+    return SpeedRange(min(slowest, leader.fastest), max(fastest, leader.slowest), leader.mean)
 
 
 def _leader_too_fast(scenario: Scenario) -> list[str]:
@@ -278,21 +392,6 @@ def _transmitters_off_axis(scenario: Scenario) -> list[str]:
     ]
 
 
-def _wide_turns(scenario: Scenario, vehicle: Vehicle) -> list[str]:
-    """A hull that turns more slowly than routes are planned."""
-    if vehicle.model is None:
-        return []
-    plant, designs = _plant(*_hull(scenario, vehicle))
-    if least_radius(plant, 0, designs[0]) == 0.0:
-        return []
-    rate, least = steady_turn(plant, 0, designs[0], START_SPEED)
-    return [
-        f"it turns at {np.rad2deg(rate):.2g}°/s at most at {START_SPEED:g} m/s, in circles of "
-        f"{least:.3g} m; routes are planned with {np.rad2deg(TURN_RATE):g}°/s: it cuts their "
-        "corners, or leaves legs that are too short"
-    ]
-
-
 def cautions(scenario: Scenario) -> list[str]:
     """What a flyable scenario has that its navigators or followers cannot cope with, a line
     each.
@@ -307,14 +406,6 @@ def cautions(scenario: Scenario) -> list[str]:
             f"stations are kept by navigator {variant!r}, with errors of metres; {better} keeps "
             "them better"
         )
-    turning: dict[str, list[str]] = {}
-    for key, vehicle in scenario.vehicles():
-        for text in _wide_turns(scenario, vehicle):
-            turning.setdefault(text, []).append(key)
-    found += [
-        f"{' … '.join(dict.fromkeys((keys[0], keys[-1])))}.model: {text}"
-        for text, keys in turning.items()
-    ]
     return found
 
 

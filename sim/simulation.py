@@ -38,7 +38,7 @@ from sim.control.stability import least_radius
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.tracking import contacts, first_touch
+from sim.tracking import MissionBounds, bounds_of, contacts, first_departure, first_touch
 from sim.trajectory import OF_VEHICLES, Trajectory, Truth
 from sim.vehicle.effectors import THRUSTER
 from sim.vehicle.plant import FINE, Fault, Plant, PlantError, advance
@@ -56,6 +56,14 @@ class EndedError(LaisnError):
     def __init__(self, message: str, trajectory: Trajectory) -> None:
         super().__init__(message)
         self.trajectory = trajectory
+
+
+class GroundedError(EndedError):
+    """A vehicle went below the floor."""
+
+
+class OffRouteError(EndedError):
+    """A vehicle left its route."""
 
 
 class DivergedError(EndedError):
@@ -322,18 +330,24 @@ class Mission:
         self,
         *,
         until_contact: bool = False,
+        bounds: MissionBounds | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> Trajectory:
-        """Advance to the end, or until hulls touch; see `simulate`. Gives the motion."""
+        """Advance to the end, until hulls touch or a vehicle leaves the bounds; see `simulate`.
+        Gives the motion.
+        """
         last = self.last
         for end in sorted({1, *range(_PROGRESS_TICKS, last, _PROGRESS_TICKS), last}):
             first = self.instants
             self.advance(end)
-            touched = None
-            if until_contact:
-                touched = first_touch(self.truth.pose[first : end + 1])
-            if touched is not None:
-                self.instants = max(first + touched, 1) + 1
+            flown = self.truth.pose[first : end + 1]
+            ends = [first_touch(flown)] if until_contact else []
+            if bounds is not None:
+                departure = first_departure(TICK * np.arange(first, end + 1), flown, bounds)
+                ends.append(None if departure is None else departure.instant)
+            ended = min((instant for instant in ends if instant is not None), default=None)
+            if ended is not None:
+                self.instants = max(first + ended, 1) + 1
                 break
             if progress is not None and end < last:
                 progress(end // _PROGRESS_TICKS * _PROGRESS_TICKS * TICK)
@@ -355,20 +369,41 @@ def simulate(
     *,
     make_controller: ControllerFactory | None = None,
     until_contact: bool = False,
+    bounds: MissionBounds | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
     """Simulate all vehicles of a plant, from where they are, along a route each for a time [s], a
     multiple of 0.1 s.
 
     `depth_control` is of each vehicle, as of `design`; empty: "pitch" for all. `make_controller`
-    makes another controller than that of routes. `until_contact` ends the flight where hulls touch.
-    `progress` is called with the mission time [s], every 50 s of it. Gives the truth every 0.1 s.
+    makes another controller than that of routes. `until_contact` ends the flight where hulls touch,
+    `bounds` where a vehicle leaves them. `progress` is called with the mission time [s], every 50 s
+    of it. Gives the truth every 0.1 s.
 
     LaisnError if a route cannot be flown; DivergedError if the simulation left finite numbers,
     PlantError if at its start; ArithmeticError naming the follower whose navigator failed.
     """
     mission = Mission(plant, routes, duration, depth_control, make_controller)
-    return mission.fly(until_contact=until_contact, progress=progress)
+    return mission.fly(until_contact=until_contact, bounds=bounds, progress=progress)
+
+
+def _require_within(trajectory: Trajectory, bounds: MissionBounds) -> None:
+    """GroundedError or OffRouteError where a vehicle is out of bounds at the end of a flight."""
+    last = trajectory.time.size - 1
+    departure = first_departure(trajectory.time[last:], trajectory.pose[last:], bounds)
+    if departure is None:
+        return
+    time = trajectory.time[last]
+    name = trajectory.names[departure.vehicle]
+    if departure.off_route_m is None:
+        raise GroundedError(
+            f"at {time:g} s {name} went below the floor, which ended the mission", trajectory
+        )
+    raise OffRouteError(
+        f"at {time:g} s {name} was {departure.off_route_m:.0f} m off its route, which ended the "
+        "mission",
+        trajectory,
+    )
 
 
 class ContactError(EndedError):
@@ -458,8 +493,11 @@ def fly_mission(
         if progress is not None:
             progress(time / scenario.duration_s)
 
+    bounds = bounds_of(scenario)
     ends = scenario.contact == "end"
-    return _require_no_contact(scenario, mission.fly(until_contact=ends, progress=show_time))
+    trajectory = mission.fly(until_contact=ends, bounds=bounds, progress=show_time)
+    _require_within(trajectory, bounds)
+    return _require_no_contact(scenario, trajectory)
 
 
 def _require_no_contact(scenario: Scenario, trajectory: Trajectory) -> Trajectory:
@@ -485,8 +523,9 @@ def simulate_motion(
     `keys_needing_closed_loop`.
 
     LaisnError if a route cannot be flown, the sea is impossible, or that controller is missing;
-    DivergedError if the simulation left finite numbers; ContactError if vehicles touched, which
-    ends the scenario's mission.
+    DivergedError if the simulation left finite numbers; GroundedError or OffRouteError if a vehicle
+    went below the floor or left its route (`sim.tracking.bounds_of`); ContactError if vehicles
+    touched, which ends the scenario's mission.
     """
     keys = keys_needing_closed_loop(scenario)
     if keys and make_controller is None:

@@ -12,15 +12,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Bools, Floats, Ints, Record, Records, records
+from laisn.arrays import Bools, Floats, Ints, Records, records
 from laisn.compiled import compiled
 from sim import attitude
 from sim.assembly import route_of, routes_of
 from sim.control.station import FRAME_STATE, STATION, TRAIL, extend, station_at, turn_frame
-from sim.scenario.formation import LEAST_LAYER_M, Formation
+from sim.hull import HullLimits, hull_of, limits_of
+from sim.scenario.formation import LEAST_LAYER_M
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
-from sim.scenario.settings import Scenario
+from sim.scenario.settings import Follower, Scenario
 from sim.trajectory import Trajectory
 
 # half the length of the straight part of a hull [m]
@@ -55,6 +56,77 @@ def track_error(route: Route, time: Floats, position: Floats) -> Floats:
     """
     place = plan(route).at(time)
     return np.hypot(position[:, 0] - place.east, position[:, 1] - place.north)
+
+
+LEFT_ROUTE_M = 50.0
+"""A mission ends where a vehicle that keeps to its route by the truth is farther from it [m]."""
+_BEYOND_M = 1e6  # after its last waypoint a vehicle goes straight on [m]
+_LOOK_EVERY = 10  # distances from routes are looked at in every such instant: 1 s
+
+
+class MissionBounds(NamedTuple):
+    """Where a mission ends: at the floor, or far off a route."""
+
+    floor_depth_m: float
+    routes: tuple[Route | None, ...]  # of each vehicle; None: it does not keep to one
+
+
+class Departure(NamedTuple):
+    """A vehicle where it first leaves the bounds of a mission."""
+
+    instant: int
+    vehicle: int  # index
+    off_route_m: float | None  # distance from its route; None: it is below the floor
+
+
+def distance_from_route(route: Route, time: Floats, position: Floats) -> Floats:
+    """Distance at times (n,), [s], from places (n, 3), [m], to the nearest leg of a route at the
+    depth that is due, (n,), [m].
+    """
+    points = route.waypoint
+    last = points[-1] - points[-2]
+    if last.any():
+        points = np.vstack([points, points[-1] + _BEYOND_M * last / np.hypot(*last)])
+    legs = np.diff(points, axis=0)
+    offset = position[:, None, :2] - points[:-1]
+    squared = np.einsum("li,li->l", legs, legs)
+    share = np.einsum("nli,li->nl", offset, legs) / np.where(squared > 0.0, squared, 1.0)
+    off = offset - np.clip(share, 0.0, 1.0)[..., None] * legs
+    level = np.hypot(off[..., 0], off[..., 1]).min(axis=1)
+    return np.hypot(level, position[:, 2] + route.depth.depth_at(time))
+
+
+def first_departure(time: Floats, pose: Floats, bounds: MissionBounds) -> Departure | None:
+    """The first of n instants at which a vehicle is out of bounds, by poses of shape (n, v, 7);
+    None: none is.
+    """
+    departures = []
+    grounded = pose[..., 2] < -bounds.floor_depth_m
+    for vehicle, route in enumerate(bounds.routes):
+        if grounded[:, vehicle].any():
+            departures.append(Departure(int(np.argmax(grounded[:, vehicle])), vehicle, None))
+        if route is None:
+            continue
+        off = distance_from_route(route, time[::_LOOK_EVERY], pose[::_LOOK_EVERY, vehicle, :3])
+        if off.max() > LEFT_ROUTE_M:
+            first = int(np.argmax(off > LEFT_ROUTE_M))
+            departures.append(Departure(first * _LOOK_EVERY, vehicle, float(off[first])))
+    return min(departures, key=lambda departure: departure.instant, default=None)
+
+
+def bounds_of(scenario: Scenario) -> MissionBounds:
+    """Where a scenario's mission ends: at its floor for all vehicles, far off its route for those
+    that keep to one by the truth.
+    """
+    by_estimate = [False, *(follower.guided_by_estimate for follower in scenario.followers)]
+    stations = [False, *(follower.station is not None for follower in scenario.followers)]
+    routes = tuple(
+        None if estimated or station else route
+        for route, estimated, station in zip(
+            routes_of(scenario), by_estimate, stations, strict=True
+        )
+    )
+    return MissionBounds(scenario.ocean.floor_depth_m, routes)
 
 
 class Contact(NamedTuple):
@@ -144,7 +216,12 @@ STATION_PLACE = np.dtype(  # where a station is at one instant
 
 @compiled
 def _stations(
-    leader: Floats, speed: Floats, heading: Floats, stations: Records, formation: Record, dt: float
+    leader: Floats,
+    speed: Floats,
+    heading: Floats,
+    stations: Records,
+    formations: Records,
+    dt: float,
 ) -> Records:
     n = leader.shape[0]
     f = stations.shape[0]
@@ -160,7 +237,7 @@ def _stations(
         for i in range(f):
             known = trail, count[0]
             if k > 0:
-                turn_frame(formation, stations[i], known, (time - dt, time), dt, states[i])
+                turn_frame(formations[i], stations[i], known, (time - dt, time), dt, states[i])
             target = station_at(stations[i], known, time, states[i])
             out[k, i].east, out[k, i].north = target.east, target.north
             out[k, i].heading = states[i].heading
@@ -173,17 +250,44 @@ def stations_along(
     speed: Floats,
     heading: Floats,
     stations: Records,
-    formation: Formation,
+    formations: Records,
     dt: float,
 ) -> Records:
     """Where stations are if the leader goes along a way: records of STATION_PLACE, shape (n, f).
 
     `leader` is its east and north at n instants dt [s] apart, shape (n, 2), [m], with its speed
-    through the water [m/s] and heading [rad], shape (n,). `stations` are records of STATION, shape
-    (f,).
+    through the water [m/s] and heading [rad], shape (n,). `stations` are records of STATION and
+    `formations` the settings of `[formation]` for each, shape (f,).
     """
     place, through, ahead = (np.ascontiguousarray(values) for values in (leader, speed, heading))
-    return _stations(place, through, ahead, stations, formation.record(), dt).view(np.recarray)
+    return _stations(place, through, ahead, stations, formations, dt).view(np.recarray)
+
+
+def _limits(scenario: Scenario, follower: Follower) -> HullLimits | None:
+    """What the hull of a follower can do; None for the project's own, which keeps all stations."""
+    return limits_of(hull_of(scenario, follower)) if follower.model and follower.station else None
+
+
+# the lookahead of an approach, over the least radius of a hull: a line of sight that bends no more
+_LOOKAHEAD_RADII = 0.5
+# outer stations are turned no faster than with this share of the top speed of a hull
+_SPEED_RESERVE = 0.9
+
+
+def formations_of(scenario: Scenario) -> Records:
+    """Settings of `[formation]` within what each follower's hull can do, records of shape (f,)."""
+    settings = scenario.formation.record()
+    formations = np.array([settings] * len(scenario.followers)).view(np.recarray)
+    for f, follower in zip(formations, scenario.followers, strict=True):
+        limits = _limits(scenario, follower)
+        if limits is None:
+            continue
+        f.lookahead = max(f.lookahead, _LOOKAHEAD_RADII * limits.least_radius)
+        for speed in ("min_along_track_speed", "min_speed", "timeout_speed", "inner_min_speed"):
+            f[speed] = max(f[speed], limits.least_speed)
+        f.max_speed = max(min(f.max_speed, limits.top_speed), f.min_speed)
+        f.outer_max_speed = min(f.outer_max_speed, _SPEED_RESERVE * limits.top_speed)
+    return formations
 
 
 def stations_of(scenario: Scenario) -> Records:
@@ -191,9 +295,14 @@ def stations_of(scenario: Scenario) -> Records:
     leader itself.
     """
     stations = records(STATION, len(scenario.followers))
-    for i, follower in enumerate(scenario.followers):
-        if follower.station:
-            stations[i] = follower.station.record()
+    for station, follower in zip(stations, scenario.followers, strict=True):
+        if follower.station is None:
+            continue
+        station.behind = follower.station.behind_m
+        station.port = follower.station.port_m
+        station.depth = follower.station.depth_m
+        limits = _limits(scenario, follower)
+        station.radius = 0.0 if limits is None else limits.least_radius
     return stations
 
 
@@ -208,7 +317,7 @@ def true_stations(scenario: Scenario, trajectory: Trajectory) -> Records:
         speed,
         trajectory.heading[:, 0],
         stations_of(scenario),
-        scenario.formation,
+        formations_of(scenario),
         trajectory.dt,
     )
 
@@ -356,7 +465,11 @@ def closest_stations(scenario: Scenario) -> Approach | None:
     )
     stations = records(STATION, len(places))
     stations.behind, stations.port, stations.depth = places.T
+    kept_by = [i for i, follower in enumerate(scenario.followers) if follower.station]
+    stations.radius[1:] = stations_of(scenario).radius[kept_by]
+    settings = [scenario.formation.record(), *formations_of(scenario)[kept_by]]
+    formations = np.array(settings).view(np.recarray)
     way = np.column_stack([leader.east, leader.north])
-    placed = stations_along(way, through, leader.course, stations, scenario.formation, _STEP_S)
+    placed = stations_along(way, through, leader.course, stations, formations, _STEP_S)
     names = ["the leader's place", *(key for key, _ in kept)]
     return _nearest(names, time, np.stack([placed.east, placed.north], axis=-1), pairs)

@@ -5,6 +5,7 @@ import inspect
 import numpy as np
 import pytest
 
+from experiments.flight import library
 from experiments.flight.fly import fly
 from experiments.flight.library import load
 from experiments.flight.summary import summarise
@@ -19,8 +20,9 @@ from sim.control.follower import (
     update_avoidance,
 )
 from sim.control.guidance import REFERENCE
-from sim.control.station import STATION, TRAIL
+from sim.control.station import NO_PLAN, STATION, TRAIL
 from sim.flight import navigate
+from sim.hull import hull_of, limits_of
 from sim.scenario.file import validate
 from sim.scenario.formation import Formation, Proximity
 from sim.scenario.settings import Scenario
@@ -31,6 +33,7 @@ from sim.tracking import (
     true_stations,
 )
 from sim.trajectory import Trajectory
+from sim.trial import trial
 from tests.synthetic import message, record
 
 PLACES = [(5.0, 10.0, 11.0), (20.0, 0.0, 12.0), (15.0, -30.0, 13.0)]
@@ -215,7 +218,7 @@ def test_the_controller_does_not_use_the_truth() -> None:
     trail, count, station = (
         records(TRAIL, 50),
         np.zeros(1, dtype=np.int64),
-        record(STATION, 20.0, 5.0, 12.0),
+        record(STATION, 20.0, 5.0, 12.0, 0.0),
     )
     reading, reference = record(READING, 1.2, 0.1, 12.0, 0.0, 0.0, 0.0), record(REFERENCE)
     estimate = record(ESTIMATE)
@@ -235,13 +238,29 @@ def test_the_controller_does_not_use_the_truth() -> None:
             now = second + 0.1 * tenth
             estimate.position = -5.0, now - 20.0
             wanted, motion = keep_station(
-                law, station, (reading, estimate), (trail, count[0]), (now, 0.1), memory, reference
+                law,
+                station,
+                (reading, estimate),
+                (trail, count[0]),
+                (now, 0.1),
+                memory,
+                reference,
+                NO_PLAN,
             )
     # on its station by its estimate, it goes on north at the leader's speed, for any sensor biases
     assert wanted == pytest.approx((0.0, 0.0, 1.0), abs=1e-6)
     assert (motion.surge, motion.heading) == pytest.approx((1.0, 0.0), abs=1e-6)
     parameters = set(inspect.signature(keep_station).parameters)
-    assert parameters == {"formation", "station", "senses", "known", "clock", "memory", "reference"}
+    assert parameters == {
+        "formation",
+        "station",
+        "senses",
+        "known",
+        "clock",
+        "memory",
+        "reference",
+        "plan",
+    }
     # avoidance depends on its sensor only, here with a vehicle 2 m ahead
     seen = records(SIGHTING, 2)
     seen.range, seen.bearing = (np.nan, 2.0), (np.nan, -0.2)
@@ -253,7 +272,7 @@ def test_the_controller_does_not_use_the_truth() -> None:
         "memory",
     }
     wanted, _ = keep_station(
-        law, station, (reading, estimate), (trail, count[0]), (now, 0.1), memory, reference
+        law, station, (reading, estimate), (trail, count[0]), (now, 0.1), memory, reference, NO_PLAN
     )
     assert wanted[2] < 1.0
 
@@ -266,7 +285,7 @@ def quiet_for(seconds: float, formation: Formation, spread: float = 0.0) -> tupl
     trail, count, station = (
         records(TRAIL, 50),
         np.zeros(1, dtype=np.int64),
-        record(STATION, 20.0, 0.0, 12.0),
+        record(STATION, 20.0, 0.0, 12.0, 0.0),
     )
     reading, reference = record(READING, 1.0, 0.0, 12.0, 0.0, 0.0, 0.0), record(REFERENCE)
     estimate, rows = record(ESTIMATE), []
@@ -286,7 +305,14 @@ def quiet_for(seconds: float, formation: Formation, spread: float = 0.0) -> tupl
         now = 20.0 + 0.1 * k
         estimate.position[1] = now - 20.0
         wanted, _ = keep_station(
-            law, station, (reading, estimate), (trail, count[0]), (now, 0.1), memory, reference
+            law,
+            station,
+            (reading, estimate),
+            (trail, count[0]),
+            (now, 0.1),
+            memory,
+            reference,
+            NO_PLAN,
         )
         rows.append((*wanted, reference.depth))
     table = np.array(rows)
@@ -497,3 +523,36 @@ def test_impossible_settings_are_reported_before_the_simulation(
 def test_the_built_in_swarm_is_ten_followers_on_stations() -> None:
     scenario = load("swarm", [])
     assert sum(follower.station is not None for follower in scenario.followers) == 10
+
+
+CORNER = {"waypoints": [[0, 0, 0], [150, 150, 0], [400, 150, 250]]}
+
+
+def slow_swarm(**leader: object) -> Scenario:
+    """The built-in swarm of ten REMUS 100 round a right angle at 1 m/s."""
+    return library.loaded(
+        "swarm",
+        {"duration_s": 400.0, "leader": CORNER | leader, "followers.*.model": "remus100"},
+    )
+
+
+def test_hulls_that_turn_slowly_keep_their_stations_behind_one_that_turns_as_slowly() -> None:
+    flight, _ = fly(slow_swarm(model="remus100"))
+    kept = summarise(flight)["followers"].values()
+    assert not any(follower["lost"] for follower in kept)
+    assert max(follower["station_rms_m"] for follower in kept) < 2.0
+
+
+def test_behind_a_leader_that_turns_fast_they_are_off_as_far_as_check_says() -> None:
+    """A hull that rounds a corner evenly is 0.3 R from it half way; feedback and slip add to it."""
+    scenario = slow_swarm()
+    warnings = trial(scenario)
+    assert len(warnings) == 10
+    flight, _ = fly(scenario)
+    kept = summarise(flight)["followers"]
+    radius = limits_of(hull_of(scenario, scenario.followers[0])).least_radius
+    for warning in warnings:
+        name, _, text = warning.partition(": ")
+        expected = float(text.split("up to ")[1].split(" m off its station")[0])
+        assert kept[name]["station_max_m"] == pytest.approx(expected, rel=0.25)
+        assert kept[name]["station_max_m"] < 0.5 * radius

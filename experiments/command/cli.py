@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from experiments.command import analyses, studies
-from experiments.command.errors import Commands, echo, run
+from experiments.command.errors import MISSION_FAILED, Commands, echo, run
 from laisn.failure import LaisnError
 
 app = typer.Typer(
@@ -61,7 +61,11 @@ def fly(
     out: studies.OutOption = None,
     video: Annotated[bool, typer.Option("--video/--no-video", help="render the film")] = True,
 ) -> None:
-    """Simulate one mission; write log, film, report and numbers."""
+    """Simulate one mission; write log, film, report and numbers.
+
+    The exit code is 3 if a vehicle went below the floor or left its route, which ends the mission,
+    or if the simulation left finite numbers. What was flown until then is written.
+    """
     from experiments.command.fly import fly_and_write
     from experiments.flight.library import load, name_of
 
@@ -70,7 +74,9 @@ def fly(
     source = Path(scenario)
     # a copied file keeps the name in it, so the folder is named after the file
     name = name_of(source) if source.suffix == ".toml" else checked.name
-    fly_and_write(checked, out or Path("out") / name, with_video=video, source=source)
+    outcome = fly_and_write(checked, out or Path("out") / name, with_video=video, source=source)
+    if outcome.name not in ("COMPLETED", "CONTACT"):
+        raise typer.Exit(MISSION_FAILED)
 
 
 @app.command()
@@ -111,13 +117,21 @@ def check(
     set_: studies.SetOption = None,
     _plugin: studies.PluginOption = None,
 ) -> None:
-    """Validate a scenario without simulating it."""
+    """Validate a scenario; of other hulls than the project's own, try how they keep to it."""
+    from rich.console import Console
+
+    from experiments.campaign.progress import phases
     from experiments.flight.library import load
     from sim.feasibility import cautions
+    from sim.trial import is_tried, trial
 
     checked = load(scenario, set_ or (), flyable=True)
-    for caution in cautions(checked):
-        echo(f"warning: {caution}")
+    warnings = cautions(checked)
+    if is_tried(checked):
+        with phases(Console(stderr=True)) as phase, phase("trial"):
+            warnings += trial(checked)
+    for warning in warnings:
+        echo(f"warning: {warning}")
     number = len(checked.followers)
     echo(
         f"{scenario}: valid: {checked.duration_s:g} s, {number} follower{'s' if number > 1 else ''}"

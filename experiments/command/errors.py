@@ -29,6 +29,7 @@ from laisn.plugins import PluginError, plugin_errors
 # exit codes
 USER_ERROR = 2  # an error that the user can correct
 INTERNAL_ERROR = 1  # a bug
+MISSION_FAILED = 3  # a mission that was not flown to its end; its results are written
 INTERRUPTED = 130  # Ctrl-C
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)

@@ -30,6 +30,7 @@ from sim.feasibility import cautions
 from sim.flight import Flight, Outcome, position_and_bearing_errors
 from sim.scenario.settings import Scenario
 from sim.system import background_process, return_large_blocks
+from sim.trial import strays
 
 _LONG_S = 7200.0
 _LEGEND = """E_P, E_B: errors of position and bearing; σ: standard deviation;
@@ -211,9 +212,9 @@ def write_flight(
 
 def fly_and_write(
     scenario: Scenario, folder: Path, *, with_video: bool, source: Path | None = None
-) -> None:
-    """Simulate a scenario, print a summary, and write every result into a folder; errors as of
-    `folder.one_flight`.
+) -> Outcome:
+    """Simulate a scenario, print a summary, and write every result into a folder; how the mission
+    ended. Errors are those of `folder.one_flight`.
 
     `source` is the file of the scenario, which a changed scenario does not replace. An exception
     that is a bug which prevented the film is raised after all else is written.
@@ -228,6 +229,8 @@ def fly_and_write(
             scenario, work, Console(stderr=True), with_video=with_video
         )
     show(console, flight, summary)
+    for stray in strays(scenario, flight.trajectory):
+        print_line(console, stray, "warning:")
     for event in stray_events(flight):
         print_line(console, f"at {event.time_s:g} s {event.text}", "warning:")
     bug = not isinstance(film_error, LaisnError)
@@ -237,3 +240,4 @@ def fly_and_write(
     print_line(console, f"results in {folder}{earlier}")
     if film_error and bug:
         raise film_error
+    return flight.outcome

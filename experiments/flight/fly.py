@@ -15,7 +15,9 @@ from sim.simulation import (
     ContactError,
     ControllerFactory,
     DivergedError,
+    GroundedError,
     Mission,
+    OffRouteError,
     fly_mission,
     keys_needing_closed_loop,
     simulate_motion,
@@ -70,6 +72,10 @@ class MissionToFly:
             return self._move(progress), Outcome.COMPLETED
         except DivergedError as error:
             return error.trajectory, Outcome.DIVERGED
+        except GroundedError as error:
+            return error.trajectory, Outcome.GROUNDED
+        except OffRouteError as error:
+            return error.trajectory, Outcome.OFF_ROUTE
         except ContactError as error:
             return error.trajectory, Outcome.CONTACT
 

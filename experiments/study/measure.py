@@ -19,7 +19,7 @@ from sim.closed_loop import simulate_closed_loop
 from sim.flight import Outcome
 from sim.scenario.formation import LEAST_LAYER_M
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.simulation import ContactError, DivergedError
+from sim.simulation import DivergedError, EndedError
 from sim.tracking import contacts, cross_track, station_keeping, track_errors, true_stations
 from sim.trajectory import Trajectory
 
@@ -214,8 +214,8 @@ def records_of_run(scenario: Scenario, run: int) -> list[Record]:
     """Simulates a run in closed loop; its results for each follower, by the names of a cell's lists
     and of `facts_of`.
 
-    A run that contact ended has no other results than that: a mean over missions of unlike length
-    would hide it. CampaignError: the simulation left finite numbers.
+    A run that contact, the floor or a lost route ended has no other results than that: a mean over
+    missions of unlike length would hide it. CampaignError: the simulation left finite numbers.
     """
     of_run = scenario.model_copy(update={"run": run})
     stride = round(of_run.timing.filter_step_s / CONTROL_STEP_S)
@@ -227,7 +227,7 @@ def records_of_run(scenario: Scenario, run: int) -> list[Record]:
         gated = loop.swarm.gated.tolist()
     except DivergedError:
         raise CampaignError(f"run {run}: {Outcome.DIVERGED.value}") from None
-    except ContactError as error:
+    except EndedError as error:
         trajectory = error.trajectory
         ended = True
         followers = len(of_run.followers)

@@ -205,15 +205,15 @@ def _require_control(name: str, record: Any, mode: DepthControl) -> None:
         )
 
 
-def greatest_forces(d: Any, speed: float, axis: int) -> tuple[float, Floats]:
-    """Largest component of a wrench that the effectors give at a speed, [N] or [N m], and their
-    forces for it [N].
+def greatest_forces(d: Any, speed: float, axis: int, side: float = 1.0) -> tuple[float, Floats]:
+    """Largest component of a wrench that the effectors give at a speed, to one side (1 or -1), [N]
+    or [N m], and their forces for it [N].
     """
     limits = np.array([effectors.reach(one, d["density"], speed) for one in d["effectors"]])
     wrench = np.zeros(6)
     command = np.zeros(effectors.MOST)
     inverse = np.empty((effectors.MOST, 6))
-    wrench[axis] = 1e6
+    wrench[axis] = side * 1e6
     at_speed(d["slow_allocation"], d["fast_allocation"], speed, inverse)
     allocate(inverse, limits, wrench, command)
     return float(wrench[axis]), command

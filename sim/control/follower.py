@@ -27,7 +27,7 @@ from laisn.geometry import wrap_angle
 from sim.control import station as stations
 from sim.control.allocation import clip
 from sim.control.autopilot import VehicleState
-from sim.control.guidance import SPEED_LEAST
+from sim.control.guidance import SPEED_LEAST, TURN_RESERVE
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE
 
 CONSTANT_BEARING, ILOS, ALOS = range(3)  # values of `formation.law`
@@ -147,6 +147,8 @@ FOLLOWER_MEMORY = np.dtype(  # of one follower, from one control step to the nex
         ("last_received", np.float64),  # time of the last message [s]
         # points of the trail with that message; later ones are planned
         ("received_points", np.int64),
+        # from the station to the path that a hull of a least radius is to take, east and north [m]
+        ("detour", np.float64, (2,)),
     ]
 )
 
@@ -271,6 +273,41 @@ def _to_station(
     return east, north
 
 
+# a detour is left at this share of the leader's speed at most …
+_RETURN = 0.3
+# … where the planned heading is nearer than this to that of the station [rad]
+_ON_COURSE = 0.05
+
+
+@compiled
+def plan_detour(
+    t: stations.Target,
+    along: tuple[float, float],
+    lookahead: float,
+    dt: float,
+    memory: Record,
+) -> stations.Target:
+    """The target of a hull that cannot follow its station round a corner: the place to which the
+    planned velocity over ground brings it [m/s].
+
+    The error of its place is that from this path, or the way back to the station would undo what
+    was foreseen.
+    """
+    turned = np.arctan2(along[0], along[1]) - np.arctan2(t.velocity_east, t.velocity_north)
+    back = 0.0
+    if abs(wrap_angle(turned)) < _ON_COURSE:
+        x, y = memory.detour[0], memory.detour[1]
+        pace = np.sqrt(t.way_east * t.way_east + t.way_north * t.way_north)
+        back = _RETURN * pace / np.sqrt(x * x + y * y + lookahead * lookahead)
+    east = along[0] - back * memory.detour[0]
+    north = along[1] - back * memory.detour[1]
+    memory.detour[0] += dt * (east - t.velocity_east)
+    memory.detour[1] += dt * (north - t.velocity_north)
+    place_east = t.east + memory.detour[0]
+    place_north = t.north + memory.detour[1]
+    return stations.Target(place_east, place_north, east, north, t.way_east, t.way_north)
+
+
 @compiled
 def keep_station(
     formation: Record,
@@ -280,6 +317,7 @@ def keep_station(
     clock: tuple[float, float],
     memory: Record,
     reference: Record,
+    plan: stations.LeaderPlan,
 ) -> tuple[tuple[float, float, float], VehicleState]:
     """What brings a follower to its station, as of `steer`: heading [rad], its rate, speed; and its
     measured motion.
@@ -290,6 +328,7 @@ def keep_station(
             least one.
         clock: time, and time since the last call [s].
         reference: out: of the autopilot, record of REFERENCE; the place is not written.
+        plan: the leader's, as far as its messages carry it.
     """
     reading, estimate = senses
     now, dt = clock
@@ -318,9 +357,11 @@ def keep_station(
             # laws with an integral have that in place of the current
             current = estimate.current[0], estimate.current[1]
         along = stations.rate_limited_velocity(
-            formation, station, known, now, current, memory.frame
+            formation, station, known, now, current, memory.frame, (plan, memory.last_received)
         )
         target = stations.Target(t.east, t.north, along[0], along[1], t.way_east, t.way_north)
+        if station.radius > 0.0:
+            target = plan_detour(t, along, formation.lookahead, dt, memory)
         sigma = float(np.hypot(estimate.spread, formation.leader_velocity_sigma * max(silent, 0.0)))
         east, north = _to_station(formation, target, estimate, sigma, dt, memory)
         heading = np.arctan2(east, north)
@@ -337,7 +378,11 @@ def keep_station(
     reference.turn_acceleration = reference.acceleration = 0.0
     reference.depth = memory.depth_wanted
     reference.sinking = sinking / dt
-    turn = clip(wrap_angle(heading - memory.heading_wanted), -TURN_RATE * dt, TURN_RATE * dt)
+    turn_rate = TURN_RATE
+    if station.radius > 0.0:
+        # what planned turns leave of the rudder is for corrections
+        turn_rate = min(TURN_RATE, memory.speed_wanted / (TURN_RESERVE * station.radius))
+    turn = clip(wrap_angle(heading - memory.heading_wanted), -turn_rate * dt, turn_rate * dt)
     memory.heading_wanted += turn
     change = clip(speed - memory.speed_wanted, -ACCELERATION * dt, ACCELERATION * dt)
     memory.speed_wanted = max(memory.speed_wanted + change, SPEED_LEAST)

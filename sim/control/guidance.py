@@ -67,6 +67,8 @@ CURRENT_TIME = 10.0  # time constant of the current's low-pass [s]; longer than 
 OFFSET_GAIN = 1.0 / 400.0
 OFFSET_MOST = 2.0  # offset along an axis that is integrated at most [m]
 INTEGRAL_MOST = 1.0  # current along an axis that comes of the integral at most [m/s]
+# turns are planned with the least radius over this, which leaves some rudder for corrections
+TURN_RESERVE = 0.9
 # least speed through the water on the way; slower, a hull has no heading to keep [m/s]
 SPEED_LEAST = 0.1
 # greatest speed along an axis that leads back to the place where a route stops [m/s]

@@ -15,25 +15,27 @@ from scipy.optimize import fsolve
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from sim.control.allocation import HEAVE, PITCH, SURGE, SWAY, YAW, at_speed, clip
-from sim.control.autopilot import SPEED_HEAVE, SPEED_PITCH, greatest_forces
-from sim.control.guidance import CATCH_UP
+from sim.control.autopilot import SPEED_HEAVE, SPEED_PITCH, greatest_forces, top_speed
+from sim.control.guidance import CATCH_UP, TURN_RESERVE
 from sim.scenario.point_motion import TURN_RATE
 from sim.scenario.routes import START_SPEED
+from sim.scenario.section import CONTROL_STEP_S
 from sim.vehicle.effectors import FIN, state_for, unit_wrenches
 from sim.vehicle.hydrodynamics import wrench
 from sim.vehicle.mjcf import inertia_tensor
 from sim.vehicle.plant import Plant
-from sim.water import Water, instant_of
+from sim.water import Ocean, Water, instant_of
 
-_SPEED_STEP = 0.5  # speeds are looked at in such steps, from the one at which missions begin [m/s]
+_SPEED_STEP = 0.25  # speeds are looked at in such steps, from the slowest of a mission [m/s]
 _GROWTH = 0.02  # slower growth is left to the loops that are left out [1/s]
 _CATCHING_UP = 1.0 + CATCH_UP  # largest commanded speed as a multiple of the speed of a route
 # sway and heave, and roll, pitch and yaw rates of a brisk turn
 _DRIFT_M_S = (0.3, 0.3)
 _SPIN_RAD_S = (0.2, 0.2, 0.2)
 _STEP = 1e-4
-# turns are planned with the least radius over this, which leaves some rudder for corrections
-TURN_RESERVE = 0.9
+# physics steps that are advised are this share of the longest possible one
+_STEP_RESERVE = 0.8
+SHORTEST_STEP_S = 1e-4
 HEIGHT = 9  # place of the height among velocities (0 to 5) and angles (6 to 8)
 
 
@@ -116,6 +118,7 @@ def steady_turn(plant: Plant, i: int, d: Any, speed: float) -> tuple[float, floa
     fitted = np.concatenate([own, plant.fixed_fins[i]])[None]
     # as those of a plant, or another version of the forces would be compiled
     fitted.flags.writeable = False
+    still = Ocean().water
     forces = greatest_forces(d, speed, YAW)[1][: own.size]
     states = np.array(
         [
@@ -128,7 +131,7 @@ def steady_turn(plant: Plant, i: int, d: Any, speed: float) -> tuple[float, floa
 
     def balance(x: Floats) -> Floats:
         motion = np.array([speed, x[0], 0.0, 0.0, 0.0, x[1], 0.0, 0.0, 0.0])
-        total = _forces(c, rigid, centre, motion, plant.ocean.water, (fitted, states))
+        total = _forces(c, rigid, centre, motion, still, (fitted, states))
         return np.asarray(total[[SWAY, YAW]])
 
     (sway, rate), _, found, _ = fsolve(balance, [0.0, 0.05], full_output=True)
@@ -182,38 +185,83 @@ def _motion(plant: Plant, i: int, d: Any, about: Floats) -> Floats:
     return matrix
 
 
-def require_stable(plant: Plant, autopilots: Any, fastest: float, orbital: float = 0.0) -> None:
-    """LaisnError naming vehicle, speed and plane where the motion of a plant's vehicles diverges,
-    up to a speed [m/s].
+_PLANES = {  # rows of the motion that belong together
+    "sway and yaw": (1, 5, 8),
+    "heave and pitch": (2, 4, 7, HEIGHT),
+    "roll": (3, 6),
+    "surge": (0,),
+}
 
-    Or a motion, also in a turn and with the speed `orbital` of the water in waves [m/s], that is
-    too fast for its steps.
+
+def _growth(plant: Plant, i: int, d: Any, speed: float) -> tuple[float, str]:
+    """Rate at which the motion of vehicle i grows fastest at a speed [1/s], and its plane."""
+    rates, modes = np.linalg.eig(_motion(plant, i, d, np.append(speed, np.zeros(8))))
+    worst = int(np.argmax(rates.real))
+    size = np.abs(modes[:10, worst])
+    plane = max(_PLANES, key=lambda name: size[list(_PLANES[name])].max())
+    return float(rates[worst].real), plane
+
+
+def _require_slow_motion(plant: Plant, i: int, d: Any, fastest: float, orbital: float) -> None:
+    """LaisnError naming a physics step that is short enough, or what makes the motion too fast."""
+    speed = _CATCHING_UP * fastest + orbital
+    turning = np.array([speed, *_DRIFT_M_S, *_SPIN_RAD_S, 0.0, 0.0, 0.0])
+    matrix = _motion(plant, i, d, turning)
+    rate = np.abs(np.linalg.eigvals(matrix)).max() if np.all(np.isfinite(matrix)) else np.inf
+    if rate * plant.dt < 1.0:
+        return
+    steps = np.ceil(CONTROL_STEP_S * rate / _STEP_RESERVE)
+    advice = "damping, drag areas, levers and fins must fit mass and added mass"
+    if steps * SHORTEST_STEP_S <= CONTROL_STEP_S:
+        advice = f"set timing.physics_step_s = {CONTROL_STEP_S / steps:.6g}"
+    raise LaisnError(
+        f"{plant.names[i]}: its motion changes within {1.0 / rate:.2g} s at {speed:.3g} m/s, too "
+        f"fast for physics steps of {plant.dt:g} s; {advice}"
+    )
+
+
+def _stable_below(plant: Plant, i: int, d: Any, unstable: float) -> float:
+    """Highest speed, in hundredths, up to which vehicle i is stable, below an unstable one; 0: it
+    is nowhere [m/s].
     """
-    turning = np.array([_CATCHING_UP * fastest + orbital, *_DRIFT_M_S, *_SPIN_RAD_S, 0.0, 0.0, 0.0])
+    speeds = np.arange(0.05, unstable, 0.01)
+    grows = [_growth(plant, i, d, speed)[0] > _GROWTH for speed in speeds]
+    first = grows.index(True) if True in grows else len(grows)
+    return float(speeds[first - 1]) if first else 0.0
+
+
+def require_stable(
+    plant: Plant,
+    autopilots: Any,
+    fastest: float,
+    orbital: float = 0.0,
+    *,
+    slowest: float = 0.0,
+) -> None:
+    """LaisnError naming vehicle, speed and plane where the motion of a plant's vehicles diverges.
+
+    Speeds through the water from `slowest` to `fastest`, and to that with which a vehicle catches
+    up with its route, are looked at as far as the vehicle reaches them [m/s]. Or the motion, also
+    in a turn and with the speed `orbital` of the water in waves [m/s], is too fast for the plant's
+    steps.
+    """
     for i, (name, d) in enumerate(zip(plant.names, autopilots, strict=True)):
-        matrix = _motion(plant, i, d, turning)
-        rate = np.abs(np.linalg.eigvals(matrix)).max() if np.all(np.isfinite(matrix)) else np.inf
-        if not rate * plant.dt < 1.0:
-            raise LaisnError(
-                f"{name}: its motion changes within {1.0 / rate:.2g} s at {turning[0]:.3g} m/s, "
-                f"too fast for physics steps of {plant.dt:g} s; damping, drag areas, levers and "
-                "fins must fit mass and added mass"
+        _require_slow_motion(plant, i, d, fastest, orbital)
+        highest = max(min(_CATCHING_UP * fastest, top_speed(d)), slowest)
+        count = 1 + int(np.ceil((highest - slowest) / _SPEED_STEP))
+        for speed in np.linspace(slowest, highest, count):
+            growth, plane = _growth(plant, i, d, float(speed))
+            if growth <= _GROWTH:
+                continue
+            advice = (
+                "give the hull fins at the stern or hull lift (NAME.fin, hull_lift), or a centre "
+                "of gravity below its origin"
             )
-        for speed in np.arange(START_SPEED, max(fastest, START_SPEED) + _SPEED_STEP, _SPEED_STEP):
-            growth, modes = np.linalg.eig(_motion(plant, i, d, np.append(speed, np.zeros(8))))
-            worst = int(np.argmax(growth.real))
-            if growth[worst].real > _GROWTH:
-                size = np.abs(modes[:10, worst])
-                planes = {
-                    "sway and yaw": (1, 5, 8),
-                    "heave and pitch": (2, 4, 7, 9),
-                    "roll": (3, 6),
-                    "surge": (0,),
-                }
-                plane = max(planes, key=lambda one: size[list(planes[one])].max())
-                raise LaisnError(
-                    f"{name}: the autopilot cannot stabilise {plane} at {speed:g} m/s, they grow "
-                    f"by a factor of e in {1.0 / growth[worst].real:.2g} s; give the hull fins at "
-                    "the stern or hull lift (NAME.fin, hull_lift), or a centre of gravity below "
-                    "its origin"
-                )
+            stable = _stable_below(plant, i, d, float(speed))
+            leg = np.floor(100.0 * stable / _CATCHING_UP) / 100.0
+            if leg >= max(slowest, 0.1):
+                advice = f"it is stable on legs of up to {leg:g} m/s through the water; or {advice}"
+            raise LaisnError(
+                f"{name}: the autopilot cannot stabilise {plane} at {speed:.3g} m/s, they grow by "
+                f"a factor of e in {1.0 / growth:.2g} s; {advice}"
+            )

@@ -29,6 +29,7 @@ from laisn.geometry import wrap_angle
 from sim.control.allocation import clip
 from sim.control.guidance import REFERENCE
 from sim.scenario.point_motion import SHARPEST_CUT, TURN_RATE
+from sim.scenario.section import CONTROL_STEP_S
 
 TRAIL = np.dtype(  # one point of a trail
     [
@@ -254,6 +255,10 @@ class LeaderPlan(NamedTuple):
     until: Floats
 
 
+NO_PLAN = LeaderPlan(records(REFERENCE, 0), np.zeros(0))
+"""That of a leader whose messages carry no waypoints."""
+
+
 def plan_of(track: Records, times: Floats, waypoints: int, dt: float) -> LeaderPlan:
     """The plan of a leader whose messages carry so many of its next waypoints, at times of shape
     (w,), increasing, [s].
@@ -263,7 +268,7 @@ def plan_of(track: Records, times: Floats, waypoints: int, dt: float) -> LeaderP
     of REFERENCE, shape (n,).
     """
     if waypoints == 0:
-        return LeaderPlan(records(REFERENCE, 0), np.zeros(0))
+        return NO_PLAN
     last = np.searchsorted(times, dt * np.arange(len(track)), side="right") + waypoints - 1
     until = np.append(times[:-1] - _HALF_TURN, np.inf)[np.minimum(last, times.size - 1)]
     # the start is known, but no message has been sent yet
@@ -346,8 +351,16 @@ def correct_planned(
         )
 
 
-# a station [m]
-STATION = np.dtype([("behind", np.float64), ("port", np.float64), ("depth", np.float64)])
+# a station, and the hull that is to keep it [m]
+STATION = np.dtype(
+    [
+        ("behind", np.float64),
+        ("port", np.float64),
+        ("depth", np.float64),
+        # least radius of the hull's turns, as of `sim.control.stability.least_radius`
+        ("radius", np.float64),
+    ]
+)
 # heading [rad] and its rate [rad/s]
 FRAME_STATE = np.dtype([("heading", np.float64), ("rate", np.float64)])
 
@@ -356,6 +369,16 @@ _NEAREST = 5.0  # a station nearer to the trail is turned as if it were this far
 AGILITY = float(np.deg2rad(8.0))
 STEP = 1.0  # a follower looks ahead and back in steps of this time [s]
 STEPS = 10  # number of these steps
+# a hull of a least radius looks so far that it can begin half of a right angle before a corner
+_HALF_CORNER = 0.25 * np.pi
+# the curvature of a trail is looked up over this share of a hull's least radius …
+_CHORD = 0.25
+# … so many times, from half of a right angle of its turn before a place to as much behind it
+_CHORDS = 6
+# a frame turns at least this fast: at the inner station this share of the leader's speed
+_LEAST_ROOM = 0.05
+# share of a hull's greatest acceleration across its way that turning frames may ask for
+_SIDEWAYS = 0.3
 # a velocity that changes by a smaller share turns less than a hull
 _LITTLE = float(np.sin(AGILITY * STEP))
 
@@ -372,6 +395,28 @@ class Target(NamedTuple):
 
 
 @compiled
+def _inner_room(trail: tuple[Records, int], arc: float, speed: float, radius: float) -> float:
+    """By how much an inner station may be slower than the leader, where a hull of a least radius
+    can still follow its path [m/s].
+
+    The path of a station that is slower by w bends as V² κ / (V − w)², with the trail's curvature
+    κ, as far as its own turns reach about the place.
+    """
+    points, count = trail
+    chord = _CHORD * radius
+    first = arc - 0.5 * _CHORDS * chord
+    _, _, east, north, _ = at(points, count, first)
+    course = np.arctan2(east, north)
+    bend = 0.0
+    for i in range(1, _CHORDS + 1):
+        _, _, east, north, _ = at(points, count, first + i * chord)
+        before = course
+        course = np.arctan2(east, north)
+        bend = max(bend, abs(wrap_angle(course - before)) / chord)
+    return speed * max(1.0 - np.sqrt(bend * radius), _LEAST_ROOM)
+
+
+@compiled
 def turn_frame(
     f: Record,
     station: Record,
@@ -385,6 +430,9 @@ def turn_frame(
     over_ground = points[count - 1].pace
     width = max(abs(station.port), _NEAREST)
     most = f.max_station_acceleration / width
+    if station.radius > 0.0:
+        across = max(over_ground * over_ground / station.radius, 1e-3)
+        most = min(most, _SIDEWAYS * across / width)
     for i in range(round((span[1] - span[0]) / dt)):
         arc = arc_at(points, count, span[0] + (i + 1) * dt) - station.behind
         _, _, east, north, through = at(points, count, arc)
@@ -397,6 +445,8 @@ def turn_frame(
             room = min(f.outer_speedup * over_ground, max(f.outer_max_speed - through, 0.1))
         else:
             room = min(f.inner_slowdown * over_ground, max(through - f.inner_min_speed, 0.1))
+            if station.radius > 0.0:
+                room = min(room, _inner_room(trail, arc, over_ground, station.radius))
         # what is turned has to be stopped again
         limit = min(room / width, np.sqrt(most * abs(off)))
         wanted = clip(wanted, -limit, limit)
@@ -426,6 +476,22 @@ def station_at(station: Record, trail: tuple[Records, int], time: float, state: 
 
 
 @compiled
+def _planned_course(plan: LeaderPlan, trail: tuple[Records, int], arc: float, sent: float) -> float:
+    """Course of the leader at a length of its way beyond its trail [m], by the plan in the message
+    sent at a time [s]; NaN: that does not give it [rad].
+    """
+    points, count = trail
+    head = points[count - 1]
+    if plan.until.size == 0 or arc <= head.arc:
+        return np.nan
+    time = head.time + (arc - head.arc) / max(head.pace, 0.1)
+    k = round(time / CONTROL_STEP_S)
+    if k >= plan.until.size or time > plan.until[round(sent / CONTROL_STEP_S)]:
+        return np.nan
+    return float(plan.track[k].course)
+
+
+@compiled
 def _through_water(
     station: Record,
     trail: tuple[Records, int],
@@ -433,6 +499,7 @@ def _through_water(
     later: float,
     current: tuple[float, float],
     state: Record,
+    foreseen: tuple[LeaderPlan, float],
 ) -> tuple[float, float]:
     """Velocity through the water that a station needs so much later (less than 0: earlier), east
     and north [m/s].
@@ -441,7 +508,12 @@ def _through_water(
     """
     points, count = trail
     over_ground = points[count - 1].pace
-    _, _, ahead_east, ahead_north, _ = at(points, count, arc + later * over_ground)
+    place = arc + later * over_ground
+    _, _, ahead_east, ahead_north, _ = at(points, count, place)
+    if station.radius > 0.0:
+        course = _planned_course(foreseen[0], trail, place, foreseen[1])
+        if course == course:
+            ahead_east, ahead_north = np.sin(course), np.cos(course)
     frame = state.heading + later * state.rate
     swept = station.port * state.rate
     east = over_ground * ahead_east + swept * np.sin(frame)
@@ -457,33 +529,41 @@ def rate_limited_velocity(
     time: float,
     current: tuple[float, float],
     state: Record,
+    foreseen: tuple[LeaderPlan, float],
 ) -> tuple[float, float]:
     """Velocity over ground with which a hull stays nearest to its station in a current, east and
     north [m/s].
+
+    `foreseen` is the leader's plan, and when the message that gave it was sent [s]: a hull that
+    turns slowly has to begin before the leader does.
     """
     points, count = trail
     arc = arc_at(points, count, time) - station.behind
     over_ground = points[count - 1].pace
-    east, north = _through_water(station, trail, arc, f.preview, current, state)
+    east, north = _through_water(station, trail, arc, f.preview, current, state, foreseen)
     speed = np.sqrt(east * east + north * north)
-    reach = STEPS * STEP
+    agility = AGILITY
+    step = STEP
+    if station.radius > 0.0:
+        agility = min(AGILITY, max(speed, 0.1) / station.radius)
+        step = max(STEP, _HALF_CORNER / (agility * STEPS))
+    reach = STEPS * step
     bend = turned_since(points, count, arc + (f.preview - reach) * over_ground)
-    # on straight legs, headings nearby surely differ by less than a hull turns in a step
-    if (
-        not over_ground * bend + abs(station.port * state.rate * state.rate) * reach
-        < _LITTLE * speed
-    ):
+    changes = over_ground * bend + abs(station.port * state.rate * state.rate) * reach
+    # on straight legs, headings nearby surely differ by less than a hull turns in a step; what is
+    # foreseen of a leader's plan is in no trail yet
+    if station.radius > 0.0 or not changes < _LITTLE * speed:
         needed = np.arctan2(east, north)
         upper = lower = needed
         for side in (-1.0, 1.0):
             then = needed
             for j in range(1, STEPS + 1):
                 x, y = _through_water(
-                    station, trail, arc, f.preview + side * j * STEP, current, state
+                    station, trail, arc, f.preview + side * j * step, current, state, foreseen
                 )
                 then += wrap_angle(np.arctan2(x, y) - then)
-                upper = max(upper, then - AGILITY * j * STEP)
-                lower = min(lower, then + AGILITY * j * STEP)
+                upper = max(upper, then - agility * j * step)
+                lower = min(lower, then + agility * j * step)
         heading = 0.5 * (upper + lower)
         east, north = speed * np.sin(heading), speed * np.cos(heading)
     return east + current[0], north + current[1]

@@ -20,11 +20,10 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.geometry import signed_angle
-from sim.scenario.routes import FOLLOWER_DEPTH, Route, library_route
+from sim.scenario.routes import FOLLOWER_DEPTH, SPEED_MAX, Route, library_route
 
 TURN_RATE = float(np.deg2rad(10.0))  # turn rate in every turn [rad/s] (paper, Section 3)
 ACCELERATION = 0.2  # rate of every change of speed [m/s²] (paper, Section 3)
-SPEED_MAX = 3.0  # top speed of a follower [m/s] (paper, Section 3)
 SPEED_MIN = 0.1  # a leg with less is refused: a hull without way cannot be steered along it [m/s]
 # sharper corners are not cut: the arc would begin far ahead [rad]
 SHARPEST_CUT = float(np.deg2rad(135.0))

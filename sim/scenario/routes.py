@@ -14,7 +14,8 @@ import numpy.typing as npt
 from laisn.arrays import Floats, own_arrays
 from laisn.failure import LaisnError
 
-START_SPEED = 1.0  # speed at which missions begin [m/s] (paper, Section 3.1)
+START_SPEED = 1.0  # speed at which the paper's missions begin [m/s] (Section 3.1)
+SPEED_MAX = 3.0  # top speed of a follower [m/s] (paper, Section 3)
 LEADER_L = ((0.0, 0.0), (500.0, 0.0), (500.0, 500.0))  # east and north [m] (paper, Section 3)
 LEADER_DEPTH = 8.0
 FOLLOWER_DEPTH = 10.0  # default depths [m]: the follower deeper, so that a pitching leader shows
@@ -76,8 +77,8 @@ class Route:
     them.
 
     At a place that is given twice in succession the vehicle stops until the second time; after the
-    last waypoint it goes straight on, or stays where it stopped. LaisnError if all waypoints are
-    one place.
+    last waypoint it goes straight on, or stays where it stopped. A vehicle whose waypoints are all
+    one place hovers there, heading east.
     """
 
     name: str
@@ -90,8 +91,6 @@ class Route:
     start_speed: float = START_SPEED
 
     def __post_init__(self) -> None:
-        if not self.leg_length.any():
-            raise LaisnError(f"route {self.name!r}: all waypoints are one place")
         own_arrays(self)
 
     @classmethod
@@ -101,18 +100,27 @@ class Route:
         points: npt.ArrayLike,
         depth: float | DepthProfile,
         start_heading: float | None = None,
+        start_speed: float | None = START_SPEED,
     ) -> Self:
-        """Waypoints [[time, east, north], …], shape (n, 3), [s], [m], [m]."""
+        """Waypoints [[time, east, north], …], shape (n, 3), [s], [m], [m].
+
+        `start_speed` is that at the first waypoint [m/s], None: the mean speed of the first leg. A
+        vehicle whose route begins with a stop starts at rest.
+        """
         table = np.array(points, dtype=np.float64)
+        first_leg = table[1] - table[0]
+        length = float(np.hypot(first_leg[1], first_leg[2]))
+        if length == 0.0:
+            start_speed = 0.0
+        elif start_speed is None:
+            start_speed = min(length / float(first_leg[0]), SPEED_MAX)
         return cls(
             name=name,
             time=table[:, 0].copy(),
             waypoint=table[:, 1:].copy(),
             depth=_profile(depth),
             start_heading=start_heading,
-            start_speed=0.0
-            if np.array_equal(table[0, 1:], table[1:2, 1:].ravel())
-            else START_SPEED,
+            start_speed=start_speed,
         )
 
     @classmethod
@@ -138,7 +146,10 @@ class Route:
         """
         if self.start_heading is not None:
             return np.array([np.sin(self.start_heading), np.cos(self.start_heading)])
-        first = int(np.flatnonzero(self.leg_length)[0])
+        moving = np.flatnonzero(self.leg_length)
+        if moving.size == 0:
+            return np.array([1.0, 0.0])
+        first = int(moving[0])
         return np.asarray(self.waypoint[first + 1] - self.waypoint[first])
 
     @property

@@ -58,6 +58,11 @@ class Vehicle(Section):
         description="[[time_s, east_m, north_m], …] from time 0, in place of route; a position "
         "given twice is a stop",
     )
+    start_speed_m_s: Annotated[float, Field(ge=0, le=3)] | None = Field(
+        None,
+        description="over ground, at the start; default: 1 m/s on a library route, the mean speed "
+        "of the first leg on waypoints, the leader's on a station",
+    )
     model: Annotated[str, Field(max_length=LONGEST_MODEL)] | None = Field(
         None,
         description="vehicle of `laisn vehicles`, or own MJCF hull, path relative to this file",

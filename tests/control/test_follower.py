@@ -13,7 +13,7 @@ from sim.control import follower
 from sim.control.autopilot import VehicleState
 from sim.control.follower import extend_trail, init_memory, keep_station
 from sim.control.guidance import REFERENCE
-from sim.control.station import STATION, TRAIL
+from sim.control.station import NO_PLAN, STATION, TRAIL
 from sim.scenario.formation import Formation
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE
 from tests.synthetic import message, record
@@ -32,7 +32,7 @@ class Deck:
             record(follower.FOLLOWER_MEMORY),
         )
         self.trail, self.count = records(TRAIL, 50), np.zeros(1, dtype=np.int64)
-        self.station, self.reference = record(STATION, 20.0, 0.0, 12.0), record(REFERENCE)
+        self.station, self.reference = record(STATION, 20.0, 0.0, 12.0, 0.0), record(REFERENCE)
         self.reading, self.estimate = record(READING), record(ESTIMATE)
         self.reading.speed, self.reading.depth, self.estimate.position = 1.0, 12.0, (aside, 10.0)
         init_memory(message(0.0, 0.0, 0.0, 0.0, 1.0), self.trail, self.count, self.memory)
@@ -49,7 +49,14 @@ class Deck:
         known = self.trail, self.count[0]
         senses = self.reading, self.estimate
         return keep_station(
-            self.formation, self.station, senses, known, (now, DT), self.memory, self.reference
+            self.formation,
+            self.station,
+            senses,
+            known,
+            (now, DT),
+            self.memory,
+            self.reference,
+            NO_PLAN,
         )
 
     def ticks(self, n: int) -> Floats:

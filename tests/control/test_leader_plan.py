@@ -42,7 +42,7 @@ class Listener:
     def __init__(self, plan: LeaderPlan) -> None:
         self.plan, self.formation, self.memory = plan, Formation().record(), record(FOLLOWER_MEMORY)
         self.trail, self.count = records(TRAIL, 300), np.zeros(1, dtype=np.int64)
-        self.station = record(STATION, 15.0, 10.0, 12.0)
+        self.station = record(STATION, 15.0, 10.0, 12.0, 0.0)
         init_memory(said_at(0), self.trail, self.count, self.memory)
 
     def hear(self, k: int, off: tuple[float, float] = (0.0, 0.0)) -> None:

@@ -11,10 +11,18 @@ from hypothesis import strategies as st
 
 from laisn.arrays import Floats, Ints, Record, Records, records
 from sim.control import station as way
-from sim.control.follower import ALOS, CONSTANT_BEARING, ILOS, approach
+from sim.control.follower import (
+    ALOS,
+    CONSTANT_BEARING,
+    FOLLOWER_MEMORY,
+    ILOS,
+    approach,
+    plan_detour,
+)
 from sim.control.station import (
     AGILITY,
     FRAME_STATE,
+    NO_PLAN,
     STATION,
     Target,
     rate_limited_velocity,
@@ -22,6 +30,7 @@ from sim.control.station import (
     turn_frame,
 )
 from sim.scenario.formation import Formation
+from sim.tracking import stations_along
 from tests.synthetic import record
 
 FRAME = Formation(inner_slowdown=0.35, preview_s=0.0).record()
@@ -95,7 +104,7 @@ def test_a_leader_that_hardly_moves_leaves_no_trail_of_its_trembling() -> None:
 def test_a_station_stands_behind_and_to_port() -> None:
     trail, count, ahead = straight()
     memory = record(FRAME_STATE, 0.3, 0.0)
-    target = station_at(record(STATION, 20.0, 7.0, 12.0), (trail, count[0]), 60.0, memory)
+    target = station_at(record(STATION, 20.0, 7.0, 12.0, 0.0), (trail, count[0]), 60.0, memory)
     expected = (90.0 - 20.0) * ahead + 7.0 * np.array([-ahead[1], ahead[0]])
     assert (target.east, target.north) == pytest.approx(tuple(expected))
     assert (target.velocity_east, target.velocity_north) == pytest.approx(tuple(1.5 * ahead))
@@ -111,7 +120,7 @@ def test_station_velocities_in_a_turn_stay_within_the_speed_limit(port: float) -
     trail, count = records(way.TRAIL, times.size + 1), np.zeros(1, dtype=np.int64)
     memory, places, velocities, frames = record(FRAME_STATE), [], [], []
     memory.heading = np.pi / 2
-    station = record(STATION, 15.0, port, 10.0)
+    station = record(STATION, 15.0, port, 10.0, 0.0)
     for k, time in enumerate(times):
         way.extend(trail, count, points[k, 0], points[k, 1], time, (1.0, course[k]))
         if k:
@@ -140,7 +149,7 @@ def test_an_instantaneous_swing_is_replaced_by_a_turn_about_the_same_instant(
     times = np.arange(0.0, 121.0)
     points = pace * np.column_stack([np.maximum(times - 40.0, 0.0), np.minimum(times, 40.0)])
     trail, count = laid(points, times, np.where(times > 40.0, np.pi / 2, 0.0))
-    station, memory = record(STATION, 20.0 * pace, 0.0, 12.0), record(FRAME_STATE)
+    station, memory = record(STATION, 20.0 * pace, 0.0, 12.0, 0.0), record(FRAME_STATE)
     before, after = (
         np.array([-current[0], pace - current[1]]),
         np.array([pace - current[0], -current[1]]),
@@ -148,7 +157,7 @@ def test_an_instantaneous_swing_is_replaced_by_a_turn_about_the_same_instant(
     start, end = np.arctan2(*before), np.arctan2(*after)
     for late in (-8.0, -5.0, -2.0, 2.0, 5.0, 8.0):
         command = rate_limited_velocity(
-            FRAME, station, (trail, count[0]), 60.0 + late, current, memory
+            FRAME, station, (trail, count[0]), 60.0 + late, current, memory, (NO_PLAN, 0.0)
         )
         through = np.array(command) - current
         # half way between what a hull may have turned to already and what it may still have to turn
@@ -167,11 +176,12 @@ def test_on_a_straight_way_nothing_is_foreseen() -> None:
     trail, count, ahead = straight()
     command = rate_limited_velocity(
         FRAME,
-        record(STATION, 20.0, 7.0, 12.0),
+        record(STATION, 20.0, 7.0, 12.0, 0.0),
         (trail, count[0]),
         60.0,
         (0.2, -0.1),
         record(FRAME_STATE, 0.3, 0.0),
+        (NO_PLAN, 0.0),
     )
     assert command == pytest.approx(tuple(1.5 * ahead))
 
@@ -209,10 +219,10 @@ def test_what_is_foreseen_is_between_the_envelopes_on_legs_and_in_bends() -> Non
     trail, count = laid(points, times, course)
     n, slow, quick = int(count[0]), 0, 0
     for time in np.arange(60.25, 210.0, 0.7):
-        station, memory = record(STATION, 25.0, 8.0, 12.0), record(FRAME_STATE, 0.4, 0.01)
+        station, memory = record(STATION, 25.0, 8.0, 12.0, 0.0), record(FRAME_STATE, 0.4, 0.01)
         for current in (np.array([0.0, 0.0]), np.array([0.3, 0.5])):
             command = rate_limited_velocity(
-                FRAME, station, (trail, n), time, (current[0], current[1]), memory
+                FRAME, station, (trail, n), time, (current[0], current[1]), memory, (NO_PLAN, 0.0)
             )
             expected = between_envelopes(trail, n, station, time, current, memory)
             assert command == pytest.approx(tuple(expected), abs=1e-9)
@@ -351,3 +361,65 @@ def test_lines_of_sight_are_those_of_their_papers(
         assert found == pytest.approx(
             (speed * np.sin(wanted), speed * np.cos(wanted), grown), abs=1e-9
         )
+
+
+RADIUS = 40.0
+
+
+def way_round(radius: float) -> tuple[Floats, Floats]:
+    """100 m to the north, a quarter circle to port, and 300 m to the west at 1 m/s, each second:
+    places and headings.
+    """
+    arc = np.arange(0.0, 0.5 * np.pi * radius) / radius
+    heading = np.concatenate([np.zeros(100), -arc, np.full(300, -0.5 * np.pi)])
+    points = np.cumsum(np.column_stack([np.sin(heading), np.cos(heading)]), axis=0)
+    return points, heading
+
+
+def least_radius_of(path: Floats) -> float:
+    """Of a path each second, over 4 s."""
+    steps = path[4::4] - path[:-4:4]
+    course = np.unwrap(np.arctan2(*steps.T))
+    length = np.hypot(*steps.T)
+    return float((0.5 * (length[1:] + length[:-1]) / np.abs(np.diff(course))).min())
+
+
+@pytest.mark.parametrize("port", [10.0, 25.0])
+def test_inner_stations_bend_no_more_than_the_hull_can_turn(port: float) -> None:
+    """A leader that turns in 1.1 of the least radius leaves no more than √(1/1.1) to inner ones."""
+    points, heading = way_round(1.1 * RADIUS)
+    paths = []
+    for radius in (0.0, RADIUS):
+        stations = np.array([record(STATION, 15.0, port, 12.0, radius)]).view(np.recarray)
+        formations = np.array([Formation().record()]).view(np.recarray)
+        placed = stations_along(points, np.ones(len(points)), heading, stations, formations, 1.0)
+        paths.append(np.column_stack([placed.east[:, 0], placed.north[:, 0]]))
+        # in the end the station is where it is to be: behind on a leg to the west, port is south
+        assert paths[-1][-1] == pytest.approx(points[-1] + (15.0, -port), abs=1.0)
+    assert least_radius_of(paths[0]) < 0.8 * RADIUS
+    assert least_radius_of(paths[1]) > 0.9 * RADIUS
+
+
+def test_a_detour_is_what_lies_between_the_station_and_the_planned_arc() -> None:
+    """A station rounds a right angle at 1 m/s; the hull's heading turns evenly, half of it
+    before: the arc from (−πR/4, 0) ends R − πR/4 beyond the station on either axis.
+    """
+    memory = record(FOLLOWER_MEMORY)
+    dt = 0.01
+    half = 0.25 * np.pi * RADIUS
+    for time in np.arange(-half, half, dt):
+        heading = (time + half) / RADIUS
+        east, north = (1.0, 0.0) if time < 0.0 else (0.0, 1.0)
+        target = Target(0.0, 0.0, east, north, east, north)
+        along = (np.cos(heading), np.sin(heading))
+        planned = plan_detour(target, along, 20.0, dt, memory)
+        # where the plan is the station's course, the way back to it has begun
+        if time < -half + 2.0 or time > half - 2.5:
+            continue
+        assert (planned.velocity_east, planned.velocity_north) == pytest.approx(along)
+    off = RADIUS - half
+    assert memory.detour == pytest.approx((off, off), abs=0.02 * RADIUS)
+    # on course it is left at 0.3 m/s at most, and fades
+    for _ in range(round(150.0 / dt)):
+        plan_detour(Target(0.0, 0.0, 0.0, 1.0, 0.0, 1.0), (0.0, 1.0), 20.0, dt, memory)
+    assert np.hypot(*memory.detour) < 1.0

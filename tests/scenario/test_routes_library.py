@@ -73,9 +73,12 @@ def test_unknown_routes_are_named_with_what_exists():
         routes.library_route("T1")
 
 
-def test_waypoints_at_one_place_are_refused():
-    with pytest.raises(ValueError, match="all waypoints are one place"):
-        Route.timed("mine", [[0, 10, 0], [10, 10, 0], [20, 10, 0]], 5.0)
+def test_a_vehicle_whose_waypoints_are_one_place_stays_there_and_heads_east():
+    route = Route.timed("mine", [[0, 10, 0], [10, 10, 0], [20, 10, 0]], 5.0)
+    assert (route.start_speed, route.initial_heading) == (0.0, pytest.approx(np.pi / 2))
+    motion = plan(route).at(np.array([0.0, 15.0, 300.0]))
+    assert motion.east.tolist() == [10.0] * 3
+    assert not motion.speed.any()
 
 
 def test_untimed_waypoints_get_their_times_from_the_speed():

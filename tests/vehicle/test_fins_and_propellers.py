@@ -18,9 +18,9 @@ from sim.control.allocation import PITCH, SURGE, YAW, allocate, at_speed, pseudo
 from sim.control.autopilot import design, top_speed
 from sim.control.guidance import reference
 from sim.control.stability import least_radius, steady_turn
-from sim.feasibility import cautions
 from sim.scenario.routes import DepthProfile, Route, library_route
 from sim.simulation import simulate
+from sim.trial import trial
 from sim.vehicle import effectors, mjcf
 from sim.vehicle.hydrodynamics import coupled_damping
 from sim.vehicle.mjcf import VehicleSetup, spec_of
@@ -409,19 +409,16 @@ def test_ten_remus_keep_their_stations_behind_a_remus() -> None:
 
 
 def test_hulls_that_turn_slowly_are_cautioned_about() -> None:
+    """A corner of 90° is cut by R (1 - cos 45°), measured from either leg."""
     plant = plant_of("remus100")
-    rate, radius = steady_turn(plant, 0, design(plant, (None,))[0], 1.0)
-    texts = [
-        text
-        for text in cautions(laisn_sim.load("T5", {"leader.model": "remus100"}))
-        if "turns at" in text
-    ]
-    assert texts == [
-        f"leader.model: it turns at {np.rad2deg(rate):.2g}°/s at most at 1 m/s, in circles of "
-        f"{radius:.3g} m; routes "
-        "are planned with 10°/s: it cuts their corners, or leaves legs that are too short"
-    ]
-    assert not cautions(laisn_sim.load("T5"))
+    radius = least_radius(plant, 0, design(plant, (None,))[0])
+    corner = {"waypoints": [[0, 0, 0], [100, 100, 0], [200, 100, 100]], "model": "remus100"}
+    table = {"duration_s": 200, "leader": corner, "followers": [{"route": "T5"}]}
+    (text,) = trial(laisn_sim.load(table))
+    assert text.startswith("leader: it is up to ")
+    off = float(text.split("up to ")[1].split(" m off its route")[0])
+    assert off == pytest.approx(radius * (1.0 - np.sqrt(0.5)), abs=1.5)
+    assert not trial(laisn_sim.load("T5"))
 
 
 def test_what_a_hull_cannot_do_is_refused_by_name() -> None:

@@ -5,16 +5,18 @@ models and closed forms.
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
 
 import laisn_sim
+import models
 from experiments.findings import FILE, Finding, Findings, plain, record
 from laisn.arrays import Floats
 from sim import attitude
 from sim.assembly import routes_of
-from sim.scenario.routes import DepthProfile, Route, library_route
+from sim.scenario.routes import DepthProfile, Route
 from sim.simulation import simulate
 from sim.vehicle import mjcf
 from sim.vehicle.effectors import FIN, reach
@@ -480,23 +482,10 @@ def _vehicles() -> dict[str, Finding]:
     findings["bluerov hover"] = plain(
         float(np.sqrt(np.mean(off**2))), "RMS from a station in 0.3 m/s, 60 to 290 s", "m"
     )
-    for model in ("leader", "follower", "remus100", "lauv", "bluerov2_heavy"):
-        routes = {"follower": library_route("T5"), "leader": library_route("L", 8.0)}
-        if model == "bluerov2_heavy":
-            polygon = Route.at_speed("square", [[0, 0], [60, 0], [60, 60]], 0.5, 10.0)
-            routes = {"follower": polygon, "leader": polygon}
-        for role, route in routes.items():
-            start = route.waypoint[0]
-            depth = float(route.depth.depth[0])
-            setup = VehicleSetup(
-                name="v",
-                model=model,
-                position_m=(start[0], start[1], -depth),
-                heading_rad=route.initial_heading,
-                speed_m_s=route.start_speed,
-            )
-            flown = simulate(Plant([setup], Ocean()), [route], float(route.time[-1]), [None])
-            (report,) = tracking(flown, [route])
+    for model in models.VEHICLES:
+        for role in ("follower", "leader"):
+            flight = laisn_sim.fly(mission_of(model, role))
+            report = tracking(flight.trajectory, routes_of(flight.scenario))[role == "follower"]
             key = f"route {model} {role}"
             findings[f"{key} off"] = plain(
                 report.cross_track_rms, f"RMS off its route: {model} as {role}", "m"
@@ -505,6 +494,26 @@ def _vehicles() -> dict[str, Finding]:
                 report.depth_error_rms, f"RMS error of depth: {model} as {role}", "m"
             )
     return findings
+
+
+SQUARE_CORNER = ((0.0, 0.0, 0.0), (120.0, 60.0, 0.0), (240.0, 60.0, 60.0))
+"""Time [s], east and north [m]: a corner at 0.5 m/s, for a vehicle that cannot fly the paper's
+routes.
+"""
+
+
+def mission_of(model: str, role: str) -> dict[str, Any]:
+    """The scenario in which a vehicle is tried as leader, on the paper's L, or as follower, on
+    T5.
+    """
+    vehicle: dict[str, Any] = {"model": model}
+    duration = 1000.0
+    if model == "bluerov2_heavy":
+        vehicle["waypoints"] = SQUARE_CORNER
+        duration = SQUARE_CORNER[-1][0]
+    if role == "leader":
+        return {"duration_s": duration, "leader": vehicle, "followers": [{"route": "T5"}]}
+    return {"duration_s": duration, "followers": [{"route": "T5"} | vehicle]}
 
 
 def _formation() -> dict[str, Finding]:

@@ -1,0 +1,81 @@
+"""One hull alone in calm water: what checks, stations and advice need to know of it before a
+flight.
+"""
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+from sim.control.autopilot import design, top_speed
+from sim.control.stability import least_radius
+from sim.scenario.settings import Follower, Scenario, Vehicle
+from sim.vehicle.effectors import FIN, LEAST_WAY
+from sim.vehicle.mjcf import VehicleSetup
+from sim.vehicle.plant import Plant
+from sim.water import Ocean
+
+HULL_KEYS = (  # keys of a vehicle, beside its model, on which its motion depends
+    "depth_control",
+    "cg_offset_x_m",
+    "cg_offset_z_m",
+    "drag_scale",
+    "added_mass_scale",
+    "lift_scale",
+    "thrust_scale",
+    "trim",
+    "excess_buoyancy_n",
+)
+# least speed through the water of followers on stations whose fins need way [m/s]
+STATION_WAY = 1.2 * LEAST_WAY
+
+
+class Hull(NamedTuple):
+    """What the motion of a vehicle alone depends on."""
+
+    settings: Vehicle  # its model, and what is changed of that
+    physics_step_s: float
+    density_kg_m3: float
+
+
+class HullLimits(NamedTuple):
+    """What a hull can do, by its MJCF."""
+
+    least_radius: float  # of its planned turns [m], as of `sim.control.stability.least_radius`
+    top_speed: float  # [m/s]
+    least_speed: float  # that its fins need on a station; 0: it can hover [m/s]
+
+
+def hull_of(scenario: Scenario, vehicle: Vehicle) -> Hull:
+    """The hull of a vehicle of a scenario."""
+    model = vehicle.model or ("follower" if isinstance(vehicle, Follower) else "leader")
+    settings = Vehicle.model_construct(
+        model=model, **{key: getattr(vehicle, key) for key in HULL_KEYS}
+    )
+    return Hull(settings, scenario.timing.physics_step_s, scenario.ocean.density_kg_m3)
+
+
+@lru_cache(maxsize=8)
+def calm_plant(hull: Hull) -> tuple[Plant, Any]:
+    """A vehicle alone in calm water, as a plant named "hull", and its autopilot's records."""
+    settings = hull.settings
+    setup = VehicleSetup(
+        name="hull", model=str(settings.model), position_m=(0.0, 0.0, -10.0), settings=settings
+    )
+    plant = Plant([setup], Ocean(density_kg_m3=hull.density_kg_m3), hull.physics_step_s)
+    return plant, design(plant, (settings.depth_control,))
+
+
+def needs_way(autopilot: Any) -> bool:
+    """Whether a vehicle cannot hover: fins alone, at an angle to the flow, hold its depth."""
+    return bool(not autopilot["has_heave"] and FIN in autopilot["effectors"]["kind"])
+
+
+@lru_cache(maxsize=64)
+def limits_of(hull: Hull) -> HullLimits:
+    """What a hull can do; errors are those of `sim.control.autopilot.design`."""
+    plant, autopilots = calm_plant(hull)
+    autopilot = autopilots[0]
+    return HullLimits(
+        least_radius(plant, 0, autopilot),
+        top_speed(autopilot),
+        STATION_WAY if needs_way(autopilot) else 0.0,
+    )

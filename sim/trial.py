@@ -1,0 +1,149 @@
+"""A trial before a flight: how far vehicles will be off their routes, depths and stations.
+
+Vehicles of the user's choice are flown along the mission by the truth, in its sea, without
+navigation. What limits them is all in it: turning circles, slip in turns, thrust, currents, waves.
+The project's own hulls with their own coefficients keep all routes and stations that are accepted,
+and are not tried.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from laisn.arrays import Floats
+from laisn.failure import LaisnError
+from sim.assembly import route_of
+from sim.hull import HULL_KEYS
+from sim.scenario.settings import Follower, Scenario, Vehicle
+from sim.simulation import (
+    EndedError,
+    fly_mission,
+    keys_needing_closed_loop,
+    simulate_motion,
+)
+from sim.tracking import JOINED_M, cross_track, off_station
+from sim.trajectory import Trajectory
+
+OFF_ROUTE_M = 2.0  # a vehicle that is once farther than this off its legs is reported [m]
+OFF_DEPTH_M = 2.0  # … or off the depth that is due
+OFF_STATION_M = 5.0  # … or off its station, once it has joined it
+LONGEST_S = 3600.0  # of longer missions this time is tried [s]
+
+
+class Stray(NamedTuple):
+    """How far a vehicle is off what it is to keep."""
+
+    quantity: str  # its route, its depth, its station
+    rms_m: float
+    largest_m: float
+    time_s: float  # of the largest distance
+
+    def __str__(self) -> str:
+        return (
+            f"it is up to {self.largest_m:.1f} m off {self.quantity}, at {self.time_s:.0f} s "
+            f"(RMS {self.rms_m:.2g} m)"
+        )
+
+
+def is_custom(vehicle: Vehicle) -> bool:
+    """Whether a vehicle has another hull than the project's own leader and follower."""
+    fields = Vehicle.model_fields
+    changed = any(getattr(vehicle, key) != fields[key].default for key in HULL_KEYS)
+    return changed or vehicle.model is not None
+
+
+def _stray(quantity: str, off: Floats, time: Floats) -> Stray:
+    worst = int(np.argmax(off))
+    return Stray(quantity, float(np.sqrt(np.mean(off**2))), float(off[worst]), float(time[worst]))
+
+
+def _strays_of(scenario: Scenario, trajectory: Trajectory, i: int, station: Floats) -> list[Stray]:
+    """Where vehicle i is off by more than is usual; `station` are its distances from its station,
+    shape (n,), [m].
+    """
+    vehicle = scenario.vehicles()[i][1]
+    time = trajectory.time
+    if isinstance(vehicle, Follower) and vehicle.station:
+        joined = int(np.argmax(station < JOINED_M))
+        stray = _stray("its station", station[joined:], time[joined:])
+        return [stray] if stray.largest_m > OFF_STATION_M else []
+    route = route_of(vehicle, trajectory.names[i])
+    until = time <= route.time[-1] + 1e-9
+    level = cross_track(route, time[until], trajectory.position[until, i, :2])
+    depth = np.abs(trajectory.depth[:, i] - route.depth.depth_at(time))
+    strays = []
+    for off, most, quantity in (
+        (level, OFF_ROUTE_M, "its route"),
+        (depth, OFF_DEPTH_M, "its depth"),
+    ):
+        stray = _stray(quantity, off, time)
+        if stray.largest_m > most:
+            strays.append(stray)
+    return strays
+
+
+def strays(scenario: Scenario, trajectory: Trajectory) -> list[str]:
+    """How far vehicles with other hulls than the project's own are off their routes, depths and
+    stations, a line for each that is farther off than is usual.
+    """
+    lines = []
+    off = off_station(scenario, trajectory)
+    for i, (_, vehicle) in enumerate(scenario.vehicles()):
+        if not is_custom(vehicle):
+            continue
+        of_vehicle = _strays_of(scenario, trajectory, i, off[:, max(i - 1, 0)])
+        if of_vehicle:
+            lines.append(f"{trajectory.names[i]}: {'; '.join(map(str, of_vehicle))}")
+    return lines
+
+
+def _to_be_tried(scenario: Scenario) -> list[Follower]:
+    return [f for f in scenario.followers if is_custom(f) and not f.controller]
+
+
+def is_tried(scenario: Scenario) -> bool:
+    """Whether a mission has rigid bodies with other hulls than the project's own."""
+    customs = is_custom(scenario.leader) or bool(_to_be_tried(scenario))
+    return scenario.motion == "physics" and customs
+
+
+def _tried(scenario: Scenario) -> Scenario:
+    """The mission of the leader and of followers to be tried, steered by the truth."""
+    followers = _to_be_tried(scenario)
+    if not followers:
+        # a mission has one at least, best one whose control needs no closed loop
+        followers = sorted(scenario.followers, key=lambda f: f.station is not None)[:1]
+    step = scenario.timing.filter_step_s
+    duration = min(scenario.duration_s, round(LONGEST_S / step) * step)
+    by_truth = {"guidance_position": "truth", "controller": None}
+    changes = {
+        "duration_s": duration,
+        "contact": "mark",
+        "followers": tuple(f.model_copy(update=by_truth) for f in followers),
+    }
+    return scenario.model_copy(update=changes)
+
+
+def _fly(tried: Scenario) -> Trajectory:
+    if not keys_needing_closed_loop(tried):
+        return simulate_motion(tried)
+    # control of formations takes long to load
+    from sim.closed_loop import closed_loop_mission
+
+    return fly_mission(tried, closed_loop_mission(tried))
+
+
+def trial(scenario: Scenario) -> list[str]:
+    """What `strays` says of a flight by the truth, and how that ends if it does before its time;
+    nothing unless the scenario `is_tried`.
+    """
+    if not is_tried(scenario):
+        return []
+    tried = _tried(scenario)
+    try:
+        trajectory = _fly(tried)
+    except EndedError as error:
+        return [str(error), *strays(tried, error.trajectory)]
+    except (LaisnError, ArithmeticError) as error:
+        return [str(error)]
+    return strays(tried, trajectory)

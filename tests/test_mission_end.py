@@ -1,0 +1,108 @@
+"""Missions that end at the floor or off a route: outcome, files and exit code of the command."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import laisn_sim
+from experiments.command.cli import app
+from experiments.command.errors import MISSION_FAILED
+from sim.flight import Outcome
+from sim.scenario.file import ScenarioError
+from sim.scenario.routes import DepthProfile, Route
+from sim.tracking import LEFT_ROUTE_M, MissionBounds, distance_from_route, first_departure
+
+HEAVY = {"followers.0.model": "remus100", "followers.0.excess_buoyancy_n": -7.9}
+
+
+def test_a_hull_heavier_than_it_can_lift_is_refused_with_advice_that_works() -> None:
+    """2.6 % of its weight; without the check it sinks through the floor."""
+    with pytest.raises(ScenarioError, match=r"7.9 N heavier.*excess_buoyancy_n = ") as caught:
+        laisn_sim.load("T5", HEAVY)
+    trim = float(str(caught.value).split("excess_buoyancy_n = ")[1].split(",")[0])
+    changes = HEAVY | {"followers.0.excess_buoyancy_n": trim, "duration_s": 200}
+    flight = laisn_sim.fly("T5", changes)
+    assert flight.outcome is Outcome.COMPLETED
+    assert np.abs(flight.trajectory.depth[:, 1] - 10.0).max() < 2.0
+
+
+def test_a_light_hull_is_refused_too() -> None:
+    with pytest.raises(ScenarioError, match="8 N lighter"):
+        laisn_sim.load("T5", {**HEAVY, "followers.0.excess_buoyancy_n": 8.0})
+
+
+SINKS = (
+    "duration_s = 300\nocean.floor_depth_m = 14.0\n[[followers]]\n"
+    'waypoints = [[0, 0, 0], [300, 300, 0]]\nmodel = "remus100"\n'
+    # its autopilot and the check count on ten times the thrust
+    "thrust_scale = 0.1\nexcess_buoyancy_n = -2.0\n"
+)
+
+
+def test_a_vehicle_at_the_floor_ends_the_mission(tmp_path: Path) -> None:
+    file = tmp_path / "sinks.toml"
+    file.write_text(SINKS)
+    result = CliRunner().invoke(app, ["fly", str(file), "--no-video", "--out", str(tmp_path / "a")])
+    assert result.exit_code == MISSION_FAILED, result.output
+    assert Outcome.GROUNDED.value in " ".join(result.output.split())
+    summary = json.loads((tmp_path / "a" / "summary.json").read_text())
+    assert summary["outcome"] == Outcome.GROUNDED.value
+    assert Outcome.GROUNDED.value in (tmp_path / "a" / "report.html").read_text()
+    flight = laisn_sim.read_log(tmp_path / "a" / "flight.mcap")
+    assert flight.outcome is Outcome.GROUNDED
+    depth = flight.trajectory.depth[:, 1]
+    assert depth[-1] > 14.0 > depth[:-1].max()
+    assert summary["flown_s"] == flight.trajectory.time[-1] < 300.0
+
+
+ASTRAY = (
+    "duration_s = 400\nocean.current_speed_m_s = 1.2\nocean.current_direction_deg = 0\n"
+    "[[followers]]\nwaypoints = [[0, 0, 0], [400, 200, 0]]\ndepth_m = 10.0\n"
+    # a tenth of the thrust that its autopilot counts on
+    "thrust_scale = 0.1\n"
+)
+
+
+def test_a_vehicle_that_loses_its_route_ends_the_mission(tmp_path: Path) -> None:
+    file = tmp_path / "astray.toml"
+    file.write_text(ASTRAY)
+    result = CliRunner().invoke(app, ["fly", str(file), "--no-video", "--out", str(tmp_path / "a")])
+    assert result.exit_code == MISSION_FAILED, result.output
+    flight = laisn_sim.read_log(tmp_path / "a" / "flight.mcap")
+    assert flight.outcome is Outcome.OFF_ROUTE
+    # the route is the line to the east, the current sets to the north
+    north = flight.trajectory.position[:, 1, 1]
+    assert north[-1] > LEFT_ROUTE_M > north[:-11].max()
+
+
+def test_a_mission_within_bounds_has_exit_code_zero(tmp_path: Path) -> None:
+    arguments = ["fly", "T5", "--set", "duration_s=20", "--no-video", "--out", str(tmp_path / "a")]
+    assert CliRunner().invoke(app, arguments).exit_code == 0
+
+
+def test_distance_from_a_route_is_that_of_geometry() -> None:
+    route = Route.timed("l", [[0, 0, 0], [10, 10, 0], [20, 10, 10]], DepthProfile.constant(5.0))
+    places = np.array([[5.0, 3.0, -5.0], [13.0, 4.0, -1.0], [10.0, 90.0, -5.0], [-3.0, -4.0, -5.0]])
+    # aside of a leg, aside and above, on the way straight on, before the start
+    assert distance_from_route(route, np.full(4, 3.0), places) == pytest.approx([3, 5, 0, 5])
+
+
+def test_the_first_departure_is_the_earliest_of_all_vehicles() -> None:
+    route = Route.timed("l", [[0, 0, 0], [10, 10, 0]], DepthProfile.constant(5.0))
+    time = np.arange(0.0, 10.0, 0.1)
+    pose = np.zeros((100, 2, 7))
+    pose[..., 2] = -5.0
+    bounds = MissionBounds(20.0, (route, None))
+    assert first_departure(time, pose, bounds) is None
+    pose[50:, 1, 2] = -20.01
+    departure = first_departure(time, pose, bounds)
+    assert departure is not None
+    assert (departure.instant, departure.vehicle, departure.off_route_m) == (50, 1, None)
+    pose[21:, 0, 1] = 51.0
+    departure = first_departure(time, pose, bounds)
+    assert departure is not None
+    # routes are looked at each second
+    assert (departure.instant, departure.vehicle, departure.off_route_m) == (30, 0, 51.0)

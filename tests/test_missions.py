@@ -1,0 +1,163 @@
+"""Every shipped vehicle in every role of every built-in scenario, loaded and flown as the command
+does.
+
+It keeps its route, depth or station within the bounds of `sim.trial`, which the documents state, or
+`laisn check` warns of it, or refuses it with advice that works.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import models
+from experiments.command.cli import app
+from experiments.flight import library
+from experiments.flight.fly import fly
+from sim.assembly import route_of
+from sim.flight import Flight, Outcome
+from sim.hull import hull_of, limits_of
+from sim.scenario.file import ScenarioError
+from sim.scenario.settings import Scenario
+from sim.tracking import cross_track, off_station
+from sim.trial import OFF_DEPTH_M, OFF_ROUTE_M, OFF_STATION_M, strays, trial
+from sim.vehicle.hull_file import from_dimensions
+
+DURATION_S = {"leader": 60.0, "follower": 150.0, "station": 60.0}
+"""Long enough for corners of the followers' routes; leaders and stations at corners have tests of
+their own.
+"""
+STATION = {"behind_m": 20.0, "port_m": 5.0, "depth_m": 14.0}
+ROLES = ("leader", "follower", "station")
+
+
+def table_of(name: str, model: str, role: str) -> dict[str, Any]:
+    """A built-in scenario with a vehicle in a role; a scenario without such a role gets a follower
+    for it.
+    """
+    table = library.table_of(name) | {"duration_s": DURATION_S[role]}
+    leader = dict(table.get("leader", {}))
+    followers = [dict(follower) for follower in table["followers"]]
+    if role == "leader":
+        return table | {"leader": leader | {"model": model}}
+    if role == "station" and "station" not in followers[0]:
+        followers = [{"station": STATION}]
+    if role == "follower" and "station" in followers[0]:
+        followers = [{"route": "T5", "depth_m": 12.0}]
+    followers = [follower | {"model": model} for follower in followers]
+    return table | {"followers": followers}
+
+
+def retimed(table: dict[str, Any], model: str) -> dict[str, Any]:
+    """The advice followed: legs with as much or as little time as the vehicle needs."""
+    scenario = Scenario(**table)
+    vehicle = scenario.leader if scenario.leader.model else scenario.followers[0]
+    limits = limits_of(hull_of(scenario, vehicle))
+    current = scenario.ocean.current_speed_m_s
+    slowest = max(1.2 * limits.least_speed, 0.15) + current
+    fastest = 0.75 * limits.top_speed - current
+    assert slowest < fastest
+
+    def in_time(key: str, of: Any) -> dict[str, Any]:
+        route = route_of(of, key)
+        speed = np.clip(route.leg_speed, slowest, fastest)
+        times = np.concatenate([[0.0], np.cumsum(route.leg_length / speed)])
+        points = np.column_stack([times, route.waypoint])
+        return {"waypoints": points.tolist()}
+
+    if scenario.leader.model or scenario.followers[0].station:
+        return table | {"leader": table.get("leader", {}) | in_time("leader", scenario.leader)}
+    followers = [
+        given | in_time("follower", follower)
+        for given, follower in zip(table["followers"], scenario.followers, strict=True)
+    ]
+    return table | {"followers": followers}
+
+
+def offs(flight: Flight, i: int) -> tuple[float, float, float]:
+    """Largest distances of vehicle i from its route, its depth and its station [m]."""
+    scenario = flight.scenario
+    truth = flight.trajectory
+    vehicle = scenario.vehicles()[i][1]
+    station = getattr(vehicle, "station", None)
+    if station is not None:
+        return 0.0, 0.0, float(off_station(scenario, truth)[:, i - 1].max())
+    route = route_of(vehicle, "route")
+    level = cross_track(route, truth.time, truth.position[:, i, :2])
+    depth = np.abs(truth.depth[:, i] - route.depth.depth_at(truth.time))
+    return float(level.max()), float(depth.max()), 0.0
+
+
+def require_kept(flight: Flight, warnings: list[str]) -> None:
+    """Each vehicle keeps to what it is to keep, or was warned of."""
+    for i, (_, vehicle) in enumerate(flight.scenario.vehicles()):
+        if vehicle.model is None:
+            continue
+        name = flight.trajectory.names[i]
+        if any(line.startswith(f"{name}: ") for line in warnings):
+            continue
+        level, depth, station = offs(flight, i)
+        assert level <= OFF_ROUTE_M
+        assert depth <= OFF_DEPTH_M
+        assert station <= OFF_STATION_M
+
+
+@pytest.mark.parametrize("role", ROLES)
+@pytest.mark.parametrize("name", library.names())
+@pytest.mark.parametrize("model", models.VEHICLES)
+def test_a_shipped_vehicle_flies_or_is_refused_with_advice_that_works(
+    model: str, name: str, role: str
+) -> None:
+    table = table_of(name, model, role)
+    try:
+        scenario = library.loaded(table)
+    except ScenarioError as error:
+        text = str(error)
+        assert "more time" in text or "less time" in text
+        scenario = library.loaded(retimed(table, model))
+    warnings = trial(scenario)
+    flight, _ = fly(scenario)
+    assert flight.outcome is Outcome.COMPLETED
+    require_kept(flight, warnings)
+    # of vehicles that steer by the truth, the trial is the flight
+    if role == "leader":
+        assert warnings == strays(flight.scenario, flight.trajectory)
+
+
+SMALL = [(0.9, 0.12, 7.0), (1.2, 0.15, 15.0), (1.8, 0.2, 40.0), (2.4, 0.25, 80.0)]
+"""Length and diameter [m] and mass [kg] of hulls that `laisn hull` writes."""
+
+
+@pytest.mark.parametrize("size", SMALL)
+def test_check_says_how_far_a_hull_will_be_off_its_route(
+    size: tuple[float, float, float], tmp_path: Path
+) -> None:
+    """Through the commands: `laisn hull`, `laisn check`, and the flight measured by its legs."""
+    (tmp_path / "mine.xml").write_text(from_dimensions(*size).xml())
+    file = tmp_path / "mine.toml"
+    file.write_text('duration_s = 300\nfollowers = [{ route = "T5", model = "mine.xml" }]\n')
+    checked = CliRunner().invoke(app, ["check", str(file)])
+    assert checked.exit_code == 0, checked.output
+    output = " ".join(checked.output.split())
+    flight, _ = fly(library.load(str(file), (), flyable=True))
+    level, depth, _ = offs(flight, 1)
+    warned = "follower: it is up to" in output
+    assert warned == (level > OFF_ROUTE_M or depth > OFF_DEPTH_M)
+    if level > OFF_ROUTE_M:
+        assert f"up to {level:.1f} m off its route" in output
+
+
+def test_a_hull_too_fast_for_its_steps_is_refused_with_a_step_that_works() -> None:
+    text = from_dimensions(0.5, 0.1, 3.3).xml()
+    table = {"duration_s": 60.0, "followers": [{"route": "T8", "model": text}]}
+    table["timing"] = {"physics_step_s": 0.1}
+    with pytest.raises(ScenarioError, match=r"too fast for physics steps.*physics_step_s = ") as e:
+        library.loaded(table)
+    step = float(str(e.value).split("timing.physics_step_s = ")[1].split()[0])
+    flight, _ = fly(library.loaded(table | {"timing": {"physics_step_s": step}}))
+    assert flight.outcome is Outcome.COMPLETED
+    finer, _ = fly(library.loaded(table | {"timing": {"physics_step_s": step / 2}}))
+    apart = flight.trajectory.position[:, 1] - finer.trajectory.position[:, 1]
+    assert np.abs(apart).max() < 0.5
