@@ -200,9 +200,10 @@ def _vertical_forces(plant: Plant, design: Any, speed: float) -> VerticalForces:
     """Forces with which a vehicle holds its depth at a speed through the water, steadily.
 
     The hull's lift is that of the incidence that fins and thrusters can hold against its righting
-    and its Munk moment; what they push down at the stern is lost.
+    and the moments of hull and fins at that incidence; what they push down at the stern is lost.
     """
     own = design["effectors"]
+    stiffness = design["righting"] - _moment_of_incidence(plant) * speed**2
     forces = []
     for side in (-1.0, 1.0):
         force = 0.0
@@ -212,17 +213,26 @@ def _vertical_forces(plant: Plant, design: Any, speed: float) -> VerticalForces:
         if design["has_heave"]:
             share *= clip((speed - SPEED_HEAVE) / (SPEED_PITCH - SPEED_HEAVE), 0.0, 1.0)
         if share > 0.0:
-            stiffness = design["righting"] + design["pitch_munk"] * speed**2
             # moments nose up are negative about the body's axis to port
             moment = abs(_greatest(design, speed, PITCH, -side))
-            incidence = INCIDENCE_MAX if stiffness <= 0.0 else moment / stiffness
-            incidence = min(incidence, INCIDENCE_MAX)
+            incidence = min(moment / max(abs(stiffness), 1e-9), INCIDENCE_MAX)
             lever = _stern_lever(own)
             lift = design["lift"] * speed**2 * incidence
-            lost = max(stiffness, 0.0) * incidence / lever if lever > 0.0 else 0.0
+            lost = stiffness * incidence / lever if lever > 0.0 else 0.0
             force += share * max(lift - lost, 0.0)
         forces.append(force)
     return VerticalForces(*forces)
+
+
+def _moment_of_incidence(plant: Plant) -> float:
+    """Moment nose up of hull and fins at rest, per incidence and speed² [kg]."""
+    c = plant.coefficients[0]
+    fins = np.concatenate([plant.effectors[0], plant.fixed_fins[0]])
+    fins = fins[fins["kind"] == FIN]
+    lift = np.prod(fins["parameters"][:, :2], axis=1) * fins["force"][:, 2] ** 2
+    by_fins = 0.5 * c["density"] * float(lift @ fins["place"][:, 0])
+    added = c["added_mass"]
+    return float(c["munk_factor"] * (added[2, 2] - added[0, 0]) + by_fins)
 
 
 def _stern_lever(effectors: Any) -> float:

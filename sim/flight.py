@@ -34,7 +34,7 @@ class Outcome(Enum):
     COMPLETED = "the mission was flown to its end"
     CONTACT = "vehicles touched, which ended the mission"
     GROUNDED = "a vehicle went below the floor, which ended the mission"
-    OFF_ROUTE = "a vehicle was more than 50 m off its route, which ended the mission"
+    OFF_ROUTE = "a vehicle was more than 100 m off its route, which ended the mission"
     DIVERGED = "the simulation left finite numbers; everything up to that step is kept"
     INTERRUPTED = "the mission was interrupted; everything up to that step is kept"
 

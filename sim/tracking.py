@@ -58,7 +58,7 @@ def track_error(route: Route, time: Floats, position: Floats) -> Floats:
     return np.hypot(position[:, 0] - place.east, position[:, 1] - place.north)
 
 
-LEFT_ROUTE_M = 50.0
+LEFT_ROUTE_M = 100.0
 """A mission ends where a vehicle that keeps to its route by the truth is farther from it [m]."""
 _BEYOND_M = 1e6  # after its last waypoint a vehicle goes straight on [m]
 _LOOK_EVERY = 10  # distances from routes are looked at in every such instant: 1 s
@@ -93,7 +93,7 @@ def distance_from_route(route: Route, time: Floats, position: Floats) -> Floats:
     share = np.einsum("nli,li->nl", offset, legs) / np.where(squared > 0.0, squared, 1.0)
     off = offset - np.clip(share, 0.0, 1.0)[..., None] * legs
     level = np.hypot(off[..., 0], off[..., 1]).min(axis=1)
-    return np.hypot(level, position[:, 2] + route.depth.depth_at(time))
+    return np.asarray(np.hypot(level, position[:, 2] + route.depth.depth_at(time)))
 
 
 def first_departure(time: Floats, pose: Floats, bounds: MissionBounds) -> Departure | None:

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,27 +16,30 @@ from sim.scenario.file import ScenarioError
 from sim.scenario.routes import DepthProfile, Route
 from sim.tracking import LEFT_ROUTE_M, MissionBounds, distance_from_route, first_departure
 
-HEAVY = {"followers.0.model": "remus100", "followers.0.excess_buoyancy_n": -7.9}
+
+def mission(**vehicle: Any) -> dict[str, Any]:
+    """A REMUS 100 that goes straight on at 1 m/s."""
+    straight = {"model": "remus100", "waypoints": [[0, 0, 0], [300, 300, 0]]}
+    return {"duration_s": 300.0, "followers": [straight | vehicle]}
 
 
 def test_a_hull_heavier_than_it_can_lift_is_refused_with_advice_that_works() -> None:
     """2.6 % of its weight; without the check it sinks through the floor."""
     with pytest.raises(ScenarioError, match=r"7.9 N heavier.*excess_buoyancy_n = ") as caught:
-        laisn_sim.load("T5", HEAVY)
+        laisn_sim.load(mission(excess_buoyancy_n=-7.9))
     trim = float(str(caught.value).split("excess_buoyancy_n = ")[1].split(",")[0])
-    changes = HEAVY | {"followers.0.excess_buoyancy_n": trim, "duration_s": 200}
-    flight = laisn_sim.fly("T5", changes)
+    flight = laisn_sim.fly(mission(excess_buoyancy_n=trim))
     assert flight.outcome is Outcome.COMPLETED
     assert np.abs(flight.trajectory.depth[:, 1] - 10.0).max() < 2.0
 
 
 def test_a_light_hull_is_refused_too() -> None:
     with pytest.raises(ScenarioError, match="8 N lighter"):
-        laisn_sim.load("T5", {**HEAVY, "followers.0.excess_buoyancy_n": 8.0})
+        laisn_sim.load(mission(excess_buoyancy_n=8.0))
 
 
 SINKS = (
-    "duration_s = 300\nocean.floor_depth_m = 14.0\n[[followers]]\n"
+    "duration_s = 300\nleader.depth_m = 8.0\nocean.floor_depth_m = 11.5\n[[followers]]\n"
     'waypoints = [[0, 0, 0], [300, 300, 0]]\nmodel = "remus100"\n'
     # its autopilot and the check count on ten times the thrust
     "thrust_scale = 0.1\nexcess_buoyancy_n = -2.0\n"
@@ -54,12 +58,12 @@ def test_a_vehicle_at_the_floor_ends_the_mission(tmp_path: Path) -> None:
     flight = laisn_sim.read_log(tmp_path / "a" / "flight.mcap")
     assert flight.outcome is Outcome.GROUNDED
     depth = flight.trajectory.depth[:, 1]
-    assert depth[-1] > 14.0 > depth[:-1].max()
+    assert depth[-1] > 11.5 > depth[:-1].max()
     assert summary["flown_s"] == flight.trajectory.time[-1] < 300.0
 
 
 ASTRAY = (
-    "duration_s = 400\nocean.current_speed_m_s = 1.2\nocean.current_direction_deg = 0\n"
+    "duration_s = 400\nocean.current_speed_m_s = 1.8\nocean.current_direction_deg = 0\n"
     "[[followers]]\nwaypoints = [[0, 0, 0], [400, 200, 0]]\ndepth_m = 10.0\n"
     # a tenth of the thrust that its autopilot counts on
     "thrust_scale = 0.1\n"
@@ -101,8 +105,8 @@ def test_the_first_departure_is_the_earliest_of_all_vehicles() -> None:
     departure = first_departure(time, pose, bounds)
     assert departure is not None
     assert (departure.instant, departure.vehicle, departure.off_route_m) == (50, 1, None)
-    pose[21:, 0, 1] = 51.0
+    pose[21:, 0, 1] = 101.0
     departure = first_departure(time, pose, bounds)
     assert departure is not None
     # routes are looked at each second
-    assert (departure.instant, departure.vehicle, departure.off_route_m) == (30, 0, 51.0)
+    assert (departure.instant, departure.vehicle, departure.off_route_m) == (30, 0, 101.0)

@@ -91,6 +91,9 @@ DESIGN = np.dtype(  # parameters of the autopilot of one vehicle; rows beyond it
         ("pitch_damping", np.float64, (3,)),
         # nose-up moment per downward and forward speed that fins do not outweigh [kg]
         ("pitch_munk", np.float64),
+        # moment per angle of slip and speed² that fins do not outweigh, of the slip with which a
+        # turn begins [kg]
+        ("yaw_munk", np.float64),
         ("by_pitch", np.float64),  # 1: depth by pitch, 0: by thrust
         ("has_heave", np.float64),  # 1: vertical thrusters, 0: depth by pitch at any speed
         ("density", np.float64),  # [kg/m³]
@@ -163,6 +166,8 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
         record["fin_side"] = -by_fins[0]
         lifts = record["lift"] > 0.0
         record["pitch_munk"] = max(c["munk_factor"] * (added[2] - added[0]) + by_fins[1], 0.0)
+        yaw_munk = max(c["munk_factor"] * (added[1] - added[0]) + by_fins[0], 0.0)
+        record["yaw_munk"] = yaw_munk * record["surge_mass"] / record["sway_mass"]
         if not c["linear_damping_fade"][2]:
             record["lift"] += c["linear_damping"][2]  # of 1 m/s
         strips = 0.5 * c["density"] * np.sum(c["strip_area"] * np.abs(c["strip_x"]) ** 3)
@@ -373,6 +378,10 @@ def control(
         + omega * omega * heading_error
         + 2.0 * omega * (turn_wanted + motion.turning)
     )
+    # a short hull whose slip turns it away is held more firmly, the faster it is
+    firmness = d.yaw_munk * surge * surge
+    moment -= firmness * heading_error
+    moment -= np.sqrt(firmness * d.yaw_inertia) * (turn_wanted + motion.turning)
     moment += memory.heading_integral - _damping(d.yaw_damping, way, turn_soon)
     side = (d.surge_mass * surge - d.fin_side * way) * -turn_soon - d.sway_mass * 0.5 * omega * sway
 

@@ -33,6 +33,9 @@ _CATCHING_UP = 1.0 + CATCH_UP  # largest commanded speed as a multiple of the sp
 _DRIFT_M_S = (0.3, 0.3)
 _SPIN_RAD_S = (0.2, 0.2, 0.2)
 _STEP = 1e-4
+# a mode swings if it turns so much faster than it grows; roll, pitch and yaw rates of a slow swing
+_SWINGING = 5.0
+_SWING_RAD_S = (0.05, 0.05, 0.05)
 # physics steps that are advised are this share of the longest possible one
 _STEP_RESERVE = 0.8
 SHORTEST_STEP_S = 1e-4
@@ -89,6 +92,9 @@ def _law(d: Any, climb: Floats, speed: float) -> Floats:
     for axis, inertia in ((PITCH, d["pitch_inertia"]), (YAW, d["yaw_inertia"])):
         law[axis, axis] = -2.0 * omega * inertia
         law[axis, axis + 3] = -omega * omega * inertia
+    firmness = d["yaw_munk"] * speed**2
+    law[YAW, YAW] -= np.sqrt(firmness * d["yaw_inertia"])
+    law[YAW, YAW + 3] -= firmness
     law[PITCH, HEAVE] = -d["pitch_munk"] * speed
     law[HEAVE] = -omega * thrust * d["heave_mass"] * climb
     law[HEAVE, HEIGHT] = -0.25 * omega * omega * thrust * d["heave_mass"]
@@ -194,9 +200,17 @@ _PLANES = {  # rows of the motion that belong together
 
 
 def _growth(plant: Plant, i: int, d: Any, speed: float) -> tuple[float, str]:
-    """Rate at which the motion of vehicle i grows fastest at a speed [1/s], and its plane."""
+    """Rate at which the motion of vehicle i grows fastest at a speed [1/s], and its plane.
+
+    A hull without linear damping may swing by a degree or two, which its quadratic damping bounds:
+    what swings is looked at about a slow swing.
+    """
     rates, modes = np.linalg.eig(_motion(plant, i, d, np.append(speed, np.zeros(8))))
     worst = int(np.argmax(rates.real))
+    if rates[worst].real > _GROWTH and abs(rates[worst].imag) > _SWINGING * rates[worst].real:
+        about = np.array([speed, 0.0, 0.0, *_SWING_RAD_S, 0.0, 0.0, 0.0])
+        rates, modes = np.linalg.eig(_motion(plant, i, d, about))
+        worst = int(np.argmax(rates.real))
     size = np.abs(modes[:10, worst])
     plane = max(_PLANES, key=lambda name: size[list(_PLANES[name])].max())
     return float(rates[worst].real), plane

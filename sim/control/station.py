@@ -413,7 +413,7 @@ def _inner_room(trail: tuple[Records, int], arc: float, speed: float, radius: fl
         before = course
         course = np.arctan2(east, north)
         bend = max(bend, abs(wrap_angle(course - before)) / chord)
-    return speed * max(1.0 - np.sqrt(bend * radius), _LEAST_ROOM)
+    return float(speed * max(1.0 - np.sqrt(bend * radius), _LEAST_ROOM))
 
 
 @compiled

@@ -381,7 +381,8 @@ def least_radius_of(path: Floats) -> float:
     steps = path[4::4] - path[:-4:4]
     course = np.unwrap(np.arctan2(*steps.T))
     length = np.hypot(*steps.T)
-    return float((0.5 * (length[1:] + length[:-1]) / np.abs(np.diff(course))).min())
+    turned = np.maximum(np.abs(np.diff(course)), 1e-9)
+    return float((0.5 * (length[1:] + length[:-1]) / turned).min())
 
 
 @pytest.mark.parametrize("port", [10.0, 25.0])
@@ -396,8 +397,8 @@ def test_inner_stations_bend_no_more_than_the_hull_can_turn(port: float) -> None
         paths.append(np.column_stack([placed.east[:, 0], placed.north[:, 0]]))
         # in the end the station is where it is to be: behind on a leg to the west, port is south
         assert paths[-1][-1] == pytest.approx(points[-1] + (15.0, -port), abs=1.0)
-    assert least_radius_of(paths[0]) < 0.8 * RADIUS
-    assert least_radius_of(paths[1]) > 0.9 * RADIUS
+    assert least_radius_of(paths[0]) < 0.85 * RADIUS
+    assert least_radius_of(paths[1]) > 0.98 * RADIUS
 
 
 def test_a_detour_is_what_lies_between_the_station_and_the_planned_arc() -> None:
@@ -420,6 +421,7 @@ def test_a_detour_is_what_lies_between_the_station_and_the_planned_arc() -> None
     off = RADIUS - half
     assert memory.detour == pytest.approx((off, off), abs=0.02 * RADIUS)
     # on course it is left at 0.3 m/s at most, and fades
-    for _ in range(round(150.0 / dt)):
+    for _ in range(round(300.0 / dt)):
         plan_detour(Target(0.0, 0.0, 0.0, 1.0, 0.0, 1.0), (0.0, 1.0), 20.0, dt, memory)
-    assert np.hypot(*memory.detour) < 1.0
+    # as exp(−t / T) with T = lookahead / 0.3 m/s
+    assert np.hypot(*memory.detour) == pytest.approx(np.sqrt(2.0) * off * np.exp(-4.5), rel=0.2)
