@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 import laisn_sim
 from experiments.command.cli import app
 from experiments.command.errors import MISSION_FAILED
+from sim.assembly import routes_of
 from sim.flight import Outcome
 from sim.scenario.file import ScenarioError
 from sim.scenario.routes import DepthProfile, Route
@@ -77,9 +78,9 @@ def test_a_vehicle_that_loses_its_route_ends_the_mission(tmp_path: Path) -> None
     assert result.exit_code == MISSION_FAILED, result.output
     flight = laisn_sim.read_log(tmp_path / "a" / "flight.mcap")
     assert flight.outcome is Outcome.OFF_ROUTE
-    # the route is the line to the east, the current sets to the north
-    north = flight.trajectory.position[:, 1, 1]
-    assert north[-1] > LEFT_ROUTE_M > north[:-11].max()
+    truth = flight.trajectory
+    off = distance_from_route(routes_of(flight.scenario)[1], truth.time, truth.position[:, 1])
+    assert off[-1] > LEFT_ROUTE_M > off[:-11].max()
 
 
 def test_a_mission_within_bounds_has_exit_code_zero(tmp_path: Path) -> None:
