@@ -707,7 +707,8 @@ def measure(
     extra = {}
     for sensor, values in truth.own:
         stream = noise.STREAMS * follower + sensor.stream
-        found = sensor.read(values, noise.normals(seed, run, stream, np.arange(1, n + 1)))
+        normals = noise.normals(seed, run, stream, np.arange(1, n + 1))
+        found = sensors.custom_readings(sensor, values, normals)
         if sensor.acoustic:
             found[lost] = np.nan
         extra[sensor.name] = found

@@ -33,7 +33,7 @@ from laisn.failure import LaisnError
 from laisn.geometry import signed_angle
 from laisn.messages import BEARING, LeaderMessage, Ranges
 from laisn.navigators import FARTHEST, FASTEST, NAVIGATORS
-from laisn.plugins import find_class
+from laisn.plugins import calling, find_class
 from laisn.swarm import READING
 from sim.attitude import body_point_in_world, heading_of, pitch_of, roll_of, rotate, rotated
 from sim.scenario.section import in_si
@@ -528,6 +528,29 @@ def own_tables(scenario: Scenario) -> tuple[Any, ...]:
     return given if there else (OwnSensorTable(sensor=needed), *given)
 
 
+_OF_SENSORS = ("name", "stream", "acoustic", "true", "read")
+"""What a class of sensors has; see docs/extending.md."""
+
+
+def custom_readings(sensor: OwnSensor, true: Any, normals: Floats) -> Floats:
+    """Readings of a further sensor at n filter steps, by two normals a step, shape (n, 2); a row a
+    step. LaisnError if it gives something else.
+    """
+    kind = type(sensor).__name__
+    with calling(f"sensor {kind}: read"):
+        given = sensor.read(true, normals)
+    try:
+        readings: Floats = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        readings = np.empty(0)
+    if readings.shape[:1] != normals.shape[:1]:
+        raise LaisnError(
+            f"sensor {kind}: `read` gave {given!r:.60}; expected numbers, a row for each of "
+            f"{len(normals)} filter steps"
+        )
+    return readings
+
+
 def own_sensors(scenario: Scenario) -> tuple[OwnSensor, ...]:
     """A scenario's further sensors; LaisnError if one cannot be found, or does not have a key of
     its table.
@@ -543,4 +566,7 @@ def own_sensors(scenario: Scenario) -> tuple[OwnSensor, ...]:
             )
         except TypeError as error:
             raise LaisnError(f"sensors.own: {table.sensor}: {error}") from None
+        missing = [name for name in _OF_SENSORS if not hasattr(sensors[-1], name)]
+        if missing:
+            raise LaisnError(f"sensors.own: {table.sensor} has no {', '.join(missing)}")
     return tuple(sensors)

@@ -83,7 +83,7 @@ def failing(error: Exception, monkeypatch: pytest.MonkeyPatch) -> Result:
         (LaisnError("one\ntwo \x1b[2J"), "laisn: one\ntwo \\x1b[2J"),
         (
             OSError(errno.ENOSPC, "No space left on device", "out/a"),
-            "laisn: out/a: No space left on device",
+            "laisn: out/a: No space left on device; make room there, or choose another folder",
         ),
     ],
 )

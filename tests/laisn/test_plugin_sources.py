@@ -265,3 +265,44 @@ def test_a_plugin_that_is_not_there_is_named() -> None:
     assert (result.exit_code, "mynav.py: there is no such file" in result.output) == (2, True)
     with pytest.raises(LaisnError, match="no such file"):
         laisn_sim.load_plugin("nosuch.py")
+
+
+SENSOR = """
+import numpy as np
+
+class Sensor:
+    name = "odd"
+    stream = 20
+    acoustic = False
+
+    def true(self, state):
+        return np.zeros(len(state.hydrophone))
+
+    def read(self, true, normals):
+        return {value}
+"""
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        ("true[1:]", "sensor Sensor: `read` gave array([0., 0."),
+        ("None", "sensor Sensor: `read` gave None; expected numbers, a row for each of 20"),
+        ("[1, [2, 3]]", "sensor Sensor: `read` gave [1, [2, 3]]"),
+        ("1 / 0", "ZeroDivisionError: division by zero"),
+    ],
+)
+def test_a_sensor_that_reads_something_else_is_named(value: str, expected: str) -> None:
+    Path("mynav.py").write_text(SENSOR.format(value=value))
+    own = ["--set", "sensors.own=[{sensor='mynav:Sensor'}]"]
+    result = command("fly", "T5", *OPTIONS, "--set", "navigation.variant=ekf", *own, "--no-video")
+    assert (result.exit_code, expected in result.output) == (2, True), result.output
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_sensor_that_lacks_a_part_is_refused_before_the_flight() -> None:
+    Path("mynav.py").write_text(SENSOR.format(value="0").replace("stream = 20", ""))
+    own = ["--set", "sensors.own=[{sensor='mynav:Sensor'}]"]
+    result = command("check", "T5", *own)
+    assert (result.exit_code, "mynav:Sensor has no stream" in result.output) == (2, True)
