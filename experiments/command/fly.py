@@ -69,42 +69,49 @@ def _show_stations(console: Console, flight: Flight, summary: dict[str, Any]) ->
 
 def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
     """Print a table of errors, and the outcome if the mission was not completed."""
-    steered = any(follower.guided_by_estimate for follower in flight.scenario.followers)
     if any("station_rms_m" in row for row in summary["followers"].values()):
         _show_stations(console, flight, summary)
     else:
-        heads = ["follower", "E_P: max", "mean", "σ", "E_B: max", "mean", "σ", "NEES", "× bound"]
-        if steered:
-            heads.append("track error")
-        rows = []
-        for name, row in summary["followers"].items():
-            metres = (f"{row[f'e_p_{statistic}_m']:.2f} m" for statistic in ("max", "mean", "std"))
-            degrees = (
-                f"{row[f'e_b_{statistic}_deg']:.2f}°" for statistic in ("max", "mean", "std")
-            )
-            consistent = (
-                "–" if row[key] is None else f"{row[key]:.3g}" for key in ("nees", "rms_over_bound")
-            )
-            off = [f"{row['track_error_rms_m']:.2f} m"] if steered else []
-            rows.append([name, *metres, *degrees, *consistent, *off])
-        show_table(console, heads, rows)
-        console.print(_LEGEND, style="dim", highlight=False)
-    gave_way = {
-        name: row["gave_way_s"]
-        for name, row in summary["followers"].items()
-        if row.get("gave_way_s")
-    }
-    if gave_way:
-        longest = max(gave_way, key=gave_way.__getitem__)
-        number = f"{len(gave_way)} of {len(summary['followers'])} followers gave way"
-        print_line(
-            console, f"{number}, {longest} longest ({gave_way[longest]:.0f} s)", "avoidance:", ""
-        )
+        steered = any(follower.guided_by_estimate for follower in flight.scenario.followers)
+        _show_errors(console, summary, with_track=steered)
+    _show_avoidance(console, summary)
     if summary["verdict"]["lost"]:
         print_line(console, summary["verdict"]["sentence"], "lost:", "red")
     if flight.outcome is not Outcome.COMPLETED:
         colour = "yellow" if flight.outcome is Outcome.CONTACT else "red"
         print_line(console, f"(at {summary['flown_s']:g} s)", flight.outcome.value, colour)
+
+
+def _show_errors(console: Console, summary: dict[str, Any], *, with_track: bool) -> None:
+    """Print errors of the estimates, and of the tracks where followers steer by them."""
+    heads = ["follower", "E_P: max", "mean", "σ", "E_B: max", "mean", "σ", "NEES", "× bound"]
+    if with_track:
+        heads.append("track error")
+    rows = []
+    for name, row in summary["followers"].items():
+        cells = [name]
+        cells += [f"{row[f'e_p_{statistic}_m']:.2f} m" for statistic in ("max", "mean", "std")]
+        cells += [f"{row[f'e_b_{statistic}_deg']:.2f}°" for statistic in ("max", "mean", "std")]
+        for key in ("nees", "rms_over_bound"):
+            cells.append("–" if row[key] is None else f"{row[key]:.3g}")
+        if with_track:
+            cells.append(f"{row['track_error_rms_m']:.2f} m")
+        rows.append(cells)
+    show_table(console, heads, rows)
+    console.print(_LEGEND, style="dim", highlight=False)
+
+
+def _show_avoidance(console: Console, summary: dict[str, Any]) -> None:
+    """Print how many followers gave way, and which of them for the longest time."""
+    followers = summary["followers"]
+    gave_way = {name: row["gave_way_s"] for name, row in followers.items() if row.get("gave_way_s")}
+    if gave_way:
+        longest = max(gave_way, key=gave_way.__getitem__)
+        text = (
+            f"{len(gave_way)} of {len(followers)} followers gave way, {longest} longest "
+            f"({gave_way[longest]:.0f} s)"
+        )
+        print_line(console, text, "avoidance:", "")
 
 
 def _draw_report(*arguments: Any) -> None:
