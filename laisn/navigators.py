@@ -365,7 +365,9 @@ def _require_finite(navigator: Any, state: Floats, known_start: bool, times: Flo
     first.
     """
     finite: Bools = np.asarray(np.isfinite(state).all(axis=1))
-    first = 0 if known_start else int(np.argmax(finite)) if finite.any() else finite.size
+    first = 0
+    if not known_start:
+        first = int(np.argmax(finite)) if finite.any() else finite.size
     lost = first + np.flatnonzero(~finite[first:])
     if lost.size:
         raise LaisnError(

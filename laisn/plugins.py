@@ -81,7 +81,9 @@ def _forget_changed(sources: Sources, before: _Loaded | None) -> None:
     changed = before is not None and before.sources.digest != sources.digest
     if not changed and all(_is_as_read(name, sources) for name in sources.modules):
         return
-    names = {*sources.modules, *(before.sources.modules if before else ())}
+    names = set(sources.modules)
+    if before is not None:
+        names |= set(before.sources.modules)
     for name in names - {"__main__"}:
         sys.modules.pop(name, None)
     remove_bytecode(sources.files)
@@ -292,7 +294,9 @@ def _lines_of(error: BaseException, sources: set[str]) -> list[str]:
         return [f"{kind}: {error.msg}", f'  File "{error.filename}", line {error.lineno}: {source}']
     if not frames:
         return [head]
-    shown = [f"  … {len(frames) - _MOST_FRAMES} calls before"] * (len(frames) > _MOST_FRAMES)
+    shown = []
+    if len(frames) > _MOST_FRAMES:
+        shown.append(f"  … {len(frames) - _MOST_FRAMES} calls before")
     for frame in frames[-_MOST_FRAMES:]:
         shown.append(f'  File "{frame.filename}", line {frame.lineno}, in {frame.name}')
         if frame.line:

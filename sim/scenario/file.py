@@ -70,8 +70,10 @@ def _is_list_of_tables(field: FieldInfo | None) -> bool:
 
 def _keys(location: Location) -> list[str]:
     """All keys of the table that a key path ends in."""
+    if not location:
+        return list(Scenario.model_fields)
     field = _field(location)
-    model = Scenario if not location else _table_in(field) if field else None
+    model = _table_in(field) if field else None
     return list(model.model_fields) if model else []
 
 
@@ -166,7 +168,7 @@ def lines_of(error: ValidationError, where: Callable[[Location], str] = lambda _
     # pydantic leaves an invalid item out of its list, which may then seem too short
     errors = [one for one in errors if one["type"] != "too_short" or one["loc"] not in parents]
     shown = [f"  {where(one['loc'])}{_line(one)}" for one in errors[:ROWS]]
-    return [*shown, *[""] * len(errors[ROWS:])]
+    return shown + [""] * len(errors[ROWS:])
 
 
 _HEADER = re.compile(r"\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?$")
