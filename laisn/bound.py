@@ -36,6 +36,7 @@ class TrueNoise:
     # of ψ, drawn for each message; ranges share it in proportion [m]
     range_scale_sigma: float = 0.05
     leader_heading_sigma: float = 0.0  # of the heading that the leader broadcasts [rad]
+    leader_position_sigma: float = 0.0  # of its broadcast position, along each axis [m]
     # constants
     start: float = 0.0  # position at the start, along each axis [m]
     speed_bias: float = 0.3  # [m/s]
@@ -118,6 +119,10 @@ def _information(away: Floats, arms: Floats, noise: TrueNoise) -> Floats:
         rows[:, j, _OFFSET + received[j] - 1] = 1.0
     covariance = noise.range_sigma**2 * np.eye(received.size)
     covariance = covariance + noise.range_scale_sigma**2 * share[..., :, None] * share[..., None, :]
+    directions = rows[..., :2]
+    covariance = covariance + noise.leader_position_sigma**2 * (
+        directions @ directions.swapaxes(1, 2)
+    )
     covariance += noise.leader_heading_sigma**2 * turned[..., :, None] * turned[..., None, :]
     return np.asarray(rows.swapaxes(1, 2) @ np.linalg.solve(covariance, rows))
 

@@ -14,7 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from laisn import geometry
+from laisn.arrays import Floats
 from laisn.compiled import formula
+from laisn.delays import leader_way
 from laisn.estimates import FixKind
 from laisn.geometry import Arms, Point, Turn, horizontal_range, turn
 from laisn.messages import Ranges, Reception
@@ -179,10 +181,16 @@ class RangeCircles(NamedTuple):
 
 
 def to_circles(
-    reception: Reception, own_depth: float, settings: NavigationSettings
+    reception: Reception,
+    own_depth: float,
+    settings: NavigationSettings,
+    way: Floats | None = None,
 ) -> RangeCircles:
     """Circles about the transmitters where message or settings place them, with the horizontal
     ranges to them.
+
+    `way` is what the follower has moved since each ping arrived, east and north, shape (3, 2), [m],
+    by which circles for its place now are moved; None: nothing.
     """
     message = reception.message
     places = geometry.given_transmitters(reception, settings)
@@ -203,7 +211,16 @@ def to_circles(
                 for (east, north, depth), r in rows
             )
         )
+    if way is not None:
+        # transmitters that the settings place have gone on from ping to ping already
+        moved = way + (leader_way(message, settings) if places is None else 0.0)
+        found = Circles(*map(_moved, found, moved.tolist()))
     return RangeCircles(found, heading, depth_difference, off_hull=places is not None)
+
+
+def _moved(circle: Circle, way: list[float]) -> Circle:
+    centre = Point(circle.centre.east + way[0], circle.centre.north + way[1])
+    return circle._replace(centre=centre)
 
 
 def one_range(circles: Circles, predicted: Point) -> tuple[Point, Point] | None:

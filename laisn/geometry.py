@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from laisn.arrays import Floats
 from laisn.compiled import formula
+from laisn.delays import leader_way
 from laisn.messages import LeaderMessage, Reception
 from laisn.settings import Settings
 
@@ -154,6 +155,8 @@ def _placed(message: LeaderMessage, settings: Settings, offsets: Sequence[Triple
     places[: len(offsets)] = place_on_body(
         (message.east, message.north, message.depth), attitude, np.array(offsets)
     )
+    if settings.compensate_motion and settings.ping_slot > 0.0:
+        places[:, :2] += leader_way(message, settings)
     return places
 
 

@@ -75,10 +75,10 @@ def tuning(settings: Settings) -> Tuning:
     alone.
     """
     laisn = cast(NavigationSettings, settings)
-    if laisn.use_single_range or laisn.transmitter_offsets:
+    if laisn.use_single_range or laisn.transmitter_offsets or laisn.compensate_motion:
         raise LaisnError(
-            "use_single_range and transmitter offsets are for single vehicles and their logs; "
-            "campaigns take "
+            "use_single_range, compensate_motion and transmitter offsets are for single vehicles "
+            "and their logs; campaigns take "
             "transmitters on the leader's hull only, and drop a range that arrives alone"
         )
     return Tuning.of(laisn)

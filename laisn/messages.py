@@ -27,6 +27,8 @@ class LeaderMessage(NamedTuple):
     pitch: float = np.nan  # measured pitch, positive nose up [rad]
     roll: float = np.nan  # measured roll, positive starboard down [rad]
     heading_sigma: float = np.nan  # standard deviation that the leader gives for its heading [rad]
+    # that of its position along each axis, of what errs anew in each message [m]
+    position_sigma: float = np.nan
 
 
 class Ranges(NamedTuple):
@@ -89,7 +91,7 @@ class Measurements(ArrayRecord):
     heading: Floats  # compass, shape (n,), [rad]
     depth: Floats  # pressure sensor, shape (n,), [m]; NaN for a missing reading
     message_step: Ints  # step k at which a message is available, shape (m,), increasing
-    message: Floats  # rows of `LeaderMessage` in the order of its fields, shape (m, 9)
+    message: Floats  # rows of `LeaderMessage` in the order of its fields, shape (m, 10)
     ranges: Floats  # rows of `Ranges`: slant ranges, shape (m, 3), [m]
     # how long each filter step took, shape (n,), [s]; None: Δt each
     durations: Floats | None = None

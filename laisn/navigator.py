@@ -15,6 +15,7 @@ import numpy as np
 from laisn import POSITION
 from laisn.arrays import Floats, Two
 from laisn.compiled import formula
+from laisn.delays import delays_of
 from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.fix import SEQUENTIAL, SINGLE, Fix, RangeCircles, fix_variance, one_range, to_circles
 from laisn.geometry import Point, angle_between, is_singular
@@ -212,8 +213,10 @@ class Navigator(OnlineNavigator[Estimates]):
         self._gate = Gate(self._tuning, Point(float(start[0]), float(start[1])))
         self._own: OwnMotion | None = None
         self._message: LeaderMessage | None = None
+        self._clock = 0.0
 
     def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
+        self._clock += dt
         self._gate.lengthen(dt - self.settings.dt)
         self._filter.predict(self._acceleration(own, reception), dt)
         records = [] if reception is None else self._update_position(own, reception)
@@ -244,11 +247,21 @@ class Navigator(OnlineNavigator[Estimates]):
             self._message = now
         return expected_acceleration(speed_change, turn, t)
 
+    def _way(self, own: OwnMotion, reception: Reception) -> Floats | None:
+        """What the follower has moved since each ping arrived, by its last readings, as of
+        `to_circles`.
+        """
+        if not self.settings.compensate_motion:
+            return None
+        lag, _ = delays_of(reception.message, reception.ranges, self._clock, self.settings)
+        direction = np.array([math.sin(own.heading), math.cos(own.heading)])
+        return np.asarray(np.nan_to_num(lag)[:, None] * own.speed * direction)
+
     def _position(self) -> Point:
         return Point(*self._filter.state[POSITION].tolist())
 
     def _update_position(self, own: OwnMotion, reception: Reception) -> list[FixRecord]:
-        circles = to_circles(reception, own.depth, self.settings)
+        circles = to_circles(reception, own.depth, self.settings, self._way(own, reception))
         if self.settings.variant != SEQUENTIAL:
             predicted = self._position()
             first, second, third = (

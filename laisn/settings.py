@@ -58,6 +58,14 @@ class Settings:
     """Place the transmitters by the broadcast pitch and roll instead of assuming a level leader
     (not in the paper).
     """
+    ping_slot: float = 0.0
+    """Time from the rear to the front ping of a message, and on to the middle one [s]."""
+    sound_slowness: float = 0.0
+    """Time that sound takes for a metre [s/m]; 0: pings arrive as they leave (paper)."""
+    floor_depth: float = 0.0
+    """Depth of the sea floor by the chart [m]; 0: unknown."""
+    compensate_motion: bool = False
+    """Move both vehicles to where they were when each ping left and arrived."""
 
     @property
     def transmitters(self) -> int:
@@ -118,6 +126,8 @@ class NavigationSettings(Settings):
     use_single_range: bool = False
     """Use a single received range along its line of sight; paper: dropped. Default in the replay of
     a vehicle's log: true."""
+    compensate_motion: bool = False
+    """Move both vehicles to where they were when each ping left and arrived; paper: not."""
 
     @property
     def transmitters(self) -> int:
@@ -249,7 +259,14 @@ class TightSettings(Settings):
     outlier_probability: float = 0.05
     """Chance that a range is an echo's."""
     outlier_span: float = 4.5
-    """Maximum excess of an echo's range over the direct range [m]."""
+    """Maximum excess of an echo's range over the direct range [m]; of an echo common to all ranges
+    of a message more, where depths and sea floor allow it."""
+    leader_position_sigma: float = 0.0
+    """Random σ of the broadcast position along each axis, unless the message states it [m]."""
+    leader_position_walk: float = 0.0
+    """Random walk of the broadcast position's error along each axis [m/√s]."""
+    compensate_motion: bool = True
+    """Move both vehicles to where they were when each ping left and arrived."""
 
     @property
     def estimated(self) -> frozenset[str]:

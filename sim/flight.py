@@ -101,6 +101,7 @@ def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: in
         trajectory.site_offset[trajectory.site(site)]
         for site in (*TRANSMITTERS, "leader/depth_sensor")
     )
+    assumed = sound.sound_speed_m_s + sound.sound_speed_bias_m_s
     sites = np.array(placed) - np.array([0.0, 0.0, sensor[2]])
     # the leader's transmitters are those on its hull, unless the scenario has others
     given: dict[str, Any] = {
@@ -108,13 +109,16 @@ def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: in
         "dt": scenario.timing.filter_step_s,
         "hydrophone_height": float(height),
         "use_attitude": scenario.navigation.use_attitude,
+        "ping_slot": sound.ping_slot_s,
+        "sound_slowness": 1.0 / assumed if sound.travel_time else 0.0,
+        "floor_depth": scenario.ocean.floor_depth_m,
         "slip": SLIP_M_SQRT_S if scenario.motion == "physics" else 0.0,
     }
     if on_axis(sites):
         given |= {"baseline": 2.0 * float(sites[1, 0]), "middle_offset": float(sites[2, 1])}
     elif not given["transmitter_offsets"]:
         given["transmitter_offsets"] = tuple(tuple(site) for site in sites.tolist())
-    return scenario.navigation.settings(given, sound.sound_speed_m_s + sound.sound_speed_bias_m_s)
+    return scenario.navigation.settings(given, assumed)
 
 
 def settings_as(

@@ -48,6 +48,7 @@ def noise_of(scenario: Scenario, follower: int = 0) -> TrueNoise:
         range_sigma=float(np.sqrt(np.mean(np.square(errors.range_tau)))) * _UNIFORM,
         range_scale_sigma=errors.range_scale_sigma,
         leader_heading_sigma=errors.leader_heading_sigma * _ABOUT_MEAN,
+        leader_position_sigma=errors.leader_position_sigma,
         **{
             name: assumed[f"{name}_sigma"]
             for name in ("speed_bias", "heading_bias", "range_scale_bias")

@@ -190,6 +190,8 @@ _RANGE_SCALE = int(Stream.RANGE_SCALE)
 _LEADER_MOTION = int(Stream.LEADER_MOTION)
 _LEADER_DEPTH = int(Stream.LEADER_DEPTH)
 _LEADER_ATTITUDE = int(Stream.LEADER_ATTITUDE)
+_LEADER_POSITION = int(Stream.LEADER_POSITION)
+_LEADER_POSITION_WALK = int(Stream.LEADER_POSITION_WALK)
 
 # Column of `TruthRecord.sent` behind those of a block's rows.
 _ECHOES = 10
@@ -208,6 +210,7 @@ class Noise(NamedTuple):
     # two rows: Gauss–Markov part of the leader's pitch and roll errors, of unit variance
     fluctuation: Floats
     offset: Floats  # two rows: what stays of them throughout a run, likewise
+    walk: Floats  # two rows: of the leader's position, in steps of unit variance
     dt: float  # filter step [s]
 
 
@@ -257,6 +260,7 @@ def new_noise(address: Address, dt: float) -> Noise:
         np.zeros(LANES, dtype=np.bool_),
         np.zeros(pair),
         np.empty(pair),
+        np.zeros(pair),
         dt,
     )
     _draw_normals(noise, _LEADER_ATTITUDE, 0)
@@ -298,6 +302,30 @@ def _lose(block: Floats, noise: Noise, errors: SensorErrors, emitted: int) -> No
         burst[lane] = sensors.is_bad(burst[lane], draws[_FIRST + lane], errors)
         if sensors.is_lost(burst[lane], draws[_SECOND + lane], errors):
             block[lanes.R1 + lane] = block[lanes.R2 + lane] = block[lanes.R3 + lane] = np.nan
+
+
+@compiled_lanes
+def _read_position(
+    block: Floats, noise: Noise, errors: SensorErrors, sent: Floats, emitted: int, last: int
+) -> None:
+    """Read the leader's position, `last` being the step of the emission before this one."""
+    draws = noise.draws
+    walk = noise.walk
+    for k in range(last + 1, emitted + 1):
+        _draw_if(errors.leader_position_walk > 0.0, noise, _LEADER_POSITION_WALK, k)
+        for i in range(2 * LANES):
+            walk[i] += draws[i]
+    _draw_if(errors.leader_position_sigma > 0.0, noise, _LEADER_POSITION, emitted)
+    root = math.sqrt(noise.dt)
+    for lane in range(LANES):
+        i = _FIRST + lane
+        j = _SECOND + lane
+        block[lanes.EAST + lane] = sensors.read_leader_position(
+            errors, sent[0], draws[i], root * walk[i]
+        )
+        block[lanes.NORTH + lane] = sensors.read_leader_position(
+            errors, sent[1], draws[j], root * walk[j]
+        )
 
 
 @compiled_lanes
@@ -410,6 +438,8 @@ def sense_message(
         block[lanes.LEADER_DEPTH + lane] = sensors.read_leader_depth(
             errors, leader_depth, (draws[_FIRST + lane], 0.0)
         )
+    if sensors.position_errs(errors):
+        _read_position(block, noise, errors, sent, emitted, emitted - since if since else 0)
     _read_attitude(block, noise, errors, sent, emitted, since)
     _read_ranges(block, noise, errors, transmitters, sent, (received, emitted))
 

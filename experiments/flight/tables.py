@@ -154,6 +154,7 @@ _LEADER = (
     "pitch_deg",
     "roll_deg",
     "heading_sigma_deg",
+    "position_sigma_m",
 )
 """Columns of the fields of `LeaderMessage`, in their order; angles in degrees."""
 

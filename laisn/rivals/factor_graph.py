@@ -11,7 +11,7 @@ alike.
 
 import math
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -53,30 +53,49 @@ def _odometry_error(
     return np.array([*(moved - way + values.atDouble(log_bias) * path), two.theta() - one.theta()])
 
 
-def _range_error(
-    transmitter: Floats,
-    z: float,
-    longest: float,
-    factor: Any,
-    values: Any,
-    jacobians: list[Floats] | None,
-) -> Floats:
-    """ρ(p) (1 + c / max z) − z of a pose (p, b_θ) and the error c of its message."""
-    key, common = factor.keys()
+class _Ping(NamedTuple):
+    """A range, and what happened since its ping left and arrived."""
+
+    transmitter: Floats
+    range: float
+    longest: float  # range of the message
+    lag: float  # since the arrival [s]
+    age: float  # that the current has carried both, less the way of the ping [s]
+    water: Floats  # velocity through the water by log and compass, shape (2,), [m/s]
+    ahead: Floats  # direction by the compass, shape (2,)
+
+
+def _range_error(ping: _Ping, factor: Any, values: Any, jacobians: list[Floats] | None) -> Floats:
+    """ρ (1 + c / max z) − z of a pose (p, b_θ), the error c of its message, the log's bias, the
+    current, and perhaps the error of the leader's position, true less broadcast.
+    """
+    key, common, log_bias, current, *origin = factor.keys()
     pose = values.atPose2(key)
-    scale = 1.0 + values.atDouble(common) / longest
-    rho, direction = slant(pose.translation(), transmitter)
+    rotation = pose.rotation().matrix()
+    scale = 1.0 + values.atDouble(common) / ping.longest
+    ahead = rotation @ ping.ahead
+    water = rotation @ ping.water - values.atDouble(log_bias) * ahead
+    moved = ping.lag * water + ping.age * values.atPoint2(current)
+    for one in origin:
+        moved = moved + values.atPoint2(one)
+    rho, direction = slant(pose.translation(), ping.transmitter + np.append(moved, 0.0))
     if jacobians is not None:
-        along = scale * direction @ pose.rotation().matrix()
-        jacobians[0] = np.array([[*along, 0.0]])
-        jacobians[1] = np.array([[rho / longest]])
-    return np.array([scale * rho - z])
+        along = scale * direction @ rotation
+        turned = -scale * ping.lag * direction @ (_TURN @ water)
+        jacobians[0] = np.array([[*along, turned]])
+        jacobians[1] = np.array([[rho / ping.longest]])
+        jacobians[2] = np.array([[scale * ping.lag * direction @ ahead]])
+        jacobians[3] = -scale * ping.age * direction[None]
+        for i in range(len(origin)):
+            jacobians[4 + i] = -scale * direction[None]
+    return np.array([scale * rho - ping.range])
 
 
 class FactorGraph(DeadReckoning):
     """Smooths a window of `lag` seconds at each message."""
 
     KEEPS_READINGS = True
+    MOVES_TRANSMITTERS = False
 
     def __init__(self, settings: RivalSettings, start: Floats) -> None:
         """As of `DeadReckoning`; LaisnError if GTSAM is not installed."""
@@ -140,12 +159,23 @@ class FactorGraph(DeadReckoning):
         received = np.flatnonzero(np.isfinite(ranges))
         range_noise = self._sigma(settings.range_sigma)
         longest = float(ranges[received].max())
-        for transmitter, z in zip(below[received], ranges[received].tolist(), strict=True):
-            error = partial(_range_error, transmitter, z, longest)
-            graph.add(gtsam.CustomFactor(range_noise, [self._pose, common], error))
+        keys = [self._pose, common, self._log_bias, self._current]
+        place_sigma = self._place_variance(reception) ** 0.5
+        if place_sigma > 0.0:
+            origin = gtsam.symbol("o", self._messages)
+            noise_of_place = gtsam.noiseModel.Isotropic.Sigma(2, place_sigma)
+            graph.add(gtsam.PriorFactorPoint2(origin, np.zeros(2), noise_of_place))
+            values.insert(origin, np.zeros(2))
+            keys.append(origin)
+        ahead = np.array([np.sin(own.heading), np.cos(own.heading)])
+        for i in received.tolist():
+            delays = float(self._delays.lag[i]), float(self._delays.age[i])
+            water = self._mean.speed * ahead
+            ping = _Ping(below[i], float(ranges[i]), longest, *delays, water, ahead)
+            graph.add(gtsam.CustomFactor(range_noise, keys, partial(_range_error, ping)))
         try:
             self._smoother.update(
-                graph, values, dict.fromkeys((self._pose, common, *self._constants), self._time)
+                graph, values, dict.fromkeys((*keys, *self._constants), self._time)
             )
         except RuntimeError as error_of:
             raise ArithmeticError(f"step {self._step}: {error_of}") from None

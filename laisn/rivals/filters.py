@@ -13,12 +13,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from laisn.arrays import Floats, Four
+from laisn.arrays import Floats, Four, Ints
 from laisn.compiled import compiled
+from laisn.delays import Delays, MeanSpeed, delays_of
 from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.failure import LaisnError
 from laisn.geometry import place_transmitters, signed_angle
-from laisn.messages import Measurements, OwnMotion, Reception
+from laisn.messages import LeaderMessage, Measurements, OwnMotion, Reception
 from laisn.navigator import kalman_update
 from laisn.navigators import OnlineNavigator, require_valid
 from laisn.rivals.leader_track import LeaderTrack, SeenCurrent
@@ -101,6 +102,8 @@ class DeadReckoning(OnlineNavigator[Estimates]):
 
     # for `_odometry`, of methods that move from message to message
     KEEPS_READINGS: ClassVar[bool] = False
+    # by the delays of pings, at the biases so far
+    MOVES_TRANSMITTERS: ClassVar[bool] = True
 
     def __init__(self, settings: TightSettings, start: Floats) -> None:
         """Begin at a known state; ValueError if the start is not four finite numbers."""
@@ -120,7 +123,11 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         self._reading = np.empty((0, 2))
         self._kept = list[tuple[Floats, Floats]]()
         self._track = LeaderTrack()
-        self._noise = settings.speed_sigma, settings.heading_sigma, settings.slip, walk
+        # the place walks with the leader's errors: it is that in the broadcast positions' frame
+        slip = math.hypot(settings.slip, settings.leader_position_walk)
+        self._noise = settings.speed_sigma, settings.heading_sigma, slip, walk
+        self._mean = MeanSpeed()
+        self._delays = Delays(np.zeros(3), np.zeros(3))
 
     @property
     def biases(self) -> tuple[float, float]:
@@ -167,6 +174,9 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         n = durations.size
         states = np.empty((n, 4))
         covariances = np.empty((n, 4, 4))
+        for speed, dt in zip(readings[:, 0].tolist(), durations.tolist(), strict=True):
+            if dt > 0.0:
+                self._mean.advance(speed, dt)
         if n:
             before = self._reading if self._reading.size else readings[:1]
             steps = np.vstack([before, readings])
@@ -182,6 +192,14 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         """Update with a message: the fix is the estimate after it."""
         places = place_transmitters(reception, self.settings)
         below = places - (0.0, 0.0, own.depth - self.settings.hydrophone_height)
+        if self.settings.compensate_motion:
+            self._delays = delays_of(
+                reception.message, reception.ranges, self._mean.clock, self.settings
+            )
+            if self.MOVES_TRANSMITTERS:
+                # as if each ping had left so much farther on, and had been received here and now
+                lag, age = self._delays
+                below[:, :2] += np.outer(lag, self._slipping(own)) + np.outer(age, self.x[5:7])
         ranges = np.where(np.isfinite(below).all(axis=1), reception.ranges, np.nan)
         ranges[self.settings.transmitters :] = np.nan
         used = bool(np.isfinite(ranges).any()) and self._update(below, ranges, own, reception)
@@ -191,7 +209,17 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         if used:
             # velocity by the new biases; no time passes
             self._advance(self._reading, np.zeros(1))
+            self._mean.since_message = 0.0
         return self._fix_at_estimate(FixKind.RANGES if used else FixKind.LOST)
+
+    def _slipping(self, own: OwnMotion) -> Floats:
+        """Velocity through the water over the pings of a message, shape (2,), [m/s]."""
+        heading = own.heading - self.x[3]
+        speed = self._mean.speed - self.x[2]
+        return np.asarray(speed * np.array([math.sin(heading), math.cos(heading)]))
+
+    def _place_variance(self, reception: Reception) -> float:
+        return place_variance(self.settings, reception.message)
 
     def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
         """Update `x` and `P` with the readings and the message of this step; whether the ranges
@@ -259,6 +287,12 @@ def slant(x: Floats, transmitter: Floats) -> tuple[float, Floats]:
     return rho, away / rho
 
 
+def place_variance(settings: TightSettings, message: LeaderMessage) -> float:
+    """Of what errs anew in the broadcast position of a message, along each axis [m²]."""
+    stated = message.position_sigma
+    return float((settings.leader_position_sigma if math.isnan(stated) else stated) ** 2)
+
+
 def range_measurement(
     settings: TightSettings, x: Floats, below: Floats, ranges: Floats
 ) -> tuple[Floats, Floats, Floats]:
@@ -282,15 +316,41 @@ class RangeFilter(DeadReckoning):
     """Extended Kalman filter on the ranges of a message, one measurement, without a test for
     echoes.
 
-    h_i = ρ_i (1 + b_r / max z); R = σ² I + σ_s² s sᵀ with s_i = ρ_i / max z (Y. Bar-Shalom, X. R.
-    Li, T. Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section
-    10.3).
+    h_i = ρ_i (1 + b_r / max z); R = σ² I + σ_s² s sᵀ + σ_L² u uᵀ with s_i = ρ_i / max z and rows
+    u_i of the directions from the transmitters (Y. Bar-Shalom, X. R. Li, T. Kirubarajan, Estimation
+    with Applications to Tracking and Navigation, 2001, section 10.3). Where pings arrived at other
+    times, R has what speed and course may err over these.
     """
 
     def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
         H, innovation, R = range_measurement(self.settings, self.x, below, ranges)
+        directions = H[:, :2].copy()
+        R += self._place_variance(reception) * directions @ directions.T
+        if self.settings.compensate_motion:
+            received = np.flatnonzero(np.isfinite(ranges))
+            R += self._by_delays(H, directions, received, own)
         self.x, self.P = kalman_update(self.x, self.P, H, innovation, R)
         return True
+
+    def _by_delays(self, H: Floats, directions: Floats, received: Ints, own: OwnMotion) -> Floats:
+        """Fill in the derivatives of the ranges by biases and current over the delays; covariance
+        of what else errs over them.
+        """
+        settings: TightSettings = self.settings
+        lag = self._delays.lag[received]
+        east, north = self._slipping(own)
+        heading = own.heading - self.x[3]
+        ahead = np.array([math.sin(heading), math.cos(heading)])
+        starboard = np.array([ahead[1], -ahead[0]])
+        H[:, 2] = lag * (directions @ ahead)
+        H[:, 3] = lag * (directions[:, 0] * north - directions[:, 1] * east)
+        if settings.assume.current:
+            H[:, 5:7] = -self._delays.age[received, None] * directions
+        along = lag * (directions @ ahead)
+        across = lag * (directions @ starboard)
+        variance = self._mean.variance(settings.dt, settings.speed_sigma)
+        turned = settings.heading_sigma**2 * (east**2 + north**2)
+        return np.asarray(variance * np.outer(along, along) + turned * np.outer(across, across))
 
 
 class OneWayTravelTime(RangeFilter):
@@ -334,6 +394,7 @@ class GeodeticAdjustment(DeadReckoning):
         weight = np.linalg.inv(self.P[:2, :2])
         sigma = math.hypot(self.settings.range_sigma, self.settings.range_scale_sigma)
         sigma = math.hypot(sigma, self.settings.range_scale_bias_sigma)
+        sigma = math.sqrt(sigma**2 + self._place_variance(reception))
         for _ in range(10):
             rho, direction = slant(self.x, transmitter)
             normal = weight + np.outer(direction, direction) / sigma**2
@@ -397,6 +458,7 @@ class InvertedUsbl(DeadReckoning):
                 settings.elevation_sigma**2,
             ]
         )
+        R += self._place_variance(reception) * H[:, :2] @ H[:, :2].T
         self.x, self.P = kalman_update(self.x, self.P, H, np.array(innovation), R)
         return True
 
@@ -444,8 +506,10 @@ class ParticleFilter(DeadReckoning):
         walks = np.sqrt(time) * np.array([LOG_WALK, COMPASS_WALK, self._noise[3], self._noise[3]])
         p[:, [2, 3, 5, 6]] += walks * normals[:, 2:]
 
-    def _likelihood(self, below: Floats, ranges: Floats) -> Floats:
-        """log N(z; h, σ² I + σ_s² s sᵀ) of all ranges, but for a constant, shape (N,)."""
+    def _likelihood(self, below: Floats, ranges: Floats, place_variance: float) -> Floats:
+        """log N(z; h, σ² I + σ_s² s sᵀ + σ_L² u uᵀ) of all ranges, but for a constant, shape
+        (N,); u are directions from the transmitters.
+        """
         settings = self.settings
         received = np.flatnonzero(np.isfinite(ranges))
         z = ranges[received]
@@ -453,6 +517,15 @@ class ParticleFilter(DeadReckoning):
         rho = np.sqrt((away**2).sum(axis=2) + below[received, 2] ** 2)
         share = rho / z.max()
         residual = z - rho - share * self.particles[:, 4:5]
+        if place_variance > 0.0:
+            directions = away / rho[..., None]
+            S = settings.range_sigma**2 * np.eye(z.size)
+            S = S + settings.range_scale_sigma**2 * share[:, :, None] * share[:, None, :]
+            S = S + place_variance * directions @ directions.swapaxes(1, 2)
+            squared = np.einsum(
+                "ni,ni->n", residual, np.linalg.solve(S, residual[..., None])[..., 0]
+            )
+            return np.asarray(-0.5 * (squared + np.linalg.slogdet(S)[1]))
         # of the matrix σ² I + σ_s² s sᵀ: determinant and inverse by Sherman and Morrison
         small = settings.range_sigma**2
         large = settings.range_scale_sigma**2
@@ -499,7 +572,7 @@ class ParticleFilter(DeadReckoning):
         while True:
             # a power of the likelihood that leaves enough particles, as long as the rest of it is
             # not small
-            likelihood = self._likelihood(below, ranges)
+            likelihood = self._likelihood(below, ranges, self._place_variance(reception))
             power = rest
             weights = _weighted(self.weights, power * likelihood)
             while 1.0 / np.sum(weights**2) < LEAST_SHARE * n and power > SMALLEST_POWER:

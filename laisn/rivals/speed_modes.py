@@ -13,12 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from laisn.arrays import Floats
+from laisn.delays import Delays, delays_of
 from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.geometry import place_transmitters, signed_angle
 from laisn.messages import OwnMotion, Reception
 from laisn.navigator import kalman_update
 from laisn.navigators import OnlineNavigator
-from laisn.rivals.filters import range_measurement
+from laisn.rivals.filters import place_variance, range_measurement
 from laisn.rivals.leader_track import LeaderTrack
 from laisn.settings import COMPASS_WALK, CURRENT_WALK, LOG_WALK, RivalSettings
 
@@ -77,10 +78,12 @@ class SpeedModes(OnlineNavigator[Estimates]):
         self.modes = [Mode(x.copy(), P.copy(), walk, 1.0 / len(WALKS)) for walk in WALKS]
         self._current_walk = CURRENT_WALK if settings.assume.current else 0.0
         self._track = LeaderTrack()
+        self._clock = 0.0
         self._heading: float | None = None
         self._since_mixing = 0.0
 
     def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
+        self._clock += dt
         before = own.heading if self._heading is None else self._heading
         middle = before + 0.5 * signed_angle(own.heading - before)
         self._heading = own.heading
@@ -165,7 +168,16 @@ class SpeedModes(OnlineNavigator[Estimates]):
         ranges[settings.transmitters :] = np.nan
         used = bool(np.isfinite(ranges).any())
         if used:
-            self._weigh([self._update_ranges(mode, below, ranges) for mode in self.modes])
+            variance = place_variance(settings, reception.message)
+            delays = Delays(np.zeros(3), np.zeros(3))
+            if settings.compensate_motion:
+                delays = delays_of(reception.message, reception.ranges, self._clock, settings)
+            likelihoods = []
+            for mode in self.modes:
+                moved = below.copy()
+                moved[:, :2] += self._way(mode, own.heading, delays)
+                likelihoods.append(self._update_ranges(mode, moved, ranges, variance))
+            self._weigh(likelihoods)
         seen = self._track.receive(reception.message)
         if seen is not None and settings.assume.current:
             H = np.zeros((2, STATES))
@@ -176,9 +188,20 @@ class SpeedModes(OnlineNavigator[Estimates]):
                 mode.x, mode.P = kalman_update(mode.x, mode.P, H, innovation, noise)
         return used
 
-    def _update_ranges(self, mode: Mode, below: Floats, ranges: Floats) -> float:
+    def _way(self, mode: Mode, heading: float, delays: Delays) -> Floats:
+        """What a follower has moved since each ping arrived, and the current carried both since
+        the message, by a filter, shape (3, 2), [m].
+        """
+        course = heading - mode.x[COMPASS]
+        water = mode.x[SPEED] * np.array([math.sin(course), math.cos(course)])
+        return np.outer(delays.lag, water) + np.outer(delays.age, mode.x[EAST:])
+
+    def _update_ranges(
+        self, mode: Mode, below: Floats, ranges: Floats, place_variance: float
+    ) -> float:
         """Update a filter with ranges, NaN where none came; their log likelihood."""
         H, innovation, R = range_measurement(self.settings, mode.x, below, ranges)
+        R = R + place_variance * H[:, :2] @ H[:, :2].T
         S = H @ mode.P @ H.T + R
         mode.x, mode.P = kalman_update(mode.x, mode.P, H, innovation, R)
         squared = float(innovation @ np.linalg.solve(S, innovation))

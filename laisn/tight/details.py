@@ -8,7 +8,7 @@ from laisn.arrays import Ints, Record
 from laisn.compiled import compiled
 from laisn.estimates import HYPOTHESES, FixKind, TightEstimates
 from laisn.mixture import heaviest, hypothesis_weight
-from laisn.tight.model import MOST_STATES, Belief, Model
+from laisn.tight.model import Belief, Model
 
 FIX = TightEstimates.fix_dtype()
 
@@ -43,7 +43,7 @@ def _clear(fix: Record) -> None:
         fix.innovation[i] = np.nan
         for j in range(2):
             fix.innovation_covariance[i, j] = np.nan
-    for i in range(MOST_STATES):
+    for i in range(fix.full_state.shape[0]):
         fix.full_state[i] = np.nan
         fix.full_sigma[i] = np.nan
     for h in range(HYPOTHESES):
@@ -59,7 +59,7 @@ def _write_states(b: Belief, m: Model, places: Ints, fix: Record) -> None:
     """Mean and standard deviation of each state over the mixture: x̄ = Σ w x, σ² = Σ w (P + (x −
     x̄)²).
     """
-    for i in range(m.states):
+    for i in range(places.shape[0]):
         mean = 0.0
         for k in range(b.alive * m.modes):
             mean += b.weight[k] * b.state[k, i]

@@ -31,7 +31,7 @@ from laisn.tight.model import (
     Y,
     refresh_output,
 )
-from laisn.tight.ranging import Signal, update
+from laisn.tight.ranging import Signal, beside_leader, relative_rows, slipping, update
 
 # least lateral standard deviation of a split, as a share of the distance ℓ_c at which the axis
 # matters, and at most [m]: far away halves that wide still drift to the wrong side
@@ -41,6 +41,9 @@ _REACH = 3.5
 _LEAST_WEIGHT = 1e-5
 # squared Mahalanobis distance below which two hypotheses are one
 _SAME = 1.0
+# squared Mahalanobis distance of one position, where the leader's position errs anew in each
+# message: its sides, which each message splits, would soon be more than can be kept
+_SAME_BESIDE_ERRORS = 2.0
 
 
 @compiled
@@ -56,19 +59,32 @@ def _lateral(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float, float,
     turning = m.leader != ABSENT
     s, c = sin_cos(x[k, m.leader] if turning else 0.0)
     ex, ey = arms[1, 0] - arms[0, 0], arms[1, 1] - arms[0, 1]
+    qx, qy = beside_leader(b, m, k, signal)
+    if signal.late:
+        _, _, vx, vy = slipping(b, k)
+        # the axis of the places from which the pings seem to come
+        rx, ry = (signal.lag[1] - signal.lag[0]) * vx, (signal.lag[1] - signal.lag[0]) * vy
+        ex += c * rx + s * ry
+        ey += c * ry - s * rx
+        qx -= signal.lag[0] * vx
+        qy -= signal.lag[0] * vy
     length = math.sqrt(ex * ex + ey * ey)
     tx, ty = (c * ex - s * ey) / length, (s * ex + c * ey) / length
-    qx, qy = x[k, X] - signal.east, x[k, Y] - signal.north
+    away_x, away_y = relative_rows(b, m, k)
     ox, oy = qx - (c * arms[0, 0] - s * arms[0, 1]), qy - (s * arms[0, 0] + c * arms[0, 1])
     # ∇ℓ by x, y and b_L
     gx = -ty
     gy = tx
     gl = -(tx * qx + ty * qy)
     for i in range(m.states):
-        gain[i] = P[k, i, X] * gx + P[k, i, Y] * gy
+        gain[i] = away_x[i] * gx + away_y[i] * gy
         if turning:
             gain[i] += P[k, i, m.leader] * gl
     variance = gain[X] * gx + gain[Y] * gy
+    if m.place != ABSENT:
+        variance -= gain[m.place] * gx + gain[m.place + 1] * gy
+    if m.place_walk != ABSENT:
+        variance -= gain[m.place_walk] * gx + gain[m.place_walk + 1] * gy
     if turning:
         variance += gain[m.leader] * gl
     critical = math.sqrt(qx * qx + qy * qy) * math.sqrt(2.8 * m.range_sigma / length)
@@ -118,8 +134,9 @@ def prune_and_merge(b: Belief, m: Model) -> None:
     """Prune and merge hypotheses, and keep the heaviest few; those with different leader
     headings are not merged.
     """
+    same = _SAME if m.place == ABSENT else _SAME_BESIDE_ERRORS
     b.alive = mixture.prune_and_merge(
-        b, m.modes, b.alive, _LEAST_WEIGHT, HYPOTHESES, m.leader, _SAME
+        b, m.modes, b.alive, _LEAST_WEIGHT, HYPOTHESES, m.leader, same
     )
     mixture.normalise(b.weight, b.alive * m.modes)
 
@@ -170,8 +187,6 @@ def _merge_ring(b: Belief, m: Model, signal: Signal, first: int, here: tuple[flo
     centre = (signal.arms[nearest, 0], signal.arms[nearest, 1])
     deeper = signal.arms[nearest, 2]
     distance = math.sqrt(max(shortest * shortest - deeper * deeper, 1.0))
-    ax, ay = signal.arms[0, 0], signal.arms[0, 1]
-    ex, ey = signal.arms[1, 0] - ax, signal.arms[1, 1] - ay
     best = -math.inf
     for h in range(2):
         mixture.reset_component(b, first + h * m.modes, b.fresh)
@@ -191,7 +206,7 @@ def _merge_ring(b: Belief, m: Model, signal: Signal, first: int, here: tuple[flo
                 square = (dx * dx + dy * dy) / (_POSITION_SIGMA * _POSITION_SIGMA)
                 evidence += math.log(_FAR_WEIGHT + math.exp(-0.5 * square))
             if merging:
-                left = ex * (b.state[SPARE, Y] - ay) - ey * (b.state[SPARE, X] - ax) > 0.0
+                left = _lateral(b, m, SPARE, signal)[0] > 0.0
                 b.weight[SPARE] = math.exp(evidence - best)
                 mixture.merge_components(b, first if left else first + m.modes, SPARE)
             else:
@@ -260,6 +275,30 @@ _SETTLED = 10.0  # a turn is over where it has not gone on for so long [s]
 
 
 @compiled
+def longest_echo(m: Model, signal: Signal, deeper: float) -> float:
+    """By how much the range of an echo may exceed the direct one, at most [m].
+
+    With d and d' the distances of both vehicles from the surface or the floor, an echo's way is
+    √(r² + 4 d d'); of a range that is an echo's itself r is shorter, but not by more than d − d'.
+    """
+    shallow = signal.depth
+    own = signal.depth - deeper
+    product = shallow * own
+    if m.floor_depth > 0.0:
+        product = max(product, (m.floor_depth - shallow) * (m.floor_depth - own))
+    longest = 0.0
+    for i in range(m.transmitters):
+        echo = signal.ranges[i]
+        if product > 0.0 and echo == echo:
+            direct = math.sqrt(max(echo * echo - 4.0 * product, deeper * deeper))
+            longest = max(longest, echo - direct)
+    return longest + _ECHO_MARGIN
+
+
+_ECHO_MARGIN = 1.0  # errors of depths and ranges [m]
+
+
+@compiled
 def place_arms(signal: Signal, m: Model, pitch: float, roll: float, deeper: float) -> None:
     """Fill in the arms of the transmitters at the broadcast heading, pitch and roll [rad] (level
     where either is NaN).
@@ -270,6 +309,7 @@ def place_arms(signal: Signal, m: Model, pitch: float, roll: float, deeper: floa
     if deeper != deeper:
         for i in range(3):
             signal.ranges[i] = np.nan
+    signal.echo_span = longest_echo(m, signal, deeper)
     heading = Turn(*sin_cos(signal.heading))
     pitched = Turn(0.0, 1.0)
     rolled = Turn(0.0, 1.0)
@@ -289,6 +329,11 @@ def place_arms(signal: Signal, m: Model, pitch: float, roll: float, deeper: floa
     arms[2, 0] = middle_east
     arms[2, 1] = middle_north
     arms[2, 2] = deeper - middle_up
+    # the leader goes on from ping to ping
+    way = m.ping_slot * signal.speed
+    for i in range(1, 3):
+        arms[i, 0] += i * way * heading.sine
+        arms[i, 1] += i * way * heading.cosine
 
 
 @compiled
@@ -355,6 +400,7 @@ def inflate_bias_covariance(b: Belief, m: Model, signal: Signal) -> None:
     turning = m.leader != ABSENT
     own = 0.0
     leader = 0.0
+    b.place_variance = signal.place_variance
     if m.deviation > 0.0:
         own = m.deviation * _turn_growth(b.turn, (o.sin, o.cos), _TURN, o.time)
         if turning:
@@ -441,6 +487,36 @@ def _check_consistency(b: Belief, m: Model, signal: Signal, received: int, used:
     return True
 
 
+# a message that seems to have been longer under way has a clock of its own [s]
+_LONGEST_DELAY = 5.0
+_PROMPT = 1e-3  # an arrival within this time is now [s]
+
+
+@compiled
+def _time_pings(b: Belief, m: Model, signal: Signal) -> None:
+    """Write how long ago each ping arrived, and how long after the message's time it left or was
+    waited for, into `signal`; `late` if any counts.
+    """
+    signal.late = 0
+    if not m.compensate_motion:
+        return
+    last = 0.0
+    for i in range(m.transmitters):
+        if signal.ranges[i] == signal.ranges[i]:
+            last = max(last, i * m.ping_slot + m.sound_slowness * signal.ranges[i])
+    since = b.motion.clock - signal.time
+    if not last <= since <= _LONGEST_DELAY:
+        since = last
+    for i in range(m.transmitters):
+        signal.lag[i] = signal.age[i] = 0.0
+        if signal.ranges[i] == signal.ranges[i]:
+            way = m.sound_slowness * signal.ranges[i]
+            signal.lag[i] = max(since - i * m.ping_slot - way, 0.0)
+            signal.age[i] = max(since - way, 0.0)
+            if signal.age[i] > _PROMPT:
+                signal.late = 1
+
+
 @compiled
 def receive(b: Belief, m: Model, signal: Signal) -> int:
     """Take a message: predict all components to its instant and update them with its ranges.
@@ -453,11 +529,17 @@ def receive(b: Belief, m: Model, signal: Signal) -> int:
     for i in range(m.transmitters):
         received += signal.ranges[i] == signal.ranges[i]
     b.received = received
+    _time_pings(b, m, signal)
     if received == 0:
         return 0
     if b.alive == 0:
         if received < 2:
             return 0
+        if m.place != ABSENT:
+            b.fresh[m.place] = b.fresh[m.place + 1] = signal.place_variance
+        if m.place_walk != ABSENT:
+            walked = m.place_walk_rate * b.motion.clock
+            b.fresh[m.place_walk] = b.fresh[m.place_walk + 1] = walked
         if not add_ring(b, m, signal, 1.0):
             return -1
         # all of them were used, but nothing had been expected of them that they could have missed

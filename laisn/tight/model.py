@@ -1,6 +1,6 @@
 """The model of the tightly coupled navigator: its state, and settings as compiled code takes them.
 
-State, of n numbers; the last six only where `Assume` has them unknown:
+State, of n numbers; the last ten only where the settings have them unknown:
 
     x, y    position of the hydrophone, east and north [m] b_v     bias of the speed log [m/s] b_θ
     bias of the compass [rad] b_r     mean of the error that the ranges share in proportion [m at
@@ -8,6 +8,8 @@ State, of n numbers; the last six only where `Assume` has them unknown:
     east and north [m/s] d_i     constant error of the range to transmitter i beside that of the
     first one [m] τ, τ̇    clock offset of the follower from the leader, as a range [m], and its
     rate [m/s]
+    e, w    error of the broadcast position, true less broadcast, east and north [m]: what is new
+    in each message, and what walks
 
 A belief is a mixture of Gaussians. With two transmitters both sides of the leader's axis are kept
 until the data decide; each such side is a *hypothesis*. Where biases drift, each hypothesis has two
@@ -42,7 +44,7 @@ Model: TypeAlias = Any
 calls pass a pointer.
 """
 
-_OPTIONAL = {"leader": 5, "current": 6, "offset": 8, "clock": 10}
+_OPTIONAL = {"leader": 5, "current": 6, "offset": 8, "clock": 10, "place": 12, "place_walk": 14}
 """Optional states: field of `Model` with the index of the first one, and its place in
 `TightEstimates.names`.
 """
@@ -71,6 +73,11 @@ def prior_sigmas(settings: TightSettings) -> dict[int, float]:
     if assume.clock:
         sigmas[10] = s.clock_offset_sigma
         sigmas[11] = s.clock_drift_sigma
+    if s.leader_position_sigma > 0.0:
+        sigmas[12] = sigmas[13] = s.leader_position_sigma
+    if s.leader_position_walk > 0.0:
+        # it begins with the mission
+        sigmas[14] = sigmas[15] = 0.0
     return sigmas
 
 
@@ -86,16 +93,25 @@ def model_of(settings: TightSettings) -> Model:
     integers = {
         "states": len(places),  # n
         "modes": 2 if assume.drift else 1,
-        # indices of b_L, of the current's east component (north comes next), of d_2, and of τ (τ̇
-        # comes next)
+        # indices of b_L, of the current's east component (north comes next), of d_2, of τ (τ̇ comes
+        # next), and of the east components of e and w
         **{
             name: places.index(place) if place in places else ABSENT
             for name, place in _OPTIONAL.items()
         },
         "transmitters": s.transmitters,
         "use_attitude": s.use_attitude,
+        "compensate_motion": s.compensate_motion,
     }
-    same = "dt", "baseline", "middle_offset", "hydrophone_height", "range_sigma", "outlier_span"
+    same = (
+        "dt",
+        "floor_depth",
+        "baseline",
+        "middle_offset",
+        "hydrophone_height",
+        "range_sigma",
+        "outlier_span",
+    )
     numbers: dict[str, Any] = {
         **{name: getattr(s, name) for name in same},
         "speed_variance": s.speed_sigma**2,
@@ -114,6 +130,12 @@ def model_of(settings: TightSettings) -> Model:
         "range_scale_variance": s.range_scale_sigma**2,
         # prior and upper limit [rad²]
         "leader_variance": 0.0 if assume.exact_leader else s.leader_heading_sigma**2,
+        "place_variance": s.leader_position_sigma**2,  # of e along each axis [m²]
+        "place_walk_rate": s.leader_position_walk**2,  # w gains in a second [m²/s]
+        "ping_slot": s.ping_slot if s.compensate_motion else 0.0,
+        "sound_slowness": s.sound_slowness if s.compensate_motion else 0.0,
+        # logarithm of the chance that an echo is one
+        "log_outlier": math.log(s.outlier_probability),
         # logarithm of the chance that a range is a direct one
         "log_accepted": math.log1p(-s.outlier_probability),
         # of an echo's density in [1/m]
@@ -128,7 +150,7 @@ def model_of(settings: TightSettings) -> Model:
 CAPACITY = 2 * HYPOTHESES
 
 # room for n: arrays of a belief have one shape for all settings, so that all share compiled code
-MOST_STATES = 12
+MOST_STATES = 16
 _COMPONENTS = 2 * CAPACITY
 # holds a copy or a trial while there are at most `HYPOTHESES` + 2 hypotheses
 SPARE = _COMPONENTS - 1
@@ -155,6 +177,8 @@ _MOTION = np.dtype(
             "speed",
             "sin",
             "cos",
+            "clock",  # time since the start [s]
+            "mean_speed",  # of the log over the last seconds [m/s]
         )
     ]
 )
@@ -212,6 +236,10 @@ _WORK = np.dtype(
         ("row_y", np.float64, _T),
         ("row_scale", np.float64, _T),
         ("row_leader", np.float64, _T),
+        ("row_log", np.float64, _T),
+        ("row_compass", np.float64, _T),
+        # covariance of the place beside the leader, east and north, with the states
+        ("away", np.float64, (2, MOST_STATES)),
         # second derivatives of each range by (x, y, b_L), times their covariance
         ("curvature", np.float64, (_T, 3, 3)),
         ("spread", np.float64, (_T, _T)),  # S: covariance of the residuals [m²]
@@ -267,6 +295,8 @@ _BELIEF = np.dtype(
                 ("missed_updates", np.float64),  # messages in a row without an accepted range
                 # estimated, of the random error of the leader's heading [rad²]
                 ("leader_variance", np.float64),
+                # of e in the last message, along each axis [m²]
+                ("place_variance", np.float64),
                 ("turn", _TURN),
                 ("leader_turn", _TURN),  # that either compass is in, or the last one
                 ("motion", _MOTION),
@@ -323,7 +353,8 @@ def new_belief(settings: TightSettings, m: Model, start: tuple[float, float] | N
     None: the start is unknown, and there is no hypothesis before the first message with two ranges.
     """
     # by key, as attributes of a record are slow outside of compiled code
-    states, modes, leader_variance = m[["states", "modes", "leader_variance"]].item()
+    names = ["states", "modes", "leader_variance", "place_variance"]
+    states, modes, leader_variance, place_variance = m[names].item()
     fresh = np.zeros(MOST_STATES)
     fresh[:states] = np.square(list(prior_sigmas(settings).values()))
     made = np.zeros(1, dtype=_BELIEF)
@@ -331,6 +362,7 @@ def new_belief(settings: TightSettings, m: Model, start: tuple[float, float] | N
     made["alive"] = start is not None
     made["smoothed_nis"] = 1.0
     made["leader_variance"] = leader_variance
+    made["place_variance"] = place_variance
     made["fresh"] = fresh
     made["motion"]["speed"] = np.nan
     about = made["leader"]

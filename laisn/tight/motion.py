@@ -22,6 +22,9 @@ from laisn.mixture import add_moments, centre_moments, update_scalar
 from laisn.tight.model import ABSENT, COMPASS, LOG, Belief, Model, X, Y
 from laisn.tight.ranging import Signal
 
+# of the log's readings, of which the speed within a message's pings is the mean [1/s]
+_PER_SMOOTHING = 1.0 / 1.5
+
 
 @inlined
 def preintegrate_direction(
@@ -47,6 +50,8 @@ def preintegrate_direction(
     o.nxy += more * sine * cosine
     o.nyy += across + more * cosine * cosine
     o.time += dt
+    o.clock += dt
+    o.mean_speed += dt * max(_PER_SMOOTHING, 1.0 / o.clock) * (speed - o.mean_speed)
     o.speed = speed
     o.sin = sine
     o.cos = cosine
@@ -108,6 +113,17 @@ def _position_noise(
 
 
 @compiled
+def _renew_place_error(b: Belief, m: Model, k: int) -> None:
+    """What errs anew in the broadcast position of each message, e, of component k."""
+    P = b.covariance
+    for state in (m.place, m.place + 1):
+        b.state[k, state] = 0.0
+        for j in range(m.states):
+            P[k, state, j] = P[k, j, state] = 0.0
+        P[k, state, state] = b.place_variance
+
+
+@compiled
 def predict_component(b: Belief, m: Model, k: int, log_bias: float, compass_bias: float) -> None:
     """Predict component k over the way since the last message, linearised at some biases.
 
@@ -119,6 +135,11 @@ def predict_component(b: Belief, m: Model, k: int, log_bias: float, compass_bias
     n = m.states
     time = b.motion.time
     mode = k % m.modes
+    if m.place != ABSENT:
+        _renew_place_error(b, m, k)
+    if m.place_walk != ABSENT:
+        for state in (m.place_walk, m.place_walk + 1):
+            P[k, state, state] += m.place_walk_rate * time
     way = _way(b.motion, log_bias, compass_bias)
     _, _, way_x, way_y, by_log_x, by_log_y = way
     by_compass_x = -way_y
@@ -408,8 +429,11 @@ def update_current_from_leader_track(b: Belief, m: Model, signal: Signal) -> Non
                 per * (signal.east - o.window_x) - logged[0],
                 per * (signal.north - o.window_y) - logged[1],
             )
+            # both ends of the window err
+            variance = CURRENT_SIGMA * CURRENT_SIGMA * 10.0 * per
+            variance += 2.0 * b.place_variance * per * per + m.place_walk_rate * per
             for k in range(b.alive * m.modes):
-                _update_component(b, m, k, seen, logged, CURRENT_SIGMA * CURRENT_SIGMA * 10.0 * per)
+                _update_component(b, m, k, seen, logged, variance)
     if ended:
         o.window_time = signal.time
         o.window_x = signal.east

@@ -89,6 +89,10 @@ def _receive(
     signal.north = message.north
     signal.heading = message.heading
     signal.speed = message.speed
+    signal.depth = message.depth
+    signal.place_variance = m.place_variance
+    if message.position_sigma == message.position_sigma:
+        signal.place_variance = message.position_sigma * message.position_sigma
     copy_values(ranges, signal.ranges)
     if on_hull:
         place_arms(
@@ -119,6 +123,14 @@ def describe(b: ScalarRecord, m: ScalarRecord, places: Ints, used: int, fixes: R
     write_fix(b[0], m[0], places, used, fixes[0])
 
 
+def reported_states(settings: TightSettings) -> Ints:
+    """Places in `TightEstimates.names` of the first states; what errs in messages alone comes
+    after.
+    """
+    known = len(TightEstimates.names)
+    return np.array([place for place in prior_sigmas(settings) if place < known], dtype=np.int64)
+
+
 class TightNavigator(OnlineNavigator[TightEstimates]):
     """The tightly coupled navigator on one follower; the details of a fix are as of
     `TightEstimates`.
@@ -133,7 +145,7 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
         """
         super().__init__(settings, start if settings.known_start else None, settings.start_sigma)
         self._model = model = model_of(settings)
-        self._places = np.array(list(prior_sigmas(settings)))
+        self._places = reported_states(settings)
         self._signal = scalar_record(new_signal())
         self._records = b, _ = (
             scalar_record(new_belief(settings, model, self._start)),
@@ -649,5 +661,4 @@ def new_tight_swarm(settings: TightSettings, starts: Floats) -> TightSwarm:
     known = [(float(row[0]), float(row[1])) if settings.known_start else None for row in starts]
     beliefs = np.stack([new_belief(settings, model, start) for start in known]).view(np.recarray)
     gated = np.zeros(len(beliefs), dtype=np.int64)
-    places = np.array(list(prior_sigmas(settings)))
-    return TightSwarm(beliefs, model, new_signal(), gated, places)
+    return TightSwarm(beliefs, model, new_signal(), gated, reported_states(settings))

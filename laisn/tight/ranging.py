@@ -1,10 +1,13 @@
 """Ranges: predicted for a component, and the update with them.
 
-A range is z_i = ρ_i (1 + b_r / max ρ) + d_i with ρ_i = |p − o − Rot(b_L) a_i|: o is the leader's
-origin, a_i the arm from it to a transmitter as the broadcast heading places it, and Rot turns
-anticlockwise by the leader's compass bias. The common error is taken in proportion to the measured
-ranges, z_i − ρ_i = b_r z_i / max z, which is linear in b_r: in proportion to predicted ones, the
-error of the prediction would act through it on the differences of the ranges.
+A range is z_i = ρ_i (1 + b_r / max ρ) + d_i with ρ_i = |p − o − e − w − Rot(b_L) a_i|: o is the
+leader's origin as broadcast, e and w its errors, a_i the arm from it to a transmitter as the
+broadcast heading places it, and Rot turns anticlockwise by the leader's compass bias.
+
+Where pings leave one after the other, or arrived some time ago, p is the place at their arrival:
+less (s̄ − b_v) Rot(b_θ) u times the time since then, with s̄ the mean speed of the last seconds. The
+leader's way until a ping left is in a_i. What the current carried both since the message's time is
+c (t − t_m − ρ_i / c_s).
 """
 
 import math
@@ -14,7 +17,7 @@ import numpy as np
 
 from laisn.compiled import compiled, copy_values, inlined
 from laisn.elementary import log, sin_cos
-from laisn.tight.model import ABSENT, SCALE, Belief, Model, X, Y
+from laisn.tight.model import ABSENT, COMPASS, LOG, SCALE, Belief, Model, X, Y
 
 _LOG_TURN = math.log(2.0 * math.pi)
 # log likelihood that an echo loses if its range is shorter than expected, which no echo is
@@ -42,11 +45,20 @@ _SIGNAL = np.dtype(
                 ("north", np.float64),  # of the leader's origin [m]
                 ("heading", np.float64),  # of the leader [rad]
                 ("speed", np.float64),  # of the leader through the water [m/s]
+                ("depth", np.float64),  # of the leader's origin [m]
+                ("place_variance", np.float64),  # of the origin's new error, e [m²]
                 # from the origin to each transmitter: east, north, how much deeper than we [m]
                 ("arms", np.float64, (3, 3)),
                 ("ranges", np.float64, 3),  # slant ranges [m]; NaN where nothing was received
                 ("shift", np.float64),  # what b_L grows by at this message [rad]
                 ("added_variance", np.float64),  # what the variance of b_L grows by [rad²]
+                ("late", np.int64),  # 1 if `lag` and `age` count
+                ("lag", np.float64, 3),  # how long ago each ping arrived [s]
+                # how long the current has carried both vehicles since the message, less the way of
+                # each ping [s]
+                ("age", np.float64, 3),
+                # most by which the range of an echo exceeds the direct one [m]
+                ("echo_span", np.float64),
             ]
         ),
     )
@@ -58,6 +70,119 @@ Signal: TypeAlias = Any
 def new_signal() -> Signal:
     """Room for a message."""
     return np.zeros(1, dtype=_SIGNAL)[0]
+
+
+@inlined
+def beside_leader(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float, float]:
+    """Place of component k from the leader's true origin, east and north [m]."""
+    x = b.state
+    qx = x[k, X] - signal.east
+    qy = x[k, Y] - signal.north
+    if m.place != ABSENT:
+        qx -= x[k, m.place]
+        qy -= x[k, m.place + 1]
+    if m.place_walk != ABSENT:
+        qx -= x[k, m.place_walk]
+        qy -= x[k, m.place_walk + 1]
+    return qx, qy
+
+
+@inlined
+def relative_rows(b: Belief, m: Model, k: int) -> Any:
+    """Covariance of `beside_leader`, east and north, with the states, shapes (n,)."""
+    P = b.covariance
+    away_x = P[k, X]
+    away_y = P[k, Y]
+    if m.place != ABSENT or m.place_walk != ABSENT:
+        away_x = b.work.away[0]
+        away_y = b.work.away[1]
+        for h in range(m.states):
+            away_x[h] = P[k, X, h]
+            away_y[h] = P[k, Y, h]
+        if m.place != ABSENT:
+            for h in range(m.states):
+                away_x[h] -= P[k, m.place, h]
+                away_y[h] -= P[k, m.place + 1, h]
+        if m.place_walk != ABSENT:
+            for h in range(m.states):
+                away_x[h] -= P[k, m.place_walk, h]
+                away_y[h] -= P[k, m.place_walk + 1, h]
+    return away_x, away_y
+
+
+@inlined
+def _of_place(m: Model, row: Any, axis: int) -> float:
+    """Of covariances with the states, shape (n,), that with `beside_leader` along an axis."""
+    value: float = row[X + axis]
+    if m.place != ABSENT:
+        value -= row[m.place + axis]
+    if m.place_walk != ABSENT:
+        value -= row[m.place_walk + axis]
+    return value
+
+
+@inlined
+def slipping(b: Belief, k: int) -> tuple[float, float, float, float]:
+    """Direction and velocity of the follower through the water over the pings of a message, by the
+    biases of component k, east and north, [m/s].
+    """
+    o = b.motion
+    s, c = sin_cos(b.state[k, COMPASS])
+    ux, uy = c * o.sin - s * o.cos, s * o.sin + c * o.cos
+    speed = o.mean_speed - b.state[k, LOG]
+    return ux, uy, speed * ux, speed * uy
+
+
+@compiled
+def _add_delays(b: Belief, m: Model, k: int, signal: Signal, count: int) -> None:
+    """Add what the time since each ping arrived changes to residuals' derivatives `row_log` and
+    `row_compass`, and to `gain`.
+    """
+    w = b.work
+    P = b.covariance
+    ux, uy, vx, vy = slipping(b, k)
+    for j in range(count):
+        i = w.used[j]
+        lag = signal.lag[i]
+        w.row_log[i] = lag * (w.row_x[i] * ux + w.row_y[i] * uy)
+        w.row_compass[i] = lag * (w.row_x[i] * vy - w.row_y[i] * vx)
+        for h in range(m.states):
+            w.gain[i, h] += P[k, LOG, h] * w.row_log[i] + P[k, COMPASS, h] * w.row_compass[i]
+        if m.current != ABSENT:
+            east = -signal.age[i] * w.row_x[i]
+            north = -signal.age[i] * w.row_y[i]
+            for h in range(m.states):
+                w.gain[i, h] += P[k, m.current, h] * east + P[k, m.current + 1, h] * north
+
+
+# the mean speed over the pings is that of so long a time, and not of more than since the last
+# message, whose errors are others [s]
+_SMOOTHING_TIME = 1.5
+# of the same, of what the vehicle accelerates [m/s]
+_UNSTEADY = 0.03
+
+
+@compiled
+def _delay_covariance(b: Belief, m: Model, k: int, signal: Signal, i: int, g: int) -> float:
+    """What the delays of pings i and g add to the covariance of their ranges [m²]: through log,
+    compass and current, and by the random errors of speed and direction over them.
+    """
+    w = b.work
+    o = b.motion
+    ux, uy, vx, vy = slipping(b, k)
+    value: float = w.row_log[i] * w.gain[g, LOG] + w.row_compass[i] * w.gain[g, COMPASS]
+    if m.current != ABSENT:
+        east = w.row_x[i] * w.gain[g, m.current]
+        north = w.row_y[i] * w.gain[g, m.current + 1]
+        value -= signal.age[i] * (east + north)
+    share = m.dt / min(max(o.time, m.dt), _SMOOTHING_TIME)
+    along = m.speed_variance * share + _UNSTEADY * _UNSTEADY
+    across = m.heading_variance * (vx * vx + vy * vy)
+    both = signal.lag[i] * signal.lag[g]
+    a = (w.row_x[i] * ux + w.row_y[i] * uy) * (w.row_x[g] * ux + w.row_y[g] * uy)
+    c = (w.row_x[i] * uy - w.row_y[i] * ux) * (w.row_x[g] * uy - w.row_y[g] * ux)
+    value += both * (along * a + across * c)
+    return value
 
 
 @compiled
@@ -85,7 +210,9 @@ def predict_ranges(
         i = w.used[j]
         w.row_scale[i] = signal.ranges[i] * per_farthest
         _linearise_range(b, m, k, signal, i, turn, turn_variance)
-    _fill_innovation_covariance(b, m, signal, count)
+    if signal.late:
+        _add_delays(b, m, k, signal, count)
+    _fill_innovation_covariance(b, m, k, signal, count)
     return count
 
 
@@ -105,11 +232,20 @@ def _linearise_range(
     s, c = sin_cos(bias)
     shift_x = w.shift[0]
     shift_y = w.shift[1]
-    qx = x[k, X] + shift_x - signal.east
-    qy = x[k, Y] + shift_y - signal.north
-    pxx = P[k, X, X] - w.removed[0]
-    pxy = P[k, X, Y] - w.removed[1]
-    pyy = P[k, Y, Y] - w.removed[2]
+    qx, qy = beside_leader(b, m, k, signal)
+    qx += shift_x
+    qy += shift_y
+    if signal.late:
+        _, _, vx, vy = slipping(b, k)
+        qx -= signal.lag[i] * vx
+        qy -= signal.lag[i] * vy
+        if m.current != ABSENT:
+            qx -= signal.age[i] * x[k, m.current]
+            qy -= signal.age[i] * x[k, m.current + 1]
+    away_x, away_y = relative_rows(b, m, k)
+    pxx = _of_place(m, away_x, 0) - w.removed[0]
+    pxy = _of_place(m, away_x, 1) - w.removed[1]
+    pyy = _of_place(m, away_y, 1) - w.removed[2]
     # ρ = |q − Rot(b_L) a|, h = ∂ρ/∂(x, y, b_L)
     ax, ay = signal.arms[i, 0], signal.arms[i, 1]
     sx, sy = c * ax - s * ay, s * ax + c * ay
@@ -136,8 +272,8 @@ def _linearise_range(
         fxl = (sy - hx * hl) * per_rho
         fyl = (-sx - hy * hl) * per_rho
         fll = (qx * sx + qy * sy - hl * hl) * per_rho
-        pxl = P[k, X, leader]
-        pyl = P[k, Y, leader]
+        pxl = away_x[leader]
+        pyl = away_y[leader]
         # the random error of this heading turns the arms just as the bias does
         pll = P[k, leader, leader] + turn_variance
         f[i, 0, 0] += fxl * pxl
@@ -161,7 +297,7 @@ def _linearise_range(
     gain = w.gain[i]
     n = m.states
     for h in range(n):
-        gain[h] = P[k, X, h] * hx + P[k, Y, h] * hy + P[k, SCALE, h] * share
+        gain[h] = away_x[h] * hx + away_y[h] * hy + P[k, SCALE, h] * share
     if turning:
         for h in range(n):
             gain[h] += P[k, leader, h] * hl
@@ -175,7 +311,7 @@ def _linearise_range(
 
 
 @compiled
-def _fill_innovation_covariance(b: Belief, m: Model, signal: Signal, count: int) -> None:
+def _fill_innovation_covariance(b: Belief, m: Model, k: int, signal: Signal, count: int) -> None:
     """S = H P Hᵀ + σ² I + σ_s² s sᵀ + σ_L² h_L h_Lᵀ + [½ tr(F_i P F_j P)], into `work.spread`."""
     w = b.work
     turning = m.leader != ABSENT
@@ -188,10 +324,12 @@ def _fill_innovation_covariance(b: Belief, m: Model, signal: Signal, count: int)
             second = f[0, 0] * e[0, 0] + f[0, 1] * e[1, 0] + f[1, 0] * e[0, 1] + f[1, 1] * e[1, 1]
             noise = m.range_scale_variance * w.row_scale[i] * w.row_scale[g]
             value = (
-                w.row_x[i] * w.gain[g, X]
-                + w.row_y[i] * w.gain[g, Y]
+                w.row_x[i] * _of_place(m, w.gain[g], 0)
+                + w.row_y[i] * _of_place(m, w.gain[g], 1)
                 + w.row_scale[i] * w.gain[g, SCALE]
             )
+            if signal.late:
+                value += _delay_covariance(b, m, k, signal, i, g)
             if turning:
                 second += (
                     f[0, 2] * e[2, 0] + f[2, 0] * e[0, 2] + f[1, 2] * e[2, 1] + f[2, 1] * e[1, 2]
@@ -357,6 +495,9 @@ def _is_near(b: Belief, m: Model, k: int, signal: Signal, count: int) -> bool:
         nearest = min(nearest, signal.ranges[w.used[j]])
     if count < 2 or not nearest < _NEAR:
         return False
+    # the shift is that of the follower alone
+    if m.place != ABSENT or m.place_walk != ABSENT or signal.late:
+        return False
     if m.transmitters > 2:
         return True
     # ℓ = t × (q − a_1) with t the direction from transmitter 1 to 2, and its variance tᵀ P t
@@ -452,7 +593,8 @@ def _select_ranges(
         if total > best:
             best = total
             w.mask = mask
-    if received > 1 and 0.0 < excess < m.outlier_span:
+    span = max(m.outlier_span, signal.echo_span)
+    if received > 1 and 0.0 < excess < span:
         _use_subset(b, received, everything)
         for i in range(w.spread.shape[0]):
             copy_values(w.spread[i], w.direct_spread[i])
@@ -462,7 +604,7 @@ def _select_ranges(
         _, less, log_size = _marginalise_common_echo(b, received)
         total = (
             density
-            + m.log_rejected
+            + (m.log_outlier - log(span))
             + received * m.log_accepted
             + 0.5 * (less + _LOG_TURN - log_size)
         )

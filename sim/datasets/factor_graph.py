@@ -109,29 +109,105 @@ def _odometry(lines: list[_Line], order: dict[str, int], source: str) -> tuple[F
     return steps, variances
 
 
+class _Track(NamedTuple):
+    """The way of another robot by its odometry."""
+
+    beacon: int  # number of the beacon that it is
+    pose: dict[str, int]  # its poses by their names
+    state: Floats  # east, north [m], compass heading [rad] and speed [m/s] of each, shape (n, 4)
+
+
+def _poses_of(lines: list[_Line], robot: str) -> list[_Line]:
+    poses = [line for line in lines if line.names[0].startswith(robot)]
+    return sorted(
+        (line for line in poses if _POSE.fullmatch(line.names[0])),
+        key=lambda line: int(line.names[0][1:]),
+    )
+
+
+def _track_of(lines: dict[str, list[_Line]], robot: str, beacon: int, source: str) -> _Track:
+    """Odometry of a robot, summed up from the prior of its first pose, or else from its vertex.
+
+    LaisnError: there is none between two of its poses.
+    """
+    poses = _poses_of(lines["VERTEX_SE2"], robot)
+    order = {line.names[0]: k for k, line in enumerate(poses)}
+    begin = next(
+        (p for p in lines["VERTEX_SE2:PRIOR"] if p.names[0] == poses[0].names[0]), poses[0]
+    )
+    steps, _ = _odometry(lines["EDGE_SE2"], order, source)
+    track = np.array(list(accumulate(steps, compose, initial=np.array(begin.values))))
+    time = np.array([line.time for line in poses])
+    if np.ptp(time) == 0.0:
+        time = np.arange(time.size, dtype=np.float64)
+    lasted = np.diff(time)
+    way = np.hypot(*steps[:, :2].T) if len(steps) else np.zeros(0)
+    speed = np.divide(way, lasted, out=np.zeros_like(way), where=lasted > 0.0)
+    # a pose has the speed of the step that leads to it
+    speed = np.concatenate([speed[:1], speed]) if speed.size else np.zeros(1)
+    return _Track(beacon, order, np.column_stack([track[:, :2], 0.5 * np.pi - track[:, 2], speed]))
+
+
+def _heard(lines: dict[str, list[_Line]], robot: str) -> set[str]:
+    """Other robots that a robot has ranges to and whose odometry is whole."""
+    heard = set[str]()
+    for line in lines["EDGE_RANGE"]:
+        letters = {name[0] for name in line.names if _POSE.fullmatch(name)}
+        if len(letters) == 2 and robot in letters:
+            heard |= letters - {robot}
+    whole = set[str]()
+    for other in heard:
+        poses = _poses_of(lines["VERTEX_SE2"], other)
+        order = {line.names[0]: k for k, line in enumerate(poses)}
+        joined = {
+            order[line.names[0]]
+            for line in lines["EDGE_SE2"]
+            if line.names[0] in order and order.get(line.names[1]) == order[line.names[0]] + 1
+        }
+        if len(poses) > 1 and len(joined) == len(poses) - 1:
+            whole.add(other)
+    return whole
+
+
 def _ranges(
-    lines: list[_Line], order: dict[str, int], time: Floats, beacons: dict[str, int]
-) -> tuple[list[tuple[float, int, float]], list[float]]:
-    """Rows of time, beacon and range, and variances of ranges, from lines EDGE_RANGE."""
-    rows = []
+    lines: list[_Line],
+    order: dict[str, int],
+    time: Floats,
+    beacons: dict[str, list[float]],
+    tracks: dict[str, _Track],
+) -> tuple[list[list[float]], list[float]]:
+    """Rows of time, beacon, range and the beacon's state, and variances of ranges, from lines
+    EDGE_RANGE.
+    """
+    numbers_of = {name: i for i, name in enumerate(beacons)}
+    at_rest = {name: [*place, 0.0, 0.0] for name, place in beacons.items()}
+    rows = list[list[float]]()
     variances = list[float]()
     for line in lines:
-        pose, beacon = line.names if line.names[0] in order else line.names[::-1]
-        if pose not in order or beacon not in beacons:
-            rows.append((0.0, -1, line.values[0]))
+        pose, other = line.names if line.names[0] in order else line.names[::-1]
+        track = tracks.get(other[:1])
+        moves = track is not None and other in track.pose
+        if pose not in order or not (other in beacons or moves):
+            rows.append([0.0, -1, line.values[0], 0.0, 0.0, 0.0, 0.0])
             continue
+        beacon = numbers_of.get(other, -1)
+        state = at_rest.get(other, [])
+        if track is not None and moves:
+            beacon = track.beacon
+            state = track.state[track.pose[other]].tolist()
         k = order[pose]
         # the time in the line if it lies between the poses beside its own, and otherwise its pose's
         low, high = time[max(k - 1, 0)], time[min(k + 1, time.size - 1)]
-        rows.append(
-            (line.time if low < line.time < high else time[k], beacons[beacon], line.values[0])
-        )
+        when = line.time if low < line.time < high else float(time[k])
+        rows.append([when, beacon, line.values[0], *state])
         variances.append(line.noise[0])
     return sorted(rows), variances
 
 
 def read_factor_graph(path: Path) -> RangeData:
     """The odometry and ranges of one robot in a planar factor graph: that with the most poses.
+
+    Other robots that it has ranges to are beacons that move, each along its own odometry.
 
     Places of landmarks are those of their priors, or else of their vertices. The path to compare
     with is that of the poses' vertices, unless these are only composed of the odometry. The start
@@ -149,14 +225,15 @@ def read_factor_graph(path: Path) -> RangeData:
             "such as A0"
         )
     robot = max(robots, key=lambda letter: (robots[letter], -ord(letter)))
-    if left := sorted(set(robots) - {robot}):
-        remarks.append(f"of several robots {robot} is taken; left out: {', '.join(left)}")
-    poses = [
-        line
-        for line in lines["VERTEX_SE2"]
-        if line.names[0].startswith(robot) and _POSE.fullmatch(line.names[0])
+    heard = _heard(lines, robot)
+    remarks += [
+        f"of several robots {robot} is taken; its ranges to {name} are to the way that the "
+        "odometry of that gives"
+        for name in sorted(heard)
     ]
-    poses.sort(key=lambda line: int(line.names[0][1:]))
+    if left := sorted(set(robots) - heard - {robot}):
+        remarks.append(f"of several robots {robot} is taken; left out: {', '.join(left)}")
+    poses = _poses_of(lines["VERTEX_SE2"], robot)
     for kind in ("VERTEX_SE2", "VERTEX_XY", "VERTEX_XY:PRIOR"):
         require_unique((line.names[0] for line in lines[kind]), f"{source}: {kind}")
     order = {line.names[0]: k for k, line in enumerate(poses)}
@@ -165,7 +242,7 @@ def read_factor_graph(path: Path) -> RangeData:
         time = np.arange(time.size, dtype=np.float64)
         remarks.append(f"{source} has no times: poses are taken to be a second apart")
     odometry, spread = _odometry(lines["EDGE_SE2"], order, source)
-    others = len(lines["EDGE_SE2"]) - len(odometry)
+    others = sum(line.names[0][0] not in heard for line in lines["EDGE_SE2"]) - len(odometry)
     remarks += [f"edges left out that are no steps of odometry: {others}"] if others else []
     lasted = np.diff(time)
     rates = spread[lasted > 0.0] / lasted[lasted > 0.0, None]
@@ -186,9 +263,12 @@ def read_factor_graph(path: Path) -> RangeData:
         for kind in ("VERTEX_XY", "VERTEX_XY:PRIOR")
         for line in lines[kind]
     }
-    ranges, variances = _ranges(
-        lines["EDGE_RANGE"], order, time, {name: i for i, name in enumerate(places)}
-    )
+    tracks = {
+        name: _track_of(lines, name, len(places) + i, source)
+        for i, name in enumerate(sorted(heard))
+    }
+    ranges, variances = _ranges(lines["EDGE_RANGE"], order, time, places, tracks)
+    starts = [track.state[0, :2].tolist() for track in tracks.values()]
     spreads = {"slip": rates[:, :2].mean(axis=1), "heading_walk": rates[:, 2]}
     spreads |= {"range_sigma": np.array(variances)} if variances and min(variances) > 0.0 else {}
     begin = next(
@@ -199,9 +279,10 @@ def read_factor_graph(path: Path) -> RangeData:
         start=np.array([begin[0], begin[1], 0.5 * np.pi - begin[2]]),
         time=time,
         odometry=odometry,
-        beacons=tuple(places),
-        places=np.array(list(places.values()), dtype=np.float64).reshape(-1, 2),
+        beacons=(*places, *tracks),
+        places=np.array([*places.values(), *starts], dtype=np.float64).reshape(-1, 2),
         ranges=ranges,
+        moving=tuple(tracks),
         stated={
             k: float(np.sqrt(np.median(v)))
             for k, v in spreads.items()

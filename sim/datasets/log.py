@@ -108,6 +108,11 @@ def _channels(data: RangeData) -> Iterator[Channel]:
     transmitters = np.full((time.size, *PLACES.shape), np.nan)
     ranges[row, slot] = data.ranges
     transmitters[row, slot, :2] = data.places[data.range_beacon]
+    if data.moving:
+        # the other robot's track, as it would broadcast it
+        transmitters[row, slot, :2] = data.range_track[:, :2]
+        own = np.isin(data.range_beacon, [data.beacons.index(name) for name in data.moving])
+        message[row[own], 1:5] = data.range_track[own]
     transmitters[row, slot, 2] = 0.0
     arrays = {"message": message, "ranges": ranges, "transmitters": transmitters}
     yield numeric(f"/{VEHICLE}", PLACED_RECEPTION, _nanoseconds(time), arrays)

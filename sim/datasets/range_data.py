@@ -99,6 +99,10 @@ class RangeData:
     range_time: Floats  # when each range was measured, shape (m,), [s]
     range_beacon: Ints  # to which beacon, counted from 0, shape (m,)
     ranges: Floats  # shape (m,), [m]
+    # of the beacon of each range when it was measured: place east, north [m], compass heading [rad]
+    # and speed [m/s], shape (m, 4); empty where none moves
+    range_track: Floats = field(default_factory=lambda: np.empty((0, 4)))
+    moving: tuple[str, ...] = ()  # beacons that move: other robots
     # time [s], east and north [m] of the path to compare with, shape (t, 3); empty if there is none
     truth: Floats
     stated: Mapping[str, float] = field(default_factory=dict)
@@ -151,7 +155,8 @@ class RangeData:
 
         Poses at the `time` of the one before, shape (n + 1,), [s], are joined to it; `odometry` are
         the steps between them, shape (n, 3). Of `ranges`, rows of time [s], beacon and range [m],
-        those to beacon −1 and those not positive are left out. `more` are other fields.
+        perhaps with those of `range_track`, those to beacon −1 and those not positive are left out.
+        `more` are other fields.
         """
         kept = np.append(True, np.diff(time) != 0.0)
         last = np.flatnonzero(kept[1:])
@@ -159,7 +164,8 @@ class RangeData:
         steps = odometry[last]
         for joined in np.flatnonzero(last > first).tolist():
             steps[joined] = reduce(compose, odometry[first[joined] : last[joined] + 1])
-        table = np.array(ranges, dtype=np.float64).reshape(-1, 3)
+        table = np.array(ranges, dtype=np.float64)
+        table = table.reshape(len(table), -1) if table.size else np.empty((0, 3))
         known = table[:, 1] >= 0
         positive = table[:, 2] > 0
         received = table[known & positive]
@@ -186,6 +192,7 @@ class RangeData:
             range_time=received[:, 0],
             range_beacon=received[:, 1].astype(np.int64),
             ranges=received[:, 2],
+            range_track=received[:, 3:] if received.shape[1] > 3 else np.empty((0, 4)),
             remarks=tuple(remarks),
             **more,
         )
@@ -212,6 +219,8 @@ class RangeData:
             range_time=self.range_time[kept],
             range_beacon=number[self.range_beacon[kept]],
             ranges=self.ranges[kept],
+            range_track=self.range_track[kept] if self.moving else self.range_track,
+            moving=tuple(name for name in chosen if name in self.moving),
         )
 
     def legs(self) -> tuple[Floats, Floats, Floats]:

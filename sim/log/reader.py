@@ -52,7 +52,13 @@ _LONGEST_DELAY_S = 60.0
 # limits of usual filter steps
 _SHORTEST_NS = 10**5
 _LONGEST_NS = 10**11
-_OPTIONAL = ("leader_pitch", "leader_roll", "leader_heading_sigma", "range_middle")
+_OPTIONAL = (
+    "leader_pitch",
+    "leader_roll",
+    "leader_heading_sigma",
+    "leader_position_sigma",
+    "range_middle",
+)
 """Fields of a reception that a vehicle's log may lack; they read as NaN, "not broadcast"."""
 _POSE = slice(0, 6)  # columns of a message that a navigator cannot do without
 
@@ -277,6 +283,21 @@ def _gaps(path: Path, topic: str, time_ns: Ints, spacing: Ints, longest_gap_s: f
     return [f"{number} in {topic} bridged: {places}"] if found.size else []
 
 
+# a message's time so long before its reception, and no more, is one of the log's clock [s]
+_LONGEST_DELAY_S = 10.0
+
+
+def _since_start(stamps: Floats, heard_ns: Ints, start_ns: int) -> Floats:
+    """Times of messages since the start, shape (m,), [s], as navigators count them, where they are
+    times of the log's clock; else as they are.
+    """
+    delays = 1e-9 * (heard_ns - start_ns) - (stamps - 1e-9 * start_ns)
+    known = delays[np.isfinite(delays)]
+    if known.size and np.all((known > -1.0) & (known < _LONGEST_DELAY_S)):
+        return np.asarray(stamps - 1e-9 * start_ns)
+    return stamps
+
+
 def _last_of_equals(values: Ints) -> Bools:
     return np.append(np.diff(values) > 0, True)[: values.size]
 
@@ -328,6 +349,7 @@ def read_recording(
     remarks += _gaps(log.path, topic, time_ns, spacing, longest_gap_s)
     if FLIGHT not in log.metadata:
         remarks += _late_receptions(received, heard_ns, message, ranges, dt_ns)
+    message[:, 0] = _since_start(message[:, 0], heard_ns, int(time_ns[0]) - dt_ns)
     if not _SHORTEST_NS < dt_ns < _LONGEST_NS:
         remarks.append(f"{topic} comes every {dt_ns / 1e9:g} s: are the log times in nanoseconds?")
     durations = None if np.all(spacing == dt_ns) else np.append(float(dt_ns), spacing) / 1e9

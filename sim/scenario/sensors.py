@@ -76,6 +76,12 @@ class Sensors(OwnSensors):
     leader_depth_sigma_m: Sigma = 0.0
     leader_position_drift_m_s: NonNegative = 0.0
     leader_position_drift_deg: Angle = Field(0.0, description="its compass direction")
+    leader_position_sigma_m: Sigma = Field(
+        0.0, description="of the broadcast position along each axis, anew in each message"
+    )
+    leader_position_walk_m_sqrt_s: Sigma = Field(
+        0.0, description="random walk of the broadcast position along each axis, from 0"
+    )
     leader_attitude_sigma_deg: Sigma = Field(0.0, description="of the inclinometer, pitch and roll")
     leader_attitude_offset_sigma_deg: Sigma = Field(
         0.0, description="σ of constant offsets of a run, as from mounting"

@@ -56,6 +56,8 @@ class Stream(IntEnum):
     LEADER_MOTION = LEADER_STREAMS  # normals at an emission: the leader's speed log, compass
     LEADER_DEPTH = LEADER_STREAMS + 1  # normal at an emission: the leader's pressure sensor
     LEADER_ATTITUDE = LEADER_STREAMS + 2  # normals at an emission: the leader's pitch, roll
+    LEADER_POSITION = LEADER_STREAMS + 3  # normals at an emission: its position, east, north
+    LEADER_POSITION_WALK = LEADER_STREAMS + 4  # normals at every step: the walk of these
 
     def number(self, follower: int = 0) -> int:
         """Number of the stream for a follower (0, 1, …); the leader's streams have one for all."""

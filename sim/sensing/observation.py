@@ -8,6 +8,7 @@ Functions take `s`, the sensors; `k`, a filter step, from 1; and `follower`, an 
 follower's vehicle is the one after.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -27,15 +28,18 @@ from sim.trajectory import Trajectory, Truth, row
 
 # compiled code holds numbers, not the members of an enum
 _ATTITUDE = int(noise.Stream.LEADER_ATTITUDE)
+_POSITION = int(noise.Stream.LEADER_POSITION)
+_POSITION_WALK = int(noise.Stream.LEADER_POSITION_WALK)
 _LOSS = int(noise.Stream.LOSS)
 _RANGE_UNIFORM = int(noise.Stream.RANGE_UNIFORM)
 _RANGE_SCALE = int(noise.Stream.RANGE_SCALE)
 _BROADCAST = (*sensors.LEADER, *sensors.LEADER_ATTITUDE)
 _COLUMNS = (
     LeaderMessage._fields.index(name)
-    for name in ("timestamp", "east", "north", "pitch", "heading_sigma")
+    for name in ("timestamp", "east", "north", "pitch", "heading_sigma", "position_sigma")
 )
-_TIME, _EAST, _NORTH, _PITCH, _SIGMA = _COLUMNS
+_TIME, _EAST, _NORTH, _PITCH, _SIGMA, _POSITION_SIGMA = _COLUMNS
+_CONTENT = len(LeaderMessage._fields)
 
 # outcome of a filter step; NO_RANGES: a message without a ping is in
 NO_MESSAGE, NO_RANGES, RECEIVED = range(3)
@@ -118,7 +122,7 @@ class Inbox(NamedTuple):
     """What f followers have received from the leader."""
 
     message: Records  # last message of each, of MESSAGE, shape (f,)
-    content: Floats  # the same memory as numbers, shape (f, 9)
+    content: Floats  # the same memory as numbers, shape (f, 10)
     # to rear, front and middle transmitter, shape (f, 3), [m]; NaN where nothing was received
     ranges: Floats
     over: Ints  # how many messages each no longer waits for, shape (f,)
@@ -127,6 +131,8 @@ class Inbox(NamedTuple):
     bad: Bools  # whether each channel is in its bad state, shape (f,)
     # Gauss–Markov errors of pitch and roll in the last message, of unit variance, shape (f, 2)
     fluctuation: Floats
+    # of the leader's position in the last message, in steps of unit variance, shape (f, 2)
+    walk: Floats
     outcome: Ints  # NO_MESSAGE, NO_RANGES or RECEIVED at this filter step, shape (f,)
 
 
@@ -143,6 +149,7 @@ def new_inbox(followers: int, message_every: int, over: int = 0) -> Inbox:
         zeros[0],
         np.zeros(followers, dtype=np.bool_),
         np.zeros((followers, 2)),
+        np.zeros((followers, 2)),
         zeros[1],
     )
 
@@ -152,7 +159,7 @@ class MeasurementRecord(NamedTuple):
 
     own: Floats  # speed [m/s], heading [rad] and depth [m] at each step, shape (f, n, 3)
     message_step: Ints  # filter step at which each message is in, shape (f, q)
-    message: Floats  # rows of `LeaderMessage`, shape (f, q, 9)
+    message: Floats  # rows of `LeaderMessage`, shape (f, q, 10)
     ranges: Floats  # rows of `laisn.messages.Ranges`, shape (f, q, 3), [m]
     messages: Ints  # how many are in so far, shape (f,)
 
@@ -254,11 +261,12 @@ def true_reception(
     """Write what a message that is taken up at step k holds and shows without random errors and
     constant biases.
 
-    `content` is in the order of `LeaderMessage`, shape (9,), `ranges` slant ranges, shape (3
+    `content` is in the order of `LeaderMessage`, shape (10,), `ranges` slant ranges, shape (3
     transmitters, 3 paths).
     """
     content[_TIME] = leader.time
     content[_SIGMA] = np.nan
+    content[_POSITION_SIGMA] = np.nan
     content[_EAST] = leader.pose[0] + e.leader_drift_east * leader.time
     content[_NORTH] = leader.pose[1] + e.leader_drift_north * leader.time
     for sensor in literal_unroll(_BROADCAST):
@@ -279,10 +287,11 @@ def first_message(s: SensorModel, pose: Floats, twist: Floats, water: Floats) ->
     content = numbers_of(message)[0]
     content[:] = np.nan
     content[_TIME] = 0.0
-    content[_EAST] = pose[0]
-    content[_NORTH] = pose[1]
     at = sensors.Instant(0.0, 0, pose, twist, water, np.zeros(3), (0.0, 0.0))
     address = Address(s.seed, s.run, 0, 0)
+    drawn = noise.normals_at(address, _POSITION)
+    content[_EAST] = sensors.read_leader_position(e, pose[0], drawn[0], 0.0)
+    content[_NORTH] = sensors.read_leader_position(e, pose[1], drawn[1], 0.0)
     for sensor in sensors.LEADER:
         drawn = noise.normals_at(address, sensor.stream)
         content[sensor.column] = sensor.read(e, sensor.true(e, at), drawn)
@@ -294,8 +303,19 @@ def _read_message(e: Any, dt: float, sent: Address, true: Any, inbox: Inbox, f: 
     content = inbox.content[f]
     fluctuation = inbox.fluctuation[f]
     last = inbox.last_sent[f]
-    for i in (_TIME, _EAST, _NORTH, _SIGMA):
+    for i in (_TIME, _EAST, _NORTH, _SIGMA, _POSITION_SIGMA):
         content[i] = true[i]
+    if sensors.position_errs(e):
+        walk = inbox.walk[f]
+        drawn = noise.normals_at(sent, _POSITION)
+        for k in range(last + 1, sent.step + 1):
+            stepped = Address(sent.seed, sent.run, sent.follower, k)
+            added = noise.normals_at(stepped, _POSITION_WALK)
+            walk[0] += added[0]
+            walk[1] += added[1]
+        root = math.sqrt(dt)
+        content[_EAST] = sensors.read_leader_position(e, true[_EAST], drawn[0], root * walk[0])
+        content[_NORTH] = sensors.read_leader_position(e, true[_NORTH], drawn[1], root * walk[1])
     kept, fresh = sensors.weights(sent.step - last if last > 0 else 0, dt, e.leader_tilt_time)
     # step 0, at which nothing is measured, addresses errors that a run keeps
     kept_address = Address(sent.seed, sent.run, sent.follower, 0)
@@ -374,7 +394,7 @@ def receive(
     sent, pings = take_up(s, k, follower, sites, known, inbox)
     if sent > 0:
         e = s.errors[follower]
-        content = np.empty(9)
+        content = np.empty(_CONTENT)
         ranges = np.empty((3, 3))
         true_reception(
             s,
@@ -413,7 +433,7 @@ class Receptions(NamedTuple):
     emission_step: Ints  # filter step at which a message is sent, shape (m,)
     # filter step by which all pings that the follower may take are in, shape (m,)
     message_step: Ints
-    content: Floats  # what it holds, of `true_reception`, shape (m, 9)
+    content: Floats  # what it holds, of `true_reception`, shape (m, 10)
     ranges: Floats  # likewise, shape (m, 3 transmitters, 3 paths), [m]
     transmitter: Floats  # where each ping left, shape (m, 3, 3), the last axis in the world, [m]
     # how each ping arrives: numbers of `Arrival`, shape (m, 3 transmitters, 3 paths, 4)
@@ -501,7 +521,7 @@ def _sense(
     last = first + known.last // s.stride
     room = max(last // s.message_every - over, 0)
     steps = np.zeros((2, room), dtype=np.int64)
-    shapes = ((9,), (3, 3), (3, 3), (3, 3, 4))
+    shapes = ((_CONTENT,), (3, 3), (3, 3), (3, 3, 4))
     found = Receptions(steps[0], steps[1], *[np.empty((room, *shape)) for shape in shapes])
     hydrophones = [f"{name}/hydrophone" for name in trajectory.names[1:]]
     names = *acoustics.TRANSMITTERS, *hydrophones, f"{trajectory.names[follower + 1]}/depth_sensor"
@@ -649,7 +669,7 @@ def _measure(
     """Read what `_observe` found with the noise of a run.
 
     `own` are true values of own sensors, shape (n, 3), `sent` the steps at which messages are taken
-    up and were sent, their content and ranges, (m, 9) and (m, 3, 3); `readings`, out, own readings,
+    up and were sent, their content and ranges, (m, 10) and (m, 3, 3); `readings`, out, own ones,
     content and ranges, (m, 3).
     """
     taken_up, emitted, content, ranges = sent
@@ -661,7 +681,7 @@ def _measure(
         if i < taken_up.size and taken_up[i] == k:
             addresses = Address(address.seed, address.run, address.follower, emitted[i]), now
             read_reception(e, navigator, addresses, (content[i], ranges[i]), inbox, 0)
-            for j in range(9):
+            for j in range(_CONTENT):
                 content_read[i, j] = inbox.content[0, j]
             for j in range(3):
                 ranges_read[i, j] = inbox.ranges[0, j]
@@ -695,7 +715,7 @@ def measure(
     content = numbers_of(np.ascontiguousarray(truth.sent))
     own = np.column_stack([truth.speed, truth.heading, truth.depth])
     sent = (truth.message_step, truth.emission_step)
-    readings = (np.empty((n, 3)), np.empty((m, 9)), np.empty((m, 3)))
+    readings = (np.empty((n, 3)), np.empty((m, _CONTENT)), np.empty((m, 3)))
     inbox = new_inbox(1, 1)
     if in_bulk or (in_bulk is None and n > _LONG):
         e = np.array([tuple(errors)], sensors.ERRORS).view(np.recarray)[0]

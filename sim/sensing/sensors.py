@@ -290,6 +290,20 @@ def read_leader_depth(e: Any, true: float, drawn: tuple[float, float]) -> Any:
 
 
 @formula
+def position_errs(e: Any) -> bool:
+    """Whether the leader's broadcast position has random errors."""
+    return bool(e.leader_position_sigma + e.leader_position_walk > 0.0)
+
+
+@formula
+def read_leader_position(e: Any, true: float, normal: float, walk: float) -> Any:
+    """The leader's broadcast position along an axis [m], by a normal of the message and the sum of
+    normals times √Δt since the start.
+    """
+    return true + e.leader_position_sigma * normal + e.leader_position_walk * walk
+
+
+@formula
 def read_leader_attitude(e: Any, true: float, drawn: tuple[float, float]) -> Any:
     """Pitch or roll of the leader [rad], by a normal that a run keeps and a Gauss–Markov value
     of unit variance.

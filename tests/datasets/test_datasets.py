@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.io import loadmat, savemat
 from typer.testing import CliRunner
 
-from experiments.beacon_replay import Beacons, _settings
+from experiments.beacon_replay import Beacons, _settings, among_beacons
 from experiments.command.cli import app
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
@@ -633,3 +633,44 @@ def foreign(folder: Path) -> None:
     from tests.log.test_log_replay import cruise, one_ping, write_rows
 
     read_data_set_log(write_rows(folder / "b.mcap", cruise(0.1 * np.arange(30)), [one_ping(1.0)]))
+
+
+def test_ranges_to_another_robot_are_to_where_its_odometry_puts_it(tmp_path: Path) -> None:
+    """B goes north from (50, 10) at 2 m/s, A east from the origin at 1 m/s; ranges are exact.
+
+    The replay finds A by the ranges alone where its odometry is 10 % too fast.
+    """
+    noise = "0.01 0 0 0.01 0 0.0001"
+    n = 120
+    lines = []
+    for k in range(n):
+        lines.append(f"VERTEX_SE2 {k}.0 A{k} {k}.0 0.0 0.0")
+        lines.append(f"VERTEX_SE2 {k}.0 B{k} 0.0 0.0 0.0")
+        if k:
+            lines.append(f"EDGE_SE2 {k}.0 A{k - 1} A{k} 1.1 0.0 0.0 {noise}")
+            lines.append(f"EDGE_SE2 {k}.0 B{k - 1} B{k} 2.0 0.0 0.0 {noise}")
+            gap = math.hypot(50.0 - k, 10.0 + 2.0 * k)
+            names = f"A{k} B{k}" if k % 2 else f"B{k} A{k}"
+            lines.append(f"EDGE_RANGE {k}.0 {names} {gap} 0.01")
+    lines.append(f"VERTEX_SE2:PRIOR 0.0 B0 50.0 10.0 {math.pi / 2} {noise}")
+    lines.append("VERTEX_SE2 120.0 A120 120.0 0.0 0.0")
+    lines.append(f"EDGE_SE2 120.0 A119 A120 1.1 0.0 0.0 {noise}")
+    data = read_data_set(graph(tmp_path, "\n".join(lines)))
+    assert data.beacons == data.moving == ("B",)
+    assert any("its ranges to B are to the way that the odometry" in line for line in data.remarks)
+    assert data.ranges.size == n - 1
+    expected = [[50.0, 10.0 + 2.0 * k, 0.0, 2.0] for k in range(1, n)]
+    np.testing.assert_allclose(data.range_track, expected, atol=1e-9)
+    write_data_set(data, tmp_path / "a.mcap")
+    recorded = read_data_set_log(tmp_path / "a.mcap")
+    message = recorded.measurements.message
+    np.testing.assert_allclose(message[:, 1:5], expected, atol=1e-9)
+    assert recorded.measurements.transmitters is not None
+    np.testing.assert_allclose(
+        recorded.measurements.transmitters[:, 0, :2], np.array(expected)[:, :2], atol=1e-9
+    )
+    estimates, _ = among_beacons(recorded, Beacons(medium="air"))
+    truth = np.column_stack([recorded.measurements.time - recorded.measurements.time[0]] * 2)
+    off = estimates.state[:n, 0] - truth[:n, 0]
+    # dead reckoning is 12 m off at the end
+    assert abs(off[100:n]).max() < 2.0

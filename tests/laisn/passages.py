@@ -22,7 +22,7 @@ def passage(
     apart = np.column_stack([place[step], np.full(step.size, 9.0)])[:, None] - BEACONS
     ranges = np.linalg.norm(apart, axis=2)
     ranges[:, lost] = np.nan
-    message = np.full((step.size, 9), np.nan)
+    message = np.full((step.size, 10), np.nan)
     message[:, :6] = 0.0
     measurements = Measurements(
         dt=0.5,

@@ -79,7 +79,7 @@ def round_trip(
     ranges[:, 0] = (1.0 + true.range_scale) * np.hypot(*off.T) + np.array(true.offsets)[beacon]
     ranges[:, 0] += true.noise * random.standard_normal(step.size)
     places[:, 0] = np.column_stack([BEACONS[beacon], np.zeros(step.size)])
-    message = np.zeros((step.size, 9))
+    message = np.zeros((step.size, 10))
     message[:, 0] = DT * step
     measured = Measurements(
         dt=DT,

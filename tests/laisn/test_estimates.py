@@ -76,7 +76,7 @@ def measured(**changes: Any) -> Measurements:
         "heading": np.arange(5.0) / 10,
         "depth": 8.0 + np.arange(5.0),
         "message_step": np.array([2, 5]),
-        "message": np.arange(18.0).reshape(2, 9),
+        "message": np.arange(20.0).reshape(2, 10),
         "ranges": np.array([[20.0, 21.0, np.nan], [30.0, 31.0, 32.0]]),
     }
     return Measurements(**{**given, **changes})
@@ -90,7 +90,7 @@ def test_steps_are_handed_out_with_the_messages_that_arrive_in_them() -> None:
     for i, k in enumerate((1, 4)):
         reception = steps[k][1]
         assert reception is not None
-        assert reception.message == LeaderMessage(*np.arange(9.0 * i, 9.0 * i + 9.0).tolist())
+        assert reception.message == LeaderMessage(*np.arange(10.0 * i, 10.0 * i + 10.0).tolist())
         np.testing.assert_array_equal(reception.ranges, Ranges(*measured().ranges[i].tolist()))
         np.testing.assert_array_equal(reception.transmitters, places[i])
     plain = [reception for _, reception in measured().steps() if reception is not None]

@@ -44,7 +44,7 @@ def mission(
     )
     hydrophone = np.column_stack([follower[sent], np.full(sent.size, -8.0 + offset[2])])
     ranges = np.linalg.norm(sites - hydrophone[:, None], axis=2)
-    message = np.full((sent.size, 9), np.nan)
+    message = np.full((sent.size, 10), np.nan)
     message[:, :8] = np.column_stack(
         [
             sent * DT,

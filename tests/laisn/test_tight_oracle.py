@@ -47,6 +47,12 @@ class Voyage:
     alone: tuple[int, int] = (0, 0)
     """Messages of which only the rear transmitter is received, by an echo."""
     current: tuple[float, float] = (0.0, 0.0)
+    places: float = 0.0
+    """Standard deviation of the leader's broadcast position, and that in every second message
+    states itself [m].
+    """
+    delay: float = 0.0
+    """Of messages, beside ranges of the places then [s]."""
     jitter: float = 0.0
     """By how much steps differ in length, as a share of Δt."""
     dt: float = 0.5
@@ -97,13 +103,14 @@ class Voyage:
                 if self.alone[0] <= k // self.every < self.alone[1]:
                     ranges = np.array([30.0, np.nan, np.nan])
                 message = LeaderMessage(
-                    clock[k],
-                    *leader[k],
+                    clock[k] - self.delay,
+                    *(leader[k] + self.places * rng.normal(size=2) if self.places else leader[k]),
                     theta[k] + 0.05 + 0.02 * rng.normal(),
                     1.1 + 0.05 * rng.normal(),
                     7.5,
                     pitch,
                     roll,
+                    position_sigma=2.0 * self.places if self.places and k % 2 else np.nan,
                 )
                 reception = Reception(message, Ranges(*ranges.tolist()))
             steps.append((own, reception, float(times[k])))
@@ -118,6 +125,7 @@ def assert_alike(fix: FixRecord, oracle: Oracle) -> None:
         assert (update.weight.size, update.used) == (0, 0)
         return
     mean, covariance = moments(oracle.all)
+    mean, covariance = mean[:12], covariance[:12, :12]
     known = ~np.isnan(update.full_state)
     np.testing.assert_allclose(update.full_state[known], mean[known], rtol=0, atol=1e-7)
     np.testing.assert_allclose(
@@ -150,6 +158,9 @@ TURNED = replace(THREE, assume=Assume(exact_leader=False), leader_heading_sigma=
 DRIFTING = replace(
     TWO, assume=Assume(drift=True, deviation=True, current=True), heading_bias_sigma=0.03
 )
+LATE = {"ping_slot": 0.1, "sound_slowness": 1.0 / 1500.0, "floor_depth": 30.0}
+NEW = {"leader_position_sigma": 0.5}
+BOTH = NEW | {"leader_position_walk": 0.1}
 CLOCK_OF_2 = replace(TWO, assume=Assume(clock=True))
 ABOUT = {"current": (0.2, -0.1), "jitter": 0.5}
 
@@ -172,6 +183,23 @@ ABOUT = {"current": (0.2, -0.1), "jitter": 0.5}
         (replace(ALL_OF_2, known_start=False), Voyage(seed=4, turns=0.05, messages=8)),
         (ALL_OF_3, Voyage(seed=5, turns=0.05, alone=(5, 10))),
         (CLOCK_OF_2, Voyage(seed=12, turns=0.05, offset=(-12.0, 4.0), jitter=0.5)),
+        (replace(THREE, **NEW), Voyage(seed=15, turns=0.05, places=0.5)),
+        (replace(TWO, **NEW), Voyage(seed=16, offset=(-20.0, 0.3), turns=0.03, places=0.5)),
+        (replace(ALL_OF_2, **BOTH), Voyage(seed=17, turns=0.03, places=0.3, **ABOUT)),
+        (
+            replace(ALL_OF_3, **BOTH, known_start=False),
+            Voyage(seed=18, turns=0.03, places=0.3, **ABOUT),
+        ),
+        (replace(THREE, **LATE), Voyage(seed=19, turns=0.05, delay=0.25)),
+        (replace(TWO, **LATE), Voyage(seed=20, offset=(-20.0, 0.3), turns=0.03, delay=0.25)),
+        (
+            replace(ALL_OF_2, **LATE, **BOTH),
+            Voyage(seed=21, turns=0.05, delay=0.25, echoes=0.05, places=0.3, **ABOUT),
+        ),
+        (
+            replace(ALL_OF_2, **LATE, known_start=False),
+            Voyage(seed=22, turns=0.05, delay=0.25, lost=0.1),
+        ),
         (THREE, Voyage(seed=13, turns=0.05, common=0.3)),
         (TURNED, Voyage(seed=14, turns=0.05, common=0.3, lost=0.1)),
         (TWO, Voyage(seed=15, turns=0.03, offset=(1.0, 4.0))),
@@ -191,6 +219,14 @@ ABOUT = {"current": (0.2, -0.1), "jitter": 0.5}
         "start of 2",
         "lost",
         "clock",
+        "place of 3",
+        "place of 2",
+        "place and its walk, all of 2",
+        "place and its walk, start of 3",
+        "delays of 3",
+        "delays of 2",
+        "delays, places, all of 2",
+        "delays, start of 2",
         "late as a whole",
         "leader's compass, late as a whole",
         "near 2",

@@ -12,9 +12,11 @@ from scipy.linalg import expm
 
 from laisn.arrays import Floats
 
-N = 12
+N = 16
 X, Y, LOG, COMPASS, SCALE, LEADER, EAST, NORTH = range(8)
 CLOCK, RATE = 10, 11
+NEW, WALKED = [12, 13], [14, 15]
+"""Errors of the leader's broadcast position: new in a message, and walked until then."""
 PLACE, BENT = [X, Y], [X, Y, LEADER]
 """States by which a range bends."""
 
@@ -92,8 +94,8 @@ def mix(side: Side, time: float) -> None:
             c.weight = sum(p.weight for p in parts)
 
 
-def prune_and_merge(sides: list[Side]) -> None:
-    """No side lighter than 1e-5, none nearer to another than 1 in squared distance and in b_L,
+def prune_and_merge(sides: list[Side], near: float = 1.0) -> None:
+    """No side lighter than 1e-5, none nearer to another than `near` in squared distance and in b_L,
     and eight at most.
     """
 
@@ -108,7 +110,7 @@ def prune_and_merge(sides: list[Side]) -> None:
         turned, spread = a.x[LEADER] - b.x[LEADER], 0.5 * (a.P + b.P)[LEADER, LEADER]
         if turned**2 > spread:
             return False
-        return bool(off @ np.linalg.solve(0.5 * (a.P + b.P)[:2, :2], off) < 1.0)
+        return bool(off @ np.linalg.solve(0.5 * (a.P + b.P)[:2, :2], off) < near)
 
     h = 0
     while h < len(sides):

@@ -21,10 +21,12 @@ from tests.laisn.tight_mixture import (
     EAST,
     LEADER,
     LOG,
+    NEW,
     NORTH,
     PLACE,
     RATE,
     SCALE,
+    WALKED,
     Component,
     N,
     Side,
@@ -35,6 +37,7 @@ from tests.laisn.tight_mixture import (
 )
 from tests.laisn.tight_ranges import (
     Message,
+    Watch,
     aside,
     pair,
     rotation,
@@ -83,6 +86,10 @@ class Oracle:
                 settings.clock_offset_sigma**2,
                 settings.clock_drift_sigma**2,
             )
+        self.fresh[NEW] = settings.leader_position_sigma**2
+        self.new_variance = settings.leader_position_sigma**2
+        self.watch = Watch()
+        self.near = 2.0 if settings.leader_position_sigma else 1.0
         self.clock_walk = 3e-6 if assume.clock else 0.0
         self.most = self.v = 0.0 if assume.exact_leader else settings.leader_heading_sigma**2
         # variances that biases gain in a second: 0.2 mm/s and 0.15 mrad, or drift, a quarter and
@@ -133,9 +140,10 @@ class Oracle:
         for speed, towards in (self.last, (own.speed, direction)):
             self.trapezoids = self.trapezoids + 0.5 * dt * towards * np.array([speed, 1.0])
         self.readings.append((own.speed, direction, dt))
+        self.watch.read(own.speed, dt)
         self.last = own.speed, direction
         if reception is not None:
-            self.receive(to_message(self.settings, own, reception))
+            self.receive(to_message(self.settings, own, reception, self.watch))
 
     def way(self) -> tuple[complex, complex, Floats, float]:
         """A = Σ v u Δt, B = Σ u Δt, the covariance of A's random errors, and the time since the
@@ -164,13 +172,16 @@ class Oracle:
             time,
         )
         F[CLOCK, RATE] = time
+        F[NEW] = 0.0
         x = F @ c.x
         x[:2] += pair(r) - F[:2, LOG] * log - F[:2, COMPASS] * compass
         Q = np.zeros((N, N))
         Q[:2, :2] = rotation(compass) @ noise @ rotation(
             compass
         ).T + self.settings.slip**2 * time * np.eye(2)
-        Q[CLOCK:, CLOCK:] = self.clock_walk**2 * np.array(
+        Q[NEW, NEW] = self.new_variance if self.settings.leader_position_sigma else 0.0
+        Q[WALKED, WALKED] = self.settings.leader_position_walk**2 * time
+        Q[CLOCK : RATE + 1, CLOCK : RATE + 1] = self.clock_walk**2 * np.array(
             [[time**3 / 3, time**2 / 2], [time**2 / 2, time]]
         )
         for state, rate in self.walks[c.mode].items():
@@ -205,7 +216,7 @@ class Oracle:
             parts.append(Component(mean, spread, c.weight))
         return moments(parts)
 
-    def receive(self, received: Message) -> None:  # noqa: C901 - the steps of the algorithm, in order
+    def receive(self, received: Message) -> None:  # noqa: C901, PLR0912 - the steps of the algorithm
         """Mix modes, inflate, predict, split, update, weigh, prune, reinitialise; then use the
         leader's track.
         """
@@ -214,12 +225,17 @@ class Oracle:
             return
         if not self.sides:
             if len(received.which) > 1:
+                if self.settings.leader_position_sigma:
+                    self.fresh[NEW] = received.new_variance
+                walked = self.settings.leader_position_walk**2 * self.watch.clock
+                self.fresh[WALKED] = walked
                 self.add_ring(received, 1.0)
                 self.used = len(received.which)
                 for c in self.all:
                     c.taken, c.squared = self.used, np.nan
                 self.begin()
             return
+        self.new_variance = received.new_variance
         for side in self.sides:
             mix(side, self.way()[3])
         if not self.settings.assume.exact_leader:
@@ -239,7 +255,7 @@ class Oracle:
                 self.v + 0.1 * sum(c.weight * c.excess for c in self.all), self.scatter()
             )
             self.v = min(max(variance, np.deg2rad(0.1) ** 2), self.most)
-        prune_and_merge(self.sides)
+        prune_and_merge(self.sides, self.near)
         self.smoothed += 0.15 * (
             sum(c.weight * c.normalised_innovation for c in self.all) - self.smoothed
         )
@@ -254,6 +270,7 @@ class Oracle:
 
     def begin(self) -> None:
         self.readings, self.trapezoids = [], np.zeros(2, dtype=complex)
+        self.watch.since_message = 0.0
 
     def averaged_heading(self, received: Message) -> Message:
         """A message with the mean heading of a straight leg, where three places of the leader lie
@@ -393,7 +410,7 @@ class Oracle:
                 self.sides.append(
                     [Component(x.copy(), P.copy(), weight, mode) for mode in range(modes)]
                 )
-        prune_and_merge(self.sides)
+        prune_and_merge(self.sides, self.near)
 
     def update_current(self, received: Message) -> None:
         """The leader's way over ground less that of its log: the current, and what its compass
@@ -423,5 +440,7 @@ class Oracle:
                 H = np.zeros((2, N))
                 H[:, [EAST, NORTH]], H[:, LEADER] = np.eye(2), pair(1j * turned)
                 residual = seen - c.x[[EAST, NORTH]] - pair(turned - logged)
-                c.update(residual, H, H @ c.P @ H.T + 0.05**2 * 10.0 / window * np.eye(2))
+                variance = 0.05**2 * 10.0 / window + 2.0 * self.new_variance / window**2
+                variance += self.settings.leader_position_walk**2 / window
+                c.update(residual, H, H @ c.P @ H.T + variance * np.eye(2))
             self.leader, self.logged = [received], 0.0

@@ -76,7 +76,7 @@ def test_errors_are_those_at_the_times_of_the_survey() -> None:
         heading=np.full(n, np.pi / 2),
         depth=np.zeros(n),
         message_step=np.array([5]),
-        message=np.zeros((1, 9)),
+        message=np.zeros((1, 10)),
         ranges=np.ones((1, 3)),
     )
     state = np.column_stack([time + 0.3, np.full(n, 0.4), np.ones(n), np.zeros(n)])
@@ -196,7 +196,7 @@ def test_errors_have_a_mean_a_root_mean_square_and_a_95th_percentile() -> None:
         heading=np.zeros(n),
         depth=np.zeros(n),
         message_step=np.array([5]),
-        message=np.zeros((1, 9)),
+        message=np.zeros((1, 10)),
         ranges=np.ones((1, 3)),
     )
     off = np.linspace(0.0, 10.0, n)

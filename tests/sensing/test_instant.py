@@ -320,6 +320,8 @@ def test_a_leader_broadcasts_its_place_motion_and_attitude() -> None:
         leader_heading_bias=0.05,
         leader_heading_sigma=0.01,
         leader_depth_sigma=0.3,
+        leader_position_sigma=0.7,
+        leader_position_walk=0.2,
         leader_attitude_offset_sigma=0.001,
         leader_tilt_sigma=0.002,
     )
@@ -339,14 +341,18 @@ def test_a_leader_broadcasts_its_place_motion_and_attitude() -> None:
     streams = (Stream.LEADER_MOTION, Stream.LEADER_DEPTH, Stream.LEADER_ATTITUDE)
     motion, depth, tilt = (normals(seed, run, s, [k])[0] for s in streams)
     offset = normals(seed, run, Stream.LEADER_ATTITUDE, [0])[0]
+    place = 0.7 * normals(seed, run, Stream.LEADER_POSITION, [k])[0]
+    # a walk from the start on, in steps of the filter
+    walked = normals(seed, run, Stream.LEADER_POSITION_WALK, range(1, k + 1)).sum(axis=0)
+    place += 0.2 * np.sqrt(sensors.dt) * walked
     expected = [
         k * sensors.dt,
-        3.0,
-        4.0,
+        3.0 + place[0],
+        4.0 + place[1],
         1.0 + 0.05 + 0.01 * abs(motion[1]),
         attitude.forward_of(poses[0, 3:]) @ truth.twist[k, 0, :3] + 0.1,
         9.0 + 0.3 * depth[0],
         PITCH + 0.02 + 0.001 * offset[0] + 0.002 * tilt[0],
         0.2 - 0.03 + 0.001 * offset[1] + 0.002 * tilt[1],
     ]
-    assert inbox.message[0].tolist() == pytest.approx([*expected, np.nan], nan_ok=True)
+    assert inbox.message[0].tolist() == pytest.approx([*expected, np.nan, np.nan], nan_ok=True)

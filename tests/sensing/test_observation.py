@@ -82,6 +82,8 @@ def test_errors_are_those_of_the_scenario_in_si_units() -> None:
         leader_heading_bias_deg=-1.6,
         leader_heading_sigma_deg=1.7,
         leader_depth_sigma_m=0.18,
+        leader_position_sigma_m=0.31,
+        leader_position_walk_m_sqrt_s=0.32,
         leader_attitude_sigma_deg=1.9,
         leader_attitude_offset_sigma_deg=2.1,
     )
@@ -110,6 +112,8 @@ def test_errors_are_those_of_the_scenario_in_si_units() -> None:
         "leader_speed_bias": -0.17,
         "leader_heading_sigma": np.deg2rad(1.7),
         "leader_depth_sigma": 0.18,
+        "leader_position_sigma": 0.31,
+        "leader_position_walk": 0.32,
         "leader_tilt_sigma": np.deg2rad(1.9),
         "leader_tilt_time": 0.0,
         "leader_attitude_offset_sigma": np.deg2rad(2.1),

@@ -49,6 +49,7 @@ def truth() -> MissionTruth:
                 rng.uniform(0, 2, m),
                 *rng.normal(size=(3, m)),
                 np.full(m, np.nan),
+                np.full(m, np.nan),
             ],
             dtype=MESSAGE,
         ),
@@ -137,6 +138,17 @@ def test_followers_receive_the_same_leader_readings(truth: MissionTruth) -> None
     )
     n = normals(SEED, RUN, Stream.LEADER_DEPTH.number(), SENT)
     assert column(one, "depth") == pytest.approx(truth.sent.depth + 0.3 * n[:, 0], abs=1e-14)
+    # errors of the position are off, and draw nothing from other streams where they are on
+    erring = errors._replace(leader_position_sigma=0.5, leader_position_walk=0.1)
+    third, fourth = (measure(truth, erring, seed=SEED, run=RUN, follower=f) for f in (0, 7))
+    assert third.message.tobytes() == fourth.message.tobytes()
+    np.testing.assert_array_equal(third.ranges, one.ranges)
+    np.testing.assert_array_equal(third.message[:, 3:], one.message[:, 3:])
+    white = normals(SEED, RUN, Stream.LEADER_POSITION.number(), SENT)
+    steps = normals(SEED, RUN, Stream.LEADER_POSITION_WALK.number(), range(1, max(SENT) + 1))
+    walk = np.sqrt(truth.dt) * np.cumsum(steps, axis=0)[np.array(SENT) - 1]
+    expected = one.message[:, 1:3] + 0.5 * white + 0.1 * walk
+    np.testing.assert_allclose(third.message[:, 1:3], expected, rtol=0, atol=1e-12)
 
 
 def test_a_receiver_rejects_what_is_no_range_and_a_log_ends_at_its_scale(
