@@ -172,11 +172,10 @@ class SpeedModes(OnlineNavigator[Estimates]):
             delays = Delays(np.zeros(3), np.zeros(3))
             if settings.compensate_motion:
                 delays = delays_of(reception.message, reception.ranges, self._clock, settings)
-            likelihoods = []
-            for mode in self.modes:
-                moved = below.copy()
-                moved[:, :2] += self._way(mode, own.heading, delays)
-                likelihoods.append(self._update_ranges(mode, moved, ranges, variance))
+            likelihoods = [
+                self._update_ranges(mode, own.heading, delays, (below, ranges, variance))
+                for mode in self.modes
+            ]
             self._weigh(likelihoods)
         seen = self._track.receive(reception.message)
         if seen is not None and settings.assume.current:
@@ -188,20 +187,28 @@ class SpeedModes(OnlineNavigator[Estimates]):
                 mode.x, mode.P = kalman_update(mode.x, mode.P, H, innovation, noise)
         return used
 
-    def _way(self, mode: Mode, heading: float, delays: Delays) -> Floats:
-        """What a follower has moved since each ping arrived, and the current carried both since
-        the message, by a filter, shape (3, 2), [m].
-        """
-        course = heading - mode.x[COMPASS]
-        water = mode.x[SPEED] * np.array([math.sin(course), math.cos(course)])
-        return np.outer(delays.lag, water) + np.outer(delays.age, mode.x[EAST:])
-
     def _update_ranges(
-        self, mode: Mode, below: Floats, ranges: Floats, place_variance: float
+        self, mode: Mode, heading: float, delays: Delays, measured: tuple[Floats, Floats, float]
     ) -> float:
-        """Update a filter with ranges, NaN where none came; their log likelihood."""
-        H, innovation, R = range_measurement(self.settings, mode.x, below, ranges)
-        R = R + place_variance * H[:, :2] @ H[:, :2].T
+        """Update a filter with ranges, NaN where none came, to the transmitters below and with the
+        variance of the leader's place; their log likelihood.
+        """
+        below, ranges, variance = measured
+        course = heading - mode.x[COMPASS]
+        ahead = np.array([math.sin(course), math.cos(course)])
+        moved = below.copy()
+        moved[:, :2] += np.outer(delays.lag, mode.x[SPEED] * ahead)
+        moved[:, :2] += np.outer(delays.age, mode.x[EAST:])
+        H, innovation, R = range_measurement(self.settings, mode.x, moved, ranges)
+        directions = H[:, :2].copy()
+        R = R + variance * directions @ directions.T
+        received = np.isfinite(ranges)
+        lag = delays.lag[received]
+        H[:, SPEED] = -lag * (directions @ ahead)
+        across = directions[:, 0] * ahead[1] - directions[:, 1] * ahead[0]
+        H[:, COMPASS] = lag * mode.x[SPEED] * across
+        if self.settings.assume.current:
+            H[:, EAST:] = -delays.age[received, None] * directions
         S = H @ mode.P @ H.T + R
         mode.x, mode.P = kalman_update(mode.x, mode.P, H, innovation, R)
         squared = float(innovation @ np.linalg.solve(S, innovation))

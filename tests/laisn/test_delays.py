@@ -112,7 +112,7 @@ def last_error(variant: str, delay: float, compensate: bool) -> float:
 
 @pytest.mark.parametrize(
     ("variant", "most"),
-    [("tight", 0.03), ("ekf", 0.03), ("factor-graph", 0.03), ("laisn-3-2", 0.6)],
+    [("tight", 0.03), ("ekf", 0.03), ("imm", 0.05), ("factor-graph", 0.03), ("laisn-3-2", 0.6)],
 )
 @pytest.mark.parametrize("delay", [0.0, 1.0])
 def test_both_ways_between_pings_and_since_their_reception_count(
