@@ -172,20 +172,6 @@ def test_check_says_how_far_a_hull_will_be_off_its_route(
         assert f"up to {level:.1f} m off its route" in output
 
 
-def test_a_hull_too_fast_for_its_steps_is_refused_with_a_step_that_works() -> None:
-    text = from_dimensions(0.5, 0.1, 3.3).xml()
-    table = {"duration_s": 60.0, "followers": [{"route": "T8", "model": text}]}
-    table["timing"] = {"physics_step_s": 0.1}
-    with pytest.raises(ScenarioError, match=r"too fast for physics steps.*physics_step_s = ") as e:
-        library.loaded(table)
-    step = float(str(e.value).split("timing.physics_step_s = ")[1].split()[0])
-    flight, _ = fly(library.loaded(table | {"timing": {"physics_step_s": step}}))
-    assert flight.outcome is Outcome.COMPLETED
-    finer, _ = fly(library.loaded(table | {"timing": {"physics_step_s": step / 2}}))
-    apart = flight.trajectory.position[:, 1] - finer.trajectory.position[:, 1]
-    assert np.abs(apart).max() < 0.5
-
-
 def bluerov2_sdf() -> str:
     """A BlueROV2 with six thrusters and the coefficients of Wu 2018 (table 5.2) as an SDF model."""
     thrusters = {

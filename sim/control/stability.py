@@ -17,7 +17,7 @@ from laisn.failure import LaisnError
 from sim.control.allocation import HEAVE, PITCH, SURGE, SWAY, YAW, at_speed, clip
 from sim.control.autopilot import SPEED_HEAVE, SPEED_PITCH, greatest_forces, top_speed
 from sim.control.guidance import CATCH_UP, TURN_RESERVE
-from sim.scenario.point_motion import TURN_RATE
+from sim.scenario.point_motion import SPEED_MIN, TURN_RATE
 from sim.scenario.routes import START_SPEED
 from sim.scenario.section import CONTROL_STEP_S
 from sim.vehicle.effectors import FIN, state_for, unit_wrenches
@@ -273,7 +273,7 @@ def require_stable(
             )
             stable = _stable_below(plant, i, d, float(speed))
             leg = np.floor(100.0 * stable / _CATCHING_UP) / 100.0
-            if leg >= max(slowest, 0.1):
+            if leg >= SPEED_MIN:
                 advice = f"it is stable on legs of up to {leg:g} m/s through the water; or {advice}"
             raise LaisnError(
                 f"{name}: the autopilot cannot stabilise {plane} at {speed:.3g} m/s, they grow by "
