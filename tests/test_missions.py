@@ -232,4 +232,4 @@ def test_an_imported_hull_with_large_added_mass_flies(tmp_path: Path) -> None:
     flight, _ = fly(library.loaded(mission(speed)))
     level, depth, _ = offs(flight, 1)
     assert level < OFF_ROUTE_M
-    assert depth < 0.5
+    assert depth < OFF_DEPTH_M
