@@ -237,7 +237,7 @@ def test_two_places_are_two_where_twice_their_spreads_do_not_meet(half: float, l
 def test_a_covariance_that_is_not_positive_definite_is_reported() -> None:
     steps, starts = shared_voyage()
     together = mission.new_tight_swarm(replace(ALL_OF_2, dt=DT), starts)
-    together.beliefs[1].covariance[:] = -np.eye(12)
+    together.beliefs[1].covariance[:] = -np.eye(16)
     recorded = new_record(steps, TightEstimates)
     answers = [
         together.navigate(k, *tables(step), records(ESTIMATE, FOLLOWERS), recorded)

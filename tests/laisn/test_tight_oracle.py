@@ -398,7 +398,7 @@ def test_the_eight_heaviest_of_ten_hypotheses_are_kept(seed: int) -> None:
     belief, model = new_belief(THREE, model_of(THREE), (0.0, 0.0)), model_of(THREE)
     weights = np.random.default_rng(seed).permutation(np.arange(1, 11))
     belief.alive, belief.weight[:10] = 10, weights / 55.0
-    belief.state[:10, 0], belief.covariance[:10] = 100.0 * weights, np.eye(12)
+    belief.state[:10, 0], belief.covariance[:10] = 100.0 * weights, np.eye(16)
     prune_and_merge(belief, model)
     assert belief.alive == 8
     kept = belief.weight[:8]

@@ -51,7 +51,9 @@ def belief(
 ) -> tuple[Belief, Model]:
     model = model_of(settings)
     made = new_belief(settings, model, (0.0, 0.0))
-    made.state[0], made.covariance[0] = mean, covariance
+    n = len(mean)
+    made.state[0, :n] = mean
+    made.covariance[0, :n, :n] = covariance
     return made, model
 
 
