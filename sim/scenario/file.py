@@ -252,13 +252,13 @@ class ScenarioError(LaisnError):
 
 # of tables and lists in one another; the deepest key of a scenario has six
 DEEPEST = 20
-# of an integer that a float can hold
-_LARGEST_BITS = 1023
+# of an integer that is read, so that a key's own message can say what it expects
+_LARGEST_BITS = 14_000
 
 
 def _require_bounded(table: Any) -> None:
     """ScenarioError naming the key of what lies deeper than `DEEPEST`, of text that is no Unicode,
-    and of an integer that no float can hold.
+    and of an integer of thousands of digits.
     """
     left: list[tuple[Location, Any]] = [((), table)]
     while left:
@@ -303,7 +303,12 @@ def plain_values(table: Any) -> Any:
             return list(one)
         return one.tolist() if hasattr(one, "tolist") else str(one)
 
-    return json.loads(to_json(table, fallback=plain_value, inf_nan_mode="constants"))
+    def integer(digits: str) -> int | str:
+        return int(digits) if len(digits) < 308 else f"an integer of {len(digits)} digits"
+
+    return json.loads(
+        to_json(table, fallback=plain_value, inf_nan_mode="constants"), parse_int=integer
+    )
 
 
 def is_model_key(key: str) -> bool:
