@@ -51,7 +51,7 @@ class PerRun:
     """
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Because:
     """In the annotation of a key: why its bounds are what they are, for messages."""
 

@@ -147,10 +147,10 @@ class Leader(Vehicle):
 
     route: Name | None = Field("L", description="library route: L, T2 … T9")
     baseline_m: Annotated[
-        Annotated[float, Field(ge=0.01, le=2.4)] | None, Because(_TRANSMITTERS_NEAR)
+        Annotated[float, Field(ge=0.01, le=2.4)] | None, Because(text=_TRANSMITTERS_NEAR)
     ] = Field(2.0, description="L, rear to front transmitter; default on an own hull: its sites")
     middle_offset_m: Annotated[
-        Annotated[float, Field(ge=0.001, le=0.5)] | None, Because(_TRANSMITTERS_NEAR)
+        Annotated[float, Field(ge=0.001, le=0.5)] | None, Because(text=_TRANSMITTERS_NEAR)
     ] = Field(
         0.1,
         description="H_T, port offset of the middle transmitter; default on an own hull: its site",
