@@ -4,7 +4,8 @@ the stated noise.
 The recursion of Tichavský, Muravchik & Nehorai, IEEE Trans. Signal Processing 46 (1998):
 information about the state is carried from message to message by J ← (Q + F J⁻¹ Fᵀ)⁻¹ + Hᵀ R⁻¹ H,
 with derivatives at the truth and the state of `laisn.tight`. It bounds every estimator of this
-model and no other: one that assumes slowly varying speed can be below.
+model and no other: one that assumes slowly varying speed can be below. With `TrueNoise.speed_change`
+the model is that of such an estimator: the speed is a random walk, and the log a measurement of it.
 """
 
 from dataclasses import dataclass
@@ -58,6 +59,10 @@ class TrueNoise:
     # states
     leader_way_sigma: float = 0.0
 
+    # how far the speed through the water wanders in a second [m/s/√s]; 0: it is not modelled, and
+    # the log is an input
+    speed_change: float = 0.0
+
     def __post_init__(self) -> None:
         require_numbers(self)
 
@@ -91,10 +96,12 @@ _NORTH = 7
 _OFFSET = 8
 _CLOCK = 10
 _DRIFT = 11
-_STATES = 12
-"""State x of s = 12 numbers as of `TightEstimates.names`, position first; what is known has the
+_SPEED = 12
+_STATES = 13
+"""State x of s = 13 numbers as of `TightEstimates.names`, position first; what is known has the
 variance 0.
 """
+_ANY_SPEED = 10.0  # standard deviation of the speed before the first reading of the log [m/s]
 
 
 def _information(away: Floats, arms: Floats, noise: TrueNoise) -> Floats:
@@ -184,10 +191,93 @@ def _way(
         gained[state, state] = rate * end
     gained[:2] = onward[-1]
     gained[2:, :2] = onward[-1, :, 2:].T
-    gained[_CLOCK:, _CLOCK:] = noise.clock_walk**2 * np.array(
+    gained[_CLOCK : _DRIFT + 1, _CLOCK : _DRIFT + 1] = noise.clock_walk**2 * np.array(
         [[end**3 / 3.0, end**2 / 2.0], [end**2 / 2.0, end]]
     )
     return rows, step, added, onward, gained
+
+
+def _unknown_states(noise: TrueNoise) -> tuple[Floats, Ints]:
+    """Variances of all states at the start, shape (s,), and the indices of those that are not
+    known.
+    """
+    biases = noise.speed_bias, noise.heading_bias, noise.range_scale_bias, noise.leader_heading_bias
+    clock = noise.clock_offset, noise.clock_drift
+    pairs = [noise.current] * 2 + [noise.range_offset] * 2
+    speed = _ANY_SPEED if noise.speed_change > 0.0 else 0.0
+    variances = np.square([noise.start, noise.start, *biases, *pairs, *clock, speed])
+    always = [0, 1, _CLOCK, _DRIFT] if any((*clock, noise.clock_walk)) else [0, 1]
+    return variances, np.union1d(np.flatnonzero(variances), always)
+
+
+def _message_information(
+    geometry: Geometry, noise: TrueNoise, i: int, covariance: Floats, mean: bool, steps: int
+) -> Floats:
+    """Information of message i, `steps` after the one before it, shape (s, s): of its ranges, and
+    of the leader's way since then.
+    """
+    away = geometry.from_leader[i]
+    arms = geometry.arms[i]
+    if mean:
+        gained = _expected_information(away, covariance[:2, :2], arms, noise)
+    else:
+        gained = _information(away[None], arms, noise)[0]
+    if noise.leader_way_sigma > 0.0 and geometry.leader_velocity is not None:
+        seen = np.zeros((2, _STATES))
+        east, north = geometry.leader_velocity[i]
+        seen[:, _LEADER] = (-north, east)
+        seen[:, _EAST : _NORTH + 1] = np.eye(2)
+        time = geometry.dt * steps
+        gained = gained + seen.T @ seen * (time / (10.0 * noise.leader_way_sigma**2))
+    return gained
+
+
+def _informed(covariance: Floats, gained: Floats) -> Floats:
+    """(P⁻¹ + I)⁻¹ without the inverse of P, which a known start makes singular."""
+    informed = np.linalg.solve(np.eye(len(covariance)) + covariance @ gained, covariance)
+    return np.asarray(0.5 * (informed + informed.T), dtype=np.float64)
+
+
+def _steady_speed_bound(geometry: Geometry, noise: TrueNoise, averaged: bool | None) -> Floats:
+    """As `position_bound`, where the speed is a random walk that the log measures in each step.
+
+    It is that of a speed which is held: an estimator that also expects manoeuvres is above it.
+    """
+    n = geometry.speed.size
+    variances, unknown = _unknown_states(noise)
+    both = np.ix_(unknown, unknown)
+    mean = averaged if averaged is not None else geometry.arms.shape[1] < 3
+    dt = geometry.dt
+    walks = np.zeros(_STATES)
+    walks[[_LOG, _COMPASS, _SPEED]] = noise.speed_walk, noise.heading_walk, noise.speed_change
+    walks[[_EAST, _NORTH]] = noise.current_walk if noise.current > 0.0 else 0.0
+    walks[_DRIFT] = noise.clock_walk
+    log = np.zeros((_STATES, _STATES))
+    log[np.ix_([_SPEED, _LOG], [_SPEED, _LOG])] = 1.0 / noise.speed_sigma**2
+    log = log[both]
+    covariance = np.diag(variances[unknown])
+    bound = np.empty((n, 2, 2))
+    messages = dict(zip(geometry.message_step.tolist(), range(n), strict=False))
+    last = 0
+    for k in range(n):
+        u = np.array([np.sin(geometry.heading[k]), np.cos(geometry.heading[k])])
+        across = np.array([-u[1], u[0]])
+        F = np.eye(_STATES)
+        F[:2, _SPEED] = u * dt
+        F[:2, _COMPASS] = geometry.speed[k] * across * dt
+        F[0, _EAST] = F[1, _NORTH] = F[_CLOCK, _DRIFT] = dt
+        Q = np.diag(walks**2 * dt)
+        Q[:2, :2] = (geometry.speed[k] * noise.heading_sigma * dt) ** 2 * np.outer(across, across)
+        step = F[both]
+        covariance = _informed(step @ covariance @ step.T + Q[both], log)
+        if k + 1 in messages:
+            gained = _message_information(
+                geometry, noise, messages[k + 1], covariance, mean, k + 1 - last
+            )
+            covariance = _informed(covariance, gained[both])
+            last = k + 1
+        bound[k] = covariance[:2, :2]
+    return bound
 
 
 def position_bound(
@@ -203,12 +293,11 @@ def position_bound(
     """
     n = geometry.speed.size
     smoothed = lag > 0.0
-    biases = noise.speed_bias, noise.heading_bias, noise.range_scale_bias, noise.leader_heading_bias
-    clock = noise.clock_offset, noise.clock_drift
-    pairs = [noise.current] * 2 + [noise.range_offset] * 2
-    variances = np.square([noise.start, noise.start, *biases, *pairs, *clock])
-    always = [0, 1, _CLOCK, _DRIFT] if any((*clock, noise.clock_walk)) else [0, 1]
-    unknown = np.union1d(np.flatnonzero(variances), always)
+    if noise.speed_change > 0.0:
+        if smoothed:
+            raise ValueError("lag is not 0, expected 0 where the speed is a state")
+        return _steady_speed_bound(geometry, noise, averaged)
+    variances, unknown = _unknown_states(noise)
     both = np.ix_(unknown, unknown)
     covariance = np.diag(variances[unknown])
     mean = averaged if averaged is not None else geometry.arms.shape[1] < 3
@@ -236,23 +325,8 @@ def position_bound(
         covariance = step @ covariance @ step.T + grown[both]
         if i < geometry.message_step.size:
             predicted.append(covariance)
-            away = geometry.from_leader[i]
-            arms = geometry.arms[i]
-            if mean:
-                gained = _expected_information(away, covariance[:2, :2], arms, noise)
-            else:
-                gained = _information(away[None], arms, noise)[0]
-            if noise.leader_way_sigma > 0.0 and geometry.leader_velocity is not None:
-                # information of the leader's way since the last message
-                seen = np.zeros((2, _STATES))
-                east, north = geometry.leader_velocity[i]
-                seen[:, _LEADER] = (-north, east)
-                seen[:, _EAST : _NORTH + 1] = np.eye(2)
-                time = geometry.dt * (end - begin)
-                gained = gained + seen.T @ seen * (time / (10.0 * noise.leader_way_sigma**2))
-            # (P⁻¹ + I)⁻¹ without the inverse of P, which a known start makes singular
-            found = np.linalg.solve(np.eye(unknown.size) + covariance @ gained[both], covariance)
-            covariance = np.asarray(0.5 * (found + found.T), dtype=np.float64)
+            gained = _message_information(geometry, noise, i, covariance, mean, end - begin)[both]
+            covariance = _informed(covariance, gained)
             bound[end - 1] = covariance[:2, :2]
             after.append(covariance)
     if not smoothed:

@@ -211,6 +211,8 @@ class Assume:
     """Estimate a constant range error of each transmitter."""
     clock: bool = False
     """Estimate offset and drift of the follower's clock."""
+    steady_speed: bool = False
+    """Estimate the speed through the water, which is steady but in manoeuvres."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -194,6 +194,7 @@ def _merge_ring(b: Belief, m: Model, signal: Signal, first: int, here: tuple[flo
         for j in range(_BEARINGS):
             direction = sin_cos(2.0 * math.pi * (j + 0.5) / _BEARINGS)
             mixture.reset_component(b, SPARE, b.fresh)
+            motion.start_speed(b, m, SPARE)
             if m.leader != ABSENT:
                 b.covariance[SPARE, m.leader, m.leader] = 0.0
             ring = (_RADIAL_VARIANCE, _BEARINGS)
@@ -338,33 +339,15 @@ def place_arms(signal: Signal, m: Model, pitch: float, roll: float, deeper: floa
 
 @compiled
 def mix_modes(b: Belief, m: Model) -> None:
-    """Blend the two modes of each hypothesis, slow and quick drift of biases; nothing where there
-    is one.
-
-    The interacting multiple model of Blom & Bar-Shalom (Bar-Shalom, Li & Kirubarajan 2001): before
-    a message either component becomes a blend of both, by the chance that the drift has changed its
-    mode.
+    """Blend the modes of drift of each hypothesis, by the time since the last message; nothing
+    where there is one.
     """
-    if m.modes == 1:
+    if m.drift_modes == 1:
         return
-    # a chain of two states that changes at the same rate either way (Poisson)
-    stay = 0.5 + 0.5 * math.exp(-2.0 * m.mode_switches * b.motion.time)
     for h in range(b.alive):
-        slow = 2 * h
-        quick = 2 * h + 1
-        weight = b.weight[slow]
-        other = b.weight[quick]
-        new_slow = stay * weight + (1.0 - stay) * other
-        new_quick = stay * other + (1.0 - stay) * weight
-        if new_slow <= 0.0 or new_quick <= 0.0:
-            continue
-        mixture.copy_component(b, slow, SPARE)
-        mixture.blend(b.state, b.covariance, slow, quick, (1.0 - stay) * other / new_slow, m.states)
-        mixture.blend(
-            b.state, b.covariance, quick, SPARE, (1.0 - stay) * weight / new_quick, m.states
-        )
-        b.weight[slow] = new_slow
-        b.weight[quick] = new_quick
+        for speed in range(m.speed_modes):
+            slow = h * m.modes + 2 * speed
+            motion.mix_pair(b, m, slow, slow + 1, m.mode_switches * b.motion.elapsed)
 
 
 @compiled
@@ -402,10 +385,10 @@ def inflate_bias_covariance(b: Belief, m: Model, signal: Signal) -> None:
     leader = 0.0
     b.place_variance = signal.place_variance
     if m.deviation > 0.0:
-        own = m.deviation * _turn_growth(b.turn, (o.sin, o.cos), _TURN, o.time)
+        own = m.deviation * _turn_growth(b.turn, (o.sin, o.cos), _TURN, o.elapsed)
         if turning:
             leader = m.deviation * _turn_growth(
-                b.leader_turn, sin_cos(signal.heading), _LEADER_TURN, o.time
+                b.leader_turn, sin_cos(signal.heading), _LEADER_TURN, o.elapsed
             )
     for k in range(b.alive * m.modes):
         b.covariance[k, COMPASS, COMPASS] += own
@@ -425,6 +408,11 @@ def _propagate_iterated(b: Belief, m: Model, k: int, signal: Signal) -> bool:
     log_bias = x[k, LOG]
     compass_bias = x[k, COMPASS]
     healthy = True
+    if m.speed != ABSENT:
+        # predicted step by step
+        if m.place != ABSENT:
+            motion.renew_place_error(b, m, k)
+        return True
     if 0.5 * b.covariance[k, COMPASS, COMPASS] * way >= _BEND:
         mixture.copy_component(b, k, SPARE)
         motion.predict_component(b, m, k, log_bias, compass_bias)
@@ -434,22 +422,6 @@ def _propagate_iterated(b: Belief, m: Model, k: int, signal: Signal) -> bool:
         mixture.copy_component(b, SPARE, k)
     motion.predict_component(b, m, k, log_bias, compass_bias)
     return healthy
-
-
-@compiled
-def _update_weights(b: Belief, m: Model) -> bool:
-    """Multiply the weights by the evidence; False if none is left."""
-    components = b.alive * m.modes
-    best = -math.inf
-    for k in range(components):
-        if b.weight[k] > 0.0 and b.evidence[k] > best:
-            best = b.evidence[k]
-    if not math.isfinite(best):
-        return False
-    for k in range(components):
-        b.weight[k] *= math.exp(b.evidence[k] - best)
-    mixture.normalise(b.weight, components)
-    return True
 
 
 @compiled
@@ -547,6 +519,7 @@ def receive(b: Belief, m: Model, signal: Signal) -> int:
             b.outcome[k].taken = received
             b.outcome[k].squared = np.nan
         motion.reset_preintegration(b)
+        b.motion.elapsed = 0.0
         refresh_output(b, m)
         return received
     mix_modes(b, m)
@@ -565,7 +538,7 @@ def receive(b: Belief, m: Model, signal: Signal) -> int:
             return -1
         if used > most:
             most = used
-    if b.alive * m.modes > 1 and not _update_weights(b, m):
+    if b.alive * m.modes > 1 and not motion.update_weights(b, m):
         return -1
     if m.leader != ABSENT:
         update_leader_variance(b, m)
@@ -576,5 +549,6 @@ def receive(b: Belief, m: Model, signal: Signal) -> int:
     if m.current != ABSENT or m.leader != ABSENT:
         motion.update_current_from_leader_track(b, m, signal)
     motion.reset_preintegration(b)
+    b.motion.elapsed = 0.0
     refresh_output(b, m)
     return most

@@ -28,6 +28,7 @@ from laisn.settings import COMPASS_WALK, CURRENT_WALK, LOG_WALK, TightSettings
 
 X, Y, LOG, COMPASS, SCALE = range(5)
 """Indices of the states that are always there; `Model` has those of the others."""
+_MOST_MODES = 4
 ABSENT = -1  # of a state that is switched off
 
 _DRIFTING_LOG = 2.5e-3  # [m/s/√s]
@@ -36,6 +37,10 @@ _MODES = (0.25, 2.5)  # slow and quick drift, as multiples of these
 _LEADER_COMPASS = 5e-5  # [rad/√s]
 _CLOCK_WALK = 3e-6  # of τ̇ [m/s/√s]: 2 ppb/√s, as of a crystal oscillator whose temperature changes
 _MODE_SWITCHES = 0.004
+# of the speed through the water, held and in manoeuvres [m/s/√s], and the rate at which a vehicle
+# changes between these [1/s]: it stays for a second with a chance of 0.97
+_SPEED_WALKS = (0.005, 0.2)
+_SPEED_SWITCHES = -0.5 * math.log(2.0 * 0.97 - 1.0)
 # change of a compass's bias in a turn, as a share of the turn, where it has a deviation
 _DEVIATION = 0.03
 
@@ -44,7 +49,15 @@ Model: TypeAlias = Any
 calls pass a pointer.
 """
 
-_OPTIONAL = {"leader": 5, "current": 6, "offset": 8, "clock": 10, "place": 12, "place_walk": 14}
+_OPTIONAL = {
+    "leader": 5,
+    "current": 6,
+    "offset": 8,
+    "clock": 10,
+    "place": 12,
+    "place_walk": 14,
+    "speed": 16,
+}
 """Optional states: field of `Model` with the index of the first one, and its place in
 `TightEstimates.names`.
 """
@@ -78,7 +91,15 @@ def prior_sigmas(settings: TightSettings) -> dict[int, float]:
     if s.leader_position_walk > 0.0:
         # it begins with the mission
         sigmas[14] = sigmas[15] = 0.0
+    if assume.steady_speed:
+        # as the first reading of the log shows it
+        sigmas[16] = math.hypot(s.speed_sigma, s.speed_bias_sigma)
     return sigmas
+
+
+def _of_modes(values: list[float]) -> tuple[float, ...]:
+    """Values of each mode, filled up to `_MOST_MODES`."""
+    return (*values, *[0.0] * (_MOST_MODES - len(values)))
 
 
 def model_of(settings: TightSettings) -> Model:
@@ -89,12 +110,19 @@ def model_of(settings: TightSettings) -> Model:
     log_walk, compass_walk = (
         (_DRIFTING_LOG, _DRIFTING_COMPASS) if assume.drift else (LOG_WALK, COMPASS_WALK)
     )
-    slow, quick = _MODES if assume.drift else (1.0, 1.0)
+    drifts = _MODES if assume.drift else (1.0,)
+    speeds = _SPEED_WALKS if assume.steady_speed else (0.0,)
+    # of each mode, drift · speed
+    log_walks = _of_modes([(drift * log_walk) ** 2 for _ in speeds for drift in drifts])
+    compass_walks = _of_modes([(drift * compass_walk) ** 2 for _ in speeds for drift in drifts])
+    speed_walks = _of_modes([speed**2 for speed in speeds for _ in drifts])
     integers = {
         "states": len(places),  # n
-        "modes": 2 if assume.drift else 1,
+        "modes": len(drifts) * len(speeds),
+        "drift_modes": len(drifts),
+        "speed_modes": len(speeds),
         # indices of b_L, of the current's east component (north comes next), of d_2, of τ (τ̇ comes
-        # next), and of the east components of e and w
+        # next), of the east components of e and w, and of the speed
         **{
             name: places.index(place) if place in places else ABSENT
             for name, place in _OPTIONAL.items()
@@ -119,12 +147,15 @@ def model_of(settings: TightSettings) -> Model:
         # variance of position that motion unseen by the log adds in a second [m²/s]
         "slip_rate": s.slip**2,
         # b_v gains in a second, by mode [m²/s³]
-        "log_walk": ((slow * log_walk) ** 2, (quick * log_walk) ** 2),
+        "log_walk": log_walks,
         # b_θ likewise [rad²/s]
-        "compass_walk": ((slow * compass_walk) ** 2, (quick * compass_walk) ** 2),
+        "compass_walk": compass_walks,
+        # the speed likewise [m²/s³]
+        "speed_walk": speed_walks,
         "current_walk": CURRENT_WALK**2,
         "leader_walk": _LEADER_COMPASS**2,  # b_L likewise [rad²/s]
         "clock_walk": _CLOCK_WALK**2,  # τ̇ likewise [m²/s³]
+        "speed_switches": _SPEED_SWITCHES,
         "mode_switches": _MODE_SWITCHES,  # rate of changes of the mode [1/s]
         "deviation": _DEVIATION**2 if assume.deviation else 0.0,
         "range_scale_variance": s.range_scale_sigma**2,
@@ -150,8 +181,8 @@ def model_of(settings: TightSettings) -> Model:
 CAPACITY = 2 * HYPOTHESES
 
 # room for n: arrays of a belief have one shape for all settings, so that all share compiled code
-MOST_STATES = 16
-_COMPONENTS = 2 * CAPACITY
+MOST_STATES = 17
+_COMPONENTS = _MOST_MODES * CAPACITY
 # holds a copy or a trial while there are at most `HYPOTHESES` + 2 hypotheses
 SPARE = _COMPONENTS - 1
 _T = 3
@@ -173,6 +204,9 @@ _MOTION = np.dtype(
             "nxy",
             "nyy",  # covariance of A's random errors [m²]
             "time",  # since the last message [s]
+            # the same where the speed is a state, and these sums begin anew in each step
+            "elapsed",
+            "unmixed",  # since the modes of speed were mixed [s]
             # the last reading of the log [m/s], NaN before the first, and the compass's direction
             "speed",
             "sin",
@@ -333,12 +367,16 @@ def refresh_output(b: Belief, m: Model) -> None:
         out.x = out.y = np.nan
     for k in range(b.alive * m.modes):
         w = b.weight[k]
-        bias = b.state[k, LOG]
         sine, cosine = sin_cos(b.state[k, COMPASS])
         out.x += w * b.state[k, X]
         out.y += w * b.state[k, Y]
-        out.c_cos += w * cosine
-        out.c_sin += w * sine
+        if m.speed == ABSENT:
+            bias = b.state[k, LOG]
+            out.c_cos += w * cosine
+            out.c_sin += w * sine
+        else:
+            # the way is v B, not A − b_v B
+            bias = -b.state[k, m.speed]
         out.d_cos += w * cosine * bias
         out.d_sin += w * sine * bias
         if m.current != ABSENT:

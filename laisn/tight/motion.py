@@ -4,6 +4,11 @@ leader's track.
 Readings are preintegrated: the sums A = Σ v u Δt and B = Σ u Δt do not depend on the biases, so
 that each component is predicted once a message (Lupton & Sukkarieh, IEEE Trans. Robotics 28, 2012).
 
+Where the speed through the water v is a state, the way is v B, and the log a measurement of v +
+b_v: components are predicted and updated in each step. Speed is a random walk of one of two modes,
+held or in manoeuvres, which are mixed once a second (interacting multiple models, Blom &
+Bar-Shalom, IEEE Trans. Automatic Control 33, 1988).
+
 On a straight leg of the leader's exact positions the mean of its headings replaces each of them:
 the random error of one reading would err together in derivatives and residuals of the ranges
 (Fuller, Measurement Error Models, 1987). The leader's way over ground, less what its log and
@@ -18,8 +23,25 @@ import numpy as np
 from laisn.compiled import compiled, inlined
 from laisn.elementary import sin_cos
 from laisn.geometry import angle_between, wrap_angle
-from laisn.mixture import add_moments, centre_moments, update_scalar
-from laisn.tight.model import ABSENT, COMPASS, LOG, Belief, Model, X, Y
+from laisn.mixture import (
+    add_moments,
+    blend,
+    centre_moments,
+    copy_component,
+    normalise,
+    update_scalar,
+)
+from laisn.tight.model import (
+    ABSENT,
+    COMPASS,
+    LOG,
+    SPARE,
+    Belief,
+    Model,
+    X,
+    Y,
+    refresh_output,
+)
 from laisn.tight.ranging import Signal
 
 # of the log's readings, of which the speed within a message's pings is the mean [1/s]
@@ -32,7 +54,8 @@ def preintegrate_direction(
 ) -> None:
     """As `preintegrate`, with sine and cosine of the compass's reading."""
     o = b.motion
-    if o.speed != o.speed:
+    first = o.speed != o.speed
+    if first:
         o.speed = speed
         o.sin = sine
         o.cos = cosine
@@ -44,17 +67,21 @@ def preintegrate_direction(
     o.bx += half * (o.sin + sine)
     o.by += half * (o.cos + cosine)
     across = m.heading_variance * speed * speed * dt * dt
-    # the error along the way is larger by so much than that across it
-    more = m.speed_variance * dt * dt - across
+    # the error along the way is larger by so much than that across it; no reading has it where the
+    # speed is a state
+    more = (m.speed_variance if m.speed == ABSENT else 0.0) * dt * dt - across
     o.nxx += across + more * sine * sine
     o.nxy += more * sine * cosine
     o.nyy += across + more * cosine * cosine
     o.time += dt
     o.clock += dt
     o.mean_speed += dt * max(_PER_SMOOTHING, 1.0 / o.clock) * (speed - o.mean_speed)
+    o.elapsed += dt
     o.speed = speed
     o.sin = sine
     o.cos = cosine
+    if m.speed != ABSENT:
+        _advance_components(b, m, first)
 
 
 @compiled
@@ -73,18 +100,122 @@ def reset_preintegration(b: Belief) -> None:
     o.ax = o.ay = o.bx = o.by = o.nxx = o.nxy = o.nyy = o.time = 0.0
 
 
+_MIXING_TIME = 1.0  # of the modes of speed [s]
+
+
+@compiled
+def mix_pair(b: Belief, m: Model, one: int, other: int, switches: float) -> None:
+    """Blend two components that are modes of one hypothesis, after a time in which so many changes
+    from one to the other are expected.
+
+    The interacting multiple model of Blom & Bar-Shalom (Bar-Shalom, Li & Kirubarajan 2001): either
+    component becomes a blend of both, by the chance that the mode has changed.
+    """
+    # a chain of two states that changes at the same rate either way (Poisson)
+    stay = 0.5 + 0.5 * math.exp(-2.0 * switches)
+    change = 1.0 - stay
+    weight = b.weight[one]
+    other_weight = b.weight[other]
+    new_weight = stay * weight + change * other_weight
+    new_other = stay * other_weight + change * weight
+    if new_weight <= 0.0 or new_other <= 0.0:
+        return
+    copy_component(b, one, SPARE)
+    blend(b.state, b.covariance, one, other, change * other_weight / new_weight, m.states)
+    blend(b.state, b.covariance, other, SPARE, change * weight / new_other, m.states)
+    b.weight[one] = new_weight
+    b.weight[other] = new_other
+
+
+@compiled
+def update_weights(b: Belief, m: Model) -> bool:
+    """Multiply the weights by the evidence; False if none is left."""
+    components = b.alive * m.modes
+    best = -math.inf
+    for k in range(components):
+        if b.weight[k] > 0.0 and b.evidence[k] > best:
+            best = b.evidence[k]
+    if not math.isfinite(best):
+        return False
+    for k in range(components):
+        b.weight[k] *= math.exp(b.evidence[k] - best)
+    normalise(b.weight, components)
+    return True
+
+
+@compiled
+def start_speed(b: Belief, m: Model, k: int) -> None:
+    """Set the speed of a fresh component to the last reading of the log, v = z − b_v − n, where it
+    is a state.
+    """
+    if m.speed == ABSENT:
+        return
+    P = b.covariance
+    b.state[k, m.speed] = b.motion.speed
+    P[k, m.speed, m.speed] = b.fresh[m.speed]
+    P[k, m.speed, LOG] = P[k, LOG, m.speed] = -b.fresh[LOG]
+
+
+@compiled
+def _update_with_log(b: Belief, m: Model, k: int) -> float:
+    """Update component k with the last reading of the log, z = v + b_v; its log likelihood but for
+    a constant.
+    """
+    x = b.state[k]
+    P = b.covariance[k]
+    gain = b.gain
+    # P Hᵀ and S = H P Hᵀ + σ²
+    for i in range(m.states):
+        gain[i] = P[i, m.speed] + P[i, LOG]
+    variance = gain[m.speed] + gain[LOG] + m.speed_variance
+    residual = b.motion.speed - x[m.speed] - x[LOG]
+    update_scalar(x, P, gain, residual, variance, m.states)
+    return -0.5 * (residual * residual / variance + math.log(variance))
+
+
+@compiled
+def _advance_components(b: Belief, m: Model, first: bool) -> None:
+    """Predict all components over a step and update them with its reading of the log; the first
+    reading starts their speeds.
+    """
+    o = b.motion
+    components = b.alive * m.modes
+    for k in range(components):
+        if first:
+            start_speed(b, m, k)
+        predict_component(b, m, k, b.state[k, m.speed], b.state[k, COMPASS])
+    o.unmixed += o.time
+    reset_preintegration(b)
+    if not first:
+        for k in range(components):
+            b.evidence[k] = _update_with_log(b, m, k)
+        update_weights(b, m)
+    if o.unmixed >= _MIXING_TIME - 1e-6:
+        for h in range(b.alive):
+            for drift in range(m.drift_modes):
+                held = h * m.modes + drift
+                mix_pair(b, m, held, held + m.drift_modes, m.speed_switches * o.unmixed)
+        o.unmixed = 0.0
+    refresh_output(b, m)
+
+
 @inlined
 def _way(
-    o: Any, log_bias: float, compass_bias: float
+    o: Any, m: Model, speed: float, compass_bias: float
 ) -> tuple[float, float, float, float, float, float]:
     """Rotation by a compass bias (cosine, sine), way through the water, and its derivative by
-    the log's bias.
+    `speed`.
+
+    That is the log's bias b_v, with the way Rot(b_θ) (A − b_v B), or the speed v where it is a
+    state, with the way Rot(b_θ) v B.
     """
     s, c = sin_cos(compass_bias)
     along_x, along_y = c * o.bx - s * o.by, s * o.bx + c * o.by
-    way_x = c * o.ax - s * o.ay - log_bias * along_x
-    way_y = s * o.ax + c * o.ay - log_bias * along_y
-    return c, s, way_x, way_y, -along_x, -along_y
+    if m.speed == ABSENT:
+        way_x = c * o.ax - s * o.ay - speed * along_x
+        way_y = s * o.ax + c * o.ay - speed * along_y
+        return c, s, way_x, way_y, -along_x, -along_y
+    return c, s, speed * along_x, speed * along_y, along_x, along_y
 
 
 @inlined
@@ -98,7 +229,7 @@ def _position_noise(
     c, s, way_x, way_y, by_log_x, by_log_y = way
     time = o.time
     third = o.time / 3.0
-    q_log = third * m.log_walk[mode]
+    q_log = third * (m.log_walk[mode] if m.speed == ABSENT else m.speed_walk[mode])
     q_compass = third * m.compass_walk[mode]
     isotropic = m.slip_rate * time
     if m.current != ABSENT:
@@ -113,7 +244,7 @@ def _position_noise(
 
 
 @compiled
-def _renew_place_error(b: Belief, m: Model, k: int) -> None:
+def renew_place_error(b: Belief, m: Model, k: int) -> None:
     """What errs anew in the broadcast position of each message, e, of component k."""
     P = b.covariance
     for state in (m.place, m.place + 1):
@@ -124,30 +255,32 @@ def _renew_place_error(b: Belief, m: Model, k: int) -> None:
 
 
 @compiled
-def predict_component(b: Belief, m: Model, k: int, log_bias: float, compass_bias: float) -> None:
+def predict_component(b: Belief, m: Model, k: int, speed: float, compass_bias: float) -> None:
     """Predict component k over the way since the last message, linearised at some biases.
 
     The true way is r = Rot(b_θ)(A − b_v B), with Rot anticlockwise, as a compass that reads too
     much has to be turned back. P ← F P Fᵀ + Q, with Q of biases that wander for a straight way.
+    Where the speed is a state, `speed` is its value, else b_v's; see `_way`.
     """
+    along = LOG if m.speed == ABSENT else m.speed
     x = b.state
     P = b.covariance
     n = m.states
     time = b.motion.time
     mode = k % m.modes
-    if m.place != ABSENT:
-        _renew_place_error(b, m, k)
+    if m.place != ABSENT and m.speed == ABSENT:
+        renew_place_error(b, m, k)
     if m.place_walk != ABSENT:
         for state in (m.place_walk, m.place_walk + 1):
             P[k, state, state] += m.place_walk_rate * time
-    way = _way(b.motion, log_bias, compass_bias)
-    _, _, way_x, way_y, by_log_x, by_log_y = way
+    way = _way(b.motion, m, speed, compass_bias)
+    _, _, way_x, way_y, by_speed_x, by_speed_y = way
     by_compass_x = -way_y
     by_compass_y = way_x
-    off_log = x[k, LOG] - log_bias
+    off_speed = x[k, along] - speed
     off_compass = x[k, COMPASS] - compass_bias
-    x[k, X] += way_x + by_log_x * off_log + by_compass_x * off_compass
-    x[k, Y] += way_y + by_log_y * off_log + by_compass_y * off_compass
+    x[k, X] += way_x + by_speed_x * off_speed + by_compass_x * off_compass
+    x[k, Y] += way_y + by_speed_y * off_speed + by_compass_y * off_compass
     east, north = m.current, m.current + 1
     drifting = m.current != ABSENT
     if drifting:
@@ -155,28 +288,31 @@ def predict_component(b: Belief, m: Model, k: int, log_bias: float, compass_bias
         x[k, Y] += time * x[k, north]
     # F P: rows x and y change; then (F P) Fᵀ: columns x and y.
     for j in range(n):
-        P[k, X, j] += by_log_x * P[k, LOG, j] + by_compass_x * P[k, COMPASS, j]
-        P[k, Y, j] += by_log_y * P[k, LOG, j] + by_compass_y * P[k, COMPASS, j]
+        P[k, X, j] += by_speed_x * P[k, along, j] + by_compass_x * P[k, COMPASS, j]
+        P[k, Y, j] += by_speed_y * P[k, along, j] + by_compass_y * P[k, COMPASS, j]
         if drifting:
             P[k, X, j] += time * P[k, east, j]
             P[k, Y, j] += time * P[k, north, j]
     px, pxy, py = _position_noise(b.motion, m, mode, way)
-    px += P[k, X, X] + by_log_x * P[k, X, LOG] + by_compass_x * P[k, X, COMPASS]
-    pxy += P[k, X, Y] + by_log_y * P[k, X, LOG] + by_compass_y * P[k, X, COMPASS]
-    py += P[k, Y, Y] + by_log_y * P[k, Y, LOG] + by_compass_y * P[k, Y, COMPASS]
+    px += P[k, X, X] + by_speed_x * P[k, X, along] + by_compass_x * P[k, X, COMPASS]
+    pxy += P[k, X, Y] + by_speed_y * P[k, X, along] + by_compass_y * P[k, X, COMPASS]
+    py += P[k, Y, Y] + by_speed_y * P[k, Y, along] + by_compass_y * P[k, Y, COMPASS]
     if drifting:
         px += time * P[k, X, east]
         pxy += time * P[k, X, north]
         py += time * P[k, Y, north]
     # what biases that wander gain, with the position's gain
     q_log = m.log_walk[mode]
+    q_speed = q_log if m.speed == ABSENT else m.speed_walk[mode]
     q_compass = m.compass_walk[mode]
     half = time / 2.0
-    P[k, X, LOG] += half * q_log * by_log_x
-    P[k, Y, LOG] += half * q_log * by_log_y
+    P[k, X, along] += half * q_speed * by_speed_x
+    P[k, Y, along] += half * q_speed * by_speed_y
     P[k, X, COMPASS] += half * q_compass * by_compass_x
     P[k, Y, COMPASS] += half * q_compass * by_compass_y
     P[k, LOG, LOG] += q_log * time
+    if m.speed != ABSENT:
+        P[k, along, along] += q_speed * time
     P[k, COMPASS, COMPASS] += q_compass * time
     if m.leader != ABSENT:
         P[k, m.leader, m.leader] += m.leader_walk * time
@@ -239,23 +375,26 @@ def _add_component(b: Belief, m: Model, k: int, origin: tuple[float, float]) -> 
     x = b.state[k]
     o = b.motion
     weight = b.weight[k]
-    way = _way(o, x[LOG], x[COMPASS])
-    c, s, way_x, way_y, by_log_x, by_log_y = way
+    known = m.speed == ABSENT
+    along = LOG if known else m.speed
+    way = _way(o, m, x[along], x[COMPASS])
+    c, s, way_x, way_y, by_speed_x, by_speed_y = way
     ux, uy = c * o.sin - s * o.cos, s * o.sin + c * o.cos
-    speed = o.speed - x[LOG]
+    speed = o.speed - x[LOG] if known else x[along]
+    sign = -1.0 if known else 1.0
     time = o.time
     for i in range(4):
         for j in range(m.states):
             rows[i, j] = 0.0
     rows[0, X] = 1.0
-    rows[0, LOG] = by_log_x
+    rows[0, along] = by_speed_x
     rows[0, COMPASS] = -way_y
     rows[1, Y] = 1.0
-    rows[1, LOG] = by_log_y
+    rows[1, along] = by_speed_y
     rows[1, COMPASS] = way_x
-    rows[2, LOG] = -ux
+    rows[2, along] = sign * ux
     rows[2, COMPASS] = -speed * uy
-    rows[3, LOG] = -uy
+    rows[3, along] = sign * uy
     rows[3, COMPASS] = speed * ux
     here = (x[X] - origin[0] + way_x, x[Y] - origin[1] + way_y, speed * ux, speed * uy)
     if m.current != ABSENT:
@@ -268,12 +407,12 @@ def _add_component(b: Belief, m: Model, k: int, origin: tuple[float, float]) -> 
     covariance[0, 0] += weight * xx
     covariance[0, 1] += weight * xy
     covariance[1, 1] += weight * yy
-    # the velocity is the last reading's, with its random error
-    along = m.speed_variance
+    # the velocity is that of the last readings, with their random errors
+    forward = m.speed_variance if known else 0.0
     across = m.heading_variance * o.speed * o.speed
-    covariance[2, 2] += weight * (along * ux * ux + across * uy * uy)
-    covariance[2, 3] += weight * (along - across) * ux * uy
-    covariance[3, 3] += weight * (along * uy * uy + across * ux * ux)
+    covariance[2, 2] += weight * (forward * ux * ux + across * uy * uy)
+    covariance[2, 3] += weight * (forward - across) * ux * uy
+    covariance[3, 3] += weight * (forward * uy * uy + across * ux * ux)
 
 
 @compiled

@@ -319,6 +319,11 @@ class SmoothingNavigator(TightNavigator):
         """Start as `TightNavigator`; messages may be later than a position that rests on them by
         `lag` [s].
         """
+        if settings.assume.steady_speed:
+            raise LaisnError(
+                "assume.steady_speed is true, expected false: smoothing takes log and compass as "
+                "inputs"
+            )
         if not 0.0 <= lag < np.inf:
             raise ValueError(f"lag is {lag} s, expected a finite time, zero or more")
         super().__init__(settings, start)

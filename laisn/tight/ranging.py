@@ -175,7 +175,7 @@ def _delay_covariance(b: Belief, m: Model, k: int, signal: Signal, i: int, g: in
         east = w.row_x[i] * w.gain[g, m.current]
         north = w.row_y[i] * w.gain[g, m.current + 1]
         value -= signal.age[i] * (east + north)
-    share = m.dt / min(max(o.time, m.dt), _SMOOTHING_TIME)
+    share = m.dt / min(max(o.elapsed, m.dt), _SMOOTHING_TIME)
     along = m.speed_variance * share + _UNSTEADY * _UNSTEADY
     across = m.heading_variance * (vx * vx + vy * vy)
     both = signal.lag[i] * signal.lag[g]

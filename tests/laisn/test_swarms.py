@@ -228,7 +228,7 @@ def test_two_places_are_two_where_twice_their_spreads_do_not_meet(half: float, l
     belief.alive, belief.weight[:2] = 2, (0.4, 0.6)
     belief.state[:2] = 0.0
     belief.state[:2, 0] = -half, half
-    belief.covariance[:2] = np.diag([1.0, 9.0, *np.ones(10)])
+    belief.covariance[:2] = np.diag([1.0, 9.0, *np.ones(15)])
     refresh_output(belief, model)
     mission._write_outputs(belief, model, out)
     assert out.to_likelier == pytest.approx((0.8 * half * leans, 0.0))
@@ -237,7 +237,7 @@ def test_two_places_are_two_where_twice_their_spreads_do_not_meet(half: float, l
 def test_a_covariance_that_is_not_positive_definite_is_reported() -> None:
     steps, starts = shared_voyage()
     together = mission.new_tight_swarm(replace(ALL_OF_2, dt=DT), starts)
-    together.beliefs[1].covariance[:] = -np.eye(16)
+    together.beliefs[1].covariance[:] = -np.eye(17)
     recorded = new_record(steps, TightEstimates)
     answers = [
         together.navigate(k, *tables(step), records(ESTIMATE, FOLLOWERS), recorded)

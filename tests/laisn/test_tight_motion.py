@@ -261,7 +261,7 @@ def test_hypotheses_in_the_same_place_merge_into_their_moments_and_light_ones_go
 def test_mixing_modes_keeps_the_moments_of_the_whole_and_moves_weight() -> None:
     assume = Assume(exact_leader=False, current=True, offsets=True, clock=True, drift=True)
     belief, model = made(TightSettings(assume=assume))
-    belief.weight[:2], belief.motion.time = (0.9, 0.1), 5.0
+    belief.weight[:2], belief.motion.elapsed = (0.9, 0.1), 5.0
     belief.state[1, 2:4] += 0.1
     before = mixture_moments(belief, range(2))
     mix_modes(belief, model)

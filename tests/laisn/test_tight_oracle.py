@@ -162,6 +162,9 @@ LATE = {"ping_slot": 0.1, "sound_slowness": 1.0 / 1500.0, "floor_depth": 30.0}
 NEW = {"leader_position_sigma": 0.5}
 BOTH = NEW | {"leader_position_walk": 0.1}
 CLOCK_OF_2 = replace(TWO, assume=Assume(clock=True))
+STEADY_2 = replace(TWO, assume=Assume(steady_speed=True))
+STEADY_3 = replace(THREE, assume=Assume(steady_speed=True))
+STEADY_ALL_OF_2 = replace(ALL_OF_2, assume=replace(EVERYTHING, steady_speed=True))
 ABOUT = {"current": (0.2, -0.1), "jitter": 0.5}
 
 
@@ -205,6 +208,10 @@ ABOUT = {"current": (0.2, -0.1), "jitter": 0.5}
         (TWO, Voyage(seed=15, turns=0.03, offset=(1.0, 4.0))),
         (ALL_OF_2, Voyage(seed=16, turns=0.05, offset=(-3.0, 5.0), lost=0.1, echoes=0.05)),
         (TURNED, Voyage(seed=17, turns=0.05, offset=(2.0, 3.0))),
+        (STEADY_3, Voyage(seed=18, turns=0.05, lost=0.1)),
+        (STEADY_2, Voyage(seed=19, turns=0.03, offset=(-20.0, 0.3), jitter=0.5)),
+        (STEADY_ALL_OF_2, Voyage(seed=20, turns=0.05, offset=(-25.0, 1.0), echoes=0.05, **ABOUT)),  # type: ignore[arg-type]
+        (replace(STEADY_ALL_OF_2, known_start=False), Voyage(seed=21, turns=0.05, messages=8)),
     ],
     ids=[
         "3",
@@ -232,6 +239,10 @@ ABOUT = {"current": (0.2, -0.1), "jitter": 0.5}
         "near 2",
         "all near 2",
         "near 3, leader's compass",
+        "steady 3",
+        "steady 2",
+        "steady, all of 2",
+        "steady, start of 2",
     ],
 )
 def test_an_independent_navigator_agrees(settings: TightSettings, voyage: Voyage) -> None:
@@ -398,7 +409,7 @@ def test_the_eight_heaviest_of_ten_hypotheses_are_kept(seed: int) -> None:
     belief, model = new_belief(THREE, model_of(THREE), (0.0, 0.0)), model_of(THREE)
     weights = np.random.default_rng(seed).permutation(np.arange(1, 11))
     belief.alive, belief.weight[:10] = 10, weights / 55.0
-    belief.state[:10, 0], belief.covariance[:10] = 100.0 * weights, np.eye(16)
+    belief.state[:10, 0], belief.covariance[:10] = 100.0 * weights, np.eye(17)
     prune_and_merge(belief, model)
     assert belief.alive == 8
     kept = belief.weight[:8]

@@ -12,9 +12,10 @@ from scipy.linalg import expm
 
 from laisn.arrays import Floats
 
-N = 16
+N = 17
 X, Y, LOG, COMPASS, SCALE, LEADER, EAST, NORTH = range(8)
 CLOCK, RATE = 10, 11
+SPEED = 16
 NEW, WALKED = [12, 13], [14, 15]
 """Errors of the leader's broadcast position: new in a message, and walked until then."""
 PLACE, BENT = [X, Y], [X, Y, LEADER]
@@ -79,19 +80,23 @@ def normalise(sides: Sequence[Side]) -> None:
             c.weight /= total
 
 
-def mix(side: Side, time: float) -> None:
-    """Two modes, each of which changes into the other one 0.004 times a second: exp(A t) of the
-    chain's rates A.
+def mix(side: Side, chance: Floats) -> None:
+    """Before the next instant each mode becomes a blend of all, by chances to change from mode to
+    mode, shape (modes, modes).
     """
-    if len(side) < 2:
-        return
     given = [c.copy() for c in side]
-    chance = expm(0.004 * time * np.array([[-1.0, 1.0], [1.0, -1.0]]))
     for c in side:
         parts = [replace(g, weight=g.weight * chance[g.mode, c.mode]) for g in given]
         if sum(p.weight for p in parts) > 0.0:
             c.x, c.P = moments(parts)
             c.weight = sum(p.weight for p in parts)
+
+
+def chances(modes: int, rate: float, time: float) -> Floats:
+    """Of changing mode: exp(A t) of the chain's rates A [1/s], where there are two."""
+    if modes == 1:
+        return np.ones((1, 1))
+    return np.asarray(expm(rate * time * np.array([[-1.0, 1.0], [1.0, -1.0]])))
 
 
 def prune_and_merge(sides: list[Side], near: float = 1.0) -> None:

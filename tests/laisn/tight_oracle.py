@@ -1,8 +1,8 @@
 """The tightly coupled navigator written a second time, from docs/tight.md: ways are complex
 numbers, the rest matrices.
 
-It shares no code with `laisn.tight`, and is in no hurry: all twelve states are always there, those
-that are switched off with a variance of 0.
+It shares no code with `laisn.tight`, and is in no hurry: all thirteen states are always there,
+those that are switched off with a variance of 0.
 """
 
 from __future__ import annotations
@@ -26,10 +26,12 @@ from tests.laisn.tight_mixture import (
     PLACE,
     RATE,
     SCALE,
+    SPEED,
     WALKED,
     Component,
     N,
     Side,
+    chances,
     mix,
     moments,
     normalise,
@@ -96,6 +98,12 @@ class Oracle:
         # 2.5 times of it
         drift = np.array([0.25, 2.5]) if assume.drift else np.ones(1)
         rates = (2.5e-3, 1.7e-3) if assume.drift else (2e-4, 1.5e-4)
+        self.by_speed = assume.steady_speed
+        speeds = np.array([0.005, 0.2]) if self.by_speed else np.zeros(1)
+        if self.by_speed:
+            self.fresh[SPEED] = settings.speed_sigma**2 + settings.speed_bias_sigma**2
+        self.counts = speeds.size, drift.size
+        self.elapsed = self.unmixed = 0.0
         current = 1e-3 if assume.current else 0.0
         leader = 0.0 if assume.exact_leader else 5e-5
         self.walks = [
@@ -105,15 +113,17 @@ class Oracle:
                 EAST: current,
                 NORTH: current,
                 LEADER: leader,
+                SPEED: speed,
             }
+            for speed in speeds
             for d in drift
         ]
         if self.start is not None:
             x = np.concatenate([self.start[:2], np.zeros(N - 2)])
             self.sides = [
                 [
-                    Component(x, np.diag(self.fresh), 1 / drift.size, mode)
-                    for mode in range(drift.size)
+                    Component(x.copy(), np.diag(self.fresh), 1 / len(self.walks), mode)
+                    for mode in range(len(self.walks))
                 ]
             ]
         self.readings: list[tuple[float, complex, float]] = []
@@ -134,6 +144,7 @@ class Oracle:
 
     def step(self, own: OwnMotion, reception: Reception | None, dt: float) -> None:
         direction = complex(np.sin(own.heading), np.cos(own.heading))
+        first = self.last is None
         if self.last is None:
             self.last = own.speed, direction
             self.turns[COMPASS] = Turn(direction)
@@ -142,8 +153,45 @@ class Oracle:
         self.readings.append((own.speed, direction, dt))
         self.watch.read(own.speed, dt)
         self.last = own.speed, direction
+        self.elapsed += dt
+        if self.by_speed:
+            self.advance(first, dt)
         if reception is not None:
             self.receive(to_message(self.settings, own, reception, self.watch))
+
+    def started(self, P: Floats) -> Floats:
+        """A covariance with that of a speed which is the last reading less b_v and its error."""
+        P = P.copy()
+        if self.by_speed:
+            P[SPEED, LOG] = P[LOG, SPEED] = -self.fresh[LOG]
+        return P
+
+    def advance(self, first: bool, dt: float) -> None:
+        """One step of components whose speed is a state: the log measures v + b_v."""
+        assert self.last is not None
+        H = np.zeros((1, N))
+        H[0, [SPEED, LOG]] = 1.0
+        for c in self.all:
+            if first:
+                c.x[SPEED], c.P = self.last[0], self.started(c.P)
+            moved, _ = self.moved(c, c.x[SPEED], c.x[COMPASS])
+            c.x, c.P = moved.x, moved.P
+            if not first:
+                S = H @ c.P @ H.T + self.settings.speed_sigma**2
+                residual = self.last[0] - H @ c.x
+                c.weight *= float(np.exp(-0.5 * residual @ residual / S[0, 0]) / np.sqrt(S[0, 0]))
+                c.update(residual, H, S)
+        self.begin()
+        if self.sides:
+            normalise(self.sides)
+        self.unmixed += dt
+        if self.unmixed >= 1.0 - 1e-6:
+            # 3 % change in a second
+            rate = -0.5 * np.log(2.0 * 0.97 - 1.0)
+            change = chances(self.counts[0], rate, self.unmixed)
+            for side in self.sides:
+                mix(side, np.kron(change, np.eye(self.counts[1])))
+            self.unmixed = 0.0
 
     def way(self) -> tuple[complex, complex, Floats, float]:
         """A = Σ v u Δt, B = Σ u Δt, the covariance of A's random errors, and the time since the
@@ -152,34 +200,38 @@ class Oracle:
         noise, time = np.zeros((2, 2)), 0.0
         for speed, direction, dt in self.readings:
             along, across = pair(direction), pair(1j * direction)
-            noise += (self.settings.speed_sigma * dt) ** 2 * np.outer(along, along)
+            if not self.by_speed:
+                noise += (self.settings.speed_sigma * dt) ** 2 * np.outer(along, along)
             noise += (self.settings.heading_sigma * speed * dt) ** 2 * np.outer(across, across)
             time += dt
         return complex(self.trapezoids[0]), complex(self.trapezoids[1]), noise, time
 
-    def moved(self, c: Component, log: float, compass: float) -> tuple[Component, Floats]:
+    def moved(self, c: Component, speed: float, compass: float) -> tuple[Component, Floats]:
         """A component after the way since the last message, linearised at some biases; and the
-        derivatives F.
+        derivatives F. `speed` is the log's bias, or the speed where that is a state.
         """
         a, b, noise, time = self.way()
         turn = np.exp(1j * compass)
-        r = turn * (a - log * b)
+        r = turn * (speed * b if self.by_speed else a - speed * b)
+        along = SPEED if self.by_speed else LOG
         F = np.eye(N)
-        F[:2, LOG], F[:2, COMPASS], F[0, EAST], F[1, NORTH] = (
-            pair(-turn * b),
+        F[:2, along], F[:2, COMPASS], F[0, EAST], F[1, NORTH] = (
+            pair(turn * b if self.by_speed else -turn * b),
             pair(1j * r),
             time,
             time,
         )
         F[CLOCK, RATE] = time
-        F[NEW] = 0.0
+        if not self.by_speed:
+            F[NEW] = 0.0
         x = F @ c.x
-        x[:2] += pair(r) - F[:2, LOG] * log - F[:2, COMPASS] * compass
+        x[:2] += pair(r) - F[:2, along] * speed - F[:2, COMPASS] * compass
         Q = np.zeros((N, N))
         Q[:2, :2] = rotation(compass) @ noise @ rotation(
             compass
         ).T + self.settings.slip**2 * time * np.eye(2)
-        Q[NEW, NEW] = self.new_variance if self.settings.leader_position_sigma else 0.0
+        if self.settings.leader_position_sigma and not self.by_speed:
+            Q[NEW, NEW] = self.new_variance
         Q[WALKED, WALKED] = self.settings.leader_position_walk**2 * time
         Q[CLOCK : RATE + 1, CLOCK : RATE + 1] = self.clock_walk**2 * np.array(
             [[time**3 / 3, time**2 / 2], [time**2 / 2, time]]
@@ -197,18 +249,19 @@ class Oracle:
             return np.full(4, np.nan), np.full((4, 4), np.nan)
         parts = []
         for c in self.all:
-            moved, F = self.moved(c, c.x[LOG], c.x[COMPASS])
+            along = SPEED if self.by_speed else LOG
+            moved, F = self.moved(c, c.x[along], c.x[COMPASS])
             direction = np.exp(1j * c.x[COMPASS]) * self.last[1]
-            velocity, rows = (
-                (self.last[0] - c.x[LOG]) * direction,
-                np.vstack([F[:2], np.zeros((2, N))]),
-            )
-            rows[2:, LOG], rows[2:, COMPASS] = pair(-direction), pair(1j * velocity)
+            speed = c.x[SPEED] if self.by_speed else self.last[0] - c.x[LOG]
+            velocity, rows = speed * direction, np.vstack([F[:2], np.zeros((2, N))])
+            rows[2:, along] = pair(direction if self.by_speed else -direction)
+            rows[2:, COMPASS] = pair(1j * velocity)
             rows[2, EAST] = rows[3, NORTH] = 1.0
             spread = rows @ c.P @ rows.T
             spread[:2, :2] = moved.P[:2, :2]
-            along, across = pair(direction), pair(1j * direction)
-            spread[2:, 2:] += self.settings.speed_sigma**2 * np.outer(along, along)
+            ahead, across = pair(direction), pair(1j * direction)
+            if not self.by_speed:
+                spread[2:, 2:] += self.settings.speed_sigma**2 * np.outer(ahead, ahead)
             spread[2:, 2:] += (self.settings.heading_sigma * self.last[0]) ** 2 * np.outer(
                 across, across
             )
@@ -233,11 +286,12 @@ class Oracle:
                 self.used = len(received.which)
                 for c in self.all:
                     c.taken, c.squared = self.used, np.nan
-                self.begin()
+                self.end()
             return
         self.new_variance = received.new_variance
         for side in self.sides:
-            mix(side, self.way()[3])
+            change = chances(self.counts[1], 0.004, self.elapsed)
+            mix(side, np.kron(np.eye(self.counts[0]), change))
         if not self.settings.assume.exact_leader:
             received = self.averaged_heading(received)
         if self.settings.assume.deviation:
@@ -266,7 +320,11 @@ class Oracle:
         for c in self.all if self.silent >= 3 else []:
             c.P += np.diag([1.0, 1.0, 0.0, np.deg2rad(2.0) ** 2, *np.zeros(N - 4)])
         self.update_current(received)
+        self.end()
+
+    def end(self) -> None:
         self.begin()
+        self.elapsed = 0.0
 
     def begin(self) -> None:
         self.readings, self.trapezoids = [], np.zeros(2, dtype=complex)
@@ -336,7 +394,7 @@ class Oracle:
         rad.
         """
         assert self.last is not None
-        time = sum(dt for _, _, dt in self.readings)
+        time = self.elapsed
         ahead = complex(np.sin(received.heading), np.cos(received.heading))
         leaders = [(LEADER, ahead, 0.15)] if self.fresh[LEADER] > 0.0 else []
         for state, direction, least in [(COMPASS, self.last[1], 0.1), *leaders]:
@@ -354,6 +412,11 @@ class Oracle:
         """Linearised at the biases that the message suggests, where the way bends by more than 3
         mm.
         """
+        if self.by_speed:
+            if self.settings.leader_position_sigma:
+                c.x[NEW], c.P[NEW], c.P[:, NEW] = 0.0, 0.0, 0.0
+                c.P[NEW, NEW] = self.new_variance
+            return c
         there, _ = self.moved(c, c.x[LOG], c.x[COMPASS])
         if 0.5 * c.P[COMPASS, COMPASS] * abs(self.way()[0]) < 0.003:
             return there
@@ -379,12 +442,14 @@ class Oracle:
         for bearing in 2.0 * np.pi * (np.arange(96) + 0.5) / 96:
             out = np.array([np.sin(bearing), np.cos(bearing)])
             around = np.array([out[1], -out[0]])
-            P = np.diag(self.fresh)
+            P = self.started(np.diag(self.fresh))
             P[LEADER, LEADER] = 0.0
             P[:2, :2] = 25.0 * np.outer(out, out) + (
                 0.6 * 2 * np.pi / 96 * distance
             ) ** 2 * np.outer(around, around)
-            c = Component(np.concatenate([centre[:2] + distance * out, np.zeros(N - 2)]), P, 1.0)
+            x = np.concatenate([centre[:2] + distance * out, np.zeros(N - 2)])
+            x[SPEED] = self.last[0] if self.by_speed and self.last else 0.0
+            c = Component(x, P, 1.0)
             update_with_ranges(self.settings, self.v, c, near)
             if here is not None:
                 c.evidence += np.log(0.01 + np.exp(-0.5 * np.sum((c.x[:2] - here) ** 2) / 100.0))
