@@ -4,8 +4,8 @@ the stated noise.
 The recursion of Tichavský, Muravchik & Nehorai, IEEE Trans. Signal Processing 46 (1998):
 information about the state is carried from message to message by J ← (Q + F J⁻¹ Fᵀ)⁻¹ + Hᵀ R⁻¹ H,
 with derivatives at the truth and the state of `laisn.tight`. It bounds every estimator of this
-model and no other: one that assumes slowly varying speed can be below. With `TrueNoise.speed_change`
-the model is that of such an estimator: the speed is a random walk, and the log a measurement of it.
+model and no other: one that assumes slowly varying speed can be below. `TrueNoise.speed_change`
+gives the bound of such an estimator: the speed is a random walk, and the log a measurement of it.
 """
 
 from dataclasses import dataclass
@@ -255,7 +255,8 @@ def _steady_speed_bound(geometry: Geometry, noise: TrueNoise, averaged: bool | N
     log = np.zeros((_STATES, _STATES))
     log[np.ix_([_SPEED, _LOG], [_SPEED, _LOG])] = 1.0 / noise.speed_sigma**2
     log = log[both]
-    covariance = np.diag(variances[unknown])
+    # a reading before the first step, as the speed there must be known
+    covariance = _informed(np.diag(variances[unknown]), log)
     bound = np.empty((n, 2, 2))
     messages = dict(zip(geometry.message_step.tolist(), range(n), strict=False))
     last = 0

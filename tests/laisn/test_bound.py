@@ -469,3 +469,19 @@ def test_a_clock_whose_rate_wanders_adds_its_integral_to_a_range() -> None:
             + given.clock_walk**2 * 8.0**3 / 3.0
         )
         assert north == pytest.approx(1.0 / (0.25 + 1.0 / (0.01 + late)), rel=1e-9)
+
+
+def test_a_speed_that_may_be_anything_has_the_bound_of_dead_reckoning() -> None:
+    """The log is then an input as before; a speed that is held has a smaller bound."""
+    n = 400
+    heading = 0.01 * np.arange(n)
+    arms = np.array([[-1.0, 0.0, 2.0], [1.0, 0.0, 2.0], [0.0, 0.5, 2.0]])
+    still = at_rest(n, (12.0, -9.0), arms, every=50)
+    geometry = replace(still, speed=np.full(n, 1.2), heading=heading)
+    noise = TrueNoise(start=0.01)
+    plain = position_bound(geometry, noise)
+    free = position_bound(geometry, replace(noise, speed_change=100.0))
+    held = position_bound(geometry, replace(noise, speed_change=0.005))
+    after = geometry.message_step[1:] - 1
+    np.testing.assert_allclose(free[after], plain[after], rtol=0.03, atol=1e-5)
+    assert np.all(np.trace(held, axis1=1, axis2=2)[60:] < np.trace(plain, axis1=1, axis2=2)[60:])

@@ -28,6 +28,7 @@ def variances(headings: dict[float, float], every: float) -> tuple[float, float]
         if k % round(every / DT) == 0:
             inflate_bias_covariance(belief, model, signal)
             reset_preintegration(belief)
+            belief.motion.elapsed = 0.0
     gained = belief.covariance[0].diagonal() - before
     return float(gained[COMPASS]), float(gained[model.leader])
 

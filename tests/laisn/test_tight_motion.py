@@ -42,7 +42,8 @@ def made(settings: TightSettings = SETTINGS, seed: int = 3) -> tuple[Belief, Mod
     model = model_of(settings)
     belief = new_belief(settings, model, (0.0, 0.0))
     for k in range(model.modes):
-        belief.state[k], belief.covariance[k] = BIASES, some_covariance(seed + k)
+        belief.state[k, :12] = BIASES
+        belief.covariance[k, :12, :12] = some_covariance(seed + k)
     refresh_output(belief, model)
     return belief, model
 
