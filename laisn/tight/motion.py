@@ -170,7 +170,8 @@ def _update_with_log(b: Belief, m: Model, k: int) -> float:
     variance = gain[m.speed] + gain[LOG] + m.speed_variance
     residual = b.motion.speed - x[m.speed] - x[LOG]
     update_scalar(x, P, gain, residual, variance, m.states)
-    return -0.5 * (residual * residual / variance + math.log(variance))
+    likelihood: float = -0.5 * (residual * residual / variance + math.log(variance))
+    return likelihood
 
 
 @compiled

@@ -42,8 +42,8 @@ def made(settings: TightSettings = SETTINGS, seed: int = 3) -> tuple[Belief, Mod
     model = model_of(settings)
     belief = new_belief(settings, model, (0.0, 0.0))
     for k in range(model.modes):
-        belief.state[k, :12] = BIASES
-        belief.covariance[k, :12, :12] = some_covariance(seed + k)
+        belief.state[k, :N] = BIASES
+        belief.covariance[k, :N, :N] = some_covariance(seed + k)
     refresh_output(belief, model)
     return belief, model
 
@@ -103,12 +103,12 @@ def test_a_motion_equals_filterpys_with_derivatives_by_complex_steps() -> None:
     Q[:2, :2] = turn @ np.array([[motion[4], motion[5]], [motion[5], motion[6]]]) @ turn.T
     Q[:2, :2] += 0.02**2 * 3.0 * np.eye(2)
     kalman = KalmanFilter(dim_x=N, dim_z=1)
-    kalman.x, kalman.P = BIASES.copy(), belief.covariance[0].copy()
+    kalman.x, kalman.P = BIASES.copy(), belief.covariance[0, :N, :N].copy()
     kalman.predict(F=F, Q=Q)
     kalman.x[:2] = way_of(BIASES.astype(complex), motion).real
     predict_component(belief, model, 0, BIASES[2], BIASES[3])
-    np.testing.assert_allclose(belief.state[0], kalman.x, atol=1e-12)
-    np.testing.assert_allclose(belief.covariance[0], kalman.P, atol=1e-12)
+    np.testing.assert_allclose(belief.state[0, :N], kalman.x, atol=1e-12)
+    np.testing.assert_allclose(belief.covariance[0, :N, :N], kalman.P, atol=1e-12)
 
 
 def test_the_covariance_between_messages_is_that_of_a_motion() -> None:
@@ -155,7 +155,7 @@ def test_the_velocity_is_the_last_readings_with_its_errors_and_goes_with_the_pos
     along, across = np.array([np.sin(true), np.cos(true)]), np.array([np.cos(true), -np.sin(true)])
     read = SETTINGS.speed_sigma**2 * np.outer(along, along)
     read += (SETTINGS.heading_sigma * speed[-1]) ** 2 * np.outer(across, across)
-    expected = rows @ belief.covariance[0] @ rows.T
+    expected = rows @ belief.covariance[0, :N, :N] @ rows.T
     np.testing.assert_allclose(belief.now_covariance[2:, 2:], expected[2:, 2:] + read, atol=1e-12)
     np.testing.assert_allclose(belief.now_covariance[:2, 2:], expected[:2, 2:], atol=1e-12)
     np.testing.assert_allclose(belief.now_covariance[2:, :2], expected[2:, :2], atol=1e-12)
@@ -244,11 +244,9 @@ def test_hypotheses_in_the_same_place_merge_into_their_moments_and_light_ones_go
     belief, model = made()
     belief.alive = 3
     for k, weight in enumerate((0.7, 0.3 - 1e-6, 1e-6)):
-        belief.weight[k], belief.covariance[k], belief.state[k] = (
-            weight,
-            some_covariance(k + 20),
-            BIASES,
-        )
+        belief.weight[k] = weight
+        belief.covariance[k, :N, :N] = some_covariance(k + 20)
+        belief.state[k, :N] = BIASES
     belief.state[1, 0] += 0.01
     belief.state[2, 0] += 50.0
     expected = mixture_moments(belief, range(2))
