@@ -228,8 +228,8 @@ def test_the_start_of_the_trail_is_what_the_leader_broadcasts(
     states: list[ClosedLoopState] = []
     made = closed_loop.init_closed_loop
 
-    def init(*arguments: Any) -> ClosedLoopState:
-        states.append(made(*arguments))
+    def init(*arguments: Any, **keywords: Any) -> ClosedLoopState:
+        states.append(made(*arguments, **keywords))
         return states[0]
 
     monkeypatch.setattr(closed_loop, "init_closed_loop", init)

@@ -184,6 +184,7 @@ def changed(scenario: Scenario, leaf: tuple[str, ...]) -> Scenario:
         "predicted",
         "2027-01-01T00:00:00+00:00",
         "top",
+        "neutral",
     ]
     others = {
         bool: [not was],

@@ -172,18 +172,23 @@ def test_water_that_accelerates_carries_a_hull_along_without_turning_it() -> Non
 
 
 def test_the_mission_has_the_density_and_the_trim_of_its_scenario(tmp_path: Path) -> None:
-    """Through the command: REMUS in fresh water is 7.7 N heavy, unless it is trimmed."""
+    """Through the command: REMUS in fresh water is 7.7 N heavy, unless it is trimmed. Untrimmed it
+    flies at 2 m/s and is refused at 1 m/s.
+    """
     table = {
         "duration_s": 5,
         "leader": {"waypoints": [[0, 0, 20], [40, 40, 20]]},
-        "followers": [{"model": "remus100", "waypoints": [[0, 0, 0], [40, 40, 0]], "depth_m": 8.0}],
+        "followers": [{"model": "remus100", "waypoints": [[0, 0, 0], [20, 40, 0]], "depth_m": 8.0}],
         "ocean": {"density_kg_m3": 1000.0},
     }
     scenario = laisn_sim.load(table)
     plant = Plant(setups_of(scenario, routes_of(scenario)), ocean_of(scenario))
     assert plant.coefficients[1]["buoyancy"] == pytest.approx(296.68, abs=0.01)
     assert 31.0294 * G - plant.coefficients[1]["buoyancy"] == pytest.approx(7.7, abs=0.05)
-    trimmed = laisn_sim.load(table, {"followers.0.trim": "neutral"})
+    slow = {"followers.0.waypoints": [[0, 0, 0], [40, 40, 0]]}
+    with pytest.raises(LaisnError, match=r"it is 7.71 N heavier than .*trim = \"neutral\""):
+        laisn_sim.load(table, slow)
+    trimmed = laisn_sim.load(table, slow | {"followers.0.trim": "neutral"})
     assert trimmed.followers[0].trim == "neutral"
     plant = Plant(setups_of(trimmed, routes_of(trimmed)), ocean_of(trimmed))
     assert plant.coefficients[1]["buoyancy"] == pytest.approx(31.0294 * G)
