@@ -26,7 +26,6 @@ from tests.test_docs import (
     inline_commands,
     run_python,
 )
-from tests.vehicle.test_hull_file import SDF
 
 OWN_DATA = ROOT / "docs" / "own-data.md"
 GUIDES = [document for document in DOCUMENTS if document.name != "CHANGELOG.md"]
@@ -47,7 +46,8 @@ def files_of_a_user() -> None:
     assert result.exit_code == 0, result.output
     scenario = CliRunner().invoke(app, ["scenarios", "T5"])
     Path("my.toml").write_text(scenario.stdout, encoding="utf-8")
-    Path("model.sdf").write_text(SDF, encoding="utf-8")
+    model = ROOT / "tests" / "data" / "gazebo" / "torpedo.sdf"
+    Path("model.sdf").write_text(model.read_text(encoding="utf-8"), encoding="utf-8")
 
 
 def replaced(words: list[str]) -> list[str]:

@@ -306,8 +306,15 @@ def weights_part(flight: Flight, follower: int) -> Part | None:
     if np.all(weight[:, 1:] < _LEAST_WEIGHT):
         return None
     time = np.asarray(estimates.fix_step * flight.measurements[follower].dt, dtype=np.float64)
+    weighty = [h for h in range(weight.shape[1]) if weight[:, h].max() >= _LEAST_WEIGHT]
     lines = [
-        Line(x=time, y=weight[:, h], colour=SERIES[h], name=f"hypothesis {h + 1}")
-        for h in range(weight.shape[1])
+        Line(
+            x=time,
+            y=weight[:, h],
+            colour=SERIES[h % len(SERIES)],
+            dash="-" if h < len(SERIES) else "--",
+            name=f"hypothesis {h + 1}",
+        )
+        for h in weighty
     ]
     return Part(lines=lines, y_label="weights", y_limits=(0.0, 1.05))

@@ -234,7 +234,7 @@ def test_a_full_disk_behind_standard_output_is_reported_and_costs_no_file(tmp_pa
     assert (
         done.stderr.removeprefix(NOTICE)
         == listed.stderr
-        == "laisn: output: No space left on device\n"
+        == "laisn: output: No space left on device; make room there, or choose another folder\n"
     )
     assert (tmp_path / "out" / "summary.json").exists()
 

@@ -270,7 +270,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> tuple[Findings, str]:
     folder = tmp_path_factory.mktemp("estimators")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            studies, "fly_until_narrow", lambda plans, folder: [made(plan) for plan in plans]
+            studies, "fly_until_narrow", lambda plans, folder, **_: [made(plan) for plan in plans]
         )
         report = run("estimators", {}, folder, quick=True).report()
     return read(folder / "results.json"), report.read_text(encoding="utf-8")

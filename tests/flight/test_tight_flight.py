@@ -12,7 +12,7 @@ from experiments.flight.fly import fly
 from experiments.flight.library import load
 from experiments.flight.summary import summarise
 from experiments.pages.flight_report import final_states, follower_row
-from laisn.estimates import FixKind, TightEstimates
+from laisn.estimates import HYPOTHESES, FixKind, TightEstimates
 from laisn.failure import LaisnError
 from laisn.settings import NavigationSettings, TightSettings
 from sim.film.film_data import FilmData
@@ -66,6 +66,7 @@ def test_a_scenario_has_the_defaults_of_the_settings() -> None:
         hydrophone_height=made.hydrophone_height,
         baseline=one.leader.baseline_m or 0.0,
         middle_offset=one.leader.middle_offset_m or 0.0,
+        floor_depth=one.ocean.floor_depth_m,
     )
     for field in fields(TightSettings):
         expected, value = getattr(plain, field.name), getattr(made, field.name)
@@ -178,7 +179,7 @@ def test_the_film_shows_every_side_and_they_average_to_the_estimate(flight: Flig
         assert np.hypot(*((weight @ places) / weight.sum() - state.estimate[0])[:2]) < 0.5
         several += len(sides) > 1
     assert several > 3
-    assert estimates.weight.shape[1] == 4
+    assert estimates.weight.shape[1] == HYPOTHESES
 
 
 def test_the_summary_begins_where_the_start_is_found(flight: Flight, errors: list[Any]) -> None:

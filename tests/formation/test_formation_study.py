@@ -184,7 +184,7 @@ def test_runs_are_numbered_from_zero_and_some_conditions_fly_every_other_one(
 ) -> None:
     plans: list[Plan] = []
 
-    def fly(given: list[Plan], folder: Path) -> list[Outcomes]:
+    def fly(given: list[Plan], folder: Path, **_: object) -> list[Outcomes]:
         (plan,) = given
         plans.append(plan)
         outcomes = Outcomes(plan=plan, rows=[], runs=[], steps=[], store=None)  # type: ignore[arg-type]

@@ -41,16 +41,15 @@ def test_the_scenarios_defaults_are_those_of_sensors_and_navigator() -> None:
     )
     assert errors_of(scenario) == SensorErrors()
     chosen = navigation_settings(scenario, simulate_motion(scenario), 0)
-    # where the hydrophone sits is the hull's, not a default
-    assert replace(chosen, hydrophone_height=0.0) == NavigationSettings()
+    # where the hydrophone sits is the hull's, the depth of the floor the sea's, and no default
+    assert chosen.floor_depth == scenario.ocean.floor_depth_m
+    assert replace(chosen, hydrophone_height=0.0, floor_depth=0.0) == NavigationSettings()
     tight = scenario_file.validate(
         {**MINIMAL, "motion": "kinematic", "duration_s": 1.0, "navigation": {"variant": "tight"}},
         "mine.toml",
     )
-    assert (
-        replace(navigation_settings(tight, simulate_motion(tight), 0), hydrophone_height=0.0)
-        == TightSettings()
-    )
+    settings = navigation_settings(tight, simulate_motion(tight), 0)
+    assert replace(settings, hydrophone_height=0.0, floor_depth=0.0) == TightSettings()
 
 
 def test_defaults_are_the_papers() -> None:
