@@ -1,6 +1,7 @@
-"""A controller written where it is used, as in a notebook: the follower swims to a place and waits.
+"""A controller written where it is used, as in a notebook: a follower swims to a place and circles.
 
-It sees what a follower may see: its readings and what its navigator believes.
+It sees what a follower may see: its readings and what its navigator believes. A hull that is
+steered by fins or one thruster cannot stand still, so that it circles about its goal.
 """
 
 import numpy as np

@@ -80,7 +80,8 @@ def test_examples_run(name, tmp_path, capsys, monkeypatch):
         # a message a second
         assert messages == pytest.approx(time, abs=1.0)
     if name == "controller_by_hand":
-        assert numbers(text)[1] < 4.0
+        # it begins some 60 m away, and circles about the goal within two turning radii
+        assert numbers(text)[1] < 8.0
     if name == "two_by_hand":
         rows = [numbers(line) for line in text.splitlines()]
         # the leader turns to port, the follower without effectors comes to rest, then goes on
