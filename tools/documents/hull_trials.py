@@ -502,11 +502,29 @@ routes.
 """
 
 
+_LACKING_SITES = {
+    ("follower", "leader"): (
+        '<site name="tx_rear" pos="-0.2 0 0"/><site name="tx_front" pos="0.2 0 0"/>'
+        '<site name="tx_middle" pos="0 0.1 0"/>'
+    ),
+    ("leader", "follower"): '<site name="hydrophone" pos="0 0 -0.1"/>',
+}
+"""What the hulls that are made for one role need in the other one, by model and role."""
+
+
+def model_for(model: str, role: str) -> str:
+    """A shipped vehicle's name, or its MJCF with the instruments of a role that it lacks."""
+    sites = _LACKING_SITES.get((model, role))
+    if sites is None:
+        return model
+    return models.path(model).read_text("utf-8").replace("</body>", f"{sites}</body>", 1)
+
+
 def mission_of(model: str, role: str) -> dict[str, Any]:
     """The scenario in which a vehicle is tried as leader, on the paper's L, or as follower, on
     T5.
     """
-    vehicle: dict[str, Any] = {"model": model}
+    vehicle: dict[str, Any] = {"model": model_for(model, role)}
     duration = 1000.0
     if model == "bluerov2_heavy":
         vehicle["waypoints"] = SQUARE_CORNER
