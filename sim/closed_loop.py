@@ -140,6 +140,7 @@ def init_closed_loop(
     for i, follower in enumerate(scenario.followers):
         kinds[i] = _kind(follower)
         steering.init_memory(start, trails[i], counts[i], memory[i])
+        memory[i].by_thrust = routes.autopilots[i + 1]["by_pitch"] == 0.0
     return ClosedLoopState(
         formations=formations_of(scenario),
         proximity=(scenario.formation.proximity or Proximity()).record(),

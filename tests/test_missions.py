@@ -16,6 +16,7 @@ import models
 from experiments.command.cli import app
 from experiments.flight import library
 from experiments.flight.fly import fly
+from laisn.arrays import Floats
 from sim.assembly import route_of
 from sim.flight import Flight, Outcome
 from sim.hull import hull_of, limits_of
@@ -50,18 +51,28 @@ def table_of(name: str, model: str, role: str) -> dict[str, Any]:
     return table | {"followers": followers}
 
 
+def fastest_over_ground(ways: Floats, current: Floats, through_water: float) -> Floats:
+    """Speeds along unit vectors of shape (n, 2) that have a speed through the water [m/s]."""
+    along = ways @ current
+    across_squared = current @ current - along**2
+    return along + np.sqrt(through_water**2 - across_squared)
+
+
 def retimed(table: dict[str, Any], model: str) -> dict[str, Any]:
     """The advice followed: legs with as much or as little time as the vehicle needs."""
     scenario = Scenario(**table)
     vehicle = scenario.leader if scenario.leader.model else scenario.followers[0]
     limits = limits_of(hull_of(scenario, vehicle))
-    current = scenario.ocean.current_speed_m_s
-    slowest = max(1.2 * limits.least_speed, 0.15) + current
-    fastest = 0.75 * limits.top_speed - current
-    assert slowest < fastest
+    slowest = 0.1
+    if limits.least_speed > 0.0:
+        slowest = 1.2 * limits.least_speed + scenario.ocean.current_speed_m_s
 
     def in_time(key: str, of: Any) -> dict[str, Any]:
         route = route_of(of, key)
+        current = scenario.ocean.current_at(vehicle.layer_m, 0.0)
+        ways = np.diff(route.waypoint, axis=0) / route.leg_length[:, None]
+        fastest = fastest_over_ground(ways, current, 0.75 * limits.top_speed)
+        assert (slowest < fastest).all()
         speed = np.clip(route.leg_speed, slowest, fastest)
         times = np.concatenate([[0.0], np.cumsum(route.leg_length / speed)])
         points = np.column_stack([times, route.waypoint])
@@ -147,6 +158,18 @@ def test_a_shipped_vehicle_flies_or_is_refused_with_advice_that_works(
     # of vehicles that steer by the truth, the trial is the flight
     if role == "leader":
         assert warnings == strays(flight.scenario, flight.trajectory)
+
+
+def test_a_hull_that_hovers_stays_level_on_its_station() -> None:
+    """On stations nothing measures how a hull slips. One that holds its depth by thrust needs its
+    rate of depth, or the Munk moment turns it over: the BlueROV at 0.6 m/s, at 0.74 m/s at most.
+    """
+    leader = {"waypoints": [[0, 0, 0], [300, 180, 0]]}
+    follower = {"model": "bluerov2_heavy", "station": STATION}
+    flight, _ = fly(library.loaded({"duration_s": 60.0, "leader": leader, "followers": [follower]}))
+    assert np.abs(np.rad2deg(flight.trajectory.pitch[:, 1])).max() < 5.0
+    _, _, station = offs(flight, 1)
+    assert station < OFF_STATION_M
 
 
 SMALL = [(0.9, 0.12, 7.0), (1.2, 0.15, 15.0), (1.8, 0.2, 40.0), (2.4, 0.25, 80.0)]

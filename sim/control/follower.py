@@ -142,6 +142,10 @@ FOLLOWER_MEMORY = np.dtype(  # of one follower, from one control step to the nex
         ("depth_wanted", np.float64),  # [m]
         ("log", np.float64),  # low-passed [m/s]; NaN before the first reading
         ("compass", np.float64),  # low-passed [rad]
+        # whether vertical thrusters alone hold its depth: it sinks otherwise than it points
+        ("by_thrust", np.bool_),
+        ("depth", np.float64),  # followed by its rate [m]
+        ("sinking", np.float64),  # that rate [m/s]
         # velocity away from vehicles that are sensed nearby, east and north [m/s]
         ("push", np.float64, (2,)),
         ("last_received", np.float64),  # time of the last message [s]
@@ -155,6 +159,8 @@ FOLLOWER_MEMORY = np.dtype(  # of one follower, from one control step to the nex
 _LOG_TIME = 1.0  # time constant of the log's low-pass [s]
 # the compass's readings are followed with this time constant, a gyro's at once [s]
 _COMPASS_TIME = 2.0
+# both time constants of the rate of depth [s]; well below that of depth by thrust, 2 / ω
+_SINKING_TIME = 0.5
 _DIVE_RATE = 0.2  # a new depth is taken up at this rate [m/s]
 _SURFACE = 0.2  # depth at which a follower lies at the surface [m]
 _CIRCLE = float(np.deg2rad(4.0))  # rate at which a follower circles that has given up [rad/s]
@@ -225,19 +231,35 @@ def update_avoidance(proximity: Record, seen: Records, estimate: Record, memory:
 
 
 @compiled
+def _followed_sinking(depth: float, dt: float, memory: Record) -> float:
+    """Rate of depth by the pressure sensor [m/s]: critically damped tracking with fading memory
+    (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001).
+    """
+    fading = np.exp(-dt / _SINKING_TIME)
+    memory.depth += memory.sinking * dt
+    off = depth - memory.depth
+    memory.depth += (1.0 - fading * fading) * off
+    memory.sinking += (1.0 - fading) ** 2 * off / dt
+    return float(memory.sinking)
+
+
+@compiled
 def measured_motion(reading: Record, estimate: Record, dt: float, memory: Record) -> VehicleState:
     """Own motion by smoothed readings, less their estimated biases."""
     if memory.log != memory.log:
         memory.log = reading.speed
         memory.compass = reading.heading
+        memory.depth = reading.depth
     memory.log += (reading.speed - memory.log) * dt / _LOG_TIME
     memory.compass -= reading.turning * dt
     memory.compass += wrap_angle(reading.heading - memory.compass) * dt / _COMPASS_TIME
     surge = memory.log - estimate.log_bias
     pitch = reading.pitch
     heading = memory.compass - estimate.compass_bias
-    # nothing measures how it slips; it sinks the way it points
+    # nothing measures how it slips; a hull that dives by pitch sinks the way it points
     sinking = -surge * np.sin(pitch)
+    if memory.by_thrust:
+        sinking = _followed_sinking(reading.depth, dt, memory)
     return VehicleState(
         surge, 0.0, heading, reading.turning, pitch, reading.pitching, reading.depth, sinking
     )
