@@ -27,7 +27,7 @@ from laisn.arrays import Floats, Ints, Records, require_numbers, require_probabi
 from laisn.compiled import compiled
 from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.failure import LaisnError
-from laisn.messages import Measurements, OwnMotion, Reception
+from laisn.messages import LeaderMessage, Measurements, OwnMotion, Reception
 from laisn.navigators import OnlineNavigator
 
 X, Y, SPEED, HEADING, GYRO, SCALE, EAST, NORTH = range(8)
@@ -495,6 +495,9 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
     """Takes as own motion the mean speed over the step that a reading ends, and the direction of
     the way in it.
 
+    A beacon at the position of its message, whose speed is not zero, moves: its errors stay those
+    of its transmitter.
+
     The kind of a fix is by what the heaviest component used. LaisnError also if a message does not
     place its transmitters, or there are too many places.
     """
@@ -506,7 +509,9 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
         """
         super().__init__(settings, start if settings.known_start else None, settings.start_sigma)
         self._belief: Belief = new_belief(settings, self._start)
-        self._beacons: dict[tuple[float, float], int] = {}
+        # number of each beacon by its place, or by its transmitter where that moves
+        self._beacons: dict[tuple[float, float] | int, int] = {}
+        self._moving = set[int]()
         self._starter = 0 if self._start is None else -1
         chance = settings.outlier_probability
         span = settings.outlier_span
@@ -540,10 +545,11 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
             and reception.transmitters is not None
             and not math.isnan(own.depth)
         ):
-            pairs = zip(reception.transmitters, reception.ranges, strict=True)
             used = [
-                self._receive(place, r, own.depth)
-                for place, r in pairs
+                self._receive(self._key(i, place, reception.message), place, r, own.depth)
+                for i, (place, r) in enumerate(
+                    zip(reception.transmitters, reception.ranges, strict=True)
+                )
                 if np.isfinite(r + place.sum())
             ]
         self._state, self._covariance = moments(self._belief, own.speed, own.heading)
@@ -570,19 +576,31 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
             durations = np.full(measurements.speed.size, measurements.dt)
         return super().run(replace(measurements, dt=self.settings.dt, durations=durations))
 
-    def _receive(self, place: Floats, measured: float, depth: float) -> bool:
+    def _key(self, i: int, place: Floats, message: LeaderMessage) -> tuple[float, float] | int:
+        """What tells beacons apart: the place of one at rest; of one that moves, where its message
+        says that it is itself, which of the transmitters it is.
+        """
+        east, north, _ = map(float, place)
+        here = (east, north) == (message.east, message.north)
+        if here and message.speed > 0.0:
+            self._moving.add(i)
+        return i if here and i in self._moving else (east, north)
+
+    def _receive(
+        self, key: tuple[float, float] | int, place: Floats, measured: float, depth: float
+    ) -> bool:
         """Take one range; whether the heaviest component used it."""
         east, north, deep = map(float, place)
-        if (east, north) not in self._beacons:
+        if key not in self._beacons:
             if len(self._beacons) == MOST_BEACONS:
                 raise LaisnError(
-                    f"step {self._step}: ranges to more than {MOST_BEACONS} places; beacons must "
-                    "lie still"
+                    f"step {self._step}: ranges to more than {MOST_BEACONS} places; a beacon must "
+                    "lie still, or send where it is and at what speed it moves"
                 )
-            self._beacons[east, north] = len(self._beacons)
+            self._beacons[key] = len(self._beacons)
             self._belief = with_beacon(self._belief, self.settings)
         deeper = deep - (depth - self.settings.hydrophone_height)
-        z = Ranging(self._beacons[east, north], east, north, deeper, float(measured), *self._errors)
+        z = Ranging(self._beacons[key], east, north, deeper, float(measured), *self._errors)
         used = receive(self._belief, z, self._starter)
         if self._starter >= 0:
             self._starter = self._starter + 1 if self._starter + 1 < STARTERS else -1

@@ -32,13 +32,14 @@ class Delays(NamedTuple):
 def delays_of(message: LeaderMessage, ranges: Ranges, clock: float, settings: Settings) -> Delays:
     """Delays at a time since the start [s], by the time of the message on the same clock.
 
-    A time of the message that is no such time is taken for that at which the last ping arrives now.
+    A time of the message that is no such time, or zero, which states none, is taken for that at
+    which the last ping arrives now.
     """
     leaves = settings.ping_slot * np.arange(3)
     way = settings.sound_slowness * np.array(ranges)
     last = float(np.nanmax(leaves + way, initial=0.0))
     since = clock - message.timestamp
-    if not last <= since <= LONGEST_DELAY:
+    if message.timestamp == 0.0 or not last <= since <= LONGEST_DELAY:
         since = last
     return Delays(np.maximum(since - leaves - way, 0.0), np.maximum(since - way, 0.0))
 

@@ -18,7 +18,7 @@ class LeaderMessage(NamedTuple):
     broadcast a quantity.
     """
 
-    timestamp: float  # time of emission on the leader's clock [s]
+    timestamp: float  # time of emission on the leader's clock [s]; 0: not known
     east: float  # position of the leader's body origin [m]
     north: float
     heading: float  # measured heading θ [rad]

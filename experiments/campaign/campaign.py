@@ -7,6 +7,8 @@ the same results.
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from pathlib import Path
@@ -276,8 +278,9 @@ def _cells_job(batch: Sequence[CellPlan], *, depends_on_mission: bool) -> Job:
 def _compile_before(campaign: _Campaign, compile_tasks: Callable[[], object] | None) -> None:
     """Compile once what each worker would else compile for itself."""
     if campaign.missing_cells and FOLDER:
-        # the compiler's memory goes with its process
-        with background_process() as process:
+        # The compiler's memory goes with its process. Where that dies, the results are computed all
+        # the same, and what is at fault with them is told there.
+        with suppress(BrokenProcessPool), background_process() as process:
             process.submit(compile_ahead, campaign.missing_cells[0]).result()
     if campaign.missing_tasks and compile_tasks:
         with compiling_shown():

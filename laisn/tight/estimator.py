@@ -477,7 +477,8 @@ def _time_pings(b: Belief, m: Model, signal: Signal) -> None:
         if signal.ranges[i] == signal.ranges[i]:
             last = max(last, i * m.ping_slot + m.sound_slowness * signal.ranges[i])
     since = b.motion.clock - signal.time
-    if not last <= since <= _LONGEST_DELAY:
+    # zero states no time
+    if signal.time == 0.0 or not last <= since <= _LONGEST_DELAY:
         since = last
     for i in range(m.transmitters):
         signal.lag[i] = signal.age[i] = 0.0

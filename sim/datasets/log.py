@@ -63,23 +63,31 @@ def _slots(data: RangeData) -> tuple[Floats, Ints]:
     """When each range is received [s], and of which transmitter it is.
 
     Two or three beacons have a transmitter each. Of more, ranges of one instant take rear, front
-    and middle in turn, and what finds no free one is received a microsecond later.
+    and middle in turn, and those that move always the same one. What finds no free one is received
+    a microsecond later, as is a second one that moves: a message has one place of a robot.
     """
+    robots = {data.beacons.index(name): i % len(_SLOTS) for i, name in enumerate(data.moving)}
     times = np.empty(data.ranges.size)
     slots = np.empty(data.ranges.size, dtype=np.int64)
     own = len(data.beacons) <= len(_SLOTS)
     taken = set[int]()
+    moved = False
     last = -1.0
     for i, (at, beacon) in enumerate(
         zip(data.range_time.tolist(), data.range_beacon.tolist(), strict=True)
     ):
-        taken = taken if at <= last else set()
-        slot = beacon if own else next((s for s in range(len(_SLOTS)) if s not in taken), 0)
+        if at > last:
+            taken = set()
+            moved = False
+        free = next((s for s in range(len(_SLOTS)) if s not in taken), 0)
+        slot = beacon if own else robots.get(beacon, free)
         last = max(at, last)
-        if slot in taken:
+        if slot in taken or (moved and beacon in robots):
             last = last + _APART
             taken = set()
+            moved = False
         taken.add(slot)
+        moved = moved or beacon in robots
         times[i] = last
         slots[i] = slot
     return times, slots

@@ -283,19 +283,25 @@ def _gaps(path: Path, topic: str, time_ns: Ints, spacing: Ints, longest_gap_s: f
     return [f"{number} in {topic} bridged: {places}"] if found.size else []
 
 
-# a message's time so long before its reception, and no more, is one of the log's clock [s]
-_LONGEST_DELAY_S = 10.0
+# delays of messages that differ by less are those of one clock; and where they also are at most so
+# long, it is the log's clock [s]
+_SAME_CLOCK_S = 10.0
 
 
 def _since_start(stamps: Floats, heard_ns: Ints, start_ns: int) -> Floats:
-    """Times of messages since the start, shape (m,), [s], as navigators count them, where they are
-    times of the log's clock; else as they are.
+    """Times of messages since the start, shape (m,), [s], as navigators count them.
+
+    Those of another clock that goes as the log's does are moved by its offset, as if the message
+    with the least delay had none; those of any other clock, and zeros, stay as they are.
     """
-    delays = 1e-9 * (heard_ns - start_ns) - (stamps - 1e-9 * start_ns)
-    known = delays[np.isfinite(delays)]
-    if known.size and np.all((known > -1.0) & (known < _LONGEST_DELAY_S)):
-        return np.asarray(stamps - 1e-9 * start_ns)
-    return stamps
+    stated = np.isfinite(stamps) & (stamps != 0.0)
+    ahead = (1e-9 * (heard_ns - start_ns) - stamps)[stated]
+    if not ahead.size or np.ptp(ahead) >= _SAME_CLOCK_S:
+        return stamps
+    delays = ahead + 1e-9 * start_ns
+    is_the_logs = np.all((delays > -1.0) & (delays < _SAME_CLOCK_S))
+    offset = -1e-9 * start_ns if is_the_logs else float(ahead.min())
+    return np.where(stated, stamps + offset, stamps)
 
 
 def _last_of_equals(values: Ints) -> Bools:

@@ -258,7 +258,7 @@ def test_errors_of_files_are_reported(tmp_path: Path) -> None:
         (tmp_path / f"odd_{table}.txt").write_text(f"{rows}\n")
     for name, words in (
         ("missing.pyfg", "No such file"),
-        ("graph.json", r"should end in \.pyfg"),
+        ("graph.json", r"should end in \.csv .*, \.pyfg .*a \.mat or a _DR\.txt"),
         ("broken.mat", "no MATLAB file"),
         ("binary.pyfg", "cannot be read: not UTF-8 text"),
         ("empty.pyfg", "no planar pose"),
@@ -485,8 +485,10 @@ def test_two_beacons_are_the_ends_of_a_leader_at_rest(tmp_path: Path) -> None:
     np.testing.assert_array_equal(m.ranges, [[13.0, 10.0, np.nan], [np.nan, 15.0, np.nan]])
     assert m.transmitters is not None
     assert m.transmitters[0, :2].tolist() == [[6.0, 7.0, 0.0], [0.0, 1.0, 0.0]]
-    assert m.message[0].tolist()[:6] == [1.5, 3.0, 4.0, 0.0, 0.0, 0.0]
-    # the range at 1.5 s has a step of its own, the first step ends where the data begin
+    # the range at 1.5 s has a step of its own, the first step ends where the data begin; the time
+    # of the message is that at which it is received, from the beginning of the first step on
+    assert m.message[0].tolist()[:6] == [m.time[2], 3.0, 4.0, 0.0, 0.0, 0.0]
+    assert m.time[2] - m.time[0] == 1.5
     assert m.durations is not None
     assert np.diff(m.time).tolist() == pytest.approx([1.0, 0.5, 0.5, 1.0])
     assert m.message_step.tolist() == [3, 4]
@@ -636,7 +638,7 @@ def foreign(folder: Path) -> None:
 
 
 def test_ranges_to_another_robot_are_to_where_its_odometry_puts_it(tmp_path: Path) -> None:
-    """B goes north from (50, 10) at 2 m/s, A east from the origin at 1 m/s; ranges are exact.
+    """B goes north from (50, 10) at 0.2 m/s, A east from the origin at 1 m/s; ranges are exact.
 
     The replay finds A by the ranges alone where its odometry is 10 % too fast.
     """
@@ -648,8 +650,8 @@ def test_ranges_to_another_robot_are_to_where_its_odometry_puts_it(tmp_path: Pat
         lines.append(f"VERTEX_SE2 {k}.0 B{k} 0.0 0.0 0.0")
         if k:
             lines.append(f"EDGE_SE2 {k}.0 A{k - 1} A{k} 1.1 0.0 0.0 {noise}")
-            lines.append(f"EDGE_SE2 {k}.0 B{k - 1} B{k} 2.0 0.0 0.0 {noise}")
-            gap = math.hypot(50.0 - k, 10.0 + 2.0 * k)
+            lines.append(f"EDGE_SE2 {k}.0 B{k - 1} B{k} 0.2 0.0 0.0 {noise}")
+            gap = math.hypot(50.0 - k, 10.0 + 0.2 * k)
             names = f"A{k} B{k}" if k % 2 else f"B{k} A{k}"
             lines.append(f"EDGE_RANGE {k}.0 {names} {gap} 0.01")
     lines.append(f"VERTEX_SE2:PRIOR 0.0 B0 50.0 10.0 {math.pi / 2} {noise}")
@@ -659,7 +661,7 @@ def test_ranges_to_another_robot_are_to_where_its_odometry_puts_it(tmp_path: Pat
     assert data.beacons == data.moving == ("B",)
     assert any("its ranges to B are to the way that the odometry" in line for line in data.remarks)
     assert data.ranges.size == n - 1
-    expected = [[50.0, 10.0 + 2.0 * k, 0.0, 2.0] for k in range(1, n)]
+    expected = [[50.0, 10.0 + 0.2 * k, 0.0, 0.2] for k in range(1, n)]
     np.testing.assert_allclose(data.range_track, expected, atol=1e-9)
     write_data_set(data, tmp_path / "a.mcap")
     recorded = read_data_set_log(tmp_path / "a.mcap")
@@ -669,8 +671,53 @@ def test_ranges_to_another_robot_are_to_where_its_odometry_puts_it(tmp_path: Pat
     np.testing.assert_allclose(
         recorded.measurements.transmitters[:, 0, :2], np.array(expected)[:, :2], atol=1e-9
     )
-    estimates, _ = among_beacons(recorded, Beacons(medium="air"))
+    # 10 % are three times the default standard deviation of the odometry's scale
+    estimates, _ = among_beacons(recorded, Beacons(medium="air", speed_scale_sigma=0.1))
     truth = np.column_stack([recorded.measurements.time - recorded.measurements.time[0]] * 2)
     off = estimates.state[:n, 0] - truth[:n, 0]
     # dead reckoning is 12 m off at the end
     assert abs(off[100:n]).max() < 2.0
+
+
+def test_the_command_replays_ranges_to_several_robots_and_a_landmark(tmp_path: Path) -> None:
+    """A goes east at 1 m/s past the landmark, three robots north at other speeds; all ranges of a
+    second come at once, and they are exact. A's odometry is 5 % too fast.
+    """
+    noise = "0.01 0 0 0.01 0 0.0001"
+    robots = {"B": (30.0, 10.0, 0.3), "C": (60.0, -31.0, 0.5), "D": (90.0, 20.0, 0.2)}
+    n = 121
+    lines = ["VERTEX_XY L0 50.0 -20.0"]
+    for name, (east, north, _) in robots.items():
+        lines.append(f"VERTEX_SE2:PRIOR 0.0 {name}0 {east} {north} {math.pi / 2} {noise}")
+    for k in range(n):
+        lines.append(f"VERTEX_SE2 {k}.0 A{k} {k}.0 0.0 0.0")
+        lines += [f"VERTEX_SE2 {k}.0 {name}{k} 0.0 0.0 0.0" for name in robots if k < n - 1]
+        if k == 0:
+            continue
+        lines.append(f"EDGE_SE2 {k}.0 A{k - 1} A{k} 1.05 0.0 0.0 {noise}")
+        if k == n - 1:
+            break
+        lines.append(f"EDGE_RANGE {k}.0 A{k} L0 {math.hypot(50.0 - k, 20.0)} 0.01")
+        for name, (east, north, speed) in robots.items():
+            lines.append(f"EDGE_SE2 {k}.0 {name}{k - 1} {name}{k} {speed} 0.0 0.0 {noise}")
+            gap = math.hypot(east - k, north + speed * k)
+            lines.append(f"EDGE_RANGE {k}.0 A{k} {name}{k} {gap} 0.01")
+    source = graph(tmp_path, "\n".join(lines))
+    log = tmp_path / "a.mcap"
+    run("log", "import", source, "--out", log)
+    out = tmp_path / "e.csv"
+    # four errors of beacons, not one for each place; the ranges of a robot keep its own
+    printed = run("replay", log, "--variant", "tight", "--out", out)
+    assert "mean error [m]" in printed
+    table = np.loadtxt(out, delimiter=",", skiprows=1, usecols=(1, 2, 3))
+    settled = table[table[:, 0] > table[0, 0] + 20.0]
+    off = np.hypot(settled[:, 1] - (settled[:, 0] - table[0, 0]), settled[:, 2])
+    assert off[:-2].max() < 0.5
+    recorded = read_data_set_log(log).measurements
+    assert recorded.transmitters is not None
+    for name, (east, north, speed) in robots.items():
+        # each robot's ranges come with a message that is its own
+        own = np.flatnonzero(np.isclose(recorded.message[:, 1], east, rtol=0.0, atol=1e-6))
+        assert own.size == n - 2, name
+        np.testing.assert_allclose(recorded.message[own, 4], speed, atol=1e-9)
+        assert recorded.message[own, 2].min() > north

@@ -400,7 +400,7 @@ def test_absurd_readings_are_named() -> None:
     roaming = BeaconNavigator(BeaconSettings(), start)
     for k in range(64):
         roaming.step(fine, reception(east=float(k)))
-    with pytest.raises(LaisnError, match="more than 64 places; beacons must lie still"):
+    with pytest.raises(LaisnError, match="more than 64 places; a beacon must lie still"):
         roaming.step(fine, reception(east=64.0))
     used = BeaconNavigator(BeaconSettings(), start)
     used.step(fine, reception((math.nan, math.nan, math.nan)))

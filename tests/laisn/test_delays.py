@@ -135,9 +135,10 @@ def test_delays_by_hand() -> None:
     lag, age = delays_of(message, ranges, 11.0, settings)
     np.testing.assert_allclose(lag, [0.99, np.nan, 0.58])
     np.testing.assert_allclose(age, [0.99, np.nan, 0.98])
-    # a clock that has nothing to do with the message's: the last ping is in just now
-    for other in (9.0, 1e9):
-        lag, age = delays_of(message, ranges, other, settings)
+    # a clock that has nothing to do with the message's, or a message without a time: the last ping
+    # is in just now
+    for stated, clock in ((message, 9.0), (message, 1e9), (message._replace(timestamp=0.0), 3.0)):
+        lag, age = delays_of(stated, ranges, clock, settings)
         np.testing.assert_allclose(lag, [0.41, np.nan, 0.0], atol=1e-12)
         np.testing.assert_allclose(age, [0.41, np.nan, 0.40], atol=1e-12)
 

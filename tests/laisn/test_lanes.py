@@ -84,7 +84,7 @@ def missions(case: Case, count: int) -> tuple[list[Measurements], Floats]:
         tilt = rng.normal(0, 0.2, (m, 2)) if case.attitude else np.full((m, 2), np.nan)
         speed = np.abs(rng.normal(1, 0.3, m))
         message = np.column_stack(
-            [message_step * case.dt, leader, theta, speed, depth, tilt, np.full(m, np.nan)]
+            [message_step * case.dt, leader, theta, speed, depth, tilt, np.full((m, 2), np.nan)]
         )
         result.append(
             Measurements(
@@ -218,7 +218,7 @@ def test_circles_that_touch_give_one_point() -> None:
         heading=np.zeros(1),
         depth=np.zeros(1),
         message_step=np.array([1]),
-        message=np.array([[0.1, 0.0, 0.0, 0.0, 1.0, 0.0, np.nan, np.nan, np.nan]]),
+        message=np.array([[0.1, 0.0, 0.0, 0.0, 1.0, 0.0, *np.full(4, np.nan)]]),
         ranges=np.array([[3.0, 5.0, 4.0]]),
     )
     for variant in ("laisn-2", "laisn-best", "laisn-main"):
@@ -239,7 +239,7 @@ def test_transmitters_above_each_other_leave_the_hulls_heading_for_an_axis() -> 
         heading=np.zeros(1),
         depth=np.array([8.0]),
         message_step=np.array([1]),
-        message=np.array([[0.1, *leader, heading, 1.0, 8.0, np.pi / 2, 0.0, np.nan]]),
+        message=np.array([[0.1, *leader, heading, 1.0, 8.0, np.pi / 2, 0.0, np.nan, np.nan]]),
         # 20 m away, and 1 m above or below
         ranges=np.full((1, 3), np.sqrt(401.0)),
     )

@@ -46,8 +46,9 @@ def by_name(name: str, settings: RivalSettings, start: Floats) -> Any:
 
 
 def message(east: float, north: float, heading: float = 0.0, depth: float = 10.0) -> LeaderMessage:
+    # its time is not stated: its pings arrive when it is used
     return LeaderMessage(
-        timestamp=1.0, east=east, north=north, heading=heading, speed=1.0, depth=depth
+        timestamp=0.0, east=east, north=north, heading=heading, speed=1.0, depth=depth
     )
 
 

@@ -174,7 +174,8 @@ def test_unusable_records_are_dropped_and_reported(tmp_path: Path) -> None:
     )
     assert m.speed.size == 98
     assert m.speed[18] == 2.0
-    assert m.message[:, 0].tolist() == [2.0, 4.02, 7.0]
+    # the leader's clock is not the log's: no message was on its way, the first step takes 0.1 s
+    assert m.message[:, 0] == pytest.approx([2.1, 4.12, 7.1])
     assert np.isnan(m.ranges[2]).all()
 
 
@@ -385,3 +386,28 @@ def test_a_navigator_that_diverges_is_an_error_of_the_input(
         "auv.mcap: auv: the navigator diverged: step 9: a covariance is not positive definite"
         in result.output
     )
+
+
+@pytest.mark.parametrize(
+    ("stamps", "expected"),
+    [
+        # times of the log's clock, which the leader's agrees with, count from the start on
+        ([0.9, 1.8, 2.9], [0.95, 1.85, 2.95]),
+        # a clock of its own: of the delays 0.1, 0.2 and 0.1 s the least counts as none
+        ([500.9, 501.8, 502.9], [1.05, 1.95, 3.05]),
+        # no time, or none that goes on
+        ([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
+        ([500.0, 900.0, 20.0], [500.0, 900.0, 20.0]),
+    ],
+)
+def test_times_of_messages_count_from_the_start_by_whichever_clock(
+    tmp_path: Path, stamps: list[float], expected: list[float]
+) -> None:
+    # times of the log begin in 2023, and the first step of 0.05 s ends where its readings begin
+    epoch = 1.7e9 if stamps[0] == 0.9 else 0.0
+    receptions = [one_ping(at) for at in (1.0, 2.0, 3.0)]
+    for (_, values), stamp in zip(receptions, stamps, strict=True):
+        values["leader_timestamp"] = stamp + epoch
+    log = write_rows(tmp_path / "a.mcap", cruise(0.05 * np.arange(100)), receptions)
+    measured = read_recording(log, "auv").measurements
+    np.testing.assert_allclose(measured.message[:, 0], expected, rtol=0.0, atol=2e-6)

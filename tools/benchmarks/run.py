@@ -77,7 +77,7 @@ def steady_mission(steps: int = STEPS) -> MissionTruth:
                 east[k],
                 np.ones(k.size),
                 np.full(k.size, 10.0),
-                *np.full((3, k.size), np.nan),
+                *np.full((4, k.size), np.nan),
             ],
             dtype=MESSAGE,
         ),
