@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import laisn_sim
+from experiments.campaign import campaign
 from experiments.campaign.store import key_of
 from experiments.command.cli import app
 from laisn.custom_sources import Sources
@@ -203,6 +204,23 @@ def test_a_fault_of_a_plugin_names_file_line_and_calls(
     assert f'File "{file}", line {number}, in deeper' in lines
     assert lines[lines.index(f'File "{file}", line {number}, in deeper') + 1] == fault
     assert any(line.endswith("in run") for line in lines)
+
+
+def die(_: object) -> None:
+    os._exit(1)
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_fault_is_told_also_where_the_process_that_compiles_ahead_dies(
+    workers: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(campaign, "compile_ahead", die)
+    write(further="1 / 0")
+    arguments = ["study", "T5", *OPTIONS, "--vary", "followers.0.depth_m=10,11"]
+    result = command(*arguments, "--runs", "1", "--workers", str(workers))
+    assert result.exit_code == 2, result.output
+    assert "ZeroDivisionError: division by zero" in result.stderr
 
 
 @pytest.mark.usefixtures("folder")
