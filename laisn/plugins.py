@@ -97,7 +97,9 @@ def _import_once(file: Path, sources: Sources) -> ModuleType:
     sys.dont_write_bytecode = True
     try:
         return importlib.import_module(file.stem)
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         reason = "\n".join(_lines_of(error, {*map(str, sources.files)}))
         raise PluginError(f"plugin {file} cannot be imported: {reason}") from error
     finally:
@@ -281,10 +283,18 @@ def _custom_frames(error: BaseException, sources: set[str]) -> list[traceback.Fr
     return [f for f in frames if f.filename in sources or is_custom(f.filename)]
 
 
+def _first_line(error: BaseException) -> str:
+    """Of an exception's text, which code of the user's own may make."""
+    try:
+        return str(error).partition("\n")[0]
+    except Exception as other:
+        return f"its text cannot be made: {type(other).__name__}"
+
+
 def _lines_of(error: BaseException, sources: set[str]) -> list[str]:
     """The exception, and where in the user's own code it was raised, the last call last."""
     kind = type(error).__name__
-    text = str(error).partition("\n")[0]
+    text = _first_line(error)
     head = f"{kind}: {text}" if text else kind
     if isinstance(error, SystemExit):
         head = f"it ends the program (SystemExit: {error.code})"
@@ -336,7 +346,9 @@ def plugin_errors() -> Iterator[None]:
         yield
     except LaisnError:
         raise
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         told = plugin_error(error)
         if told is None:
             raise

@@ -12,7 +12,7 @@ import typer
 
 from experiments.command.outputs import optional_output
 from experiments.command.studies import ScenarioArgument, SetOption, SourceArgument
-from laisn.failure import LaisnError, plain
+from laisn.failure import COLUMNS, ROWS, LaisnError, plain, shortened
 
 if TYPE_CHECKING:
     from experiments.campaign.store import Record
@@ -171,7 +171,8 @@ def hull(
             raise LaisnError(f"{sdf}: {error}") from None
         text = file.xml()
         for remark in remarks:
-            typer.echo(plain(f"note: {remark}"), err=True)
+            # names in a file may be of any length
+            typer.echo(shortened(plain(f"note: {remark}"), COLUMNS * ROWS // 2), err=True)
         if errors := hull_errors(text, "leader"):
             raise LaisnError(
                 "\n".join(

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from laisn.failure import LaisnError
+from laisn.failure import COLUMNS, ROWS, LaisnError
 from sim.gazebo.document import DEEPEST, Parameters, Remarks, parse, read_document
 from tests.gazebo.imported import PROBE, changed, import_text, refusal
 
@@ -16,6 +16,14 @@ def test_prefixes_need_no_declaration(tmp_path: Path) -> None:
     hull = import_text(tmp_path, changed(PROBE, (first_link, f"</collision>{sensor}")))
     assert hull.mass == pytest.approx(40.0)
     assert hull.says("sensors of links (1) are not read")
+
+
+def test_a_name_of_any_length_leaves_a_note_readable(tmp_path: Path) -> None:
+    plugin = f'<plugin filename="a" name="{"x" * 5000}"/></model>'
+    hull = import_text(tmp_path, changed(PROBE, ("</model>", plugin)))
+    (note,) = (note for note in hull.notes if "plugins that are not read" in note)
+    assert "xxx…xxx" in note
+    assert len(f"note: {note}") == COLUMNS * ROWS // 2
 
 
 def test_deep_and_large_files_are_refused_at_once(tmp_path: Path) -> None:

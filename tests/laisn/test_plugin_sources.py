@@ -278,6 +278,28 @@ def test_a_plugin_that_ends_the_program_is_named() -> None:
 
 
 @pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("fault", "expected"),
+    [
+        ("raise type('Odd', (BaseException,), {})('base')", "Odd: base"),
+        (
+            "raise type('Odd', (Exception,), {'__str__': lambda self: 1 / 0})",
+            "Odd: its text cannot be made: ZeroDivisionError",
+        ),
+    ],
+)
+@pytest.mark.parametrize("at_import", [True, False])
+def test_an_odd_exception_is_told_as_the_user_s(
+    fault: str, expected: str, *, at_import: bool
+) -> None:
+    text = f"class Nav:\n    run = print\n    def __init__(self, settings, start):\n        {fault}"
+    Path("mynav.py").write_text(fault if at_import else text)
+    result = command("check", "T5") if at_import else command("fly", "T5", *OPTIONS, "--no-video")
+    assert (result.exit_code, expected in result.output) == (2, True), result.output
+    assert f'mynav.py", line {1 if at_import else 4}' in result.output
+
+
+@pytest.mark.usefixtures("folder")
 def test_a_plugin_that_is_not_there_is_named() -> None:
     result = command("check", "T5")
     assert (result.exit_code, "mynav.py: there is no such file" in result.output) == (2, True)
