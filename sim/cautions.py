@@ -165,6 +165,26 @@ def _leader_position(scenario: Scenario, _: Settings) -> str:
     )
 
 
+def _leader_position_scatter(scenario: Scenario, _: Settings) -> str:
+    sigma = scenario.sensors.leader_position_sigma_m
+    if sigma < _NOTICEABLE_M:
+        return ""
+    return (
+        f"the position that the leader broadcasts scatters by σ = {sigma:.3g} m along each axis "
+        "from message to message"
+    )
+
+
+def _leader_position_walk(scenario: Scenario, _: Settings) -> str:
+    walk = scenario.sensors.leader_position_walk_m_sqrt_s * math.sqrt(scenario.duration_s)
+    if walk < _NOTICEABLE_M:
+        return ""
+    return (
+        "the position that the leader broadcasts walks away along each axis, at the end by "
+        f"σ = {walk:.3g} m, and the followers' with it"
+    )
+
+
 RULES = (
     Rule(
         keys=("ocean.current_speed_m_s", "ocean.current_profile"),
@@ -207,6 +227,20 @@ RULES = (
         is_assumed=has("leader_position_sigma", "leader_position_walk"),
         effect=_leader_position,
         needs="an exact position of the leader",
+    ),
+    Rule(
+        keys=("sensors.leader_position_sigma_m",),
+        assumption="assume.leader_position_sigma_m",
+        is_assumed=has("leader_position_sigma"),
+        effect=_leader_position_scatter,
+        needs="an exact position of the leader",
+    ),
+    Rule(
+        keys=("sensors.leader_position_walk_m_sqrt_s",),
+        assumption="assume.leader_position_walk_m_sqrt_s",
+        is_assumed=has("leader_position_walk"),
+        effect=_leader_position_walk,
+        needs="a position of the leader that does not walk away",
     ),
 )
 

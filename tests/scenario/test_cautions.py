@@ -137,6 +137,20 @@ def test_followers_drift_with_the_position_that_the_leader_broadcasts(quiet: Fli
     assert end == pytest.approx(6.0, rel=0.15)
 
 
+def test_random_errors_of_the_broadcast_position_are_stated_where_not_assumed() -> None:
+    """A walk grows with the root of time; what estimates a scatter does not estimate a walk."""
+    sigma, walk = "leader_position_sigma_m", "leader_position_walk_m_sqrt_s"
+    line = the_caution({f"sensors.{sigma}": 0.5})
+    assert stated(line) == pytest.approx(0.5)
+    assert f"navigation.assume.{sigma} = 0 assumes an exact position" in line
+    line = the_caution({f"sensors.{walk}": 0.1, f"navigation.assume.{sigma}": 0.5})
+    assert stated(line) == pytest.approx(0.1 * math.sqrt(120.0), rel=0.01)
+    for key in (sigma, walk):
+        changes = {f"sensors.{key}": 0.5, f"navigation.assume.{key}": 0.5}
+        assert cautions(scenario_of(changes)) == []
+        assert cautions(scenario_of({f"sensors.{key}": 0.005})) == []
+
+
 def test_a_current_carries_vehicles_beside_what_logs_and_compasses_tell() -> None:
     changes = {
         "motion": "physics",
