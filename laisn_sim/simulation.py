@@ -12,6 +12,7 @@ from typing import Any, Self, cast
 import numpy as np
 
 from experiments.campaign.progress import compiling_shown
+from experiments.flight.fly import OUTCOMES
 from experiments.flight.library import loaded
 from experiments.pages.results import Flight
 from laisn.arrays import Floats, records
@@ -38,16 +39,18 @@ from sim.scenario.settings import Scenario
 from sim.simulation import (
     TICK,
     DivergedError,
+    EndedError,
     apply_wrench_by_truth,
     hold_by_truth,
+    require_regular_end,
     take_over,
 )
-from sim.tracking import first_touch
+from sim.tracking import bounds_of
 
 _SAME_TIME = 1e-6  # times within this are one: they are sums of control steps [s]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class VehicleTruth:
     """True state of a vehicle at an instant."""
 
@@ -113,6 +116,7 @@ class Simulation:
             self._commands: dict[int, Command | Wrench | Floats] = {}
             self._reference = records(REFERENCE, 1)
             self._outcome = Outcome.INTERRUPTED
+            self._bounds = bounds_of(self.scenario)
             self._mission.advance(0)
 
     def __enter__(self) -> Self:
@@ -141,11 +145,8 @@ class Simulation:
 
     @property
     def done(self) -> bool:
-        """Whether the mission is at its end: its time is over, hulls have touched, or it
-        diverged.
-        """
-        ended = self._outcome in (Outcome.CONTACT, Outcome.DIVERGED)
-        return ended or self._instant >= self._mission.last
+        """Whether the mission is at its end; `outcome` says how."""
+        return self.outcome is not Outcome.INTERRUPTED
 
     @property
     def outcome(self) -> Outcome:
@@ -182,19 +183,18 @@ class Simulation:
         return instants
 
     def _advance(self, end: int) -> None:
-        first = self._mission.instants
         for vehicle, command in self._commands.items():
             self._apply(vehicle, command)
+        ends = self.scenario.contact == "end"
         try:
-            self._mission.advance(end)
+            if self._mission.advance_within(end, until_contact=ends, bounds=self._bounds):
+                require_regular_end(self.scenario, self._mission.trajectory(), self._bounds)
         except DivergedError:
             self._outcome = Outcome.DIVERGED
             raise
-        if self.scenario.contact == "end":
-            touched = first_touch(self._mission.truth.pose[first : end + 1])
-            if touched is not None:
-                self._mission.instants = max(first + touched, 1) + 1
-                self._outcome = Outcome.CONTACT
+        except EndedError as error:
+            self._outcome = OUTCOMES[type(error)]
+            self._mission.instants = error.trajectory.time.size
 
     def _apply(self, vehicle: int, command: Command | Wrench | Floats) -> None:
         """Work out the commands of a vehicle's effectors that hold until the next instant."""
@@ -242,6 +242,10 @@ class Simulation:
             take_over(self._instant, self._mission.truth, index, self._mission.routes)
         self._mission.routes.outside[index] = True
         self._commands[index] = taken
+        # whoever commands it may lead it off its route
+        routes = list(self._bounds.routes)
+        routes[index] = None
+        self._bounds = self._bounds._replace(routes=tuple(routes))
 
     @property
     def truth(self) -> dict[str, VehicleTruth]:

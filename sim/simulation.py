@@ -326,6 +326,26 @@ class Mission:
                 raise PlantError(text) from error
             raise DivergedError(text, self.trajectory()) from error
 
+    def advance_within(
+        self, last: int, *, until_contact: bool = False, bounds: MissionBounds | None = None
+    ) -> bool:
+        """Advance until an instant, hulls touch or a vehicle leaves the bounds; whether one of
+        these ends the mission, of which nothing later is kept then. Errors as of `advance`.
+        """
+        first = self.instants
+        self.advance(last)
+        flown = self.truth.pose[first : self.instants]
+        ends = [first_touch(flown)] if until_contact else []
+        if bounds is not None:
+            time = np.arange(first, self.instants, dtype=np.float64) * TICK
+            departure = first_departure(time, flown, bounds)
+            ends.append(None if departure is None else departure.instant)
+        ended = min((instant for instant in ends if instant is not None), default=None)
+        if ended is None:
+            return False
+        self.instants = max(first + ended, 1) + 1
+        return True
+
     def fly(
         self,
         *,
@@ -338,16 +358,7 @@ class Mission:
         """
         last = self.last
         for end in sorted({1, *range(_PROGRESS_TICKS, last, _PROGRESS_TICKS), last}):
-            first = self.instants
-            self.advance(end)
-            flown = self.truth.pose[first : end + 1]
-            ends = [first_touch(flown)] if until_contact else []
-            if bounds is not None:
-                departure = first_departure(TICK * np.arange(first, end + 1), flown, bounds)
-                ends.append(None if departure is None else departure.instant)
-            ended = min((instant for instant in ends if instant is not None), default=None)
-            if ended is not None:
-                self.instants = max(first + ended, 1) + 1
+            if self.advance_within(end, until_contact=until_contact, bounds=bounds):
                 break
             if progress is not None and end < last:
                 progress(end // _PROGRESS_TICKS * _PROGRESS_TICKS * TICK)
@@ -496,6 +507,13 @@ def fly_mission(
     bounds = bounds_of(scenario)
     ends = scenario.contact == "end"
     trajectory = mission.fly(until_contact=ends, bounds=bounds, progress=show_time)
+    return require_regular_end(scenario, trajectory, bounds)
+
+
+def require_regular_end(
+    scenario: Scenario, trajectory: Trajectory, bounds: MissionBounds
+) -> Trajectory:
+    """The motion of a mission; GroundedError, OffRouteError or ContactError if that ended it."""
     _require_within(trajectory, bounds)
     return _require_no_contact(scenario, trajectory)
 

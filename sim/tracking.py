@@ -21,7 +21,7 @@ from sim.hull import HullLimits, hull_of, limits_of
 from sim.scenario.formation import LEAST_LAYER_M
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
-from sim.scenario.settings import Follower, Scenario
+from sim.scenario.settings import CONTROL_STEP_S, Follower, Scenario
 from sim.trajectory import Trajectory
 
 # half the length of the straight part of a hull [m]
@@ -102,15 +102,17 @@ def first_departure(time: Floats, pose: Floats, bounds: MissionBounds) -> Depart
     """
     departures = []
     grounded = pose[..., 2] < -bounds.floor_depth_m
+    # of the mission, not of these instants, so that a mission ends alike in steps of any length
+    looks = np.flatnonzero(np.rint(time / CONTROL_STEP_S).astype(np.int64) % _LOOK_EVERY == 0)
     for vehicle, route in enumerate(bounds.routes):
         if grounded[:, vehicle].any():
             departures.append(Departure(int(np.argmax(grounded[:, vehicle])), vehicle, None))
-        if route is None:
+        if route is None or not looks.size:
             continue
-        off = distance_from_route(route, time[::_LOOK_EVERY], pose[::_LOOK_EVERY, vehicle, :3])
+        off = distance_from_route(route, time[looks], pose[looks, vehicle, :3])
         if off.max() > LEFT_ROUTE_M:
             first = int(np.argmax(off > LEFT_ROUTE_M))
-            departures.append(Departure(first * _LOOK_EVERY, vehicle, float(off[first])))
+            departures.append(Departure(int(looks[first]), vehicle, float(off[first])))
     return min(departures, key=lambda departure: departure.instant, default=None)
 
 

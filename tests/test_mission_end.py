@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 import laisn_sim
 from experiments.command.cli import app
 from experiments.command.errors import MISSION_FAILED
+from laisn.failure import LaisnError
 from sim.assembly import routes_of
 from sim.flight import Outcome
 from sim.scenario.file import ScenarioError
@@ -69,6 +70,40 @@ ASTRAY = (
     # a tenth of the thrust that its autopilot counts on
     "thrust_scale = 0.1\n"
 )
+
+
+@pytest.mark.parametrize(
+    ("name", "outcome"), [("sinks", Outcome.GROUNDED), ("astray", Outcome.OFF_ROUTE)]
+)
+@pytest.mark.parametrize("duration", [0.7, 45.0])
+def test_a_mission_that_is_stepped_ends_where_it_ends_in_one_go(
+    tmp_path: Path, name: str, outcome: Outcome, duration: float
+) -> None:
+    file = tmp_path / f"{name}.toml"
+    file.write_text({"sinks": SINKS, "astray": ASTRAY}[name])
+    flown = laisn_sim.fly(file)
+    sim = laisn_sim.Simulation(file)
+    while not sim.done:
+        sim.step(duration)
+    assert sim.outcome is flown.outcome is outcome
+    stepped = sim.flight()
+    assert stepped.outcome is outcome
+    np.testing.assert_array_equal(stepped.trajectory.pose, flown.trajectory.pose)
+    with pytest.raises(LaisnError, match=f"the mission has ended at {sim.time:g} s"):
+        sim.step()
+
+
+def test_a_vehicle_that_is_commanded_may_leave_its_route() -> None:
+    """It ends at the floor all the same."""
+    sim = laisn_sim.Simulation("T5", {"duration_s": 400, "ocean.floor_depth_m": 30.0})
+    sim.command("leader", laisn_sim.Command(heading=np.pi, speed=1.2, depth=5.0))
+    sim.step(150.0)
+    assert sim.truth["leader"].position[1] < -LEFT_ROUTE_M
+    assert not sim.done
+    sim.command("leader", laisn_sim.Command(heading=np.pi, speed=1.2, depth=40.0))
+    while not sim.done:
+        sim.step(1.0)
+    assert sim.outcome is Outcome.GROUNDED
 
 
 def test_a_vehicle_that_loses_its_route_ends_the_mission(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from sim.simulation import (
     ContactError,
     ControllerFactory,
     DivergedError,
+    EndedError,
     GroundedError,
     Mission,
     OffRouteError,
@@ -35,6 +36,15 @@ class Stopwatch(dict[str, float]):
             yield
         finally:
             self[name] = time.perf_counter() - start
+
+
+OUTCOMES: dict[type[EndedError], Outcome] = {
+    DivergedError: Outcome.DIVERGED,
+    GroundedError: Outcome.GROUNDED,
+    OffRouteError: Outcome.OFF_ROUTE,
+    ContactError: Outcome.CONTACT,
+}
+"""How a mission ended, by its error."""
 
 
 class MissionToFly:
@@ -70,14 +80,8 @@ class MissionToFly:
         """Its motion and how it ended; if before its time, what was flown until then."""
         try:
             return self._move(progress), Outcome.COMPLETED
-        except DivergedError as error:
-            return error.trajectory, Outcome.DIVERGED
-        except GroundedError as error:
-            return error.trajectory, Outcome.GROUNDED
-        except OffRouteError as error:
-            return error.trajectory, Outcome.OFF_ROUTE
-        except ContactError as error:
-            return error.trajectory, Outcome.CONTACT
+        except EndedError as error:
+            return error.trajectory, OUTCOMES[type(error)]
 
     def flight(self, trajectory: Trajectory, outcome: Outcome) -> Flight:
         """The flight of a motion and an outcome of `simulate`."""
