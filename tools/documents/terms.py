@@ -70,7 +70,7 @@ def picture() -> Figure:
     _arc(axes, 4.2, _TRUTH, estimate, estimate_colour, "E_B")
     _arc(axes, 1.9, np.array([0.0, 1.0]), _TRUTH, truth_colour, "B")
     axes.set_xlim(-8.5, 8.5)
-    axes.set_ylim(-7.6, 3.2)
+    axes.set_ylim(-8.1, 3.2)
     return figure
 
 
