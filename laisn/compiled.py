@@ -217,11 +217,15 @@ def _one_writer() -> Iterator[None]:
 warnings.filterwarnings("ignore", category=errors.NumbaIRAssumptionWarning)
 
 
-def compiled(function: Function, **flags: Any) -> Function:
+def compiled(function: Function) -> Function:
     """Compile a function, which releases the interpreter's lock; division by zero gives inf or
     NaN as in NumPy.
+
+    No flag lets the compiler reorder or fuse operations: a function that is compiled on its own and
+    again within its caller would then round differently, and so would a process that compiles and
+    one that loads what was stored.
     """
-    jit: Any = numba.njit(error_model="numpy", nogil=True, **flags)(function)
+    jit: Any = numba.njit(error_model="numpy", nogil=True)(function)
     # what other projects and closures refer to is not in the name of the folder
     in_project = function.__module__.startswith(("laisn.", "sim.", "experiments."))
     if FOLDER is not None and in_project and not function.__closure__ and jit is not function:
@@ -229,11 +233,6 @@ def compiled(function: Function, **flags: Any) -> Function:
         config.CACHE_DIR = str(FOLDER)
         jit._cache = _Cache(function)
     return cast(Function, jit)
-
-
-def compiled_lanes(function: Function) -> Function:
-    """Compile a pass over lanes: fused multiply-adds are allowed, and NaN keeps its meaning."""
-    return compiled(function, fastmath={"contract", "nsz"})
 
 
 def inlined(function: Function) -> Function:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints, Records
-from laisn.compiled import compiled_lanes, inlined
+from laisn.compiled import compiled, inlined
 from laisn.elementary import sin_cos
 from laisn.failure import LaisnError
 from laisn.fix import (
@@ -115,7 +115,7 @@ def put_fix(block: Floats, first: int, lane: int, fix: Fix) -> None:
     block[first + 4 * LANES + lane] = fix.separation
 
 
-@compiled_lanes
+@compiled
 def new_block(starts: Floats, t: Tuning) -> Floats:
     """A block before its first step at starts (x, y, vx, vy), shape (f, 4), of which the last
     one is repeated.
@@ -136,7 +136,7 @@ def new_block(starts: Floats, t: Tuning) -> Floats:
     return block
 
 
-@compiled_lanes
+@compiled
 def own_motion(block: Floats, t: Tuning) -> None:
     """Take a step's own measurements: their γ, and the direction of motion; faster apart from
     `predict`.
@@ -151,7 +151,7 @@ def own_motion(block: Floats, t: Tuning) -> None:
         block[SIN + lane], block[COS + lane] = sin_cos(heading)
 
 
-@compiled_lanes
+@compiled
 def leader_motion(block: Floats, t: Tuning) -> None:
     """Take a message's speed and heading, if it has a range: γ becomes that of the vehicle that
     changed most.
@@ -176,7 +176,7 @@ def leader_motion(block: Floats, t: Tuning) -> None:
         block[LAST_LEADER_HEADING + lane] = heading
 
 
-@compiled_lanes
+@compiled
 def predict(block: Floats, t: Tuning) -> None:
     """Constant velocity, with process noise that grows with manoeuvres (paper, Section 2.1)."""
     dt = t.dt
@@ -202,7 +202,7 @@ def predict(block: Floats, t: Tuning) -> None:
         block[VYY + lane] += q
 
 
-@compiled_lanes
+@compiled
 def speed_update(block: Floats, t: Tuning) -> None:
     """Velocity from speed log and compass (paper, Section 2.1)."""
     for lane in range(LANES):
@@ -247,7 +247,7 @@ def speed_update(block: Floats, t: Tuning) -> None:
         block[VYY + lane] = k_wx * rxy + k_wy * ryy
 
 
-@compiled_lanes
+@compiled
 def update(block: Floats, t: Tuning, k: int) -> None:
     """Gate the chosen fix, and update the state (Sections 2.1, 2.4); kind GATED or SINGULAR
     where that is skipped.
@@ -301,7 +301,7 @@ def update(block: Floats, t: Tuning, k: int) -> None:
         block[VYY + lane] -= cxy * nxy + cyy * nyy if used else 0.0
 
 
-@compiled_lanes
+@compiled
 def update_gate(block: Floats, k: int) -> None:
     """Make the gate measure from the position and step of this message, in the lanes that
     accepted it.
@@ -329,7 +329,7 @@ def _circle_at(block: Floats, first: int, lane: int) -> Circle:
     return Circle(point_at(block, first, lane), block[first + 2 * LANES + lane])
 
 
-@compiled_lanes
+@compiled
 def place_transmitters(block: Floats, t: Tuning) -> None:
     """Transmitters as the message places them, and the horizontal ranges to them."""
     for lane in range(LANES):
@@ -359,7 +359,7 @@ def _fix_pair(rear: int, front: int, out: int, from_front: bool) -> Pass:
     fix begin.
     """
 
-    @compiled_lanes
+    @compiled
     def fix(block: Floats, t: Tuning) -> None:
         for lane in range(LANES):
             pair = Pair(_circle_at(block, rear, lane), _circle_at(block, front, lane), from_front)
@@ -374,7 +374,7 @@ fix_rear_middle = _fix_pair(X1, X3, ZX13, False)
 fix_middle_front = _fix_pair(X3, X2, ZX23, True)
 
 
-@compiled_lanes
+@compiled
 def copy_fix(block: Floats, source: int, target: int) -> None:
     """Copy a fix, with its kind and NIS, between the rows that begin at `source` and `target`."""
     for i in range(6 * LANES):
@@ -388,7 +388,7 @@ def _choice(otherwise: Pass, variant: Variant) -> Pass:
     number = VARIANTS.index(variant)
     single = SINGLE[variant]
 
-    @compiled_lanes
+    @compiled
     def choose(block: Floats, t: Tuning) -> None:
         if t.variant != number:
             otherwise(block, t)
@@ -404,7 +404,7 @@ def _choice(otherwise: Pass, variant: Variant) -> Pass:
     return choose
 
 
-@compiled_lanes
+@compiled
 def _choose_nothing(block: Floats, t: Tuning) -> None:
     """For the variant that does not choose among fixes."""
 
@@ -425,13 +425,13 @@ _PRIOR = (X, Y, PXX, PXY, PYY)
 """Rows that an update is recorded with, as they are before it."""
 
 
-@compiled_lanes
+@compiled
 def no_prior() -> Floats:
     """Room for no rows of `_PRIOR`: updates are not recorded."""
     return np.empty((0, len(_PRIOR), LANES))
 
 
-@compiled_lanes
+@compiled
 def _keep_prior(block: Floats, prior: Floats, update: int) -> None:
     """Copy the rows of `_PRIOR` before an update, 0 … 2 of a message, if there is room for them."""
     if prior.shape[0] > 0:
@@ -440,14 +440,14 @@ def _keep_prior(block: Floats, prior: Floats, update: int) -> None:
                 prior[update, i, lane] = block[first + lane]
 
 
-@compiled_lanes
+@compiled
 def _use_pair(block: Floats, t: Tuning, k: int, fix: int) -> None:
     copy_fix(block, fix, ZX)
     update(block, t, k)
     copy_fix(block, ZX, fix)
 
 
-@compiled_lanes
+@compiled
 def position_update(block: Floats, t: Tuning, k: int, prior: Floats) -> None:
     """Position from the message of step k, by the variant (paper, Sections 2.2 and 2.3).
 
@@ -474,7 +474,7 @@ def position_update(block: Floats, t: Tuning, k: int, prior: Floats) -> None:
     update_gate(block, k)
 
 
-@compiled_lanes
+@compiled
 def advance(block: Floats, t: Tuning, k: int, received: bool, prior: Floats) -> None:
     """Step k: predict, position if a message is received, speed. Rows of measurements must be
     filled; `prior` is as of `position_update`.
@@ -488,7 +488,7 @@ def advance(block: Floats, t: Tuning, k: int, received: bool, prior: Floats) -> 
     speed_update(block, t)
 
 
-@compiled_lanes
+@compiled
 def fix_rows(variant: float) -> tuple[int, int, int]:
     """Rows where the fixes of a message begin; −1 for fixes that the variant does not make."""
     if variant == _SEQUENTIAL:
@@ -516,7 +516,7 @@ class LaneSwarm(NamedTuple):
     gated: Ints
     prior: Floats  # rows of `_PRIOR` before each update of a message, shape (3, 5, LANES)
 
-    @compiled_lanes
+    @compiled
     def navigate(
         self,
         step: int,
@@ -566,7 +566,7 @@ class LaneSwarm(NamedTuple):
         return 0
 
 
-@compiled_lanes
+@compiled
 def _record_state(block: Floats, i: int, step: int, record: SwarmRecord) -> None:
     """Record state and covariance of the follower in lane i after a step."""
     state = record.state[i, step - 1]
@@ -590,7 +590,7 @@ def _record_state(block: Floats, i: int, step: int, record: SwarmRecord) -> None
         P[3, 3] = block[VYY + i]
 
 
-@compiled_lanes
+@compiled
 def _record_fixes(
     block: Floats, t: Tuning, prior: Floats, i: int, step: int, record: SwarmRecord
 ) -> None:

@@ -12,7 +12,7 @@ Section 3.5.5 (JONSWAP).
 """
 
 from dataclasses import dataclass, field
-from functools import cache, cached_property, partial
+from functools import cache, cached_property
 from typing import Self
 
 import numpy as np
@@ -334,8 +334,7 @@ def flow(
     return stream, rate, gradient, turning, squeeze
 
 
-# sums in any order vectorise; their last digit may differ between kinds of processors
-@partial(compiled, fastmath={"reassoc", "nsz"})
+@compiled
 def _flow_in_waves(
     position: Vector, velocity: Vector, axis: Vector, now: Instant, waves: Floats
 ) -> tuple[Vector, Vector, Matrix, Vector, Vector]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from laisn import lanes
 from laisn.arrays import Bools, Floats, Ints
-from laisn.compiled import compiled_lanes, copy_values, inlined
+from laisn.compiled import compiled, copy_values, inlined
 from laisn.elementary import to_bits
 from laisn.estimates import FixKind
 from laisn.geometry import Point, turn
@@ -73,7 +73,7 @@ def _bin(value: float, first: int) -> np.int64:
     return number if number < BINS - 1 else np.int64(BINS - 1)
 
 
-@compiled_lanes
+@compiled
 def tally_step(
     block: Floats,
     tally: Floats,
@@ -122,7 +122,7 @@ def tally_step(
         tally[COUNT_NEES + lane] += 1.0 if has_nees else 0.0
 
 
-@compiled_lanes
+@compiled
 def tally_fixes(block: Floats, tally: Floats, fixes: tuple[int, int, int]) -> None:
     """Add the fixes of a message, whose rows begin at `fixes` (−1: none).
 
@@ -144,7 +144,7 @@ def tally_fixes(block: Floats, tally: Floats, fixes: tuple[int, int, int]) -> No
             tally[KINDS + _LOST * LANES + lane] += 1.0
 
 
-@compiled_lanes
+@compiled
 def sum_nees(tally: Floats, used: int) -> float:
     """Sum over the first `used` lanes of the NEES of the last step; NaN where one is unknown."""
     total = 0.0
@@ -153,7 +153,7 @@ def sum_nees(tally: Floats, used: int) -> float:
     return total
 
 
-@compiled_lanes
+@compiled
 def fill_histograms(bins: Ints, histograms: Ints, used: int) -> None:
     """Count the errors of a step in the first `used` lanes; histograms of position and bearing,
     shape (2, BINS).
@@ -222,7 +222,7 @@ def _number(stream: int, follower: np.uint64) -> np.uint64:
     )
 
 
-@compiled_lanes
+@compiled
 def _draw_uniforms(noise: Noise, stream: int, step: int) -> None:
     """Three uniforms in (0, 1) for each lane."""
     draws = noise.draws
@@ -235,7 +235,7 @@ def _draw_uniforms(noise: Noise, stream: int, step: int) -> None:
         draws[_THIRD + lane] = uniform(w2)
 
 
-@compiled_lanes
+@compiled
 def _draw_normals(noise: Noise, stream: int, step: int) -> None:
     """Two normals for each lane."""
     draws = noise.draws
@@ -250,7 +250,7 @@ def _draw_normals(noise: Noise, stream: int, step: int) -> None:
         )
 
 
-@compiled_lanes
+@compiled
 def new_noise(address: Address, dt: float) -> Noise:
     """Room for the draws of a block, and the errors that its runs keep."""
     pair = 2 * LANES
@@ -268,7 +268,7 @@ def new_noise(address: Address, dt: float) -> Noise:
     return noise
 
 
-@compiled_lanes
+@compiled
 def _draw_if(needed: bool, noise: Noise, stream: int, step: int) -> None:
     """Draw normals as `_draw_normals` does, or set them to zero where the errors make no use of
     them.
@@ -279,7 +279,7 @@ def _draw_if(needed: bool, noise: Noise, stream: int, step: int) -> None:
         noise.draws[:] = 0.0
 
 
-@compiled_lanes
+@compiled
 def sense_own(
     block: Floats, noise: Noise, errors: SensorErrors, speed: float, heading: float, k: int
 ) -> None:
@@ -292,7 +292,7 @@ def sense_own(
         block[lanes.HEADING + lane] = sensors.read_heading(errors, heading, drawn)
 
 
-@compiled_lanes
+@compiled
 def _lose(block: Floats, noise: Noise, errors: SensorErrors, emitted: int) -> None:
     """Ranges of lost messages become NaN."""
     draws = noise.draws
@@ -304,7 +304,7 @@ def _lose(block: Floats, noise: Noise, errors: SensorErrors, emitted: int) -> No
             block[lanes.R1 + lane] = block[lanes.R2 + lane] = block[lanes.R3 + lane] = np.nan
 
 
-@compiled_lanes
+@compiled
 def _read_position(
     block: Floats, noise: Noise, errors: SensorErrors, sent: Floats, emitted: int, last: int
 ) -> None:
@@ -328,7 +328,7 @@ def _read_position(
         )
 
 
-@compiled_lanes
+@compiled
 def _read_attitude(
     block: Floats, noise: Noise, errors: SensorErrors, sent: Floats, emitted: int, since: int
 ) -> None:
@@ -351,7 +351,7 @@ def _read_attitude(
         )
 
 
-@compiled_lanes
+@compiled
 def _read_ranges(
     block: Floats,
     noise: Noise,
@@ -399,7 +399,7 @@ def _read_ranges(
         _lose(block, noise, errors, emitted)
 
 
-@compiled_lanes
+@compiled
 def sense_message(
     block: Floats,
     noise: Noise,
@@ -485,7 +485,7 @@ class Given(NamedTuple):
     states: Floats = np.empty((0, 5, LANES))
 
 
-@compiled_lanes
+@compiled
 def fly_block(
     truth: TruthRecord,
     errors: SensorErrors,

@@ -8,7 +8,7 @@ import numpy as np
 from laisn import lanes
 from laisn import lanes as row
 from laisn.arrays import Floats, Ints
-from laisn.compiled import compiled_lanes, copy_values
+from laisn.compiled import compiled, copy_values
 from laisn.lanes import LANES
 from laisn.messages import Measurements
 from laisn.settings import NavigationSettings, Tuning
@@ -23,7 +23,7 @@ class LaneEstimates(NamedTuple):
     fix_kind: Ints
 
 
-@compiled_lanes
+@compiled
 def _run_block(
     own: Floats, message_step: Ints, messages: Floats, start: Floats, t: Tuning
 ) -> tuple[Floats, Floats]:

@@ -18,7 +18,7 @@ import typer
 from experiments.campaign import lane_flight
 from experiments.command.errors import report_errors
 from laisn import compiled as compilation
-from laisn.compiled import compiled, compiled_lanes
+from laisn.compiled import compiled
 from laisn.lanes import LANES
 from tools import import_graph
 
@@ -103,6 +103,21 @@ def test_a_second_process_takes_code_from_the_cache_until_a_constant_of_another_
     assert captures(tree, cache) == (0, 1)
 
 
+def test_no_compiled_function_may_reorder_or_fuse_operations() -> None:
+    """A function is compiled on its own and within its callers, here or in another process. With
+    such freedom the copies round differently, and a campaign of two workers differs from one.
+    """
+    dispatchers = {
+        f"{name}.{key}": value
+        for name, module in list(sys.modules.items())
+        if name.startswith(("laisn.", "sim.", "experiments."))
+        for key, value in vars(module).items()
+        if hasattr(value, "targetoptions")
+    }
+    assert {"laisn.lanes.advance", "sim.water._flow_in_waves"} <= dispatchers.keys()
+    assert not [name for name, f in dispatchers.items() if f.targetoptions.get("fastmath")]
+
+
 def test_compiled_modules_import_only_sources_that_name_the_folder() -> None:
     """Otherwise a constant that compiled code contains could change without notice."""
     sources, imports = import_graph.modules(), import_graph.imports()
@@ -136,7 +151,7 @@ def added() -> int:
     """Compile a function, or take its code from the cache, and see that it is right; hits of the
     cache.
     """
-    function = compiled_lanes(lane_flight.fill_histograms.py_func)
+    function = compiled(lane_flight.fill_histograms.py_func)
     counts = np.zeros((2, 2), dtype=np.int64)
     function(np.repeat([0, 1], LANES), counts, 3)
     assert counts.tolist() == [[3, 0], [0, 3]]
@@ -206,7 +221,7 @@ def test_damaged_code_is_removed_by_the_command_and_compiled_again(
 def test_other_errors_leave_compiled_code_alone(folder: Path) -> None:
     added()
     with pytest.raises(numba.errors.TypingError) as caught:
-        compiled_lanes(lane_flight.fill_histograms.py_func)("text", "text", "text")
+        compiled(lane_flight.fill_histograms.py_func)("text", "text", "text")
     assert not compilation.remove_if_damaged(caught.value)
     assert added() == 1
 
@@ -250,12 +265,12 @@ def test_an_index_that_another_process_has_written_meanwhile_keeps_its_entry(
     folder: Path,
 ) -> None:
     """As if both had read the empty index before either of them wrote."""
-    first = compiled_lanes(lane_flight.fill_histograms.py_func)
-    second = compiled_lanes(lane_flight.fill_histograms.py_func)
+    first = compiled(lane_flight.fill_histograms.py_func)
+    second = compiled(lane_flight.fill_histograms.py_func)
     bins = np.zeros(2 * LANES, dtype=np.int64)
     first(bins, np.zeros((2, 1)), 4)
     second(bins, np.zeros((2, 1), dtype=np.complex128), 4)
-    third = compiled_lanes(lane_flight.fill_histograms.py_func)
+    third = compiled(lane_flight.fill_histograms.py_func)
     for counts in (np.zeros((2, 1)), np.zeros((2, 1), dtype=np.complex128)):
         third(bins, counts, 4)
         assert counts[0, 0] == 4.0

@@ -236,7 +236,7 @@ def test_one_range_alone_does_not_close_the_gate_on_the_way_across() -> None:
     np.testing.assert_allclose(navigator.state[:2], there, atol=0.1)
 
 
-def test_compiled_lanes_refuse_unknown_settings() -> None:
+def test_compiled_refuse_unknown_settings() -> None:
     far = replace(SETTINGS, transmitter_offsets=((0.0, 0.0, 0.0), (9.0, 0.0, 0.0)))
     for settings in (replace(SETTINGS, use_single_range=True), far):
         with pytest.raises(LaisnError, match="for single vehicles and their logs"):

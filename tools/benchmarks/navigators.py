@@ -12,7 +12,7 @@ from experiments.flight.library import load
 from laisn import lanes
 from laisn import lanes as row
 from laisn.arrays import Floats, Ints
-from laisn.compiled import compiled_lanes, copy_values
+from laisn.compiled import compiled, copy_values
 from laisn.messages import Measurements
 from laisn.settings import Assume, NavigationSettings, TightSettings, Tuning
 from laisn.tight.navigator import run_mission
@@ -41,7 +41,7 @@ _ASSUMED = {
 }
 
 
-@compiled_lanes
+@compiled
 def filter_only(
     own: Floats, message_step: Ints, messages: Floats, start: Floats, t: Tuning
 ) -> Floats:

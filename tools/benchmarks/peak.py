@@ -3,13 +3,13 @@
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.compiled import compiled_lanes
+from laisn.compiled import compiled
 from laisn.elementary import fma
 from laisn.lanes import LANES
 from tools.benchmarks.row import least_time
 
 
-@compiled_lanes
+@compiled
 def _peak(values: Floats, repeats: int) -> None:
     for _ in range(repeats):
         for lane in range(LANES):

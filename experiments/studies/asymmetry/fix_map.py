@@ -18,7 +18,7 @@ from scipy.optimize import bisect
 
 from laisn import lanes as row
 from laisn.arrays import Floats
-from laisn.compiled import compiled_lanes
+from laisn.compiled import compiled
 from laisn.geometry import pitch_fix_error, turned_cosine
 from laisn.lanes import LANES
 from laisn.settings import VARIANTS, NavigationSettings, Tuning
@@ -56,7 +56,7 @@ def slant_ranges(points: Floats, hull: tuple[float, float]) -> Floats:
     )
 
 
-@compiled_lanes
+@compiled
 def _sweep(points: Floats, ranges: Floats, t: Tuning, error: Floats) -> None:
     for first in range(0, points.shape[0], LANES):
         block = row.new_block(np.zeros((1, 4)), t)
