@@ -13,8 +13,8 @@ from pydantic import Field, ValidationError
 
 from laisn.arrays import Floats
 from laisn.beacons import MEDIA, BeaconNavigator, BeaconSettings
+from laisn.errors import LaisnError
 from laisn.estimates import Estimates
-from laisn.failure import LaisnError
 from laisn.messages import Measurements
 from laisn.metrics import normalised_square
 from laisn.navigator import Navigator

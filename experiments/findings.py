@@ -15,7 +15,7 @@ import numpy as np
 from experiments.campaign.version import version_of as version_of
 from experiments.intervals import Interval, proportion
 from laisn.arrays import Bools, Floats
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.system import atomic_write
 
 SCHEMA = 1  # version of the file's layout

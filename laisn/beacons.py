@@ -25,8 +25,8 @@ import numpy as np
 from laisn import mixture
 from laisn.arrays import Floats, Ints, Records, require_numbers, require_probability
 from laisn.compiled import compiled
+from laisn.errors import LaisnError
 from laisn.estimates import Estimates, FixKind, FixRecord
-from laisn.failure import LaisnError
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Reception
 from laisn.navigators import OnlineNavigator
 
@@ -145,7 +145,7 @@ _LEAST = 0.25
 _MOST = 16.0
 
 
-class Ranging(NamedTuple):
+class RangeMeasurement(NamedTuple):
     """A range as compiled code takes it."""
 
     beacon: int  # counted from 0
@@ -159,7 +159,7 @@ class Ranging(NamedTuple):
 
 
 @compiled
-def predict_range(b: Belief, k: int, z: Ranging) -> tuple[float, float, float]:
+def predict_range(b: Belief, k: int, z: RangeMeasurement) -> tuple[float, float, float]:
     """Predict a range for component k; P Hᵀ goes into `b.gain`.
 
     Second-order terms follow Bar-Shalom, Li & Kirubarajan 2001, Section 10.3.2: ½ tr(F C) in the
@@ -207,7 +207,7 @@ def predict_range(b: Belief, k: int, z: Ranging) -> tuple[float, float, float]:
 
 
 @compiled
-def update(b: Belief, k: int, z: Ranging) -> float:
+def update(b: Belief, k: int, z: RangeMeasurement) -> float:
     """Update component k with a range, unless that is likelier a wrong one; logarithm of its
     density.
     """
@@ -237,7 +237,7 @@ _RING_WEIGHT = 0.01  # of the ring that is added
 
 
 @compiled
-def _split_component(b: Belief, k: int, z: Ranging) -> None:
+def _split_component(b: Belief, k: int, z: RangeMeasurement) -> None:
     """Split component k in three along the tangent of the circle about a beacon: means −1, 0, 1,
     weights ¼, ½, ¼ and variance ½ keep the first three moments; the other states follow by their
     covariance.
@@ -269,7 +269,7 @@ def _split_component(b: Belief, k: int, z: Ranging) -> None:
 
 
 @compiled
-def split(b: Belief, z: Ranging) -> None:
+def split(b: Belief, z: RangeMeasurement) -> None:
     """Split every component that is too wide for the circle of a range to be straight."""
     k = 0
     while k < b.alive[0]:
@@ -295,7 +295,7 @@ def prune_and_merge(b: Belief) -> None:
 
 
 @compiled
-def add_ring(b: Belief, z: Ranging, weight: float, lost: bool) -> None:
+def add_ring(b: Belief, z: RangeMeasurement, weight: float, lost: bool) -> None:
     """Add a ring of components about a beacon, of a weight where that of all others is 1; nothing
     without room.
 
@@ -332,7 +332,7 @@ def add_ring(b: Belief, z: Ranging, weight: float, lost: bool) -> None:
 
 
 @compiled
-def receive(b: Belief, z: Ranging, starter: int) -> bool:
+def receive(b: Belief, z: RangeMeasurement, starter: int) -> bool:
     """Take a range; whether the heaviest component used it.
 
     With an unknown start each of the first ranges may be the first right one: the ring of the m-th
@@ -600,7 +600,9 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
             self._beacons[key] = len(self._beacons)
             self._belief = with_beacon(self._belief, self.settings)
         deeper = deep - (depth - self.settings.hydrophone_height)
-        z = Ranging(self._beacons[key], east, north, deeper, float(measured), *self._errors)
+        z = RangeMeasurement(
+            self._beacons[key], east, north, deeper, float(measured), *self._errors
+        )
         used = receive(self._belief, z, self._starter)
         if self._starter >= 0:
             self._starter = self._starter + 1 if self._starter + 1 < STARTERS else -1

@@ -2,8 +2,8 @@
 find the machine code.
 
 Compiled code contains constants of other modules, and numba compares only the function's own file.
-The folder is therefore named by a hash of the versions and of `REACHED`, the sources that compiled
-code can reach. All processes share it.
+The folder is therefore named by a hash of the versions and of `COMPILED_SOURCES`, the sources that
+compiled code can reach. All processes share it.
 
 What takes a type of a class outside of this project, as a user's controller, is compiled by each
 process: an index with such a class in it could be read by none that cannot import the class, and
@@ -40,21 +40,21 @@ from numba.core.serialize import NumbaPickler
 from numba.extending import overload, register_jitable, typeof_impl
 
 from laisn.arrays import Floats
-from laisn.failure import LaisnWarning
+from laisn.errors import LaisnWarning
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-REACHED = ("laisn/**/*.py", "sim/**/*.py", "experiments/campaign/lane_*.py")
+COMPILED_SOURCES = ("laisn/**/*.py", "sim/**/*.py", "experiments/campaign/lane_*.py")
 """Sources that compiled code reads: a compiled module imports from them alone."""
-_APART = ("sim/datasets", "sim/film", "sim/gazebo", "sim/log")
+_EXCLUDED = ("sim/datasets", "sim/film", "sim/gazebo", "sim/log")
 _ROOT = Path(__file__).resolve().parents[1]
 _KEPT_S = 7 * 86_400.0
 """Code of other versions is removed when it has not been used for so long."""
 
 
 def reached_sources() -> list[Path]:
-    found = [path for pattern in REACHED for path in sorted(_ROOT.glob(pattern))]
-    return [path for path in found if not path.relative_to(_ROOT).as_posix().startswith(_APART)]
+    found = [path for pattern in COMPILED_SOURCES for path in sorted(_ROOT.glob(pattern))]
+    return [path for path in found if not path.relative_to(_ROOT).as_posix().startswith(_EXCLUDED)]
 
 
 class UnstoredCode(LaisnWarning):
@@ -263,7 +263,7 @@ def formula(function: Function) -> Function:
     return register_jitable(inline="always")(function)
 
 
-class Listed:
+class DispatchedFormula:
     """A `formula` for a list whose members compiled code calls one after another, by
     `numba.literal_unroll`.
     """
@@ -276,8 +276,8 @@ class Listed:
         return self.function(*arguments)
 
 
-@typeof_impl.register(Listed)
-def _typeof(listed: Listed, context: Any) -> Any:
+@typeof_impl.register(DispatchedFormula)
+def _typeof(listed: DispatchedFormula, context: Any) -> Any:
     return typeof_impl(listed.compiled, context)
 
 

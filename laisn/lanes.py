@@ -15,8 +15,7 @@ import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints, Records
 from laisn.compiled import compiled, inlined
-from laisn.elementary import sin_cos
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.fix import (
     GATED,
     LOST,
@@ -32,9 +31,16 @@ from laisn.fix import (
 )
 from laisn.geometry import Point, Turn, is_singular, tilted_arms
 from laisn.messages import LeaderMessage, Measurements, Ranges
-from laisn.navigator import expected_acceleration, is_beyond, reach, speed_share, turn_share
+from laisn.navigator import (
+    exceeds_gate,
+    expected_acceleration,
+    gate_radius,
+    speed_share,
+    turn_share,
+)
 from laisn.settings import VARIANTS, NavigationSettings, Settings, Tuning, Variant
 from laisn.swarm import SwarmRecord, new_fix
+from laisn.vector_math import sin_cos
 
 LANES = 64
 
@@ -257,8 +263,8 @@ def update(block: Floats, t: Tuning, k: int) -> None:
         zy = block[ZY + lane]
         kind = block[KIND + lane]
         r = fix_variance(block[SIGMA + lane], block[DZ + lane], t)
-        bound = reach((k - block[ACCEPTED_STEP + lane]) * t.dt, block[SPEED + lane], t)
-        gated = is_beyond(Point(zx, zy), point_at(block, ACCEPTED_X, lane), bound)
+        bound = gate_radius((k - block[ACCEPTED_STEP + lane]) * t.dt, block[SPEED + lane], t)
+        gated = exceeds_gate(Point(zx, zy), point_at(block, ACCEPTED_X, lane), bound)
 
         pxx = block[PXX + lane]
         pxy = block[PXY + lane]

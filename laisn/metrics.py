@@ -9,9 +9,9 @@ import numpy as np
 from laisn import POSITION
 from laisn.arrays import Bools, Floats
 from laisn.compiled import formula, inlined, select
-from laisn.elementary import half_turn_angle
 from laisn.estimates import Estimates, FixKind
 from laisn.geometry import Point, Turn, is_singular
+from laisn.vector_math import half_turn_angle
 
 MIRROR_LOCK_ERROR = 5.0
 """Position error beyond which an estimate near the mirror image of the truth counts as locked on

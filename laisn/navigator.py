@@ -143,7 +143,7 @@ class Filter:
 
 
 @formula
-def reach(elapsed: float, speed: float, t: Tuning) -> float:
+def gate_radius(elapsed: float, speed: float, t: Tuning) -> float:
     """Greatest distance that a vehicle can have come in a time [s], at top speed or at the one
     measured [m].
     """
@@ -152,7 +152,7 @@ def reach(elapsed: float, speed: float, t: Tuning) -> float:
 
 
 @formula
-def is_beyond(place: Point, start: Point, bound: float) -> bool:
+def exceeds_gate(place: Point, start: Point, bound: float) -> bool:
     """Whether a place lies farther from a start than the bound [m]."""
     east, north = place.east - start.east, place.north - start.north
     return math.sqrt(east * east + north * north) > bound
@@ -178,11 +178,11 @@ class Gate:
         [m/s].
         """
         # steps of Δt are counted, not added up, so that this is exact where there are no others
-        return reach((step - self._step) * self._tuning.dt + self._extra, speed, self._tuning)
+        return gate_radius((step - self._step) * self._tuning.dt + self._extra, speed, self._tuning)
 
     def passes(self, position: Point, step: int, speed: float) -> bool:
         """Whether a fix at that position passes."""
-        return not is_beyond(position, self._position, self.bound(step, speed))
+        return not exceeds_gate(position, self._position, self.bound(step, speed))
 
     def accept(self, position: Point, step: int) -> None:
         """Take the state after an update as the new last accepted position."""

@@ -17,8 +17,8 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import numpy as np
 
 from laisn.arrays import Bools, Floats
+from laisn.errors import LaisnError
 from laisn.estimates import Estimates, FixKind, FixRecord, TightEstimates
-from laisn.failure import LaisnError
 from laisn.messages import Measurements, OwnMotion, Reception
 from laisn.plugins import calling, find_class, is_plugin_name
 from laisn.settings import VARIANTS, NavigationSettings, RivalSettings, Settings, TightSettings
@@ -80,7 +80,7 @@ class NavigatorSpec:
     # that it needs beside log, compass, depth and ranges, as `sensors.own` names it
     sensor: str = ""
     # its errors come near the Cramér–Rao bound, so that campaigns compute that too
-    near_bound: bool = False
+    compare_with_crlb: bool = False
     extra: Extra | None = None  # without which it cannot be made
 
     @property
@@ -148,7 +148,7 @@ _TIGHT = NavigatorSpec(
     swarm="laisn.tight.navigator:new_tight_swarm",
     smoother="laisn.tight.navigator:SmoothingNavigator",
     beacons="laisn.beacons:BeaconNavigator",
-    near_bound=True,
+    compare_with_crlb=True,
 )
 
 

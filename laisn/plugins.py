@@ -25,7 +25,7 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 from laisn.custom_sources import Sources, is_custom, remove_bytecode
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 
 VARIABLE = "LAISN_PLUGINS"
 # of the user's own code in the message of an error

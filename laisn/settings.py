@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, get_args
 import numpy as np
 
 from laisn.arrays import Offset, require_numbers, require_probability
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 
 Variant = Literal["laisn-2", "laisn-3-1", "laisn-3-2", "laisn-best", "laisn-main"]
 GateRule = Literal["off", "v-max", "v-measured"]

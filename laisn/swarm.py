@@ -27,11 +27,11 @@ ESTIMATE = np.dtype(
         ("compass_bias", np.float64),  # [rad]
         ("current", np.float64, 2),  # [m/s]
         (
-            "spread",
+            "position_sigma",
             np.float64,
         ),  # largest standard deviation of the position at the last message [m]
         # where the position is ambiguous: from the mean to the likelier hypothesis [m]
-        ("to_likelier", np.float64, 2),
+        ("offset_to_map", np.float64, 2),
     ]
 )
 """Estimate of one follower; a navigator without such states leaves their fields at zero."""

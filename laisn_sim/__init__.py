@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import Any
 
-    from experiments.flight.library import loaded as load
+    from experiments.flight.library import as_scenario as load
     from experiments.flight.summary import summarise as summary
     from experiments.flight.tables import Table as Table
     from experiments.flight.tables import errors_table as errors
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from experiments.pages.results import fly, navigate, read_log, render
     from experiments.pages.results import log_flight as write_log
     from experiments.study.study import StudyFolder as StudyFolder
-    from laisn.failure import LaisnError as LaisnError
+    from laisn.errors import LaisnError as LaisnError
     from laisn.navigator import Navigator as Navigator
     from laisn.plugins import load_plugin
     from laisn_sim.simulation import Simulation as Simulation
@@ -68,13 +68,13 @@ _INTERRUPTED = b"laisn: interrupted\n"
 _HOMES = {
     "Command": "sim.closed_loop:Command",
     "Wrench": "sim.closed_loop:Wrench",
-    "LaisnError": "laisn.failure:LaisnError",
+    "LaisnError": "laisn.errors:LaisnError",
     "Navigator": "laisn.navigator:Navigator",
     "Scenario": "sim.scenario.settings:Scenario",
     "Simulation": "laisn_sim.simulation:Simulation",
     "VehicleTruth": "laisn_sim.simulation:VehicleTruth",
     "StudyFolder": "experiments.study.study:StudyFolder",
-    "load": "experiments.flight.library:loaded",
+    "load": "experiments.flight.library:as_scenario",
     "load_plugin": "laisn.plugins:load_plugin",
     "Table": "experiments.flight.tables:Table",
     "errors": "experiments.flight.tables:errors_table",
@@ -159,7 +159,7 @@ def hull(role: str) -> str:
     """
     _require_own_packages()
     import models
-    from laisn.failure import LaisnError
+    from laisn.errors import LaisnError
 
     try:
         return models.path(role).read_text(encoding="utf-8")

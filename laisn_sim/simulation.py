@@ -13,10 +13,10 @@ import numpy as np
 
 from experiments.campaign.progress import compiling_shown
 from experiments.flight.fly import OUTCOMES
-from experiments.flight.library import loaded
+from experiments.flight.library import as_scenario
 from experiments.pages.results import Flight
 from laisn.arrays import Floats, records
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.messages import Reception, bearing_of
 from laisn.swarm import reception_of
 from sim import attitude
@@ -34,7 +34,7 @@ from sim.closed_loop import (
     require_command,
 )
 from sim.control.guidance import REFERENCE
-from sim.flight import Outcome
+from sim.flight import Termination
 from sim.scenario.settings import Scenario
 from sim.simulation import (
     TICK,
@@ -106,7 +106,7 @@ class Simulation:
 
         LaisnError also if vehicles move as points.
         """
-        self.scenario = loaded(source, changes)
+        self.scenario = as_scenario(source, changes)
         self._set_out()
 
     def _set_out(self) -> None:
@@ -115,7 +115,7 @@ class Simulation:
             self._loop = cast(AnyClosedLoop, self._mission.controller)
             self._commands: dict[int, Command | Wrench | Floats] = {}
             self._reference = records(REFERENCE, 1)
-            self._outcome = Outcome.INTERRUPTED
+            self._outcome = Termination.INTERRUPTED
             self._bounds = bounds_of(self.scenario)
             self._mission.advance(0)
 
@@ -146,13 +146,13 @@ class Simulation:
     @property
     def done(self) -> bool:
         """Whether the mission is at its end; `outcome` says how."""
-        return self.outcome is not Outcome.INTERRUPTED
+        return self.outcome is not Termination.INTERRUPTED
 
     @property
-    def outcome(self) -> Outcome:
+    def outcome(self) -> Termination:
         """How the mission ended; INTERRUPTED until it has."""
-        if self._outcome is Outcome.INTERRUPTED and self._instant >= self._mission.last:
-            return Outcome.COMPLETED
+        if self._outcome is Termination.INTERRUPTED and self._instant >= self._mission.last:
+            return Termination.COMPLETED
         return self._outcome
 
     def step(self, duration: float | None = None) -> Self:
@@ -190,7 +190,7 @@ class Simulation:
             if self._mission.advance_within(end, until_contact=ends, bounds=self._bounds):
                 require_regular_end(self.scenario, self._mission.trajectory(), self._bounds)
         except DivergedError:
-            self._outcome = Outcome.DIVERGED
+            self._outcome = Termination.DIVERGED
             raise
         except EndedError as error:
             self._outcome = OUTCOMES[type(error)]
@@ -309,7 +309,7 @@ class Simulation:
         changes = {"seed": seed, "run": run}
         given = {key: value for key, value in changes.items() if value is not None}
         if given:
-            self.scenario = loaded(self.scenario, given)
+            self.scenario = as_scenario(self.scenario, given)
         self._set_out()
         return self
 

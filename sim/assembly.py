@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.scenario.point_motion import SPEED_MIN
 from sim.scenario.routes import DepthProfile, Route, library_route
 from sim.scenario.settings import Follower, Scenario, Vehicle
@@ -98,7 +98,7 @@ def on_axis(sites: Floats) -> bool:
     )
 
 
-def _stand_in(follower: Follower, scenario: Scenario, leader: Route) -> Route:
+def _initial_route_of_station(follower: Follower, scenario: Scenario, leader: Route) -> Route:
     """Where a follower on a station begins, and how: beside the leader, as if its trail had been
     straight.
     """
@@ -125,7 +125,7 @@ def routes_of(scenario: Scenario) -> tuple[Route, ...]:
     return (
         leader,
         *(
-            _stand_in(f, scenario, leader) if f.station else route_of(f, f.name)
+            _initial_route_of_station(f, scenario, leader) if f.station else route_of(f, f.name)
             for f in scenario.followers
         ),
     )

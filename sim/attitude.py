@@ -25,7 +25,7 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 
 @compiled
-def times(m: Matrix, a: Vector) -> Vector:
+def matvec(m: Matrix, a: Vector) -> Vector:
     return (
         m[0][0] * a[0] + m[0][1] * a[1] + m[0][2] * a[2],
         m[1][0] * a[0] + m[1][1] * a[1] + m[1][2] * a[2],
@@ -218,7 +218,7 @@ def _share(fraction: float, angle: float) -> float:
 
 
 @jitable
-def between(start: Any, end: Any, fraction: float) -> tuple[float, float, float, float]:
+def slerp(start: Any, end: Any, fraction: float) -> tuple[float, float, float, float]:
     """Spherical interpolation of two attitudes of four numbers; fraction in [0, 1]."""
     cosine = start[0] * end[0] + start[1] * end[1] + start[2] * end[2] + start[3] * end[3]
     angle = math.acos(min(abs(cosine), 1.0))

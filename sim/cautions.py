@@ -49,7 +49,7 @@ def has(*fields: str) -> Callable[[Settings, Scenario], bool]:
 
 def _expects_common_echoes(settings: Settings, scenario: Scenario) -> bool:
     """Whether the paths by surface and floor are computed from depths."""
-    return hasattr(settings, "floor_depth") and find(scenario.navigation.variant).near_bound
+    return hasattr(settings, "floor_depth") and find(scenario.navigation.variant).compare_with_crlb
 
 
 def distances(scenario: Scenario, follower: Follower) -> Floats:
@@ -250,7 +250,7 @@ def _sentence(rule: Rule, effect: str, scenario: Scenario, settings: Settings) -
     navigator = f"navigator {variant!r}"
     section, _, name = rule.assumption.partition(".")
     # of those that have the assumption, some only share the section with others
-    if section and find(variant).near_bound:
+    if section and find(variant).compare_with_crlb:
         value = getattr(getattr(scenario.navigation, section), name)
         text = str(value).lower() if isinstance(value, bool) else f"{value:g}"
         navigator = f"navigation.{rule.assumption} = {text}"

@@ -15,7 +15,7 @@ import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints, Record, Records, numbers_of, records
 from laisn.compiled import compiled
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.messages import Reception, bearing_of
 from laisn.navigators import find
 from laisn.plugins import calling, find_controller
@@ -41,7 +41,7 @@ from sim.control.guidance import (
     track_current,
 )
 from sim.control.station import SPACING, TRAIL, LeaderPlan, extend_as_planned, plan_of
-from sim.flight import Flight, Outcome, navigation_settings
+from sim.flight import Flight, Termination, navigation_settings
 from sim.scenario.formation import Proximity
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.scenario.vehicles import Follower
@@ -49,11 +49,11 @@ from sim.sensing import observation, proximity
 from sim.sensing.acoustics import Motion, site_at
 from sim.sensing.noise import STREAMS, normals
 from sim.sensing.sensors import (
+    CustomSensor,
     FollowerState,
-    OwnSensor,
-    follow_tilt,
     follower_state,
     own_sensors,
+    update_tilt_error,
 )
 from sim.simulation import (
     TICK,
@@ -61,11 +61,11 @@ from sim.simulation import (
     RouteControl,
     fly_mission,
     new_mission,
-    standing,
+    static_trajectory,
     steer_along_route,
 )
 from sim.tracking import formations_of, stations_of
-from sim.trajectory import Trajectory, Truth, speed_through_water
+from sim.trajectory import StateHistory, Trajectory, speed_through_water
 from sim.vehicle.plant import Plant
 
 # kinds of followers
@@ -173,13 +173,13 @@ def init_closed_loop(
 
 
 @compiled
-def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
+def sense(k: int, truth: StateHistory, a: ClosedLoopState) -> bool:
     """All sensors at instant k, and messages that are in; whether navigators are due, else
     followers dead-reckon.
     """
     stride = a.sensors.stride
     if k > 0 and a.sensors.senses_acceleration:
-        follow_tilt(a.sensors.tilt_share, k, truth.pose[:, 0], truth.twist[:, 0], a.tilts)
+        update_tilt_error(a.sensors.tilt_share, k, truth.pose[:, 0], truth.twist[:, 0], a.tilts)
     if k % stride != 0:
         for i in range(a.kinds.size):
             estimate = a.estimates[i]
@@ -192,14 +192,14 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
         observation.read_instruments(a.sensors, step, i, body, a.sites[2][i], a.read[i])
         on_station = a.kinds[i] >= ON_STATION_BY_TRUTH
         if k > 0 and a.look_every > 0 and k % a.look_every == 0 and on_station:
-            proximity.look(
+            proximity.sense_neighbours(
                 (a.sensors.seed, a.sensors.run), a.proximity, k, i, truth.pose[k], a.seen[i]
             )
             steering.update_avoidance(a.proximity, a.seen[i], a.estimates[i], a.memory[i])
         a.arrived[i] = False
         a.inbox.outcome[i] = observation.NO_MESSAGE
         # few calls, for what is handed over costs more than the question
-        if a.inbox.due[i] <= step:
+        if a.inbox.earliest_step[i] <= step:
             observation.receive(
                 a.sensors,
                 step,
@@ -250,10 +250,10 @@ def _true_estimate(
     reading.turning = motion.turning
     reading.pitching = motion.pitching
     track_current((water[0], water[1]), TICK, guidance)
-    estimate.log_bias = estimate.compass_bias = estimate.spread = 0.0
+    estimate.log_bias = estimate.compass_bias = estimate.position_sigma = 0.0
     estimate.position[0], estimate.position[1], _ = body_point_in_world(pose, hydrophone)
     for i in range(2):
-        estimate.velocity[i] = estimate.to_likelier[i] = 0.0
+        estimate.velocity[i] = estimate.offset_to_map[i] = 0.0
         estimate.current[i] = guidance.current[i]
 
 
@@ -289,7 +289,7 @@ def _follow_route(k: int, f: int, a: ClosedLoopState) -> None:
 
 
 @compiled
-def guide(k: int, truth: Truth, a: ClosedLoopState) -> None:
+def guide(k: int, truth: StateHistory, a: ClosedLoopState) -> None:
     """Find the commands of all vehicles that hold from instant k until k + 1.
 
     Of the truth until then only that of the leader and of followers that steer by the truth is
@@ -342,7 +342,7 @@ class ClosedLoop(NamedTuple):
     swarm: Swarm  # the followers' navigators, with a compiled `navigate`
 
     @compiled
-    def control(self, k: int, truth: Truth) -> int:
+    def control(self, k: int, truth: StateHistory) -> int:
         """Sense, navigate and find the commands of all vehicles; see
         `sim.simulation.Controller.control`.
         """
@@ -552,7 +552,7 @@ class PythonClosedLoop:
         state: ClosedLoopState,
         swarm: Swarm,
         own: OwnControl,
-        sensors: Sequence[OwnSensor],
+        sensors: Sequence[CustomSensor],
     ) -> None:
         """Begin a mission; `sensors` are those beside the built-in ones, of each follower."""
         self.state = state
@@ -566,7 +566,7 @@ class PythonClosedLoop:
         }
         """Readings of further sensors by name, follower and filter step, each of shape (c,)."""
 
-    def control(self, k: int, truth: Truth) -> int:
+    def control(self, k: int, truth: StateHistory) -> int:
         """As `ClosedLoop.control`."""
         state = self.state
         failed = 0
@@ -598,7 +598,7 @@ class PythonClosedLoop:
             self._own.command(k, received, self.latest_custom, tables)
         return failed
 
-    def _read_custom(self, k: int, truth: Truth) -> None:
+    def _read_custom(self, k: int, truth: StateHistory) -> None:
         """Read the further sensors of all followers at instant k, a filter step, and record
         them.
         """
@@ -611,7 +611,7 @@ class PythonClosedLoop:
             for name, reading in readings.items():
                 self.custom[name][f].append(reading)
 
-    def _read(self, sensor: OwnSensor, seen: FollowerState, k: int, f: int) -> Floats:
+    def _read(self, sensor: CustomSensor, seen: FollowerState, k: int, f: int) -> Floats:
         s = self.state.sensors
         stream = STREAMS * f + sensor.stream
         noise = normals(int(s.seed), int(s.run), stream, [k // s.stride])
@@ -621,7 +621,7 @@ class PythonClosedLoop:
             reading[:] = np.nan
         return reading
 
-    def _follower_state(self, k: int, truth: Truth, f: int) -> FollowerState:
+    def _follower_state(self, k: int, truth: StateHistory, f: int) -> FollowerState:
         """True state of a follower at instant k, with the sources of a message that is in."""
         state = self.state
         instant = slice(k, k + 1)
@@ -657,7 +657,7 @@ def closed_loop_of(
     With `whole` all that navigators conclude is recorded, else their states alone. LaisnError if
     the followers' hydrophones are not equally high above their pressure sensors.
     """
-    still = standing(plant)
+    still = static_trajectory(plant)
     numbers = range(len(scenario.followers))
     settings = [navigation_settings(scenario, still, i) for i in numbers]
     if any(of_follower != settings[0] for of_follower in settings):
@@ -704,7 +704,7 @@ def simulate_closed_loop(
 
 
 def flight_of(
-    scenario: Scenario, mission: Mission, trajectory: Trajectory, outcome: Outcome
+    scenario: Scenario, mission: Mission, trajectory: Trajectory, outcome: Termination
 ) -> Flight:
     """The flight of a mission of `closed_loop_mission`, as it was: nothing is computed again.
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from laisn.arrays import Floats, Ints
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.navigators import NAVIGATORS, find
 from laisn.plugins import find_controller, is_plugin_name
 from sim.assembly import models_of, ocean_of, on_axis, route_of, routes_of, setups_of, vehicle_names
@@ -38,7 +38,7 @@ from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S, Follower, Scenario, Vehicle, Video
 from sim.sensing.sensors import own_sensors
 from sim.tracking import HULL_RADIUS_M, closest_stations
-from sim.vehicle.effectors import FIN, LEAST_WAY
+from sim.vehicle.effectors import FIN, MIN_STEERAGE_SPEED
 from sim.vehicle.mjcf import SEA_WATER, spec_of, transmitter_places
 from sim.vehicle.own_hull import hull_errors
 from sim.vehicle.plant import Plant
@@ -172,10 +172,10 @@ def _speed_errors(vehicle: Vehicle, speeds: SpeedRange, design: Any) -> list[str
             f"its effectors drive it at {top:.2g} m/s at most, {subject} needs up to "
             f"{speeds.fastest:.3g} through the water; give {advice} more time or less current"
         )
-    if needs_way(design) and speeds.slowest < LEAST_WAY:
+    if needs_way(design) and speeds.slowest < MIN_STEERAGE_SPEED:
         lines.append(
-            f"it has no vertical thrusters and cannot hover: its fins need {LEAST_WAY:g} m/s, "
-            f"{subject} has down to {speeds.slowest:.3g} m/s through the water; give {advice} less "
+            "it has no vertical thrusters and cannot hover: its fins need "
+            f"{MIN_STEERAGE_SPEED:g} m/s, {subject} has down to {speeds.slowest:.3g} m/s through the water; give {advice} less "
             "time, without stops"
         )
     return lines
@@ -410,8 +410,8 @@ def cautions(scenario: Scenario) -> list[str]:
     variant = scenario.navigation.variant
     stations = any(follower.station for follower in scenario.followers)
     # how good a navigator of the user's own is, its flight shows
-    if stations and not (find(variant).near_bound or is_plugin_name(variant)):
-        better = ", ".join(repr(name) for name, one in NAVIGATORS.items() if one.near_bound)
+    if stations and not (find(variant).compare_with_crlb or is_plugin_name(variant)):
+        better = ", ".join(repr(name) for name, one in NAVIGATORS.items() if one.compare_with_crlb)
         found.append(
             f"stations are kept by navigator {variant!r}, with errors of metres; {better} keeps "
             "them better"

@@ -7,8 +7,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from laisn.arrays import Floats, Ints
+from laisn.errors import LaisnError
 from laisn.estimates import Estimates
-from laisn.failure import LaisnError
 from laisn.messages import Measurements
 from laisn.metrics import bearing_errors, position_errors
 from laisn.navigators import NAVIGATORS, NavigatorFactory, find
@@ -28,7 +28,7 @@ s; in calm water it costs little."""
 Kind = TypeVar("Kind", bound=Settings)
 
 
-class Outcome(Enum):
+class Termination(Enum):
     """How a mission ended."""
 
     COMPLETED = "the mission was flown to its end"
@@ -47,7 +47,7 @@ class Flight:
     trajectory: Trajectory
     measurements: tuple[Measurements, ...]  # one for each follower
     estimates: tuple[Estimates, ...]  # one for each follower
-    outcome: Outcome = Outcome.COMPLETED
+    outcome: Termination = Termination.COMPLETED
 
     def __post_init__(self) -> None:
         for i, estimates in enumerate(self.estimates):
@@ -139,7 +139,7 @@ def navigate(
     scenario: Scenario,
     trajectory: Trajectory,
     navigator: NavigatorFactory | None = None,
-    outcome: Outcome = Outcome.COMPLETED,
+    outcome: Termination = Termination.COMPLETED,
 ) -> Flight:
     """Sense a trajectory, or the part that was flown, with the scenario's noise, and let every
     follower navigate on it.

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from sim.control.autopilot import design, top_speed
 from sim.control.stability import least_radius
 from sim.scenario.settings import Follower, Scenario, Vehicle
-from sim.vehicle.effectors import FIN, LEAST_WAY
+from sim.vehicle.effectors import FIN, MIN_STEERAGE_SPEED
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water import Ocean
@@ -25,7 +25,7 @@ HULL_KEYS = (  # keys of a vehicle, beside its model, on which its motion depend
     "excess_buoyancy_n",
 )
 # least speed through the water of followers on stations whose fins need way [m/s]
-STATION_WAY = 1.2 * LEAST_WAY
+STATION_WAY = 1.2 * MIN_STEERAGE_SPEED
 
 
 class Hull(NamedTuple):

@@ -15,7 +15,7 @@ from numba.extending import overload_method
 
 from laisn.arrays import Bools, Floats, Records, records
 from laisn.compiled import compiled, copy_values
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim import attitude
 from sim.assembly import ocean_of, routes_of, setups_of, vehicle_names
 from sim.control.autopilot import (
@@ -39,9 +39,9 @@ from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.tracking import MissionBounds, bounds_of, contacts, first_departure, first_touch
-from sim.trajectory import OF_VEHICLES, Trajectory, Truth
+from sim.trajectory import OF_VEHICLES, StateHistory, Trajectory
 from sim.vehicle.effectors import THRUSTER
-from sim.vehicle.plant import FINE, Fault, Plant, PlantError, advance
+from sim.vehicle.plant import OK, Fault, Plant, PlantError, advance
 from sim.water import Water, water_velocity
 
 TICK = CONTROL_STEP_S  # interval of guidance, autopilot and recording [s]
@@ -73,7 +73,7 @@ class DivergedError(EndedError):
 class Controller(Protocol):
     """Computes the commands of all vehicles; its class may be of a user's own, in Python."""
 
-    def control(self, k: int, truth: Truth) -> int | None:
+    def control(self, k: int, truth: StateHistory) -> int | None:
         """Write the commands that hold from instant k until k + 1 into the array that it was made
         with.
 
@@ -101,7 +101,7 @@ class RouteControl(NamedTuple):
     outside: Bools
 
     @compiled
-    def control(self, k: int, truth: Truth) -> int:
+    def control(self, k: int, truth: StateHistory) -> int:
         """Find the commands of all vehicles; see `Controller.control`."""
         for i in range(self.command.shape[0]):
             if not self.outside[i]:
@@ -114,7 +114,9 @@ ControllerFactory = Callable[[Plant, RouteControl], Controller]
 
 
 @compiled
-def record_state(k: int, state: tuple[Floats, Floats, Floats], water: Water, truth: Truth) -> None:
+def record_state(
+    k: int, state: tuple[Floats, Floats, Floats], water: Water, truth: StateHistory
+) -> None:
     """Record instant k: pose, twist and thrust of a plant, and its water."""
     pose, twist, thrust = state
     water_velocity(pose[:, :3], k * TICK, water, truth.water[k])
@@ -125,7 +127,7 @@ def record_state(k: int, state: tuple[Floats, Floats, Floats], water: Water, tru
 
 
 @compiled
-def steer_along_route(k: int, truth: Truth, i: int, routes: RouteControl) -> None:
+def steer_along_route(k: int, truth: StateHistory, i: int, routes: RouteControl) -> None:
     """Find the command of vehicle i, by its true motion, that holds from the recorded instant k
     until k + 1.
     """
@@ -152,7 +154,7 @@ def steer_along_route(k: int, truth: Truth, i: int, routes: RouteControl) -> Non
 
 @compiled
 def hold_by_truth(
-    k: int, truth: Truth, i: int, held: Floats, reference: Records, routes: RouteControl
+    k: int, truth: StateHistory, i: int, held: Floats, reference: Records, routes: RouteControl
 ) -> None:
     """Find the command of vehicle i, from the recorded instant k on, that holds heading [rad],
     speed through the water [m/s] and depth [m], by its true motion.
@@ -174,7 +176,7 @@ def hold_by_truth(
 
 @compiled
 def apply_wrench_by_truth(
-    k: int, truth: Truth, i: int, wrench: Floats, routes: RouteControl
+    k: int, truth: StateHistory, i: int, wrench: Floats, routes: RouteControl
 ) -> None:
     """Find the command of vehicle i, from the recorded instant k on, whose effectors give a wrench
     about the hull's axes as far as they can, shape (6,), [N], [N m].
@@ -186,7 +188,7 @@ def apply_wrench_by_truth(
 
 
 @compiled
-def take_over(k: int, truth: Truth, i: int, routes: RouteControl) -> None:
+def take_over(k: int, truth: StateHistory, i: int, routes: RouteControl) -> None:
     """Begin the guidance of vehicle i anew where it is, at the recorded instant k."""
     motion = vehicle_state(truth.pose[k, i], truth.twist[k, i], truth.water[k, i])
     water = truth.water[k, i]
@@ -200,7 +202,7 @@ def _simulate(
     plant: tuple[Any, tuple[Floats, Floats, Floats], Water],
     controller: Controller,
     command: Floats,
-    truth: Truth,
+    truth: StateHistory,
 ) -> tuple[int, Fault]:
     """Step, record and control from the first to the last instant of `span`, with so many physics
     steps in between.
@@ -212,16 +214,16 @@ def _simulate(
     for k in range(first, last + 1):
         if k > 0:
             fault = advance(handles, command, substeps)
-            if fault[0] != FINE:
+            if fault[0] != OK:
                 return k - 1, fault
         record_state(k, state, water, truth)
         failed = controller.control(k, truth)
         if failed:
             return k, (NAVIGATION_FAILED, failed)
-    return last, (FINE, -1)
+    return last, (OK, -1)
 
 
-def _trajectory(plant: Plant, truth: Truth, instants: int) -> Trajectory:
+def _trajectory(plant: Plant, truth: StateHistory, instants: int) -> Trajectory:
     """What is recorded of the first instants, which are two or more; the arrays are no longer
     written to.
     """
@@ -239,11 +241,11 @@ def _trajectory(plant: Plant, truth: Truth, instants: int) -> Trajectory:
     )
 
 
-def standing(plant: Plant) -> Trajectory:
+def static_trajectory(plant: Plant) -> Trajectory:
     """A plant as it stands, as a trajectory of two equal instants: for settings that depend on
     the hulls.
     """
-    truth = Truth.empty(2, *plant.thrust.shape)
+    truth = StateHistory.empty(2, *plant.thrust.shape)
     for k in range(2):
         record_state(k, plant.state, plant.ocean.water, truth)
     return _trajectory(plant, truth, 2)
@@ -290,7 +292,7 @@ class Mission:
         self._loop = _simulate
         if not isinstance(self.controller, tuple):
             self._loop = cast(Any, _simulate).py_func
-        self.truth = Truth.empty(ticks + 1, *plant.thrust.shape)
+        self.truth = StateHistory.empty(ticks + 1, *plant.thrust.shape)
         self.instants = 0
 
     @property
@@ -368,7 +370,7 @@ class Mission:
         """The motion until now, of two instants or more; a copy where the mission goes on."""
         truth = self.truth
         if self.instants <= self.last:
-            truth = Truth(*(array[: self.instants].copy() for array in truth))
+            truth = StateHistory(*(array[: self.instants].copy() for array in truth))
         return _trajectory(self.plant, truth, self.instants)
 
 

@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 
 _CHECK_PARENT_S = 0.5
 _M_MMAP_THRESHOLD = -3  # of malloc.h of the GNU C library

@@ -148,7 +148,7 @@ def _dot(one: Floats, other: Floats) -> Floats:
 def hull_gap(between: Floats, one: Floats, other: Floats, halves: tuple[float, float]) -> Floats:
     """Distances of two straight hulls' axes at n instants, shape (n,), [m].
 
-    `between` leads from the middle of the first to that of the second, shape (n, 3), [m]; `one` and
+    `slerp` leads from the middle of the first to that of the second, shape (n, 3), [m]; `one` and
     `other` are unit vectors along them, shape (n, 3), and `halves` half their lengths [m].
     """
     along = _dot(one, other)

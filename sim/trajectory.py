@@ -14,7 +14,7 @@ from laisn.compiled import compiled, jitable
 from sim import attitude
 
 
-class Truth(NamedTuple):
+class StateHistory(NamedTuple):
     """Motion of v vehicles at n instants as the simulation records it, one instant after the
     other.
     """
@@ -72,7 +72,7 @@ def pose_between(
     east = a * one[0] + b * here[0] + c * other[0] + d * there[0]
     north = a * one[1] + b * here[1] + c * other[1] + d * there[1]
     up = a * one[2] + b * here[2] + c * other[2] + d * there[2]
-    w, x, y, z = attitude.between(one[3:7], other[3:7], u)
+    w, x, y, z = attitude.slerp(one[3:7], other[3:7], u)
     return east, north, up, w, x, y, z
 
 

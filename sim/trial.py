@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.assembly import route_of
 from sim.hull import HULL_KEYS
 from sim.scenario.settings import Follower, Scenario, Vehicle

@@ -20,8 +20,8 @@ import numpy.typing as npt
 
 from laisn.arrays import Floats, Two, own_arrays
 from laisn.compiled import compiled, inlined
-from laisn.elementary import exp, sin_cos
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
+from laisn.vector_math import exp, sin_cos
 from sim.attitude import Matrix, Vector
 
 # gravity, which pulls on the surface here as it pulls on bodies in models/ocean.xml [m/s²]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.system import background_process
 
 

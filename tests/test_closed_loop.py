@@ -9,7 +9,7 @@ import pytest
 
 from experiments.campaign.montecarlo import simulate_mission
 from experiments.flight.fly import fly
-from experiments.flight.library import ROUTES, load
+from experiments.flight.library import ROUTES, load_scenario
 from experiments.studies.closed_loop import findings as study
 from experiments.study import measure as study_measure
 from experiments.study.file import study_of
@@ -23,7 +23,7 @@ from sim.scenario.file import validate
 from sim.scenario.settings import Scenario
 from sim.sensing.observation import observe
 from sim.simulation import simulate_motion
-from sim.trajectory import Trajectory, Truth
+from sim.trajectory import StateHistory, Trajectory
 from tests import synthetic
 from tests.study.cells import cells_of
 
@@ -32,7 +32,7 @@ ENTRIES = {entry.arm: entry for entry in plan_of(study_of("closed-loop", {})).en
 
 
 def mission(*assignments: str, route: str = "T6", duration: float = 60.0) -> Scenario:
-    return load(
+    return load_scenario(
         route,
         [
             "followers.0.guidance_position=estimate",
@@ -220,7 +220,7 @@ def test_commands_are_a_function_of_readings_and_estimates() -> None:
         "test",
     )
     flown, loop = simulate_closed_loop(scenario)
-    truth = Truth(
+    truth = StateHistory(
         *(array.copy() for array in (flown.pose, flown.twist, flown.water_velocity, flown.thrust))
     )
     other = deepcopy(truth)

@@ -15,7 +15,7 @@ from experiments.study.measure import facts_of, records_of_run
 from experiments.study.run import _of_runs
 from sim import attitude
 from sim.assembly import ocean_of, routes_of, setups_of
-from sim.flight import Outcome
+from sim.flight import Termination
 from sim.scenario.file import validate
 from sim.scenario.settings import Scenario
 from sim.simulation import simulate
@@ -103,7 +103,7 @@ FEELING = {
 def test_contact_ends_a_mission_where_one_that_goes_on_is_marked(changes: dict[str, Any]) -> None:
     whole, went_on = MissionToFly(meeting(**changes)).simulate()
     ended, outcome = MissionToFly(meeting(contact="end", **changes)).simulate()
-    assert (went_on, outcome) == (Outcome.COMPLETED, Outcome.CONTACT)
+    assert (went_on, outcome) == (Termination.COMPLETED, Termination.CONTACT)
     # noses meet when both have swum 30 m, less half a hull each
     assert ended.time[-1] == pytest.approx(30.0 - 0.7, abs=0.5)
     assert contacts(ended) == [(ended.time[-1], ("follower-1", "follower-2"))] == contacts(whole)
@@ -123,7 +123,7 @@ def test_a_fleet_stops_at_its_recorded_end() -> None:
 
 def test_without_contact_a_flight_reaches_its_end() -> None:
     trajectory, outcome = MissionToFly(meeting(contact="end", duration_s=10.0)).simulate()
-    assert (trajectory.time[-1], outcome) == (10.0, Outcome.COMPLETED)
+    assert (trajectory.time[-1], outcome) == (10.0, Termination.COMPLETED)
 
 
 def test_a_campaign_names_the_mission_that_contact_ends() -> None:

@@ -11,7 +11,7 @@ import pytest
 from experiments.campaign.version import ROOT
 from experiments.findings import SCHEMA, Finding, Findings, of, plain, read, version_of
 from experiments.intervals import Interval
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from tools.documents import markers
 from tools.documents.hull_trials import PUBLISHED_SPEED
 from tools.documents.tables import closed_loop, markdown, ratios, tracking

@@ -7,7 +7,7 @@ import pytest
 
 from experiments.flight import library
 from experiments.flight.fly import fly
-from experiments.flight.library import load
+from experiments.flight.library import load_scenario
 from experiments.flight.summary import summarise
 from laisn.arrays import Floats, records
 from laisn.swarm import ESTIMATE, READING
@@ -26,7 +26,7 @@ from sim.hull import hull_of, limits_of
 from sim.scenario.file import validate
 from sim.scenario.formation import Formation, Proximity
 from sim.scenario.settings import Scenario
-from sim.sensing.proximity import SIGHTING, look
+from sim.sensing.proximity import SIGHTING, sense_neighbours
 from sim.simulation import simulate_motion
 from sim.tracking import (
     off_station,
@@ -193,7 +193,7 @@ def test_followers_that_sense_each_other_give_way() -> None:
     look_at = np.concatenate([wary.position[-1], wary.quaternion[-1]], axis=1)
     proximity, seen = Proximity().record(), np.empty_like(controller.state.seen[0])
     for i in range(2):
-        look(
+        sense_neighbours(
             (controller.state.sensors.seed, controller.state.sensors.run),
             proximity,
             600,
@@ -289,7 +289,7 @@ def quiet_for(seconds: float, formation: Formation, spread: float = 0.0) -> tupl
     )
     reading, reference = record(READING, 1.0, 0.0, 12.0, 0.0, 0.0, 0.0), record(REFERENCE)
     estimate, rows = record(ESTIMATE), []
-    estimate.spread = spread
+    estimate.position_sigma = spread
     init_memory(message(0.0, 0.0, 0.0, 0.0, 1.0), trail, count, memory)
     for second in range(1, 21):
         extend_trail(
@@ -526,7 +526,7 @@ def test_impossible_settings_are_reported_before_the_simulation(
 
 
 def test_the_built_in_swarm_is_ten_followers_on_stations() -> None:
-    scenario = load("swarm", [])
+    scenario = load_scenario("swarm", [])
     assert sum(follower.station is not None for follower in scenario.followers) == 10
 
 
@@ -535,7 +535,7 @@ CORNER = {"waypoints": [[0, 0, 0], [150, 150, 0], [400, 150, 250]]}
 
 def slow_swarm(**leader: object) -> Scenario:
     """The built-in swarm of ten REMUS 100 round a right angle at 1 m/s."""
-    return library.loaded(
+    return library.as_scenario(
         "swarm",
         {"duration_s": 400.0, "leader": CORNER | leader, "followers.*.model": "remus100"},
     )

@@ -18,7 +18,7 @@ from sim.scenario.file import validate
 from sim.scenario.settings import Scenario
 from sim.sensing import observation, proximity
 from sim.simulation import RouteControl, simulate_motion
-from sim.trajectory import Truth
+from sim.trajectory import StateHistory
 from sim.vehicle.plant import Plant
 
 DURATION = 12.0
@@ -128,7 +128,13 @@ class Sensing:
 
     def receive(self, *arguments: Any) -> None:
         inbox = arguments[-1]
-        targets = (inbox.content, inbox.ranges, inbox.due, inbox.last_sent, inbox.outcome)
+        targets = (
+            inbox.message_values,
+            inbox.ranges,
+            inbox.earliest_step,
+            inbox.last_sent,
+            inbox.outcome,
+        )
         self._tape.pass_through(lambda: observation.receive(*arguments), targets)
 
     def first_message(self, *arguments: Any) -> Any:
@@ -150,7 +156,7 @@ class Nearby:
     def look(self, *arguments: Any) -> None:
         seen = arguments[-1]
         targets = (seen.range, seen.bearing)
-        self._tape.pass_through(lambda: proximity.look(*arguments), targets)
+        self._tape.pass_through(lambda: proximity.sense_neighbours(*arguments), targets)
 
 
 class Recording:
@@ -162,10 +168,10 @@ class Recording:
         self.blind = blind
         self.commands: list[Floats] = []
 
-    def control(self, k: int, truth: Truth) -> int:
+    def control(self, k: int, truth: StateHistory) -> int:
         shown = truth
         if self.blind:
-            shown = Truth(*(np.full_like(array, np.nan) for array in truth))
+            shown = StateHistory(*(np.full_like(array, np.nan) for array in truth))
         failed = self.loop.control(k, shown)
         self.commands.append(self.routes.command[1:].copy())
         # the leader is steered by its own truth
@@ -199,7 +205,7 @@ def test_commands_do_not_depend_on_what_is_hidden(
     tape = Tape()
     read_custom = PythonClosedLoop._read_custom
 
-    def taped_readings(loop: PythonClosedLoop, k: int, truth: Truth) -> None:
+    def taped_readings(loop: PythonClosedLoop, k: int, truth: StateHistory) -> None:
         def sense() -> list[Any]:
             read_custom(loop, k, truth)
             return list(loop.latest_custom)

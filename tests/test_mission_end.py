@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 import laisn_sim
 from experiments.command.cli import app
 from experiments.command.errors import MISSION_FAILED
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.assembly import routes_of
-from sim.flight import Outcome
+from sim.flight import Termination
 from sim.scenario.file import ScenarioError
 from sim.scenario.routes import DepthProfile, Route
 from sim.tracking import LEFT_ROUTE_M, MissionBounds, distance_from_route, first_departure
@@ -31,7 +31,7 @@ def test_a_hull_heavier_than_it_can_lift_is_refused_with_advice_that_works() -> 
         laisn_sim.load(mission(excess_buoyancy_n=-7.9))
     trim = float(str(caught.value).split("excess_buoyancy_n = ")[1].split(",")[0])
     flight = laisn_sim.fly(mission(excess_buoyancy_n=trim))
-    assert flight.outcome is Outcome.COMPLETED
+    assert flight.outcome is Termination.COMPLETED
     assert np.abs(flight.trajectory.depth[:, 1] - 10.0).max() < 2.0
 
 
@@ -53,12 +53,12 @@ def test_a_vehicle_at_the_floor_ends_the_mission(tmp_path: Path) -> None:
     file.write_text(SINKS)
     result = CliRunner().invoke(app, ["fly", str(file), "--no-video", "--out", str(tmp_path / "a")])
     assert result.exit_code == MISSION_FAILED, result.output
-    assert Outcome.GROUNDED.value in " ".join(result.output.split())
+    assert Termination.GROUNDED.value in " ".join(result.output.split())
     summary = json.loads((tmp_path / "a" / "summary.json").read_text())
-    assert summary["outcome"] == Outcome.GROUNDED.value
-    assert Outcome.GROUNDED.value in (tmp_path / "a" / "report.html").read_text()
+    assert summary["outcome"] == Termination.GROUNDED.value
+    assert Termination.GROUNDED.value in (tmp_path / "a" / "report.html").read_text()
     flight = laisn_sim.read_log(tmp_path / "a" / "flight.mcap")
-    assert flight.outcome is Outcome.GROUNDED
+    assert flight.outcome is Termination.GROUNDED
     depth = flight.trajectory.depth[:, 1]
     assert depth[-1] > 11.5 > depth[:-1].max()
     assert summary["flown_s"] == flight.trajectory.time[-1] < 300.0
@@ -73,11 +73,11 @@ ASTRAY = (
 
 
 @pytest.mark.parametrize(
-    ("name", "outcome"), [("sinks", Outcome.GROUNDED), ("astray", Outcome.OFF_ROUTE)]
+    ("name", "outcome"), [("sinks", Termination.GROUNDED), ("astray", Termination.OFF_ROUTE)]
 )
 @pytest.mark.parametrize("duration", [0.7, 45.0])
 def test_a_mission_that_is_stepped_ends_where_it_ends_in_one_go(
-    tmp_path: Path, name: str, outcome: Outcome, duration: float
+    tmp_path: Path, name: str, outcome: Termination, duration: float
 ) -> None:
     file = tmp_path / f"{name}.toml"
     file.write_text({"sinks": SINKS, "astray": ASTRAY}[name])
@@ -103,7 +103,7 @@ def test_a_vehicle_that_is_commanded_may_leave_its_route() -> None:
     sim.command("leader", laisn_sim.Command(heading=np.pi, speed=1.2, depth=40.0))
     while not sim.done:
         sim.step(1.0)
-    assert sim.outcome is Outcome.GROUNDED
+    assert sim.outcome is Termination.GROUNDED
 
 
 def test_a_vehicle_that_loses_its_route_ends_the_mission(tmp_path: Path) -> None:
@@ -112,7 +112,7 @@ def test_a_vehicle_that_loses_its_route_ends_the_mission(tmp_path: Path) -> None
     result = CliRunner().invoke(app, ["fly", str(file), "--no-video", "--out", str(tmp_path / "a")])
     assert result.exit_code == MISSION_FAILED, result.output
     flight = laisn_sim.read_log(tmp_path / "a" / "flight.mcap")
-    assert flight.outcome is Outcome.OFF_ROUTE
+    assert flight.outcome is Termination.OFF_ROUTE
     truth = flight.trajectory
     off = distance_from_route(routes_of(flight.scenario)[1], truth.time, truth.position[:, 1])
     assert off[-1] > LEFT_ROUTE_M > off[:-11].max()

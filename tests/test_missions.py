@@ -18,7 +18,7 @@ from experiments.flight import library
 from experiments.flight.fly import fly
 from laisn.arrays import Floats
 from sim.assembly import route_of
-from sim.flight import Flight, Outcome
+from sim.flight import Flight, Termination
 from sim.hull import hull_of, limits_of
 from sim.scenario.file import ScenarioError
 from sim.scenario.settings import Scenario
@@ -107,13 +107,13 @@ def with_sites(table: dict[str, Any], model: str, role: str) -> dict[str, Any]:
 def loaded(table: dict[str, Any], model: str, role: str) -> Scenario:
     """The scenario, or that which follows the advice of the refusal."""
     try:
-        return library.loaded(table)
+        return library.as_scenario(table)
     except ScenarioError as error:
         text = str(error)
     if "lacks <site" in text:
-        return library.loaded(with_sites(table, model, role))
+        return library.as_scenario(with_sites(table, model, role))
     assert "more time" in text or "less time" in text, text
-    return library.loaded(retimed(table, model))
+    return library.as_scenario(retimed(table, model))
 
 
 def offs(flight: Flight, i: int) -> tuple[float, float, float]:
@@ -153,7 +153,7 @@ def test_a_shipped_vehicle_flies_or_is_refused_with_advice_that_works(
     scenario = loaded(table_of(name, model, role), model, role)
     warnings = trial(scenario)
     flight, _ = fly(scenario)
-    assert flight.outcome is Outcome.COMPLETED
+    assert flight.outcome is Termination.COMPLETED
     require_kept(flight, warnings)
     # of vehicles that steer by the truth, the trial is the flight
     if role == "leader":
@@ -166,7 +166,9 @@ def test_a_hull_that_hovers_stays_level_on_its_station() -> None:
     """
     leader = {"waypoints": [[0, 0, 0], [300, 180, 0]]}
     follower = {"model": "bluerov2_heavy", "station": STATION}
-    flight, _ = fly(library.loaded({"duration_s": 60.0, "leader": leader, "followers": [follower]}))
+    flight, _ = fly(
+        library.as_scenario({"duration_s": 60.0, "leader": leader, "followers": [follower]})
+    )
     assert np.abs(np.rad2deg(flight.trajectory.pitch[:, 1])).max() < 5.0
     _, _, station = offs(flight, 1)
     assert station < OFF_STATION_M
@@ -187,7 +189,7 @@ def test_check_says_how_far_a_hull_will_be_off_its_route(
     checked = CliRunner().invoke(app, ["check", str(file)])
     assert checked.exit_code == 0, checked.output
     output = " ".join(checked.output.split())
-    flight, _ = fly(library.load(str(file), (), flyable=True))
+    flight, _ = fly(library.load_scenario(str(file), (), flyable=True))
     level, depth, _ = offs(flight, 1)
     warned = "follower: it is up to" in output
     assert warned == (level > OFF_ROUTE_M or depth > OFF_DEPTH_M)
@@ -248,11 +250,11 @@ def test_an_imported_hull_with_large_added_mass_flies(tmp_path: Path) -> None:
         return {"duration_s": float(round(60 / speed)), "followers": [follower]}
 
     with pytest.raises(ScenarioError, match=r"cannot stabilise heave and pitch") as caught:
-        library.loaded(mission(0.6))
+        library.as_scenario(mission(0.6))
     speed = float(str(caught.value).split("on legs of up to ")[1].split(" m/s")[0])
     # 9.07 u² of Munk moment against 11.5 kg × 9.81 × 0.02 m of righting, at 1.3 times the legs'
     assert 1.3 * speed == pytest.approx(np.sqrt(11.5 * 9.81 * 0.02 / 9.07), abs=0.03)
-    flight, _ = fly(library.loaded(mission(speed)))
+    flight, _ = fly(library.as_scenario(mission(speed)))
     level, depth, _ = offs(flight, 1)
     assert level < OFF_ROUTE_M
     assert depth < OFF_DEPTH_M

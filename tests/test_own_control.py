@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import laisn_sim
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.plugins import register, takes_readings
 from sim.closed_loop import simulate_closed_loop
 from sim.flight import Flight, navigate

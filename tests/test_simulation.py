@@ -8,19 +8,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.flight.library import load
+from experiments.flight.library import load_scenario
 from laisn.navigators import find
 from laisn.swarm import SeparateNavigators
 from sim.closed_loop import simulate_closed_loop
 from sim.flight import navigate
 from sim.scenario.settings import Scenario
 from sim.simulation import RouteControl, simulate_motion
-from sim.trajectory import Truth
+from sim.trajectory import StateHistory
 from sim.vehicle.plant import Plant
 
 
 def route(*assignments: str) -> Scenario:
-    return load("T6", ["duration_s=60", "followers.0.guidance_position=estimate", *assignments])
+    return load_scenario(
+        "T6", ["duration_s=60", "followers.0.guidance_position=estimate", *assignments]
+    )
 
 
 class Recorder:
@@ -29,14 +31,14 @@ class Recorder:
     def __init__(self, plant: Plant, routes: RouteControl) -> None:
         self.plant, self.routes, self.called, self.poses = plant, routes, [], []  # type: ignore[var-annotated]
 
-    def control(self, k: int, truth: Truth) -> None:
+    def control(self, k: int, truth: StateHistory) -> None:
         self.called.append(k)
         self.poses.append((truth.pose[k].copy(), self.plant.pose.copy()))
         self.routes.control(k, truth)
 
 
 def test_a_controller_in_python_is_called_at_each_instant_and_flies_as_the_compiled_one() -> None:
-    scenario = load("T5", ["duration_s=60", "ocean.current_speed_m_s=0.3"])
+    scenario = load_scenario("T5", ["duration_s=60", "ocean.current_speed_m_s=0.3"])
     made: list[Recorder] = []
 
     def make(plant: Plant, routes: RouteControl) -> Recorder:
@@ -70,10 +72,10 @@ def test_a_command_from_python_holds_until_the_next_instant() -> None:
             self.command = routes.command
             lags.append(float(plant.effectors["lag"][1, 0]))
 
-        def control(self, k: int, truth: Truth) -> None:
+        def control(self, k: int, truth: StateHistory) -> None:
             self.command[1, 0] = 5.0 if k < 10 else 0.0
 
-    flown = simulate_motion(load("T5", ["duration_s=3"]), make_controller=Pulse)
+    flown = simulate_motion(load_scenario("T5", ["duration_s=3"]), make_controller=Pulse)
     time, start = flown.time, flown.thrust[0, 1, 0]
     assert start == 0.0
     rise = 5.0 * -np.expm1(-time / lags[0])

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from experiments.campaign.progress import literal, print_line
 from experiments.command import replaying
 from experiments.command.cli import app
-from laisn.failure import plain, screenful
+from laisn.errors import plain, screenful
 
 NAMES = (
     st.text(

@@ -110,7 +110,11 @@ def _batches(plans: Iterable[CellPlan], workers: int) -> list[list[CellPlan]]:
 
 def _flight(scenario: Scenario, motion: str, trajectory: Trajectory) -> Result:
     """A mission as it is stored: all scenarios that share its motion give the same bytes."""
-    return motion, None, montecarlo.sited(trajectory, montecarlo.motion_of(scenario).leader).arrays
+    return (
+        motion,
+        None,
+        montecarlo.with_transmitter_sites(trajectory, montecarlo.motion_of(scenario).leader).arrays,
+    )
 
 
 def _fly(plan: CellPlan, facts: Facts | None, batch: Sequence[CellPlan]) -> list[Result]:
@@ -129,7 +133,7 @@ def mission(scenario: Scenario, store: Store) -> Trajectory:
     motion = montecarlo.motion_key(scenario)
     stored = store.get(motion)
     if stored is not None:
-        return montecarlo.sited(Trajectory.of_arrays(stored[1]), scenario.leader)
+        return montecarlo.with_transmitter_sites(Trajectory.of_arrays(stored[1]), scenario.leader)
     trajectory = montecarlo.simulate_mission(scenario)
     store.put(*_flight(scenario, motion, trajectory))
     return trajectory

@@ -15,12 +15,12 @@ import numpy as np
 from laisn import lanes
 from laisn.arrays import Bools, Floats, Ints
 from laisn.compiled import compiled, copy_values, inlined
-from laisn.elementary import to_bits
 from laisn.estimates import FixKind
 from laisn.geometry import Point, turn
 from laisn.lanes import LANES
 from laisn.metrics import bearing_error, is_mirror_locked, normalised_square, squared_error
 from laisn.settings import Tuning
+from laisn.vector_math import to_bits
 from sim.sensing import sensors
 from sim.sensing.noise import (
     LEADER_STREAMS,
@@ -31,7 +31,7 @@ from sim.sensing.noise import (
     uniform,
     words,
 )
-from sim.sensing.observation import MissionTruth
+from sim.sensing.observation import IdealMeasurements
 from sim.sensing.sensors import SensorErrors
 
 _LOST = int(FixKind.LOST)
@@ -336,10 +336,10 @@ def _read_attitude(
     draws = noise.draws
     fluctuation = noise.fluctuation
     offset = noise.offset
-    weight, fresh = sensors.weights(since, noise.dt, errors.leader_tilt_time)
+    weight, fresh = sensors.gauss_markov_weights(since, noise.dt, errors.leader_tilt_time)
     _draw_if(errors.leader_tilt_sigma > 0.0, noise, _LEADER_ATTITUDE, emitted)
     for i in range(2 * LANES):
-        fluctuation[i] = sensors.advanced(fluctuation[i], weight, fresh, draws[i])
+        fluctuation[i] = sensors.gauss_markov_step(fluctuation[i], weight, fresh, draws[i])
     for lane in range(LANES):
         i = _FIRST + lane
         j = _SECOND + lane
@@ -445,7 +445,7 @@ def sense_message(
 
 
 class TruthRecord(NamedTuple):
-    """`MissionTruth` as compiled code takes it."""
+    """`IdealMeasurements` as compiled code takes it."""
 
     start: Floats
     # speed, heading, depth and hydrophone x, y of the follower; x, y, heading of the leader; shape
@@ -458,7 +458,7 @@ class TruthRecord(NamedTuple):
     sent: Floats
 
 
-def truth_record(truth: MissionTruth) -> TruthRecord:
+def truth_record(truth: IdealMeasurements) -> TruthRecord:
     """What a follower's sensors measure, with the echoes of its pings."""
     sent = truth.sent
     m = truth.message_step.size

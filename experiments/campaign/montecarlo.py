@@ -24,8 +24,8 @@ from experiments.campaign import lane_flight as lane
 from experiments.campaign.store import Arrays, CampaignError, Record, key_of
 from laisn import lanes
 from laisn.arrays import Floats, Ints
+from laisn.errors import LaisnError
 from laisn.estimates import FixKind
-from laisn.failure import LaisnError
 from laisn.lanes import LANES
 from laisn.messages import Measurements
 from laisn.navigators import MissionResult, NavigatorSpec, find, spec_of
@@ -33,7 +33,7 @@ from laisn.settings import NavigationSettings, Settings
 from sim.flight import navigation_settings
 from sim.scenario.section import keys_per_run
 from sim.scenario.settings import Acoustics, Leader, Navigation, Scenario, Sensors
-from sim.sensing.observation import MissionTruth, measure, observe
+from sim.sensing.observation import IdealMeasurements, measure, observe
 from sim.sensing.sensors import SensorErrors, errors_of, own_tables
 from sim.simulation import EndedError, simulate_motion
 from sim.trajectory import Trajectory
@@ -70,7 +70,7 @@ def content_of(scenario: Scenario) -> Scenario:
     )
 
 
-def nameless(scenario: Scenario) -> Scenario:
+def canonical_scenario(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update={"name": "mission"})
 
 
@@ -102,15 +102,15 @@ def _observed_of(scenario: Scenario, follower: int) -> Scenario:
             variant="tight", assume={"transmitters": scenario.navigation.transmitters}
         ),
     }
-    return nameless(content_of(scenario)).model_copy(update=own)
+    return canonical_scenario(content_of(scenario)).model_copy(update=own)
 
 
 def motion_key(scenario: Scenario) -> str:
     """Key of everything that may change how the vehicles move."""
-    return key_of(nameless(motion_of(scenario)))
+    return key_of(canonical_scenario(motion_of(scenario)))
 
 
-def sited(trajectory: Trajectory, leader: Leader) -> Trajectory:
+def with_transmitter_sites(trajectory: Trajectory, leader: Leader) -> Trajectory:
     """A trajectory with its motion unchanged and the transmitters where this leader's keys place
     them.
     """
@@ -125,7 +125,7 @@ def simulate_mission(scenario: Scenario) -> Trajectory:
     before its time.
     """
     try:
-        return sited(simulate_motion(motion_of(scenario)), scenario.leader)
+        return with_transmitter_sites(simulate_motion(motion_of(scenario)), scenario.leader)
     except (EndedError, PlantError) as error:
         # they carry the motion so far, which no process can hand to another
         raise CampaignError(f"mission {scenario.name!r}: {error}") from None
@@ -137,18 +137,18 @@ class Mission:
     """
 
     def __init__(self, scenario: Scenario, trajectory: Trajectory) -> None:
-        self._motion = nameless(motion_of(scenario))
-        self._sited = cache(partial(sited, trajectory))
+        self._motion = canonical_scenario(motion_of(scenario))
+        self._sited = cache(partial(with_transmitter_sites, trajectory))
         self._observed = cache(self._observe)
 
-    def _observe(self, scenario: Scenario, follower: int) -> MissionTruth:
-        return observe(self._sited(scenario.leader), scenario, follower, in_bulk=True)
+    def _observe(self, scenario: Scenario, follower: int) -> IdealMeasurements:
+        return observe(self._sited(scenario.leader), scenario, follower, use_compiled=True)
 
-    def seen(self, scenario: Scenario, follower: int) -> tuple[Trajectory, MissionTruth]:
+    def seen(self, scenario: Scenario, follower: int) -> tuple[Trajectory, IdealMeasurements]:
         """Motion with a scenario's transmitters, and what one follower sees; LaisnError if
         vehicles move otherwise.
         """
-        if nameless(motion_of(scenario)) != self._motion:
+        if canonical_scenario(motion_of(scenario)) != self._motion:
             raise LaisnError(
                 f"scenario {scenario.name!r} moves otherwise than the mission that was simulated"
             )
@@ -169,7 +169,7 @@ def mission_of(motion: Scenario) -> Mission:
 class Cell:
     """A cell of a campaign: one mission, one set of errors, one navigator, many runs."""
 
-    truth: MissionTruth
+    truth: IdealMeasurements
     errors: SensorErrors = field(default_factory=SensorErrors)
     settings: Settings = field(default_factory=NavigationSettings)
     # None: the navigator of this project that takes these settings
@@ -343,7 +343,7 @@ def _measured(cell: Cell, runs: Sequence[int]) -> list[Measurements]:
     seed = cell.seed
     which = {"follower": cell.follower, "transmitters": cell.settings.transmitters}
     measured = [
-        measure(truth, cell.errors, seed=seed, run=run, in_bulk=True, **which) for run in runs
+        measure(truth, cell.errors, seed=seed, run=run, use_compiled=True, **which) for run in runs
     ]
     if cell.disturbance is not None:
         disturb = cell.disturbance.disturb

@@ -16,7 +16,7 @@ from experiments.campaign.bound import geometry_of, least_rms, noise_of
 from experiments.campaign.montecarlo import Cell, Disturbance, histories, simulate
 from experiments.campaign.store import Arrays, Record, Result, key_of
 from laisn import metrics
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.navigators import find
 from laisn.plugins import find_class
 from sim.scenario.file import assigned, validate
@@ -80,7 +80,7 @@ class CellPlan:
         others += (dict(self.disturb), dict(self.measured), self.facts)
         name = self.disturb.get("use", "")
         functions = [_disturbing(name).disturb] if name.startswith(_OWN) else []
-        return key_of(montecarlo.nameless(self.content), *others, *functions)
+        return key_of(montecarlo.canonical_scenario(self.content), *others, *functions)
 
     @property
     def steps_key(self) -> str:
@@ -197,7 +197,7 @@ def compute(trajectory: Trajectory, plans: Sequence[CellPlan]) -> list[Result]:
             "bound_rms_m": None,
             "rms_over_bound": None,
         }
-        if find(variant).near_bound:
+        if find(variant).compare_with_crlb:
             seen, _ = mission.seen(scenario, plan.follower)
             geometry = geometry_of(seen, scenario, plan.follower)
             noise = noise_of(scenario, plan.follower)

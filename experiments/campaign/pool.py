@@ -12,7 +12,7 @@ from joblib.externals.loky import get_reusable_executor
 
 from experiments.campaign.store import CampaignError
 from experiments.campaign.version import code_version
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.plugins import VARIABLE, plugin_errors, plugins_version
 from sim.system import exit_with_parent
 

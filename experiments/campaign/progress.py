@@ -16,7 +16,7 @@ from rich.progress import (
 from rich.table import Column, Table
 from rich.text import Text
 
-from laisn.failure import plain
+from laisn.errors import plain
 
 _LINE_EVERY_S = 10.0
 _REFRESH_HZ = 2.0

@@ -22,7 +22,7 @@ import pyarrow.parquet as pq
 from pydantic_core import to_jsonable_python
 
 from experiments.campaign.version import code_version, version_of
-from laisn.failure import LaisnError, LaisnWarning
+from laisn.errors import LaisnError, LaisnWarning
 from laisn.plugins import plugin_digest, plugin_files, registered_tokens
 from sim.system import atomic_write, locked
 

@@ -12,7 +12,7 @@ import typer
 
 from experiments.command.outputs import optional_output
 from experiments.command.studies import ScenarioArgument, SetOption, SourceArgument
-from laisn.failure import COLUMNS, ROWS, LaisnError, plain, shortened
+from laisn.errors import COLUMNS, ROWS, LaisnError, plain, shortened
 
 if TYPE_CHECKING:
     from experiments.campaign.store import Record
@@ -38,10 +38,10 @@ def bound(
     from experiments.campaign.montecarlo import Cell, mission_of, motion_of, simulate
     from experiments.campaign.progress import compiling_shown, print_line, show_table
     from experiments.campaign.store import write_csv
-    from experiments.flight.library import load
+    from experiments.flight.library import load_scenario
 
     output = optional_output(out, [".csv"])
-    flown = load(scenario, set_ or (), flyable=True)
+    flown = load_scenario(scenario, set_ or (), flyable=True)
     heads = ["follower", *(f"{i + 1}. quarter" for i in range(_QUARTERS)), "whole"]
     heads += [f"{flown.navigation.variant}, {runs} runs", "× bound", "NEES"] if runs else []
     lines: list[list[str]] = []

@@ -12,7 +12,7 @@ import typer
 
 from experiments.command import analyses, studies
 from experiments.command.errors import MISSION_FAILED, Commands, echo, run
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 
 app = typer.Typer(
     name="laisn",
@@ -67,10 +67,10 @@ def fly(
     or if the simulation left finite numbers. What was flown until then is written.
     """
     from experiments.command.fly import fly_and_write
-    from experiments.flight.library import load, name_of
+    from experiments.flight.library import load_scenario, name_of
 
     extra = [f"{key}={value}" for key, value in (("seed", seed), ("run", run)) if value is not None]
-    checked = load(scenario, [*(set_ or []), *extra], flyable=True)
+    checked = load_scenario(scenario, [*(set_ or []), *extra], flyable=True)
     source = Path(scenario)
     # a copied file keeps the name in it, so the folder is named after the file
     name = name_of(source) if source.suffix == ".toml" else checked.name
@@ -96,7 +96,7 @@ def scenarios(
             Console(), ("scenario", "what happens"), library.descriptions().items(), numbers=False
         )
     else:
-        sys.stdout.write(library.load(name, ()).toml())
+        sys.stdout.write(library.load_scenario(name, ()).toml())
 
 
 @app.command()
@@ -121,11 +121,11 @@ def check(
     from rich.console import Console
 
     from experiments.campaign.progress import phases
-    from experiments.flight.library import load
+    from experiments.flight.library import load_scenario
     from sim.feasibility import cautions
     from sim.trial import is_tried, trial
 
-    checked = load(scenario, set_ or (), flyable=True)
+    checked = load_scenario(scenario, set_ or (), flyable=True)
     warnings = cautions(checked)
     if is_tried(checked):
         with phases(Console(stderr=True)) as phase, phase("trial"):

@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from experiments.campaign.version import PACKAGES
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 
 
 def _first_line(error: BaseException) -> str:
@@ -24,11 +24,14 @@ def _try_to_fly() -> tuple[str, str]:
     try:
         from experiments.campaign.progress import compiling_shown
         from experiments.command.fly import write_flight
-        from experiments.flight.library import load
+        from experiments.flight.library import load_scenario
 
         with TemporaryDirectory(prefix="laisn-") as folder, compiling_shown():
             *_, film_error = write_flight(
-                load("T5", small, flyable=True), Path(folder), Console(quiet=True), with_video=True
+                load_scenario("T5", small, flyable=True),
+                Path(folder),
+                Console(quiet=True),
+                with_video=True,
             )
     except Exception as error:
         # any failure of this machine

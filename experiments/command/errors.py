@@ -23,7 +23,7 @@ import typer
 from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
-from laisn.failure import LaisnError, LaisnWarning, plain, screenful
+from laisn.errors import LaisnError, LaisnWarning, plain, screenful
 from laisn.plugins import PluginError, plugin_errors
 
 # exit codes

@@ -25,9 +25,9 @@ from experiments.flight.folder import (
     require_safe,
 )
 from experiments.flight.summary import flight_bounds, flight_events, stray_events, summarise
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.feasibility import cautions
-from sim.flight import Flight, Outcome, position_and_bearing_errors
+from sim.flight import Flight, Termination, position_and_bearing_errors
 from sim.scenario.settings import Scenario
 from sim.system import background_process, return_large_blocks
 from sim.trial import strays
@@ -77,8 +77,8 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
     _show_avoidance(console, summary)
     if summary["verdict"]["lost"]:
         print_line(console, summary["verdict"]["sentence"], "lost:", "red")
-    if flight.outcome is not Outcome.COMPLETED:
-        colour = "yellow" if flight.outcome is Outcome.CONTACT else "red"
+    if flight.outcome is not Termination.COMPLETED:
+        colour = "yellow" if flight.outcome is Termination.CONTACT else "red"
         print_line(console, f"(at {summary['flown_s']:g} s)", flight.outcome.value, colour)
 
 
@@ -219,7 +219,7 @@ def write_flight(
 
 def fly_and_write(
     scenario: Scenario, folder: Path, *, with_video: bool, source: Path | None = None
-) -> Outcome:
+) -> Termination:
     """Simulate a scenario, print a summary, and write every result into a folder; how the mission
     ended. Errors are those of `folder.one_flight`.
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 
 REPLACED = "replaces an earlier file"
 

@@ -20,11 +20,11 @@ from experiments.campaign.store import write_csv
 from experiments.command.fly import show
 from experiments.command.outputs import OutputFile, optional_output, output_file
 from experiments.flight.fly import navigate_again
-from experiments.flight.library import load
+from experiments.flight.library import load_scenario
 from experiments.flight.summary import consistency, summarise
 from experiments.pages.replay_page import Replayed, write_replay_page
 from experiments.pages.results import log_flight
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.navigators import NAVIGATORS, NavigatorFactory, find
 from laisn.settings import NavigationSettings, TightSettings
 from sim.datasets.factor_graph import write_factor_graph
@@ -102,7 +102,7 @@ def replay_measurements(
     scenario sets `use_single_range = false`.
     """
     output = optional_output(out, [".csv"], [path])
-    scenario = load(source, assignments, flyable=True)
+    scenario = load_scenario(source, assignments, flyable=True)
     navigation = scenario.navigation
     make = _smoother(navigation.variant, smooth_s) or find(navigation.variant).make
     if "use_single_range" not in navigation.model_fields_set:
@@ -331,7 +331,7 @@ def replay_data_set(
             "navigation.use_single_range=true",
             *assignments,
         ]
-        scenario = load("T5", [*changes, "motion=kinematic", "duration_s=2"], flyable=True)
+        scenario = load_scenario("T5", [*changes, "motion=kinematic", "duration_s=2"], flyable=True)
         motion = simulate_motion(scenario)
         estimates = by_laisn(recorded, settings_as(NavigationSettings, scenario, motion, 0))
         title = variant

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from laisn.navigators import NavigatorFactory, find
-from sim.flight import Flight, Outcome, navigate, navigation_settings
+from sim.flight import Flight, Termination, navigate, navigation_settings
 from sim.scenario.file import ScenarioError, assigned, validate
 from sim.scenario.settings import Scenario
 from sim.sensing.observation import start_of
@@ -38,11 +38,11 @@ class Stopwatch(dict[str, float]):
             self[name] = time.perf_counter() - start
 
 
-OUTCOMES: dict[type[EndedError], Outcome] = {
-    DivergedError: Outcome.DIVERGED,
-    GroundedError: Outcome.GROUNDED,
-    OffRouteError: Outcome.OFF_ROUTE,
-    ContactError: Outcome.CONTACT,
+OUTCOMES: dict[type[EndedError], Termination] = {
+    DivergedError: Termination.DIVERGED,
+    GroundedError: Termination.GROUNDED,
+    OffRouteError: Termination.OFF_ROUTE,
+    ContactError: Termination.CONTACT,
 }
 """How a mission ended, by its error."""
 
@@ -76,14 +76,14 @@ class MissionToFly:
 
     def simulate(
         self, progress: Callable[[float], None] | None = None
-    ) -> tuple[Trajectory, Outcome]:
+    ) -> tuple[Trajectory, Termination]:
         """Its motion and how it ended; if before its time, what was flown until then."""
         try:
-            return self._move(progress), Outcome.COMPLETED
+            return self._move(progress), Termination.COMPLETED
         except EndedError as error:
             return error.trajectory, OUTCOMES[type(error)]
 
-    def flight(self, trajectory: Trajectory, outcome: Outcome) -> Flight:
+    def flight(self, trajectory: Trajectory, outcome: Termination) -> Flight:
         """The flight of a motion and an outcome of `simulate`."""
         if self._mission is None:
             return navigate(self._scenario, trajectory, outcome=outcome)

@@ -7,7 +7,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from experiments.campaign.store import FLIGHT_FILE, STUDY_FILE
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.log.contents import partial_path
 from sim.system import locked
 

@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from laisn.failure import plain, shortened
+from laisn.errors import plain, shortened
 from laisn.navigators import NAVIGATORS
 from sim.scenario.file import (
     LARGEST_BYTES,
@@ -105,7 +105,7 @@ def _checked(
     return validate(assigned(table, changes), name, further=further, where=where)
 
 
-def load(source: str, assignments: Iterable[str], *, flyable: bool = False) -> Scenario:
+def load_scenario(source: str, assignments: Iterable[str], *, flyable: bool = False) -> Scenario:
     """A built-in scenario or a TOML file, with overrides "key=value"; ScenarioError: missing or
     invalid.
 
@@ -122,7 +122,7 @@ def load(source: str, assignments: Iterable[str], *, flyable: bool = False) -> S
     return validate(assigned(table, changes), name, where=where)
 
 
-def loaded(
+def as_scenario(
     source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[str, Any] | None = None
 ) -> Scenario:
     """Load a mission and check that it can be flown, filmed and logged; ScenarioError names every

@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from experiments.campaign.store import arrow_table
 from experiments.flight.summary import mirror_locked_steps, true_bearing
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.messages import Ranges
 from sim.flight import Flight, position_and_bearing_errors
 

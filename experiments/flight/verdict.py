@@ -12,7 +12,7 @@ import numpy as np
 from laisn.arrays import Bools, Floats
 from laisn.metrics import mirror_locked_steps, nees
 from sim.cautions import assumption_cautions
-from sim.flight import Flight, Outcome, position_and_bearing_errors
+from sim.flight import Flight, Termination, position_and_bearing_errors
 from sim.tracking import JOINED_M, LOST_M, contacts
 
 _BEFORE_S = 120.0  # causes are sought in this time before a loss
@@ -237,13 +237,13 @@ def verdict(flight: Flight, off: Floats) -> Verdict:
     """What matters most of a flight; `off` as of `losses`."""
     lost = losses(flight, off)
     parts = list[str]()
-    if flight.outcome is not Outcome.COMPLETED:
+    if flight.outcome is not Termination.COMPLETED:
         text = flight.outcome.value
         parts.append(f"{text[0].upper()}{text[1:]}, at {flight.trajectory.time[-1]:g} s.")
     if lost:
         parts.append(_lost_text(lost, len(flight.measurements)))
     touching = contacts(flight.trajectory)
-    if touching and flight.outcome is not Outcome.CONTACT:
+    if touching and flight.outcome is not Termination.CONTACT:
         time_s, pair = touching[0]
         parts.append(f"{' and '.join(pair)} touched at {time_s:.0f} s.")
     if not parts:

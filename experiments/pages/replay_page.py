@@ -15,8 +15,8 @@ from experiments.pages.figures import Line, Panel, Part, panel
 from experiments.pages.page import Figures, number, page_of, write
 from experiments.pages.style import ESTIMATE, FULL, INK, LEADER, SERIES, TRANSMITTERS, Colour
 from laisn.arrays import Floats
+from laisn.errors import plain
 from laisn.estimates import FIX_WORDS, Estimates, FixKind
-from laisn.failure import plain
 from laisn.messages import LeaderMessage, Measurements
 from laisn.metrics import nis
 

@@ -13,11 +13,11 @@ from pydantic import ValidationError
 
 from experiments.campaign.progress import compiling_shown
 from experiments.flight import fly as flying
-from experiments.flight.library import load, loaded
+from experiments.flight.library import as_scenario, load_scenario
 from experiments.flight.summary import flight_bounds, flight_events, summarise
 from experiments.pages import flight_figures
 from experiments.pages.figures import plotly
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.navigators import NavigatorFactory
 from laisn.plugins import register, takes_readings
 from sim import flight as simulated
@@ -38,7 +38,7 @@ def flight_of(source: str, assignments: Iterable[str] = ()) -> simulated.Flight:
     """
     path = Path(source)
     if path.suffix != ".mcap":
-        scenario = load(source, assignments, flyable=True)
+        scenario = load_scenario(source, assignments, flyable=True)
         with compiling_shown():
             return flying.fly(scenario)[0]
     if list(assignments):
@@ -118,7 +118,7 @@ def fly(
     controller: type | ControllerFactory | None = None,
 ) -> simulated.Flight:
     """Fly a mission: its vehicles move, sense and navigate. Source, changes and errors as of
-    `load`.
+    `load_scenario`.
 
     The same scenario gives the same flight, to the bit; {"run": 7} among the changes selects the
     noise of run 7.
@@ -128,7 +128,7 @@ def fly(
     of all vehicles from the plant and the control of routes. None: those of the scenario. See
     docs/extending.md.
     """
-    scenario = loaded(source, changes)
+    scenario = as_scenario(source, changes)
     settings: dict[str, Any] = (
         {} if navigator is None else {"navigation.variant": register(navigator)}
     )
@@ -139,7 +139,7 @@ def fly(
         }
         controller = None
     return flying.fly(
-        loaded(scenario, settings) if settings else scenario, make_controller=controller
+        as_scenario(scenario, settings) if settings else scenario, make_controller=controller
     )[0]
 
 

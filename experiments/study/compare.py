@@ -21,7 +21,7 @@ from experiments.study.file import METRIC
 from experiments.study.measure import METRICS, SHARES
 from experiments.study.study import RESULTS, RUNS, STUDY
 from laisn import metrics
-from laisn.failure import LaisnError, shortened
+from laisn.errors import LaisnError, shortened
 from sim.flight import Flight, position_and_bearing_errors
 from sim.log.reader import read
 from sim.scenario.file import dotted

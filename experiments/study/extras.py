@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 from experiments.study.file import Arm, Study
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.navigators import NAVIGATORS
 
 VARIANT = "navigation.variant"

@@ -16,7 +16,7 @@ from laisn.estimates import FixKind
 from laisn.geometry import pitch_fix_error
 from sim.assembly import routes_of
 from sim.closed_loop import simulate_closed_loop
-from sim.flight import Outcome
+from sim.flight import Termination
 from sim.scenario.formation import LEAST_LAYER_M
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.simulation import DivergedError, EndedError
@@ -226,7 +226,7 @@ def records_of_run(scenario: Scenario, run: int) -> list[Record]:
         estimates = np.moveaxis(loop.state.concluded.state[:, :flown, :2], 0, 1)
         gated = loop.swarm.gated.tolist()
     except DivergedError:
-        raise CampaignError(f"run {run}: {Outcome.DIVERGED.value}") from None
+        raise CampaignError(f"run {run}: {Termination.DIVERGED.value}") from None
     except EndedError as error:
         trajectory = error.trajectory
         ended = True

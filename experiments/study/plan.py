@@ -18,7 +18,7 @@ from experiments.study.design import follows_run, is_number, is_rule, points_of,
 from experiments.study.file import ALONE, CASE, SCENARIO, Study, refusal
 from experiments.study.file import ARM as ARM
 from experiments.study.measure import METRICS, MISSION
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.lanes import LANES
 from sim.feasibility import infeasibilities
 from sim.scenario.file import ScenarioError, assigned, examined, validate

@@ -25,7 +25,7 @@ from experiments.study.file import Until
 from experiments.study.measure import facts_of, records_of_run
 from experiments.study.plan import Entry, Plan
 from laisn.arrays import Floats
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.trajectory import Trajectory
 
 # by which the number of runs grows at most from one look at their intervals to the next
@@ -70,7 +70,7 @@ class Cells(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outcomes:
+class StudyResults:
     """All that came out of a study, one entry beside another."""
 
     plan: Plan
@@ -162,7 +162,7 @@ def _cells(plan: Plan, entry: Entry) -> list[CellPlan]:
 
 def fly_studies(
     plans: Sequence[Plan], folder: Path, **options: Unpack[ExecutionOptions]
-) -> list[Outcomes]:
+) -> list[StudyResults]:
     """Fly studies, which share missions and cells, together, or what is missing of them; as of
     `campaign.fly`.
 
@@ -180,7 +180,9 @@ def fly_studies(
     flown = campaign.fly(
         cells, tasks, folder, facts=facts_of, ahead=ahead, tolerant=True, **options
     )
-    studies = [Outcomes(plan=plan, rows=[], runs=[], steps=[], store=flown.store) for plan in plans]
+    studies = [
+        StudyResults(plan=plan, rows=[], runs=[], steps=[], store=flown.store) for plan in plans
+    ]
     for flight in flights:
         _add_results(studies[flight.number], flight, flown)
     return studies
@@ -225,7 +227,7 @@ class _EntryFlight:
         return row, arrays, flown.steps(cell) if cell.keep_steps else {}
 
 
-def _add_results(outcomes: Outcomes, flight: _EntryFlight, flown: Flown) -> None:
+def _add_results(outcomes: StudyResults, flight: _EntryFlight, flown: Flown) -> None:
     """Add what came of an entry to the outcomes of its study."""
     entry = flight.entry
     failure = flight.failure(flown)
@@ -271,7 +273,7 @@ def runs_wanted(runs: int, widest: float, until: Until, batch: int) -> int:
     return min(batches * batch, until.most)
 
 
-def _next_runs(outcomes: Outcomes) -> int:
+def _next_runs(outcomes: StudyResults) -> int:
     """Runs that a study has after a look at its intervals."""
     study = outcomes.plan.study
     if study.until is None:
@@ -282,7 +284,7 @@ def _next_runs(outcomes: Outcomes) -> int:
 
 def fly_until_narrow(
     plans: Sequence[Plan], folder: Path, **options: Unpack[ExecutionOptions]
-) -> list[Outcomes]:
+) -> list[StudyResults]:
     """Fly studies with as many runs as their files set: a number, or batches until all intervals
     are narrow enough.
 
@@ -305,8 +307,8 @@ Choice = Mapping[tuple[int, str, int], int]  # numbers of runs by point, arm and
 
 
 def fly_further(
-    outcomes: Mapping[str, Outcomes],
-    choose: Callable[[Mapping[str, Outcomes]], Mapping[str, Choice]],
+    outcomes: Mapping[str, StudyResults],
+    choose: Callable[[Mapping[str, StudyResults]], Mapping[str, Choice]],
     folder: Path,
     **options: Unpack[ExecutionOptions],
 ) -> None:

@@ -30,14 +30,14 @@ from experiments.study.file import FOLDER, Study, built_in, study_of, table_in
 from experiments.study.measure import METRICS
 from experiments.study.plan import Entry, Plan, many, plan_of
 from experiments.study.run import (
-    Outcomes,
+    StudyResults,
     fly_further,
     fly_studies,
     fly_until_narrow,
     of_one_type,
     run_tables,
 )
-from laisn.failure import LaisnError, LaisnWarning
+from laisn.errors import LaisnError, LaisnWarning
 from laisn.lanes import LANES
 from laisn.plugins import plugins_version
 from sim.system import atomic_write
@@ -151,7 +151,7 @@ def findings_of(plan: Plan, results: Results) -> dict[str, Finding]:
     return findings
 
 
-def _write_tables(outcomes: Outcomes, folder: Path) -> None:
+def _write_tables(outcomes: StudyResults, folder: Path) -> None:
     """Write the tables of a study, and the file that repeats it."""
     folder.mkdir(parents=True, exist_ok=True)
     with atomic_write(folder / STUDY) as unfinished:
@@ -162,7 +162,7 @@ def _write_tables(outcomes: Outcomes, folder: Path) -> None:
     write_table(folder / RUNS, run_tables(outcomes.runs))
 
 
-def _film_worst(outcomes: Outcomes, folder: Path) -> Path:
+def _film_worst(outcomes: StudyResults, folder: Path) -> Path:
     """Film the worst run of the worst place."""
     from experiments.pages.results import render
     from experiments.study.page import worst_entry
@@ -212,7 +212,7 @@ def _require_film(film: str, package: _Package) -> None:
         raise LaisnError(f"--film {film}: expected --film {expected}")
 
 
-def _require_flown(outcomes: Sequence[Outcomes], package: _Package) -> None:
+def _require_flown(outcomes: Sequence[StudyResults], package: _Package) -> None:
     """CampaignError if something of a built-in study, or all of another, could not be flown."""
     failures = sorted({failure for of_part in outcomes for failure in of_part.failures})
     if failures and (package.study or not outcomes[0].rows):
@@ -220,7 +220,7 @@ def _require_flown(outcomes: Sequence[Outcomes], package: _Package) -> None:
 
 
 def _write_record(
-    outcomes: Mapping[str, Outcomes], folder: Path, command: str, package: _Package
+    outcomes: Mapping[str, StudyResults], folder: Path, command: str, package: _Package
 ) -> Findings:
     """Write the findings of a study; returns them as they are read."""
     if package.study:
@@ -299,7 +299,7 @@ def run_studies(
         _write_page(flown[0], folder, film=film)
 
 
-def _write_page(outcomes: Outcomes, folder: Path, *, film: str) -> None:
+def _write_page(outcomes: StudyResults, folder: Path, *, film: str) -> None:
     """Write the page of a study, first without its film, so that one that fails costs nothing
     else.
     """
@@ -316,7 +316,7 @@ def _write_page(outcomes: Outcomes, folder: Path, *, film: str) -> None:
 
 
 def _write_own_page(
-    outcomes: Mapping[str, Outcomes],
+    outcomes: Mapping[str, StudyResults],
     folder: Path,
     findings: Findings,
     package: _Package,

@@ -5,6 +5,6 @@ message: nothing, a Kalman update or particles (`filters`), or a factor graph (`
 One takes the log as a measurement of a speed that it estimates (`speed_modes`). All take the
 current that the leader's way shows (`leader_track`), if they estimate one.
 
-Imports: laisn.arrays laisn.compiled laisn.delays laisn.estimates laisn.failure laisn.geometry
+Imports: laisn.arrays laisn.compiled laisn.delays laisn.estimates laisn.errors laisn.geometry
 laisn.messages laisn.navigator laisn.navigators laisn.settings
 """

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.messages import OwnMotion, Reception
 from laisn.navigators import GTSAM
 from laisn.rivals.filters import STATES, DeadReckoning, slant

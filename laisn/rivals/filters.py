@@ -16,8 +16,8 @@ import numpy as np
 from laisn.arrays import Floats, Four, Ints
 from laisn.compiled import compiled
 from laisn.delays import Delays, MeanSpeed, delays_of
+from laisn.errors import LaisnError
 from laisn.estimates import Estimates, FixKind, FixRecord
-from laisn.failure import LaisnError
 from laisn.geometry import place_transmitters, signed_angle
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Reception
 from laisn.navigator import kalman_update

@@ -15,7 +15,6 @@ import numpy as np
 
 from laisn import mixture
 from laisn.compiled import compiled
-from laisn.elementary import half_turn_angle, sin_cos
 from laisn.estimates import HYPOTHESES
 from laisn.geometry import Turn, tilted_arms, turn
 from laisn.tight import motion
@@ -32,6 +31,7 @@ from laisn.tight.model import (
     refresh_output,
 )
 from laisn.tight.ranging import Signal, beside_leader, relative_rows, slipping, update
+from laisn.vector_math import half_turn_angle, sin_cos
 
 # least lateral standard deviation of a split, as a share of the distance ℓ_c at which the axis
 # matters, and at most [m]: far away halves that wide still drift to the wrong side

@@ -22,9 +22,9 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from laisn.compiled import compiled
-from laisn.elementary import sin_cos
 from laisn.estimates import HYPOTHESES
 from laisn.settings import COMPASS_WALK, CURRENT_WALK, LOG_WALK, TightSettings
+from laisn.vector_math import sin_cos
 
 X, Y, LOG, COMPASS, SCALE = range(5)
 """Indices of the states that are always there; `Model` has those of the others."""

@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 
 from laisn.compiled import compiled, inlined
-from laisn.elementary import sin_cos
 from laisn.geometry import angle_between, wrap_angle
 from laisn.mixture import (
     add_moments,
@@ -43,6 +42,7 @@ from laisn.tight.model import (
     refresh_output,
 )
 from laisn.tight.ranging import Signal
+from laisn.vector_math import sin_cos
 
 # of the log's readings, of which the speed within a message's pings is the mean [1/s]
 _PER_SMOOTHING = 1.0 / 1.5

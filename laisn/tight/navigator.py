@@ -14,9 +14,8 @@ import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints, Record, Records, records
 from laisn.compiled import compiled, copy_values
-from laisn.elementary import sin_cos
+from laisn.errors import LaisnError
 from laisn.estimates import FixKind, FixRecord, TightEstimates
-from laisn.failure import LaisnError
 from laisn.geometry import given_transmitters
 from laisn.messages import Measurements, OwnMotion, Reception
 from laisn.mixture import (
@@ -52,6 +51,7 @@ from laisn.tight.motion import (
     velocity,
 )
 from laisn.tight.ranging import Signal, new_signal
+from laisn.vector_math import sin_cos
 
 ScalarRecord: TypeAlias = Any
 """A record as the only element of an array, shape (1,): a call with it takes 1 µs, with a record
@@ -590,8 +590,8 @@ def _write_outputs(b: Belief, m: Model, out: Any) -> None:
     out.compass_bias = compass_bias
     out.current[0] = b.output.v_x
     out.current[1] = b.output.v_y
-    out.spread = math.sqrt(half + math.sqrt(across * across + xy * xy))
-    out.to_likelier[0], out.to_likelier[1] = _offset_to_likelier_hypothesis(b, m, x, y)
+    out.position_sigma = math.sqrt(half + math.sqrt(across * across + xy * xy))
+    out.offset_to_map[0], out.offset_to_map[1] = _offset_to_likelier_hypothesis(b, m, x, y)
 
 
 @compiled

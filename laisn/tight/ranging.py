@@ -16,8 +16,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from laisn.compiled import compiled, copy_values, inlined
-from laisn.elementary import log, sin_cos
 from laisn.tight.model import ABSENT, COMPASS, LOG, SCALE, Belief, Model, X, Y
+from laisn.vector_math import log, sin_cos
 
 _LOG_TURN = math.log(2.0 * math.pi)
 # log likelihood that an echo loses if its range is shorter than expected, which no echo is

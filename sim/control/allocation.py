@@ -37,8 +37,8 @@ def pseudo_inverse(records: npt.NDArray[np.void], limits: Floats) -> Floats:
     """P of the components that a vehicle's effectors can give independently, shape (m, 6), [-],
     [1/m]; 0 of the others.
 
-    `limits` are least and largest force of each record of EFFECTOR, of `reach` at some speed, shape
-    (m, 2), [N].
+    `limits` are least and largest force of each record of EFFECTOR, of `force_limits` at some
+    speed, shape (m, 2), [N].
     """
     unit = effectors.unit_wrenches(records)  # Bᵀ
     reach = np.abs(limits).max(axis=1)
@@ -62,10 +62,10 @@ def pseudo_inverse(records: npt.NDArray[np.void], limits: Floats) -> Floats:
 
 @compiled
 def at_speed(slow: Floats, fast: Floats, speed: float, out: Floats) -> None:
-    """Write P at a speed along the hull, between those of `LEAST_WAY` and `FAST`, with the same
-    B, shape (M, 6).
+    """Write P at a speed along the hull, between those of `MIN_STEERAGE_SPEED` and `FAST`, with the
+    same B, shape (M, 6).
     """
-    least = effectors.LEAST_WAY**2
+    least = effectors.MIN_STEERAGE_SPEED**2
     share = clip((speed * abs(speed) - least) / (FAST**2 - least), 0.0, 1.0)
     for i in range(slow.shape[0]):
         for axis in range(6):

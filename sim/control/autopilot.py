@@ -26,7 +26,7 @@ import numpy.typing as npt
 
 from laisn.arrays import Floats, Record
 from laisn.compiled import compiled
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.geometry import signed_angle
 from sim.attitude import rotation, transposed
 from sim.control.allocation import (
@@ -57,8 +57,8 @@ AUTOPILOT_MEMORY = np.dtype(  # of one vehicle, from one control step to the nex
         ("pitch_command", np.float64),  # [rad]
         # room for what a control step computes
         ("wrench", np.float64, (6,)),
-        ("limits", np.float64, (effectors.MOST, 2)),
-        ("allocation", np.float64, (effectors.MOST, 6)),
+        ("limits", np.float64, (effectors.MAX_EFFECTORS, 2)),
+        ("allocation", np.float64, (effectors.MAX_EFFECTORS, 6)),
     ]
 )
 
@@ -98,10 +98,10 @@ DESIGN = np.dtype(  # parameters of the autopilot of one vehicle; rows beyond it
         ("has_heave", np.float64),  # 1: vertical thrusters, 0: depth by pitch at any speed
         ("density", np.float64),  # [kg/m³]
         ("scheduled", np.bool_),  # whether the allocation depends on the speed, as with fins
-        ("effectors", effectors.EFFECTOR, (effectors.MOST,)),
+        ("effectors", effectors.EFFECTOR, (effectors.MAX_EFFECTORS,)),
         # forces per unit of a wrench, at effectors.LEAST_WAY and at allocation.FAST
-        ("slow_allocation", np.float64, (effectors.MOST, 6)),
-        ("fast_allocation", np.float64, (effectors.MOST, 6)),
+        ("slow_allocation", np.float64, (effectors.MAX_EFFECTORS, 6)),
+        ("fast_allocation", np.float64, (effectors.MAX_EFFECTORS, 6)),
     ],
     align=True,
 )
@@ -129,9 +129,9 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
         if own.tobytes() not in allocations:
             allocations[own.tobytes()] = [
                 pseudo_inverse(
-                    own, np.array([effectors.reach(one, c["density"], speed) for one in own])
+                    own, np.array([effectors.force_limits(one, c["density"], speed) for one in own])
                 )
-                for speed in (effectors.LEAST_WAY, FAST)
+                for speed in (effectors.MIN_STEERAGE_SPEED, FAST)
             ]
         slow, fast = allocations[own.tobytes()]
         turning = slow[:, [PITCH, YAW]].any(axis=1)
@@ -214,10 +214,10 @@ def greatest_forces(d: Any, speed: float, axis: int, side: float = 1.0) -> tuple
     """Largest component of a wrench that the effectors give at a speed, to one side (1 or -1), [N]
     or [N m], and their forces for it [N].
     """
-    limits = np.array([effectors.reach(one, d["density"], speed) for one in d["effectors"]])
+    limits = np.array([effectors.force_limits(one, d["density"], speed) for one in d["effectors"]])
     wrench = np.zeros(6)
-    command = np.zeros(effectors.MOST)
-    inverse = np.empty((effectors.MOST, 6))
+    command = np.zeros(effectors.MAX_EFFECTORS)
+    inverse = np.empty((effectors.MAX_EFFECTORS, 6))
     wrench[axis] = side * 1e6
     at_speed(d["slow_allocation"], d["fast_allocation"], speed, inverse)
     allocate(inverse, limits, wrench, command)
@@ -304,7 +304,7 @@ class VehicleState(NamedTuple):
 
 @compiled
 def vehicle_state(pose: Floats, twist: Floats, water: Floats) -> VehicleState:
-    """True motion of a vehicle, from rows of `sim.trajectory.Truth`."""
+    """True motion of a vehicle, from rows of `sim.trajectory.StateHistory`."""
     forward, port, _ = transposed(rotation(pose[3:7]))
     flow = (twist[0] - water[0], twist[1] - water[1], twist[2] - water[2])
     surge = flow[0] * forward[0] + flow[1] * forward[1] + flow[2] * forward[2]
@@ -321,7 +321,7 @@ def apply_wrench(d: Any, surge: float, memory: Record, command: Floats) -> None:
     """
     limits = memory.limits
     for i in range(command.size):
-        limits[i, 0], limits[i, 1] = effectors.reach(d.effectors[i], d.density, surge)
+        limits[i, 0], limits[i, 1] = effectors.force_limits(d.effectors[i], d.density, surge)
     if d.scheduled:
         at_speed(d.slow_allocation, d.fast_allocation, surge, memory.allocation)
         allocate(memory.allocation, limits, memory.wrench, command)

@@ -101,7 +101,7 @@ def approach(
 
 
 @compiled
-def away(p: Record, seen: Records, heading: float) -> tuple[float, float]:
+def repulsion_velocity(p: Record, seen: Records, heading: float) -> tuple[float, float]:
     """Velocity away from vehicles in sight, of SIGHTING, shape (v,), east and north, up to the
     full speed [m/s].
     """
@@ -227,7 +227,7 @@ def update_avoidance(proximity: Record, seen: Records, estimate: Record, memory:
     nearby.
     """
     heading = memory.compass - estimate.compass_bias
-    memory.push[0], memory.push[1] = away(proximity, seen, heading)
+    memory.push[0], memory.push[1] = repulsion_velocity(proximity, seen, heading)
 
 
 @compiled
@@ -278,7 +278,7 @@ def _to_station(
     the trail [m/s].
     """
     at = estimate.position
-    likelier = estimate.to_likelier
+    likelier = estimate.offset_to_map
     place = at[0] + likelier[0], at[1] + likelier[1]
     current = estimate.current[0], estimate.current[1]
     if place[0] != place[0]:
@@ -384,7 +384,9 @@ def keep_station(
         target = stations.Target(t.east, t.north, along[0], along[1], t.way_east, t.way_north)
         if station.radius > 0.0:
             target = plan_detour(t, along, formation.lookahead, dt, memory)
-        sigma = float(np.hypot(estimate.spread, formation.leader_velocity_sigma * max(silent, 0.0)))
+        sigma = float(
+            np.hypot(estimate.position_sigma, formation.leader_velocity_sigma * max(silent, 0.0))
+        )
         east, north = _to_station(formation, target, estimate, sigma, dt, memory)
         heading = np.arctan2(east, north)
         speed = np.hypot(east, north)

@@ -26,7 +26,7 @@ import numpy as np
 
 from laisn.arrays import Floats, Record, Records, records
 from laisn.compiled import compiled
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.geometry import signed_angle
 from sim.control.allocation import clip
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE, Plan, plan

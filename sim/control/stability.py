@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import fsolve
 
 from laisn.arrays import Floats
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.control.allocation import HEAVE, PITCH, SURGE, SWAY, YAW, at_speed, clip
 from sim.control.autopilot import SPEED_HEAVE, SPEED_PITCH, greatest_forces, top_speed
 from sim.control.guidance import CATCH_UP, TURN_RESERVE

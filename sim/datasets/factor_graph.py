@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.geometry import place_transmitters
 from laisn.messages import Measurements
 from laisn.settings import TightSettings

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from laisn.arrays import Floats, Ints
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.messages import LeaderMessage, Measurements, Ranges
 from sim.datasets.factor_graph import read_factor_graph
 from sim.datasets.range_data import RangeData, read_range_tables

@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats, Ints, own_arrays
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.system import background_process, read_text
 
 # larger files are refused [bytes]; a table takes 20 times its size in memory

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.messages import Ranges
 from sim.datasets.table_columns import TIMESTAMP
 from sim.log.order import steps_back

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.failure import LaisnError, plain, shortened
+from laisn.errors import LaisnError, plain, shortened
 from sim.datasets.range_data import LARGEST, numbers, text_of
 from sim.log.schema import OWN_MOTION, PLACES, RECEPTION
 

@@ -15,7 +15,7 @@ from itertools import product
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.messages import Ranges
 from sim.datasets.range_data import LARGEST
 from sim.datasets.table_columns import (

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from laisn.arrays import Floats, Ints
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.datasets.range_data import LARGEST
 from sim.datasets.table_clock import (
     Recording,

@@ -21,7 +21,7 @@ import numpy as np
 from PIL import Image
 
 from laisn.arrays import Bytes, Floats
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.film import graphics
 from sim.film.cameras import CameraRig
 from sim.film.film_data import NOTHING, Annotations, FilmData

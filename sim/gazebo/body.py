@@ -6,7 +6,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.gazebo.buoyancy import FileWater
 from sim.gazebo.document import Remarks, child_number, child_text, is_true, numbers
 from sim.gazebo.frames import Model, local_pose

@@ -12,7 +12,7 @@ from xml.parsers import expat
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.failure import LaisnError, shortened
+from laisn.errors import LaisnError, shortened
 
 DEEPEST = 100  # elements within one another
 MOST_ELEMENTS = 200_000

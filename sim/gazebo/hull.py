@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.gazebo import body, buoyancy, fins, hydrodynamics, includes, thrusters
 from sim.gazebo.document import (
     UUV_PLUGIN,

@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.gazebo.body import Hull
 from sim.gazebo.document import Parameters, Remarks, plugins_of
 from sim.gazebo.frames import Model

@@ -5,7 +5,7 @@ from copy import deepcopy
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
 
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.gazebo.document import Remarks, child_text, is_true, parse, read_document
 from sim.gazebo.frames import MODEL, local_pose
 from sim.system import read_text

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.gazebo.document import Parameters, Remarks, child_text, plugins_of
 from sim.gazebo.frames import Model
 

@@ -34,7 +34,7 @@ from mcap.well_known import MessageEncoding
 from mcap.writer import CompressionType, Writer
 
 from laisn.arrays import Floats, Ints
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.log.frames import MAGIC, Damage, DamagedAttachment, Salvage, Summary, records_of
 from sim.log.schema import Clock, fixed_layout, message_class_of
 from sim.scenario import file as scenario_file

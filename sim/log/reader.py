@@ -12,7 +12,7 @@ import numpy as np
 from laisn.arrays import Bools, Floats, Ints
 from laisn.estimates import Estimates
 from laisn.messages import Measurements
-from sim.flight import Flight, Outcome
+from sim.flight import Flight, Termination
 from sim.log.contents import (
     FIRST_GAP,
     FLIGHT,
@@ -170,7 +170,7 @@ def read(path: Path | str) -> Flight:
         )
         clock = Clock(scenario.epoch)
         dt = scenario.timing.filter_step_s
-        outcome = Outcome[facts["outcome"]]
+        outcome = Termination[facts["outcome"]]
         if FIRST_GAP in facts:
             log.cut(int(facts[FIRST_GAP]))
         last = len(log.require("/leader/state", ()).times) - 1
@@ -181,7 +181,7 @@ def read(path: Path | str) -> Flight:
             )
         steps = last // round(dt / CONTROL_STEP_S)
         trajectory = _trajectory(log, clock.ns(CONTROL_STEP_S * np.arange(last + 1)))
-        if outcome is Outcome.COMPLETED and steps != scenario.filter_steps:
+        if outcome is Termination.COMPLETED and steps != scenario.filter_steps:
             raise LogError(
                 f"{path}: a completed mission of {scenario.duration_s:g} s has "
                 f"{scenario.filter_steps} filter steps, this log has {steps}"

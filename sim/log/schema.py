@@ -19,8 +19,8 @@ from google.protobuf.descriptor_pb2 import FieldDescriptorProto as Field
 from mcap.well_known import SchemaEncoding
 
 from laisn.arrays import Ints
+from laisn.errors import LaisnError
 from laisn.estimates import Columns
-from laisn.failure import LaisnError
 from laisn.messages import LeaderMessage, Ranges
 from laisn.navigators import NAVIGATORS
 

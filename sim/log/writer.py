@@ -21,7 +21,7 @@ from laisn.arrays import Floats, Ints
 from laisn.estimates import FIX_WORDS, FixKind
 from sim import attitude
 from sim.attitude import geodetic
-from sim.flight import Flight, Outcome, position_and_bearing_errors
+from sim.flight import Flight, Termination, position_and_bearing_errors
 from sim.log import schema
 from sim.log.contents import (
     FLIGHT,
@@ -53,7 +53,10 @@ _FIX_LEVELS: dict[FixKind, Level] = {
     **dict.fromkeys((FixKind.ASTERN, FixKind.SINGULAR, FixKind.ONE_RANGE, FixKind.PARTLY), "info"),
     **dict.fromkeys((FixKind.GATED, FixKind.LOST), "warning"),
 }
-_OUTCOME_LEVELS: dict[Outcome, Level] = {Outcome.COMPLETED: "info", Outcome.CONTACT: "warning"}
+_OUTCOME_LEVELS: dict[Termination, Level] = {
+    Termination.COMPLETED: "info",
+    Termination.CONTACT: "warning",
+}
 
 
 class Event(NamedTuple):

@@ -16,7 +16,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import to_json
 
 import models
-from laisn.failure import ROWS, LaisnError, plain, screenful, shortened
+from laisn.errors import ROWS, LaisnError, plain, screenful, shortened
 from sim.scenario.section import PATTERNS, Because
 from sim.scenario.settings import KEYS_ALONE, Scenario
 from sim.scenario.vehicles import is_mjcf

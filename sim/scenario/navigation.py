@@ -17,7 +17,7 @@ from pydantic import (
 )
 
 from laisn import settings as assumptions
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.navigators import NAVIGATORS, OWN_SECTION, find
 from laisn.plugins import is_plugin_name
 from laisn.settings import (

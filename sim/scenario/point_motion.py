@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.geometry import signed_angle
 from sim.scenario.routes import FOLLOWER_DEPTH, SPEED_MAX, Route, library_route
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats, own_arrays
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 
 START_SPEED = 1.0  # speed at which the paper's missions begin [m/s] (Section 3.1)
 SPEED_MAX = 3.0  # top speed of a follower [m/s] (paper, Section 3)

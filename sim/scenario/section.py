@@ -23,7 +23,7 @@ from pydantic import (
 )
 
 from laisn.arrays import Record
-from laisn.failure import shortened
+from laisn.errors import shortened
 
 Positive = Annotated[float, Field(gt=0, le=1e6)]
 NonNegative = Annotated[float, Field(ge=0, le=1e6)]

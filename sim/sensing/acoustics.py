@@ -26,7 +26,7 @@ from laisn.arrays import Floats
 from laisn.compiled import formula, jitable
 from sim.attitude import Vector, body_point_in_world
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.trajectory import Trajectory, Truth, pose_between, row
+from sim.trajectory import StateHistory, Trajectory, pose_between, row
 
 # smaller depth steps have the slowness of their middle: quotients of small differences round [m]
 _LEVEL_M = 1e-3
@@ -155,7 +155,7 @@ def sound_of(scenario: Scenario) -> Sound:
 class Motion(NamedTuple):
     """Motion of vehicles as far as it is known."""
 
-    truth: Truth
+    truth: StateHistory
     begin: float  # time of its first instant [s]
     last: int  # index of the last instant that is known; at least 1
 
@@ -325,5 +325,5 @@ def reception_step(complete: float, dt: float) -> int:
 def motion_of(t: Trajectory) -> Motion:
     """Motion of all vehicles of a trajectory."""
     return Motion(
-        Truth(t.pose, t.twist, t.water_velocity, t.thrust), float(t.time[0]), t.time.size - 1
+        StateHistory(t.pose, t.twist, t.water_velocity, t.thrust), float(t.time[0]), t.time.size - 1
     )

@@ -18,8 +18,8 @@ from numba.extending import overload
 
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled, formula, inlined
-from laisn.elementary import fma, from_bits, integer, log, sin_cos_quarter, to_bits, turned
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
+from laisn.vector_math import fma, from_bits, integer, log, sin_cos_quarter, to_bits, turned
 
 LEADER_STREAMS = 128  # streams from here on belong to the leader and are the same for all followers
 STREAMS = 256  # room for streams of one follower; follower f uses numbers f STREAMS + stream

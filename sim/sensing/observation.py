@@ -24,7 +24,7 @@ from laisn.swarm import MESSAGE
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing import acoustics, noise, sensors
 from sim.sensing.noise import Address
-from sim.trajectory import Trajectory, Truth, row
+from sim.trajectory import StateHistory, Trajectory, row
 
 # compiled code holds numbers, not the members of an enum
 _ATTITUDE = int(noise.Stream.LEADER_ATTITUDE)
@@ -55,7 +55,7 @@ class SensorModel(NamedTuple):
     run: np.uint64
     errors: Records  # of each follower, of ERRORS, shape (f,)
     senses_acceleration: bool  # the leader takes accelerations for tilt
-    tilt_share: float  # `sim.sensing.sensors.gain` of the leader
+    tilt_share: float  # `sim.sensing.sensors.complementary_filter_gain` of the leader
     dt: float
     stride: int  # instants from one filter step to the next
     message_every: int  # filter steps from one message to the next
@@ -74,7 +74,7 @@ def sensor_model_of(scenario: Scenario) -> SensorModel:
         ).view(np.recarray),
         senses_acceleration=leader.broadcast_attitude
         and scenario.sensors.leader_attitude_senses_acceleration,
-        tilt_share=sensors.gain(scenario.sensors),
+        tilt_share=sensors.complementary_filter_gain(scenario.sensors),
         dt=scenario.timing.filter_step_s,
         stride=round(scenario.timing.filter_step_s / CONTROL_STEP_S),
         message_every=scenario.message_every,
@@ -122,13 +122,13 @@ class Inbox(NamedTuple):
     """What f followers have received from the leader."""
 
     message: Records  # last message of each, of MESSAGE, shape (f,)
-    content: Floats  # the same memory as numbers, shape (f, 10)
+    message_values: Floats  # the same memory as numbers, shape (f, 10)
     # to rear, front and middle transmitter, shape (f, 3), [m]; NaN where nothing was received
     ranges: Floats
-    over: Ints  # how many messages each no longer waits for, shape (f,)
-    due: Ints  # filter step before which the next one cannot be in, shape (f,)
+    messages_done: Ints  # how many messages each no longer waits for, shape (f,)
+    earliest_step: Ints  # filter step before which the next one cannot be in, shape (f,)
     last_sent: Ints  # filter step at which the last message was sent, shape (f,); 0: there is none
-    bad: Bools  # whether each channel is in its bad state, shape (f,)
+    channel_bad: Bools  # whether each channel is in its bad state, shape (f,)
     # Gauss–Markov errors of pitch and roll in the last message, of unit variance, shape (f, 2)
     fluctuation: Floats
     # of the leader's position in the last message, in steps of unit variance, shape (f, 2)
@@ -207,12 +207,12 @@ def record_step(
     m = record.messages[follower]
     record.messages[follower] += 1
     record.message_step[follower, m] = step
-    copy_values(inbox.content[follower], record.message[follower, m])
+    copy_values(inbox.message_values[follower], record.message[follower, m])
     copy_values(inbox.ranges[follower], record.ranges[follower, m])
 
 
 @jitable
-def take_up(
+def poll_reception(
     s: SensorModel,
     k: int,
     follower: int,
@@ -228,8 +228,8 @@ def take_up(
     """
     taken = 0
     pings = acoustics.NO_PINGS
-    while inbox.due[follower] <= k:
-        sent = (inbox.over[follower] + 1) * s.message_every
+    while inbox.earliest_step[follower] <= k:
+        sent = (inbox.messages_done[follower] + 1) * s.message_every
         complete, found = acoustics.follow(
             s.sound, known, (sites[0], sites[1][follower]), follower + 1, sent * s.dt
         )
@@ -237,10 +237,10 @@ def take_up(
         if step > k:
             # later than what is known the arrival is not final
             final = complete <= known.begin + known.last * CONTROL_STEP_S
-            inbox.due[follower] = step if final else k + 1
+            inbox.earliest_step[follower] = step if final else k + 1
             break
-        inbox.over[follower] += 1
-        inbox.due[follower] = (inbox.over[follower] + 1) * s.message_every
+        inbox.messages_done[follower] += 1
+        inbox.earliest_step[follower] = (inbox.messages_done[follower] + 1) * s.message_every
         # of two messages within one filter step the follower keeps the first
         if taken == 0:
             taken = sent
@@ -300,7 +300,7 @@ def first_message(s: SensorModel, pose: Floats, twist: Floats, water: Floats) ->
 
 @jitable
 def _read_message(e: Any, dt: float, sent: Address, true: Any, inbox: Inbox, f: int) -> None:
-    content = inbox.content[f]
+    content = inbox.message_values[f]
     fluctuation = inbox.fluctuation[f]
     last = inbox.last_sent[f]
     for i in (_TIME, _EAST, _NORTH, _SIGMA, _POSITION_SIGMA):
@@ -316,13 +316,15 @@ def _read_message(e: Any, dt: float, sent: Address, true: Any, inbox: Inbox, f: 
         root = math.sqrt(dt)
         content[_EAST] = sensors.read_leader_position(e, true[_EAST], drawn[0], root * walk[0])
         content[_NORTH] = sensors.read_leader_position(e, true[_NORTH], drawn[1], root * walk[1])
-    kept, fresh = sensors.weights(sent.step - last if last > 0 else 0, dt, e.leader_tilt_time)
+    kept, fresh = sensors.gauss_markov_weights(
+        sent.step - last if last > 0 else 0, dt, e.leader_tilt_time
+    )
     # step 0, at which nothing is measured, addresses errors that a run keeps
     kept_address = Address(sent.seed, sent.run, sent.follower, 0)
     offset = noise.normals_at(kept_address, _ATTITUDE)
     drawn = noise.normals_at(sent, _ATTITUDE)
     for i in range(2):
-        fluctuation[i] = sensors.advanced(fluctuation[i], kept, fresh, drawn[i])
+        fluctuation[i] = sensors.gauss_markov_step(fluctuation[i], kept, fresh, drawn[i])
     for sensor in literal_unroll(sensors.LEADER_ATTITUDE):
         i = sensor.column - _PITCH
         content[sensor.column] = sensor.read(e, true[sensor.column], (offset[i], fluctuation[i]))
@@ -368,8 +370,8 @@ def read_reception(
         ranges[i] = sensor.read(e, (taken[i], scales[i]), (uniform[i], psi))
     if sensors.loses(e):
         fate = noise.uniforms_at(sent, _LOSS)
-        inbox.bad[f] = sensors.is_bad(inbox.bad[f], fate[0], e)
-        if sensors.is_lost(inbox.bad[f], fate[1], e):
+        inbox.channel_bad[f] = sensors.is_bad(inbox.channel_bad[f], fate[0], e)
+        if sensors.is_lost(inbox.channel_bad[f], fate[1], e):
             ranges[0] = ranges[1] = ranges[2] = np.nan
     heard = ranges[0] == ranges[0] or ranges[1] == ranges[1] or ranges[2] == ranges[2]
     inbox.outcome[f] = RECEIVED if heard else NO_RANGES
@@ -387,11 +389,11 @@ def receive(
 ) -> None:
     """Take up and read the message that is in at filter step k, if there is one.
 
-    `sites` are as of `take_up`, `tilts` what accelerations add to the leader's measured pitch and
-    roll at each instant, shape (n, 2), [rad].
+    `sites` are as of `poll_reception`, `tilts` what accelerations add to the leader's measured
+    pitch and roll at each instant, shape (n, 2), [rad].
     """
     inbox.outcome[follower] = NO_MESSAGE
-    sent, pings = take_up(s, k, follower, sites, known, inbox)
+    sent, pings = poll_reception(s, k, follower, sites, known, inbox)
     if sent > 0:
         e = s.errors[follower]
         content = np.empty(_CONTENT)
@@ -412,7 +414,9 @@ def receive(
 
 
 @jitable
-def _leader_at(s: SensorModel, step: int, i: int, truth: Truth, tilts: Floats) -> sensors.Instant:
+def _leader_at(
+    s: SensorModel, step: int, i: int, truth: StateHistory, tilts: Floats
+) -> sensors.Instant:
     """What the leader's sensors may read at a filter step, which is instant i."""
     tilt = (tilts[i, 0], tilts[i, 1])
     nowhere = (0.0, 0.0, 0.0)
@@ -455,7 +459,7 @@ class Receptions(NamedTuple):
 
 
 @jitable
-def _observe(  # noqa: PLR0913 - compiled: a record of them would be packed for each mission
+def _sense_mission(  # noqa: PLR0913 - compiled: a record of them would be packed for each mission
     s: SensorModel,
     e: Any,
     which: tuple[int, int],
@@ -470,8 +474,8 @@ def _observe(  # noqa: PLR0913 - compiled: a record of them would be packed for 
     their number.
 
     `which` are the index of the follower and the filter step at which the motion begins, `sites`
-    those of `take_up` and the place of the follower's pressure sensor. `own`, out, has shape (n,
-    3), or is empty where it is not asked for.
+    those of `poll_reception` and the place of the follower's pressure sensor. `own`, out, has shape
+    (n, 3), or is empty where it is not asked for.
     """
     follower, first = which
     truth = known.truth
@@ -485,7 +489,7 @@ def _observe(  # noqa: PLR0913 - compiled: a record of them would be packed for 
             water = row(truth.water, i, v)
             at = sensors.Instant(k * s.dt, follower, pose, twist, water, sites[2], (0.0, 0.0))
             true_readings(e, at, own[k - first - 1])
-        sent, pings = take_up(s, k, follower, (sites[0], sites[1]), known, inbox)
+        sent, pings = poll_reception(s, k, follower, (sites[0], sites[1]), known, inbox)
         if sent == 0:
             continue
         found.emission_step[m] = sent
@@ -502,7 +506,7 @@ def _observe(  # noqa: PLR0913 - compiled: a record of them would be packed for 
     return m
 
 
-_observe_compiled = compiled(_observe)
+_sense_mission_compiled = compiled(_sense_mission)
 _LONG = 100_000  # missions of so many instants are sensed by compiled code, unless a caller chooses
 
 
@@ -512,7 +516,7 @@ def _sense(
     follower: int,
     tilts: Floats,
     own: Floats,
-    in_bulk: bool | None,
+    use_compiled: bool | None,
 ) -> Receptions:
     s = sensor_model_of(scenario)
     known = acoustics.motion_of(trajectory)
@@ -528,31 +532,37 @@ def _sense(
     offset = trajectory.site_offset[[trajectory.site(name) for name in names]]
     inbox = new_inbox(follower + 1, s.message_every, over)
     which = (follower, first)
-    if in_bulk or (in_bulk is None and trajectory.time.size > _LONG):
+    if use_compiled or (use_compiled is None and trajectory.time.size > _LONG):
         sites: Any = offset[:3], offset[3:-1], offset[-1]
-        m = _observe_compiled(s, s.errors[follower], which, sites, known, tilts, inbox, own, found)
+        m = _sense_mission_compiled(
+            s, s.errors[follower], which, sites, known, tilts, inbox, own, found
+        )
     else:
         *places, depth_sensor = offset.tolist()
         sites = (places[:3], places[3:], depth_sensor)
         e = sensors.errors_of(scenario, follower)
-        m = _observe(s, e, which, sites, known, tilts, inbox, own, found)
+        m = _sense_mission(s, e, which, sites, known, tilts, inbox, own, found)
     return Receptions(*[values[:m] for values in found])  # type: ignore[arg-type]
 
 
 def propagate(
-    trajectory: Trajectory, scenario: Scenario, follower: int = 0, *, in_bulk: bool | None = None
+    trajectory: Trajectory,
+    scenario: Scenario,
+    follower: int = 0,
+    *,
+    use_compiled: bool | None = None,
 ) -> Receptions:
     """Follow the sound of all messages sent in a trajectory to one follower, as far as they are in
     by its end.
 
-    Their content lacks pitch and roll. `in_bulk` is as of `observe`.
+    Their content lacks pitch and roll. `use_compiled` is as of `observe`.
     """
     unknown = np.full((trajectory.time.size, 2), np.nan)
-    return _sense(trajectory, scenario, follower, unknown, np.empty((0, 3)), in_bulk)
+    return _sense(trajectory, scenario, follower, unknown, np.empty((0, 3)), use_compiled)
 
 
 @dataclass(frozen=True, kw_only=True)
-class MissionTruth:
+class IdealMeasurements:
     """What one follower's sensors see of a mission, without errors: n filter steps (k = 1 … n)
     and m messages.
     """
@@ -574,7 +584,7 @@ class MissionTruth:
     slant_range: Floats
     echo_range: Floats | None = None  # by surface and bottom, shape (2, m, 3), [m]; None: no echoes
     # further sensors, and their true readings (n, …)
-    own: tuple[tuple[sensors.OwnSensor, Floats], ...] = ()
+    own: tuple[tuple[sensors.CustomSensor, Floats], ...] = ()
 
     def __post_init__(self) -> None:
         own_arrays(self)
@@ -593,14 +603,18 @@ def start_of(trajectory: Trajectory, follower: int = 0) -> Floats:
 
 
 def observe(
-    trajectory: Trajectory, scenario: Scenario, follower: int = 0, *, in_bulk: bool | None = None
-) -> MissionTruth:
+    trajectory: Trajectory,
+    scenario: Scenario,
+    follower: int = 0,
+    *,
+    use_compiled: bool | None = None,
+) -> IdealMeasurements:
     """What the sensors of one follower see of a trajectory of a mission from its start, without
     errors.
 
-    `in_bulk` chooses compiled code, which takes seconds to compile once and then milliseconds for
-    what Python takes half a second; None: for long missions. ValueError if the trajectory begins
-    later, or is too short for one filter step.
+    `use_compiled` chooses compiled code, which takes seconds to compile once and then milliseconds
+    for what Python takes half a second; None: for long missions. ValueError if the trajectory
+    begins later, or is too short for one filter step.
     """
     dt = scenario.timing.filter_step_s
     v = follower + 1
@@ -623,7 +637,7 @@ def observe(
     tilts = np.full((trajectory.time.size, 2), np.nan)
     if scenario.leader.broadcast_attitude:
         tilts = sensors.tilt_errors(trajectory, scenario.sensors)
-    sound = _sense(trajectory, scenario, follower, tilts, own, in_bulk)
+    sound = _sense(trajectory, scenario, follower, tilts, own, use_compiled)
     hydrophone = trajectory.site_path(f"{name}/hydrophone", steps * stride)
 
     @cache
@@ -638,7 +652,7 @@ def observe(
         )
         return sensors.follower_state(trajectory.time[grid], motion, hydrophone, source)
 
-    return MissionTruth(
+    return IdealMeasurements(
         dt=dt,
         start=start_of(trajectory, follower),
         speed=own[:, 0],
@@ -666,7 +680,7 @@ def _measure(
     inbox: Inbox,
     readings: tuple[Floats, Floats, Floats],
 ) -> None:
-    """Read what `_observe` found with the noise of a run.
+    """Read what `_sense_mission` found with the noise of a run.
 
     `own` are true values of own sensors, shape (n, 3), `sent` the steps at which messages are taken
     up and were sent, their content and ranges, (m, 10) and (m, 3, 3); `readings`, out, own ones,
@@ -682,7 +696,7 @@ def _measure(
             addresses = Address(address.seed, address.run, address.follower, emitted[i]), now
             read_reception(e, navigator, addresses, (content[i], ranges[i]), inbox, 0)
             for j in range(_CONTENT):
-                content_read[i, j] = inbox.content[0, j]
+                content_read[i, j] = inbox.message_values[0, j]
             for j in range(3):
                 ranges_read[i, j] = inbox.ranges[0, j]
             i += 1
@@ -692,19 +706,19 @@ _measure_compiled = compiled(_measure)
 
 
 def measure(
-    truth: MissionTruth,
+    truth: IdealMeasurements,
     errors: sensors.SensorErrors,
     *,
     seed: int,
     run: int,
     follower: int = 0,
     transmitters: int = 3,
-    in_bulk: bool | None = None,
+    use_compiled: bool | None = None,
 ) -> Measurements:
     """Everything that one follower measures in a run: exactly the noise of that run in a campaign.
 
-    `transmitters` is N_T, how many of the leader's it uses, rear and front first; `in_bulk` is as
-    of `observe`. LaisnError if seed or run is too large.
+    `transmitters` is N_T, how many of the leader's it uses, rear and front first; `use_compiled` is
+    as of `observe`. LaisnError if seed or run is too large.
     """
     n = truth.speed.size
     m = truth.message_step.size
@@ -717,7 +731,7 @@ def measure(
     sent = (truth.message_step, truth.emission_step)
     readings = (np.empty((n, 3)), np.empty((m, _CONTENT)), np.empty((m, 3)))
     inbox = new_inbox(1, 1)
-    if in_bulk or (in_bulk is None and n > _LONG):
+    if use_compiled or (use_compiled is None and n > _LONG):
         e = np.array([tuple(errors)], sensors.ERRORS).view(np.recarray)[0]
         _measure_compiled(e, navigator, address, own, (*sent, content, ranges), inbox, readings)
     else:

@@ -35,7 +35,7 @@ def look_interval(scenario: Scenario) -> int:
 
 
 @compiled
-def look(
+def sense_neighbours(
     address: tuple[np.uint64, np.uint64],
     p: Record,
     k: int,

@@ -28,8 +28,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.compiled import Listed, compiled, formula, jitable
-from laisn.failure import LaisnError
+from laisn.compiled import DispatchedFormula, compiled, formula, jitable
+from laisn.errors import LaisnError
 from laisn.geometry import signed_angle
 from laisn.messages import BEARING, LeaderMessage, Ranges
 from laisn.navigators import FARTHEST, FASTEST, NAVIGATORS
@@ -47,7 +47,7 @@ from sim.water import GRAVITY
 _ECHO = int(Stream.ECHO)  # compiled code needs numbers, not the members of an enum
 
 
-def gain(sensors: Sensors) -> float:
+def complementary_filter_gain(sensors: Sensors) -> float:
     """γ: share of the inclinometer in each step of the filter; 1 without gyros."""
     if sensors.leader_gyro_time_constant_s == 0.0:
         return 1.0
@@ -61,7 +61,7 @@ def random_error(sensors: Sensors) -> tuple[float, float]:
     reading = float(np.deg2rad(sensors.leader_attitude_sigma_deg))
     if sensors.leader_gyro_time_constant_s == 0.0:
         return reading, 0.0
-    share = gain(sensors)
+    share = complementary_filter_gain(sensors)
     walk = np.deg2rad(sensors.leader_gyro_random_walk_deg_sqrt_h) * np.sqrt(CONTROL_STEP_S / 3600.0)
     kept = 1.0 - share
     variance = (share**2 * reading**2 + kept**2 * walk**2) / (1.0 - kept**2)
@@ -69,7 +69,7 @@ def random_error(sensors: Sensors) -> tuple[float, float]:
 
 
 @jitable
-def _shown(pose: Any, change: Any) -> tuple[float, float]:
+def _apparent_tilt(pose: Any, change: Any) -> tuple[float, float]:
     """Pitch and roll that specific force seems to show, from pose and change of velocity in a
     control step.
     """
@@ -83,12 +83,12 @@ def _shown(pose: Any, change: Any) -> tuple[float, float]:
 
 
 @compiled
-def follow_tilt(share: float, k: int, pose: Floats, twist: Floats, tilts: Floats) -> None:
+def update_tilt_error(share: float, k: int, pose: Floats, twist: Floats, tilts: Floats) -> None:
     """Write what accelerations add to the leader's measured pitch and roll at instant k > 0, shape
     (n, 2), [rad].
 
-    `share` is `gain`, `pose` and `twist` are of all instants until now; at the first they are those
-    of the second.
+    `share` is `complementary_filter_gain`, `pose` and `twist` are of all instants until now; at the
+    first they are those of the second.
     """
     change = (
         twist[k, 0] - twist[k - 1, 0],
@@ -96,7 +96,7 @@ def follow_tilt(share: float, k: int, pose: Floats, twist: Floats, tilts: Floats
         twist[k, 2] - twist[k - 1, 2],
     )
     for i in range(0 if k == 1 else k, k + 1):
-        pitch, roll = _shown(pose[i], change)
+        pitch, roll = _apparent_tilt(pose[i], change)
         errors = (
             signed_angle(pitch - pitch_of(pose[i, 3:])),
             signed_angle(roll - roll_of(pose[i, 3:])),
@@ -109,14 +109,14 @@ def follow_tilt(share: float, k: int, pose: Floats, twist: Floats, tilts: Floats
 def tilt_errors(trajectory: Trajectory, sensors: Sensors) -> Floats:
     """The same of a whole mission, none at its start."""
     tilts = np.zeros((trajectory.time.size, 2))
-    share = gain(sensors)
+    share = complementary_filter_gain(sensors)
     for k in range(1, len(tilts) if sensors.leader_attitude_senses_acceleration else 0):
-        follow_tilt(share, k, trajectory.pose[:, 0], trajectory.twist[:, 0], tilts)
+        update_tilt_error(share, k, trajectory.pose[:, 0], trajectory.twist[:, 0], tilts)
     return tilts
 
 
 @formula
-def weights(since: int, dt: float, time: float) -> tuple[float, float]:
+def gauss_markov_weights(since: int, dt: float, time: float) -> tuple[float, float]:
     """Weights a and √(1 − a²) of a Gauss–Markov value `since` steps dt [s] ago (0: none), and of
     a fresh normal.
     """
@@ -125,7 +125,7 @@ def weights(since: int, dt: float, time: float) -> tuple[float, float]:
 
 
 @formula
-def advanced(last: float, kept: float, fresh: float, normal: float) -> float:
+def gauss_markov_step(last: float, kept: float, fresh: float, normal: float) -> float:
     """Next value of the process."""
     return kept * last + fresh * normal
 
@@ -222,7 +222,11 @@ def _sensor(name: str, stream: Stream, true: Any, read: Any) -> Sensor:
     )
     columns = list(Ranges._fields) if stream == Stream.RANGE_UNIFORM else own
     return Sensor(
-        name, columns.index(name), int(stream), Listed(true) if true else None, Listed(read)
+        name,
+        columns.index(name),
+        int(stream),
+        DispatchedFormula(true) if true else None,
+        DispatchedFormula(read),
     )
 
 
@@ -488,7 +492,7 @@ def follower_state(
     return FollowerState(time, pose[:, :3], pose[:, 3:], twist[:, :3], twist[:, 3:], water, *places)
 
 
-class OwnSensor(Protocol):
+class CustomSensor(Protocol):
     """A sensor: a frozen dataclass whose fields are its parameters, keys of its table, in SI
     units and radians.
     """
@@ -546,7 +550,7 @@ _OF_SENSORS = ("name", "stream", "acoustic", "true", "read")
 """What a class of sensors has; see docs/extending.md."""
 
 
-def custom_readings(sensor: OwnSensor, true: Any, normals: Floats) -> Floats:
+def custom_readings(sensor: CustomSensor, true: Any, normals: Floats) -> Floats:
     """Readings of a further sensor at n filter steps, by two normals a step, shape (n, 2); a row a
     step. LaisnError if it gives something else.
     """
@@ -565,7 +569,7 @@ def custom_readings(sensor: OwnSensor, true: Any, normals: Floats) -> Floats:
     return readings
 
 
-def own_sensors(scenario: Scenario) -> tuple[OwnSensor, ...]:
+def own_sensors(scenario: Scenario) -> tuple[CustomSensor, ...]:
     """A scenario's further sensors; LaisnError if one cannot be found, or does not have a key of
     its table.
     """

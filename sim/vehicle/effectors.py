@@ -31,13 +31,13 @@ import numpy.typing as npt
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim import attitude
 from sim.attitude import Vector, cross, plus, scaled
 from sim.vehicle.mjcf import Vehicle, VehicleSetup, numeric
 
-MOST = 16  # largest number of effectors of a vehicle
-MOST_POINTS = 32  # largest number of points of a thruster's curve
+MAX_EFFECTORS = 16  # largest number of effectors of a vehicle
+MAX_CURVE_POINTS = 32  # largest number of points of a thruster's curve
 THRUSTER, CURVE, PROPELLER, FIN = range(4)  # kinds of effectors
 SUFFIXES = {".curve": CURVE, ".propeller": PROPELLER, ".fin": FIN, ".foil": FIN}
 FIN_SUFFIXES = (".fin", ".foil")
@@ -71,7 +71,7 @@ _PARAMETERS: dict[str, dict[str, tuple[str, float, float]]] = {
     },
 }
 # speed below which allocation leaves fins out, and hulls that need them cannot be steered [m/s]
-LEAST_WAY = 0.5
+MIN_STEERAGE_SPEED = 0.5
 LEAST_FLOW = 0.01  # speed up to which gz-sim's LiftDrag gives no force [m/s]
 
 EFFECTOR = np.dtype(  # one actuator of a vehicle, as its MJCF gives it
@@ -85,7 +85,7 @@ EFFECTOR = np.dtype(  # one actuator of a vehicle, as its MJCF gives it
         ("place", np.float64, (3,)),  # of the site, in the body frame [m]
         ("parameters", np.float64, (8,)),  # of a propeller or a fin, as the MJCF has them
         ("points", np.int64),
-        ("curve", np.float64, (MOST_POINTS, 2)),  # states and thrusts [N]
+        ("curve", np.float64, (MAX_CURVE_POINTS, 2)),  # states and thrusts [N]
     ],
     align=True,
 )
@@ -167,9 +167,9 @@ def _fill(record: Any, model: Any, name: str, site: int, gear: Floats) -> None:
                 and np.all(np.diff(pairs[:, 0]) > 0)
                 and np.all(np.diff(pairs[:, 1]) >= 0)
             )
-            if not (2 <= len(pairs) <= MOST_POINTS and rises and pairs[0, 1] < pairs[-1, 1]):
+            if not (2 <= len(pairs) <= MAX_CURVE_POINTS and rises and pairs[0, 1] < pairs[-1, 1]):
                 raise LaisnError(
-                    f"{where} must have 2 to {MOST_POINTS} pairs of state and thrust, rising"
+                    f"{where} must have 2 to {MAX_CURVE_POINTS} pairs of state and thrust, rising"
                 )
             record["points"] = len(pairs)
             record["curve"][: len(pairs)] = pairs
@@ -324,7 +324,7 @@ def foil_force(record: Any, density: float, deflection: float, local: Vector) ->
 
 
 @compiled
-def loads(
+def effector_wrench(
     fitted: tuple[Any, Floats], number: int, density: float, v: Vector, w: Vector
 ) -> tuple[Vector, Vector, Vector, Vector]:
     """Forces of all effectors and fixed fins of a vehicle.
@@ -381,9 +381,9 @@ def loads(
 
 
 @compiled
-def respond(fitted: tuple[Any, Floats], command: Floats, response: Floats) -> None:
-    """Bring states, as of `loads`, a step closer to commands within their limits, both of shape (v,
-    m).
+def apply_lag(fitted: tuple[Any, Floats], command: Floats, response: Floats) -> None:
+    """Bring states, as of `effector_wrench`, a step closer to commands within their limits, both of
+    shape (v, m).
 
     `response` is the share of a first-order lag that passes in a step, 1 − exp(−dt/lag).
     """
@@ -397,9 +397,9 @@ def respond(fitted: tuple[Any, Floats], command: Floats, response: Floats) -> No
 
 
 @compiled
-def reach(record: Any, density: float, speed: float) -> tuple[float, float]:
+def force_limits(record: Any, density: float, speed: float) -> tuple[float, float]:
     """Least and largest force along an effector's axis at a speed along the hull, of fins at
-    least `LEAST_WAY`, [N].
+    least `MIN_STEERAGE_SPEED`, [N].
     """
     low, high = record.limits[0], record.limits[1]
     if record.kind == CURVE:
@@ -420,14 +420,14 @@ def reach(record: Any, density: float, speed: float) -> tuple[float, float]:
 
 @compiled
 def fin_lift(record: Any, density: float, speed: float) -> float:
-    """Force of a fin per deflection at a speed, `LEAST_WAY` or more [N/rad]."""
-    way = max(speed, LEAST_WAY)
+    """Force of a fin per deflection at a speed, `MIN_STEERAGE_SPEED` or more [N/rad]."""
+    way = max(speed, MIN_STEERAGE_SPEED)
     return float(0.5 * density * record.parameters[0] * record.parameters[1] * way * way)
 
 
 @compiled
 def state_for(record: Any, density: float, force: float, speed: float) -> float:
-    """State of an effector that gives a force along its axis, within `reach` [N], at a speed
+    """State of an effector that gives a force along its axis, within `force_limits` [N], at a speed
     along the hull.
     """
     if record.kind == FIN:

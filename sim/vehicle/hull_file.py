@@ -21,7 +21,7 @@ import jinja2
 import numpy as np
 import numpy.typing as npt
 
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.water import GRAVITY
 
 DENSITY = 1026.0  # of sea water, where nothing else is given [kg/m³]

@@ -8,8 +8,8 @@ differently from place to place: Taylor, Proc. R. Soc. A 120, 1928; Auton, Hunt 
 Fluid Mech. 197, 1988. The flow is taken as linear over the hull about the origin of the body frame,
 which is the centre of buoyancy unless the MJCF has a `buoyancy_centre`.
 
-`apply` writes the wrench to `qfrc_applied` and adds the added mass to `M` between `mj_step1` and
-`mj_factorM`, so that it acts on accelerations that MuJoCo has yet to solve for.
+`apply_water_forces` writes the wrench to `qfrc_applied` and adds the added mass to `M` between
+`mj_step1` and `mj_factorM`, so that it acts on accelerations that MuJoCo has yet to solve for.
 
 Functions take `c`, a record of `sim.vehicle.mjcf.RECORD`; `v` and `w`, velocity and rate of turn
 relative to the water, in the body [m/s], [rad/s]; they give force [N] and moment about the origin
@@ -22,8 +22,8 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled, inlined
-from sim.attitude import Matrix, Vector, cross, minus, plus, rotation, scaled, times, transposed
-from sim.vehicle.effectors import loads
+from sim.attitude import Matrix, Vector, cross, matvec, minus, plus, rotation, scaled, transposed
+from sim.vehicle.effectors import effector_wrench
 from sim.water import Instant, Water, elevation_at, flow, instant_of
 
 
@@ -166,7 +166,7 @@ def kirchhoff(
 
 
 @compiled
-def convergence(
+def gradient_force(
     gradient: Matrix, axis: Vector, momentum: Vector, angular: Vector
 ) -> tuple[Vector, Vector]:
     """Force and moment on added mass in water that moves differently from place to place (Taylor
@@ -186,8 +186,8 @@ def convergence(
     """
     to_momentum = transposed(gradient)
     first = cross(angular, axis)  # ∫ x dp along the hull
-    turning = minus(cross(times(gradient, axis), first), cross(axis, times(to_momentum, first)))
-    return scaled(-1.0, times(to_momentum, momentum)), turning
+    turning = minus(cross(matvec(gradient, axis), first), cross(axis, matvec(to_momentum, first)))
+    return scaled(-1.0, matvec(to_momentum, momentum)), turning
 
 
 @inlined
@@ -224,7 +224,7 @@ def wrench(
         twist: velocity of the origin in the world [m/s], angular velocity in the body [rad/s], six
             numbers.
         now, waves: as of `sim.water.instant_of`.
-        fitted, i: as of `sim.vehicle.effectors.loads`.
+        fitted, i: as of `sim.vehicle.effectors.effector_wrench`.
 
     Returns:
         force in the world [N], moment about the origin in the body [N m], share of the hull that is
@@ -238,25 +238,25 @@ def wrench(
     spin = (twist[3], twist[4], twist[5])
 
     stream, change, gradient, turning_change, squeeze = flow(position, velocity, axis, now, waves)
-    v = times(to_body, minus(velocity, stream))
+    v = matvec(to_body, minus(velocity, stream))
     # water that changes along a slender hull acts as if the hull turned the other way round
-    axis_rate = cross(times(to_world, spin), axis)
-    along = times(gradient, axis)
-    turning = times(to_body, cross(axis, along))
+    axis_rate = cross(matvec(to_world, spin), axis)
+    along = matvec(gradient, axis)
+    turning = matvec(to_body, cross(axis, along))
     w = minus(spin, turning)
     turning_rate = plus(
-        cross(axis_rate, along), cross(axis, plus(turning_change, times(gradient, axis_rate)))
+        cross(axis_rate, along), cross(axis, plus(turning_change, matvec(gradient, axis_rate)))
     )
     brought = (
-        plus(times(to_body, change), cross(spin, v)),
-        minus(times(to_body, turning_rate), cross(spin, turning)),
+        plus(matvec(to_body, change), cross(spin, v)),
+        minus(matvec(to_body, turning_rate), cross(spin, turning)),
     )
 
     momentum, angular = _inertia_times(c.added_mass, v, w)
     force, moment = kirchhoff(c.munk_factor, v, spin, momentum, angular)
-    part = convergence(gradient, axis, times(to_world, momentum), times(to_world, angular))
-    force = plus(force, times(to_body, part[0]))
-    moment = plus(moment, times(to_body, part[1]))
+    part = gradient_force(gradient, axis, matvec(to_world, momentum), matvec(to_world, angular))
+    force = plus(force, matvec(to_body, part[0]))
+    moment = plus(moment, matvec(to_body, part[1]))
     for part in viscous(c, v, w):
         force = plus(force, part[0])
         moment = plus(moment, part[1])
@@ -264,7 +264,7 @@ def wrench(
         part = coupled_damping(c, v, w)
         force = plus(force, part[0])
         moment = plus(moment, part[1])
-    thrust, torque, others, their_moment = loads(fitted, i, c.density, v, w)
+    thrust, torque, others, their_moment = effector_wrench(fitted, i, c.density, v, w)
     force = plus(force, others)
     moment = plus(moment, their_moment)
 
@@ -275,20 +275,20 @@ def wrench(
     moment = plus(moment, part[1])
     # Froude-Krylov: the pressure that accelerates the water particles acts on the hull in their
     # place, and they are accelerated by Du/Dt along their own path, not along the hull's
-    particle = minus(change, times(gradient, minus(velocity, stream)))
-    displaced = scaled(c.buoyancy / c.gravity, times(to_body, particle))
+    particle = minus(change, matvec(gradient, minus(velocity, stream)))
+    displaced = scaled(c.buoyancy / c.gravity, matvec(to_body, particle))
     force = plus(force, displaced)
-    moment = plus(moment, scaled(c.displaced_inertia, times(to_body, cross(axis, squeeze))))
+    moment = plus(moment, scaled(c.displaced_inertia, matvec(to_body, cross(axis, squeeze))))
 
     share, dry_arm = immersion(c, position, axis, now, waves)
     lift = (0.0, 0.0, share * c.buoyancy)
-    lost = cross((dry_arm, 0.0, 0.0), times(to_body, (0.0, 0.0, -c.buoyancy)))
+    lost = cross((dry_arm, 0.0, 0.0), matvec(to_body, (0.0, 0.0, -c.buoyancy)))
     if c.off_centre:
         centre = (c.buoyancy_centre[0], c.buoyancy_centre[1], c.buoyancy_centre[2])
         moment = plus(moment, cross(centre, displaced))
-        lost = plus(lost, cross(centre, times(to_body, lift)))
+        lost = plus(lost, cross(centre, matvec(to_body, lift)))
     # what holds the hull up does not turn with it
-    total = plus(times(to_world, plus(scaled(share, force), thrust)), lift)
+    total = plus(matvec(to_world, plus(scaled(share, force), thrust)), lift)
     return total, plus(plus(scaled(share, moment), torque), lost), share
 
 
@@ -301,8 +301,8 @@ def _add_to_inertia(mass: Floats, vehicle: int, added: Floats, share: float, r: 
     a = (m[0, 0], m[0, 1], m[0, 2]), (m[1, 0], m[1, 1], m[1, 2]), (m[2, 0], m[2, 1], m[2, 2])
     b = (m[3, 0], m[3, 1], m[3, 2]), (m[4, 0], m[4, 1], m[4, 2]), (m[5, 0], m[5, 1], m[5, 2])
     for j in range(3):
-        carried = times(r, times(a, r[j]))
-        coupled = times(b, r[j])
+        carried = matvec(r, matvec(a, r[j]))
+        coupled = matvec(b, r[j])
         for i in range(3):
             lower = (i + 3) * (i + 4) // 2  # start of row i + 3
             mass[vehicle, lower + j] += share * coupled[i]
@@ -312,7 +312,7 @@ def _add_to_inertia(mass: Floats, vehicle: int, added: Floats, share: float, r: 
 
 
 @compiled
-def beyond(values: Floats, bound: float) -> int:
+def first_row_exceeding(values: Floats, bound: float) -> int:
     """First row of a matrix with a value that is NaN or whose size is not below `bound`; -1 if
     there is none.
     """
@@ -324,7 +324,7 @@ def beyond(values: Floats, bound: float) -> int:
 
 
 @compiled
-def apply(
+def apply_water_forces(
     coefficients: Any,
     pose: Floats,
     twist: Floats,
@@ -338,7 +338,7 @@ def apply(
     """
     mass, applied = solver
     now, waves = instant_of(time, water)
-    lost = beyond(twist, LOST)
+    lost = first_row_exceeding(twist, LOST)
     # one way out, and numbers in place of rows: compiled code would count references to arrays for
     # each vehicle
     for i in range(0 if lost >= 0 else pose.shape[0]):

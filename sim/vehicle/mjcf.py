@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 import models
 from laisn.arrays import Floats
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim import attitude
 from sim.scenario import vehicles
 

@@ -20,7 +20,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from laisn.compiled import FOLDER, compiled
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 
 STAGES = ("mj_kinematics", "mj_comPos", "mj_makeM", "mj_fwdVelocity", "mj_factorM", "mj_step2")
 """Functions of (model, data) that make up a physics step."""

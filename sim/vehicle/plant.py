@@ -19,7 +19,7 @@ import numpy as np
 
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled, copy_values
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim import attitude
 from sim.vehicle import effectors, hydrodynamics, mjcf
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
@@ -28,7 +28,7 @@ from sim.water import Ocean
 
 # what ended a step, one of FINE … WARNED, and the index of the vehicle, or of MuJoCo's warning
 Fault = tuple[int, int]
-FINE, LOST, NOT_FINITE, WARNED = range(4)
+OK, DIVERGED, NONFINITE_COMMAND, MUJOCO_WARNING = range(4)
 
 
 @compiled
@@ -50,9 +50,9 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
     kinematics, centres, inertia, velocity, factor, finish = stages
     (pose, twist, acceleration), response, good, warnings = body
     half_step = 0.5 * clock[1]
-    bad = hydrodynamics.beyond(command, np.inf)
+    bad = hydrodynamics.first_row_exceeding(command, np.inf)
     if bad >= 0:
-        return NOT_FINITE, bad
+        return NONFINITE_COMMAND, bad
     _shift(twist, acceleration, -half_step)
     for _ in range(n_substeps):
         call(kinematics, model, data)
@@ -60,26 +60,31 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
         call(inertia, model, data)
         # forces are those of the instant, velocities those of the middle of the last step
         _shift(twist, acceleration, half_step)
-        lost = hydrodynamics.apply(records, pose, twist, clock[0], water, solver, fitted)
+        lost = hydrodynamics.apply_water_forces(
+            records, pose, twist, clock[0], water, solver, fitted
+        )
         if lost >= 0:
-            return LOST, lost
+            return DIVERGED, lost
         call(velocity, model, data)
         call(factor, model, data)
         _shift(twist, acceleration, -half_step)
         call(finish, model, data)
-        effectors.respond(fitted, command, response)
+        effectors.apply_lag(fitted, command, response)
         clock[0] += clock[1]
     _shift(twist, acceleration, half_step)
-    lost = max(hydrodynamics.beyond(pose, np.inf), hydrodynamics.beyond(twist, hydrodynamics.LOST))
+    lost = max(
+        hydrodynamics.first_row_exceeding(pose, np.inf),
+        hydrodynamics.first_row_exceeding(twist, hydrodynamics.LOST),
+    )
     if lost >= 0:
-        return LOST, lost
+        return DIVERGED, lost
     for i in range(warnings.size):
         if warnings[i] > 0:
-            return WARNED, i
+            return MUJOCO_WARNING, i
     for i in range(twist.shape[0]):
         copy_values(pose[i], good[0][i])
         copy_values(twist[i], good[1][i])
-    return FINE, -1
+    return OK, -1
 
 
 class PlantError(LaisnError):
@@ -199,11 +204,11 @@ class Plant:
     def finish_step(self, fault: Fault) -> None:
         """PlantError if an error ended `advance`."""
         what, which = fault
-        if what == FINE:
+        if what == OK:
             return
-        if what == WARNED:
+        if what == MUJOCO_WARNING:
             reason = f"MuJoCo warns: {mujoco.mjtWarning(which).name}"
-        elif what == NOT_FINITE:
+        elif what == NONFINITE_COMMAND:
             reason = f"the command of {self.names[which]} is not finite"
         else:
             reason = f"the state of {self.names[which]} is lost"

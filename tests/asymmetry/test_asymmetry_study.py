@@ -33,7 +33,7 @@ from experiments.study.file import built_in, study_of
 from experiments.study.plan import Plan, plan_of
 from experiments.study.run import fly_studies
 from experiments.study.study import run
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 
 FILES = built_in("asymmetry")
 TRIM = {"name": "trim-12N", "leader.excess_buoyancy_n": 12.0}

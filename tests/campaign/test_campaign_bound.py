@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from experiments.campaign.bound import geometry_of, least_rms, noise_of
-from experiments.flight.library import load
+from experiments.flight.library import load_scenario
 from laisn.bound import TrueNoise
 from sim.scenario.settings import Acoustics, Navigation, Scenario
 from tests import straight
@@ -45,7 +45,7 @@ def folded(sigma_deg: float) -> float:
 
 
 def test_noise_is_that_of_the_sensors_and_biases_are_those_assumed() -> None:
-    found = noise_of(load("T5", NOISY))
+    found = noise_of(load_scenario("T5", NOISY))
     expected = TrueNoise(
         # a uniform error of width τ has the variance τ²/12; the widths' mean square is 0.13²/3
         speed_sigma=0.25,
@@ -80,7 +80,10 @@ def test_noise_is_that_of_the_sensors_and_biases_are_those_assumed() -> None:
 def test_what_is_not_there_or_known_is_no_unknown(
     settings: list[str], unknown: dict[str, float]
 ) -> None:
-    plain, found = noise_of(load("T5", NOISY)), noise_of(load("T5", [*NOISY, *settings]))
+    plain, found = (
+        noise_of(load_scenario("T5", NOISY)),
+        noise_of(load_scenario("T5", [*NOISY, *settings])),
+    )
     assert vars(found) == pytest.approx(vars(replace(plain, **unknown)), rel=1e-12)
 
 

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 from experiments.campaign import montecarlo
 from experiments.campaign.montecarlo import Cell, Mission, histories, motion_of
 from experiments.campaign.plans import CellPlan, compute
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.navigator import Navigator
 from laisn_sim import hull
 from sim.flight import navigate
@@ -235,7 +235,10 @@ def test_what_the_keys_leave_out_changes_nothing() -> None:
             other = changed(base, leaf)
             if montecarlo.motion_key(other) == montecarlo.motion_key(base):
                 shared.append(leaf)
-                served, direct = montecarlo.sited(moved, other.leader), simulate_motion(other)
+                served, direct = (
+                    montecarlo.with_transmitter_sites(moved, other.leader),
+                    simulate_motion(other),
+                )
                 for name in ("position", "velocity", "quaternion", "site_offset"):
                     np.testing.assert_array_equal(
                         getattr(served, name), getattr(direct, name), err_msg=str(leaf)

@@ -15,7 +15,7 @@ from laisn.compiled import compiled
 from laisn.navigator import Navigator
 from laisn.settings import VARIANTS, NavigationSettings, Variant
 from laisn.swarm import MESSAGE
-from sim.sensing.observation import MissionTruth, measure
+from sim.sensing.observation import IdealMeasurements, measure
 from sim.sensing.sensors import SensorErrors
 
 DT = 0.1
@@ -33,7 +33,7 @@ def make_truth(
     *,
     offset: tuple[float, float] = QUARTER,
     attitude: bool = True,
-) -> MissionTruth:
+) -> IdealMeasurements:
     """A leader on a slow weave, and a follower 2 m deeper that circles about its place unless it
     is astern.
     """
@@ -58,7 +58,7 @@ def make_truth(
     lost = ranges[k].copy()
     lost[3::7, 1] = np.nan
     unknown = np.full(k.size, np.nan)
-    return MissionTruth(
+    return IdealMeasurements(
         dt=DT,
         start=np.concatenate([follower[0], velocity[0]]),
         speed=np.hypot(*velocity[1:].T),

@@ -9,18 +9,18 @@ from experiments.campaign.bound import geometry_of, least_rms, noise_of
 from experiments.campaign.montecarlo import Cell, histories, simulate
 from experiments.campaign.plans import CellPlan, compute
 from experiments.flight.fly import fly
-from experiments.flight.library import load
+from experiments.flight.library import load_scenario
 from laisn import metrics
 from laisn.arrays import Floats
+from laisn.errors import LaisnError
 from laisn.estimates import TightEstimates
-from laisn.failure import LaisnError
 from sim.scenario.settings import Scenario
 from sim.simulation import simulate_motion
 
 
 @pytest.fixture(scope="module")
 def scenario() -> Scenario:
-    return load(
+    return load_scenario(
         "T5",
         [
             "navigation.variant=tight",
@@ -111,13 +111,13 @@ def test_its_row_contains_the_ratio_to_the_bound(scenario: Scenario) -> None:
     rms = np.hypot(row["e_p_mean_m"], row["e_p_std_m"])
     assert row["rms_over_bound"] == pytest.approx(rms / row["bound_rms_m"])
     assert 0.5 < row["rms_over_bound"] < 3.0
-    laisn = load("T5", ["duration_s=30", "motion=kinematic"])
+    laisn = load_scenario("T5", ["duration_s=30", "motion=kinematic"])
     ((_, other, _),) = compute(trajectory, [CellPlan(scenario=laisn, runs=4)])
     assert other["bound_rms_m"] is None
 
 
 def test_an_unknown_start_is_for_single_flights() -> None:
-    scenario = load(
+    scenario = load_scenario(
         "T5",
         [
             "navigation.variant=tight",

@@ -15,7 +15,7 @@ import typer
 from experiments.campaign.store import Arrays, DamagedResult, Record, Store, read_table, write_table
 from experiments.campaign.version import ROOT
 from experiments.command.errors import report_errors
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 
 KEY, OTHER = "0123456789abcdef01234567", "76543210fedcba9876543210"
 RECORD: Record = {

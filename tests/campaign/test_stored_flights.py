@@ -63,7 +63,7 @@ def test_one_flight_serves_other_transmitters_and_errors():
     assert montecarlo.motion_key(one) != montecarlo.motion_key(scenario("T3"))
     flown, moved = (
         montecarlo.simulate_mission(other),
-        montecarlo.sited(montecarlo.simulate_mission(one), other.leader),
+        montecarlo.with_transmitter_sites(montecarlo.simulate_mission(one), other.leader),
     )
     np.testing.assert_array_equal(moved.site_offset, flown.site_offset)
     np.testing.assert_array_equal(moved.position, flown.position)

@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 
 from experiments.campaign.store import CampaignError, DamagedResult
 from experiments.command.cli import app
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.vehicle.plant import PlantError
 
 

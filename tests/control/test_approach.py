@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from laisn.arrays import Records
-from sim.control.follower import away, give_way
+from sim.control.follower import give_way, repulsion_velocity
 from sim.scenario.formation import Formation, Proximity
 from sim.sensing.proximity import SIGHTING
 
@@ -30,19 +30,23 @@ def test_the_push_grows_from_the_sensors_range_to_that_of_full_speed(
     distance: float, speed: float
 ) -> None:
     for heading in (0.0, 2.0):
-        push = away(LAW, at(0.6 * distance, 0.8 * distance, heading), heading)
+        push = repulsion_velocity(LAW, at(0.6 * distance, 0.8 * distance, heading), heading)
         assert push == pytest.approx((-0.6 * speed, -0.8 * speed))
 
 
 def test_without_neighbours_the_avoidance_velocity_is_zero() -> None:
-    assert away(LAW, np.concatenate([at(np.nan, 0.0)] * 3).view(np.recarray), 1.0) == (0.0, 0.0)
+    assert repulsion_velocity(
+        LAW, np.concatenate([at(np.nan, 0.0)] * 3).view(np.recarray), 1.0
+    ) == (0.0, 0.0)
 
 
 def test_pushes_add_up_to_full_speed_at_most() -> None:
     two = np.concatenate([at(2.0, 0.0), at(0.0, 2.0)]).view(np.recarray)
-    assert away(LAW, two, 0.0) == pytest.approx((-0.8 * np.sqrt(0.5), -0.8 * np.sqrt(0.5)))
+    assert repulsion_velocity(LAW, two, 0.0) == pytest.approx(
+        (-0.8 * np.sqrt(0.5), -0.8 * np.sqrt(0.5))
+    )
     both = np.concatenate([at(4.0, 0.0), at(-4.0, 0.0)]).view(np.recarray)
-    assert away(LAW, both, 0.0) == pytest.approx((0.0, 0.0))
+    assert repulsion_velocity(LAW, both, 0.0) == pytest.approx((0.0, 0.0))
 
 
 @pytest.mark.parametrize("closing", [0.4, 1.0, 1.5])
@@ -53,7 +57,7 @@ def test_two_approaching_vehicles_stop_at_the_distance_of_the_law(closing: float
     stop = 5.0 - 2.0 * closing / (2 * 0.8)
     apart, least = 12.0, 12.0
     for _ in range(4000):
-        push = away(LAW, at(apart, 0.0), 0.0)[0]
+        push = repulsion_velocity(LAW, at(apart, 0.0), 0.0)[0]
         apart += 0.02 * (-closing - 2.0 * push)
         least = min(least, apart)
     assert apart == pytest.approx(stop, abs=1e-3)

@@ -135,7 +135,7 @@ def test_what_is_wanted_changes_no_faster_than_a_hull_can_follow() -> None:
 @pytest.mark.parametrize(("spread", "aims"), [(0.99, True), (1.01, False), (np.nan, False)])
 def test_a_follower_with_ambiguous_side_goes_parallel(spread: float, aims: bool) -> None:
     deck = Deck(aside=10.0, max_trail_sigma_m=1.0)
-    deck.estimate.spread = spread
+    deck.estimate.position_sigma = spread
     deck.tick()
     assert (deck.memory.heading_wanted < -0.001) == aims
     # along the way it closes up all the same
@@ -152,7 +152,7 @@ def test_who_may_be_at_either_of_two_places_steers_by_the_likelier() -> None:
     wanted = []
     for lean in (-4.0, 0.0, 4.0):
         deck = Deck()
-        deck.estimate.to_likelier[0] = lean
+        deck.estimate.offset_to_map[0] = lean
         wanted.append(deck.ticks(20)[-1, 2])
     assert wanted[1] == pytest.approx(0.0, abs=1e-9)
     assert wanted[0] > 0.1
@@ -192,7 +192,7 @@ def test_silence_takes_it_off_its_station_as_its_place_in_the_trail_gets_uncerta
         (38.05, False, True),
     ):
         deck = Deck(aside=10.0, **given)
-        deck.estimate.position[1], deck.estimate.spread = now - 20.0, 0.3
+        deck.estimate.position[1], deck.estimate.position_sigma = now - 20.0, 0.3
         wanted, _ = deck.tick(now)
         assert (wanted[0] < -0.001) == aims, now
         assert (wanted[0] == pytest.approx(np.deg2rad(4.0) * DT)) == circles, now

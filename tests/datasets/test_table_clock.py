@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.datasets.log import write_vehicle_table
 from sim.datasets.vehicle_table import VehicleTable, read_vehicle_table
 from sim.log.reader import read_recording

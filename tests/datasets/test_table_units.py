@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from experiments.command.cli import app
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.datasets.vehicle_table import read_vehicle_table
 
 HEADERS = {

@@ -15,7 +15,7 @@ from experiments.studies.estimators.errors import (
 from experiments.study.file import built_in, study_of
 from experiments.study.plan import Entry, plan_of
 from laisn.messages import Measurements
-from sim.sensing.observation import MissionTruth, measure
+from sim.sensing.observation import IdealMeasurements, measure
 from sim.sensing.sensors import SensorErrors
 
 
@@ -26,7 +26,7 @@ def entry_of(route: str, interval: float, case: str, arm: str) -> Entry:
     return next(e for e in plan.entries if e.arm == arm and plan.points[e.point]["case"] == case)
 
 
-def mission(route: str, interval: float) -> tuple[MissionTruth, SensorErrors]:
+def mission(route: str, interval: float) -> tuple[IdealMeasurements, SensorErrors]:
     """What the sensors of a follower measure, and their errors."""
     cell = Cell.of(entry_of(route, interval, "G1", "laisn-2").scenario)
     return cell.truth, cell.errors

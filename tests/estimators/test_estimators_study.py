@@ -18,7 +18,7 @@ from experiments.studies.estimators.findings import INTERVAL
 from experiments.study import study as studies
 from experiments.study.file import built_in, study_of
 from experiments.study.plan import Plan, plan_of
-from experiments.study.run import Cells, Outcomes
+from experiments.study.run import Cells, StudyResults
 from experiments.study.study import run
 from laisn.bound import TrueNoise
 from laisn.settings import TightSettings
@@ -221,12 +221,12 @@ def test_a_leader_that_weaves_keeps_to_its_legs_by_5_degrees_and_to_its_corners(
         assert np.all(off[1:] * off[:-1] < 0.0)
 
 
-def made(plan: Plan) -> Outcomes:
+def made(plan: Plan) -> StudyResults:
     """What a part might have come to, without flying it: 25 runs with squared errors as their
     covariance predicts.
     """
     rng = np.random.default_rng([7, len(plan.entries)])
-    outcomes = Outcomes(plan=plan, rows=[], runs=[], steps=[], store=None)  # type: ignore[arg-type]
+    outcomes = StudyResults(plan=plan, rows=[], runs=[], steps=[], store=None)  # type: ignore[arg-type]
     for entry in plan.entries:
         runs, scale = 25, {"tight": 1.0, "all": 1.0, "laisn-2": 4.0, "ekf": 2.0}[entry.arm]
         error = scale * rng.uniform(0.1, 0.3, runs)

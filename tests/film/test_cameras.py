@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from experiments.flight.library import load
+from experiments.flight.library import load_scenario
 from sim import attitude
 from sim.film.cameras import CameraRig, View
 from sim.film.film_data import FilmData
@@ -68,7 +68,7 @@ def test_the_film_of_the_diving_leader_shows_its_pitch(flight, pitch_deg):
     for t in np.linspace(5.0, 55.0, 11):
         state = data.at(t)
         ends = attitude.rotate(state.quaternion[:1], np.array([[-1.0, 0, 0], [1.0, 0, 0]]))
-        view = rig.shot(load("diving", ()).video.camera, state).view
+        view = rig.shot(load_scenario("diving", ()).video.camera, state).view
         (stern, bow), _ = view.project(state.position[0] + ends, 1280, 720)
         across, up = np.abs(bow[0] - stern[0]), (stern[1] - bow[1]) * np.sign(pitch_deg)
         assert np.hypot(across, up) > 128

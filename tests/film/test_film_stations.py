@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from synthetic import make_flight
 
-from experiments.flight.library import load
+from experiments.flight.library import load_scenario
 from sim.film.cameras import CameraRig
 from sim.film.film_data import FilmData
 from sim.film.overlay import Overlay, nearest, place_labels
@@ -100,7 +100,7 @@ def test_the_overlay_draws_rings_and_prints_the_distance() -> None:
 
 def test_the_swarm_is_filmed_from_behind() -> None:
     """From above its map hides the vehicles."""
-    assert load("swarm", ()).video.camera == Video().camera == "chase"
+    assert load_scenario("swarm", ()).video.camera == Video().camera == "chase"
 
 
 def test_every_follower_of_ten_has_a_label() -> None:

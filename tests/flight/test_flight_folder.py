@@ -22,7 +22,7 @@ from experiments.flight.folder import (
     one_flight,
     require_safe,
 )
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.log.contents import partial_path
 
 

@@ -9,11 +9,11 @@ import pytest
 
 from experiments.campaign.bound import flight_bound
 from experiments.flight.fly import fly
-from experiments.flight.library import load
+from experiments.flight.library import load_scenario
 from experiments.flight.summary import summarise
 from experiments.pages.flight_report import final_states, follower_row
+from laisn.errors import LaisnError
 from laisn.estimates import HYPOTHESES, FixKind, TightEstimates
-from laisn.failure import LaisnError
 from laisn.settings import NavigationSettings, TightSettings
 from sim.film.film_data import FilmData
 from sim.flight import (
@@ -33,7 +33,7 @@ from tests.synthetic import bits
 
 
 def scenario(*assignments: str) -> Scenario:
-    return load(
+    return load_scenario(
         "T2", ["navigation.variant=tight", "duration_s=40", "motion=kinematic", *assignments]
     )
 
@@ -129,7 +129,7 @@ def test_physical_vehicles_slip_and_points_do_not(flight: Flight) -> None:
 def test_studies_of_laisn_are_given_its_settings_alone(flight: Flight) -> None:
     with pytest.raises(LaisnError, match=r"navigates by 'tight'; expected one of laisn-2, "):
         settings_as(NavigationSettings, flight.scenario, flight.trajectory, 0)
-    laisn = navigation_settings(load("T2", []), flight.trajectory, 0)
+    laisn = navigation_settings(load_scenario("T2", []), flight.trajectory, 0)
     assert isinstance(laisn, NavigationSettings)
 
 
@@ -222,5 +222,5 @@ def test_the_report_draws_bound_and_weights_and_prints_results(
     assert _parts(flight, errors)[-2:] == ["fixes", "weights"]
     names = [row[1].text for row in final_states(flight)]
     assert names == ["log_bias_m_s", "compass_bias_deg", "range_scale_m"]
-    laisn = fly(load("T2", ["duration_s=20", "motion=kinematic"]))[0]
+    laisn = fly(load_scenario("T2", ["duration_s=20", "motion=kinematic"]))[0]
     assert _parts(laisn, position_and_bearing_errors(laisn))[-1] == "fixes"

@@ -14,7 +14,7 @@ from experiments.flight.summary import route_events, summarise
 from experiments.flight.verdict import verdict
 from experiments.pages.flight_report import flight_report
 from laisn.arrays import Floats
-from sim.flight import Flight, Outcome, position_and_bearing_errors
+from sim.flight import Flight, Termination, position_and_bearing_errors
 from sim.tracking import track_errors
 from tests.synthetic import make_flight
 
@@ -148,7 +148,7 @@ def test_a_controller_of_ones_own_is_not_lost_off_the_route(flight: Flight) -> N
 
 
 def test_an_outcome_comes_first(flight: Flight) -> None:
-    changed = dataclasses.replace(lost_at(flight, 0, 300.0), outcome=Outcome.DIVERGED)
+    changed = dataclasses.replace(lost_at(flight, 0, 300.0), outcome=Termination.DIVERGED)
     sentence = verdict(changed, KEPT).sentence
     assert sentence.startswith("The simulation left finite numbers; ")
     assert "1 of 3 followers was lost: follower1 at 300 s" in sentence

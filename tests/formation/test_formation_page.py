@@ -21,7 +21,7 @@ from experiments.studies.formation.findings import findings_of
 from experiments.study import study as studies
 from experiments.study.file import study_of
 from experiments.study.plan import Plan, plan_of
-from experiments.study.run import Outcomes
+from experiments.study.run import StudyResults
 from experiments.study.study import run
 from tests.study.cells import cells_of
 
@@ -68,13 +68,15 @@ def flown(monkeypatch: pytest.MonkeyPatch, findings: Findings) -> list[Any]:
     """Calls of the command: the plan and the options of each study that is flown."""
     calls: list[Any] = []
 
-    def fly(plans: list[Plan], folder: Path, **options: Any) -> list[Outcomes]:
+    def fly(plans: list[Plan], folder: Path, **options: Any) -> list[StudyResults]:
         # the version of the plugins, of which there are none
         options.pop("plugins")
         calls.append((plans[0], options))
         row = {"point": 0, "arm": "calm", "realization": 0, "follower": "f"}
         return [
-            Outcomes(plan=plans[0], rows=[row], runs=[(row, {"run": [0]})], steps=[], store=None)
+            StudyResults(
+                plan=plans[0], rows=[row], runs=[(row, {"run": [0]})], steps=[], store=None
+            )
         ]
 
     monkeypatch.setattr(studies, "fly_until_narrow", fly)

@@ -16,7 +16,7 @@ from experiments.study import study as studies
 from experiments.study.file import study_of
 from experiments.study.measure import METRICS, records_of_run
 from experiments.study.plan import Entry, Plan, plan_of
-from experiments.study.run import Outcomes
+from experiments.study.run import StudyResults
 from sim.scenario.settings import Scenario
 from tests.study.cells import cells_of
 
@@ -184,10 +184,10 @@ def test_runs_are_numbered_from_zero_and_some_conditions_fly_every_other_one(
 ) -> None:
     plans: list[Plan] = []
 
-    def fly(given: list[Plan], folder: Path, **_: object) -> list[Outcomes]:
+    def fly(given: list[Plan], folder: Path, **_: object) -> list[StudyResults]:
         (plan,) = given
         plans.append(plan)
-        outcomes = Outcomes(plan=plan, rows=[], runs=[], steps=[], store=None)  # type: ignore[arg-type]
+        outcomes = StudyResults(plan=plan, rows=[], runs=[], steps=[], store=None)  # type: ignore[arg-type]
         for entry in plan.entries:
             runs = list(plan.runs_of(entry))
             for follower in entry.scenario.followers:

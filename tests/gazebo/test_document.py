@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from laisn.failure import COLUMNS, ROWS, LaisnError
+from laisn.errors import COLUMNS, ROWS, LaisnError
 from sim.gazebo.document import DEEPEST, Parameters, Remarks, parse, read_document
 from tests.gazebo.imported import PROBE, changed, import_text, refusal
 

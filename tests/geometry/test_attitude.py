@@ -77,12 +77,10 @@ def test_slerp_agrees_with_scipy_and_takes_the_short_way() -> None:
     both = Rotation.from_quat(np.stack([start, end])[:, [1, 2, 3, 0]])
     expected = Slerp([0, 1], both)(fractions).as_quat()[:, [3, 0, 1, 2]]
     for sign in (1, -1):
-        mixed = np.array([attitude.between(start, sign * end, u) for u in fractions])
+        mixed = np.array([attitude.slerp(start, sign * end, u) for u in fractions])
         same = np.abs(np.einsum("ni,ni->n", mixed, expected))
         np.testing.assert_allclose(same, 1.0, atol=1e-14)
-    np.testing.assert_array_equal(
-        attitude.between(start, start, 0.3), start / np.linalg.norm(start)
-    )
+    np.testing.assert_array_equal(attitude.slerp(start, start, 0.3), start / np.linalg.norm(start))
 
 
 def test_attitudes_that_are_a_little_too_long_are_interpolated() -> None:
@@ -90,7 +88,7 @@ def test_attitudes_that_are_a_little_too_long_are_interpolated() -> None:
     longer = attitude.from_euler(0.4, 0.1, -0.2) * (1.0 + 1e-9)
     assert longer @ longer > 1.0
     for sign in (1.0, -1.0):
-        assert attitude.between(longer, sign * longer, 0.3) == pytest.approx(
+        assert attitude.slerp(longer, sign * longer, 0.3) == pytest.approx(
             longer / np.linalg.norm(longer), rel=1e-12
         )
 

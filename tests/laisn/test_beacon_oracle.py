@@ -12,15 +12,15 @@ from laisn.beacons import (
     MEDIA,
     BeaconNavigator,
     BeaconSettings,
-    Ranging,
+    RangeMeasurement,
     add_ring,
     new_belief,
     prune_and_merge,
     split,
     with_beacon,
 )
+from laisn.errors import LaisnError
 from laisn.estimates import FixKind
-from laisn.failure import LaisnError
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
 from tests.laisn.beacon_oracle import BeaconOracle
 
@@ -141,7 +141,7 @@ def test_where_there_is_no_room_for_more_nothing_is_split_and_no_ring_is_added()
     """
     b, z = (
         with_beacon(new_belief(RADIO, None), RADIO),
-        Ranging(0, 0.0, 0.0, 0.0, 20.0, 0.25, -0.05, -6.0),
+        RangeMeasurement(0, 0.0, 0.0, 0.0, 20.0, 0.25, -0.05, -6.0),
     )
     for alive, after in ((1022, 1024), (1023, 1023)):
         b.alive[0], b.weight[:alive], b.state[:alive, 1] = alive, 1.0 / alive, 20.0

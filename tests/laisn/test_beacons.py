@@ -23,7 +23,7 @@ from laisn.beacons import (
     BeaconNavigator,
     BeaconSettings,
     Belief,
-    Ranging,
+    RangeMeasurement,
     X,
     Y,
     new_belief,
@@ -34,8 +34,8 @@ from laisn.beacons import (
     update,
     with_beacon,
 )
+from laisn.errors import LaisnError
 from laisn.estimates import FixKind
-from laisn.failure import LaisnError
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
 from tests.laisn.round_trip import Errors, round_trip
 
@@ -45,9 +45,11 @@ ALL_ON = replace(BeaconSettings(), current_sigma=0.3)
 
 def ranging(
     place: tuple[float, float], measured: float, *, deeper: float = 0.0, sigma: float = 0.5
-) -> Ranging:
+) -> RangeMeasurement:
     """A range to the first beacon."""
-    return Ranging(0, *place, deeper, measured, sigma**2, math.log(0.95), math.log(0.05 / 20.0))
+    return RangeMeasurement(
+        0, *place, deeper, measured, sigma**2, math.log(0.95), math.log(0.05 / 20.0)
+    )
 
 
 def belief(settings: BeaconSettings = ALL_ON, place: tuple[float, float] = (3.0, -4.0)) -> Belief:

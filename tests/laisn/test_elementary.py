@@ -7,7 +7,7 @@ import pytest
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled
-from laisn.elementary import exp, half_turn_angle, log, sin_cos
+from laisn.vector_math import exp, half_turn_angle, log, sin_cos
 
 
 @compiled

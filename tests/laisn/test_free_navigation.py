@@ -8,8 +8,8 @@ from filterpy.kalman import update
 from hypothesis import given
 from hypothesis import strategies as st
 
+from laisn.errors import LaisnError
 from laisn.estimates import FixKind
-from laisn.failure import LaisnError
 from laisn.fix import Circle, Circles, RangeCircles, one_range
 from laisn.geometry import Point, place_on_body, tilted_arms, turn
 from laisn.lanes import tuning

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from laisn.errors import LaisnError
 from laisn.estimates import FixKind, TightEstimates
-from laisn.failure import LaisnError
 from laisn.messages import Measurements, OwnMotion
 from laisn.settings import Assume, TightSettings
 from laisn.tight.navigator import TightNavigator, run_mission

@@ -15,7 +15,7 @@ import laisn_sim
 from experiments.campaign.montecarlo import Cell, simulate, simulate_mission
 from experiments.campaign.store import key_of
 from experiments.command.cli import app
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.navigators import NAVIGATORS, code_of_navigators, find
 from sim.flight import excerpt
 from sim.sensing.noise import normals

@@ -14,7 +14,7 @@ from experiments.campaign import campaign
 from experiments.campaign.store import key_of
 from experiments.command.cli import app
 from laisn.custom_sources import Sources
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 
 NAVIGATOR = """
 import numpy as np

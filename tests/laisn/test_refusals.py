@@ -7,7 +7,7 @@ import pytest
 
 from laisn.arrays import Floats
 from laisn.beacons import BeaconNavigator, BeaconSettings
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
 from laisn.metrics import summarise
 from laisn.navigator import Navigator

@@ -13,8 +13,8 @@ from scipy.optimize import least_squares
 
 import laisn_sim
 from laisn.arrays import Floats
+from laisn.errors import LaisnError
 from laisn.estimates import FixKind
-from laisn.failure import LaisnError
 from laisn.messages import Bearing, LeaderMessage, Measurements, OwnMotion, Ranges, Reception
 from laisn.navigators import NAVIGATORS, find
 from laisn.rivals import speed_modes

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from laisn.arrays import Floats
+from laisn.errors import LaisnError
 from laisn.estimates import FixKind, FixRecord
-from laisn.failure import LaisnError
 from laisn.geometry import place_on_body
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
 from laisn.navigator import Navigator

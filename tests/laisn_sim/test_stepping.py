@@ -11,9 +11,9 @@ import pytest
 
 import laisn_sim
 from laisn.arrays import Floats
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn_sim import Simulation, Wrench
-from sim.flight import Flight, Outcome
+from sim.flight import Flight, Termination
 
 STATIONS = [
     {"name": "port", "station": {"behind_m": 8.0, "port_m": 8.0, "depth_m": 9.0}},
@@ -67,7 +67,7 @@ def test_steps_of_any_length_give_the_flight_of_one_go(table: dict[str, Any]) ->
 def test_a_flight_until_now_is_the_beginning_of_the_whole_one() -> None:
     sim = Simulation(OPEN).step(12.0)
     begun = sim.flight()
-    assert begun.outcome is Outcome.INTERRUPTED
+    assert begun.outcome is Termination.INTERRUPTED
     whole = sim.step(8.0).flight()
     assert begun.trajectory.time[-1] == pytest.approx(12.0)
     np.testing.assert_array_equal(begun.trajectory.pose, whole.trajectory.pose[:121])
@@ -167,7 +167,7 @@ def test_a_mission_that_is_over_is_not_stepped() -> None:
     with pytest.raises(LaisnError, match="there is no flight yet"):
         sim.flight()
     sim.step(1e6)
-    assert sim.outcome is Outcome.COMPLETED
+    assert sim.outcome is Termination.COMPLETED
     with pytest.raises(LaisnError, match="the mission has ended at 20 s: the mission was flown"):
         sim.step()
 

@@ -17,7 +17,7 @@ from synthetic import bits, make_flight, messages, short_flight, write_log
 
 from experiments.command import replaying
 from laisn.estimates import FixKind
-from sim.flight import Flight, Outcome, position_and_bearing_errors
+from sim.flight import Flight, Termination, position_and_bearing_errors
 from sim.log import writer
 from sim.log.contents import Contents, LogError
 from sim.log.export import export
@@ -85,10 +85,10 @@ def test_odd_numbers_and_several_fixes_a_step_survive(tmp_path: Path) -> None:
     state = e.state.copy()
     state[0] = [-0.0, 5e-324, np.nextafter(1.0, 2.0), -np.inf]
     odd = dataclasses.replace(e, **thrice, state=state)
-    flight = dataclasses.replace(flight, estimates=(odd,), outcome=Outcome.DIVERGED)
+    flight = dataclasses.replace(flight, estimates=(odd,), outcome=Termination.DIVERGED)
     writer.write(flight, tmp_path / "a.mcap")
     assert bits(read(tmp_path / "a.mcap")) == bits(flight)
-    assert messages(tmp_path / "a.mcap", "/log")[-1].message == Outcome.DIVERGED.value
+    assert messages(tmp_path / "a.mcap", "/log")[-1].message == Termination.DIVERGED.value
 
 
 def test_same_flight_same_bytes(tmp_path: Path) -> None:
@@ -226,7 +226,7 @@ def test_log_lines_list_kinds_events_and_outcome(flight: Flight, written: Path) 
         11 * 10**9,
         "follower",
     )
-    assert lines[-1].message == Outcome.COMPLETED.value
+    assert lines[-1].message == Termination.COMPLETED.value
 
 
 def test_video_lies_among_the_messages_in_order_of_time(flight: Flight, tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from mcap_protobuf.schema import register_schema
 from synthetic import bits, make_flight
 
-from sim.flight import Flight, Outcome, excerpt
+from sim.flight import Flight, Termination, excerpt
 from sim.log import writer
 from sim.log.contents import Contents, LogError, recover
 from sim.log.export import export
@@ -68,7 +68,7 @@ def is_start_of(part: Flight, flight: Flight) -> bool:
         for t in (part.trajectory, begin.trajectory)
     ]
     return (
-        part.outcome is Outcome.INTERRUPTED
+        part.outcome is Termination.INTERRUPTED
         and points == begin.trajectory.time.size
         and truths[0] == truths[1]
         and bits(part.trajectory)["site_offset"] == bits(flight.trajectory)["site_offset"]

@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from synthetic import bits, make_flight, short_flight, write_log
 
-from sim.flight import Flight, Outcome
+from sim.flight import Flight, Termination
 from sim.log import writer
 from sim.log.contents import Contents, LogError, partial_path, recover
 from sim.log.export import export
@@ -105,7 +105,7 @@ def test_a_cut_off_log_is_refused_and_recovered(
         recover(rescued)
     (tmp_path / "cut.mcap").write_bytes(whole[: 2 * len(whole) // 3])
     part = read(recover(tmp_path / "cut.mcap", printed.append))
-    assert part.outcome is Outcome.INTERRUPTED
+    assert part.outcome is Termination.INTERRUPTED
     n = part.trajectory.time.size
     assert part.trajectory.position.tobytes() == flight.trajectory.position[:n].tobytes()
     assert printed[2] == "metadata conventions, laisn: no checksum, damage cannot be detected"
@@ -156,7 +156,7 @@ def test_a_damaged_log_with_bytes_behind_its_end_gives_what_stands_before_the_da
     rescued = read(recover(tmp_path / "a.mcap"))
     n = rescued.trajectory.time.size
     assert 190 < n < 452
-    assert rescued.outcome is Outcome.INTERRUPTED
+    assert rescued.outcome is Termination.INTERRUPTED
     assert rescued.trajectory.position.tobytes() == flight.trajectory.position[:n].tobytes()
     assert rescued.estimates[0].state.tobytes() == flight.estimates[0].state[: n - 1].tobytes()
     damaged[8000] ^= 0x10
@@ -269,7 +269,7 @@ def test_when_the_disk_is_full_what_was_written_can_be_recovered(tmp_path: Path)
     assert message.count("\n") == 1
     assert [p.name for p in tmp_path.iterdir()] == ["mission.mcap.partial"]
     rescued = read(recover(tmp_path / "mission.mcap.partial"))
-    assert rescued.outcome is Outcome.INTERRUPTED
+    assert rescued.outcome is Termination.INTERRUPTED
     assert rescued.trajectory.time[-1] > 50
     assert [p.name for p in tmp_path.iterdir()] == ["mission.mcap"]
 

@@ -16,7 +16,7 @@ from synthetic import make_flight
 from typer.testing import CliRunner
 
 from experiments.command.cli import app
-from sim.flight import Outcome
+from sim.flight import Termination
 from sim.log import writer
 from sim.log.contents import Contents, LogError, recover
 from sim.log.reader import read, read_recording
@@ -187,7 +187,7 @@ def test_of_a_flight_with_a_gap_the_start_is_a_flight_and_all_measurements_are_k
     recovered = recover(path)
     start = read(recovered)
     n = start.trajectory.time.size
-    assert start.outcome is Outcome.INTERRUPTED
+    assert start.outcome is Termination.INTERRUPTED
     assert 100 < n < flight.trajectory.time.size // 2 + 200
     assert start.trajectory.position.tobytes() == flight.trajectory.position[:n].tobytes()
     name = flight.trajectory.names[1]

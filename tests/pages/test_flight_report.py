@@ -12,7 +12,7 @@ from experiments.pages.flight_figures import without_wraps
 from experiments.pages.flight_report import flight_report
 from experiments.pages.style import ESTIMATE, FOLLOWER, FRONT, LEADER, MIDDLE, TRANSMITTERS
 from sim.film import film_data as film
-from sim.flight import Outcome
+from sim.flight import Termination
 from tests import synthetic
 from tests.pages.markup import checked
 from tests.synthetic import make_flight
@@ -183,12 +183,12 @@ def test_a_flight_that_failed_has_notices(tmp_path, monkeypatch):
     monkeypatch.setattr(
         "experiments.pages.flight_report.mirror_locked_steps", lambda *_: np.arange(300) < 75
     )
-    broken = type(flight)(**{**vars(flight), "outcome": Outcome.DIVERGED})
+    broken = type(flight)(**{**vars(flight), "outcome": Termination.DIVERGED})
     html = flight_page(tmp_path, broken)
     assert "follower: the estimate was more than 5 m off, at the mirror image of the truth" in html
     assert "for 25.0 % of the mission (mirror lock)." in html
     assert 'class="notice failure"' in html
-    assert Outcome.DIVERGED.value in html
+    assert Termination.DIVERGED.value in html
 
 
 def test_a_flight_ended_by_contact_reports_the_pair(tmp_path):
@@ -198,11 +198,11 @@ def test_a_flight_ended_by_contact_reports_the_pair(tmp_path):
     position[250:, 2] = position[250:, 1]
     met = dataclasses.replace(
         flight,
-        outcome=Outcome.CONTACT,
+        outcome=Termination.CONTACT,
         trajectory=synthetic.moved(flight.trajectory, position=position),
     )
     html = flight_page(tmp_path, met)
     assert 'class="notice warning"' in html
     assert 'class="notice failure"' not in html
     assert "At 25 s follower1 and follower2 touched." in html
-    assert Outcome.CONTACT.value in html
+    assert Termination.CONTACT.value in html

@@ -11,7 +11,7 @@ import pytest
 
 from experiments.findings import Finding, Findings
 from experiments.pages.page import Cell, Code, Figures, Notice, Page, Table, Text, page_of
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 
 FINDINGS = Findings(
     study="",

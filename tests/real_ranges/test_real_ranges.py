@@ -9,8 +9,8 @@ import pytest
 
 from experiments.beacon_replay import Beacons, Score, among_beacons, beacons_of, score
 from laisn.beacons import MEDIA, BeaconSettings
+from laisn.errors import LaisnError
 from laisn.estimates import Estimates
-from laisn.failure import LaisnError
 from laisn.messages import Measurements
 from tools.documents import markers
 from tools.documents import real_ranges as study

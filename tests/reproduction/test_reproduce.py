@@ -11,12 +11,12 @@ import pytest
 from experiments import findings
 from experiments.campaign.montecarlo import Cell, simulate
 from experiments.campaign.plans import steps_of
-from experiments.flight.library import ROUTES, load
+from experiments.flight.library import ROUTES, load_scenario
 from experiments.studies.reproduce import findings as claims
 from experiments.studies.reproduce.figures import table_rows
 from experiments.study.file import built_in, study_of
 from experiments.study.plan import plan_of
-from experiments.study.run import Outcomes, fly_further, fly_studies
+from experiments.study.run import StudyResults, fly_further, fly_studies
 from experiments.study.study import run
 from tests.reproduction.cells import SETTINGS
 from tools.documents import claim_seeds
@@ -229,11 +229,11 @@ def test_the_command_of_a_row_repeats_its_cell():
         | {"point": e.point, "arm": e.arm, "worst_run": 17}
         for e in plan.entries
     ]
-    outcomes = Outcomes(plan=plan, rows=rows, runs=[], steps=[], store=None)
+    outcomes = StudyResults(plan=plan, rows=rows, runs=[], steps=[], store=None)
     for row, entry in zip(table_rows(outcomes, {}), plan.entries, strict=True):
         words = shlex.split(row["fly_worst_run"])
         assert words[:5] == ["laisn", "fly", row["trajectory"], "--run", "17"]
-        flown = load(
+        flown = load_scenario(
             row["trajectory"], [words[i + 1] for i, word in enumerate(words) if word == "--set"]
         )
         assert flown.model_copy(update={"name": entry.scenario.name}) == entry.scenario

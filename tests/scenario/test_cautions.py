@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from experiments.command.cli import app
 from experiments.flight.fly import fly
-from experiments.flight.library import loaded
+from experiments.flight.library import as_scenario
 from sim.cautions import RULES, clock_error_s, closing_speed, distances, echo_delay_m
 from sim.feasibility import cautions
 from sim.flight import Flight, position_and_bearing_errors
@@ -31,7 +31,7 @@ NAMES = ("rear", "front", "middle")
 
 
 def scenario_of(changes: dict[str, Any]) -> Scenario:
-    return loaded("T7", {**QUIET, **changes})
+    return as_scenario("T7", {**QUIET, **changes})
 
 
 def flown(changes: dict[str, Any]) -> Flight:

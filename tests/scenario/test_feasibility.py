@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from experiments.command.fly import fly_and_write
 from experiments.flight import library
-from laisn.failure import ROWS, plain
+from laisn.errors import ROWS, plain
 from sim import feasibility
 from sim.assembly import ocean_of, routes_of, setups_of
 from sim.scenario import file as scenario_file
@@ -115,7 +115,7 @@ def test_the_absurd_is_neither_all_refused_nor_all_accepted() -> None:
 )
 def test_an_override_that_cannot_be_flown_is_refused(assignment: str, wanted: str) -> None:
     with pytest.raises(ScenarioError) as caught:
-        library.load("T5", [assignment], flyable=True)
+        library.load_scenario("T5", [assignment], flyable=True)
     assert wanted in str(caught.value)
     assert len(str(caught.value)) < 80 * 24
 
@@ -153,7 +153,7 @@ def test_errors_of_a_nonsense_file_fit_on_a_screen(
     path = tmp_path / "own.toml"
     path.write_bytes(content)
     with pytest.raises(ScenarioError) as caught:
-        library.load(str(path), (), flyable=True)
+        library.load_scenario(str(path), (), flyable=True)
     assert wanted in str(caught.value)
     assert len(str(caught.value).replace(str(tmp_path), "")) < 80 * 24
 
@@ -161,7 +161,7 @@ def test_errors_of_a_nonsense_file_fit_on_a_screen(
 def test_a_mark_of_the_byte_order_and_foreign_line_ends_are_taken(tmp_path: Path) -> None:
     path = tmp_path / "own.toml"
     path.write_bytes(b"\xef\xbb\xbf" + FOLLOWER.replace(b"\n", b"\r\n") + b"route = 'T5'\r\n")
-    assert library.load(str(path), (), flyable=True).duration_s == 2
+    assert library.load_scenario(str(path), (), flyable=True).duration_s == 2
 
 
 def test_what_is_no_plain_file_is_refused_at_once(tmp_path: Path) -> None:
@@ -176,7 +176,7 @@ def test_what_is_no_plain_file_is_refused_at_once(tmp_path: Path) -> None:
         ("none", "No such"),
     ):
         with pytest.raises(ScenarioError, match=f"cannot be read: .*{wanted}"):
-            library.load(str(tmp_path / f"{name}.toml"), (), flyable=True)
+            library.load_scenario(str(tmp_path / f"{name}.toml"), (), flyable=True)
     for source in (
         "a" * 5000,
         "a\x00b",
@@ -186,7 +186,7 @@ def test_what_is_no_plain_file_is_refused_at_once(tmp_path: Path) -> None:
         "\x1b[2J",
     ):
         with pytest.raises(ScenarioError) as caught:
-            library.load(source, (), flyable=True)
+            library.load_scenario(source, (), flyable=True)
         assert len(str(caught.value)) < 80 * 24 + len(source)
     assert time.monotonic() - began < 1
 
@@ -312,7 +312,7 @@ def test_what_would_take_for_ever_is_refused_with_its_cost(
     assignments: list[str], wanted: str
 ) -> None:
     with pytest.raises(ScenarioError) as caught:
-        library.load("T5", assignments, flyable=True)
+        library.load_scenario("T5", assignments, flyable=True)
     assert wanted in str(caught.value)
 
 

@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 import laisn_sim
 from experiments.command.cli import app
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.scenario.file import assigned, key_lines
 
 

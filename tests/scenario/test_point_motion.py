@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.geometry import signed_angle
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route, library_route, names

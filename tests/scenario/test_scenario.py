@@ -26,10 +26,10 @@ MINIMAL: dict[str, Any] = {"name": "mine", "followers": [{"route": "T5"}]}
 
 @pytest.mark.parametrize("name", library.names())
 def test_every_built_in_scenario_survives_toml(name: str) -> None:
-    scenario = library.load(name, ())
+    scenario = library.load_scenario(name, ())
     text = scenario.toml()
     assert scenario_file.validate(tomllib.loads(text), name) == scenario
-    assert library.load(name, (), flyable=True) == scenario
+    assert library.load_scenario(name, (), flyable=True) == scenario
 
 
 def test_the_scenarios_defaults_are_those_of_sensors_and_navigator() -> None:
@@ -208,7 +208,7 @@ def test_a_broken_override_is_refused(assignment: str) -> None:
 )
 def test_what_cannot_be_flown_names_file_and_key(assignments: list[str], expected: str) -> None:
     with pytest.raises(ScenarioError) as caught:
-        library.load("T5", assignments, flyable=True)
+        library.load_scenario("T5", assignments, flyable=True)
     source, fault = str(caught.value).splitlines()
     assert source == f"T5 {' '.join(f'--set {a}' for a in assignments)}: 1 error"
     assert fault.startswith(f"  {expected}")
@@ -222,7 +222,7 @@ def test_unreadable_files_are_reported(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match=r"not valid TOML: .* line 1"):
         scenario_file.read(broken)
     with pytest.raises(ScenarioError, match="unknown scenario 'T1'; available: T2, T3"):
-        library.load("T1", ())
+        library.load_scenario("T1", ())
 
 
 def test_formations_broadcast_attitude_by_default() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 import laisn_sim
 from sim.assembly import routes_of
-from sim.flight import Outcome
+from sim.flight import Termination
 from sim.scenario.file import ScenarioError
 from sim.tracking import cross_track
 
@@ -53,7 +53,7 @@ def test_a_slow_vehicle_flies_missions_at_the_speeds_that_it_reaches(role: str) 
         table = {"duration_s": 140.0, "leader": slow, "followers": [{"route": "T5"}]}
     flight = laisn_sim.fly(table)
     i = 0 if role == "leader" else 1
-    assert flight.outcome is Outcome.COMPLETED
+    assert flight.outcome is Termination.COMPLETED
     route = routes_of(flight.scenario)[i]
     until = flight.trajectory.time <= route.time[-1]
     position = flight.trajectory.position[:, i, :2]
@@ -80,4 +80,4 @@ def test_a_hull_that_cannot_hover_is_refused_with_advice_that_works(model: str) 
         laisn_sim.load({"followers": [table]})
     table["waypoints"] = [[0, 5, -8], [100, 75, -8]]
     flight = laisn_sim.fly({"duration_s": 60.0, "followers": [table]})
-    assert flight.outcome is Outcome.COMPLETED
+    assert flight.outcome is Termination.COMPLETED

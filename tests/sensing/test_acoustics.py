@@ -26,7 +26,7 @@ from sim.sensing.acoustics import (
     speed_at,
 )
 from sim.sensing.noise import Address, Stream, seed_and_run, uniforms
-from sim.sensing.observation import MissionTruth, measure, observe, propagate
+from sim.sensing.observation import IdealMeasurements, measure, observe, propagate
 from sim.sensing.sensors import SensorErrors, errors_of, paths_taken
 from tests.straight import make_scenario, make_trajectory
 
@@ -249,7 +249,7 @@ def test_common_echoes_are_as_often_and_of_all_pings_of_a_message():
 def received(steps: Ints, errors: SensorErrors) -> Bools:
     """Whether each message arrives, of a mission that sends one at each step."""
     n = steps.size
-    truth = MissionTruth(
+    truth = IdealMeasurements(
         dt=0.1,
         start=np.zeros(4),
         speed=np.ones(n),
@@ -263,7 +263,7 @@ def received(steps: Ints, errors: SensorErrors) -> Bools:
         sent=records(MESSAGE, n),
         slant_range=np.full((n, 3), 30.0),
     )
-    return np.isfinite(measure(truth, errors, seed=1, run=0, in_bulk=True).ranges).all(axis=1)
+    return np.isfinite(measure(truth, errors, seed=1, run=0, use_compiled=True).ranges).all(axis=1)
 
 
 def test_loss_has_the_rate_and_the_bursts_of_the_chain():

@@ -12,7 +12,7 @@ from laisn.arrays import Floats
 from laisn.messages import LeaderMessage
 from sim import attitude
 from sim.scenario.settings import Sensors
-from sim.sensing.observation import MissionTruth, measure, observe
+from sim.sensing.observation import IdealMeasurements, measure, observe
 from sim.sensing.sensors import SensorErrors, errors_of, random_error, tilt_errors
 from sim.trajectory import OF_VEHICLES, Trajectory
 from tests import straight, synthetic
@@ -164,11 +164,11 @@ def test_random_error_is_that_of_the_filter_itself() -> None:
 
 
 @pytest.fixture(scope="module")
-def truth() -> MissionTruth:
+def truth() -> IdealMeasurements:
     return make_truth(60)
 
 
-def pitch_errors(truth: MissionTruth, errors: SensorErrors, runs: int) -> Floats:
+def pitch_errors(truth: IdealMeasurements, errors: SensorErrors, runs: int) -> Floats:
     """Errors of the broadcast pitch and roll, shape (runs, messages, 2), [rad]."""
     pitch = LeaderMessage._fields.index("pitch")
     read = [
@@ -177,7 +177,7 @@ def pitch_errors(truth: MissionTruth, errors: SensorErrors, runs: int) -> Floats
     return np.array(read) - np.column_stack([truth.sent.pitch, truth.sent.roll])
 
 
-def test_broadcast_errors_die_away_with_time(truth: MissionTruth) -> None:
+def test_broadcast_errors_die_away_with_time(truth: IdealMeasurements) -> None:
     errors = SensorErrors(leader_tilt_sigma=0.01, leader_tilt_time=2.0)
     pitch, roll = np.moveaxis(pitch_errors(truth, errors, 4000) / 0.01, -1, 0)
     # messages come every second
@@ -187,7 +187,7 @@ def test_broadcast_errors_die_away_with_time(truth: MissionTruth) -> None:
     assert pitch.T @ roll / 4000 == pytest.approx(np.zeros((6, 6)), abs=0.08)
 
 
-def test_an_offset_stays_throughout_a_run(truth: MissionTruth) -> None:
+def test_an_offset_stays_throughout_a_run(truth: IdealMeasurements) -> None:
     offsets = pitch_errors(truth, SensorErrors(leader_attitude_offset_sigma=0.03), 2000)
     assert np.ptp(offsets, axis=1).max() < 1e-15
     assert np.cov(offsets[:, 0].T) == pytest.approx(0.03**2 * np.eye(2), abs=0.1 * 0.03**2)

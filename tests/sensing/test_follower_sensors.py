@@ -8,7 +8,7 @@ import pytest
 import laisn_sim
 from experiments.campaign.bound import noise_of
 from experiments.campaign.montecarlo import Cell
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.flight import Flight
 from sim.scenario.settings import Scenario
 

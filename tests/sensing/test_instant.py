@@ -21,7 +21,7 @@ from sim.sensing.observation import (
     receive,
     sensor_model_of,
 )
-from sim.trajectory import Truth
+from sim.trajectory import StateHistory
 from tests.synthetic import make_scenario
 
 PITCH, RATES = 0.1, (0.02, -0.03, 0.05)
@@ -35,9 +35,9 @@ def scenario(tilt_sigma_deg: float, gyro_sigma_deg_s: float) -> Scenario:
     return made.model_copy(update={"sensors": sensors, "followers": made.followers * 2})
 
 
-def standing(poses: Floats, instants: int) -> Truth:
+def standing(poses: Floats, instants: int) -> StateHistory:
     """Vehicles that stay where they are."""
-    still = Truth(*(np.zeros((instants, len(poses), columns)) for columns in (7, 6, 3, 5)))
+    still = StateHistory(*(np.zeros((instants, len(poses), columns)) for columns in (7, 6, 3, 5)))
     still.pose[:] = poses
     return still
 

@@ -187,11 +187,13 @@ def test_compiled_code_senses_the_bits_that_python_does() -> None:
         update={"acoustics": acoustics, "sensors": sensors, "leader": leader}
     )
     flown = synthetic.make_trajectory(scenario)
-    alone, bulk = (observe(flown, scenario, 1, in_bulk=in_bulk) for in_bulk in (False, True))
+    alone, bulk = (
+        observe(flown, scenario, 1, use_compiled=use_compiled) for use_compiled in (False, True)
+    )
     assert len(alone.message_step) > 50
     errors = errors_of(scenario, 1)
     found = [
-        measure(truth, errors, seed=5, run=3, follower=1, in_bulk=truth is bulk)
+        measure(truth, errors, seed=5, run=3, follower=1, use_compiled=truth is bulk)
         for truth in (alone, bulk)
     ]
     for one, other in ((alone, bulk), found):

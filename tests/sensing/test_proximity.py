@@ -9,7 +9,7 @@ from laisn.arrays import Floats, records
 from sim import attitude
 from sim.scenario.settings import Scenario
 from sim.sensing.noise import Stream, normals
-from sim.sensing.proximity import SIGHTING, look, look_interval
+from sim.sensing.proximity import SIGHTING, look_interval, sense_neighbours
 
 STEPS = 4000
 
@@ -32,7 +32,7 @@ def seen(s: Scenario, follower: int, at: Floats, k: int = 1) -> Floats:
     """Ranges and bearings, shape (v, 2)."""
     assert s.formation.proximity
     out = records(SIGHTING, at.shape[0])
-    look(
+    sense_neighbours(
         (np.uint64(s.seed), np.uint64(s.run)), s.formation.proximity.record(), k, follower, at, out
     )
     return np.column_stack([out.range, out.bearing])

@@ -7,7 +7,7 @@ from laisn.arrays import Floats
 from laisn.messages import LeaderMessage, Measurements
 from laisn.swarm import MESSAGE
 from sim.sensing.noise import Stream, normals, uniforms
-from sim.sensing.observation import MissionTruth, measure
+from sim.sensing.observation import IdealMeasurements, measure
 from sim.sensing.sensors import SensorErrors, loses
 
 SEED, RUN = 11, 4
@@ -25,12 +25,12 @@ PERFECT = SensorErrors(
 
 
 @pytest.fixture(scope="module")
-def truth() -> MissionTruth:
+def truth() -> IdealMeasurements:
     rng = np.random.default_rng(2)
     m = SENT.size
     ranges = rng.uniform(10, 50, (m, 3))
     ranges[1, 0] = np.nan
-    return MissionTruth(
+    return IdealMeasurements(
         dt=0.1,
         start=np.zeros(4),
         speed=rng.uniform(0.0, 2.0, STEPS),
@@ -61,7 +61,7 @@ def column(measured: Measurements, name: str) -> Floats:
     return measured.message[:, LeaderMessage._fields.index(name)]
 
 
-def test_perfect_sensors_read_the_truth(truth: MissionTruth) -> None:
+def test_perfect_sensors_read_the_truth(truth: IdealMeasurements) -> None:
     measured = measure(truth, PERFECT, seed=SEED, run=RUN)
     for name in ("speed", "heading", "depth", "message_step"):
         assert np.array_equal(getattr(measured, name), getattr(truth, name))
@@ -69,7 +69,7 @@ def test_perfect_sensors_read_the_truth(truth: MissionTruth) -> None:
     assert np.array_equal(measured.message, np.array(truth.sent.tolist()), equal_nan=True)
 
 
-def test_own_sensors_follow_equations_26_and_27(truth: MissionTruth) -> None:
+def test_own_sensors_follow_equations_26_and_27(truth: IdealMeasurements) -> None:
     errors = SensorErrors(
         speed_bias=-0.5, speed_sigma=0.4, heading_bias=0.1, heading_sigma=0.05, depth_sigma=0.3
     )
@@ -89,7 +89,9 @@ def test_own_sensors_follow_equations_26_and_27(truth: MissionTruth) -> None:
 
 @pytest.mark.parametrize("centre", [0.0, 0.5])
 @pytest.mark.parametrize("transmitters", [2, 3])
-def test_ranges_follow_equation_28(truth: MissionTruth, transmitters: int, centre: float) -> None:
+def test_ranges_follow_equation_28(
+    truth: IdealMeasurements, transmitters: int, centre: float
+) -> None:
     """The longest range is that of the transmitters in use; the middle one counts with LAISN-3
     alone.
     """
@@ -115,7 +117,7 @@ def test_ranges_follow_equation_28(truth: MissionTruth, transmitters: int, centr
     assert measured.ranges == pytest.approx(expected, abs=1e-13, nan_ok=True)
 
 
-def test_followers_receive_the_same_leader_readings(truth: MissionTruth) -> None:
+def test_followers_receive_the_same_leader_readings(truth: IdealMeasurements) -> None:
     errors = SensorErrors(
         leader_speed_bias=0.1,
         leader_heading_bias=0.05,
@@ -152,7 +154,7 @@ def test_followers_receive_the_same_leader_readings(truth: MissionTruth) -> None
 
 
 def test_a_receiver_rejects_what_is_no_range_and_a_log_ends_at_its_scale(
-    truth: MissionTruth,
+    truth: IdealMeasurements,
 ) -> None:
     for mean in (-100.0, 1e6):
         measured = measure(truth, PERFECT._replace(range_scale_mean=mean), seed=SEED, run=RUN)

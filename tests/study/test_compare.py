@@ -9,18 +9,18 @@ from typer.testing import CliRunner
 from experiments.campaign.store import columns_of, read_table, write_table
 from experiments.command.cli import app
 from experiments.command.fly import fly_and_write
-from experiments.flight.library import load
+from experiments.flight.library import load_scenario
 from experiments.study import compare
 from experiments.study.compare import differing, page_of, paired
 from experiments.study.file import of_table
 from experiments.study.study import RESULTS, RUNS, STUDY, run_studies
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.log.reader import read
 
 
 def test_flights_are_compared_with_the_settings_that_differ(tmp_path):
     for name, bias in (("a", 0.1), ("b", 0.3)):
-        scenario = load("T5", ["duration_s=20", f"sensors.speed_bias_m_s={bias}"])
+        scenario = load_scenario("T5", ["duration_s=20", f"sensors.speed_bias_m_s={bias}"])
         fly_and_write(scenario, tmp_path / name, with_video=False)
     flights = [read(tmp_path / name / "flight.mcap") for name in "ab"]
     assert differing(flights) == {"sensors.speed_bias_m_s": [0.1, 0.3]}

@@ -13,7 +13,7 @@ from experiments.flight.tables import Table
 from experiments.study import study as studies
 from experiments.study.extras import arms_left_out, installed
 from experiments.study.plan import Plan
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 
 RIVALS, _ = studies.studies_of("rivals", {}, quick=True)
 

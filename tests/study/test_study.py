@@ -26,7 +26,7 @@ from experiments.campaign.store import CampaignError, Store
 from experiments.command.cli import app
 from experiments.command.studies import BUILT_IN
 from experiments.flight.fly import fly
-from experiments.flight.library import load
+from experiments.flight.library import load_scenario
 from experiments.study import study as study_module
 from experiments.study.design import Draw
 from experiments.study.estimate import Results
@@ -45,7 +45,7 @@ from experiments.study.plan import plan_of
 from experiments.study.run import fly_studies, fly_until_narrow
 from experiments.study.study import RECORD, REPORT, RESULTS, RUNS, STUDY, run_studies
 from laisn import metrics
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.flight import position_and_bearing_errors
 
 SMALL = """
@@ -543,7 +543,7 @@ def test_followers_on_stations_are_judged_by_the_estimates_that_steered_them(var
         "acoustics.bottom_echo_probability=0.4",
         "sensors.speed_bias_m_s=0.3",
     )
-    swarm = load("swarm", ("duration_s=20", f"navigation.variant={variant}", *echoes))
+    swarm = load_scenario("swarm", ("duration_s=20", f"navigation.variant={variant}", *echoes))
     rows = records_of_run(swarm, 2)
     flight, _ = fly(swarm.model_copy(update={"run": 2}))
     for row, (position, bearing), estimates in zip(

@@ -12,7 +12,7 @@ import pytest
 from scipy.stats import beta, binomtest
 
 from experiments.campaign import montecarlo
-from experiments.flight.library import load
+from experiments.flight.library import load_scenario
 from experiments.study import measure
 from experiments.study.estimate import Results, over_realizations, over_runs
 from experiments.study.measure import (
@@ -156,7 +156,7 @@ def test_a_thruster_at_rest_takes_the_power_of_momentum_theory():
 
 
 def test_point_motion_keeps_its_place_and_depth():
-    scenario = load("T3", ["motion=kinematic", "duration_s=30"])
+    scenario = load_scenario("T3", ["motion=kinematic", "duration_s=30"])
     (facts,) = facts_of(scenario, montecarlo.simulate_mission(scenario))
     assert facts["track_error_max_m"] < 1e-6
     assert facts["depth_error_max_m"] < 1e-9
@@ -165,7 +165,7 @@ def test_point_motion_keeps_its_place_and_depth():
 
 
 def test_energy_is_mean_power_times_time_and_way_costs_it():
-    scenario = load("T5", ["duration_s=40"])
+    scenario = load_scenario("T5", ["duration_s=40"])
     trajectory = montecarlo.simulate_mission(scenario)
     (facts,) = facts_of(scenario, trajectory)
     assert facts["energy_j"] == pytest.approx(40 * facts["power_mean_w"])

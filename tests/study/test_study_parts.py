@@ -9,7 +9,7 @@ import pytest
 from experiments.campaign.montecarlo import Cell, Mission, simulate, simulate_mission
 from experiments.study.file import StudyError, of_table, study_of
 from experiments.study.plan import Plan, plan_of
-from experiments.study.run import Choice, Outcomes, fly_further, fly_studies
+from experiments.study.run import Choice, StudyResults, fly_further, fly_studies
 from sim.trajectory import tilted
 
 ERRORS = "experiments.studies.estimators.errors"
@@ -24,7 +24,7 @@ def plan(table: dict[str, Any]) -> Plan:
     return plan_of(of_table(SHORT | table, "s", "s"))
 
 
-def flown(folder: Path, table: dict[str, Any]) -> Outcomes:
+def flown(folder: Path, table: dict[str, Any]) -> StudyResults:
     return fly_studies([plan(table)], folder, workers=1, quiet=True)[0]
 
 

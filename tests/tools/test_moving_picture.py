@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from experiments.flight.library import load
+from experiments.flight.library import load_scenario
 from sim.assembly import routes_of
 from sim.film.render import Job
 from sim.flight import Flight
@@ -25,7 +25,7 @@ def test_the_whole_turn_of_the_formation_is_in_it() -> None:
     """The last follower passes the corner of the leader's L as many seconds after it as it is
     metres behind.
     """
-    scenario = load("swarm", ())
+    scenario = load_scenario("swarm", ())
     leader = routes_of(scenario)[0]
     legs = np.diff(leader.waypoint, axis=0)
     assert legs[0] @ legs[1] == pytest.approx(0.0, abs=1e-6), "a square corner"

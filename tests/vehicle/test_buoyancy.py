@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 import laisn_sim
 import models
 from experiments.command.cli import app
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim import attitude
 from sim.assembly import ocean_of, routes_of, setups_of
 from sim.scenario.vehicles import Vehicle

@@ -9,7 +9,7 @@ import pytest
 import laisn_sim
 from sim.scenario.routes import DepthProfile, Route
 from sim.simulation import simulate
-from sim.vehicle.effectors import loads
+from sim.vehicle.effectors import effector_wrench
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water import Ocean
@@ -52,7 +52,9 @@ def test_records_are_those_of_the_mjcf() -> None:
     assert not own["force"][3:].any()
     plant.step(np.full((2, 5), 10.0), 2)
     still = 0.0, 0.0, 0.0
-    thrust, torque, *others = loads((plant.true_effectors, plant.thrust), 0, 1026.0, still, still)
+    thrust, torque, *others = effector_wrench(
+        (plant.true_effectors, plant.thrust), 0, 1026.0, still, still
+    )
     assert not np.any(others)
     # equal thrusts: 1 ahead, 1 to port and 0.2 + 1 up, and their torques
     expected = [1, 1, 1.2, *np.cross(places, own["force"][:3]).sum(axis=0)]

@@ -68,7 +68,9 @@ def record(
 def load(
     one: Floats, state: float, v: tuple[float, float, float], w: tuple[float, float, float]
 ) -> Floats:
-    thrust, torque, force, moment = effectors.loads((one[None], np.array([[state]])), 0, RHO, v, w)
+    thrust, torque, force, moment = effectors.effector_wrench(
+        (one[None], np.array([[state]])), 0, RHO, v, w
+    )
     assert not any((*thrust, *torque))
     return np.array([*force, *moment])
 
@@ -117,7 +119,7 @@ def test_fin_keeps_the_force_of_its_stall_angle() -> None:
 def test_a_fixed_fin_is_a_moving_one_that_is_not_deflected() -> None:
     one = record(effectors.FIN, (0, 0.6, 0.8), (-0.7, 0.1, 0.05), 0.01, 2.5, 0.3, 0.02)
     v, w = (1.2, -0.2, 0.3), (0.1, 0.2, -0.3)
-    _, _, force, moment = effectors.loads((one[None], np.zeros((1, 0))), 0, RHO, v, w)
+    _, _, force, moment = effectors.effector_wrench((one[None], np.zeros((1, 0))), 0, RHO, v, w)
     np.testing.assert_array_equal([*force, *moment], load(one, 0.0, v, w))
 
 
@@ -146,7 +148,7 @@ def test_propeller_has_thrust_and_torque_of_its_coefficients() -> None:
 @pytest.mark.parametrize("speed", [0.6, 1.2, 2.0])
 def test_states_give_the_requested_forces(name: str, speed: float) -> None:
     for one in plant_of(name).effectors[0]:
-        low, high = effectors.reach(one, RHO, speed)
+        low, high = effectors.force_limits(one, RHO, speed)
         for force in np.linspace(low, high, 9):
             if one["kind"] == effectors.PROPELLER and low < force < 0:
                 continue  # thrust astern jumps: between, the propeller would mill
@@ -197,13 +199,13 @@ def test_allocation_by_stern_fins_gives_the_requested_moments() -> None:
     plant = plant_of("remus100")
     own = plant.effectors[0]
     slow, fast = (
-        pseudo_inverse(own, np.array([effectors.reach(one, RHO, speed) for one in own]))
+        pseudo_inverse(own, np.array([effectors.force_limits(one, RHO, speed) for one in own]))
         for speed in (0.5, 2.0)
     )
     wrench = np.zeros(6)
     wrench[SURGE], wrench[PITCH], wrench[YAW] = 10.0, 1.0, -0.5
     wanted, force = wrench.copy(), np.zeros(5)
-    limits = np.array([effectors.reach(one, RHO, 1.3) for one in own])
+    limits = np.array([effectors.force_limits(one, RHO, 1.3) for one in own])
     inverse = np.empty(slow.shape)
     at_speed(slow, fast, 1.3, inverse)
     allocate(inverse, limits, wrench, force)

@@ -6,7 +6,7 @@ from scipy.integrate import quad
 from typer.testing import CliRunner
 
 from experiments.command.cli import app
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.control.autopilot import design, top_speed
 from sim.control.stability import require_stable
 from sim.scenario.routes import Route

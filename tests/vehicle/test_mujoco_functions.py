@@ -10,7 +10,7 @@ import mujoco
 import pytest
 
 from laisn.compiled import compiled
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from sim.vehicle import mujoco_calls
 from sim.vehicle.mujoco_calls import STAGES, call, calls_of, steps_differ
 

@@ -14,10 +14,10 @@ import laisn_sim
 import models
 from experiments.study.file import of_table
 from experiments.study.plan import plan_of
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from laisn.metrics import position_errors
 from sim.feasibility import cautions
-from sim.flight import Flight, Outcome, navigation_settings
+from sim.flight import Flight, Termination, navigation_settings
 from sim.log.scene import hull
 from sim.scenario.settings import Scenario
 from sim.vehicle.mjcf import NUMERICS, spec_of
@@ -289,7 +289,7 @@ def test_what_an_autopilot_cannot_control_is_refused_by_name(tmp_path: Path) -> 
         laisn_sim.load("T3", changes | {"followers.0.depth_control": "pitch"})
     # thrusters alone hold it, unless they follow too slowly; what passes flies
     held = laisn_sim.fly("T3", changes | {"followers.0.depth_control": "thrust", "duration_s": 5})
-    assert held.outcome is Outcome.COMPLETED
+    assert held.outcome is Termination.COMPLETED
     assert np.abs(held.trajectory.depth[:, 1] - held.scenario.followers[0].depth_m).max() < 1.0
     (tmp_path / "flat.xml").write_text(text.replace('dynprm="0.3"', 'dynprm="2"'), encoding="utf-8")
     with pytest.raises(laisn_sim.LaisnError, match=r"cannot stabilise heave and pitch at 1 m/s"):

@@ -91,7 +91,9 @@ def test_a_step_is_mujocos_own_with_the_water_in_its_middle() -> None:
     def advance() -> Floats:
         mujoco.mj_step1(model, data)
         assert (
-            hydrodynamics.apply(records, pose, twist, data.time, plant.ocean.water, solver, fitted)
+            hydrodynamics.apply_water_forces(
+                records, pose, twist, data.time, plant.ocean.water, solver, fitted
+            )
             == -1
         )
         mujoco.mj_factorM(model, data)
@@ -133,9 +135,19 @@ def test_a_wrench_beyond_all_numbers_is_found() -> None:
     pose[1, 3:] = [1.0, 0.0, 0.0, 0.0]
     solver = np.zeros((2, 21)), np.zeros((2, 6))
     fitted = plant.true_effectors, np.zeros(plant.effectors.shape)
-    assert hydrodynamics.apply(records, pose, twist, 0.0, plant.ocean.water, solver, fitted) == -1
+    assert (
+        hydrodynamics.apply_water_forces(
+            records, pose, twist, 0.0, plant.ocean.water, solver, fitted
+        )
+        == -1
+    )
     records["linear_damping"][1, :3], records["linear_damping_fade"][1] = 1e308, 0.0
-    assert hydrodynamics.apply(records, pose, twist, 0.0, plant.ocean.water, solver, fitted) == 1
+    assert (
+        hydrodynamics.apply_water_forces(
+            records, pose, twist, 0.0, plant.ocean.water, solver, fitted
+        )
+        == 1
+    )
     assert np.isfinite(solver[1]).all()
 
 

@@ -7,8 +7,8 @@ import pytest
 
 import laisn_sim
 from experiments.campaign import montecarlo
-from experiments.flight.library import load
-from laisn.failure import LaisnError
+from experiments.flight.library import load_scenario
+from laisn.errors import LaisnError
 from sim.control.autopilot import design
 from sim.control.stability import require_stable
 from sim.scenario.point_motion import SPEED_MAX
@@ -78,9 +78,9 @@ def test_autopilots_go_by_the_model():
 
 
 def test_an_autopilot_holds_its_speed_with_unknown_drag():
-    scenario = load("T5", ["duration_s=120", "leader.drag_scale=1.4"])
+    scenario = load_scenario("T5", ["duration_s=120", "leader.drag_scale=1.4"])
     more, usual = (
-        montecarlo.simulate_mission(s) for s in (scenario, load("T5", ["duration_s=120"]))
+        montecarlo.simulate_mission(s) for s in (scenario, load_scenario("T5", ["duration_s=120"]))
     )
     speeds = [np.hypot(*t.velocity[-300:, 0, :2].T).mean() for t in (more, usual)]
     assert speeds[0] == pytest.approx(speeds[1], abs=0.01)

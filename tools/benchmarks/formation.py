@@ -7,7 +7,7 @@ from functools import partial
 
 import mujoco
 
-from experiments.flight.library import load
+from experiments.flight.library import load_scenario
 from sim.assembly import ocean_of, routes_of, setups_of
 from sim.closed_loop import closed_loop_of, simulate_closed_loop
 from sim.scenario.settings import Scenario
@@ -29,7 +29,7 @@ def swarm(followers: int, duration: float, *settings: str) -> Scenario:
     """A grid of followers, each in its layer where there is room for that, in a current."""
     layer = 1.0 if followers <= 20 else 0.0
     shape = f'{{ kind = "grid", count = {followers}, spacing_m = 10.0, layer_m = {layer} }}'
-    return load(
+    return load_scenario(
         "swarm",
         (
             "followers=[]",
@@ -99,7 +99,7 @@ def formation() -> list[Row]:
             ),
             Row(f"{fleet}: real-time factor", duration / seconds, "x"),
         ]
-    whole = load("swarm", (f"duration_s={_WHOLE_S}",))
+    whole = load_scenario("swarm", (f"duration_s={_WHOLE_S}",))
     rows.append(
         Row(
             f"leader + 10: a run of {_WHOLE_S:g} s, whole",

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from experiments.flight.fly import fly
-from experiments.flight.library import load
+from experiments.flight.library import load_scenario
 from laisn.compiled import compiled
 from sim.assembly import ocean_of, routes_of, setups_of
 from sim.film import graphics, render
@@ -45,7 +45,7 @@ def _scenario(followers: int, duration: float, model: str = "follower") -> Scena
         Follower(name=f"follower{i}", route="T5", depth_m=9.0 + i, model=model)
         for i in range(followers)
     )
-    scenario = load("T5", ())
+    scenario = load_scenario("T5", ())
     leader = (
         scenario.leader
         if model == "follower"
@@ -131,7 +131,7 @@ def physics() -> list[Row]:
 
 def log() -> list[Row]:
     """Writing the log of a mission of 1000 s."""
-    flight, _ = fly(load("T5", ()))
+    flight, _ = fly(load_scenario("T5", ()))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "flight.mcap"
         seconds = least_time(lambda: writer.write(flight, path), 3)
@@ -150,7 +150,7 @@ def film() -> list[Row]:
     """Rendering and encoding at 1280×720, by wall clock, on all cores."""
     if graphics.working() is None:
         return [Row(f"not measured: {graphics.INSTALL}", np.nan, "")]
-    flight, _ = fly(load("T5", ()))
+    flight, _ = fly(load_scenario("T5", ()))
     # 300 frames spread over the whole mission
     frames = 300
     video = flight.scenario.video

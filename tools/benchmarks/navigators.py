@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from experiments.campaign.montecarlo import Cell
-from experiments.flight.library import load
+from experiments.flight.library import load_scenario
 from laisn import lanes
 from laisn import lanes as row
 from laisn.arrays import Floats, Ints
@@ -66,7 +66,7 @@ def _fly(settings: TightSettings, missions: Sequence[Measurements], start: Float
 
 def _rows(interval: float) -> Iterator[Row]:
     keys = ["motion=kinematic", "followers.0.depth_m=8", f"timing.message_interval_s={interval}"]
-    cell = Cell.of(load(ROUTE, [*keys, "navigation.variant=laisn-3-2"]))
+    cell = Cell.of(load_scenario(ROUTE, [*keys, "navigation.variant=laisn-3-2"]))
     truth = cell.truth
     missions = [measure(cell.truth, cell.errors, seed=1, run=run) for run in range(RUNS)]
     per = 1e9 / (RUNS * truth.speed.size)

@@ -4,8 +4,8 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled
-from laisn.elementary import fma
 from laisn.lanes import LANES
+from laisn.vector_math import fma
 from tools.benchmarks.row import least_time
 
 

@@ -27,7 +27,7 @@ from laisn.messages import Measurements
 from laisn.navigator import Filter, Navigator
 from laisn.settings import NavigationSettings
 from laisn.swarm import MESSAGE
-from sim.sensing.observation import MissionTruth, measure
+from sim.sensing.observation import IdealMeasurements, measure
 from sim.sensing.sensors import SensorErrors
 from tools.benchmarks import mission as benchmarks_mission
 from tools.benchmarks.formation import formation
@@ -48,7 +48,7 @@ a fix's update 12.
 """
 
 
-def steady_mission(steps: int = STEPS) -> MissionTruth:
+def steady_mission(steps: int = STEPS) -> IdealMeasurements:
     """A leader heading east at 1 m/s, and a follower that weaves 20 m off its quarter."""
     t = np.asarray(DT * np.arange(steps + 1), dtype=np.float64)
     leader = np.stack([t, np.zeros(t.size)], axis=1)
@@ -59,7 +59,7 @@ def steady_mission(steps: int = STEPS) -> MissionTruth:
     k = np.arange(MESSAGE_EVERY, steps + 1, MESSAGE_EVERY)
     sites = [leader + offset for offset in ((-1.0, 0.0), (1.0, 0.0), (0.0, 0.1))]
     east = np.full(steps + 1, np.pi / 2)
-    return MissionTruth(
+    return IdealMeasurements(
         dt=DT,
         start=np.concatenate([follower[0], velocity[0]]),
         speed=np.hypot(*velocity[1:].T),

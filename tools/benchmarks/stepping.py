@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from experiments.flight.library import load
+from experiments.flight.library import load_scenario
 from laisn_sim.simulation import Simulation
 from sim.closed_loop import closed_loop_mission
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
@@ -38,7 +38,7 @@ def stepping() -> list[Row]:
     """What a step from Python costs beside its work, for each control instant of 0.1 s."""
     rows = []
     for name, source in MISSIONS.items():
-        scenario = load(source, (f"duration_s={_DURATION_S}",))
+        scenario = load_scenario(source, (f"duration_s={_DURATION_S}",))
         instants = round(_DURATION_S / CONTROL_STEP_S)
         works = [_stepped(scenario), _in_one_call(scenario)]
         stepped, called = (seconds / instants * 1e6 for seconds in least_times(works, _REPEATS))

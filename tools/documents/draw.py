@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from experiments.flight.fly import fly
-from experiments.flight.library import ROUTES, load
+from experiments.flight.library import ROUTES, load_scenario
 from experiments.pages.figures import Line, Panel
 from experiments.pages.flight_figures import error_parts
 from experiments.pages.style import INK, SERIES, Legend
@@ -164,7 +164,7 @@ def main() -> None:
     save(routes(), "routes")
     save(terms.picture(), "terms")
     flown = {
-        name: fly(load(name, ()))[0]
+        name: fly(load_scenario(name, ()))[0]
         for name in {"T5", *(scenario for scenario, _, _ in STILLS.values())}
     }
     save(errors(flown["T5"]), "errors")

@@ -7,10 +7,10 @@ import numpy as np
 from experiments.campaign.montecarlo import Mission
 from experiments.findings import FILE, Finding, Findings, plain, record
 from experiments.flight.fly import fly
-from experiments.flight.library import load
+from experiments.flight.library import load_scenario
 from sim.flight import Flight, position_and_bearing_errors
 from sim.scenario.sensors import Sensors
-from sim.sensing.observation import MissionTruth
+from sim.sensing.observation import IdealMeasurements
 from sim.sensing.sensors import tilt_errors
 
 COMMAND = "python -m tools.documents.studies flights"
@@ -28,7 +28,7 @@ SEAS = {
 """Flights of one sea: settings by name; the last is the second without gyros."""
 
 
-def slip(truth: MissionTruth) -> float:
+def slip(truth: IdealMeasurements) -> float:
     """Way over ground in a second that a follower's log and compass do not see, RMS along one
     axis [m].
     """
@@ -66,7 +66,7 @@ def _slips(flight: Flight) -> Finding:
 
 def findings() -> Findings:
     """Fly them."""
-    flight, _ = fly(load("T5", ()))
+    flight, _ = fly(load_scenario("T5", ()))
     time = flight.trajectory.time[flight.step_index()]
     error = position_and_bearing_errors(flight)[0][0]
     off_axis = (time >= OFF_AXIS_S[0]) & (time <= OFF_AXIS_S[1])
@@ -84,7 +84,7 @@ def findings() -> Findings:
         "slip T5": _slips(flight),
     }
     for name, settings in SEAS.items():
-        sea, _ = fly(load(name.replace("inclinometer", "ahrs"), settings))
+        sea, _ = fly(load_scenario(name.replace("inclinometer", "ahrs"), settings))
         mean = float(position_and_bearing_errors(sea)[0][0].mean())
         named[f"error {name}"] = plain(mean, "mean E_P, run 0", "m")
         if name == "following-sea":

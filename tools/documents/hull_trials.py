@@ -19,7 +19,7 @@ from sim.assembly import routes_of
 from sim.scenario.routes import DepthProfile, Route
 from sim.simulation import simulate
 from sim.vehicle import mjcf
-from sim.vehicle.effectors import FIN, reach
+from sim.vehicle.effectors import FIN, force_limits
 from sim.vehicle.hull_file import from_dimensions
 from sim.vehicle.hydrodynamics import wrench
 from sim.vehicle.mjcf import VehicleSetup
@@ -392,7 +392,7 @@ def coefficients_of(model: str) -> dict[str, float]:
         "thrust at rest": float(
             np.sum(
                 [
-                    max(reach(effector, 1026.0, 0.0)[1] * effector["force"][0], 0.0)
+                    max(force_limits(effector, 1026.0, 0.0)[1] * effector["force"][0], 0.0)
                     for effector in effectors
                 ]
             )

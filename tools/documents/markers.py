@@ -18,7 +18,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from experiments.findings import Findings, plain, read, version_of
-from laisn.failure import LaisnError
+from laisn.errors import LaisnError
 from tools.documents.tables import TABLES
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -34,7 +34,7 @@ from experiments.studies.asymmetry.findings import (
 )
 from experiments.studies.asymmetry.fix_map import MAP, Chart
 from experiments.study.plan import Plan
-from experiments.study.run import Outcomes
+from experiments.study.run import StudyResults
 from laisn.arrays import Bools, Floats
 from laisn.settings import NavigationSettings
 from sim.film.film_data import Annotations, OtherEstimate, RayErrors
@@ -515,7 +515,7 @@ def of_missions(
     }
 
 
-def values(record: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
+def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
     """What the page's template names, and tables that are written beside those of the parts."""
     plan = outcomes["missions"].plan
     rows = findings.judged_rows(outcomes)

@@ -23,7 +23,7 @@ from experiments import intervals
 from experiments.campaign.store import Record
 from experiments.findings import Finding, of, plain
 from experiments.intervals import CONFIDENCE, Interval, proportion
-from experiments.study.run import Choice, Outcomes
+from experiments.study.run import Choice, StudyResults
 from laisn.arrays import Bools, Floats
 
 CAUSES = {"trim": "trim", "dive": "depth changes", "waves": "waves"}
@@ -210,7 +210,7 @@ def paired(rows: Iterable[Record]) -> list[ComparedMission]:
     return [ComparedMission(arms=arms) for arms in by_mission.values()]
 
 
-def rows_of(outcomes: Outcomes) -> list[Record]:
+def rows_of(outcomes: StudyResults) -> list[Record]:
     """A row for each mission, variant and arm: figures of the first runs, and outcomes of all."""
     rows = []
     for row, (_, lists) in zip(outcomes.rows, outcomes.runs, strict=True):
@@ -246,7 +246,7 @@ def undecided(mission: ComparedMission, looks: Sequence[int], flown: int) -> lis
 
 
 def further_runs(
-    outcomes: Mapping[str, Outcomes], looks: Sequence[int] = LOOKS
+    outcomes: Mapping[str, StudyResults], looks: Sequence[int] = LOOKS
 ) -> dict[str, Choice]:
     """Runs up to the next look of arms whose verdict is open, unless even the last would hardly
     settle it.
@@ -371,7 +371,7 @@ def _over_tau(curves: Sequence["Curve"], interval_s: float) -> dict[str, "Curve"
     return {c.route: c for c in curves if c.depth_offset_m is None and c.interval_s == interval_s}
 
 
-def curves_of(outcomes: Outcomes) -> list[Curve]:
+def curves_of(outcomes: StudyResults) -> list[Curve]:
     """The curves of a part over the values that its arms are named by; the noise that arms share
     drops out.
     """
@@ -563,7 +563,7 @@ def findings_of_rows(
     )
 
 
-def judged_rows(outcomes: Mapping[str, Outcomes]) -> list[Record]:
+def judged_rows(outcomes: Mapping[str, StudyResults]) -> list[Record]:
     """Rows of all missions, with verdicts."""
     return [
         row
@@ -572,11 +572,11 @@ def judged_rows(outcomes: Mapping[str, Outcomes]) -> list[Record]:
     ]
 
 
-def all_curves(outcomes: Mapping[str, Outcomes]) -> list[Curve]:
+def all_curves(outcomes: Mapping[str, StudyResults]) -> list[Curve]:
     """Curves over τ, and over pitch."""
     return [*curves_of(outcomes["tau"]), *curves_of(outcomes["pitch"])]
 
 
-def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
+def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     """Findings of all parts of the study."""
     return findings_of_rows(judged_rows(outcomes), all_curves(outcomes))

@@ -6,12 +6,12 @@ import numpy as np
 
 from experiments.findings import Finding, median, plain, share
 from experiments.flight.library import ROUTES
-from experiments.study.run import Outcomes
+from experiments.study.run import StudyResults
 
 LOST_M = 50.0  # A follower that ends farther than this from its place is called lost [m]
 
 
-def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
+def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     """Of each route (a follower) and navigator, steered by the truth, by its estimate, and so in
     currents.
     """

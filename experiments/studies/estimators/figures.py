@@ -11,7 +11,7 @@ from experiments.pages.page import Figures
 from experiments.pages.style import SERIES
 from experiments.studies.estimators.findings import INTERVAL, figures_of, missions_of
 from experiments.study.plan import levels
-from experiments.study.run import Outcomes
+from experiments.study.run import StudyResults
 
 LEGEND = [(SERIES[1], "LAISN-2"), (SERIES[0], "tightly coupled")]
 
@@ -42,7 +42,7 @@ def picture(findings: Findings, cases: Collection[str]) -> Panel:
     )
 
 
-def values(found: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
+def values(found: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
     """What the page's template names."""
     studies = {part: of_part.plan.study for part, of_part in outcomes.items()}
     titles = {

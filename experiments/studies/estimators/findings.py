@@ -9,7 +9,7 @@ import numpy as np
 
 from experiments.findings import Finding, median, of, plain, share
 from experiments.intervals import Interval, mean_interval, ratio_intervals
-from experiments.study.run import Cells, Outcomes
+from experiments.study.run import Cells, StudyResults
 from laisn.arrays import Floats
 from sim.scenario.routes import library_route
 
@@ -17,7 +17,7 @@ INTERVAL = "timing.message_interval_s"
 SETTLED_S = 60.0  # errors after the leader's first turn count from this time after it on [s]
 
 
-def missions_of(outcomes: Outcomes) -> Cells:
+def missions_of(outcomes: StudyResults) -> Cells:
     """The cells of a part, with `bound`, RMS of the Cramér–Rao bound [m]; None where it does not
     model the errors.
     """
@@ -220,7 +220,7 @@ def of_mirror_locks(key: str, mission: Cells) -> dict[str, Finding]:
     }
 
 
-def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
+def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     """Findings of all parts of the study."""
     parts = {name: missions_of(of_part) for name, of_part in outcomes.items()}
     study = outcomes["cases"].plan.study

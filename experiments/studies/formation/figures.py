@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 
 from experiments.findings import Findings
-from experiments.flight.library import load
+from experiments.flight.library import load_scenario
 from experiments.pages.figures import Panel, marks, panel
 from experiments.pages.page import Figures, share_of, with_limits
 from experiments.pages.style import FULL, SERIES
 from experiments.studies.formation import findings as limits
-from experiments.study.run import Outcomes
+from experiments.study.run import StudyResults
 
 _SERIES = {
     "run-median": (SERIES[0], "o", "median follower's RMS and its 95 % interval"),
@@ -48,7 +48,7 @@ def picture(findings: Findings, conditions: Mapping[str, str]) -> Panel:
     )
 
 
-def values(found: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
+def values(found: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
     """What the page's template names."""
     study = outcomes["study"].plan.study
     conditions = {arm: study.title("arm", arm) for arm in study.arms}
@@ -58,6 +58,6 @@ def values(found: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
         "interval": lambda key, digits=2: with_limits(found[key], digits),
         "share": lambda key: share_of(found[key]),
         "stations": Figures(panels=[picture(found, conditions)], legend=legend),
-        "swarm": load("swarm", ()),
+        "swarm": load_scenario("swarm", ()),
         "limits": limits,
     }

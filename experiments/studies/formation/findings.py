@@ -10,7 +10,7 @@ import numpy as np
 
 from experiments.findings import Finding, median, of, plain, share
 from experiments.intervals import mean_interval
-from experiments.study.run import Cells, Outcomes
+from experiments.study.run import Cells, StudyResults
 from laisn.bound import Geometry, TrueNoise, position_bound
 from sim.scenario.settings import Scenario
 from sim.tracking import LOST_M
@@ -193,7 +193,7 @@ def of_condition(name: str, followers: Cells) -> dict[str, Finding]:
     return {f"{key} {name}": finding for key, finding in findings.items()}
 
 
-def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
+def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     """Findings of all conditions, and of the bound behind a weaving leader."""
     cells = outcomes["study"].cells
     named = {

@@ -14,7 +14,7 @@ from experiments.pages.page import Cell, Figures, number, ratio_tone
 from experiments.pages.style import ESTIMATE, FOLLOWER, FRAME, LEADER, SERIES, Colour, Legend
 from experiments.studies.reproduce import findings
 from experiments.studies.reproduce.findings import METRICS, VARIANTS, Claim, Judgement, Key, ratios
-from experiments.study.run import Outcomes
+from experiments.study.run import StudyResults
 from sim.trajectory import Trajectory
 
 FIGURES: tuple[tuple[int, str, str, str], ...] = (
@@ -168,7 +168,9 @@ class Cells(NamedTuple):
         return Cell(text=words, tone=TONES[judgement.verdict])
 
 
-def table_rows(outcomes: Outcomes, published: Mapping[Key, Mapping[str, float]]) -> list[Record]:
+def table_rows(
+    outcomes: StudyResults, published: Mapping[Key, Mapping[str, float]]
+) -> list[Record]:
     """Published and own figures side by side, a row for each cell."""
     table = []
     for row in outcomes.rows:
@@ -243,7 +245,7 @@ def page_values(
     }
 
 
-def values(_: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
+def values(_: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
     """What the page's template names, and the table that is written beside those of the parts."""
     tables = outcomes["tables"]
     published = findings.published()

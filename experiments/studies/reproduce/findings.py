@@ -23,7 +23,7 @@ from experiments.campaign.store import Arrays, Record
 from experiments.findings import Finding, of, plain
 from experiments.flight.library import ROUTES
 from experiments.intervals import Interval, proportion
-from experiments.study.run import Choice, Outcomes
+from experiments.study.run import Choice, StudyResults
 from laisn.arrays import Bools, Floats
 from laisn.geometry import signed_angle
 from sim.trajectory import Trajectory
@@ -84,7 +84,7 @@ def key_of(row: Record) -> Key:
     return row["case"], row["scenario"], row["arm"]
 
 
-def rows_of(outcomes: Mapping[str, Outcomes]) -> dict[Key, Record]:
+def rows_of(outcomes: Mapping[str, StudyResults]) -> dict[Key, Record]:
     """Our row of every cell."""
     return {key_of(row): row for row in outcomes["tables"].rows}
 
@@ -169,7 +169,7 @@ class Figures:
     exact: bool = False
 
     @classmethod
-    def of(cls, outcomes: Mapping[str, Outcomes]) -> Self:
+    def of(cls, outcomes: Mapping[str, StudyResults]) -> Self:
         """Figures of all replications, missions in the order of `ROUTES`; NaN for those that
         were not flown.
         """
@@ -543,7 +543,7 @@ def findings_of_rows(
     return findings
 
 
-def further_runs(outcomes: Mapping[str, Outcomes]) -> dict[str, Choice]:
+def further_runs(outcomes: Mapping[str, StudyResults]) -> dict[str, Choice]:
     """The runs of all replications of the cells that claims compare."""
     runs = REPLICATIONS * outcomes["tables"].plan.study.runs
     numbers = {
@@ -554,7 +554,7 @@ def further_runs(outcomes: Mapping[str, Outcomes]) -> dict[str, Choice]:
     return {"tables": numbers} if numbers else {}
 
 
-def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
+def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     """Findings of both parts of the study."""
     theirs = published()
     return findings_of_rows(rows_of(outcomes), theirs, judge(Figures.of(outcomes), theirs))

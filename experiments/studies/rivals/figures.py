@@ -12,7 +12,7 @@ from experiments.pages.page import Figures, share_of
 from experiments.pages.style import FULL, SERIES, Legend
 from experiments.studies.rivals import findings as study
 from experiments.studies.rivals.findings import CONDITIONS, USUAL, case_name
-from experiments.study.run import Outcomes
+from experiments.study.run import StudyResults
 
 
 def picture(findings: Findings) -> tuple[Panel, Legend]:
@@ -52,7 +52,7 @@ def picture(findings: Findings) -> tuple[Panel, Legend]:
     return figure, legend
 
 
-def values(found: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
+def values(found: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
     """What the page's template names."""
     figure, legend = picture(found)
     return {

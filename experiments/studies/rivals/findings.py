@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from experiments.findings import Finding, median, of, plain, share
-from experiments.flight.library import load
+from experiments.flight.library import load_scenario
 from experiments.intervals import mean_over_missions
-from experiments.study.run import Cells, Outcomes
+from experiments.study.run import Cells, StudyResults
 from laisn.navigators import find
 from sim.flight import navigation_settings
 from sim.sensing.observation import measure, observe, start_of
@@ -88,7 +88,7 @@ def step_times_us(duration_s: float = 120.0, repeats: int = 3) -> dict[str, floa
     for name in NAVIGATORS:
         if find(name).missing:
             continue
-        scenario = load(
+        scenario = load_scenario(
             "T5", ["motion=kinematic", f"duration_s={duration_s}", f"navigation.variant={name}"]
         )
         motion = simulate_motion(scenario)
@@ -264,7 +264,7 @@ def findings_of_rows(
     }
 
 
-def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
+def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     """All findings from the outcomes of the study's parts; the times of filter steps are
     measured here.
     """
