@@ -1,5 +1,5 @@
 """What is done with the simulator: single flights, campaigns of thousands, studies, pages, and the
 `laisn` command.
 
-Imports: laisn sim
+Imports: laisn reports sim
 """

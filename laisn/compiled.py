@@ -121,7 +121,7 @@ def remove_if_damaged(error: BaseException) -> bool:
     return True
 
 
-_SHARED = ("experiments", "laisn", "sim", "numba", "numpy", "llvmlite")
+_SHARED = ("experiments", "laisn", "laisn_sim", "reports", "sim", "numba", "numpy", "llvmlite")
 """Packages whose classes every process can import, beside the standard library."""
 
 

@@ -17,7 +17,7 @@ from importlib.machinery import ModuleSpec
 from pathlib import Path
 from typing import NamedTuple
 
-PROJECT = ("experiments", "laisn", "laisn_sim", "models", "sim", "tools")
+PROJECT = ("experiments", "laisn", "laisn_sim", "models", "reports", "sim", "tools")
 _ROOT = Path(__file__).resolve().parents[1]
 _INSTALLED = {"site-packages", "dist-packages"}
 # longer texts in a source name no file

@@ -28,20 +28,20 @@ if TYPE_CHECKING:
     from typing import Any
 
     from experiments.flight.library import as_scenario as load
-    from experiments.flight.summary import summarise as summary
-    from experiments.flight.tables import Table as Table
-    from experiments.flight.tables import errors_table as errors
-    from experiments.flight.tables import measurements_table as measurements
-    from experiments.flight.tables import truth_table as truth
-    from experiments.pages.results import Flight as Flight
-    from experiments.pages.results import fly, navigate, read_log, render
-    from experiments.pages.results import log_flight as write_log
+    from experiments.flight.results import Flight as Flight
+    from experiments.flight.results import fly, navigate, read_log, render
+    from experiments.flight.results import log_flight as write_log
     from experiments.study.study import StudyFolder as StudyFolder
     from laisn.errors import LaisnError as LaisnError
     from laisn.navigator import Navigator as Navigator
     from laisn.plugins import load_plugin
     from laisn_sim.simulation import Simulation as Simulation
     from laisn_sim.simulation import VehicleTruth as VehicleTruth
+    from reports.summary import summarise as summary
+    from reports.tables import Table as Table
+    from reports.tables import errors_table as errors
+    from reports.tables import measurements_table as measurements
+    from reports.tables import truth_table as truth
     from sim.closed_loop import Command as Command
     from sim.closed_loop import Wrench as Wrench
     from sim.scenario.settings import Scenario as Scenario
@@ -63,7 +63,7 @@ __all__ = [
 ]
 
 _ROOT = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
-_PACKAGES = ("models", "laisn", "sim", "experiments")
+_PACKAGES = ("models", "laisn", "sim", "reports", "experiments")
 _INTERRUPTED = b"laisn: interrupted\n"
 _HOMES = {
     "Command": "sim.closed_loop:Command",
@@ -76,17 +76,17 @@ _HOMES = {
     "StudyFolder": "experiments.study.study:StudyFolder",
     "load": "experiments.flight.library:as_scenario",
     "load_plugin": "laisn.plugins:load_plugin",
-    "Table": "experiments.flight.tables:Table",
-    "errors": "experiments.flight.tables:errors_table",
-    "measurements": "experiments.flight.tables:measurements_table",
-    "truth": "experiments.flight.tables:truth_table",
-    "Flight": "experiments.pages.results:Flight",
-    "fly": "experiments.pages.results:fly",
-    "navigate": "experiments.pages.results:navigate",
-    "read_log": "experiments.pages.results:read_log",
-    "render": "experiments.pages.results:render",
-    "summary": "experiments.flight.summary:summarise",
-    "write_log": "experiments.pages.results:log_flight",
+    "Table": "reports.tables:Table",
+    "errors": "reports.tables:errors_table",
+    "measurements": "reports.tables:measurements_table",
+    "truth": "reports.tables:truth_table",
+    "Flight": "experiments.flight.results:Flight",
+    "fly": "experiments.flight.results:fly",
+    "navigate": "experiments.flight.results:navigate",
+    "read_log": "experiments.flight.results:read_log",
+    "render": "experiments.flight.results:render",
+    "summary": "reports.summary:summarise",
+    "write_log": "experiments.flight.results:log_flight",
 }
 
 
@@ -107,7 +107,7 @@ def main() -> None:
         if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
             signal.signal(signal.SIGINT, _exit_interrupted)
         sys.path.insert(0, _ROOT)
-        from experiments.command.cli import main as command
+        from laisn_sim.cli.main import main as command
 
         command()
     except KeyboardInterrupt:

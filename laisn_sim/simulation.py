@@ -14,7 +14,7 @@ import numpy as np
 from experiments.campaign.progress import compiling_shown
 from experiments.flight.fly import OUTCOMES
 from experiments.flight.library import as_scenario
-from experiments.pages.results import Flight
+from experiments.flight.results import Flight
 from laisn.arrays import Floats, records
 from laisn.errors import LaisnError
 from laisn.messages import Reception, bearing_of

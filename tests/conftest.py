@@ -40,8 +40,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 FLIGHT = """
 from experiments.flight.fly import fly
-from experiments.flight.library import load
-fly(load("T5", ["duration_s=2"]))
+from experiments.flight.library import load_scenario
+fly(load_scenario("T5", ["duration_s=2"]))
 """
 CAMPAIGN = """
 from experiments.campaign.plans import CellPlan, compute

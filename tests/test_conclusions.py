@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import pytest
 
-from experiments.findings import Findings, read
+from reports.findings import Findings, read
 from tools.documents.markers import RECORDS, ROOT
 
 

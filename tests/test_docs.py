@@ -25,13 +25,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from experiments.command.cli import app
-from experiments.command.studies import BUILT_IN
 from experiments.flight.fly import fly
 from experiments.flight.library import FOLDER, names
-from experiments.pages import flight_report
 from experiments.study.file import StudyFile, study_of
 from experiments.study.plan import plan_of
+from laisn_sim.cli.main import app
+from laisn_sim.cli.studies import BUILT_IN
+from reports import flight_report
 from sim.film import graphics
 from sim.scenario.file import parse, validate
 from sim.scenario.settings import Scenario

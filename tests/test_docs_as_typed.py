@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from experiments.command.cli import app
+from laisn_sim.cli.main import app
 from sim.log import writer
 from tests.synthetic import make_flight
 from tests.test_docs import (

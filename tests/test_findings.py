@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from experiments.campaign.version import ROOT
-from experiments.findings import SCHEMA, Finding, Findings, of, plain, read, version_of
-from experiments.intervals import Interval
 from laisn.errors import LaisnError
+from reports.findings import SCHEMA, Finding, Findings, of, plain, read, version_of
+from reports.intervals import Interval
+from reports.version import ROOT
 from tools.documents import markers
 from tools.documents.hull_trials import PUBLISHED_SPEED
 from tools.documents.tables import closed_loop, markdown, ratios, tracking
@@ -20,7 +20,7 @@ SHARE = of(Interval(0.98, 0.965, 0.9951), "share", "")
 RECORD = Findings(
     study="dive",
     command="laisn dive",
-    modules=("experiments.intervals",),
+    modules=("reports.intervals",),
     version="1",
     findings={
         "removed ahrs": SHARE,
@@ -121,11 +121,11 @@ def test_the_version_is_that_of_what_makes_the_numbers(tmp_path: Path) -> None:
     )
     before = version_of(modules, tmp_path)
     for name, counts in (
-        ("experiments/intervals.py", True),
+        ("reports/intervals.py", True),
         ("experiments/studies/asymmetry/findings.py", True),
         ("sim/water.py", True),
         ("experiments/studies/asymmetry/figures.py", False),
-        ("experiments/pages/page.py", False),
+        ("reports/page.py", False),
         ("experiments/studies/reproduce/claims.toml", True),
         ("experiments/studies/reproduce/page.md.j2", False),
         ("experiments/studies/depth.toml", False),

@@ -8,9 +8,9 @@ import pytest
 from experiments.flight import library
 from experiments.flight.fly import fly
 from experiments.flight.library import load_scenario
-from experiments.flight.summary import summarise
 from laisn.arrays import Floats, records
 from laisn.swarm import ESTIMATE, READING
+from reports.summary import summarise
 from sim.closed_loop import ClosedLoop, PythonClosedLoop, simulate_closed_loop
 from sim.control.follower import (
     FOLLOWER_MEMORY,

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
-from experiments.intervals import (
+from laisn.arrays import Floats
+from reports.intervals import (
     FEWEST_RUNS,
     Interval,
     difference_of_shares,
@@ -18,7 +19,6 @@ from experiments.intervals import (
     ratio_intervals,
     share_removed,
 )
-from laisn.arrays import Floats
 from tools.documents import coverage
 from tools.documents.coverage import covered
 

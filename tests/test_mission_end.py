@@ -9,9 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 import laisn_sim
-from experiments.command.cli import app
-from experiments.command.errors import MISSION_FAILED
 from laisn.errors import LaisnError
+from laisn_sim.cli.errors import MISSION_FAILED
+from laisn_sim.cli.main import app
 from sim.assembly import routes_of
 from sim.flight import Termination
 from sim.scenario.file import ScenarioError

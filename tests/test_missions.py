@@ -13,10 +13,10 @@ import pytest
 from typer.testing import CliRunner
 
 import models
-from experiments.command.cli import app
 from experiments.flight import library
 from experiments.flight.fly import fly
 from laisn.arrays import Floats
+from laisn_sim.cli.main import app
 from sim.assembly import route_of
 from sim.flight import Flight, Termination
 from sim.hull import hull_of, limits_of

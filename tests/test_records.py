@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.flight.range_budget import range_error_budget
 from laisn.navigator import Navigator
+from reports.range_budget import range_error_budget
 from sim.assembly import ocean_of, routes_of
 from sim.film.film_data import OtherEstimate, RayErrors
 from sim.flight import navigate

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.campaign.version import ROOT
+from reports.version import ROOT
 from sim.system import atomic_write, locked
 
 

@@ -15,9 +15,9 @@ from rich.table import Table
 from typer.testing import CliRunner
 
 from experiments.campaign.progress import literal, print_line
-from experiments.command import replaying
-from experiments.command.cli import app
 from laisn.errors import plain, screenful
+from laisn_sim.cli import replaying
+from laisn_sim.cli.main import app
 
 NAMES = (
     st.text(

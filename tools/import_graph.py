@@ -7,7 +7,7 @@ from graphlib import CycleError, TopologicalSorter
 from importlib.util import resolve_name
 from pathlib import Path
 
-PACKAGES = ("models", "laisn", "sim", "experiments")
+PACKAGES = ("models", "laisn", "sim", "reports", "experiments", "laisn_sim")
 ROOT = Path(__file__).resolve().parents[1]
 """Folder of the checkout."""
 

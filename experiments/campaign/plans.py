@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from experiments.campaign import montecarlo
-from experiments.campaign.bound import geometry_of, least_rms, noise_of
 from experiments.campaign.montecarlo import Cell, Disturbance, histories, simulate
 from experiments.campaign.store import Arrays, Record, Result, key_of
 from laisn import metrics
 from laisn.errors import LaisnError
 from laisn.navigators import find
 from laisn.plugins import find_class
+from reports.bound import geometry_of, least_rms, noise_of
 from sim.scenario.file import assigned, validate
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory, tilted

@@ -11,9 +11,9 @@ import joblib
 from joblib.externals.loky import get_reusable_executor
 
 from experiments.campaign.store import CampaignError
-from experiments.campaign.version import code_version
 from laisn.errors import LaisnError
 from laisn.plugins import VARIABLE, plugin_errors, plugins_version
+from reports.version import code_version
 from sim.system import exit_with_parent
 
 Made = TypeVar("Made")
@@ -122,7 +122,7 @@ def _connect(address: str) -> Any:
 
     def version_there() -> str:
         # sent by value: a worker without this package could not import a function of it
-        return str(import_module("experiments.campaign.version").code_version())
+        return str(import_module("reports.version").code_version())
 
     versions = client.run(version_there, on_error="return")
     others = sorted(

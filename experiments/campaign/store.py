@@ -21,9 +21,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic_core import to_jsonable_python
 
-from experiments.campaign.version import code_version, version_of
 from laisn.errors import LaisnError, LaisnWarning
 from laisn.plugins import plugin_digest, plugin_files, registered_tokens
+from reports.parquet import arrow_table
+from reports.version import code_version, version_of
 from sim.system import atomic_write, locked
 
 Record = dict[str, Any]  # a row: plain values by column
@@ -98,20 +99,6 @@ def write_table(path: Path, columns: Mapping[str, Any] | Iterator[pa.Table]) -> 
     ):
         for table in chain([first], tables):
             writer.write_table(table)
-
-
-def arrow_table(path: Path) -> Any:
-    """The `pyarrow.Table` in a file of `write_table`; LaisnError if the file is damaged."""
-    try:
-        # in this thread: one of Arrow's own that still reads when the process ends would abort it
-        return pq.ParquetFile(path, page_checksum_verification=True).read(use_threads=False)
-    except (ValueError, OSError) as error:
-        if isinstance(error, OSError) and error.errno is not None:
-            raise
-        why = " ".join(str(error).split())
-        raise LaisnError(
-            f"{path}: it is damaged: {why}; the command that wrote it writes it again"
-        ) from None
 
 
 def read_table(path: Path) -> list[Record]:

@@ -10,16 +10,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from experiments.flight.tables import Table
-from experiments.intervals import Interval
-from experiments.pages.figures import Line, Panel, numbers, panel, plotly
-from experiments.pages.page import Figures
-from experiments.pages.style import FRAME, FULL, PAPER, SERIES, WIDTH, Legend
 from experiments.study.design import is_number
 from experiments.study.estimate import NOTHING, Place, Results, digits
 from experiments.study.measure import METRICS, without_unit
 from experiments.study.plan import ARM, FOLLOWER, Plan, levels, varied
 from laisn.arrays import Floats
+from reports.figures import Line, Panel, numbers, panel, plotly
+from reports.intervals import Interval
+from reports.page import Figures
+from reports.style import FRAME, FULL, PAPER, SERIES, WIDTH, Legend
+from reports.tables import Table
 
 MOST_PANELS = 12
 MOST_LINES = len(SERIES)

@@ -11,17 +11,17 @@ import numpy as np
 
 from experiments.campaign.store import Record, read_table
 from experiments.flight.folder import LOG
-from experiments.intervals import Interval
-from experiments.pages import page as pages
-from experiments.pages.figures import Line, Panel, Part
-from experiments.pages.page import Figures, Page, number, words
-from experiments.pages.style import FULL, SERIES
 from experiments.study.estimate import over_runs, shown
 from experiments.study.file import METRIC
 from experiments.study.measure import METRICS, SHARES
 from experiments.study.study import RESULTS, RUNS, STUDY
 from laisn import metrics
 from laisn.errors import LaisnError, shortened
+from reports import page as pages
+from reports.figures import Line, Panel, Part
+from reports.intervals import Interval
+from reports.page import Figures, Page, number, words
+from reports.style import FULL, SERIES
 from sim.flight import Flight, position_and_bearing_errors
 from sim.log.reader import read
 from sim.scenario.file import dotted

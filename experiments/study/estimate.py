@@ -14,18 +14,18 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtrit
 
-from experiments import intervals
 from experiments.campaign.store import Record
-from experiments.intervals import (
+from experiments.study.measure import SHARES
+from experiments.study.plan import ARM, FOLLOWER, Plan, levels, varied
+from laisn.arrays import Floats, Ints
+from reports import intervals
+from reports.intervals import (
     CONFIDENCE,
     FEWEST_RUNS,
     Interval,
     difference_of_shares,
     mean_interval,
 )
-from experiments.study.measure import SHARES
-from experiments.study.plan import ARM, FOLLOWER, Plan, levels, varied
-from laisn.arrays import Floats, Ints
 
 Place = tuple[int, str, str]  # point, arm and follower
 NOTHING = Interval(math.nan, math.nan, math.nan)

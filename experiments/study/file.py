@@ -13,9 +13,9 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 from pydantic import ConfigDict, Discriminator, Field, Tag, ValidationError
 
 from experiments.flight.library import name_of, names
-from experiments.intervals import FEWEST_RUNS
 from experiments.study.design import LAWS, Design, Draw, Factor, is_rule
 from laisn.errors import LaisnError, plain, screenful, shortened
+from reports.intervals import FEWEST_RUNS
 from sim.scenario.file import dotted, is_model_key, key_of, plain_values, read
 from sim.scenario.section import Section
 from sim.scenario.settings import Name

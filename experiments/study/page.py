@@ -10,15 +10,15 @@ from functools import cached_property
 from typing import Any
 
 from experiments.flight.library import fly_line
-from experiments.intervals import Interval
-from experiments.pages import page as pages
-from experiments.pages.page import Cell, Code, Film, Page, Text, number, words
 from experiments.study import charts
 from experiments.study.design import is_number
 from experiments.study.estimate import Place, Results, digits, main_effects, shown
 from experiments.study.file import METRIC, Study
 from experiments.study.measure import METRICS, Metric
 from experiments.study.plan import Entry, Plan, many, varied
+from reports import page as pages
+from reports.intervals import Interval
+from reports.page import Cell, Code, Film, Page, Text, number, words
 
 _MOST_COMMANDS = 400
 _MOST_ROWS = 60  # places in a table; of more, those of the lowest and highest values are listed

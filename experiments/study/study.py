@@ -18,12 +18,8 @@ from experiments.campaign.campaign import FEW_MISSIONS, ExecutionOptions
 from experiments.campaign.pool import release_workers
 from experiments.campaign.progress import compiling_shown
 from experiments.campaign.store import CampaignError, columns_of, write_table
-from experiments.campaign.version import code_version
-from experiments.findings import Finding, Findings, of, read, record
 from experiments.flight.fly import fly
 from experiments.flight.library import text_of
-from experiments.flight.tables import Table
-from experiments.pages import page as pages
 from experiments.study.estimate import Results, main_effects
 from experiments.study.extras import arms_left_out, installed
 from experiments.study.file import FOLDER, Study, built_in, study_of, table_in
@@ -40,6 +36,10 @@ from experiments.study.run import (
 from laisn.errors import LaisnError, LaisnWarning
 from laisn.lanes import LANES
 from laisn.plugins import plugins_version
+from reports import page as pages
+from reports.findings import Finding, Findings, of, read, record
+from reports.tables import Table
+from reports.version import code_version
 from sim.system import atomic_write
 
 RESULTS = "results.parquet"
@@ -164,7 +164,7 @@ def _write_tables(outcomes: StudyResults, folder: Path) -> None:
 
 def _film_worst(outcomes: StudyResults, folder: Path) -> Path:
     """Film the worst run of the worst place."""
-    from experiments.pages.results import render
+    from experiments.flight.results import render
     from experiments.study.page import worst_entry
 
     entry, run, _ = worst_entry(outcomes.plan, outcomes.results)

@@ -132,8 +132,8 @@ def _actuator_faults(spec: Any) -> Iterator[str]:
     count = len(spec.actuators)
     if not 1 <= count <= effectors.MAX_EFFECTORS:
         yield (
-            f"has {count} actuators, expected 1 to {effectors.MAX_EFFECTORS}, each at a site of the "
-            "body 'hull'"
+            f"has {count} actuators, expected 1 to {effectors.MAX_EFFECTORS}, each at a site of "
+            "the body 'hull'"
         )
     for actuator in spec.actuators:
         if not _NAME.fullmatch(actuator.name):

@@ -8,12 +8,12 @@ import pytest
 from scipy import stats
 
 from experiments.campaign.store import Record
-from experiments.findings import record
-from experiments.pages.page import Page, Table, Text, page_of
 from experiments.studies.asymmetry import figures, findings
 from experiments.studies.asymmetry.findings import REMEDIES, Curve, paired
 from experiments.study.file import built_in, study_of
 from experiments.study.plan import plan_of
+from reports.findings import record
+from reports.page import Page, Table, Text, page_of
 from tests.asymmetry.test_comparison import row
 
 RUNS = 64
@@ -127,7 +127,7 @@ def made(given: list[Record], **others: Any) -> Page:
 
 @pytest.fixture(autouse=True)
 def _no_drawing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("experiments.pages.page.replace", lambda block, **_: block)
+    monkeypatch.setattr("reports.page.replace", lambda block, **_: block)
 
 
 def tables(page: Page, section: str) -> list[list[list[str]]]:

@@ -17,9 +17,9 @@ from experiments.campaign import campaign, montecarlo, store
 from experiments.campaign.plans import CellPlan
 from experiments.campaign.pool import Pool
 from experiments.campaign.store import DamagedResult
-from experiments.campaign.version import ROOT
 from laisn import metrics
 from laisn.navigator import Navigator
+from reports.version import ROOT
 from sim.flight import navigate
 from tests.campaign.plans import DURATION, contents, plans, run, scenario
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.campaign.bound import geometry_of, least_rms, noise_of
 from experiments.flight.library import load_scenario
 from laisn.bound import TrueNoise
+from reports.bound import geometry_of, least_rms, noise_of
 from sim.scenario.settings import Acoustics, Navigation, Scenario
 from tests import straight
 

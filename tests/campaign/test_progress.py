@@ -15,7 +15,7 @@ import pytest
 from rich.console import Console
 
 from experiments.campaign import progress
-from experiments.campaign.version import ROOT
+from reports.version import ROOT
 
 COMPILES = """
 from rich.console import Console

@@ -5,7 +5,6 @@ histories.
 import numpy as np
 import pytest
 
-from experiments.campaign.bound import geometry_of, least_rms, noise_of
 from experiments.campaign.montecarlo import Cell, histories, simulate
 from experiments.campaign.plans import CellPlan, compute
 from experiments.flight.fly import fly
@@ -14,6 +13,7 @@ from laisn import metrics
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from laisn.estimates import TightEstimates
+from reports.bound import geometry_of, least_rms, noise_of
 from sim.scenario.settings import Scenario
 from sim.simulation import simulate_motion
 

@@ -13,9 +13,9 @@ import pytest
 import typer
 
 from experiments.campaign.store import Arrays, DamagedResult, Record, Store, read_table, write_table
-from experiments.campaign.version import ROOT
-from experiments.command.errors import report_errors
 from laisn.errors import LaisnError
+from laisn_sim.cli.errors import report_errors
+from reports.version import ROOT
 
 KEY, OTHER = "0123456789abcdef01234567", "76543210fedcba9876543210"
 RECORD: Record = {

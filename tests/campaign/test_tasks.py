@@ -13,7 +13,7 @@ from experiments.campaign.campaign import Flown
 from experiments.campaign.jobs import Job, run_jobs
 from experiments.campaign.pool import Pool
 from experiments.campaign.store import Arrays, CampaignError, Result, Store, key_of
-from experiments.intervals import Interval
+from reports.intervals import Interval
 from sim.scenario.settings import Follower, Scenario
 
 CALLS: list[int] = []

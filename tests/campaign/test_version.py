@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from experiments.campaign import version
-from experiments.campaign.version import OWN_PACKAGES, ROOT
 from experiments.study.file import built_in, shipped
+from reports import version
+from reports.version import OWN_PACKAGES, ROOT
 from tools.documents import route_keeping
 
 
@@ -154,7 +154,7 @@ def test_every_module_loaded_for_a_campaign_is_among_the_sources() -> None:
     ],
 )
 def test_no_result_of_a_study_depends_on_how_pages_are_drawn(modules: tuple[str, ...]) -> None:
-    drawing = ("experiments.pages", "experiments.command", "sim.film")
+    drawing = ("reports.page", "reports.figures", "laisn_sim.cli", "sim.film")
     assert not [name for name in version.reachable(modules) if name.startswith(drawing)]
 
 

@@ -12,7 +12,7 @@ from tests.command.flights import SHORT, laisn
 @pytest.fixture
 def without_report(monkeypatch: pytest.MonkeyPatch) -> None:
     """An empty report, for tests that do not check it: to draw one takes half a second."""
-    draw = "experiments.pages.flight_report.flight_report"
+    draw = "reports.flight_report.flight_report"
     monkeypatch.setattr(draw, lambda flight, errors, summary, path, *_: path.write_text(""))
 
 

@@ -16,7 +16,7 @@ WITHOUT_FILM = {
 
 
 def laisn(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "experiments.command.cli", *arguments]
+    command = [sys.executable, "-m", "laisn_sim.cli.main", *arguments]
     return subprocess.run(
         command, cwd=cwd, capture_output=True, text=True, timeout=120, check=False
     )

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from experiments.campaign.bound import flight_bound
-from experiments.command.cli import app
+from laisn_sim.cli.main import app
+from reports.bound import flight_bound
 from sim.log import reader
 from tests.command.flights import SHORT, WITHOUT_FILM, files
 
@@ -237,7 +237,7 @@ def test_the_command_installs_completion_of_its_words(monkeypatch: pytest.Monkey
 def test_help_imports_nothing_heavy() -> None:
     code = (
         "import sys; sys.argv = ['laisn', '--help']\n"
-        "from experiments.command.cli import main\n"
+        "from laisn_sim.cli.main import main\n"
         "try: main()\n"
         "except SystemExit: pass\n"
         "heavy = {'numpy', 'numba', 'mujoco', 'matplotlib', 'scipy', 'av', 'pyarrow'} & "

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from experiments.command.cli import app
+from laisn_sim.cli.main import app
 
 
 def test_doctor_names_what_it_tried() -> None:
@@ -21,7 +21,7 @@ def test_doctor_names_what_it_tried() -> None:
 @pytest.mark.parametrize("wanted", ["osmesa", "no-such-thing"])
 def test_a_missing_graphics_library_stops_no_flight(wanted: str, tmp_path: Path) -> None:
     code = (
-        "import sys; sys.argv = ['laisn', 'check', 'T5']; from experiments.command.cli import "
+        "import sys; sys.argv = ['laisn', 'check', 'T5']; from laisn_sim.cli.main import "
         "main; main()"
     )
     environment = os.environ | {"MUJOCO_GL": wanted}
@@ -34,7 +34,7 @@ def test_a_missing_graphics_library_stops_no_flight(wanted: str, tmp_path: Path)
 
 
 def test_the_command_works_where_other_packages_have_our_names(tmp_path: Path) -> None:
-    for name in ("models", "sim", "experiments"):
+    for name in ("models", "sim", "reports", "experiments"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").write_text("raise RuntimeError('the wrong package')")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}

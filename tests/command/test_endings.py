@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pytest
 
-from experiments.campaign.version import ROOT
+from reports.version import ROOT
 
 LAISN = [sys.executable, "-c", "from laisn_sim import main; main()"]
 WITHOUT_REPORT = """
 import sys, types
 
 # to draw one takes a second, and it is not checked here
-module = types.ModuleType("experiments.pages.flight_report")
+module = types.ModuleType("reports.flight_report")
 module.flight_report = lambda flight, errors, summary, path, *_: path.write_text("")
 sys.modules[module.__name__] = module
 from laisn_sim import main
@@ -62,7 +62,7 @@ def work(number):
     time.sleep(60)
 
 if __name__ == "__main__":
-    from experiments.command import errors
+    from laisn_sim.cli import errors
     errors.handle_signals()
     with Pool(2) as pool:
         list(pool.each(work, [(1,), (2,)]))
@@ -157,7 +157,7 @@ main()
 
 
 @pytest.mark.parametrize(
-    "module", ["experiments", "typer", "experiments.command.errors", "numpy", "numba", "mujoco"]
+    "module", ["experiments", "typer", "laisn_sim.cli.errors", "numpy", "numba", "mujoco"]
 )
 def test_ctrl_c_while_modules_are_loaded_gives_no_traceback(tmp_path: Path, module: str) -> None:
     command = [sys.executable, "-c", EARLY, module, *FLY[3:], str(tmp_path / "out")]
@@ -171,7 +171,7 @@ def test_ctrl_c_while_modules_are_loaded_gives_no_traceback(tmp_path: Path, modu
 BETWEEN = """
 import os, signal, sys
 import typer
-from experiments.command.errors import run
+from laisn_sim.cli.errors import run
 signal.signal(signal.SIGINT, signal.default_int_handler)
 app = typer.Typer()
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from experiments.command.cli import app
+from laisn_sim.cli.main import app
 from sim.film import graphics
 from sim.film.render import RendererDiedError
 from tests.command.flights import WITHOUT_FILM

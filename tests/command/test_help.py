@@ -8,7 +8,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from experiments.command.cli import app
+from laisn_sim.cli.main import app
 
 UNIT = re.compile(r"\[[^\]]*\]")
 

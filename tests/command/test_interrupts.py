@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from experiments.command.cli import app
+from laisn_sim.cli.main import app
 from sim.film import graphics
 from sim.log import reader
 from tests.command.flights import WITHOUT_FILM, files
@@ -22,7 +22,7 @@ def interrupted(folder: Path, begun: str, *options: str) -> str:
     command = [
         sys.executable,
         "-m",
-        "experiments.command.cli",
+        "laisn_sim.cli.main",
         "fly",
         "T5",
         *options,
@@ -99,7 +99,7 @@ def press_ctrl_c_after_the_log(
         # the log is written but has no name yet
         ("sim.log.writer.os.fsync", {"flight.mcap.partial"}),
         ("sim.film.render.render", {"flight.mcap"}),
-        ("experiments.pages.flight_report.flight_report", {"flight.mcap"}),
+        ("reports.flight_report.flight_report", {"flight.mcap"}),
         ("sim.log.scene.layout", {"flight.mcap", "report.html"}),
         ("experiments.flight.folder._exchange", WITHOUT_FILM),
     ],

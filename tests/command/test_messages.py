@@ -13,8 +13,8 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from experiments.campaign.store import CampaignError, DamagedResult
-from experiments.command.cli import app
 from laisn.errors import LaisnError
+from laisn_sim.cli.main import app
 from sim.vehicle.plant import PlantError
 
 

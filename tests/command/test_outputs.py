@@ -10,11 +10,11 @@ from synthetic import make_flight
 from typer.testing import CliRunner
 
 from experiments.campaign.store import columns_of, write_table
-from experiments.command.cli import app
-from experiments.command.outputs import REPLACED
-from experiments.command.studies import BUILT_IN
-from experiments.pages import results
+from experiments.flight import results
 from experiments.study.study import RESULTS, RUNS, STUDY
+from laisn_sim.cli.main import app
+from laisn_sim.cli.outputs import REPLACED
+from laisn_sim.cli.studies import BUILT_IN
 from sim.log import writer
 
 TABLE = (

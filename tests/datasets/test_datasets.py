@@ -15,9 +15,9 @@ from scipy.io import loadmat, savemat
 from typer.testing import CliRunner
 
 from experiments.beacon_replay import Beacons, _settings, among_beacons
-from experiments.command.cli import app
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
+from laisn_sim.cli.main import app
 from sim.datasets import range_data
 from sim.datasets.log import is_data_set, read_data_set, read_data_set_log, write_data_set
 from sim.datasets.range_data import RangeData

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 import laisn_sim
-from experiments.command.cli import app
+from laisn_sim.cli.main import app
 from sim.datasets.factor_graph import read_factor_graph
 from sim.flight import Flight
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from experiments.command.cli import app
 from laisn.errors import LaisnError
+from laisn_sim.cli.main import app
 from sim.datasets.vehicle_table import read_vehicle_table
 
 HEADERS = {

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from experiments.command.cli import app
 from laisn.errors import LaisnError
+from laisn_sim.cli.main import app
 from sim.datasets.log import write_vehicle_table
 from sim.datasets.vehicle_table import read_vehicle_table
 from sim.log.reader import read_recording

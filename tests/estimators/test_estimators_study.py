@@ -10,9 +10,6 @@ import pytest
 from scipy import stats
 from typer.testing import CliRunner
 
-from experiments.campaign.bound import noise_of
-from experiments.command.cli import app
-from experiments.findings import Findings, read
 from experiments.studies.estimators import findings
 from experiments.studies.estimators.findings import INTERVAL
 from experiments.study import study as studies
@@ -22,6 +19,9 @@ from experiments.study.run import Cells, StudyResults
 from experiments.study.study import run
 from laisn.bound import TrueNoise
 from laisn.settings import TightSettings
+from laisn_sim.cli.main import app
+from reports.bound import noise_of
+from reports.findings import Findings, read
 from sim.scenario.routes import library_route
 
 PARTS = {

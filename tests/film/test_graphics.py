@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from sim.film import graphics
+from tools import import_graph
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -84,12 +85,12 @@ def test_no_module_loads_a_graphics_library_when_it_is_imported():
     of its own.
     """
     environment = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
-    command = [sys.executable, "-c", BLOCKED, "models", "laisn", "sim", "experiments"]
+    command = [sys.executable, "-c", BLOCKED, *import_graph.PACKAGES]
     child = subprocess.run(
         command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False
     )
     assert child.returncode == 0, child.stderr
-    filming = {"sim.film.render", "sim.film.scene", "experiments.command.cli"}
+    filming = {"sim.film.render", "sim.film.scene", "laisn_sim.cli.main"}
     assert filming <= set(child.stdout.split())
 
 

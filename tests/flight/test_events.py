@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.flight import summary as flight_events
 from experiments.flight.fly import fly
-from experiments.flight.summary import (
+from laisn.arrays import records
+from reports import summary as flight_events
+from reports.summary import (
     contact_events,
     giving_way_events,
     largest_sigma,
     uncertainty_events,
 )
-from laisn.arrays import records
 from sim import feasibility
 from sim.scenario.file import validate
 from sim.scenario.formation import Formation

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from experiments.campaign.store import Store
-from experiments.campaign.version import ROOT
 from experiments.flight.folder import (
     FILES,
     FILM,
@@ -23,6 +22,7 @@ from experiments.flight.folder import (
     require_safe,
 )
 from laisn.errors import LaisnError
+from reports.version import ROOT
 from sim.log.contents import partial_path
 
 
@@ -167,7 +167,7 @@ def test_what_a_killed_flight_left_is_removed_by_the_next(folder: Path) -> None:
 FLIGHT = """
 import sys
 from pathlib import Path
-from experiments.campaign.version import ROOT
+from reports.version import ROOT
 from experiments.flight.folder import FILES, one_flight
 with one_flight(Path(sys.argv[1])) as work:
     (work / FILES[0]).write_text("other")

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from experiments.command import analyses
-from experiments.flight.range_budget import Cause, RangeErrorBudget, range_error_budget
-from experiments.pages import flight_report
+from laisn_sim.cli import analyses
+from reports import flight_report
+from reports.range_budget import Cause, RangeErrorBudget, range_error_budget
 from sim.flight import Flight, excerpt
 from sim.scenario.settings import Acoustics, Navigation, Scenario
 from sim.sensing.observation import measure, observe, propagate

@@ -8,10 +8,10 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from experiments.flight.summary import mirror_lock_events, stray_events, summarise
-from experiments.pages import results
+from experiments.flight import results
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
+from reports.summary import mirror_lock_events, stray_events, summarise
 from sim.assembly import routes_of
 from sim.flight import Flight
 from sim.tracking import track_error

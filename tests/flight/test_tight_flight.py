@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.campaign.bound import flight_bound
 from experiments.flight.fly import fly
 from experiments.flight.library import load_scenario
-from experiments.flight.summary import summarise
-from experiments.pages.flight_report import final_states, follower_row
 from laisn.errors import LaisnError
 from laisn.estimates import HYPOTHESES, FixKind, TightEstimates
 from laisn.settings import NavigationSettings, TightSettings
+from reports.bound import flight_bound
+from reports.flight_report import final_states, follower_row
+from reports.summary import summarise
 from sim.film.film_data import FilmData
 from sim.flight import (
     SLIP_M_SQRT_S,

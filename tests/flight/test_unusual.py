@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from synthetic import make_flight
 
-from experiments.flight.summary import approach_events, route_events, stray_events
+from reports.summary import approach_events, route_events, stray_events
 from sim.assembly import routes_of
 from sim.scenario.point_motion import plan
 from tests import synthetic

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from experiments.command.cli import app
-from experiments.flight.summary import route_events, summarise
-from experiments.flight.verdict import verdict
-from experiments.pages.flight_report import flight_report
 from laisn.arrays import Floats
+from laisn_sim.cli.main import app
+from reports.flight_report import flight_report
+from reports.summary import route_events, summarise
+from reports.verdict import verdict
 from sim.flight import Flight, Termination, position_and_bearing_errors
 from sim.tracking import track_errors
 from tests.synthetic import make_flight

@@ -13,9 +13,6 @@ import pytest
 from typer.testing import CliRunner
 
 from experiments.campaign.store import Record
-from experiments.command.cli import app
-from experiments.findings import Finding, Findings, record
-from experiments.pages.page import Figures, Text, page_of
 from experiments.studies.formation import figures
 from experiments.studies.formation.findings import findings_of
 from experiments.study import study as studies
@@ -23,6 +20,9 @@ from experiments.study.file import study_of
 from experiments.study.plan import Plan, plan_of
 from experiments.study.run import StudyResults
 from experiments.study.study import run
+from laisn_sim.cli.main import app
+from reports.findings import Finding, Findings, record
+from reports.page import Figures, Text, page_of
 from tests.study.cells import cells_of
 
 PLAN = plan_of(study_of("formation", {}))

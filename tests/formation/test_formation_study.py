@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.findings import read
 from experiments.studies.formation.findings import findings_of
 from experiments.study import run as engine
 from experiments.study import study as studies
@@ -17,6 +16,7 @@ from experiments.study.file import study_of
 from experiments.study.measure import METRICS, records_of_run
 from experiments.study.plan import Entry, Plan, plan_of
 from experiments.study.run import StudyResults
+from reports.findings import read
 from sim.scenario.settings import Scenario
 from tests.study.cells import cells_of
 

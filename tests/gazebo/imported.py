@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from typer.testing import CliRunner
 
-from experiments.command.cli import app
 from laisn.arrays import Floats
+from laisn_sim.cli.main import app
 from sim.vehicle.mjcf import VehicleSetup, read_coefficients
 from sim.vehicle.plant import Plant
 from sim.water import Ocean

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 import laisn_sim
-from experiments.command.cli import app
+from laisn_sim.cli.main import app
 from sim.vehicle.own_hull import hull_errors
 from tests.gazebo.imported import DATA, changed, import_file, import_text
 

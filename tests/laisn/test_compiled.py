@@ -16,10 +16,10 @@ import pytest
 import typer
 
 from experiments.campaign import lane_flight
-from experiments.command.errors import report_errors
 from laisn import compiled as compilation
 from laisn.compiled import compiled
 from laisn.lanes import LANES
+from laisn_sim.cli.errors import report_errors
 from tools import import_graph
 
 ROOT = import_graph.ROOT

@@ -19,7 +19,7 @@ import numpy as np
 
 from experiments.campaign.montecarlo import Cell
 from experiments.campaign.montecarlo import histories
-from experiments.flight.library import load
+from experiments.flight.library import load_scenario
 from laisn.navigator import Navigator
 from sim.sensing.observation import measure
 
@@ -101,7 +101,7 @@ assert 0.9 < plant.twist[0, :2].max() < 1.0, plant.twist
 COMMANDS = """
 import sys
 from typer.testing import CliRunner
-from experiments.command.cli import app
+from laisn_sim.cli.main import app
 
 for line in sys.argv[1:]:
     result = CliRunner().invoke(app, line.split())

@@ -14,9 +14,9 @@ from typer.testing import CliRunner
 import laisn_sim
 from experiments.campaign.montecarlo import Cell, simulate, simulate_mission
 from experiments.campaign.store import key_of
-from experiments.command.cli import app
 from laisn.errors import LaisnError
 from laisn.navigators import NAVIGATORS, code_of_navigators, find
+from laisn_sim.cli.main import app
 from sim.flight import excerpt
 from sim.sensing.noise import normals
 

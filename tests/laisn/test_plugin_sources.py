@@ -12,9 +12,9 @@ from typer.testing import CliRunner, Result
 import laisn_sim
 from experiments.campaign import campaign
 from experiments.campaign.store import key_of
-from experiments.command.cli import app
 from laisn.custom_sources import Sources
 from laisn.errors import LaisnError
+from laisn_sim.cli.main import app
 
 NAVIGATOR = """
 import numpy as np

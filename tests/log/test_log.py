@@ -15,8 +15,8 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from synthetic import bits, make_flight, messages, short_flight, write_log
 
-from experiments.command import replaying
 from laisn.estimates import FixKind
+from laisn_sim.cli import replaying
 from sim.flight import Flight, Termination, position_and_bearing_errors
 from sim.log import writer
 from sim.log.contents import Contents, LogError

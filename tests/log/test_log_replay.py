@@ -13,9 +13,9 @@ from mcap.writer import Writer
 from mcap_protobuf.writer import Writer as ProtobufWriter
 from typer.testing import CliRunner
 
-from experiments.command.cli import app
 from laisn.arrays import Floats
 from laisn.messages import LeaderMessage
+from laisn_sim.cli.main import app
 from sim.log.contents import LogError
 from sim.log.export import export
 from sim.log.reader import read, read_recording

@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, Writer
 from synthetic import make_flight
 from typer.testing import CliRunner
 
-from experiments.command.cli import app
+from laisn_sim.cli.main import app
 from sim.flight import Termination
 from sim.log import writer
 from sim.log.contents import Contents, LogError, recover

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.flight.range_budget import Cause, RangeErrorBudget
-from experiments.pages import flight_figures, flight_report
-from experiments.pages.figures import Part
-from experiments.pages.flight_report import _facts, final_states, follower_row, mirror_locks
 from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, FixKind, TightEstimates
+from reports import flight_figures, flight_report
+from reports.figures import Part
+from reports.flight_report import _facts, final_states, follower_row, mirror_locks
+from reports.range_budget import Cause, RangeErrorBudget
 from sim.flight import Flight
 from tests.synthetic import make_flight
 

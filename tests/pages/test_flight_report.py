@@ -6,11 +6,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from experiments.flight.summary import true_bearing
-from experiments.pages import figures, flight_figures
-from experiments.pages.flight_figures import without_wraps
-from experiments.pages.flight_report import flight_report
-from experiments.pages.style import ESTIMATE, FOLLOWER, FRONT, LEADER, MIDDLE, TRANSMITTERS
+from reports import figures, flight_figures
+from reports.flight_figures import without_wraps
+from reports.flight_report import flight_report
+from reports.style import ESTIMATE, FOLLOWER, FRONT, LEADER, MIDDLE, TRANSMITTERS
+from reports.summary import true_bearing
 from sim.film import film_data as film
 from sim.flight import Termination
 from tests import synthetic
@@ -180,9 +180,7 @@ def test_the_report_of_a_flight(tmp_path, followers):
 
 def test_a_flight_that_failed_has_notices(tmp_path, monkeypatch):
     flight = make_flight(30.0)
-    monkeypatch.setattr(
-        "experiments.pages.flight_report.mirror_locked_steps", lambda *_: np.arange(300) < 75
-    )
+    monkeypatch.setattr("reports.flight_report.mirror_locked_steps", lambda *_: np.arange(300) < 75)
     broken = type(flight)(**{**vars(flight), "outcome": Termination.DIVERGED})
     html = flight_page(tmp_path, broken)
     assert "follower: the estimate was more than 5 m off, at the mirror image of the truth" in html

@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from experiments.pages import flight_report
+from reports import flight_report
 from sim.flight import position_and_bearing_errors
 from tests.synthetic import make_flight
 

@@ -11,9 +11,9 @@ import pytest
 import scipy
 from plotly.graph_objects import Figure
 
-from experiments.pages import figures, page, style
-from experiments.pages.figures import Line
-from experiments.pages.page import (
+from reports import figures, page, style
+from reports.figures import Line
+from reports.page import (
     Cell,
     Code,
     Figures,
@@ -25,7 +25,7 @@ from experiments.pages.page import (
     number,
     words,
 )
-from experiments.pages.style import ESTIMATE, FOLLOWER, LEADER, SERIES, TRANSMITTERS
+from reports.style import ESTIMATE, FOLLOWER, LEADER, SERIES, TRANSMITTERS
 from tests.pages.markup import checked
 
 

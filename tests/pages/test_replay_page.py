@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.pages.replay_page import Replayed, ellipse, write_replay_page
 from laisn.estimates import Estimates, FixKind
 from laisn.messages import LeaderMessage, Measurements
+from reports.replay_page import Replayed, ellipse, write_replay_page
 
 N = 40
 

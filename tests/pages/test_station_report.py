@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from experiments.command.fly import show
-from experiments.flight.summary import summarise
-from experiments.pages import flight_figures, flight_report
 from laisn.arrays import Floats
+from laisn_sim.cli.fly import show
+from reports import flight_figures, flight_report
+from reports.summary import summarise
 from sim.flight import Flight, position_and_bearing_errors
 from sim.scenario.formation import Formation, Proximity, Station
 from sim.scenario.settings import Follower

@@ -9,9 +9,9 @@ from typing import Any
 import jinja2
 import pytest
 
-from experiments.findings import Finding, Findings
-from experiments.pages.page import Cell, Code, Figures, Notice, Page, Table, Text, page_of
 from laisn.errors import LaisnError
+from reports.findings import Finding, Findings
+from reports.page import Cell, Code, Figures, Notice, Page, Table, Text, page_of
 
 FINDINGS = Findings(
     study="",

@@ -10,7 +10,6 @@ import pytest
 from scipy import stats
 
 from experiments.flight.library import ROUTES
-from experiments.intervals import Interval
 from experiments.studies.reproduce.findings import (
     CLAIMS,
     JUDGED,
@@ -27,6 +26,7 @@ from experiments.studies.reproduce.findings import (
     verdict_of,
 )
 from laisn.arrays import Floats
+from reports.intervals import Interval
 from tests.reproduction.cells import SETTINGS
 
 Figure = Callable[[str, str, str, str], float | None]

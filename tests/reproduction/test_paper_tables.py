@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from experiments.findings import Findings
-from experiments.pages.page import Cell, Figures, Page, Table, Text, page_of, ratio_tone
 from experiments.studies.reproduce.figures import page_values
 from experiments.studies.reproduce.findings import METRICS, Claim, Judgement, Key, findings_of_rows
+from reports.findings import Findings
+from reports.page import Cell, Figures, Page, Table, Text, page_of, ratio_tone
 from tests.reproduction.cells import SETTINGS, Setting
 
 BASE, GATE, SLOW, ASYMMETRIC, TEXT = (

@@ -8,7 +8,6 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from experiments import findings
 from experiments.campaign.montecarlo import Cell, simulate
 from experiments.campaign.plans import steps_of
 from experiments.flight.library import ROUTES, load_scenario
@@ -18,6 +17,7 @@ from experiments.study.file import built_in, study_of
 from experiments.study.plan import plan_of
 from experiments.study.run import StudyResults, fly_further, fly_studies
 from experiments.study.study import run
+from reports import findings
 from tests.reproduction.cells import SETTINGS
 from tools.documents import claim_seeds
 

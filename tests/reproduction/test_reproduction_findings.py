@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.intervals import Interval
 from experiments.studies.reproduce import figures as page_figures
 from experiments.studies.reproduce.figures import Cells
 from experiments.studies.reproduce.findings import (
@@ -21,6 +20,7 @@ from experiments.studies.reproduce.findings import (
     mean_distance,
     ratios,
 )
+from reports.intervals import Interval
 from tests.reproduction.cells import SETTINGS
 from tests.reproduction.test_paper_tables import page_with
 from tests.synthetic import make_scenario, make_trajectory

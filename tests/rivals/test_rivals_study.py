@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.findings import read, record
-from experiments.pages.page import page_of, render
 from experiments.studies.rivals import figures, findings
 from experiments.study.file import built_in, study_of
 from experiments.study.plan import Plan, plan_of
 from experiments.study.run import Cells
 from laisn.navigators import NAVIGATORS
+from reports.findings import read, record
+from reports.page import page_of, render
 from tests.study.cells import cells_of
 
 PARTS = built_in("rivals")

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from experiments.command.cli import app
 from experiments.flight.fly import fly
 from experiments.flight.library import as_scenario
+from laisn_sim.cli.main import app
 from sim.cautions import RULES, clock_error_s, closing_speed, distances, echo_delay_m
 from sim.feasibility import cautions
 from sim.flight import Flight, position_and_bearing_errors

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from experiments.command.fly import fly_and_write
 from experiments.flight import library
 from laisn.errors import ROWS, plain
+from laisn_sim.cli.fly import fly_and_write
 from sim import feasibility
 from sim.assembly import ocean_of, routes_of, setups_of
 from sim.scenario import file as scenario_file

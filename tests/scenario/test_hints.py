@@ -6,8 +6,8 @@ import pytest
 from typer.testing import CliRunner
 
 import laisn_sim
-from experiments.command.cli import app
 from laisn.errors import LaisnError
+from laisn_sim.cli.main import app
 from sim.scenario.file import assigned, key_lines
 
 

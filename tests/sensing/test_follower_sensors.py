@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import laisn_sim
-from experiments.campaign.bound import noise_of
 from experiments.campaign.montecarlo import Cell
 from laisn.errors import LaisnError
+from reports.bound import noise_of
 from sim.flight import Flight
 from sim.scenario.settings import Scenario
 

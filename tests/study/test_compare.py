@@ -7,14 +7,14 @@ import pytest
 from typer.testing import CliRunner
 
 from experiments.campaign.store import columns_of, read_table, write_table
-from experiments.command.cli import app
-from experiments.command.fly import fly_and_write
 from experiments.flight.library import load_scenario
 from experiments.study import compare
 from experiments.study.compare import differing, page_of, paired
 from experiments.study.file import of_table
 from experiments.study.study import RESULTS, RUNS, STUDY, run_studies
 from laisn.errors import LaisnError
+from laisn_sim.cli.fly import fly_and_write
+from laisn_sim.cli.main import app
 from sim.log.reader import read
 
 

@@ -8,12 +8,12 @@ import pytest
 from typer.testing import CliRunner
 
 import laisn_sim
-from experiments.command.cli import app
-from experiments.flight.tables import Table
 from experiments.study import study as studies
 from experiments.study.extras import arms_left_out, installed
 from experiments.study.plan import Plan
 from laisn.errors import LaisnError
+from laisn_sim.cli.main import app
+from reports.tables import Table
 
 RIVALS, _ = studies.studies_of("rivals", {}, quick=True)
 

@@ -20,11 +20,8 @@ import tomli_w
 from typer.testing import CliRunner
 
 import models
-from experiments import findings
 from experiments.campaign import campaign
 from experiments.campaign.store import CampaignError, Store
-from experiments.command.cli import app
-from experiments.command.studies import BUILT_IN
 from experiments.flight.fly import fly
 from experiments.flight.library import load_scenario
 from experiments.study import study as study_module
@@ -46,6 +43,9 @@ from experiments.study.run import fly_studies, fly_until_narrow
 from experiments.study.study import RECORD, REPORT, RESULTS, RUNS, STUDY, run_studies
 from laisn import metrics
 from laisn.errors import LaisnError
+from laisn_sim.cli.main import app
+from laisn_sim.cli.studies import BUILT_IN
+from reports import findings
 from sim.flight import position_and_bearing_errors
 
 SMALL = """
@@ -202,7 +202,7 @@ def test_the_command_of_a_run_repeats_it(flown, tmp_path):
 def test_two_workers_after_a_kill_give_the_same_bytes(flown, tmp_path):
     (tmp_path / "mine.toml").write_text(SMALL)
     out = tmp_path / "out"
-    code = "from experiments.command.cli import main; main()"
+    code = "from laisn_sim.cli.main import main; main()"
     command = [
         sys.executable,
         "-c",
@@ -235,7 +235,7 @@ def test_two_workers_after_a_kill_give_the_same_bytes(flown, tmp_path):
 
 def test_two_commands_in_one_folder_both_end_with_the_same_bytes(flown, tmp_path):
     (tmp_path / "mine.toml").write_text(SMALL)
-    code = "from experiments.command.cli import main; main()"
+    code = "from laisn_sim.cli.main import main; main()"
     command = [
         sys.executable,
         "-c",

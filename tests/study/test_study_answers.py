@@ -12,9 +12,6 @@ import numpy as np
 import pytest
 from plotly.graph_objects import Figure
 
-from experiments.pages.figures import Line, light
-from experiments.pages.page import Figures, Notice, Page, Table, Text
-from experiments.pages.style import SERIES
 from experiments.study import charts
 from experiments.study.estimate import Results, shown
 from experiments.study.file import of_table
@@ -23,6 +20,9 @@ from experiments.study.page import commands, notable, page_of, worst_entry
 from experiments.study.plan import Plan, plan_of
 from experiments.study.run import _of_runs, _widest
 from experiments.study.study import findings_of
+from reports.figures import Line, light
+from reports.page import Figures, Notice, Page, Table, Text
+from reports.style import SERIES
 
 MEANS = {
     (0, "plain"): 1.0,

@@ -9,10 +9,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from experiments.findings import version_of
 from laisn import lanes
 from laisn.lanes import LANES
 from laisn.settings import NavigationSettings
+from reports.findings import version_of
 from sim.sensing.observation import measure
 from sim.sensing.sensors import SensorErrors
 from tests import synthetic

@@ -12,7 +12,7 @@ from tools.mutants.cover import covering, distances
         ("laisn/beacons.py", "tests/laisn/test_beacons.py"),
         ("laisn/tight/estimator.py", "tests/laisn/test_swarms.py"),
         ("sim/vehicle/hydrodynamics.py", "tests/vehicle/test_hydrodynamics.py"),
-        ("experiments/intervals.py", "tests/test_intervals.py"),
+        ("reports/intervals.py", "tests/test_intervals.py"),
         ("experiments/studies/asymmetry/findings.py", "tests/asymmetry/test_asymmetry_findings.py"),
     ],
 )

@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 
 import laisn_sim
 import models
-from experiments.command.cli import app
 from laisn.errors import LaisnError
+from laisn_sim.cli.main import app
 from sim import attitude
 from sim.assembly import ocean_of, routes_of, setups_of
 from sim.scenario.vehicles import Vehicle

@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import quad
 from typer.testing import CliRunner
 
-from experiments.command.cli import app
 from laisn.errors import LaisnError
+from laisn_sim.cli.main import app
 from sim.control.autopilot import design, top_speed
 from sim.control.stability import require_stable
 from sim.scenario.routes import Route

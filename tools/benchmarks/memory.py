@@ -50,7 +50,7 @@ def _memory(process: int) -> float:
 def peak_of(*arguments: str) -> float:
     """Most memory of `laisn` with these arguments and of its children together [MB]."""
     peak = 0.0
-    command = [sys.executable, "-m", "experiments.command.cli", *arguments]
+    command = [sys.executable, "-m", "laisn_sim.cli.main", *arguments]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL) as running:
         while running.poll() is None:
             peak = max(peak, sum(map(_memory, _processes(running.pid))))

@@ -181,7 +181,7 @@ def command() -> list[Row]:
         call = [
             sys.executable,
             "-m",
-            "experiments.command.cli",
+            "laisn_sim.cli.main",
             "fly",
             "T5",
             "--no-video",

@@ -17,9 +17,6 @@ from pathlib import Path
 import numpy as np
 
 from experiments.campaign.montecarlo import Cell, simulate
-from experiments.findings import Finding, Findings, of, plain
-from experiments.findings import record as make_record
-from experiments.intervals import Interval
 from laisn import lanes
 from laisn import lanes as row
 from laisn.arrays import Floats
@@ -27,6 +24,9 @@ from laisn.messages import Measurements
 from laisn.navigator import Filter, Navigator
 from laisn.settings import NavigationSettings
 from laisn.swarm import MESSAGE
+from reports.findings import Finding, Findings, of, plain
+from reports.findings import record as make_record
+from reports.intervals import Interval
 from sim.sensing.observation import IdealMeasurements, measure
 from sim.sensing.sensors import SensorErrors
 from tools.benchmarks import mission as benchmarks_mission

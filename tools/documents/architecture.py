@@ -8,14 +8,21 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
-from experiments.pages.style import FRAME, INK, SERIES
+from reports.style import FRAME, INK, SERIES
 from tools import import_graph
 
 _WIDTH = 7.6
 _HEIGHT = 8.2
 _BOX = (0.9, 0.62)
 """Width and height of a package's box; boxes are a unit apart."""
-_COLOURS = {"models": INK, "laisn": SERIES[2], "sim": SERIES[0], "experiments": SERIES[1]}
+_COLOURS = {
+    "models": INK,
+    "laisn": SERIES[2],
+    "sim": SERIES[0],
+    "reports": SERIES[4],
+    "experiments": SERIES[1],
+    "laisn_sim": SERIES[3],
+}
 
 
 def transitive_reduction(between: Mapping[str, set[str]]) -> dict[str, set[str]]:
@@ -78,7 +85,7 @@ def picture() -> Figure:
     them point down.
     """
     imports = import_graph.imports()
-    parents = {"sim", "experiments"}
+    parents = {"sim", "experiments", "laisn_sim"}
     between = {
         package: below - parents
         for package, below in import_graph.package_imports(imports).items()

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from experiments.campaign.campaign import ExecutionOptions
-from experiments.findings import FILE, Finding, Findings, of, plain, record
-from experiments.intervals import proportion
 from experiments.studies.reproduce import findings as claims
 from experiments.studies.reproduce.findings import CLAIMS, JUDGED, Figures, Verdict
 from experiments.study.file import built_in, study_of
 from experiments.study.plan import plan_of
 from experiments.study.run import fly_further, fly_studies
+from reports.findings import FILE, Finding, Findings, of, plain, record
+from reports.intervals import proportion
 
 MODULES = ("experiments.studies.reproduce.findings", "experiments.study.run")
 SEEDS = range(101, 121)

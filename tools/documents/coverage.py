@@ -1,4 +1,4 @@
-"""How often a 95 % interval of `experiments.intervals` holds the true mean.
+"""How often a 95 % interval of `reports.intervals` holds the true mean.
 
 `python -m tools.documents.studies coverage` draws runs from laws with a known mean and counts the
 intervals that hold it.
@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.findings import FILE, Finding, Findings, of, plain, record
-from experiments.intervals import Interval, mean_interval, proportion, ratio_intervals
 from experiments.study.file import Until
 from experiments.study.run import runs_wanted
 from laisn.arrays import Floats
+from reports.findings import FILE, Finding, Findings, of, plain, record
+from reports.intervals import Interval, mean_interval, proportion, ratio_intervals
 
 COMMAND = "python -m tools.documents.studies coverage"
 MODULES = ("tools.documents.coverage",)

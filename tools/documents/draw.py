@@ -15,11 +15,11 @@ from PIL import Image
 
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES, load_scenario
-from experiments.pages.figures import Line, Panel
-from experiments.pages.flight_figures import error_parts
-from experiments.pages.style import INK, SERIES, Legend
 from experiments.studies.estimators import figures as estimators
 from experiments.study.file import built_in, study_of
+from reports.figures import Line, Panel
+from reports.flight_figures import error_parts
+from reports.style import INK, SERIES, Legend
 from sim.film import render
 from sim.film.render import Job
 from sim.flight import Flight, excerpt, position_and_bearing_errors

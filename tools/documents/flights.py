@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from experiments.campaign.montecarlo import Mission
-from experiments.findings import FILE, Finding, Findings, plain, record
 from experiments.flight.fly import fly
 from experiments.flight.library import load_scenario
+from reports.findings import FILE, Finding, Findings, plain, record
 from sim.flight import Flight, position_and_bearing_errors
 from sim.scenario.sensors import Sensors
 from sim.sensing.observation import IdealMeasurements

@@ -12,8 +12,8 @@ from scipy.optimize import brentq
 
 import laisn_sim
 import models
-from experiments.findings import FILE, Finding, Findings, plain, record
 from laisn.arrays import Floats
+from reports.findings import FILE, Finding, Findings, plain, record
 from sim import attitude
 from sim.assembly import routes_of
 from sim.scenario.routes import DepthProfile, Route

@@ -5,7 +5,7 @@ A number stands in a document between two comments, which no reader sees,
 
     removes <!--= asymmetry removed ahrs-0.5 laisn-2 dive .0% i -->99 % (98 to 100 %)<!--/--> of it
 
-that name the study, the finding and how it is printed (`experiments.findings.Finding.__format__`).
+that name the study, the finding and how it is printed (`reports.findings.Finding.__format__`).
 A table stands between `<!-- table NAME -->` and `<!-- /table -->` on lines of their own, and is
 made by a function of `TABLES`. The finding `version` of any record is the version of the sources
 that made it.
@@ -17,8 +17,8 @@ import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from experiments.findings import Findings, plain, read, version_of
 from laisn.errors import LaisnError
+from reports.findings import Findings, plain, read, version_of
 from tools.documents.tables import TABLES
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.pages.figures import Line
-from experiments.pages.style import FRAME, MUTED, SERIES, Legend
+from reports.figures import Line
+from reports.style import FRAME, MUTED, SERIES, Legend
 from sim import attitude
 from sim.water import Ocean, Waves
 from tests.vehicle import test_remus as remus

@@ -14,11 +14,11 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from experiments.beacon_replay import Beacons, Score, among_beacons, by_laisn, dead_reckoning, score
-from experiments.campaign.version import ROOT
-from experiments.findings import FILE, Finding, plain, record
 from laisn.estimates import Estimates
 from laisn.settings import NavigationSettings, TightSettings
 from laisn.tight.navigator import TightNavigator
+from reports.findings import FILE, Finding, plain, record
+from reports.version import ROOT
 from sim.datasets.log import Replayable, read_data_set, read_data_set_log, write_data_set
 
 COMMAND = "python -m tools.documents.studies real-ranges"

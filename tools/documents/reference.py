@@ -13,7 +13,7 @@ from pathlib import Path
 import mujoco  # noqa: F401  (it runs a program when it is imported, which pdoc refuses)
 import pdoc
 
-PACKAGES = ("laisn_sim", "laisn", "sim", "experiments", "models")
+PACKAGES = ("laisn_sim", "laisn", "sim", "reports", "experiments", "models")
 FOLDER = Path("out") / "reference"
 _NAMED = re.compile(rf"<code>((?:{'|'.join(PACKAGES)})(?:\.\w+)+)</code>")
 """A dotted name in back quotes that pdoc did not turn into a link."""

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.findings import FILE, Finding, Findings, plain, record
 from experiments.flight.library import ROUTES
 from laisn.arrays import Floats
+from reports.findings import FILE, Finding, Findings, plain, record
 from sim.assembly import routes_of
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route

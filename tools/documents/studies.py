@@ -10,8 +10,8 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from experiments.findings import FILE
 from experiments.study.study import run
+from reports.findings import FILE
 from tools.documents import claim_seeds, coverage, flights, hull_trials, real_ranges, route_keeping
 from tools.documents.markers import RECORDS
 

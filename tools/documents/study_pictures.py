@@ -12,14 +12,14 @@ from experiments.beacon_replay import Beacons, among_beacons, dead_reckoning
 from experiments.campaign.store import read_table
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES
-from experiments.pages.figures import Line
-from experiments.pages.style import ESTIMATE, INK, MUTED, SERIES, Legend
 from experiments.studies.asymmetry.fix_map import MAP, sweep
 from experiments.studies.reproduce.figures import agreement
 from experiments.study.file import study_of
 from experiments.study.plan import plan_of
 from experiments.study.study import run
 from laisn.settings import NavigationSettings
+from reports.figures import Line
+from reports.style import ESTIMATE, INK, MUTED, SERIES, Legend
 from sim.datasets.log import read_data_set, read_data_set_log, write_data_set
 from tools.documents.drawing import draw, heat, panel
 from tools.documents.real_ranges import DATA

@@ -2,10 +2,10 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from experiments.findings import Finding, Findings
 from experiments.flight.library import ROUTES
 from experiments.studies.rivals.findings import CONDITIONS, INTERVALS, NAVIGATORS, USUAL, WITH_TWO
 from experiments.study.file import built_in, study_of
+from reports.findings import Finding, Findings
 from tools.documents.coverage import LAWS, RUNS
 from tools.documents.hull_trials import (
     PUBLISHED_HULLS,

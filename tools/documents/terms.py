@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.pages.style import FRAME, INK, SERIES
 from laisn.arrays import Floats
+from reports.style import FRAME, INK, SERIES
 
 _HALF_BASELINE = 1.0  # [m], drawn larger than the project's
 _TRUTH = np.array([5.6, -4.6])

@@ -21,7 +21,7 @@ from pathlib import Path
 from cosmic_ray.work_item import MutationSpec
 from scipy.stats import binomtest
 
-from experiments.findings import Finding, Findings, plain, read, version_of
+from reports.findings import Finding, Findings, plain, read, version_of
 from tools import import_graph
 from tools.documents.markers import RECORDS
 from tools.import_graph import ROOT

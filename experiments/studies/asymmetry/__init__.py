@@ -1,5 +1,4 @@
 """The study of a leader that is not level: what pitch does to ranges and fixes, and what helps.
 
-Imports: experiments.campaign experiments.findings experiments.flight experiments.intervals
-experiments.pages experiments.study laisn sim
+Imports: experiments.campaign experiments.flight experiments.study laisn reports sim
 """

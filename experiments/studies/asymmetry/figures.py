@@ -13,14 +13,7 @@ import numpy as np
 
 from experiments.campaign.progress import compiling_shown
 from experiments.campaign.store import columns_of
-from experiments.findings import Finding, Findings, of
 from experiments.flight.library import fly_line, table_of
-from experiments.flight.range_budget import Cause, RangeErrorBudget, range_error_budget
-from experiments.intervals import Interval
-from experiments.pages.figures import Line, Panel, numbers, panel
-from experiments.pages.flight_report import asymmetry_over_time, legend_of, share_table
-from experiments.pages.page import Cell, Code, Figures, share_of
-from experiments.pages.style import FULL, INK, MUTED, SERIES, Colour
 from experiments.studies.asymmetry import findings, fix_map
 from experiments.studies.asymmetry.findings import (
     AHRS,
@@ -37,6 +30,13 @@ from experiments.study.plan import Plan
 from experiments.study.run import StudyResults
 from laisn.arrays import Bools, Floats
 from laisn.settings import NavigationSettings
+from reports.figures import Line, Panel, numbers, panel
+from reports.findings import Finding, Findings, of
+from reports.flight_report import asymmetry_over_time, legend_of, share_table
+from reports.intervals import Interval
+from reports.page import Cell, Code, Figures, share_of
+from reports.range_budget import Cause, RangeErrorBudget, range_error_budget
+from reports.style import FULL, INK, MUTED, SERIES, Colour
 from sim.film.film_data import Annotations, OtherEstimate, RayErrors
 from sim.film.render import Job, render
 from sim.flight import Flight, excerpt, navigate

@@ -19,12 +19,12 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.special import ndtri
 
-from experiments import intervals
 from experiments.campaign.store import Record
-from experiments.findings import Finding, of, plain
-from experiments.intervals import CONFIDENCE, Interval, proportion
 from experiments.study.run import Choice, StudyResults
 from laisn.arrays import Bools, Floats
+from reports import intervals
+from reports.findings import Finding, of, plain
+from reports.intervals import CONFIDENCE, Interval, proportion
 
 CAUSES = {"trim": "trim", "dive": "depth changes", "waves": "waves"}
 """What makes the leader pitch, by the beginning of the names of conditions."""

@@ -1,4 +1,4 @@
 """Followers that steer by their own estimates, on all routes and with each navigator.
 
-Imports: experiments.findings experiments.flight experiments.study
+Imports: experiments.flight experiments.study reports
 """

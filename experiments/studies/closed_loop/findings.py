@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from experiments.findings import Finding, median, plain, share
 from experiments.flight.library import ROUTES
 from experiments.study.run import StudyResults
+from reports.findings import Finding, median, plain, share
 
 LOST_M = 50.0  # A follower that ends farther than this from its place is called lost [m]
 

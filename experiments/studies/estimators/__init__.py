@@ -1,5 +1,5 @@
 """The study of the estimators: LAISN-2, the tightly coupled navigator and the Cramér–Rao bound, on
 the same noise.
 
-Imports: experiments.findings experiments.intervals experiments.pages experiments.study laisn sim
+Imports: experiments.study laisn reports sim
 """

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from experiments.findings import Findings
-from experiments.pages.figures import Panel, marks, panel
-from experiments.pages.page import Figures
-from experiments.pages.style import SERIES
 from experiments.studies.estimators.findings import INTERVAL, figures_of, missions_of
 from experiments.study.plan import levels
 from experiments.study.run import StudyResults
+from reports.figures import Panel, marks, panel
+from reports.findings import Findings
+from reports.page import Figures
+from reports.style import SERIES
 
 LEGEND = [(SERIES[1], "LAISN-2"), (SERIES[0], "tightly coupled")]
 

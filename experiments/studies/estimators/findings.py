@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from experiments.findings import Finding, median, of, plain, share
-from experiments.intervals import Interval, mean_interval, ratio_intervals
 from experiments.study.run import Cells, StudyResults
 from laisn.arrays import Floats
+from reports.findings import Finding, median, of, plain, share
+from reports.intervals import Interval, mean_interval, ratio_intervals
 from sim.scenario.routes import library_route
 
 INTERVAL = "timing.message_interval_s"

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from experiments.findings import Findings
 from experiments.flight.library import load_scenario
-from experiments.pages.figures import Panel, marks, panel
-from experiments.pages.page import Figures, share_of, with_limits
-from experiments.pages.style import FULL, SERIES
 from experiments.studies.formation import findings as limits
 from experiments.study.run import StudyResults
+from reports.figures import Panel, marks, panel
+from reports.findings import Findings
+from reports.page import Figures, share_of, with_limits
+from reports.style import FULL, SERIES
 
 _SERIES = {
     "run-median": (SERIES[0], "o", "median follower's RMS and its 95 % interval"),

@@ -8,10 +8,10 @@ from functools import cache
 
 import numpy as np
 
-from experiments.findings import Finding, median, of, plain, share
-from experiments.intervals import mean_interval
 from experiments.study.run import Cells, StudyResults
 from laisn.bound import Geometry, TrueNoise, position_bound
+from reports.findings import Finding, median, of, plain, share
+from reports.intervals import mean_interval
 from sim.scenario.settings import Scenario
 from sim.tracking import LOST_M
 

@@ -6,15 +6,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from experiments.campaign.store import Arrays, Record, columns_of
-from experiments.findings import Findings
 from experiments.flight.library import fly_line
-from experiments.pages.figures import Line, Panel, Part, decimate, panel
-from experiments.pages.flight_figures import ON_AXIS_DEG, bearing_part
-from experiments.pages.page import Cell, Figures, number, ratio_tone
-from experiments.pages.style import ESTIMATE, FOLLOWER, FRAME, LEADER, SERIES, Colour, Legend
 from experiments.studies.reproduce import findings
 from experiments.studies.reproduce.findings import METRICS, VARIANTS, Claim, Judgement, Key, ratios
 from experiments.study.run import StudyResults
+from reports.figures import Line, Panel, Part, decimate, panel
+from reports.findings import Findings
+from reports.flight_figures import ON_AXIS_DEG, bearing_part
+from reports.page import Cell, Figures, number, ratio_tone
+from reports.style import ESTIMATE, FOLLOWER, FRAME, LEADER, SERIES, Colour, Legend
 from sim.trajectory import Trajectory
 
 FIGURES: tuple[tuple[int, str, str, str], ...] = (

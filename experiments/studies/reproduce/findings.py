@@ -20,12 +20,12 @@ from pydantic import TypeAdapter
 from scipy.special import stdtrit
 
 from experiments.campaign.store import Arrays, Record
-from experiments.findings import Finding, of, plain
 from experiments.flight.library import ROUTES
-from experiments.intervals import Interval, proportion
 from experiments.study.run import Choice, StudyResults
 from laisn.arrays import Bools, Floats
 from laisn.geometry import signed_angle
+from reports.findings import Finding, of, plain
+from reports.intervals import Interval, proportion
 from sim.trajectory import Trajectory
 
 METRICS = {

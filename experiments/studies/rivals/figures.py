@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from experiments.findings import Findings
-from experiments.pages.figures import Panel, marks, panel
-from experiments.pages.page import Figures, share_of
-from experiments.pages.style import FULL, SERIES, Legend
 from experiments.studies.rivals import findings as study
 from experiments.studies.rivals.findings import CONDITIONS, USUAL, case_name
 from experiments.study.run import StudyResults
+from reports.figures import Panel, marks, panel
+from reports.findings import Findings
+from reports.page import Figures, share_of
+from reports.style import FULL, SERIES, Legend
 
 
 def picture(findings: Findings) -> tuple[Panel, Legend]:

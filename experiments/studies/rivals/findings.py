@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from experiments.findings import Finding, median, of, plain, share
 from experiments.flight.library import load_scenario
-from experiments.intervals import mean_over_missions
 from experiments.study.run import Cells, StudyResults
 from laisn.navigators import find
+from reports.findings import Finding, median, of, plain, share
+from reports.intervals import mean_over_missions
 from sim.flight import navigation_settings
 from sim.sensing.observation import measure, observe, start_of
 from sim.sensing.sensors import errors_of

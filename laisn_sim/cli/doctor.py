@@ -9,8 +9,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from experiments.campaign.version import PACKAGES
 from laisn.errors import LaisnError
+from reports.version import PACKAGES
 
 
 def _first_line(error: BaseException) -> str:
@@ -23,8 +23,8 @@ def _try_to_fly() -> tuple[str, str]:
     small = ["duration_s=2", "video.width_px=320", "video.height_px=180", "video.speed_up=20"]
     try:
         from experiments.campaign.progress import compiling_shown
-        from experiments.command.fly import write_flight
         from experiments.flight.library import load_scenario
+        from laisn_sim.cli.fly import write_flight
 
         with TemporaryDirectory(prefix="laisn-") as folder, compiling_shown():
             *_, film_error = write_flight(

@@ -14,19 +14,19 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from experiments.campaign.bound import flight_bound
 from experiments.campaign.progress import literal, print_line, show_table
 from experiments.campaign.store import write_csv
-from experiments.command.fly import show
-from experiments.command.outputs import OutputFile, optional_output, output_file
 from experiments.flight.fly import navigate_again
 from experiments.flight.library import load_scenario
-from experiments.flight.summary import consistency, summarise
-from experiments.pages.replay_page import Replayed, write_replay_page
-from experiments.pages.results import log_flight
+from experiments.flight.results import log_flight
 from laisn.errors import LaisnError
 from laisn.navigators import NAVIGATORS, NavigatorFactory, find
 from laisn.settings import NavigationSettings, TightSettings
+from laisn_sim.cli.fly import show
+from laisn_sim.cli.outputs import OutputFile, optional_output, output_file
+from reports.bound import flight_bound
+from reports.replay_page import Replayed, write_replay_page
+from reports.summary import consistency, summarise
 from sim.datasets.factor_graph import write_factor_graph
 from sim.datasets.log import (
     VEHICLE,

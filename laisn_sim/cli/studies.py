@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from experiments.command.errors import echo
+from laisn_sim.cli.errors import echo
 
 ScenarioArgument = Annotated[
     str, typer.Argument(help="T2 … T9, another built-in name, or a TOML file")
@@ -182,10 +182,10 @@ def compare(
     ] = None,
 ) -> None:
     """Compare flights or studies on one page: errors, paired differences, settings that differ."""
-    from experiments.command.outputs import output_file
     from experiments.flight.library import name_of
-    from experiments.pages.page import write
     from experiments.study.compare import names_of, page_of
+    from laisn_sim.cli.outputs import output_file
+    from reports.page import write
 
     page = page_of(sources)
     joined = "-".join(name.removesuffix(".mcap") for name in names_of(sources))

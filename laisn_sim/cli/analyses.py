@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from experiments.command.outputs import optional_output
-from experiments.command.studies import ScenarioArgument, SetOption, SourceArgument
 from laisn.errors import COLUMNS, ROWS, LaisnError, plain, shortened
+from laisn_sim.cli.outputs import optional_output
+from laisn_sim.cli.studies import ScenarioArgument, SetOption, SourceArgument
 
 if TYPE_CHECKING:
     from experiments.campaign.store import Record
@@ -34,11 +34,11 @@ def bound(
     import numpy as np
     from rich.console import Console
 
-    from experiments.campaign.bound import geometry_of, least_rms, noise_of
     from experiments.campaign.montecarlo import Cell, mission_of, motion_of, simulate
     from experiments.campaign.progress import compiling_shown, print_line, show_table
     from experiments.campaign.store import write_csv
     from experiments.flight.library import load_scenario
+    from reports.bound import geometry_of, least_rms, noise_of
 
     output = optional_output(out, [".csv"])
     flown = load_scenario(scenario, set_ or (), flyable=True)
@@ -78,8 +78,8 @@ def records(flight: "Flight") -> "Iterator[Record]":
     """The error budget of each received ping of a flight, a record each."""
     import numpy as np
 
-    from experiments.flight.range_budget import Cause, range_error_budget
     from laisn.messages import Ranges
+    from reports.range_budget import Cause, range_error_budget
 
     for i, name in enumerate(flight.trajectory.names[1:]):
         budget = range_error_budget(flight, i)
@@ -106,10 +106,10 @@ def range_budget(
 
     from experiments.campaign.progress import print_line, show_table
     from experiments.campaign.store import columns_of, write_csv, write_table
-    from experiments.flight.range_budget import range_error_budget
-    from experiments.pages.flight_report import share_table
-    from experiments.pages.results import flight_of
+    from experiments.flight.results import flight_of
     from laisn.messages import Ranges
+    from reports.flight_report import share_table
+    from reports.range_budget import range_error_budget
 
     output = optional_output(out, [".csv", ".parquet"], [Path(source)])
     flight = flight_of(source, set_ or ())

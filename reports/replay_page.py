@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from experiments.flight.summary import largest_sigma
-from experiments.pages.figures import Line, Panel, Part, panel
-from experiments.pages.page import Figures, number, page_of, write
-from experiments.pages.style import ESTIMATE, FULL, INK, LEADER, SERIES, TRANSMITTERS, Colour
 from laisn.arrays import Floats
 from laisn.errors import plain
 from laisn.estimates import FIX_WORDS, Estimates, FixKind
 from laisn.messages import LeaderMessage, Measurements
 from laisn.metrics import nis
+from reports.figures import Line, Panel, Part, panel
+from reports.page import Figures, number, page_of, write
+from reports.style import ESTIMATE, FULL, INK, LEADER, SERIES, TRANSMITTERS, Colour
+from reports.summary import largest_sigma
 
 _HEIGHT = 5.0
 _MAP_WIDTH = 5.4
@@ -225,4 +225,4 @@ def write_replay_page(
         "remarks": remarks,
     }
     facts = [("Log", str(log)), ("Navigator", navigator)]
-    write(page_of("experiments.pages", facts, values, name="replay_page.md.j2"), path)
+    write(page_of("reports", facts, values, name="replay_page.md.j2"), path)

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from experiments.pages.style import (
+from laisn.arrays import Floats
+from reports.style import (
     COLOURS,
     FRAME,
     GRID,
@@ -22,11 +23,10 @@ from experiments.pages.style import (
     Colour,
     symbols,
 )
-from laisn.arrays import Floats
 
 if TYPE_CHECKING:
     # its special functions take a tenth of a second to import, and a figure needs none
-    from experiments.findings import Finding
+    from reports.findings import Finding
 
 # most points of a line in a panel of the usual width; more cannot be seen at this size
 DRAWN_POINTS = 600

@@ -10,9 +10,9 @@ from typing import Annotated
 
 import typer
 
-from experiments.command import analyses, studies
-from experiments.command.errors import MISSION_FAILED, Commands, echo, run
 from laisn.errors import LaisnError
+from laisn_sim.cli import analyses, studies
+from laisn_sim.cli.errors import MISSION_FAILED, Commands, echo, run
 
 app = typer.Typer(
     name="laisn",
@@ -66,8 +66,8 @@ def fly(
     The exit code is 3 if a vehicle went below the floor or left its route, which ends the mission,
     or if the simulation left finite numbers. What was flown until then is written.
     """
-    from experiments.command.fly import fly_and_write
     from experiments.flight.library import load_scenario, name_of
+    from laisn_sim.cli.fly import fly_and_write
 
     extra = [f"{key}={value}" for key, value in (("seed", seed), ("run", run)) if value is not None]
     checked = load_scenario(scenario, [*(set_ or []), *extra], flyable=True)
@@ -141,7 +141,7 @@ def check(
 @app.command()
 def doctor() -> None:
     """Report what works on this machine, and what to install for the rest."""
-    from experiments.command.doctor import examine
+    from laisn_sim.cli.doctor import examine
 
     raise typer.Exit(examine())
 
@@ -180,8 +180,8 @@ def render(
     from rich.console import Console
 
     from experiments.campaign.progress import phases
-    from experiments.command.outputs import output_file
-    from experiments.pages import results as files
+    from experiments.flight import results as files
+    from laisn_sim.cli.outputs import output_file
     from sim.scenario.settings import Video
 
     settings = {"camera": camera, "speed_up": speed_up, **(size or {})}
@@ -242,7 +242,7 @@ def replay(
     ] = None,
 ) -> None:
     """Navigate on the measurements of a log with another variant or other settings."""
-    from experiments.command import replaying
+    from laisn_sim.cli import replaying
     from sim.datasets.log import is_data_set
 
     if scenario is not None:
@@ -266,7 +266,7 @@ app.command()(analyses.hull)
 @log_app.command("info")
 def log_info(log: LogArgument) -> None:
     """Print the contents of a log."""
-    from experiments.command import replaying
+    from laisn_sim.cli import replaying
 
     replaying.show_info(log)
 
@@ -293,13 +293,13 @@ def log_export(
     """Export every numeric channel as a table, or a flight as a recording for Rerun or as factor
     graphs.
     """
-    from experiments.command.outputs import written_files
+    from laisn_sim.cli.outputs import written_files
     from sim.log.export import export, write_recording
 
     folder = out or Path("out") / "export" / log.stem
     before = [*folder.glob("*")] if folder.is_dir() else []
     if pyfg:
-        from experiments.command.replaying import export_factor_graphs
+        from laisn_sim.cli.replaying import export_factor_graphs
 
         files = export_factor_graphs(log, folder)
     elif rerun:
@@ -331,7 +331,7 @@ def log_import(
     """Import a data set of ranges to beacons, or a table of a vehicle's measurements, for `laisn
     replay`.
     """
-    from experiments.command import replaying
+    from laisn_sim.cli import replaying
 
     replaying.import_data_set(source, out, beacons)
 
@@ -339,7 +339,7 @@ def log_import(
 @log_app.command("recover")
 def log_recover(log: LogArgument) -> None:
     """Recover a log that a crash, a full disk or Ctrl-C left unfinished."""
-    from experiments.command.outputs import OutputFile
+    from laisn_sim.cli.outputs import OutputFile
     from sim.log.contents import recover, recovered_path
 
     exists = recovered_path(log).exists()

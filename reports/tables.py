@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from experiments.campaign.store import arrow_table
-from experiments.flight.summary import mirror_locked_steps, true_bearing
 from laisn.errors import LaisnError
 from laisn.messages import Ranges
+from reports.parquet import arrow_table
+from reports.summary import mirror_locked_steps, true_bearing
 from sim.flight import Flight, position_and_bearing_errors
 
 _SHOWN = 5

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.campaign.version import version_of as version_of
-from experiments.intervals import Interval, proportion
 from laisn.arrays import Bools, Floats
 from laisn.errors import LaisnError
+from reports.intervals import Interval, proportion
+from reports.version import version_of as version_of
 from sim.system import atomic_write
 
 SCHEMA = 1  # version of the file's layout

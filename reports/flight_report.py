@@ -8,25 +8,25 @@ from typing import Any
 
 import numpy as np
 
-from experiments.flight.range_budget import LABELS, Cause, RangeErrorBudget, range_error_budget
-from experiments.flight.summary import (
-    approach_events,
-    flight_bounds,
-    mirror_locked_steps,
-    route_events,
-    true_bearing,
-)
-from experiments.flight.verdict import verdict
-from experiments.pages import flight_figures, style
-from experiments.pages.figures import Line, Panel, panel
-from experiments.pages.flight_figures import ON_AXIS_DEG, SIGMAS
-from experiments.pages.page import Cell, Code, Figures, Film, Table, number, page_of, words, write
 from laisn import metrics
 from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, FixKind
 from laisn.messages import Ranges
 from laisn.metrics import nees
 from laisn.navigators import find
+from reports import flight_figures, style
+from reports.figures import Line, Panel, panel
+from reports.flight_figures import ON_AXIS_DEG, SIGMAS
+from reports.page import Cell, Code, Figures, Film, Table, number, page_of, words, write
+from reports.range_budget import LABELS, Cause, RangeErrorBudget, range_error_budget
+from reports.summary import (
+    approach_events,
+    flight_bounds,
+    mirror_locked_steps,
+    route_events,
+    true_bearing,
+)
+from reports.verdict import verdict
 from sim.flight import Flight
 from sim.sensing.proximity import sightings
 from sim.tracking import closest_approaches, contacts, track_errors
@@ -364,4 +364,4 @@ def flight_report(
         "scenario": Code(text=flight.scenario.toml(), title="scenario.toml", folded=True),
     }
     facts = _facts(flight, summary)
-    write(page_of("experiments.pages", facts, values, name="flight_report.md.j2"), path)
+    write(page_of("reports", facts, values, name="flight_report.md.j2"), path)

@@ -14,12 +14,12 @@ from pydantic import ValidationError
 from experiments.campaign.progress import compiling_shown
 from experiments.flight import fly as flying
 from experiments.flight.library import as_scenario, load_scenario
-from experiments.flight.summary import flight_bounds, flight_events, summarise
-from experiments.pages import flight_figures
-from experiments.pages.figures import plotly
 from laisn.errors import LaisnError
 from laisn.navigators import NavigatorFactory
 from laisn.plugins import register, takes_readings
+from reports import flight_figures
+from reports.figures import plotly
+from reports.summary import flight_bounds, flight_events, summarise
 from sim import flight as simulated
 from sim.feasibility import film_errors
 from sim.flight import position_and_bearing_errors
@@ -74,7 +74,7 @@ class Flight(simulated.Flight):
         if that fails.
         """
         # templates and tables, which a figure does not need
-        from experiments.pages.flight_report import flight_report
+        from reports.flight_report import flight_report
 
         file = Path(f"{self.scenario.name}.html" if path is None else path)
         errors = position_and_bearing_errors(self)

@@ -24,8 +24,8 @@ from experiments.flight.folder import (
     one_flight,
     require_safe,
 )
-from experiments.flight.summary import flight_bounds, flight_events, stray_events, summarise
 from laisn.errors import LaisnError
+from reports.summary import flight_bounds, flight_events, stray_events, summarise
 from sim.feasibility import cautions
 from sim.flight import Flight, Termination, position_and_bearing_errors
 from sim.scenario.settings import Scenario
@@ -115,7 +115,7 @@ def _show_avoidance(console: Console, summary: dict[str, Any]) -> None:
 
 
 def _draw_report(*arguments: Any) -> None:
-    from experiments.pages.flight_report import flight_report
+    from reports.flight_report import flight_report
 
     flight_report(*arguments)
 
@@ -159,7 +159,7 @@ def write_flight(
     beside = not with_video and scenario.duration_s <= _LONG_S
     if scenario.duration_s > _LONG_S:
         return_large_blocks()
-    imports = partial(import_module, "experiments.pages.flight_report")
+    imports = partial(import_module, "reports.flight_report")
     with (
         background_process(imports) if beside else nullcontext() as background,
         phases(console) as shown,

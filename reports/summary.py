@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from experiments.campaign.bound import flight_bound
-from experiments.campaign.version import versions
-from experiments.flight.verdict import verdict
 from laisn import metrics
 from laisn.arrays import Bools, Floats
+from reports.bound import flight_bound
+from reports.verdict import verdict
+from reports.version import versions
 from sim import tracking
 from sim.assembly import routes_of
 from sim.flight import Flight, position_and_bearing_errors

@@ -5,9 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from experiments.flight.summary import largest_sigma, true_bearing
-from experiments.pages.figures import DRAWN_POINTS, Line, Panel, Part, panel
-from experiments.pages.style import (
+from laisn.arrays import Floats
+from laisn.estimates import FIX_WORDS, FixKind
+from laisn.messages import Ranges
+from reports.figures import DRAWN_POINTS, Line, Panel, Part, panel
+from reports.style import (
     ESTIMATE,
     FOLLOWER,
     FULL,
@@ -17,9 +19,7 @@ from experiments.pages.style import (
     SERIES,
     TRANSMITTERS,
 )
-from laisn.arrays import Floats
-from laisn.estimates import FIX_WORDS, FixKind
-from laisn.messages import Ranges
+from reports.summary import largest_sigma, true_bearing
 from sim.flight import Flight
 from sim.tracking import LOST_M, off_station
 

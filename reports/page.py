@@ -23,10 +23,10 @@ from markdown_it import MarkdownIt
 from markdown_it.tree import SyntaxTreeNode
 from markupsafe import Markup
 
-from experiments.campaign.version import versions
-from experiments.findings import Finding, Findings
-from experiments.pages.figures import Panel
-from experiments.pages.style import Legend, css, symbols
+from reports.figures import Panel
+from reports.findings import Finding, Findings
+from reports.style import Legend, css, symbols
+from reports.version import versions
 from sim.system import atomic_write
 
 _SHOWN_VERSIONS = {
@@ -210,7 +210,7 @@ def ratio_tone(ratio: float) -> str:
 
 
 def _template(name: str) -> str:
-    return (resources.files("experiments.pages") / "templates" / name).read_text(encoding="utf-8")
+    return (resources.files("reports") / "templates" / name).read_text(encoding="utf-8")
 
 
 def _environment(**settings: Any) -> jinja2.Environment:
