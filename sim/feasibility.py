@@ -175,8 +175,8 @@ def _speed_errors(vehicle: Vehicle, speeds: SpeedRange, design: Any) -> list[str
     if needs_way(design) and speeds.slowest < MIN_STEERAGE_SPEED:
         lines.append(
             "it has no vertical thrusters and cannot hover: its fins need "
-            f"{MIN_STEERAGE_SPEED:g} m/s, {subject} has down to {speeds.slowest:.3g} m/s through the "
-            f"water; give {advice} less time, without stops"
+            f"{MIN_STEERAGE_SPEED:g} m/s, {subject} has down to {speeds.slowest:.3g} m/s through "
+            f"the water; give {advice} less time, without stops"
         )
     return lines
 

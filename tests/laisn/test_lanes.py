@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from effort import examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -17,6 +16,7 @@ from laisn.lanes import LANES
 from laisn.messages import Measurements
 from laisn.navigator import Navigator
 from laisn.settings import VARIANTS, GateRule, NavigationSettings, SideRule, Variant
+from tests.effort import examples
 from tests.laisn import in_lanes
 
 STEPS = 24

@@ -31,7 +31,7 @@ from laisn.rivals.speed_modes import SpeedModes
 from laisn.settings import Assume, RivalSettings
 from sim.sensing.observation import measure
 from sim.sensing.sensors import SensorErrors
-from tests.campaign.test_montecarlo import ABEAM, make_truth
+from tests.experiments.campaign.test_montecarlo import ABEAM, make_truth
 
 SETTINGS = RivalSettings()
 RIVALS = [name for name, spec in NAVIGATORS.items() if spec.settings is RivalSettings]

@@ -8,8 +8,8 @@ import pytest
 
 from laisn.arrays import Floats
 from sim import attitude
-from tests.vehicle import test_remus as remus
-from tests.vehicle.test_kirchhoff import SPHEROID_ADDED, SPHEROID_INERTIA, SPHEROID_MASS
+from tests.sim.vehicle import test_remus as remus
+from tests.sim.vehicle.test_kirchhoff import SPHEROID_ADDED, SPHEROID_INERTIA, SPHEROID_MASS
 from tools.documents import hull_trials
 from tools.documents.physics import PUBLISHED_SPEED, PUBLISHED_TURN
 

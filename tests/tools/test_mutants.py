@@ -11,9 +11,12 @@ from tools.mutants.cover import covering, distances
         ("laisn/fix.py", "tests/laisn/test_fix.py"),
         ("laisn/beacons.py", "tests/laisn/test_beacons.py"),
         ("laisn/tight/estimator.py", "tests/laisn/test_swarms.py"),
-        ("sim/vehicle/hydrodynamics.py", "tests/vehicle/test_hydrodynamics.py"),
-        ("reports/intervals.py", "tests/test_intervals.py"),
-        ("experiments/studies/asymmetry/findings.py", "tests/asymmetry/test_asymmetry_findings.py"),
+        ("sim/vehicle/hydrodynamics.py", "tests/sim/vehicle/test_hydrodynamics.py"),
+        ("reports/intervals.py", "tests/reports/test_intervals.py"),
+        (
+            "experiments/studies/asymmetry/findings.py",
+            "tests/experiments/studies/asymmetry/test_asymmetry_findings.py",
+        ),
     ],
 )
 def test_the_covering_a_source_are_those_of_its_name_and_room(file: str, first: str) -> None:
@@ -23,10 +26,10 @@ def test_the_covering_a_source_are_those_of_its_name_and_room(file: str, first: 
 
 
 def test_a_source_without_a_test_of_its_name_has_those_that_import_it_through_others() -> None:
-    assert distances()["tests/scenario/test_scenario.py"]["sim.scenario.navigation"] > 1
-    assert "tests/scenario/test_scenario.py" in covering("sim/scenario/navigation.py")
+    assert distances()["tests/sim/scenario/test_scenario.py"]["sim.scenario.navigation"] > 1
+    assert "tests/sim/scenario/test_scenario.py" in covering("sim/scenario/navigation.py")
 
 
 def test_what_tests_share_counts_as_theirs() -> None:
     """The tank imports the plant, and the test of hydrodynamics the tank."""
-    assert distances()["tests/vehicle/test_hydrodynamics.py"]["sim.vehicle.plant"] == 1
+    assert distances()["tests/sim/vehicle/test_hydrodynamics.py"]["sim.vehicle.plant"] == 1

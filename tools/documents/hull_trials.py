@@ -25,12 +25,12 @@ from sim.vehicle.hydrodynamics import wrench
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water import Ocean, instant_of
+from tests.sim.vehicle import fossen_remus100 as fossen
+from tests.sim.vehicle import remus_formation
+from tests.sim.vehicle import test_remus as remus
+from tests.sim.vehicle.tank import Tank, hull
+from tests.sim.vehicle.test_kirchhoff import SPHEROID_ADDED, SPHEROID_INERTIA, SPHEROID_MASS
 from tests.synthetic import only
-from tests.vehicle import fossen_remus100 as fossen
-from tests.vehicle import remus_formation
-from tests.vehicle import test_remus as remus
-from tests.vehicle.tank import Tank, hull
-from tests.vehicle.test_kirchhoff import SPHEROID_ADDED, SPHEROID_INERTIA, SPHEROID_MASS
 from tools.documents.route_keeping import tracking
 
 COMMAND = "python -m tools.documents.studies hull-trials"

@@ -7,9 +7,9 @@ from reports.figures import Line
 from reports.style import FRAME, MUTED, SERIES, Legend
 from sim import attitude
 from sim.water import Ocean, Waves
-from tests.vehicle import test_remus as remus
-from tests.vehicle.tank import Tank, hull
-from tests.vehicle.test_kirchhoff import SPHEROID_ADDED, SPHEROID_INERTIA, SPHEROID_MASS
+from tests.sim.vehicle import test_remus as remus
+from tests.sim.vehicle.tank import Tank, hull
+from tests.sim.vehicle.test_kirchhoff import SPHEROID_ADDED, SPHEROID_INERTIA, SPHEROID_MASS
 from tools.documents.drawing import panel
 from tools.documents.hull_trials import PUBLISHED_SPEED, PUBLISHED_TURN
 

@@ -1,0 +1,226 @@
+"""A flight that is navigated by ranges themselves: settings, log, film, report and figures."""
+
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.flight.fly import fly
+from experiments.flight.library import load_scenario
+from laisn.errors import LaisnError
+from laisn.estimates import HYPOTHESES, FixKind, TightEstimates
+from laisn.settings import NavigationSettings, TightSettings
+from reports.bound import flight_bound
+from reports.flight_report import final_states, follower_row
+from reports.summary import summarise
+from sim.film.film_data import FilmData
+from sim.flight import (
+    SLIP_M_SQRT_S,
+    Flight,
+    excerpt,
+    navigate,
+    navigation_settings,
+    position_and_bearing_errors,
+    settings_as,
+)
+from sim.log import reader, writer
+from sim.log.contents import LogError
+from sim.scenario.settings import Assume, Scenario
+from tests.sim.log.damage import Parts
+from tests.synthetic import bits
+
+
+def scenario(*assignments: str) -> Scenario:
+    return load_scenario(
+        "T2", ["navigation.variant=tight", "duration_s=40", "motion=kinematic", *assignments]
+    )
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    """Two transmitters and no known start: both sides are kept for a while."""
+    return fly(scenario("navigation.assume.transmitters=2", "navigation.assume.known_start=false"))[
+        0
+    ]
+
+
+@pytest.fixture(scope="module")
+def errors(flight: Flight) -> list[Any]:
+    return position_and_bearing_errors(flight)
+
+
+def estimates_of(flight: Flight) -> TightEstimates:
+    (estimates,) = flight.estimates
+    assert isinstance(estimates, TightEstimates)
+    return estimates
+
+
+def test_a_scenario_has_the_defaults_of_the_settings() -> None:
+    """The scenario's σ of everything, in its units, are those of `TightSettings`."""
+    one, flown = scenario(), fly(scenario())[0]
+    made = navigation_settings(one, flown.trajectory, 0)
+    assert isinstance(made, TightSettings)
+    plain = TightSettings(
+        hydrophone_height=made.hydrophone_height,
+        baseline=one.leader.baseline_m or 0.0,
+        middle_offset=one.leader.middle_offset_m or 0.0,
+        floor_depth=one.ocean.floor_depth_m,
+    )
+    for field in fields(TightSettings):
+        expected, value = getattr(plain, field.name), getattr(made, field.name)
+        assert value == (pytest.approx(expected) if isinstance(expected, float) else expected), (
+            field.name
+        )
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "field", "expected"),
+    [
+        ("transmitters", "2", "transmitters", 2),
+        ("known_start", "false", "known_start", False),
+        ("start_sigma_m", "2.5", "start_sigma", 2.5),
+        ("speed_sigma_m_s", "0.4", "speed_sigma", 0.4),
+        ("speed_bias_sigma_m_s", "0.5", "speed_bias_sigma", 0.5),
+        ("heading_sigma_deg", "3", "heading_sigma", np.deg2rad(3.0)),
+        ("heading_bias_sigma_deg", "10", "heading_bias_sigma", np.deg2rad(10.0)),
+        ("range_sigma_m", "0.02", "range_sigma", 0.02),
+        ("range_scale_sigma_m", "0.1", "range_scale_sigma", 0.1),
+        ("range_scale_bias_sigma_m", "0.6", "range_scale_bias_sigma", 0.6),
+        ("leader_heading_sigma_deg", "2", "leader_heading_sigma", np.deg2rad(2.0)),
+        ("leader_heading_bias_sigma_deg", "4", "leader_heading_bias_sigma", np.deg2rad(4.0)),
+        ("current_sigma_m_s", "0.7", "current_sigma", 0.7),
+        ("offset_sigma_m", "0.05", "offset_sigma", 0.05),
+        ("slip_m_sqrt_s", "0.11", "slip", 0.11),
+        ("outlier_probability", "0.2", "outlier_probability", 0.2),
+        ("outlier_span_m", "9", "outlier_span", 9.0),
+    ],
+)
+def test_every_key_reaches_its_setting(
+    key: str, value: str, field: str, expected: float, flight: Flight
+) -> None:
+    made = navigation_settings(scenario(f"navigation.assume.{key}={value}"), flight.trajectory, 0)
+    assert getattr(made, field) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("flag", ["exact_leader", "drift", "deviation", "current", "offsets"])
+def test_every_assumption_reaches_its_setting(flag: str, flight: Flight) -> None:
+    other = not getattr(Assume(), flag)
+    made = navigation_settings(
+        scenario(f"navigation.assume.{flag}={str(other).lower()}"), flight.trajectory, 0
+    )
+    assert isinstance(made, TightSettings)
+    usual = TightSettings().assume
+    assert made.assume == replace(usual, **{flag: other})
+
+
+def test_physical_vehicles_slip_and_points_do_not(flight: Flight) -> None:
+    def slip(*assignments: str) -> float:
+        made = navigation_settings(scenario(*assignments), flight.trajectory, 0)
+        assert isinstance(made, TightSettings)
+        return made.slip
+
+    assert slip() == 0.0
+    assert slip("motion=physics") == SLIP_M_SQRT_S > 0.0
+    assert slip("motion=physics", "navigation.assume.slip_m_sqrt_s=0") == 0.0
+
+
+def test_studies_of_laisn_are_given_its_settings_alone(flight: Flight) -> None:
+    with pytest.raises(LaisnError, match=r"navigates by 'tight'; expected one of laisn-2, "):
+        settings_as(NavigationSettings, flight.scenario, flight.trajectory, 0)
+    laisn = navigation_settings(load_scenario("T2", []), flight.trajectory, 0)
+    assert isinstance(laisn, NavigationSettings)
+
+
+def test_it_is_flown_as_it_navigates_afterwards(flight: Flight) -> None:
+    again = navigate(flight.scenario, flight.trajectory)
+    assert bits(again.estimates) == bits(flight.estimates)
+    estimates = estimates_of(flight)
+    assert set(estimates.fix_kind.tolist()) == {FixKind.RANGES}
+    assert np.count_nonzero(estimates.weight[:, 1] > 0.01) > 5
+    assert np.isnan(estimates.full_state[:, 5:]).all()
+
+
+def test_its_log_gives_the_same_flight_to_the_bit(flight: Flight, tmp_path: Path) -> None:
+    writer.write(flight, tmp_path / "a.mcap")
+    assert bits(reader.read(tmp_path / "a.mcap")) == bits(flight)
+
+
+def test_a_mixture_that_lacks_a_message_is_detected(flight: Flight, tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    writer.write(flight, path)
+    parts = Parts.of(path.read_bytes())
+    del parts.messages[
+        next(i for i, item in enumerate(parts.messages) if item[1].topic == "/follower/mixture")
+    ]
+    path.write_bytes(parts.written())
+    with pytest.raises(
+        LogError, match="the messages of /follower/mixture are not at the times of a flight"
+    ):
+        reader.read(path)
+
+
+def test_an_excerpt_keeps_the_mixtures_of_its_messages(flight: Flight) -> None:
+    whole, part = estimates_of(flight), estimates_of(excerpt(flight, 10.0, 20.0))
+    assert part.fix_step.tolist() == (whole.fix_step[10:20] - 100).tolist()
+    np.testing.assert_array_equal(part.weight, whole.weight[10:20])
+    np.testing.assert_array_equal(part.state, whole.state[100:200])
+
+
+def test_the_film_shows_every_side_and_they_average_to_the_estimate(flight: Flight) -> None:
+    data, estimates = FilmData(flight, 10.0), estimates_of(flight)
+    several = 0
+    for time in np.arange(1.05, 40.0, 1.7):
+        state = data.at(float(time))
+        (sides,) = state.hypotheses
+        weight, places = np.array([s.weight for s in sides]), np.stack([s.centre for s in sides])
+        # those of less than a hundredth are left out
+        assert np.hypot(*((weight @ places) / weight.sum() - state.estimate[0])[:2]) < 0.5
+        several += len(sides) > 1
+    assert several > 3
+    assert estimates.weight.shape[1] == HYPOTHESES
+
+
+def test_the_summary_begins_where_the_start_is_found(flight: Flight, errors: list[Any]) -> None:
+    assert np.isnan(errors[0][0][:9]).all()
+    row = summarise(flight)["followers"]["follower"]
+    truth, estimates = flight.hydrophone(0)[9:, :2], estimates_of(flight)
+    off = estimates.state[9:, :2] - truth
+    normalised = np.einsum(
+        "ni,nij,nj->n", off, np.linalg.inv(estimates.covariance[9:, :2, :2]), off
+    )
+    bound = flight_bound(flight)[9:]
+    assert row["nees"] == pytest.approx(normalised.mean(), rel=1e-9)
+    assert row["bound_rms_m"] == pytest.approx(np.sqrt(np.mean(bound**2)))
+    assert row["rms_over_bound"] == pytest.approx(
+        np.sqrt(np.mean(np.sum(off**2, axis=1)) / np.mean(bound**2))
+    )
+    assert row["fixes"]["ranges"] == 40
+
+
+def test_more_transmitters_and_more_messages_can_be_better(flight: Flight) -> None:
+    three = fly(scenario("navigation.assume.transmitters=3"))[0]
+    assert np.all(flight_bound(three)[10:] < flight_bound(flight)[10:])
+    (received,) = flight.measurements
+    ranges = received.ranges.copy()
+    ranges[5:] = np.nan
+    deaf = replace(flight, measurements=(replace(received, ranges=ranges),))
+    assert np.array_equal(flight_bound(deaf)[:59], flight_bound(flight)[:59])
+    assert np.all(np.diff(flight_bound(deaf)[60:]) > 0.0)
+
+
+def _parts(flight: Flight, errors: list[Any]) -> list[str]:
+    """Labels of what the report draws over time."""
+    _, over_time, _ = follower_row(flight, 0, errors[0], flight_bound(flight)).panels
+    return [part.y_label for part in over_time.parts]
+
+
+def test_the_report_draws_bound_and_weights_and_prints_results(
+    flight: Flight, errors: list[Any]
+) -> None:
+    assert _parts(flight, errors)[-2:] == ["fixes", "weights"]
+    names = [row[1].text for row in final_states(flight)]
+    assert names == ["log_bias_m_s", "compass_bias_deg", "range_scale_m"]
+    laisn = fly(load_scenario("T2", ["duration_s=20", "motion=kinematic"]))[0]
+    assert _parts(laisn, position_and_bearing_errors(laisn))[-1] == "fixes"

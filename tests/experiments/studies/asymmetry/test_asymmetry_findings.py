@@ -1,0 +1,114 @@
+"""The record of the pitch study: every number comes from the rows that it names."""
+
+import numpy as np
+import pytest
+
+from experiments.campaign.store import Record
+from experiments.studies.asymmetry.findings import (
+    AHRS,
+    Curve,
+    equivalents,
+    findings_of_rows,
+    paired,
+    removed_in_all,
+)
+from tests.experiments.studies.asymmetry.test_comparison import row
+
+WOBBLE = 0.01 * np.cos(np.arange(64.0))
+
+
+def rows() -> list[Record]:
+    """Two routes; pitch adds 1 m on T3, 3 m on T4, of which an AHRS leaves a tenth and a fifth."""
+    made = []
+    for route, real, left in (("T3", 1.2, 0.3), ("T4", 3.2, 0.8)):
+        where = {"route": route, "depth_offset_m": 10.0, "condition": "trim-12N"}
+        lost = np.arange(64) < (16 if route == "T4" else 0)
+        verdicts = {"error_verdict": "met", "mirror_lock_verdict": "open"}
+        made += [
+            row("level", 0.2 + WOBBLE, **where),
+            row("real", real - WOBBLE, lost, **where),
+            row(
+                "ahrs-0.5",
+                left + WOBBLE,
+                lost & (np.arange(64) < 4),
+                **verdicts,
+                **where,
+            ),
+        ]
+    # pitch moves no fix here, and yet half the runs are mirror-locked: it is not judged, but its
+    # mirror locks count; one arm was flown on
+    where = {
+        "route": "T3",
+        "depth_offset_m": 0.0,
+        "condition": "trim-12N",
+        "pitch_fix_error_m": 0.0,
+    }
+    half = np.arange(64) < 32
+    return [
+        *made,
+        row("level", 0.2, flown=96, **where),
+        row("real", 0.2, half, **where),
+        row("ahrs-0.5", 0.2, half, **where),
+    ]
+
+
+CURVES = [
+    *(
+        Curve(route=r, interval_s=5.0, depth_offset_m=None, value=(0.01, 0.03, 0.06),
+              e_p_mean_m=(0.2, 0.4, e), excess_half_m=(0.0, 0.1, 0.2))
+        for r, e in (("T3", 0.6), ("T4", 1.0), ("T5", 0.7))
+    ),
+    *(
+        Curve(route=r, interval_s=5.0, depth_offset_m=10.0, value=(0.0, -5.0, -10.0),
+              e_p_mean_m=(0.2, 0.7, 1.2), excess_half_m=(0.0, 0.1, 0.1)) for r in ("T3", "T4", "T5")
+    ),
+]  # fmt: skip
+
+
+def test_the_record_is_that_of_the_rows() -> None:
+    found = findings_of_rows(rows(), CURVES)
+    assert (found["missions"].value, found["cells"].value, found["runs"].value) == (
+        3,
+        9,
+        9 * 64 + 32,
+    )
+    assert (found["first-runs"].value, found["most-runs"].value) == (64, 5120)
+    assert found["error trim-12N 10 laisn-2 level"].value == pytest.approx(0.2, abs=1e-3)
+    assert found["error trim-12N 10 laisn-2 real"].value == pytest.approx(2.2, abs=1e-3)
+    for group in ("trim", "all"):
+        removed = found[f"removed ahrs-0.5 laisn-2 {group}"]
+        assert removed.value == pytest.approx(1 - 0.7 / 4.0, abs=1e-3)
+        assert removed.low < removed.value < removed.high  # type: ignore[operator]
+        assert found[f"mirror-locked real laisn-2 {group}"].value == pytest.approx(48 / 192)
+        assert found[f"mirror-locks-removed ahrs-0.5 laisn-2 {group}"].value == pytest.approx(
+            1 - 36 / 48
+        )
+        assert found[f"judged laisn-2 {group}"].value == 2
+        counts = [
+            found[f"error {v} ahrs-0.5 laisn-2 {group}"].value
+            for v in ("met", "open", "missed", "harmed")
+        ]
+        assert counts == [2, 0, 0, 2]
+        assert found[f"mirror_lock open ahrs-0.5 laisn-2 {group}"].value == 2
+    assert found["least ahrs-0.5 trim"].value == pytest.approx(0.8, abs=1e-3)
+    assert found["largest ahrs-0.5 trim"].value == pytest.approx(0.9, abs=1e-3)
+    # limits that hold for two routes and three causes at once leave a sixth of the chance to each
+    # (Bonferroni)
+    worst = [e for e in paired(rows()) if e.real["route"] == "T4"]
+    together = removed_in_all(worst, AHRS, confidence=1.0 - 0.05 / 6)
+    assert (found["least ahrs-0.5 trim"].low, found["least ahrs-0.5 trim"].high) == pytest.approx(
+        together[1:], rel=1e-5
+    )
+    stage = found["stage-4 0.06 10"]
+    assert (stage.value, stage.low, stage.high) == (5.0, 4.0, 8.0)
+
+
+def test_pitch_that_does_what_tau_does() -> None:
+    # 0.2 m more at 0.03 m, and 0.1 m a degree; ± 0.1 m at 0.03 m
+    assert equivalents(CURVES, 0.03, 10.0) == {
+        r: pytest.approx((2.0, 1.0, 3.0)) for r in ("T3", "T4", "T5")
+    }
+    assert [pitch.value for pitch in equivalents(CURVES, 0.06, 10.0).values()] == pytest.approx(
+        [4.0, 8.0, 5.0]
+    )
+    assert equivalents(CURVES, 0.06, 5.0) == {}

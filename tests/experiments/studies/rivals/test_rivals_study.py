@@ -1,0 +1,215 @@
+"""The study of rival methods: its design, its findings as functions of rows, and its page."""
+
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.studies.rivals import figures, findings
+from experiments.study.file import built_in, study_of
+from experiments.study.plan import Plan, plan_of
+from experiments.study.run import Cells
+from laisn.navigators import NAVIGATORS
+from reports.findings import read, record
+from reports.page import page_of, render
+from tests.experiments.study.cells import cells_of
+
+PARTS = built_in("rivals")
+ROUTES = [*product(findings.NAVIGATORS, findings.CONDITIONS, findings.INTERVALS)]
+SLOW_CASES = [case for case in ROUTES if case[0] == findings.SLOW]
+
+
+@pytest.fixture(scope="module")
+def plans() -> dict[str, Plan]:
+    return {part: plan_of(study_of(str(file), {})) for part, file in PARTS.items()}
+
+
+def rows(error: float, runs: int, routes: int, **more: float) -> Cells:
+    """Cells whose errors have this mean over runs and routes; runs add ± 0.01 m, route i adds
+    i/10 less its mean.
+    """
+    shift = 0.1 * (np.arange(routes) - (routes - 1) / 2)
+    found = [
+        [
+            {
+                "e_p_mean_m": error + shift[i] + 0.01 * (-1) ** r,
+                "e_p_p95_m": 2 * error,
+                "nees": 2.5,
+                "e_p_max_m": 3.0,
+                "mirror_locked": 0.0,
+                "track_error_rms_m": 1.0,
+                "track_error_end_m": 2.0,
+                **more,
+            }
+            for i in range(routes)
+        ]
+        for r in range(runs)
+    ]
+    return cells_of({"": found})
+
+
+def findings_without(navigator: str = "") -> dict[str, Any]:
+    """All findings of rows, but for those of a navigator that was left out."""
+    errors = dict(
+        zip(
+            findings.NAVIGATORS,
+            (0.9, 0.8, 0.7, 0.3, 9.0, 8.0, 7.0, 0.35, 0.33, 0.5, 0.4, 0.2),
+            strict=True,
+        )
+    )
+    shared = [*product(findings.SHARING, ["calm"], findings.FURTHER)]
+    arms = {
+        findings.case_name(*case): rows(errors[case[0]], 4, 8)
+        for case in (*ROUTES, *shared)
+        if case[0] != findings.SLOW
+    }
+    arms |= {findings.case_name(*case): rows(errors[findings.SLOW], 2, 8) for case in SLOW_CASES}
+    arms["owtt calm 5"] = rows(7.0, 4, 8, e_p_max_m=60.0)
+    for interval, error in (
+        (1.0, 0.1),
+        (2.0, 0.2),
+        (5.0, 0.4),
+        (10.0, 0.8),
+        (20.0, 1.6),
+        (50.0, 4.0),
+    ):
+        arms[f"ekf calm {interval:g}"] = rows(error, 4, 8)
+    two = product(findings.WITH_TWO, [findings.TWO], findings.INTERVALS)
+    arms |= {findings.case_name(*case): rows(errors[case[0]], 4, 8) for case in two}
+    arms["imm two 5"] = rows(0.25, 4, 8)
+    closed = {
+        f"{name} {condition}": rows(1.0, 2, 8)
+        for name, condition in product(findings.NAVIGATORS, findings.CONDITIONS)
+    }
+    factors = product(findings.MAPPED, findings.RANGES_M, findings.BIASES_DEG, findings.BASELINES_M)
+    points = {
+        f"map {name} {reach} {bias:g} {length:g}": rows(0.5, 4, 1)
+        for name, reach, bias, length in factors
+    }
+    points["map inverted-usbl 20 0 2"] = rows(0.4, 4, 1)
+    points["map inverted-usbl 200 0 2"] = rows(0.6, 4, 1)
+    times = dict.fromkeys(findings.NAVIGATORS, 12.5)
+    if navigator:
+        arms = {case: cells for case, cells in arms.items() if case.split()[0] != navigator}
+        closed = {case: cells for case, cells in closed.items() if case.split()[0] != navigator}
+        del times[navigator]
+    return findings.findings_of_rows(arms, closed, points, times)
+
+
+@pytest.fixture(scope="module")
+def found() -> dict[str, Any]:
+    return findings_without()
+
+
+def test_every_case_is_valid_and_every_navigator_is_simulated(plans: dict[str, Plan]) -> None:
+    assert set(findings.NAVIGATORS) == set(NAVIGATORS) - {"laisn-best", "laisn-main"}
+    for part, plan in plans.items():
+        assert all(entry.closed_loop == (part == "closed") for entry in plan.entries)
+        assert all(entry.scenario.navigation.variant == entry.arm for entry in plan.entries)
+    cases = [
+        (entry.arm, plan.points[entry.point]["case"], plan.points[entry.point][findings.INTERVAL])
+        for plan in (plans[part] for part in ("routes", "slow"))
+        for entry in plan.entries
+    ]
+    assert len(set(cases)) == len(cases)
+    assert set(ROUTES) == set(cases)
+    closed = plans["closed"]
+    steered = {(entry.arm, closed.points[entry.point]["case"]) for entry in closed.entries}
+    assert steered == set(product(findings.NAVIGATORS, findings.CONDITIONS))
+    runs = {part: plan.study.runs for part, plan in plans.items()}
+    assert runs == {"routes": 20, "two": 20, "shared": 3, "slow": 6, "closed": 2, "map": 4}
+    two = plans["two"]
+    assert {entry.arm for entry in two.entries} == set(findings.WITH_TWO)
+    assert {entry.scenario.navigation.transmitters for entry in two.entries} == {2}
+
+
+def test_the_follower_of_the_map_stays_at_its_distance_on_the_quarter(
+    plans: dict[str, Plan],
+) -> None:
+    plan = plans["map"]
+    for entry in plan.entries:
+        (_, east, north), (end, east_then, north_then) = entry.scenario.followers[0].waypoints
+        assert np.hypot(east, north) == pytest.approx(
+            float(plan.points[entry.point]["case"]), rel=1e-12
+        )
+        assert (east, east_then, end) == (-north, east, 300.0)
+        assert north_then == pytest.approx(north + 300.0, rel=1e-12)
+
+
+def test_findings_are_the_means_shares_and_differences_of_the_rows(found: dict[str, Any]) -> None:
+    error = found["error tight calm 5"]
+    assert error.value == pytest.approx(0.3)
+    # each route: variance 0.01² · 4/3 of four runs; of the mean of eight routes a 32nd
+    assert error.high - error.value == pytest.approx(
+        1.959964 * 0.01 * np.sqrt(4 / 3 / 32), rel=1e-3
+    )
+    apart = found["less tight inverted-usbl calm 5"]
+    assert (apart.value, apart.low, apart.high) == pytest.approx((-0.1, -0.1, -0.1))
+    assert (
+        found["better-than tight inverted-usbl"].value
+        == found["cases tight inverted-usbl"].value
+        == 12
+    )
+    assert found["cases tight factor-graph"].value == 12
+    # those of the inverted USBL, the filter on ranges with messages every second, and one with two
+    # transmitters
+    assert found["better-than tight"].value == 14
+    assert found["cases tight imm"].value == 15
+    assert found["less tight imm two 5"].value == pytest.approx(-0.05)
+    assert "less laisn-3-2 imm two 5" not in found
+    # the last of eight routes is 0.35 m above the mean
+    assert found["worst tight calm 5"].value == pytest.approx(0.65)
+    assert found["best-rival"].value == "inverted-usbl"
+    lost = found["lost owtt calm 5"]
+    assert lost.value == 1.0
+    # Clopper and Pearson of 32 of 32
+    assert lost.low == pytest.approx(0.025 ** (1 / 32), rel=1e-4)
+    assert found["lost tight calm 5"].value == 0.0
+    assert found["high ekf calm 5"].value == pytest.approx(0.8)
+
+
+def test_the_maps_have_their_points_and_their_intervals(found: dict[str, Any]) -> None:
+    assert (found["map-better"].value, found["map-points"].value) == (1, 36)
+    assert found["map-less 200 0 2"].value == pytest.approx(0.1)
+    # ten vehicles, 150 m: ten times 0.1 s and 300 m at 1500 m/s
+    assert found["turn 10 150"].value == pytest.approx(3.0)
+    # between 0.2 m at 2 s and 0.4 m at 5 s on logarithmic scales
+    share = np.log(3.0 / 2.0) / np.log(5.0 / 2.0)
+    assert found["shared ekf 10 150"].value == pytest.approx(0.2 * 2.0**share, rel=1e-5)
+    assert found["shared ekf 1 50"].value == pytest.approx(0.1)
+
+
+def test_the_page_is_made_of_the_record(found: dict[str, Any], tmp_path: Path) -> None:
+    record("rivals", "laisn rivals", ("experiments.studies.rivals.findings",), found).write(
+        tmp_path / "results.json"
+    )
+    kept = read(tmp_path / "results.json")
+    values = {"quick": False, "found": kept, **figures.values(kept, {})}
+    page = render(page_of("experiments.studies.rivals", [], values, kept))
+    assert "the best rival, inverted USBL" in page
+    assert "−0.10" in page
+    for title in (
+        *findings.NAVIGATORS.values(),
+        "Vehicles that share a channel",
+        "better in 1 of 36 points",
+    ):
+        assert title in page
+
+
+def test_the_page_is_made_without_what_was_left_out(tmp_path: Path) -> None:
+    whole = findings_without()
+    found = findings_without(findings.SLOW)
+    assert {key for key in whole if key not in found} == {
+        key for key in whole if findings.SLOW in key
+    } | {"slow-runs"}
+    record("rivals", "laisn rivals", ("experiments.studies.rivals.findings",), found).write(
+        tmp_path / "results.json"
+    )
+    kept = read(tmp_path / "results.json")
+    values = {"quick": True, "found": kept, **figures.values(kept, {})}
+    facts = [("left out", "factor graph, which needs GTSAM")]
+    page = render(page_of("experiments.studies.rivals", facts, values, kept))
+    assert page.count("factor graph") == 1
+    assert "the best rival, inverted USBL" in page

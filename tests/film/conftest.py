@@ -1,9 +1,0 @@
-"""A flight to film."""
-
-import pytest
-from synthetic import make_flight
-
-
-@pytest.fixture(scope="module")
-def flight():
-    return make_flight(60.0)

@@ -1,0 +1,103 @@
+"""The film of a flight: messages and files where there is none."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from laisn_sim.cli.main import app
+from sim.film import graphics
+from sim.film.render import RendererDiedError
+from tests.laisn_sim.cli.flights import WITHOUT_FILM
+
+
+@pytest.mark.usefixtures("without_report")
+def test_without_graphics_a_flight_prints_one_line_on_the_missing_film(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(graphics, "working", lambda: None)
+    result = CliRunner().invoke(
+        app, ["fly", "T5", "--set", "duration_s=20", "--out", str(tmp_path)]
+    )
+    assert result.exit_code == 0
+    [line] = [line for line in result.output.splitlines() if "film" in line]
+    assert (
+        line
+        == f"no film: no graphics library works here (laisn doctor reports why); {graphics.INSTALL}"
+    )
+    assert not (tmp_path / "flight.mp4").exists()
+
+
+@pytest.mark.usefixtures("without_report")
+def test_a_renderer_that_dies_costs_the_film_alone_and_gives_exit_code_1(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def die(*_: object, **__: object) -> None:
+        raise RendererDiedError(
+            "a process that renders frames ended with code 1\nZeroDivisionError: of the child"
+        )
+
+    monkeypatch.setattr("sim.film.render.render", die)
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    result = CliRunner().invoke(
+        app, ["fly", "T5", "--set", "duration_s=20", "--out", str(tmp_path / "o")]
+    )
+    assert result.exit_code == 1
+    assert "no film: a bug in the program" in result.stdout.splitlines()
+    assert f"results in {tmp_path / 'o'}" in result.stdout.splitlines()
+    [fault] = tmp_path.glob("laisn-failure-*.txt")
+    assert len(result.stderr.removeprefix("compiled (once)\n").splitlines()) == 1
+    assert "ended with code 1" in result.stderr
+    assert f"the traceback is in {fault}" in result.stderr
+    assert "Traceback" not in result.output
+    assert "ZeroDivisionError: of the child" in fault.read_text()
+    assert {path.name for path in (tmp_path / "o").iterdir()} == WITHOUT_FILM
+
+
+@pytest.mark.parametrize("backend", [graphics.Backend("egl", True, "a renderer"), None])
+def test_the_pitch_study_films_its_example_where_something_renders(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, backend: graphics.Backend | None
+) -> None:
+    given: dict[str, Any] = {}
+    monkeypatch.setattr(graphics, "working", lambda: backend)
+    monkeypatch.setattr(
+        "experiments.study.study.run_studies", lambda *_, **options: given.update(options)
+    )
+    (tmp_path / "results.parquet").touch()
+    answer = CliRunner().invoke(
+        app, ["asymmetry", "--film", "example", "--quick", "--out", str(tmp_path)]
+    )
+    assert (answer.exit_code, given["film"]) == (0, "example" if backend else "")
+    assert answer.stderr == ("" if backend else f"no film: {graphics.MISSING}\n")
+    assert CliRunner().invoke(app, ["asymmetry", "--quick", "--out", str(tmp_path)]).stderr == ""
+    assert not given["film"]
+
+
+def test_a_study_has_one_film(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(graphics, "working", lambda: graphics.Backend("egl", True, "a renderer"))
+    for name, wrong, expected in (
+        ("asymmetry", "worst", "expected --film example"),
+        ("loss", "example", "expected --film worst"),
+        ("formation", "worst", "without films"),
+    ):
+        refused = CliRunner().invoke(app, [name, "--film", wrong])
+        assert expected in refused.stderr
+
+
+def test_a_built_in_study_runs_as_its_command_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: list[dict[str, Any]] = []
+    monkeypatch.setattr(
+        "experiments.study.study.run_studies", lambda *_, **options: given.append(options)
+    )
+    (tmp_path / "results.parquet").touch()
+    options = ["--runs", "2", "--workers", "2", "--force", "--out", str(tmp_path)]
+    first = CliRunner().invoke(app, ["reproduce", *options])
+    second = CliRunner().invoke(app, ["study", "reproduce", *options])
+    assert (first.exit_code, first.output) == (second.exit_code, second.output) == (0, first.output)
+    assert given[0] == given[1]
+    refused = CliRunner().invoke(app, ["study", "loss", "--quick"])
+    assert "--quick: the study has no [quick]" in refused.stderr

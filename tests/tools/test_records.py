@@ -1,0 +1,132 @@
+"""Records own their arrays: their source arrays stay writable, and the record is read-only."""
+
+import ast
+from collections.abc import Iterator
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from laisn.navigator import Navigator
+from reports.range_budget import range_error_budget
+from sim.assembly import ocean_of, routes_of
+from sim.film.film_data import OtherEstimate, RayErrors
+from sim.flight import navigate
+from sim.scenario.settings import Acoustics, Follower, Ocean, Scenario, Waves
+from sim.sensing.acoustics import sound_of
+from sim.sensing.observation import observe
+from sim.simulation import simulate_motion
+
+ROOT = Path(__file__).resolve().parents[2]
+LOOSE = ("sim/log/", "sim/gazebo/", "sim/datasets/table_", "laisn/rivals/speed_modes.py")
+"""Dataclasses of files, which grow while they are read, and the state of a filter."""
+
+
+def dataclasses_of(package: str) -> Iterator[tuple[str, dict[str, bool]]]:
+    """Every dataclass of a package, with the options that it is made with."""
+    for path in sorted((ROOT / package).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_bytes())):
+            for made_by in node.decorator_list if isinstance(node, ast.ClassDef) else ():
+                call = made_by if isinstance(made_by, ast.Call) else ast.Call(made_by, [], [])
+                if isinstance(call.func, ast.Name) and call.func.id == "dataclass":
+                    options = {
+                        k.arg or "": isinstance(k.value, ast.Constant) and bool(k.value.value)
+                        for k in call.keywords
+                    }
+                    yield f"{path.relative_to(ROOT)}: {node.name}", options  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("package", ["laisn", "sim", "experiments"])
+def test_records_are_frozen_and_made_by_name(package: str) -> None:
+    found = dict(dataclasses_of(package))
+    assert len(found) > 5
+    wrong = [
+        name
+        for name, options in found.items()
+        if not (options.get("frozen") and options.get("kw_only"))
+    ]
+    assert [name for name in wrong if not name.startswith(LOOSE)] == []
+
+
+def records() -> dict[str, Any]:
+    """One of each kind."""
+    scenario = Scenario(
+        name="T5",
+        motion="kinematic",
+        duration_s=4.0,
+        followers=(Follower(route="T5"),),
+        acoustics=Acoustics(surface_echo_probability=0.1, travel_time=True),
+        ocean=Ocean(waves=Waves(kind="jonswap", height_m=0.5, period_s=6.0)),
+    )
+    trajectory = simulate_motion(scenario)
+    flight = navigate(scenario, trajectory, Navigator)
+    route = routes_of(scenario)[1]
+    made = (
+        trajectory,
+        observe(trajectory, scenario),
+        flight.measurements[0],
+        flight.estimates[0],
+        range_error_budget(flight),
+        route,
+        route.depth,
+        ocean_of(scenario).waves,
+        sound_of(scenario).profile,
+        OtherEstimate(label="other", colour=(0.0, 0.0, 0.0), position=np.zeros((4, 2))),
+        RayErrors(label="error", value=np.zeros((4, 3)), limit=1.0),
+    )
+    return {type(record).__name__: record for record in made}
+
+
+@pytest.fixture(scope="module")
+def made() -> dict[str, Any]:
+    return records()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "Trajectory",
+        "MissionTruth",
+        "Measurements",
+        "Estimates",
+        "RangeErrorBudget",
+        "Route",
+        "DepthProfile",
+        "Waves",
+        "OtherEstimate",
+        "RayErrors",
+    ],
+)
+def test_a_record_shares_no_array_with_its_caller(made: dict[str, Any], name: str) -> None:
+    record = made[name]
+    held = {f.name: getattr(record, f.name) for f in fields(record)}
+    given = {key: value.copy() for key, value in held.items() if isinstance(value, np.ndarray)}
+    assert given
+    other = replace(record, **{key: value[...] for key, value in given.items()})
+    for key, value in given.items():
+        value[...] = 7
+        kept = getattr(other, key)
+        # of records as well, whose NaNs NumPy takes for unequal
+        assert kept.tobytes() == held[key].tobytes()
+        with pytest.raises(ValueError, match="read-only"):
+            kept[...] = 7
+        with pytest.raises(ValueError, match="cannot set WRITEABLE"):
+            held[key][...].flags.writeable = True
+
+
+def test_read_only_arrays_are_shared(made: dict[str, Any]) -> None:
+    record = made["Measurements"]
+    assert np.shares_memory(replace(record, dt=0.2).speed, record.speed)
+    n = record.speed.size
+    table = np.zeros((3, n))
+    seen, apart = table[0], np.zeros((n, 2))
+    for array in (seen, apart):
+        array.flags.writeable = False
+    # the owner of the whole array can write its rows
+    other = replace(record, speed=seen, depth=apart[:, 1])
+    table[...] = 7
+    assert not other.speed.any()
+    # compiled code takes arrays in one piece
+    assert other.depth.flags.forc
