@@ -123,6 +123,22 @@ def test_the_product_imports_neither_tools_nor_tests() -> None:
     assert not {pair for pair in named if within(pair[1], "tools") or within(pair[1], "tests")}
 
 
+ROOMS = ("laisn_sim", "experiments", "reports", "sim", "laisn", "models")
+"""Packages from top to bottom; the last two know nothing of each other."""
+
+
+def test_a_package_imports_only_those_below_it() -> None:
+    assert set(ROOMS) == set(import_graph.PACKAGES)
+    upwards = {
+        (module, name)
+        for number, room in enumerate(ROOMS)
+        for module, name in imported_by(room)
+        if any(within(name, above) for above in ROOMS[:number])
+    }
+    assert upwards == set()
+    assert {pair for pair in imported_by("laisn") if within(pair[1], "models")} == set()
+
+
 def test_nothing_imports_the_command() -> None:
     imports = import_graph.imports()
     outside = [module for module in imports if not within(module, "laisn_sim")]
