@@ -8,6 +8,7 @@ from pathlib import Path
 
 from experiments.campaign.store import FLIGHT_FILE, STUDY_FILE
 from laisn.errors import LaisnError
+from sim.log.bag_folder import require_replaceable
 from sim.log.contents import partial_path
 from sim.system import locked
 
@@ -18,6 +19,7 @@ SUMMARY = FLIGHT_FILE
 SCENARIO = "scenario.toml"
 TIMING = "timing.json"
 LAYOUT = "foxglove.json"
+BAG = "ros2"  # a folder, of one bag
 # files of a flight; others in its folder are the user's
 FILES = (LOG, FILM, REPORT, SUMMARY, SCENARIO, TIMING, LAYOUT)
 
@@ -38,6 +40,7 @@ def require_safe(folder: Path, source: Path | None = None, again: Callable[[], s
         return
     if (folder / STUDY_FILE).exists():
         raise LaisnError(f"{folder}: holds a study ({STUDY_FILE}); {_ELSEWHERE}")
+    require_replaceable(folder / BAG)
     present = [folder / name for name in FILES if os.path.lexists(folder / name)]
     for path in present:
         if _is_other_source(path, source, again):
@@ -77,6 +80,10 @@ def _exchange(folder: Path, work: Path) -> None:
     """
     for name in (SUMMARY, *FILES):
         (folder / name).unlink(missing_ok=True)
+    if (folder / BAG).is_dir():
+        shutil.rmtree(folder / BAG)
+    if (work / BAG).exists():
+        os.replace(work / BAG, folder / BAG)
     for name in sorted(FILES, key=SUMMARY.__eq__):
         if (work / name).exists():
             os.replace(work / name, folder / name)

@@ -14,6 +14,7 @@ from rich.console import Console
 from experiments.campaign.progress import Update, phases, print_line, show_table
 from experiments.flight.fly import MissionToFly, Stopwatch, fly
 from experiments.flight.folder import (
+    BAG,
     FILM,
     LAYOUT,
     LOG,
@@ -141,7 +142,7 @@ def _film(
 
 
 def write_flight(
-    scenario: Scenario, folder: Path, console: Console, *, with_video: bool
+    scenario: Scenario, folder: Path, console: Console, *, with_video: bool, with_bag: bool = False
 ) -> tuple[Flight, dict[str, Any], Exception | None]:
     """Simulate a scenario and write its files into an empty folder; OSError or LogError if that
     fails.
@@ -150,6 +151,7 @@ def write_flight(
     requested film.
     """
     from sim.log import writer
+    from sim.log.ros2 import write_bag
     from sim.log.scene import layout
 
     watch = Stopwatch()
@@ -204,6 +206,9 @@ def write_flight(
                     film_error = _film(flight, film, update, write_log)
             with phase("report"):
                 report(film if with_video and film_error is None else None, bounds)
+        if with_bag:
+            with phase("bag"):
+                write_bag(folder / LOG, folder / BAG)
     factor = float(flight.trajectory.time[-1]) / watch["simulate_s"]
     timing_text = json.dumps(watch | {"real_time_factor": factor}, indent=2) + "\n"
     texts = {
@@ -218,7 +223,12 @@ def write_flight(
 
 
 def fly_and_write(
-    scenario: Scenario, folder: Path, *, with_video: bool, source: Path | None = None
+    scenario: Scenario,
+    folder: Path,
+    *,
+    with_video: bool,
+    with_bag: bool = False,
+    source: Path | None = None,
 ) -> Termination:
     """Simulate a scenario, print a summary, and write every result into a folder; how the mission
     ended. Errors are those of `folder.one_flight`.
@@ -228,12 +238,16 @@ def fly_and_write(
     """
     console = Console()
     require_safe(folder, source, scenario.toml)
+    if with_bag:
+        from sim.log.ros2_encoding import typestore
+
+        typestore()  # an error without the package, before the flight
     for caution in cautions(scenario):
         print_line(console, caution, "warning:")
     replaces = (folder / SUMMARY).exists()
     with one_flight(folder) as work:
         flight, summary, film_error = write_flight(
-            scenario, work, Console(stderr=True), with_video=with_video
+            scenario, work, Console(stderr=True), with_video=with_video, with_bag=with_bag
         )
     show(console, flight, summary)
     for stray in strays(scenario, flight.trajectory):

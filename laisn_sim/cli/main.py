@@ -60,6 +60,7 @@ def fly(
     ] = None,
     out: studies.OutOption = None,
     video: Annotated[bool, typer.Option("--video/--no-video", help="render the film")] = True,
+    ros2: Annotated[bool, typer.Option("--ros2", help="write a ROS 2 bag, too")] = False,
 ) -> None:
     """Simulate one mission; write log, film, report and numbers.
 
@@ -74,7 +75,9 @@ def fly(
     source = Path(scenario)
     # a copied file keeps the name in it, so the folder is named after the file
     name = name_of(source) if source.suffix == ".toml" else checked.name
-    outcome = fly_and_write(checked, out or Path("out") / name, with_video=video, source=source)
+    outcome = fly_and_write(
+        checked, out or Path("out") / name, with_video=video, with_bag=ros2, source=source
+    )
     if outcome.name not in ("COMPLETED", "CONTACT"):
         raise typer.Exit(MISSION_FAILED)
 
@@ -289,19 +292,29 @@ def log_export(
     pyfg: Annotated[
         bool, typer.Option("--pyfg", help="write a factor graph of each follower instead")
     ] = False,
+    ros2: Annotated[
+        bool,
+        typer.Option(
+            "--ros2", help="write a ROS 2 bag instead (OUT; default out/export/NAME-ros2)"
+        ),
+    ] = False,
 ) -> None:
-    """Export every numeric channel as a table, or a flight as a recording for Rerun or as factor
-    graphs.
+    """Export every numeric channel as a table, or a flight as a recording for Rerun, as factor
+    graphs, or as a ROS 2 bag.
     """
     from laisn_sim.cli.outputs import written_files
     from sim.log.export import export, write_recording
 
-    folder = out or Path("out") / "export" / log.stem
+    folder = out or Path("out") / "export" / (f"{log.stem}-ros2" if ros2 else log.stem)
     before = [*folder.glob("*")] if folder.is_dir() else []
     if pyfg:
         from laisn_sim.cli.replaying import export_factor_graphs
 
         files = export_factor_graphs(log, folder)
+    elif ros2:
+        from sim.log.ros2 import write_bag
+
+        files = write_bag(log, folder)
     elif rerun:
         folder.mkdir(parents=True, exist_ok=True)
         files = [write_recording(log, folder / f"{log.stem}.rrd")]

@@ -2,5 +2,5 @@
 of them; recovery.
 
 Imports: laisn sim.assembly sim.attitude sim.flight sim.scenario sim.system sim.trajectory
-sim.vehicle
+sim.vehicle sim.water
 """

@@ -38,6 +38,7 @@ LATE = {
     "distributed": "optional, for clusters alone",
     "rerun": "optional, for recordings alone",
     "gtsam": "optional, for one navigator alone",
+    "rosbags": "optional, for bags of ROS alone",
     "OpenGL": "a library that is missing breaks the import",
     "mujoco": "so does a graphics library that MuJoCo lacks",
     "av": "codecs are needed by films alone",

@@ -1,0 +1,692 @@
+"""A flight as a ROS 2 bag that Humble and every later release open.
+
+Frames are those of REP 103 and 105: `map` is east, north, up; `NAME/odom`, which the truth does not
+move in it; `NAME/base_link` is forward, port, up, and sensors are fixed in it. A compass heading ψ
+is a yaw of 90° − ψ. Truth and estimate are topics and frames of their own. Stamps are the log's
+times, the scenario's epoch plus mission time.
+
+Covariances of the estimate are the filter's; its depth and heading are readings. Covariances of
+readings are mean squares of the scenario's errors. An angle that nothing measures has the variance
+of an even distribution over a turn.
+"""
+
+import math
+import os
+import re
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from operator import itemgetter
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn.arrays import Floats, Ints
+from laisn.messages import Ranges
+from sim import attitude
+from sim.assembly import models_of
+from sim.flight import Flight, navigation_settings
+from sim.log.bag_folder import require_replaceable
+from sim.log.contents import Contents, LogError
+from sim.log.reader import read
+from sim.log.ros2_encoding import Template, typestore
+from sim.log.ros2_robot import urdf
+from sim.log.schema import RECEPTION, Clock
+from sim.water import GRAVITY
+
+_BAG_VERSION: Literal[8] = 8  # later ones write what Humble cannot read
+_BLOCK_NS = 20 * 10**9  # messages of this time are in memory at once [ns]
+SURFACE_PRESSURE_PA = 101325.0  # standard atmosphere
+_UNKNOWN_ANGLE = math.pi**2 / 3.0  # variance of an angle that may be any [rad²]
+_UNKNOWN_SPEED = 1e6  # variance of a speed that is not measured [m²/s²]
+_ULTRASOUND = 0
+_POSITION_COVARIANCE_KNOWN = 3
+_JPEG_QUALITY = 80
+_MAP = "map"
+_CAMERA = "/camera"
+_EVENTS = "/log"
+_LEVELS = {"DEBUG": 10, "INFO": 20, "WARNING": 30, "ERROR": 40, "FATAL": 50}
+_DIAGONAL = range(0, 36, 7)  # in a covariance of six by six, by rows
+
+RECEPTION_TYPE = "laisn_msgs/msg/Reception"
+READING_TYPE = "laisn_msgs/msg/Reading"
+_DEFINITIONS = {
+    RECEPTION_TYPE: "std_msgs/Header header\n"
+    + "".join(f"float64 {field}\n" for field in RECEPTION.fields),
+    READING_TYPE: "std_msgs/Header header\nfloat64[] values\n",
+}
+
+Rows = Callable[[slice], Sequence[bytes]]
+"""Serialised messages of a part of a topic's times."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Topic:
+    """Messages of one topic."""
+
+    name: str
+    type_name: str
+    time_ns: Ints  # since 1970, increasing, shape (n,), [ns]
+    rows: Rows
+    latched: bool = False  # kept for subscribers that come late
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Flown:
+    """A flight, and what all its topics need."""
+
+    flight: Flight
+    store: Any
+    clock: Clock
+    names: tuple[str, ...]  # of vehicles, as topics may have them
+
+
+def _ros_names(names: Sequence[str]) -> tuple[str, ...]:
+    """Names of vehicles with the characters that topics may have, each of them once."""
+    taken = list[str]()
+    for name in names:
+        plain = re.sub(r"[\W_]+", "_", name, flags=re.ASCII)
+        plain = plain if re.match(r"[A-Za-z_]", plain) else f"v{plain}"
+        number = 1
+        unique = plain
+        while unique in taken:
+            number += 1
+            unique = f"{plain}_{number}"
+        taken.append(unique)
+    return tuple(taken)
+
+
+def _register(store: Any) -> None:
+    from rosbags.typesys import get_types_from_msg
+
+    for name, definition in _DEFINITIONS.items():
+        store.register(get_types_from_msg(definition, name))
+
+
+def _numbers(
+    flown: _Flown,
+    name: str,
+    type_name: str,
+    time_ns: Ints,
+    example: Mapping[str, Any],
+    columns: Mapping[str, npt.ArrayLike],
+    stamped: Sequence[str] = ("header.stamp",),
+    *,
+    latched: bool = False,
+) -> Topic:
+    """Messages that differ in numbers alone; columns have n rows each."""
+    template = Template(flown.store, type_name, example)
+    arrays = {path: np.asarray(values) for path, values in columns.items()}
+
+    def rows(part: slice) -> list[bytes]:
+        some = {path: values[part] for path, values in arrays.items()}
+        return template.rows(time_ns[part], some, stamped)
+
+    return Topic(name=name, type_name=type_name, time_ns=time_ns, rows=rows, latched=latched)
+
+
+def _text(flown: _Flown, name: str, text: str) -> Topic:
+    """One latched text at the start."""
+    type_name = "std_msgs/msg/String"
+    message = flown.store.types[type_name](data=text)
+    data = bytes(flown.store.serialize_cdr(message, type_name))
+    start = flown.clock.ns([0.0])
+    return Topic(
+        name=name,
+        type_name=type_name,
+        time_ns=start,
+        rows=lambda part: [data][part],
+        latched=True,
+    )
+
+
+def _xyz(path: str, values: Floats) -> dict[str, Floats]:
+    return {f"{path}.{axis}": values[:, i] for i, axis in enumerate("xyz")}
+
+
+def _wxyz(path: str, values: Floats) -> dict[str, Floats]:
+    return {f"{path}.{axis}": values[:, i] for i, axis in enumerate("wxyz")}
+
+
+def _six(values: Mapping[int, npt.ArrayLike], n: int) -> Floats:
+    """Covariances of six by six by rows, shape (n, 36), from their entries by number."""
+    covariance = np.zeros((n, 36))
+    for entry, column in values.items():
+        covariance[:, entry] = column
+    return covariance
+
+
+def _transforms(
+    flown: _Flown,
+    name: str,
+    time_ns: Ints,
+    frames: Sequence[tuple[str, str]],
+    positions: Floats,
+    quaternions: Floats,
+    *,
+    latched: bool = False,
+) -> Topic:
+    """Frames, pairs of parent and child, at positions, shape (n, c, 3), [m], turned by quaternions
+    (w, x, y, z), shape (n, c, 4).
+    """
+    columns = dict[str, npt.ArrayLike]()
+    for i in range(len(frames)):
+        columns |= _xyz(f"transforms.{i}.transform.translation", positions[:, i])
+        columns |= _wxyz(f"transforms.{i}.transform.rotation", quaternions[:, i])
+    example = {
+        "transforms": [
+            {"header": {"frame_id": parent}, "child_frame_id": child} for parent, child in frames
+        ]
+    }
+    return _numbers(
+        flown,
+        name,
+        "tf2_msgs/msg/TFMessage",
+        time_ns,
+        example,
+        columns,
+        [f"transforms.{i}.header.stamp" for i in range(len(frames))],
+        latched=latched,
+    )
+
+
+def _nav_sat(
+    flown: _Flown, name: str, frame: str, time_ns: Ints, position: Floats, covariance: Floats
+) -> Topic:
+    """Positions, shape (n, 3), [m], on the map, with covariances (east, north, up) by rows, shape
+    (n, 9), [m²].
+    """
+    scenario = flown.flight.scenario
+    place = attitude.geodetic(position, scenario.origin_latitude_deg, scenario.origin_longitude_deg)
+    example = {
+        "header": {"frame_id": frame},
+        "position_covariance_type": _POSITION_COVARIANCE_KNOWN,
+    }
+    columns = {
+        "latitude": place[:, 0],
+        "longitude": place[:, 1],
+        "altitude": place[:, 2],
+        "position_covariance": covariance,
+    }
+    return _numbers(flown, name, "sensor_msgs/msg/NavSatFix", time_ns, example, columns)
+
+
+def _static_frames(flown: _Flown) -> Topic:
+    """Frames that do not move: of the odometry in the map, and of sites in their vehicles."""
+    t = flown.flight.trajectory
+    frames = [(_MAP, f"{name}/odom") for name in flown.names]
+    offsets = [np.zeros(3) for _ in flown.names]
+    for site, vehicle, offset in zip(t.site_names, t.site_vehicle, t.site_offset, strict=True):
+        name = flown.names[vehicle]
+        frames.append((f"{name}/base_link", f"{name}/{site.rpartition('/')[2]}"))
+        offsets.append(offset)
+    upright = np.tile([1.0, 0.0, 0.0, 0.0], (1, len(frames), 1))
+    start = flown.clock.ns([0.0])
+    return _transforms(
+        flown, "/tf_static", start, frames, np.array([offsets]), upright, latched=True
+    )
+
+
+def _truth(flown: _Flown) -> Iterator[Topic]:
+    """Clock, frames, and the true motion of every vehicle."""
+    t = flown.flight.trajectory
+    time_ns = flown.clock.ns(t.time)
+    yield _numbers(flown, "/clock", "rosgraph_msgs/msg/Clock", time_ns, {}, {}, ["clock"])
+    frames = [(f"{name}/odom", f"{name}/base_link") for name in flown.names]
+    yield _transforms(flown, "/tf", time_ns, frames, t.position, t.quaternion)
+    yield _static_frames(flown)
+    second = round(1.0 / t.dt)
+    models = models_of(flown.flight.scenario)
+    for v, name in enumerate(flown.names):
+        base = f"{name}/base_link"
+        yield _text(flown, f"/{name}/robot_description", urdf(name, models[v], base))
+        to_body = t.quaternion[:, v] * np.array([1.0, -1.0, -1.0, -1.0])
+        velocity = attitude.rotate(to_body, t.velocity[:, v])
+        columns = {
+            **_xyz("pose.pose.position", t.position[:, v]),
+            **_wxyz("pose.pose.orientation", t.quaternion[:, v]),
+            **_xyz("twist.twist.linear", velocity),
+            **_xyz("twist.twist.angular", t.angular_velocity[:, v]),
+        }
+        example = {"header": {"frame_id": _MAP}, "child_frame_id": base}
+        yield _numbers(
+            flown, f"/{name}/truth/odometry", "nav_msgs/msg/Odometry", time_ns, example, columns
+        )
+        places = t.position[::second, v]
+        yield _nav_sat(
+            flown,
+            f"/{name}/truth/navsat",
+            base,
+            time_ns[::second],
+            places,
+            np.zeros((len(places), 9)),
+        )
+
+
+def hydrophone_path(flight: Flight, follower: int) -> tuple[Floats, Floats]:
+    """Estimated position of a follower's hydrophone, shape (n, 3), [m], and its attitude, level and
+    at the measured heading, as quaternions (w, x, y, z), shape (n, 4), at filter steps.
+    """
+    measured = flight.measurements[follower]
+    settings = navigation_settings(flight.scenario, flight.trajectory, follower)
+    height = settings.hydrophone_height - measured.last_depth
+    position = np.column_stack([flight.estimates[follower].state[:, :2], height])
+    return position, attitude.from_euler(measured.heading)
+
+
+def _estimate(flown: _Flown, follower: int) -> Iterator[Topic]:
+    """Estimated motion of a follower's hydrophone, and its fixes."""
+    flight = flown.flight
+    e = flight.estimates[follower]
+    m = flight.measurements[follower]
+    name = flown.names[follower + 1]
+    errors = flight.scenario.sensors_of(follower)
+    position, quaternion = hydrophone_path(flight, follower)
+    known = np.flatnonzero(np.isfinite(e.state).all(axis=1) & np.isfinite(position).all(axis=1))
+    n = known.size
+    time_ns = flown.clock.ns(m.dt * (known + 1))
+    position = position[known]
+    quaternion = quaternion[known]
+    frame = f"{name}/estimate"
+    yield _transforms(
+        flown,
+        "/tf",
+        time_ns,
+        [(_MAP, frame)],
+        position[:, None],
+        quaternion[:, None],
+    )
+    heading_variance = math.radians(errors.heading_sigma_deg) ** 2 + (
+        math.radians(errors.heading_bias_deg) ** 2
+    )
+    horizontal = e.covariance[known, :2, :2]
+    spread = _six(
+        {
+            0: horizontal[:, 0, 0],
+            1: horizontal[:, 0, 1],
+            6: horizontal[:, 1, 0],
+            7: horizontal[:, 1, 1],
+            14: errors.depth_sigma_m**2,
+            21: _UNKNOWN_ANGLE,
+            28: _UNKNOWN_ANGLE,
+            35: heading_variance,
+        },
+        n,
+    )
+    pose = {
+        **_xyz("pose.pose.position", position),
+        **_wxyz("pose.pose.orientation", quaternion),
+        "pose.covariance": spread,
+    }
+    yield _numbers(
+        flown,
+        f"/{name}/estimate/pose",
+        "geometry_msgs/msg/PoseWithCovarianceStamped",
+        time_ns,
+        {"header": {"frame_id": _MAP}},
+        pose,
+    )
+    # east and north in the body, which is level: forward, then port
+    yaw = 0.5 * np.pi - m.heading[known]
+    turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]]).transpose(2, 0, 1)
+    velocity = np.einsum("nij,nj->ni", turn, e.state[known, 2:])
+    velocity_spread = turn @ e.covariance[known, 2:, 2:] @ turn.transpose(0, 2, 1)
+    twist = {
+        "twist.twist.linear.x": velocity[:, 0],
+        "twist.twist.linear.y": velocity[:, 1],
+        "twist.covariance": _six(
+            {
+                0: velocity_spread[:, 0, 0],
+                1: velocity_spread[:, 0, 1],
+                6: velocity_spread[:, 1, 0],
+                7: velocity_spread[:, 1, 1],
+                **dict.fromkeys((14, 21, 28, 35), _UNKNOWN_SPEED),
+            },
+            n,
+        ),
+    }
+    example = {"header": {"frame_id": _MAP}, "child_frame_id": frame}
+    yield _numbers(
+        flown,
+        f"/{name}/estimate/odometry",
+        "nav_msgs/msg/Odometry",
+        time_ns,
+        example,
+        pose | twist,
+    )
+    second = slice(None, None, max(1, round(1.0 / m.dt)))
+    on_map = np.zeros((n, 9))
+    on_map[:, [0, 1, 3, 4]] = horizontal.reshape(n, 4)
+    on_map[:, 8] = errors.depth_sigma_m**2
+    yield _nav_sat(
+        flown,
+        f"/{name}/estimate/navsat",
+        f"{name}/hydrophone",
+        time_ns[second],
+        position[second],
+        on_map[second],
+    )
+    yield _fixes(flown, follower)
+
+
+def _fixes(flown: _Flown, follower: int) -> Topic:
+    """Positions that messages gave, as a filter of the user's own may take them."""
+    e = flown.flight.estimates[follower]
+    m = flown.flight.measurements[follower]
+    name = flown.names[follower + 1]
+    position, quaternion = hydrophone_path(flown.flight, follower)
+    made = np.flatnonzero(np.isfinite(e.fix_position).all(axis=1) & np.isfinite(e.fix_sigma))
+    steps = e.fix_step[made]
+    places = np.column_stack([e.fix_position[made], position[steps - 1, 2]])
+    variance = e.fix_sigma[made] ** 2
+    errors = flown.flight.scenario.sensors_of(follower)
+    columns = {
+        **_xyz("pose.pose.position", places),
+        **_wxyz("pose.pose.orientation", quaternion[steps - 1]),
+        "pose.covariance": _six(
+            {
+                0: variance,
+                7: variance,
+                14: errors.depth_sigma_m**2,
+                **dict.fromkeys((21, 28, 35), _UNKNOWN_ANGLE),
+            },
+            made.size,
+        ),
+    }
+    return _numbers(
+        flown,
+        f"/{name}/acoustic_fix",
+        "geometry_msgs/msg/PoseWithCovarianceStamped",
+        flown.clock.ns(m.dt * steps),
+        {"header": {"frame_id": _MAP}},
+        columns,
+    )
+
+
+def _sensed(flown: _Flown, follower: int) -> Iterator[Topic]:
+    """What a follower measured at filter steps."""
+    flight = flown.flight
+    m = flight.measurements[follower]
+    name = flown.names[follower + 1]
+    errors = flight.scenario.sensors_of(follower)
+    n = m.speed.size
+    time_ns = flown.clock.ns(m.dt * np.arange(1, n + 1))
+    base = {"header": {"frame_id": f"{name}/base_link"}}
+    heading_variance = math.radians(errors.heading_sigma_deg) ** 2 + (
+        math.radians(errors.heading_bias_deg) ** 2
+    )
+    # −1 states that there is no such reading
+    absent = np.zeros((n, 9))
+    absent[:, 0] = -1.0
+    spread = np.zeros((n, 9))
+    spread[:, [0, 4, 8]] = _UNKNOWN_ANGLE, _UNKNOWN_ANGLE, heading_variance
+    compass = {
+        **_wxyz("orientation", attitude.from_euler(m.heading)),
+        "orientation_covariance": spread,
+        "angular_velocity_covariance": absent,
+        "linear_acceleration_covariance": absent,
+    }
+    yield _numbers(flown, f"/{name}/imu", "sensor_msgs/msg/Imu", time_ns, base, compass)
+    speed = {
+        "twist.twist.linear.x": m.speed,
+        "twist.covariance": _six(
+            {
+                **dict.fromkeys(_DIAGONAL, _UNKNOWN_SPEED),
+                0: errors.speed_sigma_m_s**2 + errors.speed_bias_m_s**2,
+            },
+            n,
+        ),
+    }
+    yield _numbers(
+        flown,
+        f"/{name}/speed_log",
+        "geometry_msgs/msg/TwistWithCovarianceStamped",
+        time_ns,
+        base,
+        speed,
+    )
+    weight = flight.scenario.ocean.density_kg_m3 * GRAVITY
+    read_at = np.flatnonzero(np.isfinite(m.depth))
+    pressure = {
+        "fluid_pressure": SURFACE_PRESSURE_PA + weight * m.depth[read_at],
+        "variance": np.full(read_at.size, (weight * errors.depth_sigma_m) ** 2),
+    }
+    yield _numbers(
+        flown,
+        f"/{name}/pressure",
+        "sensor_msgs/msg/FluidPressure",
+        time_ns[read_at],
+        {"header": {"frame_id": f"{name}/depth_sensor"}},
+        pressure,
+    )
+    for sensor, readings in m.own.items():
+        rows = readings.reshape(n, -1)
+        yield _numbers(
+            flown,
+            f"/{name}/sensor/{_ros_names([sensor])[0]}",
+            READING_TYPE,
+            time_ns,
+            base | {"values": np.zeros(rows.shape[1])},
+            {"values": rows},
+        )
+
+
+def _received(flown: _Flown, follower: int) -> Iterator[Topic]:
+    """Messages of the leader, and the ranges of each transmitter."""
+    m = flown.flight.measurements[follower]
+    name = flown.names[follower + 1]
+    time_ns = flown.clock.ns(m.dt * m.message_step)
+    header = {"header": {"frame_id": f"{name}/hydrophone"}}
+    columns = dict[str, npt.ArrayLike]()
+    for array in RECEPTION.columns:
+        table = getattr(m, array.attribute).reshape(time_ns.size, len(array.names))
+        columns |= {field: table[:, i] for i, field in enumerate(array.names)}
+    yield _numbers(flown, f"/{name}/reception", RECEPTION_TYPE, time_ns, header, columns)
+    farthest = flown.flight.scenario.acoustics.max_range_m or math.inf
+    sonar = {
+        "radiation_type": _ULTRASOUND,
+        "field_of_view": 2.0 * math.pi,
+        "max_range": farthest,
+    }
+    for i, transmitter in enumerate(Ranges._fields):
+        heard = np.flatnonzero(np.isfinite(m.ranges[:, i]))
+        yield _numbers(
+            flown,
+            f"/{name}/range/{transmitter}",
+            "sensor_msgs/msg/Range",
+            time_ns[heard],
+            header | sonar,
+            {"range": m.ranges[heard, i]},
+        )
+
+
+def _events(flown: _Flown, log: Contents) -> Iterator[Topic]:
+    """Lines of the log, as nodes of ROS write them."""
+    messages = log.topics.get(_EVENTS)
+    if messages is None or not messages.data:
+        return
+    type_name = "rcl_interfaces/msg/Log"
+    make = flown.store.types[type_name]
+    stamp = flown.store.types["builtin_interfaces/msg/Time"]
+    lines = list(map(messages.message_class.FromString, messages.data))
+    times = messages.time_ns
+
+    def encode(i: int) -> bytes:
+        line = lines[i]
+        level = type(line).DESCRIPTOR.fields_by_name["level"].enum_type.values_by_number[line.level]
+        seconds, nanoseconds = divmod(int(times[i]), 10**9)
+        message = make(
+            stamp=stamp(sec=seconds, nanosec=nanoseconds),
+            level=_LEVELS.get(level.name, 0),
+            name=line.name or "mission",
+            msg=line.message,
+            file="",
+            function="",
+            line=0,
+        )
+        return bytes(flown.store.serialize_cdr(message, type_name))
+
+    def rows(part: slice) -> list[bytes]:
+        return [encode(i) for i in range(*part.indices(len(lines)))]
+
+    yield Topic(name="/rosout", type_name=type_name, time_ns=times, rows=rows)
+
+
+def _pictures(frames: Sequence[bytes]) -> Iterator[bytes]:
+    """Frames of H.264 as JPEG, one after the other."""
+    import av
+
+    decoder = av.CodecContext.create("h264", "r")
+
+    def jpeg(picture: Any) -> bytes:
+        buffer = BytesIO()
+        picture.to_image().save(buffer, "JPEG", quality=_JPEG_QUALITY)
+        return buffer.getvalue()
+
+    try:
+        for data in frames:
+            yield from map(jpeg, decoder.decode(av.Packet(data)))
+        yield from map(jpeg, decoder.decode(None))
+    except av.error.FFmpegError as error:
+        raise LogError(f"{_CAMERA}: a frame of the film cannot be decoded: {error}") from error
+
+
+def _film(flown: _Flown, log: Contents) -> Iterator[Topic]:
+    """Frames of the film as compressed pictures."""
+    messages = log.topics.get(_CAMERA)
+    if messages is None or not messages.data:
+        return
+    type_name = "sensor_msgs/msg/CompressedImage"
+    times = messages.time_ns
+    pictures = _pictures([messages.message_class.FromString(data).data for data in messages.data])
+    make = flown.store.types
+
+    def encode(at: int, picture: bytes) -> bytes:
+        seconds, nanoseconds = divmod(at, 10**9)
+        stamp = make["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
+        message = make[type_name](
+            header=make["std_msgs/msg/Header"](stamp=stamp, frame_id="camera"),
+            format="jpeg",
+            data=np.frombuffer(picture, np.uint8),
+        )
+        return bytes(flown.store.serialize_cdr(message, type_name))
+
+    def rows(part: slice) -> list[bytes]:
+        # parts follow one another, and so do pictures
+        return [encode(at, next(pictures)) for at in times[part].tolist()]
+
+    yield Topic(name="/camera/compressed", type_name=type_name, time_ns=times, rows=rows)
+
+
+def _topics(flight: Flight, log: Contents, store: Any) -> Iterator[Topic]:
+    flown = _Flown(
+        flight=flight,
+        store=store,
+        clock=Clock(flight.scenario.epoch),
+        names=_ros_names(flight.trajectory.names),
+    )
+    yield from _truth(flown)
+    for follower in range(len(flight.estimates)):
+        yield from _sensed(flown, follower)
+        yield from _received(flown, follower)
+        yield from _estimate(flown, follower)
+    yield from _events(flown, log)
+    yield from _film(flown, log)
+
+
+def _qos(*, latched: bool) -> Any:
+    from rosbags.interfaces import (
+        Qos,
+        QosDurability,
+        QosHistory,
+        QosLiveliness,
+        QosReliability,
+        QosTime,
+    )
+
+    # as Humble and later releases write what has no end
+    forever = QosTime(9223372036, 854775807)
+    return Qos(
+        history=QosHistory.KEEP_LAST,
+        depth=1 if latched else 10,
+        reliability=QosReliability.RELIABLE,
+        durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+        deadline=forever,
+        lifespan=forever,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=forever,
+        avoid_ros_namespace_conventions=False,
+    )
+
+
+def _block(topics: Sequence[tuple[Any, Topic]], number: int) -> list[tuple[int, Any, bytes]]:
+    """Messages of a block of time, in order; those of equal times in the order of topics."""
+    messages = list[tuple[int, Any, bytes]]()
+    for connection, topic in topics:
+        edges = [number * _BLOCK_NS, (number + 1) * _BLOCK_NS]
+        part = slice(*np.searchsorted(topic.time_ns, edges).tolist())
+        times = topic.time_ns[part].tolist()
+        if times:
+            rows = topic.rows(part)
+            messages += [(at, connection, row) for at, row in zip(times, rows, strict=True)]
+    messages.sort(key=itemgetter(0))
+    return messages
+
+
+def _write(folder: Path, topics: Sequence[Topic], store: Any) -> None:
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+    writer = Writer(folder, version=_BAG_VERSION, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    with writer:
+        connections = dict[str, Any]()
+        for topic in topics:
+            if topic.name not in connections:
+                connections[topic.name] = writer.add_connection(
+                    topic.name,
+                    topic.type_name,
+                    typestore=store,
+                    offered_qos_profiles=[_qos(latched=topic.latched)],
+                )
+        pairs = [(connections[topic.name], topic) for topic in topics]
+        blocks = sorted(
+            {
+                number
+                for topic in topics
+                for number in np.unique(topic.time_ns // _BLOCK_NS).tolist()
+            }
+        )
+        for number in blocks:
+            for at, connection, data in _block(pairs, number):
+                writer.write(connection, at, data)
+
+
+def write_bag(log_path: Path, folder: Path) -> list[Path]:
+    """Write the flight of a log as a ROS 2 bag, a folder; returns its files.
+
+    An earlier bag of this name is replaced once the new one is whole. LogError if the log holds no
+    flight, or the folder holds something else or cannot be written; LaisnError without rosbags.
+    """
+    store = typestore()
+    _register(store)
+    require_replaceable(folder)
+    flight = read(log_path)
+    log = Contents(log_path, lambda topic, _: topic in (_CAMERA, _EVENTS))
+    topics = [topic for topic in _topics(flight, log, store) if topic.time_ns.size]
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".bag-") as work:
+            # the bag's file is named after its folder
+            made = Path(work) / folder.name
+            _write(made, topics, store)
+            if folder.exists():
+                for path in folder.iterdir():
+                    path.unlink()
+                folder.rmdir()
+            os.replace(made, folder)
+    except OSError as error:
+        raise LogError(f"{folder}: cannot be written: {error.strerror or error}") from error
+    return sorted(folder.iterdir())

@@ -1,0 +1,428 @@
+"""Flights as ROS 2 bags, read back by two libraries of others: rosbags and mcap."""
+
+import itertools
+import math
+import sys
+from dataclasses import replace
+from fractions import Fraction
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import av
+import numpy as np
+import PIL.Image
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import QosDurability
+from rosbags.typesys import Stores, get_typestore
+from ruamel.yaml import YAML
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from laisn_sim.cli.main import app
+from sim import attitude
+from sim.flight import Flight
+from sim.log import writer
+from sim.log.ros2_robot import roll_pitch_yaw, urdf
+from tests.synthetic import make_flight, moved
+
+EPOCH_NS = 1767225600 * 10**9  # 2026-01-01T00:00:00Z, the epoch of scenarios
+
+
+def export(flight: Flight, folder: Path, **more: Any) -> Path:
+    """The bag that the command writes of a flight's log."""
+    log = folder / "mission.mcap"
+    writer.write(flight, log, **more)
+    result = CliRunner().invoke(app, ["log", "export", str(log), "--ros2", str(folder / "bag")])
+    assert result.exit_code == 0, result.output
+    assert str(folder / "bag" / "metadata.yaml") in result.output.replace("\n", "")
+    return folder / "bag"
+
+
+def told(result: Any) -> str:
+    """What a command printed, on one line."""
+    return " ".join(result.output.split())
+
+
+def by_rosbags(bag: Path) -> dict[str, list[tuple[int, Any]]]:
+    """Times [ns] and messages by topic."""
+    topics: dict[str, list[tuple[int, Any]]] = {}
+    with AnyReader([bag]) as reader:
+        for connection, time_ns, raw in reader.messages():
+            message = reader.deserialize(raw, connection.msgtype)
+            topics.setdefault(connection.topic, []).append((time_ns, message))
+    return topics
+
+
+def by_mcap(bag: Path) -> dict[str, list[tuple[int, Any]]]:
+    """The same, decoded by the definitions that the file holds."""
+    topics: dict[str, list[tuple[int, Any]]] = {}
+    with (bag / "bag.mcap").open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        for _, channel, message, decoded in reader.iter_decoded_messages():
+            topics.setdefault(channel.topic, []).append((message.log_time, decoded))
+    return topics
+
+
+READERS = {"rosbags": by_rosbags, "mcap": by_mcap}
+
+
+def stamp_ns(header: Any) -> int:
+    return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
+
+
+def xyz(point: Any) -> list[float]:
+    return [point.x, point.y, point.z]
+
+
+def wxyz(turn: Any) -> list[float]:
+    return [turn.w, turn.x, turn.y, turn.z]
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    return make_flight(30.0, 2)
+
+
+@pytest.fixture(scope="module")
+def bag(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return export(flight, tmp_path_factory.mktemp("ros2"))
+
+
+@pytest.fixture(scope="module", params=READERS)
+def topics(request: pytest.FixtureRequest, bag: Path) -> dict[str, list[tuple[int, Any]]]:
+    return READERS[request.param](bag)
+
+
+Topics = dict[str, list[tuple[int, Any]]]
+
+
+def test_the_truth_is_that_of_the_flight(topics: Topics, flight: Flight) -> None:
+    t = flight.trajectory
+    times = EPOCH_NS + np.rint(1e9 * t.time).astype(np.int64)
+    for v, name in enumerate(t.names):
+        messages = [message for _, message in topics[f"/{name}/truth/odometry"]]
+        assert [at for at, _ in topics[f"/{name}/truth/odometry"]] == times.tolist()
+        assert [stamp_ns(message.header) for message in messages] == times.tolist()
+        assert {m.header.frame_id for m in messages} == {"map"}
+        assert {m.child_frame_id for m in messages} == {f"{name}/base_link"}
+        poses = [m.pose.pose for m in messages]
+        assert np.array_equal([xyz(p.position) for p in poses], t.position[:, v])
+        assert np.array_equal([wxyz(p.orientation) for p in poses], t.quaternion[:, v])
+        # velocity in the body, by another library
+        turns = Rotation.from_quat(np.roll(t.quaternion[:, v], -1, axis=1))
+        velocity = turns.inv().apply(t.velocity[:, v].copy())
+        twists = [m.twist.twist for m in messages]
+        assert np.allclose([xyz(w.linear) for w in twists], velocity, atol=1e-12, rtol=0)
+        assert np.array_equal([xyz(w.angular) for w in twists], t.angular_velocity[:, v])
+    assert [stamp_ns_of_clock(m) for _, m in topics["/clock"]] == times.tolist()
+
+
+def stamp_ns_of_clock(message: Any) -> int:
+    return int(message.clock.sec) * 10**9 + int(message.clock.nanosec)
+
+
+def test_the_estimate_is_that_of_the_flight(topics: Topics, flight: Flight) -> None:
+    for i, name in enumerate(flight.trajectory.names[1:]):
+        e = flight.estimates[i]
+        m = flight.measurements[i]
+        odometry = [message for _, message in topics[f"/{name}/estimate/odometry"]]
+        poses = [message for _, message in topics[f"/{name}/estimate/pose"]]
+        for messages in (odometry, poses):
+            place = np.array([xyz(message.pose.pose.position) for message in messages])
+            assert np.array_equal(place[:, :2], e.state[:, :2])
+            # the hydrophone sits 0.1 m above the pressure sensor
+            assert np.allclose(place[:, 2], 0.1 - m.depth, atol=1e-12, rtol=0)
+            spread = np.array([message.pose.covariance for message in messages]).reshape(-1, 6, 6)
+            assert np.array_equal(spread[:, :2, :2], e.covariance[:, :2, :2])
+            assert np.linalg.eigvalsh(spread).min() >= -1e-12
+        # forward and port of a level hull at the measured heading
+        forward = np.column_stack([np.sin(m.heading), np.cos(m.heading)])
+        port = np.column_stack([-np.cos(m.heading), np.sin(m.heading)])
+        linear = np.array([xyz(message.twist.twist.linear) for message in odometry])
+        velocity = e.state[:, 2:]
+        assert np.allclose(linear[:, 0], (velocity * forward).sum(axis=1), atol=1e-12, rtol=0)
+        assert np.allclose(linear[:, 1], (velocity * port).sum(axis=1), atol=1e-12, rtol=0)
+        spread = np.array([message.twist.covariance for message in odometry]).reshape(-1, 6, 6)
+        along = np.einsum("ni,nij,nj->n", forward, e.covariance[:, 2:, 2:], forward)
+        assert np.allclose(spread[:, 0, 0], along, atol=1e-12, rtol=0)
+
+
+def test_measurements_are_those_of_the_flight(topics: Topics, flight: Flight) -> None:
+    for i, name in enumerate(flight.trajectory.names[1:]):
+        m = flight.measurements[i]
+        speed = [one.twist.twist.linear.x for _, one in topics[f"/{name}/speed_log"]]
+        assert np.array_equal(speed, m.speed)
+        pressure = np.array([one.fluid_pressure for _, one in topics[f"/{name}/pressure"]])
+        # 1026 kg/m³ and 9.81 m/s² below the standard atmosphere
+        assert np.allclose((pressure - 101325.0) / (1026.0 * 9.81), m.depth, atol=1e-9, rtol=0)
+        imu = [one for _, one in topics[f"/{name}/imu"]]
+        turns = Rotation.from_quat(np.roll([wxyz(one.orientation) for one in imu], -1, axis=1))
+        yaw = turns.as_euler("ZYX")[:, 0]
+        away = np.remainder(0.5 * math.pi - yaw - m.heading + math.pi, 2 * math.pi) - math.pi
+        assert np.abs(away).max() < 1e-12
+        assert {one.angular_velocity_covariance[0] for one in imu} == {-1.0}
+        received = [one for _, one in topics[f"/{name}/reception"]]
+        assert [one.leader_east for one in received] == m.message[:, 1].tolist()
+        assert np.array_equal(
+            [(one.range_rear, one.range_front, one.range_middle) for one in received],
+            m.ranges,
+            equal_nan=True,
+        )
+        for k, transmitter in enumerate(("rear", "front", "middle")):
+            heard = np.isfinite(m.ranges[:, k])
+            messages = topics[f"/{name}/range/{transmitter}"]
+            assert [one.range for _, one in messages] == m.ranges[heard, k].astype("f4").tolist()
+            steps = m.message_step[heard]
+            assert [at for at, _ in messages] == (EPOCH_NS + 10**8 * steps).tolist()
+            assert {one.radiation_type for _, one in messages} == {0}
+
+
+def test_a_vehicle_at_030_points_there(tmp_path: Path) -> None:
+    """REP 103, by hand: at a compass heading of 30°, 20° nose up, forward is 30° east of north and
+    up by 20°, and port is level, to the north-west.
+    """
+    flown = make_flight(10.0)
+    n, v, _ = flown.trajectory.position.shape
+    turned = np.broadcast_to(
+        attitude.from_euler(math.radians(30.0), math.radians(20.0)), (n, v, 4)
+    ).copy()
+    flown = replace(flown, trajectory=moved(flown.trajectory, quaternion=turned))
+    topics = by_rosbags(export(flown, tmp_path))
+    frames = {
+        transform.child_frame_id: transform
+        for _, message in topics["/tf"]
+        for transform in message.transforms
+    }
+    turn = frames["leader/base_link"].transform.rotation
+    hull = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w])
+    s, c = 0.5, math.sqrt(0.75)
+    up, level = math.sin(math.radians(20.0)), math.cos(math.radians(20.0))
+    assert np.allclose(hull.apply([1, 0, 0]), [s * level, c * level, up], atol=1e-12)
+    assert np.allclose(hull.apply([0, 1, 0]), [-c, s, 0.0], atol=1e-12)
+    # level at 030 the yaw is 60°, whose half has the sine 0.5
+    level_hull = attitude.from_euler(math.radians(30.0))
+    assert np.allclose(level_hull, [c, 0.0, 0.0, 0.5], atol=1e-15)
+
+
+def test_frames_are_those_of_rep_105(topics: Topics, flight: Flight) -> None:
+    ((_, static),) = topics["/tf_static"]
+    parents = {t.child_frame_id: t.header.frame_id for t in static.transforms}
+    moving = {t.child_frame_id: t.header.frame_id for _, m in topics["/tf"] for t in m.transforms}
+    assert not parents.keys() & moving.keys()
+    parents |= moving
+    for name in flight.trajectory.names:
+        assert parents[f"{name}/odom"] == "map"
+        assert parents[f"{name}/base_link"] == f"{name}/odom"
+    assert parents["leader/tx_front"] == "leader/base_link"
+    assert parents["follower1/hydrophone"] == "follower1/base_link"
+    assert parents["follower1/estimate"] == "map"
+    offsets = {t.child_frame_id: xyz(t.transform.translation) for t in static.transforms}
+    assert offsets["leader/tx_rear"] == [-1.0, 0.0, 0.0]
+    assert offsets["follower2/hydrophone"] == [0.0, 0.0, 0.1]
+    assert offsets["leader/odom"] == [0.0, 0.0, 0.0]
+    assert "map" not in parents
+
+
+def test_places_on_the_map(topics: Topics, flight: Flight) -> None:
+    scenario = flight.scenario
+    first = topics["/leader/truth/navsat"][0][1]
+    assert first.latitude == scenario.origin_latitude_deg
+    assert first.longitude == pytest.approx(scenario.origin_longitude_deg, abs=1e-12)
+    last = topics["/follower1/estimate/navsat"][-1][1]
+    east, north = flight.estimates[0].state[290, :2]
+    # a minute of latitude is about a nautical mile
+    minutes = 60.0 * (last.latitude - scenario.origin_latitude_deg)
+    assert minutes * 1852.0 == pytest.approx(north, rel=0.01)
+    across = math.cos(math.radians(scenario.origin_latitude_deg))
+    minutes = 60.0 * (last.longitude - scenario.origin_longitude_deg)
+    assert minutes * 1852.0 * across == pytest.approx(east, rel=0.01)
+    assert last.position_covariance[4] == flight.estimates[0].covariance[290, 1, 1]
+
+
+def test_humble_reads_what_later_releases_read(bag: Path) -> None:
+    """Humble's types are those of the bag, and its Range, which lacks the variance at the end,
+    the first bytes of it.
+    """
+    humble = get_typestore(Stores.ROS2_HUMBLE)
+    with AnyReader([bag]) as reader:
+        seen = set()
+        for connection, _, raw in reader.messages():
+            type_name = connection.msgtype
+            if type_name in seen or type_name.startswith("laisn_msgs"):
+                continue
+            seen.add(type_name)
+            if type_name == "sensor_msgs/msg/Range":
+                assert (
+                    humble.deserialize_cdr(raw[:-4], type_name).range
+                    == reader.deserialize(raw, type_name).range
+                )
+            else:
+                assert humble.hash_rihs01(type_name) == connection.digest
+                humble.deserialize_cdr(raw, type_name)
+    facts = YAML(typ="safe").load(bag / "metadata.yaml")["rosbag2_bagfile_information"]
+    assert facts["version"] == 8
+    assert facts["storage_identifier"] == "mcap"
+    for topic in facts["topics_with_message_count"]:
+        # Humble reads a text here, in which there is a list
+        profiles = topic["topic_metadata"]["offered_qos_profiles"]
+        assert isinstance(profiles, str)
+        (profile,) = YAML(typ="safe").load(profiles)
+        assert profile["lifespan"] == {"sec": 9223372036, "nsec": 854775807}
+
+
+def test_late_subscribers_get_frames_and_hulls(bag: Path) -> None:
+    with AnyReader([bag]) as reader:
+        latched = {
+            connection.topic
+            for connection in reader.connections
+            if connection.ext.offered_qos_profiles[0].durability  # type: ignore[union-attr]
+            is QosDurability.TRANSIENT_LOCAL
+        }
+    assert latched == {
+        "/tf_static",
+        *(f"/{name}/robot_description" for name in ("leader", "follower1", "follower2")),
+    }
+
+
+def test_the_hull_is_as_long_as_the_model(topics: Topics) -> None:
+    """The leader's hull reaches from the nozzle's end, 1.03 m astern, to 1 m ahead: by the shapes
+    of its description as RViz places them.
+    """
+    ((_, message),) = topics["/leader/robot_description"]
+    robot = ElementTree.fromstring(message.data)
+    (link,) = robot.findall("link")
+    assert link.get("name") == "leader/base_link"
+    ends = list[float]()
+    for visual in link.findall("visual"):
+        origin, geometry = visual.find("origin"), visual.find("geometry")
+        assert origin is not None
+        assert geometry is not None
+        place = np.array(str(origin.get("xyz")).split(), float)
+        angles = np.array(str(origin.get("rpy")).split(), float)
+        turn = Rotation.from_euler("xyz", angles)
+        for cylinder in geometry.findall("cylinder"):
+            half = 0.5 * float(str(cylinder.get("length")))
+            radius = float(str(cylinder.get("radius")))
+            for end in (-half, half):
+                # a disc of a cylinder reaches along x by its radius times the sine
+                axis = turn.apply([0, 0, 1])
+                aside = radius * math.sqrt(max(0.0, 1.0 - axis[0] ** 2))
+                ends += [place[0] + end * axis[0] - aside, place[0] + end * axis[0] + aside]
+    assert min(ends) == pytest.approx(-1.03, abs=1e-4)
+    assert max(ends) == pytest.approx(1.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_angles_of_a_description(seed: int) -> None:
+    turn = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+    again = Rotation.from_euler("xyz", roll_pitch_yaw(turn)).as_matrix()
+    assert np.allclose(again, turn, atol=1e-12)
+    upright = Rotation.from_euler("xyz", [0.0, 0.5 * math.pi, 0.3 * seed]).as_matrix()
+    again = Rotation.from_euler("xyz", roll_pitch_yaw(upright)).as_matrix()
+    assert np.allclose(again, upright, atol=1e-9)
+
+
+@pytest.mark.parametrize("model", ["follower", "remus100", "lauv", "bluerov2_heavy"])
+def test_every_hull_has_a_description(model: str) -> None:
+    robot = ElementTree.fromstring(urdf("a", model, "a/base_link").encode())
+    assert len(robot.findall("link/visual/geometry/*")) > 5
+
+
+def h264(frames: int) -> list[tuple[float, bytes]]:
+    """A film of a grey that becomes lighter, a frame a second."""
+    encoder = av.CodecContext.create("libx264", "w")
+    encoder.width, encoder.height = 64, 48
+    encoder.pix_fmt = "yuv420p"
+    encoder.time_base = Fraction(1, 25)
+    encoder.options = {"tune": "zerolatency", "bf": "0"}
+    packets = list[bytes]()
+    for i in range(frames):
+        grey = np.full((48, 64, 3), 20 * i, np.uint8)
+        packets += [bytes(p) for p in encoder.encode(av.VideoFrame.from_ndarray(grey, "rgb24"))]
+    packets += [bytes(p) for p in encoder.encode(None)]
+    return list(zip(itertools.count(0.0), packets, strict=False))
+
+
+def test_the_film_becomes_pictures(tmp_path: Path) -> None:
+    bag = export(make_flight(30.0), tmp_path, video=h264(8))
+    messages = by_rosbags(bag)["/camera/compressed"]
+    assert [at - EPOCH_NS for at, _ in messages] == [10**9 * i for i in range(8)]
+    assert {message.format for _, message in messages} == {"jpeg"}
+    means = [
+        float(np.mean(PIL.Image.open(BytesIO(message.data.tobytes())).convert("L")))
+        for _, message in messages
+    ]
+    assert np.allclose(means, 20.0 * np.arange(8), atol=4.0)
+
+
+def test_the_same_flight_gives_the_same_bytes(flight: Flight, bag: Path, tmp_path: Path) -> None:
+    again = export(flight, tmp_path)
+    for name in ("bag.mcap", "metadata.yaml"):
+        assert (again / name).read_bytes() == (bag / name).read_bytes()
+
+
+def test_a_bag_replaces_a_bag_and_nothing_else(flight: Flight, tmp_path: Path) -> None:
+    writer.write(flight, tmp_path / "a.mcap")
+
+    def run(folder: str) -> Any:
+        arguments = ["log", "export", str(tmp_path / "a.mcap"), "--ros2", str(tmp_path / folder)]
+        return CliRunner().invoke(app, arguments)
+
+    assert run("bag").exit_code == 0
+    before = (tmp_path / "bag/bag.mcap").read_bytes()
+    assert run("bag").exit_code == 0
+    assert (tmp_path / "bag/bag.mcap").read_bytes() == before
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/notes.txt").write_text("keep")
+    result = run("mine")
+    assert result.exit_code != 0
+    assert "holds notes.txt" in told(result)
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["notes.txt"]
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".bag")]
+
+
+def test_names_that_topics_cannot_have(tmp_path: Path) -> None:
+    flown = make_flight(10.0, 2)
+    names = ("leader", "no-1", "2nd.auv")
+    trajectory = replace(
+        flown.trajectory,
+        names=names,
+        site_names=tuple(
+            f"{names[v]}/{site.rpartition('/')[2]}"
+            for site, v in zip(
+                flown.trajectory.site_names, flown.trajectory.site_vehicle, strict=True
+            )
+        ),
+    )
+    followers = tuple(
+        follower.model_copy(update={"name": name})
+        for follower, name in zip(flown.scenario.followers, names[1:], strict=True)
+    )
+    scenario = flown.scenario.model_copy(update={"followers": followers})
+    topics = by_rosbags(export(replace(flown, trajectory=trajectory, scenario=scenario), tmp_path))
+    assert {"/no_1/imu", "/v2nd_auv/imu"} <= topics.keys()
+
+
+def test_times_that_ros_cannot_count(tmp_path: Path) -> None:
+    flown = make_flight(10.0)
+    late = flown.scenario.model_copy(update={"epoch": "2040-01-01T00:00:00Z"})
+    writer.write(replace(flown, scenario=late), tmp_path / "a.mcap")
+    result = CliRunner().invoke(
+        app, ["log", "export", str(tmp_path / "a.mcap"), "--ros2", str(tmp_path / "bag")]
+    )
+    assert "January 2038" in told(result)
+    assert not (tmp_path / "bag").exists()
+
+
+def test_without_the_package_one_sentence_tells_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
+    writer.write(make_flight(10.0), tmp_path / "a.mcap")
+    result = CliRunner().invoke(app, ["log", "export", str(tmp_path / "a.mcap"), "--ros2"])
+    assert "pip install rosbags" in told(result)
