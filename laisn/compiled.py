@@ -29,7 +29,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
-from numba import errors
+from numba import errors, types
 from numba.core.caching import (
     CompileResultCacheImpl,
     FunctionCache,
@@ -37,7 +37,7 @@ from numba.core.caching import (
     UserProvidedCacheLocator,
 )
 from numba.core.serialize import NumbaPickler
-from numba.extending import overload, register_jitable, typeof_impl
+from numba.extending import overload, overload_method, register_jitable, typeof_impl
 
 from laisn.arrays import Floats
 from laisn.errors import LaisnWarning
@@ -261,6 +261,18 @@ def jitable(function: Function) -> Function:
 def formula(function: Function) -> Function:
     """The same of a short one, which is inlined; records are NamedTuples."""
     return register_jitable(inline="always")(function)
+
+
+def method_by_type(name: str) -> None:
+    """Let compiled code call the method `name` of NamedTuples, which their classes define as
+    `compiled` or `jitable`: it is chosen by the type.
+    """
+
+    def choose(record, *arguments):  # type: ignore[no-untyped-def] # numba compares signatures
+        method = getattr(record.instance_class, name, None)
+        return method and (lambda record, *arguments: method(record, *arguments))
+
+    overload_method(types.BaseNamedTuple, name)(choose)
 
 
 class DispatchedFormula:

@@ -15,11 +15,12 @@ from laisn.arrays import Floats, Ints, own_arrays
 from laisn.messages import LeaderMessage
 from sim import attitude
 from sim.flight import Flight, navigation_settings
-from sim.sensing.acoustics import TRANSMITTERS, Path
+from sim.sensing.acoustics import TRANSMITTERS
 from sim.sensing.noise import Address, seed_and_run
 from sim.sensing.observation import propagate
 from sim.sensing.sensors import errors_of, paths_taken
 from sim.trajectory import Trajectory
+from sim.water.rays import Path
 
 
 class Cause(IntEnum):

@@ -12,7 +12,7 @@ from laisn.arrays import Floats, Ints
 from laisn.errors import LaisnError
 from laisn.navigators import NAVIGATORS, find
 from laisn.plugins import find_controller, is_plugin_name
-from sim.assembly import models_of, ocean_of, on_axis, route_of, routes_of, setups_of, vehicle_names
+from sim.assembly import models_of, on_axis, route_of, routes_of, setups_of, vehicle_names
 from sim.cautions import assumption_cautions
 from sim.control.allocation import HEAVE, PITCH, clip
 from sim.control.autopilot import (
@@ -42,6 +42,7 @@ from sim.vehicle.effectors import FIN, MIN_STEERAGE_SPEED
 from sim.vehicle.mjcf import SEA_WATER, spec_of, transmitter_places
 from sim.vehicle.own_hull import hull_errors
 from sim.vehicle.plant import Plant
+from sim.water.assembly import ocean_of
 
 # instants times vehicles: two vehicles for a day; a million takes 1.1 GB of memory
 MOST_INSTANTS = 2_000_000

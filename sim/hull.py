@@ -11,7 +11,7 @@ from sim.scenario.settings import Follower, Scenario, Vehicle
 from sim.vehicle.effectors import FIN, MIN_STEERAGE_SPEED
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
-from sim.water import Ocean
+from sim.water.ocean import Ocean
 
 HULL_KEYS = (  # keys of a vehicle, beside its model, on which its motion depends
     "depth_control",

@@ -17,7 +17,7 @@ from laisn.arrays import Bools, Floats, Records, records
 from laisn.compiled import compiled, copy_values
 from laisn.errors import LaisnError
 from sim import attitude
-from sim.assembly import ocean_of, routes_of, setups_of, vehicle_names
+from sim.assembly import routes_of, setups_of, vehicle_names
 from sim.control.autopilot import (
     AUTOPILOT_MEMORY,
     DepthControl,
@@ -42,7 +42,8 @@ from sim.tracking import MissionBounds, bounds_of, contacts, first_departure, fi
 from sim.trajectory import OF_VEHICLES, StateHistory, Trajectory
 from sim.vehicle.effectors import THRUSTER
 from sim.vehicle.plant import OK, Fault, Plant, PlantError, advance
-from sim.water import Water, water_velocity
+from sim.water.assembly import ocean_of
+from sim.water.environment import Environment, water_velocity
 
 TICK = CONTROL_STEP_S  # interval of guidance, autopilot and recording [s]
 # code of a failed navigator; the number of its follower, from 1, is given with it
@@ -115,11 +116,11 @@ ControllerFactory = Callable[[Plant, RouteControl], Controller]
 
 @compiled
 def record_state(
-    k: int, state: tuple[Floats, Floats, Floats], water: Water, truth: StateHistory
+    k: int, state: tuple[Floats, Floats, Floats], environment: Environment, truth: StateHistory
 ) -> None:
     """Record instant k: pose, twist and thrust of a plant, and its water."""
     pose, twist, thrust = state
-    water_velocity(pose[:, :3], k * TICK, water, truth.water[k])
+    water_velocity(environment, pose[:, :3], k * TICK, truth.water[k])
     for i in range(pose.shape[0]):
         copy_values(pose[i], truth.pose[k, i])
         copy_values(twist[i], truth.twist[k, i])
@@ -199,7 +200,7 @@ def take_over(k: int, truth: StateHistory, i: int, routes: RouteControl) -> None
 @compiled
 def _simulate(
     span: tuple[int, int, int],
-    plant: tuple[Any, tuple[Floats, Floats, Floats], Water],
+    plant: tuple[Any, tuple[Floats, Floats, Floats], Environment],
     controller: Controller,
     command: Floats,
     truth: StateHistory,
@@ -210,13 +211,13 @@ def _simulate(
     Gives the last instant that is recorded, and what ended the simulation.
     """
     first, last, substeps = span
-    handles, state, water = plant
+    handles, state, environment = plant
     for k in range(first, last + 1):
         if k > 0:
             fault = advance(handles, command, substeps)
             if fault[0] != OK:
                 return k - 1, fault
-        record_state(k, state, water, truth)
+        record_state(k, state, environment, truth)
         failed = controller.control(k, truth)
         if failed:
             return k, (NAVIGATION_FAILED, failed)
@@ -247,7 +248,7 @@ def static_trajectory(plant: Plant) -> Trajectory:
     """
     truth = StateHistory.empty(2, *plant.thrust.shape)
     for k in range(2):
-        record_state(k, plant.state, plant.ocean.water, truth)
+        record_state(k, plant.state, plant.ocean.environment, truth)
     return _trajectory(plant, truth, 2)
 
 
@@ -309,7 +310,7 @@ class Mission:
         """
         plant = self.plant
         first = self.instants
-        handles = (plant.step_handles(), plant.state, plant.ocean.water)
+        handles = (plant.step_handles(), plant.state, plant.ocean.environment)
         span = (first, min(last, self.last), self._substeps)
         k, fault = self._loop(span, handles, self.controller, self.routes.command, self.truth)
         if fault[0] == NAVIGATION_FAILED:

@@ -198,7 +198,7 @@ def vehicle_rows() -> list[tuple[str, str, str, str]]:
     from sim.vehicle import effectors
     from sim.vehicle.mjcf import VehicleSetup
     from sim.vehicle.plant import Plant
-    from sim.water import Ocean
+    from sim.water.ocean import Ocean
 
     kinds = {
         effectors.THRUSTER: ("thruster", 1.0, "N"),

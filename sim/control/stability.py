@@ -24,7 +24,8 @@ from sim.vehicle.effectors import FIN, state_for, unit_wrenches
 from sim.vehicle.hydrodynamics import wrench
 from sim.vehicle.mjcf import inertia_tensor
 from sim.vehicle.plant import Plant
-from sim.water import Ocean, Water, instant_of
+from sim.water.environment import SeaInstant, sea_at
+from sim.water.ocean import Ocean
 
 _SPEED_STEP = 0.25  # speeds are looked at in such steps, from the slowest of a mission [m/s]
 _GROWTH = 0.02  # slower growth is left to the loops that are left out [1/s]
@@ -47,7 +48,12 @@ def _skew(a: Floats) -> Floats:
 
 
 def _forces(
-    c: Any, rigid: Floats, centre: Floats, state: Floats, water: Water, fitted: tuple[Any, Floats]
+    c: Any,
+    rigid: Floats,
+    centre: Floats,
+    state: Floats,
+    sea: SeaInstant,
+    fitted: tuple[Any, Floats],
 ) -> Floats:
     """Wrench of water, weight and inertia in the body, of velocities (6) and small angles about
     the body's axes (3).
@@ -57,9 +63,7 @@ def _forces(
     angle = state[6:]
     to_world = np.eye(3) + _skew(angle) + 0.5 * _skew(angle) @ _skew(angle)
     pose = np.array([0.0, 0.0, -10.0, np.sqrt(1.0 - 0.25 * angle @ angle), *(0.5 * angle)])
-    force, moment, _ = wrench(
-        c, pose, np.concatenate([to_world @ velocity, spin]), *instant_of(0.0, water), fitted, 0
-    )
+    force, moment, _ = wrench(c, pose, np.concatenate([to_world @ velocity, spin]), sea, fitted, 0)
     weight = to_world.T @ [0.0, 0.0, -rigid[0, 0] * c.gravity]
     momentum = rigid @ state[:6]
     carried = c.added_mass[:, :3] @ np.cross(spin, velocity)
@@ -124,7 +128,7 @@ def steady_turn(plant: Plant, i: int, d: Any, speed: float) -> tuple[float, floa
     fitted = np.concatenate([own, plant.fixed_fins[i]])[None]
     # as those of a plant, or another version of the forces would be compiled
     fitted.flags.writeable = False
-    still = Ocean().water
+    still = sea_at(Ocean().environment, 0.0)
     forces = greatest_forces(d, speed, YAW)[1][: own.size]
     states = np.array(
         [
@@ -167,9 +171,10 @@ def _motion(plant: Plant, i: int, d: Any, about: Floats) -> Floats:
     speed = float(about[0])
     steps = _STEP * np.eye(9)
     fitted = plant.true_effectors[i : i + 1], np.zeros((1, own.size))
+    sea = sea_at(plant.ocean.environment, 0.0)
     rates = [
-        _forces(c, rigid, centre, about + step, plant.ocean.water, fitted)
-        - _forces(c, rigid, centre, about - step, plant.ocean.water, fitted)
+        _forces(c, rigid, centre, about + step, sea, fitted)
+        - _forces(c, rigid, centre, about - step, sea, fitted)
         for step in steps
     ]
     allocation = np.empty((own.size, 6))

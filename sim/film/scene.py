@@ -1,7 +1,8 @@
 """The three-dimensional part of a frame: sea, hulls with smoothed edges, and ghosts of estimates.
 
 The sea is a floor and a height field of the surface that travel with the camera, in fog and light.
-Nothing here acts on a vehicle. The surface is the simulated one (`sim.water.elevation_at`).
+Nothing here acts on a vehicle. The surface is the simulated one (`elevation_at` in
+`sim.water.environment`).
 """
 
 from typing import Any
@@ -10,7 +11,7 @@ import mujoco
 import numpy as np
 
 from laisn.arrays import Bytes, Floats
-from sim.assembly import models_of, ocean_of
+from sim.assembly import models_of
 from sim.film.antialiasing import smooth
 from sim.film.cameras import Shot, View
 from sim.film.film_data import ESTIMATE, FrameState
@@ -18,7 +19,9 @@ from sim.flight import Flight
 from sim.scenario.settings import Video
 from sim.vehicle.effectors import MovingFins
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
-from sim.water import PHASE, Ocean, change_at
+from sim.water.assembly import ocean_of
+from sim.water.ocean import Ocean
+from sim.water.waves import PHASE
 
 Box = tuple[int, int, int, int]
 
@@ -140,7 +143,7 @@ class Sea:
             mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, n) for n in ("sea", "seabed")
         )
         self._ocean = ocean
-        self._waves = ocean.water[1][: PHASE + 1].T
+        self._waves = ocean.environment.waves.components[: PHASE + 1].T
         self._steepness = np.hypot(self._waves[:, 1], self._waves[:, 2])
 
     def grid(self, centre: Floats, reach: float) -> tuple[Floats, Floats]:
@@ -161,7 +164,7 @@ class Sea:
         """
         cell = float(x[1] - x[0])
         long = self._steepness * cell < 2.0
-        *_, east, north = change_at(time, self._ocean.water[2])
+        east, north = self._ocean.environment.current.at_time(time).drift.run
         amplitude, kx, ky, omega, phase = self._waves[long][:, [0, 1, 2, 4, 5]].T
         along_x = amplitude * np.exp(1j * (np.outer(x - east, kx) + phase - omega * time))
         return np.asarray((np.exp(1j * np.outer(y - north, ky)) @ along_x.T).real)

@@ -5,7 +5,7 @@ from xml.etree.ElementTree import Element
 
 from sim.gazebo.document import Parameters, Remarks, child_number, numbers, plugins_of
 from sim.gazebo.frames import Model
-from sim.water import GRAVITY
+from sim.water.waves import GRAVITY
 
 DEFAULT_DENSITY = 1000.0  # of gz-sim's Buoyancy [kg/m³]
 EARTH = 9.8  # gravity of a world that states none [m/s²]

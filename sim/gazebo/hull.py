@@ -26,7 +26,7 @@ from sim.gazebo.document import (
 )
 from sim.gazebo.frames import Model
 from sim.vehicle.hull_file import EffectorPart, HullFile, Number
-from sim.water import GRAVITY
+from sim.water.waves import GRAVITY
 
 HYDRODYNAMICS = ("Hydrodynamics", hydrodynamics.TETHYS)
 READ = (*HYDRODYNAMICS, "Thruster", "LiftDrag")

@@ -25,6 +25,7 @@ from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing import acoustics, noise, sensors
 from sim.sensing.noise import Address
 from sim.trajectory import StateHistory, Trajectory, row
+from sim.water.rays import Path
 
 # compiled code holds numbers, not the members of an enum
 _ATTITUDE = int(noise.Stream.LEADER_ATTITUDE)
@@ -643,7 +644,7 @@ def observe(
     @cache
     def state() -> sensors.FollowerState:
         source = np.full((n, 3, 3), np.nan)
-        direct = sound.ranges[:, :, [acoustics.Path.DIRECT]]
+        direct = sound.ranges[:, :, [Path.DIRECT]]
         source[sound.message_step - 1] = np.where(np.isnan(direct), np.nan, sound.transmitter)
         motion = (
             trajectory.pose[grid, v],
@@ -664,8 +665,8 @@ def observe(
         message_step=sound.message_step,
         emission_step=sound.emission_step,
         sent=sound.content.view(MESSAGE).reshape(-1).view(np.recarray),
-        slant_range=sound.ranges[:, :, acoustics.Path.DIRECT],
-        echo_range=np.moveaxis(sound.ranges[:, :, acoustics.Path.SURFACE :], 2, 0),
+        slant_range=sound.ranges[:, :, Path.DIRECT],
+        echo_range=np.moveaxis(sound.ranges[:, :, Path.SURFACE :], 2, 0),
         own=tuple((sensor, sensor.true(state())) for sensor in sensors.own_sensors(scenario)),
     )
 

@@ -42,7 +42,7 @@ from sim.scenario.sensors import OwnSensor as OwnSensorTable
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.noise import Address, Stream, uniforms_at
 from sim.trajectory import Trajectory, speed_through_water
-from sim.water import GRAVITY
+from sim.water.waves import GRAVITY
 
 _ECHO = int(Stream.ECHO)  # compiled code needs numbers, not the members of an enum
 

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.errors import LaisnError
-from sim.water import GRAVITY
+from sim.water.waves import GRAVITY
 
 DENSITY = 1026.0  # of sea water, where nothing else is given [kg/m³]
 Number = tuple[npt.ArrayLike, str]  # values, and where they come from

@@ -24,7 +24,7 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled, inlined
 from sim.attitude import Matrix, Vector, cross, matvec, minus, plus, rotation, scaled, transposed
 from sim.vehicle.effectors import effector_wrench
-from sim.water import Instant, Water, elevation_at, flow, instant_of
+from sim.water.environment import Environment, SeaInstant, elevation_at, flow, sea_at
 
 
 @inlined
@@ -191,21 +191,18 @@ def gradient_force(
 
 
 @inlined
-def immersion(
-    c: Any, position: Vector, axis: Vector, now: Instant, waves: Floats
-) -> tuple[float, float]:
+def immersion(c: Any, position: Vector, axis: Vector, sea: SeaInstant) -> tuple[float, float]:
     """Share of a hull that is in the water, and Σ (dry share · x) of the strips [m].
 
     A strip's section leaves the water evenly from the moment the surface touches its top until it
     is a radius below its middle; strips count by their side area.
     """
-    _, (_, _, (_, highest)), _ = now
     ends = max(abs(c.strip_x[0]), abs(c.strip_x[c.n_strips - 1]))
-    deep = position[2] + abs(axis[2]) * ends + c.hull_radius <= -highest
+    deep = position[2] + abs(axis[2]) * ends + c.hull_radius <= -sea.waves.highest
     area = wet = arm = 0.0
     for i in range(0 if deep else c.n_strips):
         p = plus(position, scaled(c.strip_x[i], axis))
-        below = elevation_at(p[0], p[1], now, waves) - p[2]
+        below = elevation_at(sea, p[0], p[1]) - p[2]
         share = min(max(0.5 + 0.5 * below / c.hull_radius, 0.0), 1.0)
         area += c.strip_area[i]
         wet += share * c.strip_area[i]
@@ -215,7 +212,7 @@ def immersion(
 
 @compiled
 def wrench(
-    c: Any, pose: Any, twist: Any, now: Instant, waves: Floats, fitted: tuple[Any, Floats], i: int
+    c: Any, pose: Any, twist: Any, sea: SeaInstant, fitted: tuple[Any, Floats], i: int
 ) -> tuple[Vector, Vector, float]:
     """All that the water does to one vehicle, but for added mass times acceleration.
 
@@ -223,7 +220,7 @@ def wrench(
         pose: position [m] and quaternion, seven numbers.
         twist: velocity of the origin in the world [m/s], angular velocity in the body [rad/s], six
             numbers.
-        now, waves: as of `sim.water.instant_of`.
+        sea: current and waves at the time.
         fitted, i: as of `sim.vehicle.effectors.effector_wrench`.
 
     Returns:
@@ -237,18 +234,18 @@ def wrench(
     velocity = (twist[0], twist[1], twist[2])
     spin = (twist[3], twist[4], twist[5])
 
-    stream, change, gradient, turning_change, squeeze = flow(position, velocity, axis, now, waves)
-    v = matvec(to_body, minus(velocity, stream))
+    water = flow(sea, position, velocity, axis)
+    gradient = water.gradient
+    v = matvec(to_body, minus(velocity, water.velocity))
     # water that changes along a slender hull acts as if the hull turned the other way round
     axis_rate = cross(matvec(to_world, spin), axis)
     along = matvec(gradient, axis)
     turning = matvec(to_body, cross(axis, along))
     w = minus(spin, turning)
-    turning_rate = plus(
-        cross(axis_rate, along), cross(axis, plus(turning_change, matvec(gradient, axis_rate)))
-    )
+    along_rate = plus(water.axis_gradient_rate, matvec(gradient, axis_rate))
+    turning_rate = plus(cross(axis_rate, along), cross(axis, along_rate))
     brought = (
-        plus(matvec(to_body, change), cross(spin, v)),
+        plus(matvec(to_body, water.rate), cross(spin, v)),
         minus(matvec(to_body, turning_rate), cross(spin, turning)),
     )
 
@@ -275,12 +272,13 @@ def wrench(
     moment = plus(moment, part[1])
     # Froude-Krylov: the pressure that accelerates the water particles acts on the hull in their
     # place, and they are accelerated by Du/Dt along their own path, not along the hull's
-    particle = minus(change, matvec(gradient, minus(velocity, stream)))
+    particle = minus(water.rate, matvec(gradient, minus(velocity, water.velocity)))
     displaced = scaled(c.buoyancy / c.gravity, matvec(to_body, particle))
     force = plus(force, displaced)
-    moment = plus(moment, scaled(c.displaced_inertia, matvec(to_body, cross(axis, squeeze))))
+    squeeze = cross(axis, water.axis_acceleration_gradient)
+    moment = plus(moment, scaled(c.displaced_inertia, matvec(to_body, squeeze)))
 
-    share, dry_arm = immersion(c, position, axis, now, waves)
+    share, dry_arm = immersion(c, position, axis, sea)
     lift = (0.0, 0.0, share * c.buoyancy)
     lost = cross((dry_arm, 0.0, 0.0), matvec(to_body, (0.0, 0.0, -c.buoyancy)))
     if c.off_centre:
@@ -329,7 +327,7 @@ def apply_water_forces(
     pose: Floats,
     twist: Floats,
     time: float,
-    water: Water,
+    environment: Environment,
     solver: Solver,
     fitted: tuple[Any, Floats],
 ) -> int:
@@ -337,7 +335,7 @@ def apply_water_forces(
     finite, > LOST), or -1.
     """
     mass, applied = solver
-    now, waves = instant_of(time, water)
+    sea = sea_at(environment, time)
     lost = first_row_exceeding(twist, LOST)
     # one way out, and numbers in place of rows: compiled code would count references to arrays for
     # each vehicle
@@ -346,7 +344,7 @@ def apply_water_forces(
         motion = (twist[i, 0], twist[i, 1], twist[i, 2], twist[i, 3], twist[i, 4], twist[i, 5])
         c = coefficients[i]
         total = 0.0
-        force, moment, share = wrench(c, at, motion, now, waves, fitted, i)
+        force, moment, share = wrench(c, at, motion, sea, fitted, i)
         for j in range(3):
             applied[i, j] = force[j]
             applied[i, 3 + j] = moment[j]

@@ -24,7 +24,7 @@ from sim import attitude
 from sim.vehicle import effectors, hydrodynamics, mjcf
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 from sim.vehicle.mujoco_calls import NO_CONTACT, NO_FORCES, call, calls_of
-from sim.water import Ocean
+from sim.water.ocean import Ocean
 
 # what ended a step, one of FINE … WARNED, and the index of the vehicle, or of MuJoCo's warning
 Fault = tuple[int, int]
@@ -46,7 +46,7 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
 
     Returns the argument of `Plant.finish_step`, to be called from Python.
     """
-    (stages, model, data), clock, body, (records, water, solver, fitted) = handles
+    (stages, model, data), clock, body, (records, environment, solver, fitted) = handles
     kinematics, centres, inertia, velocity, factor, finish = stages
     (pose, twist, acceleration), response, good, warnings = body
     half_step = 0.5 * clock[1]
@@ -61,7 +61,7 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
         # forces are those of the instant, velocities those of the middle of the last step
         _shift(twist, acceleration, half_step)
         lost = hydrodynamics.apply_water_forces(
-            records, pose, twist, clock[0], water, solver, fitted
+            records, pose, twist, clock[0], environment, solver, fitted
         )
         if lost >= 0:
             return DIVERGED, lost
@@ -149,7 +149,7 @@ class Plant:
         response = -np.expm1(-dt / np.maximum(self.effectors["lag"], 1e-9))
         self._loads: Any = (
             self.true_coefficients,
-            ocean.water,
+            ocean.environment,
             solver,
             (self.true_effectors, self.thrust),
         )

@@ -114,7 +114,7 @@ def test_no_compiled_function_may_reorder_or_fuse_operations() -> None:
         for key, value in vars(module).items()
         if hasattr(value, "targetoptions")
     }
-    assert {"laisn.lanes.advance", "sim.water._flow_in_waves"} <= dispatchers.keys()
+    assert {"laisn.lanes.advance", "sim.water.waves.add_waves"} <= dispatchers.keys()
     assert not [name for name, f in dispatchers.items() if f.targetoptions.get("fastmath")]
 
 

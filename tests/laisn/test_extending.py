@@ -85,7 +85,7 @@ import numpy as np
 from sim.vehicle import mjcf, hydrodynamics
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
-from sim.water import Ocean
+from sim.water.ocean import Ocean
 
 setup = VehicleSetup(name="a", model="follower", position_m=(0.0, 0.0, -10.0), speed_m_s=1.0)
 plant = Plant([setup], Ocean())

@@ -14,13 +14,14 @@ from experiments.study.estimate import Results
 from experiments.study.measure import facts_of, records_of_run
 from experiments.study.run import _of_runs
 from sim import attitude
-from sim.assembly import ocean_of, routes_of, setups_of
+from sim.assembly import routes_of, setups_of
 from sim.flight import Termination
 from sim.scenario.file import validate
 from sim.scenario.settings import Scenario
 from sim.simulation import simulate
 from sim.tracking import contacts, first_touch, hull_gap
 from sim.vehicle.plant import Plant
+from sim.water.assembly import ocean_of
 from tests import synthetic
 from tests.synthetic import make_flight
 

@@ -11,13 +11,14 @@ import pytest
 
 from laisn.navigator import Navigator
 from reports.range_budget import range_error_budget
-from sim.assembly import ocean_of, routes_of
+from sim.assembly import routes_of
 from sim.film.film_data import OtherEstimate, RayErrors
 from sim.flight import navigate
 from sim.scenario.settings import Acoustics, Follower, Ocean, Scenario, Waves
 from sim.sensing.acoustics import sound_of
 from sim.sensing.observation import observe
 from sim.simulation import simulate_motion
+from sim.water.assembly import ocean_of
 
 ROOT = Path(__file__).resolve().parents[2]
 LOOSE = ("sim/log/", "sim/gazebo/", "sim/datasets/table_", "laisn/rivals/speed_modes.py")
@@ -72,7 +73,7 @@ def records() -> dict[str, Any]:
         route,
         route.depth,
         ocean_of(scenario).waves,
-        sound_of(scenario).profile,
+        sound_of(scenario).rays.profile,
         OtherEstimate(label="other", colour=(0.0, 0.0, 0.0), position=np.zeros((4, 2))),
         RayErrors(label="error", value=np.zeros((4, 3)), limit=1.0),
     )

@@ -11,7 +11,8 @@ from sim.simulation import simulate, simulate_points
 from sim.tracking import cross_track, track_error
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
-from sim.water import Ocean, Waves
+from sim.water.ocean import Ocean
+from sim.water.waves import Waves
 from tests import synthetic
 from tools.documents import route_keeping as study
 from tools.documents.route_keeping import TrackingReport, arrival_errors, tracking

@@ -8,13 +8,14 @@ from functools import partial
 import mujoco
 
 from experiments.flight.library import load_scenario
-from sim.assembly import ocean_of, routes_of, setups_of
+from sim.assembly import routes_of, setups_of
 from sim.closed_loop import closed_loop_of, simulate_closed_loop
 from sim.scenario.settings import Scenario
 from sim.simulation import simulate
 from sim.vehicle.mjcf import compose
 from sim.vehicle.mujoco_calls import NO_CONTACT
 from sim.vehicle.plant import Plant
+from sim.water.assembly import ocean_of
 from tools.benchmarks.row import Row, least_time, least_times
 
 SWARMS = {10: 400.0, 50: 100.0}

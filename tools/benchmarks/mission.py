@@ -15,7 +15,7 @@ import numpy as np
 from experiments.flight.fly import fly
 from experiments.flight.library import load_scenario
 from laisn.compiled import compiled
-from sim.assembly import ocean_of, routes_of, setups_of
+from sim.assembly import routes_of, setups_of
 from sim.film import graphics, render
 from sim.film.render import Job
 from sim.log import writer
@@ -25,6 +25,7 @@ from sim.simulation import simulate
 from sim.vehicle.mjcf import compose, spec_of
 from sim.vehicle.mujoco_calls import NO_CONTACT, Calls, call, calls_of
 from sim.vehicle.plant import Plant
+from sim.water.assembly import ocean_of
 from tools.benchmarks.row import Row, least_time
 
 FLEETS = {

@@ -24,7 +24,8 @@ from sim.vehicle.hull_file import from_dimensions
 from sim.vehicle.hydrodynamics import wrench
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
-from sim.water import Ocean, instant_of
+from sim.water.environment import sea_at
+from sim.water.ocean import Ocean
 from tests.sim.vehicle import fossen_remus100 as fossen
 from tests.sim.vehicle import remus_formation
 from tests.sim.vehicle import test_remus as remus
@@ -362,15 +363,14 @@ def coefficients_of(model: str) -> dict[str, float]:
     inertia = mjcf.inertia_tensor(plant.model, plant.model.body("v/hull").id)
     effectors = plant.effectors[0, : len(plant.effector_names[0])]
     rest = np.array([0.0, 0.0, -200.0, 1.0, 0.0, 0.0, 0.0])
-    now, waves = instant_of(0.0, plant.ocean.water)
+    sea = sea_at(plant.ocean.environment, 0.0)
 
     def load(axis: int, size: float) -> float:
         force, moment, _ = wrench(
             c,
             rest,
             size * np.eye(6)[axis],
-            now,
-            waves,
+            sea,
             (effectors[None], np.zeros((1, effectors.size))),
             0,
         )

@@ -6,7 +6,8 @@ from matplotlib.figure import Figure
 from reports.figures import Line
 from reports.style import FRAME, MUTED, SERIES, Legend
 from sim import attitude
-from sim.water import Ocean, Waves
+from sim.water.ocean import Ocean
+from sim.water.waves import Waves
 from tests.sim.vehicle import test_remus as remus
 from tests.sim.vehicle.tank import Tank, hull
 from tests.sim.vehicle.test_kirchhoff import SPHEROID_ADDED, SPHEROID_INERTIA, SPHEROID_MASS

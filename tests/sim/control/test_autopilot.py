@@ -16,7 +16,7 @@ from sim.simulation import DivergedError, simulate
 from sim.vehicle import effectors
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
-from sim.water import Ocean
+from sim.water.ocean import Ocean
 from tests.synthetic import record
 
 thrust = st.floats(-200, 200)

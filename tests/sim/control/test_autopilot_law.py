@@ -11,7 +11,7 @@ from sim.control.autopilot import VehicleState
 from sim.control.guidance import REFERENCE
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
-from sim.water import Ocean
+from sim.water.ocean import Ocean
 from tests.synthetic import record
 
 DT = 0.1

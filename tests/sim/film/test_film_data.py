@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from sim.assembly import ocean_of
 from sim.film.film_data import FilmData
 from sim.film.scene import Sea
 from sim.scenario.settings import Waves
-from sim.water import PHASE
-from tests.sim.test_ocean import elevation
+from sim.water.assembly import ocean_of
+from sim.water.waves import PHASE
+from tests.sim.water.test_ocean import elevation
 from tests.synthetic import make_flight
 
 
@@ -59,7 +59,7 @@ def test_the_drawn_sea_is_the_simulated_sea():
         mission.model_copy(update={"ocean": mission.ocean.model_copy(update={"waves": waves})})
     )
     sea = Sea.__new__(Sea)
-    sea._ocean, sea._waves = ocean, ocean.water[1][: PHASE + 1].T
+    sea._ocean, sea._waves = ocean, ocean.environment.waves.components[: PHASE + 1].T
     sea._steepness = np.hypot(sea._waves[:, 1], sea._waves[:, 2])
     x, y = sea.grid(np.array([40.0, -7.0, 0.0]), 100.0)
     drawn = sea.elevation(x, y, 12.3)

@@ -12,7 +12,7 @@ from laisn.arrays import Floats
 from laisn_sim.cli.main import app
 from sim.vehicle.mjcf import VehicleSetup, read_coefficients
 from sim.vehicle.plant import Plant
-from sim.water import Ocean
+from sim.water.ocean import Ocean
 
 DATA = Path(__file__).parents[2] / "data" / "gazebo"
 PROBE = (DATA / "probe.sdf").read_text(encoding="utf-8")

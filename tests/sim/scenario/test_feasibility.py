@@ -15,11 +15,12 @@ from experiments.flight import library
 from laisn.errors import ROWS, plain
 from laisn_sim.cli.fly import fly_and_write
 from sim import feasibility
-from sim.assembly import ocean_of, routes_of, setups_of
+from sim.assembly import routes_of, setups_of
 from sim.scenario import file as scenario_file
 from sim.scenario.file import ScenarioError
 from sim.scenario.settings import Scenario
 from sim.vehicle.plant import Plant
+from sim.water.assembly import ocean_of
 from tests import absurd
 
 SEEDS = st.integers(0, 2**64)

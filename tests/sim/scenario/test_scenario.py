@@ -10,7 +10,6 @@ import pytest
 
 from experiments.flight import library
 from laisn.settings import NavigationSettings, TightSettings
-from sim.assembly import ocean_of
 from sim.feasibility import cautions, infeasibilities
 from sim.flight import navigation_settings
 from sim.scenario import file as scenario_file
@@ -19,6 +18,7 @@ from sim.scenario.section import split_unit
 from sim.scenario.settings import Follower, Leader, Scenario, Station
 from sim.sensing.sensors import SensorErrors, errors_of
 from sim.simulation import simulate_motion
+from sim.water.assembly import ocean_of
 from tools.documents import scenario_reference as reference
 
 MINIMAL: dict[str, Any] = {"name": "mine", "followers": [{"route": "T5"}]}

@@ -16,18 +16,11 @@ from laisn.navigator import Navigator
 from laisn.swarm import MESSAGE
 from sim.flight import navigation_settings
 from sim.scenario.settings import Acoustics, Navigation, Timing
-from sim.sensing.acoustics import (
-    TRANSMITTERS,
-    Path,
-    SoundProfile,
-    image,
-    mean_slowness,
-    path_slowness,
-    speed_at,
-)
+from sim.sensing.acoustics import TRANSMITTERS
 from sim.sensing.noise import Address, Stream, seed_and_run, uniforms
 from sim.sensing.observation import IdealMeasurements, measure, observe, propagate
 from sim.sensing.sensors import SensorErrors, errors_of, paths_taken
+from sim.water.rays import Path, SoundProfile, image, mean_slowness, path_slowness, speed_at
 from tests.straight import make_scenario, make_trajectory
 
 REAR, FRONT, MIDDLE = range(3)

@@ -14,7 +14,7 @@ from sim import attitude
 from sim.vehicle import mjcf
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
-from sim.water import Ocean
+from sim.water.ocean import Ocean
 
 AXES = np.eye(6)[[0, 1, 2, 4, 5]]
 """Thrusters that push ahead, to port and up and turn about port and up: force and moment about

@@ -17,7 +17,7 @@ from sim import attitude
 from sim.vehicle.effectors import thrust_on_curve
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
-from sim.water import Ocean
+from sim.water.ocean import Ocean
 
 G = 9.81
 

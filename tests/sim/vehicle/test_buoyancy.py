@@ -11,12 +11,13 @@ import models
 from laisn.errors import LaisnError
 from laisn_sim.cli.main import app
 from sim import attitude
-from sim.assembly import ocean_of, routes_of, setups_of
+from sim.assembly import routes_of, setups_of
 from sim.scenario.vehicles import Vehicle
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.own_hull import hull_errors
 from sim.vehicle.plant import Plant
-from sim.water import Ocean
+from sim.water.assembly import ocean_of
+from sim.water.ocean import Ocean
 from tests.sim.vehicle.tank import Tank, hull
 
 G = 9.81

@@ -12,7 +12,7 @@ from sim.simulation import simulate
 from sim.vehicle.effectors import effector_wrench
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
-from sim.water import Ocean
+from sim.water.ocean import Ocean
 
 SITES = """<site name="a" class="thruster" pos="-0.8 0.02 0"/>
 <site name="b" class="thruster" pos="0.5 0 0.05"/>

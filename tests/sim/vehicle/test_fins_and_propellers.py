@@ -26,7 +26,7 @@ from sim.vehicle.hydrodynamics import coupled_damping
 from sim.vehicle.mjcf import VehicleSetup, spec_of
 from sim.vehicle.own_hull import hull_errors
 from sim.vehicle.plant import Plant
-from sim.water import Ocean
+from sim.water.ocean import Ocean
 from tests.sim.vehicle import remus_formation
 from tests.synthetic import only
 from tools.documents.hull_trials import PUBLISHED_BLUEROV, bluerov_speed

@@ -16,7 +16,7 @@ from sim.vehicle.hull_file import from_dimensions, helmbold_slope, lamb_factors
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.own_hull import hull_errors
 from sim.vehicle.plant import Plant
-from sim.water import Ocean
+from sim.water.ocean import Ocean
 from tools.documents.hull_trials import PUBLISHED_HULLS, estimate_ratios
 from tools.documents.route_keeping import tracking
 

@@ -10,7 +10,8 @@ from scipy.optimize import brentq
 import models
 from laisn.arrays import Floats
 from sim import attitude
-from sim.water import Ocean, Waves
+from sim.water.ocean import Ocean
+from sim.water.waves import Waves
 from tests.sim.vehicle.tank import Tank, hull
 
 G = 9.81

@@ -11,7 +11,7 @@ from laisn.arrays import Floats
 from sim.control.autopilot import design
 from sim.vehicle.mjcf import VehicleSetup, inertia_tensor
 from sim.vehicle.plant import Plant
-from sim.water import Ocean
+from sim.water.ocean import Ocean
 
 MOMENTS = (0.3, 4.02777, 4.2)
 """About the axes of the follower's body frame [kg m²], all different."""

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from laisn.arrays import Floats
 from sim import attitude
-from sim.water import Ocean
+from sim.water.ocean import Ocean
 from tests.sim.vehicle.tank import Tank, hull
 
 G = 9.81

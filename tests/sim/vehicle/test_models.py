@@ -10,7 +10,7 @@ from sim.scenario.vehicles import Leader
 from sim.vehicle import mjcf
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 from sim.vehicle.plant import Plant
-from sim.water import Ocean
+from sim.water.ocean import Ocean
 
 VEHICLES = ("leader", "follower")
 SIZES = {"leader": (2.0, 0.25), "follower": (1.6, 0.19)}

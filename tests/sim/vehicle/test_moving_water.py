@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 import models
 from laisn.arrays import Floats
 from sim import attitude
-from sim.water import Ocean, Waves
+from sim.water.ocean import Ocean
+from sim.water.waves import Waves
 from tests.sim.vehicle.tank import Tank, hull
 
 G = 9.81

@@ -14,7 +14,8 @@ from sim.scenario.vehicles import Vehicle
 from sim.vehicle import effectors, hydrodynamics, mjcf
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 from sim.vehicle.plant import Plant, PlantError
-from sim.water import Ocean, Waves
+from sim.water.ocean import Ocean
+from sim.water.waves import Waves
 
 EAST = np.pi / 2
 
@@ -92,7 +93,7 @@ def test_a_step_is_mujocos_own_with_the_water_in_its_middle() -> None:
         mujoco.mj_step1(model, data)
         assert (
             hydrodynamics.apply_water_forces(
-                records, pose, twist, data.time, plant.ocean.water, solver, fitted
+                records, pose, twist, data.time, plant.ocean.environment, solver, fitted
             )
             == -1
         )
@@ -137,14 +138,14 @@ def test_a_wrench_beyond_all_numbers_is_found() -> None:
     fitted = plant.true_effectors, np.zeros(plant.effectors.shape)
     assert (
         hydrodynamics.apply_water_forces(
-            records, pose, twist, 0.0, plant.ocean.water, solver, fitted
+            records, pose, twist, 0.0, plant.ocean.environment, solver, fitted
         )
         == -1
     )
     records["linear_damping"][1, :3], records["linear_damping_fade"][1] = 1e308, 0.0
     assert (
         hydrodynamics.apply_water_forces(
-            records, pose, twist, 0.0, plant.ocean.water, solver, fitted
+            records, pose, twist, 0.0, plant.ocean.environment, solver, fitted
         )
         == 1
     )

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 from laisn.arrays import Floats
 from sim import attitude
-from sim.water import Ocean
+from sim.water.ocean import Ocean
 from tests.sim.vehicle.tank import Tank
 
 XML = Path(__file__).with_name("remus100.xml").read_text()

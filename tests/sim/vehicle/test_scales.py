@@ -16,7 +16,7 @@ from sim.scenario.settings import FASTEST_CURRENT_M_S
 from sim.scenario.vehicles import Vehicle
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
-from sim.water import Ocean
+from sim.water.ocean import Ocean
 
 
 def plant(speed=0.0, **scales):

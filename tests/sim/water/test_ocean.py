@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from laisn.arrays import Floats
-from sim.water import Ocean, Waves, change_at, elevation_at, flow, instant_of, wavenumber
+from sim.water.environment import elevation_at, flow, sea_at
+from sim.water.ocean import Ocean
+from sim.water.waves import Waves, wavenumber
 
 G = 9.81
 
@@ -77,25 +79,15 @@ def textbook_velocity(ocean: Ocean, p: Floats, t: float) -> Floats:
 
 def elevation(ocean: Ocean, x: npt.ArrayLike, y: npt.ArrayLike, time: float) -> Floats:
     """Height of the surface above z = 0; x and y broadcast [m]."""
-    water = ocean.water
-    return np.asarray(
-        np.vectorize(lambda *place: elevation_at(*map(float, place), *instant_of(time, water)))(
-            x, y
-        )
-    )
+    now = sea_at(ocean.environment, time)
+    return np.asarray(np.vectorize(lambda *place: elevation_at(now, *map(float, place)))(x, y))
 
 
 def acceleration_of(ocean: Ocean, point: Floats, time: float) -> Floats:
     """Acceleration of a particle, which is its change of velocity along its own path [m/s²]."""
-    place, water = tuple(point.tolist()), ocean.water
-    return np.array(
-        flow(
-            place,
-            tuple(ocean.velocity(point[None], time)[0]),
-            (1.0, 0.0, 0.0),
-            *instant_of(time, water),
-        )[1]
-    )
+    velocity = tuple(ocean.velocity(point[None], time)[0])
+    now = sea_at(ocean.environment, time)
+    return np.array(flow(now, tuple(point.tolist()), velocity, (1.0, 0.0, 0.0)).rate)
 
 
 @given(period=st.floats(0.5, 60), depth=st.floats(0.5, 5000))
@@ -134,7 +126,7 @@ def test_flow_derivatives_are_those_of_the_velocity(
         def along(offset: Floats, later: float = 0.0, e: Floats = e, u: object = u) -> Floats:
             return np.asarray((u(offset + h * e, later) - u(offset - h * e, later)) / (2 * h))  # type: ignore[operator]
 
-        args = (tuple(p), tuple(v), tuple(e), *instant_of(t, ocean.water))
+        args = (sea_at(ocean.environment, t), tuple(p), tuple(v), tuple(e))
         velocity, change, gradient, along_change, _ = (np.array(part) for part in flow(*args))
         np.testing.assert_allclose(velocity, u(np.zeros(3)), atol=1e-12)
         np.testing.assert_allclose(change, (u(h * v, h) - u(-h * v, -h)) / (2 * h), atol=1e-6)
@@ -164,13 +156,15 @@ def test_a_linear_ramp_of_the_current() -> None:
             [[acceleration, 0, 0]] * 2,
             atol=1e-15,
         )
-        assert change_at(t, ocean.water[2])[4:] == pytest.approx((run, 0.0), abs=1e-12)
+        assert ocean.environment.current.at_time(t).drift.run == pytest.approx(
+            (run, 0.0), abs=1e-12
+        )
 
 
 def test_elevation_is_carried_along_with_a_changing_current() -> None:
     still, moved = sea(), sea(change=CHANGE)
     run = way(71.0)
-    assert change_at(71.0, moved.water[2])[4:] == pytest.approx(tuple(run), rel=1e-12)
+    assert moved.environment.current.at_time(71.0).drift.run == pytest.approx(tuple(run), rel=1e-12)
     x, y = np.array([0.0, 7.0, -30.0]), np.array([5.0, 5.0, 2.0])
     np.testing.assert_allclose(
         elevation(moved, x + run[0], y + run[1], 71.0), elevation(still, x, y, 71.0), atol=1e-12
@@ -202,7 +196,7 @@ def test_in_deep_water_orbits_are_circles_that_shrink_with_depth(z: float) -> No
     np.testing.assert_allclose(
         ocean.velocity(np.array([[5.0, 2.0, z]]), t)[0], expected, rtol=1e-9, atol=1e-290
     )
-    parts = flow((5.0, 2.0, z), (0.1, 0.2, 0.3), (0.0, 0.6, 0.8), *instant_of(t, ocean.water))
+    parts = flow(sea_at(ocean.environment, t), (5.0, 2.0, z), (0.1, 0.2, 0.3), (0.0, 0.6, 0.8))
     np.testing.assert_allclose(parts[0], expected, rtol=1e-9, atol=1e-290)
     assert all(np.isfinite(part).all() for part in parts)
 
@@ -221,7 +215,9 @@ def test_squeeze_is_the_gradient_of_the_linear_acceleration(z: float) -> None:
             (textbook_velocity(ocean, q, t + h) - textbook_velocity(ocean, q, t - h)) / (2 * h)
         )
 
-    squeeze = flow(tuple(p), (0, 0, 0), tuple(e), *instant_of(t, ocean.water))[4]  # type: ignore[arg-type]
+    squeeze = flow(
+        sea_at(ocean.environment, t), tuple(p), (0.0, 0.0, 0.0), tuple(e)
+    ).axis_acceleration_gradient  # type: ignore[arg-type]
     np.testing.assert_allclose(squeeze, (rate(p + h * e) - rate(p - h * e)) / (2 * h), atol=1e-7)
 
 
@@ -277,9 +273,9 @@ def test_jonswap_sea_has_its_significant_height() -> None:
     waves = Waves.jonswap(
         np.random.default_rng(5), significant_height_m=height, peak_period_s=period
     )
-    water = Ocean(waves=waves).water
+    environment = Ocean(waves=waves).environment
     series = np.array(
-        [elevation_at(0.0, 0.0, *instant_of(t, water)) for t in np.arange(0, 20000, 0.5)]
+        [elevation_at(sea_at(environment, t), 0.0, 0.0) for t in np.arange(0, 20000, 0.5)]
     )
     assert 4 * series.std() == pytest.approx(height, rel=0.02)
 

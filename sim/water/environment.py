@@ -1,0 +1,121 @@
+"""The sea as vehicles, sensors and sound meet it.
+
+Velocity of the water at place x and time t: the current there, and waves that ride on it. The parts
+of an `Environment` are of any class with the methods of their kind (`sim.water.currents`, `floors`,
+`rays`); compiled code chooses these by type.
+"""
+
+from typing import Any, NamedTuple
+
+from laisn.arrays import Floats
+from laisn.compiled import compiled, inlined, jitable, method_by_type
+from sim.attitude import Vector
+from sim.water.rays import Ray
+from sim.water.waves import Flow, WaveTrain, add_waves, wave_elevation
+
+method_by_type("density_at")
+
+
+class UniformDensity(NamedTuple):
+    """Water of one density."""
+
+    density: float  # [kg/m³]
+
+    @jitable
+    def density_at(self, depth: float) -> float:
+        """Density at a depth [kg/m³]."""
+        return self.density
+
+
+class Environment(NamedTuple):
+    """Current, waves, floor, density and sound of a sea."""
+
+    current: Any  # as `sim.water.currents.ShearedCurrent`
+    waves: WaveTrain
+    floor: Any  # as `sim.water.floors.LevelFloor`
+    rays: Any  # as `sim.water.rays.StraightRays`
+    water: Any  # as `UniformDensity`
+
+    def flow(self, position: Vector, time: float) -> Vector:
+        """Velocity of the water at a place [m] and time [s], in the world [m/s]."""
+        still = (0.0, 0.0, 0.0)
+        return flow(sea_at(self, time), position, still, (1.0, 0.0, 0.0)).velocity
+
+    def arrivals(self, source: Vector, receiver: Vector) -> tuple[Ray, Ray, Ray]:
+        """How sound gets from one place to another [m] that rest: directly, by the surface and by
+        the floor.
+        """
+        return (
+            self.rays.ray(0, source, receiver),
+            self.rays.ray(1, source, receiver),
+            self.rays.ray(2, source, receiver),
+        )
+
+    def floor_depth(self, east: float, north: float) -> float:
+        """Depth of the floor below a place [m]."""
+        return float(self.floor.depth_at(east, north))
+
+    def density(self, depth: float) -> float:
+        """Density of the water at a depth [kg/m³]."""
+        return float(self.water.density_at(depth))
+
+
+class SeaInstant(NamedTuple):
+    """Current and waves at one time."""
+
+    time: float  # [s]
+    current: Any  # as `sim.water.currents.ShearedInstant`
+    waves: WaveTrain
+
+
+@compiled
+def sea_at(environment: Environment, time: float) -> SeaInstant:
+    """Current and waves of an environment at a time [s]: the first argument of `flow` and
+    `elevation_at`.
+    """
+    return SeaInstant(time, environment.current.at_time(time), environment.waves)
+
+
+@compiled
+def elevation_at(sea: SeaInstant, x: float, y: float) -> float:
+    """Height of the surface above z = 0 at one place [m]."""
+    return wave_elevation(sea.waves, x, y, sea.time, sea.current.drift)
+
+
+@inlined
+def flow(sea: SeaInstant, position: Vector, velocity: Vector, axis: Vector) -> Flow:
+    """The water at a place [m] for a point that moves with a velocity [m/s], all in the world;
+    `axis` is the unit vector of a hull.
+    """
+    drift = sea.current.drift
+    # waves, and what else is not the same everywhere, are carried along
+    place = position[0] - drift.run[0], position[1] - drift.run[1], position[2]
+    relative = velocity[0] - drift.velocity[0], velocity[1] - drift.velocity[1], velocity[2]
+    current = sea.current.flow(place, relative)
+    if sea.waves.components.shape[1] > 0:
+        water = add_waves(sea.waves, current, place, relative, axis, sea.time)
+    else:
+        # most seas are calm, and need neither sums over waves nor room for them
+        none = (0.0, 0.0, 0.0)
+        water = Flow(current.velocity, current.rate, current.gradient, none, none)
+    u = water.velocity
+    rate = water.rate
+    return Flow(
+        (u[0] + drift.velocity[0], u[1] + drift.velocity[1], u[2]),
+        (rate[0] + drift.acceleration[0], rate[1] + drift.acceleration[1], rate[2]),
+        water.gradient,
+        water.axis_gradient_rate,
+        water.axis_acceleration_gradient,
+    )
+
+
+@compiled
+def water_velocity(environment: Environment, position: Floats, time: float, out: Floats) -> None:
+    """Write the velocity of the water at points of shape (n, 3) to `out`, likewise."""
+    sea = sea_at(environment, time)
+    for i in range(position.shape[0]):
+        place = position[i, 0], position[i, 1], position[i, 2]
+        u = flow(sea, place, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)).velocity
+        out[i, 0] = u[0]
+        out[i, 1] = u[1]
+        out[i, 2] = u[2]

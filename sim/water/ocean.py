@@ -1,0 +1,91 @@
+"""The settings of a sea, and the `Environment` that they make."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from laisn.arrays import Floats, own_arrays
+from sim.water.currents import ACCELERATION, RUN, SET, START, ShearedCurrent
+from sim.water.environment import Environment, UniformDensity, water_velocity
+from sim.water.floors import LevelFloor
+from sim.water.rays import SoundProfile, StraightRays
+from sim.water.waves import FLOOR_DEPTH_M, Waves, WaveTrain
+
+_SOUND_SPEED_M_S = 1500.0  # unless it is given
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ocean:
+    """Current, waves, density, depth and speed of sound of a sea."""
+
+    current_speed_m_s: float = 0.0  # speed of the current at the surface
+    current_direction_rad: float = 0.0  # compass direction that the current runs towards
+    current_shear_1_s: float = 0.0  # loss of speed per metre of depth
+    current_change: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    """Velocity V that is added at all depths: time [s], east and north [m/s], shape (m, 3), times
+    increasing from 0; linear between the points, constant after the last."""
+    current: Any = None  # another current in place of that of these keys
+    density_kg_m3: float = 1026.0
+    floor_depth_m: float = FLOOR_DEPTH_M
+    waves: Waves = field(default_factory=Waves.none)  # made for the same depth
+    rays: StraightRays | None = None  # None: a speed of sound of 1500 m/s everywhere
+
+    def __post_init__(self) -> None:
+        own_arrays(self)
+
+    @property
+    def _towards(self) -> Floats:
+        direction = self.current_direction_rad
+        return np.array([np.sin(direction), np.cos(direction)])
+
+    def _sheared_current(self) -> ShearedCurrent:
+        """The current of the keys; floats, as compiled code has another version for other types."""
+        east, north = self._towards
+        surface = (self.current_speed_m_s * east, self.current_speed_m_s * north)
+        shear = (self.current_shear_1_s * east, self.current_shear_1_s * north)
+        return ShearedCurrent(surface, shear, change_table(self.current_change))
+
+    @cached_property
+    def environment(self) -> Environment:
+        """The sea as compiled functions take it."""
+        steady = (0.0, 0.0)
+        current = self.current
+        if current is None:
+            current = self._sheared_current()
+            steady = current.surface
+        floor = LevelFloor(float(self.floor_depth_m))
+        rays = self.rays
+        if rays is None:
+            rays = StraightRays(SoundProfile.through([[0.0, _SOUND_SPEED_M_S]]), False, floor)
+        return Environment(
+            current=current,
+            waves=WaveTrain.on(self.waves, steady, self.floor_depth_m),
+            floor=floor,
+            rays=rays,
+            water=UniformDensity(float(self.density_kg_m3)),
+        )
+
+    def velocity(self, position: Floats, time: float) -> Floats:
+        """Velocity of the water in the world at points of shape (n, 3), [m]; the answer
+        likewise, [m/s].
+        """
+        out = np.empty(position.shape)
+        water_velocity(self.environment, position, time, out)
+        return out
+
+
+def change_table(points: Floats) -> Floats:
+    """The changing part of a current as `sim.water.currents.drift_at` takes it, shape (m, 7), from
+    points of time [s] and velocity, east and north [m/s], shape (m, 3).
+    """
+    time = points[:, 0]
+    velocity = points[:, 1:]
+    table = np.zeros((time.size, 7))
+    dt = np.diff(time)[:, None]
+    table[:, START] = time
+    table[:, SET] = velocity
+    table[:-1, ACCELERATION] = np.diff(velocity, axis=0) / dt
+    table[1:, RUN] = np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * dt, axis=0)
+    return table
