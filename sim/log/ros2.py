@@ -35,7 +35,7 @@ from sim.log.reader import read
 from sim.log.ros2_encoding import Template, typestore
 from sim.log.ros2_robot import urdf
 from sim.log.schema import RECEPTION, Clock
-from sim.water import GRAVITY
+from sim.water.waves import GRAVITY
 
 _BAG_VERSION: Literal[8] = 8  # later ones write what Humble cannot read
 _BLOCK_NS = 20 * 10**9  # messages of this time are in memory at once [ns]

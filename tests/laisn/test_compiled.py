@@ -295,7 +295,7 @@ class Pair(NamedTuple):
 def total(pair):
     return pair[0] + pair[1]
 
-total._cache = compilation._Cache(simulation.standing)
+total._cache = compilation._Cache(simulation.static_trajectory)
 print(total({argument}), sum(total.stats.cache_hits.values()))
 """
 
