@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 UV := $(shell command -v uv 2>/dev/null)
 
-.PHONY: help run test system fuzz mutants check release-check docs bench figures studies lock clean
+.PHONY: help run test system fuzz mutants check release-check docs bundle bench figures studies lock clean
 
 # Bytecode is kept whatever the environment says: it is not made when packages are installed, but when they are first
 # imported, which takes half the time, as most modules never are.
@@ -42,6 +42,9 @@ release-check: check  ## check, and fail if a study has to be run again
 
 docs: $(VENV)/.dev  ## build the API reference into out/reference and check its references
 	$(BIN)/python -m tools.documents.reference
+
+bundle:  ## build the script of the 3D scene of the reports from reports/scene/src (needs npm)
+	cd tools/scene && npm ci --silent && npm run build --silent
 
 bench: $(VENV)/.dev  ## measure speeds three times into out/benchmarks.json; BENCH_ARGS=--record keeps them in docs/results
 	$(BIN)/python -m tools.benchmarks.run $(BENCH_ARGS)

@@ -17,11 +17,13 @@ from laisn.navigators import find
 from reports import flight_figures, style
 from reports.figures import Line, Panel, panel
 from reports.flight_figures import ON_AXIS_DEG, SIGMAS
-from reports.page import Cell, Code, Figures, Film, Table, number, page_of, words, write
+from reports.page import Cell, Code, Figures, Film, Replay, Table, number, page_of, words, write
 from reports.range_budget import LABELS, Cause, RangeErrorBudget, range_error_budget
+from reports.scene.mission import Scene, scene_of
 from reports.summary import (
     approach_events,
     flight_bounds,
+    flight_events,
     mirror_locked_steps,
     route_events,
     true_bearing,
@@ -298,6 +300,12 @@ def _fix_kinds(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
+def scene_of_flight(flight: Flight) -> Scene:
+    """The flight in 3D with its events."""
+    mirror_locked = [mirror_locked_steps(flight, i) for i in range(len(flight.estimates))]
+    return scene_of(flight, flight_events(flight), mirror_locked)
+
+
 def flight_report(
     flight: Flight,
     errors: Errors,
@@ -364,4 +372,6 @@ def flight_report(
         "scenario": Code(text=flight.scenario.toml(), title="scenario.toml", folded=True),
     }
     facts = _facts(flight, summary)
-    write(page_of("reports", facts, values, name="flight_report.md.j2"), path)
+    replay = Replay(scene=scene_of_flight(flight), alternative=f"Mission {flight.scenario.name}")
+    page = page_of("reports", facts, values, name="flight_report.md.j2", replay=replay)
+    write(page, path)

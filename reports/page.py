@@ -25,6 +25,8 @@ from markupsafe import Markup
 
 from reports.figures import Panel
 from reports.findings import Finding, Findings
+from reports.scene.codec import deflated
+from reports.scene.mission import Scene
 from reports.style import Legend, css, symbols
 from reports.version import versions
 from sim.system import atomic_write
@@ -143,7 +145,26 @@ class Film:
     caption: str = ""
 
 
-Block = Text | Code | Notice | Table | Figures | Film
+@dataclass(frozen=True, kw_only=True)
+class Replay:
+    """A mission in 3D; a page has at most one."""
+
+    scene: Scene
+    alternative: str = "The mission in 3D"
+    """What is seen, for those who do not see it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tile:
+    """A key figure of the first screen."""
+
+    name: str
+    value: str
+    remark: str = ""  # what is expected, or where it was
+    tone: Literal["good", "bad", ""] = ""  # against what is expected
+
+
+Block = Text | Code | Notice | Table | Figures | Film | Replay
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,6 +183,17 @@ class Page:
     summary: str
     facts: Sequence[tuple[str, str]]  # what was run: seed, version, command to repeat it and so on
     sections: Sequence[Section]
+    tiles: Sequence[Tile] = ()
+    replay: Replay | None = None  # before the first section
+
+    @property
+    def shown_replay(self) -> Replay | None:
+        """The mission in 3D, before the first section or in one."""
+        blocks = [block for section in self.sections for block in section.blocks]
+        replays = [block for block in (self.replay, *blocks) if isinstance(block, Replay)]
+        if len(replays) > 1:
+            raise ValueError(f"page {self.title!r} has {len(replays)} missions in 3D")
+        return replays[0] if replays else None
 
 
 def number(value: float | int | None, digits: int = 2, tone: str = "", title: str = "") -> Cell:
@@ -209,6 +241,10 @@ def ratio_tone(ratio: float) -> str:
     return f"ratio-{side}{level}"
 
 
+def _scene_file(name: str) -> str:
+    return (resources.files("reports.scene") / name).read_text(encoding="utf-8")
+
+
 def _template(name: str) -> str:
     return (resources.files("reports") / "templates" / name).read_text(encoding="utf-8")
 
@@ -225,11 +261,20 @@ def render(page: Page) -> str:
     made_with = ", ".join(f"{name} {in_use[package]}" for package, name in _SHOWN_VERSIONS.items())
     blocks = [block for section in page.sections for block in section.blocks]
     drawn = any(isinstance(block, Figures) and block.panels for block in blocks)
-    plotly = resources.files("plotly") / "package_data" / "plotly.min.js" if drawn else None
+    replay = page.shown_replay
+    styles = ["page.css"]
+    scripts = ["page.js"]
+    if drawn:
+        scripts.append("figures.js")
+    if replay:
+        styles.append("scene.css")
+        scripts.append("boot.js")
     values = {
-        "style": Markup(css() + _template("page.css")),
-        "plotly": Markup(plotly.read_text(encoding="utf-8")) if plotly else "",
-        "script": Markup(_template("page.js")),
+        "style": Markup(css() + "".join(map(_template, styles))),
+        "drawn": drawn,
+        "scripts": [Markup(_template(name)) for name in scripts],
+        "code": deflated(_scene_file("replay.js").encode()) if replay else "",
+        "licence": Markup(_scene_file("three.LICENSE")) if replay else "",
     }
     environment = _environment(loader=jinja2.FunctionLoader(_template), autoescape=True)
     environment.filters["symbols"] = symbols
@@ -281,8 +326,8 @@ class _Rendered:
     text: str
     placed: Sequence[Any]
 
-    def page(self, facts: Sequence[tuple[str, str]]) -> Page:
-        """Its page; ValueError: it has not the form of one."""
+    def page(self, facts: Sequence[tuple[str, str]], **first_screen: Any) -> Page:
+        """Its page, with tiles and a replay of it; ValueError: it has not the form of one."""
         nodes = SyntaxTreeNode(_MARKDOWN.parse(self.text)).children
         if len(nodes) < 2 or nodes[0].tag != "h1" or nodes[1].type != "paragraph":
             raise ValueError(f"{self.name} does not start with a title and a summary")
@@ -305,6 +350,7 @@ class _Rendered:
             summary=_line(_text_of(nodes[1])),
             facts=facts,
             sections=[Section(title=title, blocks=blocks) for title, blocks in sections],
+            **first_screen,
         )
 
     def _heading(self, node: SyntaxTreeNode) -> str:
@@ -392,8 +438,11 @@ def page_of(
     values: Mapping[str, Any],
     findings: Findings | None = None,
     name: str = NAME,
+    tiles: Sequence[Tile] = (),
+    replay: Replay | None = None,
 ) -> Page:
-    """The page of a template in a package, such as `experiments.studies.formation`.
+    """The page of a template in a package, such as `experiments.studies.formation`, with key
+    figures and a mission in 3D before its first section.
 
     The template names `values`, and prints `findings` with `n`. LaisnError: there is no finding of
     a name. ValueError: no title, or text before the first section that is not the summary.
@@ -423,4 +472,6 @@ def page_of(
     environment.filters["caption"] = lambda block, text: replace(block, caption=_line(text))
     source = (resources.files(package) / name).read_text(encoding="utf-8")
     text = _with_rules(environment.from_string(source).render({**values, "n": number}))
-    return _Rendered(name=f"{package}: {name}", text=text, placed=placed).page(facts)
+    return _Rendered(name=f"{package}: {name}", text=text, placed=placed).page(
+        facts, tiles=tiles, replay=replay
+    )

@@ -23,6 +23,7 @@ the site's z axis.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -196,6 +197,16 @@ def _fill(record: Any, model: Any, name: str, site: int, gear: Floats) -> None:
             )
 
 
+@dataclass(frozen=True, kw_only=True)
+class Hinge:
+    """What turns with a fin: a geom of a compiled model, about an axis of the body frame."""
+
+    effector: int  # index among the vehicle's effectors
+    geom: int
+    axis: Floats
+    still: Floats  # attitude of the geom at no deflection
+
+
 class MovingFins:
     """The geoms of a vehicle in a compiled model with looks that have the names of fins, turned
     as the fins are.
@@ -204,7 +215,7 @@ class MovingFins:
     def __init__(self, model: Any, prefix: str = "") -> None:
         """Take a model of which the names of the vehicle's parts, or of all, have a prefix."""
         self._model = model
-        self._fins: list[tuple[int, int, Floats, Floats]] = []
+        self.hinges: list[Hinge] = []
         own = [i for i in range(model.nu) if model.actuator(i).name.startswith(prefix)]
         for number, i in enumerate(own):
             name = model.actuator(i).name
@@ -214,21 +225,21 @@ class MovingFins:
                 push = attitude.rotate(
                     model.site_quat[model.actuator_trnid[i, 0]], model.actuator_gear[i, :3]
                 )
-                self._fins.append(
-                    (number, geom, np.cross((1.0, 0.0, 0.0), push), model.geom_quat[geom].copy())
-                )
+                axis = np.cross((1.0, 0.0, 0.0), push)
+                still = model.geom_quat[geom].copy()
+                self.hinges.append(Hinge(effector=number, geom=geom, axis=axis, still=still))
 
     def __bool__(self) -> bool:
-        return bool(self._fins)
+        return bool(self.hinges)
 
     def turn(self, state: Floats) -> None:
         """Turn the geoms by the states of the vehicle's effectors, shape (m,); deflections are
         [rad].
         """
-        for actuator, geom, axis, still in self._fins:
+        for hinge in self.hinges:
             turned = np.zeros(4)
-            mujoco.mju_axisAngle2Quat(turned, axis, float(state[actuator]))
-            mujoco.mju_mulQuat(self._model.geom_quat[geom], turned, still)
+            mujoco.mju_axisAngle2Quat(turned, hinge.axis, float(state[hinge.effector]))
+            mujoco.mju_mulQuat(self._model.geom_quat[hinge.geom], turned, hinge.still)
 
 
 @compiled

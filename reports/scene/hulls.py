@@ -1,0 +1,95 @@
+"""What is seen of a vehicle: its geoms, moving fins and main propellers, for JSON."""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from sim import attitude
+from sim.vehicle.effectors import FIN_SUFFIXES, MovingFins
+from sim.vehicle.mjcf import numeric, spec_of
+
+_KINDS = {
+    mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
+    mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
+    mujoco.mjtGeom.mjGEOM_BOX: "box",
+    mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
+    mujoco.mjtGeom.mjGEOM_ELLIPSOID: "ellipsoid",
+    mujoco.mjtGeom.mjGEOM_MESH: "mesh",
+}
+_USUAL_SHINE = 0.2
+_ALONG = 0.99  # least share of an effector's push along the hull that makes it a main propeller
+_ASTERN_M = -0.3  # a main propeller is abaft of this
+_NOZZLE = "nozzle_main"
+_USUAL_NOZZLE_M = (0.06, 0.03)  # radius and half length where the model shows none
+_BLADES = 1.45  # radius of the propeller over that of the nozzle, as the film has it
+_BEHIND_M = 0.015  # from the nozzle's end to the propeller
+
+
+def _numbers(values: Any, digits: int) -> list[float]:
+    return [float(value) for value in np.asarray(values, dtype=np.float64).round(digits).ravel()]
+
+
+def _part(model: Any, geom: int) -> dict[str, Any] | None:
+    """A geom; None for one of a kind that no hull has."""
+    kind = mujoco.mjtGeom(model.geom_type[geom])
+    if kind not in _KINDS:
+        return None
+    material = model.geom_matid[geom]
+    colour = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
+    shine = float(model.mat_specular[material]) if material >= 0 else _USUAL_SHINE
+    part: dict[str, Any] = {
+        "name": model.geom(geom).name,
+        "kind": _KINDS[kind],
+        "size": _numbers(model.geom_size[geom], 5),
+        "at": _numbers(model.geom_pos[geom], 5),
+        "turn": _numbers(model.geom_quat[geom], 6),
+        "rgb": _numbers(colour[:3], 3),
+        "shine": round(shine, 2),
+    }
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        mesh = model.geom_dataid[geom]
+        first, points = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+        face, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+        part["points"] = _numbers(model.mesh_vert[first : first + points], 4)
+        part["faces"] = model.mesh_face[face : face + faces].ravel().tolist()
+    return part
+
+
+def _propellers(model: Any) -> list[dict[str, Any]]:
+    """Main propellers: effectors abaft that push along the hull. MJCFs show their nozzles alone."""
+    nozzle = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, _NOZZLE)
+    radius, half = model.geom_size[nozzle][:2] if nozzle >= 0 else _USUAL_NOZZLE_M
+    propellers = []
+    for i in range(model.nu):
+        name = model.actuator(i).name
+        site = model.actuator_trnid[i, 0]
+        push = attitude.rotate(model.site_quat[site], model.actuator_gear[i, :3])
+        is_fin = any(numeric(model, name + suffix) is not None for suffix in FIN_SUFFIXES)
+        if is_fin or abs(push[0]) < _ALONG or model.site_pos[site][0] > _ASTERN_M:
+            continue
+        propellers.append(
+            {
+                "effector": i,
+                "at": _numbers(model.site_pos[site] - [half + _BEHIND_M, 0.0, 0.0], 4),
+                "radius": round(_BLADES * float(radius), 4),
+                # its state is revolutions per second, else thrust [N]
+                "spins": numeric(model, f"{name}.propeller") is not None,
+            }
+        )
+    return propellers
+
+
+def hull(path: str) -> dict[str, Any]:
+    """Parts, fins and propellers of the vehicle of an MJCF, as `models_of` names it."""
+    model = spec_of(path).compile()
+    parts = [part for geom in range(model.ngeom) if (part := _part(model, geom)) is not None]
+    fins = [
+        {
+            "part": model.geom(hinge.geom).name,
+            "effector": hinge.effector,
+            "axis": _numbers(hinge.axis, 5),
+        }
+        for hinge in MovingFins(model).hinges
+    ]
+    return {"parts": parts, "fins": fins, "propellers": _propellers(model)}

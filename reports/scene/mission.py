@@ -1,0 +1,332 @@
+"""The data of a scene from a flight: everything at a few rows a second, as `src/mission.js` reads
+it.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from laisn.arrays import Bools, Floats, Ints
+from laisn.estimates import FIX_WORDS, Estimates, FixKind
+from laisn.messages import Measurements, Ranges
+from reports.scene.codec import Packer
+from reports.scene.hulls import hull
+from sim.assembly import models_of
+from sim.film import film_data
+from sim.flight import Flight, position_and_bearing_errors
+from sim.log.writer import Event
+from sim.tracking import true_stations
+
+CROWD = 12
+"""Followers beyond which numbers are rounded more coarsely, as the page would be too large."""
+_RATES_HZ = (5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01)
+_MOST_POSES = 110_000  # rows times vehicles of a page
+_SLOW_HZ = 1.0  # ellipses, stations and speeds, which change slowly
+_LEAST_WEIGHT = 0.01  # hypotheses of less weight are not shown
+_TURN_DEG = 25.0  # least change of the leader's heading within `_TURN_S` that is a turn
+_STRAIGHT_DEG = 8.0  # change of heading at which a turn begins
+_TURN_S = 20
+_INTO_TURN_S = 12.0  # from the beginning of a formation's turn to what its page opens with
+REFUSED = (FixKind.GATED, FixKind.LOST)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Units:
+    """Steps to which numbers are rounded [m, 1]."""
+
+    position: float = 0.001
+    estimate: float = 0.001
+    quaternion: float = 1 / 8192
+    spread: float = 0.001
+
+
+FINE = Units()
+COARSE = Units(position=0.005, estimate=0.01, quaternion=1 / 1024, spread=0.01)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """A mission, ready to be put into a page."""
+
+    meta: dict[str, Any]
+    data: str  # arrays, deflated, in base64
+    waves: bool = False  # whether the simulated sea has waves, which the scene does not show
+
+    @property
+    def json(self) -> str:
+        """The rest: names, hulls, events and layouts of the arrays."""
+        text = json.dumps(self.meta, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+        return text.replace("<", "\\u003c")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Vehicle:
+    """A vehicle of a scene."""
+
+    name: str
+    role: str  # leader or follower
+    model: int  # index of its hull
+    hydrophone: list[float] | None = None
+    transmitters: list[list[float]] = field(default_factory=list)
+    station: float | None = None
+    """Height of its station [m]; None: it has none."""
+
+
+def rate_of(duration: float, vehicles: int) -> float:
+    """Rows a second: as many as a page of usual size holds."""
+    return next((hz for hz in _RATES_HZ if duration * hz * vehicles <= _MOST_POSES), _RATES_HZ[-1])
+
+
+def held(values: Floats) -> Floats:
+    """Values over time, shape (n, …), where those that are not finite are the last one before, or
+    else the first after them; zeros if there is none.
+    """
+    table = values.reshape(len(values), -1)
+    finite = np.isfinite(table).all(axis=1)
+    if not finite.any():
+        return np.zeros_like(values)
+    last = np.maximum.accumulate(np.where(finite, np.arange(len(table)), -1))
+    return values[np.where(last < 0, int(np.argmax(finite)), last)]
+
+
+def smooth_quaternions(quaternion: Floats) -> Floats:
+    """Quaternions over time, shape (n, v, 4), with signs that do not jump, so that they can be
+    interpolated.
+    """
+    sign = np.sign(np.sum(quaternion[1:] * quaternion[:-1], axis=2))
+    signs = np.cumprod(np.where(sign == 0, 1.0, sign), axis=0)
+    return np.concatenate([quaternion[:1], quaternion[1:] * signs[..., None]])
+
+
+def add_spread(packer: Packer, covariance: Floats, unit: float) -> None:
+    """Add half axes and twice the direction of 1σ ellipses, covariance shape (n, f, 2, 2)."""
+    spread = np.nan_to_num(covariance, posinf=0.0, neginf=0.0)
+    xx, xy, yy = spread[..., 0, 0], spread[..., 0, 1], spread[..., 1, 1]
+    mean = (xx + yy) / 2
+    apart = np.hypot((xx - yy) / 2, xy)
+    angle = np.arctan2(2 * xy, xx - yy)
+    packer.add("major", np.sqrt(np.maximum(mean + apart, 0.0)), unit, 1)
+    packer.add("minor", np.sqrt(np.maximum(mean - apart, 0.0)), unit, 1)
+    packer.add("axis", np.stack([np.cos(angle), np.sin(angle)], axis=-1), 0.02, 1)
+
+
+def kinds_of_messages(measured: Measurements, estimates: Estimates) -> Ints:
+    """The kind of fix of each message, shape (m,); -1 for none."""
+    place = np.searchsorted(estimates.fix_step, measured.message_step, side="right") - 1
+    kinds = np.full(measured.message_step.size, -1)
+    if estimates.fix_step.size:
+        same = (place >= 0) & (estimates.fix_step[place] == measured.message_step)
+        kinds[same] = estimates.fix_kind[place[same]]
+    return kinds
+
+
+def add_messages(
+    packer: Packer, f: int, measured: Measurements, estimates: Estimates, start: float
+) -> list[list[Any]]:
+    """Add times, kinds and ranges of a follower's messages, and hypotheses after them; returns
+    those lost or rejected as time, kind and follower.
+    """
+    kinds = kinds_of_messages(measured, estimates)
+    time = start + measured.time[measured.message_step - 1]
+    packer.add(f"time{f}", time, 0.01)
+    packer.add(f"kind{f}", kinds, order=0)
+    packer.add(f"range{f}", np.nan_to_num(measured.ranges), 0.01, 1)  # zero: not received
+    branches = _branches(measured, estimates)
+    if branches.size:
+        packer.add(f"branch{f}", branches, 0.01, 1)
+    return [
+        [round(float(t), 1), "loss" if kind == FixKind.LOST else "gate", f]
+        for t, kind in zip(time.tolist(), kinds.tolist(), strict=True)
+        if kind in REFUSED
+    ]
+
+
+def _branches(measured: Measurements, estimates: Estimates) -> Floats:
+    """Hypotheses of the messages after which there were several, shape (h, 7): index of the
+    message, weight, place [m], half axes [m] and direction of the 1σ ellipse [rad].
+    """
+    weight, position, covariance = estimates.hypotheses
+    several = np.flatnonzero(np.count_nonzero(weight > _LEAST_WEIGHT, axis=1) > 1)
+    message = np.searchsorted(measured.message_step, estimates.fix_step[several])
+    rows = []
+    for index, fix in zip(message.tolist(), several.tolist(), strict=True):
+        for h in np.flatnonzero(weight[fix] > _LEAST_WEIGHT).tolist():
+            (xx, xy), (_, yy) = covariance[fix, h].tolist()
+            mean = (xx + yy) / 2
+            apart = float(np.hypot((xx - yy) / 2, xy))
+            axes = (max(mean + apart, 0.0) ** 0.5, max(mean - apart, 0.0) ** 0.5)
+            angle = 0.5 * float(np.arctan2(2 * xy, xx - yy))
+            rows.append([index, weight[fix, h], *position[fix, h], *axes, angle])
+    return np.array(rows, dtype=np.float64).reshape(-1, 7)
+
+
+def hulls_of(models: Sequence[str]) -> tuple[list[dict[str, Any]], list[int], list[int]]:
+    """Different hulls of vehicles' models, the index of each vehicle's, and the effectors that
+    move what is seen of any.
+    """
+    names = list(dict.fromkeys(models))
+    hulls = [hull(name) for name in names]
+    moving = [piece for one in hulls for piece in (*one["fins"], *one["propellers"])]
+    used = sorted({piece["effector"] for piece in moving})
+    for piece in moving:
+        piece["column"] = used.index(piece["effector"])
+    return hulls, [names.index(model) for model in models], used
+
+
+def _vehicles(flight: Flight, hulls: Sequence[int]) -> list[Vehicle]:
+    truth = flight.trajectory
+    vehicles = []
+    for v, name in enumerate(truth.names):
+        sites = {
+            site.rpartition("/")[2]: [
+                round(value, 4) for value in truth.site_offset[truth.site(site)].tolist()
+            ]
+            for site in truth.site_names
+            if site.startswith(f"{name}/")
+        }
+        station = flight.scenario.followers[v - 1].station if v else None
+        transmitters = [f"tx_{which}" for which in Ranges._fields]
+        vehicles.append(
+            Vehicle(
+                name=name,
+                role="follower" if v else "leader",
+                model=hulls[v],
+                hydrophone=sites.get("hydrophone"),
+                transmitters=[sites[name] for name in transmitters if name in sites],
+                station=-station.depth_m if station else None,
+            )
+        )
+    return vehicles
+
+
+def turns(flight: Flight) -> list[tuple[float, float]]:
+    """When the leader begins to turn, and its heading afterwards, [s] and [°]."""
+    truth = flight.trajectory
+    second = np.unwrap(truth.heading[:: max(1, round(1 / truth.dt)), 0])
+    if second.size <= _TURN_S:
+        return []
+    change = np.abs(second[_TURN_S:] - second[:-_TURN_S])
+    turning = np.diff((change > np.radians(_TURN_DEG)).astype(int), prepend=0) == 1
+    found = []
+    for k in np.flatnonzero(turning).tolist():
+        back = np.abs(second[k + _TURN_S : k : -1] - second[k])
+        begin = k + _TURN_S - int(np.argmax(back < np.radians(_STRAIGHT_DEG)))
+        after = second[min(k + 2 * _TURN_S, second.size - 1)]
+        found.append((float(truth.time[0]) + begin, float(np.degrees(after)) % 360.0))
+    return found
+
+
+def _events(flight: Flight, others: Sequence[Event]) -> list[list[Any]]:
+    """Turns and what else happened: time, kind and words."""
+    events: list[list[Any]] = [
+        [round(t, 1), "turn", f"the leader turns to {heading:03.0f}°"]
+        for t, heading in turns(flight)
+    ]
+    for event in others:
+        kind = "mirror" if event.text.startswith("mirror lock") else "note"
+        events.append([round(event.time_s, 1), kind, f"{event.source}: {event.text}"])
+    return sorted(events)
+
+
+def _locks(flight: Flight, mirror_locked: Sequence[Bools]) -> list[list[float]]:
+    """Stretches of mirror locks: follower, beginning and end [s]."""
+    time = flight.trajectory.time[flight.step_index()]
+    locks = []
+    for f, locked in enumerate(mirror_locked):
+        edges = np.flatnonzero(np.diff(locked.astype(int), prepend=0, append=0)).tolist()
+        for begin, end in zip(edges[::2], edges[1::2], strict=True):
+            last = min(end, time.size - 1)
+            locks.append([f, round(float(time[begin]), 1), round(float(time[last]), 1)])
+    return locks
+
+
+def _opening(flight: Flight) -> float:
+    """What the page opens with: a lone follower's largest error, a formation in its first turn."""
+    time = flight.trajectory.time
+    errors = position_and_bearing_errors(flight)
+    if len(errors) == 1:
+        error = np.nan_to_num(errors[0][0])
+        return float(time[flight.step_index()[int(np.argmax(error))]])
+    turned = turns(flight)
+    if turned:
+        return min(turned[0][0] + _INTO_TURN_S, float(time[-1]))
+    return float(time[0] + (time[-1] - time[0]) / 3)
+
+
+def hues() -> dict[str, list[float]]:
+    """Colours of the film."""
+    colours = {
+        "leader": film_data.LEADER,
+        "truth": film_data.TRUTH,
+        "estimate": film_data.ESTIMATE,
+        "station": film_data.STATION,
+    }
+    return {name: list(colour) for name, colour in colours.items()}
+
+
+def fix_words() -> dict[int, str]:
+    return {int(kind): words for kind, words in FIX_WORDS.items()}
+
+
+def scene_of(flight: Flight, events: Sequence[Event], mirror_locked: Sequence[Bools]) -> Scene:
+    """The scene of a flight with its events, and the filter steps at which each follower's estimate
+    was at the mirror image of the truth, shapes (n,).
+    """
+    truth = flight.trajectory
+    followers = range(len(flight.estimates))
+    start, end = float(truth.time[0]), float(truth.time[-1])
+    hz = rate_of(end - start, len(truth.names))
+    slow_hz = min(_SLOW_HZ, hz)
+    units = FINE if len(followers) <= CROWD else COARSE
+    grid = np.arange(0, truth.time.size, max(1, round(1 / (hz * truth.dt))))
+    slow = np.arange(0, truth.time.size, max(1, round(1 / (slow_hz * truth.dt))))
+    packer = Packer()
+    packer.add("position", truth.position[grid], units.position)
+    packer.add("quaternion", smooth_quaternions(truth.quaternion[grid]), units.quaternion)
+    packer.add("speed", truth.forward_speed[slow], 0.01, 1)
+    # the state of step k, at point k × stride of the trajectory, stands in row k − 1
+    rows, slow_rows = (np.clip(index // flight.stride - 1, 0, None) for index in (grid, slow))
+    states = [held(e.state[:, :2])[rows] for e in flight.estimates]
+    packer.add("estimate", np.stack(states, axis=1), units.estimate, 1)
+    spread = np.stack([e.covariance[slow_rows, :2, :2] for e in flight.estimates], axis=1)
+    add_spread(packer, spread, units.spread)
+    refused = list[list[Any]]()
+    for f in followers:
+        refused += add_messages(packer, f, flight.measurements[f], flight.estimates[f], start)
+    if any(follower.station for follower in flight.scenario.followers):
+        places = true_stations(flight.scenario, truth)
+        station = np.stack([places.east[slow], places.north[slow]], axis=-1)
+        packer.add("station", np.nan_to_num(station), 0.01)
+    hulls, hull_of, effectors = hulls_of(models_of(flight.scenario))
+    columns = len(effectors) if truth.thrust.shape[2] else 0
+    if columns:
+        packer.add("effector", truth.thrust[grid][:, :, effectors], 0.01, 1)
+    meta = {
+        "name": flight.scenario.name,
+        "hz": 1 / (truth.dt * max(1, round(1 / (hz * truth.dt)))),
+        "slow_hz": 1 / (truth.dt * max(1, round(1 / (slow_hz * truth.dt)))),
+        "start": start,
+        "end": end,
+        "truth": True,
+        "floor": -flight.scenario.ocean.floor_depth_m,
+        "hues": hues(),
+        "vehicles": [vars(vehicle) for vehicle in _vehicles(flight, hull_of)],
+        "models": hulls,
+        "columns": columns,
+        "beacons": [],
+        "used": flight.scenario.navigation.transmitters,
+        "known": [start + (e.unknown + 1) * flight.measurements[0].dt for e in flight.estimates],
+        "words": fix_words(),
+        "refusedKinds": [int(kind) for kind in REFUSED],
+        "events": _events(flight, events),
+        "messagesRefused": sorted(refused),
+        "locks": _locks(flight, mirror_locked),
+        "opening": _opening(flight),
+        "follow": 1 if len(followers) == 1 else -1,
+        "arrays": packer.table(),
+    }
+    waves = flight.scenario.ocean.waves.kind != "none"
+    return Scene(meta=meta, data=packer.text(), waves=waves)
