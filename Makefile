@@ -6,11 +6,11 @@ VENV := .venv
 BIN := $(VENV)/bin
 UV := $(shell command -v uv 2>/dev/null)
 
-.PHONY: help run test system fuzz mutants check release-check docs bundle bench figures studies lock clean
+.PHONY: help run test test-all typed fuzz mutants check release-check docs bundle bench figures studies lock clean
 
 # Bytecode is kept whatever the environment says: it is not made when packages are installed, but when they are first
 # imported, which takes half the time, as most modules never are.
-run test system fuzz: export PYTHONDONTWRITEBYTECODE =
+run test test-all typed fuzz: export PYTHONDONTWRITEBYTECODE =
 run: $(VENV)/.runtime  ## fly mission T5 (the target of a plain `make`)
 	$(BIN)/laisn fly T5
 
@@ -18,14 +18,18 @@ help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 # Idle workers take tests from busy ones; more than eight only wait for each other.
-test: $(VENV)/.dev  ## run the tests on all cores; PYTEST_ARGS="-n 0 -k word" for some of them in one process
-	$(BIN)/python -m pytest -n auto --maxprocesses 8 --dist worksteal $(PYTEST_ARGS)
+PYTEST := $(BIN)/python -m pytest -n auto --maxprocesses 8 --dist worksteal
+test: $(VENV)/.dev  ## run the quick tests on all cores; PYTEST_ARGS="-n 0 -k word" for some of them in one process
+	$(PYTEST) --hypothesis-profile quick $(PYTEST_ARGS)
+
+test-all: $(VENV)/.dev  ## run these and those of whole commands, processes, films and documents
+	$(PYTEST) -m 'not typed' $(PYTEST_ARGS)
 
 fuzz: $(VENV)/.dev  ## search for counterexamples to the property tests with fresh seeds, for minutes
 	$(BIN)/python -m pytest -n auto --dist worksteal -m hypothesis --hypothesis-profile fuzz $(PYTEST_ARGS)
 
-system: $(VENV)/.dev  ## run every block of the documents whole as typed, for hours
-	$(BIN)/python -m pytest -n auto --maxprocesses 8 --dist worksteal -m system $(PYTEST_ARGS)
+typed: $(VENV)/.dev  ## run every block of the documents whole as typed, for hours
+	$(PYTEST) -m typed $(PYTEST_ARGS)
 
 # A mutant takes some ten seconds, all of them days.
 mutants: $(VENV)/.mutants  ## mutation tests; MUTANTS=60 draws 60 of each package, MUTANTS_ARGS="FILE --seed 2"

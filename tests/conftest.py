@@ -26,6 +26,7 @@ settings.register_profile(
 settings.register_profile(
     "mutants", deadline=None, derandomize=True, phases=[Phase.explicit, Phase.generate]
 )
+settings.register_profile("quick", deadline=None, derandomize=True, max_examples=25)
 settings.load_profile("repeatable")
 
 # Modules that are loaded are no garbage; to search them for some takes a tenth of the time in which

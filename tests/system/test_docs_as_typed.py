@@ -1,7 +1,7 @@
 """Commands and code of README and docs, as a user types them, in order, in an empty folder.
 
 Commands in the text, with names such as FILE in place of a user's own, are run on small files.
-Blocks are run whole by `make system` alone: missions, films and studies take hours. `test_docs.py`
+Blocks are run whole by `make typed` alone: missions, films and studies take hours. `test_docs.py`
 runs the same blocks with cut missions.
 """
 
@@ -84,7 +84,7 @@ def test_command_lines_in_the_text_run(
     files_of_a_user()
     for rest in lines:
         if rest[0] in ("fly", "render", "doctor", *STUDIES):
-            # missions and studies are those of blocks or of `make system`
+            # missions and studies are those of blocks or of `make typed`
             continue
         words = replaced(rest)
         capitals = [word for word in words if re.fullmatch(r"[A-Z]+(\.\w+)?", word)]
@@ -117,7 +117,7 @@ def run_as_typed(words: list[str]) -> None:
         assert program in (*FOREIGN, "make")
 
 
-@pytest.mark.system
+@pytest.mark.typed
 @pytest.mark.usefixtures("no_plugins")
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.stem)
 def test_blocks_run_whole_as_typed(
