@@ -22,6 +22,8 @@ from laisn.lanes import LANES
 from laisn_sim.cli.errors import report_errors
 from tools import import_graph
 
+pytestmark = pytest.mark.system
+
 ROOT = import_graph.ROOT
 
 CAPTURES = """

@@ -1,6 +1,7 @@
 """A filter with the true noise parameters: its covariance must be that of its errors."""
 
 import numpy as np
+import pytest
 from scipy.stats import chi2
 
 from laisn.arrays import Floats
@@ -34,6 +35,7 @@ def matched(random: np.random.Generator) -> tuple[Filter, Floats]:
     return kalman, truth
 
 
+@pytest.mark.system
 def test_normalised_errors_of_a_matched_filter_are_chi_square() -> None:
     """Sums over independent runs against the 99.9 % interval: 2 a run for the position, 4 for
     the state.

@@ -26,6 +26,7 @@ def _variants(pairs: tuple[Fix, Fix, Fix], predicted: Point) -> tuple[Fix, Fix, 
     return laisn_3_2(pairs, predicted), laisn_best(pairs, predicted), laisn_main(pairs, predicted)
 
 
+@pytest.mark.system
 @given(rear=RANGE, front=RANGE, middle=RANGE, x=PLACE, y=PLACE, ahead=st.booleans())
 def test_python_and_compiled_code_compute_the_same_bits(
     rear: float, front: float, middle: float, x: float, y: float, ahead: bool

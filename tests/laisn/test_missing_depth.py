@@ -68,6 +68,7 @@ def test_no_range_is_used_before_the_first_depth(name: str) -> None:
     assert np.all(found.fix_kind[~before] != FixKind.LOST)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("missing", [MISSING, slice(0, 95)])
 def test_campaigns_do_the_same(missing: slice) -> None:
     def state(name: str) -> tuple[Floats, Measurements]:

@@ -69,6 +69,7 @@ def test_it_flies_and_replays_by_its_name() -> None:
     assert f"replayed, {NAME}" in run(f"replay out/flight.mcap --variant {NAME}")
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("folder")
 def test_a_study_compares_it_with_others() -> None:
     results = laisn_sim.study(
@@ -136,6 +137,7 @@ def test_a_class_with_a_step_runs_over_missions_and_in_closed_loops() -> None:
     assert np.isfinite(closed.estimates[0].state).all()
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("folder")
 def test_a_study_takes_classes_as_arms() -> None:
     own = sys.modules["odometry"].Odometry

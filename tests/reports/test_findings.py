@@ -109,6 +109,7 @@ def test_an_unknown_finding_names_those_that_are_alike() -> None:
         RECORD["removed exact"]
 
 
+@pytest.mark.system
 def test_the_version_is_that_of_what_makes_the_numbers(tmp_path: Path) -> None:
     for package in ("models", "laisn", "sim", "experiments"):
         shutil.copytree(

@@ -154,6 +154,7 @@ def test_an_outcome_comes_first(flight: Flight) -> None:
     assert "1 of 3 followers was lost: follower1 at 300 s" in sentence
 
 
+@pytest.mark.system
 def test_page_and_summary_begin_with_it(flight: Flight, tmp_path: Path) -> None:
     changed = silent(lost_at(flight, 1, 400.0), 1, 340.0, 401.0)
     summary = summarise(changed)

@@ -202,6 +202,7 @@ def test_a_follower_with_exact_estimates_moves_as_with_the_truth() -> None:
         assert apart[begin:end].max() < lag * np.ptp(speed[begin:end])
 
 
+@pytest.mark.system
 def test_commands_are_a_function_of_readings_and_estimates() -> None:
     """For any true motion and water of followers that do not steer by the truth."""
     followers = [

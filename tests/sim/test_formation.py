@@ -541,6 +541,7 @@ def slow_swarm(**leader: object) -> Scenario:
     )
 
 
+@pytest.mark.system
 def test_hulls_that_turn_slowly_keep_their_stations_behind_one_that_turns_as_slowly() -> None:
     flight, _ = fly(slow_swarm(model="remus100"))
     kept = summarise(flight)["followers"].values()
@@ -548,6 +549,7 @@ def test_hulls_that_turn_slowly_keep_their_stations_behind_one_that_turns_as_slo
     assert max(follower["station_rms_m"] for follower in kept) < 2.0
 
 
+@pytest.mark.system
 def test_behind_a_leader_that_turns_fast_they_are_off_as_far_as_check_says() -> None:
     """A hull that rounds a corner evenly is 0.3 R from it half way; feedback and slip add to it."""
     scenario = slow_swarm()

@@ -13,6 +13,8 @@ import pytest
 from laisn.errors import LaisnError
 from sim.system import background_process
 
+pytestmark = pytest.mark.system
+
 
 def wait_for(path: Path) -> None:
     end = time.monotonic() + 20.0

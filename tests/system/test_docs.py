@@ -40,6 +40,8 @@ from tools.documents import markers, route_keeping
 from tools.documents import scenario_reference as reference
 from tools.documents.tables import TRACKED
 
+pytestmark = pytest.mark.system
+
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENTS = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),

@@ -26,6 +26,8 @@ from sim.tracking import cross_track, off_station
 from sim.trial import OFF_DEPTH_M, OFF_ROUTE_M, OFF_STATION_M, strays, trial
 from sim.vehicle.hull_file import from_dimensions
 
+pytestmark = pytest.mark.system
+
 DURATION_S = {"leader": 60.0, "follower": 150.0, "station": 60.0}
 """Long enough for corners of the followers' routes; leaders and stations at corners have tests of
 their own.

@@ -13,6 +13,8 @@ import pytest
 from reports.version import ROOT
 from sim.system import atomic_write, locked
 
+pytestmark = pytest.mark.system
+
 
 def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.rglob("*"))

@@ -19,6 +19,8 @@ from laisn.errors import plain, screenful
 from laisn_sim.cli import replaying
 from laisn_sim.cli.main import app
 
+pytestmark = pytest.mark.system
+
 NAMES = (
     st.text(
         st.sampled_from("[]/\\:=#@ab red\x00\x1b\x07\r\n\t\x9b\u202e\u2028\ud800😀°"), max_size=30

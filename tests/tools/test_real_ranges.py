@@ -49,6 +49,7 @@ def test_an_unknown_start_costs_nothing_after_a_minute(name: str) -> None:
     assert found[f"worst-pair unknown-start {name}"] <= 0.50
 
 
+@pytest.mark.system
 def test_the_record_is_what_comes_out() -> None:
     """Of the data set whose ranges are fewer; both by all navigators take half a minute."""
     fresh = study.findings_of("Plaza2", study.scores("Plaza2", ("tight", "unknown-start")))

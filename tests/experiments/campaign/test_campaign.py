@@ -52,6 +52,7 @@ def test_what_processes_need_is_compiled_before_they_are_timed(tmp_path, monkeyp
     assert noted.read_text().splitlines() == [*first, f"{DURATION} 5 here"]
 
 
+@pytest.mark.system
 def test_two_workers_give_the_bytes_of_one(computed, tmp_path):
     folder, rows = computed
     assert run(plans(), tmp_path / "two", workers=2, quiet=True) == rows
@@ -117,6 +118,7 @@ def killed_at(moment: int, folder, kill=lambda: os.kill(os.getpid(), signal.SIGK
     os._exit(min(next(count), 255))
 
 
+@pytest.mark.system
 def test_killed_at_any_of_30_moments_a_campaign_goes_on_and_gives_the_same_tables(
     computed, tmp_path
 ):
@@ -161,6 +163,7 @@ print(len(computed), repr(rows))
 """
 
 
+@pytest.mark.system
 def test_two_processes_in_one_folder_share_the_work_and_give_the_same_rows(computed, tmp_path):
     folder, rows = computed
     shared = tmp_path / "shared"
@@ -300,6 +303,7 @@ def test_a_cluster_gives_the_same_bytes_and_bare_workers_are_refused_at_once(com
             bare.wait()
 
 
+@pytest.mark.system
 def test_a_cluster_that_loses_a_worker_gives_the_same_rows(computed, tmp_path):
     distributed = pytest.importorskip("distributed")
     _, rows = computed

@@ -43,6 +43,7 @@ def states(cell: Cell) -> Floats:
     return histories(cell)
 
 
+@pytest.mark.system
 def test_a_run_of_a_cell_is_that_flight(scenario: Scenario, states: Floats) -> None:
     for run in (3, 66):
         flight, _ = fly(scenario.model_copy(update={"run": run}))

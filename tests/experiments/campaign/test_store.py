@@ -70,6 +70,7 @@ def content(found: tuple[Any, Arrays] | None) -> object:
     )
 
 
+@pytest.mark.system
 def test_no_damage_of_a_result_changes_a_number(store: Store) -> None:
     """Every bit of a byte is flipped; zip archives leave gaps between checksums, such as times
     and attributes.
@@ -168,6 +169,7 @@ for i in range(100):
 """
 
 
+@pytest.mark.system
 def test_processes_that_share_a_folder_never_fail(tmp_path: Path) -> None:
     folder = tmp_path / "shared"
     command = [sys.executable, "-W", "error", "-c", OPENER, str(folder), str(Path(__file__).parent)]

@@ -199,6 +199,7 @@ def test_the_command_of_a_run_repeats_it(flown, tmp_path):
     assert alone == pytest.approx(everything[2], rel=1e-9), "the last line is the median run"
 
 
+@pytest.mark.system
 def test_two_workers_after_a_kill_give_the_same_bytes(flown, tmp_path):
     (tmp_path / "mine.toml").write_text(SMALL)
     out = tmp_path / "out"
@@ -233,6 +234,7 @@ def test_two_workers_after_a_kill_give_the_same_bytes(flown, tmp_path):
         assert (out / name).read_bytes() == (flown / name).read_bytes(), name
 
 
+@pytest.mark.system
 def test_two_commands_in_one_folder_both_end_with_the_same_bytes(flown, tmp_path):
     (tmp_path / "mine.toml").write_text(SMALL)
     code = "from laisn_sim.cli.main import main; main()"
@@ -455,6 +457,7 @@ def test_a_wrong_number_of_runs_is_reported_with_its_key(changes, expected):
     assert expected in refused(**changes)
 
 
+@pytest.mark.system
 def test_batches_are_flown_until_every_interval_is_narrow_enough(tmp_path):
     given = {"realizations": 1, "draw": {}, "arm": [], "set": {"duration_s": 20.0}}
     one = study(SMALL, runs=UNTIL, **given)
@@ -500,6 +503,7 @@ def half_width(interval):
     return (interval.high - interval.low) / 2
 
 
+@pytest.mark.system
 def test_followers_that_steer_by_estimates_fly_every_run(tmp_path):
     one = study(
         """
@@ -533,6 +537,7 @@ def test_captures_of_single_flights_are_those_of_cells(tmp_path):
     assert 0 < sum(expected) < 8, "the mission does not discriminate"
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("variant", ["laisn-3-1", "tight"])
 def test_followers_on_stations_are_judged_by_the_estimates_that_steered_them(variant):
     """As if each navigated on the finished mission; most ranges are echoes, so that many fixes
@@ -595,6 +600,7 @@ def test_options_vary_a_scenario_without_a_file(tmp_path):
     ]
 
 
+@pytest.mark.system
 def test_a_dry_run_prints_the_cost_of_a_study_and_writes_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("mine.toml").write_text(SMALL)
@@ -691,6 +697,7 @@ def test_drawn_formations_are_the_followers_of_their_sea():
     ]
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", shipped())
 def test_studies_that_ship_are_valid_and_introduce_themselves(name):
     for path in built_in(name).values() or [FOLDER / f"{name}.toml"]:

@@ -16,6 +16,7 @@ from sim.log import reader
 from tests.laisn_sim.cli.flights import SHORT, WITHOUT_FILM, files
 
 
+@pytest.mark.system
 def test_fly_writes_all_its_evidence(flown: Path) -> None:
     assert {path.name for path in (flown / "first").iterdir()} == WITHOUT_FILM
     summary = json.loads((flown / "first" / "summary.json").read_text())

@@ -10,6 +10,8 @@ from typer.testing import CliRunner
 
 from laisn_sim.cli.main import app
 
+pytestmark = pytest.mark.system
+
 
 def test_doctor_names_what_it_tried() -> None:
     result = CliRunner().invoke(app, ["doctor"])

@@ -12,6 +12,8 @@ import pytest
 
 from reports.version import ROOT
 
+pytestmark = pytest.mark.system
+
 LAISN = [sys.executable, "-c", "from laisn_sim import main; main()"]
 WITHOUT_REPORT = """
 import sys, types

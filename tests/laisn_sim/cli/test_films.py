@@ -11,6 +11,8 @@ from sim.film import graphics
 from sim.film.render import RendererDiedError
 from tests.laisn_sim.cli.flights import WITHOUT_FILM
 
+pytestmark = pytest.mark.system
+
 
 @pytest.mark.usefixtures("without_report")
 def test_without_graphics_a_flight_prints_one_line_on_the_missing_film(

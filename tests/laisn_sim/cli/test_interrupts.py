@@ -16,6 +16,8 @@ from sim.film import graphics
 from sim.log import reader
 from tests.laisn_sim.cli.flights import WITHOUT_FILM, files
 
+pytestmark = pytest.mark.system
+
 
 def interrupted(folder: Path, begun: str, *options: str) -> str:
     """Press Ctrl-C in a flight of T5 into a folder as soon as a file is there; the message then."""

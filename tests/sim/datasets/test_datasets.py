@@ -594,6 +594,7 @@ def run(*words: object) -> str:
     return str(result.output)
 
 
+@pytest.mark.system
 def test_the_command_imports_and_replays(tmp_path: Path) -> None:
     log = tmp_path / "a.mcap"
     printed = run("log", "import", PLAZA / "Plaza2.mat", "--out", log, "--beacons", "1,6")

@@ -35,6 +35,8 @@ from sim.scenario.settings import Video
 from sim.trajectory import tilted
 from tests.synthetic import make_flight
 
+pytestmark = pytest.mark.system
+
 needs_graphics = pytest.mark.skipif(
     graphics.working() is None, reason="no graphics library renders here: " + graphics.INSTALL
 )

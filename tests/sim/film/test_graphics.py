@@ -80,6 +80,7 @@ for package in map(import_module, sys.argv[1:]):
 """
 
 
+@pytest.mark.system
 def test_no_module_loads_a_graphics_library_when_it_is_imported():
     """A machine without such libraries flies all the same; what films, loads them in a process
     of its own.

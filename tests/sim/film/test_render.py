@@ -21,6 +21,8 @@ from sim.film.scene import WATER
 from sim.scenario.settings import CAMERAS, Video
 from tests.sim.film.filmed import apart, small
 
+pytestmark = pytest.mark.system
+
 needs_graphics = pytest.mark.skipif(
     graphics.working() is None, reason="no graphics library renders here: " + graphics.INSTALL
 )

@@ -269,6 +269,7 @@ def seconds(call: Any) -> float:
     return time.process_time() - begun
 
 
+@pytest.mark.system
 @pytest.mark.skipif(
     not Path("/proc/self/clear_refs").exists(),
     reason="the peak of the memory can be reset on Linux",

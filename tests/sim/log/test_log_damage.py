@@ -394,6 +394,7 @@ EMPTY_MESSAGE = struct.pack("<BQHIQQ", Opcode.MESSAGE, 22, 1, 0, 0, 0)
 CHANNEL = struct.pack("<BQHHIBII", Opcode.CHANNEL, 17, 7, 0, 1, 97, 0, 0)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("record", "size"), [(EMPTY_MESSAGE, 1_000_000), (CHANNEL, 1)], ids=["messages", "channels"]
 )

@@ -48,6 +48,7 @@ def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
                 reader(tmp_path / name)
 
 
+@pytest.mark.system
 def test_every_flipped_bit_is_detected(flight: Flight, written: Path, tmp_path: Path) -> None:
     """Damage is refused with one line; what stands behind the data section and was damaged
     changes no flight.

@@ -108,6 +108,7 @@ def test_a_bias_of_the_leaders_compass_turns_fixes_about_the_leader(quiet: Fligh
     assert cautions(scenario_of(estimated)) == []
 
 
+@pytest.mark.system
 def test_common_echoes_are_longer_than_the_span_by_what_is_stated(quiet: Flight) -> None:
     changes = {
         "acoustics.common_echoes": True,

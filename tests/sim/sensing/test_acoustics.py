@@ -259,6 +259,7 @@ def received(steps: Ints, errors: SensorErrors) -> Bools:
     return np.isfinite(measure(truth, errors, seed=1, run=0, use_compiled=True).ranges).all(axis=1)
 
 
+@pytest.mark.system
 def test_loss_has_the_rate_and_the_bursts_of_the_chain():
     steps = np.arange(1, 200_001)
     alone = received(steps, SensorErrors(loss_probability=0.3))

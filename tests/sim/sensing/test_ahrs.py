@@ -177,6 +177,7 @@ def pitch_errors(truth: IdealMeasurements, errors: SensorErrors, runs: int) -> F
     return np.array(read) - np.column_stack([truth.sent.pitch, truth.sent.roll])
 
 
+@pytest.mark.system
 def test_broadcast_errors_die_away_with_time(truth: IdealMeasurements) -> None:
     errors = SensorErrors(leader_tilt_sigma=0.01, leader_tilt_time=2.0)
     pitch, roll = np.moveaxis(pitch_errors(truth, errors, 4000) / 0.01, -1, 0)

@@ -69,6 +69,7 @@ def read(sensors: SensorModel, steps: int, follower: int = 0) -> Floats:
     return numbers_of(readings)[:, 3:]
 
 
+@pytest.mark.system
 def test_perfect_instruments_read_pitch_and_the_rates_of_the_hull() -> None:
     assert read(sensor_model_of(scenario(0.0, 0.0)), 1)[0] == pytest.approx(
         [PITCH, RATES[2], RATES[1]]
@@ -126,6 +127,7 @@ def test_one_follower_has_errors_of_its_own() -> None:
     )
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("centre", [0.0, 0.5])
 @pytest.mark.parametrize("used", [2, 3])
 def test_each_range_has_the_error_of_its_own_ping(used: int, centre: float) -> None:

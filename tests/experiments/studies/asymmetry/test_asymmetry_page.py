@@ -292,6 +292,7 @@ def test_figures_of_missions_are_levers_added_errors_and_medians() -> None:
         assert part.y_limits == (0.0, pytest.approx(1.05 * 2.5))
 
 
+@pytest.mark.system
 def test_a_message_is_drawn_from_the_motion() -> None:
     """A fix turns about the leader: cos B̂ = cos B cos φ − (Δz / D) sin φ."""
     keys = {"set": {"duration_s": 60.0}, "scenario": ["T6"]}

@@ -70,6 +70,7 @@ def test_every_mission_is_flown_in_every_arm(rows):
             assert row["navigation.expected_pitch_deg"] == row["leader_pitch_rms_deg"]
 
 
+@pytest.mark.system
 def test_no_two_missions_share_noise():
     # with the usual step, of which no hull has to be checked
     few = {"arm": [{"name": "1 1"}], "set": {"timing": {"physics_step_s": 0.02}}}
@@ -271,6 +272,7 @@ def test_planner_reports_where_no_offset_suffices():
     assert 100.0 * (1 - np.cos(np.deg2rad(10.0))) / np.tan(np.deg2rad(30.0)) > 0.5
 
 
+@pytest.mark.system
 def test_quick_study_is_resumable_and_repeatable(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -24,6 +24,7 @@ from tools.documents import claim_seeds
 SHORT = {"motion": "kinematic", "followers.0.depth_m": 8.0, "duration_s": 30.0}
 
 
+@pytest.mark.system
 def test_a_reproduction_writes_tables_and_report(tmp_path):
     keys = {"set": SHORT, "vary": {"case": ["base", "measured-gate", "5s"]}}
     report = run("reproduce", keys, tmp_path, quick=True, workers=1, quiet=True).report()
@@ -128,6 +129,7 @@ def test_seeds_are_compared_by_their_verdicts_on_all_claims():
     )
 
 
+@pytest.mark.system
 def test_the_study_of_seeds_judges_each_of_them(tmp_path, monkeypatch):
     monkeypatch.setattr(claims, "REPLICATIONS", 2)
     monkeypatch.setattr(claims, "published", dict)
