@@ -330,10 +330,24 @@ def log_import(
         Path,
         typer.Argument(
             metavar="FILE",
-            help="a factor graph (.pyfg), NAME.mat or NAME_DR.txt, or a table (.csv)",
+            help="a factor graph (.pyfg), NAME.mat or NAME_DR.txt, a table (.csv), or a bag of ROS",
         ),
     ],
-    out: Annotated[Path, typer.Option(help="the log to write (.mcap)")],
+    out: Annotated[Path | None, typer.Option(help="the log to write (.mcap)")] = None,
+    map_: Annotated[
+        Path | None,
+        typer.Option(
+            "--map", metavar="FILE", help="which columns or topics hold what, in a table or a bag"
+        ),
+    ] = None,
+    propose: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="propose a map, write it as this file, import nothing"),
+    ] = None,
+    vehicle: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="whose topics of a bag to propose: those in /NAME/"),
+    ] = None,
     beacons: Annotated[
         str | None,
         typer.Option(
@@ -341,12 +355,17 @@ def log_import(
         ),
     ] = None,
 ) -> None:
-    """Import a data set of ranges to beacons, or a table of a vehicle's measurements, for `laisn
-    replay`.
+    """Import a data set of ranges to beacons, or measurements of a vehicle in a table or a bag of
+    ROS, for `laisn replay`.
     """
-    from laisn_sim.cli import replaying
+    from laisn_sim.cli import importing
 
-    replaying.import_data_set(source, out, beacons)
+    if propose is not None:
+        importing.propose_map(source, propose, vehicle)
+        return
+    if out is None:
+        raise LaisnError("--out: expected the log to write, or --propose FILE for a map")
+    importing.import_recording(source, out, map_, vehicle, beacons)
 
 
 @log_app.command("recover")

@@ -28,14 +28,7 @@ from reports.bound import flight_bound
 from reports.replay_page import Replayed, write_replay_page
 from reports.summary import consistency, summarise
 from sim.datasets.factor_graph import write_factor_graph
-from sim.datasets.log import (
-    VEHICLE,
-    read_data_set,
-    read_data_set_log,
-    write_data_set,
-    write_vehicle_table,
-)
-from sim.datasets.vehicle_table import read_vehicle_table
+from sim.datasets.log import VEHICLE, read_data_set_log
 from sim.flight import Flight, navigation_settings, settings_as
 from sim.log.contents import Contents
 from sim.log.reader import read, read_recording
@@ -261,44 +254,6 @@ def _show_smoothing(console: Console, filtered: Flight, smoothed: Flight, lag_s:
         *("smoothed: RMS [m]", "bound [m]", "NEES"),
     )
     show_table(console, heads, rows, f"smoothed with messages of up to {lag_s:g} s later")
-
-
-def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
-    """Write a data set, or the table of a vehicle's measurements, as a log."""
-    output = output_file(out, [".mcap"], [source])
-    console = Console()
-    if source.suffix in (".csv", ".tsv") and not source.stem.endswith("_DR"):
-        if beacons is not None:
-            raise LaisnError(
-                f"--beacons {beacons}: {source} is the table of a vehicle, whose ranges have no "
-                "beacons"
-            )
-        table = read_vehicle_table(source)
-        write_vehicle_table(table, out)
-        for remark in table.remarks:
-            print_line(console, remark)
-        print_line(
-            console, f"log in {output}; to navigate on it: laisn replay {out} --scenario FILE"
-        )
-        return
-    data = read_data_set(source)
-    if beacons is not None:
-        data = data.among([name.strip() for name in beacons.split(",") if name.strip()])
-    write_data_set(data, out)
-    print_line(
-        console,
-        f"{VEHICLE}: {len(data.odometry)} steps of odometry in "
-        f"{data.time[-1] - data.time[0]:.1f} s",
-    )
-    for i, (name, (east, north)) in enumerate(zip(data.beacons, data.places[:, :2], strict=True)):
-        ranges = (data.range_beacon == i).sum()
-        print_line(
-            console, f"beacon {name} at {east:.2f} m east, {north:.2f} m north: {ranges} ranges"
-        )
-    print_line(console, f"reference path: {len(data.truth)} positions")
-    for remark in data.remarks:
-        print_line(console, remark, "note:")
-    print_line(console, f"log in {output}")
 
 
 def replay_data_set(

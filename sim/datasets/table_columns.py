@@ -112,7 +112,7 @@ def _field_and_unit(header: str, where: str) -> tuple[str, str]:
     return "", ""
 
 
-def _cells(path: Path) -> tuple[list[str], list[list[str]]]:
+def cells_of(path: Path) -> tuple[list[str], list[list[str]]]:
     """Headers and rows of a text table; LaisnError naming the row that is none."""
     text = text_of(path)
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
@@ -150,7 +150,10 @@ def _require_columns(path: Path, fields: Mapping[str, int], headers: Sequence[st
         missing.append("range_rear")
     if missing:
         names = shortened(plain(", ".join(headers)), 500)
-        raise LaisnError(f"{path}: lacks columns {', '.join(missing)}; its columns: {names}")
+        raise LaisnError(
+            f"{path}: lacks columns {', '.join(missing)}; its columns: {names}; a map tells which "
+            f"holds what: laisn log import {path} --propose map.toml"
+        )
 
 
 def _dates(words: Sequence[str]) -> Floats | None:
@@ -164,7 +167,7 @@ def _dates(words: Sequence[str]) -> Floats | None:
     return np.array([round(span.total_seconds() * 1e6) for span in since], dtype=np.float64)
 
 
-def _times(words: Sequence[str], header: str, unit: str, where: str) -> tuple[Column, bool]:
+def times_of(words: Sequence[str], header: str, unit: str, where: str) -> tuple[Column, bool]:
     """The column of times, and whether they are dates."""
     try:
         values = numbers(words, where, 1e9 * LARGEST)
@@ -186,7 +189,7 @@ def read_columns(path: Path) -> Columns:
     LaisnError, naming row or column: it cannot be read, a cell is no number, a column is missing,
     or two columns hold the same field.
     """
-    headers, rows = _cells(path)
+    headers, rows = cells_of(path)
     named = [_field_and_unit(header, str(path)) for header in headers]
     index = dict[str, int]()
     for i, (field, _) in enumerate(named):
@@ -203,7 +206,7 @@ def read_columns(path: Path) -> Columns:
         return [row[i] for row in rows]
 
     at = index.pop("time")
-    time, dates = _times(words(at), headers[at], named[at][1], f"{path}, column {headers[at]}")
+    time, dates = times_of(words(at), headers[at], named[at][1], f"{path}, column {headers[at]}")
     fields = dict[str, Column]()
     for field, i in index.items():
         where = f"{path}, column {headers[i]}"
@@ -217,12 +220,14 @@ def read_columns(path: Path) -> Columns:
     return Columns(path=path, time=time, fields=fields, dates=dates, unused=unused)
 
 
-def require_depths(column: Column, metres: Floats) -> None:
-    """LaisnError if a depth lies above the surface, as of a column that counts upwards."""
+def require_depths(where: str, metres: Floats) -> None:
+    """LaisnError if a depth lies above the surface, as of numbers that count upwards; `where` names
+    them, for the message.
+    """
     highest = float(np.nanmin(metres, initial=0.0))
     if highest < -_ABOVE_SURFACE_M:
         row = int(np.nanargmin(metres)) + 1
         raise LaisnError(
-            f"{column.where}, row {row}: a depth of {highest:g} m lies above the surface; depths "
+            f"{where}, row {row}: a depth of {highest:g} m lies above the surface; depths "
             "count downwards: change the sign if the column counts upwards"
         )

@@ -13,6 +13,8 @@ import numpy as np
 
 from laisn.arrays import Floats, Ints
 from laisn.errors import LaisnError
+from sim.datasets.field_map import FieldMap
+from sim.datasets.mapped_table import read_mapped_columns
 from sim.datasets.range_data import LARGEST
 from sim.datasets.table_clock import (
     Recording,
@@ -64,7 +66,7 @@ def _si(columns: Columns, reading: Reading, time_s: Floats) -> tuple[dict[str, F
         if np.nanmax(np.abs(values), initial=0.0) > LARGEST:
             raise LaisnError(f"{column.where}: in {unit}, values are not within ±{LARGEST:g} s")
         if "depth" in column.field:
-            require_depths(column, values)
+            require_depths(column.where, values)
         table[column.field] = values
         remarks.append(f"{column.header.strip()}: {column.field} in {unit}")
 
@@ -77,15 +79,16 @@ def _si(columns: Columns, reading: Reading, time_s: Floats) -> tuple[dict[str, F
     return table, remarks
 
 
-def read_vehicle_table(path: Path) -> VehicleTable:
-    """Measurements of a text table; header, delimiter, units and format of time are detected.
+def read_vehicle_table(path: Path, field_map: FieldMap | None = None) -> VehicleTable:
+    """Measurements of a text table; header, delimiter, units and format of time are detected, or
+    columns and units are those of a map.
 
     Units that no header states are those that motion and ranges fit (`table_units`); steps of the
     clock are corrected, and receptions that were written late are dated by the leader's clock
     (`table_clock`). LaisnError, naming row or column, if the table cannot be read, lacks a column,
     has one twice, a cell is no number, or a unit or the clock remains in doubt.
     """
-    columns = read_columns(path)
+    columns = read_columns(path) if field_map is None else read_mapped_columns(path, field_map)
     reading, reasons = decide_units(columns)
     unit = columns.time.unit or reading[TIME.name]
     time_ns = _time_ns(columns, unit)

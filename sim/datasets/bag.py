@@ -1,0 +1,237 @@
+"""Bags of ROS 1 and ROS 2 (.bag, .db3, .mcap, or a folder with metadata.yaml): topics with their
+fields, and numbers of fields over time.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from laisn.arrays import Floats, Ints
+from laisn.errors import LaisnError, shortened
+from sim.log.ros2_encoding import MISSING
+
+SUFFIXES = (".bag", ".db3", ".mcap")
+_TIME = "builtin_interfaces/msg/Time"
+_QUATERNION = "geometry_msgs/msg/Quaternion"
+_STAMP = "header.stamp"
+_DEEPEST = 12  # types within one another
+_SAMPLES = 20  # messages of a topic that are looked at for its frames
+_NAMED = 60  # characters of a value that messages show
+
+
+class Topic(NamedTuple):
+    """A topic of a bag."""
+
+    name: str
+    type_name: str
+    messages: int
+    fields: tuple[str, ...]  # numbers and quaternions, nested ones with dots
+    # values of texts that messages have, by their fields, as far as the first messages tell
+    texts: Mapping[str, tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class Series:
+    """Values of a field over time."""
+
+    time_ns: Ints  # since 1970, increasing, shape (n,), [ns]
+    values: Floats  # shape (n,), or (n, 4) of a quaternion (x, y, z, w)
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path has the name of a bag, or is a folder with one."""
+    return path.suffix in SUFFIXES or (path / "metadata.yaml").is_file()
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """A reader of a bag; LaisnError without rosbags, or if the bag cannot be read."""
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise LaisnError(MISSING) from None
+    try:
+        # recordings of early releases hold no definitions
+        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
+            yield reader
+    except LaisnError:
+        raise
+    except Exception as error:
+        # foreign bytes make the library fail in many ways
+        raise LaisnError(
+            f"{path}: cannot be read as a bag of ROS: {type(error).__name__}: {error}"
+        ) from None
+
+
+def _leaves(store: Any, type_name: str, prefix: str = "", depth: int = 0) -> Iterator[str]:
+    """Fields of a type that hold a number, a time or an orientation."""
+    from rosbags.interfaces import Nodetype
+
+    if type_name not in store.fielddefs or depth > _DEEPEST:
+        return
+    for name, (kind, detail) in store.fielddefs[type_name][1]:
+        path = f"{prefix}{name}"
+        if (kind == Nodetype.BASE and detail[0] != "string") or (
+            kind == Nodetype.NAME and detail in (_TIME, _QUATERNION)
+        ):
+            yield path
+        elif kind == Nodetype.NAME:
+            yield from _leaves(store, detail, f"{path}.", depth + 1)
+
+
+def _text_fields(store: Any, type_name: str, prefix: str = "", depth: int = 0) -> Iterator[str]:
+    from rosbags.interfaces import Nodetype
+
+    if type_name not in store.fielddefs or depth > _DEEPEST:
+        return
+    for name, (kind, detail) in store.fielddefs[type_name][1]:
+        if kind == Nodetype.BASE and detail[0] == "string":
+            yield f"{prefix}{name}"
+        elif kind == Nodetype.NAME:
+            yield from _text_fields(store, detail, f"{prefix}{name}.", depth + 1)
+
+
+def _value(message: Any, path: Sequence[str]) -> Any:
+    """What a field holds; a number in a path counts elements of a list."""
+    value = message
+    for part in path:
+        value = value[int(part)] if part.isdigit() else getattr(value, part)
+    return value
+
+
+def topics_of(path: Path) -> list[Topic]:
+    """Topics of a bag in order of their names; LaisnError if it cannot be read."""
+    with _opened(path) as reader:
+        store = reader.typestore
+        texts: dict[str, dict[str, set[str]]] = {}
+        wanted = [c for c in reader.connections if c.msgtype in store.fielddefs]
+        fields = {c.topic: [*_text_fields(store, c.msgtype)] for c in wanted}
+        seen = dict.fromkeys(fields, 0)
+        open_ = {c.topic for c in wanted if fields[c.topic]}
+        for connection, _, raw in reader.messages([c for c in wanted if c.topic in open_]):
+            if seen[connection.topic] >= _SAMPLES:
+                open_.discard(connection.topic)
+                if not open_:
+                    break
+                continue
+            seen[connection.topic] += 1
+            message = reader.deserialize(raw, connection.msgtype)
+            values = texts.setdefault(connection.topic, {})
+            for field in fields[connection.topic]:
+                values.setdefault(field, set()).add(_value(message, field.split(".")))
+        counts = dict[str, int]()
+        types = dict[str, str]()
+        for connection in reader.connections:
+            counts[connection.topic] = counts.get(connection.topic, 0) + connection.msgcount
+            types[connection.topic] = connection.msgtype
+        return [
+            Topic(
+                name=name,
+                type_name=types[name],
+                messages=counts[name],
+                fields=tuple(_leaves(store, types[name])),
+                texts={
+                    field: tuple(sorted(values)) for field, values in texts.get(name, {}).items()
+                },
+            )
+            for name in sorted(types)
+        ]
+
+
+class Request(NamedTuple):
+    """A field of a topic, in messages whose other fields have certain values."""
+
+    topic: str
+    field: str
+    where: tuple[tuple[str, Any], ...] = ()
+
+
+def _number(value: Any, request: Request) -> Any:
+    """A number, seconds of a time, or x, y, z and w of an orientation."""
+    if hasattr(value, "nanosec"):
+        return value.sec + 1e-9 * value.nanosec
+    if hasattr(value, "w"):
+        return value.x, value.y, value.z, value.w
+    if isinstance(value, int | float | bool | np.number):
+        return float(value)
+    raise LaisnError(
+        f"topic {request.topic}: field {request.field} holds no number "
+        f"(given: {shortened(repr(value), _NAMED)})"
+    )
+
+
+def _stamp_ns(message: Any, logged_ns: int) -> int:
+    """Time in the header of a message, where it has one."""
+    header = getattr(message, "header", None)
+    stamp = getattr(header, "stamp", None)
+    if stamp is None or (stamp.sec == 0 and stamp.nanosec == 0):
+        return logged_ns
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+
+def _holds(message: Any, where: Sequence[tuple[str, Any]]) -> bool:
+    return all(_value(message, field.split(".")) == wanted for field, wanted in where)
+
+
+def _require_fields(path: Path, reader: Any, requests: Sequence[Request]) -> None:
+    """LaisnError naming a topic or field that the bag has not."""
+    types = {c.topic: c.msgtype for c in reader.connections}
+    for request in requests:
+        if request.topic not in types:
+            known = shortened(", ".join(sorted(types)), 800)
+            raise LaisnError(f"{path}: has no topic {request.topic}; its topics: {known}")
+        type_name = types[request.topic]
+        if type_name not in reader.typestore.fielddefs:
+            raise LaisnError(
+                f"{path}: topic {request.topic} has the type {type_name}, whose definition is not "
+                "in the bag"
+            )
+
+
+def series_of(
+    path: Path, requests: Sequence[Request], stamps: str = "header"
+) -> dict[Request, Series]:
+    """Values of fields over time, sorted by time; those of one time keep the last message.
+
+    `stamps` tells which times: "header", those in messages where they have one, or "log".
+    LaisnError: the bag cannot be read, or lacks a topic or field.
+    """
+    by_topic: dict[str, list[Request]] = {}
+    for request in requests:
+        by_topic.setdefault(request.topic, []).append(request)
+    times: dict[Request, list[int]] = {request: [] for request in requests}
+    values: dict[Request, list[Any]] = {request: [] for request in requests}
+    with _opened(path) as reader:
+        _require_fields(path, reader, requests)
+        wanted = [c for c in reader.connections if c.topic in by_topic]
+        for connection, logged_ns, raw in reader.messages(wanted):
+            message = reader.deserialize(raw, connection.msgtype)
+            at = _stamp_ns(message, logged_ns) if stamps == "header" else logged_ns
+            for request in by_topic[connection.topic]:
+                try:
+                    if not _holds(message, request.where):
+                        continue
+                    value = _value(message, request.field.split("."))
+                except (AttributeError, IndexError, TypeError):
+                    fields = [*_leaves(reader.typestore, connection.msgtype)]
+                    known = shortened(", ".join(fields), 800)
+                    names = " or ".join([request.field, *(name for name, _ in request.where)])
+                    raise LaisnError(
+                        f"{path}: topic {request.topic} has no field {names}; its fields: {known}"
+                    ) from None
+                times[request].append(at)
+                values[request].append(_number(value, request))
+    return {request: _sorted(times[request], values[request]) for request in requests}
+
+
+def _sorted(times: Sequence[int], values: Sequence[Any]) -> Series:
+    time_ns = np.array(times, dtype=np.int64)
+    numbers = np.array(values, dtype=np.float64)
+    order = np.argsort(time_ns, kind="stable")
+    last = np.append(np.diff(time_ns[order]) > 0, True)[: order.size]
+    return Series(time_ns[order][last], numbers[order][last])

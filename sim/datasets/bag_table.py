@@ -1,0 +1,256 @@
+"""A bag and its map as the table of a vehicle's measurements.
+
+The messages of one topic are the filter steps. Own measurements of other topics are interpolated
+to them, angles the short way, but not over gaps. Ranges of different transmitters that come within
+a window are one reception, at the last of them. What the leader broadcasts is of the same message,
+or of another topic, whose values are interpolated to that time, or held.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from laisn.arrays import Floats, Ints
+from laisn.errors import LaisnError
+from sim.datasets.bag import Request, Series, series_of
+from sim.datasets.field_map import LATITUDE, LONGITUDE, Entry, FieldMap, Origin, require_complete
+from sim.datasets.table_columns import ANGLE, TIMESTAMP, quantity_of, require_depths
+from sim.datasets.vehicle_table import VehicleTable
+from sim.log.schema import OWN_MOTION
+
+_LONGEST_GAP = 5.0  # that is interpolated [intervals between messages]
+_SHORTEST_GAP_S = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Mapped:
+    """Values of all fields of a map, in SI units."""
+
+    path: Path
+    map_path: Path
+    entries: Mapping[str, Entry]
+    series: Mapping[str, Series]  # of fields with a topic
+
+    def at(self, field: str, time_ns: Ints) -> Floats:
+        """Values of a field at times, shape (n,); NaN where there is none."""
+        entry = self.entries[field]
+        if entry.value is not None:
+            return np.full(time_ns.size, entry.value)
+        series = self.series[field]
+        if entry.hold:
+            return _held(series, time_ns)
+        return _interpolated(series, time_ns, is_angle=quantity_of(field) is ANGLE)
+
+
+def _held(series: Series, time_ns: Ints) -> Floats:
+    """The last value at or before each time."""
+    index = np.searchsorted(series.time_ns, time_ns, side="right") - 1
+    values = np.full(time_ns.size, np.nan)
+    known = index >= 0
+    values[known] = series.values[index[known]]
+    return values
+
+
+def _interpolated(series: Series, time_ns: Ints, *, is_angle: bool) -> Floats:
+    """Values between messages; NaN outside of them and within gaps."""
+    finite = np.isfinite(series.values)
+    times = series.time_ns[finite]
+    values = series.values[finite]
+    if not times.size:
+        return np.full(time_ns.size, np.nan)
+    after = np.searchsorted(times, time_ns)
+    before = np.clip(np.searchsorted(times, time_ns, side="right") - 1, 0, times.size - 1)
+    inside = (after < times.size) & (time_ns >= times[0])
+    after = np.minimum(after, times.size - 1)
+    span = times[after] - times[before]
+    interval = float(np.median(np.diff(times))) if times.size > 1 else 0.0
+    longest = max(_LONGEST_GAP * interval, 1e9 * _SHORTEST_GAP_S)
+    share = np.divide(time_ns - times[before], span, out=np.zeros(time_ns.size), where=span > 0)
+    change = values[after] - values[before]
+    if is_angle:
+        change = np.remainder(change + np.pi, 2.0 * np.pi) - np.pi
+    # between two messages alone: at a message its value counts to the bit
+    result = np.where(share > 0.0, values[before] + share * change, values[before])
+    if is_angle:
+        result = np.where(share > 0.0, np.remainder(result, 2.0 * np.pi), result)
+    return np.where(inside & (span <= longest), result, np.nan)
+
+
+def _origin(mapped: FieldMap, numbers: Mapping[str, Series]) -> tuple[Origin | None, list[str]]:
+    """The map's origin, or else the first place of the leader, which a remark names."""
+    if mapped.settings.origin is not None:
+        return mapped.settings.origin, []
+    first = dict[str, float]()
+    for field, series in numbers.items():
+        unit = mapped.entries[field].unit
+        finite = series.values[np.isfinite(series.values)]
+        if unit in (LATITUDE, LONGITUDE) and finite.size:
+            first.setdefault(unit, float(finite[0]))
+    if len(first) < 2:
+        return None, []
+    origin = Origin(latitude_deg=first[LATITUDE], longitude_deg=first[LONGITUDE])
+    return origin, [
+        f"east and north count from the first place, {origin.latitude_deg:.7f}°, "
+        f"{origin.longitude_deg:.7f}°; [origin] of the map sets another"
+    ]
+
+
+def _read(path: Path, mapped: FieldMap) -> tuple[_Mapped, list[str]]:
+    requests = dict[str, Request]()
+    for field, entry in mapped.entries.items():
+        if entry.column is not None:
+            raise LaisnError(
+                f"{mapped.path}: {field}: names a column, and {path} is a bag; expected topic and "
+                "field"
+            )
+        if entry.topic is not None and entry.field is not None:
+            where = tuple(sorted(entry.where.items()))
+            requests[field] = Request(entry.topic, entry.field, where)
+    read = series_of(path, [*dict.fromkeys(requests.values())], mapped.settings.stamps)
+    numbers = {field: read[request] for field, request in requests.items()}
+    origin, remarks = _origin(mapped, numbers)
+    series = dict[str, Series]()
+    for field, raw in numbers.items():
+        entry = mapped.entries[field]
+        if not raw.time_ns.size:
+            raise LaisnError(
+                f"{mapped.path}: {field}: no message of {entry.topic} in {path}"
+                f"{' has these values' if entry.where else ''}"
+            )
+        if (raw.values.ndim == 2) != (entry.unit == "quaternion"):
+            raise LaisnError(
+                f"{mapped.path}: {field}: unit {entry.unit!r} does not fit the field {entry.field} "
+                f"of {entry.topic}; an orientation has the unit 'quaternion', and only that"
+            )
+        try:
+            values = entry.in_si(raw.values, field, origin)
+        except ValueError as error:
+            raise LaisnError(f"{mapped.path}: {field}: {error}") from None
+        series[field] = Series(raw.time_ns, values)
+        unit = entry.unit or "SI units"
+        remarks.append(f"{field}: {entry.topic} {entry.field} in {unit}, {raw.time_ns.size} times")
+    series |= _derived(mapped, series)
+    return _Mapped(path=path, map_path=mapped.path, entries=mapped.entries, series=series), remarks
+
+
+def _derived(mapped: FieldMap, series: Mapping[str, Series]) -> dict[str, Series]:
+    """Heading and speed of the leader by its places, where the map has them so."""
+    fields = [field for field, entry in mapped.entries.items() if entry.derive]
+    if not fields:
+        return {}
+    east = series.get("leader_east")
+    north = series.get("leader_north")
+    if east is None or north is None or east.time_ns.size < 2:
+        raise LaisnError(
+            f"{mapped.path}: {fields[0]}.derive: leader_east and leader_north need topics with two "
+            "messages at least"
+        )
+    time_s = (east.time_ns - east.time_ns[0]) / 1e9
+    northward = _interpolated(north, east.time_ns, is_angle=False)
+    velocity = np.gradient(np.column_stack([east.values, northward]), time_s, axis=0)
+    values = {
+        "leader_heading": np.mod(np.arctan2(velocity[:, 0], velocity[:, 1]), 2.0 * np.pi),
+        "leader_speed": np.hypot(velocity[:, 0], velocity[:, 1]),
+    }
+    return {field: Series(east.time_ns, values[field]) for field in fields}
+
+
+def _receptions(mapped: _Mapped, fields: list[str], window_s: float) -> tuple[Ints, Floats]:
+    """Times of receptions [ns] and their ranges in the order of the fields, NaN where there is
+    none, shapes (m,) and (m, r).
+    """
+    found = list[tuple[int, int, float]]()
+    for slot, field in enumerate(fields):
+        series = mapped.series.get(field)
+        if series is None:
+            raise LaisnError(f"{mapped.map_path}: {field}: expected topic and field, no constant")
+        positive = np.isfinite(series.values) & (series.values > 0.0)
+        times = series.time_ns[positive].tolist()
+        found += [
+            (at, slot, value) for at, value in zip(times, series.values[positive], strict=True)
+        ]
+    found.sort(key=lambda one: one[:2])
+    times_ns = list[int]()
+    rows = list[list[float]]()
+    first_ns = 0
+    for at, slot, value in found:
+        new = not rows or at - first_ns > 1e9 * window_s or np.isfinite(rows[-1][slot])
+        if new:
+            first_ns = at
+            times_ns.append(at)
+            rows.append([np.nan] * len(fields))
+        rows[-1][slot] = value
+        times_ns[-1] = at
+    table = np.array(rows, dtype=np.float64).reshape(len(rows), len(fields))
+    return np.array(times_ns, dtype=np.int64), table
+
+
+def _step_times(mapped: _Mapped, steps: str | None) -> tuple[Ints, str]:
+    """Times of the filter steps [ns], and their topic."""
+    own = dict[str, Ints]()
+    for field in OWN_MOTION.fields:
+        source = mapped.entries[field].topic
+        if source is not None:
+            own.setdefault(source, mapped.series[field].time_ns)
+    if not own:
+        raise LaisnError(
+            f"{mapped.map_path}: speed, heading and depth are constants; one of them needs a topic"
+        )
+    topic = steps or next(iter(own))
+    if topic not in own:
+        known = ", ".join(map(str, own))
+        raise LaisnError(
+            f"{mapped.map_path}: steps: expected the topic of speed, heading or depth: {known} "
+            f"(given: {topic!r})"
+        )
+    return own[topic], topic
+
+
+def read_bag_table(path: Path, field_map: FieldMap) -> VehicleTable:
+    """Measurements in a bag, as a map tells.
+
+    LaisnError: the bag cannot be read, the map lacks a field that the navigator needs, or names a
+    topic, field or unit that is not there.
+    """
+    require_complete(field_map)
+    mapped, remarks = _read(path, field_map)
+    steps_ns, steps = _step_times(mapped, field_map.settings.steps)
+    own = {field: mapped.at(field, steps_ns) for field in OWN_MOTION.fields}
+    range_fields = [field for field in field_map.entries if field.startswith("range_")]
+    heard_ns, ranges = _receptions(mapped, range_fields, field_map.settings.ping_window_s)
+    others = [
+        field
+        for field in field_map.entries
+        if field not in (*OWN_MOTION.fields, *range_fields, "time")
+    ]
+    received = {field: mapped.at(field, heard_ns) for field in others}
+    received |= {field: ranges[:, i] for i, field in enumerate(range_fields)}
+    # without the leader's clock its message is as old as its place
+    received.setdefault(TIMESTAMP, heard_ns / 1e9)
+    whole = np.all([np.isfinite(values) for values in own.values()], axis=0)
+    if not whole.any():
+        raise LaisnError(
+            f"{path}: at no message of {steps} there are speed, heading and depth at once; do the "
+            'topics overlap in time? stamps = "log" takes the times of recording'
+        )
+    for name, values in (own | received).items():
+        if "depth" in name:
+            require_depths(f"{path}, {name}", values)
+    left = int(np.count_nonzero(~whole))
+    remarks += [f"{left} messages of {steps} outside of the other topics left out"] if left else []
+    remarks.append(f"filter steps: {int(whole.sum())} messages of {steps}")
+    remarks.append(f"receptions: {heard_ns.size}, of {np.isfinite(ranges).sum()} ranges")
+    time_ns = np.concatenate([steps_ns[whole], heard_ns])
+    gone = np.full(heard_ns.size, np.nan)
+    absent = np.full(int(whole.sum()), np.nan)
+    columns = {field: np.concatenate([values[whole], gone]) for field, values in own.items()}
+    columns |= {field: np.concatenate([absent, values]) for field, values in received.items()}
+    order = np.argsort(time_ns, kind="stable")
+    return VehicleTable(
+        time_ns[order],
+        time_ns[order],
+        {field: values[order] for field, values in columns.items()},
+        tuple(remarks),
+    )

@@ -1,0 +1,423 @@
+"""A map proposed from names and types: "HDG" is a heading, "ldr_E" the leader's position east, "R1"
+the range to the first transmitter; so are topics, by their names, types and fields.
+
+A name is split into words. Words of the leader, of a transmitter and of a unit are taken out, and
+what is left must be a word for a quantity. What remains in doubt is noted in the map.
+"""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from laisn.errors import LaisnError
+from laisn.messages import Ranges
+from sim.datasets.bag import Topic, topics_of
+from sim.datasets.field_map import (
+    LATITUDE,
+    LONGITUDE,
+    PRESSURES,
+    QUATERNION,
+    Proposal,
+    missing_fields,
+    units_of,
+)
+from sim.datasets.table_columns import FIELDS, TIME_NAMES, cells_of, quantity_of
+from sim.log.schema import RECEPTION
+
+_LEADER = {
+    *("leader", "ldr", "lead", "mother", "mothership", "ship", "boat", "vessel", "asv", "usv"),
+    *("master", "surface", "broadcast"),
+}
+_OWN = {
+    *("own", "auv", "uuv", "follower", "vehicle", "self", "robot", "rov", "meas", "measured"),
+    *("value", "data", "sensor", "msg", "message", "raw", "filtered"),
+}
+"""Words that say nothing of the quantity."""
+_RANGE = {"range", "rng", "ranges", "r", "dist", "distance", "slant"}
+_SLOTS: dict[str, tuple[str, ...]] = {
+    "rear": ("rear", "aft", "stern", "back", "tail", "1", "a"),
+    "front": ("front", "fore", "bow", "fwd", "forward", "nose", "2", "b"),
+    "middle": ("middle", "mid", "center", "centre", "3", "c"),
+}
+_TRANSMITTER = {"tx", "transmitter", "beacon", "transponder", "pinger", "source", "anchor"}
+_CERTAIN_SLOTS = {"rear", "aft", "stern", "front", "fore", "bow", "fwd", "middle", "mid"}
+_WORDS: dict[str, set[str]] = {
+    "heading": {"heading", "hdg", "head", "compass", "psi", "yaw", "hding"},
+    "speed": {"speed", "spd", "stw", "vel", "velocity", "surge", "u", "log"},
+    "depth": {"depth", "dep", "dpth", "dpt", "d", "pressure", "press", "p"},
+    "east": {"east", "e", "x", "easting", "lon", "longitude", "long"},
+    "north": {"north", "n", "y", "northing", "lat", "latitude"},
+    "pitch": {"pitch", "pit", "theta"},
+    "roll": {"roll", "heel", "phi"},
+    "timestamp": {"timestamp", "time", "t", "stamp", "clock", "sent", "toe", "utc", "datetime"},
+}
+_ONLY_LEADER = ("east", "north", "pitch", "roll", "timestamp")
+"""Quantities that the log has of the leader alone."""
+_IN_DOUBT = {"yaw", "u", "vel", "velocity", "x", "y", "d", "p", "psi", "log", "pressure", "press"}
+"""Words with several meanings."""
+_NOTES = {
+    "yaw": 'is this a compass heading, or a yaw from east (angle = "yaw")?',
+    "psi": 'is this a compass heading, or a yaw from east (angle = "yaw")?',
+    "x": "is this east?",
+    "y": "is this north?",
+    "d": "is this the depth?",
+}
+_UNIT_WORDS: dict[str, tuple[str, ...]] = {
+    "m/s": ("mps", "ms1"),
+    "deg": ("deg", "degs", "degree", "degrees"),
+    "rad": ("rad", "radians"),
+    "m": ("m", "meter", "meters", "metre", "metres"),
+    "cm": ("cm",),
+    "km": ("km",),
+    "ft": ("ft", "feet"),
+    "kn": ("kn", "kts", "kt", "knots", "knot"),
+    "km/h": ("kmh", "kph"),
+    "s": ("s", "sec", "secs", "seconds"),
+    "ms": ("ms", "msec", "millis"),
+    "us": ("us", "usec"),
+    "ns": ("ns", "nsec", "nanos"),
+    **{unit: (unit.lower(),) for unit in PRESSURES},
+}
+_FLUID = "sensor_msgs/msg/FluidPressure"
+_FIELDS_BY_TYPE: dict[str, tuple[tuple[str, str, str], ...]] = {
+    "sensor_msgs/msg/Imu": (("heading", "orientation", QUATERNION),),
+    _FLUID: (("depth", "fluid_pressure", "Pa"),),
+    "geometry_msgs/msg/TwistStamped": (("speed", "twist.linear.x", "m/s"),),
+    "geometry_msgs/msg/TwistWithCovarianceStamped": (("speed", "twist.twist.linear.x", "m/s"),),
+    "sensor_msgs/msg/Range": (("range", "range", "m"),),
+    "sensor_msgs/msg/NavSatFix": (
+        ("leader_east", "longitude", LONGITUDE),
+        ("leader_north", "latitude", LATITUDE),
+    ),
+}
+"""Quantities of types: what they hold, in which field, in which unit."""
+_ODOMETRY = "nav_msgs/msg/Odometry"
+_POSES = {
+    "geometry_msgs/msg/PoseStamped": "pose",
+    "geometry_msgs/msg/PoseWithCovarianceStamped": "pose.pose",
+    _ODOMETRY: "pose.pose",
+}
+_NO_MEASUREMENTS = ("/tf", "/tf_static", "/clock", "/rosout", "/parameter_events")
+_CONCLUSIONS = {"truth", "ground", "groundtruth", "gt", "estimate", "estimated", "filtered"}
+"""Words of topics that hold no measurements, but what was concluded of them or is known apart."""
+_DEFINITION_WORDS = {"header", "stamp", "sec", "nanosec", "covariance", "seq"}
+
+
+class Match(NamedTuple):
+    """What a name stands for."""
+
+    field: str  # of the log, or "time"
+    unit: str  # that the name states; "" for none
+    note: str  # what its user should check; "" for nothing
+
+
+def _words(name: str) -> list[str]:
+    """Words of a name: "LdrE", "ldr_E" and "ldr.e" are two; digits are a word of their own."""
+    split = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
+    split = re.sub(r"([A-Za-z])(\d)", r"\1 \2", split)
+    return [word for word in re.split(r"[^a-z0-9]+", split.lower()) if word]
+
+
+def _unit_of(text: str) -> str:
+    """The unit that a text stands for; "" for none."""
+    plain = text.strip().lower().replace(" ", "")
+    for unit, words in _UNIT_WORDS.items():
+        if plain == unit.lower() or plain in words:
+            return unit
+    return {"°": "deg", "m_s": "m/s", "m·s-1": "m/s", "m*s-1": "m/s"}.get(plain, "")
+
+
+def _without_unit(name: str) -> tuple[str, str]:
+    """A name without its unit, in brackets or as its end, and the unit."""
+    bracketed = re.fullmatch(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*", name)
+    if bracketed is not None:
+        return bracketed[1], _unit_of(bracketed[2])
+    for ending in (r"(.+)[_ ](m_s)", r"(.+)[_ ]([A-Za-z]+)"):
+        suffixed = re.fullmatch(ending, name)
+        if suffixed is not None and _unit_of(suffixed[2]):
+            return suffixed[1], _unit_of(suffixed[2])
+    return name, ""
+
+
+def _slot_of(words: Sequence[str]) -> tuple[str, str]:
+    """The transmitter that a word stands for, and the word; "" for none."""
+    for word in words:
+        for slot, names in _SLOTS.items():
+            if word in names:
+                return slot, word
+    return "", ""
+
+
+def _quantity_of(words: Sequence[str]) -> str:
+    return next((quantity for quantity, names in _WORDS.items() if words[-1] in names), "")
+
+
+def _range_match(words: Sequence[str], unit: str) -> Match | None:
+    rest = [word for word in words if word not in (_RANGE | _OWN | _LEADER | _TRANSMITTER | {"to"})]
+    slot, word = _slot_of(rest)
+    others = [one for one in rest if one != word]
+    if others or len(rest) > 1 or not _RANGE & set(words):
+        return None
+    if not slot:
+        return Match("range_rear", unit, "of which transmitter is this range?")
+    note = "" if word in _CERTAIN_SLOTS else f"is {word!r} the {slot} transmitter?"
+    return Match(f"range_{slot}", unit, note)
+
+
+def match(name: str, *, of_leader: bool = False) -> Match | None:
+    """What a name stands for; None if for nothing. `of_leader`: the name is within a topic of the
+    leader's.
+    """
+    bare, unit = _without_unit(name)
+    words = _words(bare)
+    if not words:
+        return None
+    leader = of_leader or bool(_LEADER & set(words))
+    ranged = _range_match(words, unit)
+    if ranged is not None:
+        return ranged
+    rest = [word for word in words if word not in (_LEADER | _OWN)]
+    transmitter = [word for word in rest if word in _TRANSMITTER]
+    slot, slot_word = _slot_of(rest[:-1])
+    rest = [word for word in rest if word not in (*transmitter, slot_word)]
+    if len(rest) != 1:
+        return None
+    quantity = _quantity_of(rest)
+    note = _NOTES.get(rest[0], "is this right?") if rest[0] in _IN_DOUBT else ""
+    unit = unit or _implied_unit(rest[0])
+    if slot and quantity in ("east", "north", "depth"):
+        return Match(
+            f"{slot}_{quantity}", unit, note or f"is {slot_word!r} the {slot} transmitter?"
+        )
+    if slot or not quantity:
+        return None
+    if quantity == "timestamp" and not leader:
+        return Match("time", unit, note) if rest[0] in TIME_NAMES else None
+    if leader:
+        return Match(f"leader_{quantity}", unit, note)
+    return None if quantity in _ONLY_LEADER else Match(quantity, unit, note)
+
+
+def _implied_unit(word: str) -> str:
+    if word in ("lon", "longitude", "long"):
+        return LONGITUDE
+    if word in ("lat", "latitude"):
+        return LATITUDE
+    return ""
+
+
+def _order(field: str) -> int:
+    return ("time", *FIELDS).index(field)
+
+
+def propose_for_table(path: Path) -> Proposal:
+    """A map of a text table; LaisnError if it cannot be read."""
+    headers, rows = cells_of(path)
+    entries: dict[str, dict[str, Any]] = {}
+    notes = dict[str, str]()
+    unused = list[str]()
+    for i, header in enumerate(headers):
+        matched = match(header)
+        numbers = any(_is_number(row[i]) for row in rows[:100])
+        if matched is None or not (numbers or matched.field == "time"):
+            unused.append(header)
+            continue
+        if matched.field in entries:
+            first = entries[matched.field]["column"]
+            notes[matched.field] = f"{first!r} or {header!r}?"
+            unused.append(header)
+            continue
+        entries[matched.field] = {"column": header}
+        if matched.unit in units_of(matched.field):
+            entries[matched.field]["unit"] = matched.unit
+        if matched.note:
+            notes[matched.field] = f"{header!r}: {matched.note}"
+    ordered = dict(sorted(entries.items(), key=lambda item: _order(item[0])))
+    return Proposal(
+        source=str(path),
+        settings={},
+        entries=ordered,
+        notes=notes,
+        missing=missing_fields(entries, ["time"]),
+        unused=tuple(unused),
+    )
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+class _Candidate(NamedTuple):
+    field: str
+    rank: int  # the lower, the better
+    entry: dict[str, Any]
+    note: str
+
+
+def _typed(topic: Topic) -> Iterator[_Candidate]:
+    """What a topic of a standard type holds."""
+    leader = bool(_LEADER & set(_words(topic.name)))
+    for quantity, field, unit in _FIELDS_BY_TYPE.get(topic.type_name, ()):
+        entry: dict[str, Any] = {"topic": topic.name, "field": field, "unit": unit}
+        if quantity == "range":
+            yield from _ranges(topic, entry)
+        elif quantity.startswith("leader_"):
+            note = "" if leader else "is this topic the leader's?"
+            yield _Candidate(quantity, 1, entry | {"hold": True}, note)
+        else:
+            field_of_log = f"leader_{quantity}" if leader else quantity
+            yield _Candidate(field_of_log, 0, entry, "")
+    if topic.type_name in _POSES:
+        yield from _posed(topic, _POSES[topic.type_name], leader=leader)
+
+
+def _posed(topic: Topic, pose: str, *, leader: bool) -> Iterator[_Candidate]:
+    """Position, attitude and speed of a vehicle; those of the own vehicle are no measurements, but
+    for its heading and speed where nothing else has them.
+    """
+    base = {"topic": topic.name}
+    orientation = base | {"field": f"{pose}.orientation", "unit": QUATERNION}
+    speed = base | {"field": "twist.twist.linear.x", "unit": "m/s"}
+    if not leader:
+        note = "this topic may hold an estimate in place of a measurement"
+        yield _Candidate("heading", 3, orientation, note)
+        if topic.type_name == _ODOMETRY:
+            yield _Candidate("speed", 3, speed, note)
+        return
+    for field, axis in (("leader_east", "x"), ("leader_north", "y")):
+        yield _Candidate(field, 0, base | {"field": f"{pose}.position.{axis}", "unit": "m"}, "")
+    depth = base | {"field": f"{pose}.position.z", "unit": "m", "factor": -1.0}
+    yield _Candidate("leader_depth", 0, depth, "")
+    yield _Candidate("leader_heading", 0, orientation, "")
+    if topic.type_name == _ODOMETRY:
+        yield _Candidate("leader_speed", 0, speed, "")
+
+
+def _ranges(topic: Topic, entry: dict[str, Any]) -> Iterator[_Candidate]:
+    """Ranges by the name of the topic, or by frames where one topic has those of several."""
+    frames = topic.texts.get("header.frame_id", ())
+    if len(frames) > 1:
+        slots = dict.fromkeys(Ranges._fields, "")
+        for frame in frames:
+            slot, word = _slot_of(_words(frame))
+            slot = (
+                slot if slot and not slots[slot] else next((s for s in slots if not slots[s]), "")
+            )
+            if slot:
+                slots[slot] = frame
+                note = "" if word in _CERTAIN_SLOTS else f"is {frame!r} the {slot} transmitter?"
+                where = {"where": {"header.frame_id": frame}}
+                yield _Candidate(f"range_{slot}", 0, entry | where, note)
+        return
+    slot, word = _slot_of(_words(topic.name)[::-1])
+    note = "" if word in _CERTAIN_SLOTS else f"of which transmitter is {topic.name}?"
+    yield _Candidate(f"range_{slot or 'rear'}", 0 if slot else 2, entry, note)
+
+
+def _named(topic: Topic) -> Iterator[_Candidate]:
+    """What fields of a topic of another type hold, by their names and that of the topic."""
+    leader = bool(_LEADER & set(_words(topic.name)))
+    whole = sum(match(field) is not None for field in topic.fields) > 2
+    for field in topic.fields:
+        words = _words(field)
+        if _DEFINITION_WORDS & set(words):
+            continue
+        # a message with many fields names them; one with a number alone is named by its topic
+        name = field if words[-1:] != ["data"] else topic.name.rpartition("/")[2]
+        matched = match(name.rpartition(".")[2], of_leader=leader)
+        if matched is None or matched.field == "time":
+            continue
+        entry: dict[str, Any] = {"topic": topic.name, "field": field}
+        if matched.unit in units_of(matched.field):
+            entry["unit"] = matched.unit
+        note = matched.note
+        if not matched.unit and matched.field.endswith(("heading", "pitch", "roll")):
+            note = note or 'is this in radians? unit = "deg" otherwise'
+        yield _Candidate(matched.field, -1 if whole else 1, entry, note)
+
+
+def _own_type(topic: Topic) -> Iterator[_Candidate]:
+    """Fields of a reception as this project writes it, which need no check."""
+    for field in RECEPTION.fields:
+        entry = {"topic": topic.name, "field": field, "unit": quantity_of(field).si}
+        yield _Candidate(field, -2, entry, "")
+
+
+def _fields_of(topic: Topic) -> Iterator[_Candidate]:
+    if set(RECEPTION.fields) <= set(topic.fields):
+        return _own_type(topic)
+    known = topic.type_name in _FIELDS_BY_TYPE or topic.type_name in _POSES
+    return _typed(topic) if known else _named(topic)
+
+
+def _candidates(topics: Sequence[Topic]) -> Iterator[_Candidate]:
+    for topic in topics:
+        if topic.name in _NO_MEASUREMENTS or not topic.messages:
+            continue
+        concluded = bool(_CONCLUSIONS & set(_words(topic.name)))
+        for candidate in _fields_of(topic):
+            # the leader's estimate of itself is what it broadcasts
+            rank = candidate.rank + (10 if concluded else 0)
+            if concluded and not candidate.field.startswith("leader_"):
+                continue
+            yield candidate._replace(rank=rank)
+
+
+def _of_vehicle(topics: Sequence[Topic], vehicle: str | None) -> list[Topic]:
+    """Topics of a vehicle and of the leader; LaisnError if the bag has none of this vehicle."""
+    if vehicle is None:
+        return [*topics]
+    prefix = f"/{vehicle.strip('/')}/"
+    own = [topic for topic in topics if topic.name.startswith(prefix)]
+    if not own:
+        spaces = sorted({topic.name.split("/")[1] for topic in topics if topic.name.count("/") > 1})
+        raise LaisnError(
+            f"--vehicle {vehicle}: the bag has no topic {prefix}…; it has those of "
+            f"{', '.join(spaces) or 'no vehicle'}"
+        )
+    return own + [
+        topic for topic in topics if topic not in own and _LEADER & set(_words(topic.name))
+    ]
+
+
+def _doubtful(field: str, candidates: Sequence[_Candidate]) -> str:
+    """A note where several topics may hold a field equally well."""
+    best = candidates[0]
+    equals = [c for c in candidates[1:] if c.rank == best.rank]
+    if not equals:
+        return ""
+    names = ", ".join(f"{c.entry['topic']} {c.entry['field']}" for c in equals[:3])
+    return f"or is it {names}?"
+
+
+def propose_for_bag(path: Path, vehicle: str | None = None) -> Proposal:
+    """A map of a bag; `vehicle` is the beginning of the topics of the vehicle that navigates.
+
+    LaisnError if the bag cannot be read, or has no topics of the vehicle.
+    """
+    topics = _of_vehicle(topics_of(path), vehicle)
+    by_field: dict[str, list[_Candidate]] = {}
+    for candidate in _candidates(topics):
+        by_field.setdefault(candidate.field, []).append(candidate)
+    entries: dict[str, Mapping[str, Any]] = {}
+    notes = dict[str, str]()
+    for field in sorted(by_field, key=_order):
+        candidates = sorted(by_field[field], key=lambda candidate: candidate.rank)
+        entries[field] = candidates[0].entry
+        note = " ".join(filter(None, [candidates[0].note, _doubtful(field, candidates)]))
+        if note:
+            notes[field] = note
+    used = {entry["topic"] for entry in entries.values()}
+    return Proposal(
+        source=str(path),
+        settings={},
+        entries=entries,
+        notes=notes,
+        missing=missing_fields(entries),
+        unused=tuple(f"{t.name} ({t.type_name})" for t in topics if t.name not in used),
+    )

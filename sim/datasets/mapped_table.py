@@ -1,0 +1,187 @@
+"""The columns of a vehicle's table by a map, whatever their headers are."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+from laisn.arrays import Bools, Floats
+from laisn.errors import LaisnError, plain, shortened
+from sim.datasets.field_map import (
+    LATITUDE,
+    LONGITUDE,
+    QUATERNION,
+    Entry,
+    FieldMap,
+    Origin,
+    require_complete,
+)
+from sim.datasets.range_data import LARGEST, numbers
+from sim.datasets.table_columns import (
+    TIMESTAMP,
+    Column,
+    Columns,
+    cells_of,
+    quantity_of,
+    times_of,
+)
+
+
+def _positions(path: Path, field_map: FieldMap, headers: Sequence[str]) -> dict[str, int]:
+    """Numbers of the columns that a map names; LaisnError for one that the table has not, or has
+    twice.
+    """
+    named = [header.strip() for header in headers]
+    wanted = dict[str, str]()
+    for field, entry in field_map.entries.items():
+        if entry.topic is not None or entry.derive or entry.unit == QUATERNION:
+            raise LaisnError(
+                f"{field_map.path}: {field}: expected a column or a value: {path} is a table"
+            )
+        if entry.column is not None:
+            wanted.setdefault(entry.column.strip(), field)
+        for column in entry.where:
+            wanted.setdefault(column.strip(), field)
+    for column, field in wanted.items():
+        if named.count(column) != 1:
+            problem = "twice" if column in named else "not"
+            known = shortened(plain(", ".join(named)), 500)
+            raise LaisnError(
+                f"{field_map.path}: {field}: column {column!r} is {problem} in {path}; its "
+                f"columns: {known}"
+            )
+    return {column: named.index(column) for column in wanted}
+
+
+def _equals(word: str, value: str | int | float | bool) -> bool:
+    """Whether a cell holds a value of a map."""
+    if word.strip() == str(value):
+        return True
+    try:
+        return float(word) == float(value)
+    except ValueError:
+        return False
+
+
+def _chosen(entry: Entry, rows: Sequence[Sequence[str]], position: Mapping[str, int]) -> Bools:
+    """Rows whose cells have the values that an entry wants."""
+    chosen = np.ones(len(rows), dtype=np.bool_)
+    for name, value in entry.where.items():
+        i = position[name.strip()]
+        chosen &= np.array([_equals(row[i], value) for row in rows], dtype=np.bool_)
+    return chosen
+
+
+def _origin(field_map: FieldMap, raw: Mapping[str, Floats]) -> Origin | None:
+    """The map's origin, or else the first place of the table."""
+    if field_map.settings.origin is not None:
+        return field_map.settings.origin
+    first = dict[str, float]()
+    for field, values in raw.items():
+        unit = field_map.entries[field].unit
+        finite = values[np.isfinite(values)]
+        if unit in (LATITUDE, LONGITUDE) and finite.size:
+            first.setdefault(unit, float(finite[0]))
+    if len(first) < 2:
+        return None
+    return Origin(latitude_deg=first[LATITUDE], longitude_deg=first[LONGITUDE])
+
+
+def _column(
+    field_map: FieldMap, field: str, header: str, values: Floats, origin: Origin | None, where: str
+) -> Column:
+    """A column with the unit that the map states, or converted where that is no mere factor."""
+    entry = field_map.entries[field]
+    if entry.is_plain:
+        return Column(
+            header=header,
+            field=field,
+            unit=entry.unit,
+            values=values * entry.factor + entry.offset,
+            where=where,
+        )
+    if entry.angle == "yaw" and not entry.unit:
+        raise LaisnError(f"{field_map.path}: {field}: a yaw needs its unit, deg or rad")
+    try:
+        converted = entry.in_si(values, field, origin)
+    except ValueError as error:
+        raise LaisnError(f"{field_map.path}: {field}: {error}") from None
+    return Column(
+        header=header, field=field, unit=quantity_of(field).si, values=converted, where=where
+    )
+
+
+def _merged(columns: Columns, times: Sequence[str]) -> Columns:
+    """Rows of one time as one row, whose cells are the last ones that are not empty: a table with a
+    row for each range.
+    """
+    groups = [
+        [i for i, _ in group] for _, group in groupby(enumerate(times), key=lambda item: item[1])
+    ]
+
+    def last(values: Floats) -> Floats:
+        merged = np.full(len(groups), np.nan)
+        for k, rows in enumerate(groups):
+            finite = [value for value in values[rows].tolist() if value == value]
+            merged[k] = finite[-1] if finite else np.nan
+        return merged
+
+    first = np.array([rows[0] for rows in groups])
+    return replace(
+        columns,
+        time=replace(columns.time, values=columns.time.values[first]),
+        fields={
+            field: replace(column, values=last(column.values))
+            for field, column in columns.fields.items()
+        },
+    )
+
+
+def read_mapped_columns(path: Path, field_map: FieldMap) -> Columns:
+    """The columns of a text table that a map names; those without a unit may have any.
+
+    LaisnError, naming map, row or column: the table cannot be read, lacks a column, or a cell is no
+    number; the map lacks a field, or names what no table has.
+    """
+    require_complete(field_map, ["time"])
+    headers, rows = cells_of(path)
+    position = _positions(path, field_map, headers)
+
+    def words(entry: Entry) -> list[str]:
+        i = position[str(entry.column).strip()]
+        return [row[i] for row in rows]
+
+    clock = field_map.entries["time"]
+    if clock.column is None:
+        raise LaisnError(f"{field_map.path}: time: expected a column")
+    times = words(clock)
+    time, dates = times_of(times, clock.column, clock.unit, f"{path}, column {clock.column}")
+    raw = dict[str, Floats]()
+    for field, entry in field_map.entries.items():
+        if field == "time":
+            continue
+        if entry.value is not None:
+            raw[field] = np.full(len(rows), entry.value)
+            continue
+        chosen = _chosen(entry, rows, position)
+        cells = [word if kept else "" for word, kept in zip(words(entry), chosen, strict=True)]
+        # a bound in seconds holds once the unit is known
+        largest = 1e9 * LARGEST if field == TIMESTAMP else LARGEST
+        raw[field] = numbers(cells, f"{path}, column {entry.column}", largest)
+    origin = _origin(field_map, raw)
+    fields = dict[str, Column]()
+    for field, values in raw.items():
+        entry = field_map.entries[field]
+        header = field if entry.column is None else entry.column
+        where = f"{path}, column {header}"
+        if entry.value is None:
+            fields[field] = _column(field_map, field, header, values, origin, where)
+        else:
+            si = quantity_of(field).si
+            fields[field] = Column(header=header, field=field, unit=si, values=values, where=where)
+    unused = tuple(header for header in headers if header.strip() not in position)
+    columns = Columns(path=path, time=time, fields=fields, dates=dates, unused=unused)
+    some = any(entry.where for entry in field_map.entries.values())
+    return _merged(columns, times) if some else columns

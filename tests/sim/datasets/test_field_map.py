@@ -1,0 +1,214 @@
+"""Maps of text tables: proposed from headers, edited, and used again."""
+
+import csv
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from laisn_sim.cli.main import app
+from sim.datasets.field_map import Entry, Origin
+from sim.datasets.map_proposal import match
+from sim.log.reader import read_recording
+
+
+def told(result: Any) -> str:
+    return " ".join(result.output.split())
+
+
+def run(*arguments: object) -> Any:
+    return CliRunner().invoke(app, ["log", "import", *map(str, arguments)])
+
+
+NEAR_MISSES = {
+    "HDG": ("heading", ""),
+    "hdg_deg": ("heading", "deg"),
+    "Compass [deg]": ("heading", "deg"),
+    "STW": ("speed", ""),
+    "speed_kn": ("speed", "kn"),
+    "Spd (kts)": ("speed", "kn"),
+    "DEP": ("depth", ""),
+    "depth_ft": ("depth", "ft"),
+    "pressure [dbar]": ("depth", "dbar"),
+    "ldr_E": ("leader_east", ""),
+    "LdrN": ("leader_north", ""),
+    "leader x": ("leader_east", ""),
+    "ship_lat": ("leader_north", "latitude"),
+    "Ship Longitude": ("leader_east", "longitude"),
+    "ldr_hdg_rad": ("leader_heading", "rad"),
+    "mother.speed [m/s]": ("leader_speed", "m/s"),
+    "leader_t": ("leader_timestamp", ""),
+    "leaderPitch": ("leader_pitch", ""),
+    "R1": ("range_rear", ""),
+    "R2_m": ("range_front", "m"),
+    "rng_aft": ("range_rear", ""),
+    "range bow [cm]": ("range_front", "cm"),
+    "dist_to_tx3": ("range_middle", ""),
+    "slant_range": ("range_rear", ""),
+    "tx1_e": ("rear_east", ""),
+    "beacon 2 north": ("front_north", ""),
+    "t": ("time", ""),
+    "Timestamp [ms]": ("time", "ms"),
+    "datetime": ("time", ""),
+}
+
+
+@pytest.mark.parametrize("name", NEAR_MISSES)
+def test_names_that_nearly_fit(name: str) -> None:
+    matched = match(name)
+    assert matched is not None
+    assert (matched.field, matched.unit) == NEAR_MISSES[name]
+
+
+@pytest.mark.parametrize("name", ["volts", "E", "easting", "roll", "gps_sats", "", "%", "temp_1"])
+def test_names_that_stand_for_nothing(name: str) -> None:
+    """Own places and tilts are no input of a navigator."""
+    assert match(name) is None
+
+
+@pytest.mark.parametrize("name", ["R1", "yaw", "u", "slant_range", "tx1_e"])
+def test_what_may_be_wrong_is_noted(name: str) -> None:
+    matched = match(name)
+    assert matched is not None
+    assert matched.note
+
+
+HEADERS = (
+    *("Zeit", "HDG", "STW", "pressure", "R1", "R2"),
+    *("ldr_E", "ldr_N", "ldr_hdg", "ldr_spd", "ldr_dep", "volts"),
+)
+
+
+def write_table(path: Path) -> Path:
+    """A vehicle on course 090 at 2 kn, 8 m deep, 20 m south of its leader, with foreign headers."""
+    with path.open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(HEADERS)
+        for k in range(1, 401):
+            east = 1.028889 * 0.1 * k
+            row: list[object] = [round(1000 + 100 * k), 90.0, 2.0, 10.06506 + 8.05]
+            row += [round(20.0 + 0.01 * math.sin(k), 4), "", round(east, 4), 20.0]
+            rows.writerow([*row, 90.0, 2.0, 8.0, 12.1] if k % 10 == 0 else [*row[:4], *[""] * 8])
+    return path
+
+
+def test_a_table_is_imported_by_an_edited_map(tmp_path: Path) -> None:
+    table = write_table(tmp_path / "mine.csv")
+    refused = run(table, "--out", tmp_path / "mine.mcap")
+    assert refused.exit_code == 2
+    assert "laisn log import" in told(refused)
+    assert "--propose map.toml" in told(refused)
+    proposed = run(table, "--propose", tmp_path / "map.toml")
+    assert proposed.exit_code == 0, proposed.output
+    assert "nothing was found for time" in told(proposed)
+    text = (tmp_path / "map.toml").read_text()
+    assert "#   volts" in text
+    # as its user edits it: times, the unit of the pressure, speeds in knots
+    text = text.replace("# [time]\n# value = 0.0", '[time]\ncolumn = "Zeit"\nunit = "ms"')
+    text = text.replace('column = "pressure"', 'column = "pressure"\nunit = "dbar"')
+    for name in ("STW", "ldr_spd"):
+        text = text.replace(f'column = "{name}"', f'column = "{name}"\nunit = "kn"')
+    (tmp_path / "map.toml").write_text(text)
+    for name in ("mine.mcap", "again.mcap"):
+        result = run(table, "--map", tmp_path / "map.toml", "--out", tmp_path / name)
+        assert result.exit_code == 0, result.output
+    measured = read_recording(tmp_path / "mine.mcap").measurements
+    assert measured.dt == pytest.approx(0.1)
+    assert np.allclose(measured.speed, 2.0 * 1852.0 / 3600.0)
+    assert np.allclose(measured.heading, 0.5 * math.pi)
+    # 18.11506 dbar absolute are 181,150.6 Pa, 79,825.6 Pa above the atmosphere
+    assert np.allclose(measured.depth, 79825.6 / (1026.0 * 9.81), atol=1e-6)
+    assert measured.ranges[:, 0] == pytest.approx(20.0, abs=0.011)
+    assert measured.message_step.size == 40
+    assert (tmp_path / "mine.mcap").read_bytes() == (tmp_path / "again.mcap").read_bytes()
+
+
+def test_a_table_with_a_row_for_each_range(tmp_path: Path) -> None:
+    """Ranges of two transmitters stand in one column, and another tells of which."""
+    with (tmp_path / "long.csv").open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["t", "hdg", "stw", "dep", "src", "rng", "E", "N"])
+        for k in range(1, 101):
+            own = [k / 10, 90.0, 1.0, 8.0]
+            rows.writerow([*own, "", "", "", ""])
+            if k % 10 == 0:
+                rows.writerow([k / 10, "", "", "", "aft", 20.0 + k, k / 10, 20.0])
+                rows.writerow([k / 10, "", "", "", "bow", 21.0 + k, k / 10, 20.0])
+    (tmp_path / "map.toml").write_text(
+        '[time]\ncolumn = "t"\n[heading]\ncolumn = "hdg"\nunit = "deg"\n'
+        '[speed]\ncolumn = "stw"\n[depth]\ncolumn = "dep"\n'
+        '[leader_east]\ncolumn = "E"\n[leader_north]\ncolumn = "N"\n'
+        "[leader_heading]\nvalue = 1.5707963\n[leader_speed]\nvalue = 1.0\n"
+        "[leader_depth]\nvalue = 0.0\n"
+        '[range_rear]\ncolumn = "rng"\nwhere = { src = "aft" }\n'
+        '[range_front]\ncolumn = "rng"\nwhere = { src = "bow" }\n'
+    )
+    arguments = ["--map", tmp_path / "map.toml", "--out", tmp_path / "long.mcap"]
+    result = run(tmp_path / "long.csv", *arguments)
+    assert result.exit_code == 0, result.output
+    measured = read_recording(tmp_path / "long.mcap").measurements
+    assert measured.speed.size == 100
+    assert measured.ranges[:, 0].tolist() == [20.0 + k for k in range(10, 101, 10)]
+    assert measured.ranges[:, 1].tolist() == [21.0 + k for k in range(10, 101, 10)]
+
+
+CASES = {
+    "column": ('[heading]\ncolumn = "CRS"', "column 'CRS' is not in"),
+    "topic": ('[heading]\ntopic = "/imu"\nfield = "a"', "is a table"),
+    "unit": ('[heading]\ncolumn = "HDG"\nunit = "m"', "heading.unit: expected rad, deg"),
+    "yaw": ('[heading]\ncolumn = "HDG"\nangle = "yaw"', "a yaw needs its unit"),
+    "angle": ('[heading]\ncolumn = "HDG"\nangle = "north"', "heading.angle"),
+    "lacking": ('[heading]\ncolumn = "HDG"', "lacks time, speed, depth"),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_errors_of_a_map_of_a_table(case: str, tmp_path: Path) -> None:
+    text, expected = CASES[case]
+    table = write_table(tmp_path / "mine.csv")
+    if case != "lacking":
+        names = ("speed", "depth", *(f"leader_{one}" for one in ("east", "north", "speed")))
+        values = "".join(f"[{name}]\nvalue = 0.0\n" for name in names)
+        values += "[leader_heading]\nvalue = 0.0\n[leader_depth]\nvalue = 0.0\n"
+        text += f'\n[time]\ncolumn = "Zeit"\n[range_rear]\ncolumn = "R1"\n{values}'
+    (tmp_path / "map.toml").write_text(text)
+    result = run(table, "--map", tmp_path / "map.toml", "--out", tmp_path / "mine.mcap")
+    assert result.exit_code == 2, result.output
+    assert expected in told(result)
+    assert not (tmp_path / "mine.mcap").exists()
+
+
+def test_a_yaw_becomes_a_heading(tmp_path: Path) -> None:
+    """Anticlockwise from east 120° is 30° west of north: 330° by the compass."""
+    entry = Entry(column="yaw", unit="deg", angle="yaw")
+    heading = entry.in_si(np.array([0.0, 90.0, 120.0]), "heading", None)
+    assert np.allclose(np.degrees(heading) % 360.0, [90.0, 0.0, 330.0])
+
+
+def test_altitudes_become_depths() -> None:
+    entry = Entry(column="z", unit="m", factor=-1.0, offset=0.5)
+    assert entry.in_si(np.array([-8.0, 0.0]), "depth", None).tolist() == [8.5, 0.5]
+
+
+@given(st.floats(-80, 80), st.floats(-180, 180), st.floats(-2e4, 2e4), st.floats(-2e4, 2e4))
+def test_places_on_the_map_and_back(
+    latitude: float, longitude: float, east: float, north: float
+) -> None:
+    from sim.attitude import geodetic
+
+    place = geodetic(np.array([[east, north, 0.0]]), latitude, longitude)
+    origin = Origin(latitude_deg=latitude, longitude_deg=longitude)
+    assert origin.metres(place[:, 1], "longitude")[0] == pytest.approx(east, abs=1e-4)
+    assert origin.metres(place[:, 0], "latitude")[0] == pytest.approx(north, abs=1e-4)
+
+
+def test_a_proposal_and_a_log_at_once_are_refused(tmp_path: Path) -> None:
+    table = write_table(tmp_path / "mine.csv")
+    result = run(table)
+    assert result.exit_code == 2
+    assert "--propose" in told(result)
