@@ -21,7 +21,8 @@ from tests.synthetic import make_flight
 START_NS = 1_700_000_000 * 10**9
 GRAVITY, DENSITY, SURFACE_PA = 9.81, 1026.0, 101325.0
 # a follower that turns through north, and a leader that sails east past it
-TURN_DEG_S, HEADING_DEG = 2.0, 350.0
+# at 0.125 s the first step, and at 4.925 s one at which it points north
+TURN_DEG_S, HEADING_DEG = 2.0, 350.15
 LEADER_SPEED, LEADER_NORTH, LEADER_DEPTH = 1.2, 30.0, 3.0
 
 
