@@ -260,18 +260,22 @@ def render(page: Page) -> str:
     in_use = versions()
     made_with = ", ".join(f"{name} {in_use[package]}" for package, name in _SHOWN_VERSIONS.items())
     blocks = [block for section in page.sections for block in section.blocks]
-    drawn = any(isinstance(block, Figures) and block.panels for block in blocks)
+    panels = [panel for block in blocks if isinstance(block, Figures) for panel in block.panels]
     replay = page.shown_replay
     styles = ["page.css"]
     scripts = ["page.js"]
-    if drawn:
+    if panels:
         scripts.append("figures.js")
     if replay:
         styles.append("scene.css")
         scripts.append("boot.js")
     values = {
         "style": Markup(css() + "".join(map(_template, styles))),
-        "drawn": drawn,
+        # together, as curves over one time have much in common
+        "figures": deflated(f"[{','.join(panel.json for panel in panels)}]".encode()),
+        "figure_of": {id(panel): number for number, panel in enumerate(panels)}.get,
+        "identity": id,
+        "drawn": bool(panels),
         "scripts": [Markup(_template(name)) for name in scripts],
         "code": deflated(_scene_file("replay.js").encode()) if replay else "",
         "licence": Markup(_scene_file("three.LICENSE")) if replay else "",

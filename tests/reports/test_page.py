@@ -1,8 +1,10 @@
 """Pages: whole, escaped and always the same; their tables, drawings, films and colours."""
 
+import base64
 import json
 import re
 import sys
+import zlib
 
 import mujoco
 import numba
@@ -78,10 +80,14 @@ def test_a_page_lists_its_software_versions():
 
 def embedded(html):
     """Figures of a page, as its script reads them."""
-    return [
-        json.loads(text)
-        for text in re.findall(r'<script type="application/json">(.*?)</script>', html)
+    (text,) = re.findall(
+        r'<script type="application/octet-stream" id="figures">(.*?)</script>', html
+    )
+    figures_of_page = json.loads(zlib.decompress(base64.b64decode(text), -15))
+    assert [int(n) for n in re.findall('data-figure="([0-9]+)"', html)] == [
+        *range(len(figures_of_page))
     ]
+    return figures_of_page
 
 
 def test_a_page_draws_its_figures_itself():
