@@ -13,6 +13,7 @@ from reports.style import (
     ESTIMATE,
     FOLLOWER,
     FULL,
+    HALF,
     INK,
     LEADER,
     MUTED,
@@ -27,8 +28,10 @@ SIGMAS = 2.0  # size of the drawn uncertainty in standard deviations of the filt
 # within this angle of the leader's axis, ahead or astern, ranges hardly determine the direction
 ON_AXIS_DEG = 15.0
 ROW_HEIGHT = 5.6
-STACK_WIDTH = 5.6
-MAP_WIDTH = 3.3
+STACK_WIDTH = 8.6  # of a follower among several
+DIFFERENCE_WIDTH = FULL - STACK_WIDTH - 0.2
+_MAP_HEIGHTS = (2.8, 6.4)  # least and largest height of a map [inch]
+_MARGINS = (0.65, 0.6)  # of a map's axes, across and up [inch]
 _TRACK_POINTS = 4000
 _DOTS = 1200
 _FEW_POINTS = 240  # points of a line of a follower among several, so that the page stays small
@@ -117,11 +120,25 @@ def over_time(flight: Flight, follower: int, errors: tuple[Floats, Floats], boun
         parts=[*parts, weights] if weights else parts,
         x_label="time [s]",
         x_limits=(0.0, float(time[-1])),
-        width=STACK_WIDTH,
+        width=FULL if len(flight.estimates) == 1 else STACK_WIDTH,
         height=ROW_HEIGHT,
         link=f"follower{follower}",
         points=DRAWN_POINTS if len(flight.estimates) == 1 else _FEW_POINTS,
     )
+
+
+def fitted_height(lines: Sequence[Line], width: float) -> float:
+    """Height of a map of a width in which its lines fill the box, [inch]."""
+    spans = []
+    for values in ([line.x for line in lines], [line.y for line in lines]):
+        shown = np.concatenate(values)
+        shown = shown[np.isfinite(shown)]
+        spans.append(float(np.ptp(shown)) if shown.size else 0.0)
+    across, up = spans
+    low, high = _MAP_HEIGHTS
+    if across <= 0.0:
+        return high if up > 0.0 else low
+    return min(max((width - _MARGINS[0]) * up / across + _MARGINS[1], low), high)
 
 
 def position_errors(flight: Flight, errors: Sequence[Floats], worst: int) -> Panel:
@@ -149,11 +166,12 @@ def position_errors(flight: Flight, errors: Sequence[Floats], worst: int) -> Pan
 def track_map(
     flight: Flight,
     followers: Sequence[int],
-    width: float = MAP_WIDTH,
-    height: float = ROW_HEIGHT,
+    width: float = HALF,
     link: str = "",
 ) -> Panel:
-    """True routes of the leader and of some followers from above, and their estimates."""
+    """True routes of the leader and of some followers from above, and their estimates, in a box
+    that they fill.
+    """
     steps = flight.step_index()
     every = slice(None, None, max(1, steps.size * (len(flight.estimates) + 2) // _TRACK_POINTS))
     time = flight.trajectory.time[steps[every]]
@@ -172,11 +190,11 @@ def track_map(
         Line(x=t[-1:, 0], y=t[-1:, 1], colour=colour, marker="o", size=4.5)
         for t, colour, *_ in tracks
     ]
-    size: dict[str, Any] = {"width": width, "height": height, "link": link}
+    size: dict[str, Any] = {"width": width, "height": fitted_height(lines, width), "link": link}
     return panel(lines, x_label="east [m]", y_label="north [m]", title="Routes", equal=True, **size)
 
 
-def difference(flight: Flight, follower: int) -> Panel:
+def difference(flight: Flight, follower: int, height: float = ROW_HEIGHT) -> Panel:
     """Estimate minus truth, east and north, as dots; the cross in the middle is the truth."""
     away = flight.estimates[follower].state[:, :2] - flight.hydrophone(follower)[:, :2]
     every = slice(None, None, max(1, len(away) * len(flight.estimates) // _DOTS))
@@ -201,8 +219,8 @@ def difference(flight: Flight, follower: int) -> Panel:
         y_label="north [m]",
         title="Estimate minus truth",
         equal=True,
-        width=MAP_WIDTH,
-        height=ROW_HEIGHT,
+        width=HALF if len(flight.estimates) == 1 else DIFFERENCE_WIDTH,
+        height=height,
         link=f"follower{follower}",
     )
 

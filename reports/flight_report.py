@@ -17,6 +17,7 @@ from laisn.navigators import find
 from reports import flight_figures, style
 from reports.figures import Line, Panel, panel
 from reports.flight_figures import ON_AXIS_DEG, SIGMAS
+from reports.headline import OUTSIDE, headline, on_stations, tiles
 from reports.page import Cell, Code, Figures, Film, Replay, Table, number, page_of, words, write
 from reports.range_budget import LABELS, Cause, RangeErrorBudget, range_error_budget
 from reports.scene.mission import Scene, scene_of
@@ -31,7 +32,7 @@ from reports.summary import (
 from reports.verdict import verdict
 from sim.flight import Flight
 from sim.sensing.proximity import sightings
-from sim.tracking import closest_approaches, contacts, track_errors
+from sim.tracking import LOST_M, closest_approaches, contacts, track_errors
 
 _CAUSES = (
     Cause.RANDOM,
@@ -145,8 +146,7 @@ SIDE_M = 1.0
 """Least distance of estimate and truth from the leader's axis, on opposite sides, at which the
 side is wrong [m].
 """
-CONSISTENT_SHARE = float(np.exp(-(SIGMAS**2) / 2))
-"""Share of errors outside the 2σ ellipse of a consistent filter (Rayleigh distribution)."""
+CONSISTENT_SHARE = OUTSIDE
 
 
 def accuracy(flight: Flight, follower: int) -> dict[str, float]:
@@ -210,22 +210,22 @@ def _drawn(flight: Flight) -> range:
     return range(min(len(flight.estimates), DRAWN_FOLLOWERS))
 
 
-def follower_row(
+def follower_curves(
     flight: Flight, follower: int, errors: tuple[Floats, Floats], bound: Floats
 ) -> Figures:
-    """Routes of a follower, its curves over time, and estimate minus truth: side by side, with
-    one time cursor.
+    """Curves of a follower over time; of one among several with estimate minus truth beside
+    them.
     """
     used = range(flight.scenario.navigation.transmitters)
+    panels = [flight_figures.over_time(flight, follower, errors, bound)]
+    if len(flight.estimates) > 1:
+        panels.append(flight_figures.difference(flight, follower))
     return Figures(
-        panels=[
-            flight_figures.track_map(flight, [follower], link=f"follower{follower}"),
-            flight_figures.over_time(flight, follower, errors, bound),
-            flight_figures.difference(flight, follower),
-        ],
+        panels=panels,
         title=flight.trajectory.names[follower + 1] if len(flight.estimates) > 1 else "",
         legend=[
-            *VEHICLES,
+            (style.ESTIMATE, "E_P and E_B"),
+            (style.FOLLOWER, "B"),
             (style.INK, "2σ by the filter; dotted: its RMS error"),
             (style.MUTED, "Cramér–Rao bound of the RMS error"),
             *(
@@ -331,18 +331,19 @@ def flight_report(
     if on_station:
         panels = flight_figures.station_errors(flight, on_station)
         stations = Figures(panels=panels, legend=VEHICLES[1:2])
-    overview = tracks = None
-    if len(everyone) > 1:
-        overview = _overview(flight, errors)
-        route_map = flight_figures.track_map(flight, everyone, width=style.FULL, height=6.0)
-        tracks = Figures(panels=[route_map], legend=VEHICLES)
+    overview = _overview(flight, errors) if len(everyone) > 1 else None
+    maps = [flight_figures.track_map(flight, everyone, link="follower0")]
+    if len(everyone) == 1:
+        maps.append(flight_figures.difference(flight, 0, maps[0].height))
+    tracks = Figures(panels=maps, legend=VEHICLES)
     accuracies = {}
     if len(finite) == len(names):
         accuracies = {name: accuracy(flight, i) for i, name in enumerate(names)}
+    judgement = verdict(flight, track_errors(flight.scenario, flight.trajectory))
     values: dict[str, Any] = {
         "flight": flight,
-        "verdict": summary.get("verdict")
-        or verdict(flight, track_errors(flight.scenario, flight.trajectory)),
+        "headline": headline(flight, judgement, summary, accuracies),
+        "verdict": judgement,
         "followers": len(names),
         "drawn": len(_drawn(flight)),
         "events": [*route_events(flight), *approach_events(flight)],
@@ -356,14 +357,15 @@ def flight_report(
         "errors": accuracies,
         "consistent": CONSISTENT_SHARE,
         "side_m": SIDE_M,
+        "lost_m": LOST_M,
         "films": [Film(path=film, caption="The film of the mission.")] if film else [],
         "followers_found": summary["followers"],
         "kinds": _fix_kinds(summary),
-        "on_station": any("station_rms_m" in row for row in summary["followers"].values()),
+        "on_station": on_stations(summary),
         "number": number,
         "words": words,
         "on_axis_deg": f"{ON_AXIS_DEG:g}",
-        "rows": [follower_row(flight, i, errors[i], least[i]) for i in _drawn(flight)],
+        "rows": [follower_curves(flight, i, errors[i], least[i]) for i in _drawn(flight)],
         "states": final_states(flight),
         "budget": range_budget(flight),
         "map": tracks,
@@ -373,5 +375,12 @@ def flight_report(
     }
     facts = _facts(flight, summary)
     replay = Replay(scene=scene_of_flight(flight), alternative=f"Mission {flight.scenario.name}")
-    page = page_of("reports", facts, values, name="flight_report.md.j2", replay=replay)
+    page = page_of(
+        "reports",
+        facts,
+        values,
+        name="flight_report.md.j2",
+        tiles=tiles(summary, accuracies),
+        replay=replay,
+    )
     write(page, path)

@@ -14,7 +14,7 @@ from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, FixKind, TightEstimates
 from reports import flight_figures, flight_report
 from reports.figures import Part
-from reports.flight_report import _facts, final_states, follower_row, mirror_locks
+from reports.flight_report import _facts, final_states, follower_curves, mirror_locks
 from reports.range_budget import Cause, RangeErrorBudget
 from sim.flight import Flight
 from tests.synthetic import make_flight
@@ -51,14 +51,15 @@ def test_the_table_of_details_has_each_figure_under_its_head(tmp_path: Path) -> 
     flight = make_flight(20.0, 3)
     n = flight.step_index().size
 
-    def details(*rows: Any) -> tuple[list[str], list[list[str]]]:
-        """Heads and cells of the table of details."""
+    def table_of(head: str, *rows: Any) -> tuple[list[str], list[list[str]]]:
+        """Heads and cells of the table that has a head."""
         summary = {"followers": dict(zip(("one", "two", "three"), rows, strict=False))}
         path = tmp_path / "report.html"
         flight_report.flight_report(
             flight, [(np.zeros(n), np.zeros(n))] * 3, summary, path, None, [np.ones(n)] * 3
         )
-        table = path.read_text(encoding="utf-8").split("<table>")[2].partition("</table>")[0]
+        tables = re.findall("<table>(.*?)</table>", path.read_text(encoding="utf-8"), re.DOTALL)
+        (table,) = [table for table in tables if f">{head}<" in table]
         cells = [
             re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row)
             for row in re.findall(r"<tr[^>]*>(.*?)</tr>", table)
@@ -66,22 +67,28 @@ def test_the_table_of_details_has_each_figure_under_its_head(tmp_path: Path) -> 
         _, heads, *found = [[re.sub(r"<[^>]*>", "", cell) for cell in row] for row in cells]
         return heads, found
 
-    heads, (first, second, third) = details(station, route | {"fixes": {}}, route)
-    errors = ["2.20", "2.30", "2.10", "3.10"]
+    rows = (station, route | {"fixes": {}}, route)
+    heads, (first, second, third) = table_of("mean [°]", *rows)
+    errors = ["2.20", "2.30", "2.10"]
     kinds = [FIX_WORDS[kind] for kind in sorted((FixKind.GATED, FixKind.TWO_POINTS))]
     assert heads[-2:] == kinds
     assert heads[1:5] == ["mean [°]", "σ [°]", "largest [°]", "RMS [m]"]
-    assert heads[5:10] == ["RMS [m]", "95 % [m]", "largest [m]", "joined [s]", "lost"]
     counts = {"gated": "0", "two_points": "8"}
     of = [
         counts["two_points" if word == FIX_WORDS[FixKind.TWO_POINTS] else "gated"] for word in kinds
     ]
-    assert first == ["one", *errors, "6.10", "6.20", "6.30", "7", "yes", *of]
-    assert second == ["two", *errors, "–", "–", "–", "–", "", "0", "0"]
+    assert first == ["one", *errors, "–", *of]
+    assert second == ["two", *errors, "3.10", "0", "0"]
     assert sorted(third[-2:]) == ["4", "5"]
-    heads, (alone,) = details(route)
-    assert alone[:5] == ["one", *errors]
+    heads, (alone,) = table_of("mean [°]", route)
+    assert alone[:5] == ["one", *errors, "3.10"]
     assert len(heads) == 7
+    heads, (kept,) = table_of("joined [s]", *rows)
+    assert heads[1:] == ["RMS [m]", "95 % below [m]", "largest [m]", "joined [s]", "lost"]
+    assert kept == ["one", "6.10", "6.20", "6.30", "7", "yes"]
+    heads, (alone,) = table_of("mean [°]", station)
+    assert alone[:4] == ["one", *errors]
+    assert len(heads) == 5  # the error on a track is that on the station
 
 
 def test_a_page_lists_the_settings_of_its_flight(flight: Flight) -> None:
@@ -145,10 +152,10 @@ def test_assumed_sensor_angles_are_reported_in_degrees(flight: Flight) -> None:
     ]
 
 
-def test_every_colour_of_a_followers_row_is_in_its_legend(flight: Flight) -> None:
+def test_every_colour_of_a_followers_curves_is_in_its_legend(flight: Flight) -> None:
     """Kinds of fix and hypotheses have words or names of their own."""
     n = flight.step_index().size
-    row = follower_row(flight, 0, (np.full(n, 2.0), np.zeros(n)), np.full(n, 0.5))
+    row = follower_curves(flight, 0, (np.full(n, 2.0), np.zeros(n)), np.full(n, 0.5))
     legend = {colour for colour, _ in row.legend}
     for panel in row.panels:
         for part in panel.parts:

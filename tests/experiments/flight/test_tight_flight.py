@@ -13,7 +13,7 @@ from laisn.errors import LaisnError
 from laisn.estimates import HYPOTHESES, FixKind, TightEstimates
 from laisn.settings import NavigationSettings, TightSettings
 from reports.bound import flight_bound
-from reports.flight_report import final_states, follower_row
+from reports.flight_report import final_states, follower_curves
 from reports.summary import summarise
 from sim.film.film_data import FilmData
 from sim.flight import (
@@ -212,7 +212,7 @@ def test_more_transmitters_and_more_messages_can_be_better(flight: Flight) -> No
 
 def _parts(flight: Flight, errors: list[Any]) -> list[str]:
     """Labels of what the report draws over time."""
-    _, over_time, _ = follower_row(flight, 0, errors[0], flight_bound(flight)).panels
+    (over_time,) = follower_curves(flight, 0, errors[0], flight_bound(flight)).panels
     return [part.y_label for part in over_time.parts]
 
 

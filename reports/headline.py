@@ -1,0 +1,211 @@
+"""The first screen of a flight's report: two sentences, and key figures against what is expected of
+them.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from laisn.navigators import find
+from reports.flight_figures import ON_AXIS_DEG
+from reports.page import Tile
+from reports.verdict import Verdict
+from sim.flight import Flight, Termination
+
+Accuracies = Mapping[str, Mapping[str, float]]
+"""What `accuracy` of the report tells of each follower, by its name."""
+Tone = Literal["good", "bad", ""]
+
+NEES = 2.0
+"""Of a consistent filter, on average."""
+_GOOD_NEES = (1.0, 4.0)
+_BAD_NEES = (0.25, 8.0)
+OUTSIDE = math.exp(-2.0)
+"""Share of errors outside the 2σ ellipse of a consistent filter (Rayleigh distribution)."""
+_GOOD_OUTSIDE = (0.0, 0.25)
+_BAD_OUTSIDE = (0.0, 0.40)
+_GOOD_BOUND = (0.0, 1.5)
+_BAD_BOUND = (0.0, 3.0)
+_NEAR_SHARE = 0.3  # least share of the time near the leader's axis that is a cause
+_NEAR_RATIO = 1.5  # least ratio of the mean error there to that elsewhere
+_LOCKED_SHARE = 0.01  # least share of the time on the wrong side that is a cause
+_TWO = 2
+
+
+def judged(value: float | None, good: tuple[float, float], bad: tuple[float, float]) -> Tone:
+    """Good within the first interval, bad outside the second one, neither between them."""
+    if value is None or not math.isfinite(value):
+        return ""
+    if good[0] <= value <= good[1]:
+        return "good"
+    return "" if bad[0] <= value <= bad[1] else "bad"
+
+
+def figure(value: float, unit: str = "") -> str:
+    """A number with about three digits: 0.05 m, 12.3 m, 61 thousand."""
+    if value >= 1e4:
+        return f"{value / 1e3:,.0f} thousand{unit}"
+    digits = 2 if value < 10 else 1 if value < 100 else 0
+    return f"{value:.{digits}f}{unit}"
+
+
+def _navigator(flight: Flight) -> str:
+    variant = flight.scenario.navigation.variant
+    title = find(variant).title or variant.upper()
+    return f"{title} on {flight.scenario.navigation.transmitters} transmitters"
+
+
+def subject(flight: Flight) -> str:
+    """Who did what, for how long, and by which navigator."""
+    followers = flight.scenario.followers
+    who = "One follower" if len(followers) == 1 else f"{len(followers)} followers"
+    one = len(followers) == 1
+    if all(follower.station for follower in followers):
+        does = f"{'holds its station' if one else 'hold their stations'} on a leader"
+    else:
+        does = f"{'swims' if one else 'swim'} with a leader"
+    duration = f"{float(flight.trajectory.time[-1]):,.0f} s"
+    return f"{who} {does} for {duration}, navigating by {_navigator(flight)}."
+
+
+def cause(flight: Flight, errors: Mapping[str, float], nees: float | None) -> str:
+    """Why a follower's estimate is as far off as it is; empty: nothing stands out."""
+    near = errors["near_axis"]
+    elsewhere = errors["mean_elsewhere"]
+    if near >= _NEAR_SHARE and not errors["mean_near"] < _NEAR_RATIO * elsewhere:
+        few = flight.scenario.navigation.transmitters <= _TWO
+        what = (
+            "two transmitters cannot tell the side" if few else "ranges hardly tell the direction"
+        )
+        return (
+            f"{100 * near:.0f} % of the time it is within {ON_AXIS_DEG:g}° of the leader's axis, "
+            f"where {what}"
+        )
+    if errors["wrong_side"] >= _LOCKED_SHARE:
+        return f"{100 * errors['wrong_side']:.0f} % of the time it is on the wrong side of the axis"
+    if nees is not None and nees > _BAD_NEES[1]:
+        return f"the filter is surer than right (mean NEES {figure(nees)}, {NEES:g} expected)"
+    return ""
+
+
+def _stations(summary: Mapping[str, Any]) -> str:
+    """How well stations were held, of a flight in which no follower was lost."""
+    rows = {n: row for n, row in summary["followers"].items() if "station_rms_m" in row}
+    rms = [row["station_rms_m"] for row in rows.values()]
+    worst = max(rows, key=lambda name: rows[name]["station_max_m"])
+    largest = rows[worst]["station_max_m"]
+    if len(rows) == 1:
+        return (
+            f"It keeps station: {figure(rms[0], ' m')} off it (RMS), {figure(largest, ' m')} at "
+            "most."
+        )
+    return (
+        f"All keep station: {figure(min(rms))} to {figure(max(rms), ' m')} off it (RMS), "
+        f"{figure(largest, ' m')} at most ({worst})."
+    )
+
+
+def on_stations(summary: Mapping[str, Any]) -> bool:
+    return any("station_rms_m" in row for row in summary["followers"].values())
+
+
+def headline(
+    flight: Flight, verdict: Verdict, summary: Mapping[str, Any], accuracies: Accuracies
+) -> str:
+    """Who did what, and how it went and why."""
+    told = verdict.sentence
+    quiet = flight.outcome is Termination.COMPLETED and not verdict.lost and "touched" not in told
+    if quiet and on_stations(summary):
+        told = _stations(summary)
+    elif quiet and accuracies:
+        worst = max(accuracies, key=lambda name: accuracies[name]["mean"])
+        nees = summary["followers"].get(worst, {}).get("nees")
+        reason = cause(flight, accuracies[worst], nees)
+        if reason:
+            whose = "" if len(accuracies) == 1 else f"of {worst}, "
+            told = f"{told.removesuffix('.')}: {whose}{reason}."
+    # no number is parted from its unit
+    return f"{subject(flight)} {told}".replace(" %", "\u00a0%")
+
+
+def _worst(values: Sequence[float | None]) -> float | None:
+    """The value that is farthest from what is expected, of those that are known."""
+    known = [value for value in values if value is not None and math.isfinite(value)]
+    return max(known, default=None)
+
+
+def _consistency(rows: Mapping[str, Any], accuracies: Accuracies) -> list[Tile]:
+    """NEES, share outside 2σ and ratio to the bound, of all followers."""
+    several = "of all, " if len(accuracies) > 1 else ""
+    nees = [row["nees"] for row in rows.values() if row.get("nees") is not None]
+    tiles = []
+    if nees:
+        mean = float(np.mean(nees))
+        tone = judged(mean, _GOOD_NEES, _BAD_NEES)
+        expected = f"{several}{NEES:g} expected"
+        tiles.append(Tile(name="NEES", value=figure(mean), remark=expected, tone=tone))
+    outside = float(np.mean([errors["outside"] for errors in accuracies.values()]))
+    tone = judged(outside, _GOOD_OUTSIDE, _BAD_OUTSIDE)
+    remark = f"{several}{100 * OUTSIDE:.0f} % expected"
+    tiles.append(
+        Tile(name="outside its 2σ", value=f"{100 * outside:.0f} %", remark=remark, tone=tone)
+    )
+    ratio = _worst([row.get("rms_over_bound") for row in rows.values()])
+    if ratio is not None:
+        tone = judged(ratio, _GOOD_BOUND, _BAD_BOUND)
+        remark = "the worst; 1 at best" if several else "1 at best"
+        tiles.append(Tile(name="× bound", value=figure(ratio), remark=remark, tone=tone))
+    return tiles
+
+
+def _station_tiles(rows: Mapping[str, Any]) -> list[Tile]:
+    """Whether stations are held: the first question to a formation."""
+    held = [
+        name
+        for name, row in rows.items()
+        if not row.get("lost") and row.get("joined_s") is not None
+    ]
+    worst = max(rows, key=lambda name: rows[name]["station_max_m"])
+    rms = math.sqrt(float(np.mean([row["station_rms_m"] ** 2 for row in rows.values()])))
+    whole = len(held) == len(rows)
+    return [
+        Tile(
+            name="keep station",
+            value=f"{len(held)} of {len(rows)}",
+            remark="none lost" if whole else f"{len(rows) - len(held)} lost or never joined",
+            tone="good" if whole else "bad",
+        ),
+        Tile(name="off station", value=figure(rms, " m"), remark="RMS of all"),
+        Tile(
+            name="farthest off station",
+            value=figure(rows[worst]["station_max_m"], " m"),
+            remark=worst,
+        ),
+    ]
+
+
+def tiles(summary: Mapping[str, Any], accuracies: Accuracies) -> list[Tile]:
+    """Key figures: stations of a formation, errors, and the filter's consistency."""
+    rows = summary["followers"]
+    on_station = {name: row for name, row in rows.items() if "station_rms_m" in row}
+    shown = _station_tiles(on_station) if on_station else []
+    if not accuracies:
+        return shown
+    worst = max(accuracies, key=lambda name: accuracies[name]["largest"])
+    several = len(accuracies) > 1
+    mean = float(np.mean([errors["mean"] for errors in accuracies.values()]))
+    high = max(errors["high"] for errors in accuracies.values())
+    at = f"at {accuracies[worst]['largest_s']:.0f} s"
+    shown.append(
+        Tile(
+            name="mean position error",
+            value=figure(mean, " m"),
+            remark=f"95 % below {figure(high, ' m')}" + (", worst follower" if several else ""),
+        )
+    )
+    largest = figure(accuracies[worst]["largest"], " m")
+    remark = f"{worst}, {at}" if several else at
+    shown.append(Tile(name="largest position error", value=largest, remark=remark))
+    return [*shown, *_consistency(rows, accuracies)]

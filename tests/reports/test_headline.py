@@ -1,0 +1,153 @@
+"""The first screen of a report: two sentences and key figures, judged against what is expected."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from reports.headline import cause, figure, headline, judged, tiles
+from reports.verdict import Loss, Verdict
+from sim.flight import Flight
+from tests.reports.test_station_report import kept, steady
+from tests.synthetic import make_flight
+
+GOOD = Verdict(sentence="The mean position error is 1.00 m; the largest is 4.00 m.", lost=())
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    return make_flight(20.0)
+
+
+def errors(**changes: float) -> dict[str, float]:
+    usual = {
+        "mean": 1.0,
+        "high": 2.0,
+        "largest": 4.0,
+        "largest_s": 12.0,
+        "outside": 0.14,
+        "near_axis": 0.0,
+        "mean_near": np.nan,
+        "mean_elsewhere": 1.0,
+        "wrong_side": 0.0,
+    }
+    return usual | changes
+
+
+def summary(**row: Any) -> dict[str, Any]:
+    return {"followers": {"follower": {"nees": 2.0, "rms_over_bound": 1.0} | row}}
+
+
+def test_two_sentences_name_the_mission_the_result_and_the_cause(flight: Flight) -> None:
+    near = errors(near_axis=0.86, mean_near=1.44, mean_elsewhere=0.34)
+    assert headline(flight, GOOD, summary(), {"follower": near}) == (
+        "One follower swims with a leader for 20 s, navigating by LAISN-2 on 2 transmitters. The "
+        "mean position error is 1.00 m; the largest is 4.00 m: 86\u00a0% of the time it is within "
+        "15° of the leader's axis, where two transmitters cannot tell the side."
+    )
+
+
+@pytest.mark.parametrize(
+    ("found", "nees", "part"),
+    [
+        (errors(near_axis=0.5, mean_near=1.0, mean_elsewhere=1.0), 2.0, ""),  # no worse there
+        (errors(near_axis=1.0, mean_near=1.0, mean_elsewhere=np.nan), 2.0, "100 % of the time"),
+        (errors(near_axis=0.2, mean_near=9.0, mean_elsewhere=1.0), 2.0, ""),  # too seldom
+        (errors(wrong_side=0.2), 2.0, "20 % of the time it is on the wrong side"),
+        (errors(), 50.0, "surer than right (mean NEES 50.0, 2 expected)"),
+        (errors(), None, ""),
+    ],
+)
+def test_a_cause_is_named_where_one_stands_out(
+    flight: Flight, found: dict[str, float], nees: float | None, part: str
+) -> None:
+    told = cause(flight, found, nees)
+    assert part in told
+    assert bool(told) == bool(part)
+
+
+def test_a_loss_is_told_before_all_else(flight: Flight) -> None:
+    loss = Loss(follower="follower", time_s=3.0, what="gone", cause="a test", silence_s=0.0)
+    lost = Verdict(sentence="follower was lost.", lost=(loss,))
+    assert headline(flight, lost, summary(), {}).endswith("transmitters. follower was lost.")
+
+
+def test_a_formation_is_first_asked_whether_it_keeps_station() -> None:
+    formation = kept(steady(0.3, 1.5))
+    row = {"station_max_m": 0.5, "joined_s": 0.0, "lost": False}
+    rows: dict[str, Any] = {
+        "follower1": row | {"station_rms_m": 0.3},
+        "follower2": row | {"station_rms_m": 0.4, "station_max_m": 2.5},
+    }
+    told = headline(formation, GOOD, {"followers": rows}, {})
+    assert told.startswith("2 followers hold their stations on a leader for 60 s")
+    assert told.endswith(
+        "All keep station: 0.30 to 0.40 m off it (RMS), 2.50 m at most (follower2)."
+    )
+    first, rms, farthest = tiles({"followers": rows}, {})
+    assert (first.value, first.tone) == ("2 of 2", "good")
+    assert rms.value == "0.35 m"  # the root of (0.09 + 0.16) / 2
+    assert (farthest.value, farthest.remark) == ("2.50 m", "follower2")
+    rows["follower1"] = row | {"station_rms_m": 9.0, "lost": True}
+    rows["follower2"] = row | {"station_rms_m": 9.0, "joined_s": None}
+    first, *_ = tiles({"followers": rows}, {})
+    assert (first.value, first.tone) == ("0 of 2", "bad")
+
+
+@pytest.mark.parametrize(
+    ("name", "row", "found", "tone"),
+    [
+        ("NEES", {"nees": 2.0}, {}, "good"),
+        ("NEES", {"nees": 6.0}, {}, ""),
+        ("NEES", {"nees": 6e4}, {}, "bad"),
+        ("NEES", {"nees": 0.01}, {}, "bad"),
+        ("outside its 2σ", {}, {"outside": 0.14}, "good"),
+        ("outside its 2σ", {}, {"outside": 0.30}, ""),
+        ("outside its 2σ", {}, {"outside": 1.00}, "bad"),
+        ("× bound", {"rms_over_bound": 1.1}, {}, "good"),
+        ("× bound", {"rms_over_bound": 5.0}, {}, "bad"),
+    ],
+)
+def test_key_figures_are_judged_against_what_is_expected(
+    name: str, row: dict[str, Any], found: dict[str, float], tone: str
+) -> None:
+    shown = {tile.name: tile for tile in tiles(summary(**row), {"follower": errors(**found)})}
+    assert shown[name].tone == tone
+
+
+def test_the_tiles_of_several_followers_are_of_all_or_of_the_worst() -> None:
+    rows = {"a": {"nees": 1.0, "rms_over_bound": 1.0}, "b": {"nees": 3.0, "rms_over_bound": 4.0}}
+    found = {"a": errors(mean=1.0), "b": errors(mean=2.0, largest=9.0, largest_s=7.0, high=5.0)}
+    shown = {tile.name: tile for tile in tiles({"followers": rows}, found)}
+    assert shown["mean position error"].value == "1.50 m"
+    assert shown["mean position error"].remark == "95 % below 5.00 m, worst follower"
+    assert (shown["largest position error"].value, shown["largest position error"].remark) == (
+        "9.00 m",
+        "b, at 7 s",
+    )
+    assert shown["NEES"].value == "2.00"
+    assert shown["× bound"].value == "4.00"
+
+
+def test_what_is_not_known_is_not_judged() -> None:
+    assert judged(None, (0.0, 1.0), (0.0, 2.0)) == ""
+    assert judged(float("nan"), (0.0, 1.0), (0.0, 2.0)) == ""
+    assert [tile.name for tile in tiles(summary(nees=None, rms_over_bound=None), {"f": errors()})][
+        2:
+    ] == ["outside its 2σ"]
+
+
+def test_figures_have_about_three_digits() -> None:
+    assert [figure(value) for value in (0.052, 12.34, 123.4, 61387.0)] == [
+        "0.05",
+        "12.3",
+        "123",
+        "61 thousand",
+    ]
+
+
+def test_an_unfinished_flight_says_so(flight: Flight) -> None:
+    stopped = dataclasses.replace(flight, outcome=type(flight.outcome).GROUNDED)
+    told = headline(stopped, GOOD, summary(), {"follower": errors(near_axis=1.0, mean_near=3.0)})
+    assert told.endswith(GOOD.sentence)
