@@ -16,7 +16,9 @@ from laisn.estimates import FIX_WORDS, Estimates, FixKind
 from laisn.messages import LeaderMessage, Measurements
 from laisn.metrics import nis
 from reports.figures import Line, Panel, Part, panel
-from reports.page import Figures, number, page_of, write
+from reports.headline import figure, judged
+from reports.page import Figures, Replay, Tile, number, page_of, write
+from reports.scene.measured import Measured, scene_of_measured
 from reports.style import ESTIMATE, FULL, INK, LEADER, SERIES, TRANSMITTERS, Colour
 from reports.summary import largest_sigma
 
@@ -25,6 +27,9 @@ _MAP_WIDTH = 5.4
 _TRACK_POINTS = 1500
 _ELLIPSES = 24
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, 41)
+GOOD_NIS = (0.5, 2.0)
+BAD_NIS = (0.1, 4.0)
+"""Mean NIS per quantity of a filter that is right, and outside which it is far from that."""
 _NAMES = ("rear or first transmitter", "front or second", "middle or third")
 
 
@@ -206,10 +211,56 @@ def _values(replayed: Replayed) -> dict[str, Any]:
         "median": number(float(np.median(two_sigma))).text,
         "largest": number(float(two_sigma[worst])).text,
         "largest_s": number(float(replayed.measured.time[worst]), 0).text,
+        "nis_judgement": nis_judgement(_mean_nis(replayed)),
         "mean_nis": number(float(np.nanmean(squared)) if np.isfinite(squared).any() else None).text,
         "mean_error": number(replayed.mean_error).text,
         "figure": Figures(panels=[chart, _over_time(replayed)], legend=legend),
     }
+
+
+def _mean_nis(replayed: Replayed) -> float:
+    """Mean NIS per measured quantity; NaN without any."""
+    squared = replayed.nis
+    return float(np.nanmean(squared)) if np.isfinite(squared).any() else np.nan
+
+
+def nis_judgement(value: float) -> str:
+    """What a mean NIS tells of the filter; empty where there is none."""
+    tone = judged(value, GOOD_NIS, BAD_NIS)
+    if not np.isfinite(value):
+        return ""
+    if tone == "good":
+        return "the filter is as sure as it should be"
+    much = "far " if tone == "bad" else ""
+    if value > 1.0:
+        return f"the filter is {much}surer than its measurements agree with"
+    return f"the filter is {much}less sure than its measurements allow"
+
+
+def _tiles(replayed: Sequence[Replayed]) -> list[Tile]:
+    """Key figures of the vehicle with the largest NIS, or of the only one."""
+    worst = max(replayed, key=lambda vehicle: np.nan_to_num(_mean_nis(vehicle), nan=-1.0))
+    whose = f"{worst.name}, " if len(replayed) > 1 else ""
+    two_sigma = 2.0 * worst.sigma
+    value = _mean_nis(worst)
+    tiles = [
+        Tile(
+            name="2σ of position",
+            value=figure(float(np.median(two_sigma)), " m"),
+            remark=f"{whose}median; {figure(float(two_sigma.max()), ' m')} at most",
+        ),
+    ]
+    if np.isfinite(value):
+        tone = judged(value, GOOD_NIS, BAD_NIS)
+        remark = f"{whose}1 expected"
+        tiles.append(Tile(name="NIS per quantity", value=figure(value), remark=remark, tone=tone))
+    if np.isfinite(worst.mean_error):
+        error = figure(worst.mean_error, " m")
+        tiles.insert(0, Tile(name="mean error", value=error, remark=f"{whose}from the path"))
+    kinds = worst.estimates.fix_kind
+    rejected = float(np.mean(np.isin(kinds, (FixKind.GATED, FixKind.LOST)))) if kinds.size else 0.0
+    share = f"{100 * rejected:.0f} %"
+    return [*tiles, Tile(name="rejected or lost", value=share, remark=f"of {kinds.size} messages")]
 
 
 def write_replay_page(
@@ -225,4 +276,27 @@ def write_replay_page(
         "remarks": remarks,
     }
     facts = [("Log", str(log)), ("Navigator", navigator)]
-    write(page_of("reports", facts, values, name="replay_page.md.j2"), path)
+    measured = [
+        Measured(
+            name=vehicle.name,
+            measured=vehicle.measured,
+            estimates=vehicle.estimates,
+            baseline=vehicle.baseline,
+            path=vehicle.path,
+        )
+        for vehicle in replayed
+    ]
+    replay = Replay(
+        scene=scene_of_measured(plain(log.name), measured),
+        alternative=f"Replay of {plain(log.name)} in 3D",
+        remark="Hulls, floor and depths that a log does not tell are stand-ins.",
+    )
+    page = page_of(
+        "reports",
+        facts,
+        values,
+        name="replay_page.md.j2",
+        tiles=_tiles(replayed),
+        replay=replay,
+    )
+    write(page, path)

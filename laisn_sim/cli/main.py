@@ -261,6 +261,31 @@ def replay(
         raise LaisnError(f"--smooth: the navigator of a data set ({log}) has no smoother")
 
 
+@app.command()
+def view(
+    log: LogArgument,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE.html", help="the page (default: out/view/LOG.html)")
+    ] = None,
+    browser: Annotated[
+        bool, typer.Option("--open/--no-open", help="open the page in the browser")
+    ] = True,
+) -> None:
+    """Write the page of a flight's log, with the mission in 3D, and open it."""
+    from laisn_sim.cli import viewing
+    from sim.datasets.log import is_data_set
+
+    if is_data_set(log):
+        raise LaisnError(
+            f"{log}: holds measurements of a data set, and no flight; its page with the scene is "
+            f"written by: laisn replay {log}"
+        )
+    page = viewing.write_page(log, out)
+    echo(f"page in {page}")
+    if browser:
+        viewing.open_page(page.path)
+
+
 app.command("range-budget")(analyses.range_budget)
 app.command()(analyses.bound)
 app.command()(analyses.hull)

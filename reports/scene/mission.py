@@ -24,7 +24,7 @@ CROWD = 12
 """Followers beyond which numbers are rounded more coarsely, as the page would be too large."""
 _RATES_HZ = (5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01)
 _MOST_POSES = 110_000  # rows times vehicles of a page
-_SLOW_HZ = 1.0  # ellipses, stations and speeds, which change slowly
+SLOW_HZ = 1.0  # ellipses, stations and speeds, which change slowly
 _LEAST_WEIGHT = 0.01  # hypotheses of less weight are not shown
 _TURN_DEG = 25.0  # least change of the leader's heading within `_TURN_S` that is a turn
 _STRAIGHT_DEG = 8.0  # change of heading at which a turn begins
@@ -279,7 +279,7 @@ def scene_of(flight: Flight, events: Sequence[Event], mirror_locked: Sequence[Bo
     followers = range(len(flight.estimates))
     start, end = float(truth.time[0]), float(truth.time[-1])
     hz = rate_of(end - start, len(truth.names))
-    slow_hz = min(_SLOW_HZ, hz)
+    slow_hz = min(SLOW_HZ, hz)
     units = FINE if len(followers) <= CROWD else COARSE
     grid = np.arange(0, truth.time.size, max(1, round(1 / (hz * truth.dt))))
     slow = np.arange(0, truth.time.size, max(1, round(1 / (slow_hz * truth.dt))))

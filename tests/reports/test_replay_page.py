@@ -8,7 +8,7 @@ import pytest
 
 from laisn.estimates import Estimates, FixKind
 from laisn.messages import LeaderMessage, Measurements
-from reports.replay_page import Replayed, ellipse, write_replay_page
+from reports.replay_page import Replayed, ellipse, nis_judgement, write_replay_page
 
 N = 40
 
@@ -95,3 +95,28 @@ def test_the_page_names_uncertainty_error_and_remarks(tmp_path: Path) -> None:
     )
     for words in ("a gap of 3 s", "4 two points", "Replay of auv.mcap", "surveyed path", *drawn):
         assert words in text
+
+
+@pytest.mark.parametrize(
+    ("value", "judgement"),
+    [
+        (1.1, "the filter is as sure as it should be"),
+        (3.0, "the filter is surer than its measurements agree with"),
+        (9.0, "the filter is far surer than its measurements agree with"),
+        (0.3, "the filter is less sure than its measurements allow"),
+        (0.01, "the filter is far less sure than its measurements allow"),
+        (np.nan, ""),
+    ],
+)
+def test_the_nis_is_judged(value: float, judgement: str) -> None:
+    assert nis_judgement(value) == judgement
+
+
+def test_the_page_judges_the_nis_of_its_vehicles(tmp_path: Path) -> None:
+    """Innovations of 2 m with a variance of 4 m²: (0 + 1) / 2."""
+    path = tmp_path / "page.html"
+    write_replay_page([vehicle()], Path("log.mcap"), "tight", [], path)
+    html = path.read_text(encoding="utf-8")
+    assert "Its mean NIS is 0.50 (1 expected): the filter is as sure as it should be." in html
+    assert '<div class="tile good"><dt>NIS per quantity</dt><dd>0.50' in html
+    assert 'id="scene-view"' in html

@@ -20,11 +20,14 @@ from laisn.estimates import FixKind
 from reports import scene as package
 from reports.flight_report import scene_of_flight
 from reports.page import Page, Replay, Section, render
+from reports.replay_page import Replayed
 from reports.scene.codec import Packer
+from reports.scene.measured import Measured, scene_of_measured
 from reports.scene.mission import CROWD, Scene, held, rate_of, turns
 from sim import attitude
 from sim.flight import Flight
 from tests import browser
+from tests.reports.test_replay_page import vehicle
 from tests.synthetic import make_flight, moved
 
 SCENE = Path(package.__file__).parent
@@ -156,6 +159,53 @@ def test_a_turn_begins_where_the_leader_leaves_its_course() -> None:
     quaternion[:, 0] = attitude.from_euler(heading, level, level)
     turned = dataclasses.replace(flight, trajectory=moved(truth, quaternion=quaternion))
     assert turns(turned) == [(pytest.approx(60.0, abs=3.0), pytest.approx(90.0, abs=0.5))]
+
+
+def test_a_measured_log_shows_the_leader_as_broadcast_and_the_surveyed_path() -> None:
+    """The leader is 30 m north of the path, which runs east at 1 m/s; the estimate is 3 m off."""
+    replayed = vehicle()
+    scene = scene_of_measured("log", [measured_of(replayed)])
+    array = arrays_of(scene)
+    time = scene.meta["start"] + np.arange(len(array["position"])) / scene.meta["hz"]
+    leader, follower = np.moveaxis(array["position"].reshape(-1, 2, 3), 1, 0)
+    known = (time >= 10.0) & (time <= 40.0)  # from the first to the last message
+    expected = np.column_stack([time, np.full_like(time, 30.0), np.full_like(time, -5.0)])
+    assert np.abs(leader - expected)[known].max() <= MILLIMETRE
+    expected[:, 1] = 0.0
+    assert np.abs(follower - expected)[known].max() <= MILLIMETRE
+    assert np.abs(array["estimate"] - [[0.0, 3.0]] - expected[:, :2] * [1, 0])[known].max() < 0.001
+    assert scene.meta["truth"]
+    assert scene.meta["beacons"] == []
+    assert scene.meta["vehicles"][0]["transmitters"] == [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+    assert scene.meta["used"] == 2
+    assert array["major"].max() == pytest.approx(2.0, abs=0.001)
+    assert array["minor"].max() == pytest.approx(0.5, abs=0.001)
+    # without a surveyed path hulls are where they are estimated
+    alone = scene_of_measured("log", [measured_of(vehicle(path=None))])
+    assert not alone.meta["truth"]
+    place = arrays_of(alone)["position"].reshape(-1, 2, 3)[known, 1, 1]
+    assert place == pytest.approx(np.full(place.size, 3.0), abs=MILLIMETRE)
+
+
+def test_fixed_transmitters_take_the_place_of_a_leader() -> None:
+    replayed = vehicle()
+    places = np.full((4, 3, 3), np.nan)
+    places[:, 0], places[2:, 1] = [1.0, 2.0, 3.0], [10.0, 20.0, 30.0]
+    measured = dataclasses.replace(replayed.measured, transmitters=places)
+    scene = scene_of_measured("log", [measured_of(vehicle(measured=measured))])
+    assert scene.meta["beacons"] == [[1.0, 2.0, -3.0], [10.0, 20.0, -30.0]]
+    assert [one["role"] for one in scene.meta["vehicles"]] == ["follower"]
+    assert arrays_of(scene)["source0"].tolist() == [[1, 0, 0], [1, 0, 0], [1, 2, 0], [1, 2, 0]]
+
+
+def measured_of(replayed: Replayed) -> Measured:
+    return Measured(
+        name=replayed.name,
+        measured=replayed.measured,
+        estimates=replayed.estimates,
+        baseline=replayed.baseline,
+        path=replayed.path,
+    )
 
 
 def test_a_gap_holds_the_last_value() -> None:

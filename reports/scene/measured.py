@@ -1,0 +1,205 @@
+"""The data of a scene from a replay on a measured log: estimates, the leader as it broadcast itself
+or fixed transmitters, and a surveyed path as the truth if the log has one.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from laisn.arrays import Floats
+from laisn.estimates import Estimates
+from laisn.messages import LeaderMessage, Measurements
+from reports.scene.codec import Packer
+from reports.scene.mission import (
+    COARSE,
+    CROWD,
+    FINE,
+    REFUSED,
+    SLOW_HZ,
+    Scene,
+    Vehicle,
+    add_messages,
+    add_spread,
+    fix_words,
+    held,
+    hues,
+    hulls_of,
+    rate_of,
+    smooth_quaternions,
+)
+from sim import attitude
+
+_MOST_BEACONS = 24  # more different places are those of transmitters that move
+_SHOWN_DEPTH_M = 5.0  # of a vehicle whose log has no depth
+_BELOW_M = 8.0  # from the deepest of all to a floor that no log knows
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """A vehicle of a measured log, and what its navigator made of it."""
+
+    name: str
+    measured: Measurements
+    estimates: Estimates
+    baseline: float = np.nan  # from the leader's rear to its front transmitter [m]
+    path: Floats | None = None  # surveyed: time [s], east, north [m], shape (t, 3)
+
+
+def _between(times: Floats, values: Floats, grid: Floats) -> Floats:
+    """Values over time, shape (n, c), at other times, constant beyond their ends."""
+    return np.column_stack([np.interp(grid, times, column) for column in held(values).T])
+
+
+def _columns(measured: Measurements, *fields: str) -> Floats:
+    """Quantities of all messages, shape (m, c)."""
+    return measured.message[:, [LeaderMessage._fields.index(field) for field in fields]]
+
+
+def _heading(times: Floats, heading: Floats, grid: Floats) -> Floats:
+    return np.interp(grid, times, np.unwrap(held(heading[:, None])[:, 0]))
+
+
+def _level(heading: Floats) -> Floats:
+    """Attitudes of level vehicles, shape (n, 4)."""
+    return attitude.from_euler(heading, np.zeros_like(heading), np.zeros_like(heading))
+
+
+def _depth(vehicle: Measured, grid: Floats) -> Floats:
+    depth = np.nan_to_num(vehicle.measured.last_depth)
+    if not depth.any():
+        return np.full(grid.size, _SHOWN_DEPTH_M)
+    return np.interp(grid, vehicle.measured.time, depth)
+
+
+def beacons_of(vehicles: Sequence[Measured]) -> Floats:
+    """Places of fixed transmitters (east, north, up) that messages name, shape (b, 3), [m]; none
+    where transmitters move.
+    """
+    rows = [v.measured.transmitters for v in vehicles if v.measured.transmitters is not None]
+    if not rows:
+        return np.empty((0, 3))
+    places = np.concatenate([row.reshape(-1, 3) for row in rows])
+    places = np.unique(places[np.isfinite(places).all(axis=1)].round(2), axis=0)
+    if len(places) > _MOST_BEACONS:
+        return np.empty((0, 3))
+    if not places[:, 2].any():
+        places[:, 2] = _SHOWN_DEPTH_M
+    return places * [1.0, 1.0, -1.0]
+
+
+def _sources(measured: Measurements, beacons: Floats) -> Floats:
+    """Which beacon each range of each message is of, from 1 on, shape (m, 3); 0: of none."""
+    places = measured.transmitters
+    sources = np.zeros((measured.message_step.size, 3))
+    if places is None:
+        return sources
+    for number, (east, north, _) in enumerate(beacons.tolist(), start=1):
+        same = np.hypot(places[..., 0] - east, places[..., 1] - north) < 0.02
+        sources[same] = number
+    return sources
+
+
+def _leader(vehicles: Sequence[Measured], grid: Floats) -> tuple[Vehicle, Floats, Floats] | None:
+    """The leader as it broadcast itself, its positions, shape (n, 3), and attitudes, shape (n, 4);
+    None if no message holds where it is.
+    """
+    for vehicle in vehicles:
+        place = _columns(vehicle.measured, "east", "north", "heading", "depth")
+        if place.size == 0 or not np.isfinite(place[:, :2]).all(axis=1).any():
+            continue
+        sent = vehicle.measured.time[vehicle.measured.message_step - 1]
+        east_north = _between(sent, place[:, :2], grid)
+        depth = np.interp(grid, sent, np.nan_to_num(place[:, 3], nan=_SHOWN_DEPTH_M))
+        half = 0.5 * vehicle.baseline
+        transmitters = [[-half, 0.0, 0.0], [half, 0.0, 0.0]] if np.isfinite(half) else []
+        leader = Vehicle(name="leader", role="leader", model=0, transmitters=transmitters)
+        quaternion = _level(_heading(sent, place[:, 2], grid))
+        return leader, np.column_stack([east_north, -depth]), quaternion
+    return None
+
+
+def _known(vehicle: Measured) -> float:
+    """When the first estimate is there [s]."""
+    time = vehicle.measured.time
+    return float(time[min(vehicle.estimates.unknown, time.size - 1)])
+
+
+def scene_of_measured(name: str, vehicles: Sequence[Measured]) -> Scene:
+    """The scene of a replay."""
+    start = min(float(vehicle.measured.time[0]) for vehicle in vehicles)
+    end = max(float(vehicle.measured.time[-1]) for vehicle in vehicles)
+    hz = rate_of(end - start, len(vehicles) + 1)
+    slow_hz = min(SLOW_HZ, hz)
+    units = FINE if len(vehicles) <= CROWD else COARSE
+    grid = start + np.arange(int((end - start) * hz) + 2) / hz
+    slow = start + np.arange(int((end - start) * slow_hz) + 2) / slow_hz
+    truth = all(vehicle.path is not None for vehicle in vehicles)
+    beacons = beacons_of(vehicles)
+    leader = None if len(beacons) else _leader(vehicles, grid)
+    hulls, hull_of, _ = hulls_of(["leader", "follower"])
+    seen: list[Vehicle] = []
+    positions: list[Floats] = []
+    quaternions: list[Floats] = []
+    speeds: list[Floats] = []
+    states: list[Floats] = []
+    if leader is not None:
+        seen.append(leader[0])
+        positions.append(leader[1])
+        quaternions.append(leader[2])
+        sent = vehicles[0].measured.time[vehicles[0].measured.message_step - 1]
+        speeds.append(_between(sent, _columns(vehicles[0].measured, "speed"), slow)[:, 0])
+    for vehicle in vehicles:
+        times = vehicle.measured.time
+        state = _between(times, vehicle.estimates.state[:, :2], grid)
+        place = state
+        if truth and vehicle.path is not None:
+            place = _between(vehicle.path[:, 0], vehicle.path[:, 1:3], grid)
+        seen.append(Vehicle(name=vehicle.name, role="follower", model=hull_of[1]))
+        states.append(state)
+        positions.append(np.column_stack([place, -_depth(vehicle, grid)]))
+        quaternions.append(_level(_heading(times, vehicle.measured.heading, grid)))
+        speeds.append(np.interp(slow, times, np.nan_to_num(vehicle.measured.speed)))
+    packer = Packer()
+    packer.add("position", np.stack(positions, axis=1), units.position)
+    packer.add("quaternion", smooth_quaternions(np.stack(quaternions, axis=1)), units.quaternion)
+    packer.add("speed", np.stack(speeds, axis=1), 0.01, 1)
+    packer.add("estimate", np.stack(states, axis=1), units.estimate, 1)
+    spread = []
+    for vehicle in vehicles:
+        row = np.searchsorted(vehicle.measured.time, slow).clip(0, vehicle.measured.time.size - 1)
+        spread.append(vehicle.estimates.covariance[row, :2, :2])
+    add_spread(packer, np.stack(spread, axis=1), units.spread)
+    refused: list[list[Any]] = []
+    for f, vehicle in enumerate(vehicles):
+        refused += add_messages(packer, f, vehicle.measured, vehicle.estimates, 0.0)
+        if len(beacons):
+            packer.add(f"source{f}", _sources(vehicle.measured, beacons), order=0)
+    heights = np.concatenate([*(place[:, 2] for place in positions), beacons[:, 2]])
+    received = [np.isfinite(v.measured.ranges).any(axis=0) for v in vehicles]
+    meta = {
+        "name": name,
+        "hz": hz,
+        "slow_hz": slow_hz,
+        "start": start,
+        "end": end,
+        "truth": truth,
+        "floor": float(heights.min()) - _BELOW_M,
+        "hues": hues(),
+        "vehicles": [vars(vehicle) for vehicle in seen],
+        "models": hulls,
+        "columns": 0,
+        "beacons": beacons.tolist(),
+        "used": int(np.max(np.flatnonzero(np.any(received, axis=0)), initial=0)) + 1,
+        "known": [_known(vehicle) for vehicle in vehicles],
+        "words": fix_words(),
+        "refusedKinds": [int(kind) for kind in REFUSED],
+        "events": [],
+        "messagesRefused": sorted(refused),
+        "locks": [],
+        "opening": start + (end - start) / 3,
+        "follow": len(seen) - 1 if len(vehicles) == 1 else -1,
+        "arrays": packer.table(),
+    }
+    return Scene(meta=meta, data=packer.text())
