@@ -98,6 +98,35 @@ def bearing_errors(estimate: Floats, truth: Floats, leader: Floats) -> Floats:
     return np.asarray(np.arctan2(np.abs(true_x * y - true_y * x), true_x * x + true_y * y))
 
 
+SEGMENT_TOLERANCE = 0.1
+"""By which share of its length a segment of the true path may miss it."""
+
+
+def relative_errors(estimate: Floats, truth: Floats, length: float) -> Floats:
+    """Errors of the displacement over segments of the true path of about a length [m].
+
+    From each step k the segment reaches to the later step whose distance along the path is nearest
+    to `length`; steps without one within `SEGMENT_TOLERANCE` are left out. The error is that of
+    p(end) − p(k) in the world, of estimate against truth: headings are measured and no states, so
+    that no alignment is made. Points have shape (n, 2), [m]; NaN where an estimate is; the answer
+    has shape (s,), [m].
+
+    Source: pairs as in Geneva et al., "OpenVINS", ICRA 2020, and Zhang & Scaramuzza, "A tutorial on
+    quantitative trajectory evaluation", IROS 2018, Section III-C.
+    """
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(truth, axis=0).T))])
+    last = along.size - 1
+    after = np.minimum(np.searchsorted(along, along + length), last)
+    before = np.maximum(after - 1, 0)
+    nearer = np.abs(along[before] - along - length) <= np.abs(along[after] - along - length)
+    end = np.where(nearer, before, after)
+    within = np.abs(along[end] - along - length) <= SEGMENT_TOLERANCE * length
+    first = np.flatnonzero(within)
+    end = end[first]
+    drift = (estimate[end] - estimate[first]) - (truth[end] - truth[first])
+    return np.asarray(np.hypot(drift[:, 0], drift[:, 1]))
+
+
 class Summary(NamedTuple):
     """The paper's six figures; σ is that about the mean, over all steps."""
 

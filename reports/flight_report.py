@@ -290,6 +290,20 @@ def _overview(flight: Flight, errors: Errors) -> Figures:
     return Figures(panels=[chart], legend=legend)
 
 
+def _segments(summary: Mapping[str, Any]) -> list[float]:
+    """Lengths of segments that a follower's path holds [m]."""
+    rows = [row.get("relative_errors", ()) for row in summary["followers"].values()]
+    return sorted({row["length_m"] for of_follower in rows for row in of_follower})
+
+
+def _drifts(row: Mapping[str, Any], lengths: Sequence[float]) -> list[float | None]:
+    """RMS of a follower's relative error over segments of these lengths; None where its path holds
+    none.
+    """
+    found = {one["length_m"]: one["rms_m"] for one in row.get("relative_errors", ())}
+    return [found.get(length) for length in lengths]
+
+
 def _fix_kinds(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Kinds of fix that any follower had: name in the summary, and words."""
     counts = [row.get("fixes", {}) for row in summary["followers"].values()]
@@ -340,6 +354,7 @@ def flight_report(
     if len(finite) == len(names):
         accuracies = {name: accuracy(flight, i) for i, name in enumerate(names)}
     judgement = verdict(flight, track_errors(flight.scenario, flight.trajectory))
+    segments = _segments(summary)
     values: dict[str, Any] = {
         "flight": flight,
         "headline": headline(flight, judgement, summary, accuracies),
@@ -360,6 +375,8 @@ def flight_report(
         "lost_m": LOST_M,
         "films": [Film(path=film, caption="The film of the mission.")] if film else [],
         "followers_found": summary["followers"],
+        "segments": segments,
+        "drifts": {name: _drifts(row, segments) for name, row in summary["followers"].items()},
         "kinds": _fix_kinds(summary),
         "on_station": on_stations(summary),
         "number": number,

@@ -91,6 +91,35 @@ def consistency(flight: Flight, follower: int, bound: Floats) -> dict[str, float
     }
 
 
+SEGMENTS_M = (10.0, 20.0, 50.0, 100.0, 200.0)
+"""Lengths of the true path over which relative errors are stated [m]."""
+
+
+def relative_error(flight: Flight, follower: int) -> list[dict[str, float]]:
+    """Errors of a follower's displacement over segments of each length of `SEGMENTS_M` that its
+    true path holds: RMS, median, 95th percentile [m] and number of segments.
+    """
+    truth = flight.hydrophone(follower)[:, :2]
+    estimates = flight.estimates[follower]
+    known = slice(estimates.unknown, None)
+    rows = []
+    for length in SEGMENTS_M:
+        errors = metrics.relative_errors(estimates.state[known, :2], truth[known], length)
+        errors = errors[np.isfinite(errors)]
+        if errors.size:
+            median, high = np.quantile(errors, [0.5, 0.95])
+            rows.append(
+                {
+                    "length_m": length,
+                    "rms_m": float(np.sqrt(np.mean(errors**2))),
+                    "median_m": float(median),
+                    "p95_m": float(high),
+                    "segments": errors.size,
+                }
+            )
+    return rows
+
+
 def flight_bounds(flight: Flight) -> list[Floats]:
     return [flight_bound(flight, i) for i in range(len(flight.estimates))]
 
@@ -128,6 +157,7 @@ def summarise(flight: Flight, bounds: list[Floats] | None = None) -> dict[str, A
             | consistency(flight, i, bounds[i])
             | _kept(flight, i, off[:, i])
             | ({"gave_way_s": float(spent[i])} if sensing else {})
+            | {"relative_errors": relative_error(flight, i)}
             | {"fixes": metrics.fix_counts(flight.estimates[i])}
             for i, name in enumerate(names)
         },

@@ -319,13 +319,14 @@ def log_export(
     ] = False,
     ros2: Annotated[
         bool,
-        typer.Option(
-            "--ros2", help="write a ROS 2 bag instead (OUT; default out/export/NAME-ros2)"
-        ),
+        typer.Option("--ros2", help="write a ROS 2 bag instead (default: out/export/NAME-ros2)"),
+    ] = False,
+    tum: Annotated[
+        bool, typer.Option("--tum", help="write true and estimated trajectories for evo instead")
     ] = False,
 ) -> None:
     """Export every numeric channel as a table, or a flight as a recording for Rerun, as factor
-    graphs, or as a ROS 2 bag.
+    graphs, as a ROS 2 bag, or as trajectories for evo.
     """
     from laisn_sim.cli.outputs import written_files
     from sim.log.export import export, write_recording
@@ -336,6 +337,10 @@ def log_export(
         from laisn_sim.cli.replaying import export_factor_graphs
 
         files = export_factor_graphs(log, folder)
+    elif tum:
+        from sim.log.tum import write_trajectories
+
+        files = write_trajectories(log, folder)
     elif ros2:
         from sim.log.ros2 import write_bag
 

@@ -28,13 +28,14 @@ from laisn.arrays import Floats, Ints
 from laisn.messages import Ranges
 from sim import attitude
 from sim.assembly import models_of
-from sim.flight import Flight, navigation_settings
+from sim.flight import Flight
 from sim.log.bag_folder import require_replaceable
 from sim.log.contents import Contents, LogError
 from sim.log.reader import read
 from sim.log.ros2_encoding import Template, typestore
 from sim.log.ros2_robot import urdf
 from sim.log.schema import RECEPTION, Clock
+from sim.log.tum import estimated_poses
 from sim.water.waves import GRAVITY
 
 _BAG_VERSION: Literal[8] = 8  # later ones write what Humble cannot read
@@ -266,17 +267,6 @@ def _truth(flown: _Flown) -> Iterator[Topic]:
         )
 
 
-def hydrophone_path(flight: Flight, follower: int) -> tuple[Floats, Floats]:
-    """Estimated position of a follower's hydrophone, shape (n, 3), [m], and its attitude, level and
-    at the measured heading, as quaternions (w, x, y, z), shape (n, 4), at filter steps.
-    """
-    measured = flight.measurements[follower]
-    settings = navigation_settings(flight.scenario, flight.trajectory, follower)
-    height = settings.hydrophone_height - measured.last_depth
-    position = np.column_stack([flight.estimates[follower].state[:, :2], height])
-    return position, attitude.from_euler(measured.heading)
-
-
 def _estimate(flown: _Flown, follower: int) -> Iterator[Topic]:
     """Estimated motion of a follower's hydrophone, and its fixes."""
     flight = flown.flight
@@ -284,7 +274,7 @@ def _estimate(flown: _Flown, follower: int) -> Iterator[Topic]:
     m = flight.measurements[follower]
     name = flown.names[follower + 1]
     errors = flight.scenario.sensors_of(follower)
-    position, quaternion = hydrophone_path(flight, follower)
+    position, quaternion = estimated_poses(flight, follower)
     known = np.flatnonzero(np.isfinite(e.state).all(axis=1) & np.isfinite(position).all(axis=1))
     n = known.size
     time_ns = flown.clock.ns(m.dt * (known + 1))
@@ -377,7 +367,7 @@ def _fixes(flown: _Flown, follower: int) -> Topic:
     e = flown.flight.estimates[follower]
     m = flown.flight.measurements[follower]
     name = flown.names[follower + 1]
-    position, quaternion = hydrophone_path(flown.flight, follower)
+    position, quaternion = estimated_poses(flown.flight, follower)
     made = np.flatnonzero(np.isfinite(e.fix_position).all(axis=1) & np.isfinite(e.fix_sigma))
     steps = e.fix_step[made]
     places = np.column_stack([e.fix_position[made], position[steps - 1, 2]])

@@ -2,6 +2,7 @@
 
 import colorsys
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -176,6 +177,28 @@ def test_the_report_of_a_flight(tmp_path, followers):
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
     if followers == 1:
         assert html == flight_page(tmp_path, flight, "again.html")
+
+
+def test_relative_errors_stand_under_their_lengths(tmp_path):
+    flight = make_flight(40.0, 2)
+    names = flight.trajectory.names[1:]
+    errors = [(np.ones(400), np.zeros(400)) for _ in names]
+    rows = [{"length_m": 10.0, "rms_m": 0.271}, {"length_m": 20.0, "rms_m": 0.353}]
+    # the second follower's path is too short for the second length
+    followers = dict(zip(names, ({"relative_errors": rows[:k]} for k in (2, 1)), strict=True))
+    summary = {"followers": followers, "versions": {}}
+    flight_report(flight, errors, summary, tmp_path / "report.html", None)
+    html = (tmp_path / "report.html").read_text(encoding="utf-8")
+    table = html[html.index("RMS of the relative error over") :]
+    text = checked_text(table[: table.index("</table>")])
+    assert [word for word in text.split() if word != "m"] == [
+        *["RMS", "of", "the", "relative", "error", "over", "follower", "10", "20"],
+        *("follower1", "0.27", "0.35", "follower2", "0.27", "–"),
+    ]
+
+
+def checked_text(html):
+    return re.sub(r"<[^>]*>", " ", html)
 
 
 def test_a_flight_that_failed_has_notices(tmp_path, monkeypatch):

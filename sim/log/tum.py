@@ -1,0 +1,62 @@
+"""Truth and estimates of a flight as trajectories in TUM's format, which evo and other programs
+evaluate.
+
+A line is a pose: time since 1970 [s], position (east, north, up) [m], quaternion (x, y, z, w).
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from laisn.arrays import Floats, Ints
+from sim import attitude
+from sim.flight import Flight, navigation_settings
+from sim.log.reader import read
+from sim.log.schema import Clock
+from sim.system import atomic_write
+
+
+def estimated_poses(flight: Flight, follower: int) -> tuple[Floats, Floats]:
+    """Estimated positions of a follower's hydrophone, shape (n, 3), [m], and its attitude, level
+    and at the measured heading, as quaternions (w, x, y, z), shape (n, 4), at filter steps.
+
+    The depth is measured, too.
+    """
+    measured = flight.measurements[follower]
+    settings = navigation_settings(flight.scenario, flight.trajectory, follower)
+    height = settings.hydrophone_height - measured.last_depth
+    position = np.column_stack([flight.estimates[follower].state[:, :2], height])
+    return position, attitude.from_euler(measured.heading)
+
+
+def _write(path: Path, time_ns: Ints, position: Floats, quaternion: Floats) -> Path:
+    lines = ["# time [s] east north up [m] qx qy qz qw\n"]
+    xyzw = np.roll(quaternion, -1, axis=1)
+    for at, place, turn in zip(time_ns.tolist(), position.tolist(), xyzw.tolist(), strict=True):
+        numbers = " ".join(f"{value:.9f}" for value in (*place, *turn))
+        lines.append(f"{at // 10**9}.{at % 10**9:09d} {numbers}\n")
+    with atomic_write(path) as part:
+        part.write_text("".join(lines), encoding="utf-8")
+    return path
+
+
+def write_trajectories(log_path: Path, out: Path) -> list[Path]:
+    """Write NAME_truth.tum and NAME_estimate.tum of each follower's hydrophone, at the filter steps
+    from the first estimate on; returns the files. LogError if the log holds no flight.
+    """
+    flight = read(log_path)
+    clock = Clock(flight.scenario.epoch)
+    out.mkdir(parents=True, exist_ok=True)
+    steps = flight.step_index()
+    files = list[Path]()
+    for i, name in enumerate(flight.trajectory.names[1:]):
+        position, quaternion = estimated_poses(flight, i)
+        known = np.flatnonzero(np.isfinite(position).all(axis=1))
+        time_ns = clock.ns(flight.measurements[i].dt * (known + 1))
+        truth = flight.hydrophone(i)[known]
+        turn = flight.trajectory.quaternion[steps[known], i + 1]
+        files.append(_write(out / f"{name}_truth.tum", time_ns, truth, turn))
+        files.append(
+            _write(out / f"{name}_estimate.tum", time_ns, position[known], quaternion[known])
+        )
+    return files
