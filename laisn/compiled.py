@@ -37,7 +37,7 @@ from numba.core.caching import (
     UserProvidedCacheLocator,
 )
 from numba.core.serialize import NumbaPickler
-from numba.extending import overload, overload_method, register_jitable, typeof_impl
+from numba.extending import intrinsic, overload, overload_method, register_jitable, typeof_impl
 
 from laisn.arrays import Floats
 from laisn.errors import LaisnWarning
@@ -261,6 +261,22 @@ def jitable(function: Function) -> Function:
 def formula(function: Function) -> Function:
     """The same of a short one, which is inlined; records are NamedTuples."""
     return register_jitable(inline="always")(function)
+
+
+def _emit_call(_: Any, function: Any, first: Any, second: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        function_type = types.FunctionType(types.void(types.intp, types.intp))
+        pointer = context.get_value_type(function_type.ftype)
+        builder.call(builder.inttoptr(args[0], pointer), args[1:])
+        return context.get_dummy_value()
+
+    return types.void(types.intp, types.intp, types.intp), generate
+
+
+call_address: Callable[[int, int, int], None] = cast(Any, intrinsic(_emit_call))
+"""Call a function by its address, with two addresses: of MuJoCo's model and data, or of nothing. To
+be called from compiled code only.
+"""
 
 
 def method_by_type(name: str) -> None:

@@ -7,7 +7,7 @@ flight's arrays, and 0.4 s to import.
 """
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -235,6 +235,28 @@ SEMI_MAJOR_AXIS = 6378137.0  # semi-major axis of the WGS 84 ellipsoid [m]
 FLATTENING = 1 / 298.257223563  # flattening of the WGS 84 ellipsoid
 
 
+class MetresPerDegree(NamedTuple):
+    """Arcs of a degree at a latitude on the ellipsoid."""
+
+    east: float  # of longitude [m]
+    north: float  # of latitude [m]
+
+
+def metres_per_degree(latitude_deg: float) -> MetresPerDegree:
+    """Arcs along parallel and meridian, by their radii of curvature (WGS 84; NIMA TR8350.2)."""
+    radii = _radii(latitude_deg)
+    return MetresPerDegree(float(np.deg2rad(radii[0])), float(np.deg2rad(radii[1])))
+
+
+def _radii(latitude_deg: float) -> tuple[float, float]:
+    """Radius of the parallel, and of curvature of the meridian [m]."""
+    eccentricity_squared = FLATTENING * (2 - FLATTENING)
+    latitude = np.deg2rad(latitude_deg)
+    w = np.sqrt(1 - eccentricity_squared * np.sin(latitude) ** 2)
+    meridian = SEMI_MAJOR_AXIS * (1 - eccentricity_squared) / w**3
+    return SEMI_MAJOR_AXIS / w * np.cos(latitude), meridian
+
+
 def geodetic(position: Floats, latitude_deg: float, longitude_deg: float) -> Floats:
     """Latitude, longitude [deg] and height [m] of positions about the scenario's origin on the map,
     shape (n, 3).
@@ -243,11 +265,7 @@ def geodetic(position: Floats, latitude_deg: float, longitude_deg: float) -> Flo
     curvature there (WGS 84; NIMA TR8350.2); heights are kept, as the simulated sea is flat. A
     kilometre from the origin at 60° N this is off by 0.16 m.
     """
-    eccentricity_squared = FLATTENING * (2 - FLATTENING)
-    latitude = np.deg2rad(latitude_deg)
-    w = np.sqrt(1 - eccentricity_squared * np.sin(latitude) ** 2)
-    meridian = SEMI_MAJOR_AXIS * (1 - eccentricity_squared) / w**3
-    parallel = SEMI_MAJOR_AXIS / w * np.cos(latitude)
+    parallel, meridian = _radii(latitude_deg)
     east, north, up = position.T
     longitude = longitude_deg + np.rad2deg(east / parallel)
     return np.column_stack(

@@ -36,13 +36,14 @@ from sim.scenario.formation import LEAST_APART_M, LEAST_LAYER_M
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S, Follower, Scenario, Vehicle, Video
+from sim.sea import require_sea
 from sim.sensing.sensors import own_sensors
 from sim.tracking import HULL_RADIUS_M, closest_stations
 from sim.vehicle.effectors import FIN, MIN_STEERAGE_SPEED
 from sim.vehicle.mjcf import SEA_WATER, spec_of, transmitter_places
 from sim.vehicle.own_hull import hull_errors
 from sim.vehicle.plant import Plant
-from sim.water.assembly import ocean_of
+from sim.water.assembly import current_at, sea_of_keys
 
 # instants times vehicles: two vehicles for a day; a million takes 1.1 GB of memory
 MOST_INSTANTS = 2_000_000
@@ -103,12 +104,9 @@ def _through_water(scenario: Scenario, route: Route, depth: float) -> tuple[Floa
     changes = [time for time, *_ in scenario.ocean.current_profile if time < route.time[-1]]
     times = np.unique([*route.time, *changes])
     legs = np.searchsorted(route.time, 0.5 * (times[1:] + times[:-1])) - 1
-    ends = np.stack(
-        [
-            over_ground[legs] - scenario.ocean.current_at(depth, end)
-            for end in (times[:-1], times[1:])
-        ]
-    )
+    east, north = (np.interp(times, route.time, axis) for axis in route.waypoint.T)
+    current = current_at(scenario, east, north, depth, times)
+    ends = np.stack([over_ground[legs] - current[:-1], over_ground[legs] - current[1:]])
     return np.hypot(ends[..., 0], ends[..., 1]), legs
 
 
@@ -120,6 +118,7 @@ class SpeedRange(NamedTuple):
     mean: float  # over the time
 
 
+_FIELD_LEVELS = 5  # depths at which another current is looked at
 _SEGMENT_POINTS = 9  # instants at which speeds are looked at, in each segment of a plan
 
 
@@ -134,10 +133,7 @@ def _planned_speeds(scenario: Scenario, route: Route, depths: Sequence[float]) -
     times = (bounds[:-1, None] + np.diff(bounds)[:, None] * shares).ravel()
     motion = flown.at(times)
     over_ground = motion.speed * np.array([np.sin(motion.course), np.cos(motion.course)])
-    currents = [
-        np.broadcast_to(scenario.ocean.current_at(depth, times), (times.size, 2)).T
-        for depth in depths
-    ]
+    currents = [current_at(scenario, motion.east, motion.north, depth, times).T for depth in depths]
     speeds = np.array([np.hypot(*(over_ground - current)) for current in currents])
     mean = np.trapezoid(speeds.mean(axis=0), times) / end
     return SpeedRange(float(speeds.min()), float(speeds.max()), float(mean))
@@ -153,8 +149,10 @@ def _speeds(scenario: Scenario, vehicle: Vehicle) -> SpeedRange:
     depths = [depth for _, depth in vehicle.depth_profile] or [
         vehicle.layer_m + side * vehicle.saw_tooth_amplitude_m for side in (-1.0, 1.0)
     ]
-    # a current changes linearly with depth
-    return _planned_speeds(scenario, route_of(vehicle, ""), [min(depths), max(depths)])
+    # a current of the keys changes linearly with depth
+    levels = 2 if scenario.ocean.current is None else _FIELD_LEVELS
+    between = np.linspace(min(depths), max(depths), levels).tolist()
+    return _planned_speeds(scenario, route_of(vehicle, ""), between)
 
 
 # in physics steps up to this one the project's own hulls are stable at all speeds [s]
@@ -428,7 +426,7 @@ def infeasibilities(scenario: Scenario) -> list[str]:
     found = [
         *_errors_of(partial(Clock, scenario.epoch), "epoch"),
         *film_errors(scenario.duration_s, scenario.video),
-        *_errors_of(partial(ocean_of, scenario), "ocean.waves"),
+        *_errors_of(partial(sea_of_keys, scenario), "ocean.waves"),
         *_errors_of(scenario.navigation.settings, ""),
         *_errors_of(partial(own_sensors, scenario), ""),
         *_cost(scenario),
@@ -450,8 +448,9 @@ def infeasibilities(scenario: Scenario) -> list[str]:
             # a saw-tooth that leaves the water is an error of its own
             level = vehicle.model_copy(update={"saw_tooth_amplitude_m": 0.0})
             shapes += _errors_of(partial(lambda *of: plan(route_of(*of)), level, name), where)
+    shapes += [] if shapes else _errors_of(partial(require_sea, scenario), "ocean")
     if shapes:
-        # what follows depends on hulls and routes
+        # what follows depends on hulls, routes and the sea
         return [*found, *shapes]
     for key, vehicle in scenario.vehicles():
         found += _control_errors(scenario, key, vehicle)

@@ -35,6 +35,7 @@ class Termination(Enum):
     CONTACT = "vehicles touched, which ended the mission"
     GROUNDED = "a vehicle went below the floor, which ended the mission"
     OFF_ROUTE = "a vehicle was more than 100 m off its route, which ended the mission"
+    LEFT_FIELD = "a vehicle left the area of a field of the sea, which ended the mission"
     DIVERGED = "the simulation left finite numbers; everything up to that step is kept"
     INTERRUPTED = "the mission was interrupted; everything up to that step is kept"
 

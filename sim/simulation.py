@@ -67,6 +67,10 @@ class OffRouteError(EndedError):
     """A vehicle left its route."""
 
 
+class LeftFieldError(EndedError):
+    """A vehicle left the area of a field of the sea."""
+
+
 class DivergedError(EndedError):
     """The simulation left finite numbers."""
 
@@ -313,6 +317,7 @@ class Mission:
         handles = (plant.step_handles(), plant.state, plant.ocean.environment)
         span = (first, min(last, self.last), self._substeps)
         k, fault = self._loop(span, handles, self.controller, self.routes.command, self.truth)
+        plant.ocean.raise_custom_error()
         if fault[0] == NAVIGATION_FAILED:
             raise ArithmeticError(
                 f"the covariance of follower {fault[1]} is not positive definite any more"
@@ -402,13 +407,21 @@ def simulate(
 
 
 def _require_within(trajectory: Trajectory, bounds: MissionBounds) -> None:
-    """GroundedError or OffRouteError where a vehicle is out of bounds at the end of a flight."""
+    """GroundedError, LeftFieldError or OffRouteError where a vehicle is out of bounds at the end of
+    a flight.
+    """
     last = trajectory.time.size - 1
     departure = first_departure(trajectory.time[last:], trajectory.pose[last:], bounds)
     if departure is None:
         return
     time = trajectory.time[last]
     name = trajectory.names[departure.vehicle]
+    if departure.left:
+        raise LeftFieldError(
+            f"at {time:g} s {name} left the area of {departure.left} about the planned routes, "
+            "which ended the mission",
+            trajectory,
+        )
     if departure.off_route_m is None:
         raise GroundedError(
             f"at {time:g} s {name} went below the floor, which ended the mission", trajectory
@@ -516,7 +529,9 @@ def fly_mission(
 def require_regular_end(
     scenario: Scenario, trajectory: Trajectory, bounds: MissionBounds
 ) -> Trajectory:
-    """The motion of a mission; GroundedError, OffRouteError or ContactError if that ended it."""
+    """The motion of a mission; GroundedError, LeftFieldError, OffRouteError or ContactError if that
+    ended it.
+    """
     _require_within(trajectory, bounds)
     return _require_no_contact(scenario, trajectory)
 

@@ -2,6 +2,7 @@
 
 import ctypes
 import fcntl
+import hashlib
 import multiprocessing
 import os
 import secrets
@@ -11,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +81,21 @@ def read_text(path: Path, max_bytes: int) -> str:
     except ValueError as error:
         # one of these, or a NUL in the path
         raise LaisnError(str(error)) from None
+
+
+def file_digest(path: Path) -> str | None:
+    """SHA-256 of a file's content; None if it cannot be read."""
+    try:
+        state = path.stat()
+        return _digest(path, state.st_mtime_ns, state.st_size)
+    except OSError:
+        return None
+
+
+@lru_cache(maxsize=64)
+def _digest(path: Path, _changed_ns: int, _size: int) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def exit_with_parent(parent: int, *environment: tuple[str, str]) -> None:

@@ -22,7 +22,9 @@ from sim.scenario.formation import LEAST_LAYER_M
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S, Follower, Scenario
+from sim.sea import Area, areas_of
 from sim.trajectory import Trajectory
+from sim.water.assembly import current_at
 
 # half the length of the straight part of a hull [m]
 LEADER_HALF_M = 1.0
@@ -65,10 +67,11 @@ _LOOK_EVERY = 10  # distances from routes are looked at in every such instant: 1
 
 
 class MissionBounds(NamedTuple):
-    """Where a mission ends: at the floor, or far off a route."""
+    """Where a mission ends: at the floor, far off a route, or beyond a field of the sea."""
 
     floor_depth_m: float
     routes: tuple[Route | None, ...]  # of each vehicle; None: it does not keep to one
+    areas: tuple[Area, ...] = ()
 
 
 class Departure(NamedTuple):
@@ -76,7 +79,8 @@ class Departure(NamedTuple):
 
     instant: int
     vehicle: int  # index
-    off_route_m: float | None  # distance from its route; None: it is below the floor
+    off_route_m: float | None  # distance from its route; None: it is on it
+    left: str = ""  # key of a field that it has left; empty: none, and it is below the floor
 
 
 def distance_from_route(route: Route, time: Floats, position: Floats) -> Floats:
@@ -107,6 +111,10 @@ def first_departure(time: Floats, pose: Floats, bounds: MissionBounds) -> Depart
     for vehicle, route in enumerate(bounds.routes):
         if grounded[:, vehicle].any():
             departures.append(Departure(int(np.argmax(grounded[:, vehicle])), vehicle, None))
+        for area in bounds.areas:
+            if not area.region.holds(pose[:, vehicle, :2]):
+                within = area.region.within(pose[:, vehicle, :2])
+                departures.append(Departure(int(np.argmin(within)), vehicle, None, area.key))
         if route is None or not looks.size:
             continue
         off = distance_from_route(route, time[looks], pose[looks, vehicle, :3])
@@ -117,8 +125,8 @@ def first_departure(time: Floats, pose: Floats, bounds: MissionBounds) -> Depart
 
 
 def bounds_of(scenario: Scenario) -> MissionBounds:
-    """Where a scenario's mission ends: at its floor for all vehicles, far off its route for those
-    that keep to one by the truth.
+    """Where a scenario's mission ends: at its floor and where fields end for all vehicles, far off
+    its route for those that keep to one by the truth.
     """
     by_estimate = [False, *(follower.guided_by_estimate for follower in scenario.followers)]
     stations = [False, *(follower.station is not None for follower in scenario.followers)]
@@ -128,7 +136,7 @@ def bounds_of(scenario: Scenario) -> MissionBounds:
             routes_of(scenario), by_estimate, stations, strict=True
         )
     )
-    return MissionBounds(scenario.ocean.floor_depth_m, routes)
+    return MissionBounds(scenario.ocean.floor_depth_m, routes, areas_of(scenario))
 
 
 class Contact(NamedTuple):
@@ -459,9 +467,8 @@ def closest_stations(scenario: Scenario) -> Approach | None:
         return None
     time = np.arange(0.0, scenario.duration_s + _STEP_S, _STEP_S)
     leader = plan(route_of(scenario.leader, "leader")).at(time)
-    drift = np.broadcast_to(
-        scenario.ocean.current_at(scenario.leader.layer_m, time), (time.size, 2)
-    )
+    depth = scenario.leader.layer_m
+    drift = current_at(scenario, leader.east, leader.north, depth, time)
     through = np.hypot(
         *(leader.speed * np.array([np.sin(leader.course), np.cos(leader.course)]) - drift.T)
     )

@@ -17,6 +17,7 @@ from sim.simulation import (
     DivergedError,
     EndedError,
     GroundedError,
+    LeftFieldError,
     Mission,
     OffRouteError,
     fly_mission,
@@ -42,6 +43,7 @@ OUTCOMES: dict[type[EndedError], Termination] = {
     DivergedError: Termination.DIVERGED,
     GroundedError: Termination.GROUNDED,
     OffRouteError: Termination.OFF_ROUTE,
+    LeftFieldError: Termination.LEFT_FIELD,
     ContactError: Termination.CONTACT,
 }
 """How a mission ended, by its error."""

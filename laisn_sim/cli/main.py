@@ -126,6 +126,7 @@ def check(
     from experiments.campaign.progress import phases
     from experiments.flight.library import load_scenario
     from sim.feasibility import cautions
+    from sim.sea import sea_report
     from sim.trial import is_tried, trial
 
     checked = load_scenario(scenario, set_ or (), flyable=True)
@@ -135,6 +136,8 @@ def check(
             warnings += trial(checked)
     for warning in warnings:
         echo(f"warning: {warning}")
+    for line in sea_report(checked):
+        echo(line)
     number = len(checked.followers)
     echo(
         f"{scenario}: valid: {checked.duration_s:g} s, {number} follower{'s' if number > 1 else ''}"

@@ -19,7 +19,7 @@ from sim.flight import Flight
 from sim.scenario.settings import Video
 from sim.vehicle.effectors import MovingFins
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
-from sim.water.assembly import ocean_of
+from sim.water.assembly import sea_of_keys
 from sim.water.ocean import Ocean
 from sim.water.waves import PHASE
 
@@ -211,7 +211,7 @@ class GlScene:
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False  # see `_add_backdrop`
         self._sight = 0.0
         self._options = mujoco.MjvOption()
-        self._sea = Sea(self._model, ocean_of(flight.scenario))
+        self._sea = Sea(self._model, sea_of_keys(flight.scenario))
         self._pixels = np.zeros((self.height, self.width, 3), np.uint8)
         self._smooth = np.zeros_like(self._pixels)
 

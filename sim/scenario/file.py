@@ -312,19 +312,20 @@ def plain_values(table: Any) -> Any:
 
 
 def is_model_key(key: str) -> bool:
-    """Whether a dotted key of a scenario is that of a hull."""
-    return re.fullmatch(r"(leader|followers\.(\d+|\*)|formation\.shape)\.model", key) is not None
+    """Whether a dotted key of a scenario names a file: of a hull, or of a field of the sea."""
+    hulls = r"(leader|followers\.(\d+|\*)|formation\.shape)\.model"
+    return re.fullmatch(rf"{hulls}|ocean\.current\.file", key) is not None
 
 
 def beside(model: Any, folder: Path) -> Any:
-    """The name of a hull's file as seen from here, for one that is named as seen from a folder."""
+    """The name of a file as seen from here, for one that is named as seen from a folder."""
     named = isinstance(model, str) and not is_mjcf(model) and model not in models.VEHICLES
     return str(folder / model) if named else model
 
 
 def seen_from(table: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """The table of a scenario file in a folder; changed in place: the hulls that it names lie
-    beside the file.
+    """The table of a scenario file in a folder; changed in place: hulls and fields that it names
+    lie beside the file.
     """
     followers = table.get("followers")
     formation = table.get("formation")
@@ -335,6 +336,10 @@ def seen_from(table: dict[str, Any], folder: Path) -> dict[str, Any]:
     for vehicle in vehicles:
         if isinstance(vehicle, dict) and "model" in vehicle:
             vehicle["model"] = beside(vehicle["model"], folder)
+    ocean = table.get("ocean")
+    for source in ocean.values() if isinstance(ocean, dict) else ():
+        if isinstance(source, dict) and "file" in source:
+            source["file"] = beside(source["file"], folder)
     return table
 
 

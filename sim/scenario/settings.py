@@ -22,6 +22,7 @@ from laisn.arrays import Floats
 from laisn.settings import VARIANTS
 from sim.scenario.formation import Formation, Shape, Station, followers_of, station_inconsistencies
 from sim.scenario.navigation import Assume, Navigation
+from sim.scenario.sea_files import CurrentSource, MapOrigin
 from sim.scenario.section import (
     CONTROL_STEP_S,
     LISTED,
@@ -84,11 +85,26 @@ class Ocean(Section):
         )
     )
     waves: Waves = Waves()
+    origin: MapOrigin | None = None
+    current: CurrentSource | None = None
+
+    @model_validator(mode="after")
+    def _one_current(self) -> Self:
+        keys = ("current_speed_m_s", "current_shear_per_s", "current_profile")
+        others = [key for key in keys if getattr(self, key)]
+        if self.current is not None and others:
+            raise ValueError(f"the table `current` replaces {', '.join(others)}; give one of them")
+        return self
+
+    @property
+    def reads_files(self) -> bool:
+        """Whether a part of it is read from a file."""
+        return self.current is not None and self.current.file is not None
 
     @property
     def moves(self) -> bool:
         """Whether there is a current at the surface."""
-        return any(
+        return self.current is not None or any(
             speed for _, speed, _ in self.current_profile or [(0.0, self.current_speed_m_s, 0.0)]
         )
 
@@ -177,6 +193,13 @@ KEYS_ALONE = {"inconsistencies": "ignored"}
 
 # keys of the leader in formations, unless they are set
 _BROADCAST_IN_FORMATIONS = {"broadcast_attitude": True, "broadcast_waypoints": 2}
+
+_ORIGIN = {
+    "origin_latitude_deg": "latitude_deg",
+    "origin_longitude_deg": "longitude_deg",
+    "epoch": "time",
+}
+"""Keys of a scenario by those of `ocean.origin`."""
 
 # a follower in place of those of an invalid shape
 _STAND_IN = {"station": {"behind_m": 10.0, "depth_m": 10.0}}
@@ -272,6 +295,27 @@ class Scenario(Section):
             if "use_attitude" not in self.navigation.model_fields_set:
                 used = {"use_attitude": self.leader.broadcast_attitude}
                 self.__dict__["navigation"] = self.navigation.model_copy(update=used)
+        return self
+
+    @model_validator(mode="after")
+    def _on_the_map(self) -> Self:
+        """Place and time of the origin are those of `ocean.origin`, which holds them all where
+        fields are read, as what is read depends on them.
+        """
+        origin = self.ocean.origin or MapOrigin()
+        for key, name in _ORIGIN.items():
+            value = getattr(origin, name)
+            if value is None:
+                continue
+            if key in self.model_fields_set and getattr(self, key) != value:
+                raise ValueError(
+                    f"ocean.origin.{name} = {value} and {key} = {getattr(self, key)} contradict "
+                    "each other"
+                )
+            self.__dict__[key] = value
+        if self.ocean.reads_files:
+            place = MapOrigin(**{name: getattr(self, key) for key, name in _ORIGIN.items()})
+            self.__dict__["ocean"] = self.ocean.model_copy(update={"origin": place})
         return self
 
     @model_validator(mode="after")

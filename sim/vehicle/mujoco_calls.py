@@ -9,17 +9,14 @@ the bit.
 
 import ctypes
 import platform
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import mujoco
 import numpy as np
-from numba import types
-from numba.extending import intrinsic
 
-from laisn.compiled import FOLDER, compiled
+from laisn.compiled import FOLDER, call_address, compiled
 from laisn.errors import LaisnError
 
 STAGES = ("mj_kinematics", "mj_comPos", "mj_makeM", "mj_fwdVelocity", "mj_factorM", "mj_step2")
@@ -46,22 +43,6 @@ class Calls(NamedTuple):
     stages: tuple[int, int, int, int, int, int]  # of STAGES
     model: int
     data: int
-
-
-def _emit_call(_: Any, function: Any, model: Any, data: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        function_type = types.FunctionType(types.void(types.intp, types.intp))
-        pointer = context.get_value_type(function_type.ftype)
-        builder.call(builder.inttoptr(args[0], pointer), args[1:])
-        return context.get_dummy_value()
-
-    return types.void(types.intp, types.intp, types.intp), generate
-
-
-call: Callable[[int, int, int], None] = cast(Any, intrinsic(_emit_call))
-"""Call one of STAGES: its address, the model's and the data's. To be called from compiled code
-only.
-"""
 
 
 @cache
@@ -97,7 +78,7 @@ def _calls_of(model: Any, data: Any) -> Calls:
 def _step(calls: Calls) -> None:
     """One step of MuJoCo by its stages, without further forces."""
     for stage in calls.stages:
-        call(stage, calls.model, calls.data)
+        call_address(stage, calls.model, calls.data)
 
 
 def steps_differ() -> float:

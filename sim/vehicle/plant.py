@@ -18,12 +18,12 @@ import mujoco
 import numpy as np
 
 from laisn.arrays import Floats, Ints
-from laisn.compiled import compiled, copy_values
+from laisn.compiled import call_address, compiled, copy_values
 from laisn.errors import LaisnError
 from sim import attitude
 from sim.vehicle import effectors, hydrodynamics, mjcf
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
-from sim.vehicle.mujoco_calls import NO_CONTACT, NO_FORCES, call, calls_of
+from sim.vehicle.mujoco_calls import NO_CONTACT, NO_FORCES, calls_of
 from sim.water.ocean import Ocean
 
 # what ended a step, one of FINE … WARNED, and the index of the vehicle, or of MuJoCo's warning
@@ -55,9 +55,9 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
         return NONFINITE_COMMAND, bad
     _shift(twist, acceleration, -half_step)
     for _ in range(n_substeps):
-        call(kinematics, model, data)
-        call(centres, model, data)
-        call(inertia, model, data)
+        call_address(kinematics, model, data)
+        call_address(centres, model, data)
+        call_address(inertia, model, data)
         # forces are those of the instant, velocities those of the middle of the last step
         _shift(twist, acceleration, half_step)
         lost = hydrodynamics.apply_water_forces(
@@ -65,10 +65,10 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
         )
         if lost >= 0:
             return DIVERGED, lost
-        call(velocity, model, data)
-        call(factor, model, data)
+        call_address(velocity, model, data)
+        call_address(factor, model, data)
         _shift(twist, acceleration, -half_step)
-        call(finish, model, data)
+        call_address(finish, model, data)
         effectors.apply_lag(fitted, command, response)
         clock[0] += clock[1]
     _shift(twist, acceleration, half_step)
@@ -194,7 +194,9 @@ class Plant:
         if command.shape != self.thrust.shape:
             raise ValueError(f"command has shape {command.shape}, expected {self.thrust.shape}")
         given = np.ascontiguousarray(command, dtype=np.float64)
-        self.finish_step(advance(self.step_handles(), given, n_substeps))
+        fault = advance(self.step_handles(), given, n_substeps)
+        self.ocean.raise_custom_error()
+        self.finish_step(fault)
 
     def step_handles(self) -> Any:
         """Arguments of `advance`, at the present time."""

@@ -1,11 +1,22 @@
 """A scenario made into a sea."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 
+from laisn.arrays import Floats
+from laisn.errors import LaisnError
+from laisn.plugins import calling, find_class
+from sim.scenario.section import in_si
 from sim.scenario.settings import Scenario
+from sim.water.custom import CustomCaller
+from sim.water.environment import velocities_at
+from sim.water.field_files import CurrentField, Origin, Source, read_current
 from sim.water.floors import LevelFloor
 from sim.water.ocean import Ocean
 from sim.water.rays import SoundProfile, StraightRays
+from sim.water.region import region_of
 from sim.water.waves import Waves
 
 # keeps the sea's random numbers apart from all others that come from the same seed
@@ -23,8 +34,73 @@ def rays_of(scenario: Scenario) -> StraightRays:
     )
 
 
+def _origin(scenario: Scenario) -> Origin:
+    return Origin(scenario.origin_latitude_deg, scenario.origin_longitude_deg, scenario.epoch)
+
+
+def current_field(scenario: Scenario) -> CurrentField | None:
+    """The current that a scenario reads from a file; None: none. FieldError if the file has none,
+    or is not that with which the scenario was saved.
+    """
+    current = scenario.ocean.current
+    if current is None or current.file is None:
+        return None
+    source = Source("ocean.current.file", Path(current.file))
+    source.require_content(current.sha256)
+    return read_current(source, _origin(scenario), region_of(scenario))
+
+
+def _custom_current(scenario: Scenario) -> CustomCaller | None:
+    """The current of the user's own; LaisnError if its class is not there, or takes other keys."""
+    current = scenario.ocean.current
+    if current is None or current.model is None:
+        return None
+    made = find_class("current", current.model, "velocity")
+    fields = getattr(made, "__dataclass_fields__", ())
+    keys = in_si(current.own.model_extra or {}, fields)
+    try:
+        with calling(f"current {current.model}"):
+            caller = CustomCaller(made(**keys))
+    except LaisnError as error:
+        raise LaisnError(f"ocean.current: {error}") from error
+    if not callable(getattr(made, "velocity", None)):
+        raise LaisnError(f"ocean.current: {current.model} has no `velocity(position, time)`")
+    return caller
+
+
+def current_at(
+    scenario: Scenario, east: Floats, north: Floats, depth: Floats | float, time: Floats
+) -> Floats:
+    """Current without waves at n places [m] and times [s], east and north, shape (n, 2), [m/s]."""
+    if scenario.ocean.current is None:
+        settings = scenario.ocean.current_at(depth, time)
+        return np.asarray(np.broadcast_to(settings, (np.size(time), 2)))
+    calm = replace(ocean_of(scenario), waves=Waves.none())
+    height = np.broadcast_to(-np.asarray(depth, dtype=np.float64), np.shape(time))
+    place = np.ascontiguousarray(np.column_stack([east, north, height]))
+    velocity = np.empty(place.shape)
+    velocities_at(calm.environment, place, np.asarray(time, dtype=np.float64), velocity)
+    calm.raise_custom_error()
+    return velocity[:, :2]
+
+
 def ocean_of(scenario: Scenario) -> Ocean:
-    """The sea; its waves depend on the seed and not on the run. ValueError if they would break."""
+    """The sea; its waves depend on the seed and not on the run. LaisnError if they would break, or
+    if a current cannot be had.
+    """
+    field = current_field(scenario)
+    sea = sea_of_keys(scenario)
+    return replace(
+        sea,
+        current=None if field is None else field.current,
+        custom=_custom_current(scenario),
+    )
+
+
+def sea_of_keys(scenario: Scenario) -> Ocean:
+    """The sea without what is read from files, or is of the user's own. LaisnError if its waves
+    would break.
+    """
     water = scenario.ocean
     waves = scenario.ocean.waves
     towards = {

@@ -119,3 +119,12 @@ def water_velocity(environment: Environment, position: Floats, time: float, out:
         out[i, 0] = u[0]
         out[i, 1] = u[1]
         out[i, 2] = u[2]
+
+
+@compiled
+def velocities_at(environment: Environment, position: Floats, time: Floats, out: Floats) -> None:
+    """Write the velocity of the water at places, shape (n, 3), [m], and times, (n,), [s], to `out`,
+    shape (n, 3), [m/s].
+    """
+    for i in range(position.shape[0]):
+        water_velocity(environment, position[i : i + 1], time[i], out[i : i + 1])

@@ -8,6 +8,7 @@ import numpy as np
 
 from laisn.arrays import Floats, own_arrays
 from sim.water.currents import ACCELERATION, RUN, SET, START, ShearedCurrent
+from sim.water.custom import CustomCaller
 from sim.water.environment import Environment, UniformDensity, water_velocity
 from sim.water.floors import LevelFloor
 from sim.water.rays import SoundProfile, StraightRays
@@ -26,7 +27,8 @@ class Ocean:
     current_change: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     """Velocity V that is added at all depths: time [s], east and north [m/s], shape (m, 3), times
     increasing from 0; linear between the points, constant after the last."""
-    current: Any = None  # another current in place of that of these keys
+    current: Any = None  # another current in place of that of these fields
+    custom: CustomCaller | None = None  # or one of the user's own
     density_kg_m3: float = 1026.0
     floor_depth_m: float = FLOOR_DEPTH_M
     waves: Waves = field(default_factory=Waves.none)  # made for the same depth
@@ -52,7 +54,9 @@ class Ocean:
         """The sea as compiled functions take it."""
         steady = (0.0, 0.0)
         current = self.current
-        if current is None:
+        if self.custom is not None:
+            current = self.custom.record
+        elif current is None:
             current = self._sheared_current()
             steady = current.surface
         floor = LevelFloor(float(self.floor_depth_m))
@@ -73,7 +77,13 @@ class Ocean:
         """
         out = np.empty(position.shape)
         water_velocity(self.environment, position, time, out)
+        self.raise_custom_error()
         return out
+
+    def raise_custom_error(self) -> None:
+        """Raise what a current of the user's own has raised when compiled code called it."""
+        if self.custom is not None:
+            self.custom.raise_error()
 
 
 def change_table(points: Floats) -> Floats:

@@ -14,7 +14,7 @@ import numpy as np
 
 from experiments.flight.fly import fly
 from experiments.flight.library import load_scenario
-from laisn.compiled import compiled
+from laisn.compiled import call_address, compiled
 from sim.assembly import routes_of, setups_of
 from sim.film import graphics, render
 from sim.film.render import Job
@@ -23,7 +23,7 @@ from sim.log.contents import Contents
 from sim.scenario.settings import Follower, Scenario
 from sim.simulation import simulate
 from sim.vehicle.mjcf import compose, spec_of
-from sim.vehicle.mujoco_calls import NO_CONTACT, Calls, call, calls_of
+from sim.vehicle.mujoco_calls import NO_CONTACT, Calls, calls_of
 from sim.vehicle.plant import Plant
 from sim.water.assembly import ocean_of
 from tools.benchmarks.row import Row, least_time
@@ -62,7 +62,7 @@ def _stages(calls: Calls, steps: int) -> None:
     stages, model, data = calls
     for _ in range(steps):
         for stage in stages:
-            call(stage, model, data)
+            call_address(stage, model, data)
 
 
 def physics() -> list[Row]:

@@ -1,0 +1,96 @@
+"""What a user may set of a sea that is read from files, or is a class of the user's own."""
+
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import ConfigDict, Field, field_validator, model_validator
+
+from sim.scenario.section import OWN_CLASS, Section
+from sim.system import file_digest
+
+_SHA256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+class MapOrigin(Section):
+    """Where and when on the map the mission's (0, 0) and time 0 are. Keys `lat` and `lon` will
+    do, too; default: `origin_latitude_deg`, `origin_longitude_deg` and `epoch`.
+    """
+
+    latitude_deg: Annotated[float, Field(ge=-89, le=89)] | None = None
+    longitude_deg: Annotated[float, Field(ge=-180, le=360)] | None = Field(
+        None, description="east of Greenwich"
+    )
+    time: str | None = Field(None, description="ISO 8601, with zone")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _short_keys(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        full = {"lat": "latitude_deg", "lon": "longitude_deg"}
+        return {full.get(key, key): value for key, value in data.items()}
+
+    @field_validator("longitude_deg")
+    @classmethod
+    def _west_is_negative(cls, longitude: float | None) -> float | None:
+        return longitude - 360.0 if longitude is not None and longitude > 180.0 else longitude
+
+    @field_validator("time")
+    @classmethod
+    def _time_has_a_zone(cls, text: str | None) -> str | None:
+        if text is not None and datetime.fromisoformat(text).tzinfo is None:
+            raise ValueError(
+                f"{text!r} is no ISO 8601 time with zone, such as 2026-01-01T00:00:00+00:00"
+            )
+        return text
+
+
+class SeaFile(Section):
+    """A file with a field of the sea."""
+
+    file: str | None = Field(None, description="NetCDF file, path relative to this file")
+    sha256: _SHA256 | None = Field(
+        None, description="of the file, filled in where a scenario is read; another one is refused"
+    )
+
+    @field_validator("file")
+    @classmethod
+    def _absolute(cls, file: str | None) -> str | None:
+        return None if file is None else str(Path(file).absolute())
+
+    @model_validator(mode="after")
+    def _with_digest(self) -> Self:
+        """With the digest of the file, so that results are those of its content."""
+        if self.file is not None and self.sha256 is None:
+            self.__dict__["sha256"] = file_digest(Path(self.file))
+        return self
+
+
+class CustomKeys(Section):
+    """Keys of a class of the user's own: its fields, with or without unit."""
+
+    model_config = ConfigDict(extra="allow")
+
+    __pydantic_extra__: dict[str, bool | int | float | str]
+
+
+class CurrentSource(SeaFile):
+    """A current by place, depth and time, in place of the keys `current_…` above: from a file, or
+    of a class of the user's own.
+    """
+
+    file: str | None = Field(
+        None,
+        description="NetCDF file with eastward and northward velocity, path relative to this file",
+    )
+    model: Annotated[str, Field(pattern=OWN_CLASS)] | None = Field(
+        None, description="own class, module:Class"
+    )
+    own: CustomKeys = CustomKeys()
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if (self.file is None) == (self.model is None):
+            raise ValueError("a current needs `file` or `model`, and not both")
+        return self

@@ -1,0 +1,102 @@
+"""What a sea from files, or of the user's own, must be for a mission; and what was read of it."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from laisn.arrays import Floats
+from laisn.errors import LaisnError
+from sim.assembly import route_of, vehicle_names
+from sim.scenario.point_motion import plan
+from sim.scenario.settings import FASTEST_CURRENT_M_S, Scenario
+from sim.water.assembly import current_at, current_field
+from sim.water.region import Region
+
+_LOOKS = 500  # instants at which the plan of a mission is looked at
+
+
+class PlannedPath(NamedTuple):
+    """Where a vehicle is to be."""
+
+    key: str  # of the vehicle in the scenario
+    time: Floats  # shape (n,), [s]
+    place: Floats  # east, north and up, shape (n, 3), [m]
+
+    def at(self, instant: int) -> str:
+        """Time and place for a message."""
+        east, north, up = self.place[instant]
+        return f"at {self.time[instant]:.0f} s, {east:.0f} m east, {north:.0f} m north, {-up:.3g} m"
+
+
+class Area(NamedTuple):
+    """Where a field is known."""
+
+    key: str  # that names its file
+    region: Region
+
+
+def planned_paths(scenario: Scenario) -> Iterator[PlannedPath]:
+    """Plans of all vehicles that have routes."""
+    time = np.linspace(0.0, scenario.duration_s, _LOOKS)
+    for (key, vehicle), name in zip(scenario.vehicles(), vehicle_names(scenario), strict=True):
+        if getattr(vehicle, "station", None) is not None:
+            continue
+        route = route_of(vehicle, name)
+        motion = plan(route).at(time)
+        depth = route.depth.depth_at(time)
+        yield PlannedPath(key, time, np.column_stack([motion.east, motion.north, -depth]))
+
+
+def areas_of(scenario: Scenario) -> tuple[Area, ...]:
+    """Where the fields of a scenario are known, of which its vehicles may not leave any."""
+    current = current_field(scenario)
+    return () if current is None else (Area("ocean.current.file", current.region),)
+
+
+def _require_area(area: Area, path: PlannedPath) -> None:
+    outside = ~area.region.within(path.place[:, :2])
+    if outside.any():
+        first = int(np.argmax(outside))
+        covered = area.region
+        raise LaisnError(
+            f"{area.key}: {path.key} leaves it {path.at(first)}; it covers {covered.west:.0f} to "
+            f"{covered.east:.0f} m east and {covered.south:.0f} to {covered.north:.0f} m north of "
+            "the origin"
+        )
+
+
+def _require_current(scenario: Scenario, path: PlannedPath) -> None:
+    field = current_field(scenario)
+    if field is not None:
+        land = field.on_land(path.place[:, :2])
+        if land.any():
+            first = int(np.argmax(land))
+            raise LaisnError(f"ocean.current.file: {path.key} runs over land {path.at(first)}")
+    east, north, up = path.place.T
+    speed = np.hypot(*current_at(scenario, east, north, -up, path.time).T)
+    fastest = int(np.argmax(speed))
+    if speed[fastest] > FASTEST_CURRENT_M_S:
+        raise LaisnError(
+            f"ocean.current: {path.key} meets {speed[fastest]:.3g} m/s {path.at(fastest)}; at most "
+            f"{FASTEST_CURRENT_M_S:g} m/s are flown"
+        )
+
+
+def require_sea(scenario: Scenario) -> None:
+    """LaisnError where a plan leaves a field, runs over land or meets a current that is too fast;
+    errors of files as of `sim.water.field_files`.
+    """
+    if scenario.ocean.current is None:
+        return
+    areas = areas_of(scenario)
+    for path in planned_paths(scenario):
+        for area in areas:
+            _require_area(area, path)
+        _require_current(scenario, path)
+
+
+def sea_report(scenario: Scenario) -> list[str]:
+    """What was read for a scenario, a line for each file."""
+    field = current_field(scenario)
+    return [] if field is None else [f"ocean.current: {field.report}"]

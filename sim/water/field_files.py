@@ -1,0 +1,613 @@
+"""Fields of the sea out of NetCDF files: currents and floors.
+
+Variables are found by their CF `standard_name`, then by the names of CMEMS and NEMO, HYCOM, GEBCO
+and plain ones. Places in degrees are projected about the mission's origin as `geodetic` of
+`sim.attitude` does; places in metres are about the origin as they are. Only the part of a file that
+a mission may need is read. The packages are those of the extra `fields`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from laisn.arrays import Bools, Floats, Ints
+from laisn.errors import LaisnError
+from sim.attitude import metres_per_degree
+from sim.system import file_digest
+from sim.water.grids import CurrentGrid, GriddedCurrent, GriddedFloor
+from sim.water.region import Region
+
+_MOST_BYTES = 1_000_000_000  # of what is read of a file
+_METRES = {"m": 1.0, "meter": 1.0, "metre": 1.0, "meters": 1.0, "metres": 1.0, "km": 1000.0}
+_EAST = ("degrees_east", "degree_east", "degrees_e", "degreee", "degree_e")
+_NORTH = ("degrees_north", "degree_north", "degrees_n", "degreen", "degree_n")
+_DEGREES = (*_EAST, *_NORTH, "degree", "degrees", "deg", "")
+_SPEEDS = {
+    **dict.fromkeys(("m/s", "m s-1", "m s^-1", "m.s-1", "meter/second", "meters/second"), 1.0),
+    **dict.fromkeys(("meter second-1", "metre second-1", "m s**-1", "ms-1"), 1.0),
+    **dict.fromkeys(("cm/s", "cm s-1", "cm s^-1", "centimeter/second"), 0.01),
+}
+_TIMES = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "min": 60.0, "minutes": 60.0}
+_TIMES |= {"h": 3600.0, "hour": 3600.0, "hours": 3600.0, "d": 86400.0, "day": 86400.0}
+_TIMES |= {"days": 86400.0}
+_CALENDARS = ("standard", "gregorian", "proleptic_gregorian")
+
+
+class FieldError(LaisnError):
+    """A file that cannot be used; the text names key, file, variable and expectation."""
+
+
+class Origin(NamedTuple):
+    """The place of (0, 0), and the time 0."""
+
+    latitude_deg: float
+    longitude_deg: float
+    time: str  # ISO 8601
+
+
+class Quantity(NamedTuple):
+    """What a variable may be called."""
+
+    title: str
+    standard_names: tuple[str, ...]
+    names: tuple[str, ...]
+
+
+EASTWARD = Quantity(
+    "eastward velocity",
+    (
+        "eastward_sea_water_velocity",
+        "sea_water_x_velocity",
+        "surface_eastward_sea_water_velocity",
+        "barotropic_eastward_sea_water_velocity",
+    ),
+    ("uo", "water_u", "u", "vozocrtx", "utotal", "ucur", "u_east"),
+)
+NORTHWARD = Quantity(
+    "northward velocity",
+    (
+        "northward_sea_water_velocity",
+        "sea_water_y_velocity",
+        "surface_northward_sea_water_velocity",
+        "barotropic_northward_sea_water_velocity",
+    ),
+    ("vo", "water_v", "v", "vomecrty", "vtotal", "vcur", "v_north"),
+)
+UPWARD = Quantity(
+    "upward velocity", ("upward_sea_water_velocity",), ("wo", "water_w", "w", "vovecrtz")
+)
+HEIGHT = Quantity(
+    "elevation or depth of the floor",
+    (
+        "sea_floor_depth_below_geoid",
+        "sea_floor_depth_below_sea_level",
+        "sea_floor_depth_below_sea_surface",
+        "sea_floor_depth_below_mean_sea_level",
+        "sea_floor_depth",
+        "height_above_mean_sea_level",
+        "height_above_reference_ellipsoid",
+        "surface_altitude",
+        "altitude",
+    ),
+    ("elevation", "depth", "deptho", "bathymetry", "topo", "z", "band1", "h", "mbathy"),
+)
+
+_AXES = {
+    "X": Quantity(
+        "longitude or east",
+        ("longitude", "projection_x_coordinate"),
+        ("lon", "longitude", "nav_lon", "x", "east", "easting"),
+    ),
+    "Y": Quantity(
+        "latitude or north",
+        ("latitude", "projection_y_coordinate"),
+        ("lat", "latitude", "nav_lat", "y", "north", "northing"),
+    ),
+    "Z": Quantity(
+        "depth",
+        ("depth", "height", "altitude"),
+        ("depth", "deptht", "depthu", "depthv", "lev", "level", "z", "height"),
+    ),
+    "T": Quantity("time", ("time",), ("time", "time_counter", "ocean_time", "t")),
+}
+
+
+class Source(NamedTuple):
+    """A file, and the key that names it."""
+
+    key: str
+    file: Path
+
+    def error(self, problem: str) -> FieldError:
+        """The error of a problem of this file."""
+        return FieldError(f"{self.key}: {self.file}: {problem}")
+
+    def require_content(self, sha256: str | None) -> None:
+        """FieldError if the file is there with other content than that with a digest."""
+        digest = file_digest(self.file)
+        if digest is not None and sha256 is not None and digest != sha256:
+            raise self.error(
+                f"its content is not that with which the scenario was saved (sha256 {sha256[:12]}…)"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurrentField:
+    """A current that was read."""
+
+    current: GriddedCurrent
+    region: Region  # that the grid covers, within what was asked for
+    land: Bools  # columns without water, shape (j, i)
+    report: str  # what was read, in a line
+
+    def on_land(self, place: Floats) -> Bools:
+        """Whether the nearest points of the grid to places, shape (n, 2), [m], are land."""
+        grid = self.current.grid
+        i = _nearest(grid.east, place[:, 0])
+        j = _nearest(grid.north, place[:, 1])
+        return np.asarray(self.land[j, i])
+
+
+@dataclass(frozen=True, kw_only=True)
+class FloorField:
+    """A floor that was read."""
+
+    floor: GriddedFloor
+    region: Region
+    report: str
+
+
+def _nearest(axis: Floats, values: Floats) -> Ints:
+    if axis.size == 1:
+        return np.zeros(values.shape, dtype=np.int64)
+    middles = 0.5 * (axis[1:] + axis[:-1])
+    return np.searchsorted(middles, values)
+
+
+def read_current(source: Source, origin: Origin, region: Region) -> CurrentField:
+    """The current of a file about an origin, as far as a region needs it; FieldError if it has
+    none such.
+    """
+    return _read_current(source, file_digest(source.file), origin, region)
+
+
+def read_floor(source: Source, origin: Origin, region: Region) -> FloorField:
+    """The floor of a file about an origin, as far as a region needs it; FieldError if it has none
+    such.
+    """
+    return _read_floor(source, file_digest(source.file), origin, region)
+
+
+def _dataset(source: Source) -> Any:
+    """The opened file, its times as numbers; FieldError if it is no NetCDF file."""
+    try:
+        with source.file.open("rb") as file:
+            magic = file.read(8)
+    except OSError as error:
+        raise source.error(f"cannot be read: {error.strerror or error}") from None
+    try:
+        import xarray
+    except ImportError:
+        raise source.error(
+            "reading fields needs packages that are not installed: pip install 'laisn-sim[fields]'"
+        ) from None
+    if magic.startswith(b"\x89HDF"):
+        engine = "h5netcdf"
+    elif magic[:4] in (b"CDF\x01", b"CDF\x02"):
+        engine = "scipy"
+    else:
+        raise source.error("it is no NetCDF file (classic or NetCDF-4)")
+    try:
+        return xarray.open_dataset(
+            source.file, engine=engine, decode_times=False, decode_timedelta=False
+        )
+    except Exception as error:
+        # of many libraries; whatever it is, this file cannot be opened
+        reason = str(error).partition("\n")[0]
+        raise source.error(f"it cannot be opened as NetCDF: {reason:.200}") from error
+
+
+def _find(dataset: Any, quantity: Quantity) -> Any:
+    """The variable that is a quantity; None if there is none."""
+    variables = [dataset[name] for name in dataset.data_vars]
+    for wanted in quantity.standard_names:
+        for variable in variables:
+            if str(variable.attrs.get("standard_name", "")).lower() == wanted:
+                return variable
+    for wanted in quantity.names:
+        for variable in variables:
+            if str(variable.name).lower() == wanted:
+                return variable
+    return None
+
+
+def _require(source: Source, dataset: Any, quantity: Quantity) -> Any:
+    variable = _find(dataset, quantity)
+    if variable is not None:
+        return variable
+    expected = f"standard_name {quantity.standard_names[0]!r}, or the name "
+    expected += " or ".join(repr(name) for name in quantity.names[:3])
+    there = ", ".join(str(name) for name in dataset.data_vars) or "none"
+    raise source.error(f"it has no {quantity.title}: expected {expected}; its variables: {there}")
+
+
+def _axis_kind(coordinate: Any) -> str:
+    """X, Y, Z or T of a coordinate; "" if it is none of them."""
+    units = _units(coordinate)
+    standard = str(coordinate.attrs.get("standard_name", "")).lower()
+    for kind, quantity in _AXES.items():
+        if standard in quantity.standard_names:
+            return kind
+    if units in _EAST:
+        return "X"
+    if units in _NORTH:
+        return "Y"
+    for kind, quantity in _AXES.items():
+        if str(coordinate.name).lower() in quantity.names:
+            return kind
+    axis = str(coordinate.attrs.get("axis", "")).upper()
+    if axis in _AXES:
+        return axis
+    return "T" if " since " in units else ""
+
+
+def _units(variable: Any) -> str:
+    return str(variable.attrs.get("units", "")).strip().lower()
+
+
+def _axes(source: Source, dataset: Any, variable: Any, most: str) -> dict[str, Any]:
+    """Coordinates of a variable's axes by kind, of those in `most`, "TZYX" or "YX"."""
+    text = " ".join(
+        [*map(str, dataset.variables), *(str(v.attrs) for v in dataset.variables.values())]
+    )
+    if "ocean_s_coordinate" in text or "s_rho" in map(str, dataset.dims):
+        raise source.error(
+            f"{variable.name} is on s-coordinates (ROMS); expected levels of depth: interpolate to "
+            "them first"
+        )
+    axes: dict[str, Any] = {}
+    for dimension in variable.dims:
+        if dimension not in dataset.coords:
+            if variable.sizes[dimension] == 1:
+                continue
+            raise source.error(
+                f"{variable.name}: its dimension {dimension!r} has no coordinate of that name; "
+                "expected longitude, latitude, depth and time as axes of one dimension each"
+            )
+        kind = _axis_kind(dataset[dimension])
+        if kind == "" or kind not in most:
+            if variable.sizes[dimension] == 1:
+                continue
+            raise source.error(
+                f"{variable.name}: its dimension {dimension!r} is not understood; expected "
+                f"{', '.join(_AXES[key].title for key in most)}"
+            )
+        if kind in axes:
+            raise source.error(
+                f"{variable.name}: two of its dimensions are {_AXES[kind].title}: "
+                f"{axes[kind].name!r} and {dimension!r}"
+            )
+        axes[kind] = dataset[dimension]
+    for kind in "XY":
+        if kind not in axes:
+            raise source.error(
+                f"{variable.name} has no axis of {_AXES[kind].title}; its dimensions: "
+                f"{', '.join(map(str, variable.dims))}"
+            )
+    return axes
+
+
+class _Axis(NamedTuple):
+    """Values of an axis in SI units, increasing, and the order in which the file has them."""
+
+    value: Floats
+    order: Ints
+
+    def part(self, low: float, high: float) -> "_Axis":
+        """The points from one before `low` to one behind `high`."""
+        first = max(int(np.searchsorted(self.value, low, "right")) - 1, 0)
+        last = min(int(np.searchsorted(self.value, high, "left")), self.value.size - 1)
+        some = slice(first, max(last, first) + 1)
+        return _Axis(self.value[some], self.order[some])
+
+
+def _sorted(source: Source, name: str, value: Floats) -> _Axis:
+    if value.size == 0 or not np.isfinite(value).all():
+        raise source.error(f"{name} has values that are missing or no numbers")
+    order = np.argsort(value, kind="stable")
+    value = value[order]
+    if (np.diff(value) <= 0.0).any():
+        raise source.error(
+            f"{name} has the same value twice; expected values that increase or fall"
+        )
+    return _Axis(value, order.astype(np.int64))
+
+
+def _level_axes(source: Source, axes: dict[str, Any], origin: Origin) -> tuple[_Axis, _Axis]:
+    """Axes of east and north about the origin [m]."""
+    units = [_units(axes[kind]) for kind in "XY"]
+    values = [np.atleast_1d(np.asarray(axes[kind].values, dtype=np.float64)) for kind in "XY"]
+    names = [str(axes[kind].name) for kind in "XY"]
+    if all(unit in _METRES for unit in units):
+        scaled = [value * _METRES[unit] for value, unit in zip(values, units, strict=True)]
+        east, north = scaled
+    elif all(unit.replace(" ", "_") in _DEGREES for unit in units):
+        per_degree = metres_per_degree(origin.latitude_deg)
+        if np.abs(values[1]).max(initial=0.0) > 90.0:
+            raise source.error(
+                f"{names[1]} has values beyond 90 and no units of metres; expected degrees, or "
+                "units 'm'"
+            )
+        # east of the origin within half a turn, whether the file has 0 to 360° or -180 to 180°
+        east = ((values[0] - origin.longitude_deg + 180.0) % 360.0 - 180.0) * per_degree.east
+        north = (values[1] - origin.latitude_deg) * per_degree.north
+    else:
+        raise source.error(
+            f"{names[0]} and {names[1]} have units {units[0]!r} and {units[1]!r}; expected degrees "
+            "or metres"
+        )
+    return _sorted(source, names[0], east), _sorted(source, names[1], north)
+
+
+def _depth_axis(source: Source, axes: dict[str, Any]) -> _Axis:
+    """Depths, positive down [m]; one of 0 where a field has none."""
+    if "Z" not in axes:
+        return _Axis(np.zeros(1), np.zeros(1, dtype=np.int64))
+    axis = axes["Z"]
+    units = _units(axis)
+    if units and units not in _METRES:
+        raise source.error(f"{axis.name} has units {units!r}; expected metres of depth")
+    value = np.atleast_1d(np.asarray(axis.values, dtype=np.float64)) * _METRES.get(units, 1.0)
+    positive = str(axis.attrs.get("positive", "")).lower()
+    upward = positive == "up" or (positive != "down" and bool((value <= 0.0).all()))
+    return _sorted(source, str(axis.name), -value if upward else value)
+
+
+def _time_axis(source: Source, axes: dict[str, Any], origin: Origin, until: float) -> _Axis:
+    """Times since the start of the mission [s]; one of 0 for a steady field."""
+    if "T" not in axes or axes["T"].size == 1:
+        return _Axis(np.zeros(1), np.zeros(1, dtype=np.int64))
+    axis = axes["T"]
+    time = _sorted(source, str(axis.name), _seconds(source, axis, origin))
+    first, last = time.value[0], time.value[-1]
+    if first > 0.0 or last < until:
+        raise source.error(
+            f"{axis.name} covers {first:g} to {last:g} s from the start of the mission, which "
+            f"lasts from 0 to {until:g} s; its time 0 is ocean.origin.time = {origin.time}"
+        )
+    return time
+
+
+def _seconds(source: Source, axis: Any, origin: Origin) -> Floats:
+    units = _units(axis)
+    value = np.asarray(axis.values, dtype=np.float64)
+    if units in _TIMES:
+        return value * _TIMES[units]
+    step, since, reference = units.partition(" since ")
+    calendar = str(axis.attrs.get("calendar", "standard")).lower()
+    if not since or step not in _TIMES:
+        raise source.error(
+            f"{axis.name} has units {units!r}; expected such as 'hours since 2026-01-01', or 's' "
+            "from the start of the mission"
+        )
+    if calendar not in _CALENDARS:
+        raise source.error(f"{axis.name} has the calendar {calendar!r}; expected 'standard'")
+    start = _moment(source, str(axis.name), reference.strip())
+    return value * _TIMES[step] + (start - datetime.fromisoformat(origin.time)).total_seconds()
+
+
+def _moment(source: Source, name: str, text: str) -> datetime:
+    """A date of a NetCDF unit, in UTC unless it has a zone."""
+    date, _, clock = text.replace("t", " ").replace("z", " ").removesuffix(" utc").partition(" ")
+    parts = date.split("-")
+    try:
+        year, month, day = (int(part) for part in parts)
+        clock = clock.strip().split(" ")[0]
+        text = f"{year:04d}-{month:02d}-{day:02d}"
+        if clock:
+            hours, *rest = clock.split(":")
+            minutes = rest[0] if rest else "0"
+            seconds = float(rest[1]) if len(rest) > 1 else 0.0
+            text += f" {int(hours):02d}:{int(minutes):02d}:{int(seconds):02d}"
+        return datetime.fromisoformat(text).replace(tzinfo=UTC)
+    except ValueError:
+        raise source.error(f"{name}: {text!r} is no date such as 2026-01-01 00:00:00") from None
+
+
+def _values(source: Source, variable: Any, axes: dict[str, _Axis], names: dict[str, str]) -> Floats:
+    """Values of a variable on parts of its axes, shape (t, k, j, i); NaN where there are none."""
+    chosen = {names[kind]: axis.order for kind, axis in axes.items() if kind in names}
+    rest = {d: 0 for d in variable.dims if d not in chosen}
+    count = int(np.prod([axis.value.size for axis in axes.values()]))
+    if 8 * count > _MOST_BYTES:
+        raise source.error(
+            f"{variable.name} has {8e-9 * count:.1f} GB about the mission; at most "
+            f"{1e-9 * _MOST_BYTES:g} GB are read: cut or thin it out"
+        )
+    try:
+        # in the file's own order, which it reads fast, and then in that of the axes
+        part = variable.isel(rest).isel({d: np.sort(order) for d, order in chosen.items()})
+        part = part.isel({d: np.argsort(np.argsort(order)) for d, order in chosen.items()})
+        part = part.transpose(*[names[kind] for kind in axes if kind in names])
+        values = np.asarray(part.values, dtype=np.float64)
+    except Exception as error:
+        # of many libraries, where the data are damaged
+        reason = str(error).partition("\n")[0]
+        raise source.error(f"{variable.name} cannot be read: {reason:.200}") from error
+    shape = [axis.value.size if kind in names else 1 for kind, axis in axes.items()]
+    return values.reshape(shape)
+
+
+def _speed_scale(source: Source, variable: Any) -> float:
+    units = " ".join(str(variable.attrs.get("units", "m s-1")).lower().split())
+    if units not in _SPEEDS:
+        raise source.error(f"{variable.name} has units {units!r}; expected m s-1, or cm s-1")
+    return _SPEEDS[units]
+
+
+def _covered(east: _Axis, north: _Axis, region: Region) -> Region:
+    """What axes cover."""
+    return Region(east.value[0], east.value[-1], north.value[0], north.value[-1], region.until)
+
+
+def _require_overlap(source: Source, east: _Axis, north: _Axis, region: Region) -> None:
+    """FieldError if a field is elsewhere than the mission."""
+    e = east.value
+    n = north.value
+    if e[0] < region.east and e[-1] > region.west and n[0] < region.north and n[-1] > region.south:
+        return
+    raise source.error(
+        f"it covers {e[0] / 1e3:.4g} to {e[-1] / 1e3:.4g} km east and {n[0] / 1e3:.4g} to "
+        f"{n[-1] / 1e3:.4g} km north of the origin, and none of the mission; set ocean.origin"
+    )
+
+
+@lru_cache(maxsize=4)
+def _read_current(
+    source: Source, _digest: str | None, origin: Origin, region: Region
+) -> CurrentField:
+    with _dataset(source) as dataset:
+        eastward = _require(source, dataset, EASTWARD)
+        northward = _require(source, dataset, NORTHWARD)
+        upward = _find(dataset, UPWARD)
+        found = _axes(source, dataset, eastward, "TZYX")
+        for other in (northward, *(() if upward is None else (upward,))):
+            if other.dims != eastward.dims:
+                raise source.error(
+                    f"{other.name} and {eastward.name} are on different axes; expected one grid "
+                    "for all components"
+                )
+        names = {kind: str(axis.name) for kind, axis in found.items()}
+        time = _time_axis(source, found, origin, region.until)
+        depth = _depth_axis(source, found)
+        east, north = _level_axes(source, found, origin)
+        _require_overlap(source, east, north, region)
+        axes = {
+            "T": time.part(0.0, region.until),
+            "Z": depth,
+            "Y": north.part(region.south, region.north),
+            "X": east.part(region.west, region.east),
+        }
+        velocity = np.zeros((*(axis.value.size for axis in axes.values()), 3))
+        components = [eastward, northward] + ([] if upward is None else [upward])
+        for i, variable in enumerate(components):
+            scale = _speed_scale(source, variable)
+            velocity[..., i] = scale * _values(source, variable, axes, names)
+    dry: Bools = np.asarray(~np.isfinite(velocity).all(axis=(0, 4)))
+    land: Bools = np.asarray(dry.all(axis=0))
+    if land.all():
+        raise source.error(f"{eastward.name} has no values about the mission: land, or no data")
+    _fill(velocity, dry)
+    grid = CurrentGrid(
+        time=axes["T"].value,
+        depth=depth.value,
+        north=axes["Y"].value,
+        east=axes["X"].value,
+        velocity=velocity,
+    )
+    fastest = float(np.sqrt((velocity**2).sum(axis=-1)).max())
+    report = f"{_names_of(components)} {_extent(axes, names)}, up to {fastest:.3g} m/s"
+    if land.any():
+        report += f", {land.mean():.0%} land"
+    return CurrentField(
+        current=GriddedCurrent(grid),
+        region=_covered(axes["X"], axes["Y"], region),
+        land=land,
+        report=f"{source.file.name}: {report}",
+    )
+
+
+def _names_of(variables: Sequence[Any]) -> str:
+    return ", ".join(str(variable.name) for variable in variables)
+
+
+def _extent(axes: dict[str, _Axis], names: dict[str, str]) -> str:
+    """Size, place and time of what was read."""
+    east, north = (axes[kind].value / 1e3 for kind in "XY")
+    text = (
+        f"on {axes['X'].value.size} × {axes['Y'].value.size} points, {east[0]:.4g} to "
+        f"{east[-1]:.4g} km east and {north[0]:.4g} to {north[-1]:.4g} km north of the origin"
+    )
+    if "Z" in axes:
+        depth = axes["Z"].value
+        text += (
+            f", {depth.size} depths, {depth[0]:.4g} to {depth[-1]:.4g} m"
+            if "Z" in names
+            else ", the same at all depths"
+        )
+    if "T" in axes:
+        time = axes["T"].value
+        text += (
+            f", {time.size} times, {time[0]:g} to {time[-1]:g} s from the start"
+            if time.size > 1
+            else ", steady"
+        )
+    return text
+
+
+def _fill(velocity: Floats, dry: Bools) -> None:
+    """Give points without water a velocity: below the floor that of the deepest level above it, on
+    land none.
+    """
+    for k in range(1, dry.shape[0]):
+        velocity[:, k][:, dry[k]] = velocity[:, k - 1][:, dry[k]]
+    velocity[np.isnan(velocity)] = 0.0
+
+
+@lru_cache(maxsize=4)
+def _read_floor(source: Source, _digest: str | None, origin: Origin, region: Region) -> FloorField:
+    with _dataset(source) as dataset:
+        variable = _require(source, dataset, HEIGHT)
+        found = _axes(source, dataset, variable, "YX")
+        names = {kind: str(axis.name) for kind, axis in found.items()}
+        units = _units(variable)
+        if units and units not in _METRES:
+            raise source.error(f"{variable.name} has units {units!r}; expected metres")
+        east, north = _level_axes(source, found, origin)
+        _require_overlap(source, east, north, region)
+        axes = {
+            "Y": north.part(region.south, region.north),
+            "X": east.part(region.west, region.east),
+        }
+        depth = _METRES.get(units, 1.0) * _values(source, variable, axes, names)
+        if _is_upward(variable):
+            depth = -depth
+    missing = np.isnan(depth)
+    if missing.any():
+        raise source.error(
+            f"{variable.name} has no value at {missing.mean():.1%} of its points about the "
+            "mission; expected a depth or height everywhere, above zero on land"
+        )
+    if (depth <= 0.0).all():
+        raise source.error(
+            f"{variable.name} lies above the water everywhere about the mission; a depth, "
+            "positive down, has the standard_name 'sea_floor_depth_below_geoid' or the attribute "
+            "positive = 'down'"
+        )
+    report = (
+        f"{variable.name} {_extent(axes, names)}, {max(depth.min(), 0.0):.3g} to {depth.max():.3g} "
+        "m deep"
+    )
+    if (depth <= 0.0).any():
+        report += f", {(depth <= 0.0).mean():.0%} land"
+    return FloorField(
+        floor=GriddedFloor(axes["Y"].value, axes["X"].value, np.ascontiguousarray(depth)),
+        region=_covered(axes["X"], axes["Y"], region),
+        report=f"{source.file.name}: {report}",
+    )
+
+
+def _is_upward(variable: Any) -> bool:
+    """Whether a variable is a height, positive up, and no depth."""
+    positive = str(variable.attrs.get("positive", "")).lower()
+    if positive in ("up", "down"):
+        return positive == "up"
+    standard = str(variable.attrs.get("standard_name", "")).lower()
+    if standard:
+        return "depth" not in standard
+    return str(variable.name).lower() in ("elevation", "topo", "z", "band1")

@@ -1,0 +1,181 @@
+"""Currents and floors on grids: linear between the points of each axis, constant beyond its ends.
+
+The error of a value falls with the square of the grid spacing, that of its gradient with the
+spacing. Where a field bends within the length of a hull, that is left out.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from laisn.arrays import Floats
+from laisn.compiled import compiled, jitable
+from sim.attitude import Vector
+from sim.water.currents import NO_DRIFT, CurrentFlow, Drift
+
+
+class Cell(NamedTuple):
+    """Where a value lies on an axis."""
+
+    low: int  # index of the point before it
+    high: int  # and of the one behind; the same beyond the ends
+    share: float  # of the point behind
+    slope: float  # of that share per unit of the axis; 0 beyond the ends
+
+
+@compiled
+def cell_of(axis: Floats, value: float) -> Cell:
+    """Cell of a value on an axis of one or more increasing points."""
+    last = axis.size - 1
+    if value <= axis[0] or last == 0:
+        return Cell(0, 0, 0.0, 0.0)
+    if value >= axis[last]:
+        return Cell(last, last, 0.0, 0.0)
+    low, high = 0, last
+    while high - low > 1:
+        middle = (low + high) // 2
+        if axis[middle] <= value:
+            low = middle
+        else:
+            high = middle
+    slope = 1.0 / (axis[high] - axis[low])
+    return Cell(low, high, (value - axis[low]) * slope, slope)
+
+
+@compiled
+def _end(cell: Cell, behind: int) -> tuple[int, float, float]:
+    """Index of one end of a cell, its weight, and the weight's slope."""
+    if behind:
+        return cell.high, cell.share, cell.slope
+    return cell.low, 1.0 - cell.share, -cell.slope
+
+
+class CurrentGrid(NamedTuple):
+    """Velocities of the water on a grid about the origin."""
+
+    time: Floats  # since the start of the mission, shape (t,), increasing, [s]
+    depth: Floats  # shape (k,), increasing, [m]
+    north: Floats  # shape (j,), increasing, [m]
+    east: Floats  # shape (i,), increasing, [m]
+    velocity: Floats  # east, north and up, shape (t, k, j, i, 3), [m/s]
+
+
+class GriddedInstant(NamedTuple):
+    """A `GriddedCurrent` at one time."""
+
+    drift: Drift
+    grid: CurrentGrid
+    time: Cell
+
+    @compiled
+    def flow(self, place: Vector, velocity: Vector) -> CurrentFlow:
+        """As of `sim.water.currents.ShearedInstant.flow`."""
+        grid = self.grid
+        time = self.time
+        x = cell_of(grid.east, place[0])
+        y = cell_of(grid.north, place[1])
+        z = cell_of(grid.depth, -place[2])
+        ux = uy = uz = 0.0
+        tx = ty = tz = 0.0
+        xx = xy = xz = yx = yy = yz = zx = zy = zz = 0.0
+        for corner in range(8):
+            i, wx, dx = _end(x, corner & 1)
+            j, wy, dy = _end(y, corner & 2)
+            k, wz, down = _end(z, corner & 4)
+            # heights count upwards, and the axis is that of depth
+            dz = -down
+            weight = wx * wy * wz
+            by_x = dx * wy * wz
+            by_y = wx * dy * wz
+            by_z = wx * wy * dz
+            ex = grid.velocity[time.low, k, j, i, 0]
+            ey = grid.velocity[time.low, k, j, i, 1]
+            ez = grid.velocity[time.low, k, j, i, 2]
+            cx = grid.velocity[time.high, k, j, i, 0] - ex
+            cy = grid.velocity[time.high, k, j, i, 1] - ey
+            cz = grid.velocity[time.high, k, j, i, 2] - ez
+            ex += time.share * cx
+            ey += time.share * cy
+            ez += time.share * cz
+            ux += weight * ex
+            uy += weight * ey
+            uz += weight * ez
+            tx += weight * cx
+            ty += weight * cy
+            tz += weight * cz
+            xx += by_x * ex
+            xy += by_y * ex
+            xz += by_z * ex
+            yx += by_x * ey
+            yy += by_y * ey
+            yz += by_z * ey
+            zx += by_x * ez
+            zy += by_y * ez
+            zz += by_z * ez
+        vx, vy, vz = velocity
+        rate = (
+            time.slope * tx + xx * vx + xy * vy + xz * vz,
+            time.slope * ty + yx * vx + yy * vy + yz * vz,
+            time.slope * tz + zx * vx + zy * vy + zz * vz,
+        )
+        return CurrentFlow((ux, uy, uz), rate, ((xx, xy, xz), (yx, yy, yz), (zx, zy, zz)))
+
+
+class GriddedCurrent(NamedTuple):
+    """A current on a grid."""
+
+    grid: CurrentGrid
+
+    @compiled
+    def at_time(self, time: float) -> GriddedInstant:
+        """The current at a time [s]."""
+        return GriddedInstant(NO_DRIFT, self.grid, cell_of(self.grid.time, time))
+
+
+class GriddedFloor(NamedTuple):
+    """A floor on a grid about the origin."""
+
+    north: Floats  # shape (j,), increasing, [m]
+    east: Floats  # shape (i,), increasing, [m]
+    depth: Floats  # shape (j, i), [m]
+
+    @jitable
+    def depth_at(self, east: float, north: float) -> float:
+        """Depth of the floor below a place [m]."""
+        x = cell_of(self.east, east)
+        y = cell_of(self.north, north)
+        south = self.depth[y.low, x.low] * (1.0 - x.share) + self.depth[y.low, x.high] * x.share
+        other = self.depth[y.high, x.low] * (1.0 - x.share) + self.depth[y.high, x.high] * x.share
+        return float(south * (1.0 - y.share) + other * y.share)
+
+    @jitable
+    def reflection_depth(self, source: Vector, receiver: Vector) -> float:
+        """Depth of the floor where it reflects sound between two places [m], as if it were level
+        about there.
+        """
+        share = 0.5
+        depth = 0.0
+        for _ in range(_REFLECTIONS):
+            east = source[0] + share * (receiver[0] - source[0])
+            north = source[1] + share * (receiver[1] - source[1])
+            depth = self.depth_at(east, north)
+            above = max(depth + source[2], 0.0)
+            both = above + max(depth + receiver[2], 0.0)
+            share = above / both if both > 0.0 else 0.5
+        return depth
+
+    def depths_at(self, east: Floats, north: Floats) -> Floats:
+        """Depths of the floor below places, any shape, [m]."""
+        out = np.empty(np.shape(east))
+        _write_depths(self, np.ravel(east), np.ravel(north), out.reshape(-1))
+        return out
+
+
+# the place of the reflection is found in so many steps; the floor changes little along a path
+_REFLECTIONS = 4
+
+
+@compiled
+def _write_depths(floor: GriddedFloor, east: Floats, north: Floats, out: Floats) -> None:
+    for i in range(out.size):
+        out[i] = floor.depth_at(east[i], north[i])

@@ -1,0 +1,72 @@
+"""The part of the plane, and the time, that a mission may need of a field."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from laisn.arrays import Bools, Floats
+from sim.scenario.routes import library_route
+from sim.scenario.settings import Scenario, Vehicle
+
+# vehicles may be off their routes, and draw aside in formations
+_MARGIN_M = 1000.0
+
+
+class Region(NamedTuple):
+    """A rectangle about the origin, and a time from the start."""
+
+    west: float  # [m]
+    east: float
+    south: float
+    north: float
+    until: float  # [s]
+
+    def within(self, place: Floats) -> Bools:
+        """Which of the places, shape (n, 2), [m], are in it."""
+        x, y = place.T
+        level = (x >= self.west) & (x <= self.east)
+        return np.asarray(level & (y >= self.south) & (y <= self.north))
+
+    def holds(self, place: Floats) -> bool:
+        """Whether all places, shape (n, 2), [m], are in it."""
+        return bool(self.within(place).all())
+
+
+def _waypoints(vehicle: Vehicle, duration: float) -> Floats:
+    """Places of a route until a time [s], shape (n, 2), [m]; after the last waypoint it goes
+    straight on.
+    """
+    if vehicle.waypoints:
+        points = np.array(vehicle.waypoints)
+        time = points[:, 0]
+        place = points[:, 1:]
+    elif vehicle.route is not None:
+        route = library_route(vehicle.route)
+        time = route.time
+        place = route.waypoint
+    else:
+        return np.zeros((0, 2))
+    flown = place[: int(np.searchsorted(time, duration)) + 1]
+    if duration <= time[-1] or len(place) < 2:
+        return np.asarray(flown)
+    onward = place[-1] - place[-2]
+    further = place[-1] + onward * (duration - time[-1]) / (time[-1] - time[-2])
+    return np.vstack([flown, further])
+
+
+def region_of(scenario: Scenario, margin: float = _MARGIN_M) -> Region:
+    """What a scenario's mission may need: its routes and stations, and a margin [m] about them."""
+    reach = 0.0
+    places = []
+    for _, vehicle in scenario.vehicles():
+        station = getattr(vehicle, "station", None)
+        places.append(_waypoints(vehicle, scenario.duration_s))
+        if station is not None:
+            reach = max(reach, float(np.hypot(station.behind_m, station.port_m)))
+            start = getattr(vehicle, "start_m", None)
+            if start is not None:
+                places.append(np.array([start]))
+    every = np.vstack(places)
+    west, south = every.min(axis=0) - (reach + margin)
+    east, north = every.max(axis=0) + (reach + margin)
+    return Region(float(west), float(east), float(south), float(north), scenario.duration_s)

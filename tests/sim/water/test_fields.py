@@ -1,0 +1,381 @@
+"""Currents out of files against closed forms and against the keys of a scenario, through the
+commands that read them.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray
+from typer.testing import CliRunner
+
+import laisn_sim
+from laisn.arrays import Floats
+from laisn.errors import LaisnError
+from laisn_sim.cli.errors import MISSION_FAILED
+from laisn_sim.cli.main import app
+from sim.attitude import FLATTENING, SEMI_MAJOR_AXIS
+from sim.flight import Termination
+from sim.water.assembly import current_field, ocean_of
+from sim.water.environment import flow, sea_at
+from tests.sim.water.field_data import (
+    LATITUDE,
+    LONGITUDE,
+    gyre_velocity,
+    metres_field,
+    model_output,
+    scenario_file,
+    write,
+)
+
+pytest.importorskip("h5netcdf")
+
+
+def velocity_of(file: Path, points: Floats, time: float, duration: float = 20.0) -> Floats:
+    """Velocity that a mission meets in the current of a file, shape (n, 3), [m/s]."""
+    scenario = laisn_sim.load(scenario_file(file, duration))
+    return ocean_of(scenario).velocity(points, time)
+
+
+def test_the_error_falls_with_the_square_of_the_spacing(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    points = np.column_stack([rng.uniform(-300, 300, (400, 2)), np.zeros(400)])
+    errors = []
+    for halvings in range(3):
+        file = metres_field(tmp_path / f"{halvings}.nc", 100.0 / 2**halvings, 40.0 / 2**halvings)
+        found = velocity_of(file, points, 13.0)
+        u, v = gyre_velocity(*points.T[:2], 13.0)
+        errors.append(np.sqrt(np.mean((found[:, :2] - np.column_stack([u, v])) ** 2)))
+        np.testing.assert_array_equal(found[:, 2], 0.0)
+    ratios = np.divide(errors[:-1], errors[1:])
+    assert ratios == pytest.approx([4.0, 4.0], rel=0.1), errors
+
+
+def test_rate_and_gradient_are_those_of_the_field_between_the_points(tmp_path: Path) -> None:
+    """Central differences of the interpolated velocity itself: added mass feels what drag feels."""
+    file = metres_field(tmp_path / "gyre.nc", 50.0, 20.0)
+    environment = ocean_of(laisn_sim.load(scenario_file(file, 60.0))).environment
+    rng = np.random.default_rng(4)
+    h = 1e-3
+    for _ in range(20):
+        # well within a cell, where the field has a derivative
+        place = 50.0 * rng.integers(-5, 5, 3) + rng.uniform(5, 45, 3)
+        place[2] = -rng.uniform(1.0, 35.0)
+        time = float(20.0 * rng.integers(0, 2) + rng.uniform(1, 19))
+        motion = rng.normal(size=3)
+
+        def u(offset: Floats, later: float, place: Floats = place, time: float = time) -> Floats:
+            return np.array(environment.flow(tuple(place + offset), time + later))
+
+        water = flow(sea_at(environment, time), tuple(place), tuple(motion), (1.0, 0.0, 0.0))
+        differences = [(u(h * axis, 0.0) - u(-h * axis, 0.0)) / (2 * h) for axis in np.eye(3)]
+        np.testing.assert_allclose(water.gradient, np.array(differences).T, atol=1e-9)
+        along = (u(h * motion, h) - u(-h * motion, -h)) / (2 * h)
+        np.testing.assert_allclose(water.rate, along, atol=1e-9)
+        np.testing.assert_allclose(water.velocity, u(np.zeros(3), 0.0), atol=1e-15)
+
+
+def enu_of(latitude_deg: float, longitude_deg: float, origin: tuple[float, float]) -> Floats:
+    """East and north on the tangent plane at an origin, through earth-centred coordinates [m]."""
+
+    def earth_centred(latitude: float, longitude: float) -> Floats:
+        e2 = FLATTENING * (2.0 - FLATTENING)
+        n = SEMI_MAJOR_AXIS / np.sqrt(1.0 - e2 * np.sin(latitude) ** 2)
+        level = n * np.cos(latitude)
+        z = n * (1.0 - e2) * np.sin(latitude)
+        return np.array([level * np.cos(longitude), level * np.sin(longitude), z])
+
+    phi, lam = np.deg2rad(origin)
+    away = earth_centred(*np.deg2rad([latitude_deg, longitude_deg])) - earth_centred(phi, lam)
+    east = np.array([-np.sin(lam), np.cos(lam), 0.0])
+    north = [-np.sin(phi) * np.cos(lam), -np.sin(phi) * np.sin(lam), np.cos(phi)]
+    return np.array([east @ away, np.array(north) @ away])
+
+
+def test_a_kilometre_at_60_degrees_north(tmp_path: Path) -> None:
+    """The velocities of this file are the longitudes and latitudes of their places."""
+    axis = np.linspace(-0.05, 0.05, 11)
+    y, x = np.meshgrid(axis, axis, indexing="ij")
+    dataset = xarray.Dataset(
+        {"u": (("lat", "lon"), x, {"units": "m s-1"}), "v": (("lat", "lon"), y, {"units": "m/s"})},
+        {"lat": 60.0 + axis, "lon": 5.0 + axis},
+    )
+    file = write(dataset, tmp_path / "map.nc")
+    toml = tmp_path / "map.toml"
+    toml.write_text(
+        "duration_s = 20\n[ocean]\norigin = { latitude_deg = 60.0, longitude_deg = 5.0 }\n"
+        f'[ocean.current]\nfile = "{file.name}"\n[[followers]]\nroute = "T5"\n'
+    )
+    scenario = laisn_sim.load(toml)
+    # the log has the mission at the same place
+    assert (scenario.origin_latitude_deg, scenario.origin_longitude_deg) == (60.0, 5.0)
+    places = np.array([[1000.0, 0.0, 0.0], [0.0, 1000.0, 0.0], [-700.0, 700.0, 0.0]])
+    for place, (x_deg, y_deg, _) in zip(
+        places, ocean_of(scenario).velocity(places, 0.0), strict=True
+    ):
+        found = enu_of(60.0 + y_deg, 5.0 + x_deg, (60.0, 5.0))
+        assert np.hypot(*(found - place[:2])) < 0.3
+
+
+def hycom(dataset: xarray.Dataset) -> xarray.Dataset:
+    """Its names, longitudes from 0 to 360° that begin in the middle, latitudes from the north."""
+    names = {"uo": "water_u", "vo": "water_v", "latitude": "lat", "longitude": "lon"}
+    dataset = dataset.rename(names).isel(lat=slice(None, None, -1)).roll(lon=4, roll_coords=True)
+    dataset["lon"] = dataset.lon % 360.0
+    for name in ("water_u", "water_v"):
+        del dataset[name].attrs["standard_name"]
+    return dataset
+
+
+def centimetres(dataset: xarray.Dataset) -> xarray.Dataset:
+    for name in ("uo", "vo"):
+        dataset[name] = (100.0 * dataset[name]).assign_attrs(dataset[name].attrs, units="cm/s")
+    return dataset
+
+
+def upward(dataset: xarray.Dataset) -> xarray.Dataset:
+    """Heights from the deepest level on."""
+    attributes = {"units": "m", "positive": "up"}
+    return dataset.assign_coords(depth=("depth", -dataset.depth.values, attributes)).isel(
+        depth=slice(None, None, -1)
+    )
+
+
+def other_times(dataset: xarray.Dataset) -> xarray.Dataset:
+    days = (dataset.time.values - 1.0) / 24.0 + 181.0
+    units = {"units": "days since 2026-01-01", "calendar": "proleptic_gregorian"}
+    return dataset.assign_coords(time=("time", days, units))
+
+
+@pytest.mark.parametrize("change", [hycom, centimetres, upward, other_times, lambda same: same])
+@pytest.mark.parametrize("engine", ["h5netcdf", "scipy"])
+def test_conventions_of_files_make_no_difference(
+    tmp_path: Path, change: Callable[[xarray.Dataset], xarray.Dataset], engine: str
+) -> None:
+    file = write(change(model_output()), tmp_path / "a.nc", engine)
+    rng = np.random.default_rng(5)
+    points = np.column_stack([rng.uniform(-500, 500, (50, 2)), -rng.uniform(0.5, 30.0, 50)])
+    # at 54.52° N, from the radii of curvature there (WGS 84)
+    degrees = points[:, :2] / [64782.0, 111330.0]
+    u = 0.1 + 2.0 * degrees[:, 0] + 0.002 * points[:, 2]
+    v = -0.1 + 3.0 * degrees[:, 1] + 0.01 * (1.0 + 15.0 / 3600.0)
+    found = velocity_of(file, points, 15.0)
+    np.testing.assert_allclose(found[:, :2], np.column_stack([u, v]), atol=2e-5)
+
+
+def test_packed_numbers_land_and_the_floor(tmp_path: Path) -> None:
+    dataset = model_output()
+    masked = dataset.uo.copy()
+    masked[:, 2] = np.nan  # the floor lies above 30 m
+    masked[:, :, :, 9:] = np.nan
+    dataset["uo"] = masked
+    packed: Any = {"dtype": "i2", "scale_factor": 1e-4, "_FillValue": -32768}
+    file = tmp_path / "packed.nc"
+    dataset.to_netcdf(file, engine="h5netcdf", encoding={"uo": packed})
+    scenario = laisn_sim.load(scenario_file(file))
+    ocean = ocean_of(scenario)
+    below = ocean.velocity(np.array([[0.0, 0.0, -30.0], [0.0, 0.0, -10.0]]), 0.0)
+    assert below[0, 0] == below[1, 0] == pytest.approx(0.08, abs=1e-4)
+    field = current_field(scenario)
+    assert field is not None
+    # 0.03° and 0.05° east; the part that was read ends a point behind 1.6 km
+    assert field.on_land(np.array([[0.03 * 64782.0, 0.0], [0.0, 0.0]])).tolist() == [True, False]
+
+
+def test_only_what_a_mission_needs_is_read(tmp_path: Path) -> None:
+    file = write(model_output(), tmp_path / "a.nc")
+    field = current_field(laisn_sim.load(scenario_file(file)))
+    assert field is not None
+    # of 4 times one behind the end, of 0.1° of longitude the routes and a kilometre about them
+    times, depths, _, columns, _ = field.current.grid.velocity.shape
+    assert (times, depths) == (2, 3)
+    assert columns < 11
+    assert field.region.west < -1000.0
+
+
+def test_a_uniform_field_moves_vehicles_as_the_keys_do(tmp_path: Path) -> None:
+    """A current with shear, which is linear in depth, is met exactly; its mission is the same."""
+    dataset = model_output()
+    dataset["uo"] = dataset.uo * 0.0 + 0.3 - 0.004 * dataset.depth
+    dataset["vo"] = dataset.vo * 0.0
+    dataset = dataset.assign_coords(depth=dataset.depth - 0.5).isel(time=[1, 2])
+    dataset["uo"] = dataset.uo * 0.0 + 0.3 - 0.004 * dataset.depth
+    file = write(dataset, tmp_path / "shear.nc")
+    flown = laisn_sim.fly(scenario_file(file))
+    keys = {"current_speed_m_s": 0.3, "current_direction_deg": 90.0, "current_shear_per_s": 0.004}
+    other = laisn_sim.fly(
+        "T5", {"duration_s": 20} | {f"ocean.{key}": value for key, value in keys.items()}
+    )
+    np.testing.assert_allclose(flown.trajectory.pose, other.trajectory.pose, atol=1e-9)
+    np.testing.assert_allclose(
+        flown.trajectory.water_velocity, other.trajectory.water_velocity, atol=1e-12
+    )
+
+
+def test_a_flight_in_the_gyre_says_what_was_read_and_meets_it(tmp_path: Path) -> None:
+    toml = scenario_file(metres_field(tmp_path / "gyre.nc", 25.0, 10.0))
+    result = CliRunner().invoke(app, ["check", str(toml)])
+    assert result.exit_code == 0, result.output
+    assert "ocean.current: gyre.nc: u, v on" in result.stdout
+    assert "2 depths, 0 to 40 m" in result.stdout
+    assert "0 to 20 s from the start" in result.stdout
+    out = tmp_path / "out"
+    result = CliRunner().invoke(app, ["fly", str(toml), "--no-video", "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    flight = laisn_sim.read_log(out / "flight.mcap")
+    truth = flight.trajectory
+    for vehicle in range(2):
+        east, north, up = truth.position[:, vehicle].T
+        u, v = gyre_velocity(east, north, truth.time)
+        fading = 1.0 + up / 80.0
+        expected = np.column_stack([fading * u, fading * v])
+        # 2.5 % at 25 m
+        assert np.abs(truth.water_velocity[:, vehicle, :2] - expected).max() < 0.025 * 0.2
+    # the scenario that is saved beside it flies the same mission, from anywhere
+    again = laisn_sim.fly(out / "scenario.toml")
+    np.testing.assert_array_equal(again.trajectory.pose, truth.pose)
+    # of this content
+    metres_field(tmp_path / "gyre.nc", 50.0, 10.0)
+    with pytest.raises(LaisnError, match="its content is not that with which the scenario was"):
+        laisn_sim.load(out / "scenario.toml")
+
+
+def test_a_vehicle_that_leaves_a_field_ends_the_mission(tmp_path: Path) -> None:
+    toml = scenario_file(metres_field(tmp_path / "small.nc", 50.0, 100.0), 400.0)
+    # the leader is carried away while it tries to keep to its route in the east
+    text = toml.read_text().replace("[[followers]]", "[leader]\nthrust_scale = 0.1\n[[followers]]")
+    field = xarray.load_dataset(tmp_path / "small.nc", engine="h5netcdf", decode_times=False)
+    field = field.isel(time=[0]).sel(y=slice(-300.0, 40.0))
+    field["u"][:] = 0.0
+    field["v"][:] = 2.0
+    write(field, tmp_path / "narrow.nc")
+    toml.write_text(text.replace("small.nc", "narrow.nc"))
+    arguments = ["fly", str(toml), "--no-video", "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == MISSION_FAILED, result.output
+    flight = laisn_sim.read_log(tmp_path / "out" / "flight.mcap")
+    assert flight.outcome is Termination.LEFT_FIELD
+    assert flight.trajectory.position[-1, :, 1].max() > 40.0
+    assert flight.trajectory.position[-2, :, 1].max() <= 40.0
+
+
+def _as_bytes(content: bytes) -> Callable[[Path], None]:
+    return lambda file: file.write_bytes(content) and None
+
+
+def _changed(change: Callable[[xarray.Dataset], xarray.Dataset]) -> Callable[[Path], None]:
+    return lambda file: write(change(model_output()), file) and None
+
+
+def _with(name: str, **attributes: str) -> Callable[[Path], None]:
+    def change(dataset: xarray.Dataset) -> xarray.Dataset:
+        dataset[name].attrs.update(attributes)
+        return dataset
+
+    return _changed(change)
+
+
+def _truncated(file: Path) -> None:
+    write(model_output(), file)
+    file.write_bytes(file.read_bytes()[:3000])
+
+
+def _roms(dataset: xarray.Dataset) -> xarray.Dataset:
+    attributes = {"standard_name": "ocean_s_coordinate_g2"}
+    return dataset.rename(depth="s_rho").assign_coords(
+        s_rho=("s_rho", [-0.9, -0.5, -0.1], attributes)
+    )
+
+
+def _curvilinear(dataset: xarray.Dataset) -> xarray.Dataset:
+    y, x = np.meshgrid(dataset.latitude, dataset.longitude, indexing="ij")
+    dataset = dataset.rename(latitude="y", longitude="x").drop_vars(["x", "y"])
+    return dataset.assign_coords(nav_lat=(("y", "x"), y), nav_lon=(("y", "x"), x))
+
+
+def _elsewhere(dataset: xarray.Dataset) -> xarray.Dataset:
+    return dataset.assign_coords(longitude=dataset.longitude + 40.0)
+
+
+def _dry(dataset: xarray.Dataset) -> xarray.Dataset:
+    dataset["uo"][:] = np.nan
+    return dataset
+
+
+def _fast(dataset: xarray.Dataset) -> xarray.Dataset:
+    dataset["uo"][:] = 7.0
+    return dataset
+
+
+def _twice(dataset: xarray.Dataset) -> xarray.Dataset:
+    depth = ("depth", [0.0, 5.0, 5.0], {"units": "m"})
+    return dataset.assign_coords(depth=depth)
+
+
+MALFORMED: dict[str, tuple[Callable[[Path], None], str]] = {
+    "missing": (lambda file: None, "cannot be read: No such file"),
+    "text": (_as_bytes(b"u v\n1 2\n"), "it is no NetCDF file"),
+    "truncated": (_truncated, "it cannot be opened as NetCDF"),
+    "one component": (_changed(lambda d: d.drop_vars("vo")), "it has no northward velocity"),
+    "other names": (
+        _changed(lambda d: d.rename(uo="a", vo="b")),
+        "",
+    ),
+    "unit of velocity": (_with("uo", units="knots"), "uo has units 'knots'; expected m s-1"),
+    "unit of depth": (_with("depth", units="dbar"), "depth has units 'dbar'; expected metres"),
+    "unit of place": (_with("longitude", units="radian"), "expected degrees or metres"),
+    "no date": (_with("time", units="hours since the flood"), "is no date such as"),
+    "unit of time": (_with("time", units="fortnights"), "time has units 'fortnights'"),
+    "calendar": (_with("time", calendar="360_day"), "time has the calendar '360_day'"),
+    "other days": (_with("time", units="hours since 2020-01-01"), "which lasts from 0 to 20 s"),
+    "roms": (_changed(_roms), "s-coordinates (ROMS)"),
+    "curvilinear": (_changed(_curvilinear), "its dimension 'y' has no coordinate"),
+    "elsewhere": (_changed(_elsewhere), "and none of the mission; set ocean.origin"),
+    "dry": (_changed(_dry), "uo has no values about the mission"),
+    "fast": (_changed(_fast), "leader meets 7 m/s at 0 s"),
+    "twice": (_changed(_twice), "depth has a value twice"),
+    "small": (
+        _changed(lambda d: d.isel(longitude=slice(5, 7))),
+        "leaves it at",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", [name for name, (_, text) in MALFORMED.items() if text])
+def test_a_malformed_file_is_refused_in_a_sentence(tmp_path: Path, name: str) -> None:
+    make, expected = MALFORMED[name]
+    file = tmp_path / "field.nc"
+    make(file)
+    toml = scenario_file(file)
+    result = CliRunner().invoke(app, ["check", str(toml)], env={"COLUMNS": "300"})
+    assert result.exit_code == 2, result.output
+    assert expected in result.output
+    assert "ocean.current" in result.output
+    assert "1 error" in result.output
+    if name != "fast":
+        assert "field.nc" in result.output or name == "small"
+
+
+def test_a_variable_by_its_standard_name_alone(tmp_path: Path) -> None:
+    file = write(model_output().rename(uo="a", vo="b"), tmp_path / "a.nc")
+    found = velocity_of(file, np.array([[0.0, 0.0, -0.5]]), 0.0)
+    assert found[0] == pytest.approx([0.099, -0.09, 0.0], abs=1e-6)
+
+
+def test_contradictions_of_keys(tmp_path: Path) -> None:
+    toml = scenario_file(write(model_output(), tmp_path / "a.nc"))
+    refused = {
+        "ocean.current_speed_m_s=0.1": "the table `current` replaces current_speed_m_s",
+        "ocean.current.model=eddy": "needs `file` or `model`, and not both",
+        "ocean.current.fiel=3": "did you mean 'file'?",
+        "origin_latitude_deg=10": "ocean.origin.latitude_deg = 54.52 and origin_latitude_deg = 10",
+    }
+    for assignment, expected in refused.items():
+        result = CliRunner().invoke(
+            app, ["check", str(toml), "--set", assignment], env={"COLUMNS": "300"}
+        )
+        assert result.exit_code == 2, result.output
+        assert expected in result.output
+    assert (LATITUDE, LONGITUDE) == (54.52, 18.55)
