@@ -13,15 +13,15 @@ _SHA256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
 class MapOrigin(Section):
-    """Where and when on the map the mission's (0, 0) and time 0 are. Keys `lat` and `lon` will
-    do, too; default: `origin_latitude_deg`, `origin_longitude_deg` and `epoch`.
-    """
+    """Where and when on the map (0, 0) and time 0 are; `lat` and `lon` will do, too."""
 
-    latitude_deg: Annotated[float, Field(ge=-89, le=89)] | None = None
-    longitude_deg: Annotated[float, Field(ge=-180, le=360)] | None = Field(
-        None, description="east of Greenwich"
+    latitude_deg: Annotated[float, Field(ge=-89, le=89)] | None = Field(
+        None, description="default: origin_latitude_deg"
     )
-    time: str | None = Field(None, description="ISO 8601, with zone")
+    longitude_deg: Annotated[float, Field(ge=-180, le=360)] | None = Field(
+        None, description="default: origin_longitude_deg"
+    )
+    time: str | None = Field(None, description="ISO 8601, with zone; default: epoch")
 
     @model_validator(mode="before")
     @classmethod
@@ -68,7 +68,7 @@ class SeaFile(Section):
 
 
 class CustomKeys(Section):
-    """Keys of a class of the user's own: its fields, with or without unit."""
+    """Fields of the own class, with or without unit."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -76,9 +76,7 @@ class CustomKeys(Section):
 
 
 class CurrentSource(SeaFile):
-    """A current by place, depth and time, in place of the keys `current_…` above: from a file, or
-    of a class of the user's own.
-    """
+    """A current from a file, or of an own class, in place of the keys `current_…`."""
 
     file: str | None = Field(
         None,

@@ -4,5 +4,5 @@ Takes an `Ocean` of settings, or a scenario (`assembly`); gives an `Environment`
 any class with the same methods (`currents`, `floors`, `rays`): compiled code chooses a method by
 the type of a part.
 
-Imports: laisn sim.attitude sim.scenario
+Imports: laisn sim.attitude sim.scenario sim.system
 """

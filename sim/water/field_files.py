@@ -493,8 +493,8 @@ def _read_current(
             "Y": north.part(region.south, region.north),
             "X": east.part(region.west, region.east),
         }
-        velocity = np.zeros((*(axis.value.size for axis in axes.values()), 3))
         components = [eastward, northward] + ([] if upward is None else [upward])
+        velocity = np.empty((*(axis.value.size for axis in axes.values()), len(components)))
         for i, variable in enumerate(components):
             scale = _speed_scale(source, variable)
             velocity[..., i] = scale * _values(source, variable, axes, names)

@@ -57,7 +57,8 @@ class CurrentGrid(NamedTuple):
     depth: Floats  # shape (k,), increasing, [m]
     north: Floats  # shape (j,), increasing, [m]
     east: Floats  # shape (i,), increasing, [m]
-    velocity: Floats  # east, north and up, shape (t, k, j, i, 3), [m/s]
+    # east, north and, where the field has it, up, shape (t, k, j, i, 2 or 3), [m/s]
+    velocity: Floats
 
 
 class GriddedInstant(NamedTuple):
@@ -75,6 +76,8 @@ class GriddedInstant(NamedTuple):
         x = cell_of(grid.east, place[0])
         y = cell_of(grid.north, place[1])
         z = cell_of(grid.depth, -place[2])
+        rises = grid.velocity.shape[4] == 3
+        changes = time.slope > 0.0
         ux = uy = uz = 0.0
         tx = ty = tz = 0.0
         xx = xy = xz = yx = yy = yz = zx = zy = zz = 0.0
@@ -90,28 +93,30 @@ class GriddedInstant(NamedTuple):
             by_z = wx * wy * dz
             ex = grid.velocity[time.low, k, j, i, 0]
             ey = grid.velocity[time.low, k, j, i, 1]
-            ez = grid.velocity[time.low, k, j, i, 2]
-            cx = grid.velocity[time.high, k, j, i, 0] - ex
-            cy = grid.velocity[time.high, k, j, i, 1] - ey
-            cz = grid.velocity[time.high, k, j, i, 2] - ez
-            ex += time.share * cx
-            ey += time.share * cy
-            ez += time.share * cz
+            if changes:
+                cx = grid.velocity[time.high, k, j, i, 0] - ex
+                cy = grid.velocity[time.high, k, j, i, 1] - ey
+                ex += time.share * cx
+                ey += time.share * cy
+                tx += weight * cx
+                ty += weight * cy
             ux += weight * ex
             uy += weight * ey
-            uz += weight * ez
-            tx += weight * cx
-            ty += weight * cy
-            tz += weight * cz
             xx += by_x * ex
             xy += by_y * ex
             xz += by_z * ex
             yx += by_x * ey
             yy += by_y * ey
             yz += by_z * ey
-            zx += by_x * ez
-            zy += by_y * ez
-            zz += by_z * ez
+            if rises:
+                ez = grid.velocity[time.low, k, j, i, 2]
+                cz = grid.velocity[time.high, k, j, i, 2] - ez
+                ez += time.share * cz
+                tz += weight * cz
+                uz += weight * ez
+                zx += by_x * ez
+                zy += by_y * ez
+                zz += by_z * ez
         vx, vy, vz = velocity
         rate = (
             time.slope * tx + xx * vx + xy * vy + xz * vz,

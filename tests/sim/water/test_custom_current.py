@@ -103,9 +103,10 @@ class Wordless:
 def test_errors_of_the_class_are_told_as_the_user_s(
     tmp_path: Path, body: str, expected: str
 ) -> None:
-    file = tmp_path / "broken.py"
+    # a name that no other test has, as a process knows a plugin by its name
+    file = tmp_path / f"{tmp_path.name}.py"
     file.write_text(BROKEN.format(body=body))
-    code, output, _ = fly(file, "ocean.current.model=broken:Broken")
+    code, output, _ = fly(file, f"ocean.current.model={file.stem}:Broken")
     assert code == 2, output
     assert expected in output
     assert "bug" not in output
@@ -114,17 +115,18 @@ def test_errors_of_the_class_are_told_as_the_user_s(
 @pytest.mark.parametrize(
     ("settings", "expected"),
     [
-        (["model=broken:Wordless"], "has no `velocity(position, time)`"),
-        (["model=broken:Nobody"], "expected a class of"),
-        (["model=broken:Broken", "own.depth_m=3"], "takes no arguments"),
+        (["model=MINE:Wordless"], "has no `velocity(position, time)`"),
+        (["model=MINE:Nobody"], "expected a class of"),
+        (["model=MINE:Broken", "own.depth_m=3"], "takes no arguments"),
         (["model=other:Broken"], "is in a plugin that is not loaded"),
     ],
 )
 def test_a_class_that_is_none_is_refused(
     tmp_path: Path, settings: list[str], expected: str
 ) -> None:
-    file = tmp_path / "broken.py"
+    file = tmp_path / f"{tmp_path.name}.py"
     file.write_text(BROKEN.format(body="return 0.0, 0.0"))
-    code, output, _ = fly(file, *(f"ocean.current.{setting}" for setting in settings))
+    named = [f"ocean.current.{setting}".replace("MINE", file.stem) for setting in settings]
+    code, output, _ = fly(file, *named)
     assert code == 2, output
     assert expected in output
