@@ -38,7 +38,8 @@ SHORT = ["--no-video", "--set", "duration_s=20"]
 
 @pytest.fixture
 def plugin(tmp_path: Path) -> Path:
-    file = tmp_path / "eddies.py"
+    # a name that no other test has, as a process knows a plugin by its name
+    file = tmp_path / f"{tmp_path.name}.py"
     file.write_text(EDDY)
     return file
 
@@ -52,7 +53,7 @@ def fly(plugin: Path, *settings: str) -> tuple[int, str, Path]:
 
 
 def test_an_eddy_carries_the_vehicles(plugin: Path) -> None:
-    keys = ["model=eddies:Eddy", "own.speed_m_s=0.2", "own.centre_east_m=30"]
+    keys = [f"model={plugin.stem}:Eddy", "own.speed_m_s=0.2", "own.centre_east_m=30"]
     code, output, out = fly(plugin, *(f"ocean.current.{key}" for key in keys))
     assert code == 0, output
     truth = laisn_sim.read_log(out / "flight.mcap").trajectory
@@ -67,7 +68,7 @@ def test_an_eddy_carries_the_vehicles(plugin: Path) -> None:
 def test_it_moves_vehicles_as_the_same_current_of_keys_does(plugin: Path) -> None:
     """Gradient and rate, which added mass feels, are differences of its velocity."""
     laisn_sim.load_plugin(plugin)
-    mine = laisn_sim.fly("T5", {"duration_s": 20, "ocean.current.model": "eddies:Keys"})
+    mine = laisn_sim.fly("T5", {"duration_s": 20, "ocean.current.model": f"{plugin.stem}:Keys"})
     keys = {
         "current_shear_per_s": 0.004,
         "current_direction_deg": 90.0,
