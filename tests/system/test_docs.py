@@ -48,7 +48,7 @@ DOCUMENTS = [
     *sorted((ROOT / "docs").glob("*.md")),
 ]
 STUDIES = ("study", *BUILT_IN)
-FOREIGN = ("apt-get", "pip", "rerun", "source", "srun")
+FOREIGN = ("apt-get", "pip", "podman", "rerun", "sbatch", "source", "srun")
 """Programs that are not ours to try."""
 
 
