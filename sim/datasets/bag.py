@@ -40,6 +40,8 @@ class Series:
 
     time_ns: Ints  # since 1970, increasing, shape (n,), [ns]
     values: Floats  # shape (n,), or (n, 4) of a quaternion (x, y, z, w)
+    steps_back: int = 0  # how often the times did in order of recording
+    repeated: int = 0  # messages at the very time of another, which are left out
 
 
 def is_bag(path: Path) -> bool:
@@ -234,4 +236,9 @@ def _sorted(times: Sequence[int], values: Sequence[Any]) -> Series:
     numbers = np.array(values, dtype=np.float64)
     order = np.argsort(time_ns, kind="stable")
     last = np.append(np.diff(time_ns[order]) > 0, True)[: order.size]
-    return Series(time_ns[order][last], numbers[order][last])
+    return Series(
+        time_ns[order][last],
+        numbers[order][last],
+        steps_back=int(np.count_nonzero(np.diff(time_ns) < 0)),
+        repeated=int(np.count_nonzero(~last)),
+    )

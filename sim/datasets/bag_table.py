@@ -131,8 +131,23 @@ def _read(path: Path, mapped: FieldMap) -> tuple[_Mapped, list[str]]:
         series[field] = Series(raw.time_ns, values)
         unit = entry.unit or "SI units"
         remarks.append(f"{field}: {entry.topic} {entry.field} in {unit}, {raw.time_ns.size} times")
+        remarks += _order_remarks(str(entry.topic), raw)
     series |= _derived(mapped, series)
+    remarks = list(dict.fromkeys(remarks))
     return _Mapped(path=path, map_path=mapped.path, entries=mapped.entries, series=series), remarks
+
+
+def _order_remarks(topic: str, series: Series) -> list[str]:
+    """What is not as expected of the times of a topic."""
+    remarks = list[str]()
+    if series.steps_back:
+        remarks.append(
+            f"{topic}: times step back {series.steps_back} times in order of recording, and are "
+            'sorted; stamps = "log" takes the times of recording'
+        )
+    if series.repeated:
+        remarks.append(f"{topic}: {series.repeated} messages at the time of another left out")
+    return remarks
 
 
 def _derived(mapped: FieldMap, series: Mapping[str, Series]) -> dict[str, Series]:

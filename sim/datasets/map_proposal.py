@@ -52,6 +52,7 @@ _WORDS: dict[str, set[str]] = {
     "roll": {"roll", "heel", "phi"},
     "timestamp": {"timestamp", "time", "t", "stamp", "clock", "sent", "toe", "utc", "datetime"},
 }
+_OWN_FIELDS = ("speed", "heading", "depth")
 _ONLY_LEADER = ("east", "north", "pitch", "roll", "timestamp")
 """Quantities that the log has of the leader alone."""
 _IN_DOUBT = {"yaw", "u", "vel", "velocity", "x", "y", "d", "p", "psi", "log", "pressure", "press"}
@@ -289,10 +290,9 @@ def _posed(topic: Topic, pose: str, *, leader: bool) -> Iterator[_Candidate]:
         if topic.type_name == _ODOMETRY:
             yield _Candidate("speed", 3, speed, note)
         return
-    for field, axis in (("leader_east", "x"), ("leader_north", "y")):
-        yield _Candidate(field, 0, base | {"field": f"{pose}.position.{axis}", "unit": "m"}, "")
-    depth = base | {"field": f"{pose}.position.z", "unit": "m", "factor": -1.0}
-    yield _Candidate("leader_depth", 0, depth, "")
+    yield _Candidate("leader_east", 0, _position(topic, "x", 1.0), "")
+    yield _Candidate("leader_north", 0, _position(topic, "y", 1.0), "")
+    yield _Candidate("leader_depth", 0, _position(topic, "z", -1.0), "")
     yield _Candidate("leader_heading", 0, orientation, "")
     if topic.type_name == _ODOMETRY:
         yield _Candidate("leader_speed", 0, speed, "")
@@ -368,6 +368,42 @@ def _candidates(topics: Sequence[Topic]) -> Iterator[_Candidate]:
             yield candidate._replace(rank=rank)
 
 
+def _other_robots(
+    topics: Sequence[Topic], entries: Mapping[str, Mapping[str, Any]]
+) -> Iterator[_Candidate]:
+    """Places of other robots to which there are ranges: the pose that is in the namespace of a
+    robot whose name is in the range's frame or topic.
+    """
+    own = {str(entries[name]["topic"]).split("/")[1] for name in _OWN_FIELDS if name in entries}
+    poses = {
+        topic.name.split("/")[1].lower(): topic
+        for topic in topics
+        if topic.type_name in _POSES and topic.name.count("/") > 1 and topic.messages
+    }
+    found = list[Topic]()
+    for slot in Ranges._fields:
+        entry = entries.get(f"range_{slot}")
+        if entry is None:
+            continue
+        places = [*entry.get("where", {}).values(), *str(entry["topic"]).split("/")[2:]]
+        name = next((p for place in places if (p := str(place).lower()) in poses), None)
+        if name is None or name in own:
+            continue
+        topic = poses[name]
+        found.append(topic)
+        note = f"is {topic.name} where the {slot} transmitter is?"
+        for axis, letter, factor in (("east", "x", 1.0), ("north", "y", 1.0), ("depth", "z", -1.0)):
+            yield _Candidate(f"{slot}_{axis}", 0, _position(topic, letter, factor), note)
+    if found:
+        yield from _posed(found[0], _POSES[found[0].type_name], leader=True)
+
+
+def _position(topic: Topic, letter: str, factor: float) -> dict[str, Any]:
+    field = f"{_POSES[topic.type_name]}.position.{letter}"
+    entry: dict[str, Any] = {"topic": topic.name, "field": field, "unit": "m"}
+    return entry if factor == 1.0 else entry | {"factor": factor}
+
+
 def _of_vehicle(topics: Sequence[Topic], vehicle: str | None) -> list[Topic]:
     """Topics of a vehicle and of the leader; LaisnError if the bag has none of this vehicle."""
     if vehicle is None:
@@ -404,10 +440,16 @@ def propose_for_bag(path: Path, vehicle: str | None = None) -> Proposal:
     by_field: dict[str, list[_Candidate]] = {}
     for candidate in _candidates(topics):
         by_field.setdefault(candidate.field, []).append(candidate)
+    chosen = {
+        field: sorted(by_field[field], key=lambda candidate: candidate.rank)
+        for field in sorted(by_field, key=_order)
+    }
+    for candidate in _other_robots(topics, {field: c[0].entry for field, c in chosen.items()}):
+        chosen.setdefault(candidate.field, [candidate])
     entries: dict[str, Mapping[str, Any]] = {}
     notes = dict[str, str]()
-    for field in sorted(by_field, key=_order):
-        candidates = sorted(by_field[field], key=lambda candidate: candidate.rank)
+    for field in sorted(chosen, key=_order):
+        candidates = chosen[field]
         entries[field] = candidates[0].entry
         note = " ".join(filter(None, [candidates[0].note, _doubtful(field, candidates)]))
         if note:

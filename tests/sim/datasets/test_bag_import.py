@@ -2,6 +2,7 @@
 
 import math
 import re
+import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -283,6 +284,50 @@ def test_two_robots_that_move_are_transmitters(tmp_path: Path) -> None:
         assert np.allclose(places[:, i, 2], 2.0, atol=1e-9)
         assert measured.ranges[:, i].tolist() == [21.0 + k + i for k in range(18)]
     assert np.isnan(places[:, 2]).all()
+
+
+def test_robots_are_found_by_the_names_of_frames(tmp_path: Path) -> None:
+    messages = own_messages()
+    for k in range(200):
+        at = START_NS + 100_000_000 * k
+        for name in ("alpha", "beta"):
+            messages.append((f"/{name}/odom", "nav_msgs/msg/Odometry", at, stamped(at, "map")))
+    for k in range(1, 19):
+        for i, name in enumerate(("alpha", "beta")):
+            at = START_NS + 10**9 * k + 30_000_000 * i
+            values = stamped(at, name, range=20.0)
+            messages.append(("/auv/acoustic", "sensor_msgs/msg/Range", at, values))
+    bag = write_ros2(tmp_path / "dive", in_order(messages))
+    assert run("import", bag, "--propose", tmp_path / "map.toml").exit_code == 0
+    proposed = tomllib.loads((tmp_path / "map.toml").read_text())
+    for slot, name in (("rear", "alpha"), ("front", "beta")):
+        assert proposed[f"range_{slot}"]["where"] == {"header.frame_id": name}
+        assert proposed[f"{slot}_depth"]["topic"] == f"/{name}/odom"
+        assert proposed[f"{slot}_depth"]["factor"] == -1.0
+    # the first of them stands for the leader; heading and speed of the own vehicle are measured
+    assert proposed["leader_east"]["topic"] == "/alpha/odom"
+    assert proposed["heading"]["topic"] == "/auv/imu"
+    arguments = ["--map", tmp_path / "map.toml", "--out", tmp_path / "dive.mcap"]
+    assert run("import", bag, *arguments).exit_code == 0
+
+
+def test_stamps_that_step_back_are_told(tmp_path: Path) -> None:
+    messages = in_order(own_messages(), leader_messages(), range_messages())
+    # the driver of the speed log repeats a message, and sends two in the wrong order
+    speeds = [i for i, message in enumerate(messages) if message[0] == "/auv/dvl"]
+    first, second = speeds[10:12]
+    topic, kind, at, values = messages[first]
+    messages[first] = (topic, kind, at, messages[second][3])
+    messages[second] = (topic, kind, messages[second][2], values)
+    messages.insert(second + 1, messages[second])
+    (tmp_path / "map.toml").write_text((MAP + LEADER + RANGE).replace('stamps = "log"', ""))
+    bag = write_ros2(tmp_path / "dive", messages)
+    result = run("import", bag, "--map", tmp_path / "map.toml", "--out", tmp_path / "dive.mcap")
+    assert result.exit_code == 0, result.output
+    assert "/auv/dvl: times step back 1 times" in told(result)
+    assert "/auv/dvl: 1 messages at the time of another left out" in told(result)
+    speed = read_recording(tmp_path / "dive.mcap").measurements.speed
+    assert np.allclose(speed, 1.002 + 0.004 * np.arange(speed.size), atol=1e-12)
 
 
 def test_places_on_the_map_count_from_the_first(tmp_path: Path) -> None:
