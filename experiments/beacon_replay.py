@@ -84,11 +84,11 @@ def score(
     path = truth[(truth[:, 0] >= first) & (truth[:, 0] <= time[-1])]
     if not len(path):
         return Score(math.nan, math.nan, math.nan, math.nan)
-    place = np.column_stack(
+    positions = np.column_stack(
         [np.interp(path[:, 0], time[estimated], estimates.state[estimated, k]) for k in range(2)]
     )
     covariance = estimates.covariance[np.searchsorted(time, path[:, 0]), :2, :2]
-    off = place - path[:, 1:]
+    off = positions - path[:, 1:]
     distance = np.hypot(*off.T)
     squared = normalised_square(off[:, 0], off[:, 1], *covariance[:, [0, 0, 1], [0, 1, 1]].T)
     # single ranges and a known start leave singular covariances
@@ -112,9 +112,9 @@ def dead_reckoning(recorded: Replayable) -> Estimates:
     )
 
 
-def by_laisn(recorded: Replayable, given: NavigationSettings) -> Estimates:
+def by_laisn(recorded: Replayable, navigation: NavigationSettings) -> Estimates:
     """Estimates of LAISN: single ranges move the estimate along their line of sight."""
-    settings = replace(given, dt=recorded.measurements.dt, hydrophone_height=0.0)
+    settings = replace(navigation, dt=recorded.measurements.dt, hydrophone_height=0.0)
     return Navigator(settings, recorded.start).run(recorded.measurements)
 
 

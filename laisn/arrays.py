@@ -4,7 +4,16 @@ frozen dataclasses.
 
 from collections.abc import Collection, Mapping
 from dataclasses import fields
-from typing import Any, cast
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    TypeAlias,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
 import numpy.typing as npt
@@ -13,9 +22,9 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
 Bytes = npt.NDArray[np.uint8]
-Record = Any
-"""One record of a structured dtype, whose fields are attributes."""
-Records = Any
+Record: TypeAlias = Any
+"""One record of a structured dtype that no class declares; its fields are attributes."""
+Records: TypeAlias = Any
 """An array of them."""
 
 
@@ -24,11 +33,50 @@ def records(dtype: npt.DTypeLike, *shape: int) -> Records:
     return np.zeros(shape, dtype).view(np.recarray)
 
 
-def numbers_of(given: Records) -> Floats:
+class RecordFields:
+    """A class whose annotations declare the fields of a record of `record_dtype`: `float`, `int`,
+    another such class, or an array of one of them, as `Annotated[Floats, (3, 3)]`.
+
+    Its objects are records of numpy's.
+    """
+
+    if TYPE_CHECKING:
+        dtype: np.dtype[np.void]
+
+        def __getitem__(self, field: str | list[str]) -> Any: ...
+
+
+def record_dtype(declaration: type[RecordFields]) -> np.dtype[np.void]:
+    """Layout of the records that a class declares; their fields are attributes."""
+    return np.dtype((np.record, np.dtype(_layout_of(declaration), align=True)))
+
+
+_ELEMENTS: dict[Any, type[np.generic]] = {
+    float: np.float64,
+    int: np.int64,
+    Floats: np.float64,
+    Ints: np.int64,
+}
+
+
+def _layout_of(declaration: type[RecordFields]) -> list[Any]:
+    """Names, types and shapes of the fields that a class declares."""
+    layout = []
+    for name, hint in get_type_hints(declaration, include_extras=True).items():
+        element, shape = get_args(hint) if get_origin(hint) is Annotated else (hint, ())
+        if get_origin(element) is list:
+            (element,) = get_args(element)
+        is_record = isinstance(element, type) and issubclass(element, RecordFields)
+        field_type = _layout_of(element) if is_record else _ELEMENTS[element]
+        layout.append((name, field_type, shape))
+    return layout
+
+
+def numbers_of(array: Records) -> Floats:
     """The memory of records that hold float numbers alone as an array, its last axis over their
     fields.
     """
-    return np.asarray(given).view(np.float64).reshape(*given.shape, len(given.dtype.names))
+    return np.asarray(array).view(np.float64).reshape(*array.shape, len(array.dtype.names))
 
 
 Two = tuple[float, float]
@@ -56,9 +104,9 @@ def require_shapes(record: Any, expected: Mapping[str, tuple[int, ...]]) -> None
     expected one.
     """
     for name, shape in expected.items():
-        given = getattr(record, name).shape
-        if given != shape:
-            raise ValueError(f"{type(record).__name__}.{name} has shape {given}, expected {shape}")
+        actual = getattr(record, name).shape
+        if actual != shape:
+            raise ValueError(f"{type(record).__name__}.{name} has shape {actual}, expected {shape}")
 
 
 def require_numbers(
@@ -108,6 +156,6 @@ def own_arrays(record: Any) -> None:
         value = getattr(record, field.name)
         if isinstance(value, np.ndarray) and not _is_read_only(value):
             # in the order of the given one, so that sums over it round alike
-            own = value.copy(order="K")
-            own.flags.writeable = False
-            object.__setattr__(record, field.name, own)
+            copy = value.copy(order="K")
+            copy.flags.writeable = False
+            object.__setattr__(record, field.name, copy)

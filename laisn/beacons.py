@@ -130,8 +130,8 @@ def moments(b: Belief, speed: float, heading: float) -> tuple[Floats, Floats]:
         rows[2, HEADING] = -vy
         rows[3, SPEED] = vy
         rows[3, HEADING] = vx
-        here = (x[X] - east, x[Y] - north, vx + x[EAST], vy + x[NORTH])
-        mixture.add_moments(mean, covariance, b.weight[k], here, rows, b.covariance[k])
+        centred = (x[X] - east, x[Y] - north, vx + x[EAST], vy + x[NORTH])
+        mixture.add_moments(mean, covariance, b.weight[k], centred, rows, b.covariance[k])
     mixture.centre_moments(mean, covariance)
     mean[X], mean[Y] = mean[X] + east, mean[Y] + north
     return mean, covariance
@@ -170,29 +170,29 @@ def predict_range(b: Belief, k: int, z: RangeMeasurement) -> tuple[float, float,
     x = b.state[k]
     P = b.covariance[k]
     n = b.states
-    own = SHARED + OWN * z.beacon
-    dx, dy = x[X] - z.east - x[own + 1], x[Y] - z.north - x[own + 2]
+    offset = SHARED + OWN * z.beacon
+    dx, dy = x[X] - z.east - x[offset + 1], x[Y] - z.north - x[offset + 2]
     distance = max(math.sqrt(dx * dx + dy * dy + z.deeper * z.deeper), _SHORTEST)
     flat = max(math.sqrt(dx * dx + dy * dy), _SHORTEST)
     scale = 1.0 + x[SCALE]
     hx, hy = scale * dx / distance, scale * dy / distance
     for j in range(n):
         b.gain[j] = (
-            hx * (P[j, X] - P[j, own + 1])
-            + hy * (P[j, Y] - P[j, own + 2])
+            hx * (P[j, X] - P[j, offset + 1])
+            + hy * (P[j, Y] - P[j, offset + 2])
             + distance * P[j, SCALE]
-            + P[j, own]
+            + P[j, offset]
         )
     gain = b.gain
     variance = (
-        hx * (gain[X] - gain[own + 1])
-        + hy * (gain[Y] - gain[own + 2])
+        hx * (gain[X] - gain[offset + 1])
+        + hy * (gain[Y] - gain[offset + 2])
         + distance * gain[SCALE]
-        + gain[own]
+        + gain[offset]
     )
-    cxx = P[X, X] - 2.0 * P[X, own + 1] + P[own + 1, own + 1]
-    cyy = P[Y, Y] - 2.0 * P[Y, own + 2] + P[own + 2, own + 2]
-    cxy = P[X, Y] - P[X, own + 2] - P[own + 1, Y] + P[own + 1, own + 2]
+    cxx = P[X, X] - 2.0 * P[X, offset + 1] + P[offset + 1, offset + 1]
+    cyy = P[Y, Y] - 2.0 * P[Y, offset + 2] + P[offset + 2, offset + 2]
+    cxy = P[X, Y] - P[X, offset + 2] - P[offset + 1, Y] + P[offset + 1, offset + 2]
     per = scale / distance
     fxx = per * (1.0 - dx * dx / distance**2)
     fyy = per * (1.0 - dy * dy / distance**2)
@@ -200,7 +200,7 @@ def predict_range(b: Belief, k: int, z: RangeMeasurement) -> tuple[float, float,
     axx, axy = fxx * cxx + fxy * cxy, fxx * cxy + fxy * cyy
     ayx, ayy = fxy * cxx + fyy * cxy, fxy * cxy + fyy * cyy
     second = 0.5 * (axx * axx + 2.0 * axy * ayx + ayy * ayy)
-    residual = z.range - scale * distance - x[own] - 0.5 * (axx + ayy)
+    residual = z.range - scale * distance - x[offset] - 0.5 * (axx + ayy)
     tx, ty = -dy / flat, dx / flat
     bend = 0.5 * (tx * tx * cxx + 2.0 * tx * ty * cxy + ty * ty * cyy) / flat
     return residual, variance + second, bend
@@ -246,13 +246,13 @@ def _split_component(b: Belief, k: int, z: RangeMeasurement) -> None:
     P = b.covariance[k]
     n = b.states
     column = b.gain
-    own = SHARED + OWN * z.beacon
-    dx, dy = x[X] - z.east - x[own + 1], x[Y] - z.north - x[own + 2]
+    offset = SHARED + OWN * z.beacon
+    dx, dy = x[X] - z.east - x[offset + 1], x[Y] - z.north - x[offset + 2]
     flat = math.sqrt(dx * dx + dy * dy)
     tx, ty = -dy / flat, dx / flat
     for j in range(n):
-        column[j] = tx * (P[j, X] - P[j, own + 1]) + ty * (P[j, Y] - P[j, own + 2])
-    sigma = math.sqrt(tx * (column[X] - column[own + 1]) + ty * (column[Y] - column[own + 2]))
+        column[j] = tx * (P[j, X] - P[j, offset + 1]) + ty * (P[j, Y] - P[j, offset + 2])
+    sigma = math.sqrt(tx * (column[X] - column[offset + 1]) + ty * (column[Y] - column[offset + 2]))
     for j in range(n):
         column[j] /= sigma
     for i in range(n):
@@ -302,15 +302,15 @@ def add_ring(b: Belief, z: RangeMeasurement, weight: float, lost: bool) -> None:
     If lost, other states are those of the heaviest component, but for the heading's variance;
     otherwise all are fresh.
     """
-    own = SHARED + OWN * z.beacon
+    offset = SHARED + OWN * z.beacon
     if b.alive[0] + BEARINGS >= CAPACITY:
         return
     distance = max(math.sqrt(max(z.range * z.range - z.deeper * z.deeper, 1.0)), 1.0)
     # wide beside all errors of a range, the update with which follows
-    along = 4.0 * (
+    radial_variance = 4.0 * (
         b.variance[z.beacon]
-        + b.fresh[own]
-        + b.fresh[own + 1]
+        + b.fresh[offset]
+        + b.fresh[offset + 1]
         + b.fresh[SCALE] * distance * distance
     )
     for i in range(BEARINGS):
@@ -324,7 +324,9 @@ def add_ring(b: Belief, z: RangeMeasurement, weight: float, lost: bool) -> None:
             P[HEADING, HEADING] += b.fresh[HEADING]
         else:
             mixture.reset_component(b, k, b.fresh)
-        mixture.place_on_ring(b, k, (z.east, z.north), distance, (ux, uy), (along, BEARINGS))
+        mixture.place_on_ring(
+            b, k, (z.east, z.north), distance, (ux, uy), (radial_variance, BEARINGS)
+        )
         b.weight[k] = weight / BEARINGS
         update(b, k, z)
         b.alive[0] += 1
@@ -445,8 +447,8 @@ def _allocate(s: BeaconSettings, beacons: int) -> Belief:
         s.gyro_bias_sigma,
         s.range_scale_sigma,
     ]
-    own = [s.range_offset_sigma, s.survey_sigma, s.survey_sigma]
-    fresh = np.square([*shared, s.current_sigma, s.current_sigma, *own * beacons])
+    per_beacon = [s.range_offset_sigma, s.survey_sigma, s.survey_sigma]
+    fresh = np.square([*shared, s.current_sigma, s.current_sigma, *per_beacon * beacons])
     n = fresh.size
     return Belief(
         state=np.zeros((CAPACITY, n)),
@@ -476,17 +478,17 @@ def new_belief(settings: BeaconSettings, start: tuple[float, float] | None) -> B
 
 def with_beacon(belief: Belief, settings: BeaconSettings) -> Belief:
     """Belief with fresh states of one more beacon."""
-    made = _allocate(settings, belief.variance.size + 1)
+    extended = _allocate(settings, belief.variance.size + 1)
     before = belief.states
     # what is not alive stays untouched, and takes no memory
     alive = slice(int(belief.alive[0]))
-    own = np.arange(before, made.states)
-    made.state[alive, :before] = belief.state[alive]
-    made.covariance[alive, :before, :before] = belief.covariance[alive]
-    made.covariance[alive, own, own] = made.fresh[before:]
-    made.variance[:-1] = belief.variance
-    made.rejected[:-1] = belief.rejected
-    return made._replace(
+    added = np.arange(before, extended.states)
+    extended.state[alive, :before] = belief.state[alive]
+    extended.covariance[alive, :before, :before] = belief.covariance[alive]
+    extended.covariance[alive, added, added] = extended.fresh[before:]
+    extended.variance[:-1] = belief.variance
+    extended.rejected[:-1] = belief.rejected
+    return extended._replace(
         weight=belief.weight, outcome=belief.outcome, alive=belief.alive, evidence=belief.evidence
     )
 
@@ -546,11 +548,13 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
             and not math.isnan(own.depth)
         ):
             used = [
-                self._receive(self._key(i, place, reception.message), place, r, own.depth)
-                for i, (place, r) in enumerate(
+                self._receive(
+                    self._key(i, transmitter, reception.message), transmitter, r, own.depth
+                )
+                for i, (transmitter, r) in enumerate(
                     zip(reception.transmitters, reception.ranges, strict=True)
                 )
-                if np.isfinite(r + place.sum())
+                if np.isfinite(r + transmitter.sum())
             ]
         self._state, self._covariance = moments(self._belief, own.speed, own.heading)
         if self._belief.alive[0] and not np.isfinite(self._covariance).all():
@@ -576,21 +580,23 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
             durations = np.full(measurements.speed.size, measurements.dt)
         return super().run(replace(measurements, dt=self.settings.dt, durations=durations))
 
-    def _key(self, i: int, place: Floats, message: LeaderMessage) -> tuple[float, float] | int:
+    def _key(
+        self, i: int, transmitter: Floats, message: LeaderMessage
+    ) -> tuple[float, float] | int:
         """What tells beacons apart: the place of one at rest; of one that moves, where its message
         says that it is itself, which of the transmitters it is.
         """
-        east, north, _ = map(float, place)
-        here = (east, north) == (message.east, message.north)
-        if here and message.speed > 0.0:
+        east, north, _ = map(float, transmitter)
+        at_message_position = (east, north) == (message.east, message.north)
+        if at_message_position and message.speed > 0.0:
             self._moving.add(i)
-        return i if here and i in self._moving else (east, north)
+        return i if at_message_position and i in self._moving else (east, north)
 
     def _receive(
-        self, key: tuple[float, float] | int, place: Floats, measured: float, depth: float
+        self, key: tuple[float, float] | int, transmitter: Floats, measured: float, depth: float
     ) -> bool:
         """Take one range; whether the heaviest component used it."""
-        east, north, deep = map(float, place)
+        east, north, deep = map(float, transmitter)
         if key not in self._beacons:
             if len(self._beacons) == MOST_BEACONS:
                 raise LaisnError(

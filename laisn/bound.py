@@ -169,9 +169,11 @@ def _way(
     step = np.eye(_STATES)
     step[:2] = rows[-1]
     step[_CLOCK, _DRIFT] = end
-    along = ahead[:, :, None] * ahead[:, None, :]
+    longitudinal = ahead[:, :, None] * ahead[:, None, :]
     turned = ((speed * noise.heading_sigma) ** 2)[:, None, None]
-    added = np.cumsum(noise.speed_sigma**2 * along + turned * (dt**2 * np.eye(2) - along), axis=0)
+    added = np.cumsum(
+        noise.speed_sigma**2 * longitudinal + turned * (dt**2 * np.eye(2) - longitudinal), axis=0
+    )
     onward = np.zeros((speed.size, 2, _STATES))
     gained = np.zeros((_STATES, _STATES))
     onward[:, :, :2] = added

@@ -53,8 +53,8 @@ _KEPT_S = 7 * 86_400.0
 
 
 def reached_sources() -> list[Path]:
-    found = [path for pattern in COMPILED_SOURCES for path in sorted(_ROOT.glob(pattern))]
-    return [path for path in found if not path.relative_to(_ROOT).as_posix().startswith(_EXCLUDED)]
+    paths = [path for pattern in COMPILED_SOURCES for path in sorted(_ROOT.glob(pattern))]
+    return [path for path in paths if not path.relative_to(_ROOT).as_posix().startswith(_EXCLUDED)]
 
 
 class UnstoredCode(LaisnWarning):
@@ -78,23 +78,23 @@ def find_folder() -> Path | None:
     digest = hashlib.sha256(f"{sys.version} {numba.__version__} {np.__version__}".encode())
     for path in reached_sources():
         digest.update(f"{path.relative_to(_ROOT)} ".encode() + path.read_bytes())
-    place = Path(home if os.path.isabs(home) else "~/.cache") / "laisn-sim" / "compiled"
+    cache = Path(home if os.path.isabs(home) else "~/.cache") / "laisn-sim" / "compiled"
     try:
-        place = place.expanduser()
-        place.mkdir(mode=0o700, parents=True, exist_ok=True)
-        state = place.lstat()
-        version = place / digest.hexdigest()[:16]
+        cache = cache.expanduser()
+        cache.mkdir(mode=0o700, parents=True, exist_ok=True)
+        state = cache.lstat()
+        version = cache / digest.hexdigest()[:16]
         if not stat.S_ISDIR(state.st_mode) or state.st_uid != os.geteuid() or state.st_mode & 0o077:
-            _warn_unstored(place, "it is not a folder that only this user can enter")
+            _warn_unstored(cache, "it is not a folder that only this user can enter")
             return None
         version.mkdir(exist_ok=True)
         os.utime(version)
-        for other in place.iterdir():
+        for other in cache.iterdir():
             if other.stat().st_mtime < time.time() - _KEPT_S:
                 shutil.rmtree(other, ignore_errors=True)
     except (OSError, RuntimeError) as error:
         # the latter: this user has no home
-        _warn_unstored(place, getattr(error, "strerror", None) or str(error))
+        _warn_unstored(cache, getattr(error, "strerror", None) or str(error))
         return None
     return version
 

@@ -51,5 +51,9 @@ def screenful(lines: Iterable[str], rows: int = ROWS) -> list[str]:
     """
     texts = [shortened(plain(line), COLUMNS * (rows // 2)) for line in lines]
     ends = accumulate(max(1, math.ceil(len(text) / COLUMNS)) for text in texts)
-    shown = sum(end <= rows - (number < len(texts)) for number, end in enumerate(ends, start=1))
-    return texts if shown == len(texts) else [*texts[:shown], f"  … and {len(texts) - shown} more"]
+    n_fitting = sum(end <= rows - (number < len(texts)) for number, end in enumerate(ends, start=1))
+    return (
+        texts
+        if n_fitting == len(texts)
+        else [*texts[:n_fitting], f"  … and {len(texts) - n_fitting} more"]
+    )

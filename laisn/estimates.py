@@ -126,10 +126,10 @@ class Estimates(ArrayRecord):
     @classmethod
     def of(cls, state: Floats, covariance: Floats, fixes: Sequence[FixRecord]) -> Self:
         """Estimates of n states and f fixes."""
-        found = [{**vars(fix), **fix.details} for fix in fixes]
+        records = [{**vars(fix), **fix.details} for fix in fixes]
         arrays = dict[str, Any]()
         for name, (shape, integer) in cls._fix_columns().items():
-            rows = [fix[name.removeprefix("fix_")] for fix in found]
+            rows = [fix[name.removeprefix("fix_")] for fix in records]
             arrays[name] = np.array(rows, np.int64 if integer else np.float64).reshape(
                 len(rows), *shape
             )
@@ -176,8 +176,8 @@ class Estimates(ArrayRecord):
         """The estimates of steps `first` + 1 … `last`, which become 1 … `last` − `first`, and
         their fixes.
         """
-        kept = (self.fix_step > first) & (self.fix_step <= last)
-        parts: dict[str, Any] = {f.name: getattr(self, f.name)[kept] for f in fields(self)[2:]}
+        in_part = (self.fix_step > first) & (self.fix_step <= last)
+        parts: dict[str, Any] = {f.name: getattr(self, f.name)[in_part] for f in fields(self)[2:]}
         parts["fix_step"] = parts["fix_step"] - first
         return replace(
             self, state=self.state[first:last], covariance=self.covariance[first:last], **parts

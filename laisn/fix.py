@@ -96,16 +96,16 @@ def pair_fix(pair: Pair, heading: Turn, predicted: Point, t: Tuning) -> Fix:
     front = pair.front.radius
     received = rear == rear and front == front
     chord = geometry.common_chord(pair.rear.centre, rear, pair.front.centre, front)
-    apart = chord.apart
+    distinct = chord.apart
     d = chord.distance
     # one transmitter upon the other: the axis is the hull's
-    east = chord.way.east if apart else heading.sine
-    north = chord.way.north if apart else heading.cosine
-    two = apart and chord.half_squared > 0.0
+    east = chord.way.east if distinct else heading.sine
+    north = chord.way.north if distinct else heading.cosine
+    two = distinct and chord.half_squared > 0.0
     half = math.sqrt(chord.half_squared if two else 0.0)
     separation = 2.0 * half
     clear = two and separation >= t.threshold
-    tangent = apart and chord.half_squared == 0.0
+    tangent = distinct and chord.half_squared == 0.0
 
     x, y = predicted.east - pair.rear.centre.east, predicted.north - pair.rear.centre.north
     side = half if y * east >= x * north else -half
@@ -175,9 +175,9 @@ class RangeCircles(NamedTuple):
         """Fix of a pair by `pair_fix`; off a hull P_D is replaced by the point on the line
         through the pair.
         """
-        found = pair_fix(pair, self.heading, predicted, t)
-        on_line = self.off_hull and found.kind == ASTERN and pair.rear.centre != pair.front.centre
-        return _on_line(pair, found.kind) if on_line else found
+        fix = pair_fix(pair, self.heading, predicted, t)
+        on_line = self.off_hull and fix.kind == ASTERN and pair.rear.centre != pair.front.centre
+        return _on_line(pair, fix.kind) if on_line else fix
 
 
 def to_circles(
@@ -200,12 +200,12 @@ def to_circles(
     if places is None:
         pitch, roll = map(turn, geometry.broadcast_tilt(message, settings))
         arms = geometry.tilted_arms(settings.baseline, settings.middle_offset, heading, pitch, roll)
-        found = circles(
+        circles_of_ranges = circles(
             Point(message.east, message.north), arms, reception.ranges, depth_difference
         )
     else:
         rows = zip(places.tolist(), reception.ranges, strict=True)
-        found = Circles(
+        circles_of_ranges = Circles(
             *(
                 Circle(Point(east, north), horizontal_range(r, hydrophone - depth))
                 for (east, north, depth), r in rows
@@ -214,8 +214,8 @@ def to_circles(
     if way is not None:
         # transmitters that the settings place have gone on from ping to ping already
         moved = way + (leader_way(message, settings) if places is None else 0.0)
-        found = Circles(*map(_moved, found, moved.tolist()))
-    return RangeCircles(found, heading, depth_difference, off_hull=places is not None)
+        circles_of_ranges = Circles(*map(_moved, circles_of_ranges, moved.tolist()))
+    return RangeCircles(circles_of_ranges, heading, depth_difference, off_hull=places is not None)
 
 
 def _moved(circle: Circle, way: list[float]) -> Circle:

@@ -9,7 +9,7 @@ it equals the Joseph form.
 
 from collections.abc import Callable, Sequence
 from itertools import count
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -188,6 +188,7 @@ def predict(block: Floats, t: Tuning) -> None:
     dt = t.dt
     for lane in range(LANES):
         sigma_a = expected_acceleration(block[GAMMA_V + lane], block[GAMMA_THETA + lane], t)
+        # x ← F x and P ← F P Fᵀ + σ_a² G Gᵀ with F = [I, Δt I; 0, I] and G = [½ Δt² I; Δt I]
         q = sigma_a * sigma_a * (dt * dt)
         q_mixed = q * (0.5 * dt)
         q_position = q * (0.25 * dt * dt)
@@ -215,15 +216,17 @@ def speed_update(block: Floats, t: Tuning) -> None:
         speed = block[SPEED + lane]
         s = block[SIN + lane]
         c = block[COS + lane]
-        along = t.speed_variance
-        across = t.heading_variance * (speed * speed)
-        rxx = s * s * along + c * c * across
-        rxy = s * c * (along - across)
-        ryy = c * c * along + s * s * across
+        # R = Rot diag(σ_v², (σ_θ v)²) Rotᵀ: the log errs along the way, the compass across it
+        along_variance = t.speed_variance
+        across_variance = t.heading_variance * (speed * speed)
+        rxx = s * s * along_variance + c * c * across_variance
+        rxy = s * c * (along_variance - across_variance)
+        ryy = c * c * along_variance + s * s * across_variance
         vxx = block[VXX + lane]
         vxy = block[VXY + lane]
         vyy = block[VYY + lane]
         cxx, cxy, cyx, cyy = cross_covariance_at(block, lane)
+        # H = [0, I] and the blocks P, C, V of the covariance: S = V + R
         sxx = vxx + rxx
         sxy = vxy + rxy
         syy = vyy + ryy
@@ -231,11 +234,12 @@ def speed_update(block: Floats, t: Tuning) -> None:
         ixx = syy * per_det
         ixy = -sxy * per_det
         iyy = sxx * per_det
-        # Gains: row by state, column by component of the measurement.
+        # K = [C; V] S⁻¹: row by state, column by component of the measurement
         k_xx, k_xy = cxx * ixx + cxy * ixy, cxx * ixy + cxy * iyy
         k_yx, k_yy = cyx * ixx + cyy * ixy, cyx * ixy + cyy * iyy
         k_ux, k_uy = vxx * ixx + vxy * ixy, vxx * ixy + vxy * iyy
         k_wx, k_wy = vxy * ixx + vyy * ixy, vxy * ixy + vyy * iyy
+        # x += K e with e = z − H x; P −= K_p Cᵀ, C ← K_p R, V ← K_v R (as V − V S⁻¹ V = V S⁻¹ R)
         ex, ey = speed * s - block[VX + lane], speed * c - block[VY + lane]
         block[X + lane] += k_xx * ex + k_xy * ey
         block[Y + lane] += k_yx * ex + k_yy * ey
@@ -266,6 +270,7 @@ def update(block: Floats, t: Tuning, k: int) -> None:
         bound = gate_radius((k - block[ACCEPTED_STEP + lane]) * t.dt, block[SPEED + lane], t)
         gated = exceeds_gate(Point(zx, zy), point_at(block, ACCEPTED_X, lane), bound)
 
+        # H = [I, 0] and R = r I: S = P + r I
         pxx = block[PXX + lane]
         pxy = block[PXY + lane]
         pyy = block[PYY + lane]
@@ -281,6 +286,7 @@ def update(block: Floats, t: Tuning, k: int) -> None:
         block[KIND + lane] = outcome
         block[PASSED + lane] = 1.0 if not (lost or gated) else block[PASSED + lane]
 
+        # x += [P; Cᵀ] S⁻¹ e with e = z − H x, and NIS = eᵀ S⁻¹ e
         per_det = 1.0 / (sxx * syy - pxy * pxy)
         ixx = syy * per_det
         ixy = -pxy * per_det
@@ -292,7 +298,7 @@ def update(block: Floats, t: Tuning, k: int) -> None:
         block[Y + lane] += pxy * fx + pyy * fy if used else 0.0
         block[VX + lane] += cxx * fx + cyx * fy if used else 0.0
         block[VY + lane] += cxy * fx + cyy * fy if used else 0.0
-        # S⁻¹ C; the velocity's covariance loses Cᵀ S⁻¹ C.
+        # P ← r S⁻¹ P (as P − P S⁻¹ P = r S⁻¹ P), C ← r S⁻¹ C, V −= Cᵀ S⁻¹ C
         nxx, nxy = ixx * cxx + ixy * cyx, ixx * cxy + ixy * cyy
         nyx, nyy = ixy * cxx + iyy * cyx, ixy * cxy + iyy * cyy
         block[PXX + lane] = r * (ixx * pxx + ixy * pxy) if used else pxx
@@ -349,9 +355,9 @@ def place_transmitters(block: Floats, t: Tuning) -> None:
         if t.use_attitude:
             pitch = block[PITCH + lane]
             roll = block[ROLL + lane]
-            known = pitch == pitch and roll == roll
-            pitched = Turn(*sin_cos(pitch if known else 0.0))
-            rolled = Turn(*sin_cos(roll if known else 0.0))
+            has_attitude = pitch == pitch and roll == roll
+            pitched = Turn(*sin_cos(pitch if has_attitude else 0.0))
+            rolled = Turn(*sin_cos(roll if has_attitude else 0.0))
         arms = tilted_arms(t.baseline, t.middle_offset, heading, pitched, rolled)
         ranges = Ranges(block[R1 + lane], block[R2 + lane], block[R3 + lane])
         placed = circles(point_at(block, EAST, lane), arms, ranges, depth_difference)
@@ -507,11 +513,13 @@ def stacked(missions: Sequence[Measurements]) -> tuple[Floats, Floats]:
     (m, 10 · LANES).
     """
     filled = [missions[min(lane, len(missions) - 1)] for lane in range(LANES)]
-    own = np.stack([np.column_stack([m.speed, m.heading, m.last_depth]) for m in filled], axis=-1)
+    readings = np.stack(
+        [np.column_stack([m.speed, m.heading, m.last_depth]) for m in filled], axis=-1
+    )
     messages = np.stack(
         [np.column_stack([m.message[:, _BROADCAST], m.ranges]) for m in filled], axis=-1
     )
-    return own.reshape(len(own), 3 * LANES), messages.reshape(len(messages), 10 * LANES)
+    return readings.reshape(len(readings), 3 * LANES), messages.reshape(len(messages), 10 * LANES)
 
 
 class LaneSwarm(NamedTuple):
@@ -530,7 +538,7 @@ class LaneSwarm(NamedTuple):
         received: Bools,
         messages: Records,
         ranges: Floats,
-        estimates: Any,
+        estimates: Records,
         record: SwarmRecord,
     ) -> int:
         """Advance by one filter step; see `laisn.swarm.Swarm.navigate`."""
@@ -601,14 +609,14 @@ def _record_fixes(
     block: Floats, t: Tuning, prior: Floats, i: int, step: int, record: SwarmRecord
 ) -> None:
     """Record the fixes of the message that the follower in lane i has received at a step."""
-    made = 0
+    n_fixes = 0
     for update, first in enumerate(fix_rows(t.variant)):
         if first < 0:
             continue
         fix = fix_at(block, first, i)
         if fix.kind == LOST:
             continue
-        made += 1
+        n_fixes += 1
         row = record.fix[i, new_fix(record, i, step, int(fix.kind))]
         # R = r I of the position update
         r = fix_variance(fix.sigma, block[DZ + i], t)
@@ -624,7 +632,7 @@ def _record_fixes(
             row.innovation_covariance[0, 1] = before[3, i]
             row.innovation_covariance[1, 0] = before[3, i]
             row.innovation_covariance[1, 1] = before[4, i] + r
-    if made == 0:
+    if n_fixes == 0:
         new_fix(record, i, step, int(LOST))
 
 

@@ -7,17 +7,37 @@ caller's.
 """
 
 import math
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from laisn.arrays import Floats, Four, Ints, Two
 from laisn.compiled import compiled
 
-Mixture: TypeAlias = Any
-"""A record or NamedTuple with arrays of c components: `state`, shape (c, n), `covariance`, shape
-(c, n, n), `weight`, shape (c,), and `outcome`, shape (c,), records of the result of the last
-update, which copies keep. `states` is the number of states in use; arrays may be wider."""
+
+class Mixture(Protocol):
+    """A record or NamedTuple with arrays of c components."""
+
+    @property
+    def state(self) -> Floats:
+        """Means, shape (c, n) or wider."""
+
+    @property
+    def covariance(self) -> Floats:
+        """Shape (c, n, n) or wider."""
+
+    @property
+    def weight(self) -> Floats:
+        """Shape (c,)."""
+
+    @property
+    def outcome(self) -> Any:
+        """Records of the result of the last update, which copies keep, shape (c,)."""
+
+    @property
+    def states(self) -> int:
+        """Number n of states in use."""
+
 
 _SQRT_HALF = math.sqrt(0.5)
 _PER_SQRT_TURN = 1.0 / math.sqrt(2.0 * math.pi)
@@ -29,21 +49,22 @@ _NEGLIGIBLE = 1e-12
 
 
 @compiled
-def blend(mean: Floats, covariance: Floats, one: int, other: int, share: float, n: int) -> None:
-    """Replace Gaussian `one` by that with the moments of (1 − share) of it and `share` of
-    `other`.
+def blend(mean: Floats, covariance: Floats, first: int, second: int, share: float, n: int) -> None:
+    """Replace Gaussian `first` by that with the moments of (1 − share) of it and `share` of
+    `second`.
     """
-    kept = 1.0 - share
+    # P ← (1 − s) P_1 + s P_2 + s (1 − s) (x_2 − x_1)(x_2 − x_1)ᵀ, x ← (1 − s) x_1 + s x_2
+    remainder = 1.0 - share
     for i in range(n):
-        apart = mean[other, i] - mean[one, i]
+        difference = mean[second, i] - mean[first, i]
         # both halves of the symmetric covariance, so that the loop is vectorised
         for j in range(n):
-            within = kept * covariance[one, i, j] + share * covariance[other, i, j]
-            covariance[one, i, j] = within + kept * share * (
-                apart * (mean[other, j] - mean[one, j])
+            within = remainder * covariance[first, i, j] + share * covariance[second, i, j]
+            covariance[first, i, j] = within + remainder * share * (
+                difference * (mean[second, j] - mean[first, j])
             )
     for i in range(n):
-        mean[one, i] = kept * mean[one, i] + share * mean[other, i]
+        mean[first, i] = remainder * mean[first, i] + share * mean[second, i]
 
 
 @compiled
@@ -51,6 +72,7 @@ def update_scalar(
     mean: Floats, covariance: Floats, gain: Floats, residual: float, variance: float, n: int
 ) -> None:
     """Kalman update of n states x, P with one number of residual ν, variance S and gain P Hᵀ."""
+    # x += K ν and P −= K S Kᵀ with K = P Hᵀ / S
     for i in range(n):
         share = gain[i] / variance
         mean[i] += share * residual
@@ -150,10 +172,11 @@ def _is_same(b: Mixture, modes: int, g: int, h: int, further: int, same: float) 
     x = b.state
     P = b.covariance
     if further >= 0:
-        apart = x[i, further] - x[j, further]
+        difference = x[i, further] - x[j, further]
         variance = 0.5 * (P[i, further, further] + P[j, further, further])
-        if not apart * apart <= same * variance:
+        if not difference * difference <= same * variance:
             return False
+    # dᵀ adj(P̄) d < same · det(P̄), so that nothing is divided by a vanishing determinant
     dx, dy = x[i, 0] - x[j, 0], x[i, 1] - x[j, 1]
     xx, xy = 0.5 * (P[i, 0, 0] + P[j, 0, 0]), 0.5 * (P[i, 0, 1] + P[j, 0, 1])
     yy = 0.5 * (P[i, 1, 1] + P[j, 1, 1])
@@ -162,7 +185,7 @@ def _is_same(b: Mixture, modes: int, g: int, h: int, further: int, same: float) 
 
 @compiled
 def prune_and_merge(
-    b: Mixture, modes: int, count: int, least_weight: float, kept: int, further: int, same: float
+    b: Mixture, modes: int, count: int, least_weight: float, most: int, further: int, same: float
 ) -> int:
     """Prune hypotheses lighter than `least_weight`, merge those nearer than `same` (as of
     `_is_same`) in position and in the state `further` (−1: none), and keep the heaviest; how many
@@ -187,7 +210,7 @@ def prune_and_merge(
             else:
                 h += 1
         g += 1
-    while count > kept:
+    while count > most:
         lightest = 0
         for h in range(1, count):
             if hypothesis_weight(b, modes, h) < hypothesis_weight(b, modes, lightest):
@@ -228,29 +251,31 @@ def place_on_ring(
     mean = b.state[k]
     covariance = b.covariance[k]
     ux, uy = direction
-    along, bearings = ring
-    across = (_OVERLAP * 2.0 * math.pi / bearings * distance) ** 2
+    radial_variance, bearings = ring
+    tangential_variance = (_OVERLAP * 2.0 * math.pi / bearings * distance) ** 2
     mean[0] = centre[0] + distance * ux
     mean[1] = centre[1] + distance * uy
-    covariance[0, 0] = along * ux * ux + across * uy * uy
-    covariance[1, 1] = along * uy * uy + across * ux * ux
-    covariance[0, 1] = covariance[1, 0] = (along - across) * ux * uy
+    # P = σ_r² u uᵀ + σ_t² (I − u uᵀ)
+    covariance[0, 0] = radial_variance * ux * ux + tangential_variance * uy * uy
+    covariance[1, 1] = radial_variance * uy * uy + tangential_variance * ux * ux
+    covariance[0, 1] = covariance[1, 0] = (radial_variance - tangential_variance) * ux * uy
 
 
 @compiled
 def add_moments(
-    mean: Floats, moment: Floats, weight: float, here: Four, rows: Floats, covariance: Floats
+    mean: Floats, moment: Floats, weight: float, values: Four, rows: Floats, covariance: Floats
 ) -> None:
     """Add a component to mean and moment (upper triangle) of x, y, vx, vy about an origin: its
-    values `here`, their derivatives F by its n states (`rows`, shape (5, n) or wider, whose last
+    values `values`, their derivatives F by its n states (`rows`, shape (5, n) or wider, whose last
     row is overwritten), and its covariance. The origin is the mean position, so that the squares of
     large coordinates do not swallow small variances.
     """
     n = covariance.shape[0]
     moved = rows[4]
     for i in range(4):
-        mean[i] += weight * here[i]
-        # F P, one row after the other, and then F P Fᵀ
+        mean[i] += weight * values[i]
+        # moment += w (y yᵀ + F P Fᵀ) with the values y: F P, one row after the other, then its
+        # product with the rows of F
         for h in range(n):
             moved[h] = 0.0
         for g in range(n):
@@ -258,7 +283,7 @@ def add_moments(
                 for h in range(n):
                     moved[h] += rows[i, g] * covariance[g, h]
         for j in range(i, 4):
-            value = here[i] * here[j]
+            value = values[i] * values[j]
             for h in range(n):
                 value += moved[h] * rows[j, h]
             moment[i, j] += weight * value

@@ -152,9 +152,9 @@ def gate_radius(elapsed: float, speed: float, t: Tuning) -> float:
 
 
 @formula
-def exceeds_gate(place: Point, start: Point, bound: float) -> bool:
+def exceeds_gate(position: Point, start: Point, bound: float) -> bool:
     """Whether a place lies farther from a start than the bound [m]."""
-    east, north = place.east - start.east, place.north - start.north
+    east, north = position.east - start.east, position.north - start.north
     return math.sqrt(east * east + north * north) > bound
 
 
@@ -276,9 +276,9 @@ class Navigator(OnlineNavigator[Estimates]):
             # LAISN-3(1): one update after the other, the state carried along (paper, Section 2.3.1)
             records = []
             for pair in circles.pairs():
-                found = circles.fix(pair, self._position(), self._tuning)
-                if found.kind != FixKind.LOST:
-                    records.append(self._apply_fix(found, circles, own))
+                fix = circles.fix(pair, self._position(), self._tuning)
+                if fix.kind != FixKind.LOST:
+                    records.append(self._apply_fix(fix, circles, own))
             records = records or [self._apply_fix(_NO_FIX, circles, own)]
         # one range leaves the way across open, which the gate's bound must still cover
         if any(
@@ -288,34 +288,34 @@ class Navigator(OnlineNavigator[Estimates]):
             self._gate.accept(self._position(), self._step)
         return records
 
-    def _apply_fix(self, found: Fix, circles: RangeCircles, own: OwnMotion) -> FixRecord:
+    def _apply_fix(self, fix: Fix, circles: RangeCircles, own: OwnMotion) -> FixRecord:
         """Gate a fix and update the filter with it; where there is none, with one range alone,
         if that may be.
         """
-        place = Point(found.east, found.north)
+        position = Point(fix.east, fix.north)
         axis = None
-        sigma_p = found.sigma
-        kind = FixKind(int(found.kind))
+        sigma_p = fix.sigma
+        kind = FixKind(int(fix.kind))
         if kind is FixKind.LOST:
-            one = (
+            single = (
                 one_range(circles.circles, self._position())
                 if self.settings.use_single_range
                 else None
             )
-            if one is None:
+            if single is None:
                 return FixRecord(
                     step=self._step, position=np.full(2, np.nan), sigma=np.nan, kind=kind
                 )
-            place, axis = one
+            position, axis = single
             sigma_p = 0.0
             kind = FixKind.ONE_RANGE
         sigma = math.sqrt(fix_variance(sigma_p, circles.depth_difference, self._tuning))
         record = FixRecord(
-            step=self._step, position=np.array(place), sigma=sigma, kind=FixKind.GATED
+            step=self._step, position=np.array(position), sigma=sigma, kind=FixKind.GATED
         )
-        if not self._gate.passes(place, self._step, own.speed):
+        if not self._gate.passes(position, self._step, own.speed):
             return record
-        innovation = self._filter.update_position(place, sigma, axis)
+        innovation = self._filter.update_position(position, sigma, axis)
         return replace(
             record,
             kind=kind if innovation.applied else FixKind.SINGULAR,

@@ -122,16 +122,16 @@ class NavigatorSpec:
         if self.mission:
             result: MissionResult = resolve_name(self.mission)(settings, measurements, start)
             return result
-        found = self.make(settings, start).run(measurements)
-        used = np.isfinite(found.innovation_covariance).all(axis=(1, 2)) & np.isfinite(
-            found.innovation
+        estimates = self.make(settings, start).run(measurements)
+        used = np.isfinite(estimates.innovation_covariance).all(axis=(1, 2)) & np.isfinite(
+            estimates.innovation
         ).all(axis=1)
-        e = found.innovation[used]
-        S = found.innovation_covariance[used]
+        e = estimates.innovation[used]
+        S = estimates.innovation_covariance[used]
         squared = float(np.sum(e * np.linalg.solve(S, e[..., None])[..., 0])) if len(e) else 0.0
-        covariance = found.covariance[:, (0, 0, 1), (0, 1, 1)]
+        covariance = estimates.covariance[:, (0, 0, 1), (0, 1, 1)]
         return MissionResult(
-            found.state, covariance, found.fix_kind.tolist(), squared, 2.0 * len(e)
+            estimates.state, covariance, estimates.fix_kind.tolist(), squared, 2.0 * len(e)
         )
 
 
@@ -193,17 +193,19 @@ OWN_SECTION = "own"
 
 
 def _own(name: str) -> NavigatorSpec:
-    made = find_class("navigator", name, "step")
-    settings = getattr(made, "Settings", NavigationSettings)
-    known = not isinstance(made, type) or hasattr(made, "run") or hasattr(made, "step")
-    if not known or not issubclass(settings, Settings):
+    factory = find_class("navigator", name, "step")
+    settings = getattr(factory, "Settings", NavigationSettings)
+    usable = not isinstance(factory, type) or hasattr(factory, "run") or hasattr(factory, "step")
+    if not usable or not issubclass(settings, Settings):
         raise LaisnError(
             f"navigator {name!r}: expected a class with `step(own, reception, dt)`, `state` and "
             "`covariance`, or with `run(measurements) -> Estimates`; its own settings are a class "
             "`Settings` in it that derives from laisn.settings.Settings"
         )
     sections = (OWN_SECTION,) if settings is not NavigationSettings else ()
-    return NavigatorSpec(factory=made, settings=settings, sections=sections, title=made.__name__)
+    return NavigatorSpec(
+        factory=factory, settings=settings, sections=sections, title=factory.__name__
+    )
 
 
 def find(name: str) -> NavigatorSpec:

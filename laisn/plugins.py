@@ -187,20 +187,22 @@ def registered_tokens(text: str) -> list[str]:
     """Tokens of what Python code of this process has given, of those whose names are in a text of
     JSON.
     """
-    return [one.token for name, one in sorted(_REGISTERED.items()) if f'"{name}"' in text]
+    return [
+        registered.token for name, registered in sorted(_REGISTERED.items()) if f'"{name}"' in text
+    ]
 
 
-def register(made: Any, *, importable: bool = False) -> str:
+def register(factory: Any, *, importable: bool = False) -> str:
     """Name by which scenarios may use a class, or a function that makes objects of one, defined
     anywhere.
 
     If other processes need it (`importable`), it must be a class at the top of a file of its own,
     or LaisnError; they import the file as it is now.
     """
-    module = made.__module__
-    attribute = re.sub(r"\W", "_", made.__qualname__)
+    module = factory.__module__
+    attribute = re.sub(r"\W", "_", factory.__qualname__)
     file = Path(getattr(sys.modules.get(module), "__file__", None) or "")
-    named = isinstance(made, type) and attribute == made.__name__ and module != "__main__"
+    named = isinstance(factory, type) and attribute == factory.__name__ and module != "__main__"
     in_a_file = named and file.suffix == ".py" and file.stem == module
     name = f"{module.rpartition('.')[2]}:{attribute}"
     if importable and not in_a_file:
@@ -212,8 +214,8 @@ def register(made: Any, *, importable: bool = False) -> str:
         load_plugin(file)
         return name
     loaded = _LOADED.get(module)
-    if loaded is None or getattr(loaded.module, attribute, None) is not made:
-        _REGISTERED[name] = _Registered(made, secrets.token_hex(12))
+    if loaded is None or getattr(loaded.module, attribute, None) is not factory:
+        _REGISTERED[name] = _Registered(factory, secrets.token_hex(12))
     return name
 
 
@@ -255,24 +257,24 @@ def find_class(kind: str, name: str, method: str = "") -> Any:
     return classes[chosen[0]]
 
 
-def takes_readings(made: Any) -> bool:
+def takes_readings(factory: Any) -> bool:
     """Whether this is a class of controllers with `control(readings, belief, dt)`, and not one
     of other controllers.
     """
-    code = getattr(getattr(made, "control", None), "__code__", None)
-    return isinstance(made, type) and code is not None and code.co_argcount == 4
+    code = getattr(getattr(factory, "control", None), "__code__", None)
+    return isinstance(factory, type) and code is not None and code.co_argcount == 4
 
 
 def find_controller(name: str) -> Any:
     """The class of a follower's controller; LaisnError as of `find_class`, or if its `control`
     takes something else.
     """
-    made = find_class("controller", name, "control")
-    if not takes_readings(made):
+    controller = find_class("controller", name, "control")
+    if not takes_readings(controller):
         raise LaisnError(
             f"controller {name!r}: expected a class with `control(readings, belief, dt)`"
         )
-    return made
+    return controller
 
 
 def _custom_frames(error: BaseException, sources: set[str]) -> list[traceback.FrameSummary]:
@@ -304,14 +306,14 @@ def _lines_of(error: BaseException, sources: set[str]) -> list[str]:
         return [f"{kind}: {error.msg}", f'  File "{error.filename}", line {error.lineno}: {source}']
     if not frames:
         return [head]
-    shown = []
+    lines = []
     if len(frames) > _MOST_FRAMES:
-        shown.append(f"  … {len(frames) - _MOST_FRAMES} calls before")
+        lines.append(f"  … {len(frames) - _MOST_FRAMES} calls before")
     for frame in frames[-_MOST_FRAMES:]:
-        shown.append(f'  File "{frame.filename}", line {frame.lineno}, in {frame.name}')
+        lines.append(f'  File "{frame.filename}", line {frame.lineno}, in {frame.name}')
         if frame.line:
-            shown.append(f"    {frame.line}")
-    return [head, *shown]
+            lines.append(f"    {frame.line}")
+    return [head, *lines]
 
 
 def plugin_error(error: BaseException) -> PluginError | None:
@@ -325,7 +327,7 @@ def plugin_error(error: BaseException) -> PluginError | None:
 
 
 @contextmanager
-def calling(what: str) -> Iterator[None]:
+def calling(description: str) -> Iterator[None]:
     """A call of the user's own code in the block: PluginError if it takes other arguments."""
     try:
         yield
@@ -334,7 +336,7 @@ def calling(what: str) -> Iterator[None]:
         frames = list(traceback.walk_tb(error.__traceback__))
         if len(frames) > 2:
             raise
-        raise PluginError(f"{what}: {error}") from error
+        raise PluginError(f"{description}: {error}") from error
 
 
 @contextmanager

@@ -124,10 +124,10 @@ def _require_own_packages() -> None:
 
     for name in _PACKAGES:
         spec = find_spec(name)
-        place = os.path.realpath(spec.origin) if spec is not None and spec.origin else "nothing"
-        if place != os.path.join(_ROOT, name, "__init__.py"):
+        location = os.path.realpath(spec.origin) if spec is not None and spec.origin else "nothing"
+        if location != os.path.join(_ROOT, name, "__init__.py"):
             raise ImportError(
-                f"`import {name}` finds {place}, expected the package of laisn_sim in {_ROOT}: "
+                f"`import {name}` finds {location}, expected the package of laisn_sim in {_ROOT}: "
                 "rename the former, or remove its folder from sys.path (the folder of the running "
                 "script is its first entry)"
             )
@@ -143,8 +143,8 @@ def __getattr__(name: str) -> object:
     from pkgutil import resolve_name
 
     _require_own_packages()
-    found = globals()[name] = resolve_name(_HOMES[name])
-    return found
+    member = globals()[name] = resolve_name(_HOMES[name])
+    return member
 
 
 def __dir__() -> list[str]:

@@ -307,9 +307,9 @@ class Simulation:
     def reset(self, *, seed: int | None = None, run: int | None = None) -> Self:
         """Set out anew, perhaps with the noise of another seed or run; commands are forgotten."""
         changes = {"seed": seed, "run": run}
-        given = {key: value for key, value in changes.items() if value is not None}
-        if given:
-            self.scenario = as_scenario(self.scenario, given)
+        changed = {key: value for key, value in changes.items() if value is not None}
+        if changed:
+            self.scenario = as_scenario(self.scenario, changed)
         self._set_out()
         return self
 

@@ -67,22 +67,22 @@ def film_errors(duration_s: float, video: Video) -> list[str]:
 def _cost(scenario: Scenario) -> list[str]:
     """Missions beyond the limits of memory and time."""
     vehicles = 1 + len(scenario.followers)
-    found = []
+    problems = []
     instants = scenario.duration_s / CONTROL_STEP_S * vehicles
     if instants > MOST_INSTANTS:
-        found.append(
+        problems.append(
             f"duration_s: {scenario.duration_s:g} s of {vehicles} vehicles would take "
             f"{instants * 1.1e-6:.3g} GB of "
             f"memory; so many vehicles may fly {MOST_INSTANTS * CONTROL_STEP_S / vehicles:.0f} s"
         )
     steps = scenario.duration_s / scenario.timing.physics_step_s * vehicles
     if scenario.motion == "physics" and steps > MOST_PHYSICS_STEPS:
-        found.append(
+        problems.append(
             f"timing.physics_step_s: {scenario.duration_s:g} s of {vehicles} vehicles in steps of "
             f"{scenario.timing.physics_step_s:g} s are {steps:.4g} steps, there may be "
             f"{MOST_PHYSICS_STEPS}"
         )
-    return found
+    return problems
 
 
 def _errors_of(build: Callable[[], object], where: str) -> list[str]:
@@ -201,7 +201,7 @@ def _vertical_forces(plant: Plant, design: Any, speed: float) -> VerticalForces:
     The hull's lift is that of the incidence that fins and thrusters can hold against its righting
     and the moments of hull and fins at that incidence; what they push down at the stern is lost.
     """
-    own = design["effectors"]
+    effectors = design["effectors"]
     stiffness = design["righting"] - _moment_of_incidence(plant) * speed**2
     forces = []
     for side in (-1.0, 1.0):
@@ -215,7 +215,7 @@ def _vertical_forces(plant: Plant, design: Any, speed: float) -> VerticalForces:
             # moments nose up are negative about the body's axis to port
             moment = abs(_greatest(design, speed, PITCH, -side))
             incidence = min(moment / max(abs(stiffness), 1e-9), INCIDENCE_MAX)
-            lever = _stern_lever(own)
+            lever = _stern_lever(effectors)
             lift = design["lift"] * speed**2 * incidence
             lost = stiffness * incidence / lever if lever > 0.0 else 0.0
             force += share * max(lift - lost, 0.0)
@@ -346,22 +346,22 @@ def _start_overlap(scenario: Scenario) -> list[str]:
         return []
     setups = setups_of(scenario, routes_of(scenario))
     keys = [key for key, _ in scenario.vehicles()]
-    found = []
-    for i, one in enumerate(setups):
+    overlaps = []
+    for i, setup in enumerate(setups):
         for j, other in enumerate(setups[:i]):
-            x, y, z = np.subtract(one.position_m, other.position_m)
+            x, y, z = np.subtract(setup.position_m, other.position_m)
             near = (
                 (joins[i] or joins[j]) and np.hypot(x, y) < LEAST_APART_M and abs(z) < LEAST_LAYER_M
             )
             if near or (
                 scenario.contact == "end" and np.hypot(np.hypot(x, y), z) < 2.0 * HULL_RADIUS_M
             ):
-                found.append(
+                overlaps.append(
                     f"{keys[j]} and {keys[i]} start {np.hypot(x, y):.2g} m apart in layers "
                     f"{abs(z):.2g} m apart; at "
                     f"least {LEAST_APART_M:g} m or {LEAST_LAYER_M:g} m are needed"
                 )
-    return found
+    return overlaps
 
 
 def _station_conflict(scenario: Scenario) -> list[str]:
@@ -389,9 +389,7 @@ def _transmitters_off_axis(scenario: Scenario) -> list[str]:
     for name, (axis, value) in transmitter_places(scenario.leader).items():
         places[name][axis] = value
     if on_axis(
-        np.array(
-            [place - (0.0, 0.0, spec.site("depth_sensor").pos[2]) for place in places.values()]
-        )
+        np.array([site - (0.0, 0.0, spec.site("depth_sensor").pos[2]) for site in places.values()])
     ):
         return []
     return [
@@ -405,17 +403,19 @@ def cautions(scenario: Scenario) -> list[str]:
     """What a flyable scenario has that its navigators or followers cannot cope with, a line
     each.
     """
-    found = assumption_cautions(scenario)
+    remarks = assumption_cautions(scenario)
     variant = scenario.navigation.variant
     stations = any(follower.station for follower in scenario.followers)
     # how good a navigator of the user's own is, its flight shows
     if stations and not (find(variant).compare_with_crlb or is_plugin_name(variant)):
-        better = ", ".join(repr(name) for name, one in NAVIGATORS.items() if one.compare_with_crlb)
-        found.append(
+        better = ", ".join(
+            repr(name) for name, spec in NAVIGATORS.items() if spec.compare_with_crlb
+        )
+        remarks.append(
             f"stations are kept by navigator {variant!r}, with errors of metres; {better} keeps "
             "them better"
         )
-    return found
+    return remarks
 
 
 def infeasibilities(scenario: Scenario) -> list[str]:
@@ -423,7 +423,7 @@ def infeasibilities(scenario: Scenario) -> list[str]:
     `Scenario.inconsistencies`.
     """
     shapes: list[str] = []
-    found = [
+    problems = [
         *_errors_of(partial(Clock, scenario.epoch), "epoch"),
         *film_errors(scenario.duration_s, scenario.video),
         *_errors_of(partial(sea_of_keys, scenario), "ocean.waves"),
@@ -432,7 +432,7 @@ def infeasibilities(scenario: Scenario) -> list[str]:
         *_cost(scenario),
     ]
     for follower in scenario.followers:
-        found += (
+        problems += (
             _errors_of(partial(find_controller, follower.controller), "")
             if follower.controller
             else []
@@ -451,11 +451,11 @@ def infeasibilities(scenario: Scenario) -> list[str]:
     shapes += [] if shapes else _errors_of(partial(require_sea, scenario), "ocean")
     if shapes:
         # what follows depends on hulls, routes and the sea
-        return [*found, *shapes]
+        return [*problems, *shapes]
     for key, vehicle in scenario.vehicles():
-        found += _control_errors(scenario, key, vehicle)
+        problems += _control_errors(scenario, key, vehicle)
     return [
-        *found,
+        *problems,
         *_leader_too_fast(scenario),
         *_start_overlap(scenario),
         *_station_conflict(scenario),

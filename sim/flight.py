@@ -105,7 +105,7 @@ def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: in
     assumed = sound.sound_speed_m_s + sound.sound_speed_bias_m_s
     sites = np.array(placed) - np.array([0.0, 0.0, sensor[2]])
     # the leader's transmitters are those on its hull, unless the scenario has others
-    given: dict[str, Any] = {
+    values: dict[str, Any] = {
         "transmitter_offsets": scenario.navigation.transmitters_m,
         "dt": scenario.timing.filter_step_s,
         "hydrophone_height": float(height),
@@ -116,24 +116,24 @@ def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: in
         "slip": SLIP_M_SQRT_S if scenario.motion == "physics" else 0.0,
     }
     if on_axis(sites):
-        given |= {"baseline": 2.0 * float(sites[1, 0]), "middle_offset": float(sites[2, 1])}
-    elif not given["transmitter_offsets"]:
-        given["transmitter_offsets"] = tuple(tuple(site) for site in sites.tolist())
-    return scenario.navigation.settings(given, assumed)
+        values |= {"baseline": 2.0 * float(sites[1, 0]), "middle_offset": float(sites[2, 1])}
+    elif not values["transmitter_offsets"]:
+        values["transmitter_offsets"] = tuple(tuple(site) for site in sites.tolist())
+    return scenario.navigation.settings(values, assumed)
 
 
 def settings_as(
     kind: type[Kind], scenario: Scenario, trajectory: Trajectory, follower: int
 ) -> Kind:
     """`navigation_settings` of one kind; LaisnError if the scenario navigates by something else."""
-    found = navigation_settings(scenario, trajectory, follower)
-    if not isinstance(found, kind):
+    settings = navigation_settings(scenario, trajectory, follower)
+    if not isinstance(settings, kind):
         expected = ", ".join(name for name, spec in NAVIGATORS.items() if spec.settings is kind)
         raise LaisnError(
             f"scenario {scenario.name!r} navigates by {scenario.navigation.variant!r}; expected "
             f"one of {expected}"
         )
-    return found
+    return settings
 
 
 def navigate(

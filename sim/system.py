@@ -27,18 +27,18 @@ def atomic_write(path: Path) -> Iterator[Path]:
     """Yield a path for the block to create a file at, which replaces `path`, whole, when the
     block has succeeded. An OSError of the block that names no file, as of a full disk, names it.
     """
-    part = path.with_name(f".{path.name}.{secrets.token_hex(6)}.part")
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(6)}.part")
     try:
-        yield part
-        with part.open("rb") as file:
+        yield temporary
+        with temporary.open("rb") as file:
             os.fsync(file.fileno())
-        os.replace(part, path)
+        os.replace(temporary, path)
     except OSError as error:
         if error.errno is None or error.filename is not None:
             raise
         raise OSError(error.errno, error.strerror, str(path)) from error
     finally:
-        part.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -125,7 +125,8 @@ def _signals_after() -> Iterator[None]:
     if threading.current_thread() is threading.main_thread():
         numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
         before = {
-            number: signal.signal(number, lambda one, _: came.append(one)) for number in numbers
+            number: signal.signal(number, lambda received, _: came.append(received))
+            for number in numbers
         }
     try:
         yield

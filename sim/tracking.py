@@ -39,15 +39,15 @@ def cross_track(route: Route, time: Floats, position: Floats) -> Floats:
     last = route.time.size - 2
     due = np.clip(np.searchsorted(route.time, time, side="right") - 1, 0, last)
     start = route.waypoint[:-1]
-    along = np.diff(route.waypoint, axis=0)
+    legs = np.diff(route.waypoint, axis=0)
     nearest = np.full(time.size, np.inf)
     for shift in (-1, 0, 1):
         leg = np.clip(due + shift, 0, last)
         offset = position - start[leg]
-        squared = np.einsum("ni,ni->n", along[leg], along[leg])
+        squared = np.einsum("ni,ni->n", legs[leg], legs[leg])
         # where the vehicle stops, the leg is a point
-        share = np.einsum("ni,ni->n", offset, along[leg]) / np.where(squared > 0.0, squared, 1.0)
-        off_leg = offset - np.clip(share, 0.0, 1.0)[:, None] * along[leg]
+        share = np.einsum("ni,ni->n", offset, legs[leg]) / np.where(squared > 0.0, squared, 1.0)
+        off_leg = offset - np.clip(share, 0.0, 1.0)[:, None] * legs[leg]
         nearest = np.minimum(nearest, np.hypot(*off_leg.T))
     return nearest
 
@@ -56,8 +56,8 @@ def track_error(route: Route, time: Floats, position: Floats) -> Floats:
     """Distance to where the point motion along the route is, shape (n,), [m]; arguments as of
     `cross_track`.
     """
-    place = plan(route).at(time)
-    return np.hypot(position[:, 0] - place.east, position[:, 1] - place.north)
+    planned = plan(route).at(time)
+    return np.hypot(position[:, 0] - planned.east, position[:, 1] - planned.north)
 
 
 LEFT_ROUTE_M = 100.0
@@ -146,31 +146,33 @@ class Contact(NamedTuple):
     pair: tuple[str, str]  # their names, the leader before followers, followers in their order
 
 
-def _dot(one: Floats, other: Floats) -> Floats:
+def _dot(first: Floats, second: Floats) -> Floats:
     """Dot products of vectors, shape (n, 3), added up in the same order on every machine."""
     return np.asarray(
-        one[..., 0] * other[..., 0] + one[..., 1] * other[..., 1] + one[..., 2] * other[..., 2]
+        first[..., 0] * second[..., 0]
+        + first[..., 1] * second[..., 1]
+        + first[..., 2] * second[..., 2]
     )
 
 
-def hull_gap(between: Floats, one: Floats, other: Floats, halves: tuple[float, float]) -> Floats:
+def hull_gap(between: Floats, first: Floats, second: Floats, halves: tuple[float, float]) -> Floats:
     """Distances of two straight hulls' axes at n instants, shape (n,), [m].
 
-    `slerp` leads from the middle of the first to that of the second, shape (n, 3), [m]; `one` and
-    `other` are unit vectors along them, shape (n, 3), and `halves` half their lengths [m].
+    `slerp` leads from the middle of the first to that of the second, shape (n, 3), [m]; `first` and
+    `second` are unit vectors along them, shape (n, 3), and `halves` half their lengths [m].
     """
-    along = _dot(one, other)
-    ahead = _dot(one, between)
-    across = _dot(other, between)
+    cosine = _dot(first, second)
+    ahead = _dot(first, between)
+    across = _dot(second, between)
     # nearest points s and t along the axes, each within its hull (Ericson, Real-Time Collision
     # Detection, 2005)
-    sine_squared = 1.0 - along * along
+    sine_squared = 1.0 - cosine * cosine
     crossed = sine_squared > 1e-9
-    s = np.where(crossed, (ahead - along * across) / np.where(crossed, sine_squared, 1.0), 0.0)
+    s = np.where(crossed, (ahead - cosine * across) / np.where(crossed, sine_squared, 1.0), 0.0)
     s = np.clip(s, -halves[0], halves[0])
-    t = np.clip(along * s - across, -halves[1], halves[1])
-    s = np.clip(along * t + ahead, -halves[0], halves[0])
-    nearest = between + t[..., None] * other - s[..., None] * one
+    t = np.clip(cosine * s - across, -halves[1], halves[1])
+    s = np.clip(cosine * t + ahead, -halves[0], halves[0])
+    nearest = between + t[..., None] * second - s[..., None] * first
     return np.sqrt(_dot(nearest, nearest))
 
 
@@ -197,11 +199,11 @@ def _first_contacts(pose: Floats) -> Ints:
 def contacts(trajectory: Trajectory) -> list[Contact]:
     """Every pair of vehicles whose hulls touch, when they first do, in order of time."""
     first = _first_contacts(trajectory.pose)
-    found = [
+    pairs = [
         Contact(float(trajectory.time[first[i, j]]), (trajectory.names[j], trajectory.names[i]))
         for i, j in np.argwhere(first >= 0)
     ]
-    return sorted(found)
+    return sorted(pairs)
 
 
 def first_touch(pose: Floats) -> int | None:
@@ -245,10 +247,10 @@ def _stations(
         time = k * dt
         extend(trail, count, leader[k, 0], leader[k, 1], time, (speed[k], heading[k]))
         for i in range(f):
-            known = trail, count[0]
+            points = trail, count[0]
             if k > 0:
-                turn_frame(formations[i], stations[i], known, (time - dt, time), dt, states[i])
-            target = station_at(stations[i], known, time, states[i])
+                turn_frame(formations[i], stations[i], points, (time - dt, time), dt, states[i])
+            target = station_at(stations[i], points, time, states[i])
             out[k, i].east, out[k, i].north = target.east, target.north
             out[k, i].heading = states[i].heading
             out[k, i].rate = states[i].rate
@@ -269,8 +271,8 @@ def stations_along(
     through the water [m/s] and heading [rad], shape (n,). `stations` are records of STATION and
     `formations` the settings of `[formation]` for each, shape (f,).
     """
-    place, through, ahead = (np.ascontiguousarray(values) for values in (leader, speed, heading))
-    return _stations(place, through, ahead, stations, formations, dt).view(np.recarray)
+    position, through, ahead = (np.ascontiguousarray(values) for values in (leader, speed, heading))
+    return _stations(position, through, ahead, stations, formations, dt).view(np.recarray)
 
 
 def _limits(scenario: Scenario, follower: Follower) -> HullLimits | None:
@@ -352,12 +354,12 @@ def off_station(
     f), [m]; NaN: none.
     """
     off = np.full((trajectory.time.size, len(scenario.followers)), np.nan)
-    kept = [i for i, follower in enumerate(scenario.followers) if follower.station]
-    if not kept:
+    with_station = [i for i, follower in enumerate(scenario.followers) if follower.station]
+    if not with_station:
         # a first flight along routes need not compile what finds stations
         return off
     places = true_stations(scenario, trajectory) if stations is None else stations
-    for i in kept:
+    for i in with_station:
         hydrophone = trajectory.site_path(f"{scenario.followers[i].name}/hydrophone")[:, :2]
         off[:, i] = np.hypot(
             hydrophone[:, 0] - places.east[:, i], hydrophone[:, 1] - places.north[:, i]
@@ -371,14 +373,14 @@ def track_errors(
     """Horizontal distance of followers from stations, or from where routes have them, shape (n,
     f), [m].
     """
-    kept = off_station(scenario, trajectory, stations)
+    errors = off_station(scenario, trajectory, stations)
     routes = routes_of(scenario)
     for i, follower in enumerate(scenario.followers):
         if follower.station is None:
-            kept[:, i] = track_error(
+            errors[:, i] = track_error(
                 routes[i + 1], trajectory.time, trajectory.position[:, i + 1, :2]
             )
-    return kept
+    return errors
 
 
 def station_keeping(off: Floats, time: Floats) -> StationKeeping:
@@ -411,15 +413,15 @@ def _nearest(
     """The pair that came nearest at places of shape (n, v, 2 or 3), of all or of some, shape (v,
     v); None: of none.
     """
-    found = None
+    nearest = None
     for i, j in np.argwhere(np.tri(len(names), k=-1)).tolist():
         if pairs is None or pairs[i, j]:
             between = places[:, i] - places[:, j]
-            distance = np.sqrt(sum(part * part for part in between.T))
+            distance = np.sqrt(sum(component * component for component in between.T))
             k = int(distance.argmin())
-            if found is None or distance[k] < found.distance_m:
-                found = Approach(float(distance[k]), (names[j], names[i]), float(time[k]))
-    return found
+            if nearest is None or distance[k] < nearest.distance_m:
+                nearest = Approach(float(distance[k]), (names[j], names[i]), float(time[k]))
+    return nearest
 
 
 def _in_one_layer(depth: Floats) -> Bools:
@@ -454,13 +456,16 @@ def closest_stations(scenario: Scenario) -> Approach | None:
     """The stations of one layer, the leader's place included, that come nearest along its plan;
     None: none do.
     """
-    kept = [
+    stationed = [
         (f"followers[{i}].station", f.station)
         for i, f in enumerate(scenario.followers)
         if f.station
     ]
     places = np.array(
-        [(0.0, 0.0, scenario.leader.layer_m), *((s.behind_m, s.port_m, s.depth_m) for _, s in kept)]
+        [
+            (0.0, 0.0, scenario.leader.layer_m),
+            *((s.behind_m, s.port_m, s.depth_m) for _, s in stationed),
+        ]
     )
     pairs = _in_one_layer(places[:, 2])
     if np.count_nonzero(pairs) == len(places):
@@ -480,5 +485,5 @@ def closest_stations(scenario: Scenario) -> Approach | None:
     formations = np.array(settings).view(np.recarray)
     way = np.column_stack([leader.east, leader.north])
     placed = stations_along(way, through, leader.course, stations, formations, _STEP_S)
-    names = ["the leader's place", *(key for key, _ in kept)]
+    names = ["the leader's place", *(key for key, _ in stationed)]
     return _nearest(names, time, np.stack([placed.east, placed.north], axis=-1), pairs)

@@ -61,33 +61,33 @@ def pose_between(
     `u`, 0 … 1, is how far between them, `dt` the time from one to the other [s]; `pose` and
     `velocity` of the body's origin [m/s] are those at both.
     """
-    one, other = pose
-    here, there = velocity
+    start, end = pose
+    start_velocity, end_velocity = velocity
     u2 = u * u
     u3 = u * u * u
     a = 2.0 * u3 - 3.0 * u2 + 1.0
     b = dt * (u3 - 2.0 * u2 + u)
     c = 3.0 * u2 - 2.0 * u3
     d = dt * (u3 - u2)
-    east = a * one[0] + b * here[0] + c * other[0] + d * there[0]
-    north = a * one[1] + b * here[1] + c * other[1] + d * there[1]
-    up = a * one[2] + b * here[2] + c * other[2] + d * there[2]
-    w, x, y, z = attitude.slerp(one[3:7], other[3:7], u)
+    east = a * start[0] + b * start_velocity[0] + c * end[0] + d * end_velocity[0]
+    north = a * start[1] + b * start_velocity[1] + c * end[1] + d * end_velocity[1]
+    up = a * start[2] + b * start_velocity[2] + c * end[2] + d * end_velocity[2]
+    w, x, y, z = attitude.slerp(start[3:7], end[3:7], u)
     return east, north, up, w, x, y, z
 
 
 @compiled
-def _poses_at(place: Floats, dt: float, pose: Floats, twist: Floats) -> Floats:
+def _poses_at(index: Floats, dt: float, pose: Floats, twist: Floats) -> Floats:
     """Poses of v vehicles at m places on the grid, shape (m, v, 7)."""
-    found = np.empty((place.size, pose.shape[1], 7))
-    for m in range(place.size):
-        i = min(int(place[m]), pose.shape[0] - 2)
+    poses = np.empty((index.size, pose.shape[1], 7))
+    for m in range(index.size):
+        i = min(int(index[m]), pose.shape[0] - 2)
         for v in range(pose.shape[1]):
             ends = (pose[i, v], pose[i + 1, v])
             velocity = (twist[i, v], twist[i + 1, v])
-            for j, value in enumerate(pose_between(place[m] - i, dt, ends, velocity)):
-                found[m, v, j] = value
-    return found
+            for j, value in enumerate(pose_between(index[m] - i, dt, ends, velocity)):
+                poses[m, v, j] = value
+    return poses
 
 
 # instants that are computed at a time, so that intermediate values take little memory
@@ -248,9 +248,9 @@ class Trajectory(ArrayRecord):
             raise ValueError(
                 f"time {instants.min():g} … {instants.max():g} s lies outside {start:g} … {end:g} s"
             )
-        place = np.clip((instants - start) / self.dt, 0.0, self.time.size - 1)
-        found = _poses_at(place, self.dt, self.pose, self.twist)
-        return found[..., :3], found[..., 3:]
+        index = np.clip((instants - start) / self.dt, 0.0, self.time.size - 1)
+        poses = _poses_at(index, self.dt, self.pose, self.twist)
+        return poses[..., :3], poses[..., 3:]
 
     def site_at(self, name: str, time: npt.ArrayLike) -> Floats:
         """One site between grid points, shape (m, 3), [m]; `time` as in `at`."""

@@ -113,9 +113,9 @@ def load_scenario(source: str, assignments: Iterable[str], *, flyable: bool = Fa
     logged.
     """
     table = table_of(source)
-    given = list(assignments)
-    changes = values_of(given)
-    name = " ".join([source, *(f"--set {shortened(a, 200)}" for a in given)])
+    texts = list(assignments)
+    changes = values_of(texts)
+    name = " ".join([source, *(f"--set {shortened(a, 200)}" for a in texts)])
     where = _line_of(source, changes)
     if flyable:
         return _checked(table, changes, name, where)

@@ -51,19 +51,19 @@ class Flight(simulated.Flight):
     follower.
     """
 
-    def plot(self, what: str = "errors", follower: int = 0) -> Any:
+    def plot(self, plot: str = "errors", follower: int = 0) -> Any:
         """A `plotly.graph_objects.Figure`: "errors", bearing, ranges and fixes of a follower over
         time; "routes" of all vehicles with estimates; "motion", depth, pitch and speed of all.
         LaisnError if there is no such figure or follower.
         """
         number = len(self.estimates)
-        if what not in PLOTS:
-            raise LaisnError(f"plot {what!r}: expected one of {', '.join(PLOTS)}")
+        if plot not in PLOTS:
+            raise LaisnError(f"plot {plot!r}: expected one of {', '.join(PLOTS)}")
         if not 0 <= follower < number:
             raise LaisnError(f"follower {follower}: expected 0 … {number - 1}")
-        if what == "routes":
+        if plot == "routes":
             return plotly(flight_figures.track_map(self, range(number), width=7.0))
-        if what == "motion":
+        if plot == "motion":
             return plotly(flight_figures.motion(self))
         errors = position_and_bearing_errors(self)
         bounds = flight_bounds(self)
@@ -99,10 +99,10 @@ class Flight(simulated.Flight):
 
 def _with_report(make: Callable[_Given, simulated.Flight]) -> Callable[_Given, Flight]:
     @wraps(make)
-    def made(*given: _Given.args, **named: _Given.kwargs) -> Flight:
-        return Flight(**vars(make(*given, **named)))
+    def with_report(*arguments: _Given.args, **named: _Given.kwargs) -> Flight:
+        return Flight(**vars(make(*arguments, **named)))
 
-    return made
+    return with_report
 
 
 navigate = _with_report(flying.navigate_again)

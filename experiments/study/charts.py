@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from experiments.study.design import is_number
-from experiments.study.estimate import NOTHING, Place, Results, digits
+from experiments.study.estimate import NOTHING, Condition, Results, digits
 from experiments.study.measure import METRICS, without_unit
 from experiments.study.plan import ARM, FOLLOWER, Plan, levels, varied
 from laisn.arrays import Floats
@@ -132,9 +132,9 @@ def _few(words: Mapping[float, str]) -> dict[float, str]:
     return dict(itertools.islice(words.items(), None, None, max(1, -(-len(words) // _MOST_TICKS))))
 
 
-def _factors_at(plan: Plan, place: Place) -> dict[str, Any]:
+def _factors_at(plan: Plan, condition: Condition) -> dict[str, Any]:
     """The values of factors, arm and follower of a place, by name."""
-    return {**plan.points[place[0]], ARM: place[1], FOLLOWER: place[2]}
+    return {**plan.points[condition[0]], ARM: condition[1], FOLLOWER: condition[2]}
 
 
 Marks = dict[str, list[tuple[float, float, float, float]]]
@@ -149,12 +149,12 @@ def _marks(plan: Plan, results: Results, layout: Layout, axis: Axis, base: str) 
     differences = results.differences(base, metric) if base else {}
     x_of = {repr(value): x for value, x in zip(axis.values, axis.places, strict=True)}
     panels: dict[str, Marks] = {}
-    for place in results.rows:
-        values = _factors_at(plan, place)
+    for condition in results.rows:
+        values = _factors_at(plan, condition)
         if base:
-            estimate = differences.get(place, NOTHING)
+            estimate = differences.get(condition, NOTHING)
         else:
-            estimate = results.estimate(place, metric)
+            estimate = results.estimate(condition, metric)
         if math.isnan(estimate.value):
             continue
         title = point_text({name: values[name] for name in layout.panels})
@@ -264,12 +264,12 @@ def heat_maps(plan: Plan, results: Results, names: Sequence[str]) -> Figures:
         n for n in (*varied(plan), ARM, FOLLOWER) if n not in names and len(levels(plan, n)) > 1
     ]
     drawn: dict[str, Floats] = {}
-    for place in results.rows:
-        factors = _factors_at(plan, place)
+    for condition in results.rows:
+        factors = _factors_at(plan, condition)
         title = point_text({name: factors[name] for name in others})
         if title in drawn or len(drawn) < MOST_PANELS:
             values = drawn.setdefault(title, np.full((len(row), len(column)), np.nan))
-            estimate = results.estimate(place, plan.study.file.report.metric)
+            estimate = results.estimate(condition, plan.study.file.report.metric)
             values[row[repr(factors[up.name])], column[repr(factors[across.name])]] = estimate.value
     x, y = [*map(value_text, across.values)], [*map(value_text, up.values)]
     labels = (label_of(across.name), label_of(up.name))
@@ -385,16 +385,16 @@ def over_draws(plan: Plan, results: Results, point: int) -> Figures:
     label = METRICS[metric].label
     places = [(point, arm, plan.followers[0]) for arm in plan.arms]
     for draw in plan.study.draws[:MOST_PANELS]:
-        drawn = [[row[draw.key] for row in results.rows.get(place, [])] for place in places]
+        drawn = [[row[draw.key] for row in results.rows.get(condition, [])] for condition in places]
         lines = [
             Line(
                 x=np.array(values),
-                y=results.by_realization(place, metric),
+                y=results.by_realization(condition, metric),
                 colour=colour,
                 marker="o",
-                name=place[1],
+                name=condition[1],
             )
-            for place, values, colour in zip(places, drawn, SERIES, strict=False)
+            for condition, values, colour in zip(places, drawn, SERIES, strict=False)
             if values and all(map(is_number, values))
         ]
         if lines:

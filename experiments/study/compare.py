@@ -59,10 +59,10 @@ def _flights(names: Sequence[str], flights: Sequence[Flight]) -> dict[str, Any]:
     errors = [position_and_bearing_errors(flight)[0] for flight in flights]
     times = [flight.trajectory.time[flight.step_index()] for flight in flights]
     parts = []
-    for place, label, scale in ((0, "E_P [m]", 1.0), (1, "E_B [°]", 180.0 / math.pi)):
+    for row, label, scale in ((0, "E_P [m]", 1.0), (1, "E_B [°]", 180.0 / math.pi)):
         each = zip(times, errors, SERIES, names, strict=False)
         lines = [
-            Line(x=t, y=scale * e[place], colour=colour, name=name) for t, e, colour, name in each
+            Line(x=t, y=scale * e[row], colour=colour, name=name) for t, e, colour, name in each
         ]
         parts.append(Part(lines=lines, y_label=label, y_limits=(0.0, None)))
     curves = Panel(parts=parts, x_label="time [s]", width=FULL, height=4.4)
@@ -79,17 +79,19 @@ def _flights(names: Sequence[str], flights: Sequence[Flight]) -> dict[str, Any]:
     }
 
 
-Place = tuple[str, ...]
+Condition = tuple[str, ...]
 """Settings of a place in words."""
 
 
-def _points_text(points: Iterable[Place]) -> str:
+def _points_text(points: Iterable[Condition]) -> str:
     texts = [", ".join(point) or "the only one" for point in points]
     more = f" and {len(texts) - _NAMED} more" if len(texts) > _NAMED else ""
     return f"{'; '.join(texts[:_NAMED]) or 'none with a value'}{more}"
 
 
-def _require_common_points(folders: Sequence[Path], values: Sequence[Mapping[Place, Any]]) -> None:
+def _require_common_points(
+    folders: Sequence[Path], values: Sequence[Mapping[Condition, Any]]
+) -> None:
     """LaisnError naming the first study that has no point in common with the first of them."""
     for folder, points in zip(folders[1:], values[1:], strict=True):
         if not values[0].keys() & points.keys():
@@ -100,7 +102,7 @@ def _require_common_points(folders: Sequence[Path], values: Sequence[Mapping[Pla
             )
 
 
-def paired(folders: Sequence[Path], metric: str) -> dict[Place, list[Interval | None]]:
+def paired(folders: Sequence[Path], metric: str) -> dict[Condition, list[Interval | None]]:
     """For every place that studies share with the first of them: its mean, and the others' paired
     differences.
 
@@ -113,16 +115,16 @@ def paired(folders: Sequence[Path], metric: str) -> dict[Place, list[Interval | 
     _require_common_points(folders, values)
     first, *others = values
     shares = metric in SHARES
-    intervals: dict[Place, list[Interval | None]] = {}
-    for place, runs in first.items():
-        intervals[place] = [_mean(runs, shares=shares)]
+    intervals: dict[Condition, list[Interval | None]] = {}
+    for condition, runs in first.items():
+        intervals[condition] = [_mean(runs, shares=shares)]
         for other in others:
-            other_runs = other.get(place, {})
+            other_runs = other.get(condition, {})
             if other_runs.keys() == runs.keys():
                 differences = {run: value - runs[run] for run, value in other_runs.items()}
-                intervals[place].append(_mean(differences, shares=shares, paired=True))
+                intervals[condition].append(_mean(differences, shares=shares, paired=True))
             else:
-                intervals[place].append(None)
+                intervals[condition].append(None)
     return intervals
 
 
@@ -165,12 +167,12 @@ Runs = dict[tuple[int, int], float]
 """Values by seed and number of the run."""
 
 
-def _values_of(table: Sequence[Record], keys: Sequence[str], metric: str) -> dict[Place, Runs]:
-    values = defaultdict[Place, Runs](dict)
+def _values_of(table: Sequence[Record], keys: Sequence[str], metric: str) -> dict[Condition, Runs]:
+    values = defaultdict[Condition, Runs](dict)
     for row in table:
         if row[metric] is not None:
-            place = tuple(f"{key} = {row[key]}" for key in keys)
-            values[place][row["seed"], row["run"]] = float(row[metric])
+            condition = tuple(f"{key} = {row[key]}" for key in keys)
+            values[condition][row["seed"], row["run"]] = float(row[metric])
     return values
 
 

@@ -72,20 +72,20 @@ class Factor:
         return replace(whole, values=tuple(_tidy(whole.at(i / (steps - 1))) for i in range(steps)))
 
     @classmethod
-    def _of_range(cls, key: str, given: object) -> "Factor":
+    def _of_range(cls, key: str, table: object) -> "Factor":
         """The whole range of a table."""
-        if not isinstance(given, dict) or not {"from", "to"} <= given.keys():
+        if not isinstance(table, dict) or not {"from", "to"} <= table.keys():
             raise ValueError(
-                f"expected a list, or a table with from, to and steps (given: {given!r:.60})"
+                f"expected a list, or a table with from, to and steps (given: {table!r:.60})"
             )
-        unknown = sorted(given.keys() - set(_RANGE))
+        unknown = sorted(table.keys() - set(_RANGE))
         if unknown:
             raise ValueError(
                 f"unknown {', '.join(unknown)} of a range; known here: {', '.join(_RANGE)}"
             )
-        low = given["from"]
-        high = given["to"]
-        scale = given.get("scale", "linear")
+        low = table["from"]
+        high = table["to"]
+        scale = table.get("scale", "linear")
         if not is_number(low) or not is_number(high) or low == high:
             raise ValueError(
                 f"from and to must be two different numbers (given: {low!r}, {high!r})"
@@ -229,22 +229,22 @@ the address.
 """
 
 
-def _of_distribution(name: str, given: object) -> Quantile:
+def _of_distribution(name: str, parameters: object) -> Quantile:
     # 45 MB and a second to import, and most studies draw nothing
     from scipy import stats
 
     form, make = _LISTED.get(name, ("a table of its parameters in scipy.stats", None))
     family: Any = getattr(stats, "norm" if name == "normal" else name)
-    expected = f"{name} expects {form} (given: {given!r:.60})"
-    if not isinstance(given, dict) and not (isinstance(given, list) and make):
+    expected = f"{name} expects {form} (given: {parameters!r:.60})"
+    if not isinstance(parameters, dict) and not (isinstance(parameters, list) and make):
         raise ValueError(expected)
-    for value in given.values() if isinstance(given, dict) else given:
+    for value in parameters.values() if isinstance(parameters, dict) else parameters:
         if not is_number(value) or abs(value) > _LARGEST:
             raise ValueError(
                 f"{name}: a parameter is a number within ±{_LARGEST:g} (given: {value!r:.60})"
             )
     try:
-        law = family(**given) if isinstance(given, dict) else family(*make(*given))  # type: ignore[misc]
+        law = family(**parameters) if isinstance(parameters, dict) else family(*make(*parameters))  # type: ignore[misc]
     except (TypeError, ZeroDivisionError) as error:
         raise ValueError(f"{expected}: {error}") from None
     if not np.isfinite(law.ppf([0.01, 0.5, 0.99])).all():
@@ -297,16 +297,16 @@ class Draw:
     quantile: Quantile = field(compare=False)
 
     @classmethod
-    def of(cls, key: str, given: object) -> "Draw":
+    def of(cls, key: str, distribution: object) -> "Draw":
         """A draw as a file gives it: a table of one law's name and parameters; ValueError states
         what was expected.
         """
-        if not isinstance(given, dict) or len(given) != 1:
+        if not isinstance(distribution, dict) or len(distribution) != 1:
             raise ValueError(
                 f"expected one distribution, such as {{ uniform = [0.2, 0.8] }} (given: "
-                f"{given!r:.60})"
+                f"{distribution!r:.60})"
             )
-        ((name, parameters),) = given.items()
+        ((name, parameters),) = distribution.items()
         if name not in LAWS:
             raise ValueError(f"unknown distribution {name!r:.40}; available: {', '.join(LAWS)}")
         return cls(key=key, law=f"{name} {parameters}", quantile=LAWS[name](parameters))

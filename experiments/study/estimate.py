@@ -27,7 +27,7 @@ from reports.intervals import (
     mean_interval,
 )
 
-Place = tuple[int, str, str]  # point, arm and follower
+Condition = tuple[int, str, str]  # point, arm and follower
 NOTHING = Interval(math.nan, math.nan, math.nan)
 INTERACTIONS = "interactions"
 _RESAMPLES = 1000
@@ -143,72 +143,72 @@ class Results:
     over the others.
     """
 
-    rows: Mapping[Place, list[Record]]
-    runs: Mapping[Place, list[Record]]
-    _estimates: dict[tuple[Place, str], Interval] = field(
+    rows: Mapping[Condition, list[Record]]
+    runs: Mapping[Condition, list[Record]]
+    _estimates: dict[tuple[Condition, str], Interval] = field(
         default_factory=dict, init=False, compare=False
     )
 
     @classmethod
     def of(cls, rows: Sequence[Record], runs: Sequence[tuple[Record, Record]]) -> "Results":
         """Sort the rows of a study."""
-        by_place: dict[Place, list[Record]] = {}
-        runs_of: dict[Place, list[Record]] = {}
+        by_place: dict[Condition, list[Record]] = {}
+        runs_of: dict[Condition, list[Record]] = {}
         for row, (_, lists) in zip(rows, runs, strict=True):
-            place = row["point"], row["arm"], row["follower"]
-            by_place.setdefault(place, []).append(row)
-            runs_of.setdefault(place, []).append(lists)
+            condition = row["point"], row["arm"], row["follower"]
+            by_place.setdefault(condition, []).append(row)
+            runs_of.setdefault(condition, []).append(lists)
         return cls(rows=by_place, runs=runs_of)
 
-    def by_run(self, place: Place, metric: str) -> list[Floats] | None:
+    def by_run(self, condition: Condition, metric: str) -> list[Floats] | None:
         """Values of the runs of each realization; None if the metric is not one of single runs."""
-        runs = self.runs.get(place, [])
+        runs = self.runs.get(condition, [])
         if not runs or any(metric not in lists for lists in runs):
             return None
         return [np.array(lists[metric], dtype=np.float64) for lists in runs]
 
-    def by_realization(self, place: Place, metric: str) -> Floats:
+    def by_realization(self, condition: Condition, metric: str) -> Floats:
         """A value for each realization, shape (S,); means over the runs where the metric is one
         of runs.
         """
-        runs = self.by_run(place, metric)
+        runs = self.by_run(condition, metric)
         if runs is not None:
             whole = [_whole(values) for values in runs]
             return np.array([values.mean() if values.size else math.nan for values in whole])
-        return np.array([row.get(metric) for row in self.rows.get(place, [])], dtype=np.float64)
+        return np.array([row.get(metric) for row in self.rows.get(condition, [])], dtype=np.float64)
 
-    def estimate(self, place: Place, metric: str) -> Interval:
+    def estimate(self, condition: Condition, metric: str) -> Interval:
         """Mean of a metric at a place with its interval; NaN where nothing was flown."""
-        if (place, metric) not in self._estimates:
-            runs = self.by_run(place, metric)
-            realizations = self.by_realization(place, metric)
-            self._estimates[place, metric] = _interval(runs, realizations, metric)
-        return self._estimates[place, metric]
+        if (condition, metric) not in self._estimates:
+            runs = self.by_run(condition, metric)
+            realizations = self.by_realization(condition, metric)
+            self._estimates[condition, metric] = _interval(runs, realizations, metric)
+        return self._estimates[condition, metric]
 
-    def difference(self, place: Place, base: str, metric: str) -> Interval:
+    def difference(self, condition: Condition, base: str, metric: str) -> Interval:
         """Mean of the arm of a place less that of the arm `base` at the same point, paired by
         realization and run.
         """
-        other = (place[0], base, place[2])
-        if self._realizations(place) != self._realizations(other):
+        other = (condition[0], base, condition[2])
+        if self._realizations(condition) != self._realizations(other):
             return NOTHING
-        runs = self.by_run(place, metric) or []
+        runs = self.by_run(condition, metric) or []
         base_runs = self.by_run(other, metric) or []
         differences = None
         if runs and base_runs:
             if [a.size for a in runs] != [b.size for b in base_runs]:
                 return NOTHING
             differences = [a - b for a, b in zip(runs, base_runs, strict=True)]
-        means = self.by_realization(place, metric) - self.by_realization(other, metric)
+        means = self.by_realization(condition, metric) - self.by_realization(other, metric)
         return _interval(differences, means, metric, paired=True)
 
-    def _realizations(self, place: Place) -> list[Any]:
-        return [row["realization"] for row in self.rows.get(place, [])]
+    def _realizations(self, condition: Condition) -> list[Any]:
+        return [row["realization"] for row in self.rows.get(condition, [])]
 
-    def differences(self, base: str, metric: str) -> dict[Place, Interval]:
+    def differences(self, base: str, metric: str) -> dict[Condition, Interval]:
         """Differences from the arm `base` at all places of other arms where both were flown."""
         places = [p for p in self.rows if p[1] != base and (p[0], base, p[2]) in self.rows]
-        return {place: self.difference(place, base, metric) for place in places}
+        return {condition: self.difference(condition, base, metric) for condition in places}
 
 
 def explained(factor: Floats | Ints, values: Floats) -> Floats:
@@ -272,7 +272,7 @@ def main_effects(plan: Plan, results: Results, metric: str) -> dict[str, Interva
     if plan.study.file.design == "factorial":
         effects = _analysis_of_variance(coded, samples, resamples, random)
     else:
-        points = np.array([place[0] for place in places])
+        points = np.array([condition[0] for condition in places])
         effects = _quadratic_effects(coded, samples, points, resamples, random)
     return dict(sorted(effects.items(), key=lambda item: (item[0] == INTERACTIONS, -item[1].value)))
 
@@ -283,9 +283,9 @@ def _samples(plan: Plan, results: Results, metric: str) -> Floats | None:
     """
     places = list(results.rows)
     samples = []
-    for place in places:
-        runs = results.by_run(place, metric) or []
-        samples.append(runs[0] if len(runs) == 1 else results.by_realization(place, metric))
+    for condition in places:
+        runs = results.by_run(condition, metric) or []
+        samples.append(runs[0] if len(runs) == 1 else results.by_realization(condition, metric))
     if len(places) != len(plan.points) * len(plan.arms) * len(plan.followers):
         return None
     if len({sample.size for sample in samples}) > 1:
@@ -293,7 +293,7 @@ def _samples(plan: Plan, results: Results, metric: str) -> Floats | None:
     return np.array(samples)
 
 
-def _coded_factors(plan: Plan, places: Sequence[Place]) -> dict[str, Floats | Ints]:
+def _coded_factors(plan: Plan, places: Sequence[Condition]) -> dict[str, Floats | Ints]:
     """What stands for the value of each factor, and of arm and follower if there are several, in
     `explained`: a row for each place.
     """

@@ -211,7 +211,7 @@ def _lines_of(error: ValidationError) -> list[str]:
     """A line for each invalid key of the file's own."""
     lines = []
     for detail in error.errors(include_url=False, include_context=False):
-        location = tuple(part for part in detail["loc"] if part not in ("", "table", "list"))
+        location = tuple(name for name in detail["loc"] if name not in ("", "table", "list"))
         key = shortened(plain(key_of(location)), 100)
         if detail["type"] == "extra_forbidden":
             model = _SECTIONS.get(location[:-1], StudyFile)
@@ -325,15 +325,15 @@ class _FileReader:
         """Keys of the scenario, files of hulls named as seen from here."""
         return _with_files(table, lambda name: str(self.folder / name))
 
-    def groups(self, part: str, groups: Sequence[Named]) -> dict[str, Named]:
+    def groups(self, section: str, groups: Sequence[Named]) -> dict[str, Named]:
         """Arms or cases by their names, their settings by dotted keys."""
         for i, group in enumerate(groups):
             if not group.name.strip():
-                self.lines.append(f"  {part}[{i}].name: needs a name")
+                self.lines.append(f"  {section}[{i}].name: needs a name")
         names = Counter(group.name for group in groups if group.name.strip())
         repeated = sorted(name for name, count in names.items() if count > 1)
         if repeated:
-            self.lines.append(f"  {part}: names must differ; repeated: {', '.join(repeated)}")
+            self.lines.append(f"  {section}: names must differ; repeated: {', '.join(repeated)}")
         return {
             group.name: type(group)(
                 **group.options, **self.settings(dotted(group.settings, is_rule))
@@ -365,7 +365,7 @@ class _FileReader:
         return [name for name in names if name in available]
 
     def valid(
-        self, part: str, table: Mapping[str, Any], make: Callable[[str, Any], Made]
+        self, section: str, table: Mapping[str, Any], make: Callable[[str, Any], Made]
     ) -> tuple[Made, ...]:
         """Factors or draws of a part of the file; an invalid one is left out, with a line."""
         parts = []
@@ -373,7 +373,7 @@ class _FileReader:
             try:
                 parts.append(make(key, value))
             except ValueError as error:
-                self.lines.append(f"  {part}.{key}: {error}")
+                self.lines.append(f"  {section}.{key}: {error}")
         return tuple(parts)
 
     def scenario(self, name: str) -> str:
@@ -487,9 +487,9 @@ def _source_of(source: str, *, varies: bool) -> _Source:
 def _replaced(table: Mapping[str, Any], keys: Mapping[str, Any]) -> dict[str, Any]:
     """A table with some of its keys replaced; those of `vary`, `draw` and `set` one by one."""
     result = {**table, **keys}
-    for part in ("vary", "draw", "set"):
-        if isinstance(table.get(part), dict) and isinstance(keys.get(part), dict):
-            result[part] = table[part] | keys[part]
+    for section in ("vary", "draw", "set"):
+        if isinstance(table.get(section), dict) and isinstance(keys.get(section), dict):
+            result[section] = table[section] | keys[section]
     return result
 
 
@@ -506,7 +506,7 @@ def study_of(
     if isinstance(source, Mapping):
         origin = _Source(dict(source))
     else:
-        varies = any(keys.get(part) for part in ("vary", "draw", "arm"))
+        varies = any(keys.get(section) for section in ("vary", "draw", "arm"))
         origin = _source_of(source, varies=varies)
     table = origin.table
     fewer = table.pop("quick", {})

@@ -12,7 +12,7 @@ from typing import Any
 from experiments.flight.library import fly_line
 from experiments.study import charts
 from experiments.study.design import is_number
-from experiments.study.estimate import Place, Results, digits, main_effects, shown
+from experiments.study.estimate import Condition, Results, digits, main_effects, shown
 from experiments.study.file import METRIC, Study
 from experiments.study.measure import METRICS, Metric
 from experiments.study.plan import Entry, Plan, many, varied
@@ -36,15 +36,15 @@ _COLUMNS = (
 """Columns of the page's table beside the metric of the report."""
 
 
-def _place_text(plan: Plan, place: Place) -> str:
+def _place_text(plan: Plan, condition: Condition) -> str:
     """A place in words: its point, and arm and follower where there are several."""
     parts = []
-    if plan.points[place[0]]:
-        parts.append(charts.point_text(plan.points[place[0]]))
+    if plan.points[condition[0]]:
+        parts.append(charts.point_text(plan.points[condition[0]]))
     if len(plan.arms) > 1:
-        parts.append(f"arm {place[1]}")
+        parts.append(f"arm {condition[1]}")
     if len(plan.followers) > 1:
-        parts.append(place[2])
+        parts.append(condition[2])
     return ", ".join(parts) or "the study's only point"
 
 
@@ -64,17 +64,23 @@ def _verdict(difference: Interval, value: float, base: float) -> str:
     return "lower" if difference.value < 0 else "higher"
 
 
-def notable(plan: Plan, results: Results, place: Place) -> tuple[tuple[int, int], tuple[int, int]]:
+def notable(
+    plan: Plan, results: Results, condition: Condition
+) -> tuple[tuple[int, int], tuple[int, int]]:
     """Realization and run of the worst and the median run of a place, by the report's metric if
     single runs have it.
     """
     runs = (
-        results.by_run(place, plan.study.file.report.metric) or results.by_run(place, METRIC) or []
+        results.by_run(condition, plan.study.file.report.metric)
+        or results.by_run(condition, METRIC)
+        or []
     )
     # a run that contact ended has no value, and is the first to look at
     every = sorted(
         (math.inf if math.isnan(value) else value, row["realization"], int(run))
-        for row, lists, values in zip(results.rows[place], results.runs[place], runs, strict=True)
+        for row, lists, values in zip(
+            results.rows[condition], results.runs[condition], runs, strict=True
+        )
         for run, value in zip(lists["run"], values.tolist(), strict=True)
     )
     return every[-1][1:], every[(len(every) - 1) // 2][1:]
@@ -83,28 +89,28 @@ def notable(plan: Plan, results: Results, place: Place) -> tuple[tuple[int, int]
 def worst_entry(plan: Plan, results: Results) -> tuple[Entry, int, str]:
     """The scenario, run and follower of the worst run of the worst place."""
 
-    def size(place: Place) -> float:
-        value = results.estimate(place, plan.study.file.report.metric).value
+    def size(condition: Condition) -> float:
+        value = results.estimate(condition, plan.study.file.report.metric).value
         return -math.inf if math.isnan(value) else value
 
-    place = max(results.rows, key=size)
-    (realization, run), _ = notable(plan, results, place)
-    return plan.by_place[place[0], place[1], realization], run, place[2]
+    condition = max(results.rows, key=size)
+    (realization, run), _ = notable(plan, results, condition)
+    return plan.by_place[condition[0], condition[1], realization], run, condition[2]
 
 
 def commands(plan: Plan, results: Results) -> str:
     """For every place the commands that fly its worst and its median run alone."""
     lines = []
-    for place in list(results.rows)[:_MOST_COMMANDS]:
+    for condition in list(results.rows)[:_MOST_COMMANDS]:
         for which, (realization, run) in zip(
-            ("worst", "median"), notable(plan, results, place), strict=True
+            ("worst", "median"), notable(plan, results, condition), strict=True
         ):
             realization_text = (
                 f" of realization {realization}" if plan.study.file.realizations > 1 else ""
             )
-            lines.append(f"# {_place_text(plan, place)}: {which} run, {run}{realization_text}")
-            entry = plan.by_place[place[0], place[1], realization]
-            measured = {key: results.rows[place][0][key] for key in entry.measured}
+            lines.append(f"# {_place_text(plan, condition)}: {which} run, {run}{realization_text}")
+            entry = plan.by_place[condition[0], condition[1], realization]
+            measured = {key: results.rows[condition][0][key] for key in entry.measured}
             lines.append(fly_line(entry.source, entry.settings_at(run) | measured, run))
     return "\n".join(lines)
 
@@ -178,25 +184,31 @@ class StudyPage:
         return [first, *(name for name in self.factors if name != first)][:2]
 
     @cached_property
-    def estimates(self) -> dict[Place, Interval]:
+    def estimates(self) -> dict[Condition, Interval]:
         """The metric of the report at all places."""
         metric = self.study.file.report.metric
-        return {place: self.results.estimate(place, metric) for place in self.results.rows}
+        return {
+            condition: self.results.estimate(condition, metric) for condition in self.results.rows
+        }
 
     @cached_property
-    def ranked(self) -> list[Place]:
+    def ranked(self) -> list[Condition]:
         """Places with a value, the lowest first."""
-        measured = [place for place, of in self.estimates.items() if not math.isnan(of.value)]
-        return sorted(measured, key=lambda place: self.estimates[place].value)
+        measured = [
+            condition for condition, of in self.estimates.items() if not math.isnan(of.value)
+        ]
+        return sorted(measured, key=lambda condition: self.estimates[condition].value)
 
     @property
-    def extremes(self) -> list[tuple[Place, str]]:
+    def extremes(self) -> list[tuple[Condition, str]]:
         """The places of the lowest and the highest value, and these in words."""
         places = self.ranked if len(self.ranked) < 2 else [self.ranked[0], self.ranked[-1]]
-        return [(place, shown(self.estimates[place], self.metric.unit)) for place in places]
+        return [
+            (condition, shown(self.estimates[condition], self.metric.unit)) for condition in places
+        ]
 
     @cached_property
-    def listed_places(self) -> list[Place]:
+    def listed_places(self) -> list[Condition]:
         """Places of the table: all, or of too many the lowest and the highest."""
         if len(self.results.rows) <= _MOST_ROWS:
             return list(self.results.rows)
@@ -204,29 +216,31 @@ class StudyPage:
         return self.ranked[:half] + self.ranked[-half:]
 
     @cached_property
-    def differences(self) -> dict[Place, Interval]:
+    def differences(self) -> dict[Condition, Interval]:
         """Paired differences from the first arm."""
         return self.results.differences(self.plan.arms[0], self.study.file.report.metric)
 
     @cached_property
-    def verdicts(self) -> dict[Place, str]:
+    def verdicts(self) -> dict[Condition, str]:
         """What the differences decide."""
         verdicts = {}
-        for place, difference in self.differences.items():
-            base = self.estimates[place[0], self.plan.arms[0], place[2]]
-            verdicts[place] = _verdict(difference, self.estimates[place].value, base.value)
+        for condition, difference in self.differences.items():
+            base = self.estimates[condition[0], self.plan.arms[0], condition[2]]
+            verdicts[condition] = _verdict(difference, self.estimates[condition].value, base.value)
         return verdicts
 
-    def verdict(self, place: Place) -> Cell:
+    def verdict(self, condition: Condition) -> Cell:
         """A verdict, coloured."""
-        verdict = self.verdicts[place]
+        verdict = self.verdicts[condition]
         return words(verdict, _TONES[verdict])
 
     @property
     def verdict_counts(self) -> dict[str, Counter[str]]:
         """How often each verdict is that of an arm."""
         return {
-            arm: Counter(verdict for place, verdict in self.verdicts.items() if place[1] == arm)
+            arm: Counter(
+                verdict for condition, verdict in self.verdicts.items() if condition[1] == arm
+            )
             for arm in self.plan.arms[1:]
         }
 
@@ -261,9 +275,9 @@ class StudyPage:
             folded=len(self.results.rows) > 4,
         )
 
-    def place_text(self, place: Place) -> str:
+    def place_text(self, condition: Condition) -> str:
         """A place in words."""
-        return _place_text(self.plan, place)
+        return _place_text(self.plan, condition)
 
     @property
     def facts(self) -> list[tuple[str, str]]:

@@ -40,10 +40,10 @@ class Cells(NamedTuple):
     lists: Sequence[Mapping[str, Any]]
     steps: Sequence[Arrays] = ()
 
-    def where(self, **wanted: object) -> "Cells":
+    def where(self, **columns: object) -> "Cells":
         """Those whose rows have these values."""
         return self._take(
-            [all(row.get(k) == value for k, value in wanted.items()) for row in self.rows]
+            [all(row.get(k) == value for k, value in columns.items()) for row in self.rows]
         )
 
     def by(self, *keys: str) -> dict[str, "Cells"]:
@@ -247,9 +247,9 @@ def _widest(results: Results, metric: str) -> float:
     an interval.
     """
     widest = 0.0
-    for place in results.rows:
-        runs = results.by_run(place, metric)
-        interval = results.estimate(place, metric)
+    for condition in results.rows:
+        runs = results.by_run(condition, metric)
+        interval = results.estimate(condition, metric)
         if runs is None:
             raise LaisnError(f"runs.until.metric: {metric!r} is not a metric of single runs")
         # runs that are all alike have no limits either, and more would not give them any
@@ -329,9 +329,9 @@ def fly_further(
             lists_at = {where(labels): lists for labels, lists in outcomes[name].runs}
             # by the number of their further runs
             entries = defaultdict[int, list[Entry]](list)
-            for place, number in numbers.items():
-                entry = plan.by_place[place]
-                flown = len(lists_at[*place, entry.scenario.followers[0].name]["run"])
+            for condition, number in numbers.items():
+                entry = plan.by_place[condition]
+                flown = len(lists_at[*condition, entry.scenario.followers[0].name]["run"])
                 scenario = entry.scenario.model_copy(update={"run": entry.scenario.run + flown})
                 entries[number - flown].append(replace(entry, scenario=scenario))
             plans = [plan.part(of_number, number) for number, of_number in entries.items()]
@@ -372,7 +372,7 @@ def run_tables(runs: Sequence[tuple[Record, Record]]) -> Iterator[pa.Table]:
         values: Any
         for name in names:
             parts = [runs[i][1].get(name, [None] * sizes[i]) for i in chosen.tolist()]
-            if all(isinstance(part, np.ndarray) for part in parts):
+            if all(isinstance(column, np.ndarray) for column in parts):
                 values = np.concatenate(parts)
             else:
                 values = of_one_type({name: [*chain(*parts)]})[name]

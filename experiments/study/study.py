@@ -70,11 +70,11 @@ def _cost(plan: Plan, workers: int) -> tuple[float, float]:
 
         def took(entries: list[Entry], runs: int) -> float:
             begin = perf_counter()
-            (found,) = fly_studies(
+            (outcome,) = fly_studies(
                 [plan.part(entries, runs)], Path(folder), workers=workers, quiet=True
             )
-            if found.failures:
-                raise CampaignError("; ".join(found.failures))
+            if outcome.failures:
+                raise CampaignError("; ".join(outcome.failures))
             return perf_counter() - begin
 
         with compiling_shown():
@@ -130,19 +130,19 @@ def findings_of(plan: Plan, results: Results) -> dict[str, Finding]:
     first = plan.arms[0]
     findings = dict[str, Finding]()
     differences = results.differences(first, metric)
-    for place in results.rows:
-        name = f"{metric}: point {place[0]}, arm {place[1]}, {place[2]}"
+    for condition in results.rows:
+        name = f"{metric}: point {condition[0]}, arm {condition[1]}, {condition[2]}"
         meaning = "; ".join(
             [
                 METRICS[metric].what,
-                *(f"{key} = {value}" for key, value in plan.points[place[0]].items()),
+                *(f"{key} = {value}" for key, value in plan.points[condition[0]].items()),
             ]
         )
-        findings[name] = of(results.estimate(place, metric), meaning, METRICS[metric].unit)
-        if place in differences:
+        findings[name] = of(results.estimate(condition, metric), meaning, METRICS[metric].unit)
+        if condition in differences:
             meaning = f"paired difference: {METRICS[metric].what}"
             findings[f"{name}, less {first}"] = of(
-                differences[place], meaning, METRICS[metric].unit
+                differences[condition], meaning, METRICS[metric].unit
             )
     for name, share in main_effects(plan, results, metric).items():
         findings[f"share of variance: {name}"] = of(
@@ -287,8 +287,8 @@ def run_studies(
     if hasattr(package.findings, "further_runs") and not quick:
         fly_further(outcomes, package.findings.further_runs, folder, **options)
     release_workers()
-    for part, of_part in outcomes.items():
-        _write_tables(of_part, folder / part if len(outcomes) > 1 else folder)
+    for study_part, of_part in outcomes.items():
+        _write_tables(of_part, folder / study_part if len(outcomes) > 1 else folder)
     findings = _write_record(outcomes, folder, command, package)
     if package.has_page:
         remarks = [f"{title}, which {reason}" for title, reason in left_out.items()]
@@ -425,7 +425,9 @@ def studies_of(
     name = "" if Path(source).exists() else str(source)
     files = built_in(name)
     if files:
-        return {part: study_of(str(file), keys, quick=quick) for part, file in files.items()}, name
+        return {
+            study_part: study_of(str(file), keys, quick=quick) for study_part, file in files.items()
+        }, name
     return {"study": study_of(str(source), keys, quick=quick)}, ""
 
 

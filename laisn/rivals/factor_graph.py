@@ -37,20 +37,24 @@ def _odometry_error(
     GTSAM's poses, whose positions are in the frame of the pose.
     """
     first, second, log_bias, current = factor.keys()
-    one = values.atPose2(first)
-    two = values.atPose2(second)
-    rotation = one.rotation().matrix()
-    moved = rotation.T @ (two.translation() - one.translation() - values.atPoint2(current) * time)
+    pose = values.atPose2(first)
+    next_pose = values.atPose2(second)
+    rotation = pose.rotation().matrix()
+    moved = rotation.T @ (
+        next_pose.translation() - pose.translation() - values.atPoint2(current) * time
+    )
     if jacobians is not None:
         jacobians[0] = np.diag([-1.0, -1.0, -1.0])
         jacobians[1] = np.eye(3)
         jacobians[2] = np.zeros((3, 1))
         jacobians[3] = np.zeros((3, 2))
         jacobians[0][:2, 2] = -_TURN @ moved
-        jacobians[1][:2, :2] = rotation.T @ two.rotation().matrix()
+        jacobians[1][:2, :2] = rotation.T @ next_pose.rotation().matrix()
         jacobians[2][:2, 0] = path
         jacobians[3][:2] = -time * rotation.T
-    return np.array([*(moved - way + values.atDouble(log_bias) * path), two.theta() - one.theta()])
+    return np.array(
+        [*(moved - way + values.atDouble(log_bias) * path), next_pose.theta() - pose.theta()]
+    )
 
 
 class _Ping(NamedTuple):
@@ -76,13 +80,13 @@ def _range_error(ping: _Ping, factor: Any, values: Any, jacobians: list[Floats] 
     ahead = rotation @ ping.ahead
     water = rotation @ ping.water - values.atDouble(log_bias) * ahead
     moved = ping.lag * water + ping.age * values.atPoint2(current)
-    for one in origin:
-        moved = moved + values.atPoint2(one)
+    for error_key in origin:
+        moved = moved + values.atPoint2(error_key)
     rho, direction = slant(pose.translation(), ping.transmitter + np.append(moved, 0.0))
     if jacobians is not None:
-        along = scale * direction @ rotation
+        by_position = scale * direction @ rotation
         turned = -scale * ping.lag * direction @ (_TURN @ water)
-        jacobians[0] = np.array([[*along, turned]])
+        jacobians[0] = np.array([[*by_position, turned]])
         jacobians[1] = np.array([[rho / ping.longest]])
         jacobians[2] = np.array([[scale * ping.lag * direction @ ahead]])
         jacobians[3] = -scale * ping.age * direction[None]
@@ -123,8 +127,8 @@ class FactorGraph(DeadReckoning):
         for key, of in ((self._log_bias, sigma[2]), (self._range_bias, sigma[4])):
             graph.add(gtsam.PriorFactorDouble(key, 0.0, self._sigma(of)))
             values.insert(key, 0.0)
-        known = gtsam.noiseModel.Isotropic.Sigma(2, max(float(sigma[5]), 1e-6))
-        graph.add(gtsam.PriorFactorPoint2(self._current, np.zeros(2), known))
+        prior_noise = gtsam.noiseModel.Isotropic.Sigma(2, max(float(sigma[5]), 1e-6))
+        graph.add(gtsam.PriorFactorPoint2(self._current, np.zeros(2), prior_noise))
         values.insert(self._current, np.zeros(2))
         self._constants = self._log_bias, self._range_bias, self._current
         self._smoother.update(graph, values, dict.fromkeys((self._pose, *self._constants), 0.0))

@@ -70,11 +70,16 @@ def propagate(
         J[1, 2] = -north
         J[1, 3] = water * east
         J[1, 6] = 1.0
-        along = sigma[0] ** 2
-        across = (sigma[1] * readings[k + 1, 0]) ** 2
-        xx = along * east * east + across * north * north
-        yy = along * north * north + across * east * east
-        W = np.array([[xx, (along - across) * east * north], [(along - across) * east * north, yy]])
+        along_variance = sigma[0] ** 2
+        across_variance = (sigma[1] * readings[k + 1, 0]) ** 2
+        xx = along_variance * east * east + across_variance * north * north
+        yy = along_variance * north * north + across_variance * east * east
+        W = np.array(
+            [
+                [xx, (along_variance - across_variance) * east * north],
+                [(along_variance - across_variance) * east * north, yy],
+            ]
+        )
         for i in range(2):
             for j in range(2):
                 Q[i, j] = dt * dt * W[i, j]
@@ -156,8 +161,8 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         fixes = []
         depth = measurements.last_depth
         for i, done in enumerate([*measurements.message_step.tolist(), n]):
-            part = slice(self._step, done)
-            states[part], covariances[part] = self._advance(readings[part], durations[part])
+            steps = slice(self._step, done)
+            states[steps], covariances[steps] = self._advance(readings[steps], durations[steps])
             self._step = done
             if i < measurements.message_step.size:
                 speed, heading = readings[done - 1].tolist()
@@ -241,10 +246,10 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         """Odometry since the last call by the compass as it reads: Σ s u Δt, Σ u Δt, covariance
         of the former, time.
         """
-        kept = self._kept
+        advances = self._kept
         settings = self.settings
-        speed, heading = np.vstack([kept[0][0][:1], *(steps[1:] for steps, _ in kept)]).T
-        durations = np.concatenate([times for _, times in kept])
+        speed, heading = np.vstack([advances[0][0][:1], *(steps[1:] for steps, _ in advances)]).T
+        durations = np.concatenate([times for _, times in advances])
         u = np.column_stack([np.sin(heading), np.cos(heading)])
         dt = durations[:, None]
         v = speed[:, None] * u
@@ -362,9 +367,11 @@ class OneWayTravelTime(RangeFilter):
     """
 
     def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
-        one = ranges.copy()
-        one[np.arange(3) != single_transmitter(ranges)] = np.nan
-        return bool(np.isfinite(one).any()) and super()._update(below, one, own, reception)
+        single_range = ranges.copy()
+        single_range[np.arange(3) != single_transmitter(ranges)] = np.nan
+        return bool(np.isfinite(single_range).any()) and super()._update(
+            below, single_range, own, reception
+        )
 
 
 class GeodeticAdjustment(DeadReckoning):

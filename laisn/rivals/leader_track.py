@@ -51,9 +51,9 @@ class LeaderTrack:
         elapsed = message.timestamp - last.timestamp
         self._through_water += 0.5 * elapsed * (_velocity(last) + _velocity(message))
         window = message.timestamp - begin.timestamp
-        wanted = min(_LONGEST, _FIRST + _GROWTH * (message.timestamp - self._first_time))
+        target = min(_LONGEST, _FIRST + _GROWTH * (message.timestamp - self._first_time))
         turned = abs(signed_angle(message.heading - begin.heading)) > _MOST_TURN
-        if not turned and window < wanted - _ROUNDING:
+        if not turned and window < target - _ROUNDING:
             return None
         way = np.array([message.east - begin.east, message.north - begin.north])
         current = (way - self._through_water) / window if window > 0.0 else way

@@ -8,7 +8,7 @@ from laisn.arrays import Ints, Record
 from laisn.compiled import compiled
 from laisn.estimates import HYPOTHESES, FixKind, TightEstimates
 from laisn.mixture import heaviest, hypothesis_weight
-from laisn.tight.model import Belief, Model
+from laisn.tight.records import Belief, Model
 
 FIX = TightEstimates.fix_dtype()
 

@@ -9,7 +9,6 @@ one for each bearing, each updated with the ranges and merged on either side of 
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -18,19 +17,17 @@ from laisn.compiled import compiled
 from laisn.estimates import HYPOTHESES
 from laisn.geometry import Turn, tilted_arms, turn
 from laisn.tight import motion
-from laisn.tight.model import (
+from laisn.tight.model import COMPASS, LOG, X, Y, refresh_output
+from laisn.tight.ranging import beside_leader, relative_rows, slipping, update
+from laisn.tight.records import (
     ABSENT,
     CAPACITY,
-    COMPASS,
-    LOG,
     SPARE,
     Belief,
+    CompassTurn,
     Model,
-    X,
-    Y,
-    refresh_output,
+    Signal,
 )
-from laisn.tight.ranging import Signal, beside_leader, relative_rows, slipping, update
 from laisn.vector_math import half_turn_angle, sin_cos
 
 # least lateral standard deviation of a split, as a share of the distance ℓ_c at which the axis
@@ -76,6 +73,7 @@ def _lateral(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float, float,
     gx = -ty
     gy = tx
     gl = -(tx * qx + ty * qy)
+    # P ∇ℓ, and its variance ∇ℓᵀ P ∇ℓ
     for i in range(m.states):
         gain[i] = away_x[i] * gx + away_y[i] * gy
         if turning:
@@ -103,6 +101,7 @@ def _keep_half(b: Belief, m: Model, k: int, signal: Signal, side: float) -> None
     sigma = math.sqrt(variance)
     mass, shift, narrowing = mixture.half_moments(side * lateral / sigma)
     b.weight[k] *= mass
+    # of the half of a normal variable u = (ℓ − ℓ̄) / σ: x += ± λ g, P −= κ g gᵀ with g = P ∇ℓ / σ
     for i in range(m.states):
         gain[i] /= sigma
         x[k, i] += side * shift * gain[i]
@@ -161,6 +160,7 @@ def _rotate_to_bias(b: Belief, m: Model, k: int) -> None:
     by_bias_y = b.state[k, X]
     bias = b.fresh[m.leader]
     turn = bias + b.leader_variance
+    # P += (v + σ_b²) g gᵀ of the position, with g = ∂(x, y)/∂b_L, and σ_b² g with b_L
     P[k, X, X] += turn * by_bias_x * by_bias_x
     P[k, Y, Y] += turn * by_bias_y * by_bias_y
     P[k, X, Y] += turn * by_bias_x * by_bias_y
@@ -171,11 +171,11 @@ def _rotate_to_bias(b: Belief, m: Model, k: int) -> None:
 
 
 @compiled
-def _merge_ring(b: Belief, m: Model, signal: Signal, first: int, here: tuple[float, float]) -> bool:
+def _merge_ring(b: Belief, m: Model, signal: Signal, first: int, mean: tuple[float, float]) -> bool:
     """Update a Gaussian at each bearing, and merge those left and right of the axis into `first`
     and `first` + modes.
 
-    The leader is at the origin with an exact heading; `here` is the mean so far [m], or NaN. False
+    The leader is at the origin with an exact heading; `mean` is the mean so far [m], or NaN. False
     if an update failed.
     """
     nearest = 0
@@ -202,7 +202,7 @@ def _merge_ring(b: Belief, m: Model, signal: Signal, first: int, here: tuple[flo
             if update(b, m, SPARE, signal) < 0:
                 return False
             evidence = b.evidence[SPARE]
-            dx, dy = b.state[SPARE, X] - here[0], b.state[SPARE, Y] - here[1]
+            dx, dy = b.state[SPARE, X] - mean[0], b.state[SPARE, Y] - mean[1]
             if dx == dx:
                 square = (dx * dx + dy * dy) / (_POSITION_SIGMA * _POSITION_SIGMA)
                 evidence += math.log(_FAR_WEIGHT + math.exp(-0.5 * square))
@@ -223,13 +223,13 @@ def add_ring(b: Belief, m: Model, signal: Signal, weight: float) -> bool:
     False if a covariance was not positive definite.
     """
     first = b.alive * m.modes
-    here = (b.output.x - signal.east, b.output.y - signal.north)
+    mean = (b.output.x - signal.east, b.output.y - signal.north)
     east = signal.east
     north = signal.north
     variance = b.leader_variance
     # about the leader, and with its heading as broadcast
     signal.east = signal.north = b.leader_variance = 0.0
-    healthy = _merge_ring(b, m, signal, first, here)
+    healthy = _merge_ring(b, m, signal, first, mean)
     signal.east = east
     signal.north = north
     b.leader_variance = variance
@@ -283,10 +283,10 @@ def longest_echo(m: Model, signal: Signal, deeper: float) -> float:
     √(r² + 4 d d'); of a range that is an echo's itself r is shorter, but not by more than d − d'.
     """
     shallow = signal.depth
-    own = signal.depth - deeper
-    product = shallow * own
+    receiver_depth = signal.depth - deeper
+    product = shallow * receiver_depth
     if m.floor_depth > 0.0:
-        product = max(product, (m.floor_depth - shallow) * (m.floor_depth - own))
+        product = max(product, (m.floor_depth - shallow) * (m.floor_depth - receiver_depth))
     longest = 0.0
     for i in range(m.transmitters):
         echo = signal.ranges[i]
@@ -351,7 +351,9 @@ def mix_modes(b: Belief, m: Model) -> None:
 
 
 @compiled
-def _turn_growth(turn: Any, direction: tuple[float, float], least: float, time: float) -> float:
+def _turn_growth(
+    turn: CompassTurn, direction: tuple[float, float], least: float, time: float
+) -> float:
     """Growth of the squared angle of a turn of at least `least` [rad²], `time` seconds after the
     last call.
     """
@@ -381,20 +383,20 @@ def inflate_bias_covariance(b: Belief, m: Model, signal: Signal) -> None:
     """
     o = b.motion
     turning = m.leader != ABSENT
-    own = 0.0
-    leader = 0.0
+    compass_growth = 0.0
+    leader_growth = 0.0
     b.place_variance = signal.place_variance
     if m.deviation > 0.0:
-        own = m.deviation * _turn_growth(b.turn, (o.sin, o.cos), _TURN, o.elapsed)
+        compass_growth = m.deviation * _turn_growth(b.turn, (o.sin, o.cos), _TURN, o.elapsed)
         if turning:
-            leader = m.deviation * _turn_growth(
+            leader_growth = m.deviation * _turn_growth(
                 b.leader_turn, sin_cos(signal.heading), _LEADER_TURN, o.elapsed
             )
     for k in range(b.alive * m.modes):
-        b.covariance[k, COMPASS, COMPASS] += own
+        b.covariance[k, COMPASS, COMPASS] += compass_growth
         if turning:
             b.state[k, m.leader] += signal.shift
-            b.covariance[k, m.leader, m.leader] += leader
+            b.covariance[k, m.leader, m.leader] += leader_growth
             b.covariance[k, m.leader, m.leader] += signal.added_variance
 
 

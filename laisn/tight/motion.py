@@ -16,7 +16,6 @@ compass measure, shows the current, and in still water its compass bias.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -30,18 +29,8 @@ from laisn.mixture import (
     normalise,
     update_scalar,
 )
-from laisn.tight.model import (
-    ABSENT,
-    COMPASS,
-    LOG,
-    SPARE,
-    Belief,
-    Model,
-    X,
-    Y,
-    refresh_output,
-)
-from laisn.tight.ranging import Signal
+from laisn.tight.model import COMPASS, LOG, X, Y, refresh_output
+from laisn.tight.records import ABSENT, SPARE, Belief, Model, Preintegration, Signal
 from laisn.vector_math import sin_cos
 
 # of the log's readings, of which the speed within a message's pings is the mean [1/s]
@@ -66,6 +55,7 @@ def preintegrate_direction(
     o.ay += half * (before * o.cos + speed * cosine)
     o.bx += half * (o.sin + sine)
     o.by += half * (o.cos + cosine)
+    # N += (σ_v² u uᵀ + σ_θ² v² (I − u uᵀ)) Δt²
     across = m.heading_variance * speed * speed * dt * dt
     # the error along the way is larger by so much than that across it; no reading has it where the
     # speed is a state
@@ -104,7 +94,7 @@ _MIXING_TIME = 1.0  # of the modes of speed [s]
 
 
 @compiled
-def mix_pair(b: Belief, m: Model, one: int, other: int, switches: float) -> None:
+def mix_pair(b: Belief, m: Model, first: int, second: int, switches: float) -> None:
     """Blend two components that are modes of one hypothesis, after a time in which so many changes
     from one to the other are expected.
 
@@ -114,17 +104,17 @@ def mix_pair(b: Belief, m: Model, one: int, other: int, switches: float) -> None
     # a chain of two states that changes at the same rate either way (Poisson)
     stay = 0.5 + 0.5 * math.exp(-2.0 * switches)
     change = 1.0 - stay
-    weight = b.weight[one]
-    other_weight = b.weight[other]
+    weight = b.weight[first]
+    other_weight = b.weight[second]
     new_weight = stay * weight + change * other_weight
     new_other = stay * other_weight + change * weight
     if new_weight <= 0.0 or new_other <= 0.0:
         return
-    copy_component(b, one, SPARE)
-    blend(b.state, b.covariance, one, other, change * other_weight / new_weight, m.states)
-    blend(b.state, b.covariance, other, SPARE, change * weight / new_other, m.states)
-    b.weight[one] = new_weight
-    b.weight[other] = new_other
+    copy_component(b, first, SPARE)
+    blend(b.state, b.covariance, first, second, change * other_weight / new_weight, m.states)
+    blend(b.state, b.covariance, second, SPARE, change * weight / new_other, m.states)
+    b.weight[first] = new_weight
+    b.weight[second] = new_other
 
 
 @compiled
@@ -202,7 +192,7 @@ def _advance_components(b: Belief, m: Model, first: bool) -> None:
 
 @inlined
 def _way(
-    o: Any, m: Model, speed: float, compass_bias: float
+    o: Preintegration, m: Model, speed: float, compass_bias: float
 ) -> tuple[float, float, float, float, float, float]:
     """Rotation by a compass bias (cosine, sine), way through the water, and its derivative by
     `speed`.
@@ -221,8 +211,8 @@ def _way(
 
 @inlined
 def _position_noise(
-    o: Any, m: Model, mode: int, way: tuple[float, float, float, float, float, float]
-) -> Any:
+    o: Preintegration, m: Model, mode: int, way: tuple[float, float, float, float, float, float]
+) -> tuple[float, float, float]:
     """Covariance xx, xy, yy that a component's position gains on a way as of `_way`: by random
     errors of the readings, slip, and biases of log and compass, and the current, that wander on a
     straight way.
@@ -235,6 +225,8 @@ def _position_noise(
     isotropic = m.slip_rate * time
     if m.current != ABSENT:
         isotropic += m.current_walk * time * time * third
+    # Rot(b_θ) N Rot(b_θ)ᵀ + slip and current, and then T/3 (q_v g_v g_vᵀ + q_θ g_θ g_θᵀ) with the
+    # derivatives g of the way by either bias
     xx = c * c * o.nxx - 2.0 * c * s * o.nxy + s * s * o.nyy + isotropic
     yy = s * s * o.nxx + 2.0 * c * s * o.nxy + c * c * o.nyy + isotropic
     xy = c * s * (o.nxx - o.nyy) + (c * c - s * s) * o.nxy
@@ -263,7 +255,7 @@ def predict_component(b: Belief, m: Model, k: int, speed: float, compass_bias: f
     much has to be turned back. P ← F P Fᵀ + Q, with Q of biases that wander for a straight way.
     Where the speed is a state, `speed` is its value, else b_v's; see `_way`.
     """
-    along = LOG if m.speed == ABSENT else m.speed
+    speed_index = LOG if m.speed == ABSENT else m.speed
     x = b.state
     P = b.covariance
     n = m.states
@@ -278,7 +270,8 @@ def predict_component(b: Belief, m: Model, k: int, speed: float, compass_bias: f
     _, _, way_x, way_y, by_speed_x, by_speed_y = way
     by_compass_x = -way_y
     by_compass_y = way_x
-    off_speed = x[k, along] - speed
+    # (x, y) += r(speed, b_θ) + F_v (v − speed) + F_θ (b_θ − compass_bias) + c T
+    off_speed = x[k, speed_index] - speed
     off_compass = x[k, COMPASS] - compass_bias
     x[k, X] += way_x + by_speed_x * off_speed + by_compass_x * off_compass
     x[k, Y] += way_y + by_speed_y * off_speed + by_compass_y * off_compass
@@ -289,15 +282,15 @@ def predict_component(b: Belief, m: Model, k: int, speed: float, compass_bias: f
         x[k, Y] += time * x[k, north]
     # F P: rows x and y change; then (F P) Fᵀ: columns x and y.
     for j in range(n):
-        P[k, X, j] += by_speed_x * P[k, along, j] + by_compass_x * P[k, COMPASS, j]
-        P[k, Y, j] += by_speed_y * P[k, along, j] + by_compass_y * P[k, COMPASS, j]
+        P[k, X, j] += by_speed_x * P[k, speed_index, j] + by_compass_x * P[k, COMPASS, j]
+        P[k, Y, j] += by_speed_y * P[k, speed_index, j] + by_compass_y * P[k, COMPASS, j]
         if drifting:
             P[k, X, j] += time * P[k, east, j]
             P[k, Y, j] += time * P[k, north, j]
     px, pxy, py = _position_noise(b.motion, m, mode, way)
-    px += P[k, X, X] + by_speed_x * P[k, X, along] + by_compass_x * P[k, X, COMPASS]
-    pxy += P[k, X, Y] + by_speed_y * P[k, X, along] + by_compass_y * P[k, X, COMPASS]
-    py += P[k, Y, Y] + by_speed_y * P[k, Y, along] + by_compass_y * P[k, Y, COMPASS]
+    px += P[k, X, X] + by_speed_x * P[k, X, speed_index] + by_compass_x * P[k, X, COMPASS]
+    pxy += P[k, X, Y] + by_speed_y * P[k, X, speed_index] + by_compass_y * P[k, X, COMPASS]
+    py += P[k, Y, Y] + by_speed_y * P[k, Y, speed_index] + by_compass_y * P[k, Y, COMPASS]
     if drifting:
         px += time * P[k, X, east]
         pxy += time * P[k, X, north]
@@ -307,13 +300,13 @@ def predict_component(b: Belief, m: Model, k: int, speed: float, compass_bias: f
     q_speed = q_log if m.speed == ABSENT else m.speed_walk[mode]
     q_compass = m.compass_walk[mode]
     half = time / 2.0
-    P[k, X, along] += half * q_speed * by_speed_x
-    P[k, Y, along] += half * q_speed * by_speed_y
+    P[k, X, speed_index] += half * q_speed * by_speed_x
+    P[k, Y, speed_index] += half * q_speed * by_speed_y
     P[k, X, COMPASS] += half * q_compass * by_compass_x
     P[k, Y, COMPASS] += half * q_compass * by_compass_y
     P[k, LOG, LOG] += q_log * time
     if m.speed != ABSENT:
-        P[k, along, along] += q_speed * time
+        P[k, speed_index, speed_index] += q_speed * time
     P[k, COMPASS, COMPASS] += q_compass * time
     if m.leader != ABSENT:
         P[k, m.leader, m.leader] += m.leader_walk * time
@@ -361,10 +354,20 @@ def velocity(b: Belief) -> tuple[float, float]:
     """
     o = b.motion
     out = b.output
-    along = o.speed * o.sin
-    aside = o.speed * o.cos
-    x = out.c_cos * along - out.c_sin * aside + out.v_x - (out.d_cos * o.sin - out.d_sin * o.cos)
-    y = out.c_sin * along + out.c_cos * aside + out.v_y - (out.d_sin * o.sin + out.d_cos * o.cos)
+    speed_east = o.speed * o.sin
+    speed_north = o.speed * o.cos
+    x = (
+        out.c_cos * speed_east
+        - out.c_sin * speed_north
+        + out.v_x
+        - (out.d_cos * o.sin - out.d_sin * o.cos)
+    )
+    y = (
+        out.c_sin * speed_east
+        + out.c_cos * speed_north
+        + out.v_y
+        - (out.d_sin * o.sin + out.d_cos * o.cos)
+    )
     return x, y
 
 
@@ -376,40 +379,46 @@ def _add_component(b: Belief, m: Model, k: int, origin: tuple[float, float]) -> 
     x = b.state[k]
     o = b.motion
     weight = b.weight[k]
-    known = m.speed == ABSENT
-    along = LOG if known else m.speed
-    way = _way(o, m, x[along], x[COMPASS])
+    log_is_exact = m.speed == ABSENT
+    speed_index = LOG if log_is_exact else m.speed
+    way = _way(o, m, x[speed_index], x[COMPASS])
     c, s, way_x, way_y, by_speed_x, by_speed_y = way
     ux, uy = c * o.sin - s * o.cos, s * o.sin + c * o.cos
-    speed = o.speed - x[LOG] if known else x[along]
-    sign = -1.0 if known else 1.0
+    speed = o.speed - x[LOG] if log_is_exact else x[speed_index]
+    sign = -1.0 if log_is_exact else 1.0
     time = o.time
+    # F = ∂(x, y, vx, vy)/∂state
     for i in range(4):
         for j in range(m.states):
             rows[i, j] = 0.0
     rows[0, X] = 1.0
-    rows[0, along] = by_speed_x
+    rows[0, speed_index] = by_speed_x
     rows[0, COMPASS] = -way_y
     rows[1, Y] = 1.0
-    rows[1, along] = by_speed_y
+    rows[1, speed_index] = by_speed_y
     rows[1, COMPASS] = way_x
-    rows[2, along] = sign * ux
+    rows[2, speed_index] = sign * ux
     rows[2, COMPASS] = -speed * uy
-    rows[3, along] = sign * uy
+    rows[3, speed_index] = sign * uy
     rows[3, COMPASS] = speed * ux
-    here = (x[X] - origin[0] + way_x, x[Y] - origin[1] + way_y, speed * ux, speed * uy)
+    values = (x[X] - origin[0] + way_x, x[Y] - origin[1] + way_y, speed * ux, speed * uy)
     if m.current != ABSENT:
         east, north = x[m.current], x[m.current + 1]
         rows[0, m.current] = rows[1, m.current + 1] = time
         rows[2, m.current] = rows[3, m.current + 1] = 1.0
-        here = (here[0] + time * east, here[1] + time * north, here[2] + east, here[3] + north)
-    add_moments(b.now, covariance, weight, here, rows, b.covariance[k, : m.states, : m.states])
+        values = (
+            values[0] + time * east,
+            values[1] + time * north,
+            values[2] + east,
+            values[3] + north,
+        )
+    add_moments(b.now, covariance, weight, values, rows, b.covariance[k, : m.states, : m.states])
     xx, xy, yy = _position_noise(o, m, k % m.modes, way)
     covariance[0, 0] += weight * xx
     covariance[0, 1] += weight * xy
     covariance[1, 1] += weight * yy
-    # the velocity is that of the last readings, with their random errors
-    forward = m.speed_variance if known else 0.0
+    # the velocity is that of the last readings, with their random errors: σ_v² u uᵀ + σ_θ² v² n nᵀ
+    forward = m.speed_variance if log_is_exact else 0.0
     across = m.heading_variance * o.speed * o.speed
     covariance[2, 2] += weight * (forward * ux * ux + across * uy * uy)
     covariance[2, 3] += weight * (forward - across) * ux * uy
@@ -449,7 +458,7 @@ def average_leader_heading(b: Belief, m: Model, signal: Signal) -> None:
     `signal.added_variance`.
     """
     o = b.leader
-    given = m.leader_variance
+    reading_variance = m.leader_variance
     dx = signal.east - o.at_x
     dy = signal.north - o.at_y
     before = o.track
@@ -461,7 +470,7 @@ def average_leader_heading(b: Belief, m: Model, signal: Signal) -> None:
     signal.shift = signal.added_variance = 0.0
     error = wrap_angle(signal.heading - o.leg_heading - bend)
     if o.leg > 0.0 and not (
-        straight and error * error <= _OUTLIER_SIGMAS * _OUTLIER_SIGMAS * given
+        straight and error * error <= _OUTLIER_SIGMAS * _OUTLIER_SIGMAS * reading_variance
     ):
         if o.steady > 0.0:
             # from here on b_L is again without the mean's random error
@@ -477,7 +486,7 @@ def average_leader_heading(b: Belief, m: Model, signal: Signal) -> None:
     if o.leg > 1.0:
         o.squares += error * (error - shift)
         o.compared += 1.0
-        o.scatter = min((given + o.squares) / (1.0 + o.compared), given)
+        o.scatter = min((reading_variance + o.squares) / (1.0 + o.compared), reading_variance)
     if o.steady > 0.0:
         # the way bends half an interval earlier than the heading
         signal.shift = shift
@@ -524,6 +533,7 @@ def _update_component(
     turning = m.leader != ABSENT
     bias = x[m.leader] if turning else 0.0
     c, s = math.cos(bias), math.sin(bias)
+    # ν = z − ẑ and S = H P Hᵀ + R, with H of c and b_L
     turned = (c * logged[0] - s * logged[1], s * logged[0] + c * logged[1])
     for axis in range(2):
         # ∂z/∂b_L; ∂z/∂c is 1
@@ -560,8 +570,8 @@ def update_current_from_leader_track(b: Belief, m: Model, signal: Signal) -> Non
         o.logged_y += 0.5 * elapsed * (o.velocity_y + sy)
         turn = angle_between(signal.heading, o.first_heading)
         window = signal.time - o.window_time
-        wanted = min(_WINDOW, _FIRST_WINDOW + _GROWTH * (signal.time - o.first_time))
-        ended = turn > _TURN or window >= wanted - 1e-6
+        target = min(_WINDOW, _FIRST_WINDOW + _GROWTH * (signal.time - o.first_time))
+        ended = turn > _TURN or window >= target - 1e-6
         if ended and turn <= _TURN:
             per = 1.0 / window
             logged = (per * o.logged_x, per * o.logged_y)

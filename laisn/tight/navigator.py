@@ -8,11 +8,12 @@ covariance.
 
 import math
 from dataclasses import replace
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
-from laisn.arrays import Bools, Floats, Ints, Record, Records, records
+from laisn.arrays import Bools, Floats, Ints, Record, RecordFields, Records, records
 from laisn.compiled import compiled, copy_values
 from laisn.errors import LaisnError
 from laisn.estimates import FixKind, FixRecord, TightEstimates
@@ -34,8 +35,6 @@ from laisn.tight.estimator import inflate_bias_covariance, mix_modes, place_arms
 from laisn.tight.model import (
     COMPASS,
     LOG,
-    Belief,
-    Model,
     X,
     Y,
     model_of,
@@ -50,16 +49,17 @@ from laisn.tight.motion import (
     preintegrate_direction,
     velocity,
 )
-from laisn.tight.ranging import Signal, new_signal
+from laisn.tight.ranging import new_signal
+from laisn.tight.records import BELIEF, Belief, Model, Signal
 from laisn.vector_math import sin_cos
 
-ScalarRecord: TypeAlias = Any
+ScalarRecord: TypeAlias = npt.NDArray[np.void]
 """A record as the only element of an array, shape (1,): a call with it takes 1 µs, with a record
 30 µs.
 """
 
 
-def scalar_record(record: Any) -> ScalarRecord:
+def scalar_record(record: RecordFields) -> ScalarRecord:
     """A copy of a record, as an array of one; its element is a record over the same memory."""
     return np.array([record], dtype=record.dtype)
 
@@ -127,8 +127,10 @@ def reported_states(settings: TightSettings) -> Ints:
     """Places in `TightEstimates.names` of the first states; what errs in messages alone comes
     after.
     """
-    known = len(TightEstimates.names)
-    return np.array([place for place in prior_sigmas(settings) if place < known], dtype=np.int64)
+    n_reported = len(TightEstimates.names)
+    return np.array(
+        [state for state in prior_sigmas(settings) if state < n_reported], dtype=np.int64
+    )
 
 
 class TightNavigator(OnlineNavigator[TightEstimates]):
@@ -428,16 +430,16 @@ def filter_mission(
     b: Belief,
     m: Model,
     signal: Signal,
-    own: tuple[Floats, Floats],
+    readings: tuple[Floats, Floats],
     messages: Messages,
-    found: MissionEstimates,
+    estimates: MissionEstimates,
 ) -> int:
-    """Estimate a whole mission of a new belief, whose `own` readings are those of log and compass;
-    the step at which a covariance was not positive definite, or 0.
+    """Estimate a whole mission of a new belief from its readings of log and compass; the step at
+    which a covariance was not positive definite, or 0.
     """
-    speed, heading = own
+    speed, heading = readings
     message_step, message, ranges, depth = messages
-    states, covariances, outcome = found
+    states, covariances, outcome = estimates
     i = 0
     n = speed.shape[0]
     sine, cosine = np.empty(n), np.empty(n)
@@ -489,10 +491,10 @@ def run_mission(
     model = model_of(settings)
     n = measurements.speed.size
     outcome = np.empty((len(measurements.message) if covariance else 0, 3))
-    found = MissionEstimates(
+    estimates = MissionEstimates(
         np.empty((n, 4 if covariance else 2)), np.empty((n if covariance else 0, 3)), outcome
     )
-    own = (measurements.speed, measurements.heading)
+    readings = (measurements.speed, measurements.heading)
     step = measurements.message_step
     sent = np.ascontiguousarray(measurements.message).view(MESSAGE)[:, 0]
     messages = (
@@ -501,26 +503,26 @@ def run_mission(
         np.ascontiguousarray(measurements.ranges),
         measurements.last_depth[step - 1],
     )
-    known = (
+    initial = (
         None if start is None or not settings.known_start else (float(start[0]), float(start[1]))
     )
-    belief = new_belief(settings, model, known)
-    failed = filter_mission(belief, model, new_signal(), own, messages, found)
+    belief = new_belief(settings, model, initial)
+    failed = filter_mission(belief, model, new_signal(), readings, messages, estimates)
     if failed:
         raise ArithmeticError(f"step {failed}: a covariance is not positive definite")
-    return found
+    return estimates
 
 
 def fly(settings: TightSettings, measurements: Measurements, start: Floats) -> MissionResult:
     """One run of a campaign; errors as of `run_mission`. The mean of an update's squared
     residuals is its ranges.
     """
-    found = run_mission(settings, measurements, start)
-    received, used, squared = found.outcome.T
+    estimates = run_mission(settings, measurements, start)
+    received, used, squared = estimates.outcome.T
     kinds = [kind_of_message(int(r), int(u)) for r, u in zip(received, used, strict=True)]
-    known = np.isfinite(squared)
+    has_nis = np.isfinite(squared)
     return MissionResult(
-        found.state, found.covariance, kinds, squared[known].sum(), used[known].sum()
+        estimates.state, estimates.covariance, kinds, squared[has_nis].sum(), used[has_nis].sum()
     )
 
 
@@ -556,17 +558,17 @@ def _offset_to_likelier_hypothesis(b: Belief, m: Model, x: float, y: float) -> t
     i = heaviest(b, m.modes, first)
     j = heaviest(b, m.modes, second)
     east, north = b.state[i, X] - b.state[j, X], b.state[i, Y] - b.state[j, Y]
-    apart = math.sqrt(east * east + north * north)
-    if apart == 0.0:
+    distance = math.sqrt(east * east + north * north)
+    if distance == 0.0:
         return 0.0, 0.0
-    east, north = east / apart, north / apart
-    if apart < _APART * (_spread(b, i, east, north) + _spread(b, j, east, north)):
+    east, north = east / distance, north / distance
+    if distance < _APART * (_spread(b, i, east, north) + _spread(b, j, east, north)):
         return 0.0, 0.0
     return b.state[i, X] - x, b.state[i, Y] - y
 
 
 @compiled
-def _write_outputs(b: Belief, m: Model, out: Any) -> None:
+def _write_outputs(b: Belief, m: Model, out: Record) -> None:
     """Write biases and current (means over the mixture), its spread, and the offset to the
     likelier hypothesis.
     """
@@ -614,7 +616,7 @@ def _record_state(
 class TightSwarm(NamedTuple):
     """Tightly coupled navigators of f followers, with room for a message; see `Swarm`."""
 
-    beliefs: Any
+    beliefs: Records
     model: Model
     signal: Signal
     gated: Ints
@@ -628,7 +630,7 @@ class TightSwarm(NamedTuple):
         received: Bools,
         messages: Records,
         ranges: Floats,
-        estimates: Any,
+        estimates: Records,
         record: SwarmRecord,
     ) -> int:
         """Advance by one filter step, the same to the bit as `TightNavigator.step`; see
@@ -663,7 +665,9 @@ def new_tight_swarm(settings: TightSettings, starts: Floats) -> TightSwarm:
     unknown.
     """
     model = model_of(settings)
-    known = [(float(row[0]), float(row[1])) if settings.known_start else None for row in starts]
-    beliefs = np.stack([new_belief(settings, model, start) for start in known]).view(np.recarray)
+    initial = [(float(row[0]), float(row[1])) if settings.known_start else None for row in starts]
+    beliefs = np.array(
+        [new_belief(settings, model, start) for start in initial], dtype=BELIEF
+    ).view(np.recarray)
     gated = np.zeros(len(beliefs), dtype=np.int64)
     return TightSwarm(beliefs, model, new_signal(), gated, reported_states(settings))

@@ -11,12 +11,14 @@ c (t − t_m − ρ_i / c_s).
 """
 
 import math
-from typing import Any, TypeAlias
+from typing import cast
 
 import numpy as np
 
+from laisn.arrays import Floats
 from laisn.compiled import compiled, copy_values, inlined
-from laisn.tight.model import ABSENT, COMPASS, LOG, SCALE, Belief, Model, X, Y
+from laisn.tight.model import COMPASS, LOG, SCALE, X, Y
+from laisn.tight.records import ABSENT, SIGNAL, Belief, Model, Signal
 from laisn.vector_math import log, sin_cos
 
 _LOG_TURN = math.log(2.0 * math.pi)
@@ -35,41 +37,10 @@ _CLEAR = 3.0
 _NEAR_ERROR = 0.12
 _LEAST_RANGE = 1.0
 
-_SIGNAL = np.dtype(
-    (
-        np.record,
-        np.dtype(
-            [
-                ("time", np.float64),  # of emission, on the leader's clock [s]
-                ("east", np.float64),
-                ("north", np.float64),  # of the leader's origin [m]
-                ("heading", np.float64),  # of the leader [rad]
-                ("speed", np.float64),  # of the leader through the water [m/s]
-                ("depth", np.float64),  # of the leader's origin [m]
-                ("place_variance", np.float64),  # of the origin's new error, e [m²]
-                # from the origin to each transmitter: east, north, how much deeper than we [m]
-                ("arms", np.float64, (3, 3)),
-                ("ranges", np.float64, 3),  # slant ranges [m]; NaN where nothing was received
-                ("shift", np.float64),  # what b_L grows by at this message [rad]
-                ("added_variance", np.float64),  # what the variance of b_L grows by [rad²]
-                ("late", np.int64),  # 1 if `lag` and `age` count
-                ("lag", np.float64, 3),  # how long ago each ping arrived [s]
-                # how long the current has carried both vehicles since the message, less the way of
-                # each ping [s]
-                ("age", np.float64, 3),
-                # most by which the range of an echo exceeds the direct one [m]
-                ("echo_span", np.float64),
-            ]
-        ),
-    )
-)
-
-Signal: TypeAlias = Any
-
 
 def new_signal() -> Signal:
     """Room for a message."""
-    return np.zeros(1, dtype=_SIGNAL)[0]
+    return cast(Signal, np.zeros(1, dtype=SIGNAL)[0])
 
 
 @inlined
@@ -88,7 +59,7 @@ def beside_leader(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float, f
 
 
 @inlined
-def relative_rows(b: Belief, m: Model, k: int) -> Any:
+def relative_rows(b: Belief, m: Model, k: int) -> tuple[Floats, Floats]:
     """Covariance of `beside_leader`, east and north, with the states, shapes (n,)."""
     P = b.covariance
     away_x = P[k, X]
@@ -111,7 +82,7 @@ def relative_rows(b: Belief, m: Model, k: int) -> Any:
 
 
 @inlined
-def _of_place(m: Model, row: Any, axis: int) -> float:
+def _of_place(m: Model, row: Floats, axis: int) -> float:
     """Of covariances with the states, shape (n,), that with `beside_leader` along an axis."""
     value: float = row[X + axis]
     if m.place != ABSENT:
@@ -144,6 +115,7 @@ def _add_delays(b: Belief, m: Model, k: int, signal: Signal, count: int) -> None
     for j in range(count):
         i = w.used[j]
         lag = signal.lag[i]
+        # p is the place less (s̄ − b_v) Rot(b_θ) u · lag and c · age: h = ∂ρ/∂(b_v, b_θ, c), and h P
         w.row_log[i] = lag * (w.row_x[i] * ux + w.row_y[i] * uy)
         w.row_compass[i] = lag * (w.row_x[i] * vy - w.row_y[i] * vx)
         for h in range(m.states):
@@ -176,12 +148,13 @@ def _delay_covariance(b: Belief, m: Model, k: int, signal: Signal, i: int, g: in
         north = w.row_y[i] * w.gain[g, m.current + 1]
         value -= signal.age[i] * (east + north)
     share = m.dt / min(max(o.elapsed, m.dt), _SMOOTHING_TIME)
-    along = m.speed_variance * share + _UNSTEADY * _UNSTEADY
-    across = m.heading_variance * (vx * vx + vy * vy)
+    along_variance = m.speed_variance * share + _UNSTEADY * _UNSTEADY
+    across_variance = m.heading_variance * (vx * vx + vy * vy)
+    # + lag_i lag_g h_i (σ_v² u uᵀ + σ_θ² s̄² n nᵀ) h_gᵀ
     both = signal.lag[i] * signal.lag[g]
     a = (w.row_x[i] * ux + w.row_y[i] * uy) * (w.row_x[g] * ux + w.row_y[g] * uy)
     c = (w.row_x[i] * uy - w.row_y[i] * ux) * (w.row_x[g] * uy - w.row_y[g] * ux)
-    value += both * (along * a + across * c)
+    value += both * (along_variance * a + across_variance * c)
     return value
 
 
@@ -319,6 +292,7 @@ def _fill_innovation_covariance(b: Belief, m: Model, k: int, signal: Signal, cou
         i = w.used[j]
         for h in range(j + 1):
             g = w.used[h]
+            # `value` is h_i P h_gᵀ, `second` tr(F_i P F_g P), `noise` those that ranges share
             f = w.curvature[i]
             e = w.curvature[g]
             second = f[0, 0] * e[0, 0] + f[0, 1] * e[1, 0] + f[1, 0] * e[0, 1] + f[1, 1] * e[1, 1]
@@ -360,6 +334,7 @@ def _likelihood(b: Belief, count: int) -> tuple[float, float]:
     """
     w = b.work
     L = b.work.root
+    # S = L Lᵀ; log N = −½ (νᵀ ν + n log 2π) − Σ log L_ii with ν = L⁻¹ (z − ẑ)
     squared = 0.0
     volume = 1.0
     for i in range(count):
@@ -447,7 +422,8 @@ def _update_component(b: Belief, m: Model, k: int, count: int) -> None:
     P = b.covariance
     n = m.states
     white_gain = w.white_gain
-    # loops over contiguous rows, which are vectorised
+    # Wᵀ = L⁻¹ H P by forward substitution, and x += W ν: loops over contiguous rows, which are
+    # vectorised
     for j in range(count):
         gain = w.gain[w.used[j]]
         per_root = w.per_root[j]
@@ -471,16 +447,17 @@ def _update_component(b: Belief, m: Model, k: int, count: int) -> None:
     for j in range(count, 3):
         for h in range(n):
             white_gain[j, h] = 0.0
+    # P −= W Wᵀ
     for h in range(n):
-        one = white_gain[0, h]
-        two = white_gain[1, h]
-        three = white_gain[2, h]
+        first = white_gain[0, h]
+        second = white_gain[1, h]
+        third = white_gain[2, h]
         for i in range(n):
             P[k, h, i] = (
                 P[k, h, i]
-                - one * white_gain[0, i]
-                - two * white_gain[1, i]
-                - three * white_gain[2, i]
+                - first * white_gain[0, i]
+                - second * white_gain[1, i]
+                - third * white_gain[2, i]
             )
 
 
@@ -549,10 +526,10 @@ def _leader_turn(b: Belief, count: int) -> tuple[float, float]:
         match += w.turned[i] * w.white[i]
         size += w.turned[i] * w.turned[i]
     if w.shared:
-        along = 0.0
+        echo_part = 0.0
         for i in range(count):
-            along += w.turned[i] * w.common[i]
-        size -= along * along
+            echo_part += w.turned[i] * w.common[i]
+        size -= echo_part * echo_part
     return v * match, v - v * v * size
 
 

@@ -52,8 +52,8 @@ def bound(
             trajectory, _ = mission.seen(flown, i)
             least = least_rms(geometry_of(trajectory, flown, i), noise_of(flown, i))
             bounds = [
-                float(np.sqrt(np.mean(part**2)))
-                for part in (*np.array_split(least, _QUARTERS), least)
+                float(np.sqrt(np.mean(quarter**2)))
+                for quarter in (*np.array_split(least, _QUARTERS), least)
             ]
             cells = [f"{value:.3f}" for value in bounds]
             if runs:

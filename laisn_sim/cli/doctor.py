@@ -51,9 +51,9 @@ def examine() -> int:
 
     table = Table("", "", "", box=None, show_header=False, pad_edge=False)
 
-    def row(fine: bool | None, what: str, detail: str) -> None:
+    def row(fine: bool | None, capability: str, detail: str) -> None:
         """A line for what works, does not work, or is not needed (None)."""
-        table.add_row(_MARKS[fine], what, escape(detail))
+        table.add_row(_MARKS[fine], capability, escape(detail))
 
     row(True, "Python", platform.python_version())
     row(True, "packages", ", ".join(f"{name} {version(name)}" for name in ("laisn-sim", *PACKAGES)))

@@ -164,12 +164,12 @@ def write_flight(
     imports = partial(import_module, "reports.flight_report")
     with (
         background_process(imports) if beside else nullcontext() as background,
-        phases(console) as shown,
+        phases(console) as show_phase,
     ):
 
         @contextmanager
         def phase(name: str) -> Iterator[Update]:
-            with watch.phase(f"{name}_s"), shown(name) as update:
+            with watch.phase(f"{name}_s"), show_phase(name) as update:
                 yield update
 
         with phase("prepare"):

@@ -180,9 +180,13 @@ def export_factor_graphs(path: Path, out: Path) -> list[Path]:
     steps = np.append(0, flight.step_index())
     files = []
     for i, name in enumerate(flight.trajectory.names[1:]):
-        place = flight.trajectory.site_path(f"{name}/hydrophone", steps)
+        positions = flight.trajectory.site_path(f"{name}/hydrophone", steps)
         truth = np.column_stack(
-            [flight.trajectory.time[steps], place[:, :2], flight.trajectory.heading[steps, i + 1]]
+            [
+                flight.trajectory.time[steps],
+                positions[:, :2],
+                flight.trajectory.heading[steps, i + 1],
+            ]
         )
         settings = settings_as(TightSettings, tight, flight.trajectory, i)
         start = start_of(flight.trajectory, i)

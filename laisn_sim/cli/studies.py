@@ -63,7 +63,7 @@ def _factors(assignments: list[str]) -> dict[str, Any]:
 
     def listed(value: Any) -> Any:
         if isinstance(value, str):
-            return [value_of(part.strip()) for part in value.split(",")]
+            return [value_of(item.strip()) for item in value.split(",")]
         return value if isinstance(value, list | dict) else [value]
 
     return {key: listed(value) for key, value in values_of(assignments, "--vary").items()}
@@ -132,8 +132,8 @@ def study(  # noqa: PLR0913 - an argument for each option of the command
         "set": values_of(set_ or ()),
     }
     if dry_run:
-        for one in studies_of(source, keys, quick=quick)[0].values():
-            echo(effort_text(one, workers or len(os.sched_getaffinity(0))))
+        for part in studies_of(source, keys, quick=quick)[0].values():
+            echo(effort_text(part, workers or len(os.sched_getaffinity(0))))
         return
     if film and graphics.working() is None:
         typer.echo(f"no film: {graphics.MISSING}", err=True)

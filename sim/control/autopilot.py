@@ -125,17 +125,23 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
         mass = float(body.mass[0])
         added = np.diag(c["added_mass"])
         centre = body.ipos
-        own = plant.effectors[i, : len(plant.effector_names[i])]
-        if own.tobytes() not in allocations:
-            allocations[own.tobytes()] = [
+        fitted = plant.effectors[i, : len(plant.effector_names[i])]
+        if fitted.tobytes() not in allocations:
+            allocations[fitted.tobytes()] = [
                 pseudo_inverse(
-                    own, np.array([effectors.force_limits(one, c["density"], speed) for one in own])
+                    fitted,
+                    np.array(
+                        [
+                            effectors.force_limits(effector, c["density"], speed)
+                            for effector in fitted
+                        ]
+                    ),
                 )
                 for speed in (effectors.MIN_STEERAGE_SPEED, FAST)
             ]
-        slow, fast = allocations[own.tobytes()]
+        slow, fast = allocations[fitted.tobytes()]
         turning = slow[:, [PITCH, YAW]].any(axis=1)
-        record["omega"] = 1.0 / (4.0 * max(own["lag"][turning].max(initial=0.0), LEAST_LAG))
+        record["omega"] = 1.0 / (4.0 * max(fitted["lag"][turning].max(initial=0.0), LEAST_LAG))
         record["surge_mass"], record["sway_mass"], record["heave_mass"] = mass + added[:3]
         inertia = inertia_tensor(model, body.id)
         record["pitch_inertia"] = (
@@ -150,7 +156,7 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
         record["drag_fade"] = c["linear_damping_fade"][0]
         area, drag_coefficient, lift_slope = c["hull_lift"]
         record["drag"] = 0.5 * c["density"] * area * drag_coefficient + c["quadratic_damping"][0]
-        fins = np.concatenate([own, plant.fixed_fins[i]])
+        fins = np.concatenate([fitted, plant.fixed_fins[i]])
         fins = fins[fins["kind"] == effectors.FIN]
         # force per incidence and speed², sideways and up, of each fin
         each = (
@@ -180,9 +186,9 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
         mode = depth_control[i] or ("pitch" if lifts or not record["has_heave"] else "thrust")
         record["by_pitch"] = float(mode == "pitch")
         record["density"] = c["density"]
-        record["effectors"][: own.size] = own
-        record["slow_allocation"][: own.size] = slow
-        record["fast_allocation"][: own.size] = fast
+        record["effectors"][: fitted.size] = fitted
+        record["slow_allocation"][: fitted.size] = slow
+        record["fast_allocation"][: fitted.size] = fast
         record["scheduled"] = not np.array_equal(slow, fast)
         _require_control(name, record, mode)
     records.flags.writeable = False
@@ -214,7 +220,9 @@ def greatest_forces(d: Any, speed: float, axis: int, side: float = 1.0) -> tuple
     """Largest component of a wrench that the effectors give at a speed, to one side (1 or -1), [N]
     or [N m], and their forces for it [N].
     """
-    limits = np.array([effectors.force_limits(one, d["density"], speed) for one in d["effectors"]])
+    limits = np.array(
+        [effectors.force_limits(effector, d["density"], speed) for effector in d["effectors"]]
+    )
     wrench = np.zeros(6)
     command = np.zeros(effectors.MAX_EFFECTORS)
     inverse = np.empty((effectors.MAX_EFFECTORS, 6))
@@ -227,9 +235,9 @@ def greatest_forces(d: Any, speed: float, axis: int, side: float = 1.0) -> tuple
 def top_speed(d: Any) -> float:
     """Speed at which all thrust ahead balances the drag of surge [m/s], 10 at most."""
     speeds = np.arange(0.0, 10.0, 0.02)
-    given = np.array([greatest_forces(d, speed, SURGE)[0] for speed in speeds])
+    thrust = np.array([greatest_forces(d, speed, SURGE)[0] for speed in speeds])
     drag = (d["drag_linear"] * np.exp(-d["drag_fade"] * speeds) + d["drag"] * speeds) * speeds
-    return float(speeds[np.argmax(given < drag)] if (given < drag).any() else speeds[-1])
+    return float(speeds[np.argmax(thrust < drag)] if (thrust < drag).any() else speeds[-1])
 
 
 @compiled
@@ -240,11 +248,13 @@ def _damping(coefficients: Floats, way: float, rate: float) -> float:
 
 
 @compiled
-def _increment(rate: float, wanted: float, given: float) -> float:
+def _increment(rate: float, demanded: float, achieved: float) -> float:
     """Change of an integral by its rate, or none where it would go further beyond what thrusters
     give.
     """
-    saturates = (rate > 0.0 and wanted > given + 1e-9) or (rate < 0.0 and wanted < given - 1e-9)
+    saturates = (rate > 0.0 and demanded > achieved + 1e-9) or (
+        rate < 0.0 and demanded < achieved - 1e-9
+    )
     return 0.0 if saturates else rate
 
 
@@ -334,7 +344,7 @@ def apply_wrench(d: Any, surge: float, memory: Record, command: Floats) -> None:
 @compiled
 def control(
     d: Any,
-    wanted: tuple[float, float, float],
+    steering: tuple[float, float, float],
     reference: Record,
     motion: VehicleState,
     dt: float,
@@ -351,7 +361,7 @@ def control(
         memory: brought forward.
         command: out: in the units of the effectors' states, shape (m,).
     """
-    heading_wanted, turn_wanted, speed_wanted = wanted
+    heading_wanted, turn_wanted, speed_wanted = steering
     surge = motion.surge
     sway = motion.sway
     heading = motion.heading

@@ -47,7 +47,9 @@ def _line_of_sight(
     sine, cosine = np.sin(course), np.cos(course)
     along = off[0] * sine + off[1] * cosine
     across = off[0] * cosine - off[1] * sine
-    wanted = speed - a.approach_speed * along / np.sqrt(along * along + a.lookahead * a.lookahead)
+    along_track_speed = speed - a.approach_speed * along / np.sqrt(
+        along * along + a.lookahead * a.lookahead
+    )
     if a.law == ILOS:
         pulled = across + a.integral * integral
         integral += dt * a.lookahead * across / (a.lookahead * a.lookahead + pulled * pulled)
@@ -58,14 +60,14 @@ def _line_of_sight(
         rate = gain * a.lookahead * across / np.sqrt(a.lookahead * a.lookahead + across * across)
         integral = clip(integral + dt * rate, -0.8, 0.8)
         heading = course - integral - np.arctan(across / a.lookahead)
-    return wanted * np.sin(heading), wanted * np.cos(heading), integral
+    return along_track_speed * np.sin(heading), along_track_speed * np.cos(heading), integral
 
 
 @compiled
 def approach(
     a: Record,
     t: stations.Target,
-    place: tuple[float, float],
+    position: tuple[float, float],
     current: tuple[float, float],
     dt: float,
     integral: float,
@@ -77,7 +79,7 @@ def approach(
     time since the last call [s] and the integral of the cross-track error, which it also gives,
     brought forward.
     """
-    x, y = place[0] - t.east, place[1] - t.north
+    x, y = position[0] - t.east, position[1] - t.north
     if a.law == CONSTANT_BEARING:
         scale = a.approach_speed / np.sqrt(x * x + y * y + a.lookahead * a.lookahead)
         east = t.velocity_east - scale * x - current[0]
@@ -120,12 +122,12 @@ def repulsion_velocity(p: Record, seen: Records, heading: float) -> tuple[float,
 
 @compiled
 def give_way(
-    f: Record, wanted: tuple[float, float], push: tuple[float, float]
+    f: Record, course: tuple[float, float], push: tuple[float, float]
 ) -> tuple[float, float]:
     """Heading [rad] and speed through the water [m/s] with a velocity, east and north, added, as
     a hull can do it.
     """
-    heading, speed = wanted
+    heading, speed = course
     sine, cosine = np.sin(heading), np.cos(heading)
     along = max(speed + push[0] * sine + push[1] * cosine, f.min_along_track_speed)
     across = push[0] * cosine - push[1] * sine
@@ -279,19 +281,23 @@ def _to_station(
     """
     at = estimate.position
     likelier = estimate.offset_to_map
-    place = at[0] + likelier[0], at[1] + likelier[1]
+    position = at[0] + likelier[0], at[1] + likelier[1]
     current = estimate.current[0], estimate.current[1]
-    if place[0] != place[0]:
+    if position[0] != position[0]:
         # nothing is known of it yet
-        place = target.east, target.north
+        position = target.east, target.north
     elif not sigma <= formation.max_trail_sigma:
         # a parallel course: of the way to the station only what lies along the leader's counts
         way = np.hypot(target.way_east, target.way_north)
         if way > 0.0:
             ahead_east, ahead_north = target.way_east / way, target.way_north / way
-            along = (place[0] - target.east) * ahead_east + (place[1] - target.north) * ahead_north
-            place = target.east + along * ahead_east, target.north + along * ahead_north
-    east, north, memory.integral = approach(formation, target, place, current, dt, memory.integral)
+            along = (position[0] - target.east) * ahead_east + (
+                position[1] - target.north
+            ) * ahead_north
+            position = target.east + along * ahead_east, target.north + along * ahead_north
+    east, north, memory.integral = approach(
+        formation, target, position, current, dt, memory.integral
+    )
     return east, north
 
 
@@ -304,7 +310,7 @@ _ON_COURSE = 0.05
 @compiled
 def plan_detour(
     t: stations.Target,
-    along: tuple[float, float],
+    planned_velocity: tuple[float, float],
     lookahead: float,
     dt: float,
     memory: Record,
@@ -315,14 +321,16 @@ def plan_detour(
     The error of its place is that from this path, or the way back to the station would undo what
     was foreseen.
     """
-    turned = np.arctan2(along[0], along[1]) - np.arctan2(t.velocity_east, t.velocity_north)
+    turned = np.arctan2(planned_velocity[0], planned_velocity[1]) - np.arctan2(
+        t.velocity_east, t.velocity_north
+    )
     back = 0.0
     if abs(wrap_angle(turned)) < _ON_COURSE:
         x, y = memory.detour[0], memory.detour[1]
         pace = np.sqrt(t.way_east * t.way_east + t.way_north * t.way_north)
         back = _RETURN * pace / np.sqrt(x * x + y * y + lookahead * lookahead)
-    east = along[0] - back * memory.detour[0]
-    north = along[1] - back * memory.detour[1]
+    east = planned_velocity[0] - back * memory.detour[0]
+    north = planned_velocity[1] - back * memory.detour[1]
     memory.detour[0] += dt * (east - t.velocity_east)
     memory.detour[1] += dt * (north - t.velocity_north)
     place_east = t.east + memory.detour[0]
@@ -335,7 +343,7 @@ def keep_station(
     formation: Record,
     station: Record,
     senses: tuple[Record, Record],
-    known: tuple[Records, int],
+    trail: tuple[Records, int],
     clock: tuple[float, float],
     memory: Record,
     reference: Record,
@@ -372,18 +380,20 @@ def keep_station(
             depth = min(depth, _SURFACE)
     else:
         if silent > 0.5 * dt:
-            stations.turn_frame(formation, station, known, (now - dt, now), dt, memory.frame)
-        t = stations.station_at(station, known, now, memory.frame)
+            stations.turn_frame(formation, station, trail, (now - dt, now), dt, memory.frame)
+        t = stations.station_at(station, trail, now, memory.frame)
         current = (0.0, 0.0)
         if formation.law == CONSTANT_BEARING:
             # laws with an integral have that in place of the current
             current = estimate.current[0], estimate.current[1]
-        along = stations.rate_limited_velocity(
-            formation, station, known, now, current, memory.frame, (plan, memory.last_received)
+        planned_velocity = stations.rate_limited_velocity(
+            formation, station, trail, now, current, memory.frame, (plan, memory.last_received)
         )
-        target = stations.Target(t.east, t.north, along[0], along[1], t.way_east, t.way_north)
+        target = stations.Target(
+            t.east, t.north, planned_velocity[0], planned_velocity[1], t.way_east, t.way_north
+        )
         if station.radius > 0.0:
-            target = plan_detour(t, along, formation.lookahead, dt, memory)
+            target = plan_detour(t, planned_velocity, formation.lookahead, dt, memory)
         sigma = float(
             np.hypot(estimate.position_sigma, formation.leader_velocity_sigma * max(silent, 0.0))
         )

@@ -77,8 +77,8 @@ HOLD_SPEED = 0.3
 
 def _mean(value: Callable[[Floats], Floats], time: Floats, width: float) -> Floats:
     """Mean of a function over an interval about each instant."""
-    part = (np.arange(12)[:, None] + 0.5) / 12 - 0.5
-    return np.asarray(value(time + part * width).sum(axis=0) / 12)
+    nodes = (np.arange(12)[:, None] + 0.5) / 12 - 0.5
+    return np.asarray(value(time + nodes * width).sum(axis=0) / 12)
 
 
 def _rate(value: Callable[[Floats], Floats], time: Floats, width: float) -> Floats:
@@ -176,9 +176,9 @@ def integrate_offset(
     """Treat a persistent offset from the reference as a current: integral action without a
     current state.
     """
-    place = reference.east, reference.north
+    reference_position = reference.east, reference.north
     for i in range(2):
-        offset = clip(position[i] - place[i], -OFFSET_MOST, OFFSET_MOST)
+        offset = clip(position[i] - reference_position[i], -OFFSET_MOST, OFFSET_MOST)
         integral = memory.current[i] + OFFSET_GAIN * offset * dt
         memory.current[i] = clip(integral, -INTEGRAL_MOST, INTEGRAL_MOST)
 
@@ -228,5 +228,5 @@ def steer(
     through_east = speed * np.sin(course) - memory.current[0]
     through_north = speed * np.cos(course) - memory.current[1]
 
-    wanted = max(np.hypot(through_east, through_north), SPEED_LEAST)
-    return limit_command(np.arctan2(through_east, through_north), wanted, dt, memory)
+    speed_through = max(np.hypot(through_east, through_north), SPEED_LEAST)
+    return limit_command(np.arctan2(through_east, through_north), speed_through, dt, memory)

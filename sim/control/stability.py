@@ -124,17 +124,17 @@ def steady_turn(plant: Plant, i: int, d: Any, speed: float) -> tuple[float, floa
     """
     rigid, centre = _body(plant, i)
     c = plant.coefficients.view(np.recarray)[i]
-    own = plant.effectors[i, : len(plant.effector_names[i])]
-    fitted = np.concatenate([own, plant.fixed_fins[i]])[None]
+    effectors = plant.effectors[i, : len(plant.effector_names[i])]
+    fitted = np.concatenate([effectors, plant.fixed_fins[i]])[None]
     # as those of a plant, or another version of the forces would be compiled
     fitted.flags.writeable = False
     still = sea_at(Ocean().environment, 0.0)
-    forces = greatest_forces(d, speed, YAW)[1][: own.size]
+    forces = greatest_forces(d, speed, YAW)[1][: effectors.size]
     states = np.array(
         [
             [
-                state_for(one, d["density"], force, speed)
-                for one, force in zip(own, forces, strict=True)
+                state_for(effector, d["density"], force, speed)
+                for effector, force in zip(effectors, forces, strict=True)
             ]
         ]
     )
@@ -144,8 +144,8 @@ def steady_turn(plant: Plant, i: int, d: Any, speed: float) -> tuple[float, floa
         total = _forces(c, rigid, centre, motion, still, (fitted, states))
         return np.asarray(total[[SWAY, YAW]])
 
-    (sway, rate), _, found, _ = fsolve(balance, [0.0, 0.05], full_output=True)
-    if found != 1 or not rate > 0.0:
+    (sway, rate), _, status, _ = fsolve(balance, [0.0, 0.05], full_output=True)
+    if status != 1 or not rate > 0.0:
         return np.inf, 0.0
     return float(rate), float(np.hypot(speed, sway) / rate)
 
@@ -166,22 +166,27 @@ def _motion(plant: Plant, i: int, d: Any, about: Floats) -> Floats:
     """
     rigid, centre = _body(plant, i)
     c = plant.true_coefficients.view(np.recarray)[i]
-    own = plant.effectors[i]
+    effectors = plant.effectors[i]
     settings = plant.setups[i].settings
     speed = float(about[0])
     steps = _STEP * np.eye(9)
-    fitted = plant.true_effectors[i : i + 1], np.zeros((1, own.size))
+    fitted = plant.true_effectors[i : i + 1], np.zeros((1, effectors.size))
     sea = sea_at(plant.ocean.environment, 0.0)
     rates = [
         _forces(c, rigid, centre, about + step, sea, fitted)
         - _forces(c, rigid, centre, about - step, sea, fitted)
         for step in steps
     ]
-    allocation = np.empty((own.size, 6))
-    at_speed(d["slow_allocation"][: own.size], d["fast_allocation"][: own.size], speed, allocation)
+    allocation = np.empty((effectors.size, 6))
+    at_speed(
+        d["slow_allocation"][: effectors.size],
+        d["fast_allocation"][: effectors.size],
+        speed,
+        allocation,
+    )
     # forces that act for a unit of the commanded ones
-    scale = np.where(own["kind"] == FIN, settings.lift_scale, settings.thrust_scale)
-    given = (scale[:, None] * unit_wrenches(own)).T @ allocation
+    scale = np.where(effectors["kind"] == FIN, settings.lift_scale, settings.thrust_scale)
+    wrench_share = (scale[:, None] * unit_wrenches(effectors)).T @ allocation
     inverse = np.linalg.inv(rigid + c.added_mass)
     lag = 0.25 / d["omega"]
     matrix = np.zeros((16, 16))
@@ -191,7 +196,7 @@ def _motion(plant: Plant, i: int, d: Any, about: Floats) -> Floats:
     # nose down is positive about the axis to port
     matrix[HEIGHT, HEAVE] = 1.0
     matrix[HEIGHT, PITCH + 3] = -speed
-    matrix[10:, :10] = given @ _law(d, matrix[HEIGHT, :10], speed) / lag
+    matrix[10:, :10] = wrench_share @ _law(d, matrix[HEIGHT, :10], speed) / lag
     matrix[10:, 10:] = -np.eye(6) / lag
     return matrix
 

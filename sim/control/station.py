@@ -81,8 +81,8 @@ def _slope(trail: Records, count: int, i: int) -> tuple[float, float]:
         end = 1
         while end < last and trail[end].arc < TAIL:
             end += 1
-        made = np.arctan2(trail[end].east - trail[0].east, trail[end].north - trail[0].north)
-        course += wrap_angle(made - course) * min(trail[end].arc / TAIL, 1.0)
+        made_good = np.arctan2(trail[end].east - trail[0].east, trail[end].north - trail[0].north)
+        course += wrap_angle(made_good - course) * min(trail[end].arc / TAIL, 1.0)
         return np.sin(course), np.cos(course)
     if count == 2:
         return _chord(trail, 0, 1)
@@ -440,8 +440,8 @@ def turn_frame(
         if ahead > 0.0:
             _, _, east, north, _ = at(points, count, arc + ahead)
         off = wrap_angle(np.arctan2(east, north) - state.heading)
-        wanted = off / f.frame_time_constant
-        if wanted * station.port > 0.0:
+        rate = off / f.frame_time_constant
+        if rate * station.port > 0.0:
             room = min(f.outer_speedup * over_ground, max(f.outer_max_speed - through, 0.1))
         else:
             room = min(f.inner_slowdown * over_ground, max(through - f.inner_min_speed, 0.1))
@@ -449,8 +449,8 @@ def turn_frame(
                 room = min(room, _inner_room(trail, arc, over_ground, station.radius))
         # what is turned has to be stopped again
         limit = min(room / width, np.sqrt(most * abs(off)))
-        wanted = clip(wanted, -limit, limit)
-        state.rate += dt * clip((wanted - state.rate) / f.frame_rate_time_constant, -most, most)
+        rate = clip(rate, -limit, limit)
+        state.rate += dt * clip((rate - state.rate) / f.frame_rate_time_constant, -most, most)
         state.heading += dt * state.rate
 
 
@@ -508,10 +508,10 @@ def _through_water(
     """
     points, count = trail
     over_ground = points[count - 1].pace
-    place = arc + later * over_ground
-    _, _, ahead_east, ahead_north, _ = at(points, count, place)
+    later_arc = arc + later * over_ground
+    _, _, ahead_east, ahead_north, _ = at(points, count, later_arc)
     if station.radius > 0.0:
-        course = _planned_course(foreseen[0], trail, place, foreseen[1])
+        course = _planned_course(foreseen[0], trail, later_arc, foreseen[1])
         if course == course:
             ahead_east, ahead_north = np.sin(course), np.cos(course)
     frame = state.heading + later * state.rate

@@ -26,7 +26,7 @@ def _end(
     source: Bytes,
     row: int,
     column: int,
-    along: tuple[int, int],
+    step: tuple[int, int],
     over: tuple[int, int],
     mean: float,
     limit: float,
@@ -38,13 +38,13 @@ def _end(
     width = source.shape[1]
     difference = 0.0
     for n in range(1, _EDGE_PX + 1):
-        i = row + n * along[0]
-        j = column + n * along[1]
+        i = row + n * step[0]
+        j = column + n * step[1]
         if not (0 <= i < height and 0 <= j < width):
             return n, 0.0
-        here = _brightness(source, i, j)
-        there = _brightness(source, i + over[0], j + over[1])
-        difference = (here + there) / 2.0 - mean
+        inner = _brightness(source, i, j)
+        outer = _brightness(source, i + over[0], j + over[1])
+        difference = (inner + outer) / 2.0 - mean
         if abs(difference) >= limit:
             return n, difference
     return _EDGE_PX, difference
@@ -82,17 +82,17 @@ def smooth(source: Bytes, target: Bytes, left: int, top: int, width: int, height
             over = (side, 0) if level >= upright else (0, side)
             mean = (m + beyond) / 2.0
             limit = abs(beyond - m) / 4.0
-            along = (0, 1) if level >= upright else (1, 0)
-            back = (-along[0], -along[1])
+            step = (0, 1) if level >= upright else (1, 0)
+            back = (-step[0], -step[1])
             first, at_first = _end(source, i, j, back, over, mean, limit)
-            last, at_last = _end(source, i, j, along, over, mean, limit)
-            nearest, there = (first, at_first) if first < last else (last, at_last)
+            last, at_last = _end(source, i, j, step, over, mean, limit)
+            nearest, at_nearest = (first, at_first) if first < last else (last, at_last)
             # towards the nearer end the other side takes over, or this side does, which then is
             # left as it is
-            if (there < 0) == (m < mean):
+            if (at_nearest < 0) == (m < mean):
                 continue
             share = 0.5 - nearest / (first + last)
             for channel in range(3):
-                own = float(source[i, j, channel])
+                value = float(source[i, j, channel])
                 other = float(source[i + over[0], j + over[1], channel])
-                target[i, j, channel] = np.uint8((1 - share) * own + share * other + 0.5)
+                target[i, j, channel] = np.uint8((1 - share) * value + share * other + 0.5)

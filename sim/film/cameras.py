@@ -81,22 +81,22 @@ class View:
         """
         depth = (points - self.position) @ self.axes[2]
         before = depth >= _NEAR_M
-        place = np.linspace(0.0, 1.0, len(points))
+        position = np.linspace(0.0, 1.0, len(points))
         crossing = np.flatnonzero(before[1:] != before[:-1])
         if crossing.size:
             share = (_NEAR_M - depth[crossing]) / (depth[crossing + 1] - depth[crossing])
             cut = points[crossing] + share[:, None] * (points[crossing + 1] - points[crossing])
             points = np.insert(points, crossing + 1, cut, axis=0)
-            place = np.insert(
-                place,
+            position = np.insert(
+                position,
                 crossing + 1,
-                place[crossing] + share * (place[crossing + 1] - place[crossing]),
+                position[crossing] + share * (position[crossing + 1] - position[crossing]),
             )
             before = np.insert(before, crossing + 1, True)
         pixels, _ = self.project(points, width, height)
         edges = np.flatnonzero(np.diff(np.concatenate([[False], before, [False]]).astype(np.int8)))
         runs = [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]
-        return [(pixels[r], place[r]) for r in runs]
+        return [(pixels[r], position[r]) for r in runs]
 
 
 class Shot(NamedTuple):
@@ -158,9 +158,9 @@ class CameraRig:
         self._aside = smooth(east * towards[:, 1] - north * towards[:, 0])
 
     def _now(self, values: Floats, time: float) -> Floats:
-        place = float(np.interp(time, self._time, np.arange(self._time.size)))
-        i = int(place)
-        u = place % 1.0
+        index = float(np.interp(time, self._time, np.arange(self._time.size)))
+        i = int(index)
+        u = index % 1.0
         return np.asarray((1 - u) * values[i] + u * values[min(i + 1, self._time.size - 1)])
 
     def _in_water(self, position: Floats) -> Floats:

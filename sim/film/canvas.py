@@ -21,7 +21,7 @@ from PIL import Image, ImageDraw, ImageFont
 from laisn.arrays import Bytes, Floats
 
 Colour = tuple[float, ...]  # red, green, blue and, where given, opacity, each in [0, 1]
-Place = tuple[float, float, float, float]  # left, top, width, height [px]
+Area = tuple[float, float, float, float]  # left, top, width, height [px]
 PALE: Colour = (0.80, 0.92, 0.97)
 DIM: Colour = (0.60, 0.76, 0.83)  # colours of values and of their names
 
@@ -104,7 +104,7 @@ class Canvas:
             self.pixels[..., channel] = picture[::-1, :, channel]
         self.pixels[..., 3] = 255
 
-    def strokes(self, strokes: Sequence[Stroke], box: Place | None = None) -> None:
+    def strokes(self, strokes: Sequence[Stroke], box: Area | None = None) -> None:
         """Draw polylines in their order, only inside `box` if given."""
         self._lines.set_segments([stroke.points for stroke in strokes])
         self._lines.set_color([stroke.colour for stroke in strokes])
@@ -114,7 +114,7 @@ class Canvas:
         )
         self._draw(self._lines, box)
 
-    def shapes(self, shapes: Sequence[Shape], box: Place | None = None) -> None:
+    def shapes(self, shapes: Sequence[Shape], box: Area | None = None) -> None:
         """Draw filled polygons in their order, only inside `box` if given."""
         self._polygons.set_verts([shape.points for shape in shapes])
         self._polygons.set_facecolor([shape.fill for shape in shapes])
@@ -122,7 +122,7 @@ class Canvas:
         self._polygons.set_linewidth([1.5 * self.scale if shape.edge else 0.0 for shape in shapes])
         self._draw(self._polygons, box)
 
-    def _draw(self, collection: Any, box: Place | None) -> None:
+    def _draw(self, collection: Any, box: Area | None) -> None:
         left, top, width, height = box or (0, 0, self.width, self.height)
         collection.set_clip_box(Bbox.from_bounds(left, self.height - top - height, width, height))
         collection.draw(self._renderer)
@@ -176,9 +176,9 @@ class Canvas:
         return max(6, round(abs(size) * self.text_scale))
 
 
-def corners(place: Place) -> Floats:
+def corners(area: Area) -> Floats:
     """Corners of a rectangle, shape (4, 2), [px]."""
-    left, top, width, height = place
+    left, top, width, height = area
     return np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * [width, height] + [
         left,
         top,

@@ -19,7 +19,7 @@ from matplotlib.transforms import IdentityTransform
 from laisn.arrays import Bytes, Floats
 from laisn.estimates import FIX_WORDS
 from laisn.messages import Ranges
-from sim.film.canvas import DIM, PALE, Canvas, Colour, Place, Stroke, new_figure
+from sim.film.canvas import DIM, PALE, Area, Canvas, Colour, Stroke, new_figure
 from sim.film.film_data import (
     ESTIMATE,
     LEADER,
@@ -95,29 +95,29 @@ class Dashboard:
         gap = 6 * s
         side = 232 * s
         rows = self._rows(data.at(data.start))
-        self._numbers: Place = (left, top, width, (9 + sum(height for height, _ in rows)) * t)
+        self._numbers: Area = (left, top, width, (9 + sum(height for height, _ in rows)) * t)
         first = top + self._numbers[3] + gap
         height = 92 * t
-        curves: list[Place] = [
+        curves: list[Area] = [
             (left, first + n * (height + gap), width, height) for n in range(2 - self._short)
         ]
         corner = canvas.width - side - left
-        self._map: Place = (corner, top, side, side)
-        bar: Place = (corner, top + side + gap, side, 72 * t)
+        self._map: Area = (corner, top, side, side)
+        bar: Area = (corner, top + side + gap, side, 72 * t)
         beside = left + width + gap
-        caption: Place = (beside, top, corner - gap - beside, 60 * s)
-        self.scale: Place = (left, canvas.height - 26 * s - 32 * t, 240 * s, 36 * t)
+        caption: Area = (beside, top, corner - gap - beside, 60 * s)
+        self.scale: Area = (left, canvas.height - 26 * s - 32 * t, 240 * s, 36 * t)
         """Where the scale of the picture stands."""
         lefts = [self._numbers, *curves]
         rights = [self._map]
         if self._added.rays:
             rights.append(bar)
         words = [caption] if self._added.caption else []
-        self.places: list[Place] = [*lefts, *rights, *words]  # places of all panels
+        self.places: list[Area] = [*lefts, *rights, *words]  # places of all panels
         lower_left, lower_right = (
             max(y + h for _, y, _, h in column) for column in (lefts, rights)
         )
-        self.covered: list[Place] = [
+        self.covered: list[Area] = [
             (0.0, 0.0, left + width, lower_left),
             (corner, 0.0, canvas.width - corner, lower_right),
             *words,
@@ -140,8 +140,8 @@ class Dashboard:
             )
         quantities = self._quantities(show_pitch)
         self._curves = [
-            (self._add_curve(place, label, values), values)
-            for place, (label, values) in zip(curves, quantities, strict=False)
+            (self._add_curve(area, label, values), values)
+            for area, (label, values) in zip(curves, quantities, strict=False)
         ]
         self._add_map()
         if self._added.rays:
@@ -157,12 +157,12 @@ class Dashboard:
         agg: Any = FigureCanvasAgg(self.figure)
         agg.draw()
         whole = np.asarray(agg.buffer_rgba())
-        found = []
+        images = []
         for x, y, width, height in self.places:
             left, top = (max(0, int(v) - _MARGIN_PX) for v in (x, y))
-            part = whole[top : int(y + height) + _MARGIN_PX, left : int(x + width) + _MARGIN_PX]
-            found.append((left, top, np.ascontiguousarray(part[::-1])))
-        return found
+            panel = whole[top : int(y + height) + _MARGIN_PX, left : int(x + width) + _MARGIN_PX]
+            images.append((left, top, np.ascontiguousarray(panel[::-1])))
+        return images
 
     def _write(
         self, at: tuple[float, float], words: str, colour: Colour, size: float, ha: str, va: str
@@ -175,9 +175,9 @@ class Dashboard:
             x, y, words, color=colour, fontsize=abs(size) * self._t, fontweight=weight, ha=ha, va=va
         )
 
-    def _axes(self, place: Place) -> Axes:
+    def _axes(self, area: Area) -> Axes:
         """Axes without a frame at a place."""
-        x, y, width, height = place
+        x, y, width, height = area
         columns, rows = self._size
         axes = self.figure.add_axes(
             (x / columns, 1 - (y + height) / rows, width / columns, height / rows)
@@ -213,8 +213,8 @@ class Dashboard:
             ("bearing error [°]", [(ESTIMATE, np.degrees(np.abs(data.bearing_error[follower])))]),
         ]
 
-    def _add_curve(self, place: Place, label: str, curves: list[tuple[Colour, Floats]]) -> Axes:
-        left, top, width, height = place
+    def _add_curve(self, area: Area, label: str, curves: list[tuple[Colour, Floats]]) -> Axes:
+        left, top, width, height = area
         t = self._t
         data = self._data
         axes = self._axes((left + 46 * t, top + 26 * t, width - 66 * t, height - 45 * t))
@@ -255,17 +255,17 @@ class Dashboard:
             axes.set_xlim(self._centre[0] - self._reach, self._centre[0] + self._reach)
             axes.set_ylim(self._centre[1] - self._reach, self._centre[1] + self._reach)
             for v in range(tracks.shape[1]):
-                shown = v in (0, self._follower + 1)
+                highlighted = v in (0, self._follower + 1)
                 axes.plot(
                     *tracks[:, v].T,
                     color=TRUTH if v else LEADER,
-                    alpha=0.7 if shown else 0.35,
+                    alpha=0.7 if highlighted else 0.35,
                     lw=1.6 * s,
                 )
-            own = data.flight.estimates[self._follower].state
+            estimate = data.flight.estimates[self._follower].state
             for colour, track in [
                 *((o.colour, o.position) for o in self._added.others),
-                (ESTIMATE, own),
+                (ESTIMATE, estimate),
             ]:
                 axes.plot(*track[:, :2].T, color=colour, alpha=0.6, lw=1.1 * s)
         length = round_length(0.4 * 2 * self._reach)
@@ -278,9 +278,9 @@ class Dashboard:
         self._write((x, top + 18 * s), f"{length:g} m", PALE, 12, "left", "top")
         self._write((left + width - 10 * s, top + 10 * s), "N ↑", PALE, -12, "right", "top")
 
-    def _add_colour_bar(self, place: Place, rays: RayErrors) -> None:
+    def _add_colour_bar(self, area: Area, rays: RayErrors) -> None:
         """What the colours of the rays mean."""
-        left, top, width, _ = place
+        left, top, width, _ = area
         t = self._t
         axes = self._axes((left + 24 * t, top + 29 * t, width - 48 * t, 9 * t))
         gradient = diverging(np.linspace(-1.0, 1.0, 256))[None]
@@ -295,9 +295,9 @@ class Dashboard:
             (left + width - 12 * t, top + 68 * t), "too long", PALE, 11, "right", "baseline"
         )
 
-    def _add_caption(self, place: Place) -> None:
+    def _add_caption(self, area: Area) -> None:
         """What the film is about, and below it what its marks mean."""
-        left, top, width, height = place
+        left, top, width, height = area
         s = self._s
         middle = left + width / 2
         self._write(

@@ -171,16 +171,19 @@ class FilmData:
         self._transmitters = [truth.site(f"{names[0]}/tx_{which}") for which in Ranges._fields]
         self._hydrophones = [truth.site(f"{name}/hydrophone") for name in names[1:]]
         followers = flight.scenario.followers
-        self.on_stations = any(one.station for one in followers)
+        self.on_stations = any(follower_setup.station for follower_setup in followers)
         self._stations = np.full((truth.time.size, len(followers), 3), np.nan)
         if self.on_stations:
             places = true_stations(flight.scenario, truth)
             self._stations[..., 0] = places.east
             self._stations[..., 1] = places.north
             self._stations[..., 2] = [
-                -one.station.depth_m if one.station else np.nan for one in followers
+                -follower_setup.station.depth_m if follower_setup.station else np.nan
+                for follower_setup in followers
             ]
-            self._stations[:, [one.station is None for one in followers]] = np.nan
+            self._stations[:, [follower_setup.station is None for follower_setup in followers]] = (
+                np.nan
+            )
         self._estimates = [
             *((f, estimates.state[:, :2]) for f, estimates in enumerate(flight.estimates)),
             *((follower, other.position) for other in annotations.others),
@@ -199,10 +202,10 @@ class FilmData:
         sites = position[truth.site_vehicle] + attitude.rotate(
             quaternion[truth.site_vehicle], truth.site_offset
         )
-        place = (time - self.start) / truth.dt
-        i = min(round(place), truth.time.size - 1)
-        j = min(int(place), truth.time.size - 1)
-        u = place % 1.0
+        index = (time - self.start) / truth.dt
+        i = min(round(index), truth.time.size - 1)
+        j = min(int(index), truth.time.size - 1)
+        u = index % 1.0
         k = self.step(time)
         hydrophone = sites[self._hydrophones]
         followers = range(len(hydrophone))
@@ -267,11 +270,11 @@ class FilmData:
         if last >= 0:
             weight, position, covariance = (values[last] for values in estimates.hypotheses)
             centre = position + now[:2] - estimates.fix_position[last]
-            shown = np.flatnonzero(weight > _LEAST_WEIGHT)
-            if shown.size > 1:
+            visible = np.flatnonzero(weight > _LEAST_WEIGHT)
+            if visible.size > 1:
                 return tuple(
                     Hypothesis(float(weight[h]), np.array([*centre[h], now[2]]), covariance[h])
-                    for h in shown
+                    for h in visible
                 )
         return (Hypothesis(1.0, now, estimates.covariance[k - 1, :2, :2]),)
 
@@ -285,8 +288,8 @@ class FilmData:
         age = (time - self.start - measured.message_step[last] * self.dt) / self.speed_up
         ranges = measured.ranges[last]
         fixes = self.flight.estimates[follower]
-        made = int(np.searchsorted(fixes.fix_step, k, side="right")) - 1
-        kind = FixKind(int(fixes.fix_kind[made])) if made >= 0 else None
+        latest = int(np.searchsorted(fixes.fix_step, k, side="right")) - 1
+        kind = FixKind(int(fixes.fix_kind[latest])) if latest >= 0 else None
         return (
             np.where(np.isnan(ranges), 0.0, np.exp(-max(age, 0.0) / _AFTERGLOW_S)),
             ranges,
@@ -316,6 +319,6 @@ class FilmData:
         crawl.
         """
         grid, points = self._trails
-        shown = (grid <= state.time) & (grid >= state.time - _TRAIL_S * self.speed_up)
+        recent = (grid <= state.time) & (grid >= state.time - _TRAIL_S * self.speed_up)
         now = np.vstack([state.position[:1], state.hydrophone, state.estimate, state.others])
-        return np.concatenate([points[:, shown], now[:, None]], axis=1)
+        return np.concatenate([points[:, recent], now[:, None]], axis=1)

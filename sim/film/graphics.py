@@ -113,4 +113,4 @@ def probe() -> tuple[Backend, ...]:
 
 def working() -> Backend | None:
     """The first backend that renders, or None."""
-    return next((found for found in map(_examine, BACKENDS) if found.works), None)
+    return next((backend for backend in map(_examine, BACKENDS) if backend.works), None)

@@ -10,7 +10,7 @@ import numpy as np
 
 from laisn.arrays import Floats
 from sim.film.cameras import Shot, View
-from sim.film.canvas import PALE, Canvas, Colour, Place, Shape, Stroke, corners
+from sim.film.canvas import PALE, Area, Canvas, Colour, Shape, Stroke, corners
 from sim.film.dashboard import SIGMAS, Dashboard, Trail, round_length
 from sim.film.film_data import (
     ESTIMATE,
@@ -106,9 +106,9 @@ class Overlay:
             (slice(int(top), int(top + height) + 1), slice(int(left), int(left + width) + 1))
             for left, top, width, height in (*boxes, *covered)
         ]
-        kept = [c.pixels[region].copy() for region in regions]
+        pictures = [c.pixels[region].copy() for region in regions]
         self._draw_view(state, shot.view, self._box, trails)
-        for region, pixels in zip(regions, kept, strict=True):
+        for region, pixels in zip(regions, pictures, strict=True):
             c.pixels[region] = pixels
         for (view, vehicle), box in zip(shot.insets, boxes, strict=True):
             left, top, _, height = box
@@ -140,9 +140,9 @@ class Overlay:
     def _draw_view(self, state: FrameState, view: View, box: Box, trails: list[Trail]) -> None:
         """Lines and markers as one camera sees them, inside its box."""
         strokes = [
-            Stroke(pixels, (*colour[:3], 0.75 * along**0.8))
+            Stroke(pixels, (*colour[:3], 0.75 * age**0.8))
             for points, colour in trails
-            for pixels, along in self._lines(view, box, points, _TRAIL_PIECES)
+            for pixels, age in self._lines(view, box, points, _TRAIL_PIECES)
         ]
         strokes += [*self._rays(state, view, box), *self._ellipses(state, view, box)]
         lines, markers = self._markers(state, view, box)
@@ -156,13 +156,13 @@ class Overlay:
         line, in [0, 1].
         """
         left, top, width, height = box
-        for pixels, along in view.line(points, width, height):
+        for pixels, fractions in view.line(points, width, height):
             step = max(1, -(-(len(pixels) - 1) // pieces))
             for first in range(0, len(pixels) - 1, step):
                 last = min(first + step, len(pixels) - 1)
                 yield (
                     np.add(pixels[first : last + 1], (left, top)),
-                    float(along[first] + along[last]) / 2,
+                    float(fractions[first] + fractions[last]) / 2,
                 )
 
     def _rays(self, state: FrameState, view: View, box: Box) -> Iterator[Stroke]:
@@ -219,14 +219,15 @@ class Overlay:
         links = [level_axis(state)] if self._level_axis else []
         links += [nearest(state.position)] if self._data.on_stations else []
         colours = self._added.ray_colours(state.message[self._follower])
-        own = state.hydrophone[self._follower]
-        there = state.hydrophone
+        hydrophone_followed = state.hydrophone[self._follower]
+        hydrophones = state.hydrophone
         others = [
-            (own, o, other.colour)
+            (hydrophone_followed, o, other.colour)
             for o, other in zip(state.others, self._added.others, strict=True)
         ]
         others += [
-            (hydrophone, e, ESTIMATE) for hydrophone, e in zip(there, state.estimate, strict=True)
+            (hydrophone, e, ESTIMATE)
+            for hydrophone, e in zip(hydrophones, state.estimate, strict=True)
         ]
         marks: list[tuple[Any, Floats, float, Colour, Colour, list[Floats]]] = [
             *(
@@ -235,13 +236,13 @@ class Overlay:
             ),
             *(
                 (c.disc, s, 9.0, (*STATION, 0.15), STATION, [s, h])
-                for s, h in zip(state.station, there, strict=True)
+                for s, h in zip(state.station, hydrophones, strict=True)
             ),
             *(
                 (c.diamond, estimate, 6.0, colour, _DARK, [h, estimate])
                 for h, estimate, colour in others
             ),
-            *((c.disc, hydrophone, 4.5, TRUTH, _DARK, []) for hydrophone in there),
+            *((c.disc, hydrophone, 4.5, TRUTH, _DARK, []) for hydrophone in hydrophones),
         ]
         for make, point, radius, fill, outline, link in marks:
             at = self._pixel(view, box, point)
@@ -266,14 +267,14 @@ class Overlay:
         truth = state.hydrophone[f]
         leader = state.position[0]
         pitch = f", pitch {np.degrees(state.pitch[0]):+.1f}°" if self._level_axis else ""
-        apart = float(np.linalg.norm(leader - state.position[f + 1]))
+        distance_to_leader = float(np.linalg.norm(leader - state.position[f + 1]))
 
         def off(name: str, at: Floats) -> str:
             return f"{name}, off by {float(np.hypot(*(at - truth)[:2])):.1f} m"
 
         # side of the label: above the point if negative
-        wanted: list[tuple[Floats, str, Colour, int]] = [
-            (leader, f"{names[0]}{pitch}, {apart:.0f} m away", LEADER, -1),
+        candidates: list[tuple[Floats, str, Colour, int]] = [
+            (leader, f"{names[0]}{pitch}, {distance_to_leader:.0f} m away", LEADER, -1),
             (truth, names[f + 1], TRUTH, -1),
             (state.estimate[f], off(self._added.label, state.estimate[f]), ESTIMATE, 1),
             (state.station[f], off("station", state.station[f]), STATION, 1),
@@ -281,24 +282,24 @@ class Overlay:
         if self._data.on_stations:
             pair = nearest(state.position)
             distance = f"{float(np.linalg.norm(pair[1] - pair[0])):.1f} m apart, the nearest"
-            wanted.append((pair.mean(axis=0), distance, (1.0, 1.0, 1.0), 1))
-        for other, there in zip(self._added.others, state.others, strict=True):
-            wanted.append((there, off(other.label, there), other.colour, 1))
+            candidates.append((pair.mean(axis=0), distance, (1.0, 1.0, 1.0), 1))
+        for other, position in zip(self._added.others, state.others, strict=True):
+            candidates.append((position, off(other.label, position), other.colour, 1))
         rest = [i for i in range(len(state.hydrophone)) if i != f][: _LABELS - 1]
-        wanted += [(state.hydrophone[i], names[i + 1], TRUTH, -1) for i in rest]
+        candidates += [(state.hydrophone[i], names[i + 1], TRUTH, -1) for i in rest]
         if self._level_axis:
-            wanted.append((level_axis(state)[0], "level", (1.0, 1.0, 1.0), 0))
-        found = []
+            candidates.append((level_axis(state)[0], "level", (1.0, 1.0, 1.0), 0))
+        labels = []
         covered = self._dashboard.covered if self._dashboard else []
-        for point, words, colour, side in wanted:
+        for point, words, colour, side in candidates:
             at = self._pixel(view, self._box, point)
             if at is not None and not any(
                 x <= at[0] <= x + w and y <= at[1] <= y + h for x, y, w, h in covered
             ):
                 # the line leads clear of a hull
                 clear = float(np.clip(_HULL_CLEAR_M / metres_per_pixel(view, point), 30.0, 90.0))
-                found.append(Label(at, words, colour, (side * clear if side else -20.0) * c.scale))
-        return found
+                labels.append(Label(at, words, colour, (side * clear if side else -20.0) * c.scale))
+        return labels
 
     def _scale_bar(
         self, view: View, box: Box, at: tuple[float, float], share: float, words: str = ""
@@ -343,20 +344,20 @@ def metres_per_pixel(view: View, point: Floats) -> float:
     return float(max(ahead, 0.15)) / view.focal(720)
 
 
-def _places(label: Label, width: float, height: float, scale: float) -> list[tuple[Place, Floats]]:
+def _places(label: Label, width: float, height: float, scale: float) -> list[tuple[Area, Floats]]:
     """Places for the words, the most wanted first, with the end of the line that leads there."""
-    found = []
+    candidates = []
     for aside, side, n, way in product(_LABEL_ASIDE, (1, -1), range(_LABEL_ROWS), (1.0, -1.0)):
         rise = side * label.rise + np.sign(side * label.rise) * _LABEL_STEP * scale * n
         end = label.at + np.array([aside * scale * way, rise])
         left = end[0] + 2 * scale if way > 0 else end[0] - 2 * scale - width
-        found.append(((float(left), float(end[1] - height / 2), width, height), end))
-    return found
+        candidates.append(((float(left), float(end[1] - height / 2), width, height), end))
+    return candidates
 
 
 def place_labels(
-    labels: Iterable[Label], taken: Iterable[Place], canvas: Canvas
-) -> list[tuple[Label, Place, Floats]]:
+    labels: Iterable[Label], taken: Iterable[Area], canvas: Canvas
+) -> list[tuple[Label, Area, Floats]]:
     """Each label, the most important first, with its area and the end of its line, shape (2,),
     [px].
 
@@ -403,7 +404,7 @@ def draw_plates(canvas: Canvas, texts: Sequence[tuple[str, Colour, float, float]
         canvas.text((left + gap, top + gap + height / 2), words, colour, -_LABEL_SIZE, "lm")
 
 
-def draw_labels(labels: Iterable[Label], taken: Iterable[Place], canvas: Canvas) -> None:
+def draw_labels(labels: Iterable[Label], taken: Iterable[Area], canvas: Canvas) -> None:
     """Put labels on the canvas, each at the end of a line from its point."""
     placed = place_labels(labels, taken, canvas)
     starts = [

@@ -263,13 +263,13 @@ def render(
     with closing(
         _results(job, [f"main({worker}, {workers})" for worker in range(workers)])
     ) as results:
-        for group, found in results:
-            groups[group] = found
+        for group, packets in results:
+            groups[group] = packets
             if progress:
                 progress(len(groups) / job.groups)
     units = [unit for group in range(job.groups) for unit in groups[group]]
-    with atomic_write(path) as part:
-        _write_mp4(part, units, job.video)
+    with atomic_write(path) as temporary:
+        _write_mp4(temporary, units, job.video)
     return list(zip(job.times.tolist(), units, strict=True))
 
 
@@ -309,5 +309,5 @@ def still(job: Job, time_s: float, path: Path) -> None:
         raise RenderError(f"time {time_s:g} s lies outside the mission, {start:g} … {end:g} s")
     with closing(_results(job, [f"main_still({float(time_s)!r})"])) as results:
         (pixels,) = results
-    with atomic_write(path) as part:
-        Image.fromarray(pixels).convert("RGB").save(part, format="png")
+    with atomic_write(path) as temporary:
+        Image.fromarray(pixels).convert("RGB").save(temporary, format="png")

@@ -200,7 +200,7 @@ class GlScene:
         self._vehicles = [resolve(self._model, name) for name in flight.trajectory.names]
         self._fins = [MovingFins(self._model, f"{name}/") for name in flight.trajectory.names]
         parts = [self._model.geom(g).name.split("/")[-1] for g in range(self._model.ngeom)]
-        self._inside = {g for g, part in enumerate(parts) if part.startswith(_INSIDE)}
+        self._inside = {g for g, part_name in enumerate(parts) if part_name.startswith(_INSIDE)}
         self._gl = mujoco.GLContext(*size)
         self._gl.make_current()
         self._context = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)

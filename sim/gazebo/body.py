@@ -137,18 +137,18 @@ def solid_of(collision: Element) -> Solid | None:
         return Solid(float(4.0 / 3.0 * np.pi * radius**3), radii, _moments(radii**2 / 5.0))
     length = child_number(shape, "length", 1.0)
     if shape.tag == "cone":
-        across = 3.0 / 20.0 * radius**2
-        squares = np.array([across, across, 3.0 / 80.0 * length**2])
+        transverse_moment = 3.0 / 20.0 * radius**2
+        squares = np.array([transverse_moment, transverse_moment, 3.0 / 80.0 * length**2])
         half = np.array([radius, radius, length / 2.0])
         return Solid(np.pi * radius**2 * length / 3.0, half, _moments(squares))
     cylinder = np.pi * radius**2 * length
     ends = 4.0 / 3.0 * np.pi * radius**3 if shape.tag == "capsule" else 0.0
     volume = cylinder + ends
     # mean squares of the coordinates over cylinder and both half spheres
-    along = cylinder * length**2 / 12.0
-    along += ends * (length**2 / 4.0 + 3.0 / 8.0 * length * radius + radius**2 / 5.0)
-    across = cylinder * radius**2 / 4.0 + ends * radius**2 / 5.0
-    squares = np.array([across, across, along]) / max(volume, 1e-300)
+    axial_moment = cylinder * length**2 / 12.0
+    axial_moment += ends * (length**2 / 4.0 + 3.0 / 8.0 * length * radius + radius**2 / 5.0)
+    transverse_moment = cylinder * radius**2 / 4.0 + ends * radius**2 / 5.0
+    squares = np.array([transverse_moment, transverse_moment, axial_moment]) / max(volume, 1e-300)
     half = np.array([radius, radius, length / 2.0 + (radius if ends else 0.0)])
     return Solid(volume, half, _moments(squares))
 
@@ -166,10 +166,12 @@ def _share(name: str, link: Element, frame: Floats, remarks: Remarks) -> Share:
     if is_true(inertial.get("auto")):
         mass, centre, inertia = _automatic(name, link, inertial, frame, remarks)
     else:
-        own = frame @ local_pose(inertial)
+        inertial_frame = frame @ local_pose(inertial)
         mass = child_number(inertial, "mass", 1.0)
-        centre = own[:3, 3]
-        inertia = own[:3, :3] @ _tensor(name, inertial, remarks) @ own[:3, :3].T
+        centre = inertial_frame[:3, 3]
+        inertia = (
+            inertial_frame[:3, :3] @ _tensor(name, inertial, remarks) @ inertial_frame[:3, :3].T
+        )
     if mass < 0.0:
         raise LaisnError(f"<mass> of link {name!r} must not be negative (given: {mass:g})")
     if child_text(link, "gravity").lower() in ("0", "false"):
@@ -213,11 +215,11 @@ def _automatic(
         )
     centre = np.average(centres, axis=0, weights=masses)
     inertia = np.sum(tensors, axis=0)
-    for mass, place in zip(masses, centres, strict=True):
-        arm = place - centre
+    for mass, centre_of_part in zip(masses, centres, strict=True):
+        arm = centre_of_part - centre
         inertia += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    given = child_number(inertial, "mass", total)
-    return given, centre, inertia * given / total
+    mass_of_link = child_number(inertial, "mass", total)
+    return mass_of_link, centre, inertia * mass_of_link / total
 
 
 def _fluid_added_mass(element: Element | None) -> Floats:

@@ -60,14 +60,14 @@ def _read(
     scope: Model, parameters: Parameters, density: float, nose: Floats, remarks: Remarks
 ) -> Fin | None:
     name = parameters.text("link_name")
-    found = scope.find_link(name)
-    if found is None:
+    target = scope.find_link(name)
+    if target is None:
         raise LaisnError(f"LiftDrag: there is no <link name={name!r}>")
-    model, link = found
+    model, link = target
     frame = model.pose_of(link)
     forward = frame[:3, :3] @ _unit(parameters.vector("forward", (1.0, 0.0, 0.0)), "forward")
     upward = frame[:3, :3] @ _unit(parameters.vector("upward", (0.0, 0.0, 1.0)), "upward")
-    place = frame[:3, 3] + frame[:3, :3] @ parameters.vector("cp", (0.0, 0.0, 0.0))
+    position = frame[:3, 3] + frame[:3, :3] @ parameters.vector("cp", (0.0, 0.0, 0.0))
     ahead = float(forward @ nose)
     slope = parameters.number("cla", 1.0)
     across = upward - nose * float(upward @ nose)
@@ -105,7 +105,7 @@ def _read(
         parameters.number("cda_stall", 1.0),
         float(is_reversible),
     )
-    return Fin(name, place, sense * upward, limits, law)
+    return Fin(name, position, sense * upward, limits, law)
 
 
 def _remark_on_unmodelled(name: str, parameters: Parameters, remarks: Remarks) -> None:

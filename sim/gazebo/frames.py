@@ -75,7 +75,7 @@ class Model:
                 parts[child.tag][name] = child
 
     def _require_new(self, name: str) -> None:
-        if any(name in part for part in (self.links, self.joints, self.frames, self.models)):
+        if any(name in names for names in (self.links, self.joints, self.frames, self.models)):
             raise LaisnError(f"model {self.name!r}: two elements have the name {name!r}")
 
     @property

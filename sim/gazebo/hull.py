@@ -46,9 +46,9 @@ class Placing:
     turn: Floats  # 3×3, from the model's axes to the body's
     origin: Floats  # of the body in the model [m]
 
-    def point(self, place: Floats) -> Floats:
+    def point(self, position: Floats) -> Floats:
         """A point of the model in the body [m]."""
-        return np.asarray(self.turn @ (place - self.origin))
+        return np.asarray(self.turn @ (position - self.origin))
 
     def direction(self, axis: Floats) -> Floats:
         """A direction of the model in the body."""
@@ -86,7 +86,9 @@ def from_sdf(text: str, folder: Path | None = None) -> tuple[HullFile, list[str]
     planes = fins.fins_of(model, water.density, turn[0], remarks)
     matrices = hydrodynamics.about_point(coefficients, turn, origin)
     _remark_on_moved(coefficients, origin, turn, remarks)
-    _remark_on_rest(model, {one.joint for one in pushers}, {one.link for one in planes}, remarks)
+    _remark_on_rest(
+        model, {part.joint for part in pushers}, {part.link for part in planes}, remarks
+    )
 
     size = np.abs(turn) @ hull.size
     length = max(float(size[0]), 0.1)
@@ -122,18 +124,18 @@ def from_sdf(text: str, folder: Path | None = None) -> tuple[HullFile, list[str]
 def _chosen_model(root: Element, remarks: Remarks) -> Model:
     """The first model with a Hydrodynamics plugin; LaisnError if there is none, or it is fixed."""
     candidates = [*root.findall("model"), *root.findall("world/model")]
-    found = [
+    with_plugin = [
         element
         for element in candidates
         if any(plugin_kind(plugin) in HYDRODYNAMICS for plugin in element.iter("plugin"))
         and next(element.iter("link"), None) is not None
     ]
-    if not found:
+    if not with_plugin:
         raise LaisnError(_no_model(root))
-    if len(found) > 1:
-        remarks.add(f"only the first of {len(found)} models is read")
-    model = Model(found[0])
-    if is_true(child_text(found[0], "static")):
+    if len(with_plugin) > 1:
+        remarks.add(f"only the first of {len(with_plugin)} models is read")
+    model = Model(with_plugin[0])
+    if is_true(child_text(with_plugin[0], "static")):
         raise LaisnError(f"model {model.name!r} is <static>: it does not move")
     return model
 
@@ -180,7 +182,10 @@ def _turn(hull: body.Hull, pushers: list[thrusters.Thruster], remarks: Remarks) 
         axis = np.eye(3)[0]
     driving = thrusters.pushing_along(pushers, axis)
     extent = float(hull.size @ axis)
-    ahead = [float((one.place - hull.buoyancy_centre) @ axis) > 0.25 * extent for one in driving]
+    ahead = [
+        float((thruster.place - hull.buoyancy_centre) @ axis) > 0.25 * extent
+        for thruster in driving
+    ]
     name = "xyz"[int(np.argmax(axis))]
     is_backward = bool(ahead) and all(ahead) and len(driving) == 1
     if is_backward:
@@ -207,7 +212,7 @@ def _default_thrust(
     [N].
     """
     load = matrices.linear[0, 0] * ASSUMED_SPEED + matrices.quadratic[0, 0] * ASSUMED_SPEED**2
-    shares = sum(abs(float(turn[0] @ one.axis)) for one in pushers)
+    shares = sum(abs(float(turn[0] @ thruster.axis)) for thruster in pushers)
     thrust = load / shares if shares > 0.1 else THRUST
     return float(np.clip(thrust, THRUST, thrusters.GAZEBO_LIMIT))
 
@@ -218,9 +223,9 @@ def _remark_on_moved(
     turn: Floats,
     remarks: Remarks,
 ) -> None:
-    for part in coefficients:
-        arm = float(np.linalg.norm(part.frame[:3, 3] - origin))
-        axes = np.abs(turn @ part.frame[:3, :3])
+    for link in coefficients:
+        arm = float(np.linalg.norm(link.frame[:3, 3] - origin))
+        axes = np.abs(turn @ link.frame[:3, :3])
         is_turned = not np.allclose(axes, np.round(axes), atol=1e-6)
         if arm < 1e-9 and not is_turned:
             continue
@@ -230,7 +235,7 @@ def _remark_on_moved(
         if is_turned:
             how.append("turned")
         text = f"coefficients of a link are {' and '.join(how)} to the axes of the hull"
-        if part.quadratic.any():
+        if link.quadratic.any():
             text += ": quadratic damping holds along or about one axis, between axes nearly"
         remarks.add(text)
 
@@ -270,8 +275,8 @@ def _remark_on_loose_links(model: Model, remarks: Remarks) -> None:
         links += [(scope, name) for name in scope.links]
         for joint in scope.joints.values():
             for end in ("parent", "child"):
-                if (found := scope.find_link(child_text(joint, end))) is not None:
-                    joined.add((id(found[0]), found[1]))
+                if (target := scope.find_link(child_text(joint, end))) is not None:
+                    joined.add((id(target[0]), target[1]))
     loose = [name for scope, name in links if (id(scope), name) not in joined]
     if len(links) > 1 and loose:
         for name in loose:
@@ -409,12 +414,12 @@ def _name(text: str) -> str:
 def _with_unique_names(parts: Iterable[EffectorPart]) -> list[EffectorPart]:
     """The parts, with a number after a name that another has."""
     unique: list[EffectorPart] = []
-    for part in parts:
+    for effector in parts:
         names = {other.name for other in unique}
-        name = part.name
+        name = effector.name
         number = 2
         while name in names:
-            name = f"{part.name}_{number}"
+            name = f"{effector.name}_{number}"
             number += 1
-        unique.append(replace(part, name=name))
+        unique.append(replace(effector, name=name))
     return unique

@@ -70,7 +70,7 @@ def coefficients_of(model: Model, hull: Hull, remarks: Remarks) -> tuple[list[Co
             "added mass is in <fluid_added_mass> and in Hydrodynamics (<xDotU> …): as in Gazebo, "
             "both count"
         )
-    if not any(part.added_mass.any() for part in by_link):
+    if not any(link.added_mass.any() for link in by_link):
         remarks.add(
             "there is no added mass: take it from `laisn hull --length … --diameter … --mass …`"
         )
@@ -79,7 +79,7 @@ def coefficients_of(model: Model, hull: Hull, remarks: Remarks) -> tuple[list[Co
 
 def _coriolis_factor(has_fluid: bool, disabled: list[bool], remarks: Remarks) -> float:
     """Share of Coriolis and Munk terms, by what the plugins with added mass disable."""
-    if any(not one for one in disabled):
+    if any(not is_disabled for is_disabled in disabled):
         remarks.add(
             "Coriolis and Munk terms of <xDotU> … have Fossen's sign, as those of "
             "<fluid_added_mass> in Gazebo; the Hydrodynamics plugin applies the opposite one"
@@ -176,7 +176,7 @@ def _drop_added_mass(added: Floats, has_coriolis: bool, remarks: Remarks) -> Non
 
 def _quadratic(parameters: Parameters, is_tethys: bool, remarks: Remarks) -> Floats:
     """Q[i, j, k] of −Q |ν_k| ν_j by names such as xUabsU and xUU."""
-    found = np.zeros((6, 6, 6))
+    damping = np.zeros((6, 6, 6))
     signed = []
     mixed = []
     for i, force in enumerate(FORCES):
@@ -195,7 +195,7 @@ def _quadratic(parameters: Parameters, is_tethys: bool, remarks: Remarks) -> Flo
                     mixed.append(tag)
                 if plain_value and not is_tethys:
                     signed.append(plain)
-                found[i, j, k] = -value - plain_value
+                damping[i, j, k] = -value - plain_value
     if signed:
         tags = ", ".join(f"<{tag}>" for tag in signed)
         remarks.add(
@@ -207,10 +207,10 @@ def _quadratic(parameters: Parameters, is_tethys: bool, remarks: Remarks) -> Flo
             f"{', '.join(f'<{tag}>' for tag in mixed)}: forces of products of two velocities are "
             "not modelled"
         )
-    for i, j, k in np.argwhere(found):
+    for i, j, k in np.argwhere(damping):
         if j != k:
-            found[i, j, k] = 0.0
-    return found
+            damping[i, j, k] = 0.0
+    return damping
 
 
 def about_point(coefficients: list[Coefficients], turn: Floats, point: Floats) -> Matrices:
@@ -228,13 +228,13 @@ def about_point(coefficients: list[Coefficients], turn: Floats, point: Floats) -
     added = np.zeros((6, 6))
     linear = np.zeros((6, 6))
     quadratic = np.zeros((6, 6))
-    for part in coefficients:
-        motion = motion_at(part.frame, turn, point)
-        added += motion.T @ part.added_mass @ motion
-        linear += motion.T @ part.linear @ motion
+    for link in coefficients:
+        motion = motion_at(link.frame, turn, point)
+        added += motion.T @ link.added_mass @ motion
+        linear += motion.T @ link.linear @ motion
         for j in range(6):
             velocity = motion[:, j]
-            force = np.einsum("ijk,k,j->i", part.quadratic, np.abs(velocity), velocity)
+            force = np.einsum("ijk,k,j->i", link.quadratic, np.abs(velocity), velocity)
             quadratic[:, j] += motion.T @ force
     return Matrices((added + added.T) / 2.0, linear, quadratic)
 

@@ -59,9 +59,11 @@ def _find(uri: str, folder: Path) -> Path | None:
         return None
     searched = [folder, *list(folder.resolve().parents)[:3]]
     for variable in _PATHS:
-        searched += [Path(part) for part in os.environ.get(variable, "").split(os.pathsep) if part]
-    for place in searched:
-        path = place / name
+        searched += [
+            Path(entry) for entry in os.environ.get(variable, "").split(os.pathsep) if entry
+        ]
+    for directory in searched:
+        path = directory / name
         if path.is_file() and path.suffix == ".sdf":
             return path
         if path.is_dir() and (named := _file_of_model(path)) is not None:
@@ -117,13 +119,13 @@ def _replace(holder: Element, include: Element, model: Element, remarks: Remarks
             f"<include> of {model.get('name')!r}: <experimental:params> changes "
             f"{', '.join(f'<{tag}>' for tag in dict.fromkeys(changed))}, which is not read"
         )
-    place = list(holder).index(include)
+    position = list(holder).index(include)
     holder.remove(include)
     if is_true(include.get("merge")):
-        for number, part in enumerate(_merged_parts(model)):
-            holder.insert(place + number, part)
+        for number, element in enumerate(_merged_parts(model)):
+            holder.insert(position + number, element)
     else:
-        holder.insert(place, model)
+        holder.insert(position, model)
 
 
 def _merged_parts(model: Element) -> list[Element]:
@@ -138,24 +140,24 @@ def _merged_parts(model: Element) -> list[Element]:
         raise LaisnError(
             f"model {model.get('name')!r}: placement_frame is not read where the model is merged"
         )
-    parts = [part for part in model if part.tag not in ("pose", "static", "enable_wind")]
-    for part in parts:
-        if part.tag in ("link", "frame", "model"):
-            _anchor(part, name)
-        for xyz in part.iter("xyz"):
+    parts = [child for child in model if child.tag not in ("pose", "static", "enable_wind")]
+    for child in parts:
+        if child.tag in ("link", "frame", "model"):
+            _anchor(child, name)
+        for xyz in child.iter("xyz"):
             if xyz.get("expressed_in") == MODEL:
                 xyz.set("expressed_in", name)
     return [anchor, *parts]
 
 
-def _anchor(part: Element, name: str) -> None:
+def _anchor(element: Element, name: str) -> None:
     """Let a part stand relative to a frame where it stood relative to its model."""
-    attached = part.get("attached_to", "")
+    attached = element.get("attached_to", "")
     if attached == MODEL:
-        part.set("attached_to", name)
-    pose = part.find("pose")
+        element.set("attached_to", name)
+    pose = element.find("pose")
     if pose is None:
-        pose = SubElement(part, "pose")
+        pose = SubElement(element, "pose")
         pose.text = "0 0 0 0 0 0"
     if pose.get("relative_to", "") in ("", MODEL) and (not attached or attached == MODEL):
         pose.set("relative_to", name)

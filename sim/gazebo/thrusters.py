@@ -39,10 +39,10 @@ def thrusters_of(model: Model, remarks: Remarks) -> list[Thruster]:
 def _read(scope: Model, parameters: Parameters, remarks: Remarks) -> Thruster:
     name = parameters.text("joint_name")
     joint = scope.joints.get(name)
-    found = None if joint is None else scope.find_link(child_text(joint, "child"))
-    if found is None:
+    target = None if joint is None else scope.find_link(child_text(joint, "child"))
+    if target is None:
         raise LaisnError(f"Thruster: there is no <joint name={name!r}> with a child link")
-    inner, link = found
+    inner, link = target
     least, largest = _limits(name, parameters, remarks)
     band = parameters.number("deadband", 0.0)
     if band:
@@ -128,4 +128,4 @@ def with_limits(
 
 def pushing_along(thrusters: list[Thruster], axis: Floats) -> list[Thruster]:
     """Thrusters that push along an axis of the model, either way."""
-    return [one for one in thrusters if abs(float(np.dot(one.axis, axis))) > 0.9]
+    return [thruster for thruster in thrusters if abs(float(np.dot(thruster.axis, axis))) > 0.9]

@@ -149,8 +149,8 @@ def _records(path: Path) -> Iterator[McapRecord]:
                 else str(error)
             )
             if isinstance(error, CRCValidationError):
-                what = "a chunk" if isinstance(error.record, Chunk) else "the data section"
-                reason = f"the checksum of {what} does not match"
+                section = "a chunk" if isinstance(error.record, Chunk) else "the data section"
+                reason = f"the checksum of {section} does not match"
             raise DamagedError(path, f"damaged or cut off at byte {at}: {reason}") from error
 
 
@@ -185,14 +185,14 @@ class Messages:
         is no such field.
         """
         descriptor = self.message_class.DESCRIPTOR
-        found = list[Any]()
-        for part in name.split("."):
-            field = descriptor.fields_by_name.get(part) if descriptor is not None else None
+        fields = list[Any]()
+        for component in name.split("."):
+            field = descriptor.fields_by_name.get(component) if descriptor is not None else None
             if field is None:
                 return []
-            found.append(field)
+            fields.append(field)
             descriptor = field.message_type
-        return found
+        return fields
 
     def columns(self, names: Sequence[str]) -> list[npt.NDArray[Any] | list[Any]]:
         """Values of fields ("pose.position.x"), n each, None where unset; ValueError: malformed,
@@ -218,12 +218,12 @@ class Messages:
                 message = getattr(message, name)
             return message
 
-        steps = [[(part.name, part.has_presence) for part in path] for path in paths]
-        found: list[Any] = [[] for _ in names]
+        steps = [[(field.name, field.has_presence) for field in path] for path in paths]
+        columns: list[Any] = [[] for _ in names]
         for message in map(self.message_class.FromString, self.data):
-            for values, path in zip(found, steps, strict=True):
+            for values, path in zip(columns, steps, strict=True):
                 values.append(value(message, path))
-        return found
+        return columns
 
     def table(self, names: Sequence[str]) -> Floats:
         """Numbers by the names of their fields, NaN for what is absent, read-only, shape (n,
@@ -245,7 +245,7 @@ class Contents:
     """
 
     def __init__(  # noqa: C901, PLR0912 - one loop over records of many kinds
-        self, path: Path, wanted: Callable[[str, Messages], bool] = lambda topic, messages: True
+        self, path: Path, select: Callable[[str, Messages], bool] = lambda topic, messages: True
     ) -> None:
         self.path = path
         self.attachments = dict[str, bytes]()
@@ -267,12 +267,12 @@ class Contents:
                     schemas.setdefault(record.id, record)
                 elif isinstance(record, Channel) and record.id not in channels:
                     new = Messages(schemas.get(record.schema_id), record.message_encoding)
-                    known = channels[record.id] = self.topics.setdefault(record.topic, new)
-                    if known is new:
-                        new.kept = wanted(record.topic, new)
+                    registered = channels[record.id] = self.topics.setdefault(record.topic, new)
+                    if registered is new:
+                        new.kept = select(record.topic, new)
                     mine, others = (
                         (m.encoding, m.schema and (m.schema.name, m.schema.data))
-                        for m in (known, new)
+                        for m in (registered, new)
                     )
                     if mine != others:
                         raise LogError(
@@ -329,15 +329,15 @@ class Contents:
                 f"{', '.join(sorted(self.topics)) or 'none'}"
             )
         if not messages.is_protobuf:
-            found = f"{messages.encoding!r}{'' if messages.schema else ' without a schema'}"
+            encoding = f"{messages.encoding!r}{'' if messages.schema else ' without a schema'}"
             raise LogError(
-                f"{self.path}: channel {topic} is encoded as {found}, expected protobuf and its "
+                f"{self.path}: channel {topic} is encoded as {encoding}, expected protobuf and its "
                 "schema"
             )
         if missing := [name for name in names if not messages.path(name)]:
-            known = ", ".join(f.name for f in messages.message_class.DESCRIPTOR.fields)
+            fields = ", ".join(f.name for f in messages.message_class.DESCRIPTOR.fields)
             raise LogError(
-                f"{self.path}: channel {topic} lacks {', '.join(missing)}; its fields: {known}"
+                f"{self.path}: channel {topic} lacks {', '.join(missing)}; its fields: {fields}"
             )
         return messages
 

@@ -99,7 +99,10 @@ def export(path: Path, out: Path, table_format: str = "parquet") -> list[Path]:
             out.mkdir(parents=True, exist_ok=True)
             with log_errors(path):
                 table = _table(messages, start_ns)
-            with atomic_write(file) as part, _WRITERS[table_format](part, table.schema) as writer:
+            with (
+                atomic_write(file) as temporary,
+                _WRITERS[table_format](temporary, table.schema) as writer,
+            ):
                 writer.write_table(table)
         except OSError as error:
             raise LogError(f"{file}: cannot be written: {error.strerror or error}") from error
@@ -175,11 +178,11 @@ def write_recording(log_path: Path, path: Path) -> Path:
     log = Contents(
         log_path, lambda topic, _: topic in _SCENES or topic.endswith(("/pose", "/error"))
     )
-    with log_errors(log_path), atomic_write(path) as part:
+    with log_errors(log_path), atomic_write(path) as temporary:
         start_ns = log.start_ns()
         # a fixed name: the same log gives the same recording
         stream = rr.RecordingStream("laisn-sim", recording_id=log_path.stem)
-        stream.save(part)
+        stream.save(temporary)
         stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         hulls = set[str]()
         # of a flight without a message no acoustics are drawn

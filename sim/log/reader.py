@@ -74,7 +74,7 @@ def _record(log: Contents, name: str, types: Sequence[RecordType], grid_ns: Ints
     """Arrays of channels of a vehicle in a flight by attribute; messages must have these times,
     shape (n,), [ns].
     """
-    found = dict[str, Any]()
+    arrays = dict[str, Any]()
     for type_ in types:
         topic = f"/{name}/{type_.topic}"
         # a channel without a message is not in the file
@@ -83,7 +83,7 @@ def _record(log: Contents, name: str, types: Sequence[RecordType], grid_ns: Ints
         complete = step.size == grid_ns.size
         if type_.steps:
             # of channels with the same steps each has a message at all of them
-            complete = np.array_equal(found.setdefault(type_.steps, step + 1), step + 1)
+            complete = np.array_equal(arrays.setdefault(type_.steps, step + 1), step + 1)
         if (
             not complete
             or np.any(step == grid_ns.size)
@@ -97,10 +97,10 @@ def _record(log: Contents, name: str, types: Sequence[RecordType], grid_ns: Ints
             numbers = messages.table(a.names).astype(
                 np.int64 if a.integer else np.float64, copy=False
             )
-            found[a.attribute] = numbers.reshape(len(numbers), *a.shape)
+            arrays[a.attribute] = numbers.reshape(len(numbers), *a.shape)
         # hours of messages would fill the memory beside their numbers
         log.topics.pop(topic, None)
-    return found
+    return arrays
 
 
 def _custom_readings(log: Contents, name: str, grid_ns: Ints) -> dict[str, Floats]:
@@ -118,26 +118,32 @@ def _custom_readings(log: Contents, name: str, grid_ns: Ints) -> dict[str, Float
 def _trajectory(log: Contents, grid_ns: Ints) -> Trajectory:
     """The truth at these times, shape (n,), [ns]."""
     table = json.loads(log.attachments[VEHICLES])
-    found = list[dict[str, Any]]()
+    vehicles = list[dict[str, Any]]()
     force = np.reshape(table["effector_force"], (len(table["names"]), -1, 3))
-    for name, own in zip(table["names"], table["effector_names"] or [()] * len(force), strict=True):
-        arrays = _record(log, name, [vehicle_state(tuple(own))], grid_ns)
-        found.append(
-            arrays | {"thrust": np.pad(arrays["thrust"], ((0, 0), (0, force.shape[1] - len(own))))}
+    for name, effectors in zip(
+        table["names"], table["effector_names"] or [()] * len(force), strict=True
+    ):
+        arrays = _record(log, name, [vehicle_state(tuple(effectors))], grid_ns)
+        vehicles.append(
+            arrays
+            | {"thrust": np.pad(arrays["thrust"], ((0, 0), (0, force.shape[1] - len(effectors))))}
         )
     state = {
-        name: np.stack([arrays.pop(name) for arrays in found], axis=1)
+        name: np.stack([arrays.pop(name) for arrays in vehicles], axis=1)
         for name in ("water_velocity", "thrust")
     }
     for name, parts in (
         ("pose", ("position", "quaternion")),
         ("twist", ("velocity", "angular_velocity")),
     ):
-        both = (np.concatenate([arrays.pop(part) for part in parts], axis=1) for arrays in found)
+        both = (
+            np.concatenate([arrays.pop(component) for component in parts], axis=1)
+            for arrays in vehicles
+        )
         state[name] = np.stack([*both], axis=1)
     return Trajectory(
         names=tuple(table["names"]),
-        time=found[0]["time"],
+        time=vehicles[0]["time"],
         site_names=tuple(table["site_names"]),
         site_vehicle=np.array(table["site_vehicle"], dtype=np.int64),
         site_offset=np.array(table["site_offset"]).reshape(-1, 3),
@@ -214,8 +220,8 @@ def read(path: Path | str) -> Flight:
         )
 
 
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _optional(messages: Messages, names: Sequence[str]) -> Floats:
@@ -225,10 +231,10 @@ def _optional(messages: Messages, names: Sequence[str]) -> Floats:
     Where a type cannot distinguish zero from an absent number (protobuf 3 without `optional`), zero
     in a range, or in a quantity that need not be broadcast, stands for one that is not there.
     """
-    there = [name for name in names if messages.path(name)]
+    present = [name for name in names if messages.path(name)]
     values = np.full((len(messages.data), len(names)), np.nan)
-    values[:, [names.index(name) for name in there]] = messages.table(there)
-    for name in {*_OPTIONAL, *_RECEIVED.columns[1].names} & set(there):
+    values[:, [names.index(name) for name in present]] = messages.table(present)
+    for name in {*_OPTIONAL, *_RECEIVED.columns[1].names} & set(present):
         if not messages.path(name)[-1].has_presence:
             column = values[:, names.index(name)]
             column[column == 0.0] = np.nan
@@ -267,20 +273,20 @@ def _late_receptions(
 def _gaps(path: Path, topic: str, time_ns: Ints, spacing: Ints, longest_gap_s: float) -> list[str]:
     """Remarks on gaps; LogError if one is too long."""
     longest_step = _GAP * float(np.median(spacing))
-    found = np.flatnonzero(spacing > longest_step)
-    named = found[np.argsort(-spacing[found], kind="stable")][:_NAMED]
+    gaps = np.flatnonzero(spacing > longest_step)
+    named = gaps[np.argsort(-spacing[gaps], kind="stable")][:_NAMED]
     begin = time_ns[named] - time_ns[0]
-    number = _count(found.size, "gap")
+    number = _count(gaps.size, "gap")
     places = ", ".join(
         f"{s / 1e9:.3g} s at {b / 1e9:.3f} s" for s, b in zip(spacing[named], begin, strict=True)
     )
-    places += f" and {found.size - named.size} shorter ones" if found.size > named.size else ""
+    places += f" and {gaps.size - named.size} shorter ones" if gaps.size > named.size else ""
     if spacing.max() / 1e9 > max(longest_gap_s, longest_step / 1e9):
         raise LogError(
             f"{path}: {topic} has {number} ({places}); gaps of up to {longest_gap_s:g} s are "
             "bridged. Cut the log there, or allow longer ones: --longest-gap SECONDS"
         )
-    return [f"{number} in {topic} bridged: {places}"] if found.size else []
+    return [f"{number} in {topic} bridged: {places}"] if gaps.size else []
 
 
 # delays of messages that differ by less are those of one clock; and where they also are at most so
@@ -330,7 +336,7 @@ def read_recording(
         )
         time_ns = motion.time_ns
         recorded_ns = motion.recorded_ns
-        own = motion.table(_OWN.fields).T
+        readings = motion.table(_OWN.fields).T
         heard_ns = reception.time_ns
         message, ranges = (_optional(reception, array.names) for array in _RECEIVED.columns)
         places = _optional(reception, PLACES.names).reshape(-1, *PLACES.shape)
@@ -340,10 +346,10 @@ def read_recording(
     # hours of messages would fill the memory beside their numbers
     log.topics.clear()
     del motion, reception
-    finite = np.all(np.isfinite(own), axis=0)
+    finite = np.all(np.isfinite(readings), axis=0)
     last = _last_of_equals(time_ns[finite])
     time_ns = time_ns[finite][last]
-    own = own[:, finite][:, last]
+    readings = readings[:, finite][:, last]
     if time_ns.size < 2:
         raise LogError(
             f"{log.path}: {topic} holds {_count(time_ns.size, 'usable message')}; at least two are "
@@ -362,8 +368,8 @@ def read_recording(
     step = np.searchsorted(time_ns, heard_ns).astype(np.int64) + 1
     within = (heard_ns > time_ns[0] - dt_ns) & (step <= time_ns.size)
     heeded = within & np.all(np.isfinite(message[:, _POSE]), axis=1)
-    kept = np.flatnonzero(heeded)
-    kept = kept[_last_of_equals(step[kept])]
+    latest = np.flatnonzero(heeded)
+    latest = latest[_last_of_equals(step[latest])]
     left_out = (
         (~finite, topic, "not finite"),
         (~last, topic, "at the very time of another"),
@@ -380,19 +386,19 @@ def read_recording(
             "positive number"
         )
     remarks += [
-        f"{what}: no checksum, damage cannot be detected"
-        for what in log.unverified
-        if "chunks" in what
+        f"{item}: no checksum, damage cannot be detected"
+        for item in log.unverified
+        if "chunks" in item
     ]
     measurements = Measurements(
         dt=dt_ns / 1e9,
-        speed=own[0],
-        heading=own[1],
-        depth=own[2],
-        message_step=step[kept],
-        message=message[kept],
-        ranges=ranges[kept],
+        speed=readings[0],
+        heading=readings[1],
+        depth=readings[2],
+        message_step=step[latest],
+        message=message[latest],
+        ranges=ranges[latest],
         durations=durations,
-        transmitters=None if np.all(np.isnan(places)) else places[kept],
+        transmitters=None if np.all(np.isnan(places)) else places[latest],
     )
     return Recording(measurements, tuple(remarks))

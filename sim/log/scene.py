@@ -55,14 +55,14 @@ def _line(
     )
 
 
-def _cylinder(place: Any, size: Sequence[float], color: fg.Color) -> fg.CylinderPrimitive:
+def _cylinder(pose: Any, size: Sequence[float], color: fg.Color) -> fg.CylinderPrimitive:
     return fg.CylinderPrimitive(
-        pose=place, size=vector(size), bottom_scale=1.0, top_scale=1.0, color=color
+        pose=pose, size=vector(size), bottom_scale=1.0, top_scale=1.0, color=color
     )
 
 
-def _sphere(place: Any, size: Sequence[float], color: fg.Color) -> fg.SpherePrimitive:
-    return fg.SpherePrimitive(pose=place, size=vector(size), color=color)
+def _sphere(pose: Any, size: Sequence[float], color: fg.Color) -> fg.SpherePrimitive:
+    return fg.SpherePrimitive(pose=pose, size=vector(size), color=color)
 
 
 def hull(model: Any) -> dict[str, list[Any]]:
@@ -77,20 +77,20 @@ def hull(model: Any) -> dict[str, list[Any]]:
         size = (2 * model.geom_size[geom]).tolist()
         rgba = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
         color = fg.Color(**dict(zip("rgba", rgba.tolist(), strict=True)))
-        place = pose(position.tolist(), turn.tolist())
+        geom_pose = pose(position.tolist(), turn.tolist())
         width, length, _ = size
         if kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
-            parts["cylinders"].append(_cylinder(place, (width, width, length), color))
+            parts["cylinders"].append(_cylinder(geom_pose, (width, width, length), color))
         if kind == kinds.mjGEOM_CAPSULE:
             end = np.zeros(3)
             mujoco.mju_rotVecQuat(end, np.array([0.0, 0.0, length / 2]), turn)
             ends = [pose(p.tolist()) for p in (position - end, position + end)]
-            parts["spheres"] += [_sphere(there, [width] * 3, color) for there in ends]
+            parts["spheres"] += [_sphere(end_pose, [width] * 3, color) for end_pose in ends]
         elif kind == kinds.mjGEOM_BOX:
-            parts["cubes"].append(fg.CubePrimitive(pose=place, size=vector(size), color=color))
+            parts["cubes"].append(fg.CubePrimitive(pose=geom_pose, size=vector(size), color=color))
         elif kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
             parts["spheres"].append(
-                _sphere(place, [width] * 3 if kind == kinds.mjGEOM_SPHERE else size, color)
+                _sphere(geom_pose, [width] * 3 if kind == kinds.mjGEOM_SPHERE else size, color)
             )
         elif kind == kinds.mjGEOM_MESH:
             mesh = model.geom_dataid[geom]
@@ -104,7 +104,7 @@ def hull(model: Any) -> dict[str, list[Any]]:
             )
             parts["triangles"].append(
                 fg.TriangleListPrimitive(
-                    pose=place, points=_points(vertices.tolist()), indices=faces, color=color
+                    pose=geom_pose, points=_points(vertices.tolist()), indices=faces, color=color
                 )
             )
     return parts
@@ -116,25 +116,25 @@ def _ellipses(estimates: Estimates, row: int, z: float) -> Iterator[fg.SpherePri
     """
     places = [estimates.state[row, :2]]
     spreads = [estimates.covariance[row, :2, :2]]
-    made = int(np.searchsorted(estimates.fix_step, row + 1, side="right")) - 1
+    latest = int(np.searchsorted(estimates.fix_step, row + 1, side="right")) - 1
     weight, position, covariance = estimates.hypotheses
-    kept = np.flatnonzero(weight[made] > 0.0) if made >= 0 else np.empty(0, dtype=np.int64)
-    if kept.size > 1:
-        places += list(position[made, kept])
-        spreads += list(covariance[made, kept])
-    for place, spread in zip(places, spreads, strict=True):
+    present = np.flatnonzero(weight[latest] > 0.0) if latest >= 0 else np.empty(0, dtype=np.int64)
+    if present.size > 1:
+        places += list(position[latest, present])
+        spreads += list(covariance[latest, present])
+    for centre, spread in zip(places, spreads, strict=True):
         # a filter that left finite numbers has a trail but no ellipse
         if np.isfinite(spread).all():
             (xx, xy), (_, yy) = spread.tolist()
             mean = (xx + yy) / 2
-            apart = math.hypot((xx - yy) / 2, xy)
+            half_difference = math.hypot((xx - yy) / 2, xy)
             # eigenvalues, and half of the larger one's direction
             major, minor = (
                 2 * _CONFIDENCE * math.sqrt(max(value, 0.0))
-                for value in (mean + apart, mean - apart)
+                for value in (mean + half_difference, mean - half_difference)
             )
             half_turn = math.atan2(2 * xy, xx - yy) / 4
-            at = pose((*place.tolist(), z), (math.cos(half_turn), 0.0, 0.0, math.sin(half_turn)))
+            at = pose((*centre.tolist(), z), (math.cos(half_turn), 0.0, 0.0, math.sin(half_turn)))
             yield _sphere(at, (major, minor, _DISC_M), _UNCERTAINTY)
 
 
@@ -196,8 +196,8 @@ def draw_vehicles(flight: Flight, index: Ints) -> Draw:
             if row[i] >= 0:
                 spheres = list(_ellipses(e, int(row[i]), -float(m.depth[row[i]])))
                 last = i + 1 - int(np.count_nonzero(row < 0))
-                known = points[max(0, last - _TRAIL_S - 1) : last]
-                entities.append(trail(f"{name}/estimate", ESTIMATE, known, spheres=spheres))
+                recent = points[max(0, last - _TRAIL_S - 1) : last]
+                entities.append(trail(f"{name}/estimate", ESTIMATE, recent, spheres=spheres))
         return fg.SceneUpdate(entities=entities)
 
     return draw
@@ -259,9 +259,9 @@ def draw_acoustics(flight: Flight, steps: Ints) -> Draw:
         step = int(steps[i])
         sites = {name: path[i].tolist() for name, path in paths.items()}
         pings = [
-            _ping(flight, f, own[step], time_ns, sites)
-            for f, own in enumerate(messages)
-            if step in own
+            _ping(flight, f, of_follower[step], time_ns, sites)
+            for f, of_follower in enumerate(messages)
+            if step in of_follower
         ]
         return fg.SceneUpdate(entities=pings)
 

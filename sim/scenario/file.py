@@ -28,13 +28,13 @@ Location = tuple[int | str, ...]  # path of a key, such as ("followers", 0, "dep
 def key_of(location: Location) -> str:
     """The path as it is printed: `followers[0].depth_m`."""
     text = ""
-    for part in location:
-        if isinstance(part, int):
-            text += f"[{part}]"
+    for name in location:
+        if isinstance(name, int):
+            text += f"[{name}]"
         elif text:
-            text += f".{part}"
+            text += f".{name}"
         else:
-            text = str(part)
+            text = str(name)
     return text or "scenario"
 
 
@@ -42,12 +42,12 @@ def _field(location: Location) -> FieldInfo | None:
     """The declaration of a key, or of the list that holds a value; None if there is none."""
     model: type[BaseModel] | None = Scenario
     field = None
-    for part in location:
-        if isinstance(part, int):
+    for name in location:
+        if isinstance(name, int):
             continue
-        if model is None or part not in model.model_fields:
+        if model is None or name not in model.model_fields:
             return None
-        field = model.model_fields[part]
+        field = model.model_fields[name]
         model = _table_in(field)
     return field
 
@@ -80,27 +80,27 @@ def _keys(location: Location) -> list[str]:
 @cache
 def _all_keys() -> dict[str, list[str]]:
     """Dotted keys of a scenario by their last names."""
-    found: dict[str, list[str]] = {}
+    keys: dict[str, list[str]] = {}
 
     def add(model: type[BaseModel], above: str) -> None:
         for name, field in model.model_fields.items():
-            found.setdefault(name, []).append(f"{above}{name}")
+            keys.setdefault(name, []).append(f"{above}{name}")
             table = _table_in(field)
             if table is not None:
                 add(table, f"{above}{name}.{'*.' if _is_list_of_tables(field) else ''}")
 
     add(Scenario, "")
-    return found
+    return keys
 
 
 def _hint(location: Location) -> str:
     """What an unknown key may have meant."""
     name = shortened(str(location[-1]), 80)
-    known = _keys(location[:-1])
+    names = _keys(location[:-1])
     elsewhere = sorted(_all_keys().get(name, []), key=lambda key: key.count("."))
     section = [key for key in elsewhere if key.partition(".")[0] == str(location[0])]
-    close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-    closest = difflib.get_close_matches(name, known, n=1, cutoff=0.75)
+    close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    closest = difflib.get_close_matches(name, names, n=1, cutoff=0.75)
     if section or (elsewhere and not closest):
         return f"did you mean {' or '.join((section or elsewhere)[:3])}?"
     if close:
@@ -108,7 +108,7 @@ def _hint(location: Location) -> str:
     distant = difflib.get_close_matches(name, _all_keys(), n=1, cutoff=0.8)
     if distant:
         return f"did you mean {_all_keys()[distant[0]][0]}?"
-    return f"known here: {', '.join(known)}"
+    return f"known here: {', '.join(names)}"
 
 
 def _expected(error: Mapping[str, Any]) -> str:
@@ -118,7 +118,7 @@ def _expected(error: Mapping[str, Any]) -> str:
     message = str(error["msg"]).removeprefix("Value error, ")
     form = re.match(r"\[+.*?\](?:, …\])?", field.description or "") if field else None
     if kind in ("tuple_type", "list_type") and isinstance(error["input"], dict):
-        names = ".".join(str(part) for part in error["loc"] if not isinstance(part, int))
+        names = ".".join(str(item) for item in error["loc"] if not isinstance(item, int))
         return f"expected a list of tables: write [[{names}]] with two brackets"
     if kind in ("missing", "too_long") and form and isinstance(error["loc"][-1], int):
         return f"expected {form[0]}"
@@ -132,7 +132,7 @@ def _reason(error: Mapping[str, Any]) -> str:
     field = _field(error["loc"])
     if field is None or not error["type"].endswith(("_than", "_equal")):
         return ""
-    return "".join(f"; {one.text}" for one in field.metadata if isinstance(one, Because))
+    return "".join(f"; {bound.text}" for bound in field.metadata if isinstance(bound, Because))
 
 
 def _expected_text(error: Mapping[str, Any]) -> str:
@@ -141,8 +141,8 @@ def _expected_text(error: Mapping[str, Any]) -> str:
     words = PATTERNS.get(pattern)
     if words is None:
         return str(error["msg"])
-    given = str(error["input"])
-    close = difflib.get_close_matches(given, re.findall(r'"([^"]+)"', words), n=1, cutoff=0.6)
+    text = str(error["input"])
+    close = difflib.get_close_matches(text, re.findall(r'"([^"]+)"', words), n=1, cutoff=0.6)
     return f"did you mean {close[0]!r}? Expected {words}" if close else f"expected {words}"
 
 
@@ -151,11 +151,11 @@ def _line(error: Mapping[str, Any]) -> str:
     if error["type"] == "extra_forbidden":
         return f"{key}: unknown key; {_hint(error['loc'])}"
     message = _expected(error)
-    given = error["input"]
-    if isinstance(given, dict | BaseModel) or message == "Field required":
+    value = error["input"]
+    if isinstance(value, dict | BaseModel) or message == "Field required":
         return f"{key}: {message}"
-    shown = shortened(repr(given) if not isinstance(given, list | str) else repr(given[:80]), 80)
-    return f"{key}: {message} (given: {plain(shown)}){_reason(error)}"
+    text = shortened(repr(value) if not isinstance(value, list | str) else repr(value[:80]), 80)
+    return f"{key}: {message} (given: {plain(text)}){_reason(error)}"
 
 
 def lines_of(error: ValidationError, where: Callable[[Location], str] = lambda _: "") -> list[str]:
@@ -164,11 +164,13 @@ def lines_of(error: ValidationError, where: Callable[[Location], str] = lambda _
     `where` says in which line of a file a key stands, for the beginning of the line.
     """
     errors = error.errors(include_url=False, include_context=False)
-    parents = {one["loc"][:n] for one in errors for n in range(len(one["loc"]))}
+    parents = {detail["loc"][:n] for detail in errors for n in range(len(detail["loc"]))}
     # pydantic leaves an invalid item out of its list, which may then seem too short
-    errors = [one for one in errors if one["type"] != "too_short" or one["loc"] not in parents]
-    shown = [f"  {where(one['loc'])}{_line(one)}" for one in errors[:ROWS]]
-    return shown + [""] * len(errors[ROWS:])
+    errors = [
+        detail for detail in errors if detail["type"] != "too_short" or detail["loc"] not in parents
+    ]
+    lines = [f"  {where(detail['loc'])}{_line(detail)}" for detail in errors[:ROWS]]
+    return lines + [""] * len(errors[ROWS:])
 
 
 _HEADER = re.compile(r"\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?$")
@@ -180,7 +182,7 @@ def key_lines(text: str) -> dict[Location, int]:
 
     Keys within inline tables are not found; the key before the table is.
     """
-    found: dict[Location, int] = {}
+    lines: dict[Location, int] = {}
     counts: dict[Location, int] = {}
     table: Location = ()
     for number, line in enumerate(text.splitlines(), start=1):
@@ -194,19 +196,19 @@ def key_lines(text: str) -> dict[Location, int]:
                     table = (*table[:n], counts[table[:n]] - 1, *table[n:])
             if header[1] == "[[":
                 counts[table] = counts.get(table, 0) + 1
-                found.setdefault(table, number)
+                lines.setdefault(table, number)
                 table = (*table, counts[table] - 1)
-            found.setdefault(table, number)
+            lines.setdefault(table, number)
         elif key:
             names = tuple(_parts(key[1]))
             for n in range(1, len(names) + 1):
-                found.setdefault((*table, *names[:n]), number)
-    return found
+                lines.setdefault((*table, *names[:n]), number)
+    return lines
 
 
 def _parts(key: str) -> list[str]:
     """Names of a dotted key of TOML, quoted or not."""
-    return [part.strip().strip("\"'") for part in key.split(".")]
+    return [name.strip().strip("\"'") for name in key.split(".")]
 
 
 def line_in(text: str, changed: Iterable[str] = ()) -> Callable[[Location], str]:
@@ -217,7 +219,10 @@ def line_in(text: str, changed: Iterable[str] = ()) -> Callable[[Location], str]
     other = [_changed_location(key) for key in changed]
 
     def where(location: Location) -> str:
-        if any(_begins(location, one) or _begins(one, location) for one in other):
+        if any(
+            _begins(location, changed_key) or _begins(changed_key, location)
+            for changed_key in other
+        ):
             return ""
         for n in range(len(location), 0, -1):
             if location[:n] in lines:
@@ -228,7 +233,7 @@ def line_in(text: str, changed: Iterable[str] = ()) -> Callable[[Location], str]
 
 
 def _changed_location(key: str) -> Location:
-    return tuple(int(part) if _INDEX.fullmatch(part) else part for part in key.split("."))
+    return tuple(int(name) if _INDEX.fullmatch(name) else name for name in key.split("."))
 
 
 def _begins(location: Location, other: Location) -> bool:
@@ -274,7 +279,9 @@ def _require_bounded(table: Any) -> None:
             if len(location) < DEEPEST:
                 problem = ""
                 inner = value.items() if isinstance(value, Mapping) else enumerate(value)
-                left += [((*location, key), one) for key, one in inner if type(one) is not float]
+                left += [
+                    ((*location, key), member) for key, member in inner if type(member) is not float
+                ]
                 names = (key for key in value if isinstance(value, Mapping))
                 if not all(_is_unicode(str(name)) for name in names):
                     problem = "a key that is no Unicode text"
@@ -298,10 +305,10 @@ def plain_values(table: Any) -> Any:
     """
     _require_bounded(table)
 
-    def plain_value(one: Any) -> Any:
-        if isinstance(one, range):
-            return list(one)
-        return one.tolist() if hasattr(one, "tolist") else str(one)
+    def plain_value(value: Any) -> Any:
+        if isinstance(value, range):
+            return list(value)
+        return value.tolist() if hasattr(value, "tolist") else str(value)
 
     def integer(digits: str) -> int | str:
         return int(digits) if len(digits) < 308 else f"an integer of {len(digits)} digits"
@@ -431,35 +438,35 @@ def value_of(text: str) -> Any:
 
 
 def _parts_of(key: str) -> list[int | str]:
-    return [int(part) if _INDEX.fullmatch(part) else part for part in key.split(".")]
+    return [int(name) if _INDEX.fullmatch(name) else name for name in key.split(".")]
 
 
 def _put(table: dict[str, Any], key: str, value: object) -> None:
     """Put a value at a dotted key; ScenarioError if the key leads through something that is no
     table or list.
     """
-    place: Any = table
+    target: Any = table
     parts = _parts_of(key)
-    for n, part in enumerate(parts):
-        index = str(part) if isinstance(place, dict) else part
-        if isinstance(place, dict):
-            place.setdefault(index, {})
-        elif not (isinstance(place, list) and isinstance(index, int) and index < len(place)):
+    for n, name in enumerate(parts):
+        index = str(name) if isinstance(target, dict) else name
+        if isinstance(target, dict):
+            target.setdefault(index, {})
+        elif not (isinstance(target, list) and isinstance(index, int) and index < len(target)):
             text = f"{shortened(plain(key), 100)} is no key of this scenario"
-            raise ScenarioError(f"{text}{_list_hint(place, parts, n)}")
+            raise ScenarioError(f"{text}{_list_hint(target, parts, n)}")
         if n == len(parts) - 1:
-            place[index] = value
+            target[index] = value
         else:
-            place = place[index]
+            target = target[index]
 
 
-def _list_hint(place: Any, parts: list[int | str], n: int) -> str:
+def _list_hint(target: Any, parts: list[int | str], n: int) -> str:
     """What to write for the members of a list, if a key of n parts leads to one."""
-    if not isinstance(place, list) or not place:
+    if not isinstance(target, list) or not target:
         return ""
     name = ".".join(map(str, parts[:n]))
     if isinstance(parts[n], int):
-        return f"; {name} has {len(place)}, of which the last is {name}.{len(place) - 1}"
+        return f"; {name} has {len(target)}, of which the last is {name}.{len(target) - 1}"
     rest = ".".join(map(str, parts[n:]))
     return f"; did you mean {name}.0.{rest} of the first, or {name}.*.{rest} of all?"
 
@@ -470,16 +477,16 @@ def dotted(
     """Values of nested tables and lists of tables by dotted keys; `is_value`: whether a table is
     a value itself.
     """
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for name, value in table.items():
         inner = value
         if isinstance(value, list | tuple) and value and isinstance(value[0], Mapping):
             inner = {str(i): item for i, item in enumerate(value)}
         if isinstance(inner, Mapping) and inner and not is_value(inner):
-            found |= {f"{name}.{key}": one for key, one in dotted(inner, is_value).items()}
+            values |= {f"{name}.{key}": member for key, member in dotted(inner, is_value).items()}
         else:
-            found[name] = value
-    return found
+            values[name] = value
+    return values
 
 
 def _each(table: Mapping[str, Any], key: str) -> list[str]:
@@ -487,16 +494,16 @@ def _each(table: Mapping[str, Any], key: str) -> list[str]:
     before, every, rest = key.partition(".*.")
     if not every:
         return [key]
-    place: Any = table
-    for part in _parts_of(before):
-        if isinstance(place, list) and isinstance(part, int) and part < len(place):
-            place = place[part]
+    target: Any = table
+    for name in _parts_of(before):
+        if isinstance(target, list) and isinstance(name, int) and name < len(target):
+            target = target[name]
         else:
-            place = place.get(str(part)) if isinstance(place, Mapping) else None
-    if not isinstance(place, list):
+            target = target.get(str(name)) if isinstance(target, Mapping) else None
+    if not isinstance(target, list):
         raise ScenarioError(f"{shortened(plain(key), 100)}: the scenario has no list {before}")
-    numbered = (f"{before}.{i}.{rest}" for i in range(len(place)))
-    return [one for number in numbered for one in _each(table, number)]
+    numbered = (f"{before}.{i}.{rest}" for i in range(len(target)))
+    return [expanded for number in numbered for expanded in _each(table, number)]
 
 
 def assigned(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -514,16 +521,16 @@ def values_of(assignments: Iterable[str], option: str = "--set") -> dict[str, An
     """Values by dotted key of assignments `key.path=value`, TOML or text without quotes; else
     ScenarioError.
     """
-    found = {}
+    values = {}
     for text in assignments:
         key, equals, value = text.partition("=")
         if not equals or not key.strip():
-            given = shortened(plain(text), 200)
+            quoted = shortened(plain(text), 200)
             raise ScenarioError(
-                f"{option} {given}: expected key=value, such as sensors.speed_bias_m_s=0.1"
+                f"{option} {quoted}: expected key=value, such as sensors.speed_bias_m_s=0.1"
             )
         try:
-            found[key.strip()] = value_of(value.strip())
+            values[key.strip()] = value_of(value.strip())
         except ScenarioError as error:
             raise ScenarioError(f"{option} {shortened(plain(key), 100)}: {error}") from None
-    return found
+    return values

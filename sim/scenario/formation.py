@@ -234,35 +234,35 @@ def station_inconsistencies(
     each other.
     """
     key = "formation.proximity"
-    found = list[str]()
+    problems = list[str]()
     needed = f"at least {LEAST_APART_M:g} m"
     for name, a in stations:
         if (near := math.hypot(a.behind_m, a.port_m)) < LEAST_APART_M:
-            found.append(
+            problems.append(
                 f"{name}.station is {near:.3g} m from the leader's place; stations are {needed} "
                 "from it"
             )
     for (other, b), (name, a) in combinations(stations, 2):
-        apart = math.hypot(a.behind_m - b.behind_m, a.port_m - b.port_m)
+        distance = math.hypot(a.behind_m - b.behind_m, a.port_m - b.port_m)
         layers = abs(a.depth_m - b.depth_m)
         names = f"{name}.station and {other}.station"
-        if apart < LEAST_APART_M and layers < LEAST_LAYER_M:
-            text = f"{names} are {apart:.3g} m apart in layers {layers:.3g} m apart"
-            found.append(f"{text}; {needed} or {LEAST_LAYER_M:g} m are needed")
-        if proximity and apart < proximity.range_m and layers < LEAST_LAYER_M:
-            found.append(
-                f"{names} are {apart:.3g} m apart in one layer, within {key}.range_m = "
+        if distance < LEAST_APART_M and layers < LEAST_LAYER_M:
+            text = f"{names} are {distance:.3g} m apart in layers {layers:.3g} m apart"
+            problems.append(f"{text}; {needed} or {LEAST_LAYER_M:g} m are needed")
+        if proximity and distance < proximity.range_m and layers < LEAST_LAYER_M:
+            problems.append(
+                f"{names} are {distance:.3g} m apart in one layer, within {key}.range_m = "
                 f"{proximity.range_m:g}: their followers would push each other away for ever"
             )
     if proximity is None:
-        return found
+        return problems
     if proximity.full_avoidance_range_m >= proximity.range_m:
-        found.append(
+        problems.append(
             f"{key}.full_avoidance_range_m = {proximity.full_avoidance_range_m:g} is not less than "
             f"{key}.range_m = {proximity.range_m:g}"
         )
     if not is_multiple(proximity.period_s, CONTROL_STEP_S):
-        found.append(
+        problems.append(
             f"{key}.period_s = {proximity.period_s:g} is no multiple of {CONTROL_STEP_S:g}"
         )
-    return found
+    return problems

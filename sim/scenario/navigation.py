@@ -46,14 +46,14 @@ Kind = TypeVar("Kind")
 
 def _made(kind: type[Kind], values: Mapping[str, Any]) -> Kind:
     """A dataclass of those values that are fields of it, or of a dataclass in it."""
-    given = {}
+    arguments = {}
     for field in fields(kind):  # type: ignore[arg-type]
         inner: Any = field.default_factory
         if is_dataclass(inner):
-            given[field.name] = _made(cast("type[Any]", inner), values)
+            arguments[field.name] = _made(cast("type[Any]", inner), values)
         elif field.name in values:
-            given[field.name] = values[field.name]
-    return kind(**given)
+            arguments[field.name] = values[field.name]
+    return kind(**arguments)
 
 
 @with_fields_of(TightSettings)
@@ -146,10 +146,10 @@ class Navigation(FurtherKeys):
         }
 
     def settings(
-        self, given: Mapping[str, Any] | None = None, sound_m_s: float = _TYPICAL_SOUND_M_S
+        self, defaults: Mapping[str, Any] | None = None, sound_m_s: float = _TYPICAL_SOUND_M_S
     ) -> Settings:
-        """Settings of the navigator: what is `given` by the names of fields, and replaced by keys
-        of its own section.
+        """Settings of the navigator: `defaults` by the names of fields, replaced by keys of its own
+        section.
 
         By the speed of sound that it assumes errors of a clock become ranges. LaisnError if there
         is no such navigator, or a key of `own` is none of its settings.
@@ -157,8 +157,8 @@ class Navigation(FurtherKeys):
         spec = find(self.variant)
         names = {field.name for field in fields(spec.settings)}
         if OWN_SECTION in spec.sections:
-            return self._own_settings(spec.settings, names, given or {})
-        values = dict(given or {})
+            return self._own_settings(spec.settings, names, defaults or {})
+        values = dict(defaults or {})
         for name in spec.sections:
             values |= in_si(dict(getattr(self, name)))
         for name in {"clock_offset_sigma", "clock_drift_sigma"} & set(values):
@@ -172,7 +172,7 @@ class Navigation(FurtherKeys):
         return _made(spec.settings, values)
 
     def _own_settings(
-        self, kind: type[Settings], names: set[str], given: Mapping[str, Any]
+        self, kind: type[Settings], names: set[str], defaults: Mapping[str, Any]
     ) -> Settings:
         section = in_si(self._section(), names)
         unknown = set(section) - names
@@ -184,7 +184,7 @@ class Navigation(FurtherKeys):
                 f"navigation.own: {self.variant} has no {', '.join(sorted(unknown))}; it has: "
                 f"{available}"
             )
-        values = {name: value for name, value in {**given, **section}.items() if name in names}
+        values = {name: value for name, value in {**defaults, **section}.items() if name in names}
         try:
             return TypeAdapter(kind).validate_python(values)
         except ValidationError as error:

@@ -97,27 +97,27 @@ def in_si(table: Mapping[str, Any], fields: Collection[str] = ()) -> dict[str, A
     """Values in SI units and radians by keys without units; a key among `fields` stays, a value
     of None is left out.
     """
-    found = {}
+    converted = {}
     for key, value in table.items():
         name, _, scale = (key, "", 1.0) if key in fields else split_unit(key)
         if value is not None:
-            found[name] = value if scale == 1.0 else value * scale
-    return found
+            converted[name] = value if scale == 1.0 else value * scale
+    return converted
 
 
-def increasing(what: str, unit: str) -> AfterValidator:
+def increasing(quantity: str, unit: str) -> AfterValidator:
     """Validation of the points of a profile: the first number increases; it is a time [s] from 0
     on, or a depth.
     """
 
     def checked(points: Any) -> Any:
         if unit == "s" and points and points[0][0] != 0:
-            raise ValueError(f"the first {what} must stand at time 0")
+            raise ValueError(f"the first {quantity} must stand at time 0")
         for number, (before, after) in enumerate(pairwise(points), start=2):
             if after[0] <= before[0]:
                 order = "later" if unit == "s" else "deeper"
                 raise ValueError(
-                    f"{what} {number} at {after[0]:g} {unit} is not {order} than the one before"
+                    f"{quantity} {number} at {after[0]:g} {unit} is not {order} than the one before"
                 )
         return points
 
@@ -226,8 +226,8 @@ def with_fields_of(
         keys[field.name + ending] = (bounded | None if optional else bounded, described)
 
     def add(base: type[Kind]) -> type[Kind]:
-        own = {split_unit(key)[0] for key in base.model_fields}
-        further = {key: field for key, field in keys.items() if split_unit(key)[0] not in own}
+        declared = {split_unit(key)[0] for key in base.model_fields}
+        further = {key: field for key, field in keys.items() if split_unit(key)[0] not in declared}
         return create_model(
             base.__name__,
             __base__=base,
@@ -244,9 +244,9 @@ def keys_per_run(section: type[Section]) -> list[str]:
     return [key for key, field in section.model_fields.items() if PerRun in field.metadata]
 
 
-def is_multiple(whole: float, part: float) -> bool:
+def is_multiple(whole: float, unit: float) -> bool:
     """Whether one time is a whole number of another, one at least, but for rounding."""
-    ratio = whole / part
+    ratio = whole / unit
     return abs(ratio - round(ratio)) < 1e-9 and round(ratio) >= 1
 
 

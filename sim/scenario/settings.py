@@ -122,14 +122,14 @@ class Ocean(Section):
         """
         towards = np.deg2rad(self.current_direction_deg)
         speed = 0.0 if self.current_profile else self.current_speed_m_s
-        along = np.asarray(speed - self.current_shear_per_s * np.asarray(depth))
-        steady = along[..., None] * np.array([np.sin(towards), np.cos(towards)])
+        speed_at_depth = np.asarray(speed - self.current_shear_per_s * np.asarray(depth))
+        steady = speed_at_depth[..., None] * np.array([np.sin(towards), np.cos(towards)])
         if not self.current_profile:
             return np.asarray(steady)
         change = self.current_change()
         return np.asarray(
             steady
-            + np.stack([np.interp(time, change[:, 0], part) for part in change.T[1:]], axis=-1)
+            + np.stack([np.interp(time, change[:, 0], values) for values in change.T[1:]], axis=-1)
         )
 
 
@@ -431,8 +431,8 @@ class Scenario(Section):
         """Write the scenario as a TOML file that loads to an equal one; OSError if it cannot be
         written.
         """
-        with atomic_write(Path(path)) as part:
-            part.write_text(self.toml(), encoding="utf-8")
+        with atomic_write(Path(path)) as temporary:
+            temporary.write_text(self.toml(), encoding="utf-8")
 
     def vehicles(self) -> list[tuple[str, Vehicle]]:
         """All vehicles with their keys, the leader first: leader, followers[0] and so on."""
@@ -445,8 +445,10 @@ class Scenario(Section):
         """`[sensors]` with the errors of a follower's own sensors, by its index, in place of
         those there.
         """
-        own = {name: value for name, value in self.followers[follower].sensors if value is not None}
-        return self.sensors.model_copy(update=own)
+        overrides = {
+            name: value for name, value in self.followers[follower].sensors if value is not None
+        }
+        return self.sensors.model_copy(update=overrides)
 
     @property
     def message_every(self) -> int:

@@ -170,8 +170,8 @@ class Leader(Vehicle):
         """On a hull of the user's own transmitters stay where its MJCF has them, unless a key
         places them.
         """
-        own = isinstance(data, dict) and data.get("model")
-        return {"baseline_m": None, "middle_offset_m": None, **data} if own else data
+        has_hull_file = isinstance(data, dict) and data.get("model")
+        return {"baseline_m": None, "middle_offset_m": None, **data} if has_hull_file else data
 
 
 class Follower(Vehicle):

@@ -206,15 +206,15 @@ def from_dimensions(
     b = diameter / 2
     roll_inertia = ROLL_INERTIA * mass * b**2
     inertia = _transverse_share(mass / cylinder) * mass * (a**2 + b**2)
-    along, across, turning = lamb_factors(length, diameter)
+    surge_factor, sway_factor, yaw_factor = lamb_factors(length, diameter)
     added = np.array(
         [
-            along * mass,
-            across * mass,
-            across * mass,
+            surge_factor * mass,
+            sway_factor * mass,
+            sway_factor * mass,
             0.3 * roll_inertia,
-            turning * inertia,
-            turning * inertia,
+            yaw_factor * inertia,
+            yaw_factor * inertia,
         ]
     )
     drop = 0.1 * diameter

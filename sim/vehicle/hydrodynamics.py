@@ -155,8 +155,8 @@ def kirchhoff(
     the water [kg m/s], `angular` its moment about the origin [kg m²/s].
     """
     munk = cross(v, momentum)
-    kept = (spin[0], munk_factor * spin[1], munk_factor * spin[2])
-    force = scaled(-1.0, cross(kept, momentum))
+    scaled_spin = (spin[0], munk_factor * spin[1], munk_factor * spin[2])
+    force = scaled(-1.0, cross(scaled_spin, momentum))
     gyro = cross(spin, angular)
     return force, (
         -gyro[0] - munk[0],
@@ -239,11 +239,11 @@ def wrench(
     v = matvec(to_body, minus(velocity, water.velocity))
     # water that changes along a slender hull acts as if the hull turned the other way round
     axis_rate = cross(matvec(to_world, spin), axis)
-    along = matvec(gradient, axis)
-    turning = matvec(to_body, cross(axis, along))
+    axis_gradient = matvec(gradient, axis)
+    turning = matvec(to_body, cross(axis, axis_gradient))
     w = minus(spin, turning)
-    along_rate = plus(water.axis_gradient_rate, matvec(gradient, axis_rate))
-    turning_rate = plus(cross(axis_rate, along), cross(axis, along_rate))
+    axis_gradient_rate = plus(water.axis_gradient_rate, matvec(gradient, axis_rate))
+    turning_rate = plus(cross(axis_rate, axis_gradient), cross(axis, axis_gradient_rate))
     brought = (
         plus(matvec(to_body, water.rate), cross(spin, v)),
         minus(matvec(to_body, turning_rate), cross(spin, turning)),
@@ -251,25 +251,25 @@ def wrench(
 
     momentum, angular = _inertia_times(c.added_mass, v, w)
     force, moment = kirchhoff(c.munk_factor, v, spin, momentum, angular)
-    part = gradient_force(gradient, axis, matvec(to_world, momentum), matvec(to_world, angular))
-    force = plus(force, matvec(to_body, part[0]))
-    moment = plus(moment, matvec(to_body, part[1]))
-    for part in viscous(c, v, w):
-        force = plus(force, part[0])
-        moment = plus(moment, part[1])
+    terms = gradient_force(gradient, axis, matvec(to_world, momentum), matvec(to_world, angular))
+    force = plus(force, matvec(to_body, terms[0]))
+    moment = plus(moment, matvec(to_body, terms[1]))
+    for terms in viscous(c, v, w):
+        force = plus(force, terms[0])
+        moment = plus(moment, terms[1])
     if c.coupled:
-        part = coupled_damping(c, v, w)
-        force = plus(force, part[0])
-        moment = plus(moment, part[1])
+        terms = coupled_damping(c, v, w)
+        force = plus(force, terms[0])
+        moment = plus(moment, terms[1])
     thrust, torque, others, their_moment = effector_wrench(fitted, i, c.density, v, w)
     force = plus(force, others)
     moment = plus(moment, their_moment)
 
     # the solver applies added mass to the body's own acceleration; what the water brings of it is
     # added here
-    part = _inertia_times(c.added_mass, brought[0], brought[1])
-    force = plus(force, part[0])
-    moment = plus(moment, part[1])
+    terms = _inertia_times(c.added_mass, brought[0], brought[1])
+    force = plus(force, terms[0])
+    moment = plus(moment, terms[1])
     # Froude-Krylov: the pressure that accelerates the water particles acts on the hull in their
     # place, and they are accelerated by Du/Dt along their own path, not along the hull's
     particle = minus(water.rate, matvec(gradient, minus(velocity, water.velocity)))

@@ -220,14 +220,16 @@ def read_coefficients(model: Any, names: Sequence[str], density: float) -> npt.N
             fault = numeric_error(key, None if value is None else value.size)
             if value is None or fault:
                 raise LaisnError(f"the MJCF of {name!r}: {fault}")
-            own = np.diag(value.reshape(6, 6)) if key in MATRICES and value.size == 36 else value
-            if key not in ("added_mass", "strip_x") and np.any(own < 0.0):
+            diagonal = (
+                np.diag(value.reshape(6, 6)) if key in MATRICES and value.size == 36 else value
+            )
+            if key not in ("added_mass", "strip_x") and np.any(diagonal < 0.0):
                 raise LaisnError(f"{name}: {key} must not be negative")
             if key in ("strip_x", "strip_area"):
                 record[key][: value.size] = value
             elif key in MATRICES and value.size == 36:
-                record[key] = own
-                record[MATRICES[key]] = value.reshape(6, 6) - np.diag(own)
+                record[key] = diagonal
+                record[MATRICES[key]] = value.reshape(6, 6) - np.diag(diagonal)
                 record["coupled"] |= int(record[MATRICES[key]].any())
             else:
                 record[key] = value.reshape(shape)
@@ -297,7 +299,7 @@ def scaled_coefficients(
     return true
 
 
-def numeric_error(name: str, given: int | None) -> str:
+def numeric_error(name: str, count: int | None) -> str:
     """Error of a numeric of a vehicle by its number of values (None: missing); empty: valid.
 
     Those of OPTIONAL are not asked for where they are missing.
@@ -306,7 +308,7 @@ def numeric_error(name: str, given: int | None) -> str:
     size = int(np.prod(shape))
     strips = name.startswith("strip_")
     expected = f"{'1 to ' if strips else ''}{size} value{'s' if size > 1 else ''} [{unit}]"
-    if given is None:
+    if count is None:
         return f"lacks <numeric name={name!r}>, {expected}"
-    fits = 1 <= given <= size if strips else given == size or (name in MATRICES and given == 36)
-    return "" if fits else f"<numeric name={name!r}> has {given} values, expected {expected}"
+    fits = 1 <= count <= size if strips else count == size or (name in MATRICES and count == 36)
+    return "" if fits else f"<numeric name={name!r}> has {count} values, expected {expected}"

@@ -117,10 +117,10 @@ def _faults(spec: Any, role: str) -> Iterator[str]:
 
 
 def _site_faults(spec: Any, role: str) -> Iterator[str]:
-    for name, what in (_SITES | _INSTRUMENTS[role]).items():
+    for name, meaning in (_SITES | _INSTRUMENTS[role]).items():
         site = spec.site(name)
         if site is None:
-            yield f"lacks <site name={name!r}>, {what}"
+            yield f"lacks <site name={name!r}>, {meaning}"
         elif site.parent.name != "hull":
             yield f"<site name={name!r}> must be fixed to the body 'hull'"
     for site in spec.sites:

@@ -193,8 +193,8 @@ class Plant:
         """
         if command.shape != self.thrust.shape:
             raise ValueError(f"command has shape {command.shape}, expected {self.thrust.shape}")
-        given = np.ascontiguousarray(command, dtype=np.float64)
-        fault = advance(self.step_handles(), given, n_substeps)
+        commands = np.ascontiguousarray(command, dtype=np.float64)
+        fault = advance(self.step_handles(), commands, n_substeps)
         self.ocean.raise_custom_error()
         self.finish_step(fault)
 
@@ -205,12 +205,12 @@ class Plant:
 
     def finish_step(self, fault: Fault) -> None:
         """PlantError if an error ended `advance`."""
-        what, which = fault
-        if what == OK:
+        kind, which = fault
+        if kind == OK:
             return
-        if what == MUJOCO_WARNING:
+        if kind == MUJOCO_WARNING:
             reason = f"MuJoCo warns: {mujoco.mjtWarning(which).name}"
-        elif what == NONFINITE_COMMAND:
+        elif kind == NONFINITE_COMMAND:
             reason = f"the command of {self.names[which]} is not finite"
         else:
             reason = f"the state of {self.names[which]} is lost"

@@ -43,14 +43,14 @@ _ASSUMED = {
 
 @compiled
 def filter_only(
-    own: Floats, message_step: Ints, messages: Floats, start: Floats, t: Tuning
+    readings: Floats, message_step: Ints, messages: Floats, start: Floats, t: Tuning
 ) -> Floats:
     """Steps of a block on measurements that lie ready."""
     block = row.new_block(start, t)
     prior = lanes.no_prior()
     i = 0
-    for k in range(1, own.shape[0] + 1):
-        copy_values(own[k - 1], block[row.SPEED : row.SIN])
+    for k in range(1, readings.shape[0] + 1):
+        copy_values(readings[k - 1], block[row.SPEED : row.SIN])
         received = i < message_step.size and message_step[i] == k
         if received:
             copy_values(messages[i], block[row.EAST : row.X1])

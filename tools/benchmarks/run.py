@@ -102,12 +102,12 @@ def filterpy_loop(mission: Measurements, start: Floats, settings: NavigationSett
 
 
 def vectorised_numpy(
-    own: Floats, messages: Floats, start: Floats, settings: NavigationSettings
+    readings: Floats, messages: Floats, start: Floats, settings: NavigationSettings
 ) -> Floats:
-    """The Kalman filter of all runs at once with NumPy; `own` (n, 2, R), fixes `messages` (m, 2,
-    R).
+    """The Kalman filter of all runs at once with NumPy; `readings` (n, 2, R), fixes `messages`
+    (m, 2, R).
     """
-    runs = own.shape[2]
+    runs = readings.shape[2]
     x = np.tile(start, (runs, 1))
     P = np.zeros((runs, 4, 4))
     A = np.eye(4) + DT * np.eye(4, k=2)
@@ -118,22 +118,22 @@ def vectorised_numpy(
     speed_variance = settings.sigma_speed**2
     heading_variance = settings.sigma_heading**2
 
-    def update(z: Floats, noise: Floats, part: slice) -> None:
+    def update(z: Floats, noise: Floats, states: slice) -> None:
         nonlocal x, P
-        S = P[:, part, part] + noise
+        S = P[:, states, states] + noise
         det = S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] * S[:, 1, 0]
         inverse = np.empty_like(S)
         inverse[:, 0, 0] = S[:, 1, 1] / det
         inverse[:, 1, 1] = S[:, 0, 0] / det
         inverse[:, 0, 1] = inverse[:, 1, 0] = -S[:, 0, 1] / det
-        K = P[:, :, part] @ inverse
-        x = x + (K @ (z - x[:, part])[..., None])[..., 0]
+        K = P[:, :, states] @ inverse
+        x = x + (K @ (z - x[:, states])[..., None])[..., 0]
         F = np.tile(np.eye(4), (runs, 1, 1))
-        F[:, :, part] -= K
+        F[:, :, states] -= K
         P = F @ P @ F.transpose(0, 2, 1) + K @ noise @ K.transpose(0, 2, 1)
 
-    for k in range(1, own.shape[0] + 1):
-        speed, heading = own[k - 1]
+    for k in range(1, readings.shape[0] + 1):
+        speed, heading = readings[k - 1]
         x = x @ A.T
         P = A @ P @ A.T + Q
         if k % MESSAGE_EVERY == 0:
@@ -158,7 +158,7 @@ def navigation() -> list[Row]:
     truth = steady_mission()
     settings = NavigationSettings()
     missions = [measure(truth, SensorErrors(), seed=1, run=run) for run in range(RUNS)]
-    own, messages = lanes.stacked(missions)
+    readings, messages = lanes.stacked(missions)
     n = truth.speed.size
     m = truth.message_step.size
     peak = peak_flops()
@@ -168,9 +168,11 @@ def navigation() -> list[Row]:
     short = measure(steady_mission(few), SensorErrors(), seed=1, run=0)
     navigator = least_time(lambda: Navigator(settings, truth.start).run(short), 3) / few * 1e9
     filterpy = least_time(lambda: filterpy_loop(short, truth.start, settings), 3) / few * 1e9
-    readings = own.reshape(n, 3, -1)[:, :2, :RUNS]
+    log_and_compass = readings.reshape(n, 3, -1)[:, :2, :RUNS]
     fixes = messages.reshape(m, 10, -1)[:, :2, :RUNS]
-    numpy_time = least_time(lambda: vectorised_numpy(readings, fixes, truth.start, settings), 3)
+    numpy_time = least_time(
+        lambda: vectorised_numpy(log_and_compass, fixes, truth.start, settings), 3
+    )
     vectorised = numpy_time / (n * RUNS) * 1e9
     rows = [
         Row("peak of one core, fused multiply-adds", peak * 1e-9, "GF/s"),
@@ -187,7 +189,7 @@ def navigation() -> list[Row]:
     tuned = row.tuning(settings)
     timed(
         "LAISN-2 filter only",
-        lambda: filter_only(own, truth.message_step, messages, truth.start[None], tuned),
+        lambda: filter_only(readings, truth.message_step, messages, truth.start[None], tuned),
         n,
     )
     few_runs, many_runs = (Cell(truth=truth, runs=range(runs)) for runs in (RUNS, 100 * RUNS))
@@ -270,8 +272,8 @@ def record(rounds: Mapping[str, Sequence[list[Row]]]) -> Findings:
     )
 
 
-def _spread(values: Sequence[float], unit: str, what: str) -> Finding:
-    return of(Interval(float(np.median(values)), min(values), max(values)), what, unit)
+def _spread(values: Sequence[float], unit: str, description: str) -> Finding:
+    return of(Interval(float(np.median(values)), min(values), max(values)), description, unit)
 
 
 def main() -> None:

@@ -56,8 +56,8 @@ def positions(between: Mapping[str, set[str]]) -> dict[str, tuple[float, float]]
     return placed
 
 
-def _draw_package(axes: Axes, package: str, place: tuple[float, float], count: int) -> None:
-    x, y = place
+def _draw_package(axes: Axes, package: str, position: tuple[float, float], count: int) -> None:
+    x, y = position
     colour = _COLOURS[package.partition(".")[0]].light
     wide, high = _BOX
     axes.add_patch(
@@ -114,9 +114,9 @@ def picture() -> Figure:
                     "alpha": 0.8,
                 },
             )
-    for package, place in placed.items():
+    for package, position in placed.items():
         count = sum(import_graph.package_of(module) == package for module in imports)
-        _draw_package(axes, package, place, max(1, count - ("." in package and count > 1)))
+        _draw_package(axes, package, position, max(1, count - ("." in package and count > 1)))
     columns, rows = zip(*placed.values(), strict=True)
     axes.set_xlim(min(columns) - 0.6, max(columns) + 0.6)
     axes.set_ylim(min(rows) - 0.5, max(rows) + 0.5)

@@ -59,8 +59,8 @@ def run(
     for seed in seeds:
         settings = {**(keys or {}), "seed": seed, "runs": runs}
         plans = {
-            part: plan_of(study_of(str(file), settings))
-            for part, file in built_in("reproduce").items()
+            study_part: plan_of(study_of(str(file), settings))
+            for study_part, file in built_in("reproduce").items()
         }
         whole = plans["tables"]
         judged = [

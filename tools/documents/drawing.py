@@ -63,11 +63,11 @@ def _axes(figure: Figure, bottom: float, height: float) -> Axes:
     )
 
 
-def _draw(axes: Axes, part: Part, points: int) -> None:
+def _draw(axes: Axes, subplot: Part, points: int) -> None:
     """Lines, marks and darker ground of a part, its lines decimated to this number of points."""
-    for low, high in part.shaded:
+    for low, high in subplot.shaded:
         axes.axhspan(low, high, color=GRID.light, linewidth=0.0)
-    for line in part.lines:
+    for line in subplot.lines:
         x, y = (line.x, line.y) if line.marker else decimate(line.x, line.y, points)
         size, edge = (5.0, 0.7) if line.marker == "|" else (line.size, 0.0)
         axes.plot(
@@ -100,27 +100,27 @@ def draw(panel: Panel) -> Figure:
     points = round(DRAWN_POINTS * max(1.0, panel.width / WIDTH))
     gap = 0.14
     room = panel.height - 0.72 - gap * (len(panel.parts) - 1)
-    whole = sum(part.height for part in panel.parts)
+    whole = sum(subplot.height for subplot in panel.parts)
     bottom = 0.44
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(panel.width, panel.height))
-        for part in reversed(panel.parts):
-            each = room * part.height / whole
+        for subplot in reversed(panel.parts):
+            each = room * subplot.height / whole
             axes = _axes(figure, bottom, each)
             bottom += each + gap
-            _draw(axes, part, 10**9 if panel.equal else points)
+            _draw(axes, subplot, 10**9 if panel.equal else points)
             if panel.equal:
                 axes.set_aspect("equal", adjustable="datalim")
             axes.margins(x=0.05 if panel.equal else 0.0)
-            axes.set_ylabel(part.y_label, labelpad=3)
+            axes.set_ylabel(subplot.y_label, labelpad=3)
             axes.set_xscale("log" if panel.x_log else "linear")
-            axes.set_yscale("log" if part.y_log else "linear")
+            axes.set_yscale("log" if subplot.y_log else "linear")
             if not panel.equal:
-                axes.set_ylim(*part.y_limits)
+                axes.set_ylim(*subplot.y_limits)
                 axes.set_xlim(*panel.x_limits)
-            _ticks(axes.set_yticks, part.ticks)
+            _ticks(axes.set_yticks, subplot.ticks)
             _ticks(axes.set_xticks, panel.x_ticks)
-            if part is panel.parts[-1]:
+            if subplot is panel.parts[-1]:
                 axes.set_xlabel(panel.x_label, labelpad=2)
             else:
                 axes.tick_params(axis="x", labelbottom=False, length=0)

@@ -408,9 +408,9 @@ def estimate_ratios(name: str) -> dict[str, float]:
     """Estimated over published figures of one of PUBLISHED_HULLS, by the names of
     `coefficients_of`.
     """
-    one = PUBLISHED_HULLS[name]
-    published = one.figures or coefficients_of(name)
-    estimated = coefficients_of(from_dimensions(one.length, one.diameter, one.mass).xml())
+    hull = PUBLISHED_HULLS[name]
+    published = hull.figures or coefficients_of(name)
+    estimated = coefficients_of(from_dimensions(hull.length, hull.diameter, hull.mass).xml())
     return {key: estimated[key] / value for key, value in published.items() if value > 0.0}
 
 

@@ -127,10 +127,10 @@ def findings_of(name: str, scores: dict[str, dict[tuple[str, ...], Score]]) -> d
 def ranges_of(name: str) -> dict[str, Finding]:
     """Findings on the ranges: their scale and their random error, by the surveyed path."""
     data = read_data_set(DATA / f"{name}.mat")
-    place = np.column_stack(
+    positions = np.column_stack(
         [np.interp(data.range_time, data.truth[:, 0], data.truth[:, k]) for k in (1, 2)]
     )
-    true = np.hypot(*(place - data.places[data.range_beacon]).T)
+    true = np.hypot(*(positions - data.places[data.range_beacon]).T)
     scale = float(data.ranges @ true / (true @ true))
     return {
         f"ranges {name}": plain(data.ranges.size, "ranges to all beacons"),

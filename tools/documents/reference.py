@@ -28,10 +28,10 @@ def _exists(name: str) -> bool:
             target: object = importlib.import_module(".".join(parts[:count]))
         except ModuleNotFoundError:
             continue
-        for part in parts[count:]:
-            if not hasattr(target, part):
+        for name_part in parts[count:]:
+            if not hasattr(target, name_part):
                 return False
-            target = getattr(target, part)
+            target = getattr(target, name_part)
         return True
     return False
 

@@ -386,7 +386,7 @@ def fossen(records: Records) -> str:
     """Fossen's REMUS 100 term by term."""
     record = records["hull-trials"]
     rows = [
-        [words, *(f"{record[f'remus {key} {what}']:{spec}}" for what, spec in
+        [words, *(f"{record[f'remus {key} {quantity}']:{spec}}" for quantity, spec in
                   (("turn", ".3f"), ("pitch", ".2f"), ("speed", ".3f"), ("apart", ".2f")))]
         for key, words in REMUS_TERMS.items()
     ]  # fmt: skip
@@ -418,7 +418,7 @@ def remus_figures(records: Records) -> str:
 def hull_estimates(records: Records) -> str:
     """Estimated over published coefficients of slender vehicles."""
     record = records["hull-trials"]
-    models = {name: one.title for name, one in PUBLISHED_HULLS.items()}
+    models = {name: hull.title for name, hull in PUBLISHED_HULLS.items()}
     names = dict.fromkeys(
         key.split(" ", 2)[2] for key in record.findings if key.startswith("estimate ")
     )

@@ -14,10 +14,17 @@ _TRUTH = np.array([5.6, -4.6])
 _OFF = np.array([-1.3, -1.1])  # of the estimate from the truth
 
 
-def _point(axes: Axes, place: Floats, words: str, colour: str, offset: tuple[float, float]) -> None:
-    axes.plot(*place, "o", color=colour, markersize=5)
+def _point(
+    axes: Axes, position: Floats, words: str, colour: str, offset: tuple[float, float]
+) -> None:
+    axes.plot(*position, "o", color=colour, markersize=5)
     axes.annotate(
-        words, tuple(place), xytext=offset, textcoords="offset points", color=colour, fontsize=8.5
+        words,
+        tuple(position),
+        xytext=offset,
+        textcoords="offset points",
+        color=colour,
+        fontsize=8.5,
     )
 
 
@@ -65,8 +72,8 @@ def picture() -> Figure:
         color=estimate_colour,
     )
     # bearings from the leader
-    for place, colour in ((_TRUTH, truth_colour), (estimate, estimate_colour)):
-        axes.plot(*np.transpose([[0, 0], place]), color=colour, linewidth=0.7)
+    for position, colour in ((_TRUTH, truth_colour), (estimate, estimate_colour)):
+        axes.plot(*np.transpose([[0, 0], position]), color=colour, linewidth=0.7)
     _arc(axes, 4.2, _TRUTH, estimate, estimate_colour, "E_B")
     _arc(axes, 1.9, np.array([0.0, 1.0]), _TRUTH, truth_colour, "B")
     axes.set_xlim(-8.5, 8.5)
@@ -76,9 +83,9 @@ def picture() -> Figure:
 
 def _arc(axes: Axes, radius: float, start: Floats, end: Floats, colour: str, words: str) -> None:
     """An arc about the leader from one direction to another, with its name at the middle."""
-    first, last = (np.arctan2(place[0], place[1]) for place in (start, end))
+    first, last = (np.arctan2(position[0], position[1]) for position in (start, end))
     angle = np.linspace(first, last, 60)
     axes.plot(radius * np.sin(angle), radius * np.cos(angle), color=colour, linewidth=0.9)
     middle = 0.5 * (first + last)
-    place = (1.12 * radius * np.sin(middle), 1.12 * radius * np.cos(middle))
-    axes.annotate(words, place, ha="center", va="center", color=colour, fontsize=8.5)
+    position = (1.12 * radius * np.sin(middle), 1.12 * radius * np.cos(middle))
+    axes.annotate(words, position, ha="center", va="center", color=colour, fontsize=8.5)

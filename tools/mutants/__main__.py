@@ -153,9 +153,7 @@ def main() -> None:
         "--record", action="store_true", help="write the record that the documents quote"
     )
     arguments = parser.parse_args()
-    patterns = {
-        place: PACKAGES.get(place, re.escape(place)) for place in arguments.where
-    } or PACKAGES
+    patterns = {name: PACKAGES.get(name, re.escape(name)) for name in arguments.where} or PACKAGES
     chosen = {
         name: draw(pattern, arguments.count, arguments.seed) for name, pattern in patterns.items()
     }

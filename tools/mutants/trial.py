@@ -147,13 +147,13 @@ def attempt(mutant: MutationSpec, took: Mapping[str, float]) -> Tried:
     without mutants [s].
     """
     file = str(mutant.module_path)
-    place = f"{mutant.module_path}:{mutant.start_pos[0]}"
+    location = f"{mutant.module_path}:{mutant.start_pos[0]}"
     tests = sorted(covering(file), key=took.__getitem__)
     timeout = LEAST_TIMEOUT_S + TIMEOUT_RATIO * sum(took[test] for test in tests)
     # without a test it survives; pytest without a file would run all tests
     result = mutate_and_test([mutant], pytest_command(tests) if tests else "true", timeout)
     if result.diff is None:
-        raise ValueError(f"{place}: {mutant.operator_name} cannot be applied: {result.output}")
+        raise ValueError(f"{location}: {mutant.operator_name} cannot be applied: {result.output}")
     lines = result.diff.splitlines()[4:]
     before, after = (
         "\n".join(line[1:].strip() for line in lines if line[0] == sign) for sign in "-+"
@@ -161,5 +161,5 @@ def attempt(mutant: MutationSpec, took: Mapping[str, float]) -> Tried:
     timed_out = result.output == "timeout"
     killed = result.is_killed and not timed_out
     return Tried(
-        place, before, after, killed, timed_out, equivalents().get((file, before, after), "")
+        location, before, after, killed, timed_out, equivalents().get((file, before, after), "")
     )

@@ -95,7 +95,7 @@ class Message(NamedTuple):
             step, trajectory.site(f"{trajectory.names[1]}/hydrophone")
         ]
         east, north, up = hydrophone - trajectory.position[step, 0]
-        own = (
+        follower = (
             np.sin(heading) * east + np.cos(heading) * north,
             np.sin(heading) * north - np.cos(heading) * east,
             up,
@@ -103,7 +103,7 @@ class Message(NamedTuple):
         # rear and front are on the hull's axis
         level = trajectory.site_offset[[trajectory.site(name) for name in TRANSMITTERS[:2]]]
         tilted = level[:, :1] * np.array([np.cos(pitch), 0.0, np.sin(pitch)])
-        return cls(pitch, np.array(own), tilted, level)
+        return cls(pitch, np.array(follower), tilted, level)
 
     @property
     def used_range(self) -> Floats:
@@ -118,9 +118,9 @@ class Message(NamedTuple):
         """
         rear, front = self.assumed[:, 0]
         used = self.used_range
-        along = float((used[0] ** 2 - used[1] ** 2) / (2 * (front - rear)))
-        aside = np.sqrt(max(used[0] ** 2 - (along - rear) ** 2, 0.0))
-        return np.array([along, np.copysign(aside, self.hydrophone[1])])
+        forward = float((used[0] ** 2 - used[1] ** 2) / (2 * (front - rear)))
+        sideways = np.sqrt(max(used[0] ** 2 - (forward - rear) ** 2, 0.0))
+        return np.array([forward, np.copysign(sideways, self.hydrophone[1])])
 
 
 def _path(
@@ -532,7 +532,7 @@ def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, 
         "equivalents": columns_of([asdict(curve) for curve in curves]),
         "map": {name: column.astype(np.float32) for name, column in chart.items()},
     }
-    shown = (
+    named = (
         of_message(fly_example(plan)) | of_map(chart) | of_missions(paired(rows), curves, titles)
     )
-    return shown | {"tables": tables}
+    return named | {"tables": tables}

@@ -95,14 +95,14 @@ class Judgement(NamedTuple):
 
 
 def judge(
-    part: Floats, left: Floats, share: float, looks: Sequence[int], free: Bools | None = None
+    added: Floats, remaining: Floats, share: float, looks: Sequence[int], free: Bools | None = None
 ) -> Judgement:
     """Judge after each look until the question is settled; each look has its part of the chance of
     a wrong verdict.
 
-    `part` is what pitch adds to each run without the remedy, r − l, `left` what it adds with it, a
-    − b, both of shape (R,): errors [m], or mirror locks (−1, 0, 1). The remedy should remove the
-    share `wanted`. `free` are the runs that count, of errors; None: mirror locks, of which all do.
+    `added` is what pitch adds to each run without the remedy, r − l, `remaining` what it adds with
+    it, a − b, both of shape (R,): errors [m], or mirror locks (−1, 0, 1). The remedy should remove
+    `share` of it. `free` are the runs that count, of errors; None: mirror locks, of which all do.
     """
 
     def interval(values: Floats, runs: int, confidence: float) -> Interval:
@@ -110,13 +110,13 @@ def judge(
             return intervals.difference_of_shares(values[:runs], confidence)
         return intervals.mean_interval(values[:runs], free[:runs], confidence)
 
-    if not interval(part, looks[0], 1.0 - 2.0 * WRONG).low > 0.0:
+    if not interval(added, looks[0], 1.0 - 2.0 * WRONG).low > 0.0:
         return Judgement(Verdict.NO_HARM, looks[0])
     confidence = 1.0 - 2.0 * (_OF_LOCKS if free is None else _OF_ERRORS) / len(looks)
     judgement = Judgement(Verdict.OPEN, looks[0])
     slack = _REACH / float(ndtri((1.0 + confidence) / 2.0))
-    for runs in (look for look in looks if look <= part.size):
-        rest = interval(left - (1.0 - share) * part, runs, confidence)
+    for runs in (look for look in looks if look <= added.size):
+        rest = interval(remaining - (1.0 - share) * added, runs, confidence)
         if rest.high <= 0.0 or rest.low > 0.0:
             return Judgement(Verdict.MET if rest.high <= 0.0 else Verdict.MISSED, runs)
         # whether the last run would settle it
@@ -187,11 +187,11 @@ class ComparedMission:
         """Whether a remedy removes the share that it should of the errors, or of the mirror
         locks, that pitch adds.
         """
-        part, left, free = self.compared(question, arm, base)
+        added, remaining, free = self.compared(question, arm, base)
         of_errors = question == "error"
         return judge(
-            part,
-            left,
+            added,
+            remaining,
             WANTED[arm] if of_errors else LOCKS_WANTED,
             looks,
             free if of_errors else None,
@@ -279,7 +279,7 @@ def with_verdicts(mission: ComparedMission, looks: Sequence[int]) -> list[Record
     ]
 
 
-def select(missions: Missions, *, judged: bool = False, **wanted: object) -> list[ComparedMission]:
+def select(missions: Missions, *, judged: bool = False, **columns: object) -> list[ComparedMission]:
     """Missions whose columns have these values, None being any; `judged`: only those on which
     remedies are judged.
     """
@@ -287,7 +287,7 @@ def select(missions: Missions, *, judged: bool = False, **wanted: object) -> lis
         m
         for m in missions
         if m.judged >= judged
-        and all(value is None or m.real[name] == value for name, value in wanted.items())
+        and all(value is None or m.real[name] == value for name, value in columns.items())
     ]
 
 
@@ -320,9 +320,9 @@ def removed_in_all(
     """Share that a remedy removes of what pitch adds to missions, added up: to errors, or to
     mirror locks.
     """
-    part = added(missions, REAL, question=question)
+    added_errors = added(missions, REAL, question=question)
     left = added(missions, arm, question=question)
-    return intervals.share_removed(list(zip(part, left, strict=True)), confidence)
+    return intervals.share_removed(list(zip(added_errors, left, strict=True)), confidence)
 
 
 INTERVALS_S = (1.0, 5.0)
@@ -378,7 +378,7 @@ def curves_of(outcomes: StudyResults) -> list[Curve]:
     curves = []
     every = zip(outcomes.rows, outcomes.runs, strict=True)
     for (_, interval), flown in groupby(
-        every, key=lambda one: (one[0]["point"], one[0]["arm"].split()[1])
+        every, key=lambda curve: (curve[0]["point"], curve[0]["arm"].split()[1])
     ):
         rows, runs = zip(*flown, strict=True)
         means = [lists["e_p_mean_m"] for _, lists in runs]

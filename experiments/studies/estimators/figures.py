@@ -42,19 +42,19 @@ def picture(findings: Findings, cases: Collection[str]) -> Panel:
     )
 
 
-def values(found: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
+def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
     """What the page's template names."""
-    studies = {part: of_part.plan.study for part, of_part in outcomes.items()}
+    studies = {study_part: of_part.plan.study for study_part, of_part in outcomes.items()}
     titles = {
-        part: {name: study.title("case", name) for name in study.cases}
-        for part, study in studies.items()
+        study_part: {name: study.title("case", name) for name in study.cases}
+        for study_part, study in studies.items()
     }
     cases = titles["cases"]
     return {
-        "ratio": Figures(panels=[picture(found, cases)], legend=LEGEND),
+        "ratio": Figures(panels=[picture(record, cases)], legend=LEGEND),
         "titles": titles,
         "intervals": levels(outcomes["cases"].plan, INTERVAL),
-        "baselined": [name for name in cases if f"ekf {name} 5" in found.findings],
+        "baselined": [name for name in cases if f"ekf {name} 5" in record.findings],
         "on_axis": [*studies["locks"].scenarios],
         "offsets": levels(outcomes["offset"].plan, "leader.middle_offset_m"),
         "routes": figures_of(missions_of(outcomes["cases"])),

@@ -150,7 +150,7 @@ def of_clocks(missions: Cells) -> dict[str, Finding]:
         for route in dict.fromkeys(row["scenario"] for row in missions.rows)
     ]
     several = f"{len(pairs)} missions"
-    for part, first, last in (("before", 0.0, turn), ("after", turn + SETTLED_S, np.inf)):
+    for phase, first, last in (("before", 0.0, turn), ("after", turn + SETTLED_S, np.inf)):
         ratios: dict[str, list[float]] = {"e_p_mean_m": [], "bound_m": []}
         for pair in pairs:
             (inside,) = np.nonzero(
@@ -164,15 +164,15 @@ def of_clocks(missions: Cells) -> dict[str, Finding]:
                 values.append(float(unknown / exact))
         errors, bounds = ratios.values()
         meaning = (
-            f"mean E_P with an unknown clock over that with exact ones, {part} the leader's "
+            f"mean E_P with an unknown clock over that with exact ones, {phase} the leader's "
             "first turn"
         )
-        findings[f"clock {part}"] = median(errors, f"{meaning}, median of {several}")
-        findings[f"clock-worst {part}"] = plain(max(errors), f"the same, largest of {several}")
-        findings[f"clock-bound {part}"] = median(
+        findings[f"clock {phase}"] = median(errors, f"{meaning}, median of {several}")
+        findings[f"clock-worst {phase}"] = plain(max(errors), f"the same, largest of {several}")
+        findings[f"clock-bound {phase}"] = median(
             bounds, f"RMS of the bound likewise, median of {several}"
         )
-        findings[f"clock-bound-worst {part}"] = plain(
+        findings[f"clock-bound-worst {phase}"] = plain(
             max(bounds), f"the same, largest of {several}"
         )
     return findings
@@ -243,14 +243,14 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     parts["sigma"] = sigma._replace(
         rows=[row | {"bound": least[row["scenario"]]} for row in sigma.rows]
     )
-    for part, name in (
+    for study_part, name in (
         ("sea", "case"),
         ("wrong", "case"),
         ("offset", "leader.middle_offset_m"),
         ("sigma", "case"),
     ):
-        for key, missions in parts[part].by(name).items():
-            named |= of_missions(f"{part} {key}", missions)
+        for key, missions in parts[study_part].by(name).items():
+            named |= of_missions(f"{study_part} {key}", missions)
     named |= of_clocks(parts["clock"])
     for key, mission in parts["weave"].by("case", "scenario").items():
         (rms,) = _rms(mission.where(arm="tight")).tolist()

@@ -48,16 +48,16 @@ def picture(findings: Findings, conditions: Mapping[str, str]) -> Panel:
     )
 
 
-def values(found: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
+def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
     """What the page's template names."""
     study = outcomes["study"].plan.study
     conditions = {arm: study.title("arm", arm) for arm in study.arms}
     legend = [(colour, text) for colour, _, text in _SERIES.values()]
     return {
         "conditions": conditions,
-        "interval": lambda key, digits=2: with_limits(found[key], digits),
-        "share": lambda key: share_of(found[key]),
-        "stations": Figures(panels=[picture(found, conditions)], legend=legend),
+        "interval": lambda key, digits=2: with_limits(record[key], digits),
+        "share": lambda key: share_of(record[key]),
+        "stations": Figures(panels=[picture(record, conditions)], legend=legend),
         "swarm": load_scenario("swarm", ()),
         "limits": limits,
     }

@@ -41,12 +41,12 @@ def message_bits(scenario: Scenario) -> int:
     """Length of a message: its number within a day, the leader's state, its next waypoints on
     request, a checksum.
     """
-    place = 2 * _bits(_AREA_M, _STEP_M)
+    position = 2 * _bits(_AREA_M, _STEP_M)
     leader = scenario.leader
-    bits = _bits(_DAY_S, scenario.timing.message_interval_s) + place + CHECK_BITS
+    bits = _bits(_DAY_S, scenario.timing.message_interval_s) + position + CHECK_BITS
     bits += _bits(2.0 * math.pi, _STEP_RAD) + _bits(_FASTEST_M_S, _STEP_M_S)
     bits += _bits(scenario.ocean.floor_depth_m, _STEP_M) + leader.broadcast_waypoints * (
-        _bits(_DAY_S, 1.0) + place
+        _bits(_DAY_S, 1.0) + position
     )
     return bits + (2 * _bits(_TILT_RAD, _STEP_RAD) if leader.broadcast_attitude else 0)
 

@@ -212,15 +212,15 @@ def page_values(
     far = [key for key, ratio in off.items() if not 1 / FAR < ratio < FAR]
     settings: dict[str, dict[str, Any]] = {}
     for (name, _, variant), row in rows.items():
-        given = {
+        setting = {
             "name": name,
             "title": titles[name],
             "printed": row["table"] not in ("text", "alternative"),
         }
-        one = settings.setdefault(
-            name, given | {key: row[key] for key in ("stage", "table", "like")} | {"variants": {}}
+        entry = settings.setdefault(
+            name, setting | {key: row[key] for key in ("stage", "table", "like")} | {"variants": {}}
         )
-        one["variants"][variant] = None
+        entry["variants"][variant] = None
     return {
         "stages": sorted({row["stage"] for row in rows.values()}),
         "settings": settings,
@@ -252,7 +252,7 @@ def values(_: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
     plan = tables.plan
     rows = findings.rows_of(outcomes)
     steps = {
-        findings.key_of(row): kept for row, kept in zip(tables.rows, tables.steps, strict=True)
+        findings.key_of(row): step for row, step in zip(tables.rows, tables.steps, strict=True)
     }
     missions = {
         entry.source: tables.motion(entry) for entry in {e.source: e for e in plan.entries}.values()

@@ -267,12 +267,12 @@ class Figures:
         return Interval(value, value / factor, value * factor)
 
     def judge(
-        self, what: str, values: Floats, relation: Relation, bound: float, kind: Kind = "ratio"
+        self, criterion: str, values: Floats, relation: Relation, bound: float, kind: Kind = "ratio"
     ) -> Judged:
         """A criterion: a figure over missions as of `interval`, and the bound that it must keep."""
         margin = 0.0 if self.exact else MARGIN
         return Judged(
-            what=what,
+            what=criterion,
             interval=self.interval(values, kind),
             relation=relation,
             bound=bound,
@@ -329,13 +329,13 @@ def _of_ratios(claim: "Claim", figures: Figures) -> list[Judged]:
         ratios.append(above / below)
     return [
         figures.judge(
-            what,
+            criterion,
             _statistic(name, ratios[i]),
             relation,
             bound,
             "share" if "share" in name else "ratio",
         )
-        for what, i, name, relation, bound in claim.criteria
+        for criterion, i, name, relation, bound in claim.criteria
     ]
 
 

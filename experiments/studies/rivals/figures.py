@@ -52,12 +52,12 @@ def picture(findings: Findings) -> tuple[Panel, Legend]:
     return figure, legend
 
 
-def values(found: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
+def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
     """What the page's template names."""
-    figure, legend = picture(found)
+    figure, legend = picture(record)
     return {
         "study": study,
-        "navigators": study.navigators_in(found.findings),
-        "share": lambda key: share_of(found[key]),
+        "navigators": study.navigators_in(record.findings),
+        "share": lambda key: share_of(record[key]),
         "errors": Figures(panels=[figure], legend=legend),
     }

@@ -131,12 +131,12 @@ def worst_routes(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
         yield f"worst {name}", plain(float(errors.max()), "mean E_P on the worst route", "m")
 
 
-def difference(one: Cells, other: Cells, what: str) -> Finding:
+def difference(first: Cells, second: Cells, description: str) -> Finding:
     """Paired difference of mean errors of two arms, over the runs that both have."""
-    errors = [cells.runs("e_p_mean_m") for cells in (one, other)]
+    errors = [cells.runs("e_p_mean_m") for cells in (first, second)]
     n = min(map(len, errors))
     mean = mean_over_missions([*(errors[0][:n] - errors[1][:n]).T])
-    return of(mean, f"paired difference of mean E_P: {what}, 95 %", "m")
+    return of(mean, f"paired difference of mean E_P: {description}, 95 %", "m")
 
 
 def compared(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
@@ -269,11 +269,11 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     measured here.
     """
 
-    cells = {part: of_part.cells for part, of_part in outcomes.items()}
+    cells = {study_part: of_part.cells for study_part, of_part in outcomes.items()}
     routes: dict[str, Cells] = {}
-    for part in ("routes", "shared", "slow", "two"):
-        if part in cells:
-            routes |= cells[part].by("arm", "case", INTERVAL)
+    for study_part in ("routes", "shared", "slow", "two"):
+        if study_part in cells:
+            routes |= cells[study_part].by("arm", "case", INTERVAL)
     grid = cells["map"].by("arm", "case", "sensors.heading_bias_deg", "leader.baseline_m")
     points = {f"map {name}": of_part for name, of_part in grid.items()}
     return findings_of_rows(routes, cells["closed"].by("arm", "case"), points, step_times_us())

@@ -7,7 +7,7 @@ import numpy as np
 
 from laisn.arrays import Floats
 from sim.film import canvas
-from sim.film.canvas import Canvas, Colour, Place, Shape, Stroke
+from sim.film.canvas import Area, Canvas, Colour, Shape, Stroke
 from sim.scenario.settings import Video
 
 WHITE: Colour = (1.0, 1.0, 1.0)
@@ -21,14 +21,14 @@ class Notebook(Canvas):
         self.lines: list[Floats] = []
         self.polygons: list[Floats] = []
         self.words: list[str] = []
-        self.boxes: list[Place] = []
+        self.boxes: list[Area] = []
         """What the words take."""
         self.sizes: list[float] = []
 
-    def strokes(self, strokes: Sequence[Stroke], box: Place | None = None) -> None:
+    def strokes(self, strokes: Sequence[Stroke], box: Area | None = None) -> None:
         self.lines += [np.array(stroke.points) for stroke in strokes]
 
-    def shapes(self, shapes: Sequence[Shape], box: Place | None = None) -> None:
+    def shapes(self, shapes: Sequence[Shape], box: Area | None = None) -> None:
         self.polygons += [np.array(shape.points) for shape in shapes]
 
     def text(
@@ -46,7 +46,7 @@ class Notebook(Canvas):
         self.sizes.append(font.size)
 
 
-def overlap(a: Place, b: Place) -> bool:
+def overlap(a: Area, b: Area) -> bool:
     return not (
         a[0] + a[2] <= b[0] or b[0] + b[2] <= a[0] or a[1] + a[3] <= b[1] or b[1] + b[3] <= a[1]
     )

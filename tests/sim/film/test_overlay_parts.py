@@ -14,7 +14,7 @@ from laisn.estimates import FixKind
 from laisn.settings import Variant
 from sim.film import canvas, render
 from sim.film.cameras import View
-from sim.film.canvas import Canvas, Place, Shape, Stroke
+from sim.film.canvas import Area, Canvas, Shape, Stroke
 from sim.film.dashboard import Dashboard, format_half_axes, round_length
 from sim.film.film_data import FilmData
 from sim.film.overlay import Overlay
@@ -140,7 +140,7 @@ def static_text(board: Dashboard) -> list[Text]:
     return found
 
 
-def static_boxes(board: Dashboard, height: int) -> dict[str, Place]:
+def static_boxes(board: Dashboard, height: int) -> dict[str, Area]:
     """Static text of a dashboard and what it takes, from the top left."""
     boxes = {}
     for i, text in enumerate(static_text(board)):
