@@ -18,6 +18,9 @@ from typing import (
 import numpy as np
 import numpy.typing as npt
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
@@ -35,7 +38,8 @@ def records(dtype: npt.DTypeLike, *shape: int) -> Records:
 
 class RecordFields:
     """A class whose annotations declare the fields of a record of `record_dtype`: `float`, `int`,
-    another such class, or an array of one of them, as `Annotated[Floats, (3, 3)]`.
+    another such class, or an array of one of them, as `Annotated[Floats, (3, 3)]`, or of a layout
+    that is made elsewhere, as `Annotated[Records, LAYOUT, (8,)]`.
 
     Its objects are records of numpy's.
     """
@@ -48,12 +52,18 @@ class RecordFields:
 
 def record_dtype(declaration: type[RecordFields]) -> np.dtype[np.void]:
     """Layout of the records that a class declares; their fields are attributes."""
-    return np.dtype((np.record, np.dtype(_layout_of(declaration), align=True)))
+    return np.dtype((np.record, row_dtype(declaration)))
+
+
+def row_dtype(declaration: type[RecordFields]) -> np.dtype[np.void]:
+    """The same of rows of a plain array, whose fields are items."""
+    return np.dtype(_layout_of(declaration), align=True)
 
 
 _ELEMENTS: dict[Any, type[np.generic]] = {
     float: np.float64,
     int: np.int64,
+    bool: np.bool_,
     Floats: np.float64,
     Ints: np.int64,
 }
@@ -63,11 +73,15 @@ def _layout_of(declaration: type[RecordFields]) -> list[Any]:
     """Names, types and shapes of the fields that a class declares."""
     layout = []
     for name, hint in get_type_hints(declaration, include_extras=True).items():
-        element, shape = get_args(hint) if get_origin(hint) is Annotated else (hint, ())
+        element, *stated, shape = get_args(hint) if get_origin(hint) is Annotated else (hint, ())
         if get_origin(element) is list:
             (element,) = get_args(element)
-        is_record = isinstance(element, type) and issubclass(element, RecordFields)
-        field_type = _layout_of(element) if is_record else _ELEMENTS[element]
+        if stated:
+            (field_type,) = stated
+        elif isinstance(element, type) and issubclass(element, RecordFields):
+            field_type = _layout_of(element)
+        else:
+            field_type = _ELEMENTS[element]
         layout.append((name, field_type, shape))
     return layout
 
@@ -99,7 +113,7 @@ class ArrayRecord:
         return f"<{type(self).__name__}: {', '.join(parts)}>"
 
 
-def require_shapes(record: Any, expected: Mapping[str, tuple[int, ...]]) -> None:
+def require_shapes(record: object, expected: Mapping[str, tuple[int, ...]]) -> None:
     """ValueError naming the first array of a record, by its field, whose shape is not the
     expected one.
     """
@@ -110,7 +124,7 @@ def require_shapes(record: Any, expected: Mapping[str, tuple[int, ...]]) -> None
 
 
 def require_numbers(
-    record: Any, *, positive: Collection[str] = (), signed: Collection[str] = ()
+    record: "DataclassInstance", *, positive: Collection[str] = (), signed: Collection[str] = ()
 ) -> None:
     """ValueError naming a float of a record that is not finite, negative unless `signed`, or 0
     if `positive`.
@@ -148,7 +162,7 @@ def _is_read_only(array: npt.NDArray[Any]) -> bool:
     return whole is None and array.flags.forc
 
 
-def own_arrays(record: Any) -> None:
+def own_arrays(record: "DataclassInstance") -> None:
     """Replace the arrays of a frozen record, in its `__post_init__`, by read-only copies unless
     they are read-only.
     """

@@ -39,7 +39,7 @@ from numba.core.caching import (
 from numba.core.serialize import NumbaPickler
 from numba.extending import intrinsic, overload, overload_method, register_jitable, typeof_impl
 
-from laisn.arrays import Floats
+from laisn.arrays import Bools, Floats
 from laisn.errors import LaisnWarning
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -132,14 +132,14 @@ class _Modules(NumbaPickler):
         super().__init__(io.BytesIO())
         self.names: set[str] = set()
 
-    def reducer_override(self, obj: Any) -> Any:
+    def reducer_override(self, obj: object) -> Any:
         """Note the module of an object; see `pickle.Pickler.reducer_override`."""
         if isinstance(obj, type | FunctionType):
             self.names.add(obj.__module__.partition(".")[0])
         return super().reducer_override(obj)
 
 
-def has_custom_types(signature: Any) -> bool:
+def has_custom_types(signature: object) -> bool:
     """Whether a signature of numba's holds a class or a function outside of this project."""
     modules = _Modules()
     modules.dump(signature)
@@ -150,7 +150,7 @@ class _Folder(UserProvidedCacheLocator):
     """Numba's place of a function's code, which is made when something is stored there."""
 
     @classmethod
-    def from_function(cls, py_func: Any, py_file: str) -> Any:
+    def from_function(cls, py_func: Callable[..., Any], py_file: str) -> Any:
         """The place of a function; see `UserProvidedCacheLocator`."""
         return cls(py_func, py_file)
 
@@ -164,7 +164,7 @@ class _Implementation(CompileResultCacheImpl):
 class _Files(IndexDataCacheFile):
     """Numba's index and data files of a function, which several processes write."""
 
-    def save(self, key: Any, data: Any) -> None:
+    def save(self, key: object, data: object) -> None:
         """Store data under a name that no other process takes, then its entry of the index."""
         files: Any = super()
         name = files._data_name(secrets.randbits(48))
@@ -177,16 +177,16 @@ class _Cache(FunctionCache):
 
     _impl_class = _Implementation
 
-    def __init__(self, py_func: Any) -> None:
+    def __init__(self, py_func: Callable[..., Any]) -> None:
         super().__init__(py_func)
         files = self._cache_file
         self._cache_file = _Files(self.cache_path, self._impl.filename_base, files._source_stamp)
 
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
+    def load_overload(self, sig: object, target_context: object) -> Any:
         """The stored code of a signature, None if there is none."""
         return None if has_custom_types(sig) else super().load_overload(sig, target_context)
 
-    def save_overload(self, sig: Any, data: Any) -> None:
+    def save_overload(self, sig: object, data: object) -> None:
         """Store the code of a signature; a warning if the folder cannot be written."""
         if not self._enabled or has_custom_types(sig):
             return
@@ -305,15 +305,15 @@ class DispatchedFormula:
 
 
 @typeof_impl.register(DispatchedFormula)
-def _typeof(listed: DispatchedFormula, context: Any) -> Any:
+def _typeof(listed: DispatchedFormula, context: object) -> Any:
     return typeof_impl(listed.compiled, context)
 
 
-def select(condition: Any, chosen: Any, other: Any) -> Any:
+def select(condition: bool | Bools, chosen: float | Floats, other: float | Floats) -> Any:
     """`np.where`, which in compiled code is `chosen if condition else other` of numbers."""
     return np.where(condition, chosen, other)
 
 
 @overload(select, strict=False)
-def _select(condition: Any, chosen: Any, other: Any) -> Any:
+def _select(condition: types.Type, chosen: types.Type, other: types.Type) -> Any:
     return lambda condition, chosen, other: chosen if condition else other

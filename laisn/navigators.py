@@ -359,7 +359,7 @@ class OnlineNavigator(ABC, Generic[Result]):
         return result
 
 
-def _require_finite(navigator: Any, state: Floats, known_start: bool, times: Floats) -> None:
+def _require_finite(navigator: object, state: Floats, known_start: bool, times: Floats) -> None:
     """LaisnError naming the class of a navigator and the time at which its estimate left finite
     numbers.
 
@@ -400,7 +400,7 @@ class _CustomSteps:
         return state
 
 
-def _numbers_in(navigator: Any, name: str, shape: tuple[int, ...]) -> Floats:
+def _numbers_in(navigator: object, name: str, shape: tuple[int, ...]) -> Floats:
     """An attribute of a navigator of the user's own; LaisnError if it has not this shape."""
     value = getattr(navigator, name, None)
     try:

@@ -17,12 +17,12 @@ import re
 import secrets
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeGuard
 
 from laisn.custom_sources import Sources, is_custom, remove_bytecode
 from laisn.errors import LaisnError
@@ -192,7 +192,7 @@ def registered_tokens(text: str) -> list[str]:
     ]
 
 
-def register(factory: Any, *, importable: bool = False) -> str:
+def register(factory: Callable[..., Any], *, importable: bool = False) -> str:
     """Name by which scenarios may use a class, or a function that makes objects of one, defined
     anywhere.
 
@@ -257,7 +257,7 @@ def find_class(kind: str, name: str, method: str = "") -> Any:
     return classes[chosen[0]]
 
 
-def takes_readings(factory: Any) -> bool:
+def takes_readings(factory: object) -> TypeGuard[type]:
     """Whether this is a class of controllers with `control(readings, belief, dt)`, and not one
     of other controllers.
     """

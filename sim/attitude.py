@@ -7,7 +7,7 @@ flight's arrays, and 0.4 s to import.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,12 @@ from laisn.compiled import compiled, jitable
 
 Vector = tuple[float, float, float]
 Matrix = tuple[Vector, Vector, Vector]
+Quaternion: TypeAlias = tuple[float, float, float, float] | Floats
+"""Four numbers w, x, y, z, or arrays of them along the first axis."""
+Pose: TypeAlias = tuple[float, float, float, float, float, float, float] | Floats
+"""Position east, north, up [m] and quaternion, seven numbers."""
+Twist: TypeAlias = tuple[float, float, float, float, float, float] | Floats
+"""Velocity of the origin in the world [m/s] and rate of turn in the body [rad/s], six numbers."""
 
 
 @compiled
@@ -54,10 +60,11 @@ def scaled(factor: float, a: Vector) -> Vector:
 
 
 @compiled
-def rotation(quaternion: Any) -> Matrix:
+def rotation(quaternion: Quaternion) -> Matrix:
     """Rotation matrix, body to world, of a unit quaternion: four numbers or an array (w, x, y,
     z).
     """
+    # R = I + 2 w [v]× + 2 [v]× [v]×, with q = (w, v)
     w = quaternion[0]
     x = quaternion[1]
     y = quaternion[2]
@@ -70,7 +77,7 @@ def rotation(quaternion: Any) -> Matrix:
 
 
 @jitable
-def rotated(quaternion: Any, vector: Any) -> Any:
+def rotated(quaternion: Quaternion, vector: Vector | Floats) -> tuple[Any, Any, Any]:
     """A body vector in the world; four and three components, numbers or arrays."""
     w = quaternion[0]
     x = quaternion[1]
@@ -92,8 +99,9 @@ def rotate(quaternion: Floats, vector: Floats) -> Floats:
 
 
 @jitable
-def forward_of(quaternion: Any) -> Any:
+def forward_of(quaternion: Quaternion) -> tuple[Any, Any, Any]:
     """East, north and up of the forward axis; four components, numbers or arrays."""
+    # the first column of R
     w = quaternion[0]
     x = quaternion[1]
     y = quaternion[2]
@@ -102,10 +110,11 @@ def forward_of(quaternion: Any) -> Any:
 
 
 @jitable
-def body_point_in_world(pose: Any, offset: Floats) -> Any:
+def body_point_in_world(pose: Pose, offset: Floats) -> Any:
     """East, north, up of a point of a hull by its position and quaternion, and the point's
     `offset` in the body [m].
     """
+    # p + R(q) offset, with the columns of R as in `rotation`
     w = pose[3]
     x = pose[4]
     y = pose[5]
@@ -153,39 +162,43 @@ def from_euler(
     sp = np.sin(p)
     cr = np.cos(r)
     sr = np.sin(r)
+    # q = q_z(yaw) q_y(−pitch) q_x(roll)
     w = cy * cp * cr + sy * sp * sr
     x = cy * cp * sr - sy * sp * cr
     return np.stack([w, x, cy * sp * cr + sy * cp * sr, sy * cp * cr - cy * sp * sr], axis=-1)
 
 
 @jitable
-def heading_of(quaternion: Any) -> float:
+def heading_of(quaternion: Quaternion) -> float:
     """Compass heading of an attitude of four numbers in [0, 2π) [rad]."""
     w = quaternion[0]
     x = quaternion[1]
     y = quaternion[2]
     z = quaternion[3]
+    # atan2(east, north) of the forward axis
     angle = math.atan2(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z))
     return angle + 2.0 * math.pi if angle < 0.0 else angle
 
 
 @jitable
-def pitch_of(quaternion: Any) -> float:
+def pitch_of(quaternion: Quaternion) -> float:
     """Its pitch, positive nose up [rad]."""
     w = quaternion[0]
     x = quaternion[1]
     y = quaternion[2]
     z = quaternion[3]
+    # asin(up) of the forward axis
     return math.asin(min(max(2.0 * (x * z - w * y), -1.0), 1.0))
 
 
 @jitable
-def roll_of(quaternion: Any) -> float:
+def roll_of(quaternion: Quaternion) -> float:
     """Its roll, positive starboard down [rad]."""
     w = quaternion[0]
     x = quaternion[1]
     y = quaternion[2]
     z = quaternion[3]
+    # atan2(R_zy, R_zz), of how far port and up axes point up
     return math.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
 
 
@@ -218,12 +231,13 @@ def _share(fraction: float, angle: float) -> float:
 
 
 @jitable
-def slerp(start: Any, end: Any, fraction: float) -> tuple[float, float, float, float]:
+def slerp(start: Quaternion, end: Quaternion, fraction: float) -> tuple[float, float, float, float]:
     """Spherical interpolation of two attitudes of four numbers; fraction in [0, 1]."""
     cosine = start[0] * end[0] + start[1] * end[1] + start[2] * end[2] + start[3] * end[3]
     angle = math.acos(min(abs(cosine), 1.0))
     a = _share(1.0 - fraction, angle)
     b = math.copysign(_share(fraction, angle), cosine)
+    # q = (sin((1 − s) θ) q_0 ± sin(s θ) q_1) / sin θ with cos θ = |q_0 · q_1|, of length 1 again
     w = a * start[0] + b * end[0]
     x = a * start[1] + b * end[1]
     y, z = a * start[2] + b * end[2], a * start[3] + b * end[3]

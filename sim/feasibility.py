@@ -4,9 +4,10 @@ time.
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from laisn.arrays import Floats, Ints
 from laisn.errors import LaisnError
@@ -19,6 +20,7 @@ from sim.control.autopilot import (
     INCIDENCE_MAX,
     SPEED_HEAVE,
     SPEED_PITCH,
+    Autopilot,
     greatest_forces,
     top_speed,
 )
@@ -159,7 +161,7 @@ def _speeds(scenario: Scenario, vehicle: Vehicle) -> SpeedRange:
 _USUAL_STEP_S = 0.02
 
 
-def _speed_errors(vehicle: Vehicle, speeds: SpeedRange, design: Any) -> list[str]:
+def _speed_errors(vehicle: Vehicle, speeds: SpeedRange, design: Autopilot) -> list[str]:
     """Speeds that a hull cannot have: more than its thrust, or less than its fins need."""
     lines = []
     top = top_speed(design)
@@ -195,7 +197,7 @@ class VerticalForces(NamedTuple):
     up: float  # of one that is too heavy
 
 
-def _vertical_forces(plant: Plant, design: Any, speed: float) -> VerticalForces:
+def _vertical_forces(plant: Plant, design: Autopilot, speed: float) -> VerticalForces:
     """Forces with which a vehicle holds its depth at a speed through the water, steadily.
 
     The hull's lift is that of the incidence that fins and thrusters can hold against its righting
@@ -234,13 +236,13 @@ def _moment_of_incidence(plant: Plant) -> float:
     return float(c["munk_factor"] * (added[2, 2] - added[0, 0]) + by_fins)
 
 
-def _stern_lever(effectors: Any) -> float:
+def _stern_lever(effectors: npt.NDArray[np.void]) -> float:
     """Lever of the level fins behind the hull's origin [m]; 0 without."""
     level = effectors[(effectors["kind"] == FIN) & (np.abs(effectors["force"][:, 2]) > 0.1)]
     return float(-level["place"][:, 0].mean()) if level.size else 0.0
 
 
-def _greatest(design: Any, speed: float, axis: int, side: float) -> float:
+def _greatest(design: Autopilot, speed: float, axis: int, side: float) -> float:
     """Largest component of a wrench to one side [N] or [N m]."""
     return greatest_forces(design, speed, axis, side)[0]
 
@@ -309,7 +311,7 @@ def _control_errors(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]
     return [f"{key}{'.model' if custom else ''}: {line.removeprefix('hull: ')}" for line in lines]
 
 
-def _station_speeds(scenario: Scenario, leader: SpeedRange, design: Any) -> SpeedRange:
+def _station_speeds(scenario: Scenario, leader: SpeedRange, design: Autopilot) -> SpeedRange:
     """Speeds through the water that a follower on a station may be asked for."""
     formation = scenario.formation
     slowest = formation.min_along_track_speed_m_s

@@ -5,7 +5,7 @@ flight.
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from sim.control.autopilot import design, top_speed
+from sim.control.autopilot import Autopilot, design, top_speed
 from sim.control.stability import least_radius
 from sim.scenario.settings import Follower, Scenario, Vehicle
 from sim.vehicle.effectors import FIN, MIN_STEERAGE_SPEED
@@ -64,7 +64,7 @@ def calm_plant(hull: Hull) -> tuple[Plant, Any]:
     return plant, design(plant, (settings.depth_control,))
 
 
-def needs_way(autopilot: Any) -> bool:
+def needs_way(autopilot: Autopilot) -> bool:
     """Whether a vehicle cannot hover: fins alone, at an angle to the flow, hold its depth."""
     return bool(not autopilot["has_heave"] and FIN in autopilot["effectors"]["kind"])
 

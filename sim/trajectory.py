@@ -44,7 +44,9 @@ def _row(array: Any, k: Any, vehicle: Any) -> Any:
 
 
 @jitable
-def speed_through_water(pose: Any, twist: Any, water: Any) -> Any:
+def speed_through_water(
+    pose: attitude.Pose, twist: attitude.Twist, water: attitude.Vector | Floats
+) -> Any:
     """Speed through the water along the hull, as a speed log measures it [m/s]; numbers or
     arrays.
     """
@@ -54,7 +56,10 @@ def speed_through_water(pose: Any, twist: Any, water: Any) -> Any:
 
 @jitable
 def pose_between(
-    u: float, dt: float, pose: Any, velocity: Any
+    u: float,
+    dt: float,
+    pose: tuple[attitude.Pose, attitude.Pose],
+    velocity: tuple[attitude.Vector | Floats, attitude.Vector | Floats],
 ) -> tuple[float, float, float, float, float, float, float]:
     """Pose between two instants: position by cubic Hermite, attitude by spherical interpolation.
 

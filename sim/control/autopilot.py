@@ -15,16 +15,16 @@ cannot lift, and all of it when it is slow, vertical thrusters carry, where it h
 they carry all. Integrals stand still while limits withhold their part of the wrench and they would
 push further (conditional integration).
 
-Functions take `d`, a record of DESIGN, `memory`, of AUTOPILOT_MEMORY, and `reference`, of
+Functions take `d`, an autopilot, `memory`, of AUTOPILOT_MEMORY, and `reference`, of
 `sim.control.guidance`.
 """
 
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from laisn.arrays import Floats, Record
+from laisn.arrays import Floats, Record, RecordFields, Records, row_dtype
 from laisn.compiled import compiled
 from laisn.errors import LaisnError
 from laisn.geometry import signed_angle
@@ -72,39 +72,41 @@ LEAST_LAG = 0.3
 SPEED_HEAVE = 0.3
 SPEED_PITCH = 0.6
 
-DESIGN = np.dtype(  # parameters of the autopilot of one vehicle; rows beyond its effectors are zero
-    [
-        ("omega", np.float64),  # bandwidth of the attitude loops [rad/s]
-        ("surge_mass", np.float64),  # [kg], added mass included, as below
-        ("sway_mass", np.float64),
-        ("heave_mass", np.float64),
-        ("pitch_inertia", np.float64),  # [kg m²]
-        ("yaw_inertia", np.float64),
-        ("righting", np.float64),  # [N m/rad]
-        ("drag_linear", np.float64),  # surge [N s/m], with its fade [s/m]
-        ("drag_fade", np.float64),
-        ("drag", np.float64),  # surge [N s²/m²]
-        ("lift", np.float64),  # vertical force per incidence and speed² [N s²/m² per rad]
-        ("fin_side", np.float64),  # side force of the fins per turn rate and speed [N s²/m per rad]
-        # damping moment: [N m s], per speed [N s² per rad], per rate [N m s² per rad²]
-        ("yaw_damping", np.float64, (3,)),
-        ("pitch_damping", np.float64, (3,)),
-        # nose-up moment per downward and forward speed that fins do not outweigh [kg]
-        ("pitch_munk", np.float64),
-        # moment per angle of slip and speed² that fins do not outweigh, of the slip with which a
-        # turn begins [kg]
-        ("yaw_munk", np.float64),
-        ("by_pitch", np.float64),  # 1: depth by pitch, 0: by thrust
-        ("has_heave", np.float64),  # 1: vertical thrusters, 0: depth by pitch at any speed
-        ("density", np.float64),  # [kg/m³]
-        ("scheduled", np.bool_),  # whether the allocation depends on the speed, as with fins
-        ("effectors", effectors.EFFECTOR, (effectors.MAX_EFFECTORS,)),
-        # forces per unit of a wrench, at effectors.LEAST_WAY and at allocation.FAST
-        ("slow_allocation", np.float64, (effectors.MAX_EFFECTORS, 6)),
-        ("fast_allocation", np.float64, (effectors.MAX_EFFECTORS, 6)),
-    ],
-    align=True,
-)
+
+class Autopilot(RecordFields):
+    """Parameters of the autopilot of one vehicle; rows beyond its effectors are zero."""
+
+    omega: float  # bandwidth of the attitude loops [rad/s]
+    surge_mass: float  # [kg], added mass included, as below
+    sway_mass: float
+    heave_mass: float
+    pitch_inertia: float  # [kg m²]
+    yaw_inertia: float
+    righting: float  # [N m/rad]
+    drag_linear: float  # surge [N s/m], with its fade [s/m]
+    drag_fade: float
+    drag: float  # surge [N s²/m²]
+    lift: float  # vertical force per incidence and speed² [N s²/m² per rad]
+    fin_side: float  # side force of the fins per turn rate and speed [N s²/m per rad]
+    # damping moment: [N m s], per speed [N s² per rad], per rate [N m s² per rad²]
+    yaw_damping: Annotated[Floats, (3,)]
+    pitch_damping: Annotated[Floats, (3,)]
+    # nose-up moment per downward and forward speed that fins do not outweigh [kg]
+    pitch_munk: float
+    # moment per angle of slip and speed² that fins do not outweigh, of the slip with which a turn
+    # begins [kg]
+    yaw_munk: float
+    by_pitch: float  # 1: depth by pitch, 0: by thrust
+    has_heave: float  # 1: vertical thrusters, 0: depth by pitch at any speed
+    density: float  # [kg/m³]
+    scheduled: bool  # whether the allocation depends on the speed, as with fins
+    effectors: Annotated[Records, effectors.EFFECTOR, (effectors.MAX_EFFECTORS,)]
+    # forces per unit of a wrench, at `effectors.MIN_STEERAGE_SPEED` and at `allocation.FAST`
+    slow_allocation: Annotated[Floats, (effectors.MAX_EFFECTORS, 6)]
+    fast_allocation: Annotated[Floats, (effectors.MAX_EFFECTORS, 6)]
+
+
+DESIGN = row_dtype(Autopilot)
 
 
 def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.NDArray[np.void]:
@@ -195,7 +197,7 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
     return records
 
 
-def _require_control(name: str, record: Any, mode: DepthControl) -> None:
+def _require_control(name: str, record: np.void, mode: DepthControl) -> None:
     """LaisnError naming the demands of the autopilot that a vehicle cannot meet."""
     needed = {"surge": SURGE, "yaw": YAW} | (
         {"pitch": PITCH} if mode == "pitch" else {"heave": HEAVE}
@@ -216,7 +218,9 @@ def _require_control(name: str, record: Any, mode: DepthControl) -> None:
         )
 
 
-def greatest_forces(d: Any, speed: float, axis: int, side: float = 1.0) -> tuple[float, Floats]:
+def greatest_forces(
+    d: Autopilot, speed: float, axis: int, side: float = 1.0
+) -> tuple[float, Floats]:
     """Largest component of a wrench that the effectors give at a speed, to one side (1 or -1), [N]
     or [N m], and their forces for it [N].
     """
@@ -232,7 +236,7 @@ def greatest_forces(d: Any, speed: float, axis: int, side: float = 1.0) -> tuple
     return float(wrench[axis]), command
 
 
-def top_speed(d: Any) -> float:
+def top_speed(d: Autopilot) -> float:
     """Speed at which all thrust ahead balances the drag of surge [m/s], 10 at most."""
     speeds = np.arange(0.0, 10.0, 0.02)
     thrust = np.array([greatest_forces(d, speed, SURGE)[0] for speed in speeds])
@@ -260,7 +264,13 @@ def _increment(rate: float, demanded: float, achieved: float) -> float:
 
 @compiled
 def _hold_depth(
-    d: Any, reference: Record, depth: float, sinking: float, speed: float, dt: float, memory: Record
+    d: Autopilot,
+    reference: Record,
+    depth: float,
+    sinking: float,
+    speed: float,
+    dt: float,
+    memory: Record,
 ) -> tuple[float, float, float, float]:
     """Pitch wanted [rad] and its rate [rad/s], heave force wanted [N] (up), and the integral's
     rate [N].
@@ -325,7 +335,7 @@ def vehicle_state(pose: Floats, twist: Floats, water: Floats) -> VehicleState:
 
 
 @compiled
-def apply_wrench(d: Any, surge: float, memory: Record, command: Floats) -> None:
+def apply_wrench(d: Autopilot, surge: float, memory: Record, command: Floats) -> None:
     """Command effectors to give the wrench in the memory, out: what they give, at a speed
     through the water [m/s].
     """
@@ -343,7 +353,7 @@ def apply_wrench(d: Any, surge: float, memory: Record, command: Floats) -> None:
 
 @compiled
 def control(
-    d: Any,
+    d: Autopilot,
     steering: tuple[float, float, float],
     reference: Record,
     motion: VehicleState,

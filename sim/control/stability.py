@@ -7,22 +7,22 @@ with their lag. Limits of effectors and the slow loops (integrals, depth through
 out.
 """
 
-from typing import Any
+from collections.abc import Iterable
 
 import numpy as np
 from scipy.optimize import fsolve
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Records
 from laisn.errors import LaisnError
 from sim.control.allocation import HEAVE, PITCH, SURGE, SWAY, YAW, at_speed, clip
-from sim.control.autopilot import SPEED_HEAVE, SPEED_PITCH, greatest_forces, top_speed
+from sim.control.autopilot import SPEED_HEAVE, SPEED_PITCH, Autopilot, greatest_forces, top_speed
 from sim.control.guidance import CATCH_UP, TURN_RESERVE
 from sim.scenario.point_motion import SPEED_MIN, TURN_RATE
 from sim.scenario.routes import START_SPEED
 from sim.scenario.section import CONTROL_STEP_S
 from sim.vehicle.effectors import FIN, state_for, unit_wrenches
 from sim.vehicle.hydrodynamics import wrench
-from sim.vehicle.mjcf import inertia_tensor
+from sim.vehicle.mjcf import Coefficients, inertia_tensor
 from sim.vehicle.plant import Plant
 from sim.water.environment import SeaInstant, sea_at
 from sim.water.ocean import Ocean
@@ -48,12 +48,12 @@ def _skew(a: Floats) -> Floats:
 
 
 def _forces(
-    c: Any,
+    c: Coefficients,
     rigid: Floats,
     centre: Floats,
     state: Floats,
     sea: SeaInstant,
-    fitted: tuple[Any, Floats],
+    fitted: tuple[Records, Floats],
 ) -> Floats:
     """Wrench of water, weight and inertia in the body, of velocities (6) and small angles about
     the body's axes (3).
@@ -81,7 +81,7 @@ def _forces(
     )
 
 
-def _law(d: Any, climb: Floats, speed: float) -> Floats:
+def _law(d: Autopilot, climb: Floats, speed: float) -> Floats:
     """Wrench that the autopilot commands by velocities (6), angles (3) and height, as is
     `climb`, the rate of climb.
     """
@@ -115,7 +115,7 @@ def _body(plant: Plant, i: int) -> tuple[Floats, Floats]:
     return np.block([[mass * np.eye(3), -cross], [cross, inertia - cross @ _skew(centre)]]), centre
 
 
-def steady_turn(plant: Plant, i: int, d: Any, speed: float) -> tuple[float, float]:
+def steady_turn(plant: Plant, i: int, d: Autopilot, speed: float) -> tuple[float, float]:
     """Largest rate of turn of vehicle i in calm water at a speed along the hull [rad/s], and the
     turn's radius [m].
 
@@ -150,7 +150,7 @@ def steady_turn(plant: Plant, i: int, d: Any, speed: float) -> tuple[float, floa
     return float(rate), float(np.hypot(speed, sway) / rate)
 
 
-def least_radius(plant: Plant, i: int, d: Any) -> float:
+def least_radius(plant: Plant, i: int, d: Autopilot) -> float:
     """Radius with which turns of vehicle i are planned [m]; 0 without fins, or if it turns
     faster than TURN_RATE.
     """
@@ -160,7 +160,7 @@ def least_radius(plant: Plant, i: int, d: Any) -> float:
     return 0.0 if rate > TURN_RATE else min(radius / TURN_RESERVE, 1e4)
 
 
-def _motion(plant: Plant, i: int, d: Any, about: Floats) -> Floats:
+def _motion(plant: Plant, i: int, d: Autopilot, about: Floats) -> Floats:
     """Matrix of the motion of vehicle i about 6 velocities and 3 angles: these, height and
     lagging wrench, (16, 16).
     """
@@ -209,7 +209,7 @@ _PLANES = {  # rows of the motion that belong together
 }
 
 
-def _growth(plant: Plant, i: int, d: Any, speed: float) -> tuple[float, str]:
+def _growth(plant: Plant, i: int, d: Autopilot, speed: float) -> tuple[float, str]:
     """Rate at which the motion of vehicle i grows fastest at a speed [1/s], and its plane.
 
     A hull without linear damping may swing by a degree or two, which its quadratic damping bounds:
@@ -226,7 +226,9 @@ def _growth(plant: Plant, i: int, d: Any, speed: float) -> tuple[float, str]:
     return float(rates[worst].real), plane
 
 
-def _require_slow_motion(plant: Plant, i: int, d: Any, fastest: float, orbital: float) -> None:
+def _require_slow_motion(
+    plant: Plant, i: int, d: Autopilot, fastest: float, orbital: float
+) -> None:
     """LaisnError naming a physics step that is short enough, or what makes the motion too fast."""
     speed = _CATCHING_UP * fastest + orbital
     turning = np.array([speed, *_DRIFT_M_S, *_SPIN_RAD_S, 0.0, 0.0, 0.0])
@@ -244,7 +246,7 @@ def _require_slow_motion(plant: Plant, i: int, d: Any, fastest: float, orbital: 
     )
 
 
-def _stable_below(plant: Plant, i: int, d: Any, unstable: float) -> float:
+def _stable_below(plant: Plant, i: int, d: Autopilot, unstable: float) -> float:
     """Highest speed, in hundredths, up to which vehicle i is stable, below an unstable one; 0: it
     is nowhere [m/s].
     """
@@ -256,7 +258,7 @@ def _stable_below(plant: Plant, i: int, d: Any, unstable: float) -> float:
 
 def require_stable(
     plant: Plant,
-    autopilots: Any,
+    autopilots: Iterable[Autopilot],
     fastest: float,
     orbital: float = 0.0,
     *,

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import matplotlib
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.collections import Collection, LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.transforms import Affine2D, Bbox
 from PIL import Image, ImageDraw, ImageFont
@@ -122,7 +122,7 @@ class Canvas:
         self._polygons.set_linewidth([1.5 * self.scale if shape.edge else 0.0 for shape in shapes])
         self._draw(self._polygons, box)
 
-    def _draw(self, collection: Any, box: Area | None) -> None:
+    def _draw(self, collection: Collection, box: Area | None) -> None:
         left, top, width, height = box or (0, 0, self.width, self.height)
         collection.set_clip_box(Bbox.from_bounds(left, self.height - top - height, width, height))
         collection.draw(self._renderer)

@@ -261,7 +261,7 @@ DEEPEST = 20
 _LARGEST_BITS = 14_000
 
 
-def _require_bounded(table: Any) -> None:
+def _require_bounded(table: object) -> None:
     """ScenarioError naming the key of what lies deeper than `DEEPEST`, of text that is no Unicode,
     and of an integer of thousands of digits.
     """
@@ -297,7 +297,7 @@ def _is_unicode(text: str) -> bool:
     return text.isascii() or not any("\ud800" <= c <= "\udfff" for c in text)
 
 
-def plain_values(table: Any) -> Any:
+def plain_values(table: object) -> Any:
     """A copy of a table or value that JSON can hold: numbers and arrays of NumPy as Python's, other
     objects as text.
 
@@ -305,7 +305,7 @@ def plain_values(table: Any) -> Any:
     """
     _require_bounded(table)
 
-    def plain_value(value: Any) -> Any:
+    def plain_value(value: object) -> Any:
         if isinstance(value, range):
             return list(value)
         return value.tolist() if hasattr(value, "tolist") else str(value)
@@ -460,7 +460,7 @@ def _put(table: dict[str, Any], key: str, value: object) -> None:
             target = target[index]
 
 
-def _list_hint(target: Any, parts: list[int | str], n: int) -> str:
+def _list_hint(target: object, parts: list[int | str], n: int) -> str:
     """What to write for the members of a list, if a key of n parts leads to one."""
     if not isinstance(target, list) or not target:
         return ""

@@ -103,7 +103,7 @@ class Vehicle(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _waypoints_replace_route(cls, data: Any) -> Any:
+    def _waypoints_replace_route(cls, data: object) -> object:
         return {**data, "route": None} if isinstance(data, dict) and data.get("waypoints") else data
 
     @field_validator("model")

@@ -11,24 +11,35 @@ which is the centre of buoyancy unless the MJCF has a `buoyancy_centre`.
 `apply_water_forces` writes the wrench to `qfrc_applied` and adds the added mass to `M` between
 `mj_step1` and `mj_factorM`, so that it acts on accelerations that MuJoCo has yet to solve for.
 
-Functions take `c`, a record of `sim.vehicle.mjcf.RECORD`; `v` and `w`, velocity and rate of turn
+Functions take `c`, the coefficients of a vehicle; `v` and `w`, velocity and rate of turn
 relative to the water, in the body [m/s], [rad/s]; they give force [N] and moment about the origin
 [N m].
 """
 
-from typing import Any
-
 import numpy as np
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Records
 from laisn.compiled import compiled, inlined
-from sim.attitude import Matrix, Vector, cross, matvec, minus, plus, rotation, scaled, transposed
+from sim.attitude import (
+    Matrix,
+    Pose,
+    Twist,
+    Vector,
+    cross,
+    matvec,
+    minus,
+    plus,
+    rotation,
+    scaled,
+    transposed,
+)
 from sim.vehicle.effectors import effector_wrench
+from sim.vehicle.mjcf import Coefficients
 from sim.water.environment import Environment, SeaInstant, elevation_at, flow, sea_at
 
 
 @inlined
-def _damp(c: Any, i: int, speed: float, rate: float, left: float) -> tuple[float, float]:
+def _damp(c: Coefficients, i: int, speed: float, rate: float, left: float) -> tuple[float, float]:
     """Damping along or about an axis, and the share of the linear one that is left; `left` is of
     the axis before.
     """
@@ -42,7 +53,7 @@ def _damp(c: Any, i: int, speed: float, rate: float, left: float) -> tuple[float
 
 
 @compiled
-def damping(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
+def damping(c: Coefficients, v: Vector, w: Vector) -> tuple[Vector, Vector]:
     """Linear damping, which may fade as exp(−fade U), and quadratic damping −d |ν| ν, axis by
     axis.
     """
@@ -57,8 +68,9 @@ def damping(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
 
 
 @compiled
-def coupled_damping(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
+def coupled_damping(c: Coefficients, v: Vector, w: Vector) -> tuple[Vector, Vector]:
     """Damping off the diagonals, −(D + D_q |ν_j|) ν_j, which does not fade."""
+    # f_i = −Σ_j (D_ij + D_q,ij |ν_j|) ν_j
     nu = (v[0], v[1], v[2], w[0], w[1], w[2])
     out = np.zeros(6)
     for i in range(6):
@@ -68,7 +80,7 @@ def coupled_damping(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
 
 
 @compiled
-def hull_lift(c: Any, v: Vector) -> Vector:
+def hull_lift(c: Coefficients, v: Vector) -> Vector:
     """Drag and lift of the hull at incidence α, as a force along its axis and one across it.
 
     Along the axis acts −½ρ S CD0 U² cos α |cos α|, across it −½ρ S (CD0 + a) U² sin α |cos α|.
@@ -91,7 +103,7 @@ def hull_lift(c: Any, v: Vector) -> Vector:
 
 
 @compiled
-def cross_flow(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
+def cross_flow(c: Coefficients, v: Vector, w: Vector) -> tuple[Vector, Vector]:
     """Drag of the hull's sections across the flow, strip by strip (Fossen 2021).
 
     With both coefficients C equal, a strip of side area A has −½ρ A C |U| U of its own cross-flow
@@ -114,12 +126,12 @@ def cross_flow(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
 
 
 @compiled
-def viscous(c: Any, v: Vector, w: Vector) -> tuple[tuple[Vector, Vector], ...]:
+def viscous(c: Coefficients, v: Vector, w: Vector) -> tuple[tuple[Vector, Vector], ...]:
     """All viscous forces and moments."""
     return damping(c, v, w), cross_flow(c, v, w), (hull_lift(c, v), (0.0, 0.0, 0.0))
 
 
-LOST = 1e3  # a speed [m/s] or rate [rad/s] that no vehicle has: the integration has failed
+DIVERGED = 1e3  # a speed [m/s] or rate [rad/s] that no vehicle has: the integration has failed
 
 # lower triangles of the vehicles' blocks of `M`, row by row, (v, 21); `qfrc_applied`
 Solver = tuple[Floats, Floats]
@@ -154,6 +166,7 @@ def kirchhoff(
     `spin` the rate of the body frame [rad/s], `momentum` added mass times velocities relative to
     the water [kg m/s], `angular` its moment about the origin [kg m²/s].
     """
+    # f = −ω × p and m = −ω × l − v × p with (p, l) = M_A (v, w)
     munk = cross(v, momentum)
     scaled_spin = (spin[0], munk_factor * spin[1], munk_factor * spin[2])
     force = scaled(-1.0, cross(scaled_spin, momentum))
@@ -184,6 +197,7 @@ def gradient_force(
         momentum: p, of added mass relative to the water [kg m/s].
         angular: its moment about the origin [kg m²/s].
     """
+    # f = −(∇u)ᵀ p and m = (∇u e) × s − e × (∇u)ᵀ s with s = l × e, the first moment of p
     to_momentum = transposed(gradient)
     first = cross(angular, axis)  # ∫ x dp along the hull
     turning = minus(cross(matvec(gradient, axis), first), cross(axis, matvec(to_momentum, first)))
@@ -191,7 +205,9 @@ def gradient_force(
 
 
 @inlined
-def immersion(c: Any, position: Vector, axis: Vector, sea: SeaInstant) -> tuple[float, float]:
+def immersion(
+    c: Coefficients, position: Vector, axis: Vector, sea: SeaInstant
+) -> tuple[float, float]:
     """Share of a hull that is in the water, and Σ (dry share · x) of the strips [m].
 
     A strip's section leaves the water evenly from the moment the surface touches its top until it
@@ -212,7 +228,12 @@ def immersion(c: Any, position: Vector, axis: Vector, sea: SeaInstant) -> tuple[
 
 @compiled
 def wrench(
-    c: Any, pose: Any, twist: Any, sea: SeaInstant, fitted: tuple[Any, Floats], i: int
+    c: Coefficients,
+    pose: Pose,
+    twist: Twist,
+    sea: SeaInstant,
+    fitted: tuple[Records, Floats],
+    i: int,
 ) -> tuple[Vector, Vector, float]:
     """All that the water does to one vehicle, but for added mass times acceleration.
 
@@ -237,14 +258,15 @@ def wrench(
     water = flow(sea, position, velocity, axis)
     gradient = water.gradient
     v = matvec(to_body, minus(velocity, water.velocity))
-    # water that changes along a slender hull acts as if the hull turned the other way round
+    # v = Rᵀ (ẋ − u), and w = ω − Rᵀ (e × ∇u e): water that changes along a slender hull acts as if
+    # the hull turned the other way round
     axis_rate = cross(matvec(to_world, spin), axis)
     axis_gradient = matvec(gradient, axis)
     turning = matvec(to_body, cross(axis, axis_gradient))
     w = minus(spin, turning)
     axis_gradient_rate = plus(water.axis_gradient_rate, matvec(gradient, axis_rate))
     turning_rate = plus(cross(axis_rate, axis_gradient), cross(axis, axis_gradient_rate))
-    brought = (
+    relative_rate = (
         plus(matvec(to_body, water.rate), cross(spin, v)),
         minus(matvec(to_body, turning_rate), cross(spin, turning)),
     )
@@ -261,33 +283,34 @@ def wrench(
         terms = coupled_damping(c, v, w)
         force = plus(force, terms[0])
         moment = plus(moment, terms[1])
-    thrust, torque, others, their_moment = effector_wrench(fitted, i, c.density, v, w)
-    force = plus(force, others)
-    moment = plus(moment, their_moment)
+    thrust, torque, effector_force, effector_moment = effector_wrench(fitted, i, c.density, v, w)
+    force = plus(force, effector_force)
+    moment = plus(moment, effector_moment)
 
-    # the solver applies added mass to the body's own acceleration; what the water brings of it is
-    # added here
-    terms = _inertia_times(c.added_mass, brought[0], brought[1])
+    # M_A d/dt (Rᵀ u, Rᵀ (e × ∇u e)): the solver applies added mass to the body's own acceleration;
+    # what the water brings of it is added here
+    terms = _inertia_times(c.added_mass, relative_rate[0], relative_rate[1])
     force = plus(force, terms[0])
     moment = plus(moment, terms[1])
-    # Froude-Krylov: the pressure that accelerates the water particles acts on the hull in their
-    # place, and they are accelerated by Du/Dt along their own path, not along the hull's
+    # Froude-Krylov, ρ V Du/Dt with Du/Dt = du/dt − ∇u (ẋ − u): the pressure that accelerates the
+    # water particles acts on the hull in their place, along their own path, not along the hull's
     particle = minus(water.rate, matvec(gradient, minus(velocity, water.velocity)))
     displaced = scaled(c.buoyancy / c.gravity, matvec(to_body, particle))
     force = plus(force, displaced)
     squeeze = cross(axis, water.axis_acceleration_gradient)
     moment = plus(moment, scaled(c.displaced_inertia, matvec(to_body, squeeze)))
 
+    # f = R (s f + thrust) + s B z, and m less the moment of the buoyancy that dry strips lack
     share, dry_arm = immersion(c, position, axis, sea)
     lift = (0.0, 0.0, share * c.buoyancy)
-    lost = cross((dry_arm, 0.0, 0.0), matvec(to_body, (0.0, 0.0, -c.buoyancy)))
+    lost_buoyancy_moment = cross((dry_arm, 0.0, 0.0), matvec(to_body, (0.0, 0.0, -c.buoyancy)))
     if c.off_centre:
         centre = (c.buoyancy_centre[0], c.buoyancy_centre[1], c.buoyancy_centre[2])
         moment = plus(moment, cross(centre, displaced))
-        lost = plus(lost, cross(centre, matvec(to_body, lift)))
+        lost_buoyancy_moment = plus(lost_buoyancy_moment, cross(centre, matvec(to_body, lift)))
     # what holds the hull up does not turn with it
     total = plus(matvec(to_world, plus(scaled(share, force), thrust)), lift)
-    return total, plus(plus(scaled(share, moment), torque), lost), share
+    return total, plus(plus(scaled(share, moment), torque), lost_buoyancy_moment), share
 
 
 @compiled
@@ -323,23 +346,23 @@ def first_row_exceeding(values: Floats, bound: float) -> int:
 
 @compiled
 def apply_water_forces(
-    coefficients: Any,
+    coefficients: Records,
     pose: Floats,
     twist: Floats,
     time: float,
     environment: Environment,
     solver: Solver,
-    fitted: tuple[Any, Floats],
+    fitted: tuple[Records, Floats],
 ) -> int:
     """Give all vehicles wrenches and added mass; the index of the first that is lost (not
-    finite, > LOST), or -1.
+    finite, > DIVERGED), or -1.
     """
     mass, applied = solver
     sea = sea_at(environment, time)
-    lost = first_row_exceeding(twist, LOST)
+    diverged = first_row_exceeding(twist, DIVERGED)
     # one way out, and numbers in place of rows: compiled code would count references to arrays for
     # each vehicle
-    for i in range(0 if lost >= 0 else pose.shape[0]):
+    for i in range(0 if diverged >= 0 else pose.shape[0]):
         at = (pose[i, 0], pose[i, 1], pose[i, 2], pose[i, 3], pose[i, 4], pose[i, 5], pose[i, 6])
         motion = (twist[i, 0], twist[i, 1], twist[i, 2], twist[i, 3], twist[i, 4], twist[i, 5])
         c = coefficients[i]
@@ -349,7 +372,7 @@ def apply_water_forces(
             applied[i, j] = force[j]
             applied[i, 3 + j] = moment[j]
             total += abs(force[j]) + abs(moment[j])
-        if lost < 0 and not total < np.inf:
-            lost = i
+        if diverged < 0 and not total < np.inf:
+            diverged = i
         _add_to_inertia(mass, i, c.added_mass, share, rotation(at[3:7]))
-    return lost
+    return diverged

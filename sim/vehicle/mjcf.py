@@ -5,14 +5,14 @@ coefficients.
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
 import models
-from laisn.arrays import Floats
+from laisn.arrays import Floats, RecordFields, row_dtype
 from laisn.errors import LaisnError
 from sim import attitude
 from sim.scenario import vehicles
@@ -114,7 +114,7 @@ def _edited(setup: VehicleSetup, looks: bool) -> mujoco.MjSpec:
     return spec
 
 
-def numeric(model: Any, name: str) -> Floats | None:
+def numeric(model: mujoco.MjModel, name: str) -> Floats | None:
     """Values of a numeric of a compiled model; None: it has none of this name."""
     i = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name)
     return (
@@ -124,7 +124,7 @@ def numeric(model: Any, name: str) -> Floats | None:
     )
 
 
-def inertia_tensor(model: Any, body: int) -> Floats:
+def inertia_tensor(model: mujoco.MjModel, body: int) -> Floats:
     """Inertia of a body of a compiled model about its centre of gravity, on the axes of the body
     frame, shape (3, 3), [kg m²].
 
@@ -136,7 +136,7 @@ def inertia_tensor(model: Any, body: int) -> Floats:
     return np.asarray((to_body * model.body_inertia[body]) @ to_body.T)
 
 
-def resolve(model: Any, name: str) -> Vehicle:
+def resolve(model: mujoco.MjModel, name: str) -> Vehicle:
     """Ids of the vehicle `name`."""
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"{name}/hull")
     names = [model.actuator(i).name.partition("/") for i in range(model.nu)]
@@ -149,22 +149,59 @@ MAX_STRIPS = 32
 
 SEA_WATER = 1026.0  # density at which a hull's buoyancy holds unless its file says another [kg/m³]
 
-# coefficients of an MJCF: shape and unit; strips may be fewer
-NUMERICS: dict[str, tuple[tuple[int, ...], str]] = {
-    "added_mass": ((6, 6), "kg, kg m, kg m²"),
-    "munk_factor": ((), "-"),
-    "linear_damping": ((6,), "N s/m, N m s"),
-    "linear_damping_fade": ((6,), "s/m"),
-    "quadratic_damping": ((6,), "N s²/m², N m s²"),
-    "buoyancy": ((), "N"),
-    "displaced_inertia": ((), "kg m²"),
-    "hull_radius": ((), "m"),
-    "hull_lift": ((3,), "m², -, 1/rad"),
-    "hull_lift_planes": ((2,), "-"),
-    "cross_flow_drag": ((2,), "-"),
-    "strip_x": ((MAX_STRIPS,), "m"),
-    "strip_area": ((MAX_STRIPS,), "m²"),
+
+class Coefficients(RecordFields):
+    """What the water does to one vehicle; units are those of NUMERICS and OPTIONAL.
+
+    Buoyancy and inertia of the displaced water are those in the world's density.
+    """
+
+    # numerics of its MJCF, damping as its diagonal
+    added_mass: Annotated[Floats, (6, 6)]
+    munk_factor: float
+    linear_damping: Annotated[Floats, (6,)]
+    linear_damping_fade: Annotated[Floats, (6,)]
+    quadratic_damping: Annotated[Floats, (6,)]
+    buoyancy: float
+    displaced_inertia: float
+    hull_radius: float
+    hull_lift: Annotated[Floats, (3,)]  # area, drag coefficient, slope of the lift
+    hull_lift_planes: Annotated[Floats, (2,)]
+    cross_flow_drag: Annotated[Floats, (2,)]
+    strip_x: Annotated[Floats, (MAX_STRIPS,)]  # of the first `n_strips`, as is `strip_area`
+    strip_area: Annotated[Floats, (MAX_STRIPS,)]
+    buoyancy_density: float
+    buoyancy_centre: Annotated[Floats, (3,)]
+    # damping off the diagonals, and whether there is any
+    linear_coupling: Annotated[Floats, (6, 6)]
+    quadratic_coupling: Annotated[Floats, (6, 6)]
+    coupled: int
+    n_strips: int
+    off_centre: int  # 1: the centre of buoyancy is off the origin
+    gravity: float  # [m/s²]
+    density: float  # [kg/m³]
+    cross_flow_root: Annotated[Floats, (2,)]  # cube roots of `cross_flow_drag`
+
+
+RECORD = row_dtype(Coefficients)
+
+_UNITS = {
+    "added_mass": "kg, kg m, kg m²",
+    "munk_factor": "-",
+    "linear_damping": "N s/m, N m s",
+    "linear_damping_fade": "s/m",
+    "quadratic_damping": "N s²/m², N m s²",
+    "buoyancy": "N",
+    "displaced_inertia": "kg m²",
+    "hull_radius": "m",
+    "hull_lift": "m², -, 1/rad",
+    "hull_lift_planes": "-",
+    "cross_flow_drag": "-",
+    "strip_x": "m",
+    "strip_area": "m²",
 }
+NUMERICS = {name: (RECORD[name].shape, unit) for name, unit in _UNITS.items()}
+"""Coefficients of an MJCF: shape and unit; strips may be fewer."""
 
 OPTIONAL: dict[str, tuple[tuple[int, ...], str, tuple[float, ...]]] = {
     "buoyancy_density": ((), "kg/m³", (SEA_WATER,)),
@@ -182,30 +219,10 @@ MATRICES = {"linear_damping": "linear_coupling", "quadratic_damping": "quadratic
 off the diagonal go.
 """
 
-RECORD = np.dtype(
-    [(name, np.float64, shape) for name, (shape, _) in NUMERICS.items()]
-    + [(name, np.float64, shape) for name, (shape, _, _) in OPTIONAL.items()]
-    + [
-        ("linear_coupling", np.float64, (6, 6)),
-        ("quadratic_coupling", np.float64, (6, 6)),
-        ("coupled", np.int64),
-    ]
-    + [
-        ("n_strips", np.int64),
-        ("off_centre", np.int64),
-        ("gravity", np.float64),
-        ("density", np.float64),
-        ("cross_flow_root", np.float64, (2,)),
-    ],
-    align=True,
-)
-"""One record per vehicle: the numerics of its MJCF, damping off the diagonals where they have 6×6
-values, the world's gravity [m/s²] and density [kg/m³], and what is computed once: the cube roots of
-`cross_flow_drag`, and whether the centre of buoyancy is off the origin. Buoyancy and inertia of the
-displaced water are those in the world's density."""
 
-
-def read_coefficients(model: Any, names: Sequence[str], density: float) -> npt.NDArray[np.void]:
+def read_coefficients(
+    model: mujoco.MjModel, names: Sequence[str], density: float
+) -> npt.NDArray[np.void]:
     """Hydrodynamic coefficients of vehicles by name in a compiled model, in water of a density
     [kg/m³].
 
@@ -249,7 +266,7 @@ def read_coefficients(model: Any, names: Sequence[str], density: float) -> npt.N
     return records
 
 
-def _read_optional(record: Any, model: Any, name: str) -> None:
+def _read_optional(record: np.void, model: mujoco.MjModel, name: str) -> None:
     """Fill in place, by the file's value or the default; LaisnError as of `read_coefficients`."""
     for key, (shape, _, default) in OPTIONAL.items():
         value = numeric(model, f"{name}/{key}")
@@ -261,7 +278,7 @@ def _read_optional(record: Any, model: Any, name: str) -> None:
     record["off_centre"] = int(record["buoyancy_centre"].any())
 
 
-def _displace(record: Any, model: Any, name: str) -> None:
+def _displace(record: np.void, model: mujoco.MjModel, name: str) -> None:
     """Bring buoyancy and inertia of the displaced water to the density of the world, in place, and
     trim the vehicle as its setup does.
     """

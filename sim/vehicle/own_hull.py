@@ -10,7 +10,6 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
-from typing import Any
 from xml.etree import ElementTree
 
 import mujoco
@@ -108,7 +107,7 @@ def _unexpected(text: str) -> Iterator[str]:
                 yield f"{quoted} is a property of the sea: {sea.get(name, 'leave it out')}"
 
 
-def _faults(spec: Any, role: str) -> Iterator[str]:
+def _faults(spec: mujoco.MjSpec, role: str) -> Iterator[str]:
     """A line for each part that is not there, has the wrong size, or may not be there."""
     yield from _site_faults(spec, role)
     yield from _actuator_faults(spec)
@@ -116,7 +115,7 @@ def _faults(spec: Any, role: str) -> Iterator[str]:
     yield from _body_faults(spec)
 
 
-def _site_faults(spec: Any, role: str) -> Iterator[str]:
+def _site_faults(spec: mujoco.MjSpec, role: str) -> Iterator[str]:
     for name, meaning in (_SITES | _INSTRUMENTS[role]).items():
         site = spec.site(name)
         if site is None:
@@ -128,7 +127,7 @@ def _site_faults(spec: Any, role: str) -> Iterator[str]:
             yield f"<site name={site.name[:40]!r}>: pos must be within ±{_FARTHEST_M:g} m"
 
 
-def _actuator_faults(spec: Any) -> Iterator[str]:
+def _actuator_faults(spec: mujoco.MjSpec) -> Iterator[str]:
     count = len(spec.actuators)
     if not 1 <= count <= effectors.MAX_EFFECTORS:
         yield (
@@ -148,7 +147,7 @@ def _actuator_faults(spec: Any) -> Iterator[str]:
             )
 
 
-def _numeric_faults(spec: Any) -> Iterator[str]:
+def _numeric_faults(spec: mujoco.MjSpec) -> Iterator[str]:
     for name in mjcf.NUMERICS:
         numeric = spec.numeric(name)
         size = None if numeric is None else int(numeric.size)
@@ -167,7 +166,7 @@ def _numeric_faults(spec: Any) -> Iterator[str]:
             yield f"<numeric name={numeric.name[:40]!r}> has no meaning; available: {available}"
 
 
-def _body_faults(spec: Any) -> Iterator[str]:
+def _body_faults(spec: mujoco.MjSpec) -> Iterator[str]:
     hull = spec.body("hull")
     if not hull.explicitinertial or not hull.mass > 0:
         yield (

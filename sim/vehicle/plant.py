@@ -74,7 +74,7 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
     _shift(twist, acceleration, half_step)
     lost = max(
         hydrodynamics.first_row_exceeding(pose, np.inf),
-        hydrodynamics.first_row_exceeding(twist, hydrodynamics.LOST),
+        hydrodynamics.first_row_exceeding(twist, hydrodynamics.DIVERGED),
     )
     if lost >= 0:
         return DIVERGED, lost
