@@ -46,7 +46,7 @@ _GYRO_WALK = 2e-5**2  # [rad²/s³]
 _CURRENT_WALK = 1e-3**2  # [m²/s³]
 
 
-class Belief(NamedTuple):
+class BeaconBelief(NamedTuple):
     """A mixture of Gaussians, its heaviest component first; compiled functions change it in
     place.
     """
@@ -66,7 +66,7 @@ class Belief(NamedTuple):
 
 @compiled
 def predict(
-    b: Belief, errors: tuple[float, float], speed: float, heading: float, time: float
+    b: BeaconBelief, errors: tuple[float, float], speed: float, heading: float, time: float
 ) -> None:
     """One step of odometry, whose mean speed [m/s] and heading [rad] are measured, in a time [s].
 
@@ -108,7 +108,7 @@ def predict(
 
 
 @compiled
-def moments(b: Belief, speed: float, heading: float) -> tuple[Floats, Floats]:
+def moments(b: BeaconBelief, speed: float, heading: float) -> tuple[Floats, Floats]:
     """Mean of x, y, vx, vy over the mixture, at the last readings, and its covariance; NaN if it
     is empty.
     """
@@ -159,7 +159,7 @@ class RangeMeasurement(NamedTuple):
 
 
 @compiled
-def predict_range(b: Belief, k: int, z: RangeMeasurement) -> tuple[float, float, float]:
+def predict_range(b: BeaconBelief, k: int, z: RangeMeasurement) -> tuple[float, float, float]:
     """Predict a range for component k; P Hᵀ goes into `b.gain`.
 
     Second-order terms follow Bar-Shalom, Li & Kirubarajan 2001, Section 10.3.2: ½ tr(F C) in the
@@ -207,7 +207,7 @@ def predict_range(b: Belief, k: int, z: RangeMeasurement) -> tuple[float, float,
 
 
 @compiled
-def update(b: Belief, k: int, z: RangeMeasurement) -> float:
+def update(b: BeaconBelief, k: int, z: RangeMeasurement) -> float:
     """Update component k with a range, unless that is likelier a wrong one; logarithm of its
     density.
     """
@@ -237,7 +237,7 @@ _RING_WEIGHT = 0.01  # of the ring that is added
 
 
 @compiled
-def _split_component(b: Belief, k: int, z: RangeMeasurement) -> None:
+def _split_component(b: BeaconBelief, k: int, z: RangeMeasurement) -> None:
     """Split component k in three along the tangent of the circle about a beacon: means −1, 0, 1,
     weights ¼, ½, ¼ and variance ½ keep the first three moments; the other states follow by their
     covariance.
@@ -269,7 +269,7 @@ def _split_component(b: Belief, k: int, z: RangeMeasurement) -> None:
 
 
 @compiled
-def split(b: Belief, z: RangeMeasurement) -> None:
+def split(b: BeaconBelief, z: RangeMeasurement) -> None:
     """Split every component that is too wide for the circle of a range to be straight."""
     k = 0
     while k < b.alive[0]:
@@ -281,7 +281,7 @@ def split(b: Belief, z: RangeMeasurement) -> None:
 
 
 @compiled
-def prune_and_merge(b: Belief) -> None:
+def prune_and_merge(b: BeaconBelief) -> None:
     """Prune and merge components, keep the heaviest ones, and put the heaviest of all first."""
     count = mixture.prune_and_merge(b, 1, b.alive[0], _LEAST_WEIGHT, KEPT, -1, _SAME)
     top = mixture.heaviest_hypothesis(b, 1, count)
@@ -295,7 +295,7 @@ def prune_and_merge(b: Belief) -> None:
 
 
 @compiled
-def add_ring(b: Belief, z: RangeMeasurement, weight: float, lost: bool) -> None:
+def add_ring(b: BeaconBelief, z: RangeMeasurement, weight: float, lost: bool) -> None:
     """Add a ring of components about a beacon, of a weight where that of all others is 1; nothing
     without room.
 
@@ -334,7 +334,7 @@ def add_ring(b: Belief, z: RangeMeasurement, weight: float, lost: bool) -> None:
 
 
 @compiled
-def receive(b: Belief, z: RangeMeasurement, starter: int) -> bool:
+def receive(b: BeaconBelief, z: RangeMeasurement, starter: int) -> bool:
     """Take a range; whether the heaviest component used it.
 
     With an unknown start each of the first ranges may be the first right one: the ring of the m-th
@@ -439,7 +439,7 @@ compass and drifts.
 """
 
 
-def _allocate(s: BeaconSettings, beacons: int) -> Belief:
+def _allocate(s: BeaconSettings, beacons: int) -> BeaconBelief:
     """A mixture without components, over the states of a number of beacons."""
     shared = [s.start_sigma] * 2 + [
         s.speed_scale_sigma,
@@ -450,7 +450,7 @@ def _allocate(s: BeaconSettings, beacons: int) -> Belief:
     per_beacon = [s.range_offset_sigma, s.survey_sigma, s.survey_sigma]
     fresh = np.square([*shared, s.current_sigma, s.current_sigma, *per_beacon * beacons])
     n = fresh.size
-    return Belief(
+    return BeaconBelief(
         state=np.zeros((CAPACITY, n)),
         covariance=np.zeros((CAPACITY, n, n)),
         weight=np.zeros(CAPACITY),
@@ -465,7 +465,7 @@ def _allocate(s: BeaconSettings, beacons: int) -> Belief:
     )
 
 
-def new_belief(settings: BeaconSettings, start: tuple[float, float] | None) -> Belief:
+def new_belief(settings: BeaconSettings, start: tuple[float, float] | None) -> BeaconBelief:
     """One component at a known start [m], or none; no beacon is known yet."""
     belief = _allocate(settings, 0)
     if start is not None:
@@ -476,8 +476,8 @@ def new_belief(settings: BeaconSettings, start: tuple[float, float] | None) -> B
     return belief
 
 
-def with_beacon(belief: Belief, settings: BeaconSettings) -> Belief:
-    """Belief with fresh states of one more beacon."""
+def with_beacon(belief: BeaconBelief, settings: BeaconSettings) -> BeaconBelief:
+    """BeaconBelief with fresh states of one more beacon."""
     extended = _allocate(settings, belief.variance.size + 1)
     before = belief.states
     # what is not alive stays untouched, and takes no memory
@@ -510,7 +510,7 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
         is known either way.
         """
         super().__init__(settings, start if settings.known_start else None, settings.start_sigma)
-        self._belief: Belief = new_belief(settings, self._start)
+        self._belief: BeaconBelief = new_belief(settings, self._start)
         # number of each beacon by its place, or by its transmitter where that moves
         self._beacons: dict[tuple[float, float] | int, int] = {}
         self._moving = set[int]()

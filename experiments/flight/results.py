@@ -174,7 +174,7 @@ def render(
     number = len(flight.scenario.followers)
     if not 0 <= follower < number:
         raise film.RenderError(f"follower {follower}: expected 0 … {number - 1}")
-    job = film.Job(flight=flight, video=settings, follower=follower)
+    job = film.FilmJob(flight=flight, video=settings, follower=follower)
     if time_s is not None:
         film.still(job, time_s, file)
         return file

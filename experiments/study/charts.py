@@ -13,7 +13,7 @@ import numpy as np
 from experiments.study.design import is_number
 from experiments.study.estimate import NOTHING, Condition, Results, digits
 from experiments.study.measure import METRICS, without_unit
-from experiments.study.plan import ARM, FOLLOWER, Plan, levels, varied
+from experiments.study.plan import ARM, FOLLOWER, StudyPlan, levels, varied
 from laisn.arrays import Floats
 from reports.figures import Line, Panel, numbers, panel, plotly
 from reports.intervals import Interval
@@ -85,7 +85,7 @@ class Layout(NamedTuple):
     panels: tuple[str, ...] = ()
 
 
-def axis_of(plan: Plan, name: str) -> Axis:
+def axis_of(plan: StudyPlan, name: str) -> Axis:
     """An axis for a factor; what is no number stands side by side."""
     values = levels(plan, name)
     if not all(map(is_number, values)):
@@ -95,7 +95,7 @@ def axis_of(plan: Plan, name: str) -> Axis:
     return Axis(name, values, [float(v) for v in values], True, log)
 
 
-def layout_of(plan: Plan) -> Layout:
+def layout_of(plan: StudyPlan) -> Layout:
     """Layout: as the study states, otherwise chosen."""
     report = plan.study.file.report
     keys = [factor.key for factor in plan.study.factors]
@@ -132,7 +132,7 @@ def _few(words: Mapping[float, str]) -> dict[float, str]:
     return dict(itertools.islice(words.items(), None, None, max(1, -(-len(words) // _MOST_TICKS))))
 
 
-def _factors_at(plan: Plan, condition: Condition) -> dict[str, Any]:
+def _factors_at(plan: StudyPlan, condition: Condition) -> dict[str, Any]:
     """The values of factors, arm and follower of a place, by name."""
     return {**plan.points[condition[0]], ARM: condition[1], FOLLOWER: condition[2]}
 
@@ -143,7 +143,9 @@ lines stand for.
 """
 
 
-def _marks(plan: Plan, results: Results, layout: Layout, axis: Axis, base: str) -> dict[str, Marks]:
+def _marks(
+    plan: StudyPlan, results: Results, layout: Layout, axis: Axis, base: str
+) -> dict[str, Marks]:
     """Marks of all places that have a value, by the titles of their panels; see `over_factor`."""
     metric = plan.study.file.report.metric
     differences = results.differences(base, metric) if base else {}
@@ -194,7 +196,7 @@ def _marked_lines(
     return lines
 
 
-def over_factor(plan: Plan, results: Results, layout: Layout, base: str = "") -> Figures:
+def over_factor(plan: StudyPlan, results: Results, layout: Layout, base: str = "") -> Figures:
     """Panels of the report's metric over a factor, with intervals and one scale; none without a
     factor.
 
@@ -232,7 +234,7 @@ def over_factor(plan: Plan, results: Results, layout: Layout, base: str = "") ->
     return Figures(panels=panels, legend=[entry for entry in _legend(kinds) if entry[1] != base])
 
 
-def differences(plan: Plan, results: Results) -> Figures:
+def differences(plan: StudyPlan, results: Results) -> Figures:
     """Paired differences of all arms from the first one over a factor."""
     against, lines, panels = layout_of(plan)
     names = [name for name in (against, lines, *panels) if name not in ("", ARM)]
@@ -241,7 +243,7 @@ def differences(plan: Plan, results: Results) -> Figures:
     )
 
 
-def scatter(plan: Plan, results: Results) -> Figures:
+def scatter(plan: StudyPlan, results: Results) -> Figures:
     """The report's metric over each factor of a sampled design, a mark for each point."""
     lines = ARM if len(plan.arms) > 1 else ""
     drawn = [
@@ -253,7 +255,7 @@ def scatter(plan: Plan, results: Results) -> Figures:
     )
 
 
-def heat_maps(plan: Plan, results: Results, names: Sequence[str]) -> Figures:
+def heat_maps(plan: StudyPlan, results: Results, names: Sequence[str]) -> Figures:
     """Panels of the report's metric over two factors, darker where it is larger in any of them,
     with its values.
     """
@@ -338,7 +340,7 @@ def effect_bars(effects: Mapping[str, Interval]) -> Figures:
     return Figures(panels=[figure])
 
 
-def over_realizations(plan: Plan, results: Results) -> Figures:
+def over_realizations(plan: StudyPlan, results: Results) -> Figures:
     """Share of realizations whose mean is below a value, a panel for each point and follower, a
     line for each arm.
     """
@@ -376,7 +378,7 @@ def over_realizations(plan: Plan, results: Results) -> Figures:
     return Figures(panels=panels, legend=_legend(plan.arms))
 
 
-def over_draws(plan: Plan, results: Results, point: int) -> Figures:
+def over_draws(plan: StudyPlan, results: Results, point: int) -> Figures:
     """The means of the realizations of a point over each number that was drawn, a panel for each
     key.
     """

@@ -16,7 +16,7 @@ from scipy.special import stdtrit
 
 from experiments.campaign.store import Record
 from experiments.study.measure import SHARES
-from experiments.study.plan import ARM, FOLLOWER, Plan, levels, varied
+from experiments.study.plan import ARM, FOLLOWER, StudyPlan, levels, varied
 from laisn.arrays import Floats, Ints
 from reports import intervals
 from reports.intervals import (
@@ -231,7 +231,7 @@ def explained(factor: Floats | Ints, values: Floats) -> Floats:
         return np.asarray((fitted**2).sum(axis=0) / (y**2).sum(axis=0))
 
 
-def _coded(plan: Plan, name: str, values: list[Any]) -> Floats | Ints:
+def _coded(plan: StudyPlan, name: str, values: list[Any]) -> Floats | Ints:
     """What stands for a factor in `explained`: its levels, or of a sampled range the value and
     its square.
     """
@@ -250,7 +250,7 @@ def _limits(resampled: Floats) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def main_effects(plan: Plan, results: Results, metric: str) -> dict[str, Interval]:
+def main_effects(plan: StudyPlan, results: Results, metric: str) -> dict[str, Interval]:
     """First-order Sobol' indices of factors, arms and followers, with bootstrap intervals; largest
     first.
 
@@ -277,7 +277,7 @@ def main_effects(plan: Plan, results: Results, metric: str) -> dict[str, Interva
     return dict(sorted(effects.items(), key=lambda item: (item[0] == INTERACTIONS, -item[1].value)))
 
 
-def _samples(plan: Plan, results: Results, metric: str) -> Floats | None:
+def _samples(plan: StudyPlan, results: Results, metric: str) -> Floats | None:
     """Independent values whose mean each place has, shape (places, n): of the runs of a single
     realization, or of realizations; None where places are missing or have several numbers of them.
     """
@@ -293,7 +293,7 @@ def _samples(plan: Plan, results: Results, metric: str) -> Floats | None:
     return np.array(samples)
 
 
-def _coded_factors(plan: Plan, places: Sequence[Condition]) -> dict[str, Floats | Ints]:
+def _coded_factors(plan: StudyPlan, places: Sequence[Condition]) -> dict[str, Floats | Ints]:
     """What stands for the value of each factor, and of arm and follower if there are several, in
     `explained`: a row for each place.
     """

@@ -15,7 +15,7 @@ from experiments.study.design import is_number
 from experiments.study.estimate import Condition, Results, digits, main_effects, shown
 from experiments.study.file import METRIC, Study
 from experiments.study.measure import METRICS, Metric
-from experiments.study.plan import Entry, Plan, many, varied
+from experiments.study.plan import Entry, StudyPlan, many, varied
 from reports import page as pages
 from reports.intervals import Interval
 from reports.page import Cell, Code, Film, Page, Text, number, words
@@ -36,7 +36,7 @@ _COLUMNS = (
 """Columns of the page's table beside the metric of the report."""
 
 
-def _place_text(plan: Plan, condition: Condition) -> str:
+def _place_text(plan: StudyPlan, condition: Condition) -> str:
     """A place in words: its point, and arm and follower where there are several."""
     parts = []
     if plan.points[condition[0]]:
@@ -65,7 +65,7 @@ def _verdict(difference: Interval, value: float, base: float) -> str:
 
 
 def notable(
-    plan: Plan, results: Results, condition: Condition
+    plan: StudyPlan, results: Results, condition: Condition
 ) -> tuple[tuple[int, int], tuple[int, int]]:
     """Realization and run of the worst and the median run of a place, by the report's metric if
     single runs have it.
@@ -86,7 +86,7 @@ def notable(
     return every[-1][1:], every[(len(every) - 1) // 2][1:]
 
 
-def worst_entry(plan: Plan, results: Results) -> tuple[Entry, int, str]:
+def worst_entry(plan: StudyPlan, results: Results) -> tuple[Entry, int, str]:
     """The scenario, run and follower of the worst run of the worst place."""
 
     def size(condition: Condition) -> float:
@@ -98,7 +98,7 @@ def worst_entry(plan: Plan, results: Results) -> tuple[Entry, int, str]:
     return plan.by_place[condition[0], condition[1], realization], run, condition[2]
 
 
-def commands(plan: Plan, results: Results) -> str:
+def commands(plan: StudyPlan, results: Results) -> str:
     """For every place the commands that fly its worst and its median run alone."""
     lines = []
     for condition in list(results.rows)[:_MOST_COMMANDS]:
@@ -121,7 +121,7 @@ class StudyPage:
     by what happened, `films` its worst run.
     """
 
-    plan: Plan
+    plan: StudyPlan
     results: Results
     failures: Mapping[str, list[Entry]]
     films: Sequence[Film] = ()
@@ -321,7 +321,10 @@ _FORMATS: dict[str, Any] = {
 
 
 def page_of(
-    plan: Plan, results: Results, failures: Mapping[str, list[Entry]], films: Sequence[Film] = ()
+    plan: StudyPlan,
+    results: Results,
+    failures: Mapping[str, list[Entry]],
+    films: Sequence[Film] = (),
 ) -> Page:
     """The page of a study; arguments as of `StudyPage`."""
     page = StudyPage(plan=plan, results=results, failures=failures, films=films)

@@ -78,7 +78,7 @@ class Entry:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan:
+class StudyPlan:
     """All that a study flies."""
 
     study: Study
@@ -109,12 +109,12 @@ class Plan:
         first = entry.scenario.run
         return range(first, first + self.study.runs, self.study.arm(entry.arm).every)
 
-    def part(self, entries: Sequence[Entry], runs: int) -> "Plan":
+    def part(self, entries: Sequence[Entry], runs: int) -> "StudyPlan":
         """The plan of some of the entries with another number of runs."""
         return replace(self, study=replace(self.study, runs=runs), entries=[*entries])
 
 
-def levels(plan: Plan, name: str) -> list[Any]:
+def levels(plan: StudyPlan, name: str) -> list[Any]:
     """All values of a factor, of the arms or of the followers, in their order."""
     if name == ARM:
         return list(plan.arms)
@@ -123,7 +123,7 @@ def levels(plan: Plan, name: str) -> list[Any]:
     return list({repr(point[name]): point[name] for point in plan.points}.values())
 
 
-def varied(plan: Plan) -> list[str]:
+def varied(plan: StudyPlan) -> list[str]:
     """Factors of more than one value."""
     return [factor.key for factor in plan.study.factors if len(levels(plan, factor.key)) > 1]
 
@@ -339,7 +339,7 @@ class _Examination:
         return ", ".join(parts)
 
 
-def plan_of(study: Study, *, quiet: bool = True) -> Plan:
+def plan_of(study: Study, *, quiet: bool = True) -> StudyPlan:
     """Plan a study; StudyError has a line for each error of report, design and scenarios, and
     where it is.
     """
@@ -373,7 +373,7 @@ def plan_of(study: Study, *, quiet: bool = True) -> Plan:
     if errors:
         raise refusal(study.source, errors)
     arms = tuple(study.arms or [ALONE])
-    return Plan(study=study, points=points, arms=arms, entries=examination.entries)
+    return StudyPlan(study=study, points=points, arms=arms, entries=examination.entries)
 
 
 def _number_errors(study: Study, entries: Sequence[Entry]) -> list[str]:

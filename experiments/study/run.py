@@ -23,7 +23,7 @@ from experiments.flight.fly import fly
 from experiments.study.estimate import Results
 from experiments.study.file import Until
 from experiments.study.measure import facts_of, records_of_run
-from experiments.study.plan import Entry, Plan
+from experiments.study.plan import Entry, StudyPlan
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from sim.trajectory import Trajectory
@@ -73,7 +73,7 @@ class Cells(NamedTuple):
 class StudyResults:
     """All that came out of a study, one entry beside another."""
 
-    plan: Plan
+    plan: StudyPlan
     rows: list[Record]
     # one pair for each entry and follower: what it is, and lists over runs by name
     runs: list[tuple[Record, Record]]
@@ -133,7 +133,7 @@ def _of_runs(entry: Entry, follower: int, runs: Sequence[list[Record]]) -> tuple
     return row, lists
 
 
-def _labels(plan: Plan, entry: Entry, follower: int) -> Record:
+def _labels(plan: StudyPlan, entry: Entry, follower: int) -> Record:
     drawn = {draw.key: entry.settings[draw.key] for draw in plan.study.draws}
     name = entry.scenario.followers[follower].name
     where = {"arm": entry.arm, "realization": entry.realization, "follower": name}
@@ -141,7 +141,7 @@ def _labels(plan: Plan, entry: Entry, follower: int) -> Record:
     return {"point": entry.point, **point, **plan.study.case_at(point).labels, **where, **drawn}
 
 
-def _cells(plan: Plan, entry: Entry) -> list[CellPlan]:
+def _cells(plan: StudyPlan, entry: Entry) -> list[CellPlan]:
     """The cells of an entry, one for each follower."""
     study = plan.study
     point = plan.points[entry.point]
@@ -161,7 +161,7 @@ def _cells(plan: Plan, entry: Entry) -> list[CellPlan]:
 
 
 def fly_studies(
-    plans: Sequence[Plan], folder: Path, **options: Unpack[ExecutionOptions]
+    plans: Sequence[StudyPlan], folder: Path, **options: Unpack[ExecutionOptions]
 ) -> list[StudyResults]:
     """Fly studies, which share missions and cells, together, or what is missing of them; as of
     `campaign.fly`.
@@ -193,13 +193,13 @@ class _EntryFlight:
     """What is flown for an entry of a study: cells of one mission, or tasks of a closed loop."""
 
     number: int  # of the study
-    plan: Plan
+    plan: StudyPlan
     entry: Entry
     cells: Sequence[CellPlan]  # one for each follower
     tasks: Mapping[Any, Task]  # one for each run
 
     @classmethod
-    def of(cls, number: int, plan: Plan, entry: Entry) -> Self:
+    def of(cls, number: int, plan: StudyPlan, entry: Entry) -> Self:
         cells: list[CellPlan] = []
         tasks: dict[Any, Task] = {}
         if entry.closed_loop:
@@ -283,7 +283,7 @@ def _next_runs(outcomes: StudyResults) -> int:
 
 
 def fly_until_narrow(
-    plans: Sequence[Plan], folder: Path, **options: Unpack[ExecutionOptions]
+    plans: Sequence[StudyPlan], folder: Path, **options: Unpack[ExecutionOptions]
 ) -> list[StudyResults]:
     """Fly studies with as many runs as their files set: a number, or batches until all intervals
     are narrow enough.

@@ -24,7 +24,7 @@ from experiments.study.estimate import Results, main_effects
 from experiments.study.extras import arms_left_out, installed
 from experiments.study.file import FOLDER, Study, built_in, study_of, table_in
 from experiments.study.measure import METRICS
-from experiments.study.plan import Entry, Plan, many, plan_of
+from experiments.study.plan import Entry, StudyPlan, many, plan_of
 from experiments.study.run import (
     StudyResults,
     fly_further,
@@ -54,7 +54,7 @@ _TRIED = (1, 16, 128)
 _QUICK_S = 2.0  # [s]
 
 
-def _cost(plan: Plan, workers: int) -> tuple[float, float]:
+def _cost(plan: StudyPlan, workers: int) -> tuple[float, float]:
     """Time [s] and bytes of a plan whose entries are all in closed loop, or none of them.
 
     Some missions are flown, and some entries of each, as the study does it, in a folder that is
@@ -124,7 +124,7 @@ def effort_text(study: Study, workers: int) -> str:
     )
 
 
-def findings_of(plan: Plan, results: Results) -> dict[str, Finding]:
+def findings_of(plan: StudyPlan, results: Results) -> dict[str, Finding]:
     """The metric of the report at every place, and the arms' differences from the first of them."""
     metric = plan.study.file.report.metric
     first = plan.arms[0]

@@ -127,11 +127,11 @@ def _film(
     """Film a flight, and write its frames into the log if the scenario asks for it; returns what
     prevented it, without which the other results are complete.
     """
-    from sim.film.render import Job, render
+    from sim.film.render import FilmJob, render
 
     video = flight.scenario.video
     try:
-        frames = render(Job(flight=flight, video=video), path, progress=update)
+        frames = render(FilmJob(flight=flight, video=video), path, progress=update)
     except OSError:
         raise
     except Exception as error:

@@ -42,7 +42,7 @@ class Stroke(NamedTuple):
     dashed: bool = False
 
 
-class Shape(NamedTuple):
+class Polygon(NamedTuple):
     """A filled polygon with corners, shape (n, 2), [px]."""
 
     points: Floats
@@ -114,7 +114,7 @@ class Canvas:
         )
         self._draw(self._lines, box)
 
-    def shapes(self, shapes: Sequence[Shape], box: Area | None = None) -> None:
+    def shapes(self, shapes: Sequence[Polygon], box: Area | None = None) -> None:
         """Draw filled polygons in their order, only inside `box` if given."""
         self._polygons.set_verts([shape.points for shape in shapes])
         self._polygons.set_facecolor([shape.fill for shape in shapes])
@@ -127,13 +127,15 @@ class Canvas:
         collection.set_clip_box(Bbox.from_bounds(left, self.height - top - height, width, height))
         collection.draw(self._renderer)
 
-    def disc(self, at: Floats, radius: float, fill: Colour, edge: Colour | None = None) -> Shape:
+    def disc(self, at: Floats, radius: float, fill: Colour, edge: Colour | None = None) -> Polygon:
         """A disc about `at`, shape (2,)."""
-        return Shape(at + radius * self.scale * _CIRCLE, fill, edge)
+        return Polygon(at + radius * self.scale * _CIRCLE, fill, edge)
 
-    def diamond(self, at: Floats, radius: float, fill: Colour, edge: Colour | None = None) -> Shape:
+    def diamond(
+        self, at: Floats, radius: float, fill: Colour, edge: Colour | None = None
+    ) -> Polygon:
         """A square on its corner about `at`, shape (2,)."""
-        return Shape(at + radius * self.scale * _DIAMOND, fill, edge)
+        return Polygon(at + radius * self.scale * _DIAMOND, fill, edge)
 
     def image(self, rgba: Bytes, left: int, top: int) -> None:
         """Lay an image with straight alpha over the frame, bottom row first, shape (h, w, 4)."""

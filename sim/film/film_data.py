@@ -147,7 +147,7 @@ class FrameState:
 
 
 class FilmData:
-    """A flight, ready to be filmed; see `Job`. `speed_up` are seconds of mission in a second of
+    """A flight, ready to be filmed; see `FilmJob`. `speed_up` are seconds of mission in a second of
     film.
     """
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from laisn.arrays import Floats
 from sim.film.cameras import Shot, View
-from sim.film.canvas import PALE, Area, Canvas, Colour, Shape, Stroke, corners
+from sim.film.canvas import PALE, Area, Canvas, Colour, Polygon, Stroke, corners
 from sim.film.dashboard import SIGMAS, Dashboard, Trail, round_length
 from sim.film.film_data import (
     ESTIMATE,
@@ -210,12 +210,14 @@ class Overlay:
                 for pixels, _ in self._lines(view, box, ring):
                     yield Stroke(pixels, (*ESTIMATE, 0.3 + 0.6 * weight), 1.5)
 
-    def _markers(self, state: FrameState, view: View, box: Box) -> tuple[list[Stroke], list[Shape]]:
+    def _markers(
+        self, state: FrameState, view: View, box: Box
+    ) -> tuple[list[Stroke], list[Polygon]]:
         """Transmitters, stations, estimates and hydrophones, and dashed lines between what
         belongs together.
         """
         c = self.canvas
-        shapes = list[Shape]()
+        shapes = list[Polygon]()
         links = [level_axis(state)] if self._level_axis else []
         links += [nearest(state.position)] if self._data.on_stations else []
         colours = self._added.ray_colours(state.message[self._follower])
@@ -396,7 +398,7 @@ def draw_plates(canvas: Canvas, texts: Sequence[tuple[str, Colour, float, float]
     extents = [canvas.extent(words, -_LABEL_SIZE) for words, *_ in texts]
     canvas.shapes(
         [
-            Shape(corners((left, top, width + 2 * gap, height + 2 * gap)), _LABEL_GROUND)
+            Polygon(corners((left, top, width + 2 * gap, height + 2 * gap)), _LABEL_GROUND)
             for (_, _, left, top), (width, height) in zip(texts, extents, strict=True)
         ]
     )

@@ -64,7 +64,7 @@ class RendererDiedError(RuntimeError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Job:
+class FilmJob:
     """What is filmed."""
 
     flight: Flight
@@ -89,7 +89,7 @@ class Job:
 class FrameRenderer:
     """Scene, cameras and overlay of one film, put together."""
 
-    def __init__(self, job: Job, scene: GlScene) -> None:
+    def __init__(self, job: FilmJob, scene: GlScene) -> None:
         video = job.video
         self._data = FilmData(job.flight, video.speed_up, job.follower, job.annotations)
         self._cameras = CameraRig(self._data, video.width_px / video.height_px)
@@ -138,7 +138,7 @@ def encode(frames: Iterable[Bytes], video: Video) -> Iterator[bytes]:
     yield from (bytes(packet) for packet in codec.encode(None))
 
 
-def _send(results: Callable[[Job, Callable[[float], Bytes]], Iterable[object]]) -> None:
+def _send(results: Callable[[FilmJob, Callable[[float], Bytes]], Iterable[object]]) -> None:
     """Compute results from the job, pickled on standard input, and its frames; pickle them to
     standard output.
     """
@@ -156,7 +156,7 @@ def main(worker: int, workers: int) -> None:
     access units).
     """
 
-    def groups(job: Job, frame: Callable[[float], Bytes]) -> Iterator[tuple[int, list[bytes]]]:
+    def groups(job: FilmJob, frame: Callable[[float], Bytes]) -> Iterator[tuple[int, list[bytes]]]:
         for group in range(worker, job.groups, workers):
             times = job.times[group * GROUP : (group + 1) * GROUP].tolist()
             yield group, list(encode(map(frame, times), job.video))
@@ -178,7 +178,7 @@ def _check_file(path: Path, suffix: str) -> None:
         raise RenderError(f"the folder {path.resolve().parent} does not exist")
 
 
-def _results(job: Job, programs: Sequence[str]) -> Generator[Any, None, None]:
+def _results(job: FilmJob, programs: Sequence[str]) -> Generator[Any, None, None]:
     """Results of child processes as they arrive; none outlives the generator. RendererDiedError:
     one died.
     """
@@ -238,7 +238,7 @@ def _read(child: Any, log: IO[bytes], content: bytes, results: SimpleQueue[Any])
 
 
 def render(
-    job: Job, path: Path, *, workers: int = 2, progress: Callable[[float], None] | None = None
+    job: FilmJob, path: Path, *, workers: int = 2, progress: Callable[[float], None] | None = None
 ) -> list[tuple[float, bytes]]:
     """Film a flight: H.264 in MP4, yuv420p, index first. The file appears when it is whole.
 
@@ -295,7 +295,7 @@ def _write_mp4(path: Path, units: Sequence[bytes], video: Video) -> None:
             target.mux(packet)
 
 
-def still(job: Job, time_s: float, path: Path) -> None:
+def still(job: FilmJob, time_s: float, path: Path) -> None:
     """The frame at a mission time [s] as a file that ends in .png; an existing one is overwritten.
 
     Raises:

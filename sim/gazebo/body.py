@@ -9,7 +9,7 @@ from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from sim.gazebo.buoyancy import FileWater
 from sim.gazebo.document import Remarks, child_number, child_text, is_true, numbers
-from sim.gazebo.frames import Model, local_pose
+from sim.gazebo.frames import SdfModel, local_pose
 
 WATER = 1000.0  # density of collisions of <inertial auto="true"> without any [kg/m³]
 
@@ -35,7 +35,7 @@ class Share:
 
 
 @dataclass(frozen=True)
-class Hull:
+class SdfHull:
     """The links as one body."""
 
     shares: list[Share]
@@ -48,7 +48,7 @@ class Hull:
     has_mesh: bool
 
 
-def hull_of(model: Model, water: FileWater, remarks: Remarks) -> Hull:
+def hull_of(model: SdfModel, water: FileWater, remarks: Remarks) -> SdfHull:
     """The links of the outermost model and of those nested in it as one body.
 
     LaisnError if a number cannot be read, or the links have no mass.
@@ -86,7 +86,7 @@ def _joined(
     centres: list[Floats],
     corners: list[Floats],
     has_mesh: bool,
-) -> Hull:
+) -> SdfHull:
     masses = np.array([share.mass for share in shares])
     mass = float(masses.sum())
     if not mass > 0.0:
@@ -106,7 +106,7 @@ def _joined(
         size = box[:, 1].max(axis=0) - box[:, 0].min(axis=0)
     else:
         size = _size_of(mass, inertia)
-    return Hull(shares, mass, centre, inertia, volume, buoyancy_centre, size, has_mesh)
+    return SdfHull(shares, mass, centre, inertia, volume, buoyancy_centre, size, has_mesh)
 
 
 def _size_of(mass: float, inertia: Floats) -> Floats:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
 from sim.gazebo.document import Parameters, Remarks, child_number, numbers, plugins_of
-from sim.gazebo.frames import Model
+from sim.gazebo.frames import SdfModel
 from sim.water.waves import GRAVITY
 
 DEFAULT_DENSITY = 1000.0  # of gz-sim's Buoyancy [kg/m³]
@@ -19,14 +19,14 @@ class FileWater:
     source: str
     enabled: frozenset[str] = frozenset()  # names of models and links with buoyancy; empty: all
 
-    def displaces(self, model: Model, link: str) -> bool:
+    def displaces(self, model: SdfModel, link: str) -> bool:
         """Whether a link has buoyancy."""
         path = model.path()
         outer = {"::".join(path[: i + 1]) for i in range(len(path))}
         return not self.enabled or bool(self.enabled & (outer | {"::".join([*path, link])}))
 
 
-def water_of(root: Element, model: Model, remarks: Remarks) -> FileWater:
+def water_of(root: Element, model: SdfModel, remarks: Remarks) -> FileWater:
     """Density by the world's Buoyancy plugin, else by <water_density> of Hydrodynamics, else that
     of gz-sim.
     """

@@ -12,7 +12,7 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from sim.gazebo.document import Parameters, Remarks, child_number, child_text, plugins_of
-from sim.gazebo.frames import Model
+from sim.gazebo.frames import SdfModel
 
 AIR = 1.2041  # density of LiftDrag without <air_density> [kg/m³]
 ASSUMED_ANGLE = 0.35  # of a fin without limits, either way [rad]
@@ -33,7 +33,7 @@ class Fin:
     parameters: tuple[float, ...]
 
 
-def fins_of(model: Model, density: float, nose: Floats, remarks: Remarks) -> list[Fin]:
+def fins_of(model: SdfModel, density: float, nose: Floats, remarks: Remarks) -> list[Fin]:
     """All fins of a model and of those nested in it.
 
     Args:
@@ -57,7 +57,7 @@ def fins_of(model: Model, density: float, nose: Floats, remarks: Remarks) -> lis
 
 
 def _read(
-    scope: Model, parameters: Parameters, density: float, nose: Floats, remarks: Remarks
+    scope: SdfModel, parameters: Parameters, density: float, nose: Floats, remarks: Remarks
 ) -> Fin | None:
     name = parameters.text("link_name")
     target = scope.find_link(name)
@@ -146,7 +146,7 @@ def _unit(vector: Floats, name: str) -> Floats:
 
 
 def _hinge(
-    model: Model, link: str, nose: Floats, upward: Floats, remarks: Remarks
+    model: SdfModel, link: str, nose: Floats, upward: Floats, remarks: Remarks
 ) -> tuple[float, tuple[float, float] | None]:
     """The sense in which a positive angle pushes along `upward`, and the limits of the joint."""
     scopes = [model]
@@ -168,7 +168,7 @@ def _hinge(
     return 1.0, None
 
 
-def _limits(model: Model, name: str, remarks: Remarks) -> tuple[float, float]:
+def _limits(model: SdfModel, name: str, remarks: Remarks) -> tuple[float, float]:
     limit = model.joints[name].find("axis/limit")
     low = -np.inf if limit is None else child_number(limit, "lower", -np.inf, np.inf)
     high = np.inf if limit is None else child_number(limit, "upper", np.inf, np.inf)

@@ -52,15 +52,15 @@ def relative_to(element: Element, default: str) -> str:
 
 
 @dataclass(eq=False)
-class Model:
+class SdfModel:
     """A model with its links, joints, frames and nested models by name."""
 
     element: Element
-    parent: "Model | None" = None
+    parent: "SdfModel | None" = None
     links: dict[str, Element] = field(default_factory=dict)
     joints: dict[str, Element] = field(default_factory=dict)
     frames: dict[str, Element] = field(default_factory=dict)
-    models: dict[str, "Model"] = field(default_factory=dict)
+    models: dict[str, "SdfModel"] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Gather the parts; LaisnError if two have one name."""
@@ -69,7 +69,7 @@ class Model:
             parts = {"link": self.links, "joint": self.joints, "frame": self.frames}
             if child.tag == "model":
                 self._require_new(name)
-                self.models[name] = Model(child, self)
+                self.models[name] = SdfModel(child, self)
             elif child.tag in parts:
                 self._require_new(name)
                 parts[child.tag][name] = child
@@ -89,7 +89,7 @@ class Model:
             return [self.name]
         return [*self.parent.path(), self.name]
 
-    def all_models(self) -> "list[Model]":
+    def all_models(self) -> "list[SdfModel]":
         """The model and those nested in it, at any depth."""
         return [self, *(inner for model in self.models.values() for inner in model.all_models())]
 
@@ -150,7 +150,7 @@ class Model:
             return model.pose_in_parent(chain) @ model.pose_in_model(rest)
         return self.pose_in_model(outer, chain) @ local_pose(element)
 
-    def find_link(self, name: str) -> "tuple[Model, str] | None":
+    def find_link(self, name: str) -> "tuple[SdfModel, str] | None":
         """The link of a name, also of a frame that is attached to it or of a nested model's, with
         its model.
         """

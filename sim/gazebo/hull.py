@@ -24,7 +24,7 @@ from sim.gazebo.document import (
     read_document,
     uuv_advice,
 )
-from sim.gazebo.frames import Model
+from sim.gazebo.frames import SdfModel
 from sim.vehicle.hull_file import EffectorPart, HullFile, Number
 from sim.water.waves import GRAVITY
 
@@ -121,7 +121,7 @@ def from_sdf(text: str, folder: Path | None = None) -> tuple[HullFile, list[str]
     ), remarks.sentences()
 
 
-def _chosen_model(root: Element, remarks: Remarks) -> Model:
+def _chosen_model(root: Element, remarks: Remarks) -> SdfModel:
     """The first model with a Hydrodynamics plugin; LaisnError if there is none, or it is fixed."""
     candidates = [*root.findall("model"), *root.findall("world/model")]
     with_plugin = [
@@ -134,7 +134,7 @@ def _chosen_model(root: Element, remarks: Remarks) -> Model:
         raise LaisnError(_no_model(root))
     if len(with_plugin) > 1:
         remarks.add(f"only the first of {len(with_plugin)} models is read")
-    model = Model(with_plugin[0])
+    model = SdfModel(with_plugin[0])
     if is_true(child_text(with_plugin[0], "static")):
         raise LaisnError(f"model {model.name!r} is <static>: it does not move")
     return model
@@ -155,7 +155,7 @@ def _no_model(root: Element) -> str:
     return text
 
 
-def _reference(model: Model) -> Floats:
+def _reference(model: SdfModel) -> Floats:
     """Origin of the link of the first Hydrodynamics plugin, in the model [m]."""
     for scope in model.all_models():
         for plugin in scope.element.findall("plugin"):
@@ -164,7 +164,7 @@ def _reference(model: Model) -> Floats:
     raise AssertionError("the model was chosen for its plugin")
 
 
-def _turn(hull: body.Hull, pushers: list[thrusters.Thruster], remarks: Remarks) -> Floats:
+def _turn(hull: body.SdfHull, pushers: list[thrusters.Thruster], remarks: Remarks) -> Floats:
     """From the model's axes to the body's, whose x points to the nose.
 
     The nose is at +x, unless a slender hull lies along another axis, or all propellers that push
@@ -218,7 +218,7 @@ def _default_thrust(
 
 
 def _remark_on_moved(
-    coefficients: list[hydrodynamics.Coefficients],
+    coefficients: list[hydrodynamics.LinkCoefficients],
     origin: Floats,
     turn: Floats,
     remarks: Remarks,
@@ -240,7 +240,9 @@ def _remark_on_moved(
         remarks.add(text)
 
 
-def _remark_on_rest(model: Model, propellers: set[str], moving: set[str], remarks: Remarks) -> None:
+def _remark_on_rest(
+    model: SdfModel, propellers: set[str], moving: set[str], remarks: Remarks
+) -> None:
     """Joints, links, sensors and plugins that are not used."""
     sensors = 0
     others: list[str] = []
@@ -267,10 +269,10 @@ def _remark_on_rest(model: Model, propellers: set[str], moving: set[str], remark
         remarks.add(f"plugins that are not read: {names}")
 
 
-def _remark_on_loose_links(model: Model, remarks: Remarks) -> None:
+def _remark_on_loose_links(model: SdfModel, remarks: Remarks) -> None:
     """Links that no joint holds, which Gazebo would let go."""
     joined: set[tuple[int, str]] = set()
-    links: list[tuple[Model, str]] = []
+    links: list[tuple[SdfModel, str]] = []
     for scope in model.all_models():
         links += [(scope, name) for name in scope.links]
         for joint in scope.joints.values():
@@ -283,7 +285,7 @@ def _remark_on_loose_links(model: Model, remarks: Remarks) -> None:
             remarks.of("link", name, "no joint holds it; fixed to the hull here")
 
 
-def _buoyancy(hull: body.Hull, water: buoyancy.FileWater, remarks: Remarks) -> tuple[float, str]:
+def _buoyancy(hull: body.SdfHull, water: buoyancy.FileWater, remarks: Remarks) -> tuple[float, str]:
     """Buoyancy [N] in water of the file's density, and where it comes from."""
     force = water.density * hull.volume * GRAVITY
     weight = hull.mass * GRAVITY
@@ -297,7 +299,7 @@ def _buoyancy(hull: body.Hull, water: buoyancy.FileWater, remarks: Remarks) -> t
 
 
 def _numerics(
-    hull: body.Hull,
+    hull: body.SdfHull,
     water: buoyancy.FileWater,
     matrices: hydrodynamics.Matrices,
     coriolis: float,

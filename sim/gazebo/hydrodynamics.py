@@ -13,9 +13,9 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
-from sim.gazebo.body import Hull
+from sim.gazebo.body import SdfHull
 from sim.gazebo.document import Parameters, Remarks, plugins_of
-from sim.gazebo.frames import Model
+from sim.gazebo.frames import SdfModel
 
 FORCES = "xyzkmn"
 RATES = "UVWPQR"
@@ -25,7 +25,7 @@ _TETHYS_DEFAULTS = {"xU": 20.0, "yV": 20.0, "zW": 20.0, "kP": 20.0, "mQ": 20.0, 
 
 
 @dataclass(frozen=True)
-class Coefficients:
+class LinkCoefficients:
     """What the water does to one link, in its frame, about its origin.
 
     The wrench is −A ν' − C_A(ν) ν − D ν − Σ Q[i, j, k] |ν_k| ν_j.
@@ -48,13 +48,15 @@ class Matrices:
     quadratic: Floats
 
 
-def coefficients_of(model: Model, hull: Hull, remarks: Remarks) -> tuple[list[Coefficients], float]:
+def coefficients_of(
+    model: SdfModel, hull: SdfHull, remarks: Remarks
+) -> tuple[list[LinkCoefficients], float]:
     """Coefficients by link, and the factor of Coriolis and Munk terms, 0 or 1.
 
     LaisnError if a plugin's link is missing, a number cannot be read, or damping would drive the
     hull.
     """
-    by_link = [Coefficients(s.frame, s.added_mass) for s in hull.shares if s.added_mass.any()]
+    by_link = [LinkCoefficients(s.frame, s.added_mass) for s in hull.shares if s.added_mass.any()]
     has_fluid = bool(by_link)
     disabled = []
     for scope in model.all_models():
@@ -99,8 +101,8 @@ def _coriolis_factor(has_fluid: bool, disabled: list[bool], remarks: Remarks) ->
 
 
 def _read_plugin(
-    scope: Model, plugin: Element, is_tethys: bool, remarks: Remarks
-) -> tuple[Coefficients, bool]:
+    scope: SdfModel, plugin: Element, is_tethys: bool, remarks: Remarks
+) -> tuple[LinkCoefficients, bool]:
     """Coefficients of one plugin, and whether it has Coriolis terms."""
     parameters = Parameters(plugin, "Hydrodynamics", remarks)
     link = parameters.text("link_name")
@@ -133,7 +135,7 @@ def _read_plugin(
     )
     parameters.close()
     mean = -(added + added.T) / 2.0
-    return Coefficients(scope.pose_of(link), mean, -linear, quadratic), has_coriolis
+    return LinkCoefficients(scope.pose_of(link), mean, -linear, quadratic), has_coriolis
 
 
 def _derivatives(parameters: Parameters, form: str) -> Floats:
@@ -213,7 +215,7 @@ def _quadratic(parameters: Parameters, is_tethys: bool, remarks: Remarks) -> Flo
     return damping
 
 
-def about_point(coefficients: list[Coefficients], turn: Floats, point: Floats) -> Matrices:
+def about_point(coefficients: list[LinkCoefficients], turn: Floats, point: Floats) -> Matrices:
     """The sum of all links' coefficients about one point.
 
     Added mass and linear damping are moved and turned exactly. Quadratic damping is that of motions

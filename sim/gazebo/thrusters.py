@@ -7,7 +7,7 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from sim.gazebo.document import Parameters, Remarks, child_text, plugins_of
-from sim.gazebo.frames import Model
+from sim.gazebo.frames import SdfModel
 
 GAZEBO_LIMIT = 1000.0  # of a command without limits, either way [N] or [rad/s]
 _ROTATION = ("thrust_coefficient", "fluid_density", "propeller_diameter")
@@ -27,7 +27,7 @@ class Thruster:
     largest: float | None
 
 
-def thrusters_of(model: Model, remarks: Remarks) -> list[Thruster]:
+def thrusters_of(model: SdfModel, remarks: Remarks) -> list[Thruster]:
     """All thrusters of a model and of those nested in it; LaisnError if a joint is missing."""
     return [
         _read(scope, Parameters(plugin, "Thruster", remarks), remarks)
@@ -36,7 +36,7 @@ def thrusters_of(model: Model, remarks: Remarks) -> list[Thruster]:
     ]
 
 
-def _read(scope: Model, parameters: Parameters, remarks: Remarks) -> Thruster:
+def _read(scope: SdfModel, parameters: Parameters, remarks: Remarks) -> Thruster:
     name = parameters.text("joint_name")
     joint = scope.joints.get(name)
     target = None if joint is None else scope.find_link(child_text(joint, "child"))

@@ -35,7 +35,7 @@ from mcap.writer import CompressionType, Writer
 
 from laisn.arrays import Floats, Ints
 from laisn.errors import LaisnError
-from sim.log.frames import MAGIC, Damage, DamagedAttachment, Salvage, Summary, records_of
+from sim.log.frames import MAGIC, Damage, DamagedAttachment, Salvage, SummarySection, records_of
 from sim.log.schema import Clock, fixed_layout, message_class_of
 from sim.scenario import file as scenario_file
 from sim.system import atomic_write
@@ -353,7 +353,7 @@ def holds_messages(path: Path) -> bool:
 class _Copy:
     """A finished log that grows from the intact records of a damaged one."""
 
-    def __init__(self, stream: IO[bytes], summary: Summary) -> None:
+    def __init__(self, stream: IO[bytes], summary: SummarySection) -> None:
         # the library's own writer keeps all that a record holds
         self._writer = Writer(
             stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True

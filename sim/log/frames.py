@@ -142,7 +142,7 @@ class DamagedAttachment:
 
 
 @dataclass
-class Summary:
+class SummarySection:
     """What stands behind the data of a finished file; empty if that is damaged."""
 
     start: int = 0  # byte
@@ -180,7 +180,7 @@ def _summary_at(data: Bytes, start: int, footer: Footer) -> list[McapRecord]:
     return [record for record in _framed(data[start:footer_at]) if record is not None]
 
 
-def summary_of(data: Bytes) -> Summary:
+def summary_of(data: Bytes) -> SummarySection:
     """The summary of a file, if it is intact.
 
     Where bytes before it were lost or added, it stands behind the last end of data, and its
@@ -189,18 +189,18 @@ def summary_of(data: Bytes) -> Summary:
     size = len(data)
     try:
         if size < _FOOTER_BYTES or data[size - len(MAGIC) :] != MAGIC:
-            return Summary()
+            return SummarySection()
         footer_at = size - _FOOTER_BYTES
         footer = Footer.read(ReadDataStream(BytesIO(data[footer_at + _HEAD.size :])))
         if records := _summary_at(data, footer.summary_start, footer):
-            return Summary(footer.summary_start, records)
+            return SummarySection(footer.summary_start, records)
         start = data.rfind(_HEAD.pack(Opcode.DATA_END, 4)) + _DATA_END_BYTES
         described = (Schema, Channel, Statistics)
         moved = _summary_at(data, start, footer)
-        return Summary(0, [record for record in moved if isinstance(record, described)])
+        return SummarySection(0, [record for record in moved if isinstance(record, described)])
     except Exception:
         # foreign bytes make the library fail in many ways
-        return Summary()
+        return SummarySection()
 
 
 def _framed(data: bytes) -> Iterator[McapRecord | None]:
@@ -226,7 +226,7 @@ def _chunk_frame(data: Bytes, at: int) -> bool:
     return bool(_CHUNK_FIELDS + name + stored == length)
 
 
-def _next_record(data: Bytes, after: int, summary: Summary) -> int | None:
+def _next_record(data: Bytes, after: int, summary: SummarySection) -> int | None:
     """Byte of the next record that can be found behind a broken one."""
     indexed = next((at for at in summary.offsets if at > after), None)
     limit = len(data) if indexed is None else min(len(data), indexed + _COMPRESSION_AT)

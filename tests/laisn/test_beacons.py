@@ -20,9 +20,9 @@ from laisn.beacons import (
     SCALE,
     SHARED,
     SPEED,
+    BeaconBelief,
     BeaconNavigator,
     BeaconSettings,
-    Belief,
     RangeMeasurement,
     X,
     Y,
@@ -52,7 +52,9 @@ def ranging(
     )
 
 
-def belief(settings: BeaconSettings = ALL_ON, place: tuple[float, float] = (3.0, -4.0)) -> Belief:
+def belief(
+    settings: BeaconSettings = ALL_ON, place: tuple[float, float] = (3.0, -4.0)
+) -> BeaconBelief:
     """A belief with one beacon and errors that are correlated with each other."""
     made = with_beacon(new_belief(settings, place), settings)
     n = made.fresh.size
@@ -62,7 +64,7 @@ def belief(settings: BeaconSettings = ALL_ON, place: tuple[float, float] = (3.0,
     return made
 
 
-def with_covariance(made: Belief, covariance: Floats) -> Belief:
+def with_covariance(made: BeaconBelief, covariance: Floats) -> BeaconBelief:
     made.covariance[0] = covariance
     return made
 
@@ -162,7 +164,7 @@ def test_far_away_it_is_the_linear_filter_of_filterpy() -> None:
     np.testing.assert_allclose(made.covariance[0], other.P, atol=1e-9)
 
 
-def mixture_moments(b: Belief) -> tuple[Floats, Floats]:
+def mixture_moments(b: BeaconBelief) -> tuple[Floats, Floats]:
     k = b.alive[0]
     weight, state = b.weight[:k] / b.weight[:k].sum(), b.state[:k]
     mean = weight @ state

@@ -13,7 +13,7 @@ from PIL import Image
 
 from experiments.flight.library import load_scenario
 from sim.assembly import routes_of
-from sim.film.render import Job
+from sim.film.render import FilmJob
 from sim.flight import Flight
 from tests import synthetic
 from tools.documents import draw
@@ -42,7 +42,7 @@ def test_it_is_the_film_of_a_stretch_from_above(
 ) -> None:
     filmed: list[tuple[Flight, Any]] = []
 
-    def render(job: Job, path: Path) -> None:
+    def render(job: FilmJob, path: Path) -> None:
         video = job.video
         filmed.append((job.flight, video))
         with av.open(str(path), "w") as film:

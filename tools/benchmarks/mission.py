@@ -17,7 +17,7 @@ from experiments.flight.library import load_scenario
 from laisn.compiled import call_address, compiled
 from sim.assembly import routes_of, setups_of
 from sim.film import graphics, render
-from sim.film.render import Job
+from sim.film.render import FilmJob
 from sim.log import writer
 from sim.log.contents import Contents
 from sim.scenario.settings import Follower, Scenario
@@ -161,7 +161,7 @@ def film() -> list[Row]:
     begin = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "film.mp4"
-        job = Job(flight=flight, video=paced)
+        job = FilmJob(flight=flight, video=paced)
         render.render(job, path, progress=lambda done: marks.append((time.perf_counter(), done)))
     seconds = time.perf_counter() - begin
     first, already = marks[0]

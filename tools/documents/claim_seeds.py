@@ -9,7 +9,7 @@ from typing import Any, Unpack
 
 from experiments.campaign.campaign import ExecutionOptions
 from experiments.studies.reproduce import findings as claims
-from experiments.studies.reproduce.findings import CLAIMS, JUDGED, Figures, Verdict
+from experiments.studies.reproduce.findings import CLAIMS, JUDGED, MetricValues, Verdict
 from experiments.study.file import built_in, study_of
 from experiments.study.plan import plan_of
 from experiments.study.run import fly_further, fly_studies
@@ -71,7 +71,7 @@ def run(
         plans["tables"] = whole.part(judged, runs)
         outcomes = dict(zip(plans, fly_studies([*plans.values()], folder, **options), strict=True))
         fly_further(outcomes, claims.further_runs, folder, **options)
-        verdicts[seed] = [
-            ours.verdict for _, ours, _ in claims.judge(Figures.of(outcomes), claims.published())
-        ]
+        values = MetricValues.of(outcomes)
+        judged = claims.judge(values, claims.published())
+        verdicts[seed] = [ours.verdict for _, ours, _ in judged]
     findings_of(verdicts).write(folder / FILE)

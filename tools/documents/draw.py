@@ -21,7 +21,7 @@ from reports.figures import Line, Panel
 from reports.flight_figures import error_parts
 from reports.style import INK, SERIES, Legend
 from sim.film import render
-from sim.film.render import Job
+from sim.film.render import FilmJob
 from sim.flight import Flight, excerpt, position_and_bearing_errors
 from sim.simulation import simulate_motion
 from tools.documents import architecture, drawing, physics, route_keeping, study_pictures, terms
@@ -81,7 +81,7 @@ def photograph(name: str, flight: Flight, time: float, camera: str) -> None:
     )
     with tempfile.TemporaryDirectory() as folder:
         picture = Path(folder) / "still.png"
-        render.still(Job(flight=flight, video=video), time, picture)
+        render.still(FilmJob(flight=flight, video=video), time, picture)
         Image.open(picture).convert("RGB").save(
             FOLDER / f"{name}.jpg", quality=84, optimize=True, progressive=True
         )
@@ -103,7 +103,7 @@ def moving_picture(name: str, flight: Flight, span: tuple[float, float]) -> None
     )
     with tempfile.TemporaryDirectory() as folder:
         film = Path(folder) / "film.mp4"
-        render.render(Job(flight=section, video=video), film)
+        render.render(FilmJob(flight=section, video=video), film)
         first, *others = frames(film)
     path = FOLDER / f"{name}.webp"
     step = round(1000 / FRAMES_HZ)

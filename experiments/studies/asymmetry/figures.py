@@ -26,7 +26,7 @@ from experiments.studies.asymmetry.findings import (
     select,
 )
 from experiments.studies.asymmetry.fix_map import MAP, Chart
-from experiments.study.plan import Plan
+from experiments.study.plan import StudyPlan
 from experiments.study.run import StudyResults
 from laisn.arrays import Bools, Floats
 from laisn.settings import NavigationSettings
@@ -38,7 +38,7 @@ from reports.page import Cell, Code, Figures, share_of
 from reports.range_budget import Cause, RangeErrorBudget, range_error_budget
 from reports.style import FULL, INK, MUTED, SERIES, Colour
 from sim.film.film_data import Annotations, OtherEstimate, RayErrors
-from sim.film.render import Job, render
+from sim.film.render import FilmJob, render
 from sim.flight import Flight, excerpt, navigate
 from sim.scenario.file import assigned, validate
 from sim.scenario.settings import Scenario, Video
@@ -338,7 +338,7 @@ class Example:
     step: int  # recorded point of a message with a large pitch at a short range
 
 
-def fly_example(plan: Plan) -> Example:
+def fly_example(plan: StudyPlan) -> Example:
     """Simulate the example of a plan of the study, and take its range errors apart."""
     points = [
         i for i, p in enumerate(plan.points) if (p["case"], p["offset_m"]) == (EXAMPLE, OFFSET_M)
@@ -421,7 +421,7 @@ def film(values: Mapping[str, Any], folder: Path, video: Video = VIDEO) -> Path:
     """
     flight, added = scene(values["example"])
     path = folder / "film.mp4"
-    render(Job(flight=flight, video=video, annotations=added), path)
+    render(FilmJob(flight=flight, video=video, annotations=added), path)
     return path
 
 
@@ -496,8 +496,8 @@ def of_missions(
             panels=[excess_over_lever(two)],
             legend=[(colour, CAUSES[cause]) for cause, colour in CAUSE_COLOURS.items()],
         ),
-        "missed_paired": paired_verdicts.count(findings.Verdict.MISSED),
-        "open_paired": paired_verdicts.count(findings.Verdict.OPEN),
+        "missed_paired": paired_verdicts.count(findings.RemedyVerdict.MISSED),
+        "open_paired": paired_verdicts.count(findings.RemedyVerdict.OPEN),
         "missions": missions,
         "conditions": list(dict.fromkeys(m.real["condition"] for m in missions)),
         "offsets_m": sorted({m.real["depth_offset_m"] for m in missions}),

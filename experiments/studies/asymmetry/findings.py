@@ -74,7 +74,7 @@ QUESTIONS = tuple(OF_RUNS)
 JUDGEMENTS = (*((arm, LEVEL) for arm in REMEDIES), (READINGS, LEVEL_BROADCAST))
 
 
-class Verdict(StrEnum):
+class RemedyVerdict(StrEnum):
     """Judgement of one remedy on one mission."""
 
     MET = "met"
@@ -83,10 +83,10 @@ class Verdict(StrEnum):
     NO_HARM = "no harm shown"
 
 
-class Judgement(NamedTuple):
+class RemedyJudgement(NamedTuple):
     """A verdict and what it rests on."""
 
-    verdict: Verdict
+    verdict: RemedyVerdict
     runs: int  # number of runs after which it fell, or on which the question is still open
     # open, but settled by more runs, up to the last look, if the mean stayed about as it is
     promising: bool = False
@@ -96,7 +96,7 @@ class Judgement(NamedTuple):
 
 def judge(
     added: Floats, remaining: Floats, share: float, looks: Sequence[int], free: Bools | None = None
-) -> Judgement:
+) -> RemedyJudgement:
     """Judge after each look until the question is settled; each look has its part of the chance of
     a wrong verdict.
 
@@ -111,14 +111,16 @@ def judge(
         return intervals.mean_interval(values[:runs], free[:runs], confidence)
 
     if not interval(added, looks[0], 1.0 - 2.0 * WRONG).low > 0.0:
-        return Judgement(Verdict.NO_HARM, looks[0])
+        return RemedyJudgement(RemedyVerdict.NO_HARM, looks[0])
     confidence = 1.0 - 2.0 * (_OF_LOCKS if free is None else _OF_ERRORS) / len(looks)
-    judgement = Judgement(Verdict.OPEN, looks[0])
+    judgement = RemedyJudgement(RemedyVerdict.OPEN, looks[0])
     slack = _REACH / float(ndtri((1.0 + confidence) / 2.0))
     for runs in (look for look in looks if look <= added.size):
         rest = interval(remaining - (1.0 - share) * added, runs, confidence)
         if rest.high <= 0.0 or rest.low > 0.0:
-            return Judgement(Verdict.MET if rest.high <= 0.0 else Verdict.MISSED, runs)
+            return RemedyJudgement(
+                RemedyVerdict.MET if rest.high <= 0.0 else RemedyVerdict.MISSED, runs
+            )
         # whether the last run would settle it
         still = math.sqrt(runs / looks[-1])
         up = rest.high - rest.value
@@ -131,7 +133,7 @@ def judge(
         needed = (
             runs * ((rest.high - rest.low) / (2.0 * rest.value)) ** 2 if rest.value else math.inf
         )
-        judgement = Judgement(Verdict.OPEN, runs, promising, needed)
+        judgement = RemedyJudgement(RemedyVerdict.OPEN, runs, promising, needed)
     return judgement
 
 
@@ -183,7 +185,7 @@ class ComparedMission:
 
     def judge(
         self, question: Question, arm: str, looks: Sequence[int], base: str = LEVEL
-    ) -> Judgement:
+    ) -> RemedyJudgement:
         """Whether a remedy removes the share that it should of the errors, or of the mirror
         locks, that pitch adds.
         """
@@ -479,18 +481,18 @@ def _verdicts(chosen: Missions, arm: str, name: str, looks: Sequence[int]) -> di
     for question in QUESTIONS:
         verdicts = [m.arms[arm][f"{question}_verdict"] for m in chosen]
         judged = f"missions, of {len(verdicts)} judged,"
-        for verdict in (Verdict.MET, Verdict.OPEN, Verdict.MISSED):
+        for verdict in (RemedyVerdict.MET, RemedyVerdict.OPEN, RemedyVerdict.MISSED):
             meaning = f"{judged} with this verdict on {question}s"
             findings[f"{question} {verdict} {name}"] = plain(verdicts.count(verdict), meaning)
         undecided = [
-            m for m, verdict in zip(chosen, verdicts, strict=True) if verdict == Verdict.OPEN
+            m for m, verdict in zip(chosen, verdicts, strict=True) if verdict == RemedyVerdict.OPEN
         ]
         beyond = sum(m.judge(question, arm, looks).needed > SETTLING_RUNS for m in undecided)
         meaning = (
             f"of the open ones, missions that would take more than {SETTLING_RUNS:,} runs to settle"
         )
         findings[f"{question} beyond {name}"] = plain(beyond, meaning)
-        harmed = len(verdicts) - verdicts.count(Verdict.NO_HARM)
+        harmed = len(verdicts) - verdicts.count(RemedyVerdict.NO_HARM)
         findings[f"{question} harmed {name}"] = plain(harmed, f"{judged} on which harm is shown")
     return findings
 

@@ -8,7 +8,14 @@ import numpy as np
 from experiments.campaign.store import Arrays, Record, columns_of
 from experiments.flight.library import fly_line
 from experiments.studies.reproduce import findings
-from experiments.studies.reproduce.findings import METRICS, VARIANTS, Claim, Judgement, Key, ratios
+from experiments.studies.reproduce.findings import (
+    METRICS,
+    VARIANTS,
+    Claim,
+    ClaimJudgement,
+    Key,
+    ratios,
+)
 from experiments.study.run import StudyResults
 from reports.figures import Line, Panel, Part, decimate, panel
 from reports.findings import Findings
@@ -134,7 +141,7 @@ def routes(flights: Mapping[str, Trajectory]) -> Figures:
     return Figures(panels=panels, legend=[(LEADER, "leader"), (FOLLOWER, "follower")])
 
 
-class Cells(NamedTuple):
+class TableCells(NamedTuple):
     """Cells of the tables, made of our figures and of the published ones."""
 
     rows: Mapping[Key, Record]
@@ -162,7 +169,7 @@ class Cells(NamedTuple):
         )
 
     @staticmethod
-    def verdict(judgement: Judgement) -> Cell:
+    def verdict(judgement: ClaimJudgement) -> Cell:
         """The verdict on a claim, coloured."""
         words = "depends on the mission" if judgement.verdict == "depends" else judgement.verdict
         return Cell(text=words, tone=TONES[judgement.verdict])
@@ -201,7 +208,7 @@ def page_values(
     titles: Mapping[str, str],
     rows: Mapping[Key, Record],
     published: Mapping[Key, Mapping[str, float]],
-    judgements: Sequence[tuple[Claim, Judgement, Judgement]],
+    judgements: Sequence[tuple[Claim, ClaimJudgement, ClaimJudgement]],
 ) -> dict[str, Any]:
     """What the template names of tables and claims; `titles` are those of settings by name."""
     off = {
@@ -234,7 +241,7 @@ def page_values(
         "judgements": judgements,
         "far": [key for key in far if key[0] not in SLOW],
         "slow": sum(key[0] in SLOW for key in far),
-        "cells": Cells(rows, published),
+        "cells": TableCells(rows, published),
         "limits": {
             "far": FAR,
             "on_axis": ON_AXIS_DEG,
@@ -260,7 +267,7 @@ def values(_: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
     table = table_rows(tables, published)
     figure, legend = agreement(table)
     titles = {name: case.title for name, case in plan.study.cases.items()}
-    judgements = findings.judge(findings.Figures.of(outcomes), published)
+    judgements = findings.judge(findings.MetricValues.of(outcomes), published)
     return page_values(titles, rows, published, judgements) | {
         "tables": {"tables": columns_of(table)},
         "motion": MOTIONS[plan.entries[0].scenario.motion],

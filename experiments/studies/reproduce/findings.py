@@ -162,7 +162,7 @@ class Judged:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Figures:
+class MetricValues:
     """Figures of the eight missions by setting with variant ("base laisn-2") and metric."""
 
     each: Mapping[tuple[str, str], Floats]
@@ -284,7 +284,7 @@ Verdict = Literal["holds", "does not hold", "depends", "undecided", "no data"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Judgement:
+class ClaimJudgement:
     """The verdict on a claim, and its criteria."""
 
     verdict: Verdict
@@ -317,7 +317,7 @@ def _median_over_others(values: Floats, at: Bools) -> Floats:
     return _statistic("median", values[:, at]) / _statistic("median", values[:, ~at])
 
 
-def _of_ratios(claim: "Claim", figures: Figures) -> list[Judged]:
+def _of_ratios(claim: "Claim", figures: MetricValues) -> list[Judged]:
     ratios = []
     for ratio in claim.ratios:
         at = np.isin(ROUTES, ratio.get("missions", ROUTES))
@@ -339,7 +339,7 @@ def _of_ratios(claim: "Claim", figures: Figures) -> list[Judged]:
     ]
 
 
-def _lateral(figures: Figures) -> list[Judged]:
+def _lateral(figures: MetricValues) -> list[Judged]:
     error = figures.means(BASE, "e_p_max_m")
     largest = figures.each[BASE, "e_p_max_m"]
     below = largest[:, LATERAL].max(axis=1) < largest[:, ~LATERAL].min(axis=1)
@@ -361,7 +361,7 @@ def _lateral(figures: Figures) -> list[Judged]:
     )
 
 
-def _heading(figures: Figures) -> list[Judged]:
+def _heading(figures: MetricValues) -> list[Judged]:
     error = figures.means(HEADING)
     distance = figures.means(BASE, "distance_m")
     growth = error / figures.means(BASE)
@@ -378,7 +378,7 @@ def _heading(figures: Figures) -> list[Judged]:
     ]
 
 
-def _burst(figures: Figures) -> list[Judged]:
+def _burst(figures: MetricValues) -> list[Judged]:
     error = figures.means(BASE, "e_b_max_deg")
     largest = figures.each[BASE, "e_b_max_deg"]
     most = largest[:, BURST].max(axis=1) > largest[:, ~BURST].max(axis=1)
@@ -412,13 +412,13 @@ class Claim:
     """Words, number of the ratio, statistic, relation and bound."""
     test: str = ""
 
-    def judge(self, figures: Figures) -> Judgement:
+    def judge(self, figures: MetricValues) -> ClaimJudgement:
         """The verdict on figures of the missions."""
         try:
             criteria = _TESTS[self.test](figures) if self.test else _of_ratios(self, figures)
         except NoDataError:
-            return Judgement(verdict="no data")
-        return Judgement(
+            return ClaimJudgement(verdict="no data")
+        return ClaimJudgement(
             verdict=verdict_of([criterion.outcome for criterion in criteria]), criteria=criteria
         )
 
@@ -437,8 +437,8 @@ JUDGED = frozenset([BASE, HEADING, *_COMPARED])
 
 
 def judge(
-    ours: Figures, published: Mapping[Key, Mapping[str, float]]
-) -> list[tuple[Claim, Judgement, Judgement]]:
+    ours: MetricValues, published: Mapping[Key, Mapping[str, float]]
+) -> list[tuple[Claim, ClaimJudgement, ClaimJudgement]]:
     """Every claim on our figures and on the published ones, which have our distances."""
     each = {
         (f"{setting} {variant}", metric): np.array(
@@ -450,7 +450,7 @@ def judge(
         for metric in METRICS
     }
     each |= {key: values[:1] for key, values in ours.each.items() if key[1] == "distance_m"}
-    theirs = Figures(each=each, exact=True)
+    theirs = MetricValues(each=each, exact=True)
     return [(claim, claim.judge(ours), claim.judge(theirs)) for claim in CLAIMS]
 
 
@@ -520,7 +520,7 @@ def _of_cells(
 def findings_of_rows(
     rows: Mapping[Key, Record],
     published: Mapping[Key, Mapping[str, float]],
-    judgements: Sequence[tuple[Claim, Judgement, Judgement]],
+    judgements: Sequence[tuple[Claim, ClaimJudgement, ClaimJudgement]],
 ) -> dict[str, Finding]:
     """All findings, from rows and verdicts."""
     runs = next(iter(rows.values()))["runs"]
@@ -557,4 +557,4 @@ def further_runs(outcomes: Mapping[str, StudyResults]) -> dict[str, Choice]:
 def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     """Findings of both parts of the study."""
     theirs = published()
-    return findings_of_rows(rows_of(outcomes), theirs, judge(Figures.of(outcomes), theirs))
+    return findings_of_rows(rows_of(outcomes), theirs, judge(MetricValues.of(outcomes), theirs))

@@ -9,12 +9,12 @@ import pytest
 
 from experiments.study.estimate import INTERACTIONS, Results, explained, main_effects
 from experiments.study.file import of_table
-from experiments.study.plan import Plan, plan_of
+from experiments.study.plan import StudyPlan, plan_of
 
 TABLE = {"scenario": "T5", "runs": 40, "set": {"duration_s": 20.0}}
 
 
-def results_of(plan: Plan, mean, noise: float = 0.0) -> Results:
+def results_of(plan: StudyPlan, mean, noise: float = 0.0) -> Results:
     """Runs of all points: a mean of the point's values and the arm, and noise that all places
     share.
     """
@@ -28,14 +28,14 @@ def results_of(plan: Plan, mean, noise: float = 0.0) -> Results:
 
 
 @pytest.fixture(scope="module")
-def factorial() -> Plan:
+def factorial() -> StudyPlan:
     vary = {"followers.0.depth_m": [10.0, 12.0, 14.0], "leader.depth_m": [5.0, 7.0]}
     return plan_of(
         of_table(TABLE | {"vary": vary, "arm": [{"name": "a"}, {"name": "b"}]}, "mine.toml", "mine")
     )
 
 
-def test_factors_that_add_explain_their_own_variances(factorial: Plan) -> None:
+def test_factors_that_add_explain_their_own_variances(factorial: StudyPlan) -> None:
     """x of −1, 0, 1, y of ±1 and an arm of ±1: variances 2/3 a², b², c²."""
 
     def mean(x: float, y: float, arm: str) -> float:
@@ -52,7 +52,7 @@ def test_factors_that_add_explain_their_own_variances(factorial: Plan) -> None:
     )
 
 
-def test_what_only_two_factors_together_do_is_interaction(factorial: Plan) -> None:
+def test_what_only_two_factors_together_do_is_interaction(factorial: StudyPlan) -> None:
     found = main_effects(
         factorial, results_of(factorial, lambda x, y, _: 10 + (x - 12) * (y - 6)), "e_p_mean_m"
     )
@@ -60,7 +60,7 @@ def test_what_only_two_factors_together_do_is_interaction(factorial: Plan) -> No
     assert found["followers.0.depth_m"].value == pytest.approx(0.0, abs=1e-12)
 
 
-def test_noise_widens_the_intervals(factorial: Plan) -> None:
+def test_noise_widens_the_intervals(factorial: StudyPlan) -> None:
     def width(noise: float) -> float:
         found = main_effects(
             factorial, results_of(factorial, lambda x, y, _: x + y, noise), "e_p_mean_m"
@@ -97,7 +97,7 @@ def test_sampled_ranges_have_their_sobol_indices(design: str) -> None:
     assert INTERACTIONS not in found
 
 
-def test_a_single_factor_and_constant_columns_are_not_discussed(factorial: Plan) -> None:
+def test_a_single_factor_and_constant_columns_are_not_discussed(factorial: StudyPlan) -> None:
     assert main_effects(factorial, results_of(factorial, lambda *_: 3.0), "e_p_mean_m") == {}
     one = plan_of(of_table(TABLE | {"vary": {"leader.depth_m": [5.0, 7.0]}}, "mine.toml", "mine"))
     assert main_effects(one, results_of(one, lambda y, _: y), "e_p_mean_m") == {}
@@ -113,7 +113,7 @@ def test_a_regression_explains_what_lies_in_its_columns() -> None:
     ) == pytest.approx([0.8])
 
 
-def test_resampling_is_repeatable(factorial: Plan) -> None:
+def test_resampling_is_repeatable(factorial: StudyPlan) -> None:
     results = results_of(factorial, lambda x, y, _: x + y, 1.0)
     assert main_effects(factorial, results, "e_p_mean_m") == main_effects(
         factorial, results, "e_p_mean_m"

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 import laisn_sim
 from experiments.study import study as studies
 from experiments.study.extras import arms_left_out, installed
-from experiments.study.plan import Plan
+from experiments.study.plan import StudyPlan
 from laisn.errors import LaisnError
 from laisn_sim.cli.main import app
 from reports.tables import Table
@@ -44,7 +44,7 @@ def test_nothing_is_left_out_where_everything_is_installed() -> None:
 def test_a_built_in_study_says_so_before_its_first_run_and_flies_the_rest(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def stop(plans: list[Plan], *_: object, **__: object) -> None:
+    def stop(plans: list[StudyPlan], *_: object, **__: object) -> None:
         raise LaisnError(f"planned: {sorted({arm for plan in plans for arm in plan.arms})}")
 
     monkeypatch.setattr(studies, "fly_until_narrow", stop)

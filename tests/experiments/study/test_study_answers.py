@@ -17,7 +17,7 @@ from experiments.study.estimate import Results, shown
 from experiments.study.file import of_table
 from experiments.study.measure import METRICS
 from experiments.study.page import commands, notable, page_of, worst_entry
-from experiments.study.plan import Plan, plan_of
+from experiments.study.plan import StudyPlan, plan_of
 from experiments.study.run import _of_runs, _widest
 from experiments.study.study import findings_of
 from reports.figures import Line, light
@@ -40,7 +40,7 @@ OFF = WAVES - WAVES.mean(axis=1, keepdims=True)
 
 
 @pytest.fixture(scope="module")
-def plan() -> Plan:
+def plan() -> StudyPlan:
     """Three depths and two arms in one realization."""
     table = {
         "scenario": "T5",
@@ -77,7 +77,7 @@ def results() -> Results:
 
 
 @pytest.fixture(scope="module")
-def page(plan: Plan, results: Results) -> Page:
+def page(plan: StudyPlan, results: Results) -> Page:
     return page_of(plan, results, {})
 
 
@@ -138,7 +138,7 @@ def test_the_answer_is_a_figure_and_a_table_of_every_place_with_differences_and_
     assert [float(row[-1].sort) for row in other.rows] == [100.0 * k for k in range(6)]
 
 
-def test_the_record_has_estimates_and_paired_differences(plan: Plan, results: Results) -> None:
+def test_the_record_has_estimates_and_paired_differences(plan: StudyPlan, results: Results) -> None:
     found = findings_of(plan, results)
     assert len(found) == 6 + 3
     for (point, arm), mean in MEANS.items():
@@ -156,7 +156,7 @@ def test_the_record_has_estimates_and_paired_differences(plan: Plan, results: Re
     assert float(apart.high or 0) - float(apart.low or 0) < 0.02
 
 
-def test_worst_and_median_runs_are_those_of_their_place(plan: Plan, results: Results) -> None:
+def test_worst_and_median_runs_are_those_of_their_place(plan: StudyPlan, results: Results) -> None:
     for point, arm in itertools.product(range(3), ("plain", "aware")):
         (values,) = results.by_run(place(point, arm), "e_p_mean_m") or []
         (realization, worst), (_, median) = notable(plan, results, place(point, arm))
@@ -169,7 +169,9 @@ def test_worst_and_median_runs_are_those_of_their_place(plan: Plan, results: Res
     assert commands(plan, results).count("--run") == 12
 
 
-def test_a_run_that_contact_ended_is_the_first_to_look_at(plan: Plan, results: Results) -> None:
+def test_a_run_that_contact_ended_is_the_first_to_look_at(
+    plan: StudyPlan, results: Results
+) -> None:
     """It has no error; of what is left the median, with 39 whole runs the twentieth, is reported
     as before.
     """
@@ -212,7 +214,7 @@ def test_the_widest_interval_suggests_more_runs_where_too_few_are_complete(
     assert _widest(one, "e_p_mean_m") == wanted
 
 
-def test_commands_are_headed_by_the_runs_that_they_fly(plan: Plan, results: Results) -> None:
+def test_commands_are_headed_by_the_runs_that_they_fly(plan: StudyPlan, results: Results) -> None:
     lines = commands(plan, results).splitlines()
     for head, line in zip(lines[::2], lines[1::2], strict=True):
         number = head.rpartition(" run, ")[2]
@@ -222,7 +224,7 @@ def test_commands_are_headed_by_the_runs_that_they_fly(plan: Plan, results: Resu
     assert [head.split(": ")[1].split()[0] for head in lines[::2]] == ["worst", "median"] * 6
 
 
-def test_a_place_counts_for_an_arm_by_its_whole_interval(plan: Plan) -> None:
+def test_a_place_counts_for_an_arm_by_its_whole_interval(plan: StudyPlan) -> None:
     """Half of the realizations are 1 m lower and the others 0.9 m higher: in the mean lower, and
     undecided.
     """
@@ -236,7 +238,7 @@ def test_a_place_counts_for_an_arm_by_its_whole_interval(plan: Plan) -> None:
     assert printed.endswith("aware against plain: lower at 0, higher at 0, undecided at 3 places.")
 
 
-def test_a_difference_that_no_shown_digit_has_is_not_marked(plan: Plan) -> None:
+def test_a_difference_that_no_shown_digit_has_is_not_marked(plan: StudyPlan) -> None:
     """All runs of one arm are 5 µm higher: decided by the interval, and of no account."""
     rows, runs = [], []
     for point, arm in itertools.product(range(3), ("plain", "aware")):
@@ -337,7 +339,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> list[tuple[list[Line], dict[str, A
 
 
 def test_lines_of_the_main_figure_are_the_means_of_their_arms(
-    plan: Plan, results: Results, drawn: Any
+    plan: StudyPlan, results: Results, drawn: Any
 ) -> None:
     figures = charts.over_factor(plan, results, charts.layout_of(plan))
     ((lines, settings),) = drawn
@@ -355,7 +357,7 @@ def test_lines_of_the_main_figure_are_the_means_of_their_arms(
 
 
 def test_differences_are_drawn_from_a_line_of_none(
-    plan: Plan, results: Results, drawn: Any
+    plan: StudyPlan, results: Results, drawn: Any
 ) -> None:
     figures = charts.differences(plan, results)
     ((lines, settings),) = drawn
@@ -366,13 +368,13 @@ def test_differences_are_drawn_from_a_line_of_none(
     assert marks.y == pytest.approx([-0.5, 1.5, -0.001])
 
 
-def judged_by(plan: Plan, metric: str, **changes: Any) -> Plan:
+def judged_by(plan: StudyPlan, metric: str, **changes: Any) -> StudyPlan:
     file = plan.study.file
     file = file.model_copy(update={"report": file.report.model_copy(update={"metric": metric})})
     return replace(plan, study=replace(plan.study, file=file, **changes))
 
 
-def test_shares_of_realizations_are_those_of_their_point(plan: Plan, drawn: Any) -> None:
+def test_shares_of_realizations_are_those_of_their_point(plan: StudyPlan, drawn: Any) -> None:
     rows = [
         {
             "point": point,
@@ -399,7 +401,7 @@ def test_shares_of_realizations_are_those_of_their_point(plan: Plan, drawn: Any)
             assert line.y == pytest.approx([0, 1 / 3, 1 / 3, 2 / 3, 2 / 3, 1])
 
 
-def test_means_of_realizations_are_plotted_over_their_draws(plan: Plan, drawn: Any) -> None:
+def test_means_of_realizations_are_plotted_over_their_draws(plan: StudyPlan, drawn: Any) -> None:
     rows = [
         {
             "point": point,
@@ -424,7 +426,7 @@ def test_means_of_realizations_are_plotted_over_their_draws(plan: Plan, drawn: A
     assert [line.y.tolist() for line in lines] == [[10.0, 11.0, 12.0], [11.0, 12.0, 13.0]]
 
 
-def test_rows_of_closed_loops_are_extremes_roots_and_means_of_their_runs(plan: Plan) -> None:
+def test_rows_of_closed_loops_are_extremes_roots_and_means_of_their_runs(plan: StudyPlan) -> None:
     found = [
         [
             {
@@ -533,7 +535,7 @@ def test_keys_have_titles_with_units() -> None:
         assert (charts.label_of(key), charts.point_text({key: 2.5})) == (label, setting)
 
 
-def test_panels_share_the_scale_that_holds_them_all(plan: Plan, results: Results) -> None:
+def test_panels_share_the_scale_that_holds_them_all(plan: StudyPlan, results: Results) -> None:
     layout = charts.Layout("followers.0.depth_m", "", ("arm",))
     panels: Any = charts.over_factor(plan, results, layout).panels
     limits = [panel.parts[0].y_limits for panel in panels]

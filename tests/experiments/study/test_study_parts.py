@@ -8,7 +8,7 @@ import pytest
 
 from experiments.campaign.montecarlo import Cell, Mission, simulate, simulate_mission
 from experiments.study.file import StudyError, of_table, study_of
-from experiments.study.plan import Plan, plan_of
+from experiments.study.plan import StudyPlan, plan_of
 from experiments.study.run import Choice, StudyResults, fly_further, fly_studies
 from sim.trajectory import tilted
 
@@ -20,7 +20,7 @@ SHORT: dict[str, Any] = {
 }
 
 
-def plan(table: dict[str, Any]) -> Plan:
+def plan(table: dict[str, Any]) -> StudyPlan:
     return plan_of(of_table(SHORT | table, "s", "s"))
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from laisn.arrays import Floats
 from sim.film import canvas
-from sim.film.canvas import Area, Canvas, Colour, Shape, Stroke
+from sim.film.canvas import Area, Canvas, Colour, Polygon, Stroke
 from sim.scenario.settings import Video
 
 WHITE: Colour = (1.0, 1.0, 1.0)
@@ -28,7 +28,7 @@ class Notebook(Canvas):
     def strokes(self, strokes: Sequence[Stroke], box: Area | None = None) -> None:
         self.lines += [np.array(stroke.points) for stroke in strokes]
 
-    def shapes(self, shapes: Sequence[Shape], box: Area | None = None) -> None:
+    def shapes(self, shapes: Sequence[Polygon], box: Area | None = None) -> None:
         self.polygons += [np.array(shape.points) for shape in shapes]
 
     def text(

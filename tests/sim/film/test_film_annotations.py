@@ -29,7 +29,7 @@ from sim.film.film_data import (
     RayErrors,
     diverging,
 )
-from sim.film.render import Job
+from sim.film.render import FilmJob
 from sim.flight import excerpt
 from sim.scenario.settings import Video
 from sim.trajectory import tilted
@@ -184,7 +184,7 @@ def shown(flight, tmp_path_factory):
     """Stills with what is added, by camera, and a plain one; of one process, for a start takes
     longer than a still.
     """
-    folder, job = tmp_path_factory.mktemp("shown"), Job(flight=flight, video=Video())
+    folder, job = tmp_path_factory.mktemp("shown"), FilmJob(flight=flight, video=Video())
     jobs = {
         "plain": job,
         "profile": replace(job, video=Video(camera="profile"), annotations=added(flight)),
@@ -221,7 +221,7 @@ def test_the_other_estimate_and_the_rays_have_their_colours_where_they_should(
 
 @needs_graphics
 def test_the_curve_of_the_other_estimate_is_drawn_where_one_is_given(shown):
-    assert inspect.signature(Job).parameters["annotations"].default == Annotations() == NOTHING
+    assert inspect.signature(FilmJob).parameters["annotations"].default == Annotations() == NOTHING
     # the panel of the position error: left edge 16, top 288, 292 × 92 px
     panels = [shown[name][290:378, 16:308].astype(float) for name in ("plain", Video().camera)]
     # green more than anything else: the panel itself is blue, the other curve magenta

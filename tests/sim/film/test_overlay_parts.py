@@ -14,7 +14,7 @@ from laisn.estimates import FixKind
 from laisn.settings import Variant
 from sim.film import canvas, render
 from sim.film.cameras import View
-from sim.film.canvas import Area, Canvas, Shape, Stroke
+from sim.film.canvas import Area, Canvas, Polygon, Stroke
 from sim.film.dashboard import Dashboard, format_half_axes, round_length
 from sim.film.film_data import FilmData
 from sim.film.overlay import Overlay
@@ -65,7 +65,7 @@ def test_lines_and_shapes_lie_where_they_should_and_keep_to_their_box() -> None:
     ours.pixels[:] = (0, 0, 0, 255)
     ours.strokes([Stroke(np.array([[20.0, 50.0], [300.0, 50.0]]), (1.0, 0.0, 0.0, 0.5), 4.0)])
     ours.shapes(
-        [Shape(np.array([[10.0, 100], [30, 100], [30, 130], [10, 130]]), (0.0, 1.0, 0.0))],
+        [Polygon(np.array([[10.0, 100], [30, 100], [30, 130], [10, 130]]), (0.0, 1.0, 0.0))],
         (0, 0, 320, 120),
     )
     red, green = ours.pixels[..., 0].astype(float), ours.pixels[..., 1].astype(float)

@@ -16,7 +16,7 @@ from PIL import Image
 from sim.film import graphics, render
 from sim.film.cameras import CameraRig
 from sim.film.film_data import ESTIMATE, TRUTH, FilmData
-from sim.film.render import GROUP, Job
+from sim.film.render import GROUP, FilmJob
 from sim.film.scene import WATER
 from sim.scenario.settings import CAMERAS, Video
 from tests.sim.film.filmed import apart, small
@@ -29,7 +29,7 @@ needs_graphics = pytest.mark.skipif(
 
 
 def job_of(flight, **video):
-    return Job(flight=flight, video=small(**video))
+    return FilmJob(flight=flight, video=small(**video))
 
 
 # settings that cannot be
@@ -75,7 +75,7 @@ def test_a_still_shows_markers_where_the_vehicles_are_and_no_band_at_the_horizon
     shifted = apart(flight, 2.5)
     video, when = Video(), 40.0
     path = tmp_path / "still.png"
-    render.still(Job(flight=shifted, video=video), when, path)
+    render.still(FilmJob(flight=shifted, video=video), when, path)
     assert [p.name for p in tmp_path.iterdir()] == ["still.png"]
     image = Image.open(path)
     assert image.size == (1280, 720)
@@ -226,7 +226,7 @@ sys.path.insert(0, {str(Path(__file__).parents[3])!r})
 from pathlib import Path
 from tests.synthetic import make_flight
 from sim.film import render
-from sim.film.render import Job
+from sim.film.render import FilmJob
 from sim.scenario.settings import Video
 # one that is never done, and has nothing to load
 render._IMPORTS = "import os, pickle, sys, time; render = time; " + \
@@ -234,7 +234,7 @@ render._IMPORTS = "import os, pickle, sys, time; render = time; " + \
 flight = make_flight(10.0)
 def progress(share):
     print("going", flush=True)
-job = Job(flight=flight, video=Video(speed_up=1.0))
+job = FilmJob(flight=flight, video=Video(speed_up=1.0))
 render.render(job, Path({str(tmp_path / "film.mp4")!r}), workers=1, progress=progress)
 """
     environment = os.environ | {"TMPDIR": str(tmp_path)}

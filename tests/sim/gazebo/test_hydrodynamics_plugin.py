@@ -1,11 +1,11 @@
-"""Coefficients of the Hydrodynamics plugin and of <fluid_added_mass>."""
+"""LinkCoefficients of the Hydrodynamics plugin and of <fluid_added_mass>."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sim.gazebo.hydrodynamics import Coefficients, about_point
+from sim.gazebo.hydrodynamics import LinkCoefficients, about_point
 from tests.sim.gazebo.imported import PROBE, changed, import_text, refusal
 
 ADDED = "<xDotU>-5</xDotU><yDotV>-40</yDotV><zDotW>-41</zDotW><mDotQ>-6</mDotQ><nDotR>-7</nDotR>"
@@ -152,7 +152,7 @@ def test_coefficients_about_another_point_have_the_same_power() -> None:
     frame[:3, 3] = generator.normal(size=3)
     root = generator.normal(size=(6, 6))
     matrix = root @ root.T
-    part = Coefficients(frame, matrix, matrix)
+    part = LinkCoefficients(frame, matrix, matrix)
     point = generator.normal(size=3)
     moved = about_point([part], np.eye(3), point)
     spin = generator.normal(size=3)

@@ -30,7 +30,7 @@ from experiments.studies.asymmetry.findings import (
 )
 from experiments.studies.asymmetry.fix_map import deepest_offset, worst_error
 from experiments.study.file import built_in, study_of
-from experiments.study.plan import Plan, plan_of
+from experiments.study.plan import StudyPlan, plan_of
 from experiments.study.run import fly_studies
 from experiments.study.study import run
 from laisn.errors import LaisnError
@@ -46,7 +46,7 @@ SHORT = {
 }
 
 
-def plan(part: str = "missions", keys: dict[str, Any] | None = None) -> Plan:
+def plan(part: str = "missions", keys: dict[str, Any] | None = None) -> StudyPlan:
     return plan_of(study_of(str(FILES[part]), keys or {}))
 
 

@@ -19,7 +19,7 @@ from experiments.studies.asymmetry.findings import (
     REAL,
     ComparedMission,
     Question,
-    Verdict,
+    RemedyVerdict,
     added,
     further_runs,
     mean_added,
@@ -173,7 +173,7 @@ def test_what_is_open_is_flown_on_and_nothing_else() -> None:
         "ahrs-0.5": row("ahrs-0.5", 0.235 + wobble, flown=384),
     }
     (settled,) = paired(longer.values())
-    assert settled.judge("error", AHRS, LOOKS).verdict is Verdict.MET
+    assert settled.judge("error", AHRS, LOOKS).verdict is RemedyVerdict.MET
     verdicts = {
         r["arm"]: (r["error_verdict"], r["mirror_lock_verdict"])
         for r in with_verdicts(settled, LOOKS)
@@ -195,8 +195,8 @@ def test_what_is_open_is_flown_on_and_nothing_else() -> None:
 def test_a_sensor_is_held_against_a_level_leader_with_the_same() -> None:
     excess = mission(level=0.2, real=0.7, level_0_5=0.2, **{"attitude-0.5": 0.3, "level-0.5": 0.29})
     assert mean_added([excess], READINGS, LEVEL_BROADCAST).value == pytest.approx(0.01)
-    assert excess.judge("error", READINGS, LOOKS).verdict is Verdict.MISSED
-    assert excess.judge("error", READINGS, LOOKS, LEVEL_BROADCAST).verdict is Verdict.MET
+    assert excess.judge("error", READINGS, LOOKS).verdict is RemedyVerdict.MISSED
+    assert excess.judge("error", READINGS, LOOKS, LEVEL_BROADCAST).verdict is RemedyVerdict.MET
 
 
 def test_remedies_that_free_captured_runs_are_distinguished() -> None:
@@ -208,8 +208,8 @@ def test_remedies_that_free_captured_runs_are_distinguished() -> None:
         row("offset-0.5", 4.0, some),
     ]
     (excess,) = paired(rows)
-    assert excess.judge("mirror_lock", AHRS, LOOKS).verdict is Verdict.MET
-    assert excess.judge("mirror_lock", CONSTANT, LOOKS).verdict is Verdict.MISSED
+    assert excess.judge("mirror_lock", AHRS, LOOKS).verdict is RemedyVerdict.MET
+    assert excess.judge("mirror_lock", CONSTANT, LOOKS).verdict is RemedyVerdict.MISSED
 
 
 def test_open_questions_list_the_removed_part_and_the_runs_needed() -> None:

@@ -5,7 +5,13 @@ leaves them open.
 import numpy as np
 import pytest
 
-from experiments.studies.asymmetry.findings import LOOKS, WRONG, Judgement, Verdict, judge
+from experiments.studies.asymmetry.findings import (
+    LOOKS,
+    WRONG,
+    RemedyJudgement,
+    RemedyVerdict,
+    judge,
+)
 from laisn.arrays import Bools, Floats
 
 FREE = np.ones(LOOKS[-1], dtype=bool)
@@ -24,15 +30,17 @@ def trial(
     return part, left, rng.random(runs) < 0.7
 
 
-def judged(part: Floats, left: Floats, free: Bools) -> Judgement:
+def judged(part: Floats, left: Floats, free: Bools) -> RemedyJudgement:
     return judge(part, left, AIM, LOOKS, free)
 
 
-def shares(removed: float, size: float, noise: float, trials: int = 300) -> dict[Verdict, float]:
+def shares(
+    removed: float, size: float, noise: float, trials: int = 300
+) -> dict[RemedyVerdict, float]:
     """How often each verdict falls, of a remedy that truly removes a share."""
     rng = np.random.default_rng([round(1000 * removed), round(1000 * size), round(1000 * noise)])
     verdicts = [judged(*trial(rng, removed, size, noise)).verdict for _ in range(trials)]
-    return {verdict: verdicts.count(verdict) / trials for verdict in Verdict}
+    return {verdict: verdicts.count(verdict) / trials for verdict in RemedyVerdict}
 
 
 @pytest.mark.parametrize("noise", [0.05, 0.3])
@@ -41,26 +49,26 @@ def test_a_remedy_that_falls_short_is_hardly_ever_called_met(noise: float) -> No
     run [m].
     """
     found = shares(0.85, 0.3, noise)
-    assert found[Verdict.MET] < WRONG
+    assert found[RemedyVerdict.MET] < WRONG
     if noise <= 0.05:
-        assert found[Verdict.MISSED] > 0.9
+        assert found[RemedyVerdict.MISSED] > 0.9
 
 
 @pytest.mark.parametrize("noise", [0.05, 0.3])
 def test_a_remedy_that_does_enough_is_hardly_ever_called_missed(noise: float) -> None:
     """It removes 95 %."""
     found = shares(0.95, 0.3, noise)
-    assert found[Verdict.MISSED] < WRONG
+    assert found[RemedyVerdict.MISSED] < WRONG
     if noise <= 0.05:
-        assert found[Verdict.MET] > 0.9
+        assert found[RemedyVerdict.MET] > 0.9
 
 
 def test_either_error_has_its_nominal_rate_at_the_target() -> None:
     found, trials = shares(0.9, 0.3, 0.1, trials=600), 600
     # the interval's own error of some tenths of a per cent, beside the scatter of the trials
     most = WRONG + 3 * np.sqrt(WRONG / trials) + 0.005
-    assert found[Verdict.MET] < most
-    assert found[Verdict.MISSED] < most
+    assert found[RemedyVerdict.MET] < most
+    assert found[RemedyVerdict.MISSED] < most
 
 
 def test_random_outcomes_give_no_verdict() -> None:
@@ -73,8 +81,8 @@ def test_random_outcomes_give_no_verdict() -> None:
         verdicts.append(judged(real - level, remedy - level, FREE).verdict)
         level, real, remedy = (rng.random((3, LOOKS[-1])) < 0.5).astype(float)
         verdicts.append(judge(real - level, remedy - level, AIM, LOOKS).verdict)
-    assert verdicts.count(Verdict.MET) <= 1
-    assert verdicts.count(Verdict.NO_HARM) > 0.95 * len(verdicts)
+    assert verdicts.count(RemedyVerdict.MET) <= 1
+    assert verdicts.count(RemedyVerdict.NO_HARM) > 0.95 * len(verdicts)
 
 
 @pytest.mark.parametrize("removed", [0.85, 0.95])
@@ -89,7 +97,7 @@ def test_captures_are_judged_by_the_same_measure(removed: float, pushed: float) 
         real = level | (rng.random(LOOKS[-1]) < pushed)
         remedy = level | (real & (rng.random(LOOKS[-1]) > removed))
         verdicts.append(judge(real * 1.0 - level, remedy * 1.0 - level, AIM, LOOKS).verdict)
-    wrong = Verdict.MET if removed < AIM else Verdict.MISSED
+    wrong = RemedyVerdict.MET if removed < AIM else RemedyVerdict.MISSED
     assert verdicts.count(wrong) / trials < WRONG
 
 
@@ -107,7 +115,7 @@ def test_many_runs_resolve_a_difference_hidden_by_noise() -> None:
         left = np.where(kind > 0.0, 1.0 * (rng.random(LOOKS[-1]) < 0.03), chance)
         verdicts.append([judge(kind[:n], left[:n], AIM, LOOKS).verdict for n in (1280, LOOKS[-1])])
     fewer, all_ = (
-        sum(outcome[i] is Verdict.MET for outcome in verdicts) / len(verdicts) for i in (0, 1)
+        sum(outcome[i] is RemedyVerdict.MET for outcome in verdicts) / len(verdicts) for i in (0, 1)
     )
     assert fewer < 0.5
     assert all_ > 0.9
@@ -116,19 +124,19 @@ def test_many_runs_resolve_a_difference_hidden_by_noise() -> None:
 def test_aims_are_shares_of_what_pitch_does() -> None:
     part = np.linspace(0.1, 0.3, LOOKS[0])
     free = FREE[: LOOKS[0]]
-    assert judge(part, 0.0999 * part, 0.9, LOOKS, free).verdict is Verdict.MET
-    assert judge(part, -0.5 * part, 0.9, LOOKS, free).verdict is Verdict.MET
-    assert judge(part, 0.1001 * part, 0.9, LOOKS, free).verdict is Verdict.MISSED
-    assert judge(part, 0.05 * part, 0.99, LOOKS, free).verdict is Verdict.MISSED
+    assert judge(part, 0.0999 * part, 0.9, LOOKS, free).verdict is RemedyVerdict.MET
+    assert judge(part, -0.5 * part, 0.9, LOOKS, free).verdict is RemedyVerdict.MET
+    assert judge(part, 0.1001 * part, 0.9, LOOKS, free).verdict is RemedyVerdict.MISSED
+    assert judge(part, 0.05 * part, 0.99, LOOKS, free).verdict is RemedyVerdict.MISSED
 
 
 def test_without_pitch_error_no_remedy_is_reported() -> None:
     rng = np.random.default_rng(13)
     nothing, left = 0.1 * rng.normal(size=LOOKS[0]), np.full(LOOKS[0], 0.02)
     free = FREE[: LOOKS[0]]
-    assert judge(nothing, left, 0.9, LOOKS, free).verdict is Verdict.NO_HARM
-    assert judge(-1.0 - nothing, left, 0.9, LOOKS, free).verdict is Verdict.NO_HARM
-    assert judge(np.zeros(LOOKS[0]), left, 0.9, LOOKS).verdict is Verdict.NO_HARM
+    assert judge(nothing, left, 0.9, LOOKS, free).verdict is RemedyVerdict.NO_HARM
+    assert judge(-1.0 - nothing, left, 0.9, LOOKS, free).verdict is RemedyVerdict.NO_HARM
+    assert judge(np.zeros(LOOKS[0]), left, 0.9, LOOKS).verdict is RemedyVerdict.NO_HARM
 
 
 def test_captured_runs_are_excluded_from_errors() -> None:
@@ -138,9 +146,9 @@ def test_captured_runs_are_excluded_from_errors() -> None:
         judge(
             part + 40.0 * mirror_locked, left + 40.0 * mirror_locked, 0.9, LOOKS, ~mirror_locked
         ).verdict
-        is Verdict.MET
+        is RemedyVerdict.MET
     )
-    assert judge(part, left, 0.9, LOOKS, np.arange(64) < 19).verdict is Verdict.NO_HARM
+    assert judge(part, left, 0.9, LOOKS, np.arange(64) < 19).verdict is RemedyVerdict.NO_HARM
 
 
 def test_more_runs_settle_what_a_first_look_leaves_open() -> None:
@@ -148,8 +156,8 @@ def test_more_runs_settle_what_a_first_look_leaves_open() -> None:
     part = np.full(LOOKS[-1], 0.3)
     left = 0.022 + 0.03 * rng.normal(size=LOOKS[-1])
     first = slice(LOOKS[0])
-    assert judge(part[first], left[first], AIM, LOOKS, FREE[first]).verdict is Verdict.OPEN
-    assert judge(part, left, AIM, LOOKS, FREE).verdict is Verdict.MET
+    assert judge(part[first], left[first], AIM, LOOKS, FREE[first]).verdict is RemedyVerdict.OPEN
+    assert judge(part, left, AIM, LOOKS, FREE).verdict is RemedyVerdict.MET
 
 
 def test_more_runs_are_worth_it_where_they_would_settle_the_question() -> None:
@@ -168,7 +176,7 @@ def test_more_runs_are_worth_it_where_they_would_settle_the_question() -> None:
         spread = np.append(left, [0.9 + 0.2, -0.9]).std() / np.sqrt(66)
         expected = abs(k / 64 - 0.1) + 0.5 * spread >= 2.5758 * spread * np.sqrt(64 / 384)
         assert found.runs == 64
-        assert found.promising == (expected and found.verdict is Verdict.OPEN), k
+        assert found.promising == (expected and found.verdict is RemedyVerdict.OPEN), k
         outcome[k] = found.promising
     assert [k for k, worth in outcome.items() if not worth and k < 12] == [6, 7, 8]
     assert not judge(np.ones(384), np.tile(left, 6), 0.9, looks).promising
@@ -186,9 +194,9 @@ def test_an_open_question_reports_how_many_runs_would_settle_it(k: int) -> None:
     for times, settled in ((int(0.95 * needed / 512), False), (int(1.05 * needed / 512) + 1, True)):
         runs = 512 * times
         found = judge(np.ones(runs), np.tile(left, times), 0.9, (runs, 10**6))
-        assert (found.verdict is not Verdict.OPEN) == settled
+        assert (found.verdict is not RemedyVerdict.OPEN) == settled
         assert np.isnan(found.needed) == settled
-    assert found.verdict is (Verdict.MET if k < 51 else Verdict.MISSED)
+    assert found.verdict is (RemedyVerdict.MET if k < 51 else RemedyVerdict.MISSED)
 
 
 def test_no_number_of_runs_settles_what_is_at_the_very_aim() -> None:

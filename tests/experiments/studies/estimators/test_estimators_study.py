@@ -14,7 +14,7 @@ from experiments.studies.estimators import findings
 from experiments.studies.estimators.findings import INTERVAL
 from experiments.study import study as studies
 from experiments.study.file import built_in, study_of
-from experiments.study.plan import Plan, plan_of
+from experiments.study.plan import StudyPlan, plan_of
 from experiments.study.run import Cells, StudyResults
 from experiments.study.study import run
 from laisn.bound import TrueNoise
@@ -221,7 +221,7 @@ def test_a_leader_that_weaves_keeps_to_its_legs_by_5_degrees_and_to_its_corners(
         assert np.all(off[1:] * off[:-1] < 0.0)
 
 
-def made(plan: Plan) -> StudyResults:
+def made(plan: StudyPlan) -> StudyResults:
     """What a part might have come to, without flying it: 25 runs with squared errors as their
     covariance predicts.
     """

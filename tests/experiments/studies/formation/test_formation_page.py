@@ -17,7 +17,7 @@ from experiments.studies.formation import figures
 from experiments.studies.formation.findings import findings_of
 from experiments.study import study as studies
 from experiments.study.file import study_of
-from experiments.study.plan import Plan, plan_of
+from experiments.study.plan import StudyPlan, plan_of
 from experiments.study.run import StudyResults
 from experiments.study.study import run
 from laisn_sim.cli.main import app
@@ -68,7 +68,7 @@ def flown(monkeypatch: pytest.MonkeyPatch, findings: Findings) -> list[Any]:
     """Calls of the command: the plan and the options of each study that is flown."""
     calls: list[Any] = []
 
-    def fly(plans: list[Plan], folder: Path, **options: Any) -> list[StudyResults]:
+    def fly(plans: list[StudyPlan], folder: Path, **options: Any) -> list[StudyResults]:
         # the version of the plugins, of which there are none
         options.pop("plugins")
         calls.append((plans[0], options))

@@ -14,7 +14,7 @@ from experiments.study import run as engine
 from experiments.study import study as studies
 from experiments.study.file import study_of
 from experiments.study.measure import METRICS, records_of_run
-from experiments.study.plan import Entry, Plan, plan_of
+from experiments.study.plan import Entry, StudyPlan, plan_of
 from experiments.study.run import StudyResults
 from reports.findings import read
 from sim.scenario.settings import Scenario
@@ -182,9 +182,9 @@ def test_a_record_counts_what_runs_came_to() -> None:
 def test_runs_are_numbered_from_zero_and_some_conditions_fly_every_other_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plans: list[Plan] = []
+    plans: list[StudyPlan] = []
 
-    def fly(given: list[Plan], folder: Path, **_: object) -> list[StudyResults]:
+    def fly(given: list[StudyPlan], folder: Path, **_: object) -> list[StudyResults]:
         (plan,) = given
         plans.append(plan)
         outcomes = StudyResults(plan=plan, rows=[], runs=[], steps=[], store=None)  # type: ignore[arg-type]

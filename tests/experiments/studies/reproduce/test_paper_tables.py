@@ -6,7 +6,13 @@ from typing import Any
 import pytest
 
 from experiments.studies.reproduce.figures import page_values
-from experiments.studies.reproduce.findings import METRICS, Claim, Judgement, Key, findings_of_rows
+from experiments.studies.reproduce.findings import (
+    METRICS,
+    Claim,
+    ClaimJudgement,
+    Key,
+    findings_of_rows,
+)
 from reports.findings import Findings
 from reports.page import Cell, Figures, Page, Table, Text, page_of, ratio_tone
 from tests.experiments.studies.reproduce.cells import SETTINGS, Setting
@@ -44,7 +50,7 @@ def page_with(
     settings: Sequence[Setting],
     rows: Mapping[Key, Any],
     published: Mapping[Key, Mapping[str, float]],
-    judgements: Sequence[tuple[Claim, Judgement, Judgement]] = (),
+    judgements: Sequence[tuple[Claim, ClaimJudgement, ClaimJudgement]] = (),
 ) -> Page:
     """The page of these figures."""
     labels = {s.name: {"stage": s.stage, "table": s.table, "like": s.like} for s in settings}

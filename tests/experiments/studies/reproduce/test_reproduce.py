@@ -81,7 +81,7 @@ def test_replications_have_the_figures_of_their_runs(tmp_path, monkeypatch):
         zip(plans, fly_studies([*plans.values()], tmp_path, workers=1, quiet=True), strict=True)
     )
     fly_further(outcomes, claims.further_runs, tmp_path, workers=1, quiet=True)
-    each, at = claims.Figures.of(outcomes).each, ROUTES.index("T3")
+    each, at = claims.MetricValues.of(outcomes).each, ROUTES.index("T3")
     scenario = next(e for e in plans["tables"].entries if e.arm == "laisn-2").scenario
     assert (scenario.seed, scenario.duration_s, scenario.followers[0].route) == (2, 30.0, "T3")
     for number in (0, 1):
@@ -110,7 +110,7 @@ def test_resamples_scatter_as_means_over_replications_do():
     rng = np.random.default_rng(3)
     shared = rng.normal(10.0, 1.0, (20, 8))
     each = {("a", "x"): shared, ("b", "x"): shared + rng.normal(0.0, 0.5, (20, 8))}
-    figures = claims.Figures(each=each)
+    figures = claims.MetricValues(each=each)
     first, other = (figures.known(name, "x") for name in "ab")
     assert first[0] == pytest.approx(shared.mean(axis=0))
     assert first[1:, 0].std() == pytest.approx(shared[:, 0].std() / np.sqrt(20), rel=0.1)
@@ -143,7 +143,7 @@ def test_the_study_of_seeds_judges_each_of_them(tmp_path, monkeypatch):
 
 def test_claims_on_the_published_tables():
     distance = np.array([[42.3, 54.7, 76.5, 74.7, 39.5, 45.6, 40.8, 76.1]] * 2)
-    ours = claims.Figures(each={("base laisn-2", "distance_m"): distance})
+    ours = claims.MetricValues(each={("base laisn-2", "distance_m"): distance})
     verdicts = {c.number: theirs.verdict for c, _, theirs in claims.judge(ours, claims.published())}
     # μ_D = 0.3 has no published table; what the paper claims, its own tables bear out
     assert verdicts.pop(8) == "no data"
@@ -160,7 +160,7 @@ def verdict(number, figure):
         for v in s.variants
         for x in (*claims.METRICS, "distance_m")
     }
-    return claims.CLAIMS[number - 1].judge(claims.Figures(each=each, exact=True)).verdict
+    return claims.CLAIMS[number - 1].judge(claims.MetricValues(each=each, exact=True)).verdict
 
 
 @pytest.mark.parametrize(

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from experiments.studies.reproduce import figures as page_figures
-from experiments.studies.reproduce.figures import Cells
+from experiments.studies.reproduce.figures import TableCells
 from experiments.studies.reproduce.findings import (
     CLAIMS,
     METRICS,
+    ClaimJudgement,
     Judged,
-    Judgement,
     Key,
     Verdict,
     findings_of_rows,
@@ -59,9 +59,11 @@ PUBLISHED: dict[Key, dict[str, float]] = {
 }
 
 
-def judged(*verdicts: Verdict) -> list[tuple[Any, Judgement, Judgement]]:
-    held = Judgement(verdict="holds")
-    return [(claim, Judgement(verdict=v), held) for claim, v in zip(CLAIMS, verdicts, strict=False)]
+def judged(*verdicts: Verdict) -> list[tuple[Any, ClaimJudgement, ClaimJudgement]]:
+    held = ClaimJudgement(verdict="holds")
+    return [
+        (claim, ClaimJudgement(verdict=v), held) for claim, v in zip(CLAIMS, verdicts, strict=False)
+    ]
 
 
 def test_ratios_are_ours_over_the_papers() -> None:
@@ -72,7 +74,7 @@ def test_ratios_are_ours_over_the_papers() -> None:
 
 def test_a_cell_of_medians_shows_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(page_figures, "ratio_tone", str)
-    cell = Cells(ROWS, PUBLISHED).median("base", "laisn-2", "e_p_mean_m")
+    cell = TableCells(ROWS, PUBLISHED).median("base", "laisn-2", "e_p_mean_m")
     assert (cell.text, cell.title, cell.tone) == ("0.90", "0.50 … 3.00", "0.9")
 
 
@@ -125,8 +127,10 @@ def test_claims_without_data_do_not_count_against_the_others() -> None:
 
 def test_a_claim_has_our_verdict_and_figures_before_the_papers() -> None:
     criteria = [Judged(what="median", interval=Interval(1.5, 1.4, 1.6), relation="≤", bound=2.0)]
-    claim, ours = CLAIMS[2], Judgement(verdict="depends", criteria=criteria)
-    page = page_with((BASE, GATE), ROWS, PUBLISHED, [(claim, ours, Judgement(verdict="holds"))])
+    claim, ours = CLAIMS[2], ClaimJudgement(verdict="depends", criteria=criteria)
+    page = page_with(
+        (BASE, GATE), ROWS, PUBLISHED, [(claim, ours, ClaimJudgement(verdict="holds"))]
+    )
     (first,), (detail,) = (page.sections[i].blocks[0].rows for i in (0, 1))  # type: ignore[union-attr]
     assert [cell.text for cell in first][:4] == ["3", claim.text, "depends on the mission", "holds"]
     assert [cell.tone for cell in first[2:4]] == ["maybe", "yes"]

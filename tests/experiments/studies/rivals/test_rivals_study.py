@@ -9,7 +9,7 @@ import pytest
 
 from experiments.studies.rivals import figures, findings
 from experiments.study.file import built_in, study_of
-from experiments.study.plan import Plan, plan_of
+from experiments.study.plan import StudyPlan, plan_of
 from experiments.study.run import Cells
 from laisn.navigators import NAVIGATORS
 from reports.findings import read, record
@@ -22,7 +22,7 @@ SLOW_CASES = [case for case in ROUTES if case[0] == findings.SLOW]
 
 
 @pytest.fixture(scope="module")
-def plans() -> dict[str, Plan]:
+def plans() -> dict[str, StudyPlan]:
     return {part: plan_of(study_of(str(file), {})) for part, file in PARTS.items()}
 
 
@@ -103,7 +103,7 @@ def found() -> dict[str, Any]:
     return findings_without()
 
 
-def test_every_case_is_valid_and_every_navigator_is_simulated(plans: dict[str, Plan]) -> None:
+def test_every_case_is_valid_and_every_navigator_is_simulated(plans: dict[str, StudyPlan]) -> None:
     assert set(findings.NAVIGATORS) == set(NAVIGATORS) - {"laisn-best", "laisn-main"}
     for part, plan in plans.items():
         assert all(entry.closed_loop == (part == "closed") for entry in plan.entries)
@@ -126,7 +126,7 @@ def test_every_case_is_valid_and_every_navigator_is_simulated(plans: dict[str, P
 
 
 def test_the_follower_of_the_map_stays_at_its_distance_on_the_quarter(
-    plans: dict[str, Plan],
+    plans: dict[str, StudyPlan],
 ) -> None:
     plan = plans["map"]
     for entry in plan.entries:
