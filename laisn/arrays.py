@@ -162,7 +162,7 @@ def _is_read_only(array: npt.NDArray[Any]) -> bool:
     return whole is None and array.flags.forc
 
 
-def own_arrays(record: "DataclassInstance") -> None:
+def freeze_arrays(record: "DataclassInstance") -> None:
     """Replace the arrays of a frozen record, in its `__post_init__`, by read-only copies unless
     they are read-only.
     """

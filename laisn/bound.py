@@ -145,7 +145,7 @@ def _expected_information(away: Floats, spread: Floats, arms: Floats, noise: Tru
     )
 
 
-def _way(
+def _transition(
     speed: Floats, ahead: Floats, dt: float, noise: TrueNoise
 ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """The way between messages, of k steps of speeds, shape (k,), [m/s], and directions times Δt,
@@ -314,7 +314,7 @@ def position_bound(
     for i, (begin, end) in enumerate(pairwise([0, *geometry.message_step.tolist(), n])):
         if begin == end:
             break
-        rows, step, added, shared, grown = _way(
+        rows, step, added, shared, grown = _transition(
             geometry.speed[begin:end], ahead[begin:end], geometry.dt, noise
         )
         rows = rows[:, :, unknown]

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from laisn.arrays import ArrayRecord, Floats, Ints, own_arrays, require_shapes
+from laisn.arrays import ArrayRecord, Floats, Ints, freeze_arrays, require_shapes
 
 
 class FixKind(IntEnum):
@@ -188,7 +188,7 @@ class Estimates(ArrayRecord):
         f = self.fix_step.size
         of_fixes = {name: (f, *shape) for name, (shape, _) in self._fix_columns().items()}
         require_shapes(self, {"state": (n, 4), "covariance": (n, 4, 4), **of_fixes})
-        own_arrays(self)
+        freeze_arrays(self)
 
 
 HYPOTHESES = 8  # that are kept from message to message

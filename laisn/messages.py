@@ -7,7 +7,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from laisn.arrays import ArrayRecord, Floats, Ints, own_arrays, require_shapes
+from laisn.arrays import ArrayRecord, Floats, Ints, freeze_arrays, require_shapes
 
 BEARING = "bearing"
 """Name of the readings of an inverted USBL among those of other sensors."""
@@ -130,7 +130,7 @@ class Measurements(ArrayRecord):
             (self.durations > 0) & np.isfinite(self.durations)
         ):
             raise ValueError("Measurements.durations must be positive")
-        own_arrays(self)
+        freeze_arrays(self)
 
     @property
     def time(self) -> Floats:

@@ -247,7 +247,7 @@ class Navigator(OnlineNavigator[Estimates]):
             self._message = now
         return expected_acceleration(speed_change, turn, t)
 
-    def _way(self, own: OwnMotion, reception: Reception) -> Floats | None:
+    def _displacement_since_pings(self, own: OwnMotion, reception: Reception) -> Floats | None:
         """What the follower has moved since each ping arrived, by its last readings, as of
         `to_circles`.
         """
@@ -261,7 +261,9 @@ class Navigator(OnlineNavigator[Estimates]):
         return Point(*self._filter.state[POSITION].tolist())
 
     def _update_position(self, own: OwnMotion, reception: Reception) -> list[FixRecord]:
-        circles = to_circles(reception, own.depth, self.settings, self._way(own, reception))
+        circles = to_circles(
+            reception, own.depth, self.settings, self._displacement_since_pings(own, reception)
+        )
         if self.settings.variant != SEQUENTIAL:
             predicted = self._position()
             first, second, third = (

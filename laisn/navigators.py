@@ -192,7 +192,7 @@ OWN_SECTION = "own"
 """Table of `navigation` that holds the settings of a user's own navigator."""
 
 
-def _own(name: str) -> NavigatorSpec:
+def _custom_spec(name: str) -> NavigatorSpec:
     factory = find_class("navigator", name, "step")
     settings = getattr(factory, "Settings", NavigationSettings)
     usable = not isinstance(factory, type) or hasattr(factory, "run") or hasattr(factory, "step")
@@ -216,7 +216,7 @@ def find(name: str) -> NavigatorSpec:
         raise LaisnError(
             f"navigator {name!r}; available: {', '.join(NAVIGATORS)}, or MODULE:CLASS of a plugin"
         )
-    return _own(name)
+    return _custom_spec(name)
 
 
 def spec_of(settings: Settings) -> NavigatorSpec:

@@ -11,7 +11,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints, own_arrays
+from laisn.arrays import Floats, Ints, freeze_arrays
 from laisn.messages import LeaderMessage
 from sim import attitude
 from sim.flight import Flight, navigation_settings
@@ -56,7 +56,7 @@ class RangeErrorBudget:
     share: Floats  # share of each cause in D − D°, shape (m, 3, causes), [m]
 
     def __post_init__(self) -> None:
-        own_arrays(self)
+        freeze_arrays(self)
 
     @property
     def error(self) -> Floats:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from numba.extending import overload
 
-from laisn.arrays import ArrayRecord, Floats, Ints, own_arrays, require_shapes
+from laisn.arrays import ArrayRecord, Floats, Ints, freeze_arrays, require_shapes
 from laisn.compiled import compiled, jitable
 from sim import attitude
 
@@ -143,7 +143,7 @@ class Trajectory(ArrayRecord):
             "site_offset": (s, 3),
         }
         require_shapes(self, expected | others)
-        own_arrays(self)
+        freeze_arrays(self)
         steps = np.diff(self.time)
         if n < 2 or steps.min() <= 0 or np.ptp(steps) > 1e-9:
             raise ValueError(

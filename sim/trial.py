@@ -30,7 +30,7 @@ OFF_STATION_M = 5.0  # … or off its station, once it has joined it
 LONGEST_S = 3600.0  # of longer missions this time is tried [s]
 
 
-class Stray(NamedTuple):
+class TrackDeviation(NamedTuple):
     """How far a vehicle is off what it is to keep."""
 
     quantity: str  # its route, its depth, its station
@@ -52,12 +52,16 @@ def is_custom(vehicle: Vehicle) -> bool:
     return changed or vehicle.model is not None
 
 
-def _stray(quantity: str, off: Floats, time: Floats) -> Stray:
+def _deviation(quantity: str, off: Floats, time: Floats) -> TrackDeviation:
     worst = int(np.argmax(off))
-    return Stray(quantity, float(np.sqrt(np.mean(off**2))), float(off[worst]), float(time[worst]))
+    return TrackDeviation(
+        quantity, float(np.sqrt(np.mean(off**2))), float(off[worst]), float(time[worst])
+    )
 
 
-def _strays_of(scenario: Scenario, trajectory: Trajectory, i: int, station: Floats) -> list[Stray]:
+def _deviations_of(
+    scenario: Scenario, trajectory: Trajectory, i: int, station: Floats
+) -> list[TrackDeviation]:
     """Where vehicle i is off by more than is usual; `station` are its distances from its station,
     shape (n,), [m].
     """
@@ -65,24 +69,24 @@ def _strays_of(scenario: Scenario, trajectory: Trajectory, i: int, station: Floa
     time = trajectory.time
     if isinstance(vehicle, Follower) and vehicle.station:
         joined = int(np.argmax(station < JOINED_M))
-        stray = _stray("its station", station[joined:], time[joined:])
-        return [stray] if stray.largest_m > OFF_STATION_M else []
+        deviation = _deviation("its station", station[joined:], time[joined:])
+        return [deviation] if deviation.largest_m > OFF_STATION_M else []
     route = route_of(vehicle, trajectory.names[i])
     until = time <= route.time[-1] + 1e-9
     level = cross_track(route, time[until], trajectory.position[until, i, :2])
     depth = np.abs(trajectory.depth[:, i] - route.depth.depth_at(time))
-    strays = []
+    deviations = []
     for off, most, quantity in (
         (level, OFF_ROUTE_M, "its route"),
         (depth, OFF_DEPTH_M, "its depth"),
     ):
-        stray = _stray(quantity, off, time)
-        if stray.largest_m > most:
-            strays.append(stray)
-    return strays
+        deviation = _deviation(quantity, off, time)
+        if deviation.largest_m > most:
+            deviations.append(deviation)
+    return deviations
 
 
-def strays(scenario: Scenario, trajectory: Trajectory) -> list[str]:
+def track_deviations(scenario: Scenario, trajectory: Trajectory) -> list[str]:
     """How far vehicles with other hulls than the project's own are off their routes, depths and
     stations, a line for each that is farther off than is usual.
     """
@@ -91,25 +95,25 @@ def strays(scenario: Scenario, trajectory: Trajectory) -> list[str]:
     for i, (_, vehicle) in enumerate(scenario.vehicles()):
         if not is_custom(vehicle):
             continue
-        of_vehicle = _strays_of(scenario, trajectory, i, off[:, max(i - 1, 0)])
+        of_vehicle = _deviations_of(scenario, trajectory, i, off[:, max(i - 1, 0)])
         if of_vehicle:
             lines.append(f"{trajectory.names[i]}: {'; '.join(map(str, of_vehicle))}")
     return lines
 
 
-def _to_be_tried(scenario: Scenario) -> list[Follower]:
+def _followers_on_trial(scenario: Scenario) -> list[Follower]:
     return [f for f in scenario.followers if is_custom(f) and not f.controller]
 
 
-def is_tried(scenario: Scenario) -> bool:
+def needs_trial(scenario: Scenario) -> bool:
     """Whether a mission has rigid bodies with other hulls than the project's own."""
-    customs = is_custom(scenario.leader) or bool(_to_be_tried(scenario))
+    customs = is_custom(scenario.leader) or bool(_followers_on_trial(scenario))
     return scenario.motion == "physics" and customs
 
 
-def _tried(scenario: Scenario) -> Scenario:
+def _trial_scenario(scenario: Scenario) -> Scenario:
     """The mission of the leader and of followers to be tried, steered by the truth."""
-    followers = _to_be_tried(scenario)
+    followers = _followers_on_trial(scenario)
     if not followers:
         # a mission has one at least, best one whose control needs no closed loop
         followers = sorted(scenario.followers, key=lambda f: f.station is not None)[:1]
@@ -124,26 +128,26 @@ def _tried(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update=changes)
 
 
-def _fly(tried: Scenario) -> Trajectory:
-    if not keys_needing_closed_loop(tried):
-        return simulate_motion(tried)
+def _fly(on_trial: Scenario) -> Trajectory:
+    if not keys_needing_closed_loop(on_trial):
+        return simulate_motion(on_trial)
     # control of formations takes long to load
     from sim.closed_loop import closed_loop_mission
 
-    return fly_mission(tried, closed_loop_mission(tried))
+    return fly_mission(on_trial, closed_loop_mission(on_trial))
 
 
 def trial(scenario: Scenario) -> list[str]:
-    """What `strays` says of a flight by the truth, and how that ends if it does before its time;
-    nothing unless the scenario `is_tried`.
+    """What `track_deviations` says of a flight by the truth, and how that ends if it does before
+    its time; nothing unless the scenario `needs_trial`.
     """
-    if not is_tried(scenario):
+    if not needs_trial(scenario):
         return []
-    tried = _tried(scenario)
+    on_trial = _trial_scenario(scenario)
     try:
-        trajectory = _fly(tried)
+        trajectory = _fly(on_trial)
     except EndedError as error:
-        return [str(error), *strays(tried, error.trajectory)]
+        return [str(error), *track_deviations(on_trial, error.trajectory)]
     except (LaisnError, ArithmeticError) as error:
         return [str(error)]
-    return strays(tried, trajectory)
+    return track_deviations(on_trial, trajectory)

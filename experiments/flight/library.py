@@ -19,9 +19,9 @@ from sim.scenario.file import (
     assigned,
     line_in,
     read,
-    seen_from,
     validate,
     values_of,
+    with_file_paths,
 )
 from sim.scenario.settings import Scenario
 from sim.system import read_text
@@ -66,7 +66,7 @@ def table_of(source: str) -> dict[str, Any]:
     if path.suffix != ".toml" and not os.path.exists(source):
         available = f"available: {', '.join(names())}, or a TOML file"
         raise ScenarioError(f"unknown scenario '{shortened(plain(source), 200)}'; {available}")
-    return {"name": name_of(path)} | seen_from(read(path), path.parent)
+    return {"name": name_of(path)} | with_file_paths(read(path), path.parent)
 
 
 def _line_of(source: str, changes: Iterable[str]) -> Callable[[Location], str]:

@@ -21,7 +21,7 @@ from experiments.study.measure import METRICS, MISSION
 from laisn.errors import LaisnError
 from laisn.lanes import LANES
 from sim.feasibility import infeasibilities
-from sim.scenario.file import ScenarioError, assigned, examined, validate
+from sim.scenario.file import ScenarioError, assigned, scenario_or_errors, validate
 from sim.scenario.section import Section
 from sim.scenario.settings import Scenario
 from sim.simulation import keys_needing_closed_loop
@@ -257,7 +257,7 @@ class _Examination:
         motion = repr((name, list(moving.items())))
         # any number will do to find out whether a key exists that is to be measured
         changed, invalid = _with(self.tables[name], settings | dict.fromkeys(measured, 1.0))
-        scenario, errors = examined(changed, partial(self._infeasibilities, motion))
+        scenario, errors = scenario_or_errors(changed, partial(self._infeasibilities, motion))
         lines += invalid + errors
         if scenario is not None and not lines:
             if motion not in self._motion_of:

@@ -204,7 +204,9 @@ class DeadReckoning(OnlineNavigator[Estimates]):
             if self.MOVES_TRANSMITTERS:
                 # as if each ping had left so much farther on, and had been received here and now
                 lag, age = self._delays
-                below[:, :2] += np.outer(lag, self._slipping(own)) + np.outer(age, self.x[5:7])
+                below[:, :2] += np.outer(lag, self._velocity_over_pings(own)) + np.outer(
+                    age, self.x[5:7]
+                )
         ranges = np.where(np.isfinite(below).all(axis=1), reception.ranges, np.nan)
         ranges[self.settings.transmitters :] = np.nan
         used = bool(np.isfinite(ranges).any()) and self._update(below, ranges, own, reception)
@@ -217,7 +219,7 @@ class DeadReckoning(OnlineNavigator[Estimates]):
             self._mean.since_message = 0.0
         return self._fix_at_estimate(FixKind.RANGES if used else FixKind.LOST)
 
-    def _slipping(self, own: OwnMotion) -> Floats:
+    def _velocity_over_pings(self, own: OwnMotion) -> Floats:
         """Velocity through the water over the pings of a message, shape (2,), [m/s]."""
         heading = own.heading - self.x[3]
         speed = self._mean.speed - self.x[2]
@@ -333,17 +335,19 @@ class RangeFilter(DeadReckoning):
         R += self._place_variance(reception) * directions @ directions.T
         if self.settings.compensate_motion:
             received = np.flatnonzero(np.isfinite(ranges))
-            R += self._by_delays(H, directions, received, own)
+            R += self._add_delay_terms(H, directions, received, own)
         self.x, self.P = kalman_update(self.x, self.P, H, innovation, R)
         return True
 
-    def _by_delays(self, H: Floats, directions: Floats, received: Ints, own: OwnMotion) -> Floats:
+    def _add_delay_terms(
+        self, H: Floats, directions: Floats, received: Ints, own: OwnMotion
+    ) -> Floats:
         """Fill in the derivatives of the ranges by biases and current over the delays; covariance
         of what else errs over them.
         """
         settings: TightSettings = self.settings
         lag = self._delays.lag[received]
-        east, north = self._slipping(own)
+        east, north = self._velocity_over_pings(own)
         heading = own.heading - self.x[3]
         ahead = np.array([math.sin(heading), math.cos(heading)])
         starboard = np.array([ahead[1], -ahead[0]])

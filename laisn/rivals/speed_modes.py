@@ -89,7 +89,7 @@ class SpeedModes(OnlineNavigator[Estimates]):
         self._heading = own.heading
         for mode in self.modes:
             self._predict(mode, middle, dt)
-        self._weigh([self._update_log(mode, own.speed) for mode in self.modes])
+        self._update_weights([self._update_log(mode, own.speed) for mode in self.modes])
         used = reception is not None and self._receive(own, reception)
         self._since_mixing += dt
         if self._since_mixing >= MIXING_TIME - 1e-6:
@@ -130,7 +130,7 @@ class SpeedModes(OnlineNavigator[Estimates]):
         squared = innovation * innovation / variance
         return float(-0.5 * (squared + math.log(variance)))
 
-    def _weigh(self, likelihoods: list[float]) -> None:
+    def _update_weights(self, likelihoods: list[float]) -> None:
         """Multiply the weights by likelihoods, given as logarithms."""
         best = max(likelihoods)
         weights = np.array(
@@ -176,7 +176,7 @@ class SpeedModes(OnlineNavigator[Estimates]):
                 self._update_ranges(mode, own.heading, delays, (below, ranges, variance))
                 for mode in self.modes
             ]
-            self._weigh(likelihoods)
+            self._update_weights(likelihoods)
         seen = self._track.receive(reception.message)
         if seen is not None and settings.assume.current:
             H = np.zeros((2, STATES))

@@ -18,7 +18,7 @@ from laisn.estimates import HYPOTHESES
 from laisn.geometry import Turn, tilted_arms, turn
 from laisn.tight import motion
 from laisn.tight.model import COMPASS, LOG, X, Y, refresh_output
-from laisn.tight.ranging import beside_leader, relative_rows, slipping, update
+from laisn.tight.ranging import relative_covariance, relative_position, update, velocity_over_pings
 from laisn.tight.records import (
     ABSENT,
     CAPACITY,
@@ -44,7 +44,7 @@ _SAME_BESIDE_ERRORS = 2.0
 
 
 @compiled
-def _lateral(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float, float, float]:
+def _lateral_offset(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float, float, float]:
     """Distance ℓ of component k to the left of the line from transmitter 1 to 2, with P ∇ℓ in
     `b.gain`; its variance; and the distance ℓ_c at which the axis matters: where the difference of
     both ranges has bent by 1.4 of their errors.
@@ -56,9 +56,9 @@ def _lateral(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float, float,
     turning = m.leader != ABSENT
     s, c = sin_cos(x[k, m.leader] if turning else 0.0)
     ex, ey = arms[1, 0] - arms[0, 0], arms[1, 1] - arms[0, 1]
-    qx, qy = beside_leader(b, m, k, signal)
+    qx, qy = relative_position(b, m, k, signal)
     if signal.late:
-        _, _, vx, vy = slipping(b, k)
+        _, _, vx, vy = velocity_over_pings(b, k)
         # the axis of the places from which the pings seem to come
         rx, ry = (signal.lag[1] - signal.lag[0]) * vx, (signal.lag[1] - signal.lag[0]) * vy
         ex += c * rx + s * ry
@@ -67,7 +67,7 @@ def _lateral(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float, float,
         qy -= signal.lag[0] * vy
     length = math.sqrt(ex * ex + ey * ey)
     tx, ty = (c * ex - s * ey) / length, (s * ex + c * ey) / length
-    away_x, away_y = relative_rows(b, m, k)
+    away_x, away_y = relative_covariance(b, m, k)
     ox, oy = qx - (c * arms[0, 0] - s * arms[0, 1]), qy - (s * arms[0, 0] + c * arms[0, 1])
     # ∇ℓ by x, y and b_L
     gx = -ty
@@ -90,14 +90,14 @@ def _lateral(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float, float,
 
 
 @compiled
-def _keep_half(b: Belief, m: Model, k: int, signal: Signal, side: float) -> None:
+def _truncate_to_side(b: Belief, m: Model, k: int, signal: Signal, side: float) -> None:
     """Replace component k by its part on one side of the axis: left for +1, right for −1; with
     its exact moments.
     """
     x = b.state
     P = b.covariance
     gain = b.gain
-    lateral, variance, _ = _lateral(b, m, k, signal)
+    lateral, variance, _ = _lateral_offset(b, m, k, signal)
     sigma = math.sqrt(variance)
     mass, shift, narrowing = mixture.half_moments(side * lateral / sigma)
     b.weight[k] *= mass
@@ -116,7 +116,7 @@ def split(b: Belief, m: Model, signal: Signal) -> None:
     matter.
     """
     for h in range(b.alive):
-        lateral, variance, critical = _lateral(b, m, mixture.heaviest(b, m.modes, h), signal)
+        lateral, variance, critical = _lateral_offset(b, m, mixture.heaviest(b, m.modes, h), signal)
         least = min(_SPLIT * critical, _WIDEST)
         across = variance > least * least and abs(lateral) < _REACH * math.sqrt(variance)
         if b.alive < CAPACITY and across:
@@ -124,8 +124,8 @@ def split(b: Belief, m: Model, signal: Signal) -> None:
             b.alive += 1
             mixture.copy_hypothesis(b, m.modes, h, other)
             for mode in range(m.modes):
-                _keep_half(b, m, h * m.modes + mode, signal, 1.0)
-                _keep_half(b, m, other * m.modes + mode, signal, -1.0)
+                _truncate_to_side(b, m, h * m.modes + mode, signal, 1.0)
+                _truncate_to_side(b, m, other * m.modes + mode, signal, -1.0)
 
 
 @compiled
@@ -207,7 +207,7 @@ def _merge_ring(b: Belief, m: Model, signal: Signal, first: int, mean: tuple[flo
                 square = (dx * dx + dy * dy) / (_POSITION_SIGMA * _POSITION_SIGMA)
                 evidence += math.log(_FAR_WEIGHT + math.exp(-0.5 * square))
             if merging:
-                left = _lateral(b, m, SPARE, signal)[0] > 0.0
+                left = _lateral_offset(b, m, SPARE, signal)[0] > 0.0
                 b.weight[SPARE] = math.exp(evidence - best)
                 mixture.merge_components(b, first if left else first + m.modes, SPARE)
             else:
@@ -413,7 +413,7 @@ def _propagate_iterated(b: Belief, m: Model, k: int, signal: Signal) -> bool:
     if m.speed != ABSENT:
         # predicted step by step
         if m.place != ABSENT:
-            motion.renew_place_error(b, m, k)
+            motion.reset_position_error(b, m, k)
         return True
     if 0.5 * b.covariance[k, COMPASS, COMPASS] * way >= _BEND:
         mixture.copy_component(b, k, SPARE)

@@ -191,7 +191,7 @@ def _advance_components(b: Belief, m: Model, first: bool) -> None:
 
 
 @inlined
-def _way(
+def _displacement(
     o: Preintegration, m: Model, speed: float, compass_bias: float
 ) -> tuple[float, float, float, float, float, float]:
     """Rotation by a compass bias (cosine, sine), way through the water, and its derivative by
@@ -213,9 +213,10 @@ def _way(
 def _position_noise(
     o: Preintegration, m: Model, mode: int, way: tuple[float, float, float, float, float, float]
 ) -> tuple[float, float, float]:
-    """Covariance xx, xy, yy that a component's position gains on a way as of `_way`: by random
-    errors of the readings, slip, and biases of log and compass, and the current, that wander on a
-    straight way.
+    """Covariance xx, xy, yy that a component's position gains on a way as of `_displacement`.
+
+    By random errors of the readings, slip, and biases of log and compass, and the current, that
+    wander on a straight way.
     """
     c, s, way_x, way_y, by_log_x, by_log_y = way
     time = o.time
@@ -237,7 +238,7 @@ def _position_noise(
 
 
 @compiled
-def renew_place_error(b: Belief, m: Model, k: int) -> None:
+def reset_position_error(b: Belief, m: Model, k: int) -> None:
     """What errs anew in the broadcast position of each message, e, of component k."""
     P = b.covariance
     for state in (m.place, m.place + 1):
@@ -253,7 +254,7 @@ def predict_component(b: Belief, m: Model, k: int, speed: float, compass_bias: f
 
     The true way is r = Rot(b_θ)(A − b_v B), with Rot anticlockwise, as a compass that reads too
     much has to be turned back. P ← F P Fᵀ + Q, with Q of biases that wander for a straight way.
-    Where the speed is a state, `speed` is its value, else b_v's; see `_way`.
+    Where the speed is a state, `speed` is its value, else b_v's; see `_displacement`.
     """
     speed_index = LOG if m.speed == ABSENT else m.speed
     x = b.state
@@ -262,11 +263,11 @@ def predict_component(b: Belief, m: Model, k: int, speed: float, compass_bias: f
     time = b.motion.time
     mode = k % m.modes
     if m.place != ABSENT and m.speed == ABSENT:
-        renew_place_error(b, m, k)
+        reset_position_error(b, m, k)
     if m.place_walk != ABSENT:
         for state in (m.place_walk, m.place_walk + 1):
             P[k, state, state] += m.place_walk_rate * time
-    way = _way(b.motion, m, speed, compass_bias)
+    way = _displacement(b.motion, m, speed, compass_bias)
     _, _, way_x, way_y, by_speed_x, by_speed_y = way
     by_compass_x = -way_y
     by_compass_y = way_x
@@ -381,7 +382,7 @@ def _add_component(b: Belief, m: Model, k: int, origin: tuple[float, float]) -> 
     weight = b.weight[k]
     log_is_exact = m.speed == ABSENT
     speed_index = LOG if log_is_exact else m.speed
-    way = _way(o, m, x[speed_index], x[COMPASS])
+    way = _displacement(o, m, x[speed_index], x[COMPASS])
     c, s, way_x, way_y, by_speed_x, by_speed_y = way
     ux, uy = c * o.sin - s * o.cos, s * o.sin + c * o.cos
     speed = o.speed - x[LOG] if log_is_exact else x[speed_index]

@@ -118,7 +118,9 @@ def update(
 
 
 @compiled
-def describe(b: ScalarRecord, m: ScalarRecord, places: Ints, used: int, fixes: Records) -> None:
+def write_fix_of_message(
+    b: ScalarRecord, m: ScalarRecord, places: Ints, used: int, fixes: Records
+) -> None:
     """Write the result of a message into the only one of fixes; see `details.write_fix`."""
     write_fix(b[0], m[0], places, used, fixes[0])
 
@@ -195,7 +197,7 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
     def _fix(self, used: int) -> FixRecord:
         """The result of a message of which so many ranges were used by any hypothesis."""
         fixes = records(FIX, 1)
-        describe(*self._records, self._places, used, fixes)
+        write_fix_of_message(*self._records, self._places, used, fixes)
         fix = fixes[0]
         details = {
             column.attribute: fix[column.attribute] for column in TightEstimates.DETAILS.columns

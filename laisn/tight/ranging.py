@@ -44,7 +44,7 @@ def new_signal() -> Signal:
 
 
 @inlined
-def beside_leader(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float, float]:
+def relative_position(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float, float]:
     """Place of component k from the leader's true origin, east and north [m]."""
     x = b.state
     qx = x[k, X] - signal.east
@@ -59,8 +59,8 @@ def beside_leader(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float, f
 
 
 @inlined
-def relative_rows(b: Belief, m: Model, k: int) -> tuple[Floats, Floats]:
-    """Covariance of `beside_leader`, east and north, with the states, shapes (n,)."""
+def relative_covariance(b: Belief, m: Model, k: int) -> tuple[Floats, Floats]:
+    """Covariance of `relative_position`, east and north, with the states, shapes (n,)."""
     P = b.covariance
     away_x = P[k, X]
     away_y = P[k, Y]
@@ -82,8 +82,8 @@ def relative_rows(b: Belief, m: Model, k: int) -> tuple[Floats, Floats]:
 
 
 @inlined
-def _of_place(m: Model, row: Floats, axis: int) -> float:
-    """Of covariances with the states, shape (n,), that with `beside_leader` along an axis."""
+def _relative_component(m: Model, row: Floats, axis: int) -> float:
+    """Of covariances with the states, shape (n,), that with `relative_position` along an axis."""
     value: float = row[X + axis]
     if m.place != ABSENT:
         value -= row[m.place + axis]
@@ -93,7 +93,7 @@ def _of_place(m: Model, row: Floats, axis: int) -> float:
 
 
 @inlined
-def slipping(b: Belief, k: int) -> tuple[float, float, float, float]:
+def velocity_over_pings(b: Belief, k: int) -> tuple[float, float, float, float]:
     """Direction and velocity of the follower through the water over the pings of a message, by the
     biases of component k, east and north, [m/s].
     """
@@ -111,7 +111,7 @@ def _add_delays(b: Belief, m: Model, k: int, signal: Signal, count: int) -> None
     """
     w = b.work
     P = b.covariance
-    ux, uy, vx, vy = slipping(b, k)
+    ux, uy, vx, vy = velocity_over_pings(b, k)
     for j in range(count):
         i = w.used[j]
         lag = signal.lag[i]
@@ -141,7 +141,7 @@ def _delay_covariance(b: Belief, m: Model, k: int, signal: Signal, i: int, g: in
     """
     w = b.work
     o = b.motion
-    ux, uy, vx, vy = slipping(b, k)
+    ux, uy, vx, vy = velocity_over_pings(b, k)
     value: float = w.row_log[i] * w.gain[g, LOG] + w.row_compass[i] * w.gain[g, COMPASS]
     if m.current != ABSENT:
         east = w.row_x[i] * w.gain[g, m.current]
@@ -205,20 +205,20 @@ def _linearise_range(
     s, c = sin_cos(bias)
     shift_x = w.shift[0]
     shift_y = w.shift[1]
-    qx, qy = beside_leader(b, m, k, signal)
+    qx, qy = relative_position(b, m, k, signal)
     qx += shift_x
     qy += shift_y
     if signal.late:
-        _, _, vx, vy = slipping(b, k)
+        _, _, vx, vy = velocity_over_pings(b, k)
         qx -= signal.lag[i] * vx
         qy -= signal.lag[i] * vy
         if m.current != ABSENT:
             qx -= signal.age[i] * x[k, m.current]
             qy -= signal.age[i] * x[k, m.current + 1]
-    away_x, away_y = relative_rows(b, m, k)
-    pxx = _of_place(m, away_x, 0) - w.removed[0]
-    pxy = _of_place(m, away_x, 1) - w.removed[1]
-    pyy = _of_place(m, away_y, 1) - w.removed[2]
+    away_x, away_y = relative_covariance(b, m, k)
+    pxx = _relative_component(m, away_x, 0) - w.removed[0]
+    pxy = _relative_component(m, away_x, 1) - w.removed[1]
+    pyy = _relative_component(m, away_y, 1) - w.removed[2]
     # ρ = |q − Rot(b_L) a|, h = ∂ρ/∂(x, y, b_L)
     ax, ay = signal.arms[i, 0], signal.arms[i, 1]
     sx, sy = c * ax - s * ay, s * ax + c * ay
@@ -298,8 +298,8 @@ def _fill_innovation_covariance(b: Belief, m: Model, k: int, signal: Signal, cou
             second = f[0, 0] * e[0, 0] + f[0, 1] * e[1, 0] + f[1, 0] * e[0, 1] + f[1, 1] * e[1, 1]
             noise = m.range_scale_variance * w.row_scale[i] * w.row_scale[g]
             value = (
-                w.row_x[i] * _of_place(m, w.gain[g], 0)
-                + w.row_y[i] * _of_place(m, w.gain[g], 1)
+                w.row_x[i] * _relative_component(m, w.gain[g], 0)
+                + w.row_y[i] * _relative_component(m, w.gain[g], 1)
                 + w.row_scale[i] * w.gain[g, SCALE]
             )
             if signal.late:

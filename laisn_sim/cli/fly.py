@@ -31,7 +31,7 @@ from sim.feasibility import cautions
 from sim.flight import Flight, Termination, position_and_bearing_errors
 from sim.scenario.settings import Scenario
 from sim.system import background_process, return_large_blocks
-from sim.trial import strays
+from sim.trial import track_deviations
 
 _LONG_S = 7200.0
 _LEGEND = """E_P, E_B: errors of position and bearing; σ: standard deviation;
@@ -250,8 +250,8 @@ def fly_and_write(
             scenario, work, Console(stderr=True), with_video=with_video, with_bag=with_bag
         )
     show(console, flight, summary)
-    for stray in strays(scenario, flight.trajectory):
-        print_line(console, stray, "warning:")
+    for deviation in track_deviations(scenario, flight.trajectory):
+        print_line(console, deviation, "warning:")
     for event in stray_events(flight):
         print_line(console, f"at {event.time_s:g} s {event.text}", "warning:")
     bug = not isinstance(film_error, LaisnError)

@@ -127,11 +127,11 @@ def check(
     from experiments.flight.library import load_scenario
     from sim.feasibility import cautions
     from sim.sea import sea_report
-    from sim.trial import is_tried, trial
+    from sim.trial import needs_trial, trial
 
     checked = load_scenario(scenario, set_ or (), flyable=True)
     warnings = cautions(checked)
-    if is_tried(checked):
+    if needs_trial(checked):
         with phases(Console(stderr=True)) as phase, phase("trial"):
             warnings += trial(checked)
     for warning in warnings:

@@ -23,7 +23,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from laisn.arrays import Floats, Ints, own_arrays
+from laisn.arrays import Floats, Ints, freeze_arrays
 from laisn.errors import LaisnError
 from sim.system import background_process, read_text
 
@@ -138,7 +138,7 @@ class RangeData:
                 f"{self.source}: holds no range between the vehicle and a beacon whose place is "
                 "known"
             )
-        own_arrays(self)
+        freeze_arrays(self)
 
     @classmethod
     def collect(

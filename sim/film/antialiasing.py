@@ -22,7 +22,7 @@ def _brightness(picture: Bytes, row: int, column: int) -> float:
 
 
 @compiled
-def _end(
+def _edge_end(
     source: Bytes,
     row: int,
     column: int,
@@ -84,8 +84,8 @@ def smooth(source: Bytes, target: Bytes, left: int, top: int, width: int, height
             limit = abs(beyond - m) / 4.0
             step = (0, 1) if level >= upright else (1, 0)
             back = (-step[0], -step[1])
-            first, at_first = _end(source, i, j, back, over, mean, limit)
-            last, at_last = _end(source, i, j, step, over, mean, limit)
+            first, at_first = _edge_end(source, i, j, back, over, mean, limit)
+            last, at_last = _edge_end(source, i, j, step, over, mean, limit)
             nearest, at_nearest = (first, at_first) if first < last else (last, at_last)
             # towards the nearer end the other side takes over, or this side does, which then is
             # left as it is

@@ -157,7 +157,7 @@ class CameraRig:
         )
         self._aside = smooth(east * towards[:, 1] - north * towards[:, 0])
 
-    def _now(self, values: Floats, time: float) -> Floats:
+    def _value_at(self, values: Floats, time: float) -> Floats:
         index = float(np.interp(time, self._time, np.arange(self._time.size)))
         i = int(index)
         u = index % 1.0
@@ -170,13 +170,13 @@ class CameraRig:
         )
 
     def _towards_leader(self, time: float) -> Floats:
-        flat = self._now(self._separation, time) * [1.0, 1.0, 0.0]
+        flat = self._value_at(self._separation, time) * [1.0, 1.0, 0.0]
         length = np.linalg.norm(flat)
         return flat / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
 
     def _close(self, state: FrameState, vehicle: int, distance: float = 3.4) -> View:
         """A vehicle from its quarter, turning with its heading."""
-        heading = float(self._now(self._heading, state.time)[vehicle])
+        heading = float(self._value_at(self._heading, state.time)[vehicle])
         side = np.array([np.sin(heading + 2.2), np.cos(heading + 2.2), 0.28])
         at = state.position[vehicle]
         return View(position=self._in_water(at + distance * side), target=at, fovy_deg=40.0)
@@ -185,8 +185,8 @@ class CameraRig:
         """The leader from the bow quarter away from the follower; steady, so that waves move the
         hull in the frame.
         """
-        leader = self._now(self._leader, state.time)
-        back = -self._now(self._separation, state.time)
+        leader = self._value_at(self._leader, state.time)
+        back = -self._value_at(self._separation, state.time)
         bearing = np.arctan2(back[0], back[1]) + self._side * _PROFILE_TURN
         eye = self._in_water(leader + 6.6 * np.array([np.sin(bearing), np.cos(bearing), 0.0]))
         look = bearing + np.pi + self._side * _PROFILE_LEADER
@@ -225,8 +225,8 @@ class CameraRig:
         the share `bottom`.
         """
         left, right, top = _FREE
-        centre = self._now(self._centre, state.time)
-        half = self._now(self._half, state.time)
+        centre = self._value_at(self._centre, state.time)
+        half = self._value_at(self._half, state.time)
         across = (right - left) * self._aspect
         down = bottom - top
         frame = max(1.25 * 2 * half[0] / across, 1.25 * 2 * half[1] / down, 14.0) + 3.0
@@ -253,10 +253,10 @@ class CameraRig:
             ahead = self._towards_leader(state.time)
             side = np.array([ahead[1], -ahead[0], 0.0])
             # far enough back to keep the estimate in the picture
-            back = 5.0 + 1.2 * min(float(self._now(self._error, state.time)), 12.0)
+            back = 5.0 + 1.2 * min(float(self._value_at(self._error, state.time)), 12.0)
             # and aside, so that follower and estimate both stand clear of the panels, most of which
             # are at the left
-            aside = float(np.clip(self._now(self._aside, state.time), -10.0, 10.0))
+            aside = float(np.clip(self._value_at(self._aside, state.time), -10.0, 10.0))
             between = at + (0.5 if aside > 0 else 0.9) * aside * side
             eye = self._in_water(
                 between - back * ahead + 0.25 * back * side + [0.0, 0.0, 0.3 * back]
@@ -274,7 +274,7 @@ class CameraRig:
         if camera == "profile":
             # the inset shows the follower and its estimate from above, north up
             mark = state.hydrophone[follower - 1]
-            reach = 1.5 + 1.6 * float(np.clip(self._now(self._error, state.time), 1.0, 8.0))
+            reach = 1.5 + 1.6 * float(np.clip(self._value_at(self._error, state.time), 1.0, 8.0))
             eye = self._in_water(mark + np.array([0.0, 0.0, reach / np.tan(np.radians(60.0) / 2)]))
             above = View(
                 position=eye,
@@ -292,8 +292,8 @@ class CameraRig:
             )
         if camera == "leader":
             return Shot(self._close(state, leader, 4.6), (close_follower,), near_fog, True)
-        centre = self._now(self._centre, state.time)
-        half = self._now(self._half, state.time)
+        centre = self._value_at(self._centre, state.time)
+        half = self._value_at(self._half, state.time)
         # to the ends of the hulls
         radius = float(np.hypot(half[0], half[1])) + 1.0
         high = float(half[2])

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from laisn.arrays import Floats, Ints, own_arrays
+from laisn.arrays import Floats, Ints, freeze_arrays
 from laisn.estimates import FixKind
 from laisn.messages import Ranges
 from sim import attitude
@@ -60,7 +60,7 @@ class OtherEstimate:
     position: Floats  # estimated position (x, y) at filter steps k = 1 … n, shape (n, 2), [m]
 
     def __post_init__(self) -> None:
-        own_arrays(self)
+        freeze_arrays(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +79,7 @@ class RayErrors:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.limit) and self.limit > 0):
             raise ValueError(f"the colour bar ends at {self.limit:g} m, expected a positive number")
-        own_arrays(self)
+        freeze_arrays(self)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -324,13 +324,13 @@ def is_model_key(key: str) -> bool:
     return re.fullmatch(rf"{hulls}|ocean\.current\.file", key) is not None
 
 
-def beside(model: Any, folder: Path) -> Any:
+def path_from_folder(model: Any, folder: Path) -> Any:
     """The name of a file as seen from here, for one that is named as seen from a folder."""
     named = isinstance(model, str) and not is_mjcf(model) and model not in models.VEHICLES
     return str(folder / model) if named else model
 
 
-def seen_from(table: dict[str, Any], folder: Path) -> dict[str, Any]:
+def with_file_paths(table: dict[str, Any], folder: Path) -> dict[str, Any]:
     """The table of a scenario file in a folder; changed in place: hulls and fields that it names
     lie beside the file.
     """
@@ -342,15 +342,15 @@ def seen_from(table: dict[str, Any], folder: Path) -> dict[str, Any]:
         vehicles += followers
     for vehicle in vehicles:
         if isinstance(vehicle, dict) and "model" in vehicle:
-            vehicle["model"] = beside(vehicle["model"], folder)
+            vehicle["model"] = path_from_folder(vehicle["model"], folder)
     ocean = table.get("ocean")
     for source in ocean.values() if isinstance(ocean, dict) else ():
         if isinstance(source, dict) and "file" in source:
-            source["file"] = beside(source["file"], folder)
+            source["file"] = path_from_folder(source["file"], folder)
     return table
 
 
-def examined(
+def scenario_or_errors(
     table: dict[str, Any],
     further: Callable[[Scenario], Iterable[str]] = lambda _: (),
     where: Callable[[Location], str] = lambda _: "",
@@ -381,7 +381,7 @@ def validate(
         values = plain_values(table)
     except ScenarioError as error:
         raise ScenarioError(f"{source}: 1 error\n  {error}") from None
-    scenario, lines = examined(values, further, where)
+    scenario, lines = scenario_or_errors(values, further, where)
     if lines or scenario is None:
         head = f"{source}: {len(lines)} error{'s' if len(lines) != 1 else ''}"
         raise ScenarioError("\n".join(screenful([head, *lines])))

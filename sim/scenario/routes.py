@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from laisn.arrays import Floats, own_arrays
+from laisn.arrays import Floats, freeze_arrays
 from laisn.errors import LaisnError
 
 START_SPEED = 1.0  # speed at which the paper's missions begin [m/s] (Section 3.1)
@@ -32,7 +32,7 @@ class DepthProfile:
     period: float | None = None  # the profile repeats after this time [s]; None: it does not
 
     def __post_init__(self) -> None:
-        own_arrays(self)
+        freeze_arrays(self)
 
     @classmethod
     def constant(cls, depth: float) -> Self:
@@ -91,7 +91,7 @@ class Route:
     start_speed: float = START_SPEED
 
     def __post_init__(self) -> None:
-        own_arrays(self)
+        freeze_arrays(self)
 
     @classmethod
     def timed(

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numba import literal_unroll
 
-from laisn.arrays import Bools, Floats, Ints, Record, Records, numbers_of, own_arrays, records
+from laisn.arrays import Bools, Floats, Ints, Record, Records, freeze_arrays, numbers_of, records
 from laisn.compiled import compiled, copy_values, jitable
 from laisn.messages import LeaderMessage, Measurements
 from laisn.swarm import MESSAGE
@@ -588,7 +588,7 @@ class IdealMeasurements:
     own: tuple[tuple[sensors.CustomSensor, Floats], ...] = ()
 
     def __post_init__(self) -> None:
-        own_arrays(self)
+        freeze_arrays(self)
 
 
 def start_of(trajectory: Trajectory, follower: int = 0) -> Floats:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from laisn.arrays import Floats, own_arrays
+from laisn.arrays import Floats, freeze_arrays
 from sim.water.currents import ACCELERATION, RUN, SET, START, ShearedCurrent
 from sim.water.custom import CustomCaller
 from sim.water.environment import Environment, UniformDensity, water_velocity
@@ -35,7 +35,7 @@ class Ocean:
     rays: StraightRays | None = None  # None: a speed of sound of 1500 m/s everywhere
 
     def __post_init__(self) -> None:
-        own_arrays(self)
+        freeze_arrays(self)
 
     @property
     def _towards(self) -> Floats:

@@ -15,7 +15,7 @@ from typing import NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from laisn.arrays import Floats, Two, own_arrays
+from laisn.arrays import Floats, Two, freeze_arrays
 from laisn.compiled import compiled
 from laisn.errors import LaisnError
 from laisn.vector_math import exp, sin_cos
@@ -51,7 +51,7 @@ class Waves:
     phase_rad: Floats  # phases φ, shape (n,)
 
     def __post_init__(self) -> None:
-        own_arrays(self)
+        freeze_arrays(self)
 
     @classmethod
     def none(cls) -> Self:

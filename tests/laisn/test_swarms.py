@@ -202,7 +202,7 @@ def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(settings: Tigh
                 off = update.hypothesis - x[:2]
                 spread = update.hypothesis_covariance + off[:, :, None] * off[:, None, :]
                 largest = np.linalg.eigvalsh(np.einsum("h,hij->ij", update.weight, spread))[-1]
-                assert out[i].spread == pytest.approx(np.sqrt(largest), rel=1e-9)
+                assert out[i].position_sigma == pytest.approx(np.sqrt(largest), rel=1e-9)
                 if settings.assume.drift:
                     continue
                 lean = np.zeros(2)

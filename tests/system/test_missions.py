@@ -23,7 +23,7 @@ from sim.hull import hull_of, limits_of
 from sim.scenario.file import ScenarioError
 from sim.scenario.settings import Scenario
 from sim.tracking import cross_track, off_station
-from sim.trial import OFF_DEPTH_M, OFF_ROUTE_M, OFF_STATION_M, strays, trial
+from sim.trial import OFF_DEPTH_M, OFF_ROUTE_M, OFF_STATION_M, track_deviations, trial
 from sim.vehicle.hull_file import from_dimensions
 
 pytestmark = pytest.mark.system
@@ -159,7 +159,7 @@ def test_a_shipped_vehicle_flies_or_is_refused_with_advice_that_works(
     require_kept(flight, warnings)
     # of vehicles that steer by the truth, the trial is the flight
     if role == "leader":
-        assert warnings == strays(flight.scenario, flight.trajectory)
+        assert warnings == track_deviations(flight.scenario, flight.trajectory)
 
 
 def test_a_hull_that_hovers_stays_level_on_its_station() -> None:

@@ -72,6 +72,6 @@ def run(
         outcomes = dict(zip(plans, fly_studies([*plans.values()], folder, **options), strict=True))
         fly_further(outcomes, claims.further_runs, folder, **options)
         values = MetricValues.of(outcomes)
-        judged = claims.judge(values, claims.published())
-        verdicts[seed] = [ours.verdict for _, ours, _ in judged]
+        claims_judged = claims.judge(values, claims.published())
+        verdicts[seed] = [ours.verdict for _, ours, _ in claims_judged]
     findings_of(verdicts).write(folder / FILE)

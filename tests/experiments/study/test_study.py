@@ -422,7 +422,7 @@ def test_all_errors_of_the_files_own_keys_are_reported_at_once():
 )
 def test_an_error_of_the_file_is_reported_before_any_point_is_validated(monkeypatch, changes):
     monkeypatch.setattr(
-        "experiments.study.plan.examined", lambda *_: pytest.fail("a point was validated")
+        "experiments.study.plan.scenario_or_errors", lambda *_: pytest.fail("a point was validated")
     )
     assert refused(**changes)
 

@@ -10,7 +10,7 @@ import pytest
 import models
 from laisn.arrays import Floats
 from sim import feasibility
-from sim.scenario.file import seen_from, validate
+from sim.scenario.file import validate, with_file_paths
 from sim.scenario.formation import Shape, followers_of
 
 Kind = Literal["line", "v", "column", "grid", "ring"]
@@ -71,7 +71,7 @@ def test_a_single_follower_stands_on_the_axis_where_a_shape_begins() -> None:
 def test_followers_of_a_shape_have_its_model(tmp_path: Path) -> None:
     (tmp_path / "mine.xml").write_text(models.path("lauv").read_text("utf-8"), encoding="utf-8")
     for name, model in (("remus100", "remus100"), ("mine.xml", "lauv")):
-        table = seen_from(
+        table = with_file_paths(
             {"formation": {"shape": {"kind": "v", "count": 3, "model": name}}}, tmp_path
         )
         scenario = validate(table, "a.toml")
