@@ -96,7 +96,7 @@ def pair_fix(pair: Pair, heading: Turn, predicted: Point, t: Tuning) -> Fix:
     front = pair.front.radius
     received = rear == rear and front == front
     chord = geometry.common_chord(pair.rear.centre, rear, pair.front.centre, front)
-    distinct = chord.apart
+    distinct = chord.distinct
     d = chord.distance
     # one transmitter upon the other: the axis is the hull's
     east = chord.way.east if distinct else heading.sine

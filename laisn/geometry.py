@@ -58,7 +58,7 @@ class Arms(NamedTuple):
 class Chord(NamedTuple):
     """Common chord of two circles, seen from the first centre on the way to the second."""
 
-    apart: bool
+    distinct: bool  # the centres do not coincide
     distance: float
     way: Point  # unit vector from the first centre to the second; (0, 0) if they coincide
     along: float  # how far along the way the common chord lies, a [m]
@@ -200,8 +200,8 @@ def common_chord(first: Point, first_radius: float, second: Point, second_radius
     """
     east, north = second.east - first.east, second.north - first.north
     d = math.sqrt(east * east + north * north)
-    apart = d > 0.0
-    per_d = 1.0 / (d if apart else 1.0)
+    distinct = d > 0.0
+    per_d = 1.0 / (d if distinct else 1.0)
     along = (d * d + first_radius * first_radius - second_radius * second_radius) * (0.5 * per_d)
     overlap = (
         (first_radius + second_radius - d)
@@ -209,7 +209,7 @@ def common_chord(first: Point, first_radius: float, second: Point, second_radius
         * (d - first_radius + second_radius)
     )
     half_squared = (d + first_radius + second_radius) * overlap * (0.25 * per_d * per_d)
-    return Chord(apart, d, Point(east * per_d, north * per_d), along, half_squared)
+    return Chord(distinct, d, Point(east * per_d, north * per_d), along, half_squared)
 
 
 @formula

@@ -41,7 +41,7 @@ class PluginError(LaisnError):
 class _Registered(NamedTuple):
     """A class or function that Python code of this process has given."""
 
-    made: Any
+    factory: Any
     token: str  # in keys of results, so that no other process finds them
 
 
@@ -232,7 +232,7 @@ def find_class(kind: str, name: str, method: str = "") -> Any:
     method; LaisnError, with the `kind` that it should be, if there is none.
     """
     if name in _REGISTERED:
-        return _REGISTERED[name].made
+        return _REGISTERED[name].factory
     module, _, attribute = name.partition(":")
     file = plugin_files().get(module)
     if file is None:

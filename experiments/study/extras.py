@@ -41,11 +41,11 @@ def installed(studies: Mapping[str, Study]) -> dict[str, Study]:
     LaisnError if nothing remains.
     """
     parts = {
-        part: _without_missing(study) if arms_left_out({part: study}) else study
-        for part, study in studies.items()
+        name: _without_missing(study) if arms_left_out({name: study}) else study
+        for name, study in studies.items()
     }
     remaining = {
-        part: study for part, study in parts.items() if study.arms or not studies[part].arms
+        name: study for name, study in parts.items() if study.arms or not studies[name].arms
     }
     if not remaining:
         reasons = arms_left_out(studies)

@@ -25,7 +25,7 @@ class Fin:
     """A fin in the model's frame."""
 
     link: str
-    place: Floats  # of the centre of pressure [m]
+    position: Floats  # of the centre of pressure [m]
     axis: Floats  # unit vector along which a positive state pushes
     limits: tuple[float, float] | None  # of the joint [rad]; None: it does not turn
     # of NAME.foil: area [m²], slope [1/rad], stall angle [rad], slope beyond, incidence at no

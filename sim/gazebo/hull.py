@@ -183,7 +183,7 @@ def _turn(hull: body.SdfHull, pushers: list[thrusters.Thruster], remarks: Remark
     driving = thrusters.pushing_along(pushers, axis)
     extent = float(hull.size @ axis)
     ahead = [
-        float((thruster.place - hull.buoyancy_centre) @ axis) > 0.25 * extent
+        float((thruster.position - hull.buoyancy_centre) @ axis) > 0.25 * extent
         for thruster in driving
     ]
     name = "xyz"[int(np.argmax(axis))]
@@ -368,7 +368,7 @@ def _thruster_parts(
         parts.append(
             EffectorPart(
                 name=_name(pusher.joint),
-                place=placing.point(pusher.place),
+                position=placing.point(pusher.position),
                 axis=axis,
                 limits=limits,
                 lag=LAG["thruster"],
@@ -393,7 +393,7 @@ def _fin_parts(planes: list[fins.Fin], placing: Placing) -> list[EffectorPart]:
         parts.append(
             EffectorPart(
                 name=_name(fin.link),
-                place=placing.point(fin.place),
+                position=placing.point(fin.position),
                 axis=axis / np.linalg.norm(axis),
                 limits=fin.limits,
                 lag=0.0 if fin.limits is None else LAG["fin"],

@@ -20,7 +20,7 @@ class Thruster:
     """A thruster in the model's frame."""
 
     joint: str
-    place: Floats  # [m]
+    position: Floats  # [m]
     axis: Floats  # unit vector of a positive thrust
     # least and largest thrust [N]; None: the file has no such limit
     least: float | None

@@ -160,7 +160,7 @@ class Messages:
 
     schema: Any  # None: unknown
     encoding: str = MessageEncoding.Protobuf
-    kept: bool = True  # data are kept, not times alone
+    holds_data: bool = True  # not times alone
     times: "array[int]" = field(default_factory=lambda: array("q"))
     data: list[bytes] = field(default_factory=list)
     # log times in order of recording, where that is not the order of time [ns]
@@ -261,7 +261,7 @@ class Contents:
                 if isinstance(record, Message):
                     channel = channels[record.channel_id]
                     channel.times.append(record.log_time)
-                    if channel.kept:
+                    if channel.holds_data:
                         channel.data.append(record.data)
                 elif isinstance(record, Schema):
                     schemas.setdefault(record.id, record)
@@ -269,7 +269,7 @@ class Contents:
                     new = Messages(schemas.get(record.schema_id), record.message_encoding)
                     registered = channels[record.id] = self.topics.setdefault(record.topic, new)
                     if registered is new:
-                        new.kept = select(record.topic, new)
+                        new.holds_data = select(record.topic, new)
                     mine, others = (
                         (m.encoding, m.schema and (m.schema.name, m.schema.data))
                         for m in (registered, new)
@@ -291,7 +291,7 @@ class Contents:
                     if bare:
                         self.unverified += (f"{bare} of {chunks} chunks",)
             for m in self.topics.values():
-                if m.kept and np.any(m.time_ns[1:] < m.time_ns[:-1]):
+                if m.holds_data and np.any(m.time_ns[1:] < m.time_ns[:-1]):
                     m.recorded_ns = m.time_ns.copy()
                     order = np.argsort(m.time_ns, kind="stable").tolist()
                     m.times, m.data = (

@@ -198,7 +198,7 @@ def write_recording(log_path: Path, path: Path) -> Path:
                         stream.log(f"{root}/{name}", archetype, static=fixed)
                     hulls |= {entity.id} if fixed else set()
         for topic, messages in log.topics.items():
-            if not messages.kept or topic in _SCENES:
+            if not messages.holds_data or topic in _SCENES:
                 continue
             name = topic.split("/")[1]
             index = [rr.TimeColumn(_TIMELINE, duration=(messages.time_ns - start_ns) / 1e9)]

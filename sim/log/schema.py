@@ -242,9 +242,11 @@ FIX = RecordType(
     steps="fix_step",
 )
 DETAILS = {
-    kind: RecordType(name=own.name.title(), topic=own.name, columns=own.columns, steps="fix_step")
+    kind: RecordType(
+        name=details.name.title(), topic=details.name, columns=details.columns, steps="fix_step"
+    )
     for kind in {spec.estimates: None for spec in NAVIGATORS.values()}
-    if (own := kind.DETAILS)
+    if (details := kind.DETAILS)
 }
 """What navigators log of each message beside the fix, by the class of their estimates."""
 ERROR = RecordType(name="Error", topic="error", columns=_numbers("position_error", "bearing_error"))

@@ -33,7 +33,7 @@ class EffectorPart:
     """One actuator or fixed fin at a site of its own; see `sim.vehicle.effectors` for its kinds."""
 
     name: str
-    place: npt.ArrayLike  # in the body frame [m]
+    position: npt.ArrayLike  # in the body frame [m]
     axis: npt.ArrayLike  # unit vector along which a positive state pushes
     limits: tuple[float, float] | None = None  # of the state; None: a fixed fin, without actuator
     lag: float = 0.0  # time constant of the state [s]
@@ -285,7 +285,7 @@ def from_dimensions(
     parts = [
         EffectorPart(
             name="propeller",
-            place=(-a, 0.0, 0.0),
+            position=(-a, 0.0, 0.0),
             axis=(1.0, 0.0, 0.0),
             limits=(-rate, rate),
             lag=1.0,
@@ -307,7 +307,7 @@ def from_dimensions(
         parts.append(
             EffectorPart(
                 name=f"fin_{name}",
-                place=(fin_x, middle * float(np.cos(angle)), middle * float(np.sin(angle))),
+                position=(fin_x, middle * float(np.cos(angle)), middle * float(np.sin(angle))),
                 axis=(0.0, float(np.cos(push)), float(np.sin(push))),
                 limits=(-0.35, 0.35),
                 lag=0.1,

@@ -106,7 +106,7 @@ class Meeting(NamedTuple):
 def meeting(x: float, y: float, r1: float, xj: float, yj: float, r2: float) -> Meeting:
     """Where the circle about (x, y) and the one about (xj, yj) meet: the ends of their chord."""
     chord = geometry.common_chord(Point(x, y), r1, Point(xj, yj), r2)
-    if not chord.apart or chord.half_squared < 0.0:
+    if not chord.distinct or chord.half_squared < 0.0:
         return Meeting(0, 0.0, Point(np.nan, np.nan), Point(np.nan, np.nan))
     half = math.sqrt(chord.half_squared)
     east, north = x + chord.along * chord.way.east, y + chord.along * chord.way.north
