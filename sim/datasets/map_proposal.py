@@ -31,7 +31,8 @@ _LEADER = {
 }
 _OWN = {
     *("own", "auv", "uuv", "follower", "vehicle", "self", "robot", "rov", "meas", "measured"),
-    *("value", "data", "sensor", "msg", "message", "raw", "filtered"),
+    *("value", "data", "sensor", "msg", "message", "raw", "filtered", "acoustic"),
+    *("true", "mag", "magnetic", "gyro", "dvl", "ctd", "modem", "through", "water", "to"),
 }
 """Words that say nothing of the quantity."""
 _RANGE = {"range", "rng", "ranges", "r", "dist", "distance", "slant"}
@@ -129,16 +130,26 @@ def _unit_of(text: str) -> str:
     return {"°": "deg", "m_s": "m/s", "m·s-1": "m/s", "m*s-1": "m/s"}.get(plain, "")
 
 
-def _without_unit(name: str) -> tuple[str, str]:
-    """A name without its unit, in brackets or as its end, and the unit."""
+class _Named(NamedTuple):
+    """A name without its unit."""
+
+    bare: str
+    unit: str  # "" for none, or one that is not known
+    note: str  # on brackets that hold no known unit
+
+
+def _without_unit(name: str) -> _Named:
+    """A name and its unit, in brackets or at its end."""
     bracketed = re.fullmatch(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*", name)
     if bracketed is not None:
-        return bracketed[1], _unit_of(bracketed[2])
+        unit = _unit_of(bracketed[2])
+        note = "" if unit else f"what unit is {bracketed[2]!r}?"
+        return _Named(bracketed[1], unit, note)
     for ending in (r"(.+)[_ ](m_s)", r"(.+)[_ ]([A-Za-z]+)"):
         suffixed = re.fullmatch(ending, name)
         if suffixed is not None and _unit_of(suffixed[2]):
-            return suffixed[1], _unit_of(suffixed[2])
-    return name, ""
+            return _Named(suffixed[1], _unit_of(suffixed[2]), "")
+    return _Named(name, "", "")
 
 
 def _slot_of(words: Sequence[str]) -> tuple[str, str]:
@@ -150,8 +161,8 @@ def _slot_of(words: Sequence[str]) -> tuple[str, str]:
     return "", ""
 
 
-def _quantity_of(words: Sequence[str]) -> str:
-    return next((quantity for quantity, names in _WORDS.items() if words[-1] in names), "")
+def _quantity_of(word: str) -> str:
+    return next((quantity for quantity, names in _WORDS.items() if word in names), "")
 
 
 def _range_match(words: Sequence[str], unit: str) -> Match | None:
@@ -170,31 +181,39 @@ def match(name: str, *, of_leader: bool = False) -> Match | None:
     """What a name stands for; None if for nothing. `of_leader`: the name is within a topic of the
     leader's.
     """
-    bare, unit = _without_unit(name)
+    bare, unit, note = _without_unit(name)
     words = _words(bare)
     if not words:
         return None
     leader = of_leader or bool(_LEADER & set(words))
-    ranged = _range_match(words, unit)
-    if ranged is not None:
-        return ranged
-    rest = [word for word in words if word not in (_LEADER | _OWN)]
-    transmitter = [word for word in rest if word in _TRANSMITTER]
+    matched = _range_match(words, unit) or _quantity_match(words, unit, leader=leader)
+    if matched is None or not note:
+        return matched
+    return matched._replace(note=" ".join(filter(None, [matched.note, note])))
+
+
+def _quantity_match(words: Sequence[str], unit: str, *, leader: bool) -> Match | None:
+    """A quantity of the own vehicle, of the leader, or a place of a transmitter."""
+    rest = [word for word in words if word not in (_LEADER | _OWN | _TRANSMITTER)]
     slot, slot_word = _slot_of(rest[:-1])
-    rest = [word for word in rest if word not in (*transmitter, slot_word)]
-    if len(rest) != 1:
+    rest = [word for word in rest if word != slot_word]
+    # "compass heading" says one thing twice
+    quantities = {_quantity_of(word) for word in rest}
+    if len(quantities) != 1:
         return None
-    quantity = _quantity_of(rest)
-    note = _NOTES.get(rest[0], "is this right?") if rest[0] in _IN_DOUBT else ""
-    unit = unit or _implied_unit(rest[0])
+    (quantity,) = quantities
+    doubtful = [word for word in rest if word in _IN_DOUBT]
+    note = _NOTES.get(rest[-1], "is this right?") if len(doubtful) == len(rest) else ""
+    unit = unit or _implied_unit(rest[-1])
+    if quantity == "speed" and slot_word in ("forward", "fwd"):
+        slot = ""
     if slot and quantity in ("east", "north", "depth"):
-        return Match(
-            f"{slot}_{quantity}", unit, note or f"is {slot_word!r} the {slot} transmitter?"
-        )
+        note = note or f"is {slot_word!r} the {slot} transmitter?"
+        return Match(f"{slot}_{quantity}", unit, note)
     if slot or not quantity:
         return None
     if quantity == "timestamp" and not leader:
-        return Match("time", unit, note) if rest[0] in TIME_NAMES else None
+        return Match("time", unit, note) if rest[-1] in TIME_NAMES else None
     if leader:
         return Match(f"leader_{quantity}", unit, note)
     return None if quantity in _ONLY_LEADER else Match(quantity, unit, note)

@@ -54,6 +54,12 @@ NEAR_MISSES = {
     "beacon 2 north": ("front_north", ""),
     "t": ("time", ""),
     "Timestamp [ms]": ("time", "ms"),
+    "speed_through_water_kn": ("speed", "kn"),
+    "forward_speed": ("speed", ""),
+    "compass_hdg": ("heading", ""),
+    "mag heading (deg)": ("heading", "deg"),
+    "acoustic_range_1": ("range_rear", ""),
+    "depth [fathom]": ("depth", ""),
     "datetime": ("time", ""),
 }
 
@@ -65,13 +71,27 @@ def test_names_that_nearly_fit(name: str) -> None:
     assert (matched.field, matched.unit) == NEAR_MISSES[name]
 
 
-@pytest.mark.parametrize("name", ["volts", "E", "easting", "roll", "gps_sats", "", "%", "temp_1"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "volts",
+        "current_speed",
+        "speed_over_ground",
+        "E",
+        "easting",
+        "roll",
+        "gps_sats",
+        "",
+        "%",
+        "temp_1",
+    ],
+)
 def test_names_that_stand_for_nothing(name: str) -> None:
     """Own places and tilts are no input of a navigator."""
     assert match(name) is None
 
 
-@pytest.mark.parametrize("name", ["R1", "yaw", "u", "slant_range", "tx1_e"])
+@pytest.mark.parametrize("name", ["R1", "yaw", "u", "slant_range", "tx1_e", "depth [fathom]"])
 def test_what_may_be_wrong_is_noted(name: str) -> None:
     matched = match(name)
     assert matched is not None
@@ -155,6 +175,26 @@ def test_a_table_with_a_row_for_each_range(tmp_path: Path) -> None:
     assert measured.speed.size == 100
     assert measured.ranges[:, 0].tolist() == [20.0 + k for k in range(10, 101, 10)]
     assert measured.ranges[:, 1].tolist() == [21.0 + k for k in range(10, 101, 10)]
+
+
+def test_a_proposed_map_of_known_headers_changes_nothing(tmp_path: Path) -> None:
+    """The log of a table is the same to the byte, with and without its proposed map."""
+    table = tmp_path / "mine.csv"
+    with table.open("w", newline="") as file:
+        rows = csv.writer(file)
+        own = ["time [s]", "speed [m/s]", "heading_deg", "depth"]
+        leader = ["leader_timestamp", "leader_east", "leader_north", "leader_heading_deg"]
+        rows.writerow([*own, *leader, "leader_speed", "leader_depth", "range_rear", "range_front"])
+        for k in range(1, 201):
+            time = round(0.1 * k, 2)
+            row: list[object] = [time, 1.0 + 0.01 * (k % 3), 90.5, 8.0]
+            message = [time, time, 20.0, 90.0, 1.0, 8.0, 20.05, 20.02]
+            rows.writerow([*row, *(message if k % 10 == 0 else [""] * 8)])
+    assert run(table, "--out", tmp_path / "a.mcap").exit_code == 0
+    assert run(table, "--propose", tmp_path / "map.toml").exit_code == 0
+    arguments = ["--map", tmp_path / "map.toml", "--out", tmp_path / "b.mcap"]
+    assert run(table, *arguments).exit_code == 0
+    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
 
 
 CASES = {
