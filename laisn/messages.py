@@ -9,9 +9,6 @@ import numpy as np
 
 from laisn.arrays import ArrayRecord, Floats, Ints, freeze_arrays, require_shapes
 
-BEARING = "bearing"
-"""Name of the readings of an inverted USBL among those of other sensors."""
-
 
 class LeaderMessage(NamedTuple):
     """What the leader broadcasts with a ping (paper, Section 2.2); NaN where it does not
@@ -48,22 +45,39 @@ class OwnMotion(NamedTuple):
     heading: float  # compass θ [rad]
     depth: float  # depth from the pressure sensor [m]; NaN for a missing reading
     custom: Mapping[str, Floats] = MappingProxyType({})
-    """Readings of further sensors at this step by their names, shape (c,)."""
+    """Readings of further sensors at this step by their names, shape (c,); NaN where one does not
+    read."""
 
 
 class Bearing(NamedTuple):
-    """Direction of the front transmitter in the follower's hull, measured by an inverted USBL."""
+    """Direction of the front transmitter in the follower's hull."""
 
     azimuth: float  # from forward, positive to starboard [rad]
     elevation: float  # positive upward [rad]
 
 
-def bearing_of(custom: Mapping[str, Floats]) -> Bearing | None:
-    """The direction among the readings of further sensors; None if no sensor measures it."""
-    reading = custom.get(BEARING)
-    if reading is None or np.shape(reading) != (2,):
-        return None
-    return Bearing(*map(float, reading))
+class Channel(NamedTuple):
+    """A number that a sensor reads."""
+
+    name: str
+    unit: str  # of SI, or rad; "" of a pure number
+
+
+class SensorHeader(NamedTuple):
+    """What is known of the readings of a further sensor beside their numbers."""
+
+    channels: tuple[Channel, ...] = ()  # empty: they have no names
+    period: float = 0.0  # from one reading to the next [s]; 0: a filter step
+
+    def steps(self, dt: float) -> int:
+        """Filter steps of dt [s] from one reading to the next."""
+        return max(round(self.period / dt), 1)
+
+    def names(self, count: int) -> tuple[str, ...]:
+        """Of so many channels, by their numbers if they have no names."""
+        if self.channels:
+            return tuple(channel.name for channel in self.channels)
+        return tuple(f"value_{i + 1}" for i in range(count))
 
 
 class Reception(NamedTuple):
@@ -75,7 +89,17 @@ class Reception(NamedTuple):
     """Where the rear, front and middle transmitter were, if the message has them: rows of east,
     north, depth, shape (3, 3), [m]; NaN for one that is not there. None: where the settings place
     them about the leader."""
-    bearing: Bearing | None = None  # measured on the pings; None: there is no such sensor
+    custom: Mapping[str, Floats] = MappingProxyType({})
+    """Readings of further sensors at the step that takes it up by their names, as of
+    `OwnMotion`."""
+
+    @property
+    def bearing(self) -> Bearing | None:
+        """Older name of `custom["bearing"]`; None if there is no such sensor."""
+        reading = self.custom.get("bearing")
+        if reading is None or np.shape(reading) != (2,):
+            return None
+        return Bearing(*map(float, reading))
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -100,9 +124,9 @@ class Measurements(ArrayRecord):
     message has them.
     """
     own: Mapping[str, Floats] = field(default_factory=dict)
-    """Readings of sensors of the user's own by their names, shape (n, …); NaN where there is
-    none.
-    """
+    """Readings of further sensors by their names, shape (n, …); NaN where there is none."""
+    sensors: Mapping[str, SensorHeader] = field(default_factory=dict)
+    """Channels and rates of `own`, as far as they are declared."""
 
     def __post_init__(self) -> None:
         n = self.speed.size
@@ -184,9 +208,9 @@ class Measurements(ArrayRecord):
             yield reading, None if i is None else self.reception(i)
 
     def reception(self, i: int) -> Reception:
-        """Message i = 0 … m − 1 with its ranges, and its bearing if `own` has that."""
+        """Message i = 0 … m − 1 with its ranges, and the readings of `own` at its step."""
         places = None if self.transmitters is None else self.transmitters[i]
         custom = {name: rows[self.message_step[i] - 1] for name, rows in self.own.items()}
         message = LeaderMessage(*self.message[i].tolist())
         ranges = Ranges(*self.ranges[i].tolist())
-        return Reception(message, ranges, places, bearing_of(custom))
+        return Reception(message, ranges, places, custom)

@@ -79,6 +79,7 @@ class NavigatorSpec:
     beacons: str = ""  # the class that stands for it in data sets, among beacons at rest
     # that it needs beside log, compass, depth and ranges, as `sensors.own` names it
     sensor: str = ""
+    needs: tuple[str, ...] = ()  # names of readings that a user's navigator cannot do without
     # its errors come near the Cramér–Rao bound, so that campaigns compute that too
     compare_with_crlb: bool = False
     extra: Extra | None = None  # without which it cannot be made
@@ -204,7 +205,11 @@ def _custom_spec(name: str) -> NavigatorSpec:
         )
     sections = (OWN_SECTION,) if settings is not NavigationSettings else ()
     return NavigatorSpec(
-        factory=factory, settings=settings, sections=sections, title=factory.__name__
+        factory=factory,
+        settings=settings,
+        sections=sections,
+        title=factory.__name__,
+        needs=tuple(getattr(factory, "needs", ())),
     )
 
 

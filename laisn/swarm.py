@@ -6,7 +6,7 @@ any other object with such a method, which Python calls. Compiled code chooses t
 type of the NamedTuple.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -16,7 +16,7 @@ from numba.extending import overload_method
 from laisn.arrays import Bools, Floats, Ints, Record, Records, records
 from laisn.compiled import compiled
 from laisn.estimates import Estimates, FixKind, FixRecord
-from laisn.messages import Bearing, LeaderMessage, OwnMotion, Ranges, Reception, bearing_of
+from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
 from laisn.settings import Settings
 
 ESTIMATE = np.dtype(
@@ -153,9 +153,11 @@ def _navigate(swarm, step, readings, received, messages, ranges, estimates, reco
     )
 
 
-def reception_of(message: Record, ranges: Floats, bearing: Bearing | None = None) -> Reception:
-    """A reception from a record of MESSAGE and ranges, shape (3,), [m]."""
-    return Reception(LeaderMessage(*message.tolist()), Ranges(*ranges.tolist()), bearing=bearing)
+def reception_of(message: Record, ranges: Floats, custom: Mapping[str, Floats]) -> Reception:
+    """A reception from a record of MESSAGE, ranges, shape (3,), [m], and readings of further
+    sensors.
+    """
+    return Reception(LeaderMessage(*message.tolist()), Ranges(*ranges.tolist()), custom=custom)
 
 
 class SeparateNavigators:
@@ -188,7 +190,7 @@ class SeparateNavigators:
             reading = OwnMotion(speed, heading, depth, self.custom[i])
             reception = None
             if received[i]:
-                reception = reception_of(messages[i], ranges[i], bearing_of(self.custom[i]))
+                reception = reception_of(messages[i], ranges[i], self.custom[i])
             fixes = navigator.step(reading, reception)
             state = np.array(navigator.state, dtype=np.float64)
             estimates.position[i], estimates.velocity[i] = np.split(state, 2)

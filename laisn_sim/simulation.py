@@ -17,7 +17,7 @@ from experiments.flight.library import as_scenario
 from experiments.flight.results import Flight
 from laisn.arrays import Floats, records
 from laisn.errors import LaisnError
-from laisn.messages import Reception, bearing_of
+from laisn.messages import Reception
 from laisn.swarm import reception_of
 from sim import attitude
 from sim.closed_loop import (
@@ -280,9 +280,8 @@ class Simulation:
         for i, name in enumerate(self.names[1:]):
             receptions[name] = None
             if due and state.arrived[i]:
-                bearing = bearing_of(self._custom(i))
                 receptions[name] = reception_of(
-                    state.inbox.message[i], state.inbox.ranges[i], bearing
+                    state.inbox.message[i], state.inbox.ranges[i], self._custom(i)
                 )
         return receptions
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import html
+import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from laisn.arrays import Floats
 from laisn.errors import LaisnError
-from laisn.messages import Ranges
+from laisn.messages import Measurements, Ranges, SensorHeader
 from reports.parquet import arrow_table
 from reports.summary import mirror_locked_steps, true_bearing
 from sim.flight import Flight, position_and_bearing_errors
@@ -159,12 +162,27 @@ _LEADER = (
 """Columns of the fields of `LeaderMessage`, in their order; angles in degrees."""
 
 
+def _custom_columns(measured: Measurements) -> Iterator[tuple[str, Floats]]:
+    """Readings of further sensors as columns, shape (n,): names with units, angles in degrees."""
+    for sensor, readings in measured.own.items():
+        rows = readings.reshape(len(readings), -1)
+        header = measured.sensors.get(sensor, SensorHeader())
+        units = [channel.unit for channel in header.channels] or [""] * rows.shape[1]
+        for name, unit, values in zip(header.names(rows.shape[1]), units, rows.T, strict=True):
+            angle = unit.partition("/")[0] == "rad"
+            shown = unit.replace("rad", "deg", 1) if angle else unit
+            ending = re.sub(r"\W+", "_", shown).strip("_").lower()
+            column = "_".join(filter(None, (sensor, name, ending)))
+            yield column, np.rad2deg(values) if angle else values
+
+
 def measurements_table(flight: Flight) -> Table:
     """What the followers measured, a row for each follower and filter step.
 
     Columns: `follower`, `time_s`; `speed_m_s`, `heading_deg` and `depth_m` of its own sensors;
     where a message was received, the fields of `laisn.messages.LeaderMessage` as `leader_…` and the
-    slant ranges `range_rear_m`, `range_front_m` and `range_middle_m`; null elsewhere.
+    slant ranges `range_rear_m`, `range_front_m` and `range_middle_m`; where a further sensor read,
+    its channels as `NAME_CHANNEL_UNIT` (`dvl_altitude_m`); null elsewhere.
     """
     parts = []
     for name, measured in zip(flight.trajectory.names[1:], flight.measurements, strict=True):
@@ -184,5 +202,7 @@ def measurements_table(flight: Flight) -> Table:
                 np.rad2deg(values) if column.endswith("_deg") else values
             )
             columns[column] = pa.array(whole, from_pandas=True)
+        for column, values in _custom_columns(measured):
+            columns[column] = pa.array(values, from_pandas=True)
         parts.append(pa.table(columns))
     return Table(pa.concat_tables(parts))

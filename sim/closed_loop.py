@@ -16,7 +16,7 @@ import numpy as np
 from laisn.arrays import Bools, Floats, Ints, Record, Records, numbers_of, records
 from laisn.compiled import compiled
 from laisn.errors import LaisnError
-from laisn.messages import Reception, bearing_of
+from laisn.messages import Reception, SensorHeader
 from laisn.navigators import find
 from laisn.plugins import calling, find_controller
 from laisn.swarm import (
@@ -47,14 +47,8 @@ from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.scenario.vehicles import Follower
 from sim.sensing import observation, proximity
 from sim.sensing.acoustics import Motion, site_at
-from sim.sensing.noise import STREAMS, normals
-from sim.sensing.sensors import (
-    CustomSensor,
-    FollowerState,
-    follower_state,
-    own_sensors,
-    update_tilt_error,
-)
+from sim.sensing.sensor import SensorDriver, VehicleState
+from sim.sensing.sensors import own_sensors, update_tilt_error
 from sim.simulation import (
     TICK,
     Mission,
@@ -67,6 +61,7 @@ from sim.simulation import (
 from sim.tracking import formations_of, stations_of
 from sim.trajectory import StateHistory, Trajectory, speed_through_water
 from sim.vehicle.plant import Plant
+from sim.water.environment import Environment
 
 # kinds of followers
 ON_ROUTE, ON_ROUTE_BY_ESTIMATE, BY_OWN_CONTROL, ON_STATION_BY_TRUTH, ON_STATION = range(5)
@@ -552,13 +547,15 @@ class PythonClosedLoop:
         state: ClosedLoopState,
         swarm: Swarm,
         own: OwnControl,
-        sensors: Sequence[CustomSensor],
+        sensors: Sequence[SensorDriver],
+        environment: Environment,
     ) -> None:
         """Begin a mission; `sensors` are those beside the built-in ones, of each follower."""
         self.state = state
         self.swarm = swarm
         self._own = own
         self._sensors = sensors
+        self._environment = environment
         followers = state.kinds.size
         self.latest_custom: list[dict[str, Floats]] = [{} for _ in range(followers)]
         self.custom: dict[str, list[list[Floats]]] = {
@@ -592,8 +589,9 @@ class PythonClosedLoop:
             received: list[Reception | None] = [None for _ in followers]
             for f in followers:
                 if arrived[f]:
-                    bearing = bearing_of(self.latest_custom[f])
-                    received[f] = reception_of(inbox.message[f], inbox.ranges[f], bearing)
+                    received[f] = reception_of(
+                        inbox.message[f], inbox.ranges[f], self.latest_custom[f]
+                    )
             tables = (state.readings, state.estimates, state.memory)
             self._own.command(k, received, self.latest_custom, tables)
         return failed
@@ -605,23 +603,24 @@ class PythonClosedLoop:
         if not self._sensors:
             return
         for f in range(len(self.latest_custom)):
-            seen = self._follower_state(k, truth, f)
-            readings = {sensor.name: self._read(sensor, seen, k, f) for sensor in self._sensors}
+            state = self._vehicle_state(k, truth, f)
+            readings = {sensor.name: self._read(sensor, state, k, f) for sensor in self._sensors}
             self.latest_custom[f] = readings
             for name, reading in readings.items():
                 self.custom[name][f].append(reading)
 
-    def _read(self, sensor: CustomSensor, seen: FollowerState, k: int, f: int) -> Floats:
+    def _read(self, sensor: SensorDriver, state: VehicleState, k: int, f: int) -> Floats:
         s = self.state.sensors
-        stream = STREAMS * f + sensor.stream
-        noise = normals(int(s.seed), int(s.run), stream, [k // s.stride])
-        reading = np.array(sensor.read(sensor.true(seen), noise)[0], dtype=np.float64)
+        step = k // s.stride
+        true = sensor.true(state, self._environment, step)
+        draws = sensor.draws(int(s.seed), int(s.run), f, np.array([step]))
+        reading: Floats = sensor.read(true, draws)[0]
         heard = self.state.inbox.outcome[f] == observation.RECEIVED
         if sensor.acoustic and not heard:
             reading[:] = np.nan
         return reading
 
-    def _follower_state(self, k: int, truth: StateHistory, f: int) -> FollowerState:
+    def _vehicle_state(self, k: int, truth: StateHistory, f: int) -> VehicleState:
         """True state of a follower at instant k, with the sources of a message that is in."""
         state = self.state
         instant = slice(k, k + 1)
@@ -634,7 +633,13 @@ class PythonClosedLoop:
             leaves = state.inbox.last_sent[f] * s.dt + s.sound.slot * np.arange(3)
             for i, (site, time) in enumerate(zip(state.sites[0], leaves, strict=True)):
                 source[0, i] = site_at(s.sound, Motion(truth, 0.0, k), 0, site, time)
-        return follower_state(np.array([k * TICK]), motion, hydrophone, source)
+        time = np.array([k * TICK])
+        return VehicleState.of_motion(time, motion, state.sites[2][f], (hydrophone, source), f)
+
+    @property
+    def headers(self) -> dict[str, SensorHeader]:
+        """Channels and rates of further sensors by their names."""
+        return {sensor.name: sensor.header for sensor in self._sensors}
 
     def custom_readings(self, follower: int, steps: int) -> dict[str, Floats]:
         """Readings of further sensors of a follower in the first steps by name, shape (n, c)."""
@@ -674,7 +679,7 @@ def closed_loop_of(
     sensors = own_sensors(scenario)
     if isinstance(swarm, tuple) and not own and not sensors:
         return ClosedLoop(state, swarm)
-    return PythonClosedLoop(state, swarm, own, sensors)
+    return PythonClosedLoop(state, swarm, own, sensors, plant.ocean.environment)
 
 
 def closed_loop_mission(
@@ -719,9 +724,11 @@ def flight_of(
     estimates = []
     for i in range(len(scenario.followers)):
         custom: dict[str, Floats] = {}
+        headers: dict[str, SensorHeader] = {}
         if isinstance(loop, PythonClosedLoop):
             custom = loop.custom_readings(i, steps)
-        measurements.append(state.measured.measurements(i, steps, dt, custom))
+            headers = loop.headers
+        measurements.append(state.measured.measurements(i, steps, dt, custom, headers))
         if isinstance(loop.swarm, SeparateNavigators):
             estimates.append(loop.swarm.estimates(state.concluded, i, steps))
         else:

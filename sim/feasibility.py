@@ -420,6 +420,20 @@ def cautions(scenario: Scenario) -> list[str]:
     return remarks
 
 
+def _require_readings(scenario: Scenario) -> None:
+    """LaisnError if a further sensor cannot be made, or the navigator needs one that is not
+    there.
+    """
+    names = [driver.name for driver in own_sensors(scenario)]
+    spec = find(scenario.navigation.variant)
+    missing = [name for name in spec.needs if name not in names]
+    if missing:
+        raise LaisnError(
+            f"navigator {spec.title} needs readings {', '.join(map(repr, missing))}; sensors.own "
+            f"gives {', '.join(map(repr, names)) or 'none'}"
+        )
+
+
 def infeasibilities(scenario: Scenario) -> list[str]:
     """Everything that keeps a scenario from being flown, filmed and logged, beyond
     `Scenario.inconsistencies`.
@@ -430,7 +444,7 @@ def infeasibilities(scenario: Scenario) -> list[str]:
         *film_errors(scenario.duration_s, scenario.video),
         *_errors_of(partial(sea_of_keys, scenario), "ocean.waves"),
         *_errors_of(scenario.navigation.settings, ""),
-        *_errors_of(partial(own_sensors, scenario), ""),
+        *_errors_of(partial(_require_readings, scenario), ""),
         *_cost(scenario),
     ]
     for follower in scenario.followers:

@@ -421,6 +421,9 @@ class GeodeticAdjustment(DeadReckoning):
         return True
 
 
+_USBL = "bearing"  # name of the readings of the sensor that the registry gives this navigator
+
+
 class InvertedUsbl(DeadReckoning):
     """Extended Kalman filter on range, azimuth and elevation of one ping in the follower's own
     frame.
@@ -434,14 +437,13 @@ class InvertedUsbl(DeadReckoning):
 
     def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
         settings = self.settings
-        if reception.bearing is None:
+        reading = reception.custom.get(_USBL)
+        if reading is None or np.shape(reading) != (2,):
             raise LaisnError(
                 f"step {self._step}: the message has no azimuth and elevation of an inverted USBL; "
-                "flights with "
-                'sensors.own = [{ sensor = "inverted-usbl" }] measure them, and logs do not hold '
-                "them"
+                'flights with sensors.own = [{ sensor = "inverted-usbl" }] measure them'
             )
-        azimuth, elevation = reception.bearing
+        azimuth, elevation = map(float, reading)
         transmitter = below[1]
         z = ranges[1]
         if not np.isfinite([azimuth, elevation, z]).all():

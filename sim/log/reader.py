@@ -3,7 +3,7 @@ real vehicle.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints
 from laisn.estimates import Estimates
-from laisn.messages import Measurements
+from laisn.messages import Measurements, SensorHeader
 from sim.flight import Flight, Termination
 from sim.log.contents import (
     FIRST_GAP,
@@ -29,10 +29,11 @@ from sim.log.schema import (
     MEASURED,
     PLACES,
     SENSOR,
+    SENSORS,
     Clock,
     RecordType,
-    custom_reading,
     estimated,
+    header_of_text,
     vehicle_state,
 )
 from sim.scenario import file as scenario_file
@@ -103,15 +104,39 @@ def _record(log: Contents, name: str, types: Sequence[RecordType], grid_ns: Ints
     return arrays
 
 
-def _custom_readings(log: Contents, name: str, grid_ns: Ints) -> dict[str, Floats]:
-    """Readings of a follower's further sensors by their names, shape (n, c)."""
-    readings = {}
+def _sensor_headers(log: Contents) -> dict[str, SensorHeader]:
+    """Channels and rates of further sensors by their names, as far as the log holds them."""
+    texts = log.metadata.get(SENSORS, {})
+    return {name: header_of_text(text) for name, text in texts.items()}
+
+
+def _custom_tables(log: Contents, name: str) -> Iterator[tuple[str, Messages, Floats]]:
+    """Further sensors of a vehicle: name, messages and their numbers, shape (m, c)."""
     beginning = f"/{name}/{SENSOR}"
     for topic in [topic for topic in log.topics if topic.startswith(beginning)]:
-        sensor = topic.removeprefix(beginning)
-        channels = len(log.require(topic, ()).message_class.DESCRIPTOR.fields)
-        types = [custom_reading(sensor, channels)]
-        readings[sensor] = _record(log, name, types, grid_ns)["reading"]
+        messages = log.require(topic, ())
+        fields = sorted(messages.message_class.DESCRIPTOR.fields, key=lambda field: field.number)
+        yield topic.removeprefix(beginning), messages, messages.table([f.name for f in fields])
+
+
+def _custom_readings(
+    log: Contents, name: str, grid_ns: Ints, headers: Mapping[str, SensorHeader]
+) -> dict[str, Floats]:
+    """Readings of a follower's further sensors in a flight by their names, shape (n, c); NaN at
+    steps without one.
+    """
+    readings = {}
+    dt = 1e-9 * float(grid_ns[1] - grid_ns[0]) if grid_ns.size > 1 else 1.0
+    for sensor, messages, numbers in _custom_tables(log, name):
+        every = headers.get(sensor, SensorHeader()).steps(dt)
+        if not np.array_equal(grid_ns[every - 1 :: every], messages.time_ns):
+            raise LogError(
+                f"{log.path}: the messages of /{name}/{SENSOR}{sensor} are not at the times of a "
+                "flight, without a gap"
+            )
+        rows = np.full((grid_ns.size, numbers.shape[1]), np.nan)
+        rows[every - 1 :: every] = numbers
+        readings[sensor] = rows
     return readings
 
 
@@ -197,11 +222,13 @@ def read(path: Path | str) -> Flight:
             (kind for kind, type_ in DETAILS.items() if facts.get(type_.topic) == "True"), Estimates
         )
         names = trajectory.names[1:]
+        headers = _sensor_headers(log)
         measured = tuple(
             Measurements(
                 dt=dt,
                 **_record(log, name, MEASURED, steps_ns),
-                own=_custom_readings(log, name, steps_ns),
+                own=_custom_readings(log, name, steps_ns, headers),
+                sensors=headers,
             )
             for name in names
         )
@@ -310,6 +337,29 @@ def _since_start(stamps: Floats, heard_ns: Ints, start_ns: int) -> Floats:
     return np.where(stated, stamps + offset, stamps)
 
 
+def _holds_numbers(messages: Messages) -> bool:
+    """Whether the messages of a channel hold single numbers alone."""
+    if not messages.is_protobuf:
+        return False
+    fields = messages.message_class.DESCRIPTOR.fields
+    text = (fields[0].TYPE_STRING, fields[0].TYPE_BYTES) if fields else ()
+    return bool(fields) and not any(
+        field.is_repeated or field.message_type is not None or field.type in text
+        for field in fields
+    )
+
+
+def _at_steps(time_ns: Ints, at_ns: Ints, numbers: Floats) -> Floats:
+    """Numbers of messages at the filter steps that end at or after them, the last of several; NaN
+    at steps without one.
+    """
+    rows = np.full((time_ns.size, numbers.shape[1]), np.nan)
+    step = np.searchsorted(time_ns, at_ns)
+    within = step < time_ns.size
+    rows[step[within]] = numbers[within]
+    return rows
+
+
 def _last_of_equals(values: Ints) -> Bools:
     return np.append(np.diff(values) > 0, True)[: values.size]
 
@@ -327,7 +377,10 @@ def read_recording(
     """
     topic = f"/{follower}/motion"
     received = f"/{follower}/reception"
-    log = Contents(Path(path), lambda channel, _: channel in (topic, received))
+    sensors = f"/{follower}/{SENSOR}"
+    log = Contents(
+        Path(path), lambda channel, _: channel in (topic, received) or channel.startswith(sensors)
+    )
     with log_errors(log.path):
         motion = log.require(topic, _OWN.fields)
         needed = [name for name in _RECEIVED.fields if name not in _OPTIONAL]
@@ -340,6 +393,15 @@ def read_recording(
         heard_ns = reception.time_ns
         message, ranges = (_optional(reception, array.names) for array in _RECEIVED.columns)
         places = _optional(reception, PLACES.names).reshape(-1, *PLACES.shape)
+        unread = [name for name in log.topics if name.startswith(sensors)]
+        unread = [name for name in unread if not _holds_numbers(log.topics[name])]
+        for name in unread:
+            del log.topics[name]
+        custom = {
+            sensor: (messages.time_ns, numbers)
+            for sensor, messages, numbers in _custom_tables(log, follower)
+        }
+        headers = _sensor_headers(log)
     absurd = ~np.isnan(ranges) & ~((ranges > 0) & np.isfinite(ranges))
     ranges[absurd] = np.nan
     places[~np.all(np.isfinite(places), axis=2)] = np.nan
@@ -357,7 +419,8 @@ def read_recording(
         )
     spacing = np.diff(time_ns)
     dt_ns = round(float(np.median(spacing)))
-    remarks = _clock_steps(topic, recorded_ns, dt_ns)
+    remarks = [f"{name} left out: its messages are no numbers" for name in unread]
+    remarks += _clock_steps(topic, recorded_ns, dt_ns)
     remarks += _gaps(log.path, topic, time_ns, spacing, longest_gap_s)
     if FLIGHT not in log.metadata:
         remarks += _late_receptions(received, heard_ns, message, ranges, dt_ns)
@@ -400,5 +463,7 @@ def read_recording(
         ranges=ranges[latest],
         durations=durations,
         transmitters=None if np.all(np.isnan(places)) else places[latest],
+        own={name: _at_steps(time_ns, *messages) for name, messages in custom.items()},
+        sensors={sensor: header for sensor, header in headers.items() if sensor in custom},
     )
     return Recording(measurements, tuple(remarks))

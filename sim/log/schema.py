@@ -2,6 +2,7 @@
 and as bytes.
 """
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -21,8 +22,9 @@ from mcap.well_known import SchemaEncoding
 from laisn.arrays import Ints
 from laisn.errors import LaisnError
 from laisn.estimates import Columns
-from laisn.messages import LeaderMessage, Ranges
+from laisn.messages import Channel, LeaderMessage, Ranges, SensorHeader
 from laisn.navigators import NAVIGATORS
+from sim.sensing.sensors import OWN_SENSORS
 
 Array = npt.NDArray[Any]
 _FORMATS = {Field.TYPE_DOUBLE: "<f8", Field.TYPE_SFIXED64: "<i8", Field.TYPE_FIXED64: "<u8"}
@@ -213,7 +215,9 @@ def vehicle_state(effectors: tuple[str, ...]) -> RecordType:
 FIXED = ("names", "effector_names", "effector_force", "site_names", "site_vehicle", "site_offset")
 """Arrays of a trajectory that are attached."""
 OWN_MOTION = RecordType(
-    name="OwnMotion", topic="motion", columns=_numbers("speed", "heading", "depth")
+    name="OwnMotion",
+    topic="motion",
+    columns=_numbers(*(name for sensor in OWN_SENSORS for name in sensor.channels)),
 )
 _RECEIVED = (
     _array("message", "leader", LeaderMessage._fields),
@@ -252,19 +256,34 @@ DETAILS = {
 ERROR = RecordType(name="Error", topic="error", columns=_numbers("position_error", "bearing_error"))
 MEASURED = (OWN_MOTION, RECEPTION)
 """Channels of a follower's measurements; the first has a message at every filter step."""
+SENSORS = "sensors"
+"""Metadata record with the channels and the rates of further sensors by their names."""
 SENSOR = "sensor/"
 """Beginning of the topics of readings of further sensors, after the vehicle's name."""
 
 
 @cache
-def custom_reading(sensor: str, channels: int) -> RecordType:
-    """Readings of a further sensor of this name, of so many numbers each, at every filter step."""
+def custom_reading(sensor: str, channels: tuple[str, ...]) -> RecordType:
+    """Readings of a further sensor of this name, with channels of these names."""
+    # sensors of one log may have different channels
+    key = sensor if channels == SensorHeader().names(len(channels)) else f"{sensor} {channels}"
     return RecordType(
-        # sensors of one log may have different numbers of channels
-        name=f"Reading_{crc32(sensor.encode()):08x}_{channels}",
+        name=f"Reading_{crc32(key.encode()):08x}_{len(channels)}",
         topic=f"{SENSOR}{sensor}",
-        columns=(_array("reading", "value", [str(i + 1) for i in range(channels)]),),
+        columns=(Columns("reading", channels, (len(channels),)),),
     )
+
+
+def header_text(header: SensorHeader) -> str:
+    """What is known of a sensor's readings, as JSON."""
+    return json.dumps({"channels": dict(header.channels), "period_s": header.period})
+
+
+def header_of_text(text: str) -> SensorHeader:
+    """What `header_text` wrote."""
+    table = json.loads(text)
+    channels = tuple(Channel(name, unit) for name, unit in table["channels"].items())
+    return SensorHeader(channels=channels, period=float(table["period_s"]))
 
 
 def estimated(kind: type) -> tuple[RecordType, ...]:

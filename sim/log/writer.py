@@ -19,6 +19,7 @@ from mcap.well_known import MessageEncoding
 
 from laisn.arrays import Floats, Ints
 from laisn.estimates import FIX_WORDS, FixKind
+from laisn.messages import SensorHeader
 from sim import attitude
 from sim.attitude import geodetic
 from sim.flight import Flight, Termination, position_and_bearing_errors
@@ -230,8 +231,11 @@ def _follower(
             yield numeric(f"/{name}", type_, at, vars(record))
     for sensor, readings in m.own.items():
         rows = readings.reshape(len(readings), -1)
-        type_ = schema.custom_reading(sensor, rows.shape[1])
-        yield numeric(f"/{name}", type_, time_ns, {"reading": rows})
+        header = m.sensors.get(sensor, SensorHeader())
+        type_ = schema.custom_reading(sensor, header.names(rows.shape[1]))
+        every = header.steps(m.dt)
+        due = slice(every - 1, None, every)
+        yield numeric(f"/{name}", type_, time_ns[due], {"reading": rows[due]})
     yield numeric(
         f"/{name}", schema.ERROR, time_ns, dict(zip(schema.ERROR.fields, errors, strict=True))
     )
@@ -405,6 +409,11 @@ def _describe(flight: Flight, summary: str, mcap: MCAPWriter) -> None:
         media = f"application/{name.rpartition('.')[2]}"
         mcap.attach(log_time=at, create_time=at, name=name, media_type=media, data=data)
     mcap.write_metadata("conventions", _CONVENTIONS)
+    headers = flight.measurements[0].sensors
+    declared = {name: header for name, header in headers.items() if header.channels}
+    if declared:
+        texts = {name: schema.header_text(header) for name, header in declared.items()}
+        mcap.write_metadata(schema.SENSORS, texts)
     facts = {"outcome": flight.outcome.name, "filter_step_s": repr(flight.measurements[0].dt)}
     facts |= {"seed": str(flight.scenario.seed), "run": str(flight.scenario.run)}
     facts |= {

@@ -59,7 +59,7 @@ class OwnSensor(Section):
     __pydantic_extra__: dict[str, bool | int | float | str]
 
     sensor: str = Field(
-        description="inverted-usbl, or class, as module:Class",
+        description="inverted-usbl, inclinometer, gyros, or class, as module:Class",
         pattern=SENSOR_CLASS,
     )
 

@@ -4,8 +4,8 @@ Results depend neither on blocks, threads nor order, and a single flight has exa
 run k of a campaign.
 
 The generator is Philox4x32-10 (Salmon, Moraes, Dror & Shaw, "Parallel random numbers: as easy as 1,
-2, 3", SC 2011): counter (step, run, stream, 0), key the 64-bit seed. Its four 32-bit words give two
-normals or up to four uniforms.
+2, 3", SC 2011): counter (step, run, stream, block), key the 64-bit seed. Its four 32-bit words give
+two normals or up to four uniforms; who needs more takes further blocks.
 """
 
 import math
@@ -145,21 +145,21 @@ def uniform(word: np.uint64) -> float:
 
 @compiled
 def _draw(
-    seed: np.uint64, run: np.uint64, stream: int, step: int
+    seed: np.uint64, run: np.uint64, stream: int, step: int, block: int
 ) -> tuple[float, float, float, float, float, float]:
-    """Two normals and four uniforms of an address, of the same words."""
-    w0, w1, w2, w3 = words(seed, run, _U(stream), _U(step))
+    """Two normals and four uniforms of a block of an address, of the same words."""
+    w0, w1, w2, w3 = philox(_U(step), run, _U(stream), _U(block), seed & _WORD, seed >> _HALF)
     first, second = two_units(w0, w1, w2, w3)
     one, other = two_normals(first, second)
     return one, other, uniform(w0), uniform(w1), uniform(w2), uniform(w3)
 
 
 @compiled
-def _draws(seed: np.uint64, run: np.uint64, stream: int, steps: Ints) -> Floats:
+def _draws(seed: np.uint64, run: np.uint64, stream: int, steps: Ints, block: int) -> Floats:
     """The same of each step, shape (m, 6)."""
     draws = np.empty((steps.size, 6))
     for i in range(steps.size):
-        for j, value in enumerate(_draw(seed, run, stream, steps[i])):
+        for j, value in enumerate(_draw(seed, run, stream, steps[i], block)):
             draws[i, j] = value
     return draws
 
@@ -181,21 +181,21 @@ def _address(
     return *seed_and_run(seed, run), stream, np.atleast_1d(np.asarray(steps, dtype=np.int64))
 
 
-def normals(seed: int, run: int, stream: int, steps: npt.ArrayLike) -> Floats:
-    """Standard normals, two for each step, shape (m, 2), independent over columns, steps, streams,
-    runs and seeds.
+def normals(seed: int, run: int, stream: int, steps: npt.ArrayLike, block: int = 0) -> Floats:
+    """Standard normals, two for each step, shape (m, 2), independent over columns, steps, blocks,
+    streams, runs and seeds.
 
-    `stream` is `Stream.number(follower)`, `steps` are filter steps k, shape (m,). LaisnError if
-    seed or run is too large.
+    `stream` is `Stream.number(follower)`, `steps` are filter steps k, shape (m,); further blocks
+    have further normals of the same steps. LaisnError if seed or run is too large.
     """
-    return _draws(*_address(seed, run, stream, steps))[:, :2]
+    return _draws(*_address(seed, run, stream, steps), block)[:, :2]
 
 
 def uniforms(seed: int, run: int, stream: int, steps: npt.ArrayLike) -> Floats:
     """Uniforms in (0, 1), four for each step, shape (m, 4); arguments and errors as in
     `normals`.
     """
-    return _draws(*_address(seed, run, stream, steps))[:, 2:]
+    return _draws(*_address(seed, run, stream, steps), 0)[:, 2:]
 
 
 class Address(NamedTuple):
@@ -214,12 +214,12 @@ def _number(address: Address, stream: int) -> int:
 
 def normals_at(address: Address, stream: int) -> tuple[float, float]:
     """Two standard normals of a stream at an address."""
-    return _draw(address.seed, address.run, _number(address, stream), address.step)[:2]
+    return _draw(address.seed, address.run, _number(address, stream), address.step, 0)[:2]
 
 
 def uniforms_at(address: Address, stream: int) -> tuple[float, float, float]:
     """Three uniforms in (0, 1) of a stream at an address."""
-    return _draw(address.seed, address.run, _number(address, stream), address.step)[2:5]
+    return _draw(address.seed, address.run, _number(address, stream), address.step, 0)[2:5]
 
 
 @inlined

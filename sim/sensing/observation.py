@@ -9,9 +9,8 @@ follower's vehicle is the one after.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -19,11 +18,12 @@ from numba import literal_unroll
 
 from laisn.arrays import Bools, Floats, Ints, Record, Records, freeze_arrays, numbers_of, records
 from laisn.compiled import compiled, copy_values, jitable
-from laisn.messages import LeaderMessage, Measurements
+from laisn.messages import LeaderMessage, Measurements, SensorHeader
 from laisn.swarm import MESSAGE
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing import acoustics, noise, sensors
 from sim.sensing.noise import Address
+from sim.sensing.sensor import SensorDriver, VehicleState
 from sim.trajectory import StateHistory, Trajectory, row
 from sim.water.rays import Path
 
@@ -37,9 +37,9 @@ _RANGE_SCALE = int(noise.Stream.RANGE_SCALE)
 _BROADCAST = (*sensors.LEADER, *sensors.LEADER_ATTITUDE)
 _COLUMNS = (
     LeaderMessage._fields.index(name)
-    for name in ("timestamp", "east", "north", "pitch", "heading_sigma", "position_sigma")
+    for name in ("timestamp", "east", "north", "heading_sigma", "position_sigma")
 )
-_TIME, _EAST, _NORTH, _PITCH, _SIGMA, _POSITION_SIGMA = _COLUMNS
+_TIME, _EAST, _NORTH, _SIGMA, _POSITION_SIGMA = _COLUMNS
 _CONTENT = len(LeaderMessage._fields)
 
 # outcome of a filter step; NO_RANGES: a message without a ping is in
@@ -84,12 +84,19 @@ def sensor_model_of(scenario: Scenario) -> SensorModel:
 
 
 @jitable
+def _write_channels(values: Any, column: int, row: Floats) -> None:
+    """Write the channels of a sensor from a column on."""
+    for i in range(len(values)):
+        row[column + i] = values[i]
+
+
+@jitable
 def true_readings(e: Any, at: sensors.Instant, true: Floats) -> None:
     """Write what a follower's own sensors would read without random errors and biases: speed,
     heading, depth, (3,).
     """
     for sensor in literal_unroll(sensors.OWN):
-        true[sensor.column] = sensor.true(e, at)
+        _write_channels(sensor.true(e, at, None), sensor.column, true)
 
 
 @jitable
@@ -98,9 +105,8 @@ def read_own(e: Any, address: Address, true: Any, reading: Floats) -> None:
     shape (3,).
     """
     for sensor in literal_unroll(sensors.OWN):
-        reading[sensor.column] = sensor.read(
-            e, true[sensor.column], noise.normals_at(address, sensor.stream)
-        )
+        draws = noise.normals_at(address, sensor.stream)
+        _write_channels(sensor.read(e, true[sensor.column :], draws), sensor.column, reading)
 
 
 @compiled
@@ -112,11 +118,10 @@ def read_instruments(
     """
     e = s.errors[follower]
     address = Address(s.seed, s.run, follower, k)
-    at = sensors.Instant(k * s.dt, follower, state[0], state[1], state[2], depth_sensor, (0.0, 0.0))
+    at = sensors.instant_of((k * s.dt, follower), state, depth_sensor, (0.0, 0.0))
     for sensor in literal_unroll(sensors.INSTRUMENTS):
-        reading[sensor.column] = sensor.read(
-            e, sensor.true(e, at), noise.normals_at(address, sensor.stream)
-        )
+        draws = noise.normals_at(address, sensor.stream)
+        _write_channels(sensor.read(e, sensor.true(e, at, None), draws), sensor.column, reading)
 
 
 class Inbox(NamedTuple):
@@ -177,9 +182,16 @@ class MeasurementRecord(NamedTuple):
         )
 
     def measurements(
-        self, follower: int, steps: int, dt: float, custom: Mapping[str, Floats]
+        self,
+        follower: int,
+        steps: int,
+        dt: float,
+        custom: Mapping[str, Floats],
+        headers: Mapping[str, SensorHeader],
     ) -> Measurements:
-        """All that a follower measured in the first steps of dt [s], with further sensors."""
+        """All that a follower measured in the first steps of dt [s], with readings of further
+        sensors and their headers.
+        """
         arrived = self.message_step[follower, : self.messages[follower]]
         messages = slice(0, int(np.searchsorted(arrived, steps, side="right")))
         return Measurements(
@@ -191,6 +203,7 @@ class MeasurementRecord(NamedTuple):
             message=self.message[follower, messages],
             ranges=self.ranges[follower, messages],
             own=custom,
+            sensors=headers,
         )
 
 
@@ -253,7 +266,7 @@ def poll_reception(
 def true_reception(
     s: SensorModel,
     e: Any,
-    leader: sensors.Instant,
+    leader: tuple[tuple[float, float], sensors.Instant],
     k: int,
     pings: acoustics.Pings,
     content: Floats,
@@ -262,16 +275,17 @@ def true_reception(
     """Write what a message that is taken up at step k holds and shows without random errors and
     constant biases.
 
-    `content` is in the order of `LeaderMessage`, shape (10,), `ranges` slant ranges, shape (3
-    transmitters, 3 paths).
+    `leader` are east and north of the leader [m], and what its sensors see; `content` is in the
+    order of `LeaderMessage`, shape (10,), `ranges` slant ranges, shape (3 transmitters, 3 paths).
     """
-    content[_TIME] = leader.time
+    place, at = leader
+    content[_TIME] = at.time
     content[_SIGMA] = np.nan
     content[_POSITION_SIGMA] = np.nan
-    content[_EAST] = leader.pose[0] + e.leader_drift_east * leader.time
-    content[_NORTH] = leader.pose[1] + e.leader_drift_north * leader.time
+    content[_EAST] = place[0] + e.leader_drift_east * at.time
+    content[_NORTH] = place[1] + e.leader_drift_north * at.time
     for sensor in literal_unroll(_BROADCAST):
-        content[sensor.column] = sensor.true(e, leader)
+        _write_channels(sensor.true(e, at, None), sensor.column, content)
     for i in range(3):
         for path in range(3):
             ranges[i, path] = acoustics.received_range(s.sound, pings[i][1], path, k, s.dt)
@@ -288,14 +302,14 @@ def first_message(s: SensorModel, pose: Floats, twist: Floats, water: Floats) ->
     content = numbers_of(message)[0]
     content[:] = np.nan
     content[_TIME] = 0.0
-    at = sensors.Instant(0.0, 0, pose, twist, water, np.zeros(3), (0.0, 0.0))
+    at = sensors.instant_of((0.0, 0), (pose, twist, water), np.zeros(3), (0.0, 0.0))
     address = Address(s.seed, s.run, 0, 0)
     drawn = noise.normals_at(address, _POSITION)
     content[_EAST] = sensors.read_leader_position(e, pose[0], drawn[0], 0.0)
     content[_NORTH] = sensors.read_leader_position(e, pose[1], drawn[1], 0.0)
     for sensor in sensors.LEADER:
         drawn = noise.normals_at(address, sensor.stream)
-        content[sensor.column] = sensor.read(e, sensor.true(e, at), drawn)
+        (content[sensor.column],) = sensor.read(e, sensor.true(e, at, None), drawn)
     return message[0]
 
 
@@ -326,14 +340,13 @@ def _read_message(e: Any, dt: float, sent: Address, true: Any, inbox: Inbox, f: 
     drawn = noise.normals_at(sent, _ATTITUDE)
     for i in range(2):
         fluctuation[i] = sensors.gauss_markov_step(fluctuation[i], kept, fresh, drawn[i])
+    tilt_draws = (offset[0], offset[1], fluctuation[0], fluctuation[1])
     for sensor in literal_unroll(sensors.LEADER_ATTITUDE):
-        i = sensor.column - _PITCH
-        content[sensor.column] = sensor.read(e, true[sensor.column], (offset[i], fluctuation[i]))
+        _write_channels(sensor.read(e, true[sensor.column :], tilt_draws), sensor.column, content)
     inbox.last_sent[f] = sent.step
     for sensor in literal_unroll(sensors.LEADER):
-        content[sensor.column] = sensor.read(
-            e, true[sensor.column], noise.normals_at(sent, sensor.stream)
-        )
+        draws = noise.normals_at(sent, sensor.stream)
+        _write_channels(sensor.read(e, true[sensor.column :], draws), sensor.column, content)
 
 
 @jitable
@@ -366,9 +379,10 @@ def read_reception(
     psi = noise.normals_at(received, _RANGE_SCALE)[0]
     longest = sensors.longest_range(taken, used[0])
     scales = longest, longest, sensors.longest_range(taken, 3)
-    for sensor in literal_unroll(sensors.RANGES):
-        i = sensor.column
-        ranges[i] = sensor.read(e, (taken[i], scales[i]), (uniform[i], psi))
+    for i in range(3):
+        ranges[i] = sensors.range_reading(
+            e, e.range_tau[i], (taken[i], scales[i]), (uniform[i], psi)
+        )
     if sensors.loses(e):
         fate = noise.uniforms_at(sent, _LOSS)
         inbox.channel_bad[f] = sensors.is_bad(inbox.channel_bad[f], fate[0], e)
@@ -417,14 +431,17 @@ def receive(
 @jitable
 def _leader_at(
     s: SensorModel, step: int, i: int, truth: StateHistory, tilts: Floats
-) -> sensors.Instant:
-    """What the leader's sensors may read at a filter step, which is instant i."""
+) -> tuple[tuple[float, float], sensors.Instant]:
+    """East and north of the leader [m] at a filter step, which is instant i, and what its sensors
+    see.
+    """
     tilt = (tilts[i, 0], tilts[i, 1])
-    nowhere = (0.0, 0.0, 0.0)
+    origin = (0.0, 0.0, 0.0)
     pose = row(truth.pose, i, 0)
     twist = row(truth.twist, i, 0)
     water = row(truth.water, i, 0)
-    return sensors.Instant(step * s.dt, 0, pose, twist, water, nowhere, tilt)
+    at = sensors.instant_of((step * s.dt, 0), (pose, twist, water), origin, tilt)
+    return (pose[0], pose[1]), at
 
 
 _ARRIVAL = np.dtype([(name, np.float64) for name in acoustics.Arrival._fields])
@@ -488,7 +505,8 @@ def _sense_mission(  # noqa: PLR0913 - compiled: a record of them would be packe
             pose = row(truth.pose, i, v)
             twist = row(truth.twist, i, v)
             water = row(truth.water, i, v)
-            at = sensors.Instant(k * s.dt, follower, pose, twist, water, sites[2], (0.0, 0.0))
+            motion = (pose, twist, water)
+            at = sensors.instant_of((k * s.dt, follower), motion, sites[2], (0.0, 0.0))
             true_readings(e, at, own[k - first - 1])
         sent, pings = poll_reception(s, k, follower, (sites[0], sites[1]), known, inbox)
         if sent == 0:
@@ -585,7 +603,7 @@ class IdealMeasurements:
     slant_range: Floats
     echo_range: Floats | None = None  # by surface and bottom, shape (2, m, 3), [m]; None: no echoes
     # further sensors, and their true readings (n, …)
-    own: tuple[tuple[sensors.CustomSensor, Floats], ...] = ()
+    own: tuple[tuple[SensorDriver, Floats], ...] = ()
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -641,8 +659,11 @@ def observe(
     sound = _sense(trajectory, scenario, follower, tilts, own, use_compiled)
     hydrophone = trajectory.site_path(f"{name}/hydrophone", steps * stride)
 
-    @cache
-    def state() -> sensors.FollowerState:
+    def custom() -> Iterator[tuple[SensorDriver, Floats]]:
+        """Further sensors and their true readings."""
+        drivers = sensors.own_sensors(scenario)
+        if not drivers:
+            return
         source = np.full((n, 3, 3), np.nan)
         direct = sound.ranges[:, :, [Path.DIRECT]]
         source[sound.message_step - 1] = np.where(np.isnan(direct), np.nan, sound.transmitter)
@@ -651,7 +672,13 @@ def observe(
             trajectory.twist[grid, v],
             trajectory.water_velocity[grid, v],
         )
-        return sensors.follower_state(trajectory.time[grid], motion, hydrophone, source)
+        depth_sensor = trajectory.site_offset[trajectory.site(f"{name}/depth_sensor")]
+        states = VehicleState.of_motion(
+            trajectory.time[grid], motion, depth_sensor, (hydrophone, source), follower
+        )
+        environment = sensors.environment_of(scenario)
+        for driver in drivers:
+            yield driver, driver.true(states, environment, 1)
 
     return IdealMeasurements(
         dt=dt,
@@ -667,7 +694,7 @@ def observe(
         sent=sound.content.view(MESSAGE).reshape(-1).view(np.recarray),
         slant_range=sound.ranges[:, :, Path.DIRECT],
         echo_range=np.moveaxis(sound.ranges[:, :, Path.SURFACE :], 2, 0),
-        own=tuple((sensor, sensor.true(state())) for sensor in sensors.own_sensors(scenario)),
+        own=tuple(custom()),
     )
 
 
@@ -739,14 +766,13 @@ def measure(
         numbers = content.tolist(), ranges.tolist()
         _measure(errors, navigator, address, own, (*sent, *numbers), inbox, readings)
     lost = truth.message_step[np.isnan(readings[2]).all(axis=1)] - 1
-    extra = {}
-    for sensor, values in truth.own:
-        stream = noise.STREAMS * follower + sensor.stream
-        normals = noise.normals(seed, run, stream, np.arange(1, n + 1))
-        found = sensors.custom_readings(sensor, values, normals)
-        if sensor.acoustic:
-            found[lost] = np.nan
-        extra[sensor.name] = found
+    custom = {}
+    for driver, values in truth.own:
+        draws = driver.draws(seed, run, follower, np.arange(1, n + 1))
+        custom_readings = driver.read(values, draws)
+        if driver.acoustic:
+            custom_readings[lost] = np.nan
+        custom[driver.name] = custom_readings
     return Measurements(
         dt=truth.dt,
         speed=readings[0][:, 0],
@@ -755,5 +781,6 @@ def measure(
         message_step=truth.message_step,
         message=readings[1],
         ranges=readings[2],
-        own=extra,
+        own=custom,
+        sensors={driver.name: driver.header for driver, _ in truth.own},
     )

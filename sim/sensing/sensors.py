@@ -1,10 +1,10 @@
 """The sensors: errors of sensors and ranges in SI units (paper, Eqs. 26–28), and the formulas by
 which they read.
 
-One set of formulas of numbers serves closed loops, finished missions (both by
-`sim.sensing.observation`) and runs side by side (`experiments.campaign.lane_flight`). `e` is a
-record of ERRORS or `SensorErrors`. Further sensors of a follower come from tables `[[sensors.own]]`
-of a scenario.
+Sensors are declared as `sim.sensing.sensor.Sensor`. One set of formulas of numbers serves closed
+loops, finished missions (both by `sim.sensing.observation`) and runs side by side
+(`experiments.campaign.lane_flight`). `e` is a record of ERRORS or `SensorErrors`. Further sensors
+of a follower come from tables `[[sensors.own]]` of a scenario.
 
 Messages are lost by the two-state chain of Gilbert (Bell System Technical Journal 39, 1960) and
 Elliott (ibid. 42, 1963). The leader measures pitch and roll by an inclinometer, which takes the
@@ -22,8 +22,9 @@ correlation time τ, exact at whatever instants it is read (Gelb, Applied Optima
 
 import math
 from collections import namedtuple
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -31,17 +32,26 @@ from laisn.arrays import Floats
 from laisn.compiled import DispatchedFormula, compiled, formula, jitable
 from laisn.errors import LaisnError
 from laisn.geometry import signed_angle
-from laisn.messages import BEARING, LeaderMessage, Ranges
+from laisn.messages import LeaderMessage
 from laisn.navigators import FARTHEST, FASTEST, NAVIGATORS
-from laisn.plugins import calling, find_class
+from laisn.plugins import find_class
 from laisn.swarm import READING
-from sim.attitude import body_point_in_world, heading_of, pitch_of, roll_of, rotate, rotated
+from sim.attitude import body_point_in_world, heading_of, pitch_of, roll_of, rotated
 from sim.scenario.section import in_si
 from sim.scenario.sensors import Acoustics, Sensors
-from sim.scenario.sensors import OwnSensor as OwnSensorTable
+from sim.scenario.sensors import OwnSensor as CustomSensorTable
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.noise import Address, Stream, uniforms_at
+from sim.sensing.sensor import (
+    Sensor,
+    SensorDriver,
+    VehicleState,
+    require_distinct,
+)
 from sim.trajectory import Trajectory, speed_through_water
+from sim.water.assembly import ocean_of
+from sim.water.environment import Environment
+from sim.water.ocean import Ocean
 from sim.water.waves import GRAVITY
 
 _ECHO = int(Stream.ECHO)  # compiled code needs numbers, not the members of an enum
@@ -189,44 +199,50 @@ def errors_of(scenario: Scenario, follower: int = 0) -> SensorErrors:
 
 
 class Instant(NamedTuple):
-    """What the sensors of a vehicle may read at an instant."""
+    """True state of a vehicle at an instant, as the sensors of every vehicle see it, in numbers.
+
+    Fields are named as those of `VehicleState`, which sensors of users' get.
+    """
 
     time: float  # [s]
-    follower: int  # index of the follower
-    pose: Any  # position [m] and quaternion (w, x, y, z), seven numbers
-    twist: Any  # velocity in the world [m/s] and angular velocity in the body [rad/s], six numbers
-    water: Any  # velocity of the water, three numbers [m/s]
-    depth_sensor: Any  # its place in the hull, three numbers [m]
+    follower: int  # index of the follower; 0 of the leader
+    heading: float  # clockwise from north [rad]
+    pitch: float  # positive nose up [rad]
+    roll: float  # positive starboard down [rad]
+    speed: float  # through the water, along the hull [m/s]
+    depth: float  # of the pressure sensor [m]
+    angular_velocity: tuple[float, float, float]  # in the body frame [rad/s]
     # what accelerations add to measured pitch and roll [rad]; NaN: these are not measured
     tilt: tuple[float, float]
 
 
-class Sensor(NamedTuple):
-    """A sensor: what it would read without random errors and biases, and what it reads by that and
-    its noise.
+@jitable
+def instant_of(
+    clock: tuple[float, int],
+    motion: tuple[Any, Any, Any],
+    depth_sensor: Any,
+    tilt: tuple[float, float],
+) -> Instant:
+    """What the sensors of a vehicle may see.
 
-    `true(e, at)` takes the `SensorErrors` and an `Instant`, `read(e, true, drawn)` two numbers of
-    its stream of noise. Ranges have no `true`: `sim.sensing.acoustics` gives these.
+    Args:
+        clock: time [s] and index of the follower.
+        motion: pose, twist and velocity of the water, shapes (7,), (6,) and (3,).
+        depth_sensor: its place in the hull, shape (3,), [m].
+        tilt: as of `Instant`.
     """
-
-    name: str  # of its reading
-    column: int  # of its reading in READING, MESSAGE or `laisn.messages.Ranges`
-    stream: int
-    true: Any
-    read: Any
-
-
-def _sensor(name: str, stream: Stream, true: Any, read: Any) -> Sensor:
-    own = (
-        list(READING.fields or ()) if stream < Stream.LEADER_MOTION else list(LeaderMessage._fields)
-    )
-    columns = list(Ranges._fields) if stream == Stream.RANGE_UNIFORM else own
-    return Sensor(
-        name,
-        columns.index(name),
-        int(stream),
-        DispatchedFormula(true) if true else None,
-        DispatchedFormula(read),
+    pose, twist, water = motion
+    quaternion = pose[3:]
+    return Instant(
+        clock[0],
+        clock[1],
+        heading_of(quaternion),
+        pitch_of(quaternion),
+        roll_of(quaternion),
+        speed_through_water(pose, twist, water),
+        -body_point_in_world(pose, depth_sensor)[2],
+        (twist[3], twist[4], twist[5]),
+        tilt,
     )
 
 
@@ -242,23 +258,12 @@ def drift(e: Any, amplitude: float, phase: float, follower: int, time: float) ->
     )
 
 
-def _drifting_speed(e: Any, at: Instant) -> float:
-    speed = speed_through_water(at.pose, at.twist, at.water)
-    return speed + drift(e, e.speed_drift, e.speed_drift_phase, at.follower, at.time)  # type: ignore[no-any-return]
-
-
 @formula
 def read_speed(e: Any, true: float, drawn: tuple[float, float]) -> Any:
     """Speed log of a follower, never negative (paper, Eq. 26); its scale ends at `FASTEST`
     [m/s].
     """
     return np.minimum(np.maximum(true + e.speed_bias + e.speed_sigma * drawn[0], 0.0), FASTEST)
-
-
-def _drifting_heading(e: Any, at: Instant) -> float:
-    return heading_of(at.pose[3:]) + drift(
-        e, e.heading_drift, e.heading_drift_phase, at.follower, at.time
-    )
 
 
 @formula
@@ -315,63 +320,202 @@ def read_leader_attitude(e: Any, true: float, drawn: tuple[float, float]) -> Any
     return true + e.leader_attitude_offset_sigma * drawn[0] + e.leader_tilt_sigma * drawn[1]
 
 
-OWN = (  # what a follower's navigator takes
-    _sensor("speed", Stream.OWN_MOTION, _drifting_speed, read_speed),
-    _sensor("heading", Stream.OWN_MOTION, _drifting_heading, read_heading),
-    _sensor(
-        "depth",
-        Stream.DEPTH,
-        lambda e, at: -body_point_in_world(at.pose, at.depth_sensor)[2],
-        read_depth,
-    ),
-)
-INSTRUMENTS = (  # besides, inclinometer and gyros, which only steer
+class SpeedLog(Sensor):
+    """Speed log of a follower, with the errors of `[sensors]`, which are its `self`."""
+
+    name = "speed"
+    channels: ClassVar = {"speed": "m/s"}
+    stream = Stream.OWN_MOTION
+
+    def true(self: Any, state: Any, environment: Any) -> tuple[float]:
+        """Speed through the water along the hull, and the drift of the bias."""
+        swing = drift(self, self.speed_drift, self.speed_drift_phase, state.follower, state.time)
+        return (state.speed + swing,)
+
+    def read(self: Any, true: Any, draws: Any) -> tuple[float]:
+        """As `read_speed`."""
+        return (read_speed(self, true[0], draws),)
+
+
+class Compass(Sensor):
+    """Compass of a follower; it shares the stream of the log, and takes its second normal."""
+
+    name = "heading"
+    channels: ClassVar = {"heading": "rad"}
+    stream = Stream.OWN_MOTION
+
+    def true(self: Any, state: Any, environment: Any) -> tuple[float]:
+        """Heading, and the drift of the bias."""
+        phase = self.heading_drift_phase
+        swing = drift(self, self.heading_drift, phase, state.follower, state.time)
+        return (state.heading + swing,)
+
+    def read(self: Any, true: Any, draws: Any) -> tuple[float]:
+        """As `read_heading`."""
+        return (read_heading(self, true[0], draws),)
+
+
+class PressureSensor(Sensor):
+    """Pressure sensor of a follower."""
+
+    name = "depth"
+    channels: ClassVar = {"depth": "m"}
+    stream = Stream.DEPTH
+
+    def true(self: Any, state: Any, environment: Any) -> tuple[float]:
+        """Depth of the sensor's place in the hull."""
+        return (state.depth,)
+
+    def read(self: Any, true: Any, draws: Any) -> tuple[float]:
+        """As `read_depth`."""
+        return (read_depth(self, true[0], draws),)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inclinometer(Sensor):
+    """Inclinometer of a follower, by which it steers, and its navigator where it is listed."""
+
+    name = "inclinometer"
+    channels: ClassVar = {"pitch": "rad"}
+    stream = Stream.TILT
+
+    period: float = 0.0
+    tilt_sigma: float = _DEFAULTS["tilt_sigma"]
+
+    def true(self, state: Any, environment: Any) -> tuple[float]:
+        """Pitch, positive nose up."""
+        return (state.pitch,)
+
+    def read(self, true: Any, draws: Any) -> tuple[float]:
+        """Pitch with its error."""
+        return (true[0] + self.tilt_sigma * draws[0],)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gyros(Sensor):
+    """Gyros of a follower, by which it steers, and its navigator where they are listed."""
+
+    name = "gyros"
+    channels: ClassVar = {"yaw_rate": "rad/s", "pitch_rate": "rad/s"}
+    stream = Stream.GYRO
+
+    period: float = 0.0
+    gyro_sigma: float = _DEFAULTS["gyro_sigma"]
+
+    def true(self, state: Any, environment: Any) -> tuple[float, float]:
+        """Rates about the hull's upward axis, positive to port, and its port axis, nose down."""
+        return (state.angular_velocity[2], state.angular_velocity[1])
+
+    def read(self, true: Any, draws: Any) -> tuple[float, float]:
+        """Rates with their errors."""
+        return (true[0] + self.gyro_sigma * draws[0], true[1] + self.gyro_sigma * draws[1])
+
+
+class LeaderCompass(Sensor):
+    """Compass of the leader."""
+
+    name = "heading"
+    channels: ClassVar = {"heading": "rad"}
+    stream = Stream.LEADER_MOTION
+
+    def true(self: Any, state: Any, environment: Any) -> tuple[float]:
+        """Heading."""
+        return (state.heading,)
+
+    def read(self: Any, true: Any, draws: Any) -> tuple[float]:
+        """As `read_leader_heading`."""
+        return (read_leader_heading(self, true[0], draws),)
+
+
+class LeaderSpeedLog(Sensor):
+    """Speed log of the leader."""
+
+    name = "speed"
+    channels: ClassVar = {"speed": "m/s"}
+    stream = Stream.LEADER_MOTION
+
+    def true(self: Any, state: Any, environment: Any) -> tuple[float]:
+        """Speed through the water along the hull."""
+        return (state.speed,)
+
+    def read(self: Any, true: Any, draws: Any) -> tuple[float]:
+        """As `read_leader_speed`."""
+        return (read_leader_speed(self, true[0], draws),)
+
+
+class LeaderPressureSensor(Sensor):
+    """Pressure sensor of the leader, at its origin."""
+
+    name = "depth"
+    channels: ClassVar = {"depth": "m"}
+    stream = Stream.LEADER_DEPTH
+
+    def true(self: Any, state: Any, environment: Any) -> tuple[float]:
+        """Depth."""
+        return (state.depth,)
+
+    def read(self: Any, true: Any, draws: Any) -> tuple[float]:
+        """As `read_leader_depth`."""
+        return (read_leader_depth(self, true[0], draws),)
+
+
+class LeaderAttitude(Sensor):
+    """Inclinometer of the leader, perhaps steadied by gyros.
+
+    Its draws are, of pitch and roll, the normals that a run keeps, then the Gauss–Markov values.
+    """
+
+    name = "attitude"
+    channels: ClassVar = {"pitch": "rad", "roll": "rad"}
+    stream = Stream.LEADER_ATTITUDE
+    normals = 4
+
+    def true(self: Any, state: Any, environment: Any) -> tuple[float, float]:
+        """Pitch and roll with what accelerations add; NaN where they are not measured."""
+        return (state.pitch + state.tilt[0], state.roll + state.tilt[1])
+
+    def read(self: Any, true: Any, draws: Any) -> tuple[float, float]:
+        """As `read_leader_attitude`."""
+        return (
+            read_leader_attitude(self, true[0], (draws[0], draws[2])),
+            read_leader_attitude(self, true[1], (draws[1], draws[3])),
+        )
+
+
+class CompiledSensor(NamedTuple):
+    """A declared sensor as compiled code calls it, with a record of ERRORS or `SensorErrors` for
+    `self`.
+    """
+
+    column: int  # of the first of its channels in READING or MESSAGE
+    stream: int
+    true: Any
+    read: Any
+
+
+def _compiled_sensor(sensor: type[Sensor], names: Sequence[str], first: str = "") -> CompiledSensor:
+    """The channels follow one another in an array with columns of these names, from `first` on,
+    by default their own.
+    """
+    column = names.index(first or next(iter(sensor.channels)))
+    true = DispatchedFormula(sensor.true)
+    return CompiledSensor(column, int(sensor.stream), true, DispatchedFormula(sensor.read))
+
+
+OWN_SENSORS: tuple[type[Sensor], ...] = (SpeedLog, Compass, PressureSensor)
+"""What a follower's navigator takes; their readings are fields of `Measurements`."""
+OWN = tuple(_compiled_sensor(sensor, READING.names or ()) for sensor in OWN_SENSORS)
+INSTRUMENTS = (  # besides, inclinometer and gyros, which steer
     *OWN,
-    _sensor(
-        "pitch",
-        Stream.TILT,
-        lambda e, at: pitch_of(at.pose[3:]),
-        lambda e, true, drawn: true + e.tilt_sigma * drawn[0],
-    ),
-    _sensor(
-        "turning",
-        Stream.GYRO,
-        lambda e, at: at.twist[5],
-        lambda e, true, drawn: true + e.gyro_sigma * drawn[0],
-    ),
-    _sensor(
-        "pitching",
-        Stream.GYRO,
-        lambda e, at: at.twist[4],
-        lambda e, true, drawn: true + e.gyro_sigma * drawn[1],
-    ),
+    _compiled_sensor(Inclinometer, READING.names or ()),
+    _compiled_sensor(Gyros, READING.names or (), "turning"),
 )
 LEADER = (  # what a message holds beside time and place
-    _sensor(
-        "heading", Stream.LEADER_MOTION, lambda e, at: heading_of(at.pose[3:]), read_leader_heading
-    ),
-    _sensor(
-        "speed",
-        Stream.LEADER_MOTION,
-        lambda e, at: speed_through_water(at.pose, at.twist, at.water),
-        read_leader_speed,
-    ),
-    _sensor("depth", Stream.LEADER_DEPTH, lambda e, at: -at.pose[2], read_leader_depth),
+    _compiled_sensor(LeaderCompass, LeaderMessage._fields),
+    _compiled_sensor(LeaderSpeedLog, LeaderMessage._fields),
+    _compiled_sensor(LeaderPressureSensor, LeaderMessage._fields),
 )
-LEADER_ATTITUDE = (
-    _sensor(
-        "pitch",
-        Stream.LEADER_ATTITUDE,
-        lambda e, at: pitch_of(at.pose[3:]) + at.tilt[0],
-        read_leader_attitude,
-    ),
-    _sensor(
-        "roll",
-        Stream.LEADER_ATTITUDE,
-        lambda e, at: roll_of(at.pose[3:]) + at.tilt[1],
-        read_leader_attitude,
-    ),
-)
+LEADER_ATTITUDE = (_compiled_sensor(LeaderAttitude, LeaderMessage._fields),)
 
 
 @formula
@@ -400,28 +544,6 @@ def range_reading(
     longest = true[1] + (true[1] == 0.0)
     reading = true[0] + tau * (drawn[0] - 0.5 * e.range_error_centred) + psi * (true[0] / longest)
     return reading if (reading > 0.0) & (reading <= FARTHEST) else math.nan
-
-
-RANGES = (  # `true` is a range and the longest one, the noise a uniform and a normal
-    _sensor(
-        "rear",
-        Stream.RANGE_UNIFORM,
-        None,
-        lambda e, true, drawn: range_reading(e, e.range_tau[0], true, drawn),
-    ),
-    _sensor(
-        "front",
-        Stream.RANGE_UNIFORM,
-        None,
-        lambda e, true, drawn: range_reading(e, e.range_tau[1], true, drawn),
-    ),
-    _sensor(
-        "middle",
-        Stream.RANGE_UNIFORM,
-        None,
-        lambda e, true, drawn: range_reading(e, e.range_tau[2], true, drawn),
-    ),
-)
 
 
 @formula
@@ -468,54 +590,13 @@ def paths_taken(e: Any, sent: Address) -> tuple[int, int, int]:
     return rear, path_taken(drawn[1], e), path_taken(drawn[2], e)
 
 
-class FollowerState(NamedTuple):
-    """True state of a follower at filter steps k = 1 … n."""
-
-    time: Floats  # shape (n,), [s]
-    position: Floats  # of the body origin in the world, shape (n, 3), [m]
-    quaternion: Floats  # attitude from body to world, (w, x, y, z), shape (n, 4)
-    velocity: Floats  # in the world, shape (n, 3), [m/s]
-    angular_velocity: Floats  # in the body frame, shape (n, 3), [rad/s]
-    water_velocity: Floats  # in the world, shape (n, 3), [m/s]
-    hydrophone: Floats  # in the world, shape (n, 3), [m]
-    # where received pings left, of rear, front, middle transmitter, shape (n, 3, 3), [m]; else NaN
-    source: Floats
-
-
-def follower_state(
-    time: Floats, motion: tuple[Floats, Floats, Floats], *places: Floats
-) -> FollowerState:
-    """The state of poses, twists and velocities of the water, shapes (n, 7), (n, 6) and (n, 3),
-    and two places.
-    """
-    pose, twist, water = motion
-    return FollowerState(time, pose[:, :3], pose[:, 3:], twist[:, :3], twist[:, 3:], water, *places)
-
-
-class CustomSensor(Protocol):
-    """A sensor: a frozen dataclass whose fields are its parameters, keys of its table, in SI
-    units and radians.
-    """
-
-    name: str  # of its readings in `Measurements.own`
-    stream: int  # number of its noise, 16 … 63, for no other sensor
-    acoustic: bool  # whether it reads pings, and nothing where all pings of a message are lost
-
-    def true(self, state: FollowerState) -> Floats:
-        """What it would read without errors, shape (n, c); NaN where it reads nothing."""
-
-    def read(self, true: Floats, normals: Floats) -> Floats:
-        """Its readings, shape (n, c), of true values and two standard normals a step, shape (n,
-        2).
-        """
-
-
 @dataclass(frozen=True, kw_only=True)
-class InvertedUsbl:
+class InvertedUsbl(Sensor):
     """Inverted USBL of a follower: azimuth, positive to starboard, and elevation of the
     leader's front transmitter in its own hull [rad]."""
 
-    name = BEARING
+    name = "bearing"
+    channels: ClassVar = {"azimuth": "rad", "elevation": "rad"}
     stream = 15
     acoustic = True
 
@@ -523,18 +604,23 @@ class InvertedUsbl:
     azimuth_bias: float = 0.0  # as of a head that is mounted askew
     elevation_sigma: float = float(np.deg2rad(1.0))
 
-    def true(self, state: FollowerState) -> Floats:
-        """Directions without errors, shape (n, 2)."""
-        to_hull = state.quaternion * np.array([1.0, -1.0, -1.0, -1.0])
-        forward, port, up = rotate(to_hull, state.source[:, 1] - state.hydrophone).T
-        return np.column_stack(
-            [np.arctan2(-port, forward), np.arctan2(up, np.hypot(forward, port))]
-        )
+    def true(self, state: VehicleState, environment: Environment) -> tuple[float, float]:
+        """Direction without errors."""
+        forward, port, up = state.in_hull(state.source[1] - state.hydrophone)
+        return np.arctan2(-port, forward), np.arctan2(up, np.hypot(forward, port))
 
-    def read(self, true: Floats, normals: Floats) -> Floats:
-        """Readings of true directions."""
-        error = normals * (self.azimuth_sigma, self.elevation_sigma) + (self.azimuth_bias, 0.0)
+    def read(self, true: Floats, draws: Floats) -> Floats:
+        """Reading of a true direction."""
+        error = draws * (self.azimuth_sigma, self.elevation_sigma) + (self.azimuth_bias, 0.0)
         return np.asarray(true + error)
+
+
+SHIPPED: dict[str, type[Sensor]] = {
+    "inverted-usbl": InvertedUsbl,
+    "inclinometer": Inclinometer,
+    "gyros": Gyros,
+}
+"""Sensors of this project that a scenario may list, by their names there."""
 
 
 def own_tables(scenario: Scenario) -> tuple[Any, ...]:
@@ -543,48 +629,37 @@ def own_tables(scenario: Scenario) -> tuple[Any, ...]:
     given = scenario.sensors.own
     needed = NAVIGATORS[variant].sensor if variant in NAVIGATORS else ""
     there = not needed or any(table.sensor == needed for table in given)
-    return given if there else (OwnSensorTable(sensor=needed), *given)
+    return given if there else (CustomSensorTable(sensor=needed), *given)
 
 
-_OF_SENSORS = ("name", "stream", "acoustic", "true", "read")
-"""What a class of sensors has; see docs/extending.md."""
-
-
-def custom_readings(sensor: CustomSensor, true: Any, normals: Floats) -> Floats:
-    """Readings of a further sensor at n filter steps, by two normals a step, shape (n, 2); a row a
-    step. LaisnError if it gives something else.
-    """
-    kind = type(sensor).__name__
-    with calling(f"sensor {kind}: read"):
-        given = sensor.read(true, normals)
+def _made_sensor(table: Any) -> Any:
+    """The sensor of a table; LaisnError if there is no such class, or it has no such key."""
+    made = SHIPPED.get(table.sensor) or find_class("sensor", table.sensor)
+    fields = getattr(made, "__dataclass_fields__", ())
     try:
-        readings: Floats = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError):
-        readings = np.empty(0)
-    if readings.shape[:1] != normals.shape[:1]:
-        raise LaisnError(
-            f"sensor {kind}: `read` gave {given!r:.60}; expected numbers, a row for each of "
-            f"{len(normals)} filter steps"
-        )
-    return readings
+        return made(**in_si(table.model_extra or {}, fields))
+    except TypeError as error:
+        raise LaisnError(f"sensors.own: {table.sensor}: {error}") from None
 
 
-def own_sensors(scenario: Scenario) -> tuple[CustomSensor, ...]:
-    """A scenario's further sensors; LaisnError if one cannot be found, or does not have a key of
-    its table.
+def own_sensors(scenario: Scenario) -> tuple[SensorDriver, ...]:
+    """A scenario's further sensors; LaisnError if one cannot be found, does not have a key of its
+    table or is not declared as it must be, or if two have one name or one stream of noise.
     """
-    sensors = []
-    for table in own_tables(scenario):
-        made = (
-            InvertedUsbl if table.sensor == "inverted-usbl" else find_class("sensor", table.sensor)
-        )
-        try:
-            sensors.append(
-                made(**in_si(table.model_extra or {}, getattr(made, "__dataclass_fields__", ())))
-            )
-        except TypeError as error:
-            raise LaisnError(f"sensors.own: {table.sensor}: {error}") from None
-        missing = [name for name in _OF_SENSORS if not hasattr(sensors[-1], name)]
-        if missing:
-            raise LaisnError(f"sensors.own: {table.sensor} has no {', '.join(missing)}")
-    return tuple(sensors)
+    dt = scenario.timing.filter_step_s
+    drivers = [SensorDriver(_made_sensor(table), dt) for table in scenario.sensors.own]
+    needed = own_tables(scenario)[: -len(drivers) or None]
+    for table in needed:
+        driver = SensorDriver(_made_sensor(table), dt)
+        # a user's sensor of the same name takes its place
+        if all(other.name != driver.name for other in drivers):
+            drivers.insert(0, driver)
+    require_distinct(drivers)
+    return tuple(drivers)
+
+
+def environment_of(scenario: Scenario) -> Environment:
+    """The sea of a scenario as its sensors see it; at rest where vehicles move as points."""
+    if scenario.motion == "kinematic":
+        return Ocean(floor_depth_m=scenario.ocean.floor_depth_m).environment
+    return ocean_of(scenario).environment

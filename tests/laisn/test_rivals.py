@@ -15,7 +15,7 @@ import laisn_sim
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from laisn.estimates import FixKind
-from laisn.messages import Bearing, LeaderMessage, Measurements, OwnMotion, Ranges, Reception
+from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
 from laisn.navigators import NAVIGATORS, find
 from laisn.rivals import speed_modes
 from laisn.rivals.filters import (
@@ -279,16 +279,16 @@ def test_an_inverted_usbl_places_the_follower_by_range_and_bearing() -> None:
         [np.sin(heading + azimuth), np.cos(heading + azimuth)]
     )
     navigator = InvertedUsbl(settings, np.append(place + np.array([0.3, -0.2]), [0.0, 0.0]))
-    bearing = Bearing(azimuth, np.arctan2(deeper, away))
+    custom = {"bearing": np.array([azimuth, np.arctan2(deeper, away)])}
     # the front transmitter of a leader that heads north is 1 m ahead
     received = Reception(
-        message(20.0, -6.0), Ranges(np.nan, np.hypot(away, deeper), np.nan), bearing=bearing
+        message(20.0, -6.0), Ranges(np.nan, np.hypot(away, deeper), np.nan), custom=custom
     )
     for _ in range(4):
         navigator.step(OwnMotion(0.0, heading, 10.0 + deeper), received)
     assert navigator.state[:2] == pytest.approx(place, abs=2e-3)
     with pytest.raises(LaisnError, match="no azimuth and elevation of an inverted USBL"):
-        navigator.step(OwnMotion(0.0, heading, 18.0), received._replace(bearing=None))
+        navigator.step(OwnMotion(0.0, heading, 18.0), received._replace(custom={}))
 
 
 def test_a_geodetic_adjustment_minimises_the_weighted_squares_of_its_observations() -> None:

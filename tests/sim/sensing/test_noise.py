@@ -1,6 +1,7 @@
 """Noise: the generator against published answers, its distributions against closed-form bounds."""
 
 import math
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt
@@ -49,8 +50,8 @@ def test_philox_gives_the_published_answers(counter: str, key: str, answer: str)
 def test_normals_are_those_of_box_and_muller() -> None:
     # The words of an address by the published algorithm in Python's integers, the normals by the
     # library's functions.
-    def words(seed: int, run: int, stream: int, step: int) -> list[int]:
-        c, k = [step, run, stream, 0], [seed & 0xFFFFFFFF, seed >> 32]
+    def words(seed: int, run: int, stream: int, step: int, block: int = 0) -> list[int]:
+        c, k = [step, run, stream, block], [seed & 0xFFFFFFFF, seed >> 32]
         for _ in range(10):
             p0, p1 = c[0] * 0xD2511F53, c[2] * 0xCD9E8D57
             c = [
@@ -63,8 +64,10 @@ def test_normals_are_those_of_box_and_muller() -> None:
         return c
 
     seed, run, stream = 2**63 + 12345, 17, Stream.OWN_MOTION.number(3)
-    for step, (first, second) in enumerate(normals(seed, run, stream, np.arange(50))):
-        w = words(seed, run, stream, step)
+    blocks = [normals(seed, run, stream, np.arange(50), block) for block in range(3)]
+    for block, step in product(range(3), range(50)):
+        first, second = blocks[block][step]
+        w = words(seed, run, stream, step, block)
         u, v = ((high << 20) | (low >> 12) for high, low in (w[:2], w[2:]))
         radius = math.sqrt(-2.0 * math.log(1.0 - u * 2.0**-52))
         angle = (v * 2.0**-52 - 0.5) * math.pi / 2 + (v % 4) * math.pi / 2

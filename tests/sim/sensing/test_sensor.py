@@ -1,0 +1,345 @@
+"""Sensors of users': the DVL of docs/extending.md reads the truth with its errors in open and
+closed loops, reaches `step`, and is in logs, tables and replays; wrong declarations are told.
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import norm
+from typer.testing import CliRunner
+
+import laisn_sim
+from laisn.arrays import Floats
+from laisn.errors import LaisnError
+from laisn.messages import Measurements
+from laisn.plugins import register
+from laisn_sim.cli.main import app
+from sim.attitude import rotate
+from sim.flight import Flight, navigate
+from sim.sensing.noise import STREAMS, normals
+from sim.trajectory import Trajectory
+
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "extending.md"
+CURRENT = {"ocean.current_speed_m_s": 0.3, "ocean.current_direction_deg": 40.0}
+EXACT = {"velocity_sigma_m_s": 0.0, "altitude_sigma_m": 0.0, "dropout": 0.0}
+STEPS = 200
+
+
+def blocks() -> dict[str, str]:
+    text = PAGE.read_text("utf-8")
+    found = re.findall(r"^```\w+\n# (\w+\.\w+)\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
+    return dict(found)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_plugins: None) -> Path:
+    """A working directory with the files of the page, whose modules are loaded."""
+    for name in ("dvl.py", "by_dvl.py", "dvl.toml"):
+        (tmp_path / name).write_text(blocks()[name], encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    for file in ("dvl.py", "by_dvl.py"):
+        laisn_sim.load_plugin(file)
+    return tmp_path
+
+
+def fly(changes: dict[str, Any], **keys: Any) -> Flight:
+    sensor = {"sensor": "dvl:Dvl", **keys}
+    flight: Flight = laisn_sim.fly(
+        "dvl.toml", {"duration_s": 0.1 * STEPS, "sensors.own": [sensor], **changes}
+    )
+    return flight
+
+
+def truth_of(trajectory: Trajectory, floor: float = 30.0) -> Floats:
+    """Velocity over the ground in the hull's axes and height above the floor, shape (n, 4)."""
+    w, x, y, z = trajectory.quaternion[1:, 1].T
+    to_world = Rotation.from_quat(np.column_stack([x, y, z, w]))
+    velocity = to_world.inv().apply(trajectory.velocity[1:, 1].copy())
+    return np.column_stack([velocity, floor + trajectory.position[1:, 1, 2]])
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"motion": "kinematic", "followers.0.guidance_position": "truth"},
+        {"followers.0.guidance_position": "truth", **CURRENT},
+        {"followers.0.guidance_position": "estimate", **CURRENT},
+    ],
+    ids=["kinematic", "open loop", "closed loop"],
+)
+def test_a_dvl_reads_the_velocity_over_ground_and_the_altitude_at_its_own_rate(
+    changes: dict[str, Any],
+) -> None:
+    flight = fly(changes, **EXACT)
+    readings = flight.measurements[0].own["dvl"]
+    expected = truth_of(flight.trajectory)
+    assert np.isnan(readings[0::2]).all()
+    np.testing.assert_allclose(readings[1::2], expected[1::2], rtol=0, atol=1e-9)
+    assert np.ptp(expected[1::2, 0]) > 1e-3 or "motion" in changes
+
+
+@pytest.mark.usefixtures("folder")
+def test_its_errors_and_dropouts_are_draws_of_its_stream() -> None:
+    """Five normals a reading: two blocks and a half of the address of run, stream and step."""
+    changes = {"followers.0.guidance_position": "truth", "run": 3, "seed": 7}
+    noisy = fly(changes, velocity_sigma_m_s=0.02, altitude_sigma_m=0.1, dropout=0.3)
+    exact = fly(changes, **EXACT)
+    steps = np.arange(2, STEPS + 1, 2)
+    draws = np.hstack([normals(7, 3, 20, steps, block) for block in range(3)])[:, :5]
+    error = (noisy.measurements[0].own["dvl"] - exact.measurements[0].own["dvl"])[1::2]
+    lost = norm.cdf(draws[:, 4]) < 0.3
+    assert 10 < lost.sum() < 50
+    np.testing.assert_array_equal(np.isnan(error).all(axis=1), lost)
+    expected = draws[:, :4] * (0.02, 0.02, 0.02, 0.1)
+    np.testing.assert_allclose(error[~lost], expected[~lost], rtol=0, atol=1e-12)
+
+
+@pytest.mark.usefixtures("folder")
+def test_it_loses_the_floor_beyond_its_range() -> None:
+    still = {"followers.0.guidance_position": "truth", "motion": "kinematic"}
+    # the follower dives at 10 m above a floor of 30 m
+    assert np.isfinite(fly(still, lock=20.5, **EXACT).measurements[0].own["dvl"]).any()
+    lost = fly(still, lock=19.5, **EXACT)
+    assert np.isnan(lost.measurements[0].own["dvl"]).all()
+    # without a reading the navigator keeps the velocity of the start
+    assert np.ptp(lost.estimates[0].state[:, 2:], axis=0) == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_closed_loop_steers_by_it_and_reads_what_a_finished_mission_would() -> None:
+    flight = fly({"run": 2})
+    measured = flight.measurements[0]
+    (again,) = navigate(flight.scenario, flight.trajectory).measurements
+    np.testing.assert_allclose(again.own["dvl"], measured.own["dvl"], rtol=0, atol=1e-9)
+    # the estimate by hand: of the last reading before each step
+    state = flight.estimates[0].state
+    forward, port = measured.own["dvl"][:, :2].T
+    fresh = np.isfinite(forward)
+    sine, cosine = np.sin(measured.heading), np.cos(measured.heading)
+    east = (forward * sine - port * cosine)[fresh]
+    last = np.cumsum(fresh)
+    np.testing.assert_allclose(state[last > 0, 2], east[last[last > 0] - 1], rtol=0, atol=1e-12)
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_stepped_mission_shows_its_readings() -> None:
+    changes = {"duration_s": 2.0, "sensors.own": [{"sensor": "dvl:Dvl", "dropout": 0.0}]}
+    sim = laisn_sim.Simulation("dvl.toml", changes)
+    read = []
+    while not sim.done:
+        sim.step()
+        read.append(sim.readings["follower"].custom["dvl"])
+    np.testing.assert_array_equal(read, sim.flight().measurements[0].own["dvl"])
+
+
+@pytest.mark.usefixtures("folder")
+def test_logs_tables_and_replays_follow_from_its_declaration() -> None:
+    command = "fly dvl.toml --plugin dvl.py --plugin by_dvl.py --no-video --out out"
+    result = CliRunner().invoke(app, [*command.split(), "--set", "duration_s=20"])
+    assert result.exit_code == 0, result.output
+    flight = laisn_sim.read_log("out/flight.mcap")
+    (measured,) = flight.measurements
+    assert [*measured.sensors["dvl"].channels] == [
+        ("forward", "m/s"),
+        ("port", "m/s"),
+        ("up", "m/s"),
+        ("altitude", "m"),
+    ]
+    assert measured.sensors["dvl"].period == 0.2
+    dvl = measured.own["dvl"]
+    assert dvl.shape == (200, 4)
+    assert np.isnan(dvl[0::2]).all()
+    assert 50 < np.isfinite(dvl[1::2, 3]).sum() < 100
+    table = laisn_sim.measurements(flight)
+    for i, column in enumerate(("forward_m_s", "port_m_s", "up_m_s", "altitude_m")):
+        np.testing.assert_array_equal(table[f"dvl_{column}"], dvl[:, i])
+    result = CliRunner().invoke(app, ["log", "export", "out/flight.mcap", "csv", "--format", "csv"])
+    assert result.exit_code == 0, result.output
+    (file,) = Path("csv").rglob("*dvl*")
+    lines = file.read_text("utf-8").splitlines()
+    assert lines[0].replace('"', "").endswith("forward,port,up,altitude")
+    # at 5 Hz, also where it has no lock
+    assert len(lines) == 101
+    replay = "replay out/flight.mcap --plugin by_dvl.py --variant by_dvl:ByDvl --out again.mcap"
+    result = CliRunner().invoke(app, replay.split())
+    assert result.exit_code == 0, result.output
+    again = laisn_sim.navigate(flight)
+    np.testing.assert_allclose(
+        again.estimates[0].state, flight.estimates[0].state, rtol=0, atol=1e-12
+    )
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_navigator_names_the_readings_that_it_needs() -> None:
+    with pytest.raises(LaisnError, match=r"ByDvl needs readings 'dvl'; sensors.own gives 'gyros'"):
+        laisn_sim.fly("dvl.toml", {"duration_s": 1.0, "sensors.own": [{"sensor": "gyros"}]})
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_recording_of_a_vehicle_may_hold_such_readings() -> None:
+    from sim.log.reader import read_recording
+
+    flight = fly({"followers.0.guidance_position": "truth", "motion": "kinematic"})
+    laisn_sim.write_log(flight, "flight.mcap")
+    read = read_recording("flight.mcap").measurements
+    np.testing.assert_array_equal(read.own["dvl"], flight.measurements[0].own["dvl"])
+    assert read.sensors == flight.measurements[0].sensors
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_follower_beside_has_other_errors_and_a_study_those_of_its_flights() -> None:
+    two = [{"route": "T5", "name": "one"}, {"route": "T3", "name": "other"}]
+    changes = {"followers": two, "motion": "kinematic"}
+    flight = fly(changes, velocity_sigma_m_s=0.02, dropout=0.0)
+    exact = fly(changes, **EXACT)
+    for follower in range(2):
+        error = flight.measurements[follower].own["dvl"] - exact.measurements[follower].own["dvl"]
+        steps = np.arange(2, STEPS + 1, 2)
+        drawn = normals(1, 0, STREAMS * follower + 20, steps)
+        np.testing.assert_allclose(error[1::2, :2], 0.02 * drawn, rtol=0, atol=1e-12)
+    keys = {"duration_s": 20.0, "motion": "kinematic", "followers.0.guidance_position": "truth"}
+    table = laisn_sim.study(
+        "dvl.toml", set=keys, vary={"sensors.own.0.dropout": [0.0, 0.9]}, runs=2, out="study"
+    ).table
+    sensor = [{"sensor": "dvl:Dvl", "dropout": 0.9}]
+    runs = [
+        laisn_sim.errors(laisn_sim.fly("dvl.toml", keys | {"sensors.own": sensor, "run": run}))
+        for run in range(2)
+    ]
+    mean = np.mean([errors["e_p_m"].mean() for errors in runs])
+    assert table["e_p_mean_m"][-1] == pytest.approx(mean)
+
+
+STEERING = {
+    "duration_s": 2.0,
+    "followers.0.guidance_position": "estimate",
+    "sensors.own": [{"sensor": "gyros"}, {"sensor": "inclinometer"}],
+}
+
+
+def test_listed_instruments_are_those_by_which_a_follower_steers() -> None:
+    sim = laisn_sim.Simulation("T5", STEERING)
+    while not sim.done:
+        sim.step()
+        readings = sim.readings["follower"]
+        rates = (readings.yaw_rate, readings.pitch_rate)
+        assert readings.custom["gyros"] == pytest.approx(rates, abs=1e-12)
+        assert readings.custom["inclinometer"] == pytest.approx([readings.pitch], abs=1e-12)
+        assert readings.pitch != 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ByRows:
+    """The inverted USBL as earlier versions had it: arrays with a row a filter step."""
+
+    name = "bearing"
+    stream = 15
+    acoustic = True
+
+    sigma: float = float(np.deg2rad(1.0))
+
+    def true(self, state: Any) -> Floats:
+        to_hull = state.quaternion * np.array([1.0, -1.0, -1.0, -1.0])
+        forward, port, up = rotate(to_hull, state.source[:, 1] - state.hydrophone).T
+        return np.column_stack(
+            [np.arctan2(-port, forward), np.arctan2(up, np.hypot(forward, port))]
+        )
+
+    def read(self, true: Floats, normals: Floats) -> Floats:
+        return np.asarray(true + self.sigma * normals)
+
+
+class ByReception:
+    """A navigator of earlier versions, which finds the direction in the reception."""
+
+    azimuths: list[float] = []  # noqa: RUF012
+
+    def __init__(self, settings: Any, start: Floats) -> None:
+        self.state, self.covariance = np.array(start), np.eye(4)
+
+    def step(self, own: Any, reception: Any, dt: float) -> None:
+        if reception is not None:
+            self.azimuths.append(reception.bearing.azimuth)
+
+
+@pytest.mark.parametrize("position", ["truth", "estimate"])
+def test_sensors_of_earlier_versions_read_as_before(position: str) -> None:
+    keys = {"duration_s": 10.0, "followers.0.guidance_position": position}
+    ByReception.azimuths.clear()
+    old = laisn_sim.fly(
+        "T5", {**keys, "sensors.own": [{"sensor": register(ByRows)}]}, navigator=ByReception
+    )
+    new = navigate(
+        laisn_sim.load("T5", {**keys, "sensors.own": [{"sensor": "inverted-usbl"}]}),
+        old.trajectory,
+    )
+    measured: Measurements = old.measurements[0]
+    np.testing.assert_allclose(
+        measured.own["bearing"], new.measurements[0].own["bearing"], rtol=0, atol=1e-12
+    )
+    received = measured.own["bearing"][measured.message_step - 1, 0]
+    np.testing.assert_array_equal(ByReception.azimuths, received)
+    # it also takes the place of the sensor of that name that a navigator needs
+    usbl = {"navigation.variant": "inverted-usbl", "sensors.own": [{"sensor": register(ByRows)}]}
+    again = laisn_sim.fly("T5", {**keys, **usbl})
+    assert np.isfinite(again.estimates[0].state).all()
+    assert not again.measurements[0].sensors["bearing"].channels
+
+
+class Probe:
+    """A sensor of which tests change one thing."""
+
+    name = "probe"
+    stream = 30
+    channels = MappingProxyType({"value": "m"})
+
+    def true(self, state: Any, environment: Any) -> Any:
+        return (1.0,)
+
+    def read(self, true: Any, draws: Any) -> Any:
+        return true
+
+
+WRONG = {
+    "channels": ({"channels": {}}, "has no channels"),
+    "names": ({"channels": {"a-b": "m"}}, "channel 'a-b'; expected letters"),
+    "name": ({"name": "my probe"}, "name = 'my probe'"),
+    "units": ({"channels": ["value"]}, "expected names and their units"),
+    "period": ({"period": 0.25}, "no multiple of filter_step_s = 0.1"),
+    "negative": ({"period": -1.0}, "expected seconds, 0 or more"),
+    "stream": ({"stream": 64}, "stream = 64; expected 16 … 63"),
+    "shape": ({"read": lambda self, true, draws: (1.0, 2.0)}, "for each of its channels .value."),
+    "text": ({"true": lambda self, state, environment: "deep"}, "`true` gave 'deep'"),
+    "scalar": ({"true": lambda self, state, environment: 1.0}, "`true` gave 1.0"),
+}
+
+
+@pytest.mark.parametrize(("attributes", "message"), WRONG.values(), ids=WRONG)
+@pytest.mark.parametrize("position", ["truth", "estimate"])
+def test_a_wrong_sensor_is_told_with_what_is_expected(
+    attributes: dict[str, Any], message: str, position: str
+) -> None:
+    made = type("Probe", (Probe,), attributes)
+    keys = {"duration_s": 1.0, "followers.0.guidance_position": position}
+    with pytest.raises(LaisnError, match=message):
+        laisn_sim.fly("T5", {**keys, "sensors.own": [{"sensor": register(made)}]})
+
+
+@pytest.mark.parametrize(
+    ("attributes", "message"),
+    [({"stream": 31}, "both named 'probe'"), ({"name": "other"}, "both have stream = 30")],
+)
+def test_two_sensors_have_names_and_noise_of_their_own(
+    attributes: dict[str, Any], message: str
+) -> None:
+    other = type("Other", (Probe,), attributes)
+    listed = [{"sensor": register(Probe)}, {"sensor": register(other)}]
+    with pytest.raises(LaisnError, match=message):
+        laisn_sim.fly("T5", {"duration_s": 1.0, "sensors.own": listed})
