@@ -186,6 +186,7 @@ class Page:
     sections: Sequence[Section]
     tiles: Sequence[Tile] = ()
     replay: Replay | None = None  # before the first section
+    question: str = ""  # that the summary answers, before it
 
     @property
     def shown_replay(self) -> Replay | None:
@@ -445,9 +446,10 @@ def page_of(
     name: str = NAME,
     tiles: Sequence[Tile] = (),
     replay: Replay | None = None,
+    question: str = "",
 ) -> Page:
-    """The page of a template in a package, such as `experiments.studies.formation`, with key
-    figures and a mission in 3D before its first section.
+    """The page of a template in a package, such as `experiments.studies.formation`, with a
+    question, key figures and a mission in 3D before its first section.
 
     The template names `values`, and prints `findings` with `n`. LaisnError: there is no finding of
     a name. ValueError: no title, or text before the first section that is not the summary.
@@ -478,5 +480,5 @@ def page_of(
     source = (resources.files(package) / name).read_text(encoding="utf-8")
     text = _with_rules(environment.from_string(source).render({**values, "n": number}))
     return _Rendered(name=f"{package}: {name}", text=text, placed=placed).page(
-        facts, tiles=tiles, replay=replay
+        facts, tiles=tiles, replay=replay, question=question
     )

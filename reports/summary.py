@@ -43,8 +43,15 @@ def mirror_locked_steps(flight: Flight, follower: int) -> Bools:
 
 
 def _kept(flight: Flight, follower: int, off: Floats) -> dict[str, Any]:
-    """How a follower kept its place, from its distances off it, shape (n,), [m]."""
-    row: dict[str, Any] = {"track_error_rms_m": float(np.sqrt(np.mean(off**2)))}
+    """How a follower kept its place and depth, from its distances off it, shape (n,), [m]."""
+    truth = flight.trajectory
+    vehicle = follower + 1
+    planned = routes_of(flight.scenario)[vehicle].depth.at(truth.time)[0]
+    below = truth.depth[:, vehicle] - planned
+    row: dict[str, Any] = {
+        "track_error_rms_m": float(np.sqrt(np.mean(off**2))),
+        "depth_error_rms_m": float(np.sqrt(np.mean(below**2))),
+    }
     kept = flight.scenario.followers[follower].station and asdict(
         tracking.station_keeping(off, flight.trajectory.time)
     )

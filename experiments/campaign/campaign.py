@@ -271,7 +271,7 @@ def _cells_job(batch: Sequence[CellPlan], *, depends_on_mission: bool) -> Job:
     first = batch[0]
     return Job(
         key=("cells", first.key),
-        kind="cells",
+        kind="points and arms",
         results=_result_keys(batch),
         run=lambda store: partial(compute, mission(first.scenario, store), batch),
         depends_on=[first.motion] if depends_on_mission else [],

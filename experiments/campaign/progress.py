@@ -1,5 +1,6 @@
 """Progress of a command on a terminal or in a log, and literal text for both."""
 
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
@@ -19,6 +20,7 @@ from rich.text import Text
 from laisn.errors import plain
 
 _LINE_EVERY_S = 10.0
+_COMPILING = "compiling (once for each version, half a minute to two minutes)"
 _REFRESH_HZ = 2.0
 
 Advance = Callable[[int], None]  # reports that so many more items are finished
@@ -70,11 +72,10 @@ def show_table(
 
 
 class _Bars(Progress):
-    """Bars with names and the time left or taken, above the number of functions compiled; on a
-    terminal alone.
+    """Bars with names and the time left or taken, above the number of functions compiled.
 
-    `count` is that of compiled functions, of this process and those beside it. If it grows, a log
-    has a last line.
+    `count` is that of compiled functions, of this process and those beside it. A log, which has no
+    bars, has a line every ten seconds in their place, and one when all is compiled.
     """
 
     def __init__(
@@ -82,6 +83,9 @@ class _Bars(Progress):
     ) -> None:
         self._count = count
         self._before = count()
+        self._began = time.monotonic()
+        self._told = self._began  # when a log had its last line
+        self._ended = threading.Event()
         super().__init__(
             TextColumn("{task.description:<9}"),
             BarColumn(),
@@ -94,15 +98,50 @@ class _Bars(Progress):
             refresh_per_second=_REFRESH_HZ,
         )
 
+    def _compiled(self) -> str:
+        """How much was compiled, and how long that took or takes; empty: nothing."""
+        functions = self._count() - self._before
+        if not functions:
+            return ""
+        return f"{functions} functions, {time.monotonic() - self._began:.0f} s"
+
     def get_renderables(self) -> Iterator[RenderableType]:
         yield from super().get_renderables()
-        if functions := self._count() - self._before:
-            yield f"compiling (once): {functions} functions"
+        if compiled := self._compiled():
+            yield f"{_COMPILING}: {compiled}"
+
+    def start(self) -> None:
+        super().start()
+        if self.disable:
+            threading.Thread(target=self._tell, daemon=True).start()
 
     def stop(self) -> None:
+        self._ended.set()
         super().stop()
-        if self.disable and self._count() > self._before:
-            self.console.print("compiled (once)")
+        if self.disable and (compiled := self._compiled()):
+            self.tell(f"compiled (once): {compiled}")
+
+    @property
+    def silent_s(self) -> float:
+        """How long a log had no line."""
+        return time.monotonic() - self._told
+
+    def tell(self, line: str) -> None:
+        """Write a line into a log."""
+        self._told = time.monotonic()
+        self.console.print(line, highlight=False, soft_wrap=True)
+
+    def _tell(self) -> None:
+        """Write how far all is, where a log had nothing for ten seconds."""
+        while not self._ended.wait(_LINE_EVERY_S / 4):
+            if self.silent_s < _LINE_EVERY_S:
+                continue
+            running = [task for task in self.tasks if not task.finished]
+            lines = [f"{task.description}: {task.percentage:.0f} %" for task in running]
+            compiled = self._compiled()
+            if compiled:
+                lines.append(f"{_COMPILING}: {compiled}")
+            self.tell("; ".join(lines) or f"preparing: {time.monotonic() - self._began:.0f} s")
 
 
 def compiling_shown(console: Console | None = None) -> AbstractContextManager[Progress]:
@@ -143,20 +182,16 @@ def progress(what: str, total: int, *, quiet: bool = False) -> Iterator[Advance]
         return
     with _Bars(console, MofNCompleteColumn()) as bars:
         task = bars.add_task(what, total=total)
-        shown_at = time.monotonic()
 
         def advance(count: int) -> None:
-            nonlocal shown_at
             bars.advance(task, count)
             state = bars.tasks[task]
-            now = time.monotonic()
-            if bars.disable and (state.finished or now - shown_at >= _LINE_EVERY_S):
+            if bars.disable and (state.finished or bars.silent_s >= _LINE_EVERY_S):
                 pace = (
                     f", {state.speed:.1f}/s, {state.time_remaining:.0f} s left"
                     if state.speed
                     else ""
                 )
-                console.print(f"{what}: {state.completed:.0f}/{total}{pace}", highlight=False)
-                shown_at = now
+                bars.tell(f"{what}: {state.completed:.0f}/{total}{pace}")
 
         yield advance

@@ -72,10 +72,16 @@ def _flights(names: Sequence[str], flights: Sequence[Flight]) -> dict[str, Any]:
         float(np.mean(e - first)) if e.size == first.size else math.nan for e, _ in errors
     ]
     figures = Figures(panels=[curves], legend=[*zip(SERIES, names, strict=False)])
+    changed = differing(flights)
+    equal = all(e.shape == first.shape and np.array_equal(e, first) for e, _ in errors)
+    nothing = ""
+    if equal and not changed:
+        nothing = "the flights have the same settings and the same errors"
     return {
         "errors": figures,
         "rows": [*zip(names, summaries, differences, strict=True)],
-        "changed": differing(flights),
+        "changed": changed,
+        "nothing": nothing,
     }
 
 
@@ -190,10 +196,20 @@ def _studies(folders: Sequence[Path]) -> dict[str, Any]:
     ]
     asked = {table.get("report.metric", METRIC) for table in tables}
     metric = asked.pop() if len(asked) == 1 else METRIC
+    rows = paired(folders, metric)
+    changed = _differing(tables)
+    differences = [interval for intervals in rows.values() for interval in intervals[1:]]
+    known = [interval for interval in differences if interval is not None]
+    nothing = ""
+    if not known:
+        nothing = "the studies share places, but neither seeds nor numbers of runs"
+    elif not changed and len(known) == len(differences) and not any(i.value for i in known):
+        nothing = "the studies have the same settings and the same results"
     return {
         "metric": METRICS[metric],
-        "rows": paired(folders, metric),
-        "changed": _differing(tables),
+        "rows": rows,
+        "changed": changed,
+        "nothing": nothing,
     }
 
 

@@ -18,9 +18,11 @@ from experiments.study.measure import METRICS, Metric
 from experiments.study.plan import Entry, StudyPlan, many, varied
 from reports import page as pages
 from reports.intervals import Interval
-from reports.page import Cell, Code, Film, Page, Text, number, words
+from reports.page import Cell, Code, Film, Page, Tile, number, words
 
 _MOST_COMMANDS = 400
+_MOST_ANSWERS = 12  # places of the table on the terminal
+_MOST_ARMS = 3  # arms with a key figure of their own
 _MOST_ROWS = 60  # places in a table; of more, those of the lowest and highest values are listed
 _TONES = {"lower": "yes", "higher": "no", "undecided": "maybe", "same": ""}
 _COLUMNS = (
@@ -141,8 +143,26 @@ class StudyPage:
         return [name for name in _COLUMNS if name != self.study.file.report.metric]
 
     @property
-    def question(self) -> Text:
-        return Text(text=self.study.file.question.strip())
+    def question_text(self) -> str:
+        """What the study asks."""
+        question = " ".join(self.study.file.question.split())
+        return question or f"How does the {self.metric.what} depend on what is varied?"
+
+    @property
+    def tiles(self) -> list[Tile]:
+        """Lowest and highest value of the metric, and where arms differ from the first one."""
+        names = ("lowest", "highest") if len(self.extremes) > 1 else ("value",)
+        tiles = [
+            Tile(name=f"{name} {self.metric.label.partition(' [')[0]}", value=text, remark=where)
+            for name, (place, text) in zip(names, self.extremes, strict=True)
+            for where in (self.place_text(place),)
+        ]
+        for arm, counts in list(self.verdict_counts.items())[:_MOST_ARMS]:
+            decided = f"lower at {counts['lower']}, higher at {counts['higher']}"
+            total = sum(counts.values())
+            remark = f"of {total} places, against {self.plan.arms[0]}"
+            tiles.append(Tile(name=arm, value=decided, remark=remark))
+        return tiles
 
     @property
     def several_arms(self) -> bool:
@@ -295,6 +315,45 @@ class StudyPage:
         ]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """The answer of a study as a small table of text."""
+
+    question: str
+    heads: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    remark: str  # which places are left out; empty: none
+
+
+def answer(plan: StudyPlan, results: Results) -> Answer:
+    """The metric of the report at every place, or at the lowest and highest of many, with
+    differences of arms.
+    """
+    page = StudyPage(plan=plan, results=results, failures={})
+    places = list(results.rows)
+    if len(places) > _MOST_ANSWERS:
+        half = _MOST_ANSWERS // 2
+        places = page.ranked[:half] + page.ranked[-half:]
+    heads = ["where", page.metric.label]
+    if page.several_arms:
+        heads += [f"less {plan.arms[0]}", "verdict"]
+    rows = []
+    for place in places:
+        row = [page.place_text(place), shown(page.estimates[place])]
+        if page.several_arms:
+            other = place in page.differences
+            row.append(shown(page.differences[place]) if other else "–")
+            row.append(page.verdicts[place] if other else "")
+        rows.append(tuple(row))
+    left_out = len(results.rows) - len(places)
+    return Answer(
+        question=page.question_text,
+        heads=tuple(heads),
+        rows=tuple(rows),
+        remark=f"the lowest and highest of {len(results.rows)} places" if left_out else "",
+    )
+
+
 def _factor_cell(value: Any) -> Cell:
     return Cell(text=charts.value_text(value), sort=value if is_number(value) else "")
 
@@ -329,4 +388,6 @@ def page_of(
     """The page of a study; arguments as of `StudyPage`."""
     page = StudyPage(plan=plan, results=results, failures=failures, films=films)
     values = {"page": page, "plan": plan, "study": plan.study, "results": results, **_FORMATS}
-    return pages.page_of("experiments.study", page.facts, values)
+    return pages.page_of(
+        "experiments.study", page.facts, values, tiles=page.tiles, question=page.question_text
+    )

@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import tomli_w
 
@@ -41,6 +41,9 @@ from reports.findings import Finding, Findings, of, read, record
 from reports.tables import Table
 from reports.version import code_version
 from sim.system import atomic_write
+
+if TYPE_CHECKING:
+    from experiments.study.page import Answer
 
 RESULTS = "results.parquet"
 RUNS = "runs.parquet"
@@ -250,9 +253,9 @@ def run_studies(
     quick: bool = False,
     film: str = "",
     **options: Unpack[ExecutionOptions],
-) -> None:
+) -> Mapping[str, StudyResults]:
     """Fly the parts of a study, or what is missing of them; write tables, record and page: same
-    outcomes, same bytes.
+    outcomes, same bytes. Returns what came out, by part.
 
     Args:
         studies: by part.
@@ -297,6 +300,7 @@ def run_studies(
         )
     else:
         _write_page(flown[0], folder, film=film)
+    return outcomes
 
 
 def _write_page(outcomes: StudyResults, folder: Path, *, film: str) -> None:
@@ -351,9 +355,14 @@ class StudyFolder:
     `report.html`.
     """
 
-    def __init__(self, folder: str | Path) -> None:
-        """Take a folder that `laisn study` wrote; LaisnError if it has no results."""
+    def __init__(
+        self, folder: str | Path, outcomes: Mapping[str, StudyResults] | None = None
+    ) -> None:
+        """Take a folder that `laisn study` wrote, with what was just flown if it was; LaisnError
+        if it has no results.
+        """
         self.folder = Path(folder)
+        self._outcomes = outcomes or {}
         if not (self.folder / RESULTS).is_file() and not self.parts:
             raise LaisnError(f"{folder}: holds no results of a study ({RESULTS})")
 
@@ -368,6 +377,12 @@ class StudyFolder:
             path.parent.name: StudyFolder(path.parent)
             for path in sorted(self.folder.glob(f"*/{RESULTS}"))
         }
+
+    def answers(self) -> list["Answer"]:
+        """The answer of each part that was just flown, as a small table."""
+        from experiments.study.page import answer
+
+        return [answer(part.plan, part.results) for part in self._outcomes.values()]
 
     def report(self) -> Path:
         """The page of the study."""
@@ -446,8 +461,8 @@ def run(
     name = built_in_name or next(iter(studies.values())).name
     folder = Path(out or Path("out") / (f"{name}-quick" if quick else name))
     command = _command(built_in_name, keys, quick=quick) if built_in_name else ""
-    run_studies(studies, folder, built_in_name, command, quick=quick, **options)
-    return StudyFolder(folder)
+    outcomes = run_studies(studies, folder, built_in_name, command, quick=quick, **options)
+    return StudyFolder(folder, outcomes)
 
 
 def _command(name: str, keys: Mapping[str, Any], *, quick: bool) -> str:

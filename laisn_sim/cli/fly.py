@@ -34,8 +34,8 @@ from sim.system import background_process, return_large_blocks
 from sim.trial import track_deviations
 
 _LONG_S = 7200.0
-_LEGEND = """E_P, E_B: errors of position and bearing; σ: standard deviation;
-NEES: 2 on average for a consistent filter; × bound: RMS of E_P over the bound"""
+_LEGEND = """E_P, E_B: errors of position and bearing; NEES: 2 on average for a consistent filter;
+× bound: RMS of E_P over the bound; track, depth: RMS distance from the route and its depth"""
 
 
 def _show_stations(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
@@ -73,8 +73,7 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
     if any("station_rms_m" in row for row in summary["followers"].values()):
         _show_stations(console, flight, summary)
     else:
-        steered = any(follower.guided_by_estimate for follower in flight.scenario.followers)
-        _show_errors(console, summary, with_track=steered)
+        _show_errors(console, summary)
     _show_avoidance(console, summary)
     if summary["verdict"]["lost"]:
         print_line(console, summary["verdict"]["sentence"], "lost:", "red")
@@ -83,20 +82,18 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
         print_line(console, f"(at {summary['flown_s']:g} s)", flight.outcome.value, colour)
 
 
-def _show_errors(console: Console, summary: dict[str, Any], *, with_track: bool) -> None:
-    """Print errors of the estimates, and of the tracks where followers steer by them."""
-    heads = ["follower", "E_P: max", "mean", "σ", "E_B: max", "mean", "σ", "NEES", "× bound"]
-    if with_track:
-        heads.append("track error")
+def _show_errors(console: Console, summary: dict[str, Any]) -> None:
+    """Print errors of the estimates, and of track and depth."""
+    heads = ["follower", "E_P: max", "mean", "E_B: max", "mean", "NEES", "× bound"]
+    heads += ["track", "depth"]
     rows = []
     for name, row in summary["followers"].items():
         cells = [name]
-        cells += [f"{row[f'e_p_{statistic}_m']:.2f} m" for statistic in ("max", "mean", "std")]
-        cells += [f"{row[f'e_b_{statistic}_deg']:.2f}°" for statistic in ("max", "mean", "std")]
+        cells += [f"{row[f'e_p_{statistic}_m']:.2f} m" for statistic in ("max", "mean")]
+        cells += [f"{row[f'e_b_{statistic}_deg']:.2f}°" for statistic in ("max", "mean")]
         for key in ("nees", "rms_over_bound"):
             cells.append("–" if row[key] is None else f"{row[key]:.3g}")
-        if with_track:
-            cells.append(f"{row['track_error_rms_m']:.2f} m")
+        cells += [f"{row[f'{what}_error_rms_m']:.2f} m" for what in ("track", "depth")]
         rows.append(cells)
     show_table(console, heads, rows)
     console.print(_LEGEND, style="dim", highlight=False)

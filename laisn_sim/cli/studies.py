@@ -3,14 +3,17 @@ compare`.
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from laisn_sim.cli.errors import echo
+
+if TYPE_CHECKING:
+    from experiments.study.page import Answer
 
 ScenarioArgument = Annotated[
     str, typer.Argument(help="T2 … T9, another built-in name, or a TOML file")
@@ -141,7 +144,20 @@ def study(  # noqa: PLR0913 - an argument for each option of the command
     results = run(
         source, keys, out, quick=quick, film=film, workers=workers, cluster=cluster, force=force
     )
+    _show_answers(results.answers())
     echo(f"report in {results.report()}")
+
+
+def _show_answers(answers: Sequence["Answer"]) -> None:
+    """Print what a study asks and answers, each part as a small table."""
+    from rich.console import Console
+
+    from experiments.campaign.progress import literal, show_table
+
+    console = Console()
+    for answer in answers:
+        console.print(literal(answer.question, "bold"))
+        show_table(console, answer.heads, answer.rows, caption=answer.remark)
 
 
 BUILT_IN = {

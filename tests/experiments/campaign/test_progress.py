@@ -46,14 +46,16 @@ def test_compiling_is_reported_once_and_not_where_the_cache_has_it(tmp_path: Pat
         )
         for _ in range(2)
     ]
-    assert [answer.stderr for answer in answers] == ["compiled (once)\n", ""]
+    first, second = (answer.stderr.splitlines() for answer in answers)
+    assert re.fullmatch(r"compiled \(once\): [1-9][0-9]* functions, [0-9]+ s", first[-1])
+    assert second == []
 
 
 @pytest.mark.parametrize("flight", [True, False])
 def test_a_terminal_counts_the_functions_compiled(
     monkeypatch: pytest.MonkeyPatch, flight: bool
 ) -> None:
-    """With the phases of a flight, and of commands without phases."""
+    """With the phases of a flight, and of commands without phases; and how long that takes."""
     stored, enough = iter([3, 3, 4, *[10] * 1000]), threading.Event()
 
     def count_stored() -> int:
@@ -64,12 +66,13 @@ def test_a_terminal_counts_the_functions_compiled(
 
     monkeypatch.setattr("laisn.compiled.count_stored", count_stored)
     monkeypatch.setattr(progress, "_REFRESH_HZ", 100.0)
-    console = Console(file=io.StringIO(), force_terminal=True, width=80, color_system=None)
+    console = Console(file=io.StringIO(), force_terminal=True, width=120, color_system=None)
     monkeypatch.setattr(progress, "Console", lambda stderr: console)
     with progress.phases(console) if flight else progress.compiling_shown():
         assert enough.wait(10.0)
         time.sleep(0.3)
-    assert "compiling (once): 7 functions" in console.file.getvalue()  # type: ignore[attr-defined]
+    shown = console.file.getvalue()  # type: ignore[attr-defined]
+    assert re.search(r"compiling \(once for each version.*: 7 functions, \d+ s", shown)
 
 
 def test_the_first_item_is_not_in_the_time_left(
@@ -91,6 +94,24 @@ def test_the_first_item_is_not_in_the_time_left(
         "cells: 5/6, 0.1/s, 10 s left",
         "cells: 6/6, 0.1/s, 0 s left",
     ]
+
+
+def test_a_log_is_never_silent_for_long(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where a phase of a flight takes long, or what is compiled; here every fifth of a second."""
+    stored = iter([3, 3, *[8] * 1000])
+    monkeypatch.setattr("laisn.compiled.count_stored", lambda: next(stored))
+    monkeypatch.setattr(progress, "_LINE_EVERY_S", 0.2)
+    with progress.phases(Console(stderr=True)) as phase:
+        time.sleep(0.5)
+        with phase("simulate") as update:
+            update(0.4)
+            time.sleep(0.5)
+    lines = lines_of(capsys)
+    assert any(re.fullmatch(r"compiling \(once.*\): 5 functions, 0 s", line) for line in lines)
+    assert any(line.startswith("simulate: 40 %; compiling (once") for line in lines)
+    assert re.fullmatch(r"compiled \(once\): 5 functions, \d s", lines[-1])
 
 
 def test_nothing_is_reported_where_nothing_is_to_be_done(

@@ -51,6 +51,9 @@ def test_flights_are_compared_with_the_settings_that_differ(tmp_path):
     assert [[cell.text for cell in row] for row in settings.blocks[0].rows] == [
         ["sensors.speed_bias_m_s", "0.1", "0.3"]
     ]
+    nothing = "There is nothing to compare: the flights have the same settings and the same errors."
+    assert nothing not in page_of([str(tmp_path / "a"), str(tmp_path / "b")]).summary
+    assert page_of([str(tmp_path / "a")] * 2).summary.startswith(nothing)
     out = tmp_path / "page.html"
     result = CliRunner().invoke(
         app, ["compare", str(tmp_path / "a"), str(tmp_path / "b"), "--out", str(out)]
@@ -73,6 +76,10 @@ def test_studies_are_paired_where_they_share_places_and_runs(tmp_path):
         }
         run_studies({"study": of_table(table, name, name)}, tmp_path / name, workers=1, quiet=True)
     found = paired([tmp_path / name for name in "abcd"], "e_p_mean_m")
+    pages = {b: page_of([str(tmp_path / "a"), str(tmp_path / b)]).summary for b in "bcd"}
+    assert "nothing to compare: the studies have the same settings" in pages["b"]
+    assert "nothing to compare: the studies share places, but neither seeds" in pages["c"]
+    assert "nothing to compare: the studies share places, but neither seeds" in pages["d"]
     assert len(found) == 2
     for _, same, fewer, other in found.values():
         assert same is not None

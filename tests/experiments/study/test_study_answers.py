@@ -16,12 +16,12 @@ from experiments.study import charts
 from experiments.study.estimate import Results, shown
 from experiments.study.file import of_table
 from experiments.study.measure import METRICS
-from experiments.study.page import commands, notable, page_of, worst_entry
+from experiments.study.page import answer, commands, notable, page_of, worst_entry
 from experiments.study.plan import StudyPlan, plan_of
 from experiments.study.run import _of_runs, _widest
 from experiments.study.study import findings_of
 from reports.figures import Line, light
-from reports.page import Figures, Notice, Page, Table, Text
+from reports.page import Figures, Notice, Page, Table, Text, render
 from reports.style import SERIES
 
 MEANS = {
@@ -96,15 +96,37 @@ def test_the_answer_names_the_best_the_worst_and_which_arm_wins_where(
     assert best.startswith("0.500 m (0.4")
     assert f"Mean E_P, with 95 % intervals: {best} at best (" in printed
     assert f", {worst} at most (" in printed
+    assert page.question == (
+        "How does the mean position error of the estimate depend on what is varied?"
+    )
+    html = render(page)
+    assert html.index('class="question"') < html.index('class="summary"')
     assert "14" not in printed
     assert printed.endswith("aware against plain: lower at 1, higher at 1, undecided at 1 places.")
+    lowest, highest, arm = page.tiles
+    assert (lowest.value, highest.value) == (best, worst)
+    assert (lowest.name, arm.name) == ("lowest mean E_P", "aware")
+    assert (arm.value, arm.remark) == ("lower at 1, higher at 1", "of 3 places, against plain")
+
+
+def test_the_terminal_has_the_answer_as_a_small_table(plan: StudyPlan, results: Results) -> None:
+    small = answer(plan, results)
+    assert small.heads == ("where", "mean E_P [m]", "less plain", "verdict")
+    assert len(small.rows) == 6
+    assert small.remark == ""
+    where, value, difference, verdict = small.rows[1]
+    assert where.endswith("arm aware")
+    assert value == shown(results.estimate(place(0, "aware"), "e_p_mean_m"))
+    assert difference.startswith(("−0.500", "-0.500"))
+    assert verdict == "lower"
+    assert small.rows[0][2:] == ("–", "")
 
 
 def test_the_answer_is_a_figure_and_a_table_of_every_place_with_differences_and_verdicts(
     page: Page,
 ) -> None:
     answer = page.sections[0]
-    assert [type(block) for block in answer.blocks] == [Text, Figures, Table]
+    assert [type(block) for block in answer.blocks] == [Figures, Table]
     (table,) = (block for block in answer.blocks if isinstance(block, Table))
     heads = list(table.heads)
     apart = {
@@ -277,7 +299,7 @@ def test_three_factors_are_answered_by_shares_of_variance_and_many_places_by_ext
     ]
     lists = [(row, {"run": [0], "e_p_mean_m": [row["e_p_mean_m"]]}) for row in rows]
     page = page_of(plan, Results.of(rows, lists), {})
-    shares, maps, answer = page.sections[0].blocks[1:4]
+    shares, maps, answer = page.sections[0].blocks[:3]
     assert isinstance(shares, Figures)
     assert isinstance(maps, Figures)
     (marks,) = shares.panels[0].parts[0].lines
@@ -572,9 +594,8 @@ def test_a_page_has_a_row_for_each_follower_and_names_what_could_not_be_flown() 
         "Design",
         "Runs to look at",
     ]
-    question, notice, _, answer = page.sections[0].blocks
-    assert isinstance(question, Text)
-    assert question.text == table["question"]
+    assert page.question == "## One | two? ## Three"
+    notice, _, answer = page.sections[0].blocks
     assert isinstance(notice, Notice)
     where = f"speed bias 0.1 m/s, arm x|y, {plan.followers[0]}, realization 0"
     assert notice.text == f"lost at 3 s: 2 scenarios, the first at {where}"

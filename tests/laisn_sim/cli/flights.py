@@ -1,5 +1,6 @@
 """What the command is called with, and what a flight's folder holds."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -28,3 +29,11 @@ def files(folder: Path) -> dict[str, bytes]:
         for p in sorted(folder.rglob("*"))
         if p.is_file()
     }
+
+
+def without_notice(reported: str) -> str:
+    """What a command wrote to standard error, without the lines on its progress that a log has
+    after ten seconds, and on what it compiled.
+    """
+    notice = r"^(compil(ing|ed) \(once.*|[a-z ]+: \d+ %.*|preparing: \d+ s)\n"
+    return re.sub(notice, "", reported, flags=re.MULTILINE)

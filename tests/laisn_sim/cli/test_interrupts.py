@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from laisn_sim.cli.main import app
 from sim.film import graphics
 from sim.log import reader
-from tests.laisn_sim.cli.flights import WITHOUT_FILM, files
+from tests.laisn_sim.cli.flights import WITHOUT_FILM, files, without_notice
 
 pytestmark = pytest.mark.system
 
@@ -40,7 +40,7 @@ def interrupted(folder: Path, begun: str, *options: str) -> str:
     # imports
     assert child.returncode in (130, -signal.SIGINT), printed + reported
     # where this test is the first to compile something, a notice is printed before
-    reported = reported.removeprefix("compiled (once)\n")
+    reported = without_notice(reported)
     assert reported.startswith("laisn: interrupted; ")
     assert len(reported.splitlines()) == 1
     return reported

@@ -162,7 +162,7 @@ def test_warnings_of_libraries_are_shown_to_developers_alone(
             UserWarning,
             stacklevel=1,
         )
-        return SimpleNamespace(report=lambda: tmp_path)
+        return SimpleNamespace(report=lambda: tmp_path, answers=list)
 
     monkeypatch.setattr("experiments.study.study.run", warn)
     monkeypatch.setenv("LAISN_DEBUG", "1" if debug else "")
@@ -181,7 +181,7 @@ def test_a_damaged_result_is_reported_in_one_line(
             DamagedResult,
             stacklevel=2,
         )
-        return SimpleNamespace(report=lambda: tmp_path)
+        return SimpleNamespace(report=lambda: tmp_path, answers=list)
 
     monkeypatch.setattr("experiments.study.study.run", warn)
     result = CliRunner().invoke(app, ["reproduce"])
