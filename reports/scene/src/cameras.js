@@ -75,7 +75,7 @@ export class Cameras {
     return this.mission.heading(turned, this.time, SMOOTHED_S);
   }
 
-  /** The distance of farthest vehicle from the target. */
+  /** The distance of the farthest vehicle from the target. */
   reach() {
     const middle = this.target(new Vector3());
     let reach = 0;

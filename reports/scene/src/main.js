@@ -65,7 +65,8 @@ class Replay {
 
   openCamera(link) {
     const { view } = this;
-    this.chooseCamera(Object.hasOwn(CAMERAS, link.get("camera")) ? link.get("camera") : "chase", true);
+    const usual = view.crowded && view.follow < 0 ? "all" : "chase";
+    this.chooseCamera(Object.hasOwn(CAMERAS, link.get("camera")) ? link.get("camera") : usual, true);
     element("follow").value = view.follow;
     const at = link.get("at")?.split(",").map(Number);
     if (at?.length === 3 && at.every(Number.isFinite)) {

@@ -16,7 +16,7 @@ const SHADOW = [0, 0.04, 0.06];
 const AFTERGLOW_S = 0.45; // of a ray, in seconds as they pass for a viewer
 const TRAIL_S = 60; // time constant of a trail's fading
 const SIGMAS = 2;
-const CROWD = 12; // followers beyond which only the followed one's estimate is drawn
+const CROWD = 12; // followers beyond which only the followed one's estimate is drawn, and rays are faint
 const REST_MS = 900; // after which software renderers draw a sharper picture
 const SHARPNESS = [0.7, 1, 2]; // most pixels of the picture per pixel of the page, by quality
 
@@ -67,6 +67,10 @@ export class View {
 
   get follow() {
     return this.cameras.follow;
+  }
+
+  get crowded() {
+    return this.mission.followers > CROWD;
   }
 
   /** The follower whose estimate, rays and numbers stand in front: the followed one, or the only one. */
@@ -141,7 +145,7 @@ export class View {
   drawEstimates() {
     const { mission } = this;
     const everyone = [...Array(mission.followers).keys()];
-    const shown = mission.followers <= CROWD ? everyone : everyone.filter((f) => f === this.filmed);
+    const shown = this.crowded ? everyone.filter((f) => f === this.filmed) : everyone;
     const key = shown.join();
     if (key === this.estimatesOf) return;
     this.estimatesOf = key;
@@ -223,7 +227,8 @@ export class View {
   /** Hulls that are small on the screen are drawn larger, all by one factor that the page states. */
   hullSize() {
     const longest = Math.max(...this.fleets.map((fleet) => fleet.length));
-    const wanted = clamp(((this.mission.count > 2 ? 62 : 48) * this.metres) / longest, 1, 12);
+    const pixels = this.crowded ? 40 : this.mission.count > 2 ? 62 : 48;
+    const wanted = clamp((pixels * this.metres) / longest, 1, 12);
     if (this.trueSize || wanted < 1.3) return 1;
     return wanted > 6 ? Math.round(wanted) : Math.round(wanted * 2) / 2;
   }
@@ -279,7 +284,7 @@ export class View {
       this.pen.ring(spot, { major: radius, minor: radius, angle: 0 }, mission.hues.station, filmed ? 0.9 : 0.6, 5, true);
     }
     this.drawRays(f, transmitters, hydrophone, filmed, speed);
-    if (mission.followers <= CROWD || filmed) this.drawEstimate(f, hydrophone, filmed);
+    if (!this.crowded || filmed) this.drawEstimate(f, hydrophone, filmed);
     if (mission.truth && (filmed || metres < 0.03)) marks.add(hydrophone, mission.hues.truth, 1, DISC, filmed ? 9 : 7);
   }
 
@@ -290,7 +295,7 @@ export class View {
     if (m < 0) return;
     const { time: times, kind, range, source } = mission.messages[f];
     const age = (time - times[m]) / Math.max(speed, 1);
-    const glow = Math.exp(-age / AFTERGLOW_S) * (filmed ? 1 : 0.55);
+    const glow = Math.exp(-age / AFTERGLOW_S) * (filmed ? 1 : this.crowded ? 0.16 : 0.55);
     if (glow < 0.04) return;
     const refused = mission.refusedKinds.includes(kind[m]);
     for (let i = 0; i < mission.used; i++) {
@@ -302,7 +307,7 @@ export class View {
       if (!at) continue;
       const heard = range[3 * m + i] > 0;
       const dash = heard ? 0 : Math.max(0.4, 14 * metres);
-      this.pen.line(at, hydrophone, heard && !refused ? USED : REFUSED, glow, filmed ? 9 : 6, dash);
+      this.pen.line(at, hydrophone, heard && !refused ? USED : REFUSED, glow, filmed ? 9 : this.crowded ? 4 : 6, dash);
     }
   }
 
