@@ -34,8 +34,8 @@ from sim.system import background_process, return_large_blocks
 from sim.trial import track_deviations
 
 _LONG_S = 7200.0
-_LEGEND = """E_P, E_B: errors of position and bearing; NEES: 2 on average for a consistent filter;
-× bound: RMS of E_P over the bound; track, depth: RMS distance from the route and its depth"""
+_LEGEND = """E_P, E_B: errors of position and bearing; track, depth: RMS off the route;
+NEES: 2 on average for a consistent filter; × bound: RMS of E_P over the bound"""
 
 
 def _show_stations(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
