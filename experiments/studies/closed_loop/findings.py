@@ -8,7 +8,7 @@ from experiments.flight.library import ROUTES
 from experiments.study.run import StudyResults
 from reports.findings import Finding, median, plain, share
 
-LOST_M = 50.0  # A follower that ends farther than this from its place is called lost [m]
+FAR_OFF_M = 50.0  # A follower that ends farther than this from its place is called lost [m]
 
 
 def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
@@ -16,12 +16,12 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     currents.
     """
     arms = outcomes["study"].cells.by("arm")
-    named: dict[str, Finding] = {"lost-from": plain(LOST_M, "", "m")}
+    named: dict[str, Finding] = {"lost-from": plain(FAR_OFF_M, "", "m")}
     for name in dict.fromkeys(arm.rpartition(" ")[0] for arm in arms):
         by_truth, by_estimate, swept = (
             arms[f"{name} {by}"] for by in ("truth", "estimate", "current")
         )
-        far, adrift = (cells.runs("track_error_end_m") > LOST_M for cells in (by_estimate, swept))
+        far, adrift = (cells.runs("track_error_end_m") > FAR_OFF_M for cells in (by_estimate, swept))
         error, off, typical = (
             by_truth.runs("e_p_mean_m"),
             *(c.runs("track_error_rms_m") for c in (by_estimate, swept)),

@@ -55,7 +55,7 @@ REACHES_M = (50.0, 150.0, 500.0)
 PING_S = 0.1
 SOUND_M_S = 1500.0
 # A run whose error, or whose distance from its place at the end, is beyond this is called lost [m]
-LOST_M = 50.0
+FAR_OFF_M = 50.0
 
 
 def case_name(navigator: str, condition: str, interval: float) -> str:
@@ -120,8 +120,8 @@ def of_arm(name: str, routes: Cells) -> Iterator[tuple[str, Finding]]:
         f"locked {name}",
         share(routes.runs("mirror_locked"), "share of missions locked on the mirror image, 95 %"),
     )
-    meaning = f"share of missions with an error beyond {LOST_M:g} m, 95 %"
-    yield f"lost {name}", share(routes.runs("e_p_max_m") > LOST_M, meaning)
+    meaning = f"share of missions with an error beyond {FAR_OFF_M:g} m, 95 %"
+    yield f"lost {name}", share(routes.runs("e_p_max_m") > FAR_OFF_M, meaning)
 
 
 def worst_routes(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
@@ -174,8 +174,8 @@ def steered(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
         yield f"closed-error {case}", of(error, "mean E_P, 95 %", "m")
         off = routes.runs("track_error_rms_m")
         yield f"closed-off {case}", median(off, "RMS off its place, median of missions", "m")
-        meaning = f"share of missions that end more than {LOST_M:g} m off their place, 95 %"
-        yield f"closed-lost {case}", share(routes.runs("track_error_end_m") > LOST_M, meaning)
+        meaning = f"share of missions that end more than {FAR_OFF_M:g} m off their place, 95 %"
+        yield f"closed-lost {case}", share(routes.runs("track_error_end_m") > FAR_OFF_M, meaning)
 
 
 def mapped(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
