@@ -21,7 +21,8 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
         by_truth, by_estimate, swept = (
             arms[f"{name} {by}"] for by in ("truth", "estimate", "current")
         )
-        far, adrift = (cells.runs("track_error_end_m") > FAR_OFF_M for cells in (by_estimate, swept))
+        far = by_estimate.runs("track_error_end_m") > FAR_OFF_M
+        adrift = swept.runs("track_error_end_m") > FAR_OFF_M
         error, off, typical = (
             by_truth.runs("e_p_mean_m"),
             *(c.runs("track_error_rms_m") for c in (by_estimate, swept)),
