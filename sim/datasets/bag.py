@@ -58,8 +58,8 @@ def _opened(path: Path) -> Iterator[Any]:
     except ImportError:
         raise LaisnError(MISSING) from None
     try:
-        # recordings of early releases hold no definitions
-        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
+        # recordings without definitions are of Humble or earlier, whose types are those of Humble
+        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             yield reader
     except LaisnError:
         raise

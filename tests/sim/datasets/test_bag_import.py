@@ -2,8 +2,10 @@
 
 import math
 import re
+import sqlite3
 import tomllib
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -105,11 +107,21 @@ def mcap(folder: Path, messages: list[Message]) -> Path:
     return write_ros2(folder / "dive", messages)
 
 
+def humble_db3(folder: Path, messages: list[Message]) -> Path:
+    """As Humble records it: without definitions of types."""
+    bag = db3(folder, messages)
+    with closing(sqlite3.connect(bag / "dive.db3")) as database:
+        database.execute("DROP TABLE message_definitions")
+        database.execute("UPDATE schema SET schema_version = 3")
+        database.commit()
+    return bag
+
+
 def bare_mcap(folder: Path, messages: list[Message]) -> Path:
     return write_ros2(folder / "dive", messages) / "dive.mcap"
 
 
-WRITERS = {"ros1": ros1, "db3": db3, "mcap": mcap, "file": bare_mcap}
+WRITERS = {"ros1": ros1, "db3": db3, "humble": humble_db3, "mcap": mcap, "file": bare_mcap}
 
 
 @pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
