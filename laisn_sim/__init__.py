@@ -13,7 +13,7 @@ study file. Numbers and arrays of NumPy, tuples and ranges are values too. Inval
 `ValueError`. A function imports what it needs at its first use.
 
 Classes: `Simulation`, `Flight`, `Scenario`, `StudyFolder`, `Table`, `Navigator`, `Command`,
-`Wrench`, `VehicleTruth`, `LaisnError`.
+`Wrench`, `VehicleTruth`, `EffectorKind`, `LaisnError`.
 """
 
 from __future__ import annotations
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from sim.closed_loop import Command as Command
     from sim.closed_loop import Wrench as Wrench
     from sim.scenario.settings import Scenario as Scenario
+    from sim.vehicle.effector_kinds import EffectorKind as EffectorKind
 
 __all__ = [
     "errors",
@@ -68,6 +69,7 @@ _INTERRUPTED = b"laisn: interrupted\n"
 _HOMES = {
     "Command": "sim.closed_loop:Command",
     "Wrench": "sim.closed_loop:Wrench",
+    "EffectorKind": "sim.vehicle.effector_kinds:EffectorKind",
     "LaisnError": "laisn.errors:LaisnError",
     "Navigator": "laisn.navigator:Navigator",
     "Scenario": "sim.scenario.settings:Scenario",

@@ -273,6 +273,7 @@ def _follow_route(k: int, f: int, a: ClosedLoopState) -> None:
         integrate_offset(reference, place, TICK, guidance)
     steered = steer(reference, place, TICK, guidance)
     control(
+        routes.kinds,
         routes.autopilots[i],
         steered,
         reference,
@@ -320,6 +321,7 @@ def guide(k: int, truth: StateHistory, a: ClosedLoopState) -> None:
             a.formations[f], a.stations[f], senses, trail, clock, memory, a.reference[0], a.plan
         )
         control(
+            routes.kinds,
             routes.autopilots[i],
             wanted,
             a.reference[0],
@@ -519,7 +521,13 @@ class OwnControl:
             autopilot = self._routes.autopilot[f + 1]
             if isinstance(found, Wrench):
                 autopilot.wrench[:] = found
-                apply_wrench(self._routes.autopilots[f + 1], motion.surge, autopilot, command)
+                apply_wrench(
+                    self._routes.kinds,
+                    self._routes.autopilots[f + 1],
+                    motion.surge,
+                    autopilot,
+                    command,
+                )
             elif isinstance(found, np.ndarray):
                 command[: len(found)] = found
             else:
@@ -536,7 +544,16 @@ class OwnControl:
         steered = limit_command(wanted.heading, wanted.speed, CONTROL_STEP_S, guidance)
         autopilot = routes.autopilots[i]
         memory = routes.autopilot[i]
-        control(autopilot, steered, reference, motion, CONTROL_STEP_S, memory, routes.command[i])
+        control(
+            routes.kinds,
+            autopilot,
+            steered,
+            reference,
+            motion,
+            CONTROL_STEP_S,
+            memory,
+            routes.command[i],
+        )
 
 
 class PythonClosedLoop:

@@ -41,7 +41,8 @@ from sim.scenario.settings import CONTROL_STEP_S, Follower, Scenario, Vehicle, V
 from sim.sea import require_sea
 from sim.sensing.sensors import own_sensors
 from sim.tracking import HULL_RADIUS_M, closest_stations
-from sim.vehicle.effectors import FIN, MIN_STEERAGE_SPEED
+from sim.vehicle.effector_kinds import MIN_STEERAGE_SPEED
+from sim.vehicle.effectors import fins_of
 from sim.vehicle.mjcf import SEA_WATER, spec_of, transmitter_places
 from sim.vehicle.own_hull import hull_errors
 from sim.vehicle.plant import Plant
@@ -228,9 +229,8 @@ def _vertical_forces(plant: Plant, design: Autopilot, speed: float) -> VerticalF
 def _moment_of_incidence(plant: Plant) -> float:
     """Moment nose up of hull and fins at rest, per incidence and speed² [kg]."""
     c = plant.coefficients[0]
-    fins = np.concatenate([plant.effectors[0], plant.fixed_fins[0]])
-    fins = fins[fins["kind"] == FIN]
-    lift = np.prod(fins["parameters"][:, :2], axis=1) * fins["force"][:, 2] ** 2
+    fins = fins_of(plant.effectors[0], plant.fixed_fins[0])
+    lift = fins["lift_area"] * fins["force"][:, 2] ** 2
     by_fins = 0.5 * c["density"] * float(lift @ fins["place"][:, 0])
     added = c["added_mass"]
     return float(c["munk_factor"] * (added[2, 2] - added[0, 0]) + by_fins)
@@ -238,7 +238,8 @@ def _moment_of_incidence(plant: Plant) -> float:
 
 def _stern_lever(effectors: npt.NDArray[np.void]) -> float:
     """Lever of the level fins behind the hull's origin [m]; 0 without."""
-    level = effectors[(effectors["kind"] == FIN) & (np.abs(effectors["force"][:, 2]) > 0.1)]
+    fins = fins_of(effectors)
+    level = fins[np.abs(fins["force"][:, 2]) > 0.1]
     return float(-level["place"][:, 0].mean()) if level.size else 0.0
 
 

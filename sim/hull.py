@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from sim.control.autopilot import Autopilot, design, top_speed
 from sim.control.stability import least_radius
 from sim.scenario.settings import Follower, Scenario, Vehicle
-from sim.vehicle.effectors import FIN, MIN_STEERAGE_SPEED
+from sim.vehicle.effector_kinds import MIN_STEERAGE_SPEED
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean
@@ -66,7 +66,7 @@ def calm_plant(hull: Hull) -> tuple[Plant, Any]:
 
 def needs_way(autopilot: Autopilot) -> bool:
     """Whether a vehicle cannot hover: fins alone, at an angle to the flow, hold its depth."""
-    return bool(not autopilot["has_heave"] and FIN in autopilot["effectors"]["kind"])
+    return bool(not autopilot["has_heave"] and autopilot["effectors"]["lift_area"].any())
 
 
 @lru_cache(maxsize=64)

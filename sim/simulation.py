@@ -40,7 +40,7 @@ from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.tracking import MissionBounds, bounds_of, contacts, first_departure, first_touch
 from sim.trajectory import OF_VEHICLES, StateHistory, Trajectory
-from sim.vehicle.effectors import THRUSTER
+from sim.vehicle.effectors import Kinds, kinds_of, states_are_thrust
 from sim.vehicle.plant import OK, Fault, Plant, PlantError, advance
 from sim.water.assembly import ocean_of
 from sim.water.environment import Environment, water_velocity
@@ -97,6 +97,7 @@ def _control(controller, k, truth):  # type: ignore[no-untyped-def]
 class RouteControl(NamedTuple):
     """Controller of v vehicles along their routes, by the truth."""
 
+    kinds: Kinds  # of the effectors that autopilots allocate forces to
     reference: Records  # of `sim.control.guidance.REFERENCE` at all instants, shape (n, v)
     autopilots: Records  # of `sim.control.autopilot.DESIGN`, shape (v,)
     guidance: Records  # of GUIDANCE_MEMORY, shape (v,)
@@ -147,6 +148,7 @@ def steer_along_route(k: int, truth: StateHistory, i: int, routes: RouteControl)
     track_current(current, TICK, guidance)
     steered = steer(reference, (pose[0], pose[1]), TICK, guidance)
     control(
+        routes.kinds,
         routes.autopilots[i],
         steered,
         reference,
@@ -169,6 +171,7 @@ def hold_by_truth(
     motion = vehicle_state(truth.pose[k, i], truth.twist[k, i], truth.water[k, i])
     reference[0].depth = held[2]
     control(
+        routes.kinds,
         routes.autopilots[i],
         limit_command(held[0], held[1], TICK, routes.guidance[i]),
         reference[0],
@@ -189,7 +192,7 @@ def apply_wrench_by_truth(
     motion = vehicle_state(truth.pose[k, i], truth.twist[k, i], truth.water[k, i])
     memory = routes.autopilot[i]
     copy_values(wrench, memory.wrench)
-    apply_wrench(routes.autopilots[i], motion.surge, memory, routes.command[i])
+    apply_wrench(routes.kinds, routes.autopilots[i], motion.surge, memory, routes.command[i])
 
 
 @compiled
@@ -242,7 +245,7 @@ def _trajectory(plant: Plant, truth: StateHistory, instants: int) -> Trajectory:
         site_vehicle=plant.site_vehicle.copy(),
         site_offset=plant.site_offset.copy(),
         effector_names=plant.effector_names,
-        effector_force=plant.effectors["force"] * (plant.effectors["kind"] == THRUSTER)[..., None],
+        effector_force=plant.effectors["force"] * states_are_thrust(plant.effectors)[..., None],
     )
 
 
@@ -284,6 +287,7 @@ class Mission:
         radii = [least_radius(plant, i, d) for i, d in enumerate(autopilots)]
         time = np.arange(ticks + 1, dtype=np.float64) * TICK
         self.routes = RouteControl(
+            kinds=kinds_of(autopilots["effectors"]),
             reference=reference(routes, time, lead, radii),
             autopilots=autopilots,
             guidance=records(GUIDANCE_MEMORY, v),

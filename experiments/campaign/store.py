@@ -5,6 +5,7 @@ that made them.
 import csv
 import hashlib
 import json
+import re
 import sys
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -78,7 +79,8 @@ def key_of(*content: object) -> str:
     )
     digest = hashlib.sha256(text.encode())
     for name in sorted(plugin_files()):
-        if f'"{name}"' in text or f'"{name}:' in text:
+        # of a scenario's key, or of the suffix of a numeric in the text of a hull
+        if re.search(rf'[".]{re.escape(name)}[":\\\']', text):
             digest.update(plugin_digest(name).encode())
     for token in registered_tokens(text):
         digest.update(token.encode())

@@ -195,17 +195,11 @@ def vehicle_rows() -> list[tuple[str, str, str, str]]:
     import numpy as np
 
     import models
-    from sim.vehicle import effectors
+    from sim.vehicle.effectors import kind_of
     from sim.vehicle.mjcf import VehicleSetup
     from sim.vehicle.plant import Plant
     from sim.water.ocean import Ocean
 
-    kinds = {
-        effectors.THRUSTER: ("thruster", 1.0, "N"),
-        effectors.CURVE: ("thruster", 1.0, ""),
-        effectors.PROPELLER: ("propeller", 60.0, "rpm"),
-        effectors.FIN: ("fin", 180.0 / np.pi, "°"),
-    }
     rows = []
     for name in models.VEHICLES:
         plant = Plant([VehicleSetup(name=name, model=name, position_m=(0.0, 0.0, -10.0))], Ocean())
@@ -221,11 +215,9 @@ def vehicle_rows() -> list[tuple[str, str, str, str]]:
         size = " × ".join(f"{side:.2f}" for side in sides) + " m"
         groups = Counter[str]()
         for effector in plant.effectors[0, : len(plant.effector_names[0])]:
-            label, scale, unit = kinds[int(effector["kind"])]
-            groups[
-                f"{label} {scale * effector['limits'][0]:.4g} … "
-                f"{scale * effector['limits'][1]:.4g} {unit}".rstrip()
-            ] += 1
+            kind = kind_of(effector)
+            low, high = kind.unit_scale * effector["limits"]
+            groups[f"{kind.label} {low:.4g} … {high:.4g} {kind.unit}".rstrip()] += 1
         mass = float(plant.model.body(f"{name}/hull").mass[0])
         rows.append(
             (name, size, f"{mass:.4g} kg", ", ".join(f"{n} {text}" for text, n in groups.items()))

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from sim import attitude
-from sim.vehicle.effectors import FIN_SUFFIXES, MovingFins
+from sim.vehicle.effectors import MovingFins, has_fin
 from sim.vehicle.mjcf import numeric, spec_of
 
 _KINDS = {
@@ -65,7 +65,7 @@ def _propellers(model: Any) -> list[dict[str, Any]]:
         name = model.actuator(i).name
         site = model.actuator_trnid[i, 0]
         push = attitude.rotate(model.site_quat[site], model.actuator_gear[i, :3])
-        is_fin = any(numeric(model, name + suffix) is not None for suffix in FIN_SUFFIXES)
+        is_fin = has_fin(model, name)
         if is_fin or abs(push[0]) < _ALONG or model.site_pos[site][0] > _ASTERN_M:
             continue
         propellers.append(

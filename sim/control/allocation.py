@@ -13,7 +13,8 @@ import numpy.typing as npt
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled
-from sim.vehicle import effectors
+from sim.vehicle.effector_kinds import MIN_STEERAGE_SPEED
+from sim.vehicle.effectors import unit_wrenches
 
 # components of a wrench in the body frame [N], [N m]
 SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)
@@ -37,10 +38,10 @@ def pseudo_inverse(records: npt.NDArray[np.void], limits: Floats) -> Floats:
     """P of the components that a vehicle's effectors can give independently, shape (m, 6), [-],
     [1/m]; 0 of the others.
 
-    `limits` are least and largest force of each record of EFFECTOR, of `force_limits` at some
-    speed, shape (m, 2), [N].
+    `limits` are least and largest force of each record of EFFECTOR, of `force_limits_of` at
+    some speed, shape (m, 2), [N].
     """
-    unit = effectors.unit_wrenches(records)  # Bᵀ
+    unit = unit_wrenches(records)  # Bᵀ
     reach = np.abs(limits).max(axis=1)
     most = np.array(
         [np.abs(unit[:, :3]).max(), max(float(np.abs(unit[:, 3:]).max()), 1e-3)]
@@ -65,7 +66,7 @@ def at_speed(slow: Floats, fast: Floats, speed: float, out: Floats) -> None:
     """Write P at a speed along the hull, between those of `MIN_STEERAGE_SPEED` and `FAST`, with the
     same B, shape (M, 6).
     """
-    least = effectors.MIN_STEERAGE_SPEED**2
+    least = MIN_STEERAGE_SPEED**2
     share = clip((speed * abs(speed) - least) / (FAST**2 - least), 0.0, 1.0)
     for i in range(slow.shape[0]):
         for axis in range(6):

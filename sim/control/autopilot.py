@@ -43,6 +43,7 @@ from sim.control.allocation import (
     pseudo_inverse,
 )
 from sim.vehicle import effectors
+from sim.vehicle.effector_kinds import EFFECTOR, MAX_EFFECTORS, MIN_STEERAGE_SPEED
 from sim.vehicle.mjcf import inertia_tensor
 from sim.vehicle.plant import Plant
 
@@ -57,8 +58,8 @@ AUTOPILOT_MEMORY = np.dtype(  # of one vehicle, from one control step to the nex
         ("pitch_command", np.float64),  # [rad]
         # room for what a control step computes
         ("wrench", np.float64, (6,)),
-        ("limits", np.float64, (effectors.MAX_EFFECTORS, 2)),
-        ("allocation", np.float64, (effectors.MAX_EFFECTORS, 6)),
+        ("limits", np.float64, (MAX_EFFECTORS, 2)),
+        ("allocation", np.float64, (MAX_EFFECTORS, 6)),
     ]
 )
 
@@ -100,10 +101,10 @@ class Autopilot(RecordFields):
     has_heave: float  # 1: vertical thrusters, 0: depth by pitch at any speed
     density: float  # [kg/m³]
     scheduled: bool  # whether the allocation depends on the speed, as with fins
-    effectors: Annotated[Records, effectors.EFFECTOR, (effectors.MAX_EFFECTORS,)]
-    # forces per unit of a wrench, at `effectors.MIN_STEERAGE_SPEED` and at `allocation.FAST`
-    slow_allocation: Annotated[Floats, (effectors.MAX_EFFECTORS, 6)]
-    fast_allocation: Annotated[Floats, (effectors.MAX_EFFECTORS, 6)]
+    effectors: Annotated[Records, EFFECTOR, (MAX_EFFECTORS,)]
+    # forces per unit of a wrench, at `MIN_STEERAGE_SPEED` and at `allocation.FAST`
+    slow_allocation: Annotated[Floats, (MAX_EFFECTORS, 6)]
+    fast_allocation: Annotated[Floats, (MAX_EFFECTORS, 6)]
 
 
 DESIGN = row_dtype(Autopilot)
@@ -127,19 +128,11 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
         mass = float(body.mass[0])
         added = np.diag(c["added_mass"])
         centre = body.ipos
-        fitted = plant.effectors[i, : len(plant.effector_names[i])]
+        fitted = effectors.as_allocated(plant.effectors[i, : len(plant.effector_names[i])])
         if fitted.tobytes() not in allocations:
             allocations[fitted.tobytes()] = [
-                pseudo_inverse(
-                    fitted,
-                    np.array(
-                        [
-                            effectors.force_limits(effector, c["density"], speed)
-                            for effector in fitted
-                        ]
-                    ),
-                )
-                for speed in (effectors.MIN_STEERAGE_SPEED, FAST)
+                pseudo_inverse(fitted, effectors.force_limits_of(fitted, c["density"], speed))
+                for speed in (MIN_STEERAGE_SPEED, FAST)
             ]
         slow, fast = allocations[fitted.tobytes()]
         turning = slow[:, [PITCH, YAW]].any(axis=1)
@@ -158,15 +151,9 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
         record["drag_fade"] = c["linear_damping_fade"][0]
         area, drag_coefficient, lift_slope = c["hull_lift"]
         record["drag"] = 0.5 * c["density"] * area * drag_coefficient + c["quadratic_damping"][0]
-        fins = np.concatenate([fitted, plant.fixed_fins[i]])
-        fins = fins[fins["kind"] == effectors.FIN]
+        fins = effectors.fins_of(fitted, plant.fixed_fins[i])
         # force per incidence and speed², sideways and up, of each fin
-        each = (
-            0.5
-            * c["density"]
-            * np.prod(fins["parameters"][:, :2], axis=1)[:, None]
-            * fins["force"][:, 1:] ** 2
-        )
+        each = 0.5 * c["density"] * fins["lift_area"][:, None] * fins["force"][:, 1:] ** 2
         record["lift"] = (
             0.5 * c["density"] * area * lift_slope * c["hull_lift_planes"][1] + each[:, 1].sum()
         )
@@ -224,12 +211,10 @@ def greatest_forces(
     """Largest component of a wrench that the effectors give at a speed, to one side (1 or -1), [N]
     or [N m], and their forces for it [N].
     """
-    limits = np.array(
-        [effectors.force_limits(effector, d["density"], speed) for effector in d["effectors"]]
-    )
+    limits = effectors.force_limits_of(d["effectors"], d["density"], speed)
     wrench = np.zeros(6)
-    command = np.zeros(effectors.MAX_EFFECTORS)
-    inverse = np.empty((effectors.MAX_EFFECTORS, 6))
+    command = np.zeros(MAX_EFFECTORS)
+    inverse = np.empty((MAX_EFFECTORS, 6))
     wrench[axis] = side * 1e6
     at_speed(d["slow_allocation"], d["fast_allocation"], speed, inverse)
     allocate(inverse, limits, wrench, command)
@@ -335,24 +320,27 @@ def vehicle_state(pose: Floats, twist: Floats, water: Floats) -> VehicleState:
 
 
 @compiled
-def apply_wrench(d: Autopilot, surge: float, memory: Record, command: Floats) -> None:
+def apply_wrench(
+    kinds: effectors.Kinds, d: Autopilot, surge: float, memory: Record, command: Floats
+) -> None:
     """Command effectors to give the wrench in the memory, out: what they give, at a speed
     through the water [m/s].
     """
     limits = memory.limits
     for i in range(command.size):
-        limits[i, 0], limits[i, 1] = effectors.force_limits(d.effectors[i], d.density, surge)
+        limits[i, 0], limits[i, 1] = effectors.force_limits(kinds, d.effectors[i], d.density, surge)
     if d.scheduled:
         at_speed(d.slow_allocation, d.fast_allocation, surge, memory.allocation)
         allocate(memory.allocation, limits, memory.wrench, command)
     else:
         allocate(d.slow_allocation, limits, memory.wrench, command)
     for i in range(command.size):
-        command[i] = effectors.state_for(d.effectors[i], d.density, command[i], surge)
+        command[i] = effectors.state_for(kinds, d.effectors[i], d.density, command[i], surge)
 
 
 @compiled
 def control(
+    kinds: effectors.Kinds,
     d: Autopilot,
     steering: tuple[float, float, float],
     reference: Record,
@@ -364,6 +352,7 @@ def control(
     """Commands of one vehicle's effectors.
 
     Args:
+        kinds: of the effectors, as of `sim.vehicle.effectors.kinds_of`.
         wanted: heading [rad], its rate [rad/s], speed through the water [m/s], as of `steer`.
         reference: accelerations, depth and sinking are read.
         motion: how the vehicle moves.
@@ -424,7 +413,7 @@ def control(
     wrench[HEAVE] = force
     wrench[PITCH] = -nose_up
     wrench[YAW] = moment
-    apply_wrench(d, surge, memory, command)
+    apply_wrench(kinds, d, surge, memory, command)
     memory.speed_integral += _increment(
         d.surge_mass * 0.05 * omega * omega * speed_error * dt, thrust, wrench[SURGE]
     )

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 import numpy as np
 from scipy.optimize import fsolve
 
-from laisn.arrays import Floats, Records
+from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from sim.control.allocation import HEAVE, PITCH, SURGE, SWAY, YAW, at_speed, clip
 from sim.control.autopilot import SPEED_HEAVE, SPEED_PITCH, Autopilot, greatest_forces, top_speed
@@ -20,7 +20,7 @@ from sim.control.guidance import CATCH_UP, TURN_RESERVE
 from sim.scenario.point_motion import SPEED_MIN, TURN_RATE
 from sim.scenario.routes import START_SPEED
 from sim.scenario.section import CONTROL_STEP_S
-from sim.vehicle.effectors import FIN, state_for, unit_wrenches
+from sim.vehicle.effectors import Fitted, kinds_of, states_for, unit_wrenches
 from sim.vehicle.hydrodynamics import wrench
 from sim.vehicle.mjcf import Coefficients, inertia_tensor
 from sim.vehicle.plant import Plant
@@ -53,7 +53,7 @@ def _forces(
     centre: Floats,
     state: Floats,
     sea: SeaInstant,
-    fitted: tuple[Records, Floats],
+    fitted: Fitted,
 ) -> Floats:
     """Wrench of water, weight and inertia in the body, of velocities (6) and small angles about
     the body's axes (3).
@@ -130,18 +130,11 @@ def steady_turn(plant: Plant, i: int, d: Autopilot, speed: float) -> tuple[float
     fitted.flags.writeable = False
     still = sea_at(Ocean().environment, 0.0)
     forces = greatest_forces(d, speed, YAW)[1][: effectors.size]
-    states = np.array(
-        [
-            [
-                state_for(effector, d["density"], force, speed)
-                for effector, force in zip(effectors, forces, strict=True)
-            ]
-        ]
-    )
+    states = states_for(effectors, d["density"], forces, speed)[None]
 
     def balance(x: Floats) -> Floats:
         motion = np.array([speed, x[0], 0.0, 0.0, 0.0, x[1], 0.0, 0.0, 0.0])
-        total = _forces(c, rigid, centre, motion, still, (fitted, states))
+        total = _forces(c, rigid, centre, motion, still, Fitted(kinds_of(fitted), fitted, states))
         return np.asarray(total[[SWAY, YAW]])
 
     (sway, rate), _, status, _ = fsolve(balance, [0.0, 0.05], full_output=True)
@@ -154,7 +147,7 @@ def least_radius(plant: Plant, i: int, d: Autopilot) -> float:
     """Radius with which turns of vehicle i are planned [m]; 0 without fins, or if it turns
     faster than TURN_RATE.
     """
-    if FIN not in d["effectors"]["kind"]:
+    if not d["effectors"]["lift_area"].any():
         return 0.0
     rate, radius = steady_turn(plant, i, d, START_SPEED)
     return 0.0 if rate > TURN_RATE else min(radius / TURN_RESERVE, 1e4)
@@ -170,7 +163,7 @@ def _motion(plant: Plant, i: int, d: Autopilot, about: Floats) -> Floats:
     settings = plant.setups[i].settings
     speed = float(about[0])
     steps = _STEP * np.eye(9)
-    fitted = plant.true_effectors[i : i + 1], np.zeros((1, effectors.size))
+    fitted = Fitted(plant.kinds, plant.true_effectors[i : i + 1], np.zeros((1, effectors.size)))
     sea = sea_at(plant.ocean.environment, 0.0)
     rates = [
         _forces(c, rigid, centre, about + step, sea, fitted)
@@ -185,7 +178,7 @@ def _motion(plant: Plant, i: int, d: Autopilot, about: Floats) -> Floats:
         allocation,
     )
     # forces that act for a unit of the commanded ones
-    scale = np.where(effectors["kind"] == FIN, settings.lift_scale, settings.thrust_scale)
+    scale = np.where(effectors["lift_area"] > 0.0, settings.lift_scale, settings.thrust_scale)
     wrench_share = (scale[:, None] * unit_wrenches(effectors)).T @ allocation
     inverse = np.linalg.inv(rigid + c.added_mass)
     lag = 0.25 / d["omega"]

@@ -2,94 +2,151 @@
 commands.
 
 An actuator is a thruster whose state is its thrust [N], unless the MJCF has a numeric of its name
-and a suffix:
+and a suffix: NAME.curve, NAME.propeller, NAME.fin, NAME.foil, or NAME.module:Class with a class of
+a plugin. `sim.vehicle.effector_kinds` has the kinds. A fixed fin is a site NAME with a numeric
+NAME.fin or NAME.foil and no actuator. It pushes along the site's z axis.
 
-    NAME.curve      thruster; the state is any quantity, the curve has pairs of state and thrust
-    [N], both increasing NAME.propeller  the state is revolutions per second: diameter [m], K_T at J
-    = 0, its slope dK_T/dJ, K_Q and its
-                    slope, wake fraction, thrust deduction, and the share of the torque that turns
-                    the hull (negative for a propeller of the other hand)
-    NAME.fin        the state is the deflection [rad], positive where it pushes along the actuator's
-    axis: area [m²],
-                    slope of the normal force [1/rad], stall angle [rad], drag coefficient at no
-                    incidence
-    NAME.foil       a fin with the forces of gz-sim's LiftDrag: area [m²], slope of the lift
-                    [1/rad], stall angle [rad], slope beyond it [1/rad], incidence at no deflection
-                    [rad], drag coefficient per incidence [1/rad], beyond the stall angle [1/rad],
-                    and 1 if it also acts in flow from behind, or 0
-
-A fixed fin is a site NAME with a numeric NAME.fin or NAME.foil and no actuator. It pushes along
-the site's z axis.
+A record holds the number of its kind. Compiled code gets the kinds as a tuple, so that its type has
+their classes, and calls a method of the kind with this number (`calls_method`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple, cast
 
 import mujoco
+import numba
 import numpy as np
 import numpy.typing as npt
+from numba.core.errors import NumbaError
+from numba.extending import overload
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.errors import LaisnError
+from laisn.plugins import find_class, is_plugin_name
 from sim import attitude
-from sim.attitude import Vector, cross, plus, scaled
+from sim.attitude import Vector, plus
+from sim.vehicle.effector_kinds import BUILT_IN, EFFECTOR, MAX_PARAMETERS, EffectorKind, HullFlow
 from sim.vehicle.mjcf import Vehicle, VehicleSetup, numeric
 
-MAX_EFFECTORS = 16  # largest number of effectors of a vehicle
-MAX_CURVE_POINTS = 32  # largest number of points of a thruster's curve
-THRUSTER, CURVE, PROPELLER, FIN = range(4)  # kinds of effectors
-SUFFIXES = {".curve": CURVE, ".propeller": PROPELLER, ".fin": FIN, ".foil": FIN}
-FIN_SUFFIXES = (".fin", ".foil")
-# by suffix, with the intervals of their values
-_PARAMETERS: dict[str, dict[str, tuple[str, float, float]]] = {
-    ".propeller": {
-        "diameter [m]": ("more than", 0.0, 1e3),
-        "K_T at J = 0": ("more than", 0.0, 1e3),
-        "dK_T/dJ": ("more than", -1e3, 1e-9),
-        "K_Q at J = 0": ("more than", -1e3, 1e3),
-        "dK_Q/dJ": ("more than", -1e3, 1e3),
-        "wake fraction": ("at least", 0.0, 1.0),
-        "thrust deduction": ("at least", 0.0, 1.0),
-        "share of the torque on the hull": ("more than", -1e3, 1e3),
-    },
-    ".fin": {
-        "area [m²]": ("more than", 0.0, 1e3),
-        "slope of the normal force [1/rad]": ("more than", 0.0, 1e3),
-        "stall angle [rad]": ("more than", 0.0, 1.571),
-        "drag coefficient": ("at least", 0.0, 1e3),
-    },
-    ".foil": {
-        "area [m²]": ("more than", 0.0, 1e3),
-        "slope of the lift [1/rad]": ("more than", 0.0, 1e3),
-        "stall angle [rad]": ("more than", 0.0, 1.571),
-        "slope of the lift beyond the stall angle [1/rad]": ("more than", -1e3, 1e3),
-        "incidence at no deflection [rad]": ("more than", -1.571, 1.571),
-        "drag coefficient per incidence [1/rad]": ("more than", -1e3, 1e3),
-        "drag coefficient per incidence beyond the stall angle [1/rad]": ("more than", -1e3, 1e3),
-        "1 if it acts in flow from behind, or 0": ("at least", 0.0, 1.000001),
-    },
-}
-# speed below which allocation leaves fins out, and hulls that need them cannot be steered [m/s]
-MIN_STEERAGE_SPEED = 0.5
-LEAST_FLOW = 0.01  # speed up to which gz-sim's LiftDrag gives no force [m/s]
+Kinds = tuple[EffectorKind, ...]
 
-EFFECTOR = np.dtype(  # one actuator of a vehicle, as its MJCF gives it
-    [
-        ("force", np.float64, (3,)),  # force of a unit of thrust, in the body frame [-]
-        ("torque", np.float64, (3,)),  # its torque about the body's origin [m]
-        ("lag", np.float64),  # time constant of the state [s]
-        ("limits", np.float64, (2,)),  # lowest and highest state: thrust [N], or as of the kind
-        ("kind", np.int64),
-        ("foil", np.int64),  # 1: a fin with the forces of gz-sim's LiftDrag
-        ("place", np.float64, (3,)),  # of the site, in the body frame [m]
-        ("parameters", np.float64, (8,)),  # of a propeller or a fin, as the MJCF has them
-        ("points", np.int64),
-        ("curve", np.float64, (MAX_CURVE_POINTS, 2)),  # states and thrusts [N]
-    ],
-    align=True,
-)
+_CUSTOM: list[EffectorKind] = []
+"""Kinds of plugins that this process has met; their numbers follow those of BUILT_IN."""
+
+
+class Fitted(NamedTuple):
+    """The effectors of all vehicles."""
+
+    kinds: Kinds  # as of `kinds_of`
+    records: Any  # of EFFECTOR, first those with a state, shape (v, m + q)
+    states: Floats  # shape (v, m)
+
+
+def kinds_of(records: npt.NDArray[np.void]) -> Kinds:
+    """Kinds of which the records hold the numbers.
+
+    Those of the project are always among them, so that compiled code is the same for all hulls
+    without kinds of the user's own.
+    """
+    custom = int(np.max(records["kind"], initial=0)) >= len(BUILT_IN)
+    return (*BUILT_IN, *_CUSTOM) if custom else BUILT_IN
+
+
+def kind_of(record: Any) -> EffectorKind:
+    """The kind of an effector."""
+    return (*BUILT_IN, *_CUSTOM)[int(record["kind"])]
+
+
+def number_of(kind: type[EffectorKind]) -> int:
+    """Number of a class of kinds in records; ValueError if no effector has been of it."""
+    return [type(known) for known in (*BUILT_IN, *_CUSTOM)].index(kind)
+
+
+def _kind_named(suffix: str, where: str) -> EffectorKind:
+    """The kind of a numeric; LaisnError if there is none, or its methods cannot be compiled."""
+    for kind in BUILT_IN[1:]:
+        if kind.suffix == suffix:
+            return kind
+    if not is_plugin_name(suffix):
+        available = ", ".join(kind.suffix for kind in BUILT_IN[1:])
+        raise LaisnError(
+            f"{where}: unknown kind of effector {suffix!r}; available: {available}, and "
+            "module:Class of a plugin"
+        )
+    made: type[EffectorKind] = find_class("effector", suffix, "load")
+    if not (isinstance(made, type) and issubclass(made, EffectorKind)):
+        raise LaisnError(f"{where}: {suffix} must be derived from laisn_sim.EffectorKind")
+    if len(made.parameters) > MAX_PARAMETERS:
+        raise LaisnError(f"{where}: {suffix} may have {MAX_PARAMETERS} parameters at most")
+    for kind in _CUSTOM:
+        if type(kind) is made:
+            return kind
+    kind = made()
+    _require_compilable(kind, suffix)
+    _CUSTOM.append(kind)
+    return kind
+
+
+def _require_compilable(kind: EffectorKind, name: str) -> None:
+    """LaisnError with the reason if the methods of a kind of the user's own do not compile."""
+    still = HullFlow(1000.0, 9.81, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    kinds = (kind,)
+    record = np.zeros((1, 1), EFFECTOR)
+    fitted = Fitted(kinds, record, np.zeros((1, 1)))
+    calls: dict[str, Callable[[], Any]] = {
+        "load": lambda: effector_wrench(fitted, 0, still),
+        "respond": lambda: update_states(fitted, np.zeros((1, 1)), np.ones((1, 1)), 0.02),
+        "force_limits": lambda: force_limits(kinds, record[0, 0], 1000.0, 1.0),
+        "state_for": lambda: state_for(kinds, record[0, 0], 1000.0, 0.0, 1.0),
+    }
+    for method, call in calls.items():
+        try:
+            call()
+        except NumbaError as error:
+            lines = [line for line in str(error).splitlines() if line.strip()]
+            raise LaisnError(
+                "\n  ".join([f"effector {name}: its `{method}` cannot be compiled:", *lines[-6:]])
+            ) from error
+
+
+@cache
+def _compiled_method(kind: type[EffectorKind], method: str) -> Any:
+    return numba.njit(error_model="numpy", forceinline=True)(getattr(kind, method))
+
+
+def calls_method(method: str) -> Callable[..., Any]:
+    """A function `(kinds, number, arguments)` that calls a method of one of the kinds.
+
+    In compiled code it is a chain of comparisons, which the compiler turns into a jump.
+    """
+
+    def call(kinds: Kinds, number: int, arguments: tuple[Any, ...]) -> Any:
+        return getattr(kinds[number], method)(*arguments)
+
+    @overload(call, strict=False, inline="always")
+    def _chosen(kinds: Any, number: Any, arguments: Any) -> Any:
+        classes = [kind.instance_class for kind in kinds.types]
+        function = _compiled_method(classes[0], method)
+        if all(getattr(kind, method) is getattr(classes[0], method) for kind in classes):
+            return lambda kinds, number, arguments: function(kinds[0], *arguments)
+
+        def first_or_other(kinds: Any, number: Any, arguments: Any) -> Any:
+            if number == 0:
+                return function(kinds[0], *arguments)
+            return call(kinds[1:], number - 1, arguments)
+
+        return first_or_other
+
+    return call
+
+
+_load = calls_method("load")
+_respond = calls_method("respond")
+_force_limits = calls_method("force_limits")
+_state_for = calls_method("state_for")
 
 
 def read(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
@@ -102,20 +159,27 @@ def read(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
     records = np.zeros(
         (len(vehicles), max(len(vehicle.actuators) for vehicle in vehicles)), EFFECTOR
     )
+    numerics = _numerics(model)
     for row, vehicle in zip(records, vehicles, strict=True):
         for record, actuator in zip(row, vehicle.actuators, strict=False):
             site, reference = model.actuator_trnid[actuator]
+            name = model.actuator(actuator).name
             at_site = (
                 model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_SITE.value and reference < 0
             )
             if not at_site or model.site_bodyid[site] != vehicle.body:
                 raise LaisnError(
-                    f"actuator {model.actuator(actuator).name!r} must act at a site of the body "
-                    f"'{vehicle.name}/hull', without a reference site"
+                    f"actuator {name!r} must act at a site of the body '{vehicle.name}/hull', "
+                    "without a reference site"
                 )
             record["lag"] = model.actuator_dynprm[actuator, 0]
             record["limits"] = model.actuator_ctrlrange[actuator]
-            _fill(record, model, model.actuator(actuator).name, site, model.actuator_gear[actuator])
+            _place(record, model, site, model.actuator_gear[actuator])
+            suffixes = [suffix for owner, suffix in numerics if owner == name]
+            if len(suffixes) > 1:
+                several = ", ".join(f".{suffix}" for suffix in suffixes)
+                raise LaisnError(f"actuator {name!r} has several of the numerics {several}")
+            _fill(record, model, name, suffixes[0] if suffixes else "")
     return records
 
 
@@ -123,78 +187,68 @@ def read_fixed(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
     """Fixed fins of vehicles, from a compiled model: likewise, with limits of zero, shape (v,
     q).
     """
-    numerics = [model.numeric(i).name for i in range(model.nnumeric)]
-    fins = [name.rpartition(".")[0] for name in numerics if name.endswith(FIN_SUFFIXES)]
     fixed = [
-        name for name in fins if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name) < 0
+        (owner, suffix)
+        for owner, suffix in _numerics(model)
+        if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, owner) < 0
     ]
-    own = [[name for name in fixed if name.startswith(f"{vehicle.name}/")] for vehicle in vehicles]
-    records = np.zeros((len(vehicles), max(map(len, own), default=0)), EFFECTOR)
-    for row, vehicle, names in zip(records, vehicles, own, strict=True):
-        for record, name in zip(row, names, strict=False):
+    of_vehicle = [
+        [entry for entry in fixed if entry[0].startswith(f"{vehicle.name}/")]
+        for vehicle in vehicles
+    ]
+    records = np.zeros((len(vehicles), max(map(len, of_vehicle), default=0)), EFFECTOR)
+    for row, vehicle, entries in zip(records, vehicles, of_vehicle, strict=True):
+        for record, (name, suffix) in zip(row, entries, strict=False):
+            where = f"<numeric name={f'{name}.{suffix}'!r}>"
+            if not _kind_named(suffix, where).is_fin:
+                raise LaisnError(f"{where}: there is no actuator {name!r}")
             site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
             if site < 0 or model.site_bodyid[site] != vehicle.body:
                 raise LaisnError(
-                    f"<numeric name='{name}.fin'>: there is no actuator {name!r}, nor a site of "
-                    f"the body '{vehicle.name}/hull' for a fixed fin"
+                    f"{where}: there is no actuator {name!r}, nor a site of the body "
+                    f"'{vehicle.name}/hull' for a fixed fin"
                 )
-            _fill(record, model, name, site, np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
+            _place(record, model, site, np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
+            _fill(record, model, name, suffix)
             # rounding of the attitude: an upright fin has no lift
             record["force"][np.abs(record["force"]) < 1e-12] = 0.0
     return records
 
 
-def _fill(record: Any, model: Any, name: str, site: int, gear: Floats) -> None:
-    """Fill in place, unit force and torque, given in the frame of the site, and kind and
-    parameters of a numeric.
-    """
+def _numerics(model: Any) -> list[tuple[str, str]]:
+    """Owners and suffixes of the numerics of effectors; names of vehicles may have points too."""
+    names = [model.numeric(i).name for i in range(model.nnumeric)]
+    return [
+        (f"{vehicle}{slash}{owner}", suffix)
+        for vehicle, slash, part in (name.rpartition("/") for name in names)
+        for owner, point, suffix in [part.partition(".")]
+        if point
+    ]
+
+
+def _place(record: Any, model: Any, site: int, gear: Floats) -> None:
+    """Write unit force and torque, given in the frame of the site, and its place."""
     force, torque = attitude.rotate(model.site_quat[site], gear.reshape(2, 3))
     record["force"] = force
     record["torque"] = torque + np.cross(model.site_pos[site], force)
     record["place"] = model.site_pos[site]
-    for suffix, kind in SUFFIXES.items():
-        values = numeric(model, name + suffix)
-        if values is None:
-            continue
-        if record["kind"] != THRUSTER:
-            raise LaisnError(f"actuator {name!r} has several of the numerics {', '.join(SUFFIXES)}")
-        record["kind"] = kind
-        record["foil"] = suffix == ".foil"
-        where = f"<numeric name={name + suffix!r}>"
-        if kind == CURVE:
-            pairs = values.reshape(-1, 2) if values.size % 2 == 0 else np.zeros((0, 2))
-            rises = (
-                len(pairs)
-                and np.all(np.diff(pairs[:, 0]) > 0)
-                and np.all(np.diff(pairs[:, 1]) >= 0)
-            )
-            if not (2 <= len(pairs) <= MAX_CURVE_POINTS and rises and pairs[0, 1] < pairs[-1, 1]):
-                raise LaisnError(
-                    f"{where} must have 2 to {MAX_CURVE_POINTS} pairs of state and thrust, rising"
-                )
-            record["points"] = len(pairs)
-            record["curve"][: len(pairs)] = pairs
-            continue
-        expected = _PARAMETERS[suffix]
-        if values.size != len(expected):
-            raise LaisnError(
-                f"{where} has {values.size} values, expected {len(expected)}: {', '.join(expected)}"
-            )
-        record["parameters"][: values.size] = values
-        for i, (what, (above, low, high)) in enumerate(expected.items()):
-            if not (low < values[i] < high or (values[i] == low and above == "at least")):
-                bound = f"{above} {low:g} and below {high:g}"
-                raise LaisnError(
-                    f"{where}: value {i + 1}, {what}, must be {bound} (given: {values[i]:g})"
-                )
-        across = (
-            abs(record["force"][0]) < 1e-9 and abs(np.linalg.norm(record["force"]) - 1.0) < 1e-6
-        )
-        if kind == FIN and not across:
-            axis = " ".join(f"{value:g}" for value in record["force"])
-            raise LaisnError(
-                f"{name!r}: the axis of a fin must be a unit vector across the hull (given: {axis})"
-            )
+
+
+def _fill(record: Any, model: Any, name: str, suffix: str) -> None:
+    """Write kind and parameters of a numeric; an empty suffix is that of a thruster."""
+    kind = BUILT_IN[0]
+    if suffix:
+        where = f"<numeric name={f'{name}.{suffix}'!r}>"
+        kind = _kind_named(suffix, where)
+        kind.fill(record, cast(Floats, numeric(model, f"{name}.{suffix}")), where)
+    record["kind"] = number_of(type(kind))
+    record["fades"] = kind.fades
+
+
+def has_fin(model: Any, actuator: str) -> bool:
+    """Whether an actuator moves a fin of the project's kinds."""
+    suffixes = [kind.suffix for kind in BUILT_IN if kind.is_fin]
+    return any(numeric(model, f"{actuator}.{suffix}") is not None for suffix in suffixes)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -220,8 +274,7 @@ class MovingFins:
         for number, i in enumerate(own):
             name = model.actuator(i).name
             geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name)
-            is_fin = any(numeric(model, name + suffix) is not None for suffix in FIN_SUFFIXES)
-            if geom >= 0 and is_fin:
+            if geom >= 0 and has_fin(model, name):
                 push = attitude.rotate(
                     model.site_quat[model.actuator_trnid[i, 0]], model.actuator_gear[i, :3]
                 )
@@ -243,224 +296,86 @@ class MovingFins:
 
 
 @compiled
-def propeller_load(p: Floats, density: float, rate: float, inflow: float) -> tuple[float, float]:
-    """Thrust, less its deduction [N], and torque on the hull [N m] (Fossen 2021, chapter 9).
-
-    K_T and K_Q fall linearly with J = (1 − w) u / (n D), with `rate` n [1/s] and `inflow` u, the
-    speed of the propeller along its axis [m/s]. Astern, and in water from behind, they are those of
-    J = 0. `p` are its parameters.
-    """
-    size = density * p[0] ** 3 * abs(rate)
-    own = rate * p[0]
-    advance = (1.0 - p[5]) * max(inflow, 0.0) if rate > 0.0 else 0.0
-    return (1.0 - p[6]) * size * (p[1] * own + p[2] * advance), p[7] * size * p[0] * (
-        p[3] * own + p[4] * advance
-    )
-
-
-@compiled
-def thrust_on_curve(record: Any, state: float) -> float:
-    """Thrust of a curve [N], linear between its points and constant beyond them."""
-    curve = record.curve
-    last = record.points - 1
-    if state <= curve[0, 0]:
-        return float(curve[0, 1])
-    for i in range(last):
-        if state <= curve[i + 1, 0]:
-            share = (state - curve[i, 0]) / (curve[i + 1, 0] - curve[i, 0])
-            return float(curve[i, 1] + share * (curve[i + 1, 1] - curve[i, 1]))
-    return float(curve[last, 1])
-
-
-@compiled
-def fin_force(record: Any, density: float, deflection: float, local: Vector) -> Vector:
-    """Force of a fin by the velocity of its place relative to the water, in the body [N].
-
-    Across the deflected chord acts ½ρ S a U² sin α |cos α|, with α the incidence of the flow on the
-    chord, beyond the stall angle that of this angle (an assumption): it tilts back with the fin.
-    Along the flow acts ½ρ S C_D0 U².
-    """
-    e = record.force
-    p = record.parameters
-    u = local[0]
-    across = local[0] * e[0] + local[1] * e[1] + local[2] * e[2]
-    square = u * u + across * across
-    if square < 1e-12:
-        return 0.0, 0.0, 0.0
-    speed = np.sqrt(square)
-    sine = 0.0
-    cosine = 1.0
-    limit = 1.0
-    # fixed fins, which are met at every step, need no sine
-    if deflection != 0.0:
-        sine, cosine = np.sin(deflection), np.cos(deflection)
-    if p[2] < 0.5 * np.pi:
-        limit = np.sin(p[2])
-    incidence = min(max((u * sine - across * cosine) / speed, -limit), limit)
-    scale = 0.5 * density * p[0]
-    normal = scale * p[1] * square * incidence * np.sqrt(1.0 - incidence * incidence)
-    drag = scale * p[3] * speed
-    aside = normal * cosine - drag * across
-    return -normal * sine - drag * u, aside * e[1], aside * e[2]
-
-
-@compiled
-def foil_force(record: Any, density: float, deflection: float, local: Vector) -> Vector:
-    """Force of a fin as gz-sim's LiftDrag has it, by the velocity of its place, in the body [N].
-
-    Lift acts across the flow and drag along it, in the plane of the hull's axis and the fin's:
-    ½ρ S C U² with C = C_Lα α and C = |C_Dα α|, of other slopes beyond the stall angle, times the
-    squared cosine of the sweep. α is the incidence of the flow on the deflected chord.
-    """
-    e = record.force
-    p = record.parameters
-    along = local[0]
-    across = local[0] * e[0] + local[1] * e[1] + local[2] * e[2]
-    total = local[0] * local[0] + local[1] * local[1] + local[2] * local[2]
-    square = along * along + across * across
-    ahead = along * np.cos(deflection) + across * np.sin(deflection)
-    if total <= LEAST_FLOW * LEAST_FLOW or square == 0.0 or (ahead <= 0.0 and p[7] == 0.0):
-        return 0.0, 0.0, 0.0
-    incidence = p[4] + deflection + np.arctan2(-across, along)
-    while abs(incidence) > 0.5 * np.pi:
-        incidence -= np.copysign(np.pi, incidence)
-    beyond_stall = max(abs(incidence) - p[2], 0.0)
-    below_stall = min(abs(incidence), p[2])
-    lift = np.copysign(max(p[1] * below_stall + p[3] * beyond_stall, 0.0), incidence)
-    drag = abs(p[5] * below_stall + p[6] * beyond_stall)
-    # dynamic pressure times area and the squared cosine of the sweep, over the speed in the plane
-    scale = 0.5 * density * p[0] * np.sqrt(square) * (square / total)
-    aside = scale * (lift * along - drag * across)
-    return -scale * (lift * across + drag * along), aside * e[1], aside * e[2]
-
-
-@compiled
 def effector_wrench(
-    fitted: tuple[Any, Floats], number: int, density: float, v: Vector, w: Vector
+    fitted: Fitted, number: int, water: HullFlow
 ) -> tuple[Vector, Vector, Vector, Vector]:
-    """Forces of all effectors and fixed fins of a vehicle.
-
-    Args:
-        fitted: of all vehicles: records of EFFECTOR, first those with a state, shape (v, m + q);
-            states, shape (v, m).
-        number: of the vehicle.
-        density: of the water [kg/m³].
-        v: velocity relative to the water, in the body [m/s].
-        w: rate of turn relative to the water [rad/s].
+    """Forces of all effectors and fixed fins of a vehicle, by its number.
 
     Returns:
-        Force [N] and moment about the origin [N m], in the body, of thrusters whose state is the
-        thrust; likewise of all others, which fade where the hull leaves the water.
+        Force [N] and moment about the origin [N m], in the body, of effectors that act wherever the
+        hull is; likewise of all others, which fade where it leaves the water.
     """
     thrust = (0.0, 0.0, 0.0)
     torque = (0.0, 0.0, 0.0)
     force = (0.0, 0.0, 0.0)
     moment = (0.0, 0.0, 0.0)
-    records, states = fitted
+    records = fitted.records
+    states = fitted.states
     for i in range(records.shape[1]):
         record = records[number, i]
-        e = record.force
-        arm = record.torque
-        axis = (e[0], e[1], e[2])
-        lever = (arm[0], arm[1], arm[2])
         # fixed fins, and the zero records that pad them, have no state
         state = states[number, i] if i < states.shape[1] else 0.0
-        if record.kind == THRUSTER:
-            thrust = plus(thrust, scaled(state, axis))
-            torque = plus(torque, scaled(state, lever))
-            continue
-        if record.kind == CURVE:
-            push = thrust_on_curve(record, state)
-            force = plus(force, scaled(push, axis))
-            moment = plus(moment, scaled(push, lever))
-            continue
-        place = (record.place[0], record.place[1], record.place[2])
-        local = plus(v, cross(w, place))
-        if record.kind == FIN:
-            if record.foil == 1:
-                part = foil_force(record, density, state, local)
-            else:
-                part = fin_force(record, density, state, local)
-            force = plus(force, part)
-            moment = plus(moment, cross(place, part))
-            continue
-        inflow = local[0] * e[0] + local[1] * e[1] + local[2] * e[2]
-        push, twist = propeller_load(record.parameters, density, state, inflow)
-        force = plus(force, scaled(push, axis))
-        moment = plus(moment, plus(scaled(push, lever), scaled(twist, axis)))
+        push, turn = _load(fitted.kinds, record.kind, (record, state, water))
+        if record.fades == 0:
+            thrust = plus(thrust, push)
+            torque = plus(torque, turn)
+        else:
+            force = plus(force, push)
+            moment = plus(moment, turn)
     return thrust, torque, force, moment
 
 
 @compiled
-def apply_lag(fitted: tuple[Any, Floats], command: Floats, response: Floats) -> None:
-    """Bring states, as of `effector_wrench`, a step closer to commands within their limits, both of
-    shape (v, m).
+def update_states(fitted: Fitted, command: Floats, response: Floats, dt: float) -> None:
+    """Bring states a step of `dt` [s] closer to commands within their limits, both of shape (v, m).
 
-    `response` is the share of a first-order lag that passes in a step, 1 − exp(−dt/lag).
+    `response` is the share of a first-order lag that passes in the step, 1 − exp(−dt/lag).
     """
-    records, states = fitted
+    records = fitted.records
+    states = fitted.states
     for i in range(states.shape[0]):
         for j in range(states.shape[1]):
-            limits = records[i, j].limits
-            states[i, j] += response[i, j] * (
-                min(max(command[i, j], limits[0]), limits[1]) - states[i, j]
+            record = records[i, j]
+            limits = record.limits
+            wanted = min(max(command[i, j], limits[0]), limits[1])
+            states[i, j] = _respond(
+                fitted.kinds, record.kind, (record, states[i, j], wanted, response[i, j], dt)
             )
 
 
 @compiled
-def force_limits(record: Any, density: float, speed: float) -> tuple[float, float]:
-    """Least and largest force along an effector's axis at a speed along the hull, of fins at
-    least `MIN_STEERAGE_SPEED`, [N].
-    """
-    low, high = record.limits[0], record.limits[1]
-    if record.kind == CURVE:
-        return thrust_on_curve(record, low), thrust_on_curve(record, high)
-    if record.kind == PROPELLER:
-        p = record.parameters
-        inflow = speed * record.force[0]
-        return propeller_load(p, density, low, inflow)[0], propeller_load(p, density, high, inflow)[
-            0
-        ]
-    if record.kind == FIN:
-        lift = fin_lift(record, density, speed)
-        stall = record.parameters[2]
-        at_rest = record.parameters[4]  # incidence of a foil at no deflection
-        return lift * max(low + at_rest, -stall), lift * min(high + at_rest, stall)
+def force_limits(kinds: Kinds, record: Any, density: float, speed: float) -> tuple[float, float]:
+    """Least and largest force along an effector's axis at a speed along the hull [N]."""
+    low, high = _force_limits(kinds, record.kind, (record, density, speed))
     return low, high
 
 
 @compiled
-def fin_lift(record: Any, density: float, speed: float) -> float:
-    """Force of a fin per deflection at a speed, `MIN_STEERAGE_SPEED` or more [N/rad]."""
-    way = max(speed, MIN_STEERAGE_SPEED)
-    return float(0.5 * density * record.parameters[0] * record.parameters[1] * way * way)
-
-
-@compiled
-def state_for(record: Any, density: float, force: float, speed: float) -> float:
+def state_for(kinds: Kinds, record: Any, density: float, force: float, speed: float) -> float:
     """State of an effector that gives a force along its axis, within `force_limits` [N], at a speed
     along the hull.
     """
-    if record.kind == FIN:
-        return float(force / fin_lift(record, density, speed) - record.parameters[4])
-    if record.kind == PROPELLER:
-        p = record.parameters
-        size = (1.0 - p[6]) * density * p[0] ** 3
-        square = size * p[1] * p[0]
-        half = 0.5 * size * p[2] * (1.0 - p[5]) * max(speed * record.force[0], 0.0)
-        if half * half + square * force >= 0.0:
-            return float((-half + np.sqrt(half * half + square * force)) / square)
-        return float(-np.sqrt(-force / square))
-    if record.kind == CURVE:
-        curve = record.curve
-        if force == 0.0:
-            return 0.0
-        for i in range(record.points - 1):
-            if curve[i, 1] <= force <= curve[i + 1, 1] and curve[i, 1] < curve[i + 1, 1]:
-                share = (force - curve[i, 1]) / (curve[i + 1, 1] - curve[i, 1])
-                return float(curve[i, 0] + share * (curve[i + 1, 0] - curve[i, 0]))
-        return float(curve[0, 0]) if force < 0.0 else float(curve[record.points - 1, 0])
-    return force
+    return float(_state_for(kinds, record.kind, (record, density, force, speed)))
+
+
+def force_limits_of(records: npt.NDArray[np.void], density: float, speed: float) -> Floats:
+    """`force_limits` of each record of a vehicle, shape (m, 2), [N]."""
+    kinds = kinds_of(records)
+    limits = [force_limits(kinds, record, density, speed) for record in records]
+    return np.array(limits).reshape(-1, 2)
+
+
+def states_for(
+    records: npt.NDArray[np.void], density: float, forces: Floats, speed: float
+) -> Floats:
+    """`state_for` of each record of a vehicle, shape (m,)."""
+    kinds = kinds_of(records)
+    return np.array(
+        [
+            state_for(kinds, record, density, force, speed)
+            for record, force in zip(records, forces, strict=True)
+        ]
+    )
 
 
 def scaled_records(
@@ -471,15 +386,36 @@ def scaled_records(
     """
     true = records.copy()
     for row, setup in zip(true, setups, strict=True):
-        kind = row["kind"]
-        thrust_scale = setup.settings.thrust_scale
-        row["parameters"][kind == FIN, 1] *= setup.settings.lift_scale
-        row["parameters"][kind == PROPELLER, 1:3] *= thrust_scale
-        row["curve"][..., 1] *= thrust_scale
-        row["force"][kind == THRUSTER] *= thrust_scale
-        row["torque"][kind == THRUSTER] *= thrust_scale
+        for record in row:
+            kind_of(record).scale(record, setup.settings.thrust_scale, setup.settings.lift_scale)
     true.flags.writeable = False
     return true
+
+
+def states_are_thrust(records: npt.NDArray[np.void]) -> npt.NDArray[np.bool_]:
+    """Whether the state of each effector is its thrust along its axis [N], shape (v, m)."""
+    flat = [kind_of(record).state_is_thrust for record in records.ravel()]
+    return np.array(flat, dtype=np.bool_).reshape(records.shape)
+
+
+def as_allocated(records: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
+    """Records of a vehicle as its autopilot takes them: those whose kind states no `force_limits`
+    are thrusters without thrust, whose commands it leaves at zero.
+
+    Compiled code of controllers is then the same with kinds that forces are not allocated to.
+    """
+    allocated = records.copy()
+    for record in allocated:
+        if type(kind_of(record)).force_limits is EffectorKind.force_limits:
+            record["kind"] = 0
+            record["limits"] = 0.0
+    return allocated
+
+
+def fins_of(*records: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
+    """The fins among records of one vehicle, moving and fixed ones."""
+    every = np.concatenate(records)
+    return every[every["lift_area"] > 0.0]
 
 
 def unit_wrenches(records: npt.NDArray[np.void]) -> Floats:

@@ -33,7 +33,8 @@ from sim.attitude import (
     scaled,
     transposed,
 )
-from sim.vehicle.effectors import effector_wrench
+from sim.vehicle.effector_kinds import HullFlow
+from sim.vehicle.effectors import Fitted, effector_wrench
 from sim.vehicle.mjcf import Coefficients
 from sim.water.environment import Environment, SeaInstant, elevation_at, flow, sea_at
 
@@ -232,7 +233,7 @@ def wrench(
     pose: Pose,
     twist: Twist,
     sea: SeaInstant,
-    fitted: tuple[Records, Floats],
+    fitted: Fitted,
     i: int,
 ) -> tuple[Vector, Vector, float]:
     """All that the water does to one vehicle, but for added mass times acceleration.
@@ -242,11 +243,11 @@ def wrench(
         twist: velocity of the origin in the world [m/s], angular velocity in the body [rad/s], six
             numbers.
         sea: current and waves at the time.
-        fitted, i: as of `sim.vehicle.effectors.effector_wrench`.
+        fitted, i: effectors of all vehicles, and the number of this one.
 
     Returns:
         force in the world [N], moment about the origin in the body [N m], share of the hull that is
-        immersed. All forces fade with that share, but those of thrusters.
+        immersed. All forces fade with that share, but those of effectors that do not.
     """
     to_world = rotation(pose[3:7])
     to_body = transposed(to_world)
@@ -283,7 +284,10 @@ def wrench(
         terms = coupled_damping(c, v, w)
         force = plus(force, terms[0])
         moment = plus(moment, terms[1])
-    thrust, torque, effector_force, effector_moment = effector_wrench(fitted, i, c.density, v, w)
+    up = (to_world[2][0], to_world[2][1], to_world[2][2])
+    thrust, torque, effector_force, effector_moment = effector_wrench(
+        fitted, i, HullFlow(c.density, c.gravity, v, w, up)
+    )
     force = plus(force, effector_force)
     moment = plus(moment, effector_moment)
 
@@ -352,7 +356,7 @@ def apply_water_forces(
     time: float,
     environment: Environment,
     solver: Solver,
-    fitted: tuple[Records, Floats],
+    fitted: Fitted,
 ) -> int:
     """Give all vehicles wrenches and added mass; the index of the first that is lost (not
     finite, > DIVERGED), or -1.

@@ -17,6 +17,7 @@ import numpy as np
 
 import models
 from sim.vehicle import effectors, mjcf
+from sim.vehicle.effector_kinds import MAX_EFFECTORS
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 
 _FILES = re.compile(
@@ -129,9 +130,9 @@ def _site_faults(spec: mujoco.MjSpec, role: str) -> Iterator[str]:
 
 def _actuator_faults(spec: mujoco.MjSpec) -> Iterator[str]:
     count = len(spec.actuators)
-    if not 1 <= count <= effectors.MAX_EFFECTORS:
+    if not 1 <= count <= MAX_EFFECTORS:
         yield (
-            f"has {count} actuators, expected 1 to {effectors.MAX_EFFECTORS}, each at a site of "
+            f"has {count} actuators, expected 1 to {MAX_EFFECTORS}, each at a site of "
             "the body 'hull'"
         )
     for actuator in spec.actuators:

@@ -69,7 +69,7 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
         call_address(factor, model, data)
         _shift(twist, acceleration, -half_step)
         call_address(finish, model, data)
-        effectors.apply_lag(fitted, command, response)
+        effectors.update_states(fitted, command, response, clock[1])
         clock[0] += clock[1]
     _shift(twist, acceleration, half_step)
     lost = max(
@@ -103,8 +103,9 @@ class Plant:
         thrust: states of the effectors, shape (v, m): thrust [N], revolutions per second,
             deflection [rad], …
         state: pose, twist and thrust, for compiled code.
-        effectors, fixed_fins: records of `sim.vehicle.effectors.EFFECTOR`, shapes (v, m) and (v,
-            q), zero beyond a vehicle's own; `true_effectors` has both, with the setups' scales.
+        effectors, fixed_fins: records of `sim.vehicle.effector_kinds.EFFECTOR`, shapes (v, m) and
+            (v, q), zero beyond a vehicle's own; `true_effectors` has both, with the setups' scales.
+        kinds: of the effectors, for compiled code.
         coefficients: hydrodynamic coefficients of the MJCF, records of RECORD, shape (v,);
             `true_coefficients` are these with the setups' scales.
         effector_names: names of each vehicle's own.
@@ -145,13 +146,14 @@ class Plant:
         self.true_coefficients = mjcf.scaled_coefficients(self.coefficients, setups)
         every = np.concatenate([self.effectors, self.fixed_fins], axis=1)
         self.true_effectors = effectors.scaled_records(every, setups)
+        self.kinds = effectors.kinds_of(every)
         # records that pad a vehicle have no lag
         response = -np.expm1(-dt / np.maximum(self.effectors["lag"], 1e-9))
         self._loads: Any = (
             self.true_coefficients,
             ocean.environment,
             solver,
-            (self.true_effectors, self.thrust),
+            effectors.Fitted(self.kinds, self.true_effectors, self.thrust),
         )
         moving = (self.pose, self.twist, self._acceleration)
         good = (self._last_pose, self._last_twist)

@@ -19,7 +19,7 @@ from sim.assembly import routes_of
 from sim.scenario.routes import DepthProfile, Route
 from sim.simulation import simulate
 from sim.vehicle import mjcf
-from sim.vehicle.effectors import FIN, force_limits
+from sim.vehicle.effectors import Fitted, fins_of, force_limits_of
 from sim.vehicle.hull_file import from_dimensions
 from sim.vehicle.hydrodynamics import wrench
 from sim.vehicle.mjcf import VehicleSetup
@@ -371,12 +371,12 @@ def coefficients_of(model: str) -> dict[str, float]:
             rest,
             size * np.eye(6)[axis],
             sea,
-            (effectors[None], np.zeros((1, effectors.size))),
+            Fitted(plant.kinds, effectors[None], np.zeros((1, effectors.size))),
             0,
         )
         return abs(float(np.array([*force, *moment])[axis] - (c.buoyancy if axis == 2 else 0.0)))
 
-    fins = effectors[effectors["kind"] == FIN]
+    fins = fins_of(effectors)
     values = {
         "inertia in roll": float(inertia[0, 0]),
         "inertia in yaw": float(inertia[2, 2]),
@@ -391,10 +391,9 @@ def coefficients_of(model: str) -> dict[str, float]:
         "moment at 0.2 rad/s of yaw": load(5, 0.2),
         "thrust at rest": float(
             np.sum(
-                [
-                    max(force_limits(effector, 1026.0, 0.0)[1] * effector["force"][0], 0.0)
-                    for effector in effectors
-                ]
+                np.maximum(
+                    force_limits_of(effectors, 1026.0, 0.0)[:, 1] * effectors["force"][:, 0], 0.0
+                )
             )
         ),
     }

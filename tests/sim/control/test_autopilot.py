@@ -14,6 +14,7 @@ from sim.scenario.routes import DepthProfile, Route
 from sim.scenario.vehicles import Vehicle
 from sim.simulation import DivergedError, simulate
 from sim.vehicle import effectors
+from sim.vehicle.effector_kinds import BUILT_IN, EFFECTOR
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean
@@ -27,7 +28,7 @@ vector = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1))
 
 def effectors_of(forces, places, limits):
     """Records of thrusters: unit forces, positions, and lowest and highest thrust."""
-    records = np.zeros(len(forces), effectors.EFFECTOR)
+    records = np.zeros(len(forces), EFFECTOR)
     records["force"], records["limits"] = forces, limits
     records["torque"] = np.cross(places, forces)
     return records
@@ -320,7 +321,7 @@ def test_integrals_follow_their_errors_until_thrusters_give_out(sign):
             sinking=0.0,
         )
         memory, command = record(autopilot.AUTOPILOT_MEMORY), np.zeros(5)
-        autopilot.control(design, (0.0, 0.0, 1.0), reference, motion, dt, memory, command)
+        autopilot.control(BUILT_IN, design, (0.0, 0.0, 1.0), reference, motion, dt, memory, command)
         return memory, command
 
     angle, omega = np.deg2rad(0.5), design["omega"]

@@ -9,6 +9,7 @@ from laisn.arrays import Floats, Record
 from sim.control import autopilot
 from sim.control.autopilot import VehicleState
 from sim.control.guidance import REFERENCE
+from sim.vehicle.effector_kinds import BUILT_IN
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean
@@ -131,7 +132,7 @@ def test_commands_and_memory_follow_the_law(
         for name, value in zip(REMEMBERED, (0.7, -3.0, 0.4, integral, 0.03), strict=True):
             memory[name] = value
         expected, kept = law(d, wanted, reference, motion, memory)
-        autopilot.control(d, wanted, reference, motion, DT, memory, command)
+        autopilot.control(BUILT_IN, d, wanted, reference, motion, DT, memory, command)
         # leader.xml: lateral thrusters at ±0.62 m, vertical ones at ±0.46 m
         (bow, stern), (raised, lowered) = (0.62, -0.62), (0.46, -0.46)
         found = [

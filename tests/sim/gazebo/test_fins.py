@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.vehicle.effectors import foil_force, force_limits, state_for
+from sim.vehicle.effector_kinds import BUILT_IN, foil_force
+from sim.vehicle.effectors import force_limits, state_for
 from tests.sim.gazebo.imported import PROBE, changed, import_text, refusal
 
 LIMIT = "<limit><lower>-0.26</lower><upper>0.2</upper></limit>"
@@ -88,10 +89,10 @@ def test_the_autopilot_knows_the_incidence_at_no_deflection(tmp_path: Path) -> N
     """A state that gives a force gives it."""
     fin = import_text(tmp_path, WITH_FIN).effector("fin")
     for wanted in (-2.0, 0.0, 3.0):
-        state = state_for(fin, 1000.0, wanted, 1.0)
+        state = state_for(BUILT_IN, fin, 1000.0, wanted, 1.0)
         # the axis of the fin is down, as its joint turns it that way
         assert -force(fin, state, (1.0, 0.0, 0.0))[2] == pytest.approx(wanted, abs=1e-9)
-    low, high = force_limits(fin, 1000.0, 1.0)
+    low, high = force_limits(BUILT_IN, fin, 1000.0, 1.0)
     assert low == pytest.approx(40.0 * -0.17)
     assert high == pytest.approx(40.0 * 0.1)
 

@@ -14,7 +14,7 @@ from scipy.optimize import fsolve
 
 from laisn.arrays import Floats
 from sim import attitude
-from sim.vehicle.effectors import thrust_on_curve
+from sim.vehicle.effector_kinds import thrust_on_curve
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean

@@ -9,7 +9,8 @@ import pytest
 import laisn_sim
 from sim.scenario.routes import DepthProfile, Route
 from sim.simulation import simulate
-from sim.vehicle.effectors import effector_wrench
+from sim.vehicle.effector_kinds import HullFlow
+from sim.vehicle.effectors import Fitted, effector_wrench
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean
@@ -52,8 +53,9 @@ def test_records_are_those_of_the_mjcf() -> None:
     assert not own["force"][3:].any()
     plant.step(np.full((2, 5), 10.0), 2)
     still = 0.0, 0.0, 0.0
+    fitted = Fitted(plant.kinds, plant.true_effectors, plant.thrust)
     thrust, torque, *others = effector_wrench(
-        (plant.true_effectors, plant.thrust), 0, 1026.0, still, still
+        fitted, 0, HullFlow(1026.0, 9.81, still, still, (0.0, 0.0, 1.0))
     )
     assert not np.any(others)
     # equal thrusts: 1 ahead, 1 to port and 0.2 + 1 up, and their torques

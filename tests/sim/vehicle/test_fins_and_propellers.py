@@ -22,6 +22,17 @@ from sim.scenario.routes import DepthProfile, Route, library_route
 from sim.simulation import simulate
 from sim.trial import trial
 from sim.vehicle import effectors, mjcf
+from sim.vehicle.effector_kinds import (
+    BUILT_IN,
+    EFFECTOR,
+    CurveThruster,
+    EffectorKind,
+    Fin,
+    HullFlow,
+    Propeller,
+    Thruster,
+)
+from sim.vehicle.effectors import Fitted, kind_of, number_of
 from sim.vehicle.hydrodynamics import coupled_damping
 from sim.vehicle.mjcf import VehicleSetup, spec_of
 from sim.vehicle.own_hull import hull_errors
@@ -49,14 +60,15 @@ def plant_of(*names: str, speed: float = 0.0) -> Plant:
 
 
 def record(
-    kind: int,
+    kind: type[EffectorKind],
     axis: tuple[float, float, float],
     place: tuple[float, float, float],
     *parameters: float,
 ) -> Floats:
-    one = np.zeros(1, effectors.EFFECTOR)
+    one = np.zeros(1, EFFECTOR)
+    one["fades"] = kind.fades
     one["kind"], one["force"], one["place"], one["torque"] = (
-        kind,
+        number_of(kind),
         axis,
         place,
         np.cross(place, axis),
@@ -65,12 +77,15 @@ def record(
     return one
 
 
+def flow(v: tuple[float, float, float], w: tuple[float, float, float]) -> HullFlow:
+    return HullFlow(RHO, 9.81, v, w, (0.0, 0.0, 1.0))
+
+
 def load(
     one: Floats, state: float, v: tuple[float, float, float], w: tuple[float, float, float]
 ) -> Floats:
-    thrust, torque, force, moment = effectors.effector_wrench(
-        (one[None], np.array([[state]])), 0, RHO, v, w
-    )
+    fitted = Fitted(BUILT_IN, one[None], np.array([[state]]))
+    thrust, torque, force, moment = effectors.effector_wrench(fitted, 0, flow(v, w))
     assert not any((*thrust, *torque))
     return np.array([*force, *moment])
 
@@ -85,7 +100,7 @@ def test_fin_has_the_force_of_a_plate_in_the_flow_at_its_place(
     """
     axis, place = (0.0, np.cos(angle), np.sin(angle)), (-0.7, 0.1, -0.05)
     area, slope, stall, drag, deflection = 0.01, 2.5, 0.4, 0.02, 0.12
-    one = record(effectors.FIN, axis, place, area, slope, stall, drag)
+    one = record(Fin, axis, place, area, slope, stall, drag)
     # the hull slips along the axis; its place moves with w × r
     w = np.array([0.0, -spin * axis[2], spin * axis[1]])
     v = np.array([u, 0.05 * axis[1], 0.05 * axis[2]])
@@ -105,7 +120,7 @@ def test_fin_has_the_force_of_a_plate_in_the_flow_at_its_place(
 
 
 def test_fin_keeps_the_force_of_its_stall_angle() -> None:
-    one = record(effectors.FIN, (0, 1, 0), (-0.7, 0, 0), 0.01, 2.5, 0.3, 0.0)
+    one = record(Fin, (0, 1, 0), (-0.7, 0, 0), 0.01, 2.5, 0.3, 0.0)
     still = (0.0, 0.0, 0.0)
     normal = [
         np.hypot(*load(one, angle, (1.0, 0.0, 0.0), still)[:2]) for angle in (0.29, 0.3, 0.5, 1.2)
@@ -117,9 +132,11 @@ def test_fin_keeps_the_force_of_its_stall_angle() -> None:
 
 
 def test_a_fixed_fin_is_a_moving_one_that_is_not_deflected() -> None:
-    one = record(effectors.FIN, (0, 0.6, 0.8), (-0.7, 0.1, 0.05), 0.01, 2.5, 0.3, 0.02)
+    one = record(Fin, (0, 0.6, 0.8), (-0.7, 0.1, 0.05), 0.01, 2.5, 0.3, 0.02)
     v, w = (1.2, -0.2, 0.3), (0.1, 0.2, -0.3)
-    _, _, force, moment = effectors.effector_wrench((one[None], np.zeros((1, 0))), 0, RHO, v, w)
+    _, _, force, moment = effectors.effector_wrench(
+        Fitted(BUILT_IN, one[None], np.zeros((1, 0))), 0, flow(v, w)
+    )
     np.testing.assert_array_equal([*force, *moment], load(one, 0.0, v, w))
 
 
@@ -148,21 +165,21 @@ def test_propeller_has_thrust_and_torque_of_its_coefficients() -> None:
 @pytest.mark.parametrize("speed", [0.6, 1.2, 2.0])
 def test_states_give_the_requested_forces(name: str, speed: float) -> None:
     for one in plant_of(name).effectors[0]:
-        low, high = effectors.force_limits(one, RHO, speed)
+        low, high = effectors.force_limits(BUILT_IN, one, RHO, speed)
         for force in np.linspace(low, high, 9):
-            if one["kind"] == effectors.PROPELLER and low < force < 0:
+            if isinstance(kind_of(one), Propeller) and low < force < 0:
                 continue  # thrust astern jumps: between, the propeller would mill
-            state = effectors.state_for(one, RHO, force, speed)
+            state = effectors.state_for(BUILT_IN, one, RHO, force, speed)
             assert one["limits"][0] - 1e-9 <= state <= one["limits"][1] + 1e-9
             still = np.array([one["force"] * 0.0])[0]
-            row = np.array([one], dtype=effectors.EFFECTOR)
-            if one["kind"] == effectors.THRUSTER:
+            row = np.array([one], dtype=EFFECTOR)
+            if isinstance(kind_of(one), Thruster):
                 assert state == force
             else:
                 given = load(row, state, (speed, 0.0, 0.0), tuple(still))[:3] @ one["force"]
                 # fins: the law is linear in the deflection; cubic terms are left out
                 assert given == pytest.approx(
-                    force, rel=0.16 if one["kind"] == effectors.FIN else 1e-6, abs=1e-9
+                    force, rel=0.16 if isinstance(kind_of(one), Fin) else 1e-6, abs=1e-9
                 )
 
 
@@ -170,14 +187,14 @@ def test_dead_zone_and_unequal_limits_of_a_curve() -> None:
     """A curve with a dead zone is read, holds beyond its ends and is inverted outside the dead
     zone.
     """
-    one = record(effectors.CURVE, (1, 0, 0), (0, 0, 0))
+    one = record(CurveThruster, (1, 0, 0), (0, 0, 0))
     one["points"], one["limits"] = 4, (-1.0, 1.0)
     one["curve"][0, :4] = [[-1, -40], [-0.1, 0], [0.1, 0], [1, 50]]
     still = (0.0, 0.0, 0.0)
     thrusts = [load(one, state, still, still)[0] for state in (-2.0, -0.55, 0.0, 0.05, 0.55, 3.0)]
     np.testing.assert_allclose(thrusts, [-40, -20, 0, 0, 25, 50])
     states = [
-        effectors.state_for(one[0], RHO, force, 0.0)
+        effectors.state_for(BUILT_IN, one[0], RHO, force, 0.0)
         for force in (-40.0, -20.0, 0.0, 25.0, 50.0, 60.0)
     ]
     np.testing.assert_allclose(states, [-1, -0.55, 0, 0.55, 1, 1])
@@ -199,13 +216,12 @@ def test_allocation_by_stern_fins_gives_the_requested_moments() -> None:
     plant = plant_of("remus100")
     own = plant.effectors[0]
     slow, fast = (
-        pseudo_inverse(own, np.array([effectors.force_limits(one, RHO, speed) for one in own]))
-        for speed in (0.5, 2.0)
+        pseudo_inverse(own, effectors.force_limits_of(own, RHO, speed)) for speed in (0.5, 2.0)
     )
     wrench = np.zeros(6)
     wrench[SURGE], wrench[PITCH], wrench[YAW] = 10.0, 1.0, -0.5
     wanted, force = wrench.copy(), np.zeros(5)
-    limits = np.array([effectors.force_limits(one, RHO, 1.3) for one in own])
+    limits = effectors.force_limits_of(own, RHO, 1.3)
     inverse = np.empty(slow.shape)
     at_speed(slow, fast, 1.3, inverse)
     allocate(inverse, limits, wrench, force)
@@ -251,7 +267,7 @@ def test_fins_take_over_from_thrusters_as_the_speed_grows() -> None:
         at_speed(d["slow_allocation"][: own.size], d["fast_allocation"][: own.size], speed, inverse)
         moments = effectors.unit_wrenches(own)[:, PITCH] * inverse[: own.size, PITCH]
         assert moments.sum() == pytest.approx(1.0, rel=1e-9)
-        shares.append(moments[own["kind"] == effectors.FIN].sum())
+        shares.append(moments[own["lift_area"] > 0.0].sum())
     assert np.all(np.diff(shares) > 0)
 
 

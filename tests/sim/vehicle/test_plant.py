@@ -12,6 +12,7 @@ from laisn.arrays import Floats
 from sim import attitude
 from sim.scenario.vehicles import Vehicle
 from sim.vehicle import effectors, hydrodynamics, mjcf
+from sim.vehicle.effectors import Fitted
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 from sim.vehicle.plant import Plant, PlantError
 from sim.water.ocean import Ocean
@@ -85,7 +86,7 @@ def test_a_step_is_mujocos_own_with_the_water_in_its_middle() -> None:
     pose[:], twist[:] = plant.pose, plant.twist
     records = mjcf.read_coefficients(model, plant.names, plant.ocean.density_kg_m3)
     solver = data.M.reshape(2, 21), data.qfrc_applied.reshape(2, 6)
-    fitted = plant.true_effectors, np.zeros(plant.effectors.shape)
+    fitted = Fitted(plant.kinds, plant.true_effectors, np.zeros(plant.effectors.shape))
     command = np.array([[30.0, 8, -6, 3, -5], [12, -5, 6, -2, 3]])
     data.ctrl[:] = command.ravel()
 
@@ -135,7 +136,7 @@ def test_a_wrench_beyond_all_numbers_is_found() -> None:
     pose, twist = plant.pose.copy(), np.tile([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], (2, 1))
     pose[1, 3:] = [1.0, 0.0, 0.0, 0.0]
     solver = np.zeros((2, 21)), np.zeros((2, 6))
-    fitted = plant.true_effectors, np.zeros(plant.effectors.shape)
+    fitted = Fitted(plant.kinds, plant.true_effectors, np.zeros(plant.effectors.shape))
     assert (
         hydrodynamics.apply_water_forces(
             records, pose, twist, 0.0, plant.ocean.environment, solver, fitted

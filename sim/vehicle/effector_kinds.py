@@ -1,0 +1,474 @@
+"""Kinds of effectors: what the state of an actuator does to its hull.
+
+A kind is a class derived from `EffectorKind`. It names its numeric in the MJCF, says what the
+values mean, and has up to four methods that are compiled: `load`, `respond`, `force_limits` and
+`state_for`. They take the record of EFFECTOR of one effector. The kinds of the project are those of
+BUILT_IN; `sim.vehicle.effectors` finds the kind of an actuator and calls its methods.
+"""
+
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from laisn.arrays import Floats
+from laisn.compiled import compiled, inlined
+from laisn.errors import LaisnError
+from sim.attitude import Vector, cross, plus, scaled
+
+MAX_EFFECTORS = 16  # largest number of effectors of a vehicle
+MAX_CURVE_POINTS = 32  # largest number of points of a thruster's curve
+MAX_PARAMETERS = 8  # largest number of values of a numeric, but for a curve
+# speed below which allocation leaves fins out, and hulls that need them cannot be steered [m/s]
+MIN_STEERAGE_SPEED = 0.5
+MIN_FLOW = 0.01  # speed up to which gz-sim's LiftDrag gives no force [m/s]
+
+EFFECTOR = np.dtype(  # one actuator or fixed fin of a vehicle, as its MJCF gives it
+    [
+        ("force", np.float64, (3,)),  # force of a unit of thrust, in the body frame [-]
+        ("torque", np.float64, (3,)),  # its torque about the body's origin [m]
+        ("lag", np.float64),  # time constant of the state [s]
+        ("limits", np.float64, (2,)),  # lowest and highest state: thrust [N], or as of the kind
+        ("kind", np.int64),  # number of its kind, as of `sim.vehicle.effectors.kind_of`
+        ("fades", np.int64),  # 1: its force fades where the hull leaves the water
+        # of a fin: force across the flow per incidence, over the dynamic pressure [m²/rad]
+        ("lift_area", np.float64),
+        ("place", np.float64, (3,)),  # of the site, in the body frame [m]
+        ("parameters", np.float64, (MAX_PARAMETERS,)),  # values of the numeric
+        ("points", np.int64),
+        ("curve", np.float64, (MAX_CURVE_POINTS, 2)),  # states and thrusts [N]
+    ],
+    align=True,
+)
+
+Load = tuple[Vector, Vector]  # force [N], and moment about the body's origin [N m]
+
+
+class HullFlow(NamedTuple):
+    """The water about a hull, in the body frame."""
+
+    density: float  # [kg/m³]
+    gravity: float  # [m/s²]
+    velocity: Vector  # of the hull relative to the water [m/s]
+    spin: Vector  # likewise [rad/s]
+    up: Vector  # unit vector against gravity
+
+
+class Bounds(NamedTuple):
+    """Values that a parameter may have: between two numbers, with or without the lower one."""
+
+    low: float
+    high: float
+    with_low: bool = False
+
+    def require(self, value: float, name: str, where: str) -> None:
+        """LaisnError naming the parameter if a value is out of bounds."""
+        if self.low < value < self.high or (self.with_low and value == self.low):
+            return
+        above = "at least" if self.with_low else "more than"
+        raise LaisnError(
+            f"{where}, {name}, must be {above} {self.low:g} and below {self.high:g} "
+            f"(given: {value:g})"
+        )
+
+
+@inlined
+def as_vector(values: Floats) -> Vector:
+    """Three numbers of an array."""
+    return (values[0], values[1], values[2])
+
+
+@compiled
+def velocity_at(place: Vector, water: HullFlow) -> Vector:
+    """Velocity of a place of a hull relative to the water, in the body [m/s]."""
+    return plus(water.velocity, cross(water.spin, place))
+
+
+class _NoFields(NamedTuple):
+    """What compiled code takes for an object without values."""
+
+
+class EffectorKind(_NoFields):
+    """A kind of effector; a class derived from it overrides what differs.
+
+    Attributes:
+        suffix: of the numeric of an actuator, `NAME.suffix`. A class of a plugin needs none: its
+            numeric is `NAME.module:Class`.
+        label: for lists.
+        unit, unit_scale: of the state in lists, and what a value in SI units is multiplied by.
+        parameters: names, units and bounds of the values of the numeric, up to MAX_PARAMETERS.
+        fades: whether the force fades where the hull leaves the water.
+        is_fin: whether it is a blade, which the flow past it lets push. A fin may be fixed to a
+            site without an actuator; its geom turns by its state [rad].
+        state_is_thrust: whether the state is the thrust along the axis of the actuator [N].
+    """
+
+    suffix: ClassVar[str] = ""
+    label: ClassVar[str] = "effector"
+    unit: ClassVar[str] = ""
+    unit_scale: ClassVar[float] = 1.0
+    parameters: ClassVar[dict[str, Bounds]] = {}
+    fades: ClassVar[bool] = True
+    is_fin: ClassVar[bool] = False
+    state_is_thrust: ClassVar[bool] = False
+
+    def load(self, effector: Any, state: float, water: HullFlow) -> Load:
+        """Force [N] and moment about the body's origin [N m], in the body frame."""
+        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+
+    def respond(
+        self, effector: Any, state: float, command: float, share: float, dt: float
+    ) -> float:
+        """The state after a physics step of `dt` [s], by a command within the limits.
+
+        `share` is that of the effector's first-order lag, 1 − exp(−dt/lag).
+        """
+        return state + share * (command - state)
+
+    def force_limits(self, effector: Any, density: float, speed: float) -> tuple[float, float]:
+        """Least and largest force along the axis at a speed along the hull [N].
+
+        The autopilot allocates forces within these, and leaves alone what reaches none.
+        """
+        return 0.0, 0.0
+
+    def state_for(self, effector: Any, density: float, force: float, speed: float) -> float:
+        """State that gives a force along the axis, within `force_limits` [N], at a speed along the
+        hull.
+        """
+        return 0.0
+
+    def fill(self, record: Any, values: Floats, where: str) -> None:
+        """Write the values of the numeric into a record; LaisnError, with the numeric `where`, if
+        they are no such values. The method is not compiled, nor is the next.
+        """
+        if values.size != len(self.parameters):
+            names = ", ".join(self.parameters)
+            raise LaisnError(
+                f"{where} has {values.size} values, expected {len(self.parameters)}: {names}"
+            )
+        record["parameters"][: values.size] = values
+        for i, (name, bounds) in enumerate(self.parameters.items()):
+            bounds.require(values[i], name, f"{where}: value {i + 1}")
+
+    def scale(self, record: Any, thrust: float, lift: float) -> None:
+        """Change a record to what it really gives, by the vehicle's true over nominal thrust and
+        lift.
+        """
+
+
+class Thruster(EffectorKind):
+    """A force along the axis; the state is the force [N], wherever the hull is."""
+
+    label = "thruster"
+    unit = "N"
+    fades = False
+    state_is_thrust = True
+
+    def load(self, effector: Any, state: float, water: HullFlow) -> Load:
+        """See `EffectorKind.load`."""
+        force = scaled(state, as_vector(effector.force))
+        return force, scaled(state, as_vector(effector.torque))
+
+    def force_limits(self, effector: Any, density: float, speed: float) -> tuple[float, float]:
+        """See `EffectorKind.force_limits`."""
+        return effector.limits[0], effector.limits[1]
+
+    def state_for(self, effector: Any, density: float, force: float, speed: float) -> float:
+        """See `EffectorKind.state_for`."""
+        return force
+
+    def scale(self, record: Any, thrust: float, lift: float) -> None:
+        """See `EffectorKind.scale`."""
+        record["force"] *= thrust
+        record["torque"] *= thrust
+
+
+@compiled
+def thrust_on_curve(record: Any, state: float) -> float:
+    """Thrust of a curve [N], linear between its points and constant beyond them."""
+    curve = record.curve
+    last = record.points - 1
+    if state <= curve[0, 0]:
+        return float(curve[0, 1])
+    for i in range(last):
+        if state <= curve[i + 1, 0]:
+            share = (state - curve[i, 0]) / (curve[i + 1, 0] - curve[i, 0])
+            return float(curve[i, 1] + share * (curve[i + 1, 1] - curve[i, 1]))
+    return float(curve[last, 1])
+
+
+class CurveThruster(EffectorKind):
+    """A thruster with a curve of pairs of state and thrust [N], both rising; the state is any
+    quantity, such as a voltage.
+    """
+
+    suffix = "curve"
+    label = "thruster"
+
+    def load(self, effector: Any, state: float, water: HullFlow) -> Load:
+        """See `EffectorKind.load`."""
+        push = thrust_on_curve(effector, state)
+        force = scaled(push, as_vector(effector.force))
+        return force, scaled(push, as_vector(effector.torque))
+
+    def force_limits(self, effector: Any, density: float, speed: float) -> tuple[float, float]:
+        """See `EffectorKind.force_limits`."""
+        low = thrust_on_curve(effector, effector.limits[0])
+        return low, thrust_on_curve(effector, effector.limits[1])
+
+    def state_for(self, effector: Any, density: float, force: float, speed: float) -> float:
+        """See `EffectorKind.state_for`."""
+        curve = effector.curve
+        if force == 0.0:
+            return 0.0
+        for i in range(effector.points - 1):
+            if curve[i, 1] <= force <= curve[i + 1, 1] and curve[i, 1] < curve[i + 1, 1]:
+                share = (force - curve[i, 1]) / (curve[i + 1, 1] - curve[i, 1])
+                return float(curve[i, 0] + share * (curve[i + 1, 0] - curve[i, 0]))
+        return float(curve[0, 0]) if force < 0.0 else float(curve[effector.points - 1, 0])
+
+    def fill(self, record: Any, values: Floats, where: str) -> None:
+        """See `EffectorKind.fill`."""
+        pairs = values.reshape(-1, 2) if values.size % 2 == 0 else np.zeros((0, 2))
+        rises = (
+            len(pairs) and np.all(np.diff(pairs[:, 0]) > 0) and np.all(np.diff(pairs[:, 1]) >= 0)
+        )
+        if not (2 <= len(pairs) <= MAX_CURVE_POINTS and rises and pairs[0, 1] < pairs[-1, 1]):
+            raise LaisnError(
+                f"{where} must have 2 to {MAX_CURVE_POINTS} pairs of state and thrust, rising"
+            )
+        record["points"] = len(pairs)
+        record["curve"][: len(pairs)] = pairs
+
+    def scale(self, record: Any, thrust: float, lift: float) -> None:
+        """See `EffectorKind.scale`."""
+        record["curve"][..., 1] *= thrust
+
+
+@compiled
+def propeller_load(p: Floats, density: float, rate: float, inflow: float) -> tuple[float, float]:
+    """Thrust, less its deduction [N], and torque on the hull [N m] (Fossen 2021, chapter 9).
+
+    K_T and K_Q fall linearly with J = (1 − w) u / (n D), with `rate` n [1/s] and `inflow` u, the
+    speed of the propeller along its axis [m/s]. Astern, and in water from behind, they are those of
+    J = 0. `p` are its parameters.
+    """
+    size = density * p[0] ** 3 * abs(rate)
+    own = rate * p[0]
+    advance = (1.0 - p[5]) * max(inflow, 0.0) if rate > 0.0 else 0.0
+    return (1.0 - p[6]) * size * (p[1] * own + p[2] * advance), p[7] * size * p[0] * (
+        p[3] * own + p[4] * advance
+    )
+
+
+class Propeller(EffectorKind):
+    """A propeller; the state is its rate of rotation [1/s].
+
+    A negative share of the torque on the hull is that of a propeller of the other hand.
+    """
+
+    suffix = "propeller"
+    label = "propeller"
+    unit = "rpm"
+    unit_scale = 60.0
+    parameters: ClassVar[dict[str, Bounds]] = {
+        "diameter [m]": Bounds(0.0, 1e3),
+        "K_T at J = 0": Bounds(0.0, 1e3),
+        "dK_T/dJ": Bounds(-1e3, 1e-9),
+        "K_Q at J = 0": Bounds(-1e3, 1e3),
+        "dK_Q/dJ": Bounds(-1e3, 1e3),
+        "wake fraction": Bounds(0.0, 1.0, with_low=True),
+        "thrust deduction": Bounds(0.0, 1.0, with_low=True),
+        "share of the torque on the hull": Bounds(-1e3, 1e3),
+    }
+
+    def load(self, effector: Any, state: float, water: HullFlow) -> Load:
+        """See `EffectorKind.load`."""
+        axis = as_vector(effector.force)
+        local = velocity_at(as_vector(effector.place), water)
+        inflow = local[0] * axis[0] + local[1] * axis[1] + local[2] * axis[2]
+        push, twist = propeller_load(effector.parameters, water.density, state, inflow)
+        moment = plus(scaled(push, as_vector(effector.torque)), scaled(twist, axis))
+        return scaled(push, axis), moment
+
+    def force_limits(self, effector: Any, density: float, speed: float) -> tuple[float, float]:
+        """See `EffectorKind.force_limits`."""
+        p = effector.parameters
+        inflow = speed * effector.force[0]
+        low = propeller_load(p, density, effector.limits[0], inflow)[0]
+        return low, propeller_load(p, density, effector.limits[1], inflow)[0]
+
+    def state_for(self, effector: Any, density: float, force: float, speed: float) -> float:
+        """See `EffectorKind.state_for`."""
+        p = effector.parameters
+        size = (1.0 - p[6]) * density * p[0] ** 3
+        square = size * p[1] * p[0]
+        half = 0.5 * size * p[2] * (1.0 - p[5]) * max(speed * effector.force[0], 0.0)
+        if half * half + square * force >= 0.0:
+            return float((-half + np.sqrt(half * half + square * force)) / square)
+        return float(-np.sqrt(-force / square))
+
+    def scale(self, record: Any, thrust: float, lift: float) -> None:
+        """See `EffectorKind.scale`."""
+        record["parameters"][1:3] *= thrust
+
+
+@compiled
+def fin_force(record: Any, density: float, deflection: float, local: Vector) -> Vector:
+    """Force of a fin by the velocity of its place relative to the water, in the body [N].
+
+    Across the deflected chord acts ½ρ S a U² sin α |cos α|, with α the incidence of the flow on the
+    chord, beyond the stall angle that of this angle (an assumption): it tilts back with the fin.
+    Along the flow acts ½ρ S C_D0 U².
+    """
+    e = record.force
+    p = record.parameters
+    u = local[0]
+    across = local[0] * e[0] + local[1] * e[1] + local[2] * e[2]
+    square = u * u + across * across
+    if square < 1e-12:
+        return 0.0, 0.0, 0.0
+    speed = np.sqrt(square)
+    sine = 0.0
+    cosine = 1.0
+    limit = 1.0
+    # fixed fins, which are met at every step, need no sine
+    if deflection != 0.0:
+        sine, cosine = np.sin(deflection), np.cos(deflection)
+    if p[2] < 0.5 * np.pi:
+        limit = np.sin(p[2])
+    incidence = min(max((u * sine - across * cosine) / speed, -limit), limit)
+    scale = 0.5 * density * p[0]
+    normal = scale * p[1] * square * incidence * np.sqrt(1.0 - incidence * incidence)
+    drag = scale * p[3] * speed
+    aside = normal * cosine - drag * across
+    return -normal * sine - drag * u, aside * e[1], aside * e[2]
+
+
+@compiled
+def foil_force(record: Any, density: float, deflection: float, local: Vector) -> Vector:
+    """Force of a fin as gz-sim's LiftDrag has it, by the velocity of its place, in the body [N].
+
+    Lift acts across the flow and drag along it, in the plane of the hull's axis and the fin's:
+    ½ρ S C U² with C = C_Lα α and C = |C_Dα α|, of other slopes beyond the stall angle, times the
+    squared cosine of the sweep. α is the incidence of the flow on the deflected chord.
+    """
+    e = record.force
+    p = record.parameters
+    along = local[0]
+    across = local[0] * e[0] + local[1] * e[1] + local[2] * e[2]
+    total = local[0] * local[0] + local[1] * local[1] + local[2] * local[2]
+    square = along * along + across * across
+    ahead = along * np.cos(deflection) + across * np.sin(deflection)
+    if total <= MIN_FLOW * MIN_FLOW or square == 0.0 or (ahead <= 0.0 and p[7] == 0.0):
+        return 0.0, 0.0, 0.0
+    incidence = p[4] + deflection + np.arctan2(-across, along)
+    while abs(incidence) > 0.5 * np.pi:
+        incidence -= np.copysign(np.pi, incidence)
+    beyond_stall = max(abs(incidence) - p[2], 0.0)
+    below_stall = min(abs(incidence), p[2])
+    lift = np.copysign(max(p[1] * below_stall + p[3] * beyond_stall, 0.0), incidence)
+    drag = abs(p[5] * below_stall + p[6] * beyond_stall)
+    # dynamic pressure times area and the squared cosine of the sweep, over the speed in the plane
+    scale = 0.5 * density * p[0] * np.sqrt(square) * (square / total)
+    aside = scale * (lift * along - drag * across)
+    return -scale * (lift * across + drag * along), aside * e[1], aside * e[2]
+
+
+@compiled
+def fin_lift(effector: Any, density: float, speed: float) -> float:
+    """Force of a fin per deflection at a speed, `MIN_STEERAGE_SPEED` or more [N/rad]."""
+    way = max(speed, MIN_STEERAGE_SPEED)
+    return float(0.5 * density * effector.parameters[0] * effector.parameters[1] * way * way)
+
+
+class Fin(EffectorKind):
+    """A blade; the state is its deflection [rad], positive where it pushes along the axis."""
+
+    suffix = "fin"
+    label = "fin"
+    unit = "°"
+    unit_scale = 180.0 / np.pi
+    is_fin = True
+    parameters: ClassVar[dict[str, Bounds]] = {
+        "area [m²]": Bounds(0.0, 1e3),
+        "slope of the normal force [1/rad]": Bounds(0.0, 1e3),
+        "stall angle [rad]": Bounds(0.0, 1.571),
+        "drag coefficient": Bounds(0.0, 1e3, with_low=True),
+    }
+
+    def load(self, effector: Any, state: float, water: HullFlow) -> Load:
+        """See `EffectorKind.load`."""
+        place = as_vector(effector.place)
+        force = fin_force(effector, water.density, state, velocity_at(place, water))
+        return force, cross(place, force)
+
+    def force_limits(self, effector: Any, density: float, speed: float) -> tuple[float, float]:
+        """See `EffectorKind.force_limits`; the speed counts as `MIN_STEERAGE_SPEED` at least."""
+        lift = fin_lift(effector, density, speed)
+        stall = effector.parameters[2]
+        return lift * max(effector.limits[0], -stall), lift * min(effector.limits[1], stall)
+
+    def state_for(self, effector: Any, density: float, force: float, speed: float) -> float:
+        """See `EffectorKind.state_for`."""
+        return float(force / fin_lift(effector, density, speed))
+
+    def fill(self, record: Any, values: Floats, where: str) -> None:
+        """See `EffectorKind.fill`."""
+        super().fill(record, values, where)
+        axis = record["force"]
+        if abs(axis[0]) >= 1e-9 or abs(np.linalg.norm(axis) - 1.0) >= 1e-6:
+            text = " ".join(f"{value:g}" for value in axis)
+            raise LaisnError(
+                f"{where}: the axis of a fin must be a unit vector across the hull (given: {text})"
+            )
+        record["lift_area"] = values[0] * values[1]
+
+    def scale(self, record: Any, thrust: float, lift: float) -> None:
+        """See `EffectorKind.scale`."""
+        record["parameters"][1] *= lift
+        record["lift_area"] *= lift
+
+
+class Foil(Fin):
+    """A fin with the forces of gz-sim's LiftDrag, and an incidence at no deflection."""
+
+    suffix = "foil"
+    parameters: ClassVar[dict[str, Bounds]] = {
+        "area [m²]": Bounds(0.0, 1e3),
+        "slope of the lift [1/rad]": Bounds(0.0, 1e3),
+        "stall angle [rad]": Bounds(0.0, 1.571),
+        "slope of the lift beyond the stall angle [1/rad]": Bounds(-1e3, 1e3),
+        "incidence at no deflection [rad]": Bounds(-1.571, 1.571),
+        "drag coefficient per incidence [1/rad]": Bounds(-1e3, 1e3),
+        "drag coefficient per incidence beyond the stall angle [1/rad]": Bounds(-1e3, 1e3),
+        "1 if it acts in flow from behind, or 0": Bounds(0.0, 1.000001, with_low=True),
+    }
+
+    def load(self, effector: Any, state: float, water: HullFlow) -> Load:
+        """See `EffectorKind.load`."""
+        place = as_vector(effector.place)
+        force = foil_force(effector, water.density, state, velocity_at(place, water))
+        return force, cross(place, force)
+
+    def force_limits(self, effector: Any, density: float, speed: float) -> tuple[float, float]:
+        """See `Fin.force_limits`."""
+        lift = fin_lift(effector, density, speed)
+        stall = effector.parameters[2]
+        at_rest = effector.parameters[4]
+        low = lift * max(effector.limits[0] + at_rest, -stall)
+        return low, lift * min(effector.limits[1] + at_rest, stall)
+
+    def state_for(self, effector: Any, density: float, force: float, speed: float) -> float:
+        """See `EffectorKind.state_for`."""
+        return float(force / fin_lift(effector, density, speed) - effector.parameters[4])
+
+
+BUILT_IN: tuple[EffectorKind, ...] = (
+    Thruster(),
+    CurveThruster(),
+    Propeller(),
+    Fin(),
+    Foil(),
+)
+"""Kinds of the project; the first is that of an actuator without a numeric."""

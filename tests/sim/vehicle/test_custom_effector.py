@@ -1,0 +1,161 @@
+"""A kind of effector of the user's own: the buoyancy engine of docs/extending.md against closed
+forms.
+"""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import laisn_sim
+from experiments.campaign.store import key_of
+from laisn_sim.cli.main import app
+from sim.scenario.vehicles import Vehicle
+from sim.vehicle.effector_kinds import BUILT_IN, HullFlow
+from sim.vehicle.effectors import Fitted, effector_wrench
+from sim.vehicle.mjcf import VehicleSetup
+from sim.vehicle.own_hull import hull_errors
+from sim.vehicle.plant import Plant
+from sim.water.ocean import Ocean
+
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "extending.md"
+VOLUME = 3e-4  # [m³]
+RATE = 5e-5  # [m³/s]
+DENSITY = 1026.0
+GRAVITY = 9.81
+HEAVE = (33.0, 190.0)  # drag of bluerov2_heavy [N s/m], [N s²/m²] (von Benzon et al. 2022, A1)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_plugins: None) -> Path:
+    """A working directory with plugin, hull and scenario of the page."""
+    section = PAGE.read_text("utf-8").split("## An effector\n")[1].split("\n## ")[0]
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"^```(\w+)\n(.*?)^```", section, flags=re.DOTALL | re.MULTILINE)
+    for _, text in blocks:
+        name = re.match(r"# (\w+\.\w+)\n", text)
+        if name:
+            (tmp_path / name[1]).write_text(text, encoding="utf-8")
+    (hull,) = [text for language, text in blocks if language == "python" and "float.xml" in text]
+    exec(compile(hull, "docs/extending.md", "exec"), {})
+    laisn_sim.load_plugin("buoyancy_engine.py")
+    return tmp_path
+
+
+def terminal_speed(force: float) -> float:
+    """Speed at which the drag d w + d₂ w² balances a force."""
+    linear, quadratic = HEAVE
+    return float((-linear + np.sqrt(linear**2 + 4.0 * quadratic * force)) / (2.0 * quadratic))
+
+
+def plant_of(text: str) -> Plant:
+    setup = VehicleSetup(
+        name="float",
+        model=text,
+        position_m=(0.0, 0.0, -100.0),
+        settings=Vehicle.model_construct(trim="neutral"),
+    )
+    return Plant([setup], Ocean(density_kg_m3=DENSITY))
+
+
+@pytest.mark.usefixtures("folder")
+def test_it_rises_and_sinks_with_the_speed_of_net_buoyancy_against_drag() -> None:
+    """Its volume changes at its rate first, and stops at its limits."""
+    plant = plant_of(Path("float.xml").read_text("utf-8"))
+    command = np.zeros((1, 9))
+    for side in (1.0, -1.0):
+        before = plant.thrust[0, 8]
+        command[0, 8] = side * VOLUME
+        plant.step(command, 100)
+        assert plant.thrust[0, 8] == pytest.approx(before + side * RATE * 2.0, rel=1e-9)
+        # 32 kg of mass and added mass against 33 N s/m and more: a second
+        plant.step(command, 1900)
+        assert plant.thrust[0, 8] == pytest.approx(side * VOLUME, rel=1e-9)
+        expected = side * terminal_speed(DENSITY * GRAVITY * VOLUME)
+        assert plant.twist[0, 2] == pytest.approx(expected, rel=1e-6)
+    command[0, 8] = -1.0
+    plant.step(command, 1000)
+    assert plant.thrust[0, 8] == pytest.approx(-5e-4, rel=1e-9)
+    # in a hull on its side, it pushes against gravity at its place
+    text = Path("float.xml").read_text("utf-8")
+    aside = plant_of(text.replace('name="engine" pos="0 0 0"', 'name="engine" pos="0.1 0.02 0"'))
+    states = np.zeros((1, 9))
+    states[0, 8] = 1e-4
+    fitted = Fitted(aside.kinds, aside.true_effectors, states)
+    up = (0.6, 0.8, 0.0)
+    water = HullFlow(DENSITY, GRAVITY, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), up)
+    thrust, torque, force, moment = effector_wrench(fitted, 0, water)
+    expected_force = DENSITY * GRAVITY * 1e-4 * np.array(up)
+    np.testing.assert_allclose(force, expected_force, rtol=1e-12)
+    np.testing.assert_allclose(moment, np.cross((0.1, 0.02, 0.0), expected_force), atol=1e-12)
+    assert not any((*thrust, *torque))
+
+
+@pytest.mark.system
+def test_its_controller_takes_the_float_to_its_depth(folder: Path) -> None:
+    line = "fly float.toml --plugin buoyancy_engine.py --no-video --out out"
+    result = CliRunner().invoke(app, line.split())
+    assert result.exit_code == 0, result.output
+    flight = laisn_sim.read_log("out/flight.mcap")
+    depth = -flight.trajectory.position[:, 1, 2]
+    assert depth[0] == pytest.approx(14.0, abs=1e-6)
+    np.testing.assert_allclose(depth[-200:], 18.0, atol=0.15)
+    volume = flight.trajectory.thrust[:, 1, 8]
+    assert np.abs(volume).max() <= 5e-4
+    assert not flight.trajectory.thrust[:, 1, :8].any()
+
+
+def test_unknown_kinds_and_lacking_plugins_are_refused(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = Path("float.xml").read_text("utf-8")
+    assert not hull_errors(text, "follower")
+    (error,) = hull_errors(
+        text.replace("engine.buoyancy_engine:BuoyancyEngine", "engine.fni"), "follower"
+    )
+    assert "unknown kind of effector 'fni'; available: curve, propeller, fin, foil" in error
+    (error,) = hull_errors(
+        text.replace("engine.buoyancy_engine:B", "pump.buoyancy_engine:B"), "follower"
+    )
+    assert "there is no actuator 'hull/pump'" in error
+    (error,) = hull_errors(text.replace('data="5e-5"', 'data="0"'), "follower")
+    assert "value 1, largest rate of the volume [m³/s], must be more than 0" in error
+    with monkeypatch.context() as without:
+        without.delenv("LAISN_PLUGINS")
+        result = CliRunner().invoke(app, ["check", "float.toml"])
+    assert result.exit_code == 2
+    assert "add --plugin buoyancy_engine.py" in result.output
+
+
+def test_a_method_that_does_not_compile_is_told(folder: Path) -> None:
+    Path("odd.py").write_text(
+        "from laisn_sim import EffectorKind\nfrom sim.vehicle.effector_kinds import Bounds\n\n\n"
+        "class Odd(EffectorKind):\n    parameters = {'a': Bounds(0.0, 1.0)}\n\n"
+        "    def load(self, effector, state, water):\n"
+        "        return water.temperature, state\n",
+        encoding="utf-8",
+    )
+    laisn_sim.load_plugin("odd.py")
+    text = Path("float.xml").read_text("utf-8")
+    text = text.replace(
+        'engine.buoyancy_engine:BuoyancyEngine" data="5e-5"', 'engine.odd:Odd" data="5e-5"'
+    )
+    lines = "\n".join(hull_errors(text, "follower"))
+    assert "effector odd:Odd: its `load` cannot be compiled" in lines
+
+
+@pytest.mark.usefixtures("folder")
+def test_results_depend_on_the_source_of_the_kind() -> None:
+    hull = Path("float.xml").read_text("utf-8")
+    before = key_of(hull)
+    source = Path("buoyancy_engine.py").read_text("utf-8")
+    Path("buoyancy_engine.py").write_text(source.replace("water.up)", "water.up)  # up"), "utf-8")
+    assert key_of(hull) != before
+    assert key_of(laisn_sim.hull("follower")) == key_of(laisn_sim.hull("follower"))
+
+
+def test_the_project_has_kinds_without_values() -> None:
+    """Compiled code takes them for empty tuples, which are all equal: numbers tell them apart."""
+    assert len({type(kind) for kind in BUILT_IN}) == len(BUILT_IN) == 5
