@@ -4,6 +4,9 @@ from pathlib import Path
 
 from sim.log.contents import LogError
 
+METADATA = "metadata.yaml"
+VIEW = "view.rviz"
+
 
 def require_replaceable(folder: Path) -> None:
     """LogError if a bag would replace other things than an earlier bag."""
@@ -14,7 +17,7 @@ def require_replaceable(folder: Path) -> None:
     others = [
         path.name
         for path in sorted(folder.iterdir())
-        if path.name != "metadata.yaml" and path.suffix != ".mcap"
+        if path.name not in (METADATA, VIEW) and path.suffix != ".mcap"
     ]
     if others:
         raise LogError(

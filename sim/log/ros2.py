@@ -29,11 +29,12 @@ from laisn.messages import Ranges
 from sim import attitude
 from sim.assembly import models_of
 from sim.flight import Flight
-from sim.log.bag_folder import require_replaceable
+from sim.log.bag_folder import VIEW, require_replaceable
 from sim.log.contents import Contents, LogError
 from sim.log.reader import read
 from sim.log.ros2_encoding import Template, typestore
 from sim.log.ros2_robot import urdf
+from sim.log.ros2_view import rviz_view
 from sim.log.schema import RECEPTION, Clock
 from sim.log.tum import estimated_poses
 from sim.water.waves import GRAVITY
@@ -655,7 +656,7 @@ def _write(folder: Path, topics: Sequence[Topic], store: Any) -> None:
 
 
 def write_bag(log_path: Path, folder: Path) -> list[Path]:
-    """Write the flight of a log as a ROS 2 bag, a folder; returns its files.
+    """Write the flight of a log as a ROS 2 bag, a folder with a view for RViz; returns its files.
 
     An earlier bag of this name is replaced once the new one is whole. LogError if the log holds no
     flight, or the folder holds something else or cannot be written; LaisnError without rosbags.
@@ -672,6 +673,8 @@ def write_bag(log_path: Path, folder: Path) -> list[Path]:
             # the bag's file is named after its folder
             made = Path(work) / folder.name
             _write(made, topics, store)
+            view = rviz_view(_ros_names(flight.trajectory.names), [topic.name for topic in topics])
+            (made / VIEW).write_text(view, encoding="utf-8")
             if folder.exists():
                 for path in folder.iterdir():
                     path.unlink()

@@ -317,6 +317,30 @@ def test_the_hull_is_as_long_as_the_model(topics: Topics) -> None:
     assert max(ends) == pytest.approx(1.0, abs=1e-4)
 
 
+def test_the_view_shows_what_is_in_the_bag(bag: Path, flight: Flight) -> None:
+    view = YAML(typ="safe").load(bag / "view.rviz")["Visualization Manager"]
+    assert view["Global Options"]["Fixed Frame"] == "map"
+    shown = dict[str, str]()
+    for display in view["Displays"]:
+        for key in ("Topic", "Description Topic"):
+            if key in display:
+                shown[display[key]["Value"]] = display[key]["Durability Policy"]
+    with AnyReader([bag]) as reader:
+        durability = {
+            connection.topic: connection.ext.offered_qos_profiles[0].durability  # type: ignore[union-attr]
+            for connection in reader.connections
+        }
+    words = {
+        QosDurability.TRANSIENT_LOCAL: "Transient Local",
+        QosDurability.VOLATILE: "Volatile",
+    }
+    # a subscriber gets what was latched only if it asks for that
+    assert shown == {topic: words[durability[topic]] for topic in shown}
+    for name in flight.trajectory.names:
+        assert {f"/{name}/robot_description", f"/{name}/truth/odometry"} <= shown.keys()
+    assert "/follower2/estimate/odometry" in shown
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_angles_of_a_description(seed: int) -> None:
     turn = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
