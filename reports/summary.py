@@ -18,6 +18,7 @@ from sim.flight import Flight, position_and_bearing_errors
 from sim.log.writer import Event
 from sim.scenario.formation import LEAST_LAYER_M
 from sim.sensing.proximity import sightings
+from sim.water.assembly import floor_of
 
 
 def true_bearing(flight: Flight, follower: int) -> Floats:
@@ -310,15 +311,15 @@ def stray_events(flight: Flight) -> list[Event]:
         *contact_events(flight),
         *uncertainty_events(flight),
     ]
-    floor = flight.scenario.ocean.floor_depth_m
+    floor = floor_of(flight.scenario)
     time = flight.trajectory.time
     planned = (flight.scenario.leader, *flight.scenario.followers)
-    for name, depth, plan in zip(
-        flight.trajectory.names, flight.trajectory.depth.T, planned, strict=True
-    ):
+    for vehicle, (name, plan) in enumerate(zip(flight.trajectory.names, planned, strict=True)):
+        depth = flight.trajectory.depth[:, vehicle]
+        below = floor.depths_at(*flight.trajectory.position[:, vehicle, :2].T)
         surfaced = (depth < 0) & (plan.layer_m > 1)
         for outside, text in (
-            (depth > floor, "goes below the sea floor"),
+            (depth > below, "goes below the sea floor"),
             (surfaced, "breaks the surface"),
         ):
             if outside.any():

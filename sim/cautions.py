@@ -17,6 +17,7 @@ from laisn.settings import Settings
 from sim.assembly import route_of
 from sim.scenario.point_motion import plan
 from sim.scenario.settings import Follower, Scenario
+from sim.water.assembly import floor_of
 
 _NOTICEABLE_M = 0.1  # errors of positions and ranges below this need no caution
 _NOTICEABLE_SLOT_M = 0.003  # the random error of a good range
@@ -130,7 +131,7 @@ def echo_delay_m(scenario: Scenario) -> float:
     """Largest excess of an echo's path over the direct path between planned places [m]."""
     sound = scenario.acoustics
     down = scenario.leader.layer_m
-    floor = scenario.ocean.floor_depth_m
+    floor = floor_of(scenario).deepest
     largest = 0.0
     for follower in scenario.followers:
         level = float(distances(scenario, follower).min())

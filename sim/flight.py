@@ -19,6 +19,7 @@ from sim.sensing.acoustics import TRANSMITTERS
 from sim.sensing.observation import measure, observe, start_of
 from sim.sensing.sensors import errors_of
 from sim.trajectory import Trajectory
+from sim.water.assembly import floor_of
 
 SLIP_M_SQRT_S = 0.007
 """Motion of a physical vehicle that its log does not see, unless the scenario states how much
@@ -112,7 +113,7 @@ def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: in
         "use_attitude": scenario.navigation.use_attitude,
         "ping_slot": sound.ping_slot_s,
         "sound_slowness": 1.0 / assumed if sound.travel_time else 0.0,
-        "floor_depth": scenario.ocean.floor_depth_m,
+        "floor_depth": floor_of(scenario).deepest,
         "slip": SLIP_M_SQRT_S if scenario.motion == "physics" else 0.0,
     }
     if on_axis(sites):

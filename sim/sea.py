@@ -10,9 +10,10 @@ from laisn.errors import LaisnError
 from sim.assembly import route_of, vehicle_names
 from sim.scenario.point_motion import plan
 from sim.scenario.settings import FASTEST_CURRENT_M_S, Scenario
-from sim.water.assembly import current_at, current_field
+from sim.water.assembly import current_at, current_field, floor_field, floor_of, sound_cast
 from sim.water.region import Region
 
+_CLEARANCE_M = 1.0  # between a plan and the floor
 _LOOKS = 500  # instants at which the plan of a mission is looked at
 
 
@@ -50,8 +51,12 @@ def planned_paths(scenario: Scenario) -> Iterator[PlannedPath]:
 
 def areas_of(scenario: Scenario) -> tuple[Area, ...]:
     """Where the fields of a scenario are known, of which its vehicles may not leave any."""
-    current = current_field(scenario)
-    return () if current is None else (Area("ocean.current.file", current.region),)
+    fields = {"current": current_field(scenario), "floor": floor_field(scenario)}
+    return tuple(
+        Area(f"ocean.{key}.file", field.region)
+        for key, field in fields.items()
+        if field is not None
+    )
 
 
 def _require_area(area: Area, path: PlannedPath) -> None:
@@ -83,20 +88,40 @@ def _require_current(scenario: Scenario, path: PlannedPath) -> None:
         )
 
 
+def _require_floor(scenario: Scenario, path: PlannedPath) -> None:
+    east, north, up = path.place.T
+    depth = floor_of(scenario).depths_at(east, north)
+    shallow = depth < _CLEARANCE_M - up
+    if shallow.any():
+        first = int(np.argmax(shallow))
+        raise LaisnError(
+            f"ocean.floor.file: {path.key} would ground {path.at(first)} deep; the floor lies at "
+            f"{depth[first]:.3g} m there ({_CLEARANCE_M:g} m is kept clear)"
+        )
+
+
 def require_sea(scenario: Scenario) -> None:
-    """LaisnError where a plan leaves a field, runs over land or meets a current that is too fast;
-    errors of files as of `sim.water.field_files`.
+    """LaisnError where a plan leaves a field, runs over land, or meets the floor or too fast a
+    current; errors of files as of `sim.water.field_files` and `sim.water.casts`.
     """
-    if scenario.ocean.current is None:
+    sound_cast(scenario)
+    if scenario.ocean.current is None and scenario.ocean.floor is None:
         return
     areas = areas_of(scenario)
     for path in planned_paths(scenario):
         for area in areas:
             _require_area(area, path)
-        _require_current(scenario, path)
+        if scenario.ocean.current is not None:
+            _require_current(scenario, path)
+        if scenario.ocean.floor is not None:
+            _require_floor(scenario, path)
 
 
 def sea_report(scenario: Scenario) -> list[str]:
     """What was read for a scenario, a line for each file."""
-    field = current_field(scenario)
-    return [] if field is None else [f"ocean.current: {field.report}"]
+    fields = {
+        "current": current_field(scenario),
+        "floor": floor_field(scenario),
+        "sound_speed": sound_cast(scenario),
+    }
+    return [f"ocean.{key}: {field.report}" for key, field in fields.items() if field is not None]

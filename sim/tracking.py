@@ -24,7 +24,9 @@ from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S, Follower, Scenario
 from sim.sea import Area, areas_of
 from sim.trajectory import Trajectory
-from sim.water.assembly import current_at
+from sim.water.assembly import current_at, floor_of
+from sim.water.floors import LevelFloor
+from sim.water.grids import GriddedFloor
 
 # half the length of the straight part of a hull [m]
 LEADER_HALF_M = 1.0
@@ -69,7 +71,7 @@ _LOOK_EVERY = 10  # distances from routes are looked at in every such instant: 1
 class MissionBounds(NamedTuple):
     """Where a mission ends: at the floor, far off a route, or beyond a field of the sea."""
 
-    floor_depth_m: float
+    floor: LevelFloor | GriddedFloor
     routes: tuple[Route | None, ...]  # of each vehicle; None: it does not keep to one
     areas: tuple[Area, ...] = ()
 
@@ -105,7 +107,7 @@ def first_departure(time: Floats, pose: Floats, bounds: MissionBounds) -> Depart
     None: none is.
     """
     departures = []
-    grounded = pose[..., 2] < -bounds.floor_depth_m
+    grounded = pose[..., 2] < -bounds.floor.depths_at(pose[..., 0], pose[..., 1])
     # of the mission, not of these instants, so that a mission ends alike in steps of any length
     looks = np.flatnonzero(np.rint(time / CONTROL_STEP_S).astype(np.int64) % _LOOK_EVERY == 0)
     for vehicle, route in enumerate(bounds.routes):
@@ -136,7 +138,7 @@ def bounds_of(scenario: Scenario) -> MissionBounds:
             routes_of(scenario), by_estimate, stations, strict=True
         )
     )
-    return MissionBounds(scenario.ocean.floor_depth_m, routes, areas_of(scenario))
+    return MissionBounds(floor_of(scenario), routes, areas_of(scenario))
 
 
 class Contact(NamedTuple):

@@ -19,6 +19,7 @@ from sim.film import film_data
 from sim.flight import Flight, position_and_bearing_errors
 from sim.log.writer import Event
 from sim.tracking import true_stations
+from sim.water.assembly import floor_of
 
 CROWD = 12
 """Followers beyond which numbers are rounded more coarsely, as the page would be too large."""
@@ -311,7 +312,7 @@ def scene_of(flight: Flight, events: Sequence[Event], mirror_locked: Sequence[Bo
         "start": start,
         "end": end,
         "truth": True,
-        "floor": -flight.scenario.ocean.floor_depth_m,
+        "floor": -floor_of(flight.scenario).deepest,
         "hues": hues(),
         "vehicles": [vars(vehicle) for vehicle in _vehicles(flight, hull_of)],
         "models": hulls,

@@ -19,7 +19,7 @@ from sim.flight import Flight
 from sim.scenario.settings import Video
 from sim.vehicle.effectors import MovingFins
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
-from sim.water.assembly import sea_of_keys
+from sim.water.assembly import floor_of, sea_of_keys
 from sim.water.ocean import Ocean
 from sim.water.waves import PHASE
 
@@ -72,7 +72,7 @@ def build(flight: Flight, width_px: int, height_px: int) -> Any:
     to a size.
     """
     hulls = zip(flight.trajectory.names, models_of(flight.scenario), strict=True)
-    depth = flight.scenario.ocean.floor_depth_m
+    depth = floor_of(flight.scenario).deepest
     spec = compose(
         [VehicleSetup(name=name, model=hull, position_m=(0, 0, -5)) for name, hull in hulls], depth
     )

@@ -92,3 +92,20 @@ class CurrentSource(SeaFile):
         if (self.file is None) == (self.model is None):
             raise ValueError("a current needs `file` or `model`, and not both")
         return self
+
+
+class FloorSource(SeaFile):
+    """A floor from a file, in place of `floor_depth_m`."""
+
+    file: str = Field(
+        description="NetCDF file with elevations or depths, path relative to this file"
+    )
+
+
+class SoundSource(SeaFile):
+    """A speed of sound by depth from a file, in place of `acoustics.sound_speed_profile`."""
+
+    file: str = Field(
+        description="cast, CSV or NetCDF, of temperature, salinity and pressure or depth, or of "
+        "the speed; path relative to this file"
+    )

@@ -22,7 +22,7 @@ from laisn.arrays import Floats
 from laisn.settings import VARIANTS
 from sim.scenario.formation import Formation, Shape, Station, followers_of, station_inconsistencies
 from sim.scenario.navigation import Assume, Navigation
-from sim.scenario.sea_files import CurrentSource, MapOrigin
+from sim.scenario.sea_files import CurrentSource, FloorSource, MapOrigin, SoundSource
 from sim.scenario.section import (
     CONTROL_STEP_S,
     LISTED,
@@ -67,7 +67,9 @@ class Ocean(Section):
     """Water and sea floor."""
 
     density_kg_m3: Annotated[float, Field(ge=950, le=1100)] = 1026.0
-    floor_depth_m: Annotated[float, Field(ge=2, le=11000)] = 30.0
+    floor_depth_m: Annotated[float, Field(ge=2, le=11000)] = Field(
+        30.0, description="of a level floor; with a floor from a file, what waves feel of it"
+    )
     current_speed_m_s: CurrentSpeed = Field(0.0, description="current at the surface")
     current_direction_deg: Angle = Field(
         0.0, description="compass direction towards which it flows"
@@ -87,6 +89,8 @@ class Ocean(Section):
     waves: Waves = Waves()
     origin: MapOrigin | None = None
     current: CurrentSource | None = None
+    floor: FloorSource | None = None
+    sound_speed: SoundSource | None = None
 
     @model_validator(mode="after")
     def _one_current(self) -> Self:
@@ -99,7 +103,8 @@ class Ocean(Section):
     @property
     def reads_files(self) -> bool:
         """Whether a part of it is read from a file."""
-        return self.current is not None and self.current.file is not None
+        tables = (self.current, self.floor, self.sound_speed)
+        return any(table is not None and table.file is not None for table in tables)
 
     @property
     def moves(self) -> bool:
@@ -384,6 +389,8 @@ class Scenario(Section):
 
     def _navigation_errors(self) -> list[str]:
         errors = []
+        if self.ocean.sound_speed is not None and self.acoustics.sound_speed_profile:
+            errors.append("ocean.sound_speed replaces acoustics.sound_speed_profile; give one")
         if self.navigation.use_attitude and not self.leader.broadcast_attitude:
             errors.append("navigation.use_attitude needs leader.broadcast_attitude = true")
         places = len(self.navigation.transmitters_m)
@@ -404,7 +411,7 @@ class Scenario(Section):
                 f"{key}: saw_tooth_amplitude_m = {vehicle.saw_tooth_amplitude_m:g} about depth_m = "
                 f"{vehicle.depth_m:g} would leave the water"
             )
-        if deepest > self.ocean.floor_depth_m - 1:
+        if self.ocean.floor is None and deepest > self.ocean.floor_depth_m - 1:
             errors.append(
                 f"{key} would dive to {deepest:g} m, the floor lies at ocean.floor_depth_m = "
                 f"{self.ocean.floor_depth_m:g} m (1 m is kept clear)"

@@ -4,16 +4,27 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from laisn.plugins import calling, find_class
+from sim.scenario.sea_files import SeaFile
 from sim.scenario.section import in_si
 from sim.scenario.settings import Scenario
+from sim.water.casts import Cast, read_cast
 from sim.water.custom import CustomCaller
 from sim.water.environment import velocities_at
-from sim.water.field_files import CurrentField, Origin, Source, read_current
+from sim.water.field_files import (
+    CurrentField,
+    FloorField,
+    Origin,
+    Source,
+    read_current,
+    read_floor,
+)
 from sim.water.floors import LevelFloor
+from sim.water.grids import GriddedFloor
 from sim.water.ocean import Ocean
 from sim.water.rays import SoundProfile, StraightRays
 from sim.water.region import region_of
@@ -26,12 +37,47 @@ _WAVES_KEY = 0x5EA
 def rays_of(scenario: Scenario) -> StraightRays:
     """How sound gets through a scenario's sea."""
     acoustics = scenario.acoustics
-    points = acoustics.sound_speed_profile or ((0.0, acoustics.sound_speed_m_s),)
+    points: npt.ArrayLike = acoustics.sound_speed_profile or ((0.0, acoustics.sound_speed_m_s),)
+    cast = sound_cast(scenario)
+    if cast is not None:
+        points = cast.points
     return StraightRays(
         profile=SoundProfile.through(points),
-        varies=bool(acoustics.sound_speed_profile),
-        floor=LevelFloor(float(scenario.ocean.floor_depth_m)),
+        varies=bool(acoustics.sound_speed_profile) or cast is not None,
+        floor=floor_of(scenario),
     )
+
+
+def _source(key: str, table: SeaFile) -> Source:
+    """The file of a table of `[ocean]`; FieldError if it is not that with which the scenario was
+    saved.
+    """
+    assert table.file is not None  # its validation
+    source = Source(f"ocean.{key}.file", Path(table.file))
+    source.require_content(table.sha256)
+    return source
+
+
+def sound_cast(scenario: Scenario) -> Cast | None:
+    """The speed of sound that a scenario reads from a file; None: none. FieldError if there is none
+    in it.
+    """
+    table = scenario.ocean.sound_speed
+    return None if table is None else read_cast(_source("sound_speed", table), _origin(scenario))
+
+
+def floor_field(scenario: Scenario) -> FloorField | None:
+    """The floor that a scenario reads from a file; None: none. FieldError if it has none."""
+    table = scenario.ocean.floor
+    if table is None:
+        return None
+    return read_floor(_source("floor", table), _origin(scenario), region_of(scenario))
+
+
+def floor_of(scenario: Scenario) -> LevelFloor | GriddedFloor:
+    """The floor of a scenario's sea."""
+    field = floor_field(scenario)
+    return LevelFloor(float(scenario.ocean.floor_depth_m)) if field is None else field.floor
 
 
 def _origin(scenario: Scenario) -> Origin:
@@ -45,9 +91,7 @@ def current_field(scenario: Scenario) -> CurrentField | None:
     current = scenario.ocean.current
     if current is None or current.file is None:
         return None
-    source = Source("ocean.current.file", Path(current.file))
-    source.require_content(current.sha256)
-    return read_current(source, _origin(scenario), region_of(scenario))
+    return read_current(_source("current", current), _origin(scenario), region_of(scenario))
 
 
 def _custom_current(scenario: Scenario) -> CustomCaller | None:
@@ -94,6 +138,8 @@ def ocean_of(scenario: Scenario) -> Ocean:
         sea,
         current=None if field is None else field.current,
         custom=_custom_current(scenario),
+        floor=floor_of(scenario),
+        rays=rays_of(scenario),
     )
 
 
@@ -128,5 +174,4 @@ def sea_of_keys(scenario: Scenario) -> Ocean:
         density_kg_m3=water.density_kg_m3,
         floor_depth_m=water.floor_depth_m,
         waves=components,
-        rays=rays_of(scenario),
     )

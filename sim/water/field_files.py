@@ -183,7 +183,7 @@ def read_floor(source: Source, origin: Origin, region: Region) -> FloorField:
     return _read_floor(source, file_digest(source.file), origin, region)
 
 
-def _dataset(source: Source) -> Any:
+def open_dataset(source: Source) -> Any:
     """The opened file, its times as numbers; FieldError if it is no NetCDF file."""
     try:
         with source.file.open("rb") as file:
@@ -212,9 +212,10 @@ def _dataset(source: Source) -> Any:
         raise source.error(f"it cannot be opened as NetCDF: {reason:.200}") from error
 
 
-def _find(dataset: Any, quantity: Quantity) -> Any:
-    """The variable that is a quantity; None if there is none."""
-    variables = [dataset[name] for name in dataset.data_vars]
+def find(dataset: Any, quantity: Quantity, *, coordinates: bool = False) -> Any:
+    """The variable that is a quantity; None if there is none. `coordinates`: also among these."""
+    names = [*dataset.data_vars, *(dataset.coords if coordinates else ())]
+    variables = [dataset[name] for name in names]
     for wanted in quantity.standard_names:
         for variable in variables:
             if str(variable.attrs.get("standard_name", "")).lower() == wanted:
@@ -227,7 +228,7 @@ def _find(dataset: Any, quantity: Quantity) -> Any:
 
 
 def _require(source: Source, dataset: Any, quantity: Quantity) -> Any:
-    variable = _find(dataset, quantity)
+    variable = find(dataset, quantity)
     if variable is not None:
         return variable
     expected = f"standard_name {quantity.standard_names[0]!r}, or the name "
@@ -236,9 +237,9 @@ def _require(source: Source, dataset: Any, quantity: Quantity) -> Any:
     raise source.error(f"it has no {quantity.title}: expected {expected}; its variables: {there}")
 
 
-def _axis_kind(coordinate: Any) -> str:
+def axis_kind(coordinate: Any) -> str:
     """X, Y, Z or T of a coordinate; "" if it is none of them."""
-    units = _units(coordinate)
+    units = units_of(coordinate)
     standard = str(coordinate.attrs.get("standard_name", "")).lower()
     for kind, quantity in _AXES.items():
         if standard in quantity.standard_names:
@@ -256,7 +257,8 @@ def _axis_kind(coordinate: Any) -> str:
     return "T" if " since " in units else ""
 
 
-def _units(variable: Any) -> str:
+def units_of(variable: Any) -> str:
+    """Units of a variable, in lower case; "" if it has none."""
     return str(variable.attrs.get("units", "")).strip().lower()
 
 
@@ -279,7 +281,7 @@ def _axes(source: Source, dataset: Any, variable: Any, most: str) -> dict[str, A
                 f"{variable.name}: its dimension {dimension!r} has no coordinate of that name; "
                 "expected longitude, latitude, depth and time as axes of one dimension each"
             )
-        kind = _axis_kind(dataset[dimension])
+        kind = axis_kind(dataset[dimension])
         if kind == "" or kind not in most:
             if variable.sizes[dimension] == 1:
                 continue
@@ -330,7 +332,7 @@ def _sorted(source: Source, name: str, value: Floats) -> _Axis:
 
 def _level_axes(source: Source, axes: dict[str, Any], origin: Origin) -> tuple[_Axis, _Axis]:
     """Axes of east and north about the origin [m]."""
-    units = [_units(axes[kind]) for kind in "XY"]
+    units = [units_of(axes[kind]) for kind in "XY"]
     values = [np.atleast_1d(np.asarray(axes[kind].values, dtype=np.float64)) for kind in "XY"]
     names = [str(axes[kind].name) for kind in "XY"]
     if all(unit in _METRES for unit in units):
@@ -359,7 +361,7 @@ def _depth_axis(source: Source, axes: dict[str, Any]) -> _Axis:
     if "Z" not in axes:
         return _Axis(np.zeros(1), np.zeros(1, dtype=np.int64))
     axis = axes["Z"]
-    units = _units(axis)
+    units = units_of(axis)
     if units and units not in _METRES:
         raise source.error(f"{axis.name} has units {units!r}; expected metres of depth")
     value = np.atleast_1d(np.asarray(axis.values, dtype=np.float64)) * _METRES.get(units, 1.0)
@@ -384,7 +386,7 @@ def _time_axis(source: Source, axes: dict[str, Any], origin: Origin, until: floa
 
 
 def _seconds(source: Source, axis: Any, origin: Origin) -> Floats:
-    units = _units(axis)
+    units = units_of(axis)
     value = np.asarray(axis.values, dtype=np.float64)
     if units in _TIMES:
         return value * _TIMES[units]
@@ -471,10 +473,10 @@ def _require_overlap(source: Source, east: _Axis, north: _Axis, region: Region) 
 def _read_current(
     source: Source, _digest: str | None, origin: Origin, region: Region
 ) -> CurrentField:
-    with _dataset(source) as dataset:
+    with open_dataset(source) as dataset:
         eastward = _require(source, dataset, EASTWARD)
         northward = _require(source, dataset, NORTHWARD)
-        upward = _find(dataset, UPWARD)
+        upward = find(dataset, UPWARD)
         found = _axes(source, dataset, eastward, "TZYX")
         for other in (northward, *(() if upward is None else (upward,))):
             if other.dims != eastward.dims:
@@ -561,11 +563,11 @@ def _fill(velocity: Floats, dry: Bools) -> None:
 
 @lru_cache(maxsize=4)
 def _read_floor(source: Source, _digest: str | None, origin: Origin, region: Region) -> FloorField:
-    with _dataset(source) as dataset:
+    with open_dataset(source) as dataset:
         variable = _require(source, dataset, HEIGHT)
         found = _axes(source, dataset, variable, "YX")
         names = {kind: str(axis.name) for kind, axis in found.items()}
-        units = _units(variable)
+        units = units_of(variable)
         if units and units not in _METRES:
             raise source.error(f"{variable.name} has units {units!r}; expected metres")
         east, north = _level_axes(source, found, origin)

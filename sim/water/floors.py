@@ -6,6 +6,9 @@ receiver)` for sound; compiled code chooses them by its type.
 
 from typing import NamedTuple
 
+import numpy as np
+
+from laisn.arrays import Floats
 from laisn.compiled import jitable, method_by_type
 from sim.attitude import Vector
 
@@ -21,6 +24,15 @@ class LevelFloor(NamedTuple):
     @jitable
     def depth_at(self, east: float, north: float) -> float:
         """Depth of the floor below a place [m]."""
+        return self.depth
+
+    def depths_at(self, east: Floats, _north: Floats) -> Floats:
+        """Depths of the floor below places, any shape, [m]."""
+        return np.full(np.shape(east), self.depth)
+
+    @property
+    def deepest(self) -> float:
+        """The greatest depth [m]."""
         return self.depth
 
     @jitable

@@ -169,6 +169,11 @@ class GriddedFloor(NamedTuple):
             share = above / both if both > 0.0 else 0.5
         return depth
 
+    @property
+    def deepest(self) -> float:
+        """The greatest depth [m]."""
+        return float(self.depth.max())
+
     def depths_at(self, east: Floats, north: Floats) -> Floats:
         """Depths of the floor below places, any shape, [m]."""
         out = np.empty(np.shape(east))

@@ -11,6 +11,7 @@ from sim.water.currents import ACCELERATION, RUN, SET, START, ShearedCurrent
 from sim.water.custom import CustomCaller
 from sim.water.environment import Environment, UniformDensity, water_velocity
 from sim.water.floors import LevelFloor
+from sim.water.grids import GriddedFloor
 from sim.water.rays import SoundProfile, StraightRays
 from sim.water.waves import FLOOR_DEPTH_M, Waves, WaveTrain
 
@@ -30,7 +31,8 @@ class Ocean:
     current: Any = None  # another current in place of that of these fields
     custom: CustomCaller | None = None  # or one of the user's own
     density_kg_m3: float = 1026.0
-    floor_depth_m: float = FLOOR_DEPTH_M
+    floor_depth_m: float = FLOOR_DEPTH_M  # that waves feel
+    floor: LevelFloor | GriddedFloor | None = None  # None: a level one of this depth
     waves: Waves = field(default_factory=Waves.none)  # made for the same depth
     rays: StraightRays | None = None  # None: a speed of sound of 1500 m/s everywhere
 
@@ -59,7 +61,7 @@ class Ocean:
         elif current is None:
             current = self._sheared_current()
             steady = current.surface
-        floor = LevelFloor(float(self.floor_depth_m))
+        floor = self.floor or LevelFloor(float(self.floor_depth_m))
         rays = self.rays
         if rays is None:
             rays = StraightRays(SoundProfile.through([[0.0, _SOUND_SPEED_M_S]]), False, floor)

@@ -17,6 +17,7 @@ from sim.flight import Termination
 from sim.scenario.file import ScenarioError
 from sim.scenario.routes import DepthProfile, Route
 from sim.tracking import LEFT_ROUTE_M, MissionBounds, distance_from_route, first_departure
+from sim.water.floors import LevelFloor
 
 
 def mission(**vehicle: Any) -> dict[str, Any]:
@@ -135,7 +136,7 @@ def test_the_first_departure_is_the_earliest_of_all_vehicles() -> None:
     time = np.arange(0.0, 10.0, 0.1)
     pose = np.zeros((100, 2, 7))
     pose[..., 2] = -5.0
-    bounds = MissionBounds(20.0, (route, None))
+    bounds = MissionBounds(LevelFloor(20.0), (route, None))
     assert first_departure(time, pose, bounds) is None
     pose[50:, 1, 2] = -20.01
     departure = first_departure(time, pose, bounds)

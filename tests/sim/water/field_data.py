@@ -10,6 +10,10 @@ from laisn.arrays import Floats
 
 START = "2026-07-01T00:00:00+00:00"
 LATITUDE, LONGITUDE = 54.52, 18.55
+# metres of a degree there, by the series in latitude (Snyder, Map Projections, 1987, of WGS 84)
+_PHI = np.deg2rad(LATITUDE)
+DEGREE_EAST = 111412.84 * np.cos(_PHI) - 93.5 * np.cos(3 * _PHI) + 0.118 * np.cos(5 * _PHI)
+DEGREE_NORTH = 111132.954 - 559.822 * np.cos(2 * _PHI) + 1.175 * np.cos(4 * _PHI)
 SPEED = 0.2  # scale of the velocities of the gyre [m/s]
 WIDTH = 1000.0  # of one cell of the gyre [m]
 PERIOD = 400.0  # of its sway [s]

@@ -21,6 +21,8 @@ from sim.flight import Termination
 from sim.water.assembly import current_field, ocean_of
 from sim.water.environment import flow, sea_at
 from tests.sim.water.field_data import (
+    DEGREE_EAST,
+    DEGREE_NORTH,
     LATITUDE,
     LONGITUDE,
     gyre_velocity,
@@ -157,12 +159,11 @@ def test_conventions_of_files_make_no_difference(
     file = write(change(model_output()), tmp_path / "a.nc", engine)
     rng = np.random.default_rng(5)
     points = np.column_stack([rng.uniform(-500, 500, (50, 2)), -rng.uniform(0.5, 30.0, 50)])
-    # at 54.52° N, from the radii of curvature there (WGS 84)
-    degrees = points[:, :2] / [64782.0, 111330.0]
+    degrees = points[:, :2] / [DEGREE_EAST, DEGREE_NORTH]
     u = 0.1 + 2.0 * degrees[:, 0] + 0.002 * points[:, 2]
     v = -0.1 + 3.0 * degrees[:, 1] + 0.01 * (1.0 + 15.0 / 3600.0)
     found = velocity_of(file, points, 15.0)
-    np.testing.assert_allclose(found[:, :2], np.column_stack([u, v]), atol=2e-5)
+    np.testing.assert_allclose(found[:, :2], np.column_stack([u, v]), atol=1e-7)
 
 
 def test_packed_numbers_land_and_the_floor(tmp_path: Path) -> None:
@@ -181,7 +182,10 @@ def test_packed_numbers_land_and_the_floor(tmp_path: Path) -> None:
     field = current_field(scenario)
     assert field is not None
     # land begins at 0.02° east
-    assert field.on_land(np.array([[0.018 * 64782.0, 0.0], [0.0, 0.0]])).tolist() == [True, False]
+    assert field.on_land(np.array([[0.018 * DEGREE_EAST, 0.0], [0.0, 0.0]])).tolist() == [
+        True,
+        False,
+    ]
 
 
 def test_only_what_a_mission_needs_is_read(tmp_path: Path) -> None:

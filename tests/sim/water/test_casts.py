@@ -1,0 +1,142 @@
+"""Speeds of sound out of casts, against values of TEOS-10 and Mackenzie's equation."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+from typer.testing import CliRunner
+
+import laisn_sim
+from laisn_sim.cli.main import app
+from sim.water.assembly import rays_of, sound_cast
+from sim.water.rays import speed_at
+from tests.sim.water.field_data import write
+
+pytest.importorskip("gsw")
+
+# check values of gsw_sound_speed, https://www.teos-10.org/pubs/gsw/html/gsw_sound_speed.html
+SALINITY = [34.7118, 34.8915, 35.0256]  # absolute [g/kg]
+TEMPERATURE = [28.7856, 28.4329, 22.8103]  # conservative [°C]
+PRESSURE = [10.0, 50.0, 125.0]  # [dbar]
+SPEED = [1542.426412426373, 1542.558891663385, 1530.801535436184]
+
+
+def scenario(file: Path, latitude: float = 4.0, longitude: float = -172.0) -> Path:
+    toml = file.parent / "cast.toml"
+    toml.write_text(
+        "duration_s = 20\n"
+        f"[ocean]\norigin = {{ lat = {latitude}, lon = {longitude} }}\n"
+        f'[ocean.sound_speed]\nfile = "{file.name}"\n[[followers]]\nroute = "T5"\n'
+    )
+    return toml
+
+
+def table(file: Path, header: str, *columns: list[float], separator: str = ",") -> Path:
+    rows = [separator.join(map(str, row)) for row in zip(*columns, strict=True)]
+    file.write_text("\n".join([header, *rows]) + "\n")
+    return file
+
+
+def test_check_values_of_teos_10(tmp_path: Path) -> None:
+    header = "pressure_dbar,conservative_temperature_degC,absolute_salinity [g/kg]"
+    toml = scenario(table(tmp_path / "a.csv", header, PRESSURE, TEMPERATURE, SALINITY))
+    cast = sound_cast(laisn_sim.load(toml))
+    assert cast is not None
+    np.testing.assert_allclose(cast.points[:, 1], SPEED, atol=1e-9)
+    # depths at 4° N of a pressure (gsw_z_from_p, the same source)
+    np.testing.assert_allclose(cast.points[:, 0], [9.9445834, 49.718036, 124.272615], atol=1e-3)
+    result = CliRunner().invoke(app, ["check", str(toml)])
+    assert "ocean.sound_speed: a.csv: pressure_dbar, conservative_temperature_degC" in result.stdout
+    assert "1530.8 to 1542.6 m/s" in result.stdout
+
+
+def mackenzie(temperature: float, salinity: float, depth: float) -> float:
+    """Speed of sound within 0.1 m/s (Mackenzie, J. Acoust. Soc. Am. 70, 1981)."""
+    t, s, d = temperature, salinity - 35.0, depth
+    shallow = 1448.96 + 4.591 * t - 5.304e-2 * t**2 + 2.374e-4 * t**3 + 1.340 * s
+    return shallow + 1.630e-2 * d + 1.675e-7 * d**2 - 1.025e-2 * t * s - 7.139e-13 * t * d**3
+
+
+@pytest.mark.parametrize(
+    ("header", "kelvin", "separator"),
+    [
+        ("Depth [m],Temperature [°C],Salinity", 0.0, ","),
+        ("depth_m;temp_K;psal", 273.15, ";"),
+        ("z\tt\ts", 0.0, "\t"),
+    ],
+)
+def test_temperature_and_salinity_in_their_usual_names(
+    tmp_path: Path, header: str, kelvin: float, separator: str
+) -> None:
+    depth, temperature, salinity = [1.0, 12.0, 40.0, 90.0], [18.0, 15.0, 8.0, 6.0], [35.0] * 4
+    given = [value + kelvin for value in temperature]
+    file = table(tmp_path / "b.csv", header, depth, given, salinity, separator=separator)
+    cast = sound_cast(laisn_sim.load(scenario(file, 45.0, 0.0)))
+    assert cast is not None
+    expected = [mackenzie(*row) for row in zip(temperature, salinity, depth, strict=True)]
+    np.testing.assert_allclose(cast.points[:, 1], expected, atol=0.15)
+    np.testing.assert_allclose(cast.points[:, 0], depth, atol=1e-9)
+
+
+def test_a_cast_of_the_speed_is_the_profile_of_the_key(tmp_path: Path) -> None:
+    profile = [[0.0, 1490.0], [8.0, 1480.0], [30.0, 1450.0]]
+    file = table(tmp_path / "c.csv", "depth,sound_speed", *np.transpose(profile).tolist())
+    toml = scenario(file)
+    mine = laisn_sim.fly(toml)
+    other = laisn_sim.fly("T5", {"duration_s": 20, "acoustics.sound_speed_profile": profile})
+    np.testing.assert_array_equal(mine.measurements[0].ranges, other.measurements[0].ranges)
+    plain = laisn_sim.fly("T5", {"duration_s": 20})
+    assert np.nanmax(np.abs(mine.measurements[0].ranges - plain.measurements[0].ranges)) > 0.1
+
+
+def test_the_nearest_column_of_a_model(tmp_path: Path) -> None:
+    """Potential temperatures in kelvin, longitudes from 0 to 360°, as atlas files have them."""
+    depth, latitude, longitude = [5.0, 50.0], [40.0, 45.0, 50.0], [300.0, 330.0, 359.0]
+    shape = ("time", "depth", "latitude", "longitude")
+    temperature = np.full((1, 2, 3, 3), np.nan)
+    temperature[0, :, 1, 2] = 288.15, 281.15
+    names = ("sea_water_potential_temperature", "sea_water_practical_salinity")
+    dataset = xarray.Dataset(
+        {
+            names[0]: (shape, temperature, {"standard_name": names[0], "units": "K"}),
+            names[1]: (shape, 0 * temperature + 35.0, {"standard_name": names[1], "units": "1"}),
+        },
+        {
+            "time": ("time", [0.0], {"units": "days since 2000-01-01"}),
+            "depth": ("depth", depth, {"units": "m", "positive": "down"}),
+            "latitude": ("latitude", latitude, {"units": "degrees_north"}),
+            "longitude": ("longitude", longitude, {"units": "degrees_east"}),
+        },
+    )
+    scene = laisn_sim.load(scenario(write(dataset, tmp_path / "d.nc"), 44.0, -2.0))
+    rays = rays_of(scene)
+    # between potential temperature and temperature there are some mK at 50 m
+    assert speed_at(rays.profile, 5.0) == pytest.approx(mackenzie(15.0, 35.0, 5.0), abs=0.15)
+    assert speed_at(rays.profile, 50.0) == pytest.approx(mackenzie(8.0, 35.0, 50.0), abs=0.15)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", "it has no rows below a header"),
+        ("depth,temperature\n1,10\n", "it has no salinity, and no speed of sound"),
+        ("temperature,salinity\n10,35\n", "it has neither depth nor pressure"),
+        ("a,b\n1,2\n", "has none of the columns"),
+        ("depth,sound_speed\n1,fast\n", "row 2 has 'fast' in column 2; expected a number"),
+        ("depth,sound_speed\n1,\n", "none of its rows has all numbers"),
+        ("depth,sound_speed\n1,340\n", "its speeds of sound are 340 to 340 m/s; expected 1300"),
+        ("depth,sound_speed\n-5,1500\n", "depths count downwards"),
+        ("depth,temperature [F],salinity\n1,50,35\n", "has units 'f'"),
+    ],
+)
+def test_a_malformed_cast_is_refused_in_a_sentence(
+    tmp_path: Path, text: str, expected: str
+) -> None:
+    file = tmp_path / "e.csv"
+    file.write_text(text)
+    result = CliRunner().invoke(app, ["check", str(scenario(file))], env={"COLUMNS": "300"})
+    assert result.exit_code == 2, result.output
+    assert "ocean.sound_speed.file: " in result.output
+    assert "e.csv: " in result.output
+    assert expected in result.output

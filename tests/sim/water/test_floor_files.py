@@ -1,0 +1,157 @@
+"""Floors out of files: grounding, echoes and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+from scipy.optimize import brentq
+from typer.testing import CliRunner
+
+import laisn_sim
+from laisn.arrays import Floats
+from laisn_sim.cli.errors import MISSION_FAILED
+from laisn_sim.cli.main import app
+from sim.flight import Termination
+from sim.water.assembly import floor_of, rays_of
+from tests.sim.water.field_data import DEGREE_EAST, DEGREE_NORTH, LATITUDE, LONGITUDE, write
+
+pytest.importorskip("h5netcdf")
+
+SCENARIO = f"""\
+duration_s = {{duration}}
+[ocean]
+origin = {{{{ lat = {LATITUDE}, lon = {LONGITUDE} }}}}
+[ocean.floor]
+file = "floor.nc"
+[[followers]]
+route = "T5"
+"""
+# sinks with all its fins
+SINKS = "[leader]\nexcess_buoyancy_n = -100.0\ncg_offset_x_m = 0.2\n"
+
+
+def sloping(east: Floats | float, north: Floats | float) -> Floats:
+    return np.asarray(15.0 + 0.02 * np.asarray(east) - 0.01 * np.asarray(north))
+
+
+def metres_floor(depth: Floats, east: Floats, north: Floats) -> xarray.Dataset:
+    return xarray.Dataset(
+        {"depth": (("y", "x"), depth, {"units": "m"})},
+        {"y": ("y", north, {"units": "m"}), "x": ("x", east, {"units": "m"})},
+    )
+
+
+def slope() -> xarray.Dataset:
+    axis = np.arange(-1200.0, 1200.1, 100.0)
+    y, x = np.meshgrid(axis, axis, indexing="ij")
+    return metres_floor(np.maximum(sloping(x, y), 0.5), axis, axis)
+
+
+def gebco() -> xarray.Dataset:
+    """Elevations, positive up, on the map, from the north, as GEBCO has them."""
+    latitude = LATITUDE + np.linspace(0.02, -0.02, 41)
+    longitude = LONGITUDE + np.linspace(-0.03, 0.03, 61)
+    y, x = np.meshgrid(latitude, longitude, indexing="ij")
+    depth = sloping((x - LONGITUDE) * DEGREE_EAST, (y - LATITUDE) * DEGREE_NORTH)
+    standard = {"standard_name": "height_above_reference_ellipsoid", "units": "m"}
+    return xarray.Dataset(
+        {"elevation": (("lat", "lon"), -np.maximum(depth, 0.5), standard)},
+        {
+            "lat": ("lat", latitude, {"units": "degrees_north"}),
+            "lon": ("lon", longitude, {"units": "degrees_east"}),
+        },
+    )
+
+
+def scenario(folder: Path, dataset: xarray.Dataset, duration: float = 20.0, more: str = "") -> Path:
+    write(dataset, folder / "floor.nc")
+    toml = folder / "mission.toml"
+    toml.write_text(SCENARIO.format(duration=duration) + more)
+    return toml
+
+
+@pytest.mark.parametrize("dataset", [slope(), gebco()], ids=["metres", "GEBCO"])
+def test_a_slope_is_met_as_it_is(tmp_path: Path, dataset: xarray.Dataset) -> None:
+    toml = scenario(tmp_path, dataset)
+    floor = floor_of(laisn_sim.load(toml))
+    places = np.random.default_rng(1).uniform(-300.0, 300.0, (50, 2))
+    np.testing.assert_allclose(floor.depths_at(*places.T), sloping(*places.T), atol=1e-4)
+    assert floor.depth_at(*places[0]) == floor.depths_at(*places[0])
+    result = CliRunner().invoke(app, ["check", str(toml)])
+    assert "ocean.floor: floor.nc: " in result.stdout
+
+
+def test_a_vehicle_grounds_on_the_slope(tmp_path: Path) -> None:
+    toml = scenario(tmp_path, slope(), 300.0, SINKS)
+    arguments = ["fly", str(toml), "--no-video", "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == MISSION_FAILED, result.output
+    assert "leader goes below the sea floor" in result.stdout
+    flight = laisn_sim.read_log(tmp_path / "out" / "flight.mcap")
+    assert flight.outcome is Termination.GROUNDED
+    east, north, up = flight.trajectory.position[:, 0].T
+    clear = sloping(east, north) + up
+    assert clear[-1] < 0.0
+    assert (clear[:-1] >= 0.0).all()
+
+
+def test_a_level_floor_of_a_file_is_that_of_the_key(tmp_path: Path) -> None:
+    axis = np.array([-2000.0, 2000.0])
+    more = "[acoustics]\nbottom_echo_probability = 0.5\ntravel_time = true\n"
+    flown = laisn_sim.fly(
+        scenario(tmp_path, metres_floor(np.full((2, 2), 25.0), axis, axis), 20.0, more)
+    )
+    keys = {"ocean.floor_depth_m": 25.0, "acoustics.travel_time": True}
+    other = laisn_sim.fly("T5", {"duration_s": 20, "acoustics.bottom_echo_probability": 0.5} | keys)
+    np.testing.assert_array_equal(flown.trajectory.pose, other.trajectory.pose)
+    np.testing.assert_allclose(
+        flown.measurements[0].ranges, other.measurements[0].ranges, atol=1e-9
+    )
+
+
+def test_echoes_come_from_where_the_floor_reflects_them(tmp_path: Path) -> None:
+    """Where equal angles, at a floor that is taken for level there, meet the slope."""
+    rays = rays_of(laisn_sim.load(scenario(tmp_path, slope())))
+    source, receiver = np.array([10.0, -40.0, -3.0]), np.array([150.0, 60.0, -9.0])
+
+    def excess(share: float) -> float:
+        depth = float(sloping(*(source + share * (receiver - source))[:2]))
+        first, second = depth + source[2], depth + receiver[2]
+        return share * (first + second) - first
+
+    place = source + brentq(excess, 0.0, 1.0) * (receiver - source)
+    depth = float(sloping(*place[:2]))
+    turn = np.array([place[0], place[1], -depth])
+    expected = np.linalg.norm(turn - source) + np.linalg.norm(receiver - turn)
+    ray = rays.ray(2, tuple(source), tuple(receiver))
+    assert ray.length == pytest.approx(expected, abs=1e-4)
+    assert ray.time == pytest.approx(expected / 1500.0, abs=1e-7)
+    assert ray.elevation < 0.0
+
+
+def test_a_plan_into_the_floor_is_refused(tmp_path: Path) -> None:
+    axis = np.array([-2000.0, 2000.0])
+    toml = scenario(tmp_path, metres_floor(np.full((2, 2), 10.5), axis, axis))
+    result = CliRunner().invoke(app, ["check", str(toml)], env={"COLUMNS": "300"})
+    assert result.exit_code == 2
+    assert "followers[0] would ground at 0 s" in result.output
+    assert "the floor lies at 10.5 m there" in result.output
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (lambda d: d.rename(depth="salinity"), "it has no elevation or depth of the floor"),
+        (lambda d: d.assign(depth=-d.depth), "lies above the water everywhere"),
+        (lambda d: d.assign(depth=d.depth.where(d.x < 0.0)), "has no value at"),
+        (lambda d: d.isel(y=[12]).squeeze("y"), "has no axis of latitude or north"),
+        (lambda d: d.assign_coords(x=d.x + 9e4), "and none of the mission"),
+    ],
+)
+def test_other_floors_are_refused(tmp_path: Path, change, expected: str) -> None:  # type: ignore[no-untyped-def]
+    toml = scenario(tmp_path, change(slope()))
+    result = CliRunner().invoke(app, ["check", str(toml)], env={"COLUMNS": "300"})
+    assert result.exit_code == 2, result.output
+    assert "ocean.floor.file: " in result.output
+    assert expected in result.output
