@@ -34,7 +34,7 @@ class Topic(NamedTuple):
     texts: Mapping[str, tuple[str, ...]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Series:
     """Values of a field over time."""
 
@@ -237,8 +237,8 @@ def _sorted(times: Sequence[int], values: Sequence[Any]) -> Series:
     order = np.argsort(time_ns, kind="stable")
     last = np.append(np.diff(time_ns[order]) > 0, True)[: order.size]
     return Series(
-        time_ns[order][last],
-        numbers[order][last],
+        time_ns=time_ns[order][last],
+        values=numbers[order][last],
         steps_back=int(np.count_nonzero(np.diff(time_ns) < 0)),
         repeated=int(np.count_nonzero(~last)),
     )

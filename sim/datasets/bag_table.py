@@ -128,7 +128,7 @@ def _read(path: Path, mapped: FieldMap) -> tuple[_Mapped, list[str]]:
             values = entry.in_si(raw.values, field, origin)
         except ValueError as error:
             raise LaisnError(f"{mapped.path}: {field}: {error}") from None
-        series[field] = Series(raw.time_ns, values)
+        series[field] = Series(time_ns=raw.time_ns, values=values)
         unit = entry.unit or "SI units"
         remarks.append(f"{field}: {entry.topic} {entry.field} in {unit}, {raw.time_ns.size} times")
         remarks += _order_remarks(str(entry.topic), raw)
@@ -169,7 +169,7 @@ def _derived(mapped: FieldMap, series: Mapping[str, Series]) -> dict[str, Series
         "leader_heading": np.mod(np.arctan2(velocity[:, 0], velocity[:, 1]), 2.0 * np.pi),
         "leader_speed": np.hypot(velocity[:, 0], velocity[:, 1]),
     }
-    return {field: Series(east.time_ns, values[field]) for field in fields}
+    return {field: Series(time_ns=east.time_ns, values=values[field]) for field in fields}
 
 
 def _receptions(mapped: _Mapped, fields: list[str], window_s: float) -> tuple[Ints, Floats]:

@@ -405,7 +405,8 @@ def _other_robots(
         if entry is None:
             continue
         places = [*entry.get("where", {}).values(), *str(entry["topic"]).split("/")[2:]]
-        name = next((p for place in places if (p := str(place).lower()) in poses), None)
+        names = (str(place).lower() for place in places)
+        name = next((name for name in names if name in poses), None)
         if name is None or name in own:
             continue
         topic = poses[name]

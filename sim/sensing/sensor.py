@@ -165,7 +165,7 @@ def header_of(sensor: Any) -> SensorHeader:
     return SensorHeader(channels=channels, period=float(period))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SensorDriver:
     """Reads a sensor of a scenario's `[[sensors.own]]`, at filter steps.
 

@@ -647,10 +647,10 @@ def own_sensors(scenario: Scenario) -> tuple[SensorDriver, ...]:
     table or is not declared as it must be, or if two have one name or one stream of noise.
     """
     dt = scenario.timing.filter_step_s
-    drivers = [SensorDriver(_made_sensor(table), dt) for table in scenario.sensors.own]
+    drivers = [SensorDriver(sensor=_made_sensor(table), dt=dt) for table in scenario.sensors.own]
     needed = own_tables(scenario)[: -len(drivers) or None]
     for table in needed:
-        driver = SensorDriver(_made_sensor(table), dt)
+        driver = SensorDriver(sensor=_made_sensor(table), dt=dt)
         # a user's sensor of the same name takes its place
         if all(other.name != driver.name for other in drivers):
             drivers.insert(0, driver)

@@ -89,7 +89,7 @@ def made() -> dict[str, Any]:
     "name",
     [
         "Trajectory",
-        "MissionTruth",
+        "IdealMeasurements",
         "Measurements",
         "Estimates",
         "RangeErrorBudget",

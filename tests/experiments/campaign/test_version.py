@@ -45,7 +45,7 @@ def after_edits(root: Path, *names: str, text: str = "\n# edited\n") -> str:
 @pytest.mark.parametrize(
     "name",
     [
-        "sim/water.py",
+        "sim/water/currents.py",
         "sim/sensing/noise.py",
         "sim/scenario/file.py",
         "laisn/fix.py",
@@ -63,23 +63,26 @@ def test_an_edit_of_what_computes_makes_another_version(
 
 
 def test_a_docstring_is_no_part_of_the_version(tree: Path, unedited: str) -> None:
-    assert after_edits(tree, "sim/water.py", text='\n"""Other\n\nwords."""\n') == after_edits(
-        tree, "sim/water.py", text='\n"""Words."""\n'
-    )
-    assert after_edits(tree, "sim/water.py", text='\nclass Tide: "words"\n') != unedited
-    assert after_edits(tree, "sim/water.py", text='\nTIDE = """words"""\n') != unedited
+    assert after_edits(
+        tree, "sim/water/currents.py", text='\n"""Other\n\nwords."""\n'
+    ) == after_edits(tree, "sim/water/currents.py", text='\n"""Words."""\n')
+    assert after_edits(tree, "sim/water/currents.py", text='\nclass Tide: "words"\n') != unedited
+    assert after_edits(tree, "sim/water/currents.py", text='\nTIDE = """words"""\n') != unedited
 
 
 def test_edits_of_what_draws_writes_or_compares_keep_the_version(tree: Path, unedited: str) -> None:
-    modules = ("film/render", "film/overlay", "film/scene", "log/writer", "log/scene")
-    others = (
-        "pages/page.py",
-        "command/cli.py",
-        "pages/flight_report.py",
-        "pages/templates/page.css",
-        "studies/reproduce/published_tables.csv",
-    )
-    edited = [*(f"sim/{name}.py" for name in modules), *(f"experiments/{name}" for name in others)]
+    edited = [
+        "sim/film/render.py",
+        "sim/film/overlay.py",
+        "sim/film/scene.py",
+        "sim/log/writer.py",
+        "sim/log/scene.py",
+        "reports/page.py",
+        "reports/flight_report.py",
+        "reports/templates/page.css",
+        "laisn_sim/cli/main.py",
+        "experiments/studies/reproduce/published_tables.csv",
+    ]
     assert after_edits(tree, *edited) == unedited
 
 
