@@ -152,7 +152,7 @@ class Replay:
     scene: Scene
     alternative: str = "The mission in 3D"
     """What is seen, for those who do not see it."""
-    remark: str = ""
+    caption: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)

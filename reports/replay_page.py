@@ -289,7 +289,7 @@ def write_replay_page(
     replay = Replay(
         scene=scene_of_measured(plain(log.name), measured),
         alternative=f"Replay of {plain(log.name)} in 3D",
-        remark="Hulls, floor and depths that a log does not tell are stand-ins.",
+        caption="Hulls, floor and depths that a log does not tell are stand-ins.",
     )
     page = page_of(
         "reports",

@@ -18,7 +18,7 @@ from experiments.study.measure import METRICS, Metric
 from experiments.study.plan import Entry, StudyPlan, many, varied
 from reports import page as pages
 from reports.intervals import Interval
-from reports.page import Cell, Code, Film, Page, Tile, number, words
+from reports.page import Cell, Code, Film, Page, Replay, Tile, number, words
 
 _MOST_COMMANDS = 400
 _MOST_ANSWERS = 12  # places of the table on the terminal
@@ -120,13 +120,13 @@ def commands(plan: StudyPlan, results: Results) -> str:
 @dataclass(frozen=True, kw_only=True)
 class StudyPage:
     """What the template of a study's page shows; `failures` are entries that could not be flown,
-    by what happened, `films` its worst run.
+    by what happened, `looks` its worst run, filmed or in 3D.
     """
 
     plan: StudyPlan
     results: Results
     failures: Mapping[str, list[Entry]]
-    films: Sequence[Film] = ()
+    looks: Sequence[Film | Replay] = ()
 
     @property
     def study(self) -> Study:
@@ -383,10 +383,10 @@ def page_of(
     plan: StudyPlan,
     results: Results,
     failures: Mapping[str, list[Entry]],
-    films: Sequence[Film] = (),
+    looks: Sequence[Film | Replay] = (),
 ) -> Page:
     """The page of a study; arguments as of `StudyPage`."""
-    page = StudyPage(plan=plan, results=results, failures=failures, films=films)
+    page = StudyPage(plan=plan, results=results, failures=failures, looks=looks)
     values = {"page": page, "plan": plan, "study": plan.study, "results": results, **_FORMATS}
     return pages.page_of(
         "experiments.study", page.facts, values, tiles=page.tiles, question=page.question_text

@@ -165,13 +165,22 @@ def _write_tables(outcomes: StudyResults, folder: Path) -> None:
     write_table(folder / RUNS, run_tables(outcomes.runs))
 
 
-def _film_worst(outcomes: StudyResults, folder: Path) -> Path:
-    """Film the worst run of the worst place."""
+def _look_at_worst(
+    outcomes: StudyResults, folder: Path, *, film: bool, scene: bool
+) -> list[pages.Film | pages.Replay]:
+    """Fly the worst run of the worst place alone, and show it in 3D or film it, or both."""
     from experiments.flight.results import render
     from experiments.study.page import worst_entry
+    from reports.flight_report import scene_of_flight
 
     entry, run, _ = worst_entry(outcomes.plan, outcomes.results)
-    return render(fly(entry.scenario_at(run))[0], folder / "worst.mp4")
+    flight = fly(entry.scenario_at(run))[0]
+    looks = list[pages.Film | pages.Replay]()
+    if scene:
+        looks.append(pages.Replay(scene=scene_of_flight(flight), alternative="The worst run"))
+    if film:
+        looks.append(pages.Film(path=render(flight, folder / "worst.mp4")))
+    return looks
 
 
 class LeftOut(LaisnWarning):
@@ -252,6 +261,7 @@ def run_studies(
     *,
     quick: bool = False,
     film: str = "",
+    scene: bool = False,
     **options: Unpack[ExecutionOptions],
 ) -> Mapping[str, StudyResults]:
     """Fly the parts of a study, or what is missing of them; write tables, record and page: same
@@ -269,6 +279,7 @@ def run_studies(
         command: that repeats it; empty: `laisn study` with the source of the first one.
         quick: a trial run, without further runs.
         film: "worst" films the worst run, "example" is the film of `figures.py`; empty: none.
+        scene: the page shows the worst run in 3D, unless the study has a page of its own.
         options: as of `campaign.fly`.
 
     Raises:
@@ -299,24 +310,24 @@ def run_studies(
             outcomes, folder, findings, package, remarks=remarks, quick=quick, film=film
         )
     else:
-        _write_page(flown[0], folder, film=film)
+        _write_page(flown[0], folder, film=bool(film), scene=scene)
     return outcomes
 
 
-def _write_page(outcomes: StudyResults, folder: Path, *, film: str) -> None:
-    """Write the page of a study, first without its film, so that one that fails costs nothing
+def _write_page(outcomes: StudyResults, folder: Path, *, film: bool, scene: bool) -> None:
+    """Write the page of a study, first without its worst run, so that one that fails costs nothing
     else.
     """
     # drawing takes a third of a second to import, and reading a table needs none of it
     from experiments.study.page import page_of
 
-    def write(films: list[pages.Film]) -> None:
-        page = page_of(outcomes.plan, outcomes.results, outcomes.failures, films)
+    def write(looks: list[pages.Film | pages.Replay]) -> None:
+        page = page_of(outcomes.plan, outcomes.results, outcomes.failures, looks)
         pages.write(page, folder / REPORT)
 
     write([])
-    if film:
-        write([pages.Film(path=_film_worst(outcomes, folder))])
+    if film or scene:
+        write(_look_at_worst(outcomes, folder, film=film, scene=scene))
 
 
 def _write_own_page(

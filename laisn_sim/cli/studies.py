@@ -113,6 +113,10 @@ def study(  # noqa: PLR0913 - an argument for each option of the command
         str,
         typer.Option(metavar="worst|example", help="film the worst run; of asymmetry, its example"),
     ] = "",
+    scene: Annotated[
+        bool,
+        typer.Option("--scene/--no-scene", help="fly the worst run alone, and show it in 3D"),
+    ] = True,
     workers: Annotated[
         int | None,
         typer.Option(min=1, max=1024, help="local processes (default: one for each core)"),
@@ -141,9 +145,8 @@ def study(  # noqa: PLR0913 - an argument for each option of the command
     if film and graphics.working() is None:
         typer.echo(f"no film: {graphics.MISSING}", err=True)
         film = ""
-    results = run(
-        source, keys, out, quick=quick, film=film, workers=workers, cluster=cluster, force=force
-    )
+    execution = {"workers": workers, "cluster": cluster, "force": force}
+    results = run(source, keys, out, quick=quick, film=film, scene=scene, **execution)
     _show_answers(results.answers())
     echo(f"report in {results.report()}")
 

@@ -1,0 +1,41 @@
+"""The page of a study shows its worst run in 3D."""
+
+from pathlib import Path
+
+import pytest
+
+from experiments.campaign.store import read_table
+from experiments.study.file import of_table
+from experiments.study.study import RUNS, run_studies
+from reports.flight_report import scene_of_flight
+from reports.scene.mission import Scene
+from sim.flight import Flight
+
+
+def test_a_page_shows_the_worst_run_in_3d(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two depths and three runs of noise, that with the largest mean error of the deeper."""
+    table = {
+        "scenario": "T5",
+        "runs": 3,
+        "set": {"duration_s": 20.0, "motion": "kinematic"},
+        "vary": {"sensors.speed_bias_m_s": [0.0, 0.5]},
+    }
+    seen: list[Flight] = []
+
+    def shown_in_3d(flight: Flight) -> Scene:
+        seen.append(flight)
+        return scene_of_flight(flight)
+
+    monkeypatch.setattr("reports.flight_report.scene_of_flight", shown_in_3d)
+    study = of_table(table, "mine.toml", "mine")
+    run_studies({"study": study}, tmp_path, workers=1, quiet=True, scene=True)
+    (flight,) = seen
+    runs = read_table(tmp_path / RUNS)
+    worst = max(runs, key=lambda row: float(row["e_p_mean_m"]))
+    assert worst["sensors.speed_bias_m_s"] == 0.5
+    assert flight.scenario.sensors.speed_bias_m_s == 0.5
+    assert flight.scenario.run == worst["run"]
+    html = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert html.count('id="scene-view"') == 1
+    assert "The worst run of the worst place." in html
+    assert len(html) < 1_000_000
