@@ -145,6 +145,28 @@ def check(
 
 
 @app.command()
+def sea(
+    scenario: studies.ScenarioArgument,
+    set_: studies.SetOption = None,
+    _plugin: studies.PluginOption = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE.html", help="the page (default: out/sea/NAME.html)")
+    ] = None,
+) -> None:
+    """Draw a scenario's sea as a page: current, floor and speed of sound, about the routes."""
+    from experiments.flight.library import load_scenario, name_of
+    from laisn_sim.cli.outputs import output_file
+    from reports.sea_page import write_sea_page
+
+    source = Path(scenario)
+    checked = load_scenario(scenario, set_ or (), flyable=True)
+    name = name_of(source) if source.suffix == ".toml" else checked.name
+    page = output_file(out or Path("out") / "sea" / f"{name}.html", [".html"])
+    write_sea_page(checked, page.path)
+    echo(f"page in {page}")
+
+
+@app.command()
 def doctor() -> None:
     """Report what works on this machine, and what to install for the rest."""
     from laisn_sim.cli.doctor import examine

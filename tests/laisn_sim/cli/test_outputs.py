@@ -49,6 +49,7 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...]]] = {
     "compare": ("compare a.mcap a.mcap", ("out/compare/a-a.html",)),
     "render": ("render a.mcap --still 5 --out still.png", ("still.png",)),
     "replay": ("replay a.mcap --out again.mcap", ("again.mcap",)),
+    "sea": ("sea mine.toml --set duration_s=20", ("out/sea/mine.html",)),
     "view": ("view a.mcap --no-open", ("out/view/a.html",)),
     "range-budget": ("range-budget a.mcap --out shares.csv", ("shares.csv",)),
     "bound": ("bound T5 --set motion=kinematic --set duration_s=10 --out b.csv", ("b.csv",)),

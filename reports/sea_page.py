@@ -1,0 +1,175 @@
+"""The page of a scenario's sea: map of current and floor, section below the routes, profiles."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import contourpy
+import numpy as np
+
+from laisn.arrays import Floats
+from laisn.errors import plain
+from reports.figures import Line, panel
+from reports.page import Figures, page_of, write
+from reports.style import FOLLOWER, FRAME, INK, LEADER, MUTED, SERIES, Colour
+from sim.scenario.settings import Scenario
+from sim.sea import PlannedPath, planned_paths, sea_report
+from sim.water.assembly import current_at, floor_of, rays_of
+from sim.water.rays import speed_at
+from sim.water.region import Region, region_of
+
+_ARROWS = 14  # along the longer side of the map
+_FLOOR_POINTS = 61
+_MARGIN_M = 100.0  # of the map about the routes
+_LEVELS = 80  # of profiles
+_PROFILE_LEGEND = ((SERIES[0], "towards east, and sound"), (SERIES[1], "towards north"))
+_SMALL = 1e-4  # a current below it is none [m/s]
+
+
+class _Map(NamedTuple):
+    region: Region
+    spacing: float  # of arrows [m]
+
+
+def _map_of(scenario: Scenario) -> _Map:
+    region = region_of(scenario, _MARGIN_M)
+    side = max(region.east - region.west, region.north - region.south)
+    return _Map(region, side / _ARROWS)
+
+
+def _colour(number: int) -> Colour:
+    return LEADER if number == 0 else FOLLOWER
+
+
+def _routes(paths: list[PlannedPath]) -> list[Line]:
+    return [
+        Line(x=path.place[:, 0], y=path.place[:, 1], colour=_colour(i), width=2.0, name=path.key)
+        for i, path in enumerate(paths)
+    ]
+
+
+def _arrows(place: Floats, velocity: Floats, scale: float) -> Line:
+    """Arrows of velocities, shape (n, 2), [m/s], from places, [m]; `scale` is of m for m/s."""
+    along = scale * velocity
+    aside = np.column_stack([-along[:, 1], along[:, 0]])
+    tip = place + along
+    barbs = [tip - 0.3 * along + side * aside for side in (0.15, -0.15)]
+    gap = np.full(place.shape, np.nan)
+    points = np.stack([place, tip, barbs[0], tip, barbs[1], gap], axis=1).reshape(-1, 2)
+    return Line(x=points[:, 0], y=points[:, 1], colour=SERIES[0], width=1.2, name="current")
+
+
+def _contours(scenario: Scenario, region: Region) -> list[Line]:
+    """Lines of equal depth of the floor, with their depths."""
+    east = np.linspace(region.west, region.east, _FLOOR_POINTS)
+    north = np.linspace(region.south, region.north, _FLOOR_POINTS)
+    x, y = np.meshgrid(east, north)
+    depth = floor_of(scenario).depths_at(x, y)
+    if np.ptp(depth) < _SMALL:
+        return []
+    generator: Any = contourpy.contour_generator(x, y, depth)
+    lines = []
+    for level in np.linspace(depth.min(), depth.max(), 8)[1:-1]:
+        for points in generator.lines(float(level)):
+            name = f"floor at {level:.3g} m"
+            lines.append(Line(x=points[:, 0], y=points[:, 1], colour=MUTED, name=name))
+            middle = points[len(points) // 2]
+            label = Line(x=middle[:1], y=middle[1:], colour=MUTED, text=f"{level:.3g}", marker="o")
+            lines.append(label)
+    return lines
+
+
+def _map(scenario: Scenario, paths: list[PlannedPath]) -> tuple[Any, float]:
+    """The map, and the speed whose arrow is as long as their spacing [m/s]."""
+    region, spacing = _map_of(scenario)
+    east = np.arange(region.west + 0.5 * spacing, region.east, spacing)
+    north = np.arange(region.south + 0.5 * spacing, region.north, spacing)
+    columns, rows = np.meshgrid(east, north)
+    place = np.stack([columns, rows], axis=-1).reshape(-1, 2)
+    depth = scenario.leader.layer_m
+    velocity = current_at(scenario, place[:, 0], place[:, 1], depth, np.zeros(len(place)))
+    fastest = float(np.hypot(*velocity.T).max(initial=0.0))
+    lines = _contours(scenario, region)
+    if fastest > _SMALL:
+        lines.append(_arrows(place, velocity, spacing / fastest))
+    lines += _routes(paths)
+    figure = panel(
+        lines, x_label="east [m]", y_label="north [m]", equal=True, width=6.1, height=4.6
+    )
+    return figure, fastest
+
+
+def _way(path: PlannedPath) -> Floats:
+    steps = np.hypot(*np.diff(path.place[:, :2], axis=0).T)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _section(scenario: Scenario, paths: list[PlannedPath]) -> Any:
+    floor = floor_of(scenario)
+    lines = []
+    for i, path in enumerate(paths):
+        way = _way(path)
+        depth = floor.depths_at(*path.place[:, :2].T)
+        below = f"floor below {path.key}"
+        lines.append(Line(x=way, y=-depth, colour=FRAME if i else INK, name=below))
+        lines.append(Line(x=way, y=path.place[:, 2], colour=_colour(i), width=2.0, name=path.key))
+    lines.append(Line(x=np.zeros(1), y=np.zeros(1), colour=MUTED, name="surface"))
+    return panel(lines, x_label="way [m]", y_label="height [m]", width=6.1, height=4.6)
+
+
+def _along(scenario: Scenario, paths: list[PlannedPath]) -> Any:
+    lines = []
+    for i, path in enumerate(paths):
+        east, north, up = path.place.T
+        speed = np.hypot(*current_at(scenario, east, north, -up, path.time).T)
+        lines.append(Line(x=path.time, y=speed, colour=_colour(i), name=path.key))
+    return panel(lines, x_label="time [s]", y_label="current [m/s]", width=4.1, height=3.0)
+
+
+def _profiles(scenario: Scenario) -> list[Any]:
+    depth = np.linspace(0.0, floor_of(scenario).deepest, _LEVELS)
+    none = np.zeros(_LEVELS)
+    current = current_at(scenario, none, none, depth, none)
+    profile = rays_of(scenario).profile
+    sound = np.array([speed_at(profile, float(value)) for value in depth])
+    parts = [
+        Line(x=current[:, 0], y=-depth, colour=SERIES[0], name="towards east"),
+        Line(x=current[:, 1], y=-depth, colour=SERIES[1], name="towards north"),
+    ]
+    usual: dict[str, Any] = {"y_label": "height [m]", "width": 4.1, "height": 3.0}
+    return [
+        panel(parts, x_label="current at (0, 0) [m/s]", **usual),
+        panel([Line(x=sound, y=-depth, name="sound")], x_label="speed of sound [m/s]", **usual),
+    ]
+
+
+def write_sea_page(scenario: Scenario, path: Path) -> None:
+    """Write the page of a scenario's sea; OSError if it cannot be written."""
+    paths = list(planned_paths(scenario))
+    chart, fastest = _map(scenario, paths)
+    floor = floor_of(scenario)
+    over = [floor.depths_at(*planned.place[:, :2].T) + planned.place[:, 2] for planned in paths]
+    least = min(float(height.min()) for height in over)
+    moves = f"The current runs at up to {fastest:.3g} m/s at {scenario.leader.layer_m:g} m"
+    still = "There is no current"
+    summary = (
+        f"{moves if fastest > _SMALL else still}; the plans keep {least:.3g} m above the floor."
+    )
+    legend = [(LEADER, "leader"), (FOLLOWER, "followers"), (SERIES[0], "current")]
+    values = {
+        "name": plain(scenario.name),
+        "summary": summary,
+        "depth": f"{scenario.leader.layer_m:g}",
+        "arrow": f"{fastest:.3g} m/s",
+        "maps": Figures(panels=[chart, _section(scenario, paths)], legend=legend),
+        "profiles": Figures(
+            panels=[_along(scenario, paths), *_profiles(scenario)],
+            legend=[
+                *legend[:2],
+                (SERIES[0], "towards east, and sound"),
+                (SERIES[1], "towards north"),
+            ],
+        ),
+        "files": [plain(line).split(": ", 1) for line in sea_report(scenario)],
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write(page_of("reports", [("Scenario", scenario.name)], values, name="sea_page.md.j2"), path)

@@ -1,0 +1,61 @@
+"""The page of a sea, as `laisn sea` writes it, against the fields that are in its files."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from laisn_sim.cli.main import app
+from tests.reports.test_page import embedded
+from tests.sim.water.field_data import gyre_velocity, metres_field, scenario_file
+
+pytest.importorskip("h5netcdf")
+
+
+def curves(figure, name):
+    """Points of the lines of a name, shape (n, 2), NaN between them."""
+    chosen = [line for line in figure["data"] if f">{name}<" in line.get("hovertemplate", "")]
+    assert chosen, name
+    points = [
+        np.array([line["x"], line["y"]], dtype=float).T  # None becomes NaN
+        for line in chosen
+    ]
+    return np.vstack(points)
+
+
+def test_arrows_are_the_current_and_curves_the_plans(tmp_path: Path) -> None:
+    toml = scenario_file(metres_field(tmp_path / "gyre.nc", 25.0, 20.0), 60.0)
+    out = tmp_path / "sea.html"
+    result = CliRunner().invoke(app, ["sea", str(toml), "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    assert f"page in {out}" in result.stdout
+    html = out.read_text(encoding="utf-8")
+    assert "gyre.nc: u, v on" in html
+    chart, section, along, profile, sound = embedded(html)
+    # place, tip, barb, tip, barb, gap
+    arrows = curves(chart, "current").reshape(-1, 6, 2)
+    place, way = arrows[:, 0], arrows[:, 1] - arrows[:, 0]
+    u, v = gyre_velocity(*place.T, 0.0)
+    # at the leader's 8 m, of 40 m in which it falls to half
+    expected = 0.9 * np.column_stack([u, v])
+    scale = np.hypot(*way.T).max() / np.hypot(*expected.T).max()
+    np.testing.assert_allclose(way, scale * expected, atol=0.02 * np.hypot(*way.T).max())
+    np.testing.assert_array_equal(curves(chart, "leader")[0], [0.0, 0.0])
+    np.testing.assert_allclose(curves(section, "leader")[:, 1], -8.0)
+    np.testing.assert_allclose(curves(section, "floor below leader")[:, 1], -30.0)
+    times, speeds = curves(along, "leader").T
+    assert times[-1] == 60.0
+    u, v = gyre_velocity(np.zeros(1), np.zeros(1), 0.0)
+    assert speeds[0] == pytest.approx(0.9 * float(np.hypot(u, v)[0]), abs=5e-4)
+    assert curves(profile, "towards north")[0, 0] == pytest.approx(float(v[0]), abs=5e-4)
+    np.testing.assert_array_equal(curves(sound, "sound")[:, 0], 1500.0)
+
+
+def test_a_sea_of_keys_has_a_page(tmp_path: Path) -> None:
+    out = tmp_path / "sea.html"
+    result = CliRunner().invoke(app, ["sea", "swarm", "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    html = out.read_text(encoding="utf-8")
+    assert "above the floor" in html
+    assert "<h2>Files" not in html
