@@ -71,6 +71,9 @@ _UNIT_WORDS: dict[str, tuple[str, ...]] = {
     "rad": ("rad", "radians"),
     "m": ("m", "meter", "meters", "metre", "metres"),
     "cm": ("cm",),
+    "mm": ("mm",),
+    "cm/s": ("cmps", "cm_s"),
+    "mm/s": ("mmps", "mm_s"),
     "km": ("km",),
     "ft": ("ft", "feet"),
     "kn": ("kn", "kts", "kt", "knots", "knot"),
@@ -145,7 +148,7 @@ def _without_unit(name: str) -> _Named:
         unit = _unit_of(bracketed[2])
         note = "" if unit else f"what unit is {bracketed[2]!r}?"
         return _Named(bracketed[1], unit, note)
-    for ending in (r"(.+)[_ ](m_s)", r"(.+)[_ ]([A-Za-z]+)"):
+    for ending in (r"(.+)[_ ]([cm]?m_s)", r"(.+)[_ ]([A-Za-z]+)"):
         suffixed = re.fullmatch(ending, name)
         if suffixed is not None and _unit_of(suffixed[2]):
             return _Named(suffixed[1], _unit_of(suffixed[2]), "")

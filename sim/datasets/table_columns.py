@@ -32,10 +32,20 @@ class Quantity:
 
 TIME = Quantity(name="time", units={"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9})
 SPEED = Quantity(
-    name="speed", units={"m/s": 1.0, "m_s": 1.0, "kn": 1852.0 / 3600.0, "km/h": 1.0 / 3.6}
+    name="speed",
+    units={
+        "m/s": 1.0,
+        "m_s": 1.0,
+        "cm/s": 0.01,
+        "mm/s": 0.001,
+        "kn": 1852.0 / 3600.0,
+        "km/h": 1.0 / 3.6,
+    },
 )
 ANGLE = Quantity(name="angle", units={"rad": 1.0, "deg": math.pi / 180.0, "°": math.pi / 180.0})
-LENGTH = Quantity(name="length", units={"m": 1.0, "cm": 0.01, "km": 1000.0, "ft": 0.3048})
+LENGTH = Quantity(
+    name="length", units={"m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0, "ft": 0.3048}
+)
 QUANTITIES = (TIME, SPEED, ANGLE, LENGTH)
 
 TIMESTAMP = "leader_timestamp"
