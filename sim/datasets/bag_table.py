@@ -53,6 +53,17 @@ def _held(series: Series, time_ns: Ints) -> Floats:
     return values
 
 
+def _leader_times(mapped: _Mapped, heard_ns: Ints) -> Floats:
+    """When the leader was where receptions have it [ns], of a map without its clock: at the message
+    that is held, or at the reception itself.
+    """
+    series = mapped.series.get("leader_east")
+    if series is None or not mapped.entries["leader_east"].hold:
+        return heard_ns.astype(np.float64)
+    times = Series(time_ns=series.time_ns, values=series.time_ns.astype(np.float64))
+    return _held(times, heard_ns)
+
+
 def _interpolated(series: Series, time_ns: Ints, *, is_angle: bool) -> Floats:
     """Values between messages; NaN outside of them and within gaps."""
     finite = np.isfinite(series.values)
@@ -242,8 +253,7 @@ def read_bag_table(path: Path, field_map: FieldMap) -> VehicleTable:
     ]
     received = {field: mapped.at(field, heard_ns) for field in others}
     received |= {field: ranges[:, i] for i, field in enumerate(range_fields)}
-    # without the leader's clock its message is as old as its place
-    received.setdefault(TIMESTAMP, heard_ns / 1e9)
+    received.setdefault(TIMESTAMP, _leader_times(mapped, heard_ns) / 1e9)
     whole = np.all([np.isfinite(values) for values in own.values()], axis=0)
     if not whole.any():
         raise LaisnError(

@@ -259,6 +259,8 @@ def test_a_held_value_is_the_last_one(tmp_path: Path) -> None:
     measured = read_by(MAP + held + RANGE, messages, tmp_path)
     # heard 0.1 s after a second, when the last odometry was at the second
     assert np.allclose(measured.message[:, 1], LEADER_SPEED * (1 + np.arange(18)), atol=1e-9)
+    # and the message is of that time; the mission begins a step of 0.2 s before the one at 0.125 s
+    assert np.allclose(measured.message[:, 0], 1.075 + np.arange(18), atol=1e-6)
 
 
 def test_two_robots_that_move_are_transmitters(tmp_path: Path) -> None:
