@@ -165,9 +165,7 @@ class Panel:
             name = str(number + 1) if number else ""
             top = low - (gap if number else 0.0)
             low = max(top - (1.0 - gap * (count - 1)) * part.height / whole, 0.0)
-            axis = _axis(
-                part.y_label, part.y_limits, part.y_log, part.ticks, [line.y for line in part.lines]
-            )
+            axis = _axis(part.y_label, part.y_limits, part.y_log, part.ticks, _heights(part.lines))
             layout[f"yaxis{name}"] = axis | {"domain": [round(low, 4), round(top, 4)]}
             layout["shapes"] += [
                 {
@@ -279,6 +277,15 @@ _LOG_TICKS = [float(f"{digit}e{power}") for power in range(-6, 7) for digit in (
 """Plotly itself labels 0.5 on a logarithmic axis as 5. Axes of more than three decades have 0.1,
 1, 10 … alone.
 """
+
+
+def _heights(lines: Sequence[Line]) -> list[Floats]:
+    """Values up the axis of lines, with the ends of their intervals."""
+    values = [line.y for line in lines]
+    for line in lines:
+        if line.interval is not None and not line.across:
+            values += line.interval
+    return values
 
 
 def _axis(

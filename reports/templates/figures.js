@@ -72,7 +72,7 @@ class Axis {
     const shown = finite(values).filter((value) => !this.log || value > 0).map((value) => this.own(value));
     let [low, high] = description.range ?? extent(shown);
     if (!description.range) {
-      const pad = margin * (high - low) || 0.5;
+      const pad = high > low ? margin * (high - low) : 0.5;
       low -= pad;
       high += pad;
     }
@@ -625,7 +625,7 @@ const seen = new IntersectionObserver((entries) => entries.forEach(({ target, is
   if (isIntersecting) drawing.point(Drawing.time);
 }), { rootMargin: "300px" });
 (async () => {
-  const packed = Uint8Array.from(atob(document.getElementById("figures").textContent), (letter) => letter.charCodeAt(0));
+  const packed = Uint8Array.from(atob(document.getElementById("figure-data").textContent), (letter) => letter.charCodeAt(0));
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate-raw"));
   figures = JSON.parse(await new Response(stream).text());
   boxes.forEach((box) => seen.observe(box));

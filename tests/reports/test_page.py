@@ -81,7 +81,7 @@ def test_a_page_lists_its_software_versions():
 def embedded(html):
     """Figures of a page, as its script reads them."""
     (text,) = re.findall(
-        r'<script type="application/octet-stream" id="figures">(.*?)</script>', html
+        r'<script type="application/octet-stream" id="figure-data">(.*?)</script>', html
     )
     figures_of_page = json.loads(zlib.decompress(base64.b64decode(text), -15))
     assert [int(n) for n in re.findall('data-figure="([0-9]+)"', html)] == [
