@@ -12,7 +12,7 @@ from pathlib import Path
 from laisn.navigators import code_of_navigators
 
 ROOT = Path(__file__).resolve().parents[1]
-OWN_PACKAGES = ("models", "laisn", "sim", "reports", "experiments")
+OWN_PACKAGES = ("models", "laisn", "sim", "reports", "experiments", "laisn_sim")
 # outside the wheel: some records of the documents are computed there
 _IN_CHECKOUT = ("tools", "tests")
 # dependencies that shape results
