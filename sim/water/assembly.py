@@ -81,7 +81,14 @@ def floor_of(scenario: Scenario) -> LevelFloor | GriddedFloor:
 
 
 def _origin(scenario: Scenario) -> Origin:
-    return Origin(scenario.origin_latitude_deg, scenario.origin_longitude_deg, scenario.epoch)
+    """The origin of what is read; campaigns leave the keys of the top level out."""
+    origin = scenario.ocean.origin
+    assert origin is not None  # the scenario's validation
+    latitude, longitude, time = origin.latitude_deg, origin.longitude_deg, origin.time
+    assert latitude is not None
+    assert longitude is not None
+    assert time is not None
+    return Origin(latitude, longitude, time)
 
 
 def current_field(scenario: Scenario) -> CurrentField | None:

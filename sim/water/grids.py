@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.compiled import compiled, jitable
+from laisn.compiled import compiled, inlined, jitable
 from sim.attitude import Vector
 from sim.water.currents import NO_DRIFT, CurrentFlow, Drift
 
@@ -42,12 +42,16 @@ def cell_of(axis: Floats, value: float) -> Cell:
     return Cell(low, high, (value - axis[low]) * slope, slope)
 
 
-@compiled
-def _end(cell: Cell, behind: int) -> tuple[int, float, float]:
-    """Index of one end of a cell, its weight, and the weight's slope."""
-    if behind:
-        return cell.high, cell.share, cell.slope
+@inlined
+def _low(cell: Cell) -> tuple[int, float, float]:
+    """Index of the point before a value, its weight, and the weight's slope."""
     return cell.low, 1.0 - cell.share, -cell.slope
+
+
+@inlined
+def _high(cell: Cell) -> tuple[int, float, float]:
+    """The same of the point behind."""
+    return cell.high, cell.share, cell.slope
 
 
 class CurrentGrid(NamedTuple):
@@ -77,46 +81,44 @@ class GriddedInstant(NamedTuple):
         y = cell_of(grid.north, place[1])
         z = cell_of(grid.depth, -place[2])
         rises = grid.velocity.shape[4] == 3
-        changes = time.slope > 0.0
+        values = grid.velocity
         ux = uy = uz = 0.0
         tx = ty = tz = 0.0
         xx = xy = xz = yx = yy = yz = zx = zy = zz = 0.0
-        for corner in range(8):
-            i, wx, dx = _end(x, corner & 1)
-            j, wy, dy = _end(y, corner & 2)
-            k, wz, down = _end(z, corner & 4)
+        for k, wz, down in (_low(z), _high(z)):
             # heights count upwards, and the axis is that of depth
             dz = -down
-            weight = wx * wy * wz
-            by_x = dx * wy * wz
-            by_y = wx * dy * wz
-            by_z = wx * wy * dz
-            ex = grid.velocity[time.low, k, j, i, 0]
-            ey = grid.velocity[time.low, k, j, i, 1]
-            if changes:
-                cx = grid.velocity[time.high, k, j, i, 0] - ex
-                cy = grid.velocity[time.high, k, j, i, 1] - ey
-                ex += time.share * cx
-                ey += time.share * cy
-                tx += weight * cx
-                ty += weight * cy
-            ux += weight * ex
-            uy += weight * ey
-            xx += by_x * ex
-            xy += by_y * ex
-            xz += by_z * ex
-            yx += by_x * ey
-            yy += by_y * ey
-            yz += by_z * ey
-            if rises:
-                ez = grid.velocity[time.low, k, j, i, 2]
-                cz = grid.velocity[time.high, k, j, i, 2] - ez
-                ez += time.share * cz
-                tz += weight * cz
-                uz += weight * ez
-                zx += by_x * ez
-                zy += by_y * ez
-                zz += by_z * ez
+            for j, wy, dy in (_low(y), _high(y)):
+                for i, wx, dx in (_low(x), _high(x)):
+                    weight = wx * wy * wz
+                    by_x = dx * wy * wz
+                    by_y = wx * dy * wz
+                    by_z = wx * wy * dz
+                    ex = values[time.low, k, j, i, 0]
+                    ey = values[time.low, k, j, i, 1]
+                    cx = values[time.high, k, j, i, 0] - ex
+                    cy = values[time.high, k, j, i, 1] - ey
+                    ex += time.share * cx
+                    ey += time.share * cy
+                    ux += weight * ex
+                    uy += weight * ey
+                    tx += weight * cx
+                    ty += weight * cy
+                    xx += by_x * ex
+                    xy += by_y * ex
+                    xz += by_z * ex
+                    yx += by_x * ey
+                    yy += by_y * ey
+                    yz += by_z * ey
+                    if rises:
+                        ez = values[time.low, k, j, i, 2]
+                        cz = values[time.high, k, j, i, 2] - ez
+                        ez += time.share * cz
+                        uz += weight * ez
+                        tz += weight * cz
+                        zx += by_x * ez
+                        zy += by_y * ez
+                        zz += by_z * ez
         vx, vy, vz = velocity
         rate = (
             time.slope * tx + xx * vx + xy * vy + xz * vz,

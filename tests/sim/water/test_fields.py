@@ -12,12 +12,14 @@ import xarray
 from typer.testing import CliRunner
 
 import laisn_sim
+from experiments.campaign.montecarlo import motion_key, motion_of
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from laisn_sim.cli.errors import MISSION_FAILED
 from laisn_sim.cli.main import app
 from sim.attitude import FLATTENING, SEMI_MAJOR_AXIS
 from sim.flight import Termination
+from sim.simulation import simulate_motion
 from sim.water.assembly import current_field, ocean_of
 from sim.water.environment import flow, sea_at
 from tests.sim.water.field_data import (
@@ -215,6 +217,38 @@ def test_a_uniform_field_moves_vehicles_as_the_keys_do(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         flown.trajectory.water_velocity, other.trajectory.water_velocity, atol=1e-12
     )
+
+
+def test_water_that_rises(tmp_path: Path) -> None:
+    """A third component, here along the map and the depth, with its gradient."""
+    dataset = model_output()
+    x, z = dataset.longitude.values - LONGITUDE, dataset.depth.values
+    up = 0.01 + 0.5 * x[None, None, None, :] - 0.001 * z[None, :, None, None]
+    shape = dataset.uo.shape
+    dataset["wo"] = (dataset.uo.dims, np.broadcast_to(up, shape).copy(), {"units": "m s-1"})
+    environment = ocean_of(
+        laisn_sim.load(scenario_file(write(dataset, tmp_path / "a.nc")))
+    ).environment
+    place, motion = (200.0, -90.0, -15.0), (0.3, 0.2, 0.1)
+    water = flow(sea_at(environment, 3.0), place, motion, (1.0, 0.0, 0.0))
+    east = 0.5 / DEGREE_EAST
+    assert water.velocity[2] == pytest.approx(0.01 + 200.0 * east - 0.015, abs=1e-7)
+    assert water.gradient[2] == pytest.approx((east, 0.0, 0.001), abs=1e-9)
+    assert water.rate[2] == pytest.approx(0.3 * east + 0.1 * 0.001, abs=1e-9)
+
+
+def test_campaigns_fly_in_the_field_where_it_lies(tmp_path: Path) -> None:
+    """They leave out the place on the map of a mission, which changes nothing without a field."""
+    file = write(
+        model_output().assign_coords(latitude=lambda d: d.latitude + 5.0), tmp_path / "a.nc"
+    )
+    toml = scenario_file(file)
+    toml.write_text(toml.read_text().replace(f"lat = {LATITUDE}", f"lat = {LATITUDE + 5.0}"))
+    scenario = laisn_sim.load(toml)
+    flown = laisn_sim.fly(scenario).trajectory
+    np.testing.assert_array_equal(simulate_motion(motion_of(scenario)).pose, flown.pose)
+    elsewhere = laisn_sim.load(toml, {"ocean.origin.longitude_deg": LONGITUDE + 0.01})
+    assert motion_key(elsewhere) != motion_key(scenario)
 
 
 def test_a_flight_in_the_gyre_says_what_was_read_and_meets_it(tmp_path: Path) -> None:
