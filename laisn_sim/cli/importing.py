@@ -74,6 +74,11 @@ def _proposed_map(source: Path, vehicle: str | None) -> FieldMap:
 def _measurements(source: Path, map_path: Path | None, vehicle: str | None) -> VehicleTable:
     if vehicle is not None and (map_path is not None or not is_bag(source)):
         raise LaisnError(f"--vehicle {vehicle}: expected with a bag that is imported without --map")
+    if map_path is not None and not map_path.exists():
+        raise LaisnError(
+            f"--map {map_path}: no such file; a proposal: laisn log import {source} --propose "
+            f"{map_path}"
+        )
     if not is_bag(source):
         return read_vehicle_table(source, None if map_path is None else read_map(map_path))
     field_map = _proposed_map(source, vehicle) if map_path is None else read_map(map_path)

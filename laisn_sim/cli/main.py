@@ -356,6 +356,10 @@ def log_export(
     from laisn_sim.cli.outputs import written_files
     from sim.log.export import export, write_recording
 
+    options = {"--rerun": rerun, "--pyfg": pyfg, "--ros2": ros2, "--tum": tum}
+    chosen = [name for name, wanted in options.items() if wanted]
+    if len(chosen) > 1:
+        raise LaisnError(f"{' and '.join(chosen)}: expected one of them at a time")
     folder = out or Path("out") / "export" / (f"{log.stem}-ros2" if ros2 else log.stem)
     before = [*folder.glob("*")] if folder.is_dir() else []
     if pyfg:

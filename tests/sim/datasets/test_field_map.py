@@ -251,7 +251,14 @@ def test_places_on_the_map_and_back(
     assert origin.metres(place[:, 0], "latitude")[0] == pytest.approx(north, abs=1e-4)
 
 
-def test_a_proposal_and_a_log_at_once_are_refused(tmp_path: Path) -> None:
+def test_a_map_that_is_not_there(tmp_path: Path) -> None:
+    table = write_table(tmp_path / "mine.csv")
+    result = run(table, "--map", tmp_path / "map.toml", "--out", tmp_path / "mine.mcap")
+    assert result.exit_code == 2
+    assert "no such file; a proposal: laisn log import" in told(result)
+
+
+def test_an_import_without_a_log_to_write_is_refused(tmp_path: Path) -> None:
     table = write_table(tmp_path / "mine.csv")
     result = run(table)
     assert result.exit_code == 2

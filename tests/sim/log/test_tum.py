@@ -104,6 +104,14 @@ def test_evo_runs_on_the_files_as_they_are(folder: Path) -> None:
     assert 0.0 < found["rmse"] < 5.0
 
 
+def test_two_formats_at_once_are_refused(folder: Path) -> None:
+    arguments = ["log", "export", str(folder / "a.mcap"), str(folder / "b"), "--tum", "--ros2"]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2
+    assert "--ros2 and --tum: expected one of them" in " ".join(result.output.split())
+    assert not (folder / "b").exists()
+
+
 def test_lines_are_poses_at_the_times_of_the_steps(flight: Flight, folder: Path) -> None:
     lines = (folder / "follower_truth.tum").read_text().splitlines()
     assert re.fullmatch(r"1767225600\.100000000( -?\d+\.\d{9}){7}", lines[1])
