@@ -38,17 +38,14 @@ _LAST_WORDS = 12
 GROUP = 30
 
 _X264 = {
-    "preset": "ultrafast",
-    "crf": "23",
+    # twice as small as "ultrafast" at equal looks, for a twelfth more of what a frame costs
+    "preset": "veryfast",
+    "crf": "22",
     "bf": "0",
     "g": str(GROUP),
     # children are the parallelism; headers with every IDR frame let a reader start there
     "threads": "1",
-    # what the preset leaves out and costs little: smooth borders of blocks, and transforms that
-    # suit a smooth sea
-    "x264-params": (
-        f"repeat-headers=1:annexb=1:scenecut=0:keyint={GROUP}:min-keyint={GROUP}:deblock=0,0:8x8dct=1"
-    ),
+    "x264-params": f"repeat-headers=1:annexb=1:scenecut=0:keyint={GROUP}:min-keyint={GROUP}",
 }
 _BT709 = _LIMITED = 1
 
