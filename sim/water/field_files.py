@@ -6,9 +6,10 @@ and plain ones. Places in degrees are projected about the mission's origin as `g
 a mission may need is read. The packages are those of the extra `fields`.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -36,6 +37,14 @@ _TIMES = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "min": 60.0, "min
 _TIMES |= {"h": 3600.0, "hour": 3600.0, "hours": 3600.0, "d": 86400.0, "day": 86400.0}
 _TIMES |= {"days": 86400.0}
 _CALENDARS = ("standard", "gregorian", "proleptic_gregorian")
+
+
+_DATE_PARTS = ("year", "month", "day", "hour", "minute")
+_DATE = re.compile(
+    r"(?P<year>\d{1,4})-(?P<month>\d{1,2})-(?P<day>\d{1,2})"
+    r"([ t](?P<hour>\d{1,2})(:(?P<minute>\d{1,2})(:(?P<second>\d{1,2}(\.\d*)?))?)?)?"
+    r" *(z|utc|gmt|(?P<sign>[+-])(?P<zone_h>\d{1,2}):?(?P<zone_min>\d{2})?)?"
+)
 
 
 class FieldError(LaisnError):
@@ -405,20 +414,17 @@ def _seconds(source: Source, axis: Any, origin: Origin) -> Floats:
 
 def _moment(source: Source, name: str, text: str) -> datetime:
     """A date of a NetCDF unit, in UTC unless it has a zone."""
-    date, _, clock = text.replace("t", " ").replace("z", " ").removesuffix(" utc").partition(" ")
-    parts = date.split("-")
+    found = _DATE.fullmatch(text)
     try:
-        year, month, day = (int(part) for part in parts)
-        clock = clock.strip().split(" ")[0]
-        text = f"{year:04d}-{month:02d}-{day:02d}"
-        if clock:
-            hours, *rest = clock.split(":")
-            minutes = rest[0] if rest else "0"
-            seconds = float(rest[1]) if len(rest) > 1 else 0.0
-            text += f" {int(hours):02d}:{int(minutes):02d}:{int(seconds):02d}"
-        return datetime.fromisoformat(text).replace(tzinfo=UTC)
+        if found is None:
+            raise ValueError
+        year, month, day, hour, minute = (int(found[part] or 0) for part in _DATE_PARTS)
+        moment = datetime(year, month, day, hour, minute, tzinfo=UTC)
     except ValueError:
         raise source.error(f"{name}: {text!r} is no date such as 2026-01-01 00:00:00") from None
+    east = timedelta(hours=int(found["zone_h"] or 0), minutes=int(found["zone_min"] or 0))
+    later = timedelta(seconds=float(found["second"] or 0.0))
+    return moment + later - (-east if found["sign"] == "-" else east)
 
 
 def _values(source: Source, variable: Any, axes: dict[str, _Axis], names: dict[str, str]) -> Floats:

@@ -153,6 +153,25 @@ def other_times(dataset: xarray.Dataset) -> xarray.Dataset:
     return dataset.assign_coords(time=("time", days, units))
 
 
+@pytest.mark.parametrize(
+    "reference",
+    [
+        "2026-06-30 23:00:00",
+        "2026-06-30T23:00:00.000Z",
+        "2026-7-1 1:0:0 +02:00",
+        "2026-06-30 16:00 -0700",
+        "2026-06-30 22:59:60.0 UTC",
+    ],
+)
+def test_dates_and_zones(tmp_path: Path, reference: str) -> None:
+    """The field grows by 0.01 m/s an hour from that date on, an hour before the mission."""
+    dataset = model_output()
+    dataset.time.attrs["units"] = f"hours since {reference}"
+    file = write(dataset, tmp_path / "a.nc")
+    found = velocity_of(file, np.array([[0.0, 0.0, -0.5]]), 18.0)
+    assert found[0, 1] == pytest.approx(-0.1 + 0.01 * (1.0 + 18.0 / 3600.0), abs=1e-9)
+
+
 @pytest.mark.parametrize("change", [hycom, centimetres, upward, other_times, lambda same: same])
 @pytest.mark.parametrize("engine", ["h5netcdf", "scipy"])
 def test_conventions_of_files_make_no_difference(
