@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Bools, Floats, Ints, Records, records
+from laisn.arrays import Bools, Floats, Ints, RecordFields, Records, records, row_dtype
 from laisn.compiled import compiled
 from sim import attitude
 from sim.assembly import route_of, routes_of
@@ -218,14 +218,18 @@ def first_touch(pose: Floats) -> int | None:
 
 LOST_M = 10.0  # a follower that was ever farther than this from its station is called lost [m]
 JOINED_M = 2.0  # a follower has joined when it first is nearer than this to its station [m]
-STATION_PLACE = np.dtype(  # where a station is at one instant
-    [
-        ("east", np.float64),  # [m]
-        ("north", np.float64),
-        ("heading", np.float64),  # of the formation's frame there [rad]
-        ("rate", np.float64),  # its rate of turn [rad/s]
-    ]
-)
+
+
+class StationState(RecordFields):
+    """Where a station is at one instant."""
+
+    east: float  # [m]
+    north: float
+    heading: float  # of the formation's frame there [rad]
+    rate: float  # its rate of turn [rad/s]
+
+
+STATION_PLACE = row_dtype(StationState)
 
 
 @compiled

@@ -24,7 +24,7 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from laisn.arrays import Floats, Record, RecordFields, Records, row_dtype
+from laisn.arrays import Floats, RecordFields, Records, row_dtype
 from laisn.compiled import compiled
 from laisn.errors import LaisnError
 from laisn.geometry import signed_angle
@@ -42,6 +42,7 @@ from sim.control.allocation import (
     clip,
     pseudo_inverse,
 )
+from sim.control.guidance import Reference
 from sim.vehicle import effectors
 from sim.vehicle.effector_kinds import EFFECTOR, MAX_EFFECTORS, MIN_STEERAGE_SPEED
 from sim.vehicle.mjcf import inertia_tensor
@@ -49,19 +50,23 @@ from sim.vehicle.plant import Plant
 
 DepthControl = Literal["pitch", "thrust"]
 
-AUTOPILOT_MEMORY = np.dtype(  # of one vehicle, from one control step to the next
-    [
-        ("heading_integral", np.float64),  # [N m]
-        ("speed_integral", np.float64),  # [N]
-        ("pitch_integral", np.float64),  # [N m]
-        ("depth_integral", np.float64),  # [N]
-        ("pitch_command", np.float64),  # [rad]
-        # room for what a control step computes
-        ("wrench", np.float64, (6,)),
-        ("limits", np.float64, (MAX_EFFECTORS, 2)),
-        ("allocation", np.float64, (MAX_EFFECTORS, 6)),
-    ]
-)
+
+class AutopilotMemory(RecordFields):
+    """Memory of the autopilot of one vehicle, from one control step to the next."""
+
+    heading_integral: float  # [N m]
+    speed_integral: float  # [N]
+    pitch_integral: float  # [N m]
+    depth_integral: float  # [N]
+    pitch_command: float  # [rad]
+    # room for what a control step computes
+    wrench: Annotated[Floats, (6,)]
+    limits: Annotated[Floats, (MAX_EFFECTORS, 2)]
+    allocation: Annotated[Floats, (MAX_EFFECTORS, 6)]
+
+
+AUTOPILOT_MEMORY = row_dtype(AutopilotMemory)
+
 
 CLIMB_MAX = float(np.deg2rad(20.0))  # steepest climb and dive [rad]
 # most incidence used for lift [rad]; hulls of this kind stall soon after
@@ -250,12 +255,12 @@ def _increment(rate: float, demanded: float, achieved: float) -> float:
 @compiled
 def _hold_depth(
     d: Autopilot,
-    reference: Record,
+    reference: Reference,
     depth: float,
     sinking: float,
     speed: float,
     dt: float,
-    memory: Record,
+    memory: AutopilotMemory,
 ) -> tuple[float, float, float, float]:
     """Pitch wanted [rad] and its rate [rad/s], heave force wanted [N] (up), and the integral's
     rate [N].
@@ -321,7 +326,7 @@ def vehicle_state(pose: Floats, twist: Floats, water: Floats) -> VehicleState:
 
 @compiled
 def apply_wrench(
-    kinds: effectors.Kinds, d: Autopilot, surge: float, memory: Record, command: Floats
+    kinds: effectors.Kinds, d: Autopilot, surge: float, memory: AutopilotMemory, command: Floats
 ) -> None:
     """Command effectors to give the wrench in the memory, out: what they give, at a speed
     through the water [m/s].
@@ -343,10 +348,10 @@ def control(
     kinds: effectors.Kinds,
     d: Autopilot,
     steering: tuple[float, float, float],
-    reference: Record,
+    reference: Reference,
     motion: VehicleState,
     dt: float,
-    memory: Record,
+    memory: AutopilotMemory,
     command: Floats,
 ) -> None:
     """Commands of one vehicle's effectors.

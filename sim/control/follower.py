@@ -19,15 +19,17 @@ Functions take `formation` and `proximity`, records of these sections, of STATIO
 of FOLLOWER_MEMORY, which they bring forward.
 """
 
+from typing import Annotated
+
 import numpy as np
 
-from laisn.arrays import Ints, Record, Records
+from laisn.arrays import Floats, Ints, Record, RecordFields, Records, row_dtype
 from laisn.compiled import compiled
 from laisn.geometry import wrap_angle
 from sim.control import station as stations
 from sim.control.allocation import clip
 from sim.control.autopilot import VehicleState
-from sim.control.guidance import SPEED_LEAST, TURN_RESERVE
+from sim.control.guidance import SPEED_LEAST, TURN_RESERVE, Reference
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE
 
 CONSTANT_BEARING, ILOS, ALOS = range(3)  # values of `formation.law`
@@ -134,29 +136,32 @@ def give_way(
     return heading + np.arctan2(across, along), min(np.hypot(along, across), f.max_speed)
 
 
-FOLLOWER_MEMORY = np.dtype(  # of one follower, from one control step to the next
-    [
-        ("frame", stations.FRAME_STATE),
-        ("kept_frame", stations.FRAME_STATE),  # as it was at the last message
-        ("integral", np.float64),  # of the approach
-        ("heading_wanted", np.float64),  # [rad]
-        ("speed_wanted", np.float64),  # [m/s]
-        ("depth_wanted", np.float64),  # [m]
-        ("log", np.float64),  # low-passed [m/s]; NaN before the first reading
-        ("compass", np.float64),  # low-passed [rad]
-        # whether vertical thrusters alone hold its depth: it sinks otherwise than it points
-        ("by_thrust", np.bool_),
-        ("depth", np.float64),  # followed by its rate [m]
-        ("sinking", np.float64),  # that rate [m/s]
-        # velocity away from vehicles that are sensed nearby, east and north [m/s]
-        ("push", np.float64, (2,)),
-        ("last_received", np.float64),  # time of the last message [s]
-        # points of the trail with that message; later ones are planned
-        ("received_points", np.int64),
-        # from the station to the path that a hull of a least radius is to take, east and north [m]
-        ("detour", np.float64, (2,)),
-    ]
-)
+class FollowerMemory(RecordFields):
+    """Memory of one follower, from one control step to the next."""
+
+    frame: stations.FrameState
+    kept_frame: stations.FrameState  # as it was at the last message
+    integral: float  # of the approach
+    heading_wanted: float  # [rad]
+    speed_wanted: float  # [m/s]
+    depth_wanted: float  # [m]
+    log: float  # low-passed [m/s]; NaN before the first reading
+    compass: float  # low-passed [rad]
+    # whether vertical thrusters alone hold its depth: it sinks otherwise than it points
+    by_thrust: bool
+    depth: float  # followed by its rate [m]
+    sinking: float  # that rate [m/s]
+    # velocity away from vehicles that are sensed nearby, east and north [m/s]
+    push: Annotated[Floats, (2,)]
+    last_received: float  # time of the last message [s]
+    # points of the trail with that message; later ones are planned
+    received_points: int
+    # from the station to the path that a hull of a least radius is to take, east and north [m]
+    detour: Annotated[Floats, (2,)]
+
+
+FOLLOWER_MEMORY = row_dtype(FollowerMemory)
+
 
 _LOG_TIME = 1.0  # time constant of the log's low-pass [s]
 # the compass's readings are followed with this time constant, a gyro's at once [s]
@@ -173,12 +178,12 @@ CONTINUE, CIRCLE, SURFACE = range(3)  # values of `formation.timeout_action`
 @compiled
 def extend_trail(
     formation: Record,
-    station: Record,
+    station: stations.StationGeometry,
     message: Record,
     trail: Records,
     count: Ints,
     clock: tuple[float, float],
-    memory: Record,
+    memory: FollowerMemory,
 ) -> None:
     """Take a message with at least one range: the trail grows, and the frame is turned along it.
 
@@ -209,7 +214,7 @@ def extend_trail(
 
 
 @compiled
-def init_memory(leader: Record, trail: Records, count: Ints, memory: Record) -> None:
+def init_memory(leader: Record, trail: Records, count: Ints, memory: FollowerMemory) -> None:
     """Set up the memory of a follower at its start, by the place of the leader, a message of
     `laisn.swarm.MESSAGE`.
     """
@@ -224,7 +229,9 @@ def init_memory(leader: Record, trail: Records, count: Ints, memory: Record) -> 
 
 
 @compiled
-def update_avoidance(proximity: Record, seen: Records, estimate: Record, memory: Record) -> None:
+def update_avoidance(
+    proximity: Record, seen: Records, estimate: Record, memory: FollowerMemory
+) -> None:
     """Take a look around by the proximity sensor: from now on the follower gives way to what is
     nearby.
     """
@@ -233,7 +240,7 @@ def update_avoidance(proximity: Record, seen: Records, estimate: Record, memory:
 
 
 @compiled
-def _followed_sinking(depth: float, dt: float, memory: Record) -> float:
+def _followed_sinking(depth: float, dt: float, memory: FollowerMemory) -> float:
     """Rate of depth by the pressure sensor [m/s]: critically damped tracking with fading memory
     (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001).
     """
@@ -246,7 +253,9 @@ def _followed_sinking(depth: float, dt: float, memory: Record) -> float:
 
 
 @compiled
-def measured_motion(reading: Record, estimate: Record, dt: float, memory: Record) -> VehicleState:
+def measured_motion(
+    reading: Record, estimate: Record, dt: float, memory: FollowerMemory
+) -> VehicleState:
     """Own motion by smoothed readings, less their estimated biases."""
     if memory.log != memory.log:
         memory.log = reading.speed
@@ -274,7 +283,7 @@ def _to_station(
     estimate: Record,
     sigma: float,
     dt: float,
-    memory: Record,
+    memory: FollowerMemory,
 ) -> tuple[float, float]:
     """Velocity through the water towards the station, by the standard deviation of the place in
     the trail [m/s].
@@ -313,7 +322,7 @@ def plan_detour(
     planned_velocity: tuple[float, float],
     lookahead: float,
     dt: float,
-    memory: Record,
+    memory: FollowerMemory,
 ) -> stations.Target:
     """The target of a hull that cannot follow its station round a corner: the place to which the
     planned velocity over ground brings it [m/s].
@@ -341,12 +350,12 @@ def plan_detour(
 @compiled
 def keep_station(
     formation: Record,
-    station: Record,
+    station: stations.StationGeometry,
     senses: tuple[Record, Record],
     trail: tuple[Records, int],
     clock: tuple[float, float],
-    memory: Record,
-    reference: Record,
+    memory: FollowerMemory,
+    reference: Reference,
     plan: stations.LeaderPlan,
 ) -> tuple[tuple[float, float, float], VehicleState]:
     """What brings a follower to its station, as of `steer`: heading [rad], its rate, speed; and its
@@ -354,7 +363,7 @@ def keep_station(
 
     Args:
         senses: records of `laisn.swarm.READING` and `laisn.swarm.ESTIMATE`.
-        known: the leader's trail as received, records of TRAIL, and how many points it has, at
+        trail: the leader's trail as received, records of TRAIL, and how many points it has, at
             least one.
         clock: time, and time since the last call [s].
         reference: out: of the autopilot, record of REFERENCE; the place is not written.

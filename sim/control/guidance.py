@@ -13,18 +13,18 @@ the true or the estimated one, low-passed (`track_current`); without an estimate
 offset (`integrate_offset`). Where the route stops, the velocity over ground leads back to the
 place.
 
-Functions take `reference`, the record of REFERENCE of this instant; `position`, true or estimated,
-and currents, east and north [m], [m/s]; `dt`, the time since the last call [s]; and `memory`, of
-GUIDANCE_MEMORY, brought forward.
+Functions take `reference`, that of this instant; `position`, true or estimated, and currents, east
+and north [m], [m/s]; `dt`, the time since the last call [s]; and `memory`, brought forward.
 """
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 
-from laisn.arrays import Floats, Record, Records, records
+from laisn.arrays import Floats, RecordFields, Records, records, row_dtype
 from laisn.compiled import compiled
 from laisn.errors import LaisnError
 from laisn.geometry import signed_angle
@@ -32,25 +32,33 @@ from sim.control.allocation import clip
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE, Plan, plan
 from sim.scenario.routes import Route
 
-REFERENCE = np.dtype(  # state in which a vehicle should be at one instant
-    [
-        ("east", np.float64),  # [m]
-        ("north", np.float64),
-        ("course", np.float64),  # [rad]
-        ("speed", np.float64),  # [m/s]
-        ("turn_acceleration", np.float64),  # [rad/s²]
-        ("acceleration", np.float64),  # [m/s²]
-        ("depth", np.float64),  # [m]
-        ("sinking", np.float64),  # [m/s]
-    ]
-)
-GUIDANCE_MEMORY = np.dtype(  # of one vehicle, from one control step to the next
-    [
-        ("heading", np.float64),  # command [rad]
-        ("speed", np.float64),  # command [m/s]
-        ("current", np.float64, (2,)),  # east and north [m/s]
-    ]
-)
+
+class Reference(RecordFields):
+    """State in which a vehicle should be at one instant."""
+
+    east: float  # [m]
+    north: float
+    course: float  # [rad]
+    speed: float  # [m/s]
+    turn_acceleration: float  # [rad/s²]
+    acceleration: float  # [m/s²]
+    depth: float  # [m]
+    sinking: float  # [m/s]
+
+
+REFERENCE = row_dtype(Reference)
+
+
+class GuidanceMemory(RecordFields):
+    """Memory of guidance of one vehicle, from one control step to the next."""
+
+    heading: float  # command [rad]
+    speed: float  # command [m/s]
+    current: Annotated[Floats, (2,)]  # east and north [m/s]
+
+
+GUIDANCE_MEMORY = row_dtype(GuidanceMemory)
+
 
 # a turn sets in and ends over this time, four times the lag of the thrusters [s]
 TURN_SMOOTHING = 1.2
@@ -152,7 +160,11 @@ def reference(
 
 @compiled
 def begin(
-    reference: Record, heading: float, speed: float, current: tuple[float, float], memory: Record
+    reference: Reference,
+    heading: float,
+    speed: float,
+    current: tuple[float, float],
+    memory: GuidanceMemory,
 ) -> None:
     """Initialise the memory of guidance for a vehicle at its start, by its heading and speed
     through the water.
@@ -163,7 +175,7 @@ def begin(
 
 
 @compiled
-def track_current(current: tuple[float, float], dt: float, memory: Record) -> None:
+def track_current(current: tuple[float, float], dt: float, memory: GuidanceMemory) -> None:
     """Follow a current, true or estimated, by a low-pass."""
     for i in range(2):
         memory.current[i] += (current[i] - memory.current[i]) * dt / CURRENT_TIME
@@ -171,7 +183,7 @@ def track_current(current: tuple[float, float], dt: float, memory: Record) -> No
 
 @compiled
 def integrate_offset(
-    reference: Record, position: tuple[float, float], dt: float, memory: Record
+    reference: Reference, position: tuple[float, float], dt: float, memory: GuidanceMemory
 ) -> None:
     """Treat a persistent offset from the reference as a current: integral action without a
     current state.
@@ -185,7 +197,7 @@ def integrate_offset(
 
 @compiled
 def limit_command(
-    heading: float, speed: float, dt: float, memory: Record
+    heading: float, speed: float, dt: float, memory: GuidanceMemory
 ) -> tuple[float, float, float]:
     """Heading, its rate and speed as of `steer`, brought towards what is wanted within the
     limits.
@@ -199,7 +211,7 @@ def limit_command(
 
 @compiled
 def steer(
-    reference: Record, position: tuple[float, float], dt: float, memory: Record
+    reference: Reference, position: tuple[float, float], dt: float, memory: GuidanceMemory
 ) -> tuple[float, float, float]:
     """Heading and speed through the water that lead back to the reference.
 

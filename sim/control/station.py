@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints, Record, Records, records
+from laisn.arrays import Floats, Ints, Record, RecordFields, Records, records, row_dtype
 from laisn.compiled import compiled
 from laisn.geometry import wrap_angle
 from sim.control.allocation import clip
@@ -31,22 +31,26 @@ from sim.control.guidance import REFERENCE
 from sim.scenario.point_motion import SHARPEST_CUT, TURN_RATE
 from sim.scenario.section import CONTROL_STEP_S
 
-TRAIL = np.dtype(  # one point of a trail
-    [
-        ("east", np.float64),  # [m]
-        ("north", np.float64),
-        ("arc", np.float64),  # length of the way to there [m]
-        ("time", np.float64),  # [s]
-        ("through", np.float64),  # the leader's broadcast speed through the water [m/s]
-        ("heading", np.float64),  # its broadcast heading [rad]
-        ("slope_east", np.float64),  # slope of the curve, per metre of way
-        ("slope_north", np.float64),
-        # bound of what the curve has turned until there, both sides added up [rad]
-        ("turned", np.float64),
-        # the leader's mean speed over ground over the last seconds; at first through water [m/s]
-        ("pace", np.float64),
-    ]
-)
+
+class TrailPoint(RecordFields):
+    """One point of a trail."""
+
+    east: float  # [m]
+    north: float
+    arc: float  # length of the way to there [m]
+    time: float  # [s]
+    through: float  # the leader's broadcast speed through the water [m/s]
+    heading: float  # its broadcast heading [rad]
+    slope_east: float  # slope of the curve, per metre of way
+    slope_north: float
+    # bound of what the curve has turned until there, both sides added up [rad]
+    turned: float
+    # the leader's mean speed over ground over the last seconds; at first through water [m/s]
+    pace: float
+
+
+TRAIL = row_dtype(TrailPoint)
+
 
 # points of a trail are at least this far apart [m]: below it, a way would be made of waves and
 # rounding
@@ -351,18 +355,27 @@ def correct_planned(
         )
 
 
-# a station, and the hull that is to keep it [m]
-STATION = np.dtype(
-    [
-        ("behind", np.float64),
-        ("port", np.float64),
-        ("depth", np.float64),
-        # least radius of the hull's turns, as of `sim.control.stability.least_radius`
-        ("radius", np.float64),
-    ]
-)
-# heading [rad] and its rate [rad/s]
-FRAME_STATE = np.dtype([("heading", np.float64), ("rate", np.float64)])
+class StationGeometry(RecordFields):
+    """A station, and the hull that is to keep it [m]."""
+
+    behind: float
+    port: float
+    depth: float
+    # least radius of the hull's turns, as of `sim.control.stability.least_radius`
+    radius: float
+
+
+STATION = row_dtype(StationGeometry)
+
+
+class FrameState(RecordFields):
+    """The frame of a station."""
+
+    heading: float  # [rad]
+    rate: float  # its rate of turn, clockwise [rad/s]
+
+
+FRAME_STATE = row_dtype(FrameState)
 
 _NEAREST = 5.0  # a station nearer to the trail is turned as if it were this far aside [m]
 # rate of turn that a follower counts on [rad/s]; 10°/s is what it is allowed
@@ -419,11 +432,11 @@ def _inner_room(trail: tuple[Records, int], arc: float, speed: float, radius: fl
 @compiled
 def turn_frame(
     f: Record,
-    station: Record,
+    station: StationGeometry,
     trail: tuple[Records, int],
     span: tuple[float, float],
     dt: float,
-    state: Record,
+    state: FrameState,
 ) -> None:
     """Turn a station's frame from one time to another [s], along the trail as it is known now."""
     points, count = trail
@@ -455,7 +468,9 @@ def turn_frame(
 
 
 @compiled
-def station_at(station: Record, trail: tuple[Records, int], time: float, state: Record) -> Target:
+def station_at(
+    station: StationGeometry, trail: tuple[Records, int], time: float, state: FrameState
+) -> Target:
     """Where a station is, by its frame as it stands."""
     points, count = trail
     port = station.port
@@ -493,12 +508,12 @@ def _planned_course(plan: LeaderPlan, trail: tuple[Records, int], arc: float, se
 
 @compiled
 def _through_water(
-    station: Record,
+    station: StationGeometry,
     trail: tuple[Records, int],
     arc: float,
     later: float,
     current: tuple[float, float],
-    state: Record,
+    state: FrameState,
     foreseen: tuple[LeaderPlan, float],
 ) -> tuple[float, float]:
     """Velocity through the water that a station needs so much later (less than 0: earlier), east
@@ -524,11 +539,11 @@ def _through_water(
 @compiled
 def rate_limited_velocity(
     f: Record,
-    station: Record,
+    station: StationGeometry,
     trail: tuple[Records, int],
     time: float,
     current: tuple[float, float],
-    state: Record,
+    state: FrameState,
     foreseen: tuple[LeaderPlan, float],
 ) -> tuple[float, float]:
     """Velocity over ground with which a hull stays nearest to its station in a current, east and
