@@ -8,8 +8,9 @@ model and no other: one that assumes slowly varying speed can be below. `TrueNoi
 gives the bound of such an estimator: the speed is a random walk, and the log a measurement of it.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -101,26 +102,29 @@ _STATES = 13
 """State x of s = 13 numbers as of `TightEstimates.names`, position first; what is known has the
 variance 0.
 """
+_MAX_INTERVALS = 256  # between messages that are computed at once
 _ANY_SPEED = 10.0  # standard deviation of the speed before the first reading of the log [m/s]
 
 
-def _information(away: Floats, arms: Floats, noise: TrueNoise) -> Floats:
-    """Fisher information of the ranges of one message to followers `away` from the leader, shape
+def _range_information(away: Floats, arms: Floats, received: Ints, noise: TrueNoise) -> Floats:
+    """Fisher information of ranges to followers `away` from the leader, shape (q, 2), shape
     (q, s, s).
+
+    `arms` are those of the transmitters `received`, of each follower or of all, shape (q, r, 3) or
+    (1, r, 3).
     """
-    received = np.flatnonzero(np.isfinite(arms[:, 2]))
     if not received.size:
         return np.zeros((len(away), _STATES, _STATES))
-    arms = arms[received]
-    flat = away[:, None, :] - arms[:, :2]
-    distance = np.sqrt(np.sum(flat**2, axis=2) + arms[:, 2] ** 2)
+    flat = away[:, None, :] - arms[..., :2]
+    distance = np.sqrt(np.sum(flat**2, axis=2) + arms[..., 2] ** 2)
     share = distance / distance.max(axis=1, keepdims=True)
     rows = np.zeros((*distance.shape, _STATES))
     rows[..., :2] = flat / distance[..., None]
     rows[..., _SCALE] = share
     rows[..., _CLOCK] = 1.0
     # a compass that reads too much puts the true arms further anticlockwise
-    turned = -np.sum(rows[..., :2] * np.column_stack([-arms[:, 1], arms[:, 0]]), axis=2)
+    quarter_turned = np.stack([-arms[..., 1], arms[..., 0]], axis=-1)
+    turned = -np.sum(rows[..., :2] * quarter_turned, axis=2)
     rows[..., _LEADER] = turned
     for j in np.flatnonzero(received > 0):
         rows[:, j, _OFFSET + received[j] - 1] = 1.0
@@ -135,48 +139,84 @@ def _information(away: Floats, arms: Floats, noise: TrueNoise) -> Floats:
 
 
 def _expected_information(away: Floats, spread: Floats, arms: Floats, noise: TrueNoise) -> Floats:
-    """Mean of the information over positions N(away, spread), by Gauss–Hermite quadrature, shape
-    (s, s).
+    """Mean of the information of one message over positions N(away, spread), by Gauss–Hermite
+    quadrature, shape (s, s).
     """
     values, vectors = np.linalg.eigh(spread)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    return np.asarray(
-        np.einsum("q,qij->ij", _WEIGHTS, _information(away + _NODES @ root.T, arms, noise))
-    )
+    received = np.flatnonzero(np.isfinite(arms[:, 2]))
+    places = away + _NODES @ root.T
+    informations = _range_information(places, arms[None, received], received, noise)
+    return np.asarray(np.einsum("q,qij->ij", _WEIGHTS, informations))
 
 
-def _transition(
-    speed: Floats, ahead: Floats, dt: float, noise: TrueNoise
-) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-    """The way between messages, of k steps of speeds, shape (k,), [m/s], and directions times Δt,
-    shape (k, 2), [s].
-
-    Returns each step's position by the state at the beginning, shape (k, 2, s), and F, the state at
-    the end by that, shape (s, s). Then the covariance that each step's position has gained, shape
-    (k, 2, 2), that of this with what the state has gained at the end, shape (k, 2, s), and Q, of
-    what the state has gained, shape (s, s).
+def _leader_way_information(geometry: Geometry, noise: TrueNoise, i: slice, steps: int) -> Floats:
+    """Information of the leader's way over the `steps` before each message of a slice, shape
+    (b, s, s).
     """
-    way = np.cumsum(speed[:, None] * ahead, axis=0)
-    time = dt * np.arange(1, speed.size + 1)
+    if noise.leader_way_sigma == 0.0 or geometry.leader_velocity is None:
+        return np.zeros((geometry.from_leader[i].shape[0], _STATES, _STATES))
+    velocity = geometry.leader_velocity[i]
+    seen = np.zeros((len(velocity), 2, _STATES))
+    seen[:, 0, _LEADER] = -velocity[:, 1]
+    seen[:, 1, _LEADER] = velocity[:, 0]
+    seen[:, :, _EAST : _NORTH + 1] = np.eye(2)
+    time = geometry.dt * steps
+    return np.asarray(seen.swapaxes(1, 2) @ seen * (time / (10.0 * noise.leader_way_sigma**2)))
+
+
+def _informations_at_truth(geometry: Geometry, noise: TrueNoise, i: slice) -> Floats:
+    """Information of the ranges of each message of a slice at the true positions, shape
+    (b, s, s).
+    """
+    away = geometry.from_leader[i]
+    arms = geometry.arms[i]
+    informations = np.zeros((len(away), _STATES, _STATES))
+    present = np.isfinite(arms[..., 2])
+    for pattern in np.unique(present, axis=0):
+        alike = np.flatnonzero((present == pattern).all(axis=1))
+        received = np.flatnonzero(pattern)
+        informations[alike] = _range_information(
+            away[alike], arms[np.ix_(alike, received)], received, noise
+        )
+    return informations
+
+
+class _Transitions(NamedTuple):
+    """The way over b intervals between messages, of k filter steps each."""
+
+    rows: Floats  # each step's position by the state at the beginning, shape (b, k, 2, s)
+    step: Floats  # F, the state at the end by that, shape (b, s, s)
+    added: Floats  # covariance that each step's position has gained, shape (b, k, 2, 2)
+    onward: Floats  # that of this with what the state has gained at the end, shape (b, k, 2, s)
+    gained: Floats  # Q, of what the state has gained, shape (b, s, s)
+
+
+def _transitions(speed: Floats, ahead: Floats, dt: float, noise: TrueNoise) -> _Transitions:
+    """The way by speeds, shape (b, k), [m/s], and directions times Δt, shape (b, k, 2), [s]."""
+    intervals, steps = speed.shape
+    way = np.cumsum(speed[..., None] * ahead, axis=1)
+    time = dt * np.arange(1, steps + 1)
     # the true way is the measured one turned anticlockwise by the compass bias, less the log's bias
-    rows = np.repeat(np.eye(_STATES)[None, :2], speed.size, axis=0)
-    rows[:, :, _LOG] = -np.cumsum(ahead, axis=0)
-    rows[:, 0, _COMPASS] = -way[:, 1]
-    rows[:, 1, _COMPASS] = way[:, 0]
-    rows[:, 0, _EAST] = rows[:, 1, _NORTH] = time
+    rows = np.zeros((intervals, steps, 2, _STATES))
+    rows[..., 0, 0] = rows[..., 1, 1] = 1.0
+    rows[..., _LOG] = -np.cumsum(ahead, axis=1)
+    rows[..., 0, _COMPASS] = -way[..., 1]
+    rows[..., 1, _COMPASS] = way[..., 0]
+    rows[..., 0, _EAST] = rows[..., 1, _NORTH] = time
     t = time[:, None]
     end = time[-1]
-    step = np.eye(_STATES)
-    step[:2] = rows[-1]
-    step[_CLOCK, _DRIFT] = end
-    longitudinal = ahead[:, :, None] * ahead[:, None, :]
-    turned = ((speed * noise.heading_sigma) ** 2)[:, None, None]
+    step = np.repeat(np.eye(_STATES)[None], intervals, axis=0)
+    step[:, :2] = rows[:, -1]
+    step[:, _CLOCK, _DRIFT] = end
+    longitudinal = ahead[..., :, None] * ahead[..., None, :]
+    turned = ((speed * noise.heading_sigma) ** 2)[..., None, None]
     added = np.cumsum(
-        noise.speed_sigma**2 * longitudinal + turned * (dt**2 * np.eye(2) - longitudinal), axis=0
+        noise.speed_sigma**2 * longitudinal + turned * (dt**2 * np.eye(2) - longitudinal), axis=1
     )
-    onward = np.zeros((speed.size, 2, _STATES))
-    gained = np.zeros((_STATES, _STATES))
-    onward[:, :, :2] = added
+    onward = np.zeros((intervals, steps, 2, _STATES))
+    gained = np.zeros((intervals, _STATES, _STATES))
+    onward[..., :2] = added
     current = noise.current_walk**2 if noise.current > 0.0 else 0.0
     walks = (
         (_LOG, noise.speed_walk**2),
@@ -186,17 +226,18 @@ def _transition(
     )
     for state, rate in walks:
         # a bias that wanders moves the position by its mean over a straight way
-        moved = rows[:, :, state]
-        added += rate * (t[:, None] / 3.0) * moved[:, :, None] * moved[:, None, :]
-        onward[:, :, state] += rate * 0.5 * t * moved
-        onward[:, :, :2] += (rate * (0.5 * t - t * t / (6.0 * end)) * moved)[:, :, None] * moved[-1]
-        gained[state, state] = rate * end
-    gained[:2] = onward[-1]
-    gained[2:, :2] = onward[-1, :, 2:].T
-    gained[_CLOCK : _DRIFT + 1, _CLOCK : _DRIFT + 1] = noise.clock_walk**2 * np.array(
+        moved = rows[..., state]
+        at_end = moved[:, -1, None, None, :]
+        added += rate * (t[..., None] / 3.0) * moved[..., :, None] * moved[..., None, :]
+        onward[..., state] += rate * 0.5 * t * moved
+        onward[..., :2] += (rate * (0.5 * t - t * t / (6.0 * end)) * moved)[..., None] * at_end
+        gained[:, state, state] = rate * end
+    gained[:, :2] = onward[:, -1]
+    gained[:, 2:, :2] = onward[:, -1, :, 2:].swapaxes(1, 2)
+    gained[:, _CLOCK : _DRIFT + 1, _CLOCK : _DRIFT + 1] = noise.clock_walk**2 * np.array(
         [[end**3 / 3.0, end**2 / 2.0], [end**2 / 2.0, end]]
     )
-    return rows, step, added, onward, gained
+    return _Transitions(rows, step, added, onward, gained)
 
 
 def _unknown_states(noise: TrueNoise) -> tuple[Floats, Ints]:
@@ -218,20 +259,13 @@ def _message_information(
     """Information of message i, `steps` after the one before it, shape (s, s): of its ranges, and
     of the leader's way since then.
     """
-    away = geometry.from_leader[i]
-    arms = geometry.arms[i]
+    message = slice(i, i + 1)
     if mean:
-        gained = _expected_information(away, covariance[:2, :2], arms, noise)
+        away = geometry.from_leader[i]
+        gained = _expected_information(away, covariance[:2, :2], geometry.arms[i], noise)
     else:
-        gained = _information(away[None], arms, noise)[0]
-    if noise.leader_way_sigma > 0.0 and geometry.leader_velocity is not None:
-        seen = np.zeros((2, _STATES))
-        east, north = geometry.leader_velocity[i]
-        seen[:, _LEADER] = (-north, east)
-        seen[:, _EAST : _NORTH + 1] = np.eye(2)
-        time = geometry.dt * steps
-        gained = gained + seen.T @ seen * (time / (10.0 * noise.leader_way_sigma**2))
-    return gained
+        gained = _informations_at_truth(geometry, noise, message)[0]
+    return np.asarray(gained + _leader_way_information(geometry, noise, message, steps)[0])
 
 
 def _informed(covariance: Floats, gained: Floats) -> Floats:
@@ -294,12 +328,41 @@ def position_bound(
     `lag` is how much later than a position the messages may be that it rests on [s]: of smoothing,
     where not 0.
     """
-    n = geometry.speed.size
-    smoothed = lag > 0.0
     if noise.speed_change > 0.0:
-        if smoothed:
+        if lag > 0.0:
             raise ValueError("lag is not 0, expected 0 where the speed is a state")
         return _steady_speed_bound(geometry, noise, averaged)
+    return _dead_reckoning_bound(geometry, noise, averaged, lag)
+
+
+def _runs(geometry: Geometry) -> Iterator[tuple[int, int, int, int]]:
+    """Consecutive intervals between messages of equal length, at most `_MAX_INTERVALS` each.
+
+    Yields the number of the first, how many they are, the step at which they begin, and their
+    length [steps].
+    """
+    ends = np.append(geometry.message_step, geometry.speed.size)
+    lengths = np.diff(ends, prepend=0)
+    lengths = lengths[lengths > 0]
+    first = 0
+    while first < lengths.size:
+        alike = lengths[first : first + _MAX_INTERVALS] == lengths[first]
+        count = alike.size if alike.all() else int(np.argmin(alike))
+        begin = int(ends[first] - lengths[first])
+        yield first, count, begin, int(lengths[first])
+        first += count
+
+
+def _dead_reckoning_bound(
+    geometry: Geometry, noise: TrueNoise, averaged: bool | None, lag: float
+) -> Floats:
+    """As `position_bound`, where the log is an input.
+
+    All that does not depend on the covariance is computed for many intervals between messages at
+    once.
+    """
+    n = geometry.speed.size
+    smoothed = lag > 0.0
     variances, unknown = _unknown_states(noise)
     both = np.ix_(unknown, unknown)
     covariance = np.diag(variances[unknown])
@@ -309,29 +372,52 @@ def position_bound(
     onward = np.zeros((n if smoothed else 0, 2, unknown.size))
     predicted = [covariance]
     after = [covariance]
-    between = []
+    between = list[Floats]()
     ahead = geometry.dt * np.stack([np.sin(geometry.heading), np.cos(geometry.heading)], axis=1)
-    for i, (begin, end) in enumerate(pairwise([0, *geometry.message_step.tolist(), n])):
-        if begin == end:
-            break
-        rows, step, added, shared, grown = _transition(
-            geometry.speed[begin:end], ahead[begin:end], geometry.dt, noise
+    for first, count, begin, length in _runs(geometry):
+        span = slice(begin, begin + count * length)
+        way = _transitions(
+            geometry.speed[span].reshape(count, length),
+            ahead[span].reshape(count, length, 2),
+            geometry.dt,
+            noise,
         )
-        rows = rows[:, :, unknown]
-        step = step[both]
-        bound[begin:end] = rows @ covariance @ rows.swapaxes(1, 2) + added
-        between.append(covariance @ step.T)
+        rows = way.rows[..., unknown]
+        step = way.step[:, both[0], both[1]]
+        gained = way.gained[:, both[0], both[1]]
+        messages = slice(first, min(first + count, geometry.message_step.size))
+        informations = _leader_way_information(geometry, noise, messages, length)
+        if not mean:
+            informations = informations + _informations_at_truth(geometry, noise, messages)
+        before = np.empty((count, unknown.size, unknown.size))
+        informed = np.empty((len(informations), 2, 2))
+        for j in range(count):
+            before[j] = covariance
+            between.append(covariance @ step[j].T)
+            covariance = step[j] @ between[-1] + gained[j]
+            if j < len(informations):
+                information = informations[j]
+                if mean:
+                    i = first + j
+                    information = information + _expected_information(
+                        geometry.from_leader[i], covariance[:2, :2], geometry.arms[i], noise
+                    )
+                predicted.append(covariance)
+                covariance = _informed(covariance, information[both])
+                after.append(covariance)
+                informed[j] = covariance[:2, :2]
+        spread = rows @ before[:, None]
+        bound[span] = (spread @ rows.swapaxes(2, 3) + way.added).reshape(-1, 2, 2)
+        lasts = begin + length * np.arange(1, count + 1) - 1
+        bound[lasts[: len(informed)]] = informed
         if smoothed:
-            onward[begin:end] = rows @ covariance @ step.T + shared[:, :, unknown]
-            if begin:
-                onward[begin - 1] = between[-1][:2]
-        covariance = step @ covariance @ step.T + grown[both]
-        if i < geometry.message_step.size:
-            predicted.append(covariance)
-            gained = _message_information(geometry, noise, i, covariance, mean, end - begin)[both]
-            covariance = _informed(covariance, gained)
-            bound[end - 1] = covariance[:2, :2]
-            after.append(covariance)
+            moved = spread @ step.swapaxes(1, 2)[:, None] + way.onward[..., unknown]
+            onward[span] = moved.reshape(-1, 2, unknown.size)
+            earlier = lasts - length
+            later = [moved_on[:2] for moved_on in between[-count:]]
+            for place, rest in zip(earlier, later, strict=True):
+                if place >= 0:
+                    onward[place] = rest
     if not smoothed:
         return bound
     links = len(after)

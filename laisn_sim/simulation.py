@@ -4,7 +4,7 @@ take commands.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self, cast
@@ -40,6 +40,7 @@ from sim.simulation import (
     TICK,
     DivergedError,
     EndedError,
+    Observer,
     apply_wrench_by_truth,
     hold_by_truth,
     require_regular_end,
@@ -101,12 +102,17 @@ class Simulation:
         self,
         source: str | Path | Mapping[str, Any] | Scenario,
         changes: Mapping[str, Any] | None = None,
+        *,
+        observers: Iterable[Observer] = (),
     ) -> None:
         """Set out on a scenario's mission; source, changes and errors are as of `load`.
 
-        LaisnError also if vehicles move as points.
+        `observers` are functions or objects that are called with each `Block` of instants as soon
+        as they are over, each instant once: by `step(30.0)` with 30 s, or where vehicles are
+        commanded from outside with each instant. LaisnError also if vehicles move as points.
         """
         self.scenario = as_scenario(source, changes)
+        self._observers = list(observers)
         self._set_out()
 
     def _set_out(self) -> None:
@@ -117,6 +123,7 @@ class Simulation:
             self._reference = records(REFERENCE, 1)
             self._outcome = Termination.INTERRUPTED
             self._bounds = bounds_of(self.scenario)
+            self._mission.observers = self._observers
             self._mission.advance(0)
 
     def __enter__(self) -> Self:

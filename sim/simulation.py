@@ -7,6 +7,7 @@ other object it runs as Python.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
@@ -259,6 +260,18 @@ def static_trajectory(plant: Plant) -> Trajectory:
     return _trajectory(plant, truth, 2)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Block:
+    """Consecutive instants of a mission, which observers get once; arrays can only be read."""
+
+    names: tuple[str, ...]  # of the v vehicles
+    time: Floats  # since the start, shape (n,), [s]
+    truth: StateHistory  # of all vehicles, shapes (n, v, …)
+
+
+Observer = Callable[[Block], object]
+
+
 class Mission:
     """Vehicles of a plant under way, with what controls them and what is recorded until now.
 
@@ -267,6 +280,7 @@ class Mission:
         controller: of all vehicles.
         truth: their motion, with room for n + 1 instants 0.1 s apart.
         instants: how many of them are recorded.
+        observers: each gets every block of instants once, in order.
     """
 
     def __init__(
@@ -303,6 +317,8 @@ class Mission:
             self._loop = cast(Any, _simulate).py_func
         self.truth = StateHistory.empty(ticks + 1, *plant.thrust.shape)
         self.instants = 0
+        self.observers: list[Observer] = []
+        self._observed = 0
 
     @property
     def last(self) -> int:
@@ -345,7 +361,19 @@ class Mission:
         these ends the mission, of which nothing later is kept then. Errors as of `advance`.
         """
         first = self.instants
-        self.advance(last)
+        try:
+            self.advance(last)
+        except DivergedError:
+            self._show_block()
+            raise
+        ended = self._end_within(first, until_contact, bounds)
+        self._show_block()
+        return ended
+
+    def _end_within(self, first: int, until_contact: bool, bounds: MissionBounds | None) -> bool:
+        """Whether hulls touch or a vehicle leaves the bounds from an instant on; drops what is
+        later.
+        """
         flown = self.truth.pose[first : self.instants]
         ends = [first_touch(flown)] if until_contact else []
         if bounds is not None:
@@ -357,6 +385,20 @@ class Mission:
             return False
         self.instants = max(first + ended, 1) + 1
         return True
+
+    def _show_block(self) -> None:
+        """Give observers the instants since the last block."""
+        first = self._observed
+        self._observed = self.instants
+        if not self.observers or first == self.instants:
+            return
+        values = [array[first : self.instants] for array in self.truth]
+        for array in values:
+            array.flags.writeable = False
+        time = np.arange(first, self.instants, dtype=np.float64) * TICK
+        block = Block(names=self.plant.names, time=time, truth=StateHistory(*values))
+        for observer in self.observers:
+            observer(block)
 
     def fly(
         self,

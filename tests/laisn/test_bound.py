@@ -485,3 +485,40 @@ def test_a_speed_that_may_be_anything_has_the_bound_of_dead_reckoning() -> None:
     after = geometry.message_step[1:] - 1
     np.testing.assert_allclose(free[after], plain[after], rtol=0.03, atol=1e-5)
     assert np.all(np.trace(held, axis1=1, axis2=2)[60:] < np.trace(plain, axis1=1, axis2=2)[60:])
+
+
+@pytest.mark.parametrize("transmitters", [2, 3])
+@pytest.mark.parametrize("lag", [0.0, 4.0])
+def test_the_bound_does_not_depend_on_how_many_intervals_are_computed_at_once(
+    monkeypatch: pytest.MonkeyPatch, transmitters: int, lag: float
+) -> None:
+    """Messages at any steps, of which any ranges are lost, one interval at a time or many."""
+    rng = np.random.default_rng(3)
+    n = 400
+    steps = np.sort(rng.choice(np.arange(1, n + 1), 60, replace=False))
+    steps = np.union1d(steps, np.arange(200, 300, 4))
+    arms = rng.normal(0.0, 1.0, (steps.size, transmitters, 3))
+    arms[..., 2] += 3.0
+    arms[rng.uniform(size=arms.shape[:2]) < 0.2] = np.nan
+    geometry = Geometry(
+        dt=0.1,
+        speed=rng.uniform(0.8, 1.4, n),
+        heading=np.cumsum(rng.normal(0.0, 0.05, n)),
+        message_step=steps,
+        from_leader=rng.normal(0.0, 20.0, (steps.size, 2)),
+        arms=arms,
+        leader_velocity=rng.normal(0.0, 1.0, (steps.size, 2)),
+    )
+    noise = TrueNoise(
+        start=2.0,
+        current=0.3,
+        current_walk=0.01,
+        speed_walk=1e-3,
+        leader_heading_bias=0.03,
+        leader_way_sigma=0.1,
+        clock_offset=0.5,
+        clock_drift=0.01,
+    )
+    together = position_bound(geometry, noise, lag=lag)
+    monkeypatch.setattr("laisn.bound._MAX_INTERVALS", 1)
+    np.testing.assert_allclose(together, position_bound(geometry, noise, lag=lag), rtol=1e-9)

@@ -271,3 +271,48 @@ def test_a_sensor_of_the_users_is_read_used_and_kept_in_a_closed_loop(tmp_path: 
     read = laisn_sim.read_log(laisn_sim.write_log(flight, tmp_path / "dvl.mcap"))
     for measured, logged in zip(flight.measurements, read.measurements, strict=True):
         np.testing.assert_array_equal(logged.own["dvl"], measured.own["dvl"])
+
+
+def test_observers_get_each_instant_once_in_order() -> None:
+    """Joined, their blocks are the truth of the flight, however it was stepped and ended."""
+    blocks = []
+    starts = []
+    sim = Simulation(CLOSED, observers=[blocks.append, lambda block: starts.append(block.time[0])])
+    sim.step()
+    assert len(blocks) == 1
+    assert blocks[0].time.tolist() == [0.0, 0.1]
+    sim.step(5.0)
+    assert len(blocks[1].time) == 50
+    sim.command("leader", laisn_sim.Command(heading=0.0, speed=0.8, depth=8.0))
+    sim.step(0.5)
+    # a vehicle that is commanded is looked after at each instant
+    assert [len(block.time) for block in blocks[2:]] == [1] * 5
+    sim.command("leader", None)
+    sim.step(30.0)
+    assert sim.done
+    truth = sim.flight().trajectory
+    assert blocks[0].names == truth.names
+    assert starts == [block.time[0] for block in blocks]
+    np.testing.assert_array_equal(np.concatenate([block.time for block in blocks]), truth.time)
+    for name in ("pose", "twist", "thrust"):
+        joined = np.concatenate([getattr(block.truth, name) for block in blocks])
+        np.testing.assert_array_equal(joined, getattr(truth, name), name)
+    with pytest.raises(ValueError, match="read-only"):
+        blocks[0].truth.pose[0, 0, 0] = 1.0
+    sim.reset()
+    sim.step(1.0)
+    assert blocks[-1].time[0] == 0.0
+    assert blocks[-1].time.size == 11
+
+
+def test_the_last_block_ends_where_hulls_touch() -> None:
+    """Two followers meet halfway; what was flown beyond, in the same step, is not shown."""
+    head_on = [{"waypoints": [[0, at, 100], [60, 60 - at, 100]], "depth_m": 12.0} for at in (0, 60)]
+    blocks: list[Any] = []
+    table = {"name": "s", "duration_s": 40.0, "contact": "end", "followers": head_on}
+    sim = Simulation(table, observers=[blocks.append])
+    sim.step(40.0)
+    assert sim.outcome is Termination.CONTACT
+    (block,) = blocks
+    assert block.time[-1] == pytest.approx(sim.time)
+    assert sim.time < 31.0
