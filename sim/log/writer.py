@@ -34,6 +34,7 @@ from sim.log.contents import (
     holds_messages,
     partial_path,
 )
+from sim.log.encoding import TimedNumbers, repeated
 from sim.log.scene import ESTIMATE, TRUTH, draw_acoustics, draw_hulls, draw_vehicles
 from sim.log.schema import Clock, RecordType, pose, quaternion, timestamp, vector
 from sim.scenario.settings import CONTROL_STEP_S
@@ -118,10 +119,17 @@ def _channel(
 def poses(topic: str, time_ns: Ints, position: Column, quaternion: Column) -> Channel:
     """Positions, shape (n, 3), [m], and quaternions (w, x, y, z), shape (n, 4), in the world."""
 
-    def pose_at(at: int, xyz: Sequence[float], wxyz: Sequence[float]) -> fg.PoseInFrame:
-        return fg.PoseInFrame(timestamp=timestamp(at), frame_id="world", pose=pose(xyz, wxyz))
+    def pose_at(at: int, numbers: Sequence[float]) -> bytes:
+        place = pose(numbers[:3], numbers[3:])
+        return fg.PoseInFrame(timestamp=timestamp(at), frame_id="world", pose=place).encode()
 
-    return _channel(topic, fg.PoseInFrame, time_ns, pose_at, position, quaternion)
+    encoder = TimedNumbers(pose_at)
+
+    def rows(part: slice) -> list[bytes]:
+        numbers = np.hstack([_stretch(position, part), _stretch(quaternion, part)])
+        return encoder.rows(time_ns[part], numbers)
+
+    return Channel(topic, fg.PoseInFrame.get_schema(), time_ns, rows)
 
 
 def _locations(
@@ -157,27 +165,37 @@ def _locations(
 
 
 def _transforms(
-    topic: str, time_ns: Ints, parents: Sequence[str], children: Sequence[str], *places: Floats
+    topic: str,
+    time_ns: Ints,
+    parents: Sequence[str],
+    children: Sequence[str],
+    position: Floats,
+    attitudes: Floats,
 ) -> Channel:
     """Frames in their parents, from positions, shape (n, c, 3), [m], and quaternions (w, x, y,
     z), shape (n, c, 4).
     """
 
-    def transforms_at(at: int, *places: Any) -> fg.FrameTransforms:
-        return fg.FrameTransforms(
-            transforms=[
-                fg.FrameTransform(
-                    timestamp=timestamp(at),
-                    parent_frame_id=parent,
-                    child_frame_id=child,
-                    translation=vector(xyz),
-                    rotation=quaternion(wxyz),
-                )
-                for parent, child, xyz, wxyz in zip(parents, children, *places, strict=True)
-            ]
-        )
+    def encoder_of(parent: str, child: str) -> TimedNumbers:
+        def transform_at(at: int, numbers: Sequence[float]) -> bytes:
+            return fg.FrameTransform(
+                timestamp=timestamp(at),
+                parent_frame_id=parent,
+                child_frame_id=child,
+                translation=vector(numbers[:3]),
+                rotation=quaternion(numbers[3:]),
+            ).encode()
 
-    return _channel(topic, fg.FrameTransforms, time_ns, transforms_at, *places)
+        return TimedNumbers(transform_at)
+
+    encoders = [encoder_of(*frames) for frames in zip(parents, children, strict=True)]
+
+    def rows(part: slice) -> Iterator[bytes]:
+        numbers = np.concatenate([position[part], attitudes[part]], axis=2)
+        columns = [encoder.rows(time_ns[part], numbers[:, c]) for c, encoder in enumerate(encoders)]
+        return (repeated(transforms) for transforms in zip(*columns, strict=True))
+
+    return Channel(topic, fg.FrameTransforms.get_schema(), time_ns, rows)
 
 
 def _state(t: Trajectory, v: int, effectors: int) -> dict[str, Column]:
