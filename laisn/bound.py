@@ -385,10 +385,10 @@ def _dead_reckoning_bound(
         rows = way.rows[..., unknown]
         step = way.step[:, both[0], both[1]]
         gained = way.gained[:, both[0], both[1]]
-        messages = slice(first, min(first + count, geometry.message_step.size))
-        informations = _leader_way_information(geometry, noise, messages, length)
+        block = slice(first, min(first + count, geometry.message_step.size))
+        informations = _leader_way_information(geometry, noise, block, length)
         if not mean:
-            informations = informations + _informations_at_truth(geometry, noise, messages)
+            informations = informations + _informations_at_truth(geometry, noise, block)
         before = np.empty((count, unknown.size, unknown.size))
         informed = np.empty((len(informations), 2, 2))
         for j in range(count):
