@@ -10,8 +10,6 @@ from laisn_sim.cli.main import app
 from tests.reports.test_page import embedded
 from tests.sim.water.field_data import gyre_velocity, metres_field, scenario_file
 
-pytest.importorskip("h5netcdf")
-
 
 def curves(figure, name):
     """Points of the lines of a name, shape (n, 2), NaN between them."""

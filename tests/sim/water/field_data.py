@@ -4,9 +4,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray
+import pytest
 
 from laisn.arrays import Floats
+
+# the packages of the extra `fields`, without which files cannot be read
+xarray = pytest.importorskip("xarray")
+pytest.importorskip("h5netcdf")
 
 START = "2026-07-01T00:00:00+00:00"
 LATITUDE, LONGITUDE = 54.52, 18.55

@@ -4,14 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import xarray
 from typer.testing import CliRunner
 
 import laisn_sim
 from laisn_sim.cli.main import app
 from sim.water.assembly import rays_of, sound_cast
 from sim.water.rays import speed_at
-from tests.sim.water.field_data import write
+from tests.sim.water.field_data import write, xarray
 
 pytest.importorskip("gsw")
 

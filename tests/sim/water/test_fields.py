@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray
 from typer.testing import CliRunner
 
 import laisn_sim
@@ -32,9 +31,8 @@ from tests.sim.water.field_data import (
     model_output,
     scenario_file,
     write,
+    xarray,
 )
-
-pytest.importorskip("h5netcdf")
 
 
 def velocity_of(file: Path, points: Floats, time: float, duration: float = 20.0) -> Floats:

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import xarray
 from scipy.optimize import brentq
 from typer.testing import CliRunner
 
@@ -14,9 +13,7 @@ from laisn_sim.cli.errors import MISSION_FAILED
 from laisn_sim.cli.main import app
 from sim.flight import Termination
 from sim.water.assembly import floor_of, rays_of
-from tests.sim.water.field_data import DEGREE_EAST, DEGREE_NORTH, LATITUDE, LONGITUDE, write
-
-pytest.importorskip("h5netcdf")
+from tests.sim.water.field_data import DEGREE_EAST, DEGREE_NORTH, LATITUDE, LONGITUDE, write, xarray
 
 SCENARIO = f"""\
 duration_s = {{duration}}
