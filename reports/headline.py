@@ -138,7 +138,7 @@ def _worst(values: Sequence[float | None]) -> float | None:
 
 def _consistency(rows: Mapping[str, Any], accuracies: Accuracies) -> list[Tile]:
     """NEES, share outside 2σ and ratio to the bound, of all followers."""
-    several = "of all, " if len(accuracies) > 1 else ""
+    several = "all, " if len(accuracies) > 1 else ""
     nees = [row["nees"] for row in rows.values() if row.get("nees") is not None]
     tiles = []
     if nees:
@@ -200,12 +200,12 @@ def tiles(summary: Mapping[str, Any], accuracies: Accuracies) -> list[Tile]:
     at = f"at {accuracies[worst]['largest_s']:.0f} s"
     shown.append(
         Tile(
-            name="mean position error",
+            name="mean error",
             value=figure(mean, " m"),
             remark=f"95 % below {figure(high, ' m')}" + (", worst follower" if several else ""),
         )
     )
     largest = figure(accuracies[worst]["largest"], " m")
     remark = f"{worst}, {at}" if several else at
-    shown.append(Tile(name="largest position error", value=largest, remark=remark))
+    shown.append(Tile(name="largest error", value=largest, remark=remark))
     return [*shown, *_consistency(rows, accuracies)]

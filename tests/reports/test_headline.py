@@ -120,9 +120,9 @@ def test_the_tiles_of_several_followers_are_of_all_or_of_the_worst() -> None:
     rows = {"a": {"nees": 1.0, "rms_over_bound": 1.0}, "b": {"nees": 3.0, "rms_over_bound": 4.0}}
     found = {"a": errors(mean=1.0), "b": errors(mean=2.0, largest=9.0, largest_s=7.0, high=5.0)}
     shown = {tile.name: tile for tile in tiles({"followers": rows}, found)}
-    assert shown["mean position error"].value == "1.50 m"
-    assert shown["mean position error"].remark == "95 % below 5.00 m, worst follower"
-    assert (shown["largest position error"].value, shown["largest position error"].remark) == (
+    assert shown["mean error"].value == "1.50 m"
+    assert shown["mean error"].remark == "95 % below 5.00 m, worst follower"
+    assert (shown["largest error"].value, shown["largest error"].remark) == (
         "9.00 m",
         "b, at 7 s",
     )
