@@ -17,18 +17,20 @@ numbers for B beacons; a state with the variance 0 is switched off:
 """
 
 import math
-from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from laisn import mixture
-from laisn.arrays import Floats, Ints, Records, require_numbers, require_probability
+from laisn.arrays import Floats, Ints, Records
 from laisn.compiled import compiled
 from laisn.errors import LaisnError
 from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Reception
 from laisn.navigators import OnlineNavigator
+from laisn.settings import BeaconSettings as BeaconSettings
+from laisn.settings import WaterBeaconSettings
 
 X, Y, SPEED, HEADING, GYRO, SCALE, EAST, NORTH = range(8)
 SHARED = 8
@@ -371,68 +373,9 @@ def receive(b: BeaconBelief, z: RangeMeasurement, starter: int) -> bool:
 MOST_BEACONS = 64  # more places are not those of beacons at rest
 
 
-@dataclass(frozen=True, kw_only=True)
-class BeaconSettings:
-    """Standard deviations of the sensors, by default of a wheeled vehicle with radio ranges.
-
-    Keys of replays are the fields, with the units that end their docstrings.
-    """
-
-    POSITIVE: ClassVar[frozenset[str]] = frozenset(
-        {"dt", "start_sigma", "range_sigma", "outlier_span"}
-    )
-
-    dt: float = 0.1
-    """Filter step Δt [s]; steps of other lengths may come between."""
-    hydrophone_height: float = 0.0
-    """Height of the receiver above the depth sensor when level [m]."""
-    known_start: bool = True
-    """The start is given. Otherwise the first ranges give it."""
-    start_sigma: float = 1.0
-    """Standard deviation of the position at the start, along each axis [m]."""
-    heading_sigma: float = float(np.deg2rad(5.0))
-    """Standard deviation of the heading's error at the start [rad]."""
-    gyro_bias_sigma: float = float(np.deg2rad(0.5))
-    """Standard deviation of the rate at which that error grows [rad/s]; 0 for a compass."""
-    speed_scale_sigma: float = 0.03
-    """Standard deviation of the logarithm of true over measured speed."""
-    slip: float = 0.05
-    """Motion that odometry does not see, in a second, along each axis [m/√s]."""
-    heading_walk: float = float(np.deg2rad(0.0573))
-    """Random walk of the heading's error beside that rate, in a second [rad/√s]."""
-    current_sigma: float = 0.0
-    """Standard deviation of a current that carries the vehicle, along each axis [m/s]; 0 for
-    none.
-    """
-    range_sigma: float = 0.5
-    """Random error of each range [m]; the estimate for each beacon stays between half and four
-    times this.
-    """
-    range_scale_sigma: float = 0.1
-    """Standard deviation of the scale error that all ranges share: of radio. Sound under water
-    has 0.003.
-    """
-    range_offset_sigma: float = 0.1
-    """Standard deviation of each beacon's constant error of range [m]."""
-    survey_sigma: float = 0.1
-    """Standard deviation of each beacon's place, along each axis [m]."""
-    outlier_probability: float = 0.05
-    """Chance that a range is wrong altogether."""
-    outlier_span: float = 20.0
-    """Width of the span in which wrong ranges lie [m]; the same for all `MEDIA`, so that their
-    evidence compares.
-    """
-
-    def __post_init__(self) -> None:
-        require_probability("outlier_probability", self.outlier_probability)
-        require_numbers(self, positive=self.POSITIVE, signed={"hydrophone_height"})
-
-
-MEDIA = {
+MEDIA: dict[str, BeaconSettings] = {
     "air": BeaconSettings(),
-    "water": BeaconSettings(
-        gyro_bias_sigma=0.0, slip=0.2, current_sigma=0.1, range_scale_sigma=0.003, survey_sigma=1.0
-    ),
+    "water": WaterBeaconSettings(),
 }
 """What ranges are measured through: radio on land, or sound under water, where a vehicle has a
 compass and drifts.

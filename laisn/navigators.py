@@ -21,7 +21,14 @@ from laisn.errors import LaisnError
 from laisn.estimates import Estimates, FixKind, FixRecord, TightEstimates
 from laisn.messages import Measurements, OwnMotion, Reception
 from laisn.plugins import calling, find_class, is_plugin_name
-from laisn.settings import VARIANTS, NavigationSettings, RivalSettings, Settings, TightSettings
+from laisn.settings import (
+    VARIANTS,
+    NavigationSettings,
+    RivalSettings,
+    Settings,
+    TightSettings,
+    WaterBeaconSettings,
+)
 
 NavigatorFactory = Callable[[Any, Floats], Any]
 """Makes a navigator of settings and start; its `run` converts the measurements of a mission into
@@ -136,6 +143,8 @@ class NavigatorSpec:
         )
 
 
+BEACON_VARIANT = "beacons"
+"""The navigator for a link of beacons at rest."""
 _LAISN = NavigatorSpec(
     factory="laisn.navigator:Navigator", lanes=True, swarm="laisn.lanes:new_lanes"
 )
@@ -179,6 +188,12 @@ NAVIGATORS: dict[str, NavigatorSpec] = {
     ),
     "inverted-usbl": _rival("filters:InvertedUsbl", "the inverted USBL", sensor="inverted-usbl"),
     "geodetic": _rival("filters:GeodeticAdjustment", "the geodetic adjustment of dead reckoning"),
+    BEACON_VARIANT: NavigatorSpec(
+        factory="laisn.beacons:BeaconNavigator",
+        settings=WaterBeaconSettings,
+        sections=("beacons",),
+        title="the navigator among beacons",
+    ),
 }
 
 

@@ -328,3 +328,74 @@ class RivalSettings(TightSettings):
         if not 10 <= self.particles <= 1_000_000:
             raise LaisnError(f"particles is {self.particles}, expected 10 to 1000000")
         super().__post_init__()
+
+
+@dataclass(frozen=True, kw_only=True)
+class BeaconSettings(Settings):
+    """Standard deviations of the sensors, by default of a wheeled vehicle with radio ranges.
+
+    Keys of replays are the fields, with the units that end their docstrings.
+    """
+
+    POSITIVE = Settings.POSITIVE | {"start_sigma", "range_sigma", "outlier_span"}
+
+    dt: float = 0.1
+    """Filter step Δt [s]; steps of other lengths may come between."""
+    hydrophone_height: float = 0.0
+    """Height of the receiver above the depth sensor when level [m]."""
+    known_start: bool = True
+    """The start is given. Otherwise the first ranges give it."""
+    start_sigma: float = 1.0
+    """Standard deviation of the position at the start, along each axis [m]."""
+    heading_sigma: float = float(np.deg2rad(5.0))
+    """Standard deviation of the heading's error at the start [rad]."""
+    gyro_bias_sigma: float = float(np.deg2rad(0.5))
+    """Standard deviation of the rate at which that error grows [rad/s]; 0 for a compass."""
+    speed_scale_sigma: float = 0.03
+    """Standard deviation of the logarithm of true over measured speed."""
+    slip: float = 0.05
+    """Motion that odometry does not see, in a second, along each axis [m/√s]."""
+    heading_walk: float = float(np.deg2rad(0.0573))
+    """Random walk of the heading's error beside that rate, in a second [rad/√s]."""
+    current_sigma: float = 0.0
+    """Standard deviation of a current that carries the vehicle, along each axis [m/s]; 0 for
+    none.
+    """
+    range_sigma: float = 0.5
+    """Random error of each range [m]; the estimate for each beacon stays between half and four
+    times this.
+    """
+    range_scale_sigma: float = 0.1
+    """Standard deviation of the scale error that all ranges share: of radio. Sound under water
+    has 0.003.
+    """
+    range_offset_sigma: float = 0.1
+    """Standard deviation of each beacon's constant error of range [m]."""
+    survey_sigma: float = 0.1
+    """Standard deviation of each beacon's place, along each axis [m]."""
+    outlier_probability: float = 0.05
+    """Chance that a range is wrong altogether."""
+    outlier_span: float = 20.0
+    """Width of the span in which wrong ranges lie [m]; the same for all `MEDIA`, so that their
+    evidence compares.
+    """
+
+    def __post_init__(self) -> None:
+        require_probability("outlier_probability", self.outlier_probability)
+        super().__post_init__()
+
+
+@dataclass(frozen=True, kw_only=True)
+class WaterBeaconSettings(BeaconSettings):
+    """The same for sound under water, where a vehicle has a compass and drifts."""
+
+    gyro_bias_sigma: float = 0.0
+    """Standard deviation of the rate at which that error grows [rad/s]; 0 for a compass."""
+    slip: float = 0.2
+    """Motion that the log does not see, in a second, along each axis [m/√s]."""
+    current_sigma: float = 0.1
+    """Standard deviation of a current that carries the vehicle, along each axis [m/s]."""
+    range_scale_sigma: float = 0.003
+    """Standard deviation of the scale error that all ranges share."""
+    survey_sigma: float = 1.0
+    """Standard deviation of each beacon's place, along each axis [m]."""

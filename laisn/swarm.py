@@ -153,11 +153,17 @@ def _navigate(swarm, step, readings, received, messages, ranges, estimates, reco
     )
 
 
-def reception_of(message: Record, ranges: Floats, custom: Mapping[str, Floats]) -> Reception:
-    """A reception from a record of MESSAGE, ranges, shape (3,), [m], and readings of further
-    sensors.
+def reception_of(
+    message: Record,
+    ranges: Floats,
+    custom: Mapping[str, Floats],
+    places: Floats | None = None,
+) -> Reception:
+    """A reception from a record of MESSAGE, ranges, shape (3,), [m], readings of further sensors,
+    and places of beacons as of `Reception.transmitters`.
     """
-    return Reception(LeaderMessage(*message.tolist()), Ranges(*ranges.tolist()), custom=custom)
+    sent = LeaderMessage(*message.tolist())
+    return Reception(sent, Ranges(*ranges.tolist()), places, custom)
 
 
 class SeparateNavigators:
@@ -173,6 +179,8 @@ class SeparateNavigators:
         """Of each follower, as its navigator made them."""
         self.custom: list[dict[str, Floats]] = [{} for _ in starts]
         """Readings of further sensors of each follower at this filter step, by their names."""
+        self.places: Floats | None = None
+        """Where the transmitters of messages are, as of `Reception.transmitters`."""
 
     def navigate(
         self,
@@ -190,7 +198,7 @@ class SeparateNavigators:
             reading = OwnMotion(speed, heading, depth, self.custom[i])
             reception = None
             if received[i]:
-                reception = reception_of(messages[i], ranges[i], self.custom[i])
+                reception = reception_of(messages[i], ranges[i], self.custom[i], self.places)
             fixes = navigator.step(reading, reception)
             state = np.array(navigator.state, dtype=np.float64)
             estimates.position[i], estimates.velocity[i] = np.split(state, 2)

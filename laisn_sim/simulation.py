@@ -30,6 +30,7 @@ from sim.closed_loop import (
     belief_of,
     closed_loop_mission,
     flight_of,
+    hearing_of,
     readings_of,
     require_command,
 )
@@ -281,14 +282,16 @@ class Simulation:
     def receptions(self) -> dict[str, Reception | None]:
         """What each follower has received of the leader at this instant by name; None: nothing."""
         state = self._loop.state
+        hearing = hearing_of(self._loop)
         k = self._instant
         due = k > 0 and k % state.sensors.stride == 0
         receptions: dict[str, Reception | None] = {}
         for i, name in enumerate(self.names[1:]):
             receptions[name] = None
-            if due and state.arrived[i]:
+            if due and hearing.arrived[i]:
+                inbox = hearing.inbox
                 receptions[name] = reception_of(
-                    state.inbox.message[i], state.inbox.ranges[i], self._custom(i)
+                    inbox.message[i], inbox.ranges[i], self._custom(i), hearing.places
                 )
         return receptions
 

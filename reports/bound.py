@@ -14,8 +14,9 @@ from laisn.tight.motion import CURRENT_SIGMA
 from sim.flight import Flight
 from sim.scenario.section import in_si
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.sensing.links import navigated_motion
 from sim.sensing.observation import propagate
-from sim.sensing.sensors import errors_of
+from sim.sensing.sensors import navigated_errors_of
 from sim.trajectory import Trajectory
 
 # standard deviation of |N(0, 1)|, as which compasses err (Eq. 27)
@@ -37,7 +38,7 @@ def noise_of(scenario: Scenario, follower: int = 0) -> TrueNoise:
     information would be too high. Biases that are assumed to drift, an estimated current and the
     clock walk as the navigator assumes.
     """
-    errors = errors_of(scenario, follower)
+    errors = navigated_errors_of(scenario, follower)
     assumed = in_si(dict(scenario.navigation.assume))
     estimated = scenario.navigation.settings().estimated
     drift = scenario.navigation.assume.drift
@@ -80,6 +81,7 @@ def geometry_of(
         follower: its index, 0 for the first.
         received: of which of the m messages each ping arrived, shape (m, 3); None: all did.
     """
+    trajectory = navigated_motion(trajectory, scenario)
     dt = scenario.timing.filter_step_s
     stride = round(dt / CONTROL_STEP_S)
     first = round(float(trajectory.time[0]) / dt)

@@ -16,9 +16,10 @@ from laisn.messages import LeaderMessage
 from sim import attitude
 from sim.flight import Flight, navigation_settings
 from sim.sensing.acoustics import TRANSMITTERS
+from sim.sensing.links import navigated_motion
 from sim.sensing.noise import Address, seed_and_run
 from sim.sensing.observation import propagate
-from sim.sensing.sensors import errors_of, paths_taken
+from sim.sensing.sensors import navigated_errors_of, paths_taken
 from sim.trajectory import Trajectory
 from sim.water.rays import Path
 
@@ -92,7 +93,7 @@ def _transmitters(trajectory: Trajectory, index: Ints, quaternion: Floats) -> Fl
 def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
     """The range error budget of one follower, by its index."""
     scenario = flight.scenario
-    trajectory = flight.trajectory
+    trajectory = navigated_motion(flight.trajectory, scenario)
     measured = flight.measurements[follower]
     sound = propagate(trajectory, scenario, follower)
     # sound counts steps from the start of the mission, a flight from its own
@@ -109,7 +110,7 @@ def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
     hydrophone = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone", fix)
     depth_difference = -trajectory.position[sent, 0, 2] + hydrophone[:, 2]
 
-    errors = errors_of(scenario, follower)
+    errors = navigated_errors_of(scenario, follower)
     origin = seed_and_run(scenario.seed, scenario.run)
     drawn = [paths_taken(errors, Address(*origin, follower, step)) for step in emission.tolist()]
     path = np.array(drawn, dtype=np.int64).reshape(-1, 3)

@@ -47,6 +47,7 @@ from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.scenario.vehicles import Follower
 from sim.sensing import observation, proximity
 from sim.sensing.acoustics import Motion, site_at
+from sim.sensing.links import Link, navigated_link
 from sim.sensing.sensor import SensorDriver, VehicleState
 from sim.sensing.sensors import own_sensors, update_tilt_error
 from sim.simulation import (
@@ -117,7 +118,8 @@ def init_closed_loop(
     n = routes.reference.shape[0]
     sensors = observation.sensor_model_of(scenario)
     steps = (n - 1) // sensors.stride
-    messages = steps // scenario.message_every + 1
+    link = navigated_link(scenario)
+    messages = steps // (link.every if link else scenario.message_every) + 1
     kind = find(scenario.navigation.variant).estimates
     offset = {name: plant.site_offset[i] for i, name in enumerate(plant.site_names)}
     names = [follower.name for follower in scenario.followers]
@@ -556,8 +558,69 @@ class OwnControl:
         )
 
 
+class Hearing(NamedTuple):
+    """What f followers receive on one link, and have received."""
+
+    sensors: observation.SensorModel
+    motion: StateHistory  # of all vehicles, the sender first
+    sites: tuple[Floats, Floats]  # of transmitters, shape (3, 3), and hydrophones, (f, 3) [m]
+    tilts: Floats  # as of `ClosedLoopState`
+    inbox: observation.Inbox
+    arrived: Bools  # whether a message is in at this filter step, shape (f,)
+    measured: observation.MeasurementRecord
+    places: Floats | None  # of beacons, as of `Link`
+
+
+class LinkReceiver:
+    """Receives the messages of a further link, one instant after the other."""
+
+    def __init__(self, scenario: Scenario, link: Link, state: ClosedLoopState) -> None:
+        """Nothing is received yet."""
+        f = state.kinds.size
+        n = len(state.tilts)
+        sensors = observation.sensor_model_of(scenario, link)
+        self._link = link
+        self._receives = link.receivers(f)
+        self.hearing = Hearing(
+            sensors=sensors,
+            motion=StateHistory.empty(n, f + 1, 0),
+            sites=(link.sites, state.sites[1]),
+            tilts=state.tilts.copy(),
+            inbox=observation.new_inbox(f, link.every),
+            arrived=np.zeros(f, dtype=np.bool_),
+            measured=observation.MeasurementRecord.empty(f, (n - 1) // sensors.stride, link.every),
+            places=link.places,
+        )
+
+    def sense(self, k: int, truth: StateHistory, read: Floats) -> None:
+        """Receive what is in at instant k, and record it with the followers' readings, shape (f,
+        6), at filter steps.
+        """
+        hearing = self.hearing
+        s = hearing.sensors
+        self._link.copy_instants(truth, k, k, hearing.motion)
+        if k > 0 and s.senses_acceleration:
+            pose = hearing.motion.pose[:, 0]
+            update_tilt_error(s.tilt_share, k, pose, hearing.motion.twist[:, 0], hearing.tilts)
+        if k % s.stride != 0:
+            return
+        step = k // s.stride
+        inbox = hearing.inbox
+        known = Motion(hearing.motion, 0.0, k)
+        for i, receives in enumerate(self._receives.tolist()):
+            inbox.outcome[i] = observation.NO_MESSAGE
+            if receives and inbox.earliest_step[i] <= step:
+                observation.receive(s, step, i, hearing.sites, known, hearing.tilts, inbox)
+                inbox.ranges[i, self._link.transmitters :] = np.nan
+            hearing.arrived[i] = inbox.outcome[i] != observation.NO_MESSAGE
+            if k > 0:
+                observation.record_step(hearing.measured, inbox, step, i, read[i])
+
+
 class PythonClosedLoop:
-    """The same controller with navigators, further sensors or controllers that Python calls."""
+    """The same controller with navigators, further sensors, links or controllers that Python
+    calls.
+    """
 
     def __init__(
         self,
@@ -566,13 +629,17 @@ class PythonClosedLoop:
         own: OwnControl,
         sensors: Sequence[SensorDriver],
         environment: Environment,
+        receiver: LinkReceiver | None = None,
     ) -> None:
-        """Begin a mission; `sensors` are those beside the built-in ones, of each follower."""
+        """Begin a mission; `sensors` are those beside the built-in ones, of each follower,
+        `receiver` is of the link that they navigate on, if that is not the leader's.
+        """
         self.state = state
         self.swarm = swarm
         self._own = own
         self._sensors = sensors
         self._environment = environment
+        self.receiver = receiver
         followers = state.kinds.size
         self.latest_custom: list[dict[str, Floats]] = [{} for _ in range(followers)]
         self.custom: dict[str, list[list[Floats]]] = {
@@ -585,17 +652,22 @@ class PythonClosedLoop:
         state = self.state
         failed = 0
         followers = range(state.kinds.size)
-        inbox = state.inbox
         arrived = [False for _ in followers]
-        if sense(k, truth, state):
-            arrived = state.arrived.tolist()
+        is_due = sense(k, truth, state)
+        if self.receiver is not None:
+            self.receiver.sense(k, truth, state.read)
+        hearing = hearing_of(self, truth)
+        inbox = hearing.inbox
+        if is_due:
+            arrived = hearing.arrived.tolist()
             self._read_custom(k, truth)
             if isinstance(self.swarm, SeparateNavigators):
                 self.swarm.custom = self.latest_custom
+                self.swarm.places = hearing.places
             failed = self.swarm.navigate(
                 k // state.sensors.stride,
                 state.readings,
-                state.arrived,
+                hearing.arrived,
                 inbox.message,
                 inbox.ranges,
                 state.estimates,
@@ -607,7 +679,7 @@ class PythonClosedLoop:
             for f in followers:
                 if arrived[f]:
                     received[f] = reception_of(
-                        inbox.message[f], inbox.ranges[f], self.latest_custom[f]
+                        inbox.message[f], inbox.ranges[f], self.latest_custom[f], hearing.places
                     )
             tables = (state.readings, state.estimates, state.memory)
             self._own.command(k, received, self.latest_custom, tables)
@@ -632,7 +704,7 @@ class PythonClosedLoop:
         true = sensor.true(state, self._environment, step)
         draws = sensor.draws(int(s.seed), int(s.run), f, np.array([step]))
         reading: Floats = sensor.read(true, draws)[0]
-        heard = self.state.inbox.outcome[f] == observation.RECEIVED
+        heard = hearing_of(self).inbox.outcome[f] == observation.RECEIVED
         if sensor.acoustic and not heard:
             reading[:] = np.nan
         return reading
@@ -645,11 +717,13 @@ class PythonClosedLoop:
         motion = (truth.pose[instant, v], truth.twist[instant, v], truth.water[instant, v])
         hydrophone = np.array([body_point_in_world(motion[0][0], state.sites[1][f])])
         source = np.full((1, 3, 3), np.nan)
-        if state.inbox.outcome[f] == observation.RECEIVED:
-            s = state.sensors
-            leaves = state.inbox.last_sent[f] * s.dt + s.sound.slot * np.arange(3)
-            for i, (site, time) in enumerate(zip(state.sites[0], leaves, strict=True)):
-                source[0, i] = site_at(s.sound, Motion(truth, 0.0, k), 0, site, time)
+        hearing = hearing_of(self, truth)
+        if hearing.inbox.outcome[f] == observation.RECEIVED:
+            s = hearing.sensors
+            leaves = hearing.inbox.last_sent[f] * s.dt + s.sound.slot * np.arange(3)
+            known = Motion(hearing.motion, 0.0, k)
+            for i, (site, time) in enumerate(zip(hearing.sites[0], leaves, strict=True)):
+                source[0, i] = site_at(s.sound, known, 0, site, time)
         time = np.array([k * TICK])
         return VehicleState.of_motion(time, motion, state.sites[2][f], (hydrophone, source), f)
 
@@ -664,6 +738,26 @@ class PythonClosedLoop:
 
 
 AnyClosedLoop = ClosedLoop | PythonClosedLoop
+
+
+def hearing_of(loop: AnyClosedLoop, truth: StateHistory | None = None) -> Hearing:
+    """What followers receive on the link that they navigate on; `truth` is its motion where that is
+    the leader's.
+    """
+    receiver = loop.receiver if isinstance(loop, PythonClosedLoop) else None
+    if receiver is not None:
+        return receiver.hearing
+    state = loop.state
+    return Hearing(
+        sensors=state.sensors,
+        motion=StateHistory.empty(0, 0, 0) if truth is None else truth,
+        sites=(state.sites[0], state.sites[1]),
+        tilts=state.tilts,
+        inbox=state.inbox,
+        arrived=state.arrived,
+        measured=state.measured,
+        places=None,
+    )
 
 
 def closed_loop_of(
@@ -694,9 +788,11 @@ def closed_loop_of(
     state.estimates.position = starts[:, :2] if settings[0].known_start else np.nan
     own = OwnControl(scenario, plant, routes)
     sensors = own_sensors(scenario)
-    if isinstance(swarm, tuple) and not own and not sensors:
+    link = navigated_link(scenario)
+    if isinstance(swarm, tuple) and not own and not sensors and link is None:
         return ClosedLoop(state, swarm)
-    return PythonClosedLoop(state, swarm, own, sensors, plant.ocean.environment)
+    receiver = None if link is None else LinkReceiver(scenario, link, state)
+    return PythonClosedLoop(state, swarm, own, sensors, plant.ocean.environment, receiver)
 
 
 def closed_loop_mission(
@@ -737,6 +833,7 @@ def flight_of(
     steps = (trajectory.time.size - 1) // state.sensors.stride
     dt = scenario.timing.filter_step_s
     kind = find(scenario.navigation.variant).estimates
+    hearing = hearing_of(loop)
     measurements = []
     estimates = []
     for i in range(len(scenario.followers)):
@@ -745,7 +842,9 @@ def flight_of(
         if isinstance(loop, PythonClosedLoop):
             custom = loop.custom_readings(i, steps)
             headers = loop.headers
-        measurements.append(state.measured.measurements(i, steps, dt, custom, headers))
+        measurements.append(
+            hearing.measured.measurements(i, steps, dt, custom, headers, hearing.places)
+        )
         if isinstance(loop.swarm, SeparateNavigators):
             estimates.append(loop.swarm.estimates(state.concluded, i, steps))
         else:

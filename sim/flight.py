@@ -16,8 +16,9 @@ from laisn.settings import Settings
 from sim.assembly import on_axis
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.acoustics import TRANSMITTERS
+from sim.sensing.links import navigated_motion
 from sim.sensing.observation import measure, observe, start_of
-from sim.sensing.sensors import errors_of
+from sim.sensing.sensors import navigated_errors_of
 from sim.trajectory import Trajectory
 from sim.water.assembly import floor_of
 
@@ -92,6 +93,7 @@ def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: in
     if it has none such.
     """
     sound = scenario.acoustics
+    trajectory = navigated_motion(trajectory, scenario)
     name = trajectory.names[follower + 1]
     height = scenario.navigation.hydrophone_height_m
     if height is None:
@@ -156,7 +158,7 @@ def navigate(
         settings = navigation_settings(scenario, trajectory, follower)
         measured = measure(
             observe(trajectory, scenario, follower),
-            errors_of(scenario, follower),
+            navigated_errors_of(scenario, follower),
             seed=scenario.seed,
             run=scenario.run,
             follower=follower,

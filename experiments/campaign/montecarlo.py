@@ -31,10 +31,11 @@ from laisn.messages import Measurements
 from laisn.navigators import MissionResult, NavigatorSpec, find, spec_of
 from laisn.settings import NavigationSettings, Settings
 from sim.flight import navigation_settings
+from sim.scenario.links import LEADER_LINK
 from sim.scenario.section import keys_per_run
 from sim.scenario.settings import Acoustics, Leader, Navigation, Scenario, Sensors
 from sim.sensing.observation import IdealMeasurements, measure, observe
-from sim.sensing.sensors import SensorErrors, errors_of, own_tables
+from sim.sensing.sensors import SensorErrors, navigated_errors_of, own_tables
 from sim.simulation import EndedError, simulate_motion
 from sim.trajectory import Trajectory
 from sim.vehicle.mjcf import transmitter_places
@@ -81,7 +82,13 @@ def motion_of(scenario: Scenario) -> Scenario:
     leader = _without(scenario.leader, "broadcast_attitude", baseline_m=None, middle_offset_m=None)
     timing = _without(scenario.timing, "filter_step_s", "message_interval_s")
     return _without(
-        content_of(scenario), "sensors", "acoustics", "navigation", leader=leader, timing=timing
+        content_of(scenario),
+        "sensors",
+        "acoustics",
+        "navigation",
+        "links",
+        leader=leader,
+        timing=timing,
     )
 
 
@@ -93,13 +100,19 @@ def _observed_of(scenario: Scenario, follower: int) -> Scenario:
     acoustics = scenario.acoustics
     chances = ("surface_echo_probability", "bottom_echo_probability")
     echoes = {name: float(getattr(acoustics, name) > 0.0) / 2 for name in chances}
+    by_leader = scenario.navigation.link == LEADER_LINK
+    # links name their senders
+    hidden = ("sensors", "name") if by_leader else ("sensors",)
     own = {
         "seed": 1,
         "sensors": _without(sensors, *keys_per_run(Sensors), own=own_tables(scenario)),
-        "followers": tuple(_without(member, "sensors", "name") for member in scenario.followers),
+        "followers": tuple(_without(member, *hidden) for member in scenario.followers),
+        "links": () if by_leader else scenario.links,
         "acoustics": _without(acoustics, *keys_per_run(Acoustics), **echoes),
         "navigation": Navigation(
-            variant="tight", assume={"transmitters": scenario.navigation.transmitters}
+            variant="tight",
+            link=scenario.navigation.link,
+            assume={"transmitters": scenario.navigation.transmitters},
         ),
     }
     return canonical_scenario(content_of(scenario)).model_copy(update=own)
@@ -210,7 +223,7 @@ class Cell:
         trajectory, truth = (mission or mission_of(motion_of(scenario))).seen(scenario, follower)
         return cls(
             truth=truth,
-            errors=errors_of(scenario, follower),
+            errors=navigated_errors_of(scenario, follower),
             navigator=find(scenario.navigation.variant),
             settings=navigation_settings(scenario, trajectory, follower),
             seed=scenario.seed,

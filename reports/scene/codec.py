@@ -3,6 +3,7 @@ base64. `src/codec.js` reads them.
 """
 
 import base64
+import math
 import zlib
 from dataclasses import asdict, dataclass
 
@@ -56,7 +57,7 @@ class Packer:
         finite.
         """
         table = np.asarray(values, dtype=np.float64)
-        table = table.reshape(len(table), -1)
+        table = table.reshape(len(table), math.prod(table.shape[1:]))
         if not np.isfinite(table).all():
             raise ValueError(f"array {name!r} of a scene is not finite")
         whole = np.rint(table / unit).astype(np.int64)

@@ -27,6 +27,7 @@ from sim.log.order import steps_back
 from sim.log.schema import (
     DETAILS,
     MEASURED,
+    PLACED_MEASURED,
     PLACES,
     SENSOR,
     SENSORS,
@@ -37,7 +38,8 @@ from sim.log.schema import (
     vehicle_state,
 )
 from sim.scenario import file as scenario_file
-from sim.scenario.settings import CONTROL_STEP_S
+from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.sensing.links import navigated_link
 from sim.trajectory import Trajectory
 
 CORE = (vehicle_state(()), *MEASURED, *estimated(Estimates), *DETAILS.values())
@@ -102,6 +104,12 @@ def _record(log: Contents, name: str, types: Sequence[RecordType], grid_ns: Ints
         # hours of messages would fill the memory beside their numbers
         log.topics.pop(topic, None)
     return arrays
+
+
+def _measured_types(scenario: Scenario) -> tuple[RecordType, ...]:
+    """Types of the channels of a follower's measurements."""
+    link = navigated_link(scenario)
+    return MEASURED if link is None or link.places is None else PLACED_MEASURED
 
 
 def _sensor_headers(log: Contents) -> dict[str, SensorHeader]:
@@ -226,7 +234,7 @@ def read(path: Path | str) -> Flight:
         measured = tuple(
             Measurements(
                 dt=dt,
-                **_record(log, name, MEASURED, steps_ns),
+                **_record(log, name, _measured_types(scenario), steps_ns),
                 own=_custom_readings(log, name, steps_ns, headers),
                 sensors=headers,
             )

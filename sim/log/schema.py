@@ -228,6 +228,13 @@ PLACED_RECEPTION = RecordType(
     name="PlacedReception", topic="reception", columns=(*_RECEIVED, PLACES)
 )
 """A reception with the positions of the transmitters; of beacons and buoys, in logs of vehicles."""
+BEACON_RECEPTION = RecordType(
+    name="PlacedReception",
+    topic="reception",
+    columns=(*_RECEIVED, PLACES),
+    steps="message_step",
+)
+"""The same in logs of flights."""
 FILTER_STATE = RecordType(
     name="FilterState",
     topic="filter",
@@ -256,6 +263,8 @@ DETAILS = {
 ERROR = RecordType(name="Error", topic="error", columns=_numbers("position_error", "bearing_error"))
 MEASURED = (OWN_MOTION, RECEPTION)
 """Channels of a follower's measurements; the first has a message at every filter step."""
+PLACED_MEASURED = (OWN_MOTION, BEACON_RECEPTION)
+"""The same where the transmitters are beacons."""
 SENSORS = "sensors"
 """Metadata record with the channels and the rates of further sensors by their names."""
 SENSOR = "sensor/"

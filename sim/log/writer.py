@@ -38,6 +38,7 @@ from sim.log.encoding import TimedNumbers, repeated
 from sim.log.scene import ESTIMATE, TRUTH, draw_acoustics, draw_hulls, draw_vehicles
 from sim.log.schema import Clock, RecordType, pose, quaternion, timestamp, vector
 from sim.scenario.settings import CONTROL_STEP_S
+from sim.sensing.links import navigated_link
 from sim.trajectory import Trajectory
 
 _BLOCK_NS = 20 * 10**9  # what was logged of this time is in the file before more is logged [ns]
@@ -243,7 +244,8 @@ def _follower(
     e = flight.estimates[f]
     name = flight.trajectory.names[f + 1]
     time_ns = clock.ns(m.dt * np.arange(1, m.speed.size + 1))
-    for record, types in ((m, schema.MEASURED), (e, schema.estimated(type(e)))):
+    measured = schema.MEASURED if m.transmitters is None else schema.PLACED_MEASURED
+    for record, types in ((m, measured), (e, schema.estimated(type(e)))):
         for type_ in types:
             at = time_ns[getattr(record, type_.steps) - 1] if type_.steps else time_ns
             yield numeric(f"/{name}", type_, at, vars(record))
@@ -301,11 +303,14 @@ def _scene(flight: Flight, clock: Clock) -> Iterator[Channel]:
     seconds = np.arange(0, t.time.size, round(1.0 / CONTROL_STEP_S), dtype=np.int64)
     received: Ints = np.unique(np.concatenate([m.message_step for m in flight.measurements]))
     shown, hulls = draw_hulls(flight, seconds)
-    for what, times, draw in (
+    scenes = [
         ("hulls", t.time[shown], hulls),
         ("vehicles", t.time[seconds], draw_vehicles(flight, seconds)),
-        ("acoustics", received * flight.measurements[0].dt, draw_acoustics(flight, received)),
-    ):
+    ]
+    if navigated_link(flight.scenario) is None:
+        heard = np.asarray(received * flight.measurements[0].dt, dtype=np.float64)
+        scenes.append(("acoustics", heard, draw_acoustics(flight, received)))
+    for what, times, draw in scenes:
         yield _channel(
             f"/scene/{what}", fg.SceneUpdate, clock.ns(times), draw, np.arange(times.size)
         )

@@ -22,16 +22,20 @@ from laisn.navigators import NAVIGATORS, OWN_SECTION, find
 from laisn.plugins import is_plugin_name
 from laisn.settings import (
     VARIANTS,
+    BeaconSettings,
     NavigationSettings,
     RivalSettings,
     Settings,
     TightSettings,
+    WaterBeaconSettings,
     transmitters_of,
 )
+from sim.scenario.links import LEADER_LINK
 from sim.scenario.section import (
     LISTED,
     Coordinate,
     FurtherKeys,
+    Name,
     NonNegative,
     Section,
     in_si,
@@ -83,6 +87,16 @@ class Rival(FurtherKeys):
     )
 
 
+@with_fields_of(BeaconSettings, without={"dt", "hydrophone_height", "known_start"})
+@with_fields_of(WaterBeaconSettings, without={"known_start"})
+class Beacons(FurtherKeys):
+    """Settings of the navigator among beacons, `variant = "beacons"`."""
+
+    outlier_probability: Annotated[float, Field(gt=0, lt=1)] = Field(
+        WaterBeaconSettings.outlier_probability, description="chance of a wrong range"
+    )
+
+
 class Own(Section):
     """Settings of an own navigator, `variant = "module:Class"`: fields of its `Settings`, with
     or without unit.
@@ -105,8 +119,14 @@ class Navigation(FurtherKeys):
         NavigationSettings.variant,
         description="LAISN variant, tightly coupled navigator, or own class",
     )
+    link: Name = Field(
+        LEADER_LINK,
+        description='whose messages the followers navigate on: "leader", or the name of one of '
+        "[[links]]",
+    )
     assume: Assume = Assume()
     rival: Rival = Rival()
+    beacons: Beacons = Beacons()
     own: Own | None = None
     use_attitude: bool = Field(
         NavigationSettings.use_attitude,

@@ -19,8 +19,10 @@ from pydantic import (
 )
 
 from laisn.arrays import Floats
+from laisn.navigators import BEACON_VARIANT, NAVIGATORS
 from laisn.settings import VARIANTS
 from sim.scenario.formation import Formation, Shape, Station, followers_of, station_inconsistencies
+from sim.scenario.links import LEADER_LINK, Link
 from sim.scenario.navigation import Assume, Navigation
 from sim.scenario.sea_files import CurrentSource, FloorSource, MapOrigin, SoundSource
 from sim.scenario.section import (
@@ -239,6 +241,9 @@ class Scenario(Section):
     sensors: Sensors = Sensors()
     acoustics: Acoustics = Acoustics()
     navigation: Navigation = Navigation()
+    links: Annotated[tuple[Link, ...], LISTED] = Field(
+        (), max_length=8, description="who sends messages beside the leader"
+    )
     video: Video = Video()
 
     @model_validator(mode="before")
@@ -351,6 +356,7 @@ class Scenario(Section):
             errors.append("formation.shape makes the followers; there are [[followers]] beside it")
         errors += self._station_errors()
         errors += self._navigation_errors()
+        errors += self._link_errors()
         return errors
 
     def _motion_errors(self) -> list[str]:
@@ -400,6 +406,67 @@ class Scenario(Section):
                 f"navigation.transmitters_m has {places} places, the navigator uses {used} "
                 "transmitters"
             )
+        return errors
+
+    def _link_errors(self) -> list[str]:
+        """What contradicts vehicles, times and the sea in links, and the navigated one."""
+        errors = []
+        vehicles = ["leader", *(follower.name for follower in self.followers)]
+        names = [link.name for link in self.links]
+        step = self.timing.filter_step_s
+        for i, link in enumerate(self.links):
+            key = f"links[{i}]"
+            if names.index(link.name) < i:
+                errors.append(f"{key}.name = {link.name!r} is that of another link")
+            if link.sender is not None and link.sender not in vehicles:
+                errors.append(
+                    f"{key}.sender = {link.sender!r} is no vehicle: {', '.join(vehicles)}"
+                )
+            interval = link.interval_s or self.timing.message_interval_s
+            if not is_multiple(interval, step):
+                errors.append(f"{key}.interval_s is no multiple of filter_step_s = {step:g}")
+            delayed = link.offset_s > 0.0 and not is_multiple(link.offset_s, step)
+            if delayed or link.offset_s >= interval:
+                errors.append(
+                    f"{key}.offset_s must be shorter than the interval of {interval:g} s, and a "
+                    f"multiple of filter_step_s = {step:g}"
+                )
+            deep = [place[2] for place in link.beacons_m if place[2] > self.ocean.floor_depth_m]
+            if deep:
+                errors.append(
+                    f"{key}.beacons_m: {deep[0]:g} m is below the floor at "
+                    f"{self.ocean.floor_depth_m:g} m"
+                )
+        return errors + self._navigated_link_errors(names)
+
+    def _navigated_link_errors(self, names: list[str]) -> list[str]:
+        chosen = self.navigation.link
+        by_beacons = self.navigation.variant == BEACON_VARIANT
+        if chosen == LEADER_LINK:
+            if by_beacons:
+                return ['navigation.variant = "beacons" needs a navigation.link of beacons']
+            return []
+        if chosen not in names:
+            known = ", ".join([LEADER_LINK, *names])
+            return [f"navigation.link = {chosen!r}: expected one of {known}"]
+        errors = []
+        link = self.links[names.index(chosen)]
+        shipped = self.navigation.variant in NAVIGATORS
+        if link.beacons_m and shipped and not by_beacons:
+            errors.append(
+                f"navigation.link = {chosen!r} has beacons, among which only variant = "
+                '"beacons" or an own class navigates'
+            )
+        if not link.beacons_m and by_beacons:
+            errors.append(f"navigation.link = {chosen!r} has no beacons")
+        sites = len(link.transmitters_m)
+        if not link.beacons_m and sites < self.navigation.transmitters:
+            errors.append(
+                f"navigation.link = {chosen!r} has {sites} transmitters, the navigator uses "
+                f"{self.navigation.transmitters}"
+            )
+        if self.navigation.transmitters_m:
+            errors.append("navigation.transmitters_m is of the leader; a link has transmitters_m")
         return errors
 
     def _depth_errors(self, key: str, vehicle: Vehicle) -> list[str]:

@@ -22,6 +22,7 @@ from laisn.messages import LeaderMessage, Measurements, SensorHeader
 from laisn.swarm import MESSAGE
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing import acoustics, noise, sensors
+from sim.sensing.links import Link, navigated_link, navigated_motion
 from sim.sensing.noise import Address
 from sim.sensing.sensor import SensorDriver, VehicleState
 from sim.trajectory import StateHistory, Trajectory, row
@@ -60,26 +61,34 @@ class SensorModel(NamedTuple):
     dt: float
     stride: int  # instants from one filter step to the next
     message_every: int  # filter steps from one message to the next
+    message_offset: int  # filter steps by which all messages are later than multiples of that
     sound: acoustics.Sound
 
 
-def sensor_model_of(scenario: Scenario) -> SensorModel:
-    """Sensors and acoustics of a scenario as compiled code takes them."""
+def sensor_model_of(scenario: Scenario, link: Link | None = None) -> SensorModel:
+    """Sensors and acoustics of a scenario as compiled code takes them, of the leader's broadcast or
+    another link.
+    """
     leader = scenario.leader
     followers = range(len(scenario.followers))
+    sound = acoustics.sound_of(scenario)
+    if link is not None:
+        used = min(sound.transmitters, link.transmitters)
+        sound = sound._replace(transmitters=used)
     return SensorModel(
         seed=np.uint64(scenario.seed),
         run=np.uint64(scenario.run),
         errors=np.array(
-            [tuple(sensors.errors_of(scenario, i)) for i in followers], sensors.ERRORS
+            [tuple(sensors.errors_of(scenario, i, link)) for i in followers], sensors.ERRORS
         ).view(np.recarray),
         senses_acceleration=leader.broadcast_attitude
         and scenario.sensors.leader_attitude_senses_acceleration,
         tilt_share=sensors.complementary_filter_gain(scenario.sensors),
         dt=scenario.timing.filter_step_s,
         stride=round(scenario.timing.filter_step_s / CONTROL_STEP_S),
-        message_every=scenario.message_every,
-        sound=acoustics.sound_of(scenario),
+        message_every=scenario.message_every if link is None else link.every,
+        message_offset=0 if link is None else link.offset,
+        sound=sound,
     )
 
 
@@ -188,9 +197,10 @@ class MeasurementRecord(NamedTuple):
         dt: float,
         custom: Mapping[str, Floats],
         headers: Mapping[str, SensorHeader],
+        places: Floats | None = None,
     ) -> Measurements:
         """All that a follower measured in the first steps of dt [s], with readings of further
-        sensors and their headers.
+        sensors and their headers, and the places of beacons, shape (3, 3), [m].
         """
         arrived = self.message_step[follower, : self.messages[follower]]
         messages = slice(0, int(np.searchsorted(arrived, steps, side="right")))
@@ -202,6 +212,7 @@ class MeasurementRecord(NamedTuple):
             message_step=self.message_step[follower, messages],
             message=self.message[follower, messages],
             ranges=self.ranges[follower, messages],
+            transmitters=None if places is None else np.tile(places, (messages.stop, 1, 1)),
             own=custom,
             sensors=headers,
         )
@@ -243,7 +254,7 @@ def poll_reception(
     taken = 0
     pings = acoustics.NO_PINGS
     while inbox.earliest_step[follower] <= k:
-        sent = (inbox.messages_done[follower] + 1) * s.message_every
+        sent = (inbox.messages_done[follower] + 1) * s.message_every + s.message_offset
         complete, found = acoustics.follow(
             s.sound, known, (sites[0], sites[1][follower]), follower + 1, sent * s.dt
         )
@@ -254,7 +265,9 @@ def poll_reception(
             inbox.earliest_step[follower] = step if final else k + 1
             break
         inbox.messages_done[follower] += 1
-        inbox.earliest_step[follower] = (inbox.messages_done[follower] + 1) * s.message_every
+        inbox.earliest_step[follower] = (
+            inbox.messages_done[follower] + 1
+        ) * s.message_every + s.message_offset
         # of two messages within one filter step the follower keeps the first
         if taken == 0:
             taken = sent
@@ -537,10 +550,11 @@ def _sense(
     own: Floats,
     use_compiled: bool | None,
 ) -> Receptions:
-    s = sensor_model_of(scenario)
+    link = navigated_link(scenario)
+    s = sensor_model_of(scenario, link)
     known = acoustics.motion_of(trajectory)
     first = round(float(trajectory.time[0]) / s.dt)
-    over = first // s.message_every
+    over = max(first - s.message_offset, 0) // s.message_every
     last = first + known.last // s.stride
     room = max(last // s.message_every - over, 0)
     steps = np.zeros((2, room), dtype=np.int64)
@@ -559,8 +573,10 @@ def _sense(
     else:
         *places, depth_sensor = offset.tolist()
         sites = (places[:3], places[3:], depth_sensor)
-        e = sensors.errors_of(scenario, follower)
+        e = sensors.errors_of(scenario, follower, link)
         m = _sense_mission(s, e, which, sites, known, tilts, inbox, own, found)
+    if link is not None and not link.hears(follower):
+        m = 0
     return Receptions(*[values[:m] for values in found])  # type: ignore[arg-type]
 
 
@@ -571,13 +587,14 @@ def propagate(
     *,
     use_compiled: bool | None = None,
 ) -> Receptions:
-    """Follow the sound of all messages sent in a trajectory to one follower, as far as they are in
-    by its end.
+    """Follow the sound of all messages sent in a trajectory to one follower, on the link that it
+    navigates on, as far as they are in by its end.
 
     Their content lacks pitch and roll. `use_compiled` is as of `observe`.
     """
     unknown = np.full((trajectory.time.size, 2), np.nan)
-    return _sense(trajectory, scenario, follower, unknown, np.empty((0, 3)), use_compiled)
+    motion = navigated_motion(trajectory, scenario)
+    return _sense(motion, scenario, follower, unknown, np.empty((0, 3)), use_compiled)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -604,6 +621,9 @@ class IdealMeasurements:
     echo_range: Floats | None = None  # by surface and bottom, shape (2, m, 3), [m]; None: no echoes
     # further sensors, and their true readings (n, …)
     own: tuple[tuple[SensorDriver, Floats], ...] = ()
+    transmitters: int = 3  # how many the sender has
+    places: Floats | None = None
+    """East, north and depth of beacons, shape (3, 3), [m], NaN for none; None of a vehicle."""
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -653,10 +673,12 @@ def observe(
     steps = np.arange(1, n + 1)
     grid = slice(stride, n * stride + 1, stride)
     own = np.empty((n, 3))
+    link = navigated_link(scenario)
+    motion = trajectory if link is None else link.motion_of(trajectory)
     tilts = np.full((trajectory.time.size, 2), np.nan)
     if scenario.leader.broadcast_attitude:
-        tilts = sensors.tilt_errors(trajectory, scenario.sensors)
-    sound = _sense(trajectory, scenario, follower, tilts, own, use_compiled)
+        tilts = sensors.tilt_errors(motion, scenario.sensors)
+    sound = _sense(motion, scenario, follower, tilts, own, use_compiled)
     hydrophone = trajectory.site_path(f"{name}/hydrophone", steps * stride)
 
     def custom() -> Iterator[tuple[SensorDriver, Floats]]:
@@ -667,14 +689,14 @@ def observe(
         source = np.full((n, 3, 3), np.nan)
         direct = sound.ranges[:, :, [Path.DIRECT]]
         source[sound.message_step - 1] = np.where(np.isnan(direct), np.nan, sound.transmitter)
-        motion = (
+        moved = (
             trajectory.pose[grid, v],
             trajectory.twist[grid, v],
             trajectory.water_velocity[grid, v],
         )
         depth_sensor = trajectory.site_offset[trajectory.site(f"{name}/depth_sensor")]
         states = VehicleState.of_motion(
-            trajectory.time[grid], motion, depth_sensor, (hydrophone, source), follower
+            trajectory.time[grid], moved, depth_sensor, (hydrophone, source), follower
         )
         environment = sensors.environment_of(scenario)
         for driver in drivers:
@@ -695,6 +717,8 @@ def observe(
         slant_range=sound.ranges[:, :, Path.DIRECT],
         echo_range=np.moveaxis(sound.ranges[:, :, Path.SURFACE :], 2, 0),
         own=tuple(custom()),
+        transmitters=3 if link is None else link.transmitters,
+        places=None if link is None else link.places,
     )
 
 
@@ -750,6 +774,7 @@ def measure(
     """
     n = truth.speed.size
     m = truth.message_step.size
+    transmitters = min(transmitters, truth.transmitters)
     address = Address(*noise.seed_and_run(seed, run), follower, 0)
     navigator = (transmitters, truth.dt)
     by_echo = np.full((2, m, 3), np.nan) if truth.echo_range is None else truth.echo_range
@@ -765,6 +790,7 @@ def measure(
     else:
         numbers = content.tolist(), ranges.tolist()
         _measure(errors, navigator, address, own, (*sent, *numbers), inbox, readings)
+    readings[2][:, truth.transmitters :] = np.nan
     lost = truth.message_step[np.isnan(readings[2]).all(axis=1)] - 1
     custom = {}
     for driver, values in truth.own:
@@ -781,6 +807,7 @@ def measure(
         message_step=truth.message_step,
         message=readings[1],
         ranges=readings[2],
+        transmitters=None if truth.places is None else np.tile(truth.places, (m, 1, 1)),
         own=custom,
         sensors={driver.name: driver.header for driver, _ in truth.own},
     )

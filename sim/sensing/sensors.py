@@ -41,6 +41,7 @@ from sim.scenario.section import in_si
 from sim.scenario.sensors import Acoustics, Sensors
 from sim.scenario.sensors import OwnSensor as CustomSensorTable
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.sensing.links import Link, navigated_link
 from sim.sensing.noise import Address, Stream, uniforms_at
 from sim.sensing.sensor import (
     Sensor,
@@ -193,9 +194,20 @@ ERRORS = np.dtype(
 )
 
 
-def errors_of(scenario: Scenario, follower: int = 0) -> SensorErrors:
-    """The true errors of a follower's and the leader's sensors."""
-    return SensorErrors(**_values(scenario.sensors_of(follower), scenario.acoustics))
+def errors_of(scenario: Scenario, follower: int = 0, link: Link | None = None) -> SensorErrors:
+    """The true errors of a follower's sensors and of a sender's, of the leader's by default;
+    beacons, which are surveyed, have none.
+    """
+    sensors = scenario.sensors_of(follower)
+    if link is not None and link.places is not None:
+        keys = [name for name in Sensors.model_fields if name.startswith("leader_")]
+        sensors = sensors.model_copy(update={k: Sensors.model_fields[k].default for k in keys})
+    return SensorErrors(**_values(sensors, scenario.acoustics))
+
+
+def navigated_errors_of(scenario: Scenario, follower: int = 0) -> SensorErrors:
+    """The same of the link that the followers navigate on."""
+    return errors_of(scenario, follower, navigated_link(scenario))
 
 
 class Instant(NamedTuple):

@@ -19,7 +19,7 @@ from reports.findings import Finding, median, of, plain, share
 from reports.intervals import mean_over_missions
 from sim.flight import navigation_settings
 from sim.sensing.observation import measure, observe, start_of
-from sim.sensing.sensors import errors_of
+from sim.sensing.sensors import navigated_errors_of
 from sim.simulation import simulate_motion
 
 _ROUTES, _SHARED, _CLOSED, _MAP, _TWO = (
@@ -95,7 +95,7 @@ def step_times_us(duration_s: float = 120.0, repeats: int = 3) -> dict[str, floa
         settings = navigation_settings(scenario, motion, 0)
         start = start_of(motion)
         measured = measure(
-            observe(motion, scenario), errors_of(scenario, 0), seed=scenario.seed, run=0
+            observe(motion, scenario), navigated_errors_of(scenario, 0), seed=scenario.seed, run=0
         )
         taken = []
         # the first one compiles

@@ -1,0 +1,46 @@
+"""What a user may set of further links: who sends messages with pings beside the leader."""
+
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from sim.scenario.section import LISTED, Coordinate, Name, NonNegative, Positive, Section
+
+LEADER_LINK = "leader"
+"""Name of the leader's broadcast."""
+Place = Annotated[tuple[Coordinate, Coordinate, NonNegative], LISTED]
+Offset = Annotated[tuple[Coordinate, Coordinate, Coordinate], LISTED]
+_ON_HULL = ((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.1, 0.0))
+
+
+class Link(Section):
+    """Messages of a vehicle, or of beacons at rest, to all followers but the sender."""
+
+    name: Name = Field(description='what navigation.link calls it; not "leader"')
+    sender: Name | None = Field(None, description="name of the vehicle that sends")
+    transmitters_m: Annotated[tuple[Offset, ...], LISTED, Field(min_length=2, max_length=3)] = (
+        Field(
+            _ON_HULL,
+            description="[[forward, port, up], …] of the sender's rear, front and middle "
+            "transmitter from its origin",
+        )
+    )
+    beacons_m: Annotated[tuple[Place, ...], LISTED, Field(max_length=3)] = Field(
+        (), description="[[east, north, depth], …] of beacons at rest, in place of a sender"
+    )
+    interval_s: Positive | None = Field(
+        None, description="between messages; default: timing.message_interval_s"
+    )
+    offset_s: NonNegative = Field(
+        0.0, description="by which all messages are later than multiples of the interval"
+    )
+
+    @model_validator(mode="after")
+    def _one_sender(self) -> Self:
+        if (self.sender is None) == (not self.beacons_m):
+            raise ValueError("a link has either a sender or beacons_m")
+        if self.name == LEADER_LINK:
+            raise ValueError('name "leader" is that of the leader\'s broadcast')
+        if len(set(self.beacons_m)) < len(self.beacons_m):
+            raise ValueError("beacons_m has a place twice")
+        return self

@@ -1,0 +1,284 @@
+"""Links of beacons and of further leaders: ranges by closed forms, schedules, inboxes, and the
+scenarios of docs/links.md through the commands.
+"""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import laisn_sim
+from laisn.arrays import Floats
+from laisn.errors import LaisnError
+from laisn.messages import LeaderMessage, Measurements
+from laisn_sim.cli.main import app
+from sim.flight import navigate
+
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "links.md"
+TIME, EAST, NORTH, HEADING, SPEED, DEPTH = (
+    LeaderMessage._fields.index(name)
+    for name in ("timestamp", "east", "north", "heading", "speed", "depth")
+)
+SOUND = 1500.0
+NO_NOISE = {
+    "range_tau_m": [0.0, 0.0, 0.0],
+    "range_scale_mean_m": 0.0,
+    "range_scale_sigma_m": 0.0,
+}
+BEACONS = [[-50.0, -50.0, 5.0], [150.0, -50.0, 25.0], [50.0, 120.0, 12.0]]
+LINE = [[0.0, 0.0, -20.0], [100.0, 80.0, 40.0]]
+"""A way of 100 m in 100 s."""
+
+
+def among(beacons: list[list[float]], **keys: Any) -> dict[str, Any]:
+    """A mission on a straight line among beacons, without errors of ranges."""
+    return {
+        "duration_s": 20.0,
+        "motion": "kinematic",
+        "acoustics": {**NO_NOISE, "travel_time": True, "ping_slot_s": 0.2},
+        "links": [{"name": "lbl", "beacons_m": beacons, "interval_s": 2.0, **keys}],
+        "navigation": {"link": "lbl", "variant": "beacons"},
+        "followers": [{"waypoints": LINE, "depth_m": 8.0}],
+    }
+
+
+def measured_on(table: dict[str, Any], changes: dict[str, Any] | None = None) -> Measurements:
+    (measured, *_) = laisn_sim.fly(table, changes).measurements
+    return measured
+
+
+def travel(place: Floats, velocity: Floats, beacon: Floats) -> float:
+    """Time from a beacon to a hydrophone that is at a place when the ping leaves [s]: the positive
+    solution of |d + v τ| = c τ.
+    """
+    d = place - beacon
+    along = float(velocity @ d)
+    lead = SOUND**2 - float(velocity @ velocity)
+    return (along + np.sqrt(along**2 + lead * float(d @ d))) / lead
+
+
+def test_ranges_to_beacons_are_those_of_a_moving_receiver() -> None:
+    flight = laisn_sim.fly(among(BEACONS, offset_s=0.5))
+    (measured,) = flight.measurements
+    start = flight.trajectory.site_path("follower/hydrophone")[0]
+    velocity = np.array([0.8, 0.6, 0.0])
+    sent = 2.0 * np.arange(1, len(measured.message) + 1) + 0.5
+    assert len(sent) == 9
+    np.testing.assert_allclose(measured.message[:, TIME], sent, rtol=0, atol=1e-9)
+    for i, leaves in enumerate(sent):
+        for j, (east, north, depth) in enumerate(BEACONS):
+            ping = leaves + 0.2 * j
+            here = start + velocity * ping
+            time = travel(here, velocity, np.array([east, north, -depth]))
+            assert measured.ranges[i, j] == pytest.approx(SOUND * time, abs=1e-6)
+    # the last ping leaves 0.4 s later, and is in at the first filter step behind its arrival
+    last = sent + 0.4 + measured.ranges[:, 2] / SOUND
+    np.testing.assert_array_equal(measured.message_step, np.ceil(last / 0.1 - 1e-6))
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_messages_of_beacons_hold_their_places_and_nothing_of_others(count: int) -> None:
+    measured = measured_on(among(BEACONS[:count]), {"sensors.leader_heading_bias_deg": 5.0})
+    assert measured.transmitters is not None
+    expected = np.full((3, 3), np.nan)
+    expected[:count] = BEACONS[:count]
+    for places in measured.transmitters:
+        np.testing.assert_allclose(places, expected, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(
+        np.isfinite(measured.ranges), np.tile(np.arange(3) < count, (len(measured.ranges), 1))
+    )
+    middle = np.mean(BEACONS[:count], axis=0)
+    np.testing.assert_allclose(
+        measured.message[:, [EAST, NORTH, DEPTH]] - middle, 0.0, rtol=0, atol=1e-9
+    )
+    # they are at rest, and have no errors of a leader
+    np.testing.assert_allclose(np.sin(measured.message[:, HEADING]), 0.0, rtol=0, atol=1e-9)
+    assert not measured.message[:, SPEED].any()
+
+
+def escort(**keys: Any) -> dict[str, Any]:
+    return {
+        "duration_s": 20.0,
+        "acoustics": NO_NOISE,
+        "links": [
+            {
+                "name": "escort",
+                "sender": "escort",
+                "transmitters_m": [[-0.7, 0.0, 0.1], [0.9, 0.0, 0.0], [0.1, 0.3, 0.0]],
+                "offset_s": 0.5,
+            }
+        ],
+        "navigation": {"link": "escort", "variant": "laisn-2"},
+        "followers": [
+            {"name": "follower", "route": "T5"},
+            {"name": "escort", "waypoints": LINE, "depth_m": 6.0},
+        ],
+        **keys,
+    }
+
+
+@pytest.mark.parametrize("motion", ["kinematic", "physics"])
+def test_a_second_leader_sends_from_its_own_transmitters_where_it_is(motion: str) -> None:
+    flight = laisn_sim.fly(escort(motion=motion))
+    measured, unheard = flight.measurements
+    assert len(measured.message) == 19
+    assert not len(unheard.message)
+    sent = np.round((np.arange(1, 20) + 0.5) / 0.1).astype(int)
+    np.testing.assert_array_equal(measured.message_step, sent)
+    truth = flight.trajectory
+    position, heading = truth.position[sent, 2], truth.heading[sent, 2]
+    np.testing.assert_allclose(measured.message[:, [EAST, NORTH]], position[:, :2], atol=1e-9)
+    np.testing.assert_allclose(measured.message[:, DEPTH], -position[:, 2], atol=1e-9)
+    np.testing.assert_allclose(measured.message[:, HEADING], heading, atol=1e-9)
+    hydrophone = truth.site_path("follower/hydrophone", sent)
+    w, x, y, z = truth.quaternion[sent, 2].T
+    ahead = np.column_stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
+    front = position + 0.9 * ahead
+    expected = np.linalg.norm(hydrophone - front, axis=1)
+    np.testing.assert_allclose(measured.ranges[:, 1], expected, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("steered", [False, True])
+def test_the_leader_as_a_sender_is_its_broadcast(steered: bool) -> None:
+    """To the bit, with all errors, echoes and losses of messages."""
+    keys = {
+        "duration_s": 20.0,
+        "followers.0.guidance_position": "estimate" if steered else "truth",
+        "leader.broadcast_attitude": True,
+        "sensors.leader_heading_bias_deg": 2.0,
+        "sensors.leader_position_sigma_m": 0.5,
+        "sensors.leader_attitude_sigma_deg": 0.5,
+        "acoustics.travel_time": True,
+        "acoustics.ping_slot_s": 0.1,
+        "acoustics.loss_probability": 0.2,
+        "acoustics.surface_echo_probability": 0.1,
+    }
+    same = {"links": [{"name": "same", "sender": "leader"}], "navigation.link": "same"}
+    plain = laisn_sim.fly("T5", keys)
+    again = laisn_sim.fly("T5", keys | same)
+    one, other = plain.measurements[0], again.measurements[0]
+    assert len(one.message) == 19
+    assert np.isnan(one.ranges).any()
+    for name in ("speed", "heading", "message_step", "message", "ranges"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    np.testing.assert_array_equal(plain.estimates[0].state, again.estimates[0].state)
+
+
+@pytest.mark.parametrize("kind", ["beacons", "escort"])
+def test_a_closed_loop_receives_what_a_finished_mission_would(kind: str) -> None:
+    table = among(BEACONS) if kind == "beacons" else escort()
+    table = {**table, "motion": "physics"}
+    keys = {"followers.0.guidance_position": "estimate"}
+    # lanes of LAISN, which steer all followers, take transmitters on the axis of a hull alone
+    keys |= {"navigation.variant": "beacons" if kind == "beacons" else "ekf"}
+    flight = laisn_sim.fly(table, keys)
+    again = navigate(flight.scenario, flight.trajectory)
+    for one, other in zip(flight.measurements, again.measurements, strict=True):
+        np.testing.assert_array_equal(one.message_step, other.message_step)
+        np.testing.assert_allclose(one.ranges, other.ranges, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(one.message, other.message, rtol=0, atol=1e-9)
+        if kind == "beacons":
+            np.testing.assert_allclose(one.transmitters, other.transmitters, rtol=0, atol=1e-9)
+        else:
+            assert one.transmitters is None
+    assert len(flight.measurements[0].message) > 8
+
+
+def test_followers_on_stations_keep_them_by_the_leader_and_navigate_among_beacons() -> None:
+    follower = {"station": {"behind_m": 20.0, "port_m": 5.0, "depth_m": 14.0}}
+    table = {**among(BEACONS), "motion": "physics", "duration_s": 60.0, "followers": [follower]}
+    sim = laisn_sim.Simulation(table)
+    heard = 0
+    while not sim.done:
+        sim.step(2.0)
+        heard += sim.receptions["follower"] is not None
+    flight = sim.flight()
+    place = flight.trajectory.position[-1]
+    assert np.hypot(*(place[0, :2] - place[1, :2])) == pytest.approx(np.hypot(20, 5), abs=4.0)
+    assert laisn_sim.errors(flight)["e_p_m"][-100:].mean() < 2.0
+    assert flight.measurements[0].transmitters is not None
+    assert len(flight.measurements[0].message) == 29
+
+
+def blocks() -> dict[str, str]:
+    text = PAGE.read_text("utf-8")
+    return dict(re.findall(r"^```toml\n# (\w+\.toml)\n(.*?)^```", text, re.DOTALL | re.MULTILINE))
+
+
+@pytest.mark.parametrize("name", ["lbl", "escort"])
+def test_the_scenarios_of_the_page_fly_replay_and_study(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path(f"{name}.toml").write_text(blocks()[f"{name}.toml"], encoding="utf-8")
+    command = f"fly {name}.toml --no-video --out out --set duration_s=60"
+    result = CliRunner().invoke(app, command.split())
+    assert result.exit_code == 0, result.output
+    flight = laisn_sim.read_log("out/flight.mcap")
+    flown = laisn_sim.fly(f"{name}.toml", {"duration_s": 60.0})
+    for one, other in zip(flight.measurements, flown.measurements, strict=True):
+        np.testing.assert_array_equal(one.ranges, other.ranges)
+        np.testing.assert_array_equal(one.transmitters, other.transmitters)
+    blind = laisn_sim.navigate(
+        laisn_sim.fly("T5", {"duration_s": 60.0, "motion": "kinematic"}),
+        {"navigation.variant": "dead-reckoning"},
+    )
+    last = [laisn_sim.errors(f)["e_p_m"][:600][-100:].mean() for f in (flown, blind)]
+    assert last[0] < 0.5 * last[1]
+    variant = {"lbl": "beacons", "escort": "tight"}[name]
+    replay = f"replay out/flight.mcap --variant {variant} --out again.mcap"
+    result = CliRunner().invoke(app, replay.split())
+    assert result.exit_code == 0, result.output
+    keys = {"duration_s": 20.0}
+    table = laisn_sim.study(
+        f"{name}.toml", set=keys, vary={"links.0.offset_s": [0.0, 0.5]}, runs=2, out="study"
+    ).table
+    means = [
+        laisn_sim.errors(laisn_sim.fly(f"{name}.toml", {**keys, "links.0.offset_s": 0.5, "run": r}))
+        for r in range(2)
+    ]
+    first = [errors["e_p_m"][errors["follower"] == "follower"].mean() for errors in means]
+    of_follower = table["e_p_mean_m"][np.array(table["follower"]) == "follower"]
+    assert of_follower[-1] == pytest.approx(np.mean(first), rel=1e-9)
+
+
+WRONG = {
+    "unknown": ({"navigation.link": "sonar"}, "expected one of leader, lbl"),
+    "leader": ({"navigation.link": "leader"}, 'needs a navigation.link of beacons"?'),
+    "variant": ({"navigation.variant": "tight"}, "has beacons, among which only variant"),
+    "both": ({"links.0.sender": "leader"}, "either a sender or beacons_m"),
+    "floor": ({"links.0.beacons_m": [[0.0, 0.0, 31.0]]}, "31 m is below the floor at 30 m"),
+    "twice": ({"links.0.beacons_m": [[0.0, 0.0, 3.0]] * 2}, "has a place twice"),
+    "four": ({"links.0.beacons_m": [[float(i), 0.0, 3.0] for i in range(4)]}, "at most 3"),
+    "interval": ({"links.0.interval_s": 0.25}, "no multiple of filter_step_s"),
+    "offset": ({"links.0.offset_s": 2.0}, "shorter than the interval of 2 s"),
+    "name": ({"links.0.name": "leader"}, "is that of the leader's broadcast"),
+}
+
+
+@pytest.mark.parametrize(("changes", "message"), WRONG.values(), ids=WRONG)
+def test_a_wrong_link_is_told(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(LaisnError, match=message):
+        laisn_sim.load(among(BEACONS), changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"links.0.sender": "nobody"}, "is no vehicle: leader, follower, escort"),
+        ({"navigation.variant": "beacons"}, "has no beacons"),
+        (
+            {
+                "links.0.transmitters_m": [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
+                "navigation.variant": "tight",
+            },
+            "has 2 transmitters, the navigator uses 3",
+        ),
+    ],
+)
+def test_a_wrong_sender_is_told(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(LaisnError, match=message):
+        laisn_sim.load(escort(), changes)
