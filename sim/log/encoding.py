@@ -65,11 +65,14 @@ class TimedNumbers:
         """Serialised messages of times since 1970, shape (n,), [ns], and numbers, shape (n, c)."""
         rests = np.empty(len(numbers), dtype=object)
         zero = numbers == 0.0
-        for pattern in np.unique(zero, axis=0):
-            alike = np.flatnonzero((zero == pattern).all(axis=1))
-            example, places = self._example(tuple(pattern.tolist()))
+        # a bit for each number that is zero
+        patterns = zero @ (1 << np.arange(numbers.shape[1]))
+        for pattern in set(patterns.tolist()):
+            alike = np.flatnonzero(patterns == pattern)
+            is_zero = zero[alike[0]]
+            example, places = self._example(tuple(is_zero.tolist()))
             block = np.tile(np.frombuffer(example, dtype=np.uint8), (alike.size, 1))
-            columns = np.ascontiguousarray(numbers[np.ix_(alike, np.flatnonzero(~pattern))], "<f8")
+            columns = np.ascontiguousarray(numbers[np.ix_(alike, np.flatnonzero(~is_zero))], "<f8")
             as_bytes = columns.view(np.uint8).reshape(alike.size, -1, 8)
             for k, place in enumerate(places):
                 block[:, place : place + 8] = as_bytes[:, k]
