@@ -9,10 +9,10 @@ from typing import Any
 import mujoco
 import pytest
 
-from laisn.compiled import compiled
+from laisn.compiled import call_address, compiled
 from laisn.errors import LaisnError
 from sim.vehicle import mujoco_calls
-from sim.vehicle.mujoco_calls import STAGES, call, calls_of, steps_differ
+from sim.vehicle.mujoco_calls import STAGES, calls_of, steps_differ
 
 
 @pytest.fixture(autouse=True)
@@ -37,7 +37,7 @@ def falling() -> tuple[Any, Any]:
 def _in_turn(stages: tuple[int, ...], model: int, data: int, times: int) -> None:
     for _ in range(times):
         for stage in stages:
-            call(stage, model, data)
+            call_address(stage, model, data)
 
 
 def test_compiled_code_moves_the_data_of_python() -> None:
