@@ -48,6 +48,7 @@ class RecordFields:
         dtype: np.dtype[np.void]
 
         def __getitem__(self, field: str | list[str]) -> Any: ...
+        def __setitem__(self, field: str, value: Any) -> None: ...
 
 
 def record_dtype(declaration: type[RecordFields]) -> np.dtype[np.void]:

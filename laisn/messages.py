@@ -176,15 +176,17 @@ class Measurements(ArrayRecord):
 
     def part(self, first: int, last: int) -> Self:
         """The measurements of steps `first` + 1 … `last`, which become 1 … `last` − `first`."""
-        kept = (self.message_step > first) & (self.message_step <= last)
+        in_part = (self.message_step > first) & (self.message_step <= last)
         messages = ("message_step", "message", "ranges", "transmitters")
         parts = {
-            field.name: value[kept] if field.name in messages else value[first:last]
+            field.name: value[in_part] if field.name in messages else value[first:last]
             for field in fields(self)
             if isinstance(value := getattr(self, field.name), np.ndarray)
         }
-        own = {name: readings[first:last] for name, readings in self.own.items()}
-        return replace(self, **parts | {"message_step": parts["message_step"] - first}, own=own)
+        readings_of_part = {name: readings[first:last] for name, readings in self.own.items()}
+        return replace(
+            self, **parts | {"message_step": parts["message_step"] - first}, own=readings_of_part
+        )
 
     def require_fresh(self, step: int, dt: float) -> None:
         """Raise ValueError unless a navigator with this filter step [s], now at that step, can

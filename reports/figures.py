@@ -124,16 +124,16 @@ class Panel:
         """Plotly's `data` and `layout`; colours are CSS variables of the page."""
         data = list[dict[str, Any]]()
         layout = self._layout()
-        lines = sum(len(part.lines) for part in self.parts)
+        lines = sum(len(subplot.lines) for subplot in self.parts)
         wide = min(max(1.0, self.width / WIDTH), _MOST_LINES / max(lines, 1))
         points = max(round(self.points * wide), _FEWEST_POINTS)
-        for number, part in enumerate(self.parts):
+        for number, subplot in enumerate(self.parts):
             axis = {"yaxis": f"y{number + 1}"} if number else {}
             data += [
                 _trace(line, None if self.equal else points, self.equal) | axis
-                for line in part.lines
+                for line in subplot.lines
             ]
-            data += [dict(trace) | axis for trace in part.traces]
+            data += [dict(trace) | axis for trace in subplot.traces]
         return {"data": data, "layout": layout}
 
     @property
@@ -145,9 +145,9 @@ class Panel:
     def _layout(self) -> dict[str, Any]:
         count = len(self.parts)
         gap = 0.03
-        whole = sum(part.height for part in self.parts)
+        whole = sum(subplot.height for subplot in self.parts)
         low = 1.0
-        values = [line.x for part in self.parts for line in part.lines]
+        values = [line.x for subplot in self.parts for line in subplot.lines]
         across = _axis(self.x_label, self.x_limits, self.x_log, self.x_ticks, values)
         across |= {
             "showspikes": not self.equal,
@@ -161,11 +161,17 @@ class Panel:
             "xaxis": across | {"anchor": f"y{count}" if count > 1 else "y"},
             "shapes": [],
         }
-        for number, part in enumerate(self.parts):
+        for number, subplot in enumerate(self.parts):
             name = str(number + 1) if number else ""
             top = low - (gap if number else 0.0)
-            low = max(top - (1.0 - gap * (count - 1)) * part.height / whole, 0.0)
-            axis = _axis(part.y_label, part.y_limits, part.y_log, part.ticks, _heights(part.lines))
+            low = max(top - (1.0 - gap * (count - 1)) * subplot.height / whole, 0.0)
+            axis = _axis(
+                subplot.y_label,
+                subplot.y_limits,
+                subplot.y_log,
+                subplot.ticks,
+                _heights(subplot.lines),
+            )
             layout[f"yaxis{name}"] = axis | {"domain": [round(low, 4), round(top, 4)]}
             layout["shapes"] += [
                 {
@@ -180,7 +186,7 @@ class Panel:
                     "line": {"width": 0},
                     "layer": "below",
                 }
-                for bottom, end in part.shaded
+                for bottom, end in subplot.shaded
             ]
         if self.equal:
             layout["yaxis"] |= {"scaleanchor": "x"}
@@ -221,10 +227,10 @@ def panel(
     **settings: Any,
 ) -> Panel:
     """A panel of one part; further settings as of `Panel`."""
-    part = Part(
+    subplot = Part(
         lines=lines, y_label=y_label, y_limits=y_limits, y_log=y_log, ticks=y_ticks, traces=traces
     )
-    return Panel(parts=(part,), **settings)
+    return Panel(parts=(subplot,), **settings)
 
 
 def marks(
@@ -332,9 +338,9 @@ def _ends(limits: Limits, values: Sequence[Floats]) -> tuple[float, float]:
     return low - margin if bottom is None else bottom, high + margin if top is None else top
 
 
-def _trace(line: Line, points: int | None, place: bool) -> dict[str, Any]:
+def _trace(line: Line, points: int | None, is_position: bool) -> dict[str, Any]:
     x, y = (line.x, line.y) if line.marker or points is None else decimate(line.x, line.y, points)
-    hover = "%{x:.1f} m, %{y:.1f} m" if place else "%{y:.4~g}"
+    hover = "%{x:.1f} m, %{y:.1f} m" if is_position else "%{y:.4~g}"
     trace: dict[str, Any] = {
         "type": "scatter",
         "x": numbers(x),

@@ -77,27 +77,27 @@ def _set(value: float | int | str | None, spec: str) -> str:
     return ("−" if negative else "") + text.removeprefix("-").replace("%", " %")
 
 
-def of(interval: Interval, what: str, unit: str = "") -> Finding:
+def of(interval: Interval, meaning: str, unit: str = "") -> Finding:
     """A finding with its confidence interval."""
     value, low, high = (_rounded(v) for v in interval)
-    return Finding(value=value, low=low, high=high, unit=unit, what=what)
+    return Finding(value=value, low=low, high=high, unit=unit, what=meaning)
 
 
-def plain(value: float | int | str | None, what: str, unit: str = "") -> Finding:
+def plain(value: float | int | str | None, meaning: str, unit: str = "") -> Finding:
     """A finding without limits."""
     return Finding(
-        value=_rounded(value) if isinstance(value, float) else value, unit=unit, what=what
+        value=_rounded(value) if isinstance(value, float) else value, unit=unit, what=meaning
     )
 
 
-def median(values: Floats | Sequence[float], what: str, unit: str = "") -> Finding:
+def median(values: Floats | Sequence[float], meaning: str, unit: str = "") -> Finding:
     """The median of values."""
-    return plain(float(np.median(values)), what, unit)
+    return plain(float(np.median(values)), meaning, unit)
 
 
-def share(flags: Floats | Bools, what: str) -> Finding:
+def share(flags: Floats | Bools, meaning: str) -> Finding:
     """Share of trials with an outcome, of any shape, which is not 0, with its exact limits."""
-    return of(proportion(int(np.count_nonzero(flags)), np.size(flags)), what)
+    return of(proportion(int(np.count_nonzero(flags)), np.size(flags)), meaning)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,20 +142,24 @@ class Findings:
             }
             lines.append(f"  {text(name)}: {text(table)}")
         path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_write(path) as part:
-            part.write_text(
+        with atomic_write(path) as temporary:
+            temporary.write_text(
                 head + "{\n" + ",\n".join(lines) + "\n }" + rest + "\n", encoding="utf-8"
             )
 
 
 def record(
-    study: str, command: str, modules: tuple[str, ...], found: Mapping[str, Finding]
+    study: str, command: str, modules: tuple[str, ...], findings: Mapping[str, Finding]
 ) -> Findings:
     """The record of what a study found, with the version of the sources that are here; arguments
     as of `Findings`.
     """
     return Findings(
-        study=study, command=command, modules=modules, version=version_of(modules), findings=found
+        study=study,
+        command=command,
+        modules=modules,
+        version=version_of(modules),
+        findings=findings,
     )
 
 

@@ -131,9 +131,9 @@ def fitted_height(lines: Sequence[Line], width: float) -> float:
     """Height of a map of a width in which its lines fill the box, [inch]."""
     spans = []
     for values in ([line.x for line in lines], [line.y for line in lines]):
-        shown = np.concatenate(values)
-        shown = shown[np.isfinite(shown)]
-        spans.append(float(np.ptp(shown)) if shown.size else 0.0)
+        finite = np.concatenate(values)
+        finite = finite[np.isfinite(finite)]
+        spans.append(float(np.ptp(finite)) if finite.size else 0.0)
     across, up = spans
     low, high = _MAP_HEIGHTS
     if across <= 0.0:

@@ -300,8 +300,8 @@ def _drifts(row: Mapping[str, Any], lengths: Sequence[float]) -> list[float | No
     """RMS of a follower's relative error over segments of these lengths; None where its path holds
     none.
     """
-    found = {one["length_m"]: one["rms_m"] for one in row.get("relative_errors", ())}
-    return [found.get(length) for length in lengths]
+    by_length = {drift["length_m"]: drift["rms_m"] for drift in row.get("relative_errors", ())}
+    return [by_length.get(length) for length in lengths]
 
 
 def _fix_kinds(summary: Mapping[str, Any]) -> list[tuple[str, str]]:

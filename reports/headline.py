@@ -61,11 +61,11 @@ def subject(flight: Flight) -> str:
     """Who did what, for how long, and by which navigator."""
     followers = flight.scenario.followers
     who = "One follower" if len(followers) == 1 else f"{len(followers)} followers"
-    one = len(followers) == 1
+    is_single = len(followers) == 1
     if all(follower.station for follower in followers):
-        does = f"{'holds its station' if one else 'hold their stations'} on a leader"
+        does = f"{'holds its station' if is_single else 'hold their stations'} on a leader"
     else:
-        does = f"{'swims' if one else 'swim'} with a leader"
+        does = f"{'swims' if is_single else 'swim'} with a leader"
     duration = f"{float(flight.trajectory.time[-1]):,.0f} s"
     return f"{who} {does} for {duration}, navigating by {_navigator(flight)}."
 
@@ -76,12 +76,12 @@ def cause(flight: Flight, errors: Mapping[str, float], nees: float | None) -> st
     elsewhere = errors["mean_elsewhere"]
     if near >= _NEAR_SHARE and not errors["mean_near"] < _NEAR_RATIO * elsewhere:
         few = flight.scenario.navigation.transmitters <= _TWO
-        what = (
+        reason = (
             "two transmitters cannot tell the side" if few else "ranges hardly tell the direction"
         )
         return (
             f"{100 * near:.0f} % of the time it is within {ON_AXIS_DEG:g}° of the leader's axis, "
-            f"where {what}"
+            f"where {reason}"
         )
     if errors["wrong_side"] >= _LOCKED_SHARE:
         return f"{100 * errors['wrong_side']:.0f} % of the time it is on the wrong side of the axis"
@@ -132,8 +132,8 @@ def headline(
 
 def _worst(values: Sequence[float | None]) -> float | None:
     """The value that is farthest from what is expected, of those that are known."""
-    known = [value for value in values if value is not None and math.isfinite(value)]
-    return max(known, default=None)
+    finite = [value for value in values if value is not None and math.isfinite(value)]
+    return max(finite, default=None)
 
 
 def _consistency(rows: Mapping[str, Any], accuracies: Accuracies) -> list[Tile]:
@@ -190,15 +190,15 @@ def tiles(summary: Mapping[str, Any], accuracies: Accuracies) -> list[Tile]:
     """Key figures: stations of a formation, errors, and the filter's consistency."""
     rows = summary["followers"]
     on_station = {name: row for name, row in rows.items() if "station_rms_m" in row}
-    shown = _station_tiles(on_station) if on_station else []
+    shown_tiles = _station_tiles(on_station) if on_station else []
     if not accuracies:
-        return shown
+        return shown_tiles
     worst = max(accuracies, key=lambda name: accuracies[name]["largest"])
     several = len(accuracies) > 1
     mean = float(np.mean([errors["mean"] for errors in accuracies.values()]))
     high = max(errors["high"] for errors in accuracies.values())
     at = f"at {accuracies[worst]['largest_s']:.0f} s"
-    shown.append(
+    shown_tiles.append(
         Tile(
             name="mean error",
             value=figure(mean, " m"),
@@ -207,5 +207,5 @@ def tiles(summary: Mapping[str, Any], accuracies: Accuracies) -> list[Tile]:
     )
     largest = figure(accuracies[worst]["largest"], " m")
     remark = f"{worst}, {at}" if several else at
-    shown.append(Tile(name="largest error", value=largest, remark=remark))
-    return [*shown, *_consistency(rows, accuracies)]
+    shown_tiles.append(Tile(name="largest error", value=largest, remark=remark))
+    return [*shown_tiles, *_consistency(rows, accuracies)]

@@ -145,16 +145,16 @@ def share_removed(
     distinguished from zero.
     """
     total, covariance = _mean_and_covariance([np.column_stack(pair) for pair in missions])
-    part, left = (float(v) for v in total)
-    if part == 0.0:
+    total_added, total_left = (float(v) for v in total)
+    if total_added == 0.0:
         return Interval(math.nan, math.nan, math.nan)
     z2 = float(ndtri((1.0 + confidence) / 2.0)) ** 2
     # roots t of (left − t part)² = z² Var(left − t part)
-    a = part * part - z2 * float(covariance[0, 0])
-    b = part * left - z2 * float(covariance[0, 1])
-    c = left * left - z2 * float(covariance[1, 1])
+    a = total_added * total_added - z2 * float(covariance[0, 0])
+    b = total_added * total_left - z2 * float(covariance[0, 1])
+    c = total_left * total_left - z2 * float(covariance[1, 1])
     root = b * b - a * c
     if a <= 0.0 or root < 0.0:
-        return Interval(1.0 - left / part, math.nan, math.nan)
+        return Interval(1.0 - total_left / total_added, math.nan, math.nan)
     roots = sorted(((b - math.sqrt(root)) / a, (b + math.sqrt(root)) / a))
-    return Interval(1.0 - left / part, 1.0 - roots[1], 1.0 - roots[0])
+    return Interval(1.0 - total_left / total_added, 1.0 - roots[1], 1.0 - roots[0])

@@ -289,8 +289,8 @@ def render(page: Page) -> str:
 
 def write(page: Page, path: Path) -> None:
     """Write the page, whole or not at all."""
-    with atomic_write(path) as part:
-        part.write_text(render(page), encoding="utf-8")
+    with atomic_write(path) as temporary:
+        temporary.write_text(render(page), encoding="utf-8")
 
 
 NAME = "page.md.j2"

@@ -53,10 +53,12 @@ def _kept(flight: Flight, follower: int, off: Floats) -> dict[str, Any]:
         "track_error_rms_m": float(np.sqrt(np.mean(off**2))),
         "depth_error_rms_m": float(np.sqrt(np.mean(below**2))),
     }
-    kept = flight.scenario.followers[follower].station and asdict(
+    keeping = flight.scenario.followers[follower].station and asdict(
         tracking.station_keeping(off, flight.trajectory.time)
     )
-    return row | {name: None if value != value else value for name, value in (kept or {}).items()}
+    return row | {
+        name: None if value != value else value for name, value in (keeping or {}).items()
+    }
 
 
 def _nearest(flight: Flight) -> dict[str, Any]:
@@ -89,13 +91,15 @@ def consistency(flight: Flight, follower: int, bound: Floats) -> dict[str, float
     estimates = flight.estimates[follower]
     squares = np.sum((estimates.state[:, :2] - truth) ** 2, axis=1)
     normalised = metrics.nees(estimates, truth)
-    known = np.isfinite(squares)
-    least = float(np.mean(bound[known] ** 2)) if known.any() else 0.0
+    is_finite = np.isfinite(squares)
+    least = float(np.mean(bound[is_finite] ** 2)) if is_finite.any() else 0.0
     finite = np.isfinite(normalised)
     return {
         "nees": float(normalised[finite].mean()) if finite.any() else None,
         "bound_rms_m": least**0.5,
-        "rms_over_bound": float(np.mean(squares[known]) / least) ** 0.5 if least > 0.0 else None,
+        "rms_over_bound": float(np.mean(squares[is_finite]) / least) ** 0.5
+        if least > 0.0
+        else None,
     }
 
 
@@ -109,10 +113,10 @@ def relative_error(flight: Flight, follower: int) -> list[dict[str, float]]:
     """
     truth = flight.hydrophone(follower)[:, :2]
     estimates = flight.estimates[follower]
-    known = slice(estimates.unknown, None)
+    estimated = slice(estimates.unknown, None)
     rows = []
     for length in SEGMENTS_M:
-        errors = metrics.relative_errors(estimates.state[known, :2], truth[known], length)
+        errors = metrics.relative_errors(estimates.state[estimated, :2], truth[estimated], length)
         errors = errors[np.isfinite(errors)]
         if errors.size:
             median, high = np.quantile(errors, [0.5, 0.95])
@@ -139,9 +143,10 @@ def summarise(flight: Flight, bounds: list[Floats] | None = None) -> dict[str, A
     `bounds` are the `flight_bounds`, computed here if None.
     """
     bounds = flight_bounds(flight) if bounds is None else bounds
-    found = position_and_bearing_errors(flight)
+    errors_of_followers = position_and_bearing_errors(flight)
     errors = [
-        (p[e.unknown :], b[e.unknown :]) for (p, b), e in zip(found, flight.estimates, strict=True)
+        (p[e.unknown :], b[e.unknown :])
+        for (p, b), e in zip(errors_of_followers, flight.estimates, strict=True)
     ]
     pooled = metrics.summarise(
         np.concatenate([e for e, _ in errors]), np.concatenate([b for _, b in errors])

@@ -170,8 +170,8 @@ def _custom_columns(measured: Measurements) -> Iterator[tuple[str, Floats]]:
         units = [channel.unit for channel in header.channels] or [""] * rows.shape[1]
         for name, unit, values in zip(header.names(rows.shape[1]), units, rows.T, strict=True):
             angle = unit.partition("/")[0] == "rad"
-            shown = unit.replace("rad", "deg", 1) if angle else unit
-            ending = re.sub(r"\W+", "_", shown).strip("_").lower()
+            shown_unit = unit.replace("rad", "deg", 1) if angle else unit
+            ending = re.sub(r"\W+", "_", shown_unit).strip("_").lower()
             column = "_".join(filter(None, (sensor, name, ending)))
             yield column, np.rad2deg(values) if angle else values
 

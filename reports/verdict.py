@@ -118,12 +118,12 @@ def _loss(flight: Flight, follower: int, errors: Floats, off: Floats) -> tuple[f
     by_estimate = plan.guided_by_estimate and not plan.controller
     if plan.station is not None or by_estimate:
         near = _first_true(off < JOINED_M) if plan.station is not None else 0
-        place = "station" if plan.station is not None else "route"
+        target = "station" if plan.station is not None else "route"
         if near is None:
-            return float(time[-1]), f"never reached its {place}"
+            return float(time[-1]), f"never reached its {target}"
         away = _first_true(off[near:] > LOST_M)
         if away is not None:
-            return float(time[near + away]), f"more than {LOST_M:g} m off its {place}"
+            return float(time[near + away]), f"more than {LOST_M:g} m off its {target}"
     wrong = _first_true(errors > LOST_M)
     if wrong is None:
         return None
@@ -166,26 +166,26 @@ def losses(flight: Flight, off: Floats) -> tuple[Loss, ...]:
     """Lost followers in order of time; `off` are distances from routes and stations, shape
     (n, f), [m].
     """
-    found = list[Loss]()
+    lost = list[Loss]()
     for i, ((errors, _), name) in enumerate(
         zip(position_and_bearing_errors(flight), flight.trajectory.names[1:], strict=True)
     ):
-        known = np.nan_to_num(errors, nan=0.0)
-        loss = _loss(flight, i, known, off[:, i])
+        finite_errors = np.nan_to_num(errors, nan=0.0)
+        loss = _loss(flight, i, finite_errors, off[:, i])
         if loss is None:
             continue
-        time_s, what = loss
+        time_s, respect = loss
         silence = longest_silence(flight, i, time_s - _BEFORE_S, time_s)
-        found.append(
+        lost.append(
             Loss(
                 follower=name,
                 time_s=time_s,
-                what=what,
-                cause=_cause(flight, i, time_s, known, off[:, i]),
+                what=respect,
+                cause=_cause(flight, i, time_s, finite_errors, off[:, i]),
                 silence_s=silence.length_s,
             )
         )
-    return tuple(sorted(found, key=lambda loss: loss.time_s))
+    return tuple(sorted(lost, key=lambda loss: loss.time_s))
 
 
 def _because(which: str, cause: str) -> str:
@@ -211,12 +211,12 @@ def _errors_text(flight: Flight) -> str:
     time = flight.trajectory.time[flight.step_index()]
     names = flight.trajectory.names[1:]
     errors = [position for position, _ in position_and_bearing_errors(flight)]
-    known = [np.isfinite(position) for position in errors]
+    finite_masks = [np.isfinite(position) for position in errors]
     if not all(
-        finite[e.unknown :].all() for finite, e in zip(known, flight.estimates, strict=True)
+        finite[e.unknown :].all() for finite, e in zip(finite_masks, flight.estimates, strict=True)
     ):
         return "An estimate is not finite."
-    means = [float(p[k].mean()) for p, k in zip(errors, known, strict=True)]
+    means = [float(p[k].mean()) for p, k in zip(errors, finite_masks, strict=True)]
     largest = [float(np.nanmax(position)) for position in errors]
     worst = int(np.argmax(largest))
     at = float(time[int(np.nanargmax(errors[worst]))])

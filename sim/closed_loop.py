@@ -265,15 +265,15 @@ def _follow_route(k: int, f: int, a: ClosedLoopState) -> None:
     motion = steering.measured_motion(a.readings[f], estimate, TICK, a.memory[f])
     if k == 0:
         begin(reference, motion.heading, motion.surge, (0.0, 0.0), guidance)
-    place = estimate.position[0], estimate.position[1]
-    if k < a.sensors.stride or place[0] != place[0]:
+    position = estimate.position[0], estimate.position[1]
+    if k < a.sensors.stride or position[0] != position[0]:
         # as long as there is no estimate, the reference itself
-        place = reference.east, reference.north
+        position = reference.east, reference.north
     if a.estimates_current:
         track_current((estimate.current[0], estimate.current[1]), TICK, guidance)
     else:
-        integrate_offset(reference, place, TICK, guidance)
-    steered = steer(reference, place, TICK, guidance)
+        integrate_offset(reference, position, TICK, guidance)
+    steered = steer(reference, position, TICK, guidance)
     control(
         routes.kinds,
         routes.autopilots[i],
@@ -319,13 +319,13 @@ def guide(k: int, truth: StateHistory, a: ClosedLoopState) -> None:
         clock = (k * TICK, TICK)
         senses = (reading, estimate)
         memory = a.memory[f]
-        wanted, motion = steering.keep_station(
+        station_command, motion = steering.keep_station(
             a.formations[f], a.stations[f], senses, trail, clock, memory, a.reference[0], a.plan
         )
         control(
             routes.kinds,
             routes.autopilots[i],
-            wanted,
+            station_command,
             a.reference[0],
             motion,
             TICK,
@@ -486,8 +486,12 @@ class OwnControl:
 
     def __init__(self, scenario: Scenario, plant: Plant, routes: RouteControl) -> None:
         """Make the controllers; LaisnError if there is no such class."""
-        own = {i: follower for i, follower in enumerate(scenario.followers) if follower.controller}
-        self._controllers = {i: _made_controller(follower) for i, follower in own.items()}
+        with_controller = {
+            i: follower for i, follower in enumerate(scenario.followers) if follower.controller
+        }
+        self._controllers = {
+            i: _made_controller(follower) for i, follower in with_controller.items()
+        }
         self._names = plant.names[1:]
         self._effectors = [len(names) for names in plant.effector_names[1:]]
         self._routes = routes
@@ -501,7 +505,7 @@ class OwnControl:
         k: int,
         received: list[Reception | None],
         custom: list[dict[str, Floats]],
-        known: tuple[Any, Any, Any],
+        records: tuple[Any, Any, Any],
     ) -> None:
         """Write commands from instant k on, by receptions, readings of further sensors, and records
         of READING, ESTIMATE and FOLLOWER_MEMORY.
@@ -509,20 +513,20 @@ class OwnControl:
         for f, controller in self._controllers.items():
             if self._routes.outside[f + 1]:
                 continue
-            reading, estimate, memory = (table[f] for table in known)
+            reading, estimate, memory = (table[f] for table in records)
             readings = readings_of(k * CONTROL_STEP_S, reading, received[f], custom[f])
             belief = belief_of(estimate)
             kind = type(controller).__name__
             with calling(f"controller {kind}: control"):
-                found = controller.control(readings, belief, CONTROL_STEP_S)
+                answer = controller.control(readings, belief, CONTROL_STEP_S)
             where = f" (class {kind}, at {readings.time:g} s)"
             whose = f"controller of {self._names[f]} returned"
-            require_command(found, self._effectors[f], whose, where)
+            require_command(answer, self._effectors[f], whose, where)
             motion = steering.measured_motion(reading, estimate, CONTROL_STEP_S, memory)
             command = self._routes.command[f + 1]
             autopilot = self._routes.autopilot[f + 1]
-            if isinstance(found, Wrench):
-                autopilot.wrench[:] = found
+            if isinstance(answer, Wrench):
+                autopilot.wrench[:] = answer
                 apply_wrench(
                     self._routes.kinds,
                     self._routes.autopilots[f + 1],
@@ -530,20 +534,20 @@ class OwnControl:
                     autopilot,
                     command,
                 )
-            elif isinstance(found, np.ndarray):
-                command[: len(found)] = found
+            elif isinstance(answer, np.ndarray):
+                command[: len(answer)] = answer
             else:
-                self._hold(k, f, Command(*map(float, found)), motion)
+                self._hold(k, f, Command(*map(float, answer)), motion)
 
-    def _hold(self, k: int, f: int, wanted: Command, motion: Any) -> None:
+    def _hold(self, k: int, f: int, demand: Command, motion: Any) -> None:
         routes = self._routes
         i = f + 1
         reference = self._reference
         guidance: Record = routes.guidance[i]
-        reference.depth = wanted.depth
+        reference.depth = demand.depth
         if k == 0:
             begin(routes.reference[0, i], motion.heading, motion.surge, (0.0, 0.0), guidance)
-        steered = limit_command(wanted.heading, wanted.speed, CONTROL_STEP_S, guidance)
+        steered = limit_command(demand.heading, demand.speed, CONTROL_STEP_S, guidance)
         autopilot = routes.autopilots[i]
         memory = routes.autopilot[i]
         control(
@@ -626,7 +630,7 @@ class PythonClosedLoop:
         self,
         state: ClosedLoopState,
         swarm: Swarm,
-        own: OwnControl,
+        custom_control: OwnControl,
         sensors: Sequence[SensorDriver],
         environment: Environment,
         receiver: LinkReceiver | None = None,
@@ -636,7 +640,7 @@ class PythonClosedLoop:
         """
         self.state = state
         self.swarm = swarm
-        self._own = own
+        self._own = custom_control
         self._sensors = sensors
         self._environment = environment
         self.receiver = receiver
@@ -786,13 +790,15 @@ def closed_loop_of(
     swarm: Swarm = make(settings[0], starts)
     state = init_closed_loop(scenario, plant, routes, whole=whole)
     state.estimates.position = starts[:, :2] if settings[0].known_start else np.nan
-    own = OwnControl(scenario, plant, routes)
+    custom_control = OwnControl(scenario, plant, routes)
     sensors = own_sensors(scenario)
     link = navigated_link(scenario)
-    if isinstance(swarm, tuple) and not own and not sensors and link is None:
+    if isinstance(swarm, tuple) and not custom_control and not sensors and link is None:
         return ClosedLoop(state, swarm)
     receiver = None if link is None else LinkReceiver(scenario, link, state)
-    return PythonClosedLoop(state, swarm, own, sensors, plant.ocean.environment, receiver)
+    return PythonClosedLoop(
+        state, swarm, custom_control, sensors, plant.ocean.environment, receiver
+    )
 
 
 def closed_loop_mission(

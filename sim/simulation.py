@@ -348,8 +348,8 @@ class Mission:
         except PlantError as error:
             text = str(error)
             if not np.isfinite(self.routes.command).all():
-                what = f"controller {type(self.controller).__name__} commanded no finite numbers"
-                text = f"{what} at {k * TICK:g} s; {text}"
+                cause = f"controller {type(self.controller).__name__} commanded no finite numbers"
+                text = f"{cause} at {k * TICK:g} s; {text}"
             if k < 1:
                 raise PlantError(text) from error
             raise DivergedError(text, self.trajectory()) from error
@@ -524,9 +524,9 @@ def keys_needing_closed_loop(scenario: Scenario) -> list[str]:
     them.
     """
     followers = list(enumerate(scenario.followers))
-    kept = [f"followers.{i}.station" for i, follower in followers if follower.station]
-    kept += [f"followers.{i}.controller" for i, follower in followers if follower.controller]
-    return kept + [
+    keys = [f"followers.{i}.station" for i, follower in followers if follower.station]
+    keys += [f"followers.{i}.controller" for i, follower in followers if follower.controller]
+    return keys + [
         f"followers.{i}.guidance_position = 'estimate'"
         for i, f in followers
         if f.guided_by_estimate

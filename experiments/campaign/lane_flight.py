@@ -462,12 +462,12 @@ def truth_record(truth: IdealMeasurements) -> TruthRecord:
     """What a follower's sensors measure, with the echoes of its pings."""
     sent = truth.sent
     m = truth.message_step.size
-    place = truth.hydrophone, truth.leader_position, truth.leader_heading
+    positions = truth.hydrophone, truth.leader_position, truth.leader_heading
     echoes = np.full((2, m, 3), np.nan) if truth.echo_range is None else truth.echo_range
     pose = (sent.east, sent.north, sent.heading, sent.speed, sent.depth, sent.pitch, sent.roll)
     return TruthRecord(
         truth.start.astype(np.float64)[None],
-        np.column_stack([truth.speed, truth.heading, truth.depth, *place]),
+        np.column_stack([truth.speed, truth.heading, truth.depth, *positions]),
         truth.message_step.astype(np.int64),
         truth.emission_step.astype(np.int64),
         np.column_stack([*pose, truth.slant_range, *echoes]),
@@ -492,7 +492,7 @@ def fly_block(
     t: Tuning,
     address: Address,
     used: int,
-    given: Given,
+    prepared: Given,
     history: Floats,
 ) -> tuple[Floats, Ints, Floats]:
     """Tally, histograms, and the sum over the first `used` lanes of the NEES of each step, shape
@@ -512,14 +512,14 @@ def fly_block(
     for k in range(1, n + 1):
         now = truth.own[k - 1]
         received = i < m and truth.message_step[i] == k
-        if given.states.shape[0] > 0:
+        if prepared.states.shape[0] > 0:
             for j, first in enumerate((lanes.X, lanes.Y, lanes.PXX, lanes.PXY, lanes.PYY)):
-                copy_values(given.states[k - 1, j], block[first : first + LANES])
+                copy_values(prepared.states[k - 1, j], block[first : first + LANES])
         else:
-            if given.own.shape[0] > 0:
-                copy_values(given.own[k - 1], block[lanes.SPEED : lanes.SIN])
+            if prepared.own.shape[0] > 0:
+                copy_values(prepared.own[k - 1], block[lanes.SPEED : lanes.SIN])
                 if received:
-                    copy_values(given.messages[i], block[lanes.EAST : lanes.X1])
+                    copy_values(prepared.messages[i], block[lanes.EAST : lanes.X1])
             else:
                 sense_own(block, noise, errors, now[0], now[1], k)
                 if received:

@@ -103,7 +103,7 @@ def _observed_of(scenario: Scenario, follower: int) -> Scenario:
     by_leader = scenario.navigation.link == LEADER_LINK
     # links name their senders
     hidden = ("sensors", "name") if by_leader else ("sensors",)
-    own = {
+    overrides = {
         "seed": 1,
         "sensors": _without(sensors, *keys_per_run(Sensors), own=own_tables(scenario)),
         "followers": tuple(_without(member, *hidden) for member in scenario.followers),
@@ -115,7 +115,7 @@ def _observed_of(scenario: Scenario, follower: int) -> Scenario:
             assume={"transmitters": scenario.navigation.transmitters},
         ),
     }
-    return canonical_scenario(content_of(scenario)).model_copy(update=own)
+    return canonical_scenario(content_of(scenario)).model_copy(update=overrides)
 
 
 def motion_key(scenario: Scenario) -> str:
@@ -389,7 +389,7 @@ def _fly(cell: Cell, truth: lane.TruthRecord, runs: range, history: Floats = _NO
         ArithmeticError: a covariance is not positive definite.
     """
     settings = cell.settings
-    given = lane.Given()
+    prepared = lane.Given()
     single = list[MissionResult]()
     steps = cell.truth.speed.size
     if not cell.spec.lanes:
@@ -399,15 +399,15 @@ def _fly(cell: Cell, truth: lane.TruthRecord, runs: range, history: Floats = _NO
             )
         single = single_runs(cell, runs)
         settings = NavigationSettings()
-        given = lane.Given(states=np.ones((steps, 5, LANES)))
+        prepared = lane.Given(states=np.ones((steps, 5, LANES)))
         for i, estimates in enumerate(single):
-            given.states[:, :2, i] = estimates.state[:, :2]
-            given.states[:, 2:, i] = estimates.covariance
+            prepared.states[:, :2, i] = estimates.state[:, :2]
+            prepared.states[:, 2:, i] = estimates.covariance
     elif cell.disturbance:
-        given = lane.Given(*lanes.stacked(_measured(cell, runs)))
+        prepared = lane.Given(*lanes.stacked(_measured(cell, runs)))
     address = np.uint64(cell.seed), np.uint64(runs[0]), np.uint64(cell.follower)
     block = lane.fly_block(
-        truth, cell.errors, lanes.tuning(settings), address, len(runs), given, history
+        truth, cell.errors, lanes.tuning(settings), address, len(runs), prepared, history
     )
     for i, estimates in enumerate(single):
         of_run = block[0][i::LANES]

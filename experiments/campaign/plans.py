@@ -182,13 +182,15 @@ def compute(trajectory: Trajectory, plans: Sequence[CellPlan]) -> list[Result]:
         scenario = plan.content
         mission = behind[plan.leader_pitch_deg]
         steps = Arrays()
-        given = scenario
+        adjusted = scenario
         variant = scenario.navigation.variant
         if plan.measured and plan.facts:
             facts = plan.facts(plan.scenario, trajectory)[plan.follower]
             values = {key: facts.get(name) for key, name in plan.measured.items()}
-            given = validate(assigned(scenario.model_dump(mode="json"), values), plan.scenario.name)
-        cell = Cell.of(given, plan.follower, runs, mission=mission, disturbance=disturbance)
+            adjusted = validate(
+                assigned(scenario.model_dump(mode="json"), values), plan.scenario.name
+            )
+        cell = Cell.of(adjusted, plan.follower, runs, mission=mission, disturbance=disturbance)
         result = simulate(cell, threads=plan.threads)
         # without the name, as plans of others may share it
         row: Record = {

@@ -169,11 +169,11 @@ def phases(console: Console) -> Iterator[Callable[[str], AbstractContextManager[
 
 
 @contextmanager
-def progress(what: str, total: int, *, quiet: bool = False) -> Iterator[Advance]:
+def progress(noun: str, total: int, *, quiet: bool = False) -> Iterator[Advance]:
     """A bar on a terminal, a line every ten seconds in a log; nothing if there is nothing to do, or
     `quiet`.
 
-    `total` items are counted, which `what` names. Rate and time left do not count the first item,
+    `total` items are counted, which `noun` names. Rate and time left do not count the first item,
     which waited for processes and compilers to start.
     """
     console = Console(stderr=True)
@@ -181,7 +181,7 @@ def progress(what: str, total: int, *, quiet: bool = False) -> Iterator[Advance]
         yield lambda count: None
         return
     with _Bars(console, MofNCompleteColumn()) as bars:
-        task = bars.add_task(what, total=total)
+        task = bars.add_task(noun, total=total)
 
         def advance(count: int) -> None:
             bars.advance(task, count)
@@ -192,6 +192,6 @@ def progress(what: str, total: int, *, quiet: bool = False) -> Iterator[Advance]
                     if state.speed
                     else ""
                 )
-                bars.tell(f"{what}: {state.completed:.0f}/{total}{pace}")
+                bars.tell(f"{noun}: {state.completed:.0f}/{total}{pace}")
 
         yield advance

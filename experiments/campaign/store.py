@@ -182,14 +182,14 @@ class Store:
                     raise ValueError(f"wrong checksum of {damaged}")
                 arrays = dict(archive)
             # ten thousand records share the names of their columns in memory
-            found, names, record = json.loads(
+            stored_key, names, record = json.loads(
                 arrays.pop(_RECORD).tobytes(),
                 object_pairs_hook=lambda pairs: {sys.intern(k): v for k, v in pairs},
             )
             if _COLUMNS in arrays:
                 table = arrays.pop(_COLUMNS)
                 arrays |= {name: table[name].copy() for name in table.dtype.names or ()}
-            if (found, names) != (key, [*arrays]):
+            if (stored_key, names) != (key, [*arrays]):
                 raise ValueError("it lacks arrays, or is another result's")
             return record, arrays
         except FileNotFoundError:

@@ -41,10 +41,10 @@ def propose_map(source: Path, path: Path, vehicle: str | None) -> None:
     write_proposal(proposal, path)
     console = Console()
     for field, entry in proposal.entries.items():
-        found = entry.get("column") or f"{entry['topic']} {entry['field']}"
+        source_text = entry.get("column") or f"{entry['topic']} {entry['field']}"
         unit = f" in {entry['unit']}" if "unit" in entry else ""
         note = f"; check: {proposal.notes[field]}" if field in proposal.notes else ""
-        print_line(console, f"{found}{unit}{note}", f"{field}:", "")
+        print_line(console, f"{source_text}{unit}{note}", f"{field}:", "")
     if proposal.missing:
         print_line(console, f"nothing was found for {', '.join(proposal.missing)}", "note:")
     print_line(console, f"map in {output}; edit it, then: laisn log import {source} --map {path}")

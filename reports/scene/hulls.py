@@ -38,7 +38,7 @@ def _part(model: Any, geom: int) -> dict[str, Any] | None:
     material = model.geom_matid[geom]
     colour = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
     shine = float(model.mat_specular[material]) if material >= 0 else _USUAL_SHINE
-    part: dict[str, Any] = {
+    geom_record: dict[str, Any] = {
         "name": model.geom(geom).name,
         "kind": _KINDS[kind],
         "size": _numbers(model.geom_size[geom], 5),
@@ -51,9 +51,9 @@ def _part(model: Any, geom: int) -> dict[str, Any] | None:
         mesh = model.geom_dataid[geom]
         first, points = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
         face, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-        part["points"] = _numbers(model.mesh_vert[first : first + points], 4)
-        part["faces"] = model.mesh_face[face : face + faces].ravel().tolist()
-    return part
+        geom_record["points"] = _numbers(model.mesh_vert[first : first + points], 4)
+        geom_record["faces"] = model.mesh_face[face : face + faces].ravel().tolist()
+    return geom_record
 
 
 def _propellers(model: Any) -> list[dict[str, Any]]:
@@ -83,7 +83,7 @@ def _propellers(model: Any) -> list[dict[str, Any]]:
 def hull(path: str) -> dict[str, Any]:
     """Parts, fins and propellers of the vehicle of an MJCF, as `models_of` names it."""
     model = spec_of(path).compile()
-    parts = [part for geom in range(model.ngeom) if (part := _part(model, geom)) is not None]
+    parts = [piece for geom in range(model.ngeom) if (piece := _part(model, geom)) is not None]
     fins = [
         {
             "part": model.geom(hinge.geom).name,

@@ -106,16 +106,16 @@ def _leader(vehicles: Sequence[Measured], grid: Floats) -> tuple[Vehicle, Floats
     None if no message holds where it is.
     """
     for vehicle in vehicles:
-        place = _columns(vehicle.measured, "east", "north", "heading", "depth")
-        if place.size == 0 or not np.isfinite(place[:, :2]).all(axis=1).any():
+        pose_columns = _columns(vehicle.measured, "east", "north", "heading", "depth")
+        if pose_columns.size == 0 or not np.isfinite(pose_columns[:, :2]).all(axis=1).any():
             continue
         sent = vehicle.measured.time[vehicle.measured.message_step - 1]
-        east_north = _between(sent, place[:, :2], grid)
-        depth = np.interp(grid, sent, np.nan_to_num(place[:, 3], nan=_SHOWN_DEPTH_M))
+        east_north = _between(sent, pose_columns[:, :2], grid)
+        depth = np.interp(grid, sent, np.nan_to_num(pose_columns[:, 3], nan=_SHOWN_DEPTH_M))
         half = 0.5 * vehicle.baseline
         transmitters = [[-half, 0.0, 0.0], [half, 0.0, 0.0]] if np.isfinite(half) else []
         leader = Vehicle(name="leader", role="leader", model=0, transmitters=transmitters)
-        quaternion = _level(_heading(sent, place[:, 2], grid))
+        quaternion = _level(_heading(sent, pose_columns[:, 2], grid))
         return leader, np.column_stack([east_north, -depth]), quaternion
     return None
 
@@ -153,12 +153,12 @@ def scene_of_measured(name: str, vehicles: Sequence[Measured]) -> Scene:
     for vehicle in vehicles:
         times = vehicle.measured.time
         state = _between(times, vehicle.estimates.state[:, :2], grid)
-        place = state
+        path = state
         if truth and vehicle.path is not None:
-            place = _between(vehicle.path[:, 0], vehicle.path[:, 1:3], grid)
+            path = _between(vehicle.path[:, 0], vehicle.path[:, 1:3], grid)
         seen.append(Vehicle(name=vehicle.name, role="follower", model=hull_of[1]))
         states.append(state)
-        positions.append(np.column_stack([place, -_depth(vehicle, grid)]))
+        positions.append(np.column_stack([path, -_depth(vehicle, grid)]))
         quaternions.append(_level(_heading(times, vehicle.measured.heading, grid)))
         speeds.append(np.interp(slow, times, np.nan_to_num(vehicle.measured.speed)))
     packer = Packer()
@@ -176,7 +176,7 @@ def scene_of_measured(name: str, vehicles: Sequence[Measured]) -> Scene:
         refused += add_messages(packer, f, vehicle.measured, vehicle.estimates, 0.0)
         if len(beacons):
             packer.add(f"source{f}", _sources(vehicle.measured, beacons), order=0)
-    heights = np.concatenate([*(place[:, 2] for place in positions), beacons[:, 2]])
+    heights = np.concatenate([*(path[:, 2] for path in positions), beacons[:, 2]])
     received = [np.isfinite(v.measured.ranges).any(axis=0) for v in vehicles]
     meta = {
         "name": name,

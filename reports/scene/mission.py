@@ -107,20 +107,20 @@ def add_spread(packer: Packer, covariance: Floats, unit: float) -> None:
     spread = np.nan_to_num(covariance, posinf=0.0, neginf=0.0)
     xx, xy, yy = spread[..., 0, 0], spread[..., 0, 1], spread[..., 1, 1]
     mean = (xx + yy) / 2
-    apart = np.hypot((xx - yy) / 2, xy)
+    half_difference = np.hypot((xx - yy) / 2, xy)
     angle = np.arctan2(2 * xy, xx - yy)
-    packer.add("major", np.sqrt(np.maximum(mean + apart, 0.0)), unit, 1)
-    packer.add("minor", np.sqrt(np.maximum(mean - apart, 0.0)), unit, 1)
+    packer.add("major", np.sqrt(np.maximum(mean + half_difference, 0.0)), unit, 1)
+    packer.add("minor", np.sqrt(np.maximum(mean - half_difference, 0.0)), unit, 1)
     packer.add("axis", np.stack([np.cos(angle), np.sin(angle)], axis=-1), 0.02, 1)
 
 
 def kinds_of_messages(measured: Measurements, estimates: Estimates) -> Ints:
     """The kind of fix of each message, shape (m,); -1 for none."""
-    place = np.searchsorted(estimates.fix_step, measured.message_step, side="right") - 1
+    fix_index = np.searchsorted(estimates.fix_step, measured.message_step, side="right") - 1
     kinds = np.full(measured.message_step.size, -1)
     if estimates.fix_step.size:
-        same = (place >= 0) & (estimates.fix_step[place] == measured.message_step)
-        kinds[same] = estimates.fix_kind[place[same]]
+        same = (fix_index >= 0) & (estimates.fix_step[fix_index] == measured.message_step)
+        kinds[same] = estimates.fix_kind[fix_index[same]]
     return kinds
 
 
@@ -157,8 +157,11 @@ def _branches(measured: Measurements, estimates: Estimates) -> Floats:
         for h in np.flatnonzero(weight[fix] > _LEAST_WEIGHT).tolist():
             (xx, xy), (_, yy) = covariance[fix, h].tolist()
             mean = (xx + yy) / 2
-            apart = float(np.hypot((xx - yy) / 2, xy))
-            axes = (max(mean + apart, 0.0) ** 0.5, max(mean - apart, 0.0) ** 0.5)
+            half_difference = float(np.hypot((xx - yy) / 2, xy))
+            axes = (
+                max(mean + half_difference, 0.0) ** 0.5,
+                max(mean - half_difference, 0.0) ** 0.5,
+            )
             angle = 0.5 * float(np.arctan2(2 * xy, xx - yy))
             rows.append([index, weight[fix, h], *position[fix, h], *axes, angle])
     return np.array(rows, dtype=np.float64).reshape(-1, 7)
@@ -170,7 +173,7 @@ def hulls_of(models: Sequence[str]) -> tuple[list[dict[str, Any]], list[int], li
     """
     names = list(dict.fromkeys(models))
     hulls = [hull(name) for name in names]
-    moving = [piece for one in hulls for piece in (*one["fins"], *one["propellers"])]
+    moving = [piece for of_hull in hulls for piece in (*of_hull["fins"], *of_hull["propellers"])]
     used = sorted({piece["effector"] for piece in moving})
     for piece in moving:
         piece["column"] = used.index(piece["effector"])
@@ -211,13 +214,13 @@ def turns(flight: Flight) -> list[tuple[float, float]]:
         return []
     change = np.abs(second[_TURN_S:] - second[:-_TURN_S])
     turning = np.diff((change > np.radians(_TURN_DEG)).astype(int), prepend=0) == 1
-    found = []
+    begins = []
     for k in np.flatnonzero(turning).tolist():
         back = np.abs(second[k + _TURN_S : k : -1] - second[k])
         begin = k + _TURN_S - int(np.argmax(back < np.radians(_STRAIGHT_DEG)))
         after = second[min(k + 2 * _TURN_S, second.size - 1)]
-        found.append((float(truth.time[0]) + begin, float(np.degrees(after)) % 360.0))
-    return found
+        begins.append((float(truth.time[0]) + begin, float(np.degrees(after)) % 360.0))
+    return begins
 
 
 def _events(flight: Flight, others: Sequence[Event]) -> list[list[Any]]:

@@ -47,15 +47,15 @@ def pseudo_inverse(records: npt.NDArray[np.void], limits: Floats) -> Floats:
         [np.abs(unit[:, :3]).max(), max(float(np.abs(unit[:, 3:]).max()), 1e-3)]
     ).repeat(3)
     scaled = unit * reach[:, None] / (most * max(float(reach.max()), 1e-300))
-    given: list[int] = []
+    independent: list[int] = []
     for axis in _WANTED:
-        values = np.linalg.svd(scaled[:, [*given, axis]], compute_uv=False)
-        if len(given) < len(records) and values[len(given)] > _LEAST:
-            given.append(axis)
+        values = np.linalg.svd(scaled[:, [*independent, axis]], compute_uv=False)
+        if len(independent) < len(records) and values[len(independent)] > _LEAST:
+            independent.append(axis)
     out = np.zeros((len(records), 6))
-    b = unit[:, given].T
+    b = unit[:, independent].T
     weighted = reach[:, None] ** 2 * b.T  # W⁻¹ Bᵀ
-    out[:, given] = weighted @ np.linalg.inv(b @ weighted)
+    out[:, independent] = weighted @ np.linalg.inv(b @ weighted)
     # what is zero but for rounding would let an effector at its limit hold back others
     out[np.abs(out) < 1e-9 * np.abs(out).max(axis=0, initial=0.0)] = 0.0
     return out

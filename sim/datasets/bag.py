@@ -101,8 +101,8 @@ def _text_fields(store: Any, type_name: str, prefix: str = "", depth: int = 0) -
 def _value(message: Any, path: Sequence[str]) -> Any:
     """What a field holds; a number in a path counts elements of a list."""
     value = message
-    for part in path:
-        value = value[int(part)] if part.isdigit() else getattr(value, part)
+    for step in path:
+        value = value[int(step)] if step.isdigit() else getattr(value, step)
     return value
 
 
@@ -111,11 +111,11 @@ def topics_of(path: Path) -> list[Topic]:
     with _opened(path) as reader:
         store = reader.typestore
         texts: dict[str, dict[str, set[str]]] = {}
-        wanted = [c for c in reader.connections if c.msgtype in store.fielddefs]
-        fields = {c.topic: [*_text_fields(store, c.msgtype)] for c in wanted}
+        connections = [c for c in reader.connections if c.msgtype in store.fielddefs]
+        fields = {c.topic: [*_text_fields(store, c.msgtype)] for c in connections}
         seen = dict.fromkeys(fields, 0)
-        open_ = {c.topic for c in wanted if fields[c.topic]}
-        for connection, _, raw in reader.messages([c for c in wanted if c.topic in open_]):
+        open_ = {c.topic for c in connections if fields[c.topic]}
+        for connection, _, raw in reader.messages([c for c in connections if c.topic in open_]):
             if seen[connection.topic] >= _SAMPLES:
                 open_.discard(connection.topic)
                 if not open_:
@@ -177,7 +177,7 @@ def _stamp_ns(message: Any, logged_ns: int) -> int:
 
 
 def _holds(message: Any, where: Sequence[tuple[str, Any]]) -> bool:
-    return all(_value(message, field.split(".")) == wanted for field, wanted in where)
+    return all(_value(message, field.split(".")) == expected for field, expected in where)
 
 
 def _require_fields(path: Path, reader: Any, requests: Sequence[Request]) -> None:
@@ -185,8 +185,8 @@ def _require_fields(path: Path, reader: Any, requests: Sequence[Request]) -> Non
     types = {c.topic: c.msgtype for c in reader.connections}
     for request in requests:
         if request.topic not in types:
-            known = shortened(", ".join(sorted(types)), 800)
-            raise LaisnError(f"{path}: has no topic {request.topic}; its topics: {known}")
+            topics = shortened(", ".join(sorted(types)), 800)
+            raise LaisnError(f"{path}: has no topic {request.topic}; its topics: {topics}")
         type_name = types[request.topic]
         if type_name not in reader.typestore.fielddefs:
             raise LaisnError(
@@ -210,8 +210,8 @@ def series_of(
     values: dict[Request, list[Any]] = {request: [] for request in requests}
     with _opened(path) as reader:
         _require_fields(path, reader, requests)
-        wanted = [c for c in reader.connections if c.topic in by_topic]
-        for connection, logged_ns, raw in reader.messages(wanted):
+        connections = [c for c in reader.connections if c.topic in by_topic]
+        for connection, logged_ns, raw in reader.messages(connections):
             message = reader.deserialize(raw, connection.msgtype)
             at = _stamp_ns(message, logged_ns) if stamps == "header" else logged_ns
             for request in by_topic[connection.topic]:
@@ -221,10 +221,11 @@ def series_of(
                     value = _value(message, request.field.split("."))
                 except (AttributeError, IndexError, TypeError):
                     fields = [*_leaves(reader.typestore, connection.msgtype)]
-                    known = shortened(", ".join(fields), 800)
+                    field_list = shortened(", ".join(fields), 800)
                     names = " or ".join([request.field, *(name for name, _ in request.where)])
                     raise LaisnError(
-                        f"{path}: topic {request.topic} has no field {names}; its fields: {known}"
+                        f"{path}: topic {request.topic} has no field {names}; its fields: "
+                        f"{field_list}"
                     ) from None
                 times[request].append(at)
                 values[request].append(_number(value, request))

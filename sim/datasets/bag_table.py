@@ -48,8 +48,8 @@ def _held(series: Series, time_ns: Ints) -> Floats:
     """The last value at or before each time."""
     index = np.searchsorted(series.time_ns, time_ns, side="right") - 1
     values = np.full(time_ns.size, np.nan)
-    known = index >= 0
-    values[known] = series.values[index[known]]
+    has_value = index >= 0
+    values[has_value] = series.values[index[has_value]]
     return values
 
 
@@ -187,21 +187,21 @@ def _receptions(mapped: _Mapped, fields: list[str], window_s: float) -> tuple[In
     """Times of receptions [ns] and their ranges in the order of the fields, NaN where there is
     none, shapes (m,) and (m, r).
     """
-    found = list[tuple[int, int, float]]()
+    ranges_received = list[tuple[int, int, float]]()
     for slot, field in enumerate(fields):
         series = mapped.series.get(field)
         if series is None:
             raise LaisnError(f"{mapped.map_path}: {field}: expected topic and field, no constant")
         positive = np.isfinite(series.values) & (series.values > 0.0)
         times = series.time_ns[positive].tolist()
-        found += [
+        ranges_received += [
             (at, slot, value) for at, value in zip(times, series.values[positive], strict=True)
         ]
-    found.sort(key=lambda one: one[:2])
+    ranges_received.sort(key=lambda entry: entry[:2])
     times_ns = list[int]()
     rows = list[list[float]]()
     first_ns = 0
-    for at, slot, value in found:
+    for at, slot, value in ranges_received:
         new = not rows or at - first_ns > 1e9 * window_s or np.isfinite(rows[-1][slot])
         if new:
             first_ns = at
@@ -215,23 +215,23 @@ def _receptions(mapped: _Mapped, fields: list[str], window_s: float) -> tuple[In
 
 def _step_times(mapped: _Mapped, steps: str | None) -> tuple[Ints, str]:
     """Times of the filter steps [ns], and their topic."""
-    own = dict[str, Ints]()
+    times_by_topic = dict[str, Ints]()
     for field in OWN_MOTION.fields:
         source = mapped.entries[field].topic
         if source is not None:
-            own.setdefault(source, mapped.series[field].time_ns)
-    if not own:
+            times_by_topic.setdefault(source, mapped.series[field].time_ns)
+    if not times_by_topic:
         raise LaisnError(
             f"{mapped.map_path}: speed, heading and depth are constants; one of them needs a topic"
         )
-    topic = steps or next(iter(own))
-    if topic not in own:
-        known = ", ".join(map(str, own))
+    topic = steps or next(iter(times_by_topic))
+    if topic not in times_by_topic:
+        topics = ", ".join(map(str, times_by_topic))
         raise LaisnError(
-            f"{mapped.map_path}: steps: expected the topic of speed, heading or depth: {known} "
+            f"{mapped.map_path}: steps: expected the topic of speed, heading or depth: {topics} "
             f"(given: {topic!r})"
         )
-    return own[topic], topic
+    return times_by_topic[topic], topic
 
 
 def read_bag_table(path: Path, field_map: FieldMap) -> VehicleTable:
@@ -243,7 +243,7 @@ def read_bag_table(path: Path, field_map: FieldMap) -> VehicleTable:
     require_complete(field_map)
     mapped, remarks = _read(path, field_map)
     steps_ns, steps = _step_times(mapped, field_map.settings.steps)
-    own = {field: mapped.at(field, steps_ns) for field in OWN_MOTION.fields}
+    own_motion = {field: mapped.at(field, steps_ns) for field in OWN_MOTION.fields}
     range_fields = [field for field in field_map.entries if field.startswith("range_")]
     heard_ns, ranges = _receptions(mapped, range_fields, field_map.settings.ping_window_s)
     others = [
@@ -254,13 +254,13 @@ def read_bag_table(path: Path, field_map: FieldMap) -> VehicleTable:
     received = {field: mapped.at(field, heard_ns) for field in others}
     received |= {field: ranges[:, i] for i, field in enumerate(range_fields)}
     received.setdefault(TIMESTAMP, _leader_times(mapped, heard_ns) / 1e9)
-    whole = np.all([np.isfinite(values) for values in own.values()], axis=0)
+    whole = np.all([np.isfinite(values) for values in own_motion.values()], axis=0)
     if not whole.any():
         raise LaisnError(
             f"{path}: at no message of {steps} there are speed, heading and depth at once; do the "
             'topics overlap in time? stamps = "log" takes the times of recording'
         )
-    for name, values in (own | received).items():
+    for name, values in (own_motion | received).items():
         if "depth" in name:
             require_depths(f"{path}, {name}", values)
     left = int(np.count_nonzero(~whole))
@@ -270,7 +270,7 @@ def read_bag_table(path: Path, field_map: FieldMap) -> VehicleTable:
     time_ns = np.concatenate([steps_ns[whole], heard_ns])
     gone = np.full(heard_ns.size, np.nan)
     absent = np.full(int(whole.sum()), np.nan)
-    columns = {field: np.concatenate([values[whole], gone]) for field, values in own.items()}
+    columns = {field: np.concatenate([values[whole], gone]) for field, values in own_motion.items()}
     columns |= {field: np.concatenate([absent, values]) for field, values in received.items()}
     order = np.argsort(time_ns, kind="stable")
     return VehicleTable(

@@ -71,11 +71,16 @@ def _parsed(text: str, source: str) -> dict[str, list[_Line]]:
         if len(words) != expected:
             raise LaisnError(f"{where} with {len(words)} words, expected {expected}")
         time = numbers(words[1 : 1 + times], where, 1e9 * LARGEST).tolist()
-        given = numbers(words[first:], where).tolist()
-        if not np.all(np.isfinite([*time, *given])):
+        values_and_variances = numbers(words[first:], where).tolist()
+        if not np.all(np.isfinite([*time, *values_and_variances])):
             raise LaisnError(f"{where} holds a number that is not finite")
         lines[kind].append(
-            _Line(sum(time), words[1 + times : first], given[:values], given[values:])
+            _Line(
+                sum(time),
+                words[1 + times : first],
+                values_and_variances[:values],
+                values_and_variances[values:],
+            )
         )
     if max((abs(line.time) for kind in lines.values() for line in kind), default=0.0) <= LARGEST:
         return lines
@@ -180,7 +185,7 @@ def _ranges(
     EDGE_RANGE.
     """
     numbers_of = {name: i for i, name in enumerate(beacons)}
-    at_rest = {name: [*place, 0.0, 0.0] for name, place in beacons.items()}
+    at_rest = {name: [*position, 0.0, 0.0] for name, position in beacons.items()}
     rows = list[list[float]]()
     variances = list[float]()
     for line in lines:
@@ -351,15 +356,19 @@ def write_factor_graph(
         time = float(truth[k, 0])
         s, c = (np.sin(turned[before]), np.cos(turned[before]))
         ahead, port = np.array([[c, s], [-s, c]]) @ (way[k] - way[before])
-        part = dt[before:k]
+        durations = dt[before:k]
         n = k - before
-        along = (settings.speed_sigma**2 * np.sum(part**2)) + (
-            settings.speed_bias_sigma * np.sum(part)
+        along_variance = (settings.speed_sigma**2 * np.sum(durations**2)) + (
+            settings.speed_bias_sigma * np.sum(durations)
         ) ** 2
-        across = (settings.heading_sigma * np.mean(speed[before + 1 : k + 1])) ** 2 * np.sum(
-            part**2
+        across_variance = (
+            settings.heading_sigma * np.mean(speed[before + 1 : k + 1])
+        ) ** 2 * np.sum(durations**2)
+        spread = _triangle(
+            float(along_variance),
+            float(across_variance),
+            2.0 * settings.heading_sigma**2 / n + 1e-8,
         )
-        spread = _triangle(float(along), float(across), 2.0 * settings.heading_sigma**2 / n + 1e-8)
         turn = float(
             np.arctan2(np.sin(turned[k] - turned[before]), np.cos(turned[k] - turned[before]))
         )
@@ -373,12 +382,14 @@ def write_factor_graph(
             np.isfinite(places).all(axis=1) & np.isfinite(reception.ranges)
         ).tolist():
             landmark = f"L{3 * i + j}"
-            place = places[j, :2].tolist()
+            position = places[j, :2].tolist()
             level = float(
                 np.sqrt(max(reception.ranges[j] ** 2 - (hydrophone - places[j, 2]) ** 2, 0.0))
             )
-            lines.append(_line("VERTEX_XY", landmark, *place))
-            lines.append(_line("VERTEX_XY:PRIOR", time, landmark, *place, *_triangle(1e-6, 1e-6)))
+            lines.append(_line("VERTEX_XY", landmark, *position))
+            lines.append(
+                _line("VERTEX_XY:PRIOR", time, landmark, *position, *_triangle(1e-6, 1e-6))
+            )
             lines.append(_line("EDGE_RANGE", time, f"A{i + 1}", landmark, level, float(sigma) ** 2))
     with atomic_write(path) as part_file:
         part_file.write_text("".join(lines), encoding="utf-8")

@@ -195,8 +195,8 @@ def _lines(error: ValidationError) -> list[str]:
         key = shortened(plain(".".join(map(str, detail["loc"]))), 100)
         if detail["type"] == "extra_forbidden":
             model = Entry if len(detail["loc"]) > 1 else _Map
-            known = ", ".join(model.model_fields)
-            lines.append(f"  {key}: unknown key; known here: {known}")
+            keys = ", ".join(model.model_fields)
+            lines.append(f"  {key}: unknown key; known here: {keys}")
             continue
         message = str(detail["msg"]).removeprefix("Value error, ")
         lines.append(f"  {key}: {message} (given: {shortened(plain(repr(detail['input'])), 80)})")
@@ -242,9 +242,9 @@ def map_of(table: Mapping[str, Any], path: Path) -> FieldMap:
 
 def missing_fields(fields: Iterable[str], further: Sequence[str] = ()) -> tuple[str, ...]:
     """What the navigator needs of a recording beside these fields; `further` is needed, too."""
-    known = set(fields)
-    missing = [name for name in (*further, *NEEDED) if name not in known]
-    if not any(name.startswith("range_") for name in known):
+    present = set(fields)
+    missing = [name for name in (*further, *NEEDED) if name not in present]
+    if not any(name.startswith("range_") for name in present):
         missing.append("range_rear")
     return tuple(missing)
 
@@ -302,5 +302,5 @@ class Proposal:
 
 def write_proposal(proposal: Proposal, path: Path) -> None:
     """Write a proposal as a file."""
-    with atomic_write(path) as part:
-        part.write_text(proposal.text(), encoding="utf-8")
+    with atomic_write(path) as temporary:
+        temporary.write_text(proposal.text(), encoding="utf-8")

@@ -69,7 +69,7 @@ def _slots(data: RangeData) -> tuple[Floats, Ints]:
     robots = {data.beacons.index(name): i % len(_SLOTS) for i, name in enumerate(data.moving)}
     times = np.empty(data.ranges.size)
     slots = np.empty(data.ranges.size, dtype=np.int64)
-    own = len(data.beacons) <= len(_SLOTS)
+    has_own_slots = len(data.beacons) <= len(_SLOTS)
     taken = set[int]()
     moved = False
     last = -1.0
@@ -80,7 +80,7 @@ def _slots(data: RangeData) -> tuple[Floats, Ints]:
             taken = set()
             moved = False
         free = next((s for s in range(len(_SLOTS)) if s not in taken), 0)
-        slot = beacon if own else robots.get(beacon, free)
+        slot = beacon if has_own_slots else robots.get(beacon, free)
         last = max(at, last)
         if slot in taken or (moved and beacon in robots):
             last = last + _APART
@@ -119,16 +119,19 @@ def _channels(data: RangeData) -> Iterator[Channel]:
     if data.moving:
         # the other robot's track, as it would broadcast it
         transmitters[row, slot, :2] = data.range_track[:, :2]
-        own = np.isin(data.range_beacon, [data.beacons.index(name) for name in data.moving])
-        message[row[own], 1:5] = data.range_track[own]
+        of_moving = np.isin(data.range_beacon, [data.beacons.index(name) for name in data.moving])
+        message[row[of_moving], 1:5] = data.range_track[of_moving]
     transmitters[row, slot, 2] = 0.0
     arrays = {"message": message, "ranges": ranges, "transmitters": transmitters}
     yield numeric(f"/{VEHICLE}", PLACED_RECEPTION, _nanoseconds(time), arrays)
 
-    at, *place = data.truth[np.argsort(data.truth[:, 0], kind="stable")].T
+    at, *coordinates = data.truth[np.argsort(data.truth[:, 0], kind="stable")].T
     turn = np.tile([1.0, 0.0, 0.0, 0.0], (at.size, 1))
     yield poses(
-        f"/{VEHICLE}/pose", _nanoseconds(at), np.column_stack([*place, np.zeros(at.size)]), turn
+        f"/{VEHICLE}/pose",
+        _nanoseconds(at),
+        np.column_stack([*coordinates, np.zeros(at.size)]),
+        turn,
     )
 
 
@@ -151,12 +154,12 @@ def write_vehicle_table(table: VehicleTable, path: Path) -> None:
     if that fails.
     """
     empty = np.full(table.time_ns.size, np.nan)
-    own = np.all([np.isfinite(table.columns[field]) for field in OWN_MOTION.fields], axis=0)
+    has_motion = np.all([np.isfinite(table.columns[field]) for field in OWN_MOTION.fields], axis=0)
     ranges = [values for field, values in table.columns.items() if field.startswith("range_")]
     received = np.any(np.isfinite(ranges), axis=0)
     reception = PLACED_RECEPTION if set(PLACES.names) & set(table.columns) else RECEPTION
     channels = []
-    moving_rows = np.flatnonzero(own)
+    moving_rows = np.flatnonzero(has_motion)
     received_rows = np.flatnonzero(received)
     received_rows = received_rows[np.argsort(table.reception_ns[received_rows], kind="stable")]
     for type_, rows, times in (
@@ -174,9 +177,9 @@ def write_vehicle_table(table: VehicleTable, path: Path) -> None:
 
 
 def _write(path: Path, channels: Sequence[Channel], facts: dict[str, str]) -> None:
-    with log_errors(path), atomic_write(path) as part:
+    with log_errors(path), atomic_write(path) as temporary:
         write_channels(
-            part, channels, lambda mcap: mcap.write_metadata(_RECORD, facts) if facts else None
+            temporary, channels, lambda mcap: mcap.write_metadata(_RECORD, facts) if facts else None
         )
 
 

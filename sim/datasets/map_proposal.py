@@ -171,7 +171,7 @@ def _quantity_of(word: str) -> str:
 def _range_match(words: Sequence[str], unit: str) -> Match | None:
     rest = [word for word in words if word not in (_RANGE | _OWN | _LEADER | _TRANSMITTER | {"to"})]
     slot, word = _slot_of(rest)
-    others = [one for one in rest if one != word]
+    others = [other for other in rest if other != word]
     if others or len(rest) > 1 or not _RANGE & set(words):
         return None
     if not slot:
@@ -373,8 +373,8 @@ def _own_type(topic: Topic) -> Iterator[_Candidate]:
 def _fields_of(topic: Topic) -> Iterator[_Candidate]:
     if set(RECEPTION.fields) <= set(topic.fields):
         return _own_type(topic)
-    known = topic.type_name in _FIELDS_BY_TYPE or topic.type_name in _POSES
-    return _typed(topic) if known else _named(topic)
+    is_typed = topic.type_name in _FIELDS_BY_TYPE or topic.type_name in _POSES
+    return _typed(topic) if is_typed else _named(topic)
 
 
 def _candidates(topics: Sequence[Topic]) -> Iterator[_Candidate]:
@@ -396,13 +396,15 @@ def _other_robots(
     """Places of other robots to which there are ranges: the pose that is in the namespace of a
     robot whose name is in the range's frame or topic.
     """
-    own = {str(entries[name]["topic"]).split("/")[1] for name in _OWN_FIELDS if name in entries}
+    own_namespaces = {
+        str(entries[name]["topic"]).split("/")[1] for name in _OWN_FIELDS if name in entries
+    }
     poses = {
         topic.name.split("/")[1].lower(): topic
         for topic in topics
         if topic.type_name in _POSES and topic.name.count("/") > 1 and topic.messages
     }
-    found = list[Topic]()
+    poses_of_others = list[Topic]()
     for slot in Ranges._fields:
         entry = entries.get(f"range_{slot}")
         if entry is None:
@@ -410,15 +412,15 @@ def _other_robots(
         places = [*entry.get("where", {}).values(), *str(entry["topic"]).split("/")[2:]]
         names = (str(place).lower() for place in places)
         name = next((name for name in names if name in poses), None)
-        if name is None or name in own:
+        if name is None or name in own_namespaces:
             continue
         topic = poses[name]
-        found.append(topic)
+        poses_of_others.append(topic)
         note = f"is {topic.name} where the {slot} transmitter is?"
         for axis, letter, factor in (("east", "x", 1.0), ("north", "y", 1.0), ("depth", "z", -1.0)):
             yield _Candidate(f"{slot}_{axis}", 0, _position(topic, letter, factor), note)
-    if found:
-        yield from _posed(found[0], _POSES[found[0].type_name], leader=True)
+    if poses_of_others:
+        yield from _posed(poses_of_others[0], _POSES[poses_of_others[0].type_name], leader=True)
 
 
 def _position(topic: Topic, letter: str, factor: float) -> dict[str, Any]:
@@ -432,15 +434,15 @@ def _of_vehicle(topics: Sequence[Topic], vehicle: str | None) -> list[Topic]:
     if vehicle is None:
         return [*topics]
     prefix = f"/{vehicle.strip('/')}/"
-    own = [topic for topic in topics if topic.name.startswith(prefix)]
-    if not own:
+    of_vehicle = [topic for topic in topics if topic.name.startswith(prefix)]
+    if not of_vehicle:
         spaces = sorted({topic.name.split("/")[1] for topic in topics if topic.name.count("/") > 1})
         raise LaisnError(
             f"--vehicle {vehicle}: the bag has no topic {prefix}…; it has those of "
             f"{', '.join(spaces) or 'no vehicle'}"
         )
-    return own + [
-        topic for topic in topics if topic not in own and _LEADER & set(_words(topic.name))
+    return of_vehicle + [
+        topic for topic in topics if topic not in of_vehicle and _LEADER & set(_words(topic.name))
     ]
 
 

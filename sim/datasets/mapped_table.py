@@ -34,25 +34,25 @@ def _positions(path: Path, field_map: FieldMap, headers: Sequence[str]) -> dict[
     twice.
     """
     named = [header.strip() for header in headers]
-    wanted = dict[str, str]()
+    field_by_column = dict[str, str]()
     for field, entry in field_map.entries.items():
         if entry.topic is not None or entry.derive or entry.unit == QUATERNION:
             raise LaisnError(
                 f"{field_map.path}: {field}: expected a column or a value: {path} is a table"
             )
         if entry.column is not None:
-            wanted.setdefault(entry.column.strip(), field)
+            field_by_column.setdefault(entry.column.strip(), field)
         for column in entry.where:
-            wanted.setdefault(column.strip(), field)
-    for column, field in wanted.items():
+            field_by_column.setdefault(column.strip(), field)
+    for column, field in field_by_column.items():
         if named.count(column) != 1:
             problem = "twice" if column in named else "not"
-            known = shortened(plain(", ".join(named)), 500)
+            headers_text = shortened(plain(", ".join(named)), 500)
             raise LaisnError(
                 f"{field_map.path}: {field}: column {column!r} is {problem} in {path}; its "
-                f"columns: {known}"
+                f"columns: {headers_text}"
             )
-    return {column: named.index(column) for column in wanted}
+    return {column: named.index(column) for column in field_by_column}
 
 
 def _equals(word: str, value: str | int | float | bool) -> bool:
@@ -166,7 +166,9 @@ def read_mapped_columns(path: Path, field_map: FieldMap) -> Columns:
             raw[field] = np.full(len(rows), entry.value)
             continue
         chosen = _chosen(entry, rows, position)
-        cells = [word if kept else "" for word, kept in zip(words(entry), chosen, strict=True)]
+        cells = [
+            word if is_read else "" for word, is_read in zip(words(entry), chosen, strict=True)
+        ]
         # a bound in seconds holds once the unit is known
         largest = 1e9 * LARGEST if field == TIMESTAMP else LARGEST
         raw[field] = numbers(cells, f"{path}, column {entry.column}", largest)

@@ -158,26 +158,29 @@ class RangeData:
         perhaps with those of `range_track`, those to beacon −1 and those not positive are left out.
         `more` are other fields.
         """
-        kept = np.append(True, np.diff(time) != 0.0)
-        last = np.flatnonzero(kept[1:])
+        is_first = np.append(True, np.diff(time) != 0.0)
+        last = np.flatnonzero(is_first[1:])
         first = np.append(0, last[:-1] + 1)
         steps = odometry[last]
         for joined in np.flatnonzero(last > first).tolist():
             steps[joined] = reduce(compose, odometry[first[joined] : last[joined] + 1])
         table = np.array(ranges, dtype=np.float64)
         table = table.reshape(len(table), -1) if table.size else np.empty((0, 3))
-        known = table[:, 1] >= 0
+        is_placed = table[:, 1] >= 0
         positive = table[:, 2] > 0
-        received = table[known & positive]
+        received = table[is_placed & positive]
         received = received[np.argsort(received[:, 0], kind="stable")]
         counts = {
             "ranges left out that are not to a beacon of known place": int(
-                np.count_nonzero(~known)
+                np.count_nonzero(~is_placed)
             ),
-            "ranges left out that are not positive": int(np.count_nonzero(known & ~positive)),
-            "poses at the time of the one before, joined to it": int(np.count_nonzero(~kept)),
+            "ranges left out that are not positive": int(np.count_nonzero(is_placed & ~positive)),
+            "poses at the time of the one before, joined to it": int(np.count_nonzero(~is_first)),
         }
-        remarks = [*remarks, *(f"{what}: {number}" for what, number in counts.items() if number)]
+        remarks = [
+            *remarks,
+            *(f"{reason}: {number}" for reason, number in counts.items() if number),
+        ]
         way = float(np.hypot(*steps[:, :2].T).sum())
         duration = float(time[-1] - time[0])
         if way >= 1.0 and duration > 0.0 and not _SLOWEST * duration <= way <= _FASTEST * duration:
@@ -187,7 +190,7 @@ class RangeData:
                 "seconds?"
             )
         return cls(
-            time=time[kept],
+            time=time[is_first],
             odometry=steps,
             range_time=received[:, 0],
             range_beacon=received[:, 1].astype(np.int64),
@@ -209,17 +212,17 @@ class RangeData:
             )
         chosen = list(dict.fromkeys(names))
         index = [self.beacons.index(name) for name in chosen]
-        kept = np.isin(self.range_beacon, index)
+        is_chosen = np.isin(self.range_beacon, index)
         number = np.full(len(self.beacons), -1, dtype=np.int64)
         number[index] = np.arange(len(index))
         return replace(
             self,
             beacons=tuple(chosen),
             places=self.places[index],
-            range_time=self.range_time[kept],
-            range_beacon=number[self.range_beacon[kept]],
-            ranges=self.ranges[kept],
-            range_track=self.range_track[kept] if self.moving else self.range_track,
+            range_time=self.range_time[is_chosen],
+            range_beacon=number[self.range_beacon[is_chosen]],
+            ranges=self.ranges[is_chosen],
+            range_track=self.range_track[is_chosen] if self.moving else self.range_track,
             moving=tuple(name for name in chosen if name in self.moving),
         )
 
@@ -247,8 +250,8 @@ def _load_matlab(path: Path) -> dict[str, Floats]:
     stated = sum(math.prod(shape) for name, shape, _ in whosmat(path) if name in _COLUMNS)
     if stated > _MOST_NUMBERS:
         raise LaisnError(f"its tables have {stated:,} numbers, at most {_MOST_NUMBERS:,} are read")
-    found = loadmat(path, variable_names=tuple(_COLUMNS))
-    return {name: found[name] for name in _COLUMNS if name in found}
+    variables = loadmat(path, variable_names=tuple(_COLUMNS))
+    return {name: variables[name] for name in _COLUMNS if name in variables}
 
 
 def _from_matlab(path: Path) -> dict[str, Floats]:

@@ -231,13 +231,13 @@ def reception_times(recording: Recording) -> Ints:
     travel = _mean_range(recording.columns) / _SOUND_M_S
     arrival = recording.timestamp + travel
     delay = time_s - arrival
-    known = np.isfinite(delay)
-    if not known.any():
+    valid = np.isfinite(delay)
+    if not valid.any():
         return recording.time.copy()
     tolerance = max(_SHORTEST_DELAY_S, 1.5 * recording.interval_ns / 1e9)
-    typical = float(np.median(delay[known]))
+    typical = float(np.median(delay[valid]))
     other_clock = typical < -tolerance or typical > _LONGEST_DELAY_S
-    late = known & (delay > tolerance) & (delay <= _LONGEST_DELAY_S)
+    late = valid & (delay > tolerance) & (delay <= _LONGEST_DELAY_S)
     if other_clock or (recording.stepped and typical > tolerance):
         recording.remarks.append(
             f"{TIMESTAMP} differs from {recording.name} by {typical:.6g} s: another clock; "
@@ -247,7 +247,7 @@ def reception_times(recording: Recording) -> Ints:
     if not late.any():
         return recording.time.copy()
     recording.remarks.append(
-        f"{int(late.sum())} of {int(known.sum())} receptions are older than sound needs, by "
+        f"{int(late.sum())} of {int(valid.sum())} receptions are older than sound needs, by "
         f"{float(np.median(delay[late])):.3g} s (median): they are taken at {TIMESTAMP} and the "
         f"travel time; without the column {TIMESTAMP} they have the times of their rows"
     )

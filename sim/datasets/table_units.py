@@ -113,9 +113,9 @@ def _level_ranges(trial: Trial) -> tuple[Floats, Floats, Floats]:
     """
     leader = np.column_stack([trial.columns["leader_east"], trial.columns["leader_north"]])
     depth = trial.columns["depth"]
-    known = np.flatnonzero(np.isfinite(depth))
+    valid = np.flatnonzero(np.isfinite(depth))
     rows = np.arange(depth.size)
-    own_depth = np.interp(rows, known, depth[known]) if known.size else np.zeros(depth.size)
+    own_depth = np.interp(rows, valid, depth[valid]) if valid.size else np.zeros(depth.size)
     parts = list[Floats]()
     for name in Ranges._fields:
         ranges = trial.columns.get(f"range_{name}")
@@ -141,14 +141,14 @@ def _dead_reckoning(trial: Trial) -> Floats:
     """Way of the vehicle since the first row by its own speed and heading, shape (n, 2), [m]."""
     motion = np.column_stack([trial.columns["speed"], trial.columns["heading"]])
     rows = np.arange(len(motion))
-    known = np.flatnonzero(np.isfinite(motion).all(axis=1))
-    if not known.size:
+    valid = np.flatnonzero(np.isfinite(motion).all(axis=1))
+    if not valid.size:
         return np.zeros((len(motion), 2))
-    speed, heading = motion[known].T
+    speed, heading = motion[valid].T
     velocity = np.column_stack([speed * np.sin(heading), speed * np.cos(heading)])
-    spans = np.maximum(np.diff(trial.time[known], prepend=trial.time[known[0]]), 0.0)
+    spans = np.maximum(np.diff(trial.time[valid], prepend=trial.time[valid[0]]), 0.0)
     way = np.cumsum(velocity * spans[:, None], axis=0)
-    return np.column_stack([np.interp(rows, known, way[:, axis]) for axis in range(2)])
+    return np.column_stack([np.interp(rows, valid, way[:, axis]) for axis in range(2)])
 
 
 def _range_error(trial: Trial) -> float:
@@ -203,9 +203,9 @@ def tick_ratio(clock: Floats, time: Floats) -> float | None:
     """Interval on a clock over that of `time`, median over successive readings; None without two
     that increase. Both of shape (n,), NaN where there is no reading.
     """
-    known = np.isfinite(clock)
-    ticks = np.diff(clock[known])
-    spans = np.diff(time[known])
+    valid = np.isfinite(clock)
+    ticks = np.diff(clock[valid])
+    spans = np.diff(time[valid])
     rising = (ticks > 0.0) & (spans > 0.0)
     return float(np.median(ticks[rising] / spans[rising])) if rising.any() else None
 

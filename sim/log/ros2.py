@@ -123,9 +123,9 @@ def _numbers(
     template = Template(flown.store, type_name, example)
     arrays = {path: np.asarray(values) for path, values in columns.items()}
 
-    def rows(part: slice) -> list[bytes]:
-        some = {path: values[part] for path, values in arrays.items()}
-        return template.rows(time_ns[part], some, stamped)
+    def rows(block: slice) -> list[bytes]:
+        some = {path: values[block] for path, values in arrays.items()}
+        return template.rows(time_ns[block], some, stamped)
 
     return Topic(name=name, type_name=type_name, time_ns=time_ns, rows=rows, latched=latched)
 
@@ -140,7 +140,7 @@ def _text(flown: _Flown, name: str, text: str) -> Topic:
         name=name,
         type_name=type_name,
         time_ns=start,
-        rows=lambda part: [data][part],
+        rows=lambda block: [data][block],
         latched=True,
     )
 
@@ -202,15 +202,17 @@ def _nav_sat(
     (n, 9), [m²].
     """
     scenario = flown.flight.scenario
-    place = attitude.geodetic(position, scenario.origin_latitude_deg, scenario.origin_longitude_deg)
+    geodetic_position = attitude.geodetic(
+        position, scenario.origin_latitude_deg, scenario.origin_longitude_deg
+    )
     example = {
         "header": {"frame_id": frame},
         "position_covariance_type": _POSITION_COVARIANCE_KNOWN,
     }
     columns = {
-        "latitude": place[:, 0],
-        "longitude": place[:, 1],
-        "altitude": place[:, 2],
+        "latitude": geodetic_position[:, 0],
+        "longitude": geodetic_position[:, 1],
+        "altitude": geodetic_position[:, 2],
         "position_covariance": covariance,
     }
     return _numbers(flown, name, "sensor_msgs/msg/NavSatFix", time_ns, example, columns)
@@ -276,11 +278,11 @@ def _estimate(flown: _Flown, follower: int) -> Iterator[Topic]:
     name = flown.names[follower + 1]
     errors = flight.scenario.sensors_of(follower)
     position, quaternion = estimated_poses(flight, follower)
-    known = np.flatnonzero(np.isfinite(e.state).all(axis=1) & np.isfinite(position).all(axis=1))
-    n = known.size
-    time_ns = flown.clock.ns(m.dt * (known + 1))
-    position = position[known]
-    quaternion = quaternion[known]
+    valid = np.flatnonzero(np.isfinite(e.state).all(axis=1) & np.isfinite(position).all(axis=1))
+    n = valid.size
+    time_ns = flown.clock.ns(m.dt * (valid + 1))
+    position = position[valid]
+    quaternion = quaternion[valid]
     frame = f"{name}/estimate"
     yield _transforms(
         flown,
@@ -293,7 +295,7 @@ def _estimate(flown: _Flown, follower: int) -> Iterator[Topic]:
     heading_variance = math.radians(errors.heading_sigma_deg) ** 2 + (
         math.radians(errors.heading_bias_deg) ** 2
     )
-    horizontal = e.covariance[known, :2, :2]
+    horizontal = e.covariance[valid, :2, :2]
     spread = _six(
         {
             0: horizontal[:, 0, 0],
@@ -321,10 +323,10 @@ def _estimate(flown: _Flown, follower: int) -> Iterator[Topic]:
         pose,
     )
     # east and north in the body, which is level: forward, then port
-    yaw = 0.5 * np.pi - m.heading[known]
+    yaw = 0.5 * np.pi - m.heading[valid]
     turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]]).transpose(2, 0, 1)
-    velocity = np.einsum("nij,nj->ni", turn, e.state[known, 2:])
-    velocity_spread = turn @ e.covariance[known, 2:, 2:] @ turn.transpose(0, 2, 1)
+    velocity = np.einsum("nij,nj->ni", turn, e.state[valid, 2:])
+    velocity_spread = turn @ e.covariance[valid, 2:, 2:] @ turn.transpose(0, 2, 1)
     twist = {
         "twist.twist.linear.x": velocity[:, 0],
         "twist.twist.linear.y": velocity[:, 1],
@@ -369,10 +371,10 @@ def _fixes(flown: _Flown, follower: int) -> Topic:
     m = flown.flight.measurements[follower]
     name = flown.names[follower + 1]
     position, quaternion = estimated_poses(flown.flight, follower)
-    made = np.flatnonzero(np.isfinite(e.fix_position).all(axis=1) & np.isfinite(e.fix_sigma))
-    steps = e.fix_step[made]
-    places = np.column_stack([e.fix_position[made], position[steps - 1, 2]])
-    variance = e.fix_sigma[made] ** 2
+    valid = np.flatnonzero(np.isfinite(e.fix_position).all(axis=1) & np.isfinite(e.fix_sigma))
+    steps = e.fix_step[valid]
+    places = np.column_stack([e.fix_position[valid], position[steps - 1, 2]])
+    variance = e.fix_sigma[valid] ** 2
     errors = flown.flight.scenario.sensors_of(follower)
     columns = {
         **_xyz("pose.pose.position", places),
@@ -384,7 +386,7 @@ def _fixes(flown: _Flown, follower: int) -> Topic:
                 14: errors.depth_sigma_m**2,
                 **dict.fromkeys((21, 28, 35), _UNKNOWN_ANGLE),
             },
-            made.size,
+            valid.size,
         ),
     }
     return _numbers(
@@ -520,8 +522,8 @@ def _events(flown: _Flown, log: Contents) -> Iterator[Topic]:
         )
         return bytes(flown.store.serialize_cdr(message, type_name))
 
-    def rows(part: slice) -> list[bytes]:
-        return [encode(i) for i in range(*part.indices(len(lines)))]
+    def rows(block: slice) -> list[bytes]:
+        return [encode(i) for i in range(*block.indices(len(lines)))]
 
     yield Topic(name="/rosout", type_name=type_name, time_ns=times, rows=rows)
 
@@ -565,9 +567,9 @@ def _film(flown: _Flown, log: Contents) -> Iterator[Topic]:
         )
         return bytes(flown.store.serialize_cdr(message, type_name))
 
-    def rows(part: slice) -> list[bytes]:
+    def rows(block: slice) -> list[bytes]:
         # parts follow one another, and so do pictures
-        return [encode(at, next(pictures)) for at in times[part].tolist()]
+        return [encode(at, next(pictures)) for at in times[block].tolist()]
 
     yield Topic(name="/camera/compressed", type_name=type_name, time_ns=times, rows=rows)
 
@@ -618,10 +620,10 @@ def _block(topics: Sequence[tuple[Any, Topic]], number: int) -> list[tuple[int, 
     messages = list[tuple[int, Any, bytes]]()
     for connection, topic in topics:
         edges = [number * _BLOCK_NS, (number + 1) * _BLOCK_NS]
-        part = slice(*np.searchsorted(topic.time_ns, edges).tolist())
-        times = topic.time_ns[part].tolist()
+        block = slice(*np.searchsorted(topic.time_ns, edges).tolist())
+        times = topic.time_ns[block].tolist()
         if times:
-            rows = topic.rows(part)
+            rows = topic.rows(block)
             messages += [(at, connection, row) for at, row in zip(times, rows, strict=True)]
     messages.sort(key=itemgetter(0))
     return messages
@@ -671,15 +673,15 @@ def write_bag(log_path: Path, folder: Path) -> list[Path]:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".bag-") as work:
             # the bag's file is named after its folder
-            made = Path(work) / folder.name
-            _write(made, topics, store)
+            built = Path(work) / folder.name
+            _write(built, topics, store)
             view = rviz_view(_ros_names(flight.trajectory.names), [topic.name for topic in topics])
-            (made / VIEW).write_text(view, encoding="utf-8")
+            (built / VIEW).write_text(view, encoding="utf-8")
             if folder.exists():
                 for path in folder.iterdir():
                     path.unlink()
                 folder.rmdir()
-            os.replace(made, folder)
+            os.replace(built, folder)
     except OSError as error:
         raise LogError(f"{folder}: cannot be written: {error.strerror or error}") from error
     return sorted(folder.iterdir())

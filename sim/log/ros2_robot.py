@@ -48,10 +48,10 @@ def _profile(points: Floats, axis: int) -> tuple[Floats, Floats]:
     """Places along an axis and the largest distance of points from it there, both increasing with
     the place; points have shape (n, 3), [m].
     """
-    along = np.round(points[:, axis], 6)
+    coordinate = np.round(points[:, axis], 6)
     away = np.hypot(*np.delete(points, axis, axis=1).T)
-    places = np.unique(along)
-    return places, np.array([away[along == place].max() for place in places])
+    places = np.unique(coordinate)
+    return places, np.array([away[coordinate == station].max() for station in places])
 
 
 def _discs(places: Floats, radii: Floats) -> Iterator[tuple[float, float, float]]:

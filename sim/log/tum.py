@@ -32,11 +32,13 @@ def estimated_poses(flight: Flight, follower: int) -> tuple[Floats, Floats]:
 def _write(path: Path, time_ns: Ints, position: Floats, quaternion: Floats) -> Path:
     lines = ["# time [s] east north up [m] qx qy qz qw\n"]
     xyzw = np.roll(quaternion, -1, axis=1)
-    for at, place, turn in zip(time_ns.tolist(), position.tolist(), xyzw.tolist(), strict=True):
-        numbers = " ".join(f"{value:.9f}" for value in (*place, *turn))
+    for at, east_north_up, turn in zip(
+        time_ns.tolist(), position.tolist(), xyzw.tolist(), strict=True
+    ):
+        numbers = " ".join(f"{value:.9f}" for value in (*east_north_up, *turn))
         lines.append(f"{at // 10**9}.{at % 10**9:09d} {numbers}\n")
-    with atomic_write(path) as part:
-        part.write_text("".join(lines), encoding="utf-8")
+    with atomic_write(path) as temporary:
+        temporary.write_text("".join(lines), encoding="utf-8")
     return path
 
 
@@ -51,12 +53,12 @@ def write_trajectories(log_path: Path, out: Path) -> list[Path]:
     files = list[Path]()
     for i, name in enumerate(flight.trajectory.names[1:]):
         position, quaternion = estimated_poses(flight, i)
-        known = np.flatnonzero(np.isfinite(position).all(axis=1))
-        time_ns = clock.ns(flight.measurements[i].dt * (known + 1))
-        truth = flight.hydrophone(i)[known]
-        turn = flight.trajectory.quaternion[steps[known], i + 1]
+        valid = np.flatnonzero(np.isfinite(position).all(axis=1))
+        time_ns = clock.ns(flight.measurements[i].dt * (valid + 1))
+        truth = flight.hydrophone(i)[valid]
+        turn = flight.trajectory.quaternion[steps[valid], i + 1]
         files.append(_write(out / f"{name}_truth.tum", time_ns, truth, turn))
         files.append(
-            _write(out / f"{name}_estimate.tum", time_ns, position[known], quaternion[known])
+            _write(out / f"{name}_estimate.tum", time_ns, position[valid], quaternion[valid])
         )
     return files

@@ -86,8 +86,8 @@ take much memory.
 """
 
 
-def _stretch(column: Column, part: slice) -> schema.Array:
-    return column(part) if callable(column) else column[part]
+def _stretch(column: Column, rows: slice) -> schema.Array:
+    return column(rows) if callable(column) else column[rows]
 
 
 def numeric(prefix: str, type_: RecordType, time_ns: Ints, arrays: Mapping[str, Column]) -> Channel:
@@ -95,9 +95,12 @@ def numeric(prefix: str, type_: RecordType, time_ns: Ints, arrays: Mapping[str, 
     rows each.
     """
 
-    def rows(part: slice) -> list[bytes]:
+    def rows(block: slice) -> list[bytes]:
         return type_.rows(
-            {column.attribute: _stretch(arrays[column.attribute], part) for column in type_.columns}
+            {
+                column.attribute: _stretch(arrays[column.attribute], block)
+                for column in type_.columns
+            }
         )
 
     return Channel(f"{prefix}/{type_.topic}", type_.schema, time_ns, rows)
@@ -110,9 +113,9 @@ def _channel(
     column, shape (n, …).
     """
 
-    def rows(part: slice) -> Iterator[bytes]:
-        values = (_stretch(column, part).tolist() for column in columns)
-        return (encode(*row).encode() for row in zip(time_ns[part].tolist(), *values, strict=True))
+    def rows(block: slice) -> Iterator[bytes]:
+        values = (_stretch(column, block).tolist() for column in columns)
+        return (encode(*row).encode() for row in zip(time_ns[block].tolist(), *values, strict=True))
 
     return Channel(topic, type_.get_schema(), time_ns, rows)
 
@@ -144,9 +147,9 @@ def _locations(
     kind, color = (kinds.Unknown, TRUTH) if covariance is None else (kinds.Known, ESTIMATE)
 
     def fix_at(
-        at: int, place: Sequence[float], spread: Sequence[Sequence[float]]
+        at: int, geodetic_position: Sequence[float], spread: Sequence[Sequence[float]]
     ) -> fg.LocationFix:
-        latitude, longitude, altitude = place
+        latitude, longitude, altitude = geodetic_position
         return fg.LocationFix(
             timestamp=timestamp(at),
             frame_id="world",
@@ -158,11 +161,11 @@ def _locations(
             position_covariance=[*spread[0], 0.0, *spread[1], 0.0, 0.0, 0.0, 0.0],
         )
 
-    place = geodetic(
+    geodetic_position = geodetic(
         position, flight.scenario.origin_latitude_deg, flight.scenario.origin_longitude_deg
     )
     spread = np.zeros((time_ns.size, 2, 2)) if covariance is None else covariance
-    return _channel(topic, fg.LocationFix, time_ns, fix_at, place, spread)
+    return _channel(topic, fg.LocationFix, time_ns, fix_at, geodetic_position, spread)
 
 
 def _transforms(
@@ -215,8 +218,8 @@ def _state(t: Trajectory, v: int, effectors: int) -> dict[str, Column]:
         "heading",
         "forward_speed",
     )
-    kept = {name: getattr(t, name)[:, v] for name in names}
-    return computed | kept | {"time": t.time, "thrust": t.thrust[:, v, :effectors]}
+    recorded = {name: getattr(t, name)[:, v] for name in names}
+    return computed | recorded | {"time": t.time, "thrust": t.thrust[:, v, :effectors]}
 
 
 def _truth(flight: Flight, clock: Clock) -> Iterator[Channel]:
@@ -260,11 +263,11 @@ def _follower(
         f"/{name}", schema.ERROR, time_ns, dict(zip(schema.ERROR.fields, errors, strict=True))
     )
 
-    def position(part: slice) -> Floats:
-        return np.column_stack([e.state[part, :2], -m.depth[part]])
+    def position(block: slice) -> Floats:
+        return np.column_stack([e.state[block, :2], -m.depth[block]])
 
     yield poses(
-        f"/{name}/estimate", time_ns, position, lambda part: attitude.from_euler(m.heading[part])
+        f"/{name}/estimate", time_ns, position, lambda block: attitude.from_euler(m.heading[block])
     )
     second = max(1, round(1.0 / m.dt))
     each = slice(second - 1, None, second)
@@ -302,17 +305,17 @@ def _scene(flight: Flight, clock: Clock) -> Iterator[Channel]:
     t = flight.trajectory
     seconds = np.arange(0, t.time.size, round(1.0 / CONTROL_STEP_S), dtype=np.int64)
     received: Ints = np.unique(np.concatenate([m.message_step for m in flight.measurements]))
-    shown, hulls = draw_hulls(flight, seconds)
+    instants, hulls = draw_hulls(flight, seconds)
     scenes = [
-        ("hulls", t.time[shown], hulls),
+        ("hulls", t.time[instants], hulls),
         ("vehicles", t.time[seconds], draw_vehicles(flight, seconds)),
     ]
     if navigated_link(flight.scenario) is None:
         heard = np.asarray(received * flight.measurements[0].dt, dtype=np.float64)
         scenes.append(("acoustics", heard, draw_acoustics(flight, received)))
-    for what, times, draw in scenes:
+    for name, times, draw in scenes:
         yield _channel(
-            f"/scene/{what}", fg.SceneUpdate, clock.ns(times), draw, np.arange(times.size)
+            f"/scene/{name}", fg.SceneUpdate, clock.ns(times), draw, np.arange(times.size)
         )
 
 
@@ -332,10 +335,15 @@ def _camera(video: Sequence[Frame], clock: Clock) -> Channel:
 def channels(flight: Flight, events: Iterable[Event], video: Sequence[Frame]) -> list[Channel]:
     """All channels of a flight; ValueError for frames out of order, or an epoch before 1970."""
     clock = Clock(flight.scenario.epoch)
-    found = [*_truth(flight, clock)]
+    of_flight = [*_truth(flight, clock)]
     for f, errors in enumerate(position_and_bearing_errors(flight)):
-        found += _follower(flight, clock, f, errors)
-    return [*found, *_scene(flight, clock), _events(flight, clock, events), _camera(video, clock)]
+        of_flight += _follower(flight, clock, f, errors)
+    return [
+        *of_flight,
+        *_scene(flight, clock),
+        _events(flight, clock, events),
+        _camera(video, clock),
+    ]
 
 
 class _Block(BytesIO):
@@ -376,22 +384,24 @@ def write_channels(
         mcap = thread.submit(
             foxglove.open_mcap, block, context=context, writer_options=options
         ).result()
-        made = [
+        writers = [
             foxglove.Channel(c.topic, schema=c.schema, message_encoding=proto, context=context)
             for c in channels
         ]
 
         def fill(number: int) -> None:
             messages = list[tuple[int, Any, bytes]]()
-            for own, c in zip(made, channels, strict=True):
-                part = slice(
+            for writer, c in zip(writers, channels, strict=True):
+                rows_of_block = slice(
                     *np.searchsorted(
                         c.time_ns, [number * _BLOCK_NS, (number + 1) * _BLOCK_NS]
                     ).tolist()
                 )
-                times = c.time_ns[part].tolist()
-                log = own.base.log
-                messages += [(at, log, data) for at, data in zip(times, c.rows(part), strict=True)]
+                times = c.time_ns[rows_of_block].tolist()
+                log = writer.base.log
+                messages += [
+                    (at, log, data) for at, data in zip(times, c.rows(rows_of_block), strict=True)
+                ]
             # messages of equal times stay in the order of channels
             messages.sort(key=itemgetter(0))
             for at, log, data in messages:
@@ -478,11 +488,11 @@ def write(
         write_channels(partial, filled, lambda mcap: _describe(flight, summary, mcap))
         os.replace(partial, path)
     except BaseException as error:
-        kept = holds_messages(partial)
-        if not kept:
+        is_partial = holds_messages(partial)
+        if not is_partial:
             with suppress(OSError):
                 partial.unlink()
         if not isinstance(error, OSError):
             raise
-        hint = f"; what was written is kept: laisn log recover {partial}" if kept else ""
+        hint = f"; what was written is kept: laisn log recover {partial}" if is_partial else ""
         raise LogError(f"{path}: cannot be written: {error.strerror or error}{hint}") from error

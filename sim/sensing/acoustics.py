@@ -98,46 +98,48 @@ NO_PINGS = (((0.0, 0.0, 0.0), (NO_ARRIVAL, NO_ARRIVAL, NO_ARRIVAL)),) * 3
 
 
 @jitable
-def site_at(s: Sound, known: Motion, vehicle: int, offset: Any, time: float) -> Vector:
+def site_at(s: Sound, motion: Motion, vehicle: int, offset: Any, time: float) -> Vector:
     """East, north and up of a site at a time that is known; at a later one, where it is last
     known [m].
     """
-    place = min(max((time - known.begin) / CONTROL_STEP_S, 0.0), float(known.last))
-    pose = known.truth.pose
-    twist = known.truth.twist
+    index = min(max((time - motion.begin) / CONTROL_STEP_S, 0.0), float(motion.last))
+    pose = motion.truth.pose
+    twist = motion.truth.twist
     if s.on_grid:
-        return body_point_in_world(row(pose, round(place), vehicle), offset)  # type: ignore[no-any-return]
-    i = min(int(place), known.last - 1)
+        return body_point_in_world(row(pose, round(index), vehicle), offset)  # type: ignore[no-any-return]
+    i = min(int(index), motion.last - 1)
     ends = row(pose, i, vehicle), row(pose, i + 1, vehicle)
     velocity = row(twist, i, vehicle), row(twist, i + 1, vehicle)
-    return body_point_in_world(pose_between(place - i, CONTROL_STEP_S, ends, velocity), offset)  # type: ignore[no-any-return]
+    return body_point_in_world(pose_between(index - i, CONTROL_STEP_S, ends, velocity), offset)  # type: ignore[no-any-return]
 
 
 @jitable
 def _arrive(
-    s: Sound, known: Motion, receiver: tuple[int, Any], path: int, leaves: float, source: Vector
+    s: Sound, motion: Motion, receiver: tuple[int, Any], path: int, leaves: float, source: Vector
 ) -> Arrival:
     """How a ping arrives by one `Path` at a vehicle's hydrophone."""
     if not s.paths[path]:
         return NO_ARRIVAL
     vehicle, hydrophone = receiver
-    there = site_at(s, known, vehicle, hydrophone, leaves)
-    apparent = s.rays.apparent_source(path, source, there)
+    arrival_point = site_at(s, motion, vehicle, hydrophone, leaves)
+    apparent = s.rays.apparent_source(path, source, arrival_point)
     time = leaves
     ratio = s.ratio
     if s.travels:
         for _ in range(_ITERATIONS):
-            arrives = leaves + distance(apparent, there) * s.rays.slowness(path, source, there)
+            arrives = leaves + distance(apparent, arrival_point) * s.rays.slowness(
+                path, source, arrival_point
+            )
             if arrives == time:
                 break
             time = arrives
-            there = site_at(s, known, vehicle, hydrophone, arrives)
-            apparent = s.rays.apparent_source(path, source, there)
+            arrival_point = site_at(s, motion, vehicle, hydrophone, arrives)
+            apparent = s.rays.apparent_source(path, source, arrival_point)
     if s.rays.varies:
-        ratio = s.assumed_speed * s.rays.slowness(path, source, there)
+        ratio = s.assumed_speed * s.rays.slowness(path, source, arrival_point)
     return Arrival(
         time,
-        distance(apparent, there),
+        distance(apparent, arrival_point),
         ratio,
         s.assumed_speed * (s.clock_offset + s.clock_drift * time),
     )
@@ -145,18 +147,18 @@ def _arrive(
 
 @jitable
 def _follow_ping(
-    s: Sound, known: Motion, transmitter: Any, receiver: tuple[int, Any], leaves: float
+    s: Sound, motion: Motion, transmitter: Any, receiver: tuple[int, Any], leaves: float
 ) -> Ping:
-    source = site_at(s, known, 0, transmitter, leaves)
-    direct = _arrive(s, known, receiver, _DIRECT, leaves, source)
-    surface = _arrive(s, known, receiver, _SURFACE, leaves, source)
-    bottom = _arrive(s, known, receiver, _BOTTOM, leaves, source)
+    source = site_at(s, motion, 0, transmitter, leaves)
+    direct = _arrive(s, motion, receiver, _DIRECT, leaves, source)
+    surface = _arrive(s, motion, receiver, _SURFACE, leaves, source)
+    bottom = _arrive(s, motion, receiver, _BOTTOM, leaves, source)
     return source, (direct, surface, bottom)
 
 
 @jitable
 def follow(
-    s: Sound, known: Motion, sites: tuple[Any, Any], vehicle: int, sent: float
+    s: Sound, motion: Motion, sites: tuple[Any, Any], vehicle: int, sent: float
 ) -> tuple[float, Pings]:
     """Follow the pings of a message to a vehicle, as far as the motion is known.
 
@@ -173,9 +175,9 @@ def follow(
     """
     transmitters = sites[0]
     receiver = (vehicle, sites[1])
-    rear = _follow_ping(s, known, transmitters[0], receiver, sent)
-    front = _follow_ping(s, known, transmitters[1], receiver, sent + s.slot)
-    middle = _follow_ping(s, known, transmitters[2], receiver, sent + s.slot * 2)
+    rear = _follow_ping(s, motion, transmitters[0], receiver, sent)
+    front = _follow_ping(s, motion, transmitters[1], receiver, sent + s.slot)
+    middle = _follow_ping(s, motion, transmitters[2], receiver, sent + s.slot * 2)
     complete = sent
     pings = (rear, front, middle)
     for i in range(s.transmitters):

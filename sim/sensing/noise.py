@@ -150,8 +150,8 @@ def _draw(
     """Two normals and four uniforms of a block of an address, of the same words."""
     w0, w1, w2, w3 = philox(_U(step), run, _U(stream), _U(block), seed & _WORD, seed >> _HALF)
     first, second = two_units(w0, w1, w2, w3)
-    one, other = two_normals(first, second)
-    return one, other, uniform(w0), uniform(w1), uniform(w2), uniform(w3)
+    normal, second_normal = two_normals(first, second)
+    return normal, second_normal, uniform(w0), uniform(w1), uniform(w2), uniform(w3)
 
 
 @compiled

@@ -100,7 +100,7 @@ def _write_channels(values: Any, column: int, row: Floats) -> None:
 
 
 @jitable
-def true_readings(e: Any, at: sensors.Instant, true: Floats) -> None:
+def true_readings(e: sensors.SensorErrors, at: sensors.Instant, true: Floats) -> None:
     """Write what a follower's own sensors would read without random errors and biases: speed,
     heading, depth, (3,).
     """
@@ -109,7 +109,7 @@ def true_readings(e: Any, at: sensors.Instant, true: Floats) -> None:
 
 
 @jitable
-def read_own(e: Any, address: Address, true: Any, reading: Floats) -> None:
+def read_own(e: sensors.SensorErrors, address: Address, true: Any, reading: Floats) -> None:
     """Read the own sensors at an address of the noise, by values of `true_readings`; both of
     shape (3,).
     """
@@ -242,7 +242,7 @@ def poll_reception(
     k: int,
     follower: int,
     sites: tuple[Any, Any],
-    known: acoustics.Motion,
+    motion: acoustics.Motion,
     inbox: Inbox,
 ) -> tuple[int, acoustics.Pings]:
     """Filter step at which the message was sent that is in at step k, and its pings; 0: there is
@@ -255,13 +255,13 @@ def poll_reception(
     pings = acoustics.NO_PINGS
     while inbox.earliest_step[follower] <= k:
         sent = (inbox.messages_done[follower] + 1) * s.message_every + s.message_offset
-        complete, found = acoustics.follow(
-            s.sound, known, (sites[0], sites[1][follower]), follower + 1, sent * s.dt
+        complete, candidate_pings = acoustics.follow(
+            s.sound, motion, (sites[0], sites[1][follower]), follower + 1, sent * s.dt
         )
         step = acoustics.reception_step(complete, s.dt)
         if step > k:
             # later than what is known the arrival is not final
-            final = complete <= known.begin + known.last * CONTROL_STEP_S
+            final = complete <= motion.begin + motion.last * CONTROL_STEP_S
             inbox.earliest_step[follower] = step if final else k + 1
             break
         inbox.messages_done[follower] += 1
@@ -271,14 +271,14 @@ def poll_reception(
         # of two messages within one filter step the follower keeps the first
         if taken == 0:
             taken = sent
-            pings = found
+            pings = candidate_pings
     return taken, pings
 
 
 @jitable
 def true_reception(
     s: SensorModel,
-    e: Any,
+    e: sensors.SensorErrors,
     leader: tuple[tuple[float, float], sensors.Instant],
     k: int,
     pings: acoustics.Pings,
@@ -291,12 +291,12 @@ def true_reception(
     `leader` are east and north of the leader [m], and what its sensors see; `content` is in the
     order of `LeaderMessage`, shape (10,), `ranges` slant ranges, shape (3 transmitters, 3 paths).
     """
-    place, at = leader
+    leader_position, at = leader
     content[_TIME] = at.time
     content[_SIGMA] = np.nan
     content[_POSITION_SIGMA] = np.nan
-    content[_EAST] = place[0] + e.leader_drift_east * at.time
-    content[_NORTH] = place[1] + e.leader_drift_north * at.time
+    content[_EAST] = leader_position[0] + e.leader_drift_east * at.time
+    content[_NORTH] = leader_position[1] + e.leader_drift_north * at.time
     for sensor in literal_unroll(_BROADCAST):
         _write_channels(sensor.true(e, at, None), sensor.column, content)
     for i in range(3):
@@ -327,7 +327,9 @@ def first_message(s: SensorModel, pose: Floats, twist: Floats, water: Floats) ->
 
 
 @jitable
-def _read_message(e: Any, dt: float, sent: Address, true: Any, inbox: Inbox, f: int) -> None:
+def _read_message(
+    e: sensors.SensorErrors, dt: float, sent: Address, true: Any, inbox: Inbox, f: int
+) -> None:
     content = inbox.message_values[f]
     fluctuation = inbox.fluctuation[f]
     last = inbox.last_sent[f]
@@ -344,7 +346,7 @@ def _read_message(e: Any, dt: float, sent: Address, true: Any, inbox: Inbox, f: 
         root = math.sqrt(dt)
         content[_EAST] = sensors.read_leader_position(e, true[_EAST], drawn[0], root * walk[0])
         content[_NORTH] = sensors.read_leader_position(e, true[_NORTH], drawn[1], root * walk[1])
-    kept, fresh = sensors.gauss_markov_weights(
+    persistence, fresh = sensors.gauss_markov_weights(
         sent.step - last if last > 0 else 0, dt, e.leader_tilt_time
     )
     # step 0, at which nothing is measured, addresses errors that a run keeps
@@ -352,7 +354,7 @@ def _read_message(e: Any, dt: float, sent: Address, true: Any, inbox: Inbox, f: 
     offset = noise.normals_at(kept_address, _ATTITUDE)
     drawn = noise.normals_at(sent, _ATTITUDE)
     for i in range(2):
-        fluctuation[i] = sensors.gauss_markov_step(fluctuation[i], kept, fresh, drawn[i])
+        fluctuation[i] = sensors.gauss_markov_step(fluctuation[i], persistence, fresh, drawn[i])
     tilt_draws = (offset[0], offset[1], fluctuation[0], fluctuation[1])
     for sensor in literal_unroll(sensors.LEADER_ATTITUDE):
         _write_channels(sensor.read(e, true[sensor.column :], tilt_draws), sensor.column, content)
@@ -364,7 +366,7 @@ def _read_message(e: Any, dt: float, sent: Address, true: Any, inbox: Inbox, f: 
 
 @jitable
 def read_reception(
-    e: Any,
+    e: sensors.SensorErrors,
     used: tuple[int, float],
     addresses: tuple[Address, Address],
     true: tuple[Any, Any],
@@ -411,7 +413,7 @@ def receive(
     k: int,
     follower: int,
     sites: tuple[Floats, Floats],
-    known: acoustics.Motion,
+    motion: acoustics.Motion,
     tilts: Floats,
     inbox: Inbox,
 ) -> None:
@@ -421,7 +423,7 @@ def receive(
     pitch and roll at each instant, shape (n, 2), [rad].
     """
     inbox.outcome[follower] = NO_MESSAGE
-    sent, pings = poll_reception(s, k, follower, sites, known, inbox)
+    sent, pings = poll_reception(s, k, follower, sites, motion, inbox)
     if sent > 0:
         e = s.errors[follower]
         content = np.empty(_CONTENT)
@@ -429,7 +431,7 @@ def receive(
         true_reception(
             s,
             e,
-            _leader_at(s, sent, sent * s.stride, known.truth, tilts),
+            _leader_at(s, sent, sent * s.stride, motion.truth, tilts),
             k,
             pings,
             content,
@@ -492,27 +494,27 @@ class Receptions(NamedTuple):
 @jitable
 def _sense_mission(  # noqa: PLR0913 - compiled: a record of them would be packed for each mission
     s: SensorModel,
-    e: Any,
+    e: sensors.SensorErrors,
     which: tuple[int, int],
     sites: tuple[Any, Any, Any],
-    known: acoustics.Motion,
+    motion_of_vehicles: acoustics.Motion,
     tilts: Floats,
     inbox: Inbox,
-    own: Floats,
-    found: Receptions,
+    readings: Floats,
+    receptions: Receptions,
 ) -> int:
     """Sense a finished mission without random errors: own sensors at each step, and messages; gives
     their number.
 
     `which` are the index of the follower and the filter step at which the motion begins, `sites`
-    those of `poll_reception` and the place of the follower's pressure sensor. `own`, out, has shape
-    (n, 3), or is empty where it is not asked for.
+    those of `poll_reception` and the place of the follower's pressure sensor. `readings`, out, has
+    shape (n, 3), or is empty where it is not asked for.
     """
     follower, first = which
-    truth = known.truth
+    truth = motion_of_vehicles.truth
     m = 0
-    for k in range(first + 1, first + known.last // s.stride + 1):
-        if own.shape[0] > 0:
+    for k in range(first + 1, first + motion_of_vehicles.last // s.stride + 1):
+        if readings.shape[0] > 0:
             i = (k - first) * s.stride
             v = follower + 1
             pose = row(truth.pose, i, v)
@@ -520,20 +522,22 @@ def _sense_mission(  # noqa: PLR0913 - compiled: a record of them would be packe
             water = row(truth.water, i, v)
             motion = (pose, twist, water)
             at = sensors.instant_of((k * s.dt, follower), motion, sites[2], (0.0, 0.0))
-            true_readings(e, at, own[k - first - 1])
-        sent, pings = poll_reception(s, k, follower, (sites[0], sites[1]), known, inbox)
+            true_readings(e, at, readings[k - first - 1])
+        sent, pings = poll_reception(
+            s, k, follower, (sites[0], sites[1]), motion_of_vehicles, inbox
+        )
         if sent == 0:
             continue
-        found.emission_step[m] = sent
-        found.message_step[m] = k
+        receptions.emission_step[m] = sent
+        receptions.message_step[m] = k
         leader = _leader_at(s, sent, (sent - first) * s.stride, truth, tilts)
-        true_reception(s, e, leader, k, pings, found.content[m], found.ranges[m])
+        true_reception(s, e, leader, k, pings, receptions.content[m], receptions.ranges[m])
         for j in range(3):
             source, arrivals = pings[j]
             for i in range(3):
-                found.transmitter[m, j, i] = source[i]
+                receptions.transmitter[m, j, i] = source[i]
                 for number in range(4):
-                    found.arrivals[m, j, i, number] = arrivals[i][number]
+                    receptions.arrivals[m, j, i, number] = arrivals[i][number]
         m += 1
     return m
 
@@ -547,19 +551,19 @@ def _sense(
     scenario: Scenario,
     follower: int,
     tilts: Floats,
-    own: Floats,
+    readings: Floats,
     use_compiled: bool | None,
 ) -> Receptions:
     link = navigated_link(scenario)
     s = sensor_model_of(scenario, link)
-    known = acoustics.motion_of(trajectory)
+    motion = acoustics.motion_of(trajectory)
     first = round(float(trajectory.time[0]) / s.dt)
     over = max(first - s.message_offset, 0) // s.message_every
-    last = first + known.last // s.stride
+    last = first + motion.last // s.stride
     room = max(last // s.message_every - over, 0)
     steps = np.zeros((2, room), dtype=np.int64)
     shapes = ((_CONTENT,), (3, 3), (3, 3), (3, 3, 4))
-    found = Receptions(steps[0], steps[1], *[np.empty((room, *shape)) for shape in shapes])
+    receptions = Receptions(steps[0], steps[1], *[np.empty((room, *shape)) for shape in shapes])
     hydrophones = [f"{name}/hydrophone" for name in trajectory.names[1:]]
     names = *acoustics.TRANSMITTERS, *hydrophones, f"{trajectory.names[follower + 1]}/depth_sensor"
     offset = trajectory.site_offset[[trajectory.site(name) for name in names]]
@@ -568,16 +572,16 @@ def _sense(
     if use_compiled or (use_compiled is None and trajectory.time.size > _LONG):
         sites: Any = offset[:3], offset[3:-1], offset[-1]
         m = _sense_mission_compiled(
-            s, s.errors[follower], which, sites, known, tilts, inbox, own, found
+            s, s.errors[follower], which, sites, motion, tilts, inbox, readings, receptions
         )
     else:
         *places, depth_sensor = offset.tolist()
         sites = (places[:3], places[3:], depth_sensor)
         e = sensors.errors_of(scenario, follower, link)
-        m = _sense_mission(s, e, which, sites, known, tilts, inbox, own, found)
+        m = _sense_mission(s, e, which, sites, motion, tilts, inbox, readings, receptions)
     if link is not None and not link.hears(follower):
         m = 0
-    return Receptions(*[values[:m] for values in found])  # type: ignore[arg-type]
+    return Receptions(*[values[:m] for values in receptions])  # type: ignore[arg-type]
 
 
 def propagate(
@@ -672,13 +676,13 @@ def observe(
         )
     steps = np.arange(1, n + 1)
     grid = slice(stride, n * stride + 1, stride)
-    own = np.empty((n, 3))
+    true_values = np.empty((n, 3))
     link = navigated_link(scenario)
     motion = trajectory if link is None else link.motion_of(trajectory)
     tilts = np.full((trajectory.time.size, 2), np.nan)
     if scenario.leader.broadcast_attitude:
         tilts = sensors.tilt_errors(motion, scenario.sensors)
-    sound = _sense(motion, scenario, follower, tilts, own, use_compiled)
+    sound = _sense(motion, scenario, follower, tilts, true_values, use_compiled)
     hydrophone = trajectory.site_path(f"{name}/hydrophone", steps * stride)
 
     def custom() -> Iterator[tuple[SensorDriver, Floats]]:
@@ -705,9 +709,9 @@ def observe(
     return IdealMeasurements(
         dt=dt,
         start=start_of(trajectory, follower),
-        speed=own[:, 0],
-        heading=own[:, 1],
-        depth=own[:, 2],
+        speed=true_values[:, 0],
+        heading=true_values[:, 1],
+        depth=true_values[:, 2],
         hydrophone=hydrophone[:, :2],
         leader_position=trajectory.position[grid, 0, :2],
         leader_heading=trajectory.heading[grid, 0],
@@ -724,26 +728,26 @@ def observe(
 
 @jitable
 def _measure(
-    e: Any,
+    e: sensors.SensorErrors,
     navigator: tuple[int, float],
     address: Address,
-    own: Floats,
+    true_values: Floats,
     sent: tuple[Ints, Ints, Floats, Floats],
     inbox: Inbox,
     readings: tuple[Floats, Floats, Floats],
 ) -> None:
     """Read what `_sense_mission` found with the noise of a run.
 
-    `own` are true values of own sensors, shape (n, 3), `sent` the steps at which messages are taken
-    up and were sent, their content and ranges, (m, 10) and (m, 3, 3); `readings`, out, own ones,
-    content and ranges, (m, 3).
+    `true_values` are those of own sensors, shape (n, 3), `sent` the steps at which messages are
+    taken up and were sent, their content and ranges, (m, 10) and (m, 3, 3); `readings`, out, own
+    ones, content and ranges, (m, 3).
     """
     taken_up, emitted, content, ranges = sent
     own_read, content_read, ranges_read = readings
     i = 0
-    for k in range(1, own.shape[0] + 1):
+    for k in range(1, true_values.shape[0] + 1):
         now = Address(address.seed, address.run, address.follower, k)
-        read_own(e, now, own[k - 1], own_read[k - 1])
+        read_own(e, now, true_values[k - 1], own_read[k - 1])
         if i < taken_up.size and taken_up[i] == k:
             addresses = Address(address.seed, address.run, address.follower, emitted[i]), now
             read_reception(e, navigator, addresses, (content[i], ranges[i]), inbox, 0)
@@ -780,16 +784,18 @@ def measure(
     by_echo = np.full((2, m, 3), np.nan) if truth.echo_range is None else truth.echo_range
     ranges = np.moveaxis(np.array([truth.slant_range, *by_echo]), 0, 2).copy()
     content = numbers_of(np.ascontiguousarray(truth.sent))
-    own = np.column_stack([truth.speed, truth.heading, truth.depth])
+    true_values = np.column_stack([truth.speed, truth.heading, truth.depth])
     sent = (truth.message_step, truth.emission_step)
     readings = (np.empty((n, 3)), np.empty((m, _CONTENT)), np.empty((m, 3)))
     inbox = new_inbox(1, 1)
     if use_compiled or (use_compiled is None and n > _LONG):
         e = np.array([tuple(errors)], sensors.ERRORS).view(np.recarray)[0]
-        _measure_compiled(e, navigator, address, own, (*sent, content, ranges), inbox, readings)
+        _measure_compiled(
+            e, navigator, address, true_values, (*sent, content, ranges), inbox, readings
+        )
     else:
         numbers = content.tolist(), ranges.tolist()
-        _measure(errors, navigator, address, own, (*sent, *numbers), inbox, readings)
+        _measure(errors, navigator, address, true_values, (*sent, *numbers), inbox, readings)
     readings[2][:, truth.transmitters :] = np.nan
     lost = truth.message_step[np.isnan(readings[2]).all(axis=1)] - 1
     custom = {}

@@ -49,18 +49,18 @@ def sense_neighbours(
     `poses` are of all vehicles, shape (v, 7); `seen`, out, is what is sensed of each, of SIGHTING,
     shape (v,).
     """
-    own = follower + 1
+    observer = follower + 1
     steepest = np.sin(0.5 * p.aperture)
-    heading = heading_of(poses[own, 3:])
+    heading = heading_of(poses[observer, 3:])
     for j in range(poses.shape[0]):
         seen[j].range = seen[j].bearing = np.nan
         x, y, z = (
-            poses[j, 0] - poses[own, 0],
-            poses[j, 1] - poses[own, 1],
-            poses[j, 2] - poses[own, 2],
+            poses[j, 0] - poses[observer, 0],
+            poses[j, 1] - poses[observer, 1],
+            poses[j, 2] - poses[observer, 2],
         )
         distance = np.sqrt(x * x + y * y + z * z)
-        if j == own or distance > p.range or abs(z) > steepest * distance:
+        if j == observer or distance > p.range or abs(z) > steepest * distance:
             continue
         w0, w1, w2, w3 = words(address[0], address[1], _U(STREAMS * follower + _NEARBY + j), _U(k))
         first, second = two_units(w0, w1, w2, w3)
@@ -89,10 +89,10 @@ def sightings(scenario: Scenario, trajectory: Trajectory) -> Sightings:
         # followers on routes have no sensor
         if proximity is None or follower.station is None:
             continue
-        apart = trajectory.position[every::every] - trajectory.position[every::every, [i + 1]]
-        distance = np.sqrt(apart[..., 0] ** 2 + apart[..., 1] ** 2 + apart[..., 2] ** 2)
+        offset = trajectory.position[every::every] - trajectory.position[every::every, [i + 1]]
+        distance = np.sqrt(offset[..., 0] ** 2 + offset[..., 1] ** 2 + offset[..., 2] ** 2)
         steepest = np.sin(0.5 * np.deg2rad(proximity.aperture_deg))
-        seen = (distance <= proximity.range_m) & (np.abs(apart[..., 2]) <= steepest * distance)
+        seen = (distance <= proximity.range_m) & (np.abs(offset[..., 2]) <= steepest * distance)
         seen[:, i + 1] = False
         first[i, seen.any(axis=0)] = (
             (seen.argmax(axis=0)[seen.any(axis=0)] + 1) * every * CONTROL_STEP_S

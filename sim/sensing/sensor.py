@@ -278,8 +278,8 @@ class SensorDriver:
                 return rows
             values: dict[int, Floats] = {}
             for i in self._due(states, first):
-                given = self.sensor.true(states.at(i), environment)
-                values[i] = self._numbers(given, "true")
+                result = self.sensor.true(states.at(i), environment)
+                values[i] = self._numbers(result, "true")
         true = np.full((n, len(self.header.channels)), np.nan)
         for i, row in values.items():
             true[i] = row
@@ -291,8 +291,8 @@ class SensorDriver:
         """
         with calling(f"sensor {self.kind}: read"):
             if self._by_rows:
-                given = self.sensor.read(true, draws)
-                return self._numbers(given, "read", (len(draws),))
+                result = self.sensor.read(true, draws)
+                return self._numbers(result, "read", (len(draws),))
             readings = np.full(true.shape, np.nan)
             for i in np.flatnonzero(~np.isnan(true).all(axis=1)).tolist():
                 readings[i] = self._numbers(self.sensor.read(true[i], draws[i]), "read")
@@ -301,16 +301,16 @@ class SensorDriver:
 
 def require_distinct(drivers: Sequence[SensorDriver]) -> None:
     """LaisnError if two sensors have one name or one stream of noise, or a stream is not there."""
-    for one, other in combinations(drivers, 2):
-        if one.name == other.name:
+    for first, second in combinations(drivers, 2):
+        if first.name == second.name:
             raise LaisnError(
-                f"sensors.own: {one.kind} and {other.kind} are both named {one.name!r}; "
+                f"sensors.own: {first.kind} and {second.kind} are both named {first.name!r}; "
                 "expected different names"
             )
-        if one.sensor.stream == other.sensor.stream:
+        if first.sensor.stream == second.sensor.stream:
             raise LaisnError(
-                f"sensors.own: {one.kind} and {other.kind} both have stream = "
-                f"{one.sensor.stream}; expected another one of {CUSTOM_STREAMS[0]} … "
+                f"sensors.own: {first.kind} and {second.kind} both have stream = "
+                f"{first.sensor.stream}; expected another one of {CUSTOM_STREAMS[0]} … "
                 f"{CUSTOM_STREAMS[-1]}"
             )
     for driver in drivers:

@@ -74,8 +74,8 @@ def random_error(sensors: Sensors) -> tuple[float, float]:
         return reading, 0.0
     share = complementary_filter_gain(sensors)
     walk = np.deg2rad(sensors.leader_gyro_random_walk_deg_sqrt_h) * np.sqrt(CONTROL_STEP_S / 3600.0)
-    kept = 1.0 - share
-    variance = (share**2 * reading**2 + kept**2 * walk**2) / (1.0 - kept**2)
+    complement = 1.0 - share
+    variance = (share**2 * reading**2 + complement**2 * walk**2) / (1.0 - complement**2)
     return float(np.sqrt(variance)), sensors.leader_gyro_time_constant_s
 
 
@@ -131,14 +131,14 @@ def gauss_markov_weights(since: int, dt: float, time: float) -> tuple[float, flo
     """Weights a and √(1 − a²) of a Gauss–Markov value `since` steps dt [s] ago (0: none), and of
     a fresh normal.
     """
-    kept = math.exp(-since * (dt / time)) if since > 0 and time > 0.0 else 0.0
-    return kept, math.sqrt(1.0 - kept * kept)
+    persistence = math.exp(-since * (dt / time)) if since > 0 and time > 0.0 else 0.0
+    return persistence, math.sqrt(1.0 - persistence * persistence)
 
 
 @formula
-def gauss_markov_step(last: float, kept: float, fresh: float, normal: float) -> float:
+def gauss_markov_step(last: float, persistence: float, fresh: float, normal: float) -> float:
     """Next value of the process."""
-    return kept * last + fresh * normal
+    return persistence * last + fresh * normal
 
 
 _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))  # the next follower's drift is ahead by it [rad]
@@ -152,10 +152,10 @@ _DERIVED = (
 
 
 def _values(sensors: Sensors, acoustics: Acoustics) -> dict[str, Any]:
-    given = in_si({**dict(sensors), **dict(acoustics)})
+    in_units = in_si({**dict(sensors), **dict(acoustics)})
     declared = {
         name: value
-        for name, value in given.items()
+        for name, value in in_units.items()
         if name not in ("own", "sound_speed_profile") and not name.startswith(_DERIVED)
     }
     tilt = random_error(sensors)
@@ -259,7 +259,7 @@ def instant_of(
 
 
 @jitable
-def drift(e: Any, amplitude: float, phase: float, follower: int, time: float) -> float:
+def drift(e: SensorErrors, amplitude: float, phase: float, follower: int, time: float) -> float:
     """Sinusoidal drift of a bias of a follower, by its index, at a time [s]; in the unit of the
     amplitude.
     """
@@ -271,7 +271,7 @@ def drift(e: Any, amplitude: float, phase: float, follower: int, time: float) ->
 
 
 @formula
-def read_speed(e: Any, true: float, drawn: tuple[float, float]) -> Any:
+def read_speed(e: SensorErrors, true: float, drawn: tuple[float, float]) -> Any:
     """Speed log of a follower, never negative (paper, Eq. 26); its scale ends at `FASTEST`
     [m/s].
     """
@@ -279,7 +279,7 @@ def read_speed(e: Any, true: float, drawn: tuple[float, float]) -> Any:
 
 
 @formula
-def read_heading(e: Any, true: float, drawn: tuple[float, float]) -> Any:
+def read_heading(e: SensorErrors, true: float, drawn: tuple[float, float]) -> Any:
     """Compass of a follower; the random part adds to the bias, whatever its sign (paper, Eq. 27)
     [rad].
     """
@@ -287,37 +287,37 @@ def read_heading(e: Any, true: float, drawn: tuple[float, float]) -> Any:
 
 
 @formula
-def read_depth(e: Any, true: float, drawn: tuple[float, float]) -> Any:
+def read_depth(e: SensorErrors, true: float, drawn: tuple[float, float]) -> Any:
     """Pressure sensor of a follower [m]."""
     return true + e.depth_sigma * drawn[0]
 
 
 @formula
-def read_leader_speed(e: Any, true: float, drawn: tuple[float, float]) -> Any:
+def read_leader_speed(e: SensorErrors, true: float, drawn: tuple[float, float]) -> Any:
     """Speed log of the leader, as `read_speed` with a bias alone [m/s]."""
     return np.minimum(np.maximum(true + e.leader_speed_bias, 0.0), FASTEST)
 
 
 @formula
-def read_leader_heading(e: Any, true: float, drawn: tuple[float, float]) -> Any:
+def read_leader_heading(e: SensorErrors, true: float, drawn: tuple[float, float]) -> Any:
     """Compass of the leader, as `read_heading` [rad]."""
     return true + e.leader_heading_bias + e.leader_heading_sigma * np.abs(drawn[1])
 
 
 @formula
-def read_leader_depth(e: Any, true: float, drawn: tuple[float, float]) -> Any:
+def read_leader_depth(e: SensorErrors, true: float, drawn: tuple[float, float]) -> Any:
     """Pressure sensor of the leader, at its origin [m]."""
     return true + e.leader_depth_sigma * drawn[0]
 
 
 @formula
-def position_errs(e: Any) -> bool:
+def position_errs(e: SensorErrors) -> bool:
     """Whether the leader's broadcast position has random errors."""
     return bool(e.leader_position_sigma + e.leader_position_walk > 0.0)
 
 
 @formula
-def read_leader_position(e: Any, true: float, normal: float, walk: float) -> Any:
+def read_leader_position(e: SensorErrors, true: float, normal: float, walk: float) -> Any:
     """The leader's broadcast position along an axis [m], by a normal of the message and the sum of
     normals times √Δt since the start.
     """
@@ -325,7 +325,7 @@ def read_leader_position(e: Any, true: float, normal: float, walk: float) -> Any
 
 
 @formula
-def read_leader_attitude(e: Any, true: float, drawn: tuple[float, float]) -> Any:
+def read_leader_attitude(e: SensorErrors, true: float, drawn: tuple[float, float]) -> Any:
     """Pitch or roll of the leader [rad], by a normal that a run keeps and a Gauss–Markov value
     of unit variance.
     """
@@ -543,7 +543,7 @@ def longest_range(true: Any, transmitters: int) -> Any:
 
 @formula
 def range_reading(
-    e: Any, tau: float, true: tuple[float, float], drawn: tuple[float, float]
+    e: SensorErrors, tau: float, true: tuple[float, float], drawn: tuple[float, float]
 ) -> float:
     """Range to a transmitter or NaN [m] (paper, Eq. 28) by the true and the longest one, a uniform
     and the normal of ψ.
@@ -559,13 +559,13 @@ def range_reading(
 
 
 @formula
-def loses(e: Any) -> bool:
+def loses(e: SensorErrors) -> bool:
     """Whether a message is ever lost."""
     return bool(e.loss_probability + e.burst_probability > 0.0)
 
 
 @formula
-def is_bad(bad: bool, uniform: float, e: Any) -> bool:
+def is_bad(bad: bool, uniform: float, e: SensorErrors) -> bool:
     """Whether the next message meets the bad state, which is left with the inverse of its mean
     length.
     """
@@ -573,13 +573,13 @@ def is_bad(bad: bool, uniform: float, e: Any) -> bool:
 
 
 @formula
-def is_lost(bad: bool, uniform: float, e: Any) -> bool:
+def is_lost(bad: bool, uniform: float, e: SensorErrors) -> bool:
     """Whether a message in that state is lost."""
     return bool(uniform < (e.burst_loss_probability if bad else e.loss_probability))
 
 
 @formula
-def path_taken(uniform: float, e: Any) -> Any:
+def path_taken(uniform: float, e: SensorErrors) -> Any:
     """`Path` that the receiver takes for the direct one by a draw in (0, 1)."""
     surface = uniform < e.surface_echo_probability
     either = uniform < e.surface_echo_probability + e.bottom_echo_probability
@@ -588,7 +588,7 @@ def path_taken(uniform: float, e: Any) -> Any:
 
 
 @jitable
-def paths_taken(e: Any, sent: Address) -> tuple[int, int, int]:
+def paths_taken(e: SensorErrors, sent: Address) -> tuple[int, int, int]:
     """`Path` that a receiver takes for the direct one from the rear, front and middle transmitter.
 
     `sent` is the address of the noise at the filter step at which a message is sent.
@@ -638,18 +638,18 @@ SHIPPED: dict[str, type[Sensor]] = {
 def own_tables(scenario: Scenario) -> tuple[Any, ...]:
     """Tables of a scenario's further sensors: its own, after the one that its navigator needs."""
     variant = scenario.navigation.variant
-    given = scenario.sensors.own
+    tables = scenario.sensors.own
     needed = NAVIGATORS[variant].sensor if variant in NAVIGATORS else ""
-    there = not needed or any(table.sensor == needed for table in given)
-    return given if there else (CustomSensorTable(sensor=needed), *given)
+    is_listed = not needed or any(table.sensor == needed for table in tables)
+    return tables if is_listed else (CustomSensorTable(sensor=needed), *tables)
 
 
 def _made_sensor(table: Any) -> Any:
     """The sensor of a table; LaisnError if there is no such class, or it has no such key."""
-    made = SHIPPED.get(table.sensor) or find_class("sensor", table.sensor)
-    fields = getattr(made, "__dataclass_fields__", ())
+    sensor_class = SHIPPED.get(table.sensor) or find_class("sensor", table.sensor)
+    fields = getattr(sensor_class, "__dataclass_fields__", ())
     try:
-        return made(**in_si(table.model_extra or {}, fields))
+        return sensor_class(**in_si(table.model_extra or {}, fields))
     except TypeError as error:
         raise LaisnError(f"sensors.own: {table.sensor}: {error}") from None
 

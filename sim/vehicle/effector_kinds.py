@@ -6,11 +6,11 @@ values mean, and has up to four methods that are compiled: `load`, `respond`, `f
 BUILT_IN; `sim.vehicle.effectors` finds the kind of an actuator and calls its methods.
 """
 
-from typing import Any, ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, RecordFields, row_dtype
 from laisn.compiled import compiled, inlined
 from laisn.errors import LaisnError
 from sim.attitude import Vector, cross, plus, scaled
@@ -22,23 +22,25 @@ MAX_PARAMETERS = 8  # largest number of values of a numeric, but for a curve
 MIN_STEERAGE_SPEED = 0.5
 MIN_FLOW = 0.01  # speed up to which gz-sim's LiftDrag gives no force [m/s]
 
-EFFECTOR = np.dtype(  # one actuator or fixed fin of a vehicle, as its MJCF gives it
-    [
-        ("force", np.float64, (3,)),  # force of a unit of thrust, in the body frame [-]
-        ("torque", np.float64, (3,)),  # its torque about the body's origin [m]
-        ("lag", np.float64),  # time constant of the state [s]
-        ("limits", np.float64, (2,)),  # lowest and highest state: thrust [N], or as of the kind
-        ("kind", np.int64),  # number of its kind, as of `sim.vehicle.effectors.kind_of`
-        ("fades", np.int64),  # 1: its force fades where the hull leaves the water
-        # of a fin: force across the flow per incidence, over the dynamic pressure [m²/rad]
-        ("lift_area", np.float64),
-        ("place", np.float64, (3,)),  # of the site, in the body frame [m]
-        ("parameters", np.float64, (MAX_PARAMETERS,)),  # values of the numeric
-        ("points", np.int64),
-        ("curve", np.float64, (MAX_CURVE_POINTS, 2)),  # states and thrusts [N]
-    ],
-    align=True,
-)
+
+class Effector(RecordFields):
+    """One actuator or fixed fin of a vehicle, as its MJCF gives it."""
+
+    force: Annotated[Floats, (3,)]  # force of a unit of thrust, in the body frame [-]
+    torque: Annotated[Floats, (3,)]  # its torque about the body's origin [m]
+    lag: float  # time constant of the state [s]
+    limits: Annotated[Floats, (2,)]  # lowest and highest state: thrust [N], or as of the kind
+    kind: int  # number of its kind, as of `sim.vehicle.effectors.kind_of`
+    fades: int  # 1: its force fades where the hull leaves the water
+    # of a fin: force across the flow per incidence, over the dynamic pressure [m²/rad]
+    lift_area: float
+    place: Annotated[Floats, (3,)]  # of the site, in the body frame [m]
+    parameters: Annotated[Floats, (MAX_PARAMETERS,)]  # values of the numeric
+    points: int
+    curve: Annotated[Floats, (MAX_CURVE_POINTS, 2)]  # states and thrusts [N]
+
+
+EFFECTOR = row_dtype(Effector)
 
 Load = tuple[Vector, Vector]  # force [N], and moment about the body's origin [N m]
 
@@ -111,12 +113,12 @@ class EffectorKind(_NoFields):
     is_fin: ClassVar[bool] = False
     state_is_thrust: ClassVar[bool] = False
 
-    def load(self, effector: Any, state: float, water: HullFlow) -> Load:
+    def load(self, effector: Effector, state: float, water: HullFlow) -> Load:
         """Force [N] and moment about the body's origin [N m], in the body frame."""
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
     def respond(
-        self, effector: Any, state: float, command: float, share: float, dt: float
+        self, effector: Effector, state: float, command: float, share: float, dt: float
     ) -> float:
         """The state after a physics step of `dt` [s], by a command within the limits.
 
@@ -124,20 +126,20 @@ class EffectorKind(_NoFields):
         """
         return state + share * (command - state)
 
-    def force_limits(self, effector: Any, density: float, speed: float) -> tuple[float, float]:
+    def force_limits(self, effector: Effector, density: float, speed: float) -> tuple[float, float]:
         """Least and largest force along the axis at a speed along the hull [N].
 
         The autopilot allocates forces within these, and leaves alone what reaches none.
         """
         return 0.0, 0.0
 
-    def state_for(self, effector: Any, density: float, force: float, speed: float) -> float:
+    def state_for(self, effector: Effector, density: float, force: float, speed: float) -> float:
         """State that gives a force along the axis, within `force_limits` [N], at a speed along the
         hull.
         """
         return 0.0
 
-    def fill(self, record: Any, values: Floats, where: str) -> None:
+    def fill(self, record: Effector, values: Floats, where: str) -> None:
         """Write the values of the numeric into a record; LaisnError, with the numeric `where`, if
         they are no such values. The method is not compiled, nor is the next.
         """
@@ -150,7 +152,7 @@ class EffectorKind(_NoFields):
         for i, (name, bounds) in enumerate(self.parameters.items()):
             bounds.require(values[i], name, f"{where}: value {i + 1}")
 
-    def scale(self, record: Any, thrust: float, lift: float) -> None:
+    def scale(self, record: Effector, thrust: float, lift: float) -> None:
         """Change a record to what it really gives, by the vehicle's true over nominal thrust and
         lift.
         """
@@ -164,27 +166,27 @@ class Thruster(EffectorKind):
     fades = False
     state_is_thrust = True
 
-    def load(self, effector: Any, state: float, water: HullFlow) -> Load:
+    def load(self, effector: Effector, state: float, water: HullFlow) -> Load:
         """See `EffectorKind.load`."""
         force = scaled(state, as_vector(effector.force))
         return force, scaled(state, as_vector(effector.torque))
 
-    def force_limits(self, effector: Any, density: float, speed: float) -> tuple[float, float]:
+    def force_limits(self, effector: Effector, density: float, speed: float) -> tuple[float, float]:
         """See `EffectorKind.force_limits`."""
         return effector.limits[0], effector.limits[1]
 
-    def state_for(self, effector: Any, density: float, force: float, speed: float) -> float:
+    def state_for(self, effector: Effector, density: float, force: float, speed: float) -> float:
         """See `EffectorKind.state_for`."""
         return force
 
-    def scale(self, record: Any, thrust: float, lift: float) -> None:
+    def scale(self, record: Effector, thrust: float, lift: float) -> None:
         """See `EffectorKind.scale`."""
         record["force"] *= thrust
         record["torque"] *= thrust
 
 
 @compiled
-def thrust_on_curve(record: Any, state: float) -> float:
+def thrust_on_curve(record: Effector, state: float) -> float:
     """Thrust of a curve [N], linear between its points and constant beyond them."""
     curve = record.curve
     last = record.points - 1
@@ -205,18 +207,18 @@ class CurveThruster(EffectorKind):
     suffix = "curve"
     label = "thruster"
 
-    def load(self, effector: Any, state: float, water: HullFlow) -> Load:
+    def load(self, effector: Effector, state: float, water: HullFlow) -> Load:
         """See `EffectorKind.load`."""
         push = thrust_on_curve(effector, state)
         force = scaled(push, as_vector(effector.force))
         return force, scaled(push, as_vector(effector.torque))
 
-    def force_limits(self, effector: Any, density: float, speed: float) -> tuple[float, float]:
+    def force_limits(self, effector: Effector, density: float, speed: float) -> tuple[float, float]:
         """See `EffectorKind.force_limits`."""
         low = thrust_on_curve(effector, effector.limits[0])
         return low, thrust_on_curve(effector, effector.limits[1])
 
-    def state_for(self, effector: Any, density: float, force: float, speed: float) -> float:
+    def state_for(self, effector: Effector, density: float, force: float, speed: float) -> float:
         """See `EffectorKind.state_for`."""
         curve = effector.curve
         if force == 0.0:
@@ -227,7 +229,7 @@ class CurveThruster(EffectorKind):
                 return float(curve[i, 0] + share * (curve[i + 1, 0] - curve[i, 0]))
         return float(curve[0, 0]) if force < 0.0 else float(curve[effector.points - 1, 0])
 
-    def fill(self, record: Any, values: Floats, where: str) -> None:
+    def fill(self, record: Effector, values: Floats, where: str) -> None:
         """See `EffectorKind.fill`."""
         pairs = values.reshape(-1, 2) if values.size % 2 == 0 else np.zeros((0, 2))
         rises = (
@@ -240,7 +242,7 @@ class CurveThruster(EffectorKind):
         record["points"] = len(pairs)
         record["curve"][: len(pairs)] = pairs
 
-    def scale(self, record: Any, thrust: float, lift: float) -> None:
+    def scale(self, record: Effector, thrust: float, lift: float) -> None:
         """See `EffectorKind.scale`."""
         record["curve"][..., 1] *= thrust
 
@@ -254,10 +256,10 @@ def propeller_load(p: Floats, density: float, rate: float, inflow: float) -> tup
     J = 0. `p` are its parameters.
     """
     size = density * p[0] ** 3 * abs(rate)
-    own = rate * p[0]
+    rotation = rate * p[0]
     advance = (1.0 - p[5]) * max(inflow, 0.0) if rate > 0.0 else 0.0
-    return (1.0 - p[6]) * size * (p[1] * own + p[2] * advance), p[7] * size * p[0] * (
-        p[3] * own + p[4] * advance
+    return (1.0 - p[6]) * size * (p[1] * rotation + p[2] * advance), p[7] * size * p[0] * (
+        p[3] * rotation + p[4] * advance
     )
 
 
@@ -282,7 +284,7 @@ class Propeller(EffectorKind):
         "share of the torque on the hull": Bounds(-1e3, 1e3),
     }
 
-    def load(self, effector: Any, state: float, water: HullFlow) -> Load:
+    def load(self, effector: Effector, state: float, water: HullFlow) -> Load:
         """See `EffectorKind.load`."""
         axis = as_vector(effector.force)
         local = velocity_at(as_vector(effector.place), water)
@@ -291,14 +293,14 @@ class Propeller(EffectorKind):
         moment = plus(scaled(push, as_vector(effector.torque)), scaled(twist, axis))
         return scaled(push, axis), moment
 
-    def force_limits(self, effector: Any, density: float, speed: float) -> tuple[float, float]:
+    def force_limits(self, effector: Effector, density: float, speed: float) -> tuple[float, float]:
         """See `EffectorKind.force_limits`."""
         p = effector.parameters
         inflow = speed * effector.force[0]
         low = propeller_load(p, density, effector.limits[0], inflow)[0]
         return low, propeller_load(p, density, effector.limits[1], inflow)[0]
 
-    def state_for(self, effector: Any, density: float, force: float, speed: float) -> float:
+    def state_for(self, effector: Effector, density: float, force: float, speed: float) -> float:
         """See `EffectorKind.state_for`."""
         p = effector.parameters
         size = (1.0 - p[6]) * density * p[0] ** 3
@@ -308,13 +310,13 @@ class Propeller(EffectorKind):
             return float((-half + np.sqrt(half * half + square * force)) / square)
         return float(-np.sqrt(-force / square))
 
-    def scale(self, record: Any, thrust: float, lift: float) -> None:
+    def scale(self, record: Effector, thrust: float, lift: float) -> None:
         """See `EffectorKind.scale`."""
         record["parameters"][1:3] *= thrust
 
 
 @compiled
-def fin_force(record: Any, density: float, deflection: float, local: Vector) -> Vector:
+def fin_force(record: Effector, density: float, deflection: float, local: Vector) -> Vector:
     """Force of a fin by the velocity of its place relative to the water, in the body [N].
 
     Across the deflected chord acts ½ρ S a U² sin α |cos α|, with α the incidence of the flow on the
@@ -346,7 +348,7 @@ def fin_force(record: Any, density: float, deflection: float, local: Vector) -> 
 
 
 @compiled
-def foil_force(record: Any, density: float, deflection: float, local: Vector) -> Vector:
+def foil_force(record: Effector, density: float, deflection: float, local: Vector) -> Vector:
     """Force of a fin as gz-sim's LiftDrag has it, by the velocity of its place, in the body [N].
 
     Lift acts across the flow and drag along it, in the plane of the hull's axis and the fin's:
@@ -355,14 +357,14 @@ def foil_force(record: Any, density: float, deflection: float, local: Vector) ->
     """
     e = record.force
     p = record.parameters
-    along = local[0]
+    ahead_speed = local[0]
     across = local[0] * e[0] + local[1] * e[1] + local[2] * e[2]
     total = local[0] * local[0] + local[1] * local[1] + local[2] * local[2]
-    square = along * along + across * across
-    ahead = along * np.cos(deflection) + across * np.sin(deflection)
+    square = ahead_speed * ahead_speed + across * across
+    ahead = ahead_speed * np.cos(deflection) + across * np.sin(deflection)
     if total <= MIN_FLOW * MIN_FLOW or square == 0.0 or (ahead <= 0.0 and p[7] == 0.0):
         return 0.0, 0.0, 0.0
-    incidence = p[4] + deflection + np.arctan2(-across, along)
+    incidence = p[4] + deflection + np.arctan2(-across, ahead_speed)
     while abs(incidence) > 0.5 * np.pi:
         incidence -= np.copysign(np.pi, incidence)
     beyond_stall = max(abs(incidence) - p[2], 0.0)
@@ -371,12 +373,12 @@ def foil_force(record: Any, density: float, deflection: float, local: Vector) ->
     drag = abs(p[5] * below_stall + p[6] * beyond_stall)
     # dynamic pressure times area and the squared cosine of the sweep, over the speed in the plane
     scale = 0.5 * density * p[0] * np.sqrt(square) * (square / total)
-    aside = scale * (lift * along - drag * across)
-    return -scale * (lift * across + drag * along), aside * e[1], aside * e[2]
+    aside = scale * (lift * ahead_speed - drag * across)
+    return -scale * (lift * across + drag * ahead_speed), aside * e[1], aside * e[2]
 
 
 @compiled
-def fin_lift(effector: Any, density: float, speed: float) -> float:
+def fin_lift(effector: Effector, density: float, speed: float) -> float:
     """Force of a fin per deflection at a speed, `MIN_STEERAGE_SPEED` or more [N/rad]."""
     way = max(speed, MIN_STEERAGE_SPEED)
     return float(0.5 * density * effector.parameters[0] * effector.parameters[1] * way * way)
@@ -397,23 +399,23 @@ class Fin(EffectorKind):
         "drag coefficient": Bounds(0.0, 1e3, with_low=True),
     }
 
-    def load(self, effector: Any, state: float, water: HullFlow) -> Load:
+    def load(self, effector: Effector, state: float, water: HullFlow) -> Load:
         """See `EffectorKind.load`."""
-        place = as_vector(effector.place)
-        force = fin_force(effector, water.density, state, velocity_at(place, water))
-        return force, cross(place, force)
+        position = as_vector(effector.place)
+        force = fin_force(effector, water.density, state, velocity_at(position, water))
+        return force, cross(position, force)
 
-    def force_limits(self, effector: Any, density: float, speed: float) -> tuple[float, float]:
+    def force_limits(self, effector: Effector, density: float, speed: float) -> tuple[float, float]:
         """See `EffectorKind.force_limits`; the speed counts as `MIN_STEERAGE_SPEED` at least."""
         lift = fin_lift(effector, density, speed)
         stall = effector.parameters[2]
         return lift * max(effector.limits[0], -stall), lift * min(effector.limits[1], stall)
 
-    def state_for(self, effector: Any, density: float, force: float, speed: float) -> float:
+    def state_for(self, effector: Effector, density: float, force: float, speed: float) -> float:
         """See `EffectorKind.state_for`."""
         return float(force / fin_lift(effector, density, speed))
 
-    def fill(self, record: Any, values: Floats, where: str) -> None:
+    def fill(self, record: Effector, values: Floats, where: str) -> None:
         """See `EffectorKind.fill`."""
         super().fill(record, values, where)
         axis = record["force"]
@@ -424,7 +426,7 @@ class Fin(EffectorKind):
             )
         record["lift_area"] = values[0] * values[1]
 
-    def scale(self, record: Any, thrust: float, lift: float) -> None:
+    def scale(self, record: Effector, thrust: float, lift: float) -> None:
         """See `EffectorKind.scale`."""
         record["parameters"][1] *= lift
         record["lift_area"] *= lift
@@ -445,13 +447,13 @@ class Foil(Fin):
         "1 if it acts in flow from behind, or 0": Bounds(0.0, 1.000001, with_low=True),
     }
 
-    def load(self, effector: Any, state: float, water: HullFlow) -> Load:
+    def load(self, effector: Effector, state: float, water: HullFlow) -> Load:
         """See `EffectorKind.load`."""
-        place = as_vector(effector.place)
-        force = foil_force(effector, water.density, state, velocity_at(place, water))
-        return force, cross(place, force)
+        position = as_vector(effector.place)
+        force = foil_force(effector, water.density, state, velocity_at(position, water))
+        return force, cross(position, force)
 
-    def force_limits(self, effector: Any, density: float, speed: float) -> tuple[float, float]:
+    def force_limits(self, effector: Effector, density: float, speed: float) -> tuple[float, float]:
         """See `Fin.force_limits`."""
         lift = fin_lift(effector, density, speed)
         stall = effector.parameters[2]
@@ -459,7 +461,7 @@ class Foil(Fin):
         low = lift * max(effector.limits[0] + at_rest, -stall)
         return low, lift * min(effector.limits[1] + at_rest, stall)
 
-    def state_for(self, effector: Any, density: float, force: float, speed: float) -> float:
+    def state_for(self, effector: Effector, density: float, force: float, speed: float) -> float:
         """See `EffectorKind.state_for`."""
         return float(force / fin_lift(effector, density, speed) - effector.parameters[4])
 

@@ -28,7 +28,14 @@ from laisn.errors import LaisnError
 from laisn.plugins import find_class, is_plugin_name
 from sim import attitude
 from sim.attitude import Vector, plus
-from sim.vehicle.effector_kinds import BUILT_IN, EFFECTOR, MAX_PARAMETERS, EffectorKind, HullFlow
+from sim.vehicle.effector_kinds import (
+    BUILT_IN,
+    EFFECTOR,
+    MAX_PARAMETERS,
+    Effector,
+    EffectorKind,
+    HullFlow,
+)
 from sim.vehicle.mjcf import Vehicle, VehicleSetup, numeric
 
 Kinds = tuple[EffectorKind, ...]
@@ -55,14 +62,14 @@ def kinds_of(records: npt.NDArray[np.void]) -> Kinds:
     return (*BUILT_IN, *_CUSTOM) if custom else BUILT_IN
 
 
-def kind_of(record: Any) -> EffectorKind:
+def kind_of(record: Effector | np.void) -> EffectorKind:
     """The kind of an effector."""
     return (*BUILT_IN, *_CUSTOM)[int(record["kind"])]
 
 
 def number_of(kind: type[EffectorKind]) -> int:
     """Number of a class of kinds in records; ValueError if no effector has been of it."""
-    return [type(known) for known in (*BUILT_IN, *_CUSTOM)].index(kind)
+    return [type(listed) for listed in (*BUILT_IN, *_CUSTOM)].index(kind)
 
 
 def _kind_named(suffix: str, where: str) -> EffectorKind:
@@ -76,15 +83,15 @@ def _kind_named(suffix: str, where: str) -> EffectorKind:
             f"{where}: unknown kind of effector {suffix!r}; available: {available}, and "
             "module:Class of a plugin"
         )
-    made: type[EffectorKind] = find_class("effector", suffix, "load")
-    if not (isinstance(made, type) and issubclass(made, EffectorKind)):
+    kind_class: type[EffectorKind] = find_class("effector", suffix, "load")
+    if not (isinstance(kind_class, type) and issubclass(kind_class, EffectorKind)):
         raise LaisnError(f"{where}: {suffix} must be derived from laisn_sim.EffectorKind")
-    if len(made.parameters) > MAX_PARAMETERS:
+    if len(kind_class.parameters) > MAX_PARAMETERS:
         raise LaisnError(f"{where}: {suffix} may have {MAX_PARAMETERS} parameters at most")
     for kind in _CUSTOM:
-        if type(kind) is made:
+        if type(kind) is kind_class:
             return kind
-    kind = made()
+    kind = kind_class()
     _require_compilable(kind, suffix)
     _CUSTOM.append(kind)
     return kind
@@ -149,7 +156,7 @@ _force_limits = calls_method("force_limits")
 _state_for = calls_method("state_for")
 
 
-def read(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
+def read(model: mujoco.MjModel, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
     """Effectors of vehicles, from a compiled model: records of EFFECTOR in the order of the MJCF,
     shape (v, m).
 
@@ -183,7 +190,7 @@ def read(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
     return records
 
 
-def read_fixed(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
+def read_fixed(model: mujoco.MjModel, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
     """Fixed fins of vehicles, from a compiled model: likewise, with limits of zero, shape (v,
     q).
     """
@@ -215,18 +222,18 @@ def read_fixed(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
     return records
 
 
-def _numerics(model: Any) -> list[tuple[str, str]]:
+def _numerics(model: mujoco.MjModel) -> list[tuple[str, str]]:
     """Owners and suffixes of the numerics of effectors; names of vehicles may have points too."""
     names = [model.numeric(i).name for i in range(model.nnumeric)]
     return [
         (f"{vehicle}{slash}{owner}", suffix)
-        for vehicle, slash, part in (name.rpartition("/") for name in names)
-        for owner, point, suffix in [part.partition(".")]
+        for vehicle, slash, inner in (name.rpartition("/") for name in names)
+        for owner, point, suffix in [inner.partition(".")]
         if point
     ]
 
 
-def _place(record: Any, model: Any, site: int, gear: Floats) -> None:
+def _place(record: Effector, model: mujoco.MjModel, site: int, gear: Floats) -> None:
     """Write unit force and torque, given in the frame of the site, and its place."""
     force, torque = attitude.rotate(model.site_quat[site], gear.reshape(2, 3))
     record["force"] = force
@@ -234,7 +241,7 @@ def _place(record: Any, model: Any, site: int, gear: Floats) -> None:
     record["place"] = model.site_pos[site]
 
 
-def _fill(record: Any, model: Any, name: str, suffix: str) -> None:
+def _fill(record: Effector, model: mujoco.MjModel, name: str, suffix: str) -> None:
     """Write kind and parameters of a numeric; an empty suffix is that of a thruster."""
     kind = BUILT_IN[0]
     if suffix:
@@ -245,7 +252,7 @@ def _fill(record: Any, model: Any, name: str, suffix: str) -> None:
     record["fades"] = kind.fades
 
 
-def has_fin(model: Any, actuator: str) -> bool:
+def has_fin(model: mujoco.MjModel, actuator: str) -> bool:
     """Whether an actuator moves a fin of the project's kinds."""
     suffixes = [kind.suffix for kind in BUILT_IN if kind.is_fin]
     return any(numeric(model, f"{actuator}.{suffix}") is not None for suffix in suffixes)
@@ -266,12 +273,12 @@ class MovingFins:
     as the fins are.
     """
 
-    def __init__(self, model: Any, prefix: str = "") -> None:
+    def __init__(self, model: mujoco.MjModel, prefix: str = "") -> None:
         """Take a model of which the names of the vehicle's parts, or of all, have a prefix."""
         self._model = model
         self.hinges: list[Hinge] = []
-        own = [i for i in range(model.nu) if model.actuator(i).name.startswith(prefix)]
-        for number, i in enumerate(own):
+        actuators = [i for i in range(model.nu) if model.actuator(i).name.startswith(prefix)]
+        for number, i in enumerate(actuators):
             name = model.actuator(i).name
             geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name)
             if geom >= 0 and has_fin(model, name):
@@ -337,21 +344,23 @@ def update_states(fitted: Fitted, command: Floats, response: Floats, dt: float) 
         for j in range(states.shape[1]):
             record = records[i, j]
             limits = record.limits
-            wanted = min(max(command[i, j], limits[0]), limits[1])
+            demand = min(max(command[i, j], limits[0]), limits[1])
             states[i, j] = _respond(
-                fitted.kinds, record.kind, (record, states[i, j], wanted, response[i, j], dt)
+                fitted.kinds, record.kind, (record, states[i, j], demand, response[i, j], dt)
             )
 
 
 @compiled
-def force_limits(kinds: Kinds, record: Any, density: float, speed: float) -> tuple[float, float]:
+def force_limits(
+    kinds: Kinds, record: Effector, density: float, speed: float
+) -> tuple[float, float]:
     """Least and largest force along an effector's axis at a speed along the hull [N]."""
     low, high = _force_limits(kinds, record.kind, (record, density, speed))
     return low, high
 
 
 @compiled
-def state_for(kinds: Kinds, record: Any, density: float, force: float, speed: float) -> float:
+def state_for(kinds: Kinds, record: Effector, density: float, force: float, speed: float) -> float:
     """State of an effector that gives a force along its axis, within `force_limits` [N], at a speed
     along the hull.
     """

@@ -106,15 +106,15 @@ def _custom_current(scenario: Scenario) -> CustomCaller | None:
     current = scenario.ocean.current
     if current is None or current.model is None:
         return None
-    made = find_class("current", current.model, "velocity")
-    fields = getattr(made, "__dataclass_fields__", ())
+    current_class = find_class("current", current.model, "velocity")
+    fields = getattr(current_class, "__dataclass_fields__", ())
     keys = in_si(current.own.model_extra or {}, fields)
     try:
         with calling(f"current {current.model}"):
-            caller = CustomCaller(made(**keys))
+            caller = CustomCaller(current_class(**keys))
     except LaisnError as error:
         raise LaisnError(f"ocean.current: {error}") from error
-    if not callable(getattr(made, "velocity", None)):
+    if not callable(getattr(current_class, "velocity", None)):
         raise LaisnError(f"ocean.current: {current.model} has no `velocity(position, time)`")
     return caller
 
@@ -128,9 +128,9 @@ def current_at(
         return np.asarray(np.broadcast_to(settings, (np.size(time), 2)))
     calm = replace(ocean_of(scenario), waves=Waves.none())
     height = np.broadcast_to(-np.asarray(depth, dtype=np.float64), np.shape(time))
-    place = np.ascontiguousarray(np.column_stack([east, north, height]))
-    velocity = np.empty(place.shape)
-    velocities_at(calm.environment, place, np.asarray(time, dtype=np.float64), velocity)
+    positions = np.ascontiguousarray(np.column_stack([east, north, height]))
+    velocity = np.empty(positions.shape)
+    velocities_at(calm.environment, positions, np.asarray(time, dtype=np.float64), velocity)
     calm.raise_custom_error()
     return velocity[:, :2]
 

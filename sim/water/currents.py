@@ -70,10 +70,10 @@ class ShearedInstant(NamedTuple):
     shear: Two
 
     @jitable
-    def flow(self, place: Vector, velocity: Vector) -> CurrentFlow:
+    def flow(self, position: Vector, velocity: Vector) -> CurrentFlow:
         """The steady part at a place [m] for a point that moves with a velocity [m/s]."""
         sx, sy = self.shear
-        z = place[2]
+        z = position[2]
         vz = velocity[2]
         none = (0.0, 0.0, 0.0)
         return CurrentFlow(

@@ -39,10 +39,10 @@ class CustomInstant(NamedTuple):
     memory: Floats
 
     @compiled
-    def flow(self, place: Vector, velocity: Vector) -> CurrentFlow:
+    def flow(self, position: Vector, velocity: Vector) -> CurrentFlow:
         """As of `sim.water.currents.ShearedInstant.flow`."""
         m = self.memory
-        m[0], m[1], m[2] = place
+        m[0], m[1], m[2] = position
         m[3] = self.time
         call_address(self.address, 0, 0)
         gradient = ((m[10], m[11], m[12]), (m[13], m[14], m[15]), (m[16], m[17], m[18]))
@@ -86,16 +86,16 @@ class CustomCaller:
 
     def _velocity(self, position: Floats, time: float) -> Floats:
         with calling(f"current {self._kind}: velocity"):
-            given = self._current.velocity(position, time)
+            answer = self._current.velocity(position, time)
         try:
-            velocity = np.array(given, dtype=np.float64)
+            velocity = np.array(answer, dtype=np.float64)
         except (TypeError, ValueError):
             velocity = np.empty(0)
         if velocity.shape == (2,):
             velocity = np.append(velocity, 0.0)
         if velocity.shape != (3,) or not np.isfinite(velocity).all():
             raise LaisnError(
-                f"current {self._kind}: `velocity` gave {given!r:.60} at {position.tolist()} m, "
+                f"current {self._kind}: `velocity` gave {answer!r:.60} at {position.tolist()} m, "
                 f"{time:g} s; expected two or three finite numbers, east, north and up [m/s]"
             )
         return velocity
@@ -107,12 +107,12 @@ class CustomCaller:
             memory[_VELOCITY] = np.nan
             return
         try:
-            place = memory[_PLACE].copy()
+            position = memory[_PLACE].copy()
             time = float(memory[_TIME])
-            memory[_VELOCITY] = self._velocity(place, time)
-            memory[_RATE] = self._difference(place, time, np.zeros(3), _STEP_S) / (2.0 * _STEP_S)
+            memory[_VELOCITY] = self._velocity(position, time)
+            memory[_RATE] = self._difference(position, time, np.zeros(3), _STEP_S) / (2.0 * _STEP_S)
             columns = [
-                self._difference(place, time, step, 0.0) / (2.0 * _STEP_M)
+                self._difference(position, time, step, 0.0) / (2.0 * _STEP_M)
                 for step in _STEP_M * np.eye(3)
             ]
             memory[_GRADIENT] = np.column_stack(columns).ravel()
@@ -120,9 +120,9 @@ class CustomCaller:
             self._error = error
             memory[_VELOCITY] = np.nan
 
-    def _difference(self, place: Floats, time: float, step: Floats, later: float) -> Floats:
-        after = self._velocity(place + step, time + later)
-        return after - self._velocity(place - step, time - later)
+    def _difference(self, position: Floats, time: float, step: Floats, later: float) -> Floats:
+        after = self._velocity(position + step, time + later)
+        return after - self._velocity(position - step, time - later)
 
     def raise_error(self) -> None:
         """Raise what the user's code has raised, if it has."""

@@ -89,11 +89,11 @@ def flow(sea: SeaInstant, position: Vector, velocity: Vector, axis: Vector) -> F
     """
     drift = sea.current.drift
     # waves, and what else is not the same everywhere, are carried along
-    place = position[0] - drift.run[0], position[1] - drift.run[1], position[2]
+    drifted_position = position[0] - drift.run[0], position[1] - drift.run[1], position[2]
     relative = velocity[0] - drift.velocity[0], velocity[1] - drift.velocity[1], velocity[2]
-    current = sea.current.flow(place, relative)
+    current = sea.current.flow(drifted_position, relative)
     if sea.waves.components.shape[1] > 0:
-        water = add_waves(sea.waves, current, place, relative, axis, sea.time)
+        water = add_waves(sea.waves, current, drifted_position, relative, axis, sea.time)
     else:
         # most seas are calm, and need neither sums over waves nor room for them
         none = (0.0, 0.0, 0.0)
@@ -114,8 +114,8 @@ def water_velocity(environment: Environment, position: Floats, time: float, out:
     """Write the velocity of the water at points of shape (n, 3) to `out`, likewise."""
     sea = sea_at(environment, time)
     for i in range(position.shape[0]):
-        place = position[i, 0], position[i, 1], position[i, 2]
-        u = flow(sea, place, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)).velocity
+        point = position[i, 0], position[i, 1], position[i, 2]
+        u = flow(sea, point, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)).velocity
         out[i, 0] = u[0]
         out[i, 1] = u[1]
         out[i, 2] = u[2]

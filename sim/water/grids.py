@@ -73,13 +73,13 @@ class GriddedInstant(NamedTuple):
     time: Cell
 
     @compiled
-    def flow(self, place: Vector, velocity: Vector) -> CurrentFlow:
+    def flow(self, position: Vector, velocity: Vector) -> CurrentFlow:
         """As of `sim.water.currents.ShearedInstant.flow`."""
         grid = self.grid
         time = self.time
-        x = cell_of(grid.east, place[0])
-        y = cell_of(grid.north, place[1])
-        z = cell_of(grid.depth, -place[2])
+        x = cell_of(grid.east, position[0])
+        y = cell_of(grid.north, position[1])
+        z = cell_of(grid.depth, -position[2])
         rises = grid.velocity.shape[4] == 3
         values = grid.velocity
         ux = uy = uz = 0.0

@@ -21,15 +21,15 @@ class Region(NamedTuple):
     north: float
     until: float  # [s]
 
-    def within(self, place: Floats) -> Bools:
+    def within(self, positions: Floats) -> Bools:
         """Which of the places, shape (n, 2), [m], are in it."""
-        x, y = place.T
+        x, y = positions.T
         level = (x >= self.west) & (x <= self.east)
         return np.asarray(level & (y >= self.south) & (y <= self.north))
 
-    def holds(self, place: Floats) -> bool:
+    def holds(self, positions: Floats) -> bool:
         """Whether all places, shape (n, 2), [m], are in it."""
-        return bool(self.within(place).all())
+        return bool(self.within(positions).all())
 
 
 def _waypoints(vehicle: Vehicle, duration: float) -> Floats:
@@ -39,18 +39,18 @@ def _waypoints(vehicle: Vehicle, duration: float) -> Floats:
     if vehicle.waypoints:
         points = np.array(vehicle.waypoints)
         time = points[:, 0]
-        place = points[:, 1:]
+        positions = points[:, 1:]
     elif vehicle.route is not None:
         route = library_route(vehicle.route)
         time = route.time
-        place = route.waypoint
+        positions = route.waypoint
     else:
         return np.zeros((0, 2))
-    flown = place[: int(np.searchsorted(time, duration)) + 1]
-    if duration <= time[-1] or len(place) < 2:
+    flown = positions[: int(np.searchsorted(time, duration)) + 1]
+    if duration <= time[-1] or len(positions) < 2:
         return np.asarray(flown)
-    onward = place[-1] - place[-2]
-    further = place[-1] + onward * (duration - time[-1]) / (time[-1] - time[-2])
+    onward = positions[-1] - positions[-2]
+    further = positions[-1] + onward * (duration - time[-1]) / (time[-1] - time[-2])
     return np.vstack([flown, further])
 
 

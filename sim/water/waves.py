@@ -275,7 +275,7 @@ def add_waves(
         c_sin = orbits[1, i]
         s_cos = orbits[2, i]
         s_sin = orbits[3, i]
-        along = ax * ex + ay * ey
+        axis_along = ax * ex + ay * ey
         rise = k * vz
         rate = rows[KX, i] * vx + rows[KY, i] * vy - rows[FIXED_OMEGA, i]
 
@@ -300,8 +300,8 @@ def add_waves(
         # along the axis, the gradient is k (−c sin θ·along + s cos θ·az) horizontally and k (s cos
         # θ·along + c sin θ·az) vertically; −p and −q are their derivatives with θ, −k q and k p
         # those with z
-        p = k * (c_cos * along + s_sin * az)
-        q = k * (s_sin * along - c_cos * az)
+        p = k * (c_cos * axis_along + s_sin * az)
+        q = k * (s_sin * axis_along - c_cos * az)
         bh = -p * rate - q * rise
         bx += bh * ex
         by += bh * ey

@@ -255,7 +255,7 @@ def test_the_controller_does_not_use_the_truth() -> None:
         "formation",
         "station",
         "senses",
-        "known",
+        "trail",
         "clock",
         "memory",
         "reference",
