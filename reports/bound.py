@@ -24,9 +24,9 @@ _ABOUT_MEAN = float(np.sqrt(1.0 - 2.0 / np.pi))
 # drift of the tightly coupled navigator's biases
 _WALKS = model_of(TightSettings(assume=Assume(drift=True)))
 _UNIFORM = 1.0 / float(np.sqrt(12.0))
-# so many are sensed by compiled code, which takes seconds to compile once; Python takes as long for
-# a few
-_MANY_FOLLOWERS = 4
+# instants of all followers from which their sound is followed by compiled code: it takes ten seconds
+# to compile once, Python 6 µs an instant
+_MANY_INSTANTS = 300_000
 
 
 def noise_of(scenario: Scenario, follower: int = 0) -> TrueNoise:
@@ -87,7 +87,7 @@ def geometry_of(
     first = round(float(trajectory.time[0]) / dt)
     n = (trajectory.time.size - 1) // stride
     at = np.arange(1, n + 1) * stride
-    many = len(scenario.followers) >= _MANY_FOLLOWERS
+    many = len(scenario.followers) * trajectory.time.size >= _MANY_INSTANTS
     sound = propagate(trajectory, scenario, follower, use_compiled=many or None)
     arrived = sound.message_step - first
     sent = (sound.emission_step - first) * stride
