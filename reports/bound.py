@@ -24,8 +24,8 @@ _ABOUT_MEAN = float(np.sqrt(1.0 - 2.0 / np.pi))
 # drift of the tightly coupled navigator's biases
 _WALKS = model_of(TightSettings(assume=Assume(drift=True)))
 _UNIFORM = 1.0 / float(np.sqrt(12.0))
-# from so many instants of all followers on, compiled code follows the sound: it takes ten seconds to
-# compile once, Python 6 µs an instant
+# from so many instants of all followers on, compiled code follows the sound: it takes ten seconds
+# to compile once, Python 6 µs an instant
 _MANY_INSTANTS = 300_000
 
 
