@@ -51,6 +51,8 @@ TEXTS = {
     "camera": ("chase", "top", "drone"),
 }
 
+_NEED_FILES = {"current", "floor", "sound_speed", "origin", "links", "link"}
+
 
 def _resolved(schema: dict[str, Any]) -> dict[str, Any]:
     return SCHEMA["$defs"][schema["$ref"].rpartition("/")[2]] if "$ref" in schema else schema
@@ -110,7 +112,12 @@ def _value(rng: Random, key: str, schema: dict[str, Any], wild: float) -> Any:
 
 
 def _table(rng: Random, schema: dict[str, Any], wild: float) -> dict[str, Any]:
-    keys = schema["properties"]
+    # files that are not there are refused, and other places than those of the map contradict it
+    keys = {
+        key: value
+        for key, value in schema["properties"].items()
+        if key not in _NEED_FILES or rng.random() < wild
+    }
     chosen = [key for key in keys if rng.random() < rng.choice((0.05, 0.3))]
     table = {key: _value(rng, key, keys[key], wild) for key in chosen}
     if rng.random() < wild:

@@ -140,7 +140,7 @@ def header_of(sensor: Any) -> SensorHeader:
     kind = type(sensor).__name__
     missing = [name for name in _REQUIRED if not hasattr(sensor, name)]
     if missing:
-        raise LaisnError(f"sensor {kind} has no {', '.join(missing)}")
+        raise LaisnError(f"sensor {type(sensor).__module__}:{kind} has no {', '.join(missing)}")
     declared = getattr(sensor, "channels", Sensor.channels)
     if not isinstance(declared, Mapping):
         raise LaisnError(

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from tools import import_graph
+
 pytestmark = pytest.mark.system
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -27,7 +29,7 @@ from sim.sensing.observation import measure
 
 flying = ["duration_s=60", "motion=kinematic", "navigation.variant="]
 cell, other = (
-    Cell.of(load("T3", [*flying[:2], flying[2] + name]), runs=3)
+    Cell.of(load_scenario("T3", [*flying[:2], flying[2] + name]), runs=3)
     for name in ("laisn-closest", "laisn-best")
 )
 together = histories(cell)
@@ -43,7 +45,7 @@ assert np.abs(together - histories(other)).max() > 1e-3
 def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The packages, changed as the page says."""
     root = tmp_path_factory.mktemp("copy")
-    for package in ("laisn_sim", "models", "laisn", "sim", "experiments"):
+    for package in import_graph.PACKAGES:
         shutil.copytree(ROOT / package, root / package)
     page = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
     blocks = dict(

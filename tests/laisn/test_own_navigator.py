@@ -105,7 +105,7 @@ def test_the_key_of_its_results_holds_its_source(folder: Path) -> None:
         ({"navigation.variant": "math:pi"}, "not loaded: add --plugin math.py"),
         ({"navigation.variant": "dead_reckoning:FixKind"}, "dead_reckoning.py: DeadReckoning"),
         ({"navigation.variant": "inverted_usbl:InvertedUsbl"}, "expected a class with `step("),
-        ({"navigation.variant": "laisn-4"}, "'geodetic' or 'module:Class' of a plugin"),
+        ({"navigation.variant": "laisn-4"}, "'beacons' or 'module:Class' of a plugin"),
         (
             {"navigation.own.current_east_m_s": "fast"},
             "navigation.own.current_east: Input should be a valid number",

@@ -14,7 +14,7 @@ SIGNED = {"hydrophone_height", "middle_offset"}
 POSITIVE: dict[type, set[str]] = {
     NavigationSettings: {"dt", "baseline", "leader_speed_max", "follower_speed_max"},
     TightSettings: {"dt", "baseline", "start_sigma", "range_sigma", "outlier_span"},
-    BeaconSettings: {"dt", "start_sigma", "range_sigma", "outlier_span"},
+    BeaconSettings: {"dt", "baseline", "start_sigma", "range_sigma", "outlier_span"},
     TrueNoise: set(),
 }
 """Settings that may not be 0: what is divided by."""

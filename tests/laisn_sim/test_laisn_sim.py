@@ -21,6 +21,7 @@ import laisn_sim
 from experiments.study.file import study_of
 from experiments.study.study import RESULTS, RUNS
 from sim.scenario.file import validate
+from tools import import_graph
 
 ROOT = Path(__file__).resolve().parents[2]
 SHORT = {"duration_s": 20, "followers.0.depth_m": 12}
@@ -70,7 +71,7 @@ def test_every_name_is_there_explained_and_typed() -> None:
         assert name in dir(laisn_sim)
     with pytest.raises(AttributeError, match=r"no attribute 'flie'; available: .*fly"):
         laisn_sim.flie  # noqa: B018
-    for package in ("laisn_sim", "models", "laisn", "sim", "experiments"):
+    for package in import_graph.PACKAGES:
         assert (ROOT / package / "py.typed").is_file()
 
 

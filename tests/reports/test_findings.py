@@ -11,7 +11,7 @@ import pytest
 from laisn.errors import LaisnError
 from reports.findings import SCHEMA, Finding, Findings, of, plain, read, version_of
 from reports.intervals import Interval
-from reports.version import ROOT
+from reports.version import OWN_PACKAGES, ROOT
 from tools.documents import markers
 from tools.documents.hull_trials import PUBLISHED_SPEED
 from tools.documents.tables import closed_loop, markdown, ratios, tracking
@@ -111,7 +111,7 @@ def test_an_unknown_finding_names_those_that_are_alike() -> None:
 
 @pytest.mark.system
 def test_the_version_is_that_of_what_makes_the_numbers(tmp_path: Path) -> None:
-    for package in ("models", "laisn", "sim", "experiments"):
+    for package in OWN_PACKAGES:
         shutil.copytree(
             ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__")
         )
@@ -124,7 +124,7 @@ def test_the_version_is_that_of_what_makes_the_numbers(tmp_path: Path) -> None:
     for name, counts in (
         ("reports/intervals.py", True),
         ("experiments/studies/asymmetry/findings.py", True),
-        ("sim/water.py", True),
+        ("sim/water/currents.py", True),
         ("experiments/studies/asymmetry/figures.py", False),
         ("reports/page.py", False),
         ("experiments/studies/reproduce/claims.toml", True),

@@ -58,6 +58,8 @@ def replaced(words: list[str]) -> list[str]:
         "FILE": file,
         "FILE.mcap": "flight.mcap",
         "FOLDER": "tables",
+        "BAG": "bag",
+        "out/T5/flight.mcap": "flight.mcap",
         "LOG": "mine.mcap",
         "A": "flight.mcap",
         "B": "flight.mcap",

@@ -53,7 +53,7 @@ def test_flights_are_compared_by_errors_and_positions(monkeypatch: pytest.Monkey
             pitched[len(calls)], sizes.get(len(calls), np.full(time.size, float(len(calls))))
         ), None
 
-    monkeypatch.setattr(flights, "load", load)
+    monkeypatch.setattr(flights, "load_scenario", load)
     monkeypatch.setattr(flights, "fly", fly)
     found = {name: finding.value for name, finding in flights.findings().findings.items()}
     lag, inner, outer = (

@@ -261,7 +261,7 @@ import asyncio, sys
 
 class Hidden:
     def find_spec(self, name, path, target=None):
-        if name.split(".")[0] == "experiments":
+        if name.split(".")[0] in ("experiments", "reports"):
             raise ModuleNotFoundError(name)
 
 sys.meta_path.insert(0, Hidden())

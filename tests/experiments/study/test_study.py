@@ -248,6 +248,7 @@ def test_two_commands_in_one_folder_both_end_with_the_same_bytes(flown, tmp_path
         "shared",
         "--workers",
         "1",
+        "--no-scene",
     ]
     both = [
         subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)

@@ -22,6 +22,7 @@ from sim.sensing.observation import (
     sensor_model_of,
 )
 from sim.trajectory import StateHistory
+from sim.water.floors import LevelFloor
 from tests.synthetic import make_scenario
 
 PITCH, RATES = 0.1, (0.02, -0.03, 0.05)
@@ -200,7 +201,7 @@ def test_a_ping_is_received_by_echo_late_clock_and_broken_channel_as_far_as_soun
         sound=sensors.sound._replace(
             transmitters=3,
             paths=(True, True, True),
-            floor=floor,
+            rays=sensors.sound.rays._replace(floor=LevelFloor(floor)),
             max_range=reach,
             ratio=1.01,
             assumed_speed=1515.0,
