@@ -161,6 +161,7 @@ navigations = st.builds(
 )
 
 
+@pytest.mark.system
 @given(case=cases, navigation=navigations)
 @settings(examples(150), suppress_health_check=[HealthCheck.too_slow])
 def test_engines_agree_on_anything(case: Case, navigation: NavigationSettings) -> None:

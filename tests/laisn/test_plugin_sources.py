@@ -180,6 +180,7 @@ FAULTS = [
 ]
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize(("fault", "expected"), FAULTS)
 @pytest.mark.parametrize("workers", [0, 1, 2])
@@ -210,6 +211,7 @@ def die(_: object) -> None:
     os._exit(1)
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_fault_is_told_also_where_the_process_that_compiles_ahead_dies(

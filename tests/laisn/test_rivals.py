@@ -234,6 +234,7 @@ def test_dead_reckoning_on_a_straight_line_has_the_covariance_of_its_closed_form
     assert lost[0].kind == FixKind.LOST
 
 
+@pytest.mark.system
 def test_particles_have_the_moments_of_the_exact_posterior() -> None:
     """A ring of ranges through a prior of 2 m about a transmitter 4 m away is no Gaussian;
     moments by integration.

@@ -304,6 +304,7 @@ def tab(report: Path) -> Iterator[browser.Page]:
         yield page
 
 
+@pytest.mark.system
 @in_browser
 def test_the_page_asks_for_nothing_but_itself(tab: browser.Page, report: Path) -> None:
     asked = {url.partition("#")[0] for url in tab.requests}
@@ -353,6 +354,7 @@ def test_a_click_in_a_curve_moves_the_scene_and_the_scene_its_cursor(tab: browse
     tab.run("window.scrollTo(0, 0)")
 
 
+@pytest.mark.system
 @in_browser
 def test_a_link_opens_its_camera_and_time(tab: browser.Page, report: Path) -> None:
     tab.open(report, "#t=33&follow=0&camera=top&q=0")

@@ -59,6 +59,7 @@ def study(folder: Path) -> subprocess.Popen[str]:
     )
 
 
+@pytest.mark.system
 def test_jobs_that_share_a_folder_make_one_study(tmp_path: Path) -> None:
     jobs = [study(tmp_path / "shared") for _ in range(2)]
     alone = study(tmp_path / "alone")

@@ -72,6 +72,7 @@ def rounds(
     ]
 
 
+@pytest.mark.system
 def test_the_record_has_the_median_of_the_rounds_and_their_spread() -> None:
     filterpy = rounds(
         "lanes", 10.0, 14.0, 11.0, ratios=(2900.0, 2000.0, 2600.0), against="filterpy", floor=3.5

@@ -220,8 +220,8 @@ def test_what_the_keys_leave_out_changes_nothing() -> None:
         row = computed(moved, plan)
         for leaf in leaves(base):
             # a list of tables, what makes such a list, what needs followers on stations, of which a
-            # cell has none, a route, which waypoints replace, settings of a navigator and of sensors
-            # of the user's own, and another way to write the origin's latitude and longitude
+            # cell has none, a route, which waypoints replace, settings of a navigator and of the
+            # user's own sensors, and another way to write the origin's latitude and longitude
             if leaf in {
                 ("followers",),
                 ("formation", "shape"),

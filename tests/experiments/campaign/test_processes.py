@@ -33,6 +33,7 @@ def lost_flight(_):
         return montecarlo.simulate_mission(Scenario(name="T6", followers=(Follower(route="T6"),)))
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("workers", [1, 2])
 def test_divergence_is_reported_from_any_process(workers):
     """The flight so far that such an error carries must not be taken for a death of the process."""

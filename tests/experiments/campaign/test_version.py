@@ -62,6 +62,7 @@ def test_an_edit_of_what_computes_makes_another_version(
     assert after_edits(tree, name) != unedited
 
 
+@pytest.mark.system
 def test_a_docstring_is_no_part_of_the_version(tree: Path, unedited: str) -> None:
     assert after_edits(
         tree, "sim/water/currents.py", text='\n"""Other\n\nwords."""\n'

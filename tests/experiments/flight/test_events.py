@@ -67,6 +67,7 @@ def test_stations_are_near_within_three_sigma_of_both(
     )
 
 
+@pytest.mark.system
 def test_stations_nearer_than_three_sigma_are_reported() -> None:
     table = {
         "name": "s",

@@ -11,6 +11,7 @@ from sim.flight import navigate
 from sim.scenario.file import validate
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("variant", ["laisn-2", "tight"])
 def test_what_steered_a_swarm_is_what_navigators_make_of_its_measurements(variant: str) -> None:
     """Among echoes, so that some fixes are rejected and some are not."""

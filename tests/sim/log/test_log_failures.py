@@ -262,6 +262,7 @@ except writer.LogError as error:
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
 
 
+@pytest.mark.system
 def test_when_the_disk_is_full_what_was_written_can_be_recovered(tmp_path: Path) -> None:
     message = limited(tmp_path, 800_000).stdout
     assert (

@@ -141,6 +141,7 @@ def test_a_second_leader_sends_from_its_own_transmitters_where_it_is(motion: str
     np.testing.assert_allclose(measured.ranges[:, 1], expected, rtol=0, atol=1e-9)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("steered", [False, True])
 def test_the_leader_as_a_sender_is_its_broadcast(steered: bool) -> None:
     """To the bit, with all errors, echoes and losses of messages."""
@@ -208,6 +209,7 @@ def blocks() -> dict[str, str]:
     return dict(re.findall(r"^```toml\n# (\w+\.toml)\n(.*?)^```", text, re.DOTALL | re.MULTILINE))
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", ["lbl", "escort"])
 def test_the_scenarios_of_the_page_fly_replay_and_study(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -193,6 +193,7 @@ def test_a_recording_of_a_vehicle_may_hold_such_readings() -> None:
     assert read.sensors == flight.measurements[0].sensors
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("folder")
 def test_a_follower_beside_has_other_errors_and_a_study_those_of_its_flights() -> None:
     two = [{"route": "T5", "name": "one"}, {"route": "T3", "name": "other"}]

@@ -60,6 +60,7 @@ def plant_of(text: str) -> Plant:
     return Plant([setup], Ocean(density_kg_m3=DENSITY))
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("folder")
 def test_it_rises_and_sinks_with_the_speed_of_net_buoyancy_against_drag() -> None:
     """Its volume changes at its rate first, and stops at its limits."""

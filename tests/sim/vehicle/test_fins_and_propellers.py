@@ -90,6 +90,7 @@ def load(
     return np.array([*force, *moment])
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("angle", [0.0, np.pi / 4, np.pi / 2, 3.0])
 @pytest.mark.parametrize(("u", "spin"), [(1.5, 0.0), (1.5, 0.2), (0.4, -0.1), (-0.8, 0.1)])
 def test_fin_has_the_force_of_a_plate_in_the_flow_at_its_place(

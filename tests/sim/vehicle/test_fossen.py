@@ -36,6 +36,7 @@ def difference(states: Floats, ours: Floats) -> tuple[float, float, float]:
     )
 
 
+@pytest.mark.system
 def test_with_our_terms_his_model_moves_as_ours() -> None:
     """Propeller step, dive and turn at once: rudder 5°, stern plane −5° until 50 s, as in his
     `stepInput`.

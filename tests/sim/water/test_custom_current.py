@@ -52,6 +52,7 @@ def fly(plugin: Path, *settings: str) -> tuple[int, str, Path]:
     return result.exit_code, result.output, out
 
 
+@pytest.mark.system
 def test_an_eddy_carries_the_vehicles(plugin: Path) -> None:
     keys = [f"model={plugin.stem}:Eddy", "own.speed_m_s=0.2", "own.centre_east_m=30"]
     code, output, out = fly(plugin, *(f"ocean.current.{key}" for key in keys))

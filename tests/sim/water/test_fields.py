@@ -41,6 +41,7 @@ def velocity_of(file: Path, points: Floats, time: float, duration: float = 20.0)
     return ocean_of(scenario).velocity(points, time)
 
 
+@pytest.mark.system
 def test_the_error_falls_with_the_square_of_the_spacing(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     points = np.column_stack([rng.uniform(-300, 300, (400, 2)), np.zeros(400)])
@@ -218,6 +219,7 @@ def test_only_what_a_mission_needs_is_read(tmp_path: Path) -> None:
     assert field.region.west < -1000.0
 
 
+@pytest.mark.system
 def test_a_uniform_field_moves_vehicles_as_the_keys_do(tmp_path: Path) -> None:
     """A current with shear, which is linear in depth, is met exactly; its mission is the same."""
     dataset = model_output()

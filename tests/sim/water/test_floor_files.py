@@ -79,6 +79,7 @@ def test_a_slope_is_met_as_it_is(tmp_path: Path, dataset: xarray.Dataset) -> Non
     assert "ocean.floor: floor.nc: " in result.stdout
 
 
+@pytest.mark.system
 def test_a_vehicle_grounds_on_the_slope(tmp_path: Path) -> None:
     toml = scenario(tmp_path, slope(), 300.0, SINKS)
     arguments = ["fly", str(toml), "--no-video", "--out", str(tmp_path / "out")]

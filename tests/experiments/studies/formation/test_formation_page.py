@@ -243,6 +243,7 @@ def test_the_figure_has_a_mark_for_each_condition_from_above(findings: Findings)
     assert names[len(CONDITIONS) - 1] == next(iter(CONDITIONS.values()))
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("command", [["formation"], ["study", "formation"]])
 def test_the_command_flies_its_arguments_and_prints_the_page(
     flown: list[Any], tmp_path: Path, command: list[str]
