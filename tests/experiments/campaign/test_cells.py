@@ -221,7 +221,7 @@ def test_what_the_keys_leave_out_changes_nothing() -> None:
         for leaf in leaves(base):
             # a list of tables, what makes such a list, what needs followers on stations, of which a
             # cell has none, a route, which waypoints replace, settings of a navigator and of the
-            # user's own sensors, and another way to write the origin's latitude and longitude
+            # user's own sensors, what needs files, and links, which tests of their own share
             if leaf in {
                 ("followers",),
                 ("formation", "shape"),
@@ -230,6 +230,11 @@ def test_what_the_keys_leave_out_changes_nothing() -> None:
                 ("leader", "route"),
                 ("navigation", "own"),
                 ("ocean", "origin"),
+                ("ocean", "current"),
+                ("ocean", "floor"),
+                ("ocean", "sound_speed"),
+                ("links",),
+                ("navigation", "link"),
                 ("sensors", "own"),
             }:
                 continue
