@@ -108,16 +108,19 @@ def cycle(graph: Mapping[str, Iterable[str]]) -> list[str]:
     return []
 
 
+def _room(package: str) -> int:
+    """Number of the room of a package from below; `sim` and what it stands on share one."""
+    return {"reports": 1, "experiments": 2, "laisn_sim": 3}.get(package.partition(".")[0], 0)
+
+
 def layers(graph: Mapping[str, Iterable[str]]) -> dict[str, int]:
-    """The layer of each package: one above the highest that it imports, and those of
-    `experiments` above all others.
+    """The layer of each package: one above the highest that it imports; those of `reports`,
+    `experiments` and `laisn_sim` above all of the rooms below.
     """
     level: dict[str, int] = {}
-    for package in sorted(
-        TopologicalSorter(graph).static_order(), key=lambda name: name.startswith("experiments.")
-    ):
+    for package in sorted(TopologicalSorter(graph).static_order(), key=_room):
         below = {*graph.get(package, ())}
-        if package.startswith("experiments."):
-            below |= {name for name in level if not name.startswith("experiments.")}
+        if _room(package) > 0:
+            below |= {name for name in level if _room(name) < _room(package)}
         level[package] = max((level[name] + 1 for name in below), default=0)
     return level

@@ -15,6 +15,7 @@ _WIDTH = 7.6
 _HEIGHT = 8.2
 _BOX = (0.9, 0.62)
 """Width and height of a package's box; boxes are a unit apart."""
+_PARENTS = {"sim", "experiments"}
 _COLOURS = {
     "models": INK,
     "laisn": SERIES[2],
@@ -80,17 +81,30 @@ def _draw_package(axes: Axes, package: str, position: tuple[float, float], count
     )
 
 
+def _packages(imports: import_graph.Imports) -> dict[str, set[str]]:
+    """The imports of each package that is drawn: `sim` and `experiments` by what is in them, the
+    others as one.
+    """
+    between: dict[str, set[str]] = {}
+    for package, below in import_graph.package_imports(imports).items():
+        if package in _PARENTS:
+            continue
+        name = _drawn(package)
+        between[name] = between.get(name, set()) | {_drawn(other) for other in below - _PARENTS}
+    return {name: below - {name} for name, below in between.items()}
+
+
+def _drawn(package: str) -> str:
+    room = package.partition(".")[0]
+    return room if room in ("reports", "laisn_sim") else package
+
+
 def picture() -> Figure:
-    """`experiments` above `sim` above `laisn` and `models`; an arrow is an import, and all of
-    them point down.
+    """`laisn_sim` above `experiments`, `reports`, `sim`, and `laisn` and `models`; an arrow is an
+    import, and all of them point down.
     """
     imports = import_graph.imports()
-    parents = {"sim", "experiments", "laisn_sim"}
-    between = {
-        package: below - parents
-        for package, below in import_graph.package_imports(imports).items()
-        if package not in parents
-    }
+    between = _packages(imports)
     placed = positions(between)
     figure = Figure(figsize=(_WIDTH, _HEIGHT))
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
@@ -115,7 +129,7 @@ def picture() -> Figure:
                 },
             )
     for package, position in placed.items():
-        count = sum(import_graph.package_of(module) == package for module in imports)
+        count = sum(_drawn(import_graph.package_of(module)) == package for module in imports)
         _draw_package(axes, package, position, max(1, count - ("." in package and count > 1)))
     columns, rows = zip(*placed.values(), strict=True)
     axes.set_xlim(min(columns) - 0.6, max(columns) + 0.6)
