@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from reports.tables import errors_table as errors
     from reports.tables import measurements_table as measurements
     from reports.tables import truth_table as truth
-    from sim.closed_loop import Command as Command
-    from sim.closed_loop import Wrench as Wrench
+    from sim.custom_control import Command as Command
+    from sim.custom_control import Wrench as Wrench
     from sim.scenario.settings import Scenario as Scenario
     from sim.vehicle.effector_kinds import EffectorKind as EffectorKind
 
@@ -67,8 +67,8 @@ _ROOT = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
 _PACKAGES = ("models", "laisn", "sim", "reports", "experiments")
 _INTERRUPTED = b"laisn: interrupted\n"
 _HOMES = {
-    "Command": "sim.closed_loop:Command",
-    "Wrench": "sim.closed_loop:Wrench",
+    "Command": "sim.custom_control:Command",
+    "Wrench": "sim.custom_control:Wrench",
     "EffectorKind": "sim.vehicle.effector_kinds:EffectorKind",
     "LaisnError": "laisn.errors:LaisnError",
     "Navigator": "laisn.navigator:Navigator",

@@ -22,19 +22,21 @@ from laisn.swarm import reception_of
 from sim import attitude
 from sim.closed_loop import (
     AnyClosedLoop,
-    Belief,
-    Command,
     PythonClosedLoop,
-    Readings,
-    Wrench,
-    belief_of,
     closed_loop_mission,
     flight_of,
     hearing_of,
+)
+from sim.control.guidance import REFERENCE
+from sim.custom_control import (
+    Belief,
+    Command,
+    Readings,
+    Wrench,
+    belief_of,
     readings_of,
     require_command,
 )
-from sim.control.guidance import REFERENCE
 from sim.flight import Termination
 from sim.scenario.settings import Scenario
 from sim.simulation import (

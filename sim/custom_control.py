@@ -1,0 +1,220 @@
+"""Controllers of a user's own: what they are given, what they may command, and how that reaches
+the effectors.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from laisn.arrays import Floats, Record, records
+from laisn.errors import LaisnError
+from laisn.messages import Reception
+from laisn.plugins import calling, find_controller
+from sim.control import follower as steering
+from sim.control.autopilot import apply_wrench, control
+from sim.control.guidance import REFERENCE, begin, limit_command
+from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.scenario.vehicles import Follower
+from sim.simulation import RouteControl
+from sim.vehicle.plant import Plant
+
+
+class Readings(NamedTuple):
+    """What a follower measures at a control step; the values of a filter step stay until the
+    next one.
+    """
+
+    time: float  # since the start [s]
+    speed: float  # speed log, along the hull [m/s]
+    heading: float  # compass θ, clockwise from north [rad]
+    depth: float  # pressure sensor [m]
+    pitch: float  # inclinometer, positive nose up [rad]
+    yaw_rate: float  # gyro about the hull's upward axis, positive to port [rad/s]
+    pitch_rate: float  # gyro about the hull's port axis, positive nose down [rad/s]
+    reception: Reception | None  # of the leader's message, at the control step at which it arrives
+    custom: Mapping[str, Floats] = MappingProxyType({})
+    """Readings of further sensors at the last filter step by their names, shape (c,)."""
+
+
+class Belief(NamedTuple):
+    """Estimate of a follower's navigator, brought forward by its velocity between filter steps."""
+
+    east: float  # position of the hydrophone [m]; NaN before there is an estimate
+    north: float
+    east_velocity: float  # velocity over ground [m/s]
+    north_velocity: float
+    log_bias: float  # of the navigator, 0 if it estimates none [m/s]
+    compass_bias: float  # [rad]
+    east_current: float  # [m/s]
+    north_current: float
+
+
+class Command(NamedTuple):
+    """What an autopilot is to hold; it turns and accelerates within the limits of routes."""
+
+    heading: float  # clockwise from north [rad]
+    speed: float  # through the water [m/s]
+    depth: float  # [m]
+
+
+class Wrench(NamedTuple):
+    """Force and moment about the hull's axes, which the effectors give as far as they can."""
+
+    surge: float = 0.0  # forward [N]
+    sway: float = 0.0  # to port [N]
+    heave: float = 0.0  # upward [N]
+    roll: float = 0.0  # about the forward axis [N m]
+    pitch: float = 0.0  # about the port axis, positive nose down [N m]
+    yaw: float = 0.0  # about the upward axis, positive to port [N m]
+
+
+def require_command(command: Any, effectors: int, whose: str, where: str = "") -> None:
+    """LaisnError, beginning with whose it is, if a command is none that a vehicle can be given.
+
+    It is a `Command` or three numbers, a `Wrench`, or an array of the states of all effectors.
+    """
+    expected = 3
+    if isinstance(command, Wrench):
+        expected = 6
+    elif isinstance(command, np.ndarray):
+        expected = effectors
+    try:
+        numbers = np.asarray(command, dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = np.empty(0)
+    if numbers.shape != (expected,) or not np.isfinite(numbers).all():
+        raise LaisnError(
+            f"{whose} {command!r:.80}; expected heading, speed and depth, a Wrench, "
+            f"or an array of the states of {effectors} effectors, all finite{where}"
+        )
+
+
+def belief_of(estimate: Record) -> Belief:
+    """What a navigator believes, by a record of ESTIMATE."""
+    east, north = estimate.position.tolist()
+    east_velocity, north_velocity = estimate.velocity.tolist()
+    east_current, north_current = estimate.current.tolist()
+    return Belief(
+        east=east,
+        north=north,
+        east_velocity=east_velocity,
+        north_velocity=north_velocity,
+        log_bias=float(estimate.log_bias),
+        compass_bias=float(estimate.compass_bias),
+        east_current=east_current,
+        north_current=north_current,
+    )
+
+
+def readings_of(
+    time: float, reading: Record, reception: Reception | None, custom: Mapping[str, Floats]
+) -> Readings:
+    """What a follower measures, by a record of READING."""
+    return Readings(
+        time=time,
+        speed=float(reading.speed),
+        heading=float(reading.heading),
+        depth=float(reading.depth),
+        pitch=float(reading.pitch),
+        yaw_rate=float(reading.turning),
+        pitch_rate=float(reading.pitching),
+        reception=reception,
+        custom=custom,
+    )
+
+
+def _made_controller(follower: Follower) -> Any:
+    """The controller of a follower's table; LaisnError if there is no such class."""
+    name = str(follower.controller)
+    with calling(f"controller {name}"):
+        return find_controller(name)(follower.without_hidden_errors)
+
+
+class CustomControl:
+    """Calls the controllers of a scenario's followers and writes what they command.
+
+    A controller is made of the follower's table, less what is hidden from it
+    (`Follower.without_hidden_errors`). Its `control(readings, belief, dt)` returns what holds for
+    the next `dt` seconds: a `Command` or a tuple of its three numbers, a `Wrench`, or an
+    array of the states of all effectors, in the order of the hull's actuators, shape (m,): N, rad/s
+    or rad.
+    """
+
+    def __init__(self, scenario: Scenario, plant: Plant, routes: RouteControl) -> None:
+        """Make the controllers; LaisnError if there is no such class."""
+        with_controller = {
+            i: follower for i, follower in enumerate(scenario.followers) if follower.controller
+        }
+        self._controllers = {
+            i: _made_controller(follower) for i, follower in with_controller.items()
+        }
+        self._names = plant.names[1:]
+        self._effectors = [len(names) for names in plant.effector_names[1:]]
+        self._routes = routes
+        self._reference = records(REFERENCE, 1)[0]
+
+    def __bool__(self) -> bool:
+        return bool(self._controllers)
+
+    def command(
+        self,
+        k: int,
+        received: list[Reception | None],
+        custom: list[dict[str, Floats]],
+        records: tuple[Any, Any, Any],
+    ) -> None:
+        """Write commands from instant k on, by receptions, readings of further sensors, and records
+        of READING, ESTIMATE and FOLLOWER_MEMORY.
+        """
+        for f, controller in self._controllers.items():
+            if self._routes.outside[f + 1]:
+                continue
+            reading, estimate, memory = (table[f] for table in records)
+            readings = readings_of(k * CONTROL_STEP_S, reading, received[f], custom[f])
+            belief = belief_of(estimate)
+            kind = type(controller).__name__
+            with calling(f"controller {kind}: control"):
+                answer = controller.control(readings, belief, CONTROL_STEP_S)
+            where = f" (class {kind}, at {readings.time:g} s)"
+            whose = f"controller of {self._names[f]} returned"
+            require_command(answer, self._effectors[f], whose, where)
+            motion = steering.measured_motion(reading, estimate, CONTROL_STEP_S, memory)
+            command = self._routes.command[f + 1]
+            autopilot = self._routes.autopilot[f + 1]
+            if isinstance(answer, Wrench):
+                autopilot.wrench[:] = answer
+                apply_wrench(
+                    self._routes.kinds,
+                    self._routes.autopilots[f + 1],
+                    motion.surge,
+                    autopilot,
+                    command,
+                )
+            elif isinstance(answer, np.ndarray):
+                command[: len(answer)] = answer
+            else:
+                self._hold(k, f, Command(*map(float, answer)), motion)
+
+    def _hold(self, k: int, f: int, demand: Command, motion: Any) -> None:
+        routes = self._routes
+        i = f + 1
+        reference = self._reference
+        guidance: Record = routes.guidance[i]
+        reference.depth = demand.depth
+        if k == 0:
+            begin(routes.reference[0, i], motion.heading, motion.surge, (0.0, 0.0), guidance)
+        steered = limit_command(demand.heading, demand.speed, CONTROL_STEP_S, guidance)
+        autopilot = routes.autopilots[i]
+        memory = routes.autopilot[i]
+        control(
+            routes.kinds,
+            autopilot,
+            steered,
+            reference,
+            motion,
+            CONTROL_STEP_S,
+            memory,
+            routes.command[i],
+        )
