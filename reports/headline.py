@@ -155,7 +155,8 @@ def _consistency(rows: Mapping[str, Any], accuracies: Accuracies) -> list[Tile]:
     ratio = _worst([row.get("rms_over_bound") for row in rows.values()])
     if ratio is not None:
         tone = judged(ratio, _GOOD_BOUND, _BAD_BOUND)
-        remark = "the worst; 1 at best" if several else "1 at best"
+        # a single flight may be luckier than the least error on average
+        remark = "1 at best on average" + (", the worst" if several else "")
         tiles.append(Tile(name="× bound", value=figure(ratio), remark=remark, tone=tone))
     return tiles
 

@@ -1,8 +1,9 @@
 """Reports: one self-contained HTML page of text, tables, figures and code, whose prose stands in a
 template.
 
-A template is Markdown with numbers by name: `# title`, one paragraph of summary, then sections `##
-title`; a blank line ends a paragraph, `> warning: text` is a notice. `{{ n("lost calm", ".0% i")
+A template is Markdown with numbers by name: `# title`, perhaps `> question: text`, one paragraph of
+summary that answers it, then sections `## title`; a blank line ends a paragraph, `> warning: text`
+is a notice. `{{ n("lost calm", ".0% i")
 }}` is a finding in a format of `Finding`; `{{ table }}` on a line of its own is a table, figure,
 film or code that the caller passes, or a list of these; `{{ figure | caption("text") }}` gives it a
 caption. Below the rows of a Markdown table stands its caption; a row above its heads has groups:
@@ -301,6 +302,7 @@ _MARKED = re.compile("\ue000([0-9]+)\ue000")
 _NUMBER = re.compile(r"(−?\d[\d,]*(?:\.\d+)?)(?: %)?(?: \(.*\)| ± \S+)?")
 """A cell that is a number: perhaps with its limits, or in per cent."""
 _TONES: Mapping[str, Tone] = {"failure": "failure", "warning": "warning", "note": "note"}
+_QUESTION = "question: "
 _RULE = re.compile(r"\s*\|[-| ]*-[-| ]*")
 # text within blocks is no Markdown: names of settings hold underscores
 _MARKDOWN = MarkdownIt("zero").enable(["heading", "blockquote", "table"])
@@ -335,6 +337,9 @@ class _Rendered:
     def page(self, facts: Sequence[tuple[str, str]], **first_screen: Any) -> Page:
         """Its page, with tiles and a replay of it; ValueError: it has not the form of one."""
         nodes = SyntaxTreeNode(_MARKDOWN.parse(self.text)).children
+        if len(nodes) > 1 and nodes[1].type == "blockquote":
+            asked = _line(_text_of(nodes.pop(1))).removeprefix(_QUESTION)
+            first_screen = first_screen | {"question": asked}
         if len(nodes) < 2 or nodes[0].tag != "h1" or nodes[1].type != "paragraph":
             raise ValueError(f"{self.name} does not start with a title and a summary")
         sections: list[tuple[str, list[Block]]] = []

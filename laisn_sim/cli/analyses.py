@@ -130,6 +130,59 @@ def range_budget(
         print_line(console, output)
 
 
+def pitch(
+    pitch: Annotated[float, typer.Option(help="of the leader, nose up [°]")] = 5.0,
+    baseline: Annotated[float, typer.Option(help="rear to front transmitter [m]")] = 2.0,
+    distance: Annotated[float, typer.Option(help="of the follower, horizontal [m]")] = 30.0,
+    below: Annotated[float, typer.Option(help="how much deeper the follower is [m]")] = 10.0,
+    side_rule: Annotated[
+        Literal["behind", "predicted"],
+        typer.Option(help="where the rule for the leader's axis puts it"),
+    ] = "behind",
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE.html", help="the page (default in out/pitch)")
+    ] = None,
+    csv: Annotated[
+        Path | None, typer.Option(help="write the errors of the map to this .csv")
+    ] = None,
+) -> None:
+    """Draw what a leader's pitch does to one fix, over bearing and pitch, for a geometry."""
+    from rich.console import Console
+
+    from experiments import pitch as fixes
+    from experiments.campaign.progress import show_table
+    from experiments.campaign.store import write_csv
+    from laisn_sim.cli.errors import echo
+    from laisn_sim.cli.outputs import output_file
+
+    geometry = fixes.Geometry(
+        baseline=baseline, pitch_deg=pitch, distance=distance, below=below, side_rule=side_rule
+    )
+    name = f"baseline-{baseline:g}-pitch-{pitch:g}-distance-{distance:g}-below-{below:g}"
+    page = output_file(out or Path("out") / "pitch" / f"{name}.html", [".html"])
+    table = optional_output(csv, [".csv"])
+    rows = [
+        [
+            f"{bearing:.0f}°",
+            f"{fix.error:.3f} m",
+            "–" if form != form else f"{form:.3f} m",
+            fix.how,
+        ]
+        for bearing, fix, form in fixes.rows_by_bearing(geometry)
+    ]
+    show_table(Console(), ("off the bow", "error", "closed form", "the fix is"), rows)
+    echo(fixes.summary(geometry))
+    if table is not None:
+        write_csv(table.path, list(geometry.records()))
+        echo(table)
+    command = (
+        f"laisn pitch --baseline {baseline:g} --pitch {pitch:g} --distance {distance:g} "
+        f"--below {below:g} --side-rule {side_rule}"
+    )
+    fixes.write_pitch_page(geometry, page.path, [("Repeat with", command)])
+    echo(f"page in {page}")
+
+
 def hull(
     length: Annotated[float | None, typer.Option(help="length of the hull [m]")] = None,
     diameter: Annotated[float | None, typer.Option(help="diameter of the hull [m]")] = None,

@@ -313,6 +313,7 @@ def view(
 
 app.command("range-budget")(analyses.range_budget)
 app.command()(analyses.bound)
+app.command()(analyses.pitch)
 app.command()(analyses.hull)
 
 

@@ -162,7 +162,9 @@ class Drawing {
       this.ground(root, part);
     }
     const lines = svg("g", { "clip-path": `url(#${clip})` }, root);
-    for (const part of this.parts) for (const trace of part.traces) this.trace(lines, part, trace);
+    // colours below lines
+    const layers = (part) => [...part.traces].sort((a, b) => Boolean(b.z) - Boolean(a.z));
+    for (const part of this.parts) for (const trace of layers(part)) this.trace(lines, part, trace);
     this.foot(root);
     this.cursor = document.createElement("i");
     this.cursor.className = "cursor";
@@ -490,7 +492,10 @@ class Drawing {
     if (trace.type === "contour") {
       const j = closest(trace.x, this.x.back(x));
       const i = closest(trace.y, this.parts[0].axis.back(y));
-      return [`${short(trace.x[j])}°, ${short(trace.y[i])} m: ${short(trace.customdata[i][j] ?? NaN)} m`];
+      const unit = (axis) => /\[(.+)\]$/.exec(axis.title ?? "")?.[1] ?? "";
+      const of = (value, axis) => `${short(value)}${unit(axis) === "°" ? "" : " "}${unit(axis)}`;
+      const place = `${of(trace.x[j], this.x)}, ${of(trace.y[i], this.parts[0].axis)}`;
+      return [`${place}: ${short(trace.customdata[i][j] ?? NaN)} m`];
     }
     const row = trace.hovertext[Math.round(this.parts[0].axis.back(y))];
     const words = row?.[Math.round(this.x.back(x))];

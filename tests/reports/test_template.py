@@ -38,6 +38,12 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     return render
 
 
+def test_a_question_stands_before_the_summary_that_answers_it(page: Any) -> None:
+    made = page("# Title\n\n> question: Does it\n> float?\n\nIt does.\n\n## Why\n\nBuoyancy.\n")
+    assert (made.title, made.question, made.summary) == ("Title", "Does it float?", "It does.")
+    assert page("# Title\n\nIt does.\n").question == ""
+
+
 def test_headings_paragraphs_and_blocks_stand_in_order(page: Any) -> None:
     code = Code(text="laisn fly T5")
     made = page(

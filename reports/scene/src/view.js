@@ -336,7 +336,7 @@ export class View {
     }
     marks.add(estimate, colour, 1, DIAMOND, filmed ? 14 : 8);
     if (!mission.truth) return;
-    const off = Math.hypot(estimate.x - hydrophone.x, estimate.y - hydrophone.y);
+    const off = mission.error(f, time);
     if (off > 6 * metres) pen.line(hydrophone, estimate, colour, 1, 7, Math.max(0.06, 11 * metres));
     if (filmed) {
       const words = `estimate, off by ${off.toFixed(off < 10 ? 2 : 1)} m`;

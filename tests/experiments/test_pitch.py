@@ -1,0 +1,118 @@
+"""The error of a fix from a leader's pitch, as `laisn pitch` prints it, by hand."""
+
+import csv
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from experiments.pitch import Geometry
+from laisn_sim.cli.main import app
+from tests.reports.test_page import embedded
+
+BASELINE, PITCH, DISTANCE, BELOW = 3.0, 12.0, 30.0, 15.0
+ASKED = ("--baseline", "3", "--pitch", "12", "--distance", "30", "--below", "15")
+
+
+def by_hand(bearing_deg: float, pitch_deg: float = PITCH) -> tuple[float, bool]:
+    """Error of the fix, and whether the rule for the axis decides, by the formulas of
+    docs/asymmetry.md.
+    """
+    pitch, bearing = math.radians(pitch_deg), math.radians(bearing_deg)
+    ahead, aside = DISTANCE * math.cos(bearing), DISTANCE * math.sin(bearing)
+    turned = ahead * math.cos(pitch) - BELOW * math.sin(pitch)
+    squares = DISTANCE**2 + BASELINE**2 / 4
+    rear = math.sqrt(squares + BASELINE * turned)
+    # intersections closer than 0.1 m count as one
+    if abs(turned) > math.sqrt(DISTANCE**2 - 0.05**2):
+        return math.hypot(ahead + BASELINE / 2 + rear, aside), True
+    return math.hypot(ahead - turned, aside - math.sqrt(DISTANCE**2 - turned**2)), False
+
+
+@pytest.fixture(scope="module")
+def asked(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+    """What the command prints, and the folder of what it writes."""
+    folder = tmp_path_factory.mktemp("pitch")
+    files = ("--out", str(folder / "page.html"), "--csv", str(folder / "map.csv"))
+    result = CliRunner().invoke(app, ["pitch", *ASKED, *files])
+    assert result.exit_code == 0, result.output
+    return result.stdout, folder
+
+
+def test_the_table_has_the_errors_and_where_the_axis_decides(asked: tuple[str, Path]) -> None:
+    rows = re.findall(
+        r"^(\d+)° +([\d.]+) m +(?:[\d.]+ m|–) +(two points|on the axis)$", asked[0], re.M
+    )
+    assert [int(row[0]) for row in rows] == [*range(0, 181, 15)]
+    kinds = set()
+    for bearing, error, kind in rows:
+        expected, on_axis = by_hand(float(bearing))
+        assert float(error) == pytest.approx(expected, abs=6e-4)
+        assert (kind == "on the axis") == on_axis
+        kinds.add(on_axis)
+    assert kinds == {False, True}
+
+
+def test_the_map_has_the_error_at_every_pitch_and_bearing(asked: tuple[str, Path]) -> None:
+    stdout, folder = asked
+    with (folder / "map.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    pitches = {float(row["pitch_deg"]) for row in rows}
+    assert min(pitches) <= -PITCH
+    assert max(pitches) >= PITCH
+    for row in rows[::17]:
+        expected, on_axis = by_hand(float(row["bearing_deg"]), float(row["pitch_deg"]))
+        assert float(row["error_m"]) == pytest.approx(expected, abs=1e-6)
+        assert (row["on_axis"] == "True") == on_axis
+    html = (folder / "page.html").read_text(encoding="utf-8")
+    chart, above, curve = embedded(html)
+    (contours,) = (trace for trace in chart["data"] if trace["type"] == "contour")
+    shown = np.array(contours["customdata"], dtype=float)
+    held = np.array([float(row["error_m"]) for row in rows]).reshape(shown.shape)
+    np.testing.assert_allclose(shown, held, rtol=1e-4)
+    assert above["data"][0]["type"] == "scatter"
+    worst = max(value for value in curve["data"][0]["y"])
+    assert f"largest error is {worst:.2f} m" in stdout
+    assert "laisn pitch --baseline 3 --pitch 12 --distance 30 --below 15" in html
+
+
+def test_the_predicted_side_puts_a_follower_ahead() -> None:
+    """Nose down the circles do not meet ahead: behind the leader the fix is a diameter off."""
+    behind, ahead = (
+        Geometry(baseline=3.0, pitch_deg=-12.0, distance=30.0, below=15.0, side_rule=rule).at(0.0)
+        for rule in ("behind", "predicted")
+    )
+    assert behind.on_axis
+    assert ahead.on_axis
+    assert behind.error > 2 * DISTANCE
+    assert ahead.error < 0.5
+
+
+@pytest.mark.system
+def test_the_engine_of_campaigns_makes_the_same_fixes() -> None:
+    from experiments.studies.asymmetry.fix_map import sweep
+    from laisn.settings import NavigationSettings
+
+    geometry = Geometry(baseline=3.0, pitch_deg=12.0, distance=30.0, below=15.0)
+    bearings = np.radians(np.arange(0.5, 180.0, 7.0))
+    points = np.column_stack(
+        [np.full_like(bearings, value) for value in (geometry.pitch, 15.0, 30.0)] + [bearings]
+    )
+    settings = NavigationSettings(baseline=3.0, hydrophone_height=0.0)
+    engine = np.hypot(*sweep(points, settings).T)
+    ours = [geometry.fix(bearing, geometry.pitch).error for bearing in bearings.tolist()]
+    np.testing.assert_allclose(ours, engine, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("option", "value"), [("--baseline", "0"), ("--pitch", "90"), ("--distance", "nan")]
+)
+def test_an_impossible_geometry_is_refused(option: str, value: str, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    result = CliRunner().invoke(app, ["pitch", option, value, "--out", str(page)])
+    assert result.exit_code != 0
+    assert f"{option}: expected" in str(result.exception) + result.output
+    assert not page.exists()
