@@ -130,6 +130,12 @@ def _poses_of(lines: list[_Line], robot: str) -> list[_Line]:
     )
 
 
+def _first_pose(lines: dict[str, list[_Line]], poses: list[_Line]) -> list[float]:
+    """East, north [m] and heading [rad] of the first pose by its prior, or else by its vertex."""
+    priors = (line for line in lines["VERTEX_SE2:PRIOR"] if line.names[0] == poses[0].names[0])
+    return next(priors, poses[0]).values
+
+
 def _track_of(lines: dict[str, list[_Line]], robot: str, beacon: int, source: str) -> _Track:
     """Odometry of a robot, summed up from the prior of its first pose, or else from its vertex.
 
@@ -137,11 +143,8 @@ def _track_of(lines: dict[str, list[_Line]], robot: str, beacon: int, source: st
     """
     poses = _poses_of(lines["VERTEX_SE2"], robot)
     order = {line.names[0]: k for k, line in enumerate(poses)}
-    begin = next(
-        (p for p in lines["VERTEX_SE2:PRIOR"] if p.names[0] == poses[0].names[0]), poses[0]
-    )
     steps, _ = _odometry(lines["EDGE_SE2"], order, source)
-    track = np.array(list(accumulate(steps, compose, initial=np.array(begin.values))))
+    track = np.array(list(accumulate(steps, compose, initial=np.array(_first_pose(lines, poses)))))
     time = np.array([line.time for line in poses])
     if np.ptp(time) == 0.0:
         time = np.arange(time.size, dtype=np.float64)
@@ -209,6 +212,75 @@ def _ranges(
     return sorted(rows), variances
 
 
+def _robot_with_most_poses(lines: dict[str, list[_Line]], source: str) -> tuple[str, set[str]]:
+    """Letter of the robot with the most poses, and of all robots."""
+    matches = (_POSE.fullmatch(line.names[0]) for line in lines["VERTEX_SE2"])
+    robots = Counter(match[1] for match in matches if match)
+    if not robots:
+        raise LaisnError(
+            f"{source}: no planar pose (VERTEX_SE2) of a robot, called by a letter and a number "
+            "such as A0"
+        )
+    return max(robots, key=lambda letter: (robots[letter], -ord(letter))), set(robots)
+
+
+def _robot_remarks(robot: str, robots: set[str], heard: set[str]) -> list[str]:
+    """Which robots of several are used, a sentence each."""
+    remarks = [
+        f"of several robots {robot} is taken; its ranges to {name} are to the way that the "
+        "odometry of that gives"
+        for name in sorted(heard)
+    ]
+    unused = sorted(robots - heard - {robot})
+    if unused:
+        remarks.append(f"of several robots {robot} is taken; left out: {', '.join(unused)}")
+    return remarks
+
+
+def _reference_path(
+    time: Floats, vertices: Floats, odometry: Floats, durations: Floats
+) -> tuple[Floats, str]:
+    """Path to compare with, rows of time, east and north, and a sentence about it.
+
+    Args:
+        time: Time of each pose, shape (n + 1,), [s].
+        vertices: East, north [m] and heading [rad] of each pose, shape (n + 1, 3).
+        odometry: Steps between them, shape (n, 3).
+        durations: How long each step took, shape (n,), [s].
+    """
+    composed = np.array(list(accumulate(odometry, compose, initial=vertices[0])))
+    deviation = np.hypot(*(composed - vertices)[:, :2].T)
+    length = np.hypot(*odometry[:, :2].T).sum()
+    if deviation.max() <= _SAME_PATH * length:
+        remark = "vertices are composed of the odometry: there is no path to compare with"
+        return np.empty((0, 3)), remark
+    remark = (
+        "the path to compare with is that of the vertices, which may be the file's own estimate"
+    )
+    # of poses at one time the first stays
+    first_at_time = np.append(True, durations != 0.0)
+    return np.column_stack([time, vertices[:, :2]])[first_at_time], remark
+
+
+def _stated_noise(
+    variances: Floats, durations: Floats, range_variances: list[float]
+) -> dict[str, float]:
+    """Noise that the file states, as `RangeData.stated`: medians of what is positive.
+
+    Args:
+        variances: Of the three numbers of each step of odometry, shape (n, 3).
+        durations: How long each step took, shape (n,), [s].
+        range_variances: Of each range [m²].
+    """
+    lasting = durations > 0.0
+    rates = variances[lasting] / durations[lasting, None]
+    samples = {"slip": rates[:, :2].mean(axis=1), "heading_walk": rates[:, 2]}
+    if range_variances and min(range_variances) > 0.0:
+        samples["range_sigma"] = np.array(range_variances)
+    medians = {name: np.median(values) for name, values in samples.items() if values.size}
+    return {name: float(np.sqrt(median)) for name, median in medians.items() if median > 0.0}
+
+
 def read_factor_graph(path: Path) -> RangeData:
     """The odometry and ranges of one robot in a planar factor graph: that with the most poses.
 
@@ -221,23 +293,10 @@ def read_factor_graph(path: Path) -> RangeData:
     read, is no planar graph, or lacks odometry or ranges.
     """
     source = str(path)
-    remarks = list[str]()
     lines = _parsed(text_of(path), source)
-    robots = Counter(m[1] for line in lines["VERTEX_SE2"] if (m := _POSE.fullmatch(line.names[0])))
-    if not robots:
-        raise LaisnError(
-            f"{source}: no planar pose (VERTEX_SE2) of a robot, called by a letter and a number "
-            "such as A0"
-        )
-    robot = max(robots, key=lambda letter: (robots[letter], -ord(letter)))
+    robot, robots = _robot_with_most_poses(lines, source)
     heard = _heard(lines, robot)
-    remarks += [
-        f"of several robots {robot} is taken; its ranges to {name} are to the way that the "
-        "odometry of that gives"
-        for name in sorted(heard)
-    ]
-    if left := sorted(set(robots) - heard - {robot}):
-        remarks.append(f"of several robots {robot} is taken; left out: {', '.join(left)}")
+    remarks = _robot_remarks(robot, robots, heard)
     poses = _poses_of(lines["VERTEX_SE2"], robot)
     for kind in ("VERTEX_SE2", "VERTEX_XY", "VERTEX_XY:PRIOR"):
         require_unique((line.names[0] for line in lines[kind]), f"{source}: {kind}")
@@ -246,23 +305,15 @@ def read_factor_graph(path: Path) -> RangeData:
     if np.ptp(time) == 0.0:
         time = np.arange(time.size, dtype=np.float64)
         remarks.append(f"{source} has no times: poses are taken to be a second apart")
-    odometry, spread = _odometry(lines["EDGE_SE2"], order, source)
-    others = sum(line.names[0][0] not in heard for line in lines["EDGE_SE2"]) - len(odometry)
-    remarks += [f"edges left out that are no steps of odometry: {others}"] if others else []
-    lasted = np.diff(time)
-    rates = spread[lasted > 0.0] / lasted[lasted > 0.0, None]
+    odometry, variances = _odometry(lines["EDGE_SE2"], order, source)
+    joined = [line for line in lines["EDGE_SE2"] if line.names[0][0] not in heard]
+    if len(joined) != len(odometry):
+        number = len(joined) - len(odometry)
+        remarks.append(f"edges left out that are no steps of odometry: {number}")
+    durations = np.diff(time)
     vertices = np.array([line.values for line in poses])
-    composed = np.array(list(accumulate(odometry, compose, initial=vertices[0])))
-    off = np.hypot(*(composed - vertices)[:, :2].T)
-    if off.max() <= _SAME_PATH * np.hypot(*odometry[:, :2].T).sum():
-        remarks.append("vertices are composed of the odometry: there is no path to compare with")
-        truth = np.empty((0, 3))
-    else:
-        remarks.append(
-            "the path to compare with is that of the vertices, which may be the file's own estimate"
-        )
-        # of poses at one time the first stays
-        truth = np.column_stack([time, vertices[:, :2]])[np.append(True, lasted != 0.0)]
+    truth, remark = _reference_path(time, vertices, odometry, durations)
+    remarks.append(remark)
     places = {
         line.names[0]: line.values
         for kind in ("VERTEX_XY", "VERTEX_XY:PRIOR")
@@ -272,27 +323,19 @@ def read_factor_graph(path: Path) -> RangeData:
         name: _track_of(lines, name, len(places) + i, source)
         for i, name in enumerate(sorted(heard))
     }
-    ranges, variances = _ranges(lines["EDGE_RANGE"], order, time, places, tracks)
-    starts = [track.state[0, :2].tolist() for track in tracks.values()]
-    spreads = {"slip": rates[:, :2].mean(axis=1), "heading_walk": rates[:, 2]}
-    spreads |= {"range_sigma": np.array(variances)} if variances and min(variances) > 0.0 else {}
-    begin = next(
-        (p for p in lines["VERTEX_SE2:PRIOR"] if p.names[0] == poses[0].names[0]), poses[0]
-    ).values
+    ranges, range_variances = _ranges(lines["EDGE_RANGE"], order, time, places, tracks)
+    track_starts = [track.state[0, :2].tolist() for track in tracks.values()]
+    east, north, heading = _first_pose(lines, poses)
     return RangeData.collect(
         source=source,
-        start=np.array([begin[0], begin[1], 0.5 * np.pi - begin[2]]),
+        start=np.array([east, north, 0.5 * np.pi - heading]),
         time=time,
         odometry=odometry,
         beacons=(*places, *tracks),
-        places=np.array([*places.values(), *starts], dtype=np.float64).reshape(-1, 2),
+        places=np.array([*places.values(), *track_starts], dtype=np.float64).reshape(-1, 2),
         ranges=ranges,
         moving=tuple(tracks),
-        stated={
-            k: float(np.sqrt(np.median(v)))
-            for k, v in spreads.items()
-            if v.size and np.median(v) > 0.0
-        },
+        stated=_stated_noise(variances, durations, range_variances),
         truth=truth,
         remarks=remarks,
     )

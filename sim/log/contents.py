@@ -101,6 +101,53 @@ def _intact(stream: IO[bytes], attachment: Attachment) -> bool:
     return stored in (bytes(4), builder.end()[-4:])  # type: ignore[no-untyped-call]  # the library leaves it bare
 
 
+class _Verifier:
+    """The records of a data section, each checked against what the file promises.
+
+    ValueError for a wrong checksum of an attachment, a wrong number of messages or a missing end.
+    """
+
+    def __init__(self, stream: IO[bytes], size: int) -> None:
+        self._stream = stream
+        self._allowance = _ALLOWANCE + _RATIO * size  # bytes that chunks may still decompress to
+        self._messages = 0
+        self._ended = False
+
+    def verify(self, record: McapRecord) -> list[McapRecord]:
+        """The record and what is in it; nothing where it belongs to the summary."""
+        records = [record]
+        match record:
+            case Chunk():
+                inner = records_of(record, self._allowance)
+                self._allowance -= record.uncompressed_size
+                self._messages += sum(isinstance(item, Message) for item in inner)
+                return records + inner
+            case Attachment() if not _intact(self._stream, record):
+                raise ValueError(f"the checksum of attachment {record.name!r} does not match")
+            case Statistics() if record.message_count != self._messages:
+                raise ValueError(
+                    f"it holds {self._messages} messages, and its summary promises "
+                    f"{record.message_count}"
+                )
+            case Footer() if not self._ended:
+                raise ValueError("the data section has no end")
+        if self._ended:
+            return []
+        self._messages += isinstance(record, Message)
+        self._ended = isinstance(record, DataEnd)
+        return records
+
+
+def _reason(error: Exception) -> str:
+    """What is wrong with a file that could not be read to its end."""
+    if isinstance(error, CRCValidationError):
+        section = "a chunk" if isinstance(error.record, Chunk) else "the data section"
+        return f"the checksum of {section} does not match"
+    if isinstance(error, (EndOfFile, struct.error)):
+        return "the file ends within a record"
+    return str(error)
+
+
 def _records(path: Path) -> Iterator[McapRecord]:
     """The data section in order, each record after its checksum was verified; a chunk is followed
     by what is in it. DamagedError for all damage, and for another number of messages than the
@@ -108,50 +155,24 @@ def _records(path: Path) -> Iterator[McapRecord]:
     """
     with log_errors(path), path.open("rb") as stream:
         size = path.stat().st_size
-        at = 0
-        ended = False
-        left = _ALLOWANCE + _RATIO * size
-        messages = 0
+        position = 0
+        verifier = _Verifier(stream, size)
         # no record is longer than its file
         reader = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=size)
         try:
             for record in reader.records:
-                if isinstance(record, Chunk):
-                    inner = records_of(record, left)
-                    left -= record.uncompressed_size
-                    messages += sum(isinstance(item, Message) for item in inner)
-                    yield record
-                    yield from inner
-                elif isinstance(record, Attachment) and not _intact(stream, record):
-                    raise ValueError(f"the checksum of attachment {record.name!r} does not match")
-                elif isinstance(record, Statistics) and record.message_count != messages:
-                    raise ValueError(
-                        f"it holds {messages} messages, and its summary promises "
-                        f"{record.message_count}"
-                    )
-                elif isinstance(record, Footer) and not ended:
-                    raise ValueError("the data section has no end")
-                elif not ended:
-                    messages += isinstance(record, Message)
-                    yield record
-                ended = ended or isinstance(record, DataEnd)
-                at = stream.tell()
+                yield from verifier.verify(record)
+                position = stream.tell()
             if stream.read(1):
                 raise ValueError("bytes follow the end of the log")
         except OSError:
             raise
         except Exception as error:
-            if size < MAGIC_SIZE or (isinstance(error, InvalidMagic) and at == 0):
+            if size < MAGIC_SIZE or (isinstance(error, InvalidMagic) and position == 0):
                 raise LogError(f"{path}: no MCAP file") from error
-            reason = (
-                "the file ends within a record"
-                if isinstance(error, (EndOfFile, struct.error))
-                else str(error)
-            )
-            if isinstance(error, CRCValidationError):
-                section = "a chunk" if isinstance(error.record, Chunk) else "the data section"
-                reason = f"the checksum of {section} does not match"
-            raise DamagedError(path, f"damaged or cut off at byte {at}: {reason}") from error
+            raise DamagedError(
+                path, f"damaged or cut off at byte {position}: {_reason(error)}"
+            ) from error
 
 
 @dataclass
@@ -170,6 +191,26 @@ class Messages:
     def time_ns(self) -> Ints:
         """Log times since 1970, shape (n,), [ns]."""
         return np.asarray(self.times)
+
+    @property
+    def type_id(self) -> tuple[str, Any]:
+        """What tells their type: encoding, and name and text of the schema."""
+        return self.encoding, self.schema and (self.schema.name, self.schema.data)
+
+    def append(self, record: Message) -> None:
+        """Add a message, or its time alone."""
+        self.times.append(record.log_time)
+        if self.holds_data:
+            self.data.append(record.data)
+
+    def sort(self) -> None:
+        """Put the messages in order of time; those at one time stay as they were recorded."""
+        if not self.holds_data or np.all(self.time_ns[1:] >= self.time_ns[:-1]):
+            return
+        self.recorded_ns = self.time_ns.copy()
+        order = np.argsort(self.time_ns, kind="stable").tolist()
+        self.times = array("q", [self.times[i] for i in order])
+        self.data = [self.data[i] for i in order]
 
     @property
     def is_protobuf(self) -> bool:
@@ -244,7 +285,7 @@ class Contents:
     plausible, or a topic has messages of several types.
     """
 
-    def __init__(  # noqa: C901, PLR0912 - one loop over records of many kinds
+    def __init__(
         self, path: Path, select: Callable[[str, Messages], bool] = lambda topic, messages: True
     ) -> None:
         self.path = path
@@ -253,51 +294,51 @@ class Contents:
         self.metadata = dict[str, dict[str, str]]()
         # parts that no checksum covers, so that damage to them cannot be noticed
         self.unverified: tuple[str, ...] = ()
-        schemas = dict[int, Schema]()
-        channels = dict[int, Messages]()
-        chunks = bare = 0
+        self._select = select
+        self._schemas = dict[int, Schema]()
+        self._channels = dict[int, Messages]()
         with log_errors(path):
-            for record in _records(path):
-                if isinstance(record, Message):
-                    channel = channels[record.channel_id]
-                    channel.times.append(record.log_time)
-                    if channel.holds_data:
-                        channel.data.append(record.data)
-                elif isinstance(record, Schema):
-                    schemas.setdefault(record.id, record)
-                elif isinstance(record, Channel) and record.id not in channels:
-                    new = Messages(schemas.get(record.schema_id), record.message_encoding)
-                    registered = channels[record.id] = self.topics.setdefault(record.topic, new)
-                    if registered is new:
-                        new.holds_data = select(record.topic, new)
-                    mine, others = (
-                        (m.encoding, m.schema and (m.schema.name, m.schema.data))
-                        for m in (registered, new)
-                    )
-                    if mine != others:
-                        raise LogError(
-                            f"{path}: channel {record.topic} has messages of two types; it may "
-                            "have one"
-                        )
-                elif isinstance(record, Attachment):
+            self._read()
+            for messages in self.topics.values():
+                messages.sort()
+
+    def _read(self) -> None:
+        """Take in all records of the file."""
+        chunks = 0
+        unchecked = 0
+        for record in _records(self.path):
+            match record:
+                case Message():
+                    self._channels[record.channel_id].append(record)
+                case Schema():
+                    self._schemas.setdefault(record.id, record)
+                case Channel():
+                    self._register(record)
+                case Attachment():
                     self.attachments[record.name] = record.data
-                elif isinstance(record, Metadata):
+                case Metadata():
                     self.metadata[record.name] = record.metadata
-                elif isinstance(record, Chunk):
-                    chunks = chunks + 1
-                    bare = bare + (not record.uncompressed_crc)
-                elif isinstance(record, DataEnd) and not record.data_section_crc:
+                case Chunk():
+                    chunks += 1
+                    unchecked += not record.uncompressed_crc
+                case DataEnd() if not record.data_section_crc:
                     self.unverified = ("metadata",)
-                    if bare:
-                        self.unverified += (f"{bare} of {chunks} chunks",)
-            for m in self.topics.values():
-                if m.holds_data and np.any(m.time_ns[1:] < m.time_ns[:-1]):
-                    m.recorded_ns = m.time_ns.copy()
-                    order = np.argsort(m.time_ns, kind="stable").tolist()
-                    m.times, m.data = (
-                        array("q", [m.times[i] for i in order]),
-                        [m.data[i] for i in order],
-                    )
+                    if unchecked:
+                        self.unverified += (f"{unchecked} of {chunks} chunks",)
+
+    def _register(self, channel: Channel) -> None:
+        """Take in a channel; several of one topic are one. LogError if their types differ."""
+        if channel.id in self._channels:
+            return
+        new = Messages(self._schemas.get(channel.schema_id), channel.message_encoding)
+        registered = self.topics.setdefault(channel.topic, new)
+        self._channels[channel.id] = registered
+        if registered is new:
+            new.holds_data = self._select(channel.topic, new)
+        elif registered.type_id != new.type_id:
+            raise LogError(
+                f"{self.path}: channel {channel.topic} has messages of two types; it may have one"
+            )
 
     def cut(self, end_ns: int) -> None:
         """Leave out messages from a time on [ns]."""
