@@ -111,7 +111,9 @@ def pytest_unconfigure() -> None:
 @pytest.fixture
 def no_plugins(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Plugins that a test loads are forgotten after it."""
-    monkeypatch.delenv(VARIABLE, raising=False)
+    # set first, so that it is removed afterwards also if it was not there before
+    monkeypatch.setenv(VARIABLE, "")
+    monkeypatch.delenv(VARIABLE)
     monkeypatch.setattr(plugins, "_REGISTERED", {})
     path, modules = list(sys.path), set(sys.modules)
     yield

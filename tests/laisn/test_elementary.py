@@ -28,6 +28,7 @@ def _exponentials(x: Floats) -> Floats:
     return out
 
 
+@pytest.mark.system
 def test_elementary_functions_agree_with_the_library() -> None:
     generator = np.random.default_rng(7)
     x = np.concatenate(

@@ -194,6 +194,7 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.system
 def test_a_number_that_differs_from_the_record_is_an_error(checkout: Path) -> None:
     assert markers.check() == ([], [])
     page = checkout / "page.md"
@@ -208,6 +209,7 @@ def test_a_number_that_differs_from_the_record_is_an_error(checkout: Path) -> No
     assert markers.check() == ([], [])
 
 
+@pytest.mark.system
 def test_a_study_of_other_sources_is_an_error(checkout: Path) -> None:
     stale = (["docs/results of dive: the sources have changed since: run make studies figures"], [])
     RECORD.write(checkout / "results" / "dive.json")
@@ -216,6 +218,7 @@ def test_a_study_of_other_sources_is_an_error(checkout: Path) -> None:
     assert markers.check(strict=True) == stale
 
 
+@pytest.mark.system
 def test_a_measurement_of_other_sources_is_a_notice(checkout: Path) -> None:
     for name in ("mutants", "benchmarks"):
         replace(RECORD, study=name).write(checkout / "results" / f"{name}.json")

@@ -364,6 +364,7 @@ def test_a_link_opens_its_camera_and_time(tab: browser.Page, report: Path) -> No
     tab.open(report, "#t=10&q=0")
 
 
+@pytest.mark.system
 @in_browser
 def test_without_webgl_the_map_takes_the_place_of_the_scene(report: Path) -> None:
     with browser.chromium(flags=browser.WITHOUT_WEBGL) as page:

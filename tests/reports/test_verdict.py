@@ -168,6 +168,7 @@ def test_page_and_summary_begin_with_it(flight: Flight, tmp_path: Path) -> None:
     assert text.index("was lost: follower2") < text.index("outside 2σ")
 
 
+@pytest.mark.system
 def test_a_follower_without_messages_is_lost_by_its_logs_bias(tmp_path: Path) -> None:
     """Dead reckoning with a bias of 0.4 m/s is 10 m off after 25 s."""
     out = tmp_path / "lost"

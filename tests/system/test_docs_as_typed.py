@@ -73,6 +73,7 @@ def is_complete(words: list[str]) -> bool:
     return words[0] in WHOLE or any(not word.startswith("--") for word in words[depth:])
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("no_plugins")
 @pytest.mark.parametrize("document", GUIDES, ids=lambda path: path.stem)
 def test_command_lines_in_the_text_run(

@@ -35,6 +35,7 @@ def test_peers_come_to_the_same_state() -> None:
     assert together == pytest.approx(np.array(alone), abs=1e-9)
 
 
+@pytest.mark.system
 def test_the_peak_is_that_of_a_processor() -> None:
     # From one operation per nanosecond to two 512-bit fused units at 6 GHz.
     assert 1e9 < peak_flops() < 2 * 16 * 6e9
@@ -90,6 +91,7 @@ def test_the_record_has_the_median_of_the_rounds_and_their_spread() -> None:
     assert found.version == version_of(["tools.benchmarks.run"])
 
 
+@pytest.mark.system
 def test_the_table_of_speeds_is_that_of_the_record() -> None:
     physics = []
     for n, (step, bare) in {1: (3.0, 6.0), 10: (12.0, 15.0), 50: (60.0, 150.0)}.items():
@@ -147,6 +149,7 @@ def by_name(rows: list[Row]) -> dict[tuple[str, str], Row]:
     return {(row.name, row.against): row for row in rows}
 
 
+@pytest.mark.system
 def test_times_of_navigation_are_reported_per_step_of_a_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

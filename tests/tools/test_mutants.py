@@ -5,6 +5,7 @@ import pytest
 from tools.mutants.cover import covering, distances
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("file", "first"),
     [

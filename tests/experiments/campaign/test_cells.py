@@ -205,6 +205,7 @@ def changed(scenario: Scenario, leaf: tuple[str, ...]) -> Scenario:
     raise AssertionError(f"no other value of {leaf} is known")
 
 
+@pytest.mark.system
 def test_what_the_keys_leave_out_changes_nothing() -> None:
     """Setting by setting: a flight that is shared is the one that would be flown, a row that is
     shared the same row.

@@ -19,6 +19,7 @@ def die(number):
     return number
 
 
+@pytest.mark.system
 def test_a_dead_worker_is_reported_and_stored_results_remain():
     with Pool(2) as pool, pytest.raises(CampaignError, match="the same command goes on"):
         list(pool.each(die, ((i,) for i in range(8))))

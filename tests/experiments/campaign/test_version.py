@@ -42,6 +42,7 @@ def after_edits(root: Path, *names: str, text: str = "\n# edited\n") -> str:
             (root / name).write_bytes(content)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     "name",
     [
@@ -87,6 +88,7 @@ def test_edits_of_what_draws_writes_or_compares_keep_the_version(tree: Path, une
     assert after_edits(tree, *edited) == unedited
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     "text",
     [
@@ -128,6 +130,7 @@ def test_a_renamed_entry_is_detected(tree: Path) -> None:
         (tree / "file.py").rename(moved)
 
 
+@pytest.mark.system
 def test_every_module_loaded_for_a_campaign_is_among_the_sources() -> None:
     """Python's own list of modules is the judge."""
     code = f"import sys, experiments.campaign.campaign\nown = {OWN_PACKAGES!r}\n"
@@ -145,6 +148,7 @@ def test_every_module_loaded_for_a_campaign_is_among_the_sources() -> None:
     assert set(loaded.split()) <= known
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     "modules",
     [

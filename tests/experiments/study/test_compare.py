@@ -18,6 +18,7 @@ from laisn_sim.cli.main import app
 from sim.log.reader import read
 
 
+@pytest.mark.system
 def test_flights_are_compared_with_the_settings_that_differ(tmp_path):
     for name, bias in (("a", 0.1), ("b", 0.3)):
         scenario = load_scenario("T5", ["duration_s=20", f"sensors.speed_bias_m_s={bias}"])

@@ -40,6 +40,7 @@ def test_nothing_is_left_out_where_everything_is_installed() -> None:
     assert installed(RIVALS) == RIVALS
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("without_gtsam")
 def test_a_built_in_study_says_so_before_its_first_run_and_flies_the_rest(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

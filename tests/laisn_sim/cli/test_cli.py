@@ -35,6 +35,7 @@ def test_fly_writes_all_its_evidence(flown: Path) -> None:
     assert {"simulate_s", "navigate_s", "log_s", "report_s", "real_time_factor"} <= set(timing)
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("without_report")
 def test_the_written_scenario_reflies_the_mission_to_the_byte(
     flown: Path, monkeypatch: pytest.MonkeyPatch

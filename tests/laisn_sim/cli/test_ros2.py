@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pytest
 from rosbags.highlevel import AnyReader
 from typer.testing import CliRunner
 
@@ -10,6 +11,7 @@ from laisn_sim.cli.main import app
 SHORT = ["fly", "T5", "--set", "motion=kinematic", "--set", "duration_s=20", "--no-video", "--out"]
 
 
+@pytest.mark.system
 def test_a_flight_has_its_own_bag(tmp_path: Path) -> None:
     folder = tmp_path / "flight"
     assert CliRunner().invoke(app, [*SHORT, str(folder), "--ros2"]).exit_code == 0

@@ -172,6 +172,7 @@ def imported(flight: Any, folder: Path, *options: str) -> Any:
     return read_recording(folder / "b.mcap").measurements
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("follower", [0, 1])
 def test_a_flight_comes_back_from_its_bag(follower: int, tmp_path: Path) -> None:
     flight = make_flight(60.0, 2)

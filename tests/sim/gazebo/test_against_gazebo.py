@@ -228,6 +228,7 @@ SCHEDULES = {
 }
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", SCHEDULES)
 def test_an_imported_hull_moves_as_in_gazebo(name: str) -> None:
     """Speed, turn rate and attitude within 1 % after each step of thrust and fins."""

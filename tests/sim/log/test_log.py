@@ -315,6 +315,7 @@ def test_an_epoch_that_no_log_can_hold(flight: Flight, tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.system
 def test_size_and_speed(tmp_path: Path) -> None:
     """1000 s at 10 Hz take less than 10 MB, and 50 000 messages a second of processor time are
     written.

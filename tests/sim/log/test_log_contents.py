@@ -300,6 +300,7 @@ def test_many_messages_of_different_lengths_take_little_time_and_memory(tmp_path
     assert seconds(lambda: read_recording(path, "follower")) < 3 * seconds(records)
 
 
+@pytest.mark.system
 def test_a_long_log_is_recovered(tmp_path: Path) -> None:
     path = many_messages(tmp_path / "a.mcap", 50_000)
     measurements = read_recording(path).measurements

@@ -89,6 +89,7 @@ def brief_log(brief: Flight, tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return log_of(brief, tmp_path_factory.mktemp("brief"))
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("seed", range(60))
 def test_no_damaged_log_gives_another_flight(
     brief: Flight, brief_log: bytes, tmp_path: Path, seed: int
@@ -106,6 +107,7 @@ def test_no_damaged_log_gives_another_flight(
         assert bits(found) == bits(brief) or is_start_of(found, brief), what
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("seed", range(20))
 def test_of_a_truncated_log_a_prefix_is_recovered(
     brief: Flight, brief_log: bytes, tmp_path: Path, seed: int
@@ -329,6 +331,7 @@ def peak_of_reading(path: Path) -> tuple[list[str], float]:
     return lines, float(peak)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
 def test_a_small_log_does_not_unfold_without_bound(
     tmp_path: Path, compression: CompressionType
@@ -407,6 +410,7 @@ def test_many_small_records_do_not_fill_the_memory(
     assert peak_of_reading(path)[1] < 500
 
 
+@pytest.mark.system
 def test_a_chunk_that_lies_about_its_size_is_refused(tmp_path: Path) -> None:
     """By its record, and by the frame of its compressor, which states a thousand gigabytes."""
     path = hostile(

@@ -276,6 +276,7 @@ def test_when_the_disk_is_full_what_was_written_can_be_recovered(tmp_path: Path)
     assert [p.name for p in tmp_path.iterdir()] == ["mission.mcap"]
 
 
+@pytest.mark.system
 def test_when_the_disk_is_full_at_once_nothing_stays(tmp_path: Path) -> None:
     assert "cannot be written" in limited(tmp_path, 20_000).stdout
     assert not list(tmp_path.iterdir())

@@ -59,6 +59,7 @@ def messages_of(chunk: int) -> set[int]:
     return set(range(found.message_start_time // 10**9, found.message_end_time // 10**9 + 1))
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("chunk", range(CHUNKS))
 @pytest.mark.parametrize("at", [60, 1, 30], ids=["content", "length", "size"])
 def test_all_chunks_but_the_broken_one_are_kept(tmp_path: Path, chunk: int, at: int) -> None:

@@ -188,6 +188,7 @@ def test_broadcast_errors_die_away_with_time(truth: IdealMeasurements) -> None:
     assert pitch.T @ roll / 4000 == pytest.approx(np.zeros((6, 6)), abs=0.08)
 
 
+@pytest.mark.system
 def test_an_offset_stays_throughout_a_run(truth: IdealMeasurements) -> None:
     offsets = pitch_errors(truth, SensorErrors(leader_attitude_offset_sigma=0.03), 2000)
     assert np.ptp(offsets, axis=1).max() < 1e-15

@@ -201,6 +201,7 @@ CASES = [
 CASES += [("tight", "ilos"), ("tight", "alos")]
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(("variant", "law"), CASES)
 def test_commands_do_not_depend_on_what_is_hidden(
     variant: str, law: str, monkeypatch: pytest.MonkeyPatch

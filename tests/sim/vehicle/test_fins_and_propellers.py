@@ -413,6 +413,7 @@ def test_the_steady_turn_is_that_of_a_flight() -> None:
     assert least_radius(plant_of("follower"), 0, design(plant_of("follower"), (None,))[0]) == 0.0
 
 
+@pytest.mark.system
 def test_ten_remus_keep_their_stations_behind_a_remus() -> None:
     """Half a metre off route and station, two decimetres of depth, in calm water with the usual
     errors.

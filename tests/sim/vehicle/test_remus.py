@@ -126,6 +126,7 @@ def test_speed_and_its_rise(rpm: float, speed: float, rise: float) -> None:
     assert steps * DT == pytest.approx(rise, abs=1e-9)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("rudder", "rpm", "rate", "radius"),
     [

@@ -298,6 +298,7 @@ def test_a_flight_in_the_gyre_says_what_was_read_and_meets_it(tmp_path: Path) ->
         laisn_sim.load(out / "scenario.toml")
 
 
+@pytest.mark.system
 def test_a_vehicle_that_leaves_a_field_ends_the_mission(tmp_path: Path) -> None:
     toml = scenario_file(metres_field(tmp_path / "small.nc", 50.0, 100.0), 400.0)
     # the leader is carried away while it tries to keep to its route in the east

@@ -150,6 +150,7 @@ def text_of(page: Page) -> str:
     )
 
 
+@pytest.mark.system
 def test_the_page_begins_with_the_answer() -> None:
     page = made(EVERY)
     assert (

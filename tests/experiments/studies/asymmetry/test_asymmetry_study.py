@@ -56,6 +56,7 @@ def rows(tmp_path_factory):
     return [row for row in judged_rows({"missions": found[0]}) if row["variant"] == "laisn-2"]
 
 
+@pytest.mark.system
 def test_every_mission_is_flown_in_every_arm(rows):
     assert len(rows) == 4 * len(ARMS)
     assert {(row["route"], row["depth_offset_m"]) for row in rows} == set(

@@ -141,6 +141,7 @@ def test_a_compass_deviates_as_a_sine_of_the_heading_whose_phase_has_nothing_to_
         assert abs(np.mean(np.exp(1j * np.asarray(apart)))) < 0.25
 
 
+@pytest.mark.system
 def test_runs_with_errors_are_navigated_alike_alone_and_in_cells() -> None:
     """Metrics of a cell whose measurements are disturbed, once more by loops over the states of
     each run alone.

@@ -181,6 +181,7 @@ def test_a_bound_leaves_open_what_is_estimated_and_lets_it_walk(
     )
 
 
+@pytest.mark.system
 def test_the_parts_fly_the_settings_of_the_study() -> None:
     whole = {
         part: plan_of(study_of(str(file), {})) for part, file in built_in("estimators").items()
@@ -276,6 +277,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> tuple[Findings, str]:
     return read(folder / "results.json"), report.read_text(encoding="utf-8")
 
 
+@pytest.mark.system
 def test_the_record_has_every_part(page: tuple[Findings, str]) -> None:
     record, _ = page
     none = record["many 3 T5"]

@@ -99,6 +99,7 @@ def rows(html: str) -> dict[str, list[str]]:
     return found
 
 
+@pytest.mark.system
 def test_each_condition_has_a_row_of_its_numbers(
     findings: Findings, flown: list[Any], tmp_path: Path
 ) -> None:
@@ -222,6 +223,7 @@ def test_rules_quote_the_conditions_that_they_name() -> None:
     )
 
 
+@pytest.mark.system
 def test_a_trial_run_is_reported(flown: list[Any], tmp_path: Path) -> None:
     whole = run("formation", {}, tmp_path).report().read_text(encoding="utf-8")
     quick = run("formation", {}, tmp_path, quick=True).report().read_text(encoding="utf-8")

@@ -209,6 +209,7 @@ def test_runs_are_numbered_from_zero_and_some_conditions_fly_every_other_one(
     assert found["lost-runs fifty"].value == 100
 
 
+@pytest.mark.system
 def test_every_run_of_a_condition_has_values_of_its_own(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

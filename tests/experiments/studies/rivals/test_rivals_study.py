@@ -103,6 +103,7 @@ def found() -> dict[str, Any]:
     return findings_without()
 
 
+@pytest.mark.system
 def test_every_case_is_valid_and_every_navigator_is_simulated(plans: dict[str, StudyPlan]) -> None:
     assert set(findings.NAVIGATORS) == set(NAVIGATORS) - {"laisn-best", "laisn-main", "beacons"}
     for part, plan in plans.items():
