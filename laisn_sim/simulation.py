@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self, cast
+from typing import TYPE_CHECKING, Any, Self, cast
 
 import numpy as np
 
@@ -51,6 +51,10 @@ from sim.simulation import (
 )
 from sim.tracking import bounds_of
 
+if TYPE_CHECKING:
+    from laisn_sim.live import LiveView
+
+_LONGEST_PICTURE_S = 20.0  # of mission between two pictures of a live page
 _SAME_TIME = 1e-6  # times within this are one: they are sums of control steps [s]
 
 
@@ -107,15 +111,26 @@ class Simulation:
         changes: Mapping[str, Any] | None = None,
         *,
         observers: Iterable[Observer] = (),
+        live: bool | float | LiveView = False,
     ) -> None:
         """Set out on a scenario's mission; source, changes and errors are as of `load`.
 
         `observers` are functions or objects that are called with each `Block` of instants as soon
         as they are over, each instant once: by `step(30.0)` with 30 s, or where vehicles are
         commanded from outside with each instant. LaisnError also if vehicles move as points.
+
+        `live` shows the mission on a page of this machine, `live.address`: True at ten times its
+        time, a number at that many seconds a second, inf as fast as it can. `step` then returns
+        when its time has come, and waits while the page pauses the mission.
         """
         self.scenario = as_scenario(source, changes)
         self._observers = list(observers)
+        self.live: LiveView | None = None
+        if live is not False:
+            # pages take long to load
+            from laisn_sim.live import live_view
+
+            self.live = live_view(live)
         self._set_out()
 
     def _set_out(self) -> None:
@@ -128,12 +143,20 @@ class Simulation:
             self._bounds = bounds_of(self.scenario)
             self._mission.observers = self._observers
             self._mission.advance(0)
+        if self.live:
+            self.live.begin(self.scenario)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Nothing has to be closed."""
+        """Serve no page any more."""
+        self.close()
+
+    def close(self) -> None:
+        """Serve no page any more; without one, nothing has to be closed."""
+        if self.live:
+            self.live.close()
 
     def __repr__(self) -> str:
         vehicles = len(self.names)
@@ -178,8 +201,36 @@ class Simulation:
         end = min(self._instant + instants, self._mission.last)
         while self._instant < end and not self.done:
             # commands from outside are worked out at each instant
-            self._advance(self._instant + 1 if self._commands else end)
+            until = self._instant + 1 if self._commands else end
+            self._advance(min(until, self._instant + self._instants_of_picture))
+            self._show_live()
         return self
+
+    @property
+    def _instants_of_picture(self) -> int:
+        """Instants from one picture of a live page to the next."""
+        if self.live is None:
+            return self._mission.last + 1
+        return max(1, round(min(self.live.span, _LONGEST_PICTURE_S) / TICK))
+
+    def _show_live(self) -> None:
+        if self.live is None or self._instant < self._loop.state.sensors.stride:
+            return
+        if self.done:
+            self.finish_live(self.flight())
+            return
+        if self.live.is_due:
+            self.live.show(self.flight())
+        self.live.wait(self.time)
+
+    def finish_live(self, flight: Flight) -> None:
+        """Show on the live page that the mission is over with a flight."""
+        if self.live is None:
+            return
+        from reports.summary import flight_events, mirror_locked_steps
+
+        locks = [mirror_locked_steps(flight, i) for i in range(len(flight.estimates))]
+        self.live.finish(flight, flight_events(flight), locks)
 
     @staticmethod
     def _instants_of(duration: float | None) -> int:
@@ -199,8 +250,9 @@ class Simulation:
         try:
             if self._mission.advance_within(end, until_contact=ends, bounds=self._bounds):
                 require_regular_end(self.scenario, self._mission.trajectory(), self._bounds)
-        except DivergedError:
+        except DivergedError as error:
             self._outcome = Termination.DIVERGED
+            self._mission.instants = error.trajectory.time.size
             raise
         except EndedError as error:
             self._outcome = OUTCOMES[type(error)]

@@ -154,6 +154,8 @@ class Replay:
     alternative: str = "The mission in 3D"
     """What is seen, for those who do not see it."""
     caption: str = ""
+    live: bool = False
+    """Whether it is under way, and the page's host sends how it goes on."""
 
 
 @dataclass(frozen=True, kw_only=True)

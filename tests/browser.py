@@ -61,9 +61,13 @@ class Page:
 
     def open(self, path: Path, fragment: str = "") -> None:
         """Open a page and wait until its scene has drawn a picture, if it has one."""
+        self.visit(f"file://{path.resolve()}", fragment)
+
+    def visit(self, address: str, fragment: str = "") -> None:
+        """Open an address as `open` does a file."""
         self.command("Page.navigate", url="about:blank")
-        self.command("Page.navigate", url=f"file://{path.resolve()}{fragment}")
-        self.wait("document.readyState === 'complete'")
+        self.command("Page.navigate", url=f"{address}{fragment}")
+        self.wait("document.readyState === 'complete' && location.protocol !== 'about:'")
         if self.run("document.getElementById('scene-meta') !== null"):
             self.wait("document.documentElement.dataset.scene === 'ready'")
             self.wait("document.documentElement.dataset.first !== undefined")

@@ -6,7 +6,7 @@ from contextlib import contextmanager, nullcontext
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
@@ -33,7 +33,11 @@ from sim.scenario.settings import Scenario
 from sim.system import background_process, return_large_blocks
 from sim.trial import track_deviations
 
+if TYPE_CHECKING:
+    from laisn_sim.live import LiveView
+
 _LONG_S = 7200.0
+_PATIENCE_S = 30.0  # for the page of a live mission
 _LEGEND = """E_P, E_B: errors of position and bearing; track, depth: RMS off the route;
 NEES: 2 on average for a consistent filter; × bound: RMS of E_P over the bound"""
 
@@ -139,7 +143,13 @@ def _film(
 
 
 def write_flight(
-    scenario: Scenario, folder: Path, console: Console, *, with_video: bool, with_bag: bool = False
+    scenario: Scenario,
+    folder: Path,
+    console: Console,
+    *,
+    with_video: bool,
+    with_bag: bool = False,
+    live: "LiveView | None" = None,
 ) -> tuple[Flight, dict[str, Any], Exception | None]:
     """Simulate a scenario and write its files into an empty folder; OSError or LogError if that
     fails.
@@ -147,6 +157,7 @@ def write_flight(
     Returns the flight, its summary, and the error, a `LaisnError` or a bug, that prevented a
     requested film.
     """
+    from laisn_sim.live import fly_live
     from sim.log import writer
     from sim.log.ros2 import write_bag
     from sim.log.scene import layout
@@ -173,11 +184,15 @@ def write_flight(
             # two messages, so that compiling on first use counts neither as simulation nor as
             # navigation
             fly(scenario.first_messages)
-        with phase("simulate") as update:
-            mission = MissionToFly(scenario)
-            trajectory, outcome = mission.simulate(update)
-        with phase("navigate"):
-            flight = mission.flight(trajectory, outcome)
+        if live is None:
+            with phase("simulate") as update:
+                mission = MissionToFly(scenario)
+                trajectory, outcome = mission.simulate(update)
+            with phase("navigate"):
+                flight = mission.flight(trajectory, outcome)
+        else:
+            with phase("simulate") as update:
+                flight = fly_live(scenario, live, update)
         errors = position_and_bearing_errors(flight)
         events = flight_events(flight)
         bounds = flight_bounds(flight)
@@ -212,11 +227,24 @@ def write_flight(
         SUMMARY: summary_text,
         SCENARIO: scenario.toml(),
         TIMING: timing_text,
-        LAYOUT: layout(trajectory.names),
+        LAYOUT: layout(flight.trajectory.names),
     }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     return flight, summary, film_error
+
+
+def _opened_view(console: Console) -> "LiveView":
+    """A live view with its page open, or after a while without one."""
+    from laisn_sim.cli.viewing import open_address
+    from laisn_sim.live import LiveView
+
+    view = LiveView()
+    print_line(console, f"{view.address} (this machine alone)", "live:", "")
+    open_address(view.address)
+    if not view.wait_for_page(_PATIENCE_S):
+        print_line(console, "no page was opened; the mission begins", "live:", "")
+    return view
 
 
 def fly_and_write(
@@ -226,6 +254,7 @@ def fly_and_write(
     with_video: bool,
     with_bag: bool = False,
     source: Path | None = None,
+    live: bool = False,
 ) -> Termination:
     """Simulate a scenario, print a summary, and write every result into a folder; how the mission
     ended. Errors are those of `folder.one_flight`.
@@ -242,9 +271,15 @@ def fly_and_write(
     for caution in cautions(scenario):
         print_line(console, caution, "warning:")
     replaces = (folder / SUMMARY).exists()
+    view = _opened_view(console) if live else None
     with one_flight(folder) as work:
         flight, summary, film_error = write_flight(
-            scenario, work, Console(stderr=True), with_video=with_video, with_bag=with_bag
+            scenario,
+            work,
+            Console(stderr=True),
+            with_video=with_video,
+            with_bag=with_bag,
+            live=view,
         )
     show(console, flight, summary)
     for deviation in track_deviations(scenario, flight.trajectory):

@@ -61,6 +61,9 @@ def fly(
     out: studies.OutOption = None,
     video: Annotated[bool, typer.Option("--video/--no-video", help="render the film")] = True,
     ros2: Annotated[bool, typer.Option("--ros2", help="write a ROS 2 bag, too")] = False,
+    live: Annotated[
+        bool, typer.Option("--live", help="show the mission while it is flown, with pause")
+    ] = False,
 ) -> None:
     """Simulate one mission; write log, film, report and numbers.
 
@@ -76,7 +79,12 @@ def fly(
     # a copied file keeps the name in it, so the folder is named after the file
     name = name_of(source) if source.suffix == ".toml" else checked.name
     outcome = fly_and_write(
-        checked, out or Path("out") / name, with_video=video, with_bag=ros2, source=source
+        checked,
+        out or Path("out") / name,
+        with_video=video,
+        with_bag=ros2,
+        source=source,
+        live=live,
     )
     if outcome.name not in ("COMPLETED", "CONTACT"):
         raise typer.Exit(MISSION_FAILED)

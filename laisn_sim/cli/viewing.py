@@ -25,9 +25,14 @@ def write_page(log: Path, out: Path | None) -> OutputFile:
 
 
 def open_page(page: Path) -> None:
-    """Open a page where there is a screen; a browser of a terminal shows no 3D."""
+    """Open a page where there is a screen."""
+    open_address(page.resolve().as_uri())
+
+
+def open_address(address: str) -> None:
+    """Open an address where there is a screen; a browser of a terminal shows no 3D."""
     has_screen = sys.platform in ("darwin", "win32") or any(
         os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
     )
     if has_screen:
-        webbrowser.open(page.resolve().as_uri())
+        webbrowser.open(address)

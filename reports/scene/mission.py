@@ -5,7 +5,7 @@ it.
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -125,17 +125,23 @@ def kinds_of_messages(measured: Measurements, estimates: Estimates) -> Ints:
 
 
 def add_messages(
-    packer: Packer, f: int, measured: Measurements, estimates: Estimates, start: float
+    packer: Packer,
+    f: int,
+    measured: Measurements,
+    estimates: Estimates,
+    start: float,
+    first: int = 0,
 ) -> list[list[Any]]:
-    """Add times, kinds and ranges of a follower's messages, and hypotheses after them; returns
-    those lost or rejected as time, kind and follower.
+    """Add times, kinds and ranges of a follower's messages from the `first` on, and hypotheses
+    after them; returns those lost or rejected as time, kind and follower.
     """
-    kinds = kinds_of_messages(measured, estimates)
-    time = start + measured.time[measured.message_step - 1]
+    kinds = kinds_of_messages(measured, estimates)[first:]
+    time = start + measured.time[measured.message_step[first:] - 1]
     packer.add(f"time{f}", time, 0.01)
     packer.add(f"kind{f}", kinds, order=0)
-    packer.add(f"range{f}", np.nan_to_num(measured.ranges), 0.01, 1)  # zero: not received
+    packer.add(f"range{f}", np.nan_to_num(measured.ranges[first:]), 0.01, 1)  # zero: not received
     branches = _branches(measured, estimates)
+    branches = branches[branches[:, 0] >= first]
     if branches.size:
         packer.add(f"branch{f}", branches, 0.01, 1)
     return [
@@ -167,17 +173,23 @@ def _branches(measured: Measurements, estimates: Estimates) -> Floats:
     return np.array(rows, dtype=np.float64).reshape(-1, 7)
 
 
-def hulls_of(models: Sequence[str]) -> tuple[list[dict[str, Any]], list[int], list[int]]:
-    """Different hulls of vehicles' models, the index of each vehicle's, and the effectors that
-    move what is seen of any.
-    """
+class Hulls(NamedTuple):
+    """Hulls of vehicles."""
+
+    shapes: list[dict[str, Any]]  # of different models
+    of_vehicle: list[int]  # the index of each vehicle's
+    effectors: list[int]  # that move what is seen of any
+
+
+def hulls_of(models: Sequence[str]) -> Hulls:
+    """Hulls of vehicles' models."""
     names = list(dict.fromkeys(models))
     hulls = [hull(name) for name in names]
     moving = [piece for of_hull in hulls for piece in (*of_hull["fins"], *of_hull["propellers"])]
     used = sorted({piece["effector"] for piece in moving})
     for piece in moving:
         piece["column"] = used.index(piece["effector"])
-    return hulls, [names.index(model) for model in models], used
+    return Hulls(hulls, [names.index(model) for model in models], used)
 
 
 def _vehicles(flight: Flight, hulls: Sequence[int]) -> list[Vehicle]:
@@ -275,62 +287,129 @@ def fix_words() -> dict[int, str]:
     return {int(kind): words for kind, words in FIX_WORDS.items()}
 
 
+@dataclass(frozen=True, kw_only=True)
+class Sent:
+    """How much of a mission a page holds already."""
+
+    rows: int = 0
+    slow_rows: int = 0
+    messages: tuple[int, ...] = ()  # of each follower; empty: none of any
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """What a page does not hold yet of a mission, packed."""
+
+    packer: Packer
+    refused: list[list[Any]]  # messages lost or rejected: time, kind and follower
+    sent: Sent  # with this part
+
+
+def _every(hz: float, dt: float) -> int:
+    """Points of a trajectory from one row to the next."""
+    return max(1, round(1 / (hz * dt)))
+
+
+def part_of(flight: Flight, hulls: Hulls, duration: float, sent: Sent) -> Part:
+    """Rows and messages of a flight that a page with these does not hold, at the rates of a
+    mission of a duration [s].
+    """
+    truth = flight.trajectory
+    followers = range(len(flight.estimates))
+    start = float(truth.time[0])
+    hz = rate_of(duration, len(truth.names))
+    units = FINE if len(followers) <= CROWD else COARSE
+    grid = np.arange(0, truth.time.size, _every(hz, truth.dt))
+    slow = np.arange(0, truth.time.size, _every(min(SLOW_HZ, hz), truth.dt))
+    first_row, first_slow = sent.rows, sent.slow_rows
+    packer = Packer()
+    packer.add("position", truth.position[grid[first_row:]], units.position)
+    quaternion = smooth_quaternions(truth.quaternion[grid])[first_row:]
+    packer.add("quaternion", quaternion, units.quaternion)
+    packer.add("speed", truth.forward_speed[slow[first_slow:]], 0.01, 1)
+    # the state of step k, at point k × stride of the trajectory, stands in row k − 1
+    rows, slow_rows = (np.clip(index // flight.stride - 1, 0, None) for index in (grid, slow))
+    states = [held(e.state[:, :2])[rows[first_row:]] for e in flight.estimates]
+    packer.add("estimate", np.stack(states, axis=1), units.estimate, 1)
+    spread = np.stack(
+        [e.covariance[slow_rows[first_slow:], :2, :2] for e in flight.estimates], axis=1
+    )
+    add_spread(packer, spread, units.spread)
+    refused = list[list[Any]]()
+    first = sent.messages or (0,) * len(followers)
+    for f in followers:
+        refused += add_messages(
+            packer, f, flight.measurements[f], flight.estimates[f], start, first[f]
+        )
+    if any(follower.station for follower in flight.scenario.followers):
+        places = true_stations(flight.scenario, truth)
+        station = np.stack([places.east[slow], places.north[slow]], axis=-1)[first_slow:]
+        packer.add("station", np.nan_to_num(station), 0.01)
+    if hulls.effectors and truth.thrust.shape[2]:
+        packer.add("effector", truth.thrust[grid[first_row:]][:, :, hulls.effectors], 0.01, 1)
+    messages = tuple(measured.message_step.size for measured in flight.measurements)
+    return Part(
+        packer=packer,
+        refused=refused,
+        sent=Sent(rows=grid.size, slow_rows=slow.size, messages=messages),
+    )
+
+
+def known_from(flight: Flight) -> list[float]:
+    """When each follower has its first estimate [s]."""
+    start = float(flight.trajectory.time[0])
+    return [start + (e.unknown + 1) * flight.measurements[0].dt for e in flight.estimates]
+
+
+def meta_of(flight: Flight, hulls: Hulls, duration: float, part: Part) -> dict[str, Any]:
+    """What a page tells beside the arrays of a part, without events."""
+    truth = flight.trajectory
+    hz = rate_of(duration, len(truth.names))
+    return {
+        "name": flight.scenario.name,
+        "hz": 1 / (truth.dt * _every(hz, truth.dt)),
+        "slow_hz": 1 / (truth.dt * _every(min(SLOW_HZ, hz), truth.dt)),
+        "start": float(truth.time[0]),
+        "end": float(truth.time[-1]),
+        "truth": True,
+        "floor": -floor_of(flight.scenario).deepest,
+        "hues": hues(),
+        "vehicles": [vars(vehicle) for vehicle in _vehicles(flight, hulls.of_vehicle)],
+        "models": hulls.shapes,
+        "columns": len(hulls.effectors) if truth.thrust.shape[2] else 0,
+        "beacons": [],
+        "used": flight.scenario.navigation.transmitters,
+        "known": known_from(flight),
+        "words": fix_words(),
+        "refusedKinds": [int(kind) for kind in REFUSED],
+        "events": [],
+        "messagesRefused": sorted(part.refused),
+        "locks": [],
+        "opening": float(truth.time[-1]),
+        "follow": 1 if len(flight.estimates) == 1 else -1,
+        "arrays": part.packer.table(),
+    }
+
+
+def events_of(
+    flight: Flight, events: Sequence[Event], mirror_locked: Sequence[Bools]
+) -> dict[str, Any]:
+    """What a page tells of a whole flight: events, mirror locks, and when it opens."""
+    return {
+        "events": _events(flight, events),
+        "locks": _locks(flight, mirror_locked),
+        "opening": _opening(flight),
+    }
+
+
 def scene_of(flight: Flight, events: Sequence[Event], mirror_locked: Sequence[Bools]) -> Scene:
     """The scene of a flight with its events, and the filter steps at which each follower's estimate
     was at the mirror image of the truth, shapes (n,).
     """
-    truth = flight.trajectory
-    followers = range(len(flight.estimates))
-    start, end = float(truth.time[0]), float(truth.time[-1])
-    hz = rate_of(end - start, len(truth.names))
-    slow_hz = min(SLOW_HZ, hz)
-    units = FINE if len(followers) <= CROWD else COARSE
-    grid = np.arange(0, truth.time.size, max(1, round(1 / (hz * truth.dt))))
-    slow = np.arange(0, truth.time.size, max(1, round(1 / (slow_hz * truth.dt))))
-    packer = Packer()
-    packer.add("position", truth.position[grid], units.position)
-    packer.add("quaternion", smooth_quaternions(truth.quaternion[grid]), units.quaternion)
-    packer.add("speed", truth.forward_speed[slow], 0.01, 1)
-    # the state of step k, at point k × stride of the trajectory, stands in row k − 1
-    rows, slow_rows = (np.clip(index // flight.stride - 1, 0, None) for index in (grid, slow))
-    states = [held(e.state[:, :2])[rows] for e in flight.estimates]
-    packer.add("estimate", np.stack(states, axis=1), units.estimate, 1)
-    spread = np.stack([e.covariance[slow_rows, :2, :2] for e in flight.estimates], axis=1)
-    add_spread(packer, spread, units.spread)
-    refused = list[list[Any]]()
-    for f in followers:
-        refused += add_messages(packer, f, flight.measurements[f], flight.estimates[f], start)
-    if any(follower.station for follower in flight.scenario.followers):
-        places = true_stations(flight.scenario, truth)
-        station = np.stack([places.east[slow], places.north[slow]], axis=-1)
-        packer.add("station", np.nan_to_num(station), 0.01)
-    hulls, hull_of, effectors = hulls_of(models_of(flight.scenario))
-    columns = len(effectors) if truth.thrust.shape[2] else 0
-    if columns:
-        packer.add("effector", truth.thrust[grid][:, :, effectors], 0.01, 1)
-    meta = {
-        "name": flight.scenario.name,
-        "hz": 1 / (truth.dt * max(1, round(1 / (hz * truth.dt)))),
-        "slow_hz": 1 / (truth.dt * max(1, round(1 / (slow_hz * truth.dt)))),
-        "start": start,
-        "end": end,
-        "truth": True,
-        "floor": -floor_of(flight.scenario).deepest,
-        "hues": hues(),
-        "vehicles": [vars(vehicle) for vehicle in _vehicles(flight, hull_of)],
-        "models": hulls,
-        "columns": columns,
-        "beacons": [],
-        "used": flight.scenario.navigation.transmitters,
-        "known": [start + (e.unknown + 1) * flight.measurements[0].dt for e in flight.estimates],
-        "words": fix_words(),
-        "refusedKinds": [int(kind) for kind in REFUSED],
-        "events": _events(flight, events),
-        "messagesRefused": sorted(refused),
-        "locks": _locks(flight, mirror_locked),
-        "opening": _opening(flight),
-        "follow": 1 if len(followers) == 1 else -1,
-        "arrays": packer.table(),
-    }
+    time = flight.trajectory.time
+    duration = float(time[-1] - time[0])
+    hulls = hulls_of(models_of(flight.scenario))
+    part = part_of(flight, hulls, duration, Sent())
+    meta = meta_of(flight, hulls, duration, part) | events_of(flight, events, mirror_locked)
     waves = flight.scenario.ocean.waves.kind != "none"
-    return Scene(meta=meta, data=packer.text(), waves=waves)
+    return Scene(meta=meta, data=part.packer.text(), waves=waves)

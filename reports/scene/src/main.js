@@ -6,6 +6,7 @@ import { CAMERAS } from "./cameras.js";
 import { inflate } from "./codec.js";
 import { clock, roundStep } from "./drawing.js";
 import { Labels } from "./labels.js";
+import { Live } from "./live.js";
 import { Mission, clamp } from "./mission.js";
 import { Panel } from "./panel.js";
 import { RouteMap } from "./routes.js";
@@ -38,6 +39,8 @@ class Replay {
     this.timeline = new Timeline(mission, element("ticks"));
     this.panel = new Panel(mission, element("numbers"), element("clock"));
     this.wire();
+    this.live = mission.planned === undefined ? null : new Live(mission, this);
+    if (this.live) this.wireLive();
     if (this.view) this.openCamera(link);
     this.redraw();
   }
@@ -91,17 +94,31 @@ class Replay {
   setTime(t) {
     if (!Number.isFinite(t)) return;
     this.state.time = clamp(t, this.mission.start, this.mission.end);
+    if (this.live) this.live.following = this.state.time >= this.mission.end;
     this.ask();
+  }
+
+  get underWay() {
+    return Boolean(this.live) && !this.live.over;
   }
 
   play(on) {
     const { state, mission } = this;
+    if (this.underWay) {
+      this.live.ask({ paused: !on });
+      return;
+    }
     state.playing = on;
     if (on && state.time >= mission.end - 1e-3) state.time = mission.start;
-    element("replay").classList.toggle("playing", on);
-    element("play").setAttribute("aria-label", on ? "Pause" : "Play");
-    if (!on) this.say();
+    this.showPlaying();
     this.ask();
+  }
+
+  showPlaying() {
+    const { playing } = this.state;
+    element("replay").classList.toggle("playing", playing);
+    element("play").setAttribute("aria-label", playing ? "Pause" : "Play");
+    if (!playing) this.say();
   }
 
   /** For screen readers, when the time stands still. */
@@ -143,8 +160,8 @@ class Replay {
     const passed = Math.min((now - this.before) / 1000, 0.25);
     if (state.playing) {
       this.adapt(now - this.before);
-      state.time += passed * state.speed;
-      if (state.time >= mission.end) {
+      state.time = this.underWay ? this.live.advance(state.time, passed) : state.time + passed * state.speed;
+      if (state.time >= mission.end && !this.underWay) {
         state.time = mission.end;
         this.play(false);
       }
@@ -191,6 +208,59 @@ class Replay {
     const turn = Math.atan2(x - camera.position.x, y - camera.position.y);
     element("needle").setAttribute("transform", `rotate(${((-turn * 180) / Math.PI).toFixed(1)})`);
     element("size").textContent = size > 1 ? `hulls drawn ${size}× as large` : "";
+  }
+
+  // ------------------------------------------------------------------------------------------------ live
+
+  wireLive() {
+    element("speed").append(new Option("fastest", 0));
+    element("speed").onchange = (event) => this.live.ask({ speed: Number(event.target.value) });
+    element("head").onclick = () => this.setTime(this.mission.end);
+    element("time").max = this.mission.last;
+    element("length").textContent = `of ${clock(this.mission.last)}`;
+    this.state.playing = true;
+    this.showPlaying();
+  }
+
+  /** The mission paused, goes on, or has another speed. */
+  controlled() {
+    const { live, state } = this;
+    state.playing = !live.paused;
+    state.speed = Math.min(live.speed, SPEEDS.at(-1));
+    const value = live.speed === Infinity ? 0 : live.speed;
+    const select = element("speed");
+    if (![...select.options].some((option) => Number(option.value) === value)) select.append(new Option(`${value}×`, value));
+    select.value = value;
+    this.showPlaying();
+    this.ask();
+  }
+
+  grown() {
+    if (this.view) this.view.grow();
+    this.redraw();
+  }
+
+  /** The mission is over, or out of reach: the page replays what it has. */
+  ended(words) {
+    element("head").textContent = "Over";
+    element("head").title = words;
+    element("said").textContent = words;
+    element("head").disabled = true;
+    const slider = element("time");
+    this.mission.last = this.mission.end;
+    slider.max = this.mission.end;
+    element("length").textContent = `of ${clock(this.mission.end)}`;
+    element("speed").lastElementChild.remove();
+    element("speed").onchange = (event) => {
+      this.state.speed = Number(event.target.value);
+    };
+    element("speed").value = this.state.speed;
+    if (this.live.following) this.state.time = this.mission.end;
+    this.state.playing = false;
+    this.showPlaying();
+    this.listEvents();
+    this.legend();
+    this.grown();
   }
 
   // ------------------------------------------------------------------------------------------------ controls
@@ -323,6 +393,10 @@ class Replay {
 
   changeSpeed(by) {
     const index = clamp(SPEEDS.indexOf(this.state.speed) + by, 0, SPEEDS.length - 1);
+    if (this.underWay) {
+      this.live.ask({ speed: SPEEDS[index] });
+      return;
+    }
     this.state.speed = SPEEDS[index];
     element("speed").value = this.state.speed;
   }

@@ -39,28 +39,63 @@ export class Mission {
     });
     this.followers = this.vehicleOf.length;
     this.followerOf = this.vehicles.map((_, v) => this.vehicleOf.indexOf(v));
-    this.rows = meta.arrays.position.rows;
-    this.end = Math.min(this.end, this.start + (this.rows - 1) / this.hz);
+    this.branches = this.vehicleOf.map(() => new Map());
+    this.room = {};
+    this.last = this.planned ?? this.end; // of the time line
+    this.rows = 0;
+    this.link(this.end, this.array);
+    this.last = Math.max(this.last, this.end);
+  }
+
+  /** Bring what is derived from the arrays up to their present length; `added` are the latest parts of them. */
+  link(end, added) {
+    const first = this.rows;
+    this.rows = this.array.position.length / (3 * this.count);
+    this.end = Math.min(end, this.start + (this.rows - 1) / this.hz);
     this.messages = this.vehicleOf.map((_, f) => ({
       time: this.array[`time${f}`],
       kind: this.array[`kind${f}`],
       range: this.array[`range${f}`],
       source: this.array[`source${f}`],
     }));
-    this.branches = this.vehicleOf.map((_, f) => this.readBranches(this.array[`branch${f}`]));
-    this.errors = this.truth ? this.vehicleOf.map((_, f) => this.errorsOf(f)) : [];
+    this.vehicleOf.forEach((_, f) => this.readBranches(this.branches[f], added[`branch${f}`]));
+    if (this.truth) this.vehicleOf.forEach((_, f) => this.append(`error${f}`, this.errorsOf(f, first)));
+    this.errors = this.truth ? this.vehicleOf.map((_, f) => this.array[`error${f}`]) : [];
+  }
+
+  /** Take what a mission under way has added. */
+  grow({ arrays, end, known, refused }, bytes) {
+    const added = {};
+    for (const [name, layout] of Object.entries(arrays)) {
+      added[name] = unpack(bytes, layout);
+      this.append(name, added[name]);
+    }
+    this.known = known;
+    this.messagesRefused.push(...refused);
+    this.link(end, added);
+    this.last = Math.max(this.last, this.end);
+  }
+
+  append(name, values) {
+    const before = this.array[name]?.length ?? 0;
+    const length = before + values.length;
+    if (!(this.room[name]?.length >= length)) {
+      const room = new Float32Array(Math.max(2 * length, 1024));
+      if (before) room.set(this.array[name]);
+      this.room[name] = room;
+    }
+    this.room[name].set(values, before);
+    this.array[name] = this.room[name].subarray(0, length);
   }
 
   /** Hypotheses by the index of the message after which they stood. */
-  readBranches(table) {
-    const of = new Map();
+  readBranches(of, table) {
     for (let i = 0; table && i < table.length; i += 7) {
       const message = table[i];
       if (!of.has(message)) of.set(message, []);
       const [weight, x, y, major, minor, angle] = table.subarray(i + 1, i + 7);
       of.get(message).push({ weight, x, y, major, minor, angle });
     }
-    return of;
   }
 
   /** Linear interpolation of `n` columns from `first` on of an array with `rate` rows a second. */
@@ -156,19 +191,19 @@ export class Mission {
     return lastBefore(this.messages[f].time, t);
   }
 
-  /** Position error of a follower at the rows of the data; NaN before its first estimate. */
-  errorsOf(f) {
-    const errors = new Float32Array(this.rows);
-    for (let row = 0; row < this.rows; row++) {
-      const t = this.start + row / this.hz;
+  /** Position error of a follower at the rows of the data from `first` on; NaN before its first estimate. */
+  errorsOf(f, first) {
+    const errors = new Float32Array(this.rows - first);
+    for (let i = 0; i < errors.length; i++) {
+      const t = this.start + (first + i) / this.hz;
       const estimate = this.estimate(f, t, other);
       if (!estimate) {
-        errors[row] = NaN;
+        errors[i] = NaN;
         continue;
       }
       const { x, y } = estimate;
       const truth = this.hydrophone(f, t, other);
-      errors[row] = Math.hypot(x - truth.x, y - truth.y);
+      errors[i] = Math.hypot(x - truth.x, y - truth.y);
     }
     return errors;
   }

@@ -22,7 +22,7 @@ export class Timeline {
   draw(filmed) {
     const { mission } = this;
     const { pen, width, height } = fitted(this.canvas);
-    const x = (t) => EDGE + ((t - mission.start) / (mission.end - mission.start)) * (width - 2 * EDGE);
+    const x = (t) => EDGE + ((t - mission.start) / (mission.last - mission.start)) * (width - 2 * EDGE);
     pen.clearRect(0, 0, width, height);
     pen.fillStyle = theme("grid");
     pen.fillRect(EDGE, 19, width - 2 * EDGE, 4);

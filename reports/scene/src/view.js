@@ -16,6 +16,7 @@ const SHADOW = [0, 0.04, 0.06];
 const AFTERGLOW_S = 0.45; // of a ray, in seconds as they pass for a viewer
 const TRAIL_S = 60; // time constant of a trail's fading
 const SIGMAS = 2;
+const LATEST_PIECES = 6; // of a route since trails were drawn
 const CROWD = 12; // followers beyond which only the followed one's estimate is drawn, and rays are faint
 const REST_MS = 900; // after which software renderers draw a sharper picture
 const SHARPNESS = [0.7, 1, 2]; // most pixels of the picture per pixel of the page, by quality
@@ -141,6 +142,34 @@ export class View {
     this.snow = add(new Points(specks, shader(SNOW, uniforms, overlay)), 4);
   }
 
+  /** Draw trails anew, of a mission that has gone on. */
+  grow() {
+    this.scene.remove(this.truth.mesh);
+    this.truth.mesh.geometry.dispose();
+    this.truth = truthTrails(this.mission, this.mission.hues, this.trailPaint);
+    this.truth.mesh.renderOrder = 7;
+    this.scene.add(this.truth.mesh);
+    this.estimatesOf = undefined;
+    this.drawEstimates();
+    this.trailsEnd = this.mission.end;
+  }
+
+  /** True routes since trails were drawn. */
+  drawLatest() {
+    const { mission, time, trailsEnd } = this;
+    if (!(time > trailsEnd)) return;
+    mission.vehicles.forEach((vehicle, v) => {
+      const hue = v === mission.leader ? mission.hues.leader : mission.hues.truth;
+      const at = (t) => mission.site(v, v === mission.leader ? null : vehicle.hydrophone, t, new Vector3());
+      let before = at(trailsEnd);
+      for (let i = 1; i <= LATEST_PIECES; i++) {
+        const next = at(trailsEnd + ((time - trailsEnd) * i) / LATEST_PIECES);
+        this.pen.line(before, next, hue, 1, this.uniforms.width.value);
+        before = next;
+      }
+    });
+  }
+
   /** Trails of estimates: of all, in a crowd of the followed vehicle alone. */
   drawEstimates() {
     const { mission } = this;
@@ -236,6 +265,7 @@ export class View {
   annotate(speed) {
     const { mission, time, pen, marks, discs } = this;
     this.labels = [];
+    this.drawLatest();
     mission.vehicles.forEach((vehicle, v) => {
       this.drawShadow(v);
       if (v === mission.leader) {

@@ -1,0 +1,343 @@
+"""A mission that is shown while it is flown: a page on this machine alone, which can pause it.
+
+The page is that of a report's scene. It comes from a server on 127.0.0.1, which sends what happens
+as server-sent events; what the page asks for (pause, speed) comes back by POST. Requests that name
+another host, or come from the page of another site, are refused.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+import time
+from collections.abc import Callable, Sequence
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+from laisn.arrays import Bools
+from laisn.errors import LaisnError
+from laisn_sim.simulation import Simulation
+from reports.page import Page, Replay, render
+from reports.scene.stream import SceneStream, ending, text_of
+from sim.flight import Flight, navigate
+from sim.log.writer import Event
+from sim.scenario.settings import Scenario
+from sim.simulation import DivergedError, keys_needing_closed_loop
+
+HOST = "127.0.0.1"
+USUAL_SPEED = 10.0
+_SHOWN_EVERY_S = 0.2  # of the viewer's time
+_STRETCH_S = 10.0  # of mission between two steps of a bar
+_HEARTBEAT_S = 2.0
+_GOODBYE_S = 3.0
+_LONGEST_REQUEST = 1000  # bytes of a request that controls
+_WAITING = """<!DOCTYPE html><meta charset="utf-8"><meta http-equiv="refresh" content="1">
+<title>Waiting</title><p style="font: 1.1rem system-ui; margin: 3rem">The mission has not begun yet.
+"""
+
+
+def speed_of(value: object) -> float:
+    """Seconds of the mission a second, inf: as fast as possible; LaisnError if it is none."""
+    number = float(value) if isinstance(value, int | float) else math.nan
+    if not number > 0.0:
+        raise LaisnError(f"live: expected a speed above 0, seconds a second (given: {value!r})")
+    return number
+
+
+class LiveView:
+    """A mission on a page: what is shown, and when the mission may go on.
+
+    One thread flies and calls `show` and `wait`; those of the server read what was shown.
+    """
+
+    def __init__(self, speed: float | None = None) -> None:
+        """Serve on a free port; `speed` in seconds of the mission a second, None: the usual one.
+        LaisnError if it is none.
+        """
+        self.speed = speed_of(USUAL_SPEED if speed is None else speed)
+        self.paused = False
+        self.changed = threading.Condition()
+        self.page = b""
+        self.messages: list[str] = []  # since the page's beginning
+        self.viewers = 0
+        self.seen = 0  # pages that were opened
+        self.is_over = False
+        self.generation = 0
+        self._stream: SceneStream | None = None
+        self._paced: tuple[float, float] | None = None  # wall clock and mission's time of a moment
+        self._shown_at = -math.inf
+        self._server = _Server(self)
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+
+    @property
+    def address(self) -> str:
+        """Of the page."""
+        return f"http://{HOST}:{self._server.server_port}/"
+
+    def begin(self, scenario: Scenario) -> None:
+        """A mission sets out; pages of an earlier one are loaded anew."""
+        with self.changed:
+            self.generation += 1
+            self.page = b""
+            self.messages = []
+            self.is_over = False
+            self._stream = SceneStream(scenario)
+            self._paced = None
+            self._shown_at = -math.inf
+            self.changed.notify_all()
+
+    @property
+    def span(self) -> float:
+        """How much of the mission passes between two pictures [s]."""
+        return self.speed * _SHOWN_EVERY_S
+
+    @property
+    def is_due(self) -> bool:
+        """Whether it is time for the next picture."""
+        return time.monotonic() - self._shown_at >= 0.5 * _SHOWN_EVERY_S
+
+    def show(self, flight: Flight) -> None:
+        """Send what has happened since the last call."""
+        self._shown_at = time.monotonic()
+        stream = self._stream
+        if stream is None:
+            raise ValueError("no mission has begun")
+        if self.page:
+            self._send(stream.further(flight))
+            return
+        replay = Replay(scene=stream.beginning(flight), live=True)
+        name = flight.scenario.name
+        summary = (
+            f"Live from this machine, seed {flight.scenario.seed}, run {flight.scenario.run}. "
+            "Pause and speed are those of the mission itself; the slider goes back in time."
+        )
+        facts = [("Scenario", name), ("Navigator", flight.scenario.navigation.variant)]
+        page = Page(title=name, summary=summary, facts=facts, sections=[], replay=replay)
+        with self.changed:
+            self.page = render(page).encode()
+            self.changed.notify_all()
+
+    def _send(self, message: str) -> None:
+        with self.changed:
+            self.messages.append(message)
+            self.changed.notify_all()
+
+    def wait(self, mission_time: float) -> None:
+        """Return when the mission may go on from a time [s]: not while it is paused, and not
+        earlier than its speed allows.
+        """
+        with self.changed:
+            while True:
+                if self.paused:
+                    self._paced = None
+                    self.changed.wait(_HEARTBEAT_S)
+                    continue
+                now = time.monotonic()
+                if self._paced is None or math.isinf(self.speed):
+                    self._paced = (now, mission_time)
+                    return
+                begun, at = self._paced
+                left = begun + (mission_time - at) / self.speed - now
+                if left <= 0.0:
+                    # a machine that is too slow for the speed does not make up for it later
+                    if left < -1.0:
+                        self._paced = (now, mission_time)
+                    return
+                self.changed.wait(left)
+
+    def control(self, paused: bool | None, speed: float | None) -> None:
+        """What a page, or a program, asks for; None: as it is."""
+        with self.changed:
+            if paused is not None:
+                self.paused = paused
+            if speed is not None:
+                self.speed = speed_of(speed)
+            self._paced = None
+            self.messages.append(self._state())
+            self.changed.notify_all()
+
+    def _state(self) -> str:
+        speed = 0.0 if math.isinf(self.speed) else self.speed  # JSON has no infinity
+        return text_of({"paused": self.paused, "speed": speed})
+
+    def state(self) -> str:
+        """Pause and speed, as a page reads them."""
+        with self.changed:
+            return self._state()
+
+    def wait_for_page(self, patience_s: float) -> bool:
+        """Wait for the first page that is opened; whether there is one."""
+        with self.changed:
+            return self.changed.wait_for(lambda: self.seen > 0, patience_s)
+
+    def finish(
+        self, flight: Flight, events: Sequence[Event], mirror_locked: Sequence[Bools]
+    ) -> None:
+        """Show the rest, and that the mission is over; wait until pages have it, for seconds."""
+        if self.is_over:
+            return
+        self.show(flight)
+        self._send(ending(flight, events, mirror_locked))
+        with self.changed:
+            self.is_over = True
+            self.changed.notify_all()
+            self.changed.wait_for(lambda: self.viewers == 0, _GOODBYE_S)
+
+    def close(self) -> None:
+        """Serve no more."""
+        with self.changed:
+            self.is_over = True
+            self.changed.notify_all()
+        self._server.shutdown()
+        self._server.server_close()
+
+
+class _Server(ThreadingHTTPServer):
+    """The server of a view, on the loopback interface."""
+
+    daemon_threads = True
+
+    def __init__(self, view: LiveView) -> None:
+        super().__init__((HOST, 0), _Handler)
+        self.view = view
+
+    def handle_error(self, *_: Any) -> None:
+        """A page that was closed is none."""
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: _Server
+
+    def log_message(self, *_: Any) -> None:
+        """Requests of the page are no news."""
+
+    def _refuse(self, status: HTTPStatus) -> None:
+        self.send_response(status)
+        self.send_header("Content-Length", "0")
+        self.end_headers()
+
+    def _is_allowed(self) -> bool:
+        """Whether a request is of this machine's own page: a name server may give another site the
+        address 127.0.0.1.
+        """
+        host = self.headers.get("Host", "")
+        origin = self.headers.get("Origin")
+        # a tunnel may come in by another port
+        name = host.rpartition(":")[0] or host
+        return name in (HOST, "localhost") and origin in (None, f"http://{host}")
+
+    def _send(self, content: bytes, kind: str) -> None:
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", f"{kind}; charset=utf-8")
+        self.send_header("Content-Length", str(len(content)))
+        self.send_header("Cache-Control", "no-store")
+        self.end_headers()
+        self.wfile.write(content)
+
+    def do_GET(self) -> None:
+        """Send the page, or what happens."""
+        view = self.server.view
+        if not self._is_allowed():
+            self._refuse(HTTPStatus.FORBIDDEN)
+        elif self.path == "/":
+            self._send(view.page or _WAITING.encode(), "text/html")
+        elif self.path == "/events":
+            self._stream(view)
+        elif self.path == "/favicon.ico":
+            self._refuse(HTTPStatus.NO_CONTENT)
+        else:
+            self._refuse(HTTPStatus.NOT_FOUND)
+
+    def do_POST(self) -> None:
+        """Pause, go on, or change the speed."""
+        if not self._is_allowed():
+            self._refuse(HTTPStatus.FORBIDDEN)
+            return
+        try:
+            length = int(self.headers.get("Content-Length", ""))
+            if self.path != "/control" or not 0 < length <= _LONGEST_REQUEST:
+                raise ValueError(self.path)
+            asked = json.loads(self.rfile.read(length))
+            paused, speed = asked.get("paused"), asked.get("speed")
+            if not isinstance(paused, bool | None):
+                raise ValueError("paused")
+            self.server.view.control(paused, math.inf if speed == 0 else speed)
+        except (ValueError, AttributeError):
+            self._refuse(HTTPStatus.BAD_REQUEST)
+            return
+        self._refuse(HTTPStatus.NO_CONTENT)
+
+    def _stream(self, view: LiveView) -> None:
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", "text/event-stream")
+        self.send_header("Cache-Control", "no-store")
+        self.end_headers()
+        with view.changed:
+            view.viewers += 1
+            view.seen += 1
+            generation = view.generation
+            view.changed.notify_all()
+        try:
+            self._event(view.state())
+            self._follow(view, generation)
+        except OSError:
+            pass  # the page was closed
+        finally:
+            with view.changed:
+                view.viewers -= 1
+                view.changed.notify_all()
+
+    def _follow(self, view: LiveView, generation: int) -> None:
+        sent = 0
+
+        def has_more() -> bool:
+            return len(view.messages) > sent or view.is_over or view.generation != generation
+
+        while True:
+            with view.changed:
+                view.changed.wait_for(has_more, _HEARTBEAT_S)
+                is_new = view.generation != generation
+                messages = view.messages[sent:]
+                is_over = view.is_over
+            if is_new:
+                self._event(text_of({"anew": True}))
+                return
+            for message in messages:
+                self._event(message)
+            sent += len(messages)
+            if is_over:
+                return
+            self.wfile.write(b": still here\n\n")
+            self.wfile.flush()
+
+    def _event(self, message: str) -> None:
+        self.wfile.write(f"data: {message}\n\n".encode())
+        self.wfile.flush()
+
+
+def live_view(live: bool | float | LiveView) -> LiveView:
+    """The view that a simulation is given, or a new one; LaisnError if a speed is none."""
+    if isinstance(live, LiveView):
+        return live
+    return LiveView(None if live is True else live)
+
+
+def fly_live(scenario: Scenario, view: LiveView, progress: Callable[[float], None]) -> Flight:
+    """Fly a scenario as its page asks for; the flight is that of `laisn_sim.fly`.
+
+    LaisnError if its vehicles move as points.
+    """
+    simulation = Simulation(scenario, live=view)
+    while not simulation.done:
+        try:
+            simulation.step(_STRETCH_S)
+        except DivergedError:
+            simulation.finish_live(simulation.flight())
+        progress(simulation.time / scenario.duration_s)
+    flown = simulation.flight()
+    if keys_needing_closed_loop(scenario):
+        return flown
+    # by the reference code, as of all missions whose followers do not steer by estimates
+    return navigate(scenario, flown.trajectory, outcome=flown.outcome)

@@ -1,0 +1,67 @@
+"""The scene of a mission that is under way: its beginning, and what has happened since, part by
+part; `src/live.js` reads them.
+"""
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+from laisn.arrays import Bools
+from reports.scene.mission import (
+    Scene,
+    Sent,
+    events_of,
+    hulls_of,
+    known_from,
+    meta_of,
+    part_of,
+)
+from sim.assembly import models_of
+from sim.flight import Flight
+from sim.log.writer import Event
+from sim.scenario.settings import Scenario
+
+
+def text_of(message: dict[str, Any]) -> str:
+    """A message for the page, on one line."""
+    return json.dumps(message, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+
+
+class SceneStream:
+    """What a page of a mission holds, and what it lacks; flights are of one mission, each longer
+    than the last.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._duration = scenario.duration_s
+        self._hulls = hulls_of(models_of(scenario))
+        self._sent = Sent()
+
+    def beginning(self, flight: Flight) -> Scene:
+        """The scene until now."""
+        part = part_of(flight, self._hulls, self._duration, Sent())
+        self._sent = part.sent
+        meta = meta_of(flight, self._hulls, self._duration, part)
+        meta["planned"] = meta["start"] + self._duration
+        return Scene(meta=meta, data=part.packer.text())
+
+    def further(self, flight: Flight) -> str:
+        """What was added since."""
+        part = part_of(flight, self._hulls, self._duration, self._sent)
+        self._sent = part.sent
+        return text_of(
+            {
+                "arrays": part.packer.table(),
+                "data": part.packer.text(),
+                "end": float(flight.trajectory.time[-1]),
+                "known": known_from(flight),
+                "refused": part.refused,
+            }
+        )
+
+
+def ending(flight: Flight, events: Sequence[Event], mirror_locked: Sequence[Bools]) -> str:
+    """What is known at the end alone: events, mirror locks, and how the mission ended."""
+    told = events_of(flight, events, mirror_locked)
+    del told["opening"]
+    return text_of({"over": flight.outcome.value, **told})

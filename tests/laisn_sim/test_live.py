@@ -1,0 +1,186 @@
+"""A mission that is shown while it is flown: who may see it, what pages get, what pauses it."""
+
+import json
+import math
+import socket
+import threading
+import webbrowser
+from collections.abc import Iterator
+from http.client import HTTPConnection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import laisn_sim
+from laisn.errors import LaisnError
+from laisn_sim.cli import fly as flying
+from laisn_sim.cli.main import app
+from laisn_sim.live import LiveView
+from reports.flight_report import scene_of_flight
+from tests import browser
+from tests.reports.test_scene import arrays_of, inflated, read_array
+from tests.synthetic import make_flight
+
+LISTENS = "0A"  # state of a socket in /proc/net/tcp
+SHORT = {"duration_s": 30.0}
+
+
+@pytest.fixture
+def view() -> Iterator[LiveView]:
+    view = LiveView(math.inf)
+    flight = make_flight(10.0)
+    view.begin(flight.scenario)
+    view.show(flight)
+    yield view
+    view.close()
+
+
+def port_of(view: LiveView) -> int:
+    return int(view.address.rstrip("/").rpartition(":")[2])
+
+
+def asked(view: LiveView, method: str, path: str, body: str = "", **headers: str) -> int:
+    """The status that a request gets."""
+    connection = HTTPConnection("127.0.0.1", port_of(view), timeout=20)
+    connection.request(method, path, body or None, headers)
+    return connection.getresponse().status
+
+
+def listening(port: int) -> list[str]:
+    """Addresses in hexadecimal that a port is listened to on."""
+    rows = []
+    for table in ("tcp", "tcp6"):
+        path = Path("/proc/net") / table
+        if path.exists():
+            rows += [line.split() for line in path.read_text().splitlines()[1:]]
+    ends = [row[1].split(":") for row in rows if row[3] == LISTENS]
+    return [address for address, number in ends if int(number, 16) == port]
+
+
+@pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="no table of sockets")
+def test_only_this_machine_is_listened_to(view: LiveView) -> None:
+    loopback = f"{int.from_bytes(socket.inet_aton('127.0.0.1'), 'little'):08X}"
+    assert listening(port_of(view)) == [loopback]
+
+
+def test_pages_of_other_sites_are_refused(view: LiveView) -> None:
+    port = port_of(view)
+    assert asked(view, "GET", "/") == 200
+    assert asked(view, "GET", "/", Host=f"localhost:{port}") == 200
+    assert asked(view, "GET", "/", Host="localhost:8000") == 200  # through a tunnel
+    assert asked(view, "GET", "/", Host="attacker.example") == 403
+    pause = json.dumps({"paused": True})
+    for origin in ("http://attacker.example", "http://localhost:3000", "null"):
+        assert asked(view, "POST", "/control", pause, Origin=origin) == 403
+    assert not view.paused
+    assert asked(view, "POST", "/control", pause, Origin=f"http://127.0.0.1:{port}") == 204
+    assert view.paused
+
+
+@pytest.mark.parametrize("body", ['{"speed": -1}', '{"paused": 3}', "[", "7", '{"speed": "a"}'])
+def test_a_request_that_is_none_is_refused(view: LiveView, body: str) -> None:
+    assert asked(view, "POST", "/control", body) == 400
+    assert math.isinf(view.speed)
+    assert not view.paused
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0, math.nan, "fast"])
+def test_a_speed_that_is_none_is_refused(speed: Any) -> None:
+    with pytest.raises(LaisnError, match="expected a speed above 0"):
+        LiveView(speed)
+
+
+def test_a_mission_waits_while_it_is_paused(view: LiveView) -> None:
+    view.control(True, None)
+    waiting = threading.Thread(target=view.wait, args=(1.0,), daemon=True)
+    waiting.start()
+    waiting.join(0.3)
+    assert waiting.is_alive()
+    view.control(False, None)
+    waiting.join(20)
+    assert not waiting.is_alive()
+
+
+@pytest.mark.system
+def test_the_parts_of_a_page_are_the_scene_of_the_flight() -> None:
+    with laisn_sim.Simulation("T5", SHORT, live=math.inf) as simulation:
+        while not simulation.done:
+            simulation.step(5.0)
+        assert simulation.live is not None
+        first = simulation.live.page.decode()
+        messages = [json.loads(text) for text in simulation.live.messages]
+        flight = simulation.flight()
+    whole = scene_of_flight(flight)
+    data = first.partition('id="scene-data">')[2].partition("<")[0]
+    meta = json.loads(first.partition('id="scene-meta">')[2].partition("</script>")[0])
+    parts = [(meta["arrays"], inflated(data))]
+    parts += [(m["arrays"], inflated(m["data"])) for m in messages if "arrays" in m]
+    assert len(parts) >= 3
+    for name, expected in arrays_of(whole).items():
+        held = [read_array(content, table[name]) for table, content in parts if name in table]
+        np.testing.assert_array_equal(np.concatenate(held), expected, err_msg=name)
+    assert meta["planned"] == 30.0
+    assert messages[-1]["events"] == whole.meta["events"]
+    assert "flown to its end" in messages[-1]["over"]
+
+
+@pytest.mark.system
+@pytest.mark.skipif(browser.executable() is None, reason="no Chromium is installed")
+def test_a_page_shows_moving_hulls_and_pauses_the_mission() -> None:
+    east = "replay.view.poses[0].position.x"
+    simulation = laisn_sim.Simulation("T5", {"duration_s": 600.0}, live=20.0)
+    view = simulation.live
+    assert view is not None
+
+    def fly() -> None:
+        while not simulation.done and not view.is_over:
+            simulation.step(1.0)
+
+    flying = threading.Thread(target=fly, daemon=True)
+    flying.start()
+    with browser.chromium(width=800) as page:
+        with view.changed:
+            assert view.changed.wait_for(lambda: bool(view.page), 60)
+        page.visit(view.address, "#q=0")
+        page.wait("replay.state.playing && replay.state.frames > 2")
+        before = page.run(east)
+        page.wait(f"{east} > {before} + 5")
+        page.run("document.getElementById('scene-play').click()")
+        page.wait("!replay.state.playing")
+        paused = simulation.time
+        flying.join(1.0)
+        assert simulation.time <= paused + view.span + 1.0
+        at_rest = simulation.time
+        flying.join(0.5)
+        assert simulation.time == at_rest
+        truth = float(simulation.truth["leader"].position[0])
+        page.wait(f"Math.abs({east} - {truth}) < 6")  # of the last picture, 4 s at most before
+        page.run("document.getElementById('scene-play').click()")
+        page.wait(f"{east} > {truth} + 10")
+        assert page.requests
+        assert all(url.startswith((view.address, "about:")) for url in page.requests)
+        assert page.problems == []
+        view.close()
+        page.wait("replay.live.over")
+    flying.join(20)
+
+
+@pytest.mark.system
+def test_a_live_flight_is_that_of_a_flight(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr(webbrowser, "open", opened.append)
+    monkeypatch.setenv("DISPLAY", ":7")
+    monkeypatch.setattr(flying, "_PATIENCE_S", 0.1)
+    monkeypatch.setattr("laisn_sim.live.USUAL_SPEED", math.inf)
+    files = []
+    for name, options in (("live", ["--live"]), ("plain", [])):
+        arguments = ["fly", "T5", "--set", "duration_s=30", "--no-video", *options]
+        result = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / name)])
+        assert result.exit_code == 0, result.output
+        files.append(json.loads((tmp_path / name / "summary.json").read_text()))
+    assert files[0] == files[1]
+    (address,) = opened
+    assert address.startswith("http://127.0.0.1:")
