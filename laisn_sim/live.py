@@ -11,25 +11,22 @@ import json
 import math
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 from laisn.arrays import Bools
 from laisn.errors import LaisnError
-from laisn_sim.simulation import Simulation
 from reports.page import Page, Replay, render
 from reports.scene.stream import SceneStream, ending, text_of
-from sim.flight import Flight, navigate
+from sim.flight import Flight
 from sim.log.writer import Event
 from sim.scenario.settings import Scenario
-from sim.simulation import DivergedError, keys_needing_closed_loop
 
 HOST = "127.0.0.1"
 USUAL_SPEED = 10.0
 _SHOWN_EVERY_S = 0.2  # of the viewer's time
-_STRETCH_S = 10.0  # of mission between two steps of a bar
 _HEARTBEAT_S = 2.0
 _GOODBYE_S = 3.0
 _LONGEST_REQUEST = 1000  # bytes of a request that controls
@@ -322,22 +319,3 @@ def live_view(live: bool | float | LiveView) -> LiveView:
     if isinstance(live, LiveView):
         return live
     return LiveView(None if live is True else live)
-
-
-def fly_live(scenario: Scenario, view: LiveView, progress: Callable[[float], None]) -> Flight:
-    """Fly a scenario as its page asks for; the flight is that of `laisn_sim.fly`.
-
-    LaisnError if its vehicles move as points.
-    """
-    simulation = Simulation(scenario, live=view)
-    while not simulation.done:
-        try:
-            simulation.step(_STRETCH_S)
-        except DivergedError:
-            simulation.finish_live(simulation.flight())
-        progress(simulation.time / scenario.duration_s)
-    flown = simulation.flight()
-    if keys_needing_closed_loop(scenario):
-        return flown
-    # by the reference code, as of all missions whose followers do not steer by estimates
-    return navigate(scenario, flown.trajectory, outcome=flown.outcome)

@@ -1,5 +1,5 @@
 """The `laisn` command: arguments in, results and readable messages out (`main`, `errors`). Nothing
 imports this package.
 
-Imports: experiments laisn reports sim
+Imports: experiments laisn laisn_sim reports sim
 """

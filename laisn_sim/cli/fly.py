@@ -28,8 +28,9 @@ from experiments.flight.folder import (
 from laisn.errors import LaisnError
 from reports.summary import flight_bounds, flight_events, stray_events, summarise
 from sim.feasibility import cautions
-from sim.flight import Flight, Termination, position_and_bearing_errors
+from sim.flight import Flight, Termination, navigate, position_and_bearing_errors
 from sim.scenario.settings import Scenario
+from sim.simulation import DivergedError, keys_needing_closed_loop
 from sim.system import background_process, return_large_blocks
 from sim.trial import track_deviations
 
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from laisn_sim.live import LiveView
 
 _LONG_S = 7200.0
+_STRETCH_S = 10.0  # of a live mission between two steps of its bar
 _PATIENCE_S = 30.0  # for the page of a live mission
 _LEGEND = """E_P, E_B: errors of position and bearing; track, depth: RMS off the route;
 NEES: 2 on average for a consistent filter; × bound: RMS of E_P over the bound"""
@@ -142,6 +144,27 @@ def _film(
     return None
 
 
+def fly_live(scenario: Scenario, view: "LiveView", progress: Update) -> Flight:
+    """Fly a scenario as its page asks for; the flight is that of `laisn_sim.fly`.
+
+    LaisnError if its vehicles move as points.
+    """
+    from laisn_sim.simulation import Simulation
+
+    simulation = Simulation(scenario, live=view)
+    while not simulation.done:
+        try:
+            simulation.step(_STRETCH_S)
+        except DivergedError:
+            simulation.finish_live(simulation.flight())
+        progress(simulation.time / scenario.duration_s)
+    flown = simulation.flight()
+    if keys_needing_closed_loop(scenario):
+        return flown
+    # by the reference code, as of all missions whose followers do not steer by estimates
+    return navigate(scenario, flown.trajectory, outcome=flown.outcome)
+
+
 def write_flight(
     scenario: Scenario,
     folder: Path,
@@ -157,7 +180,6 @@ def write_flight(
     Returns the flight, its summary, and the error, a `LaisnError` or a bug, that prevented a
     requested film.
     """
-    from laisn_sim.live import fly_live
     from sim.log import writer
     from sim.log.ros2 import write_bag
     from sim.log.scene import layout
