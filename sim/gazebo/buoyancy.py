@@ -3,12 +3,15 @@
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
+from laisn.errors import LaisnError
 from sim.gazebo.document import Parameters, Remarks, child_number, numbers, plugins_of
 from sim.gazebo.frames import SdfModel
 from sim.water.waves import GRAVITY
 
 DEFAULT_DENSITY = 1000.0  # of gz-sim's Buoyancy [kg/m³]
 EARTH = 9.8  # gravity of a world that states none [m/s²]
+THINNEST = 1.0  # least density that is a fluid's, as of air [kg/m³]
+DENSEST = 2e4  # largest one, beyond that of mercury
 
 
 @dataclass(frozen=True)
@@ -18,6 +21,14 @@ class FileWater:
     density: float  # [kg/m³]
     source: str
     enabled: frozenset[str] = frozenset()  # names of models and links with buoyancy; empty: all
+
+    def __post_init__(self) -> None:
+        """LaisnError if the density is none of a fluid."""
+        if not THINNEST <= self.density <= DENSEST:
+            raise LaisnError(
+                f"{self.source}: expected a density from {THINNEST:g} to {DENSEST:g} kg/m³ "
+                f"(given: {self.density:g})"
+            )
 
     def displaces(self, model: SdfModel, link: str) -> bool:
         """Whether a link has buoyancy."""

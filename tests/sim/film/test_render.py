@@ -228,9 +228,9 @@ from tests.synthetic import make_flight
 from sim.film import render
 from sim.film.render import FilmJob
 from sim.scenario.settings import Video
-# one that is never done, and has nothing to load
-render._IMPORTS = "import os, pickle, sys, time; render = time; " + \
-    "render.main = lambda *_: (os.write(1, pickle.dumps((0, []))), time.sleep(60))"
+# one that is never done, and has nothing to load; its job is more than a pipe holds
+render._IMPORTS = "import os, pickle, sys, time; render = time; render.main = lambda *_: " + \
+    "(sys.stdin.buffer.read(), os.write(1, pickle.dumps((0, []))), time.sleep(60))"
 flight = make_flight(10.0)
 def progress(share):
     print("going", flush=True)
