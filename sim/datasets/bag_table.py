@@ -16,8 +16,9 @@ from laisn.arrays import Floats, Ints
 from laisn.errors import LaisnError
 from sim.datasets.bag import Request, Series, series_of
 from sim.datasets.field_map import LATITUDE, LONGITUDE, Entry, FieldMap, Origin, require_complete
-from sim.datasets.table_columns import ANGLE, TIMESTAMP, quantity_of, require_depths
+from sim.datasets.table_columns import ANGLE, quantity_of, require_depths
 from sim.datasets.vehicle_table import VehicleTable
+from sim.log.clock import TIMESTAMP
 from sim.log.schema import OWN_MOTION
 
 _LONGEST_GAP = 5.0  # that is interpolated [intervals between messages]

@@ -20,13 +20,13 @@ from sim.datasets.field_map import (
 )
 from sim.datasets.range_data import LARGEST, numbers
 from sim.datasets.table_columns import (
-    TIMESTAMP,
     Column,
     Columns,
     cells_of,
     quantity_of,
     times_of,
 )
+from sim.log.clock import TIMESTAMP
 
 
 def _positions(path: Path, field_map: FieldMap, headers: Sequence[str]) -> dict[str, int]:

@@ -15,6 +15,7 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.errors import LaisnError, plain, shortened
 from sim.datasets.range_data import LARGEST, numbers, text_of
+from sim.log.clock import TIMESTAMP
 from sim.log.schema import OWN_MOTION, PLACES, RECEPTION
 
 
@@ -48,7 +49,6 @@ LENGTH = Quantity(
 )
 QUANTITIES = (TIME, SPEED, ANGLE, LENGTH)
 
-TIMESTAMP = "leader_timestamp"
 TIME_NAMES = ("time", "timestamp", "t", "datetime")
 FIELDS = (*OWN_MOTION.fields, *RECEPTION.fields, *PLACES.names)
 NEEDED = (

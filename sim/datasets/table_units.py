@@ -24,11 +24,11 @@ from sim.datasets.table_columns import (
     QUANTITIES,
     SPEED,
     TIME,
-    TIMESTAMP,
     Column,
     Columns,
     Quantity,
 )
+from sim.log.clock import TIMESTAMP
 
 _LARGEST_ANGLE = 4.0 * math.pi  # no angle in radians is larger [rad]
 _SMALL_ANGLE = math.radians(1.0)

@@ -16,22 +16,22 @@ from laisn.errors import LaisnError
 from sim.datasets.field_map import FieldMap
 from sim.datasets.mapped_table import read_mapped_columns
 from sim.datasets.range_data import LARGEST
-from sim.datasets.table_clock import (
-    Recording,
-    correct_steps_back,
-    correct_steps_forward,
-    reception_times,
-)
 from sim.datasets.table_columns import (
     DATES,
     TIME,
-    TIMESTAMP,
     Column,
     Columns,
     read_columns,
     require_depths,
 )
 from sim.datasets.table_units import Reading, decide_units, timestamp_unit
+from sim.log.clock import (
+    TIMESTAMP,
+    RecordedRows,
+    correct_steps_back,
+    correct_steps_forward,
+    reception_times,
+)
 from sim.log.schema import OWN_MOTION
 
 
@@ -85,8 +85,8 @@ def read_vehicle_table(path: Path, field_map: FieldMap | None = None) -> Vehicle
 
     Units that no header states are those that motion and ranges fit (`table_units`); steps of the
     clock are corrected, and receptions that were written late are dated by the leader's clock
-    (`table_clock`). LaisnError, naming row or column, if the table cannot be read, lacks a column,
-    has one twice, a cell is no number, or a unit or the clock remains in doubt.
+    (`sim.log.clock`). LaisnError, naming row or column, if the table cannot be read, lacks a
+    column, has one twice, a cell is no number, or a unit or the clock remains in doubt.
     """
     columns = read_columns(path) if field_map is None else read_mapped_columns(path, field_map)
     reading, reasons = decide_units(columns)
@@ -94,7 +94,7 @@ def read_vehicle_table(path: Path, field_map: FieldMap | None = None) -> Vehicle
     time_ns = _time_ns(columns, unit)
     table, units = _si(columns, reading, (time_ns - time_ns[0]) / 1e9)
     ranges = [values for field, values in table.items() if field.startswith("range_")]
-    recording = Recording(
+    recording = RecordedRows(
         source=str(path),
         name=columns.time.header.strip(),
         time=time_ns,

@@ -184,8 +184,8 @@ class Messages:
     holds_data: bool = True  # not times alone
     times: "array[int]" = field(default_factory=lambda: array("q"))
     data: list[bytes] = field(default_factory=list)
-    # log times in order of recording, where that is not the order of time [ns]
-    recorded_ns: Ints | None = None
+    # of those with data, their numbers in the order of recording, among all records of the log
+    ordinals: "array[int]" = field(default_factory=lambda: array("q"))
 
     @property
     def time_ns(self) -> Ints:
@@ -197,20 +197,26 @@ class Messages:
         """What tells their type: encoding, and name and text of the schema."""
         return self.encoding, self.schema and (self.schema.name, self.schema.data)
 
-    def append(self, record: Message) -> None:
+    def append(self, record: Message, ordinal: int) -> None:
         """Add a message, or its time alone."""
         self.times.append(record.log_time)
         if self.holds_data:
             self.data.append(record.data)
+            self.ordinals.append(ordinal)
 
     def sort(self) -> None:
         """Put the messages in order of time; those at one time stay as they were recorded."""
         if not self.holds_data or np.all(self.time_ns[1:] >= self.time_ns[:-1]):
             return
-        self.recorded_ns = self.time_ns.copy()
         order = np.argsort(self.time_ns, kind="stable").tolist()
         self.times = array("q", [self.times[i] for i in order])
         self.data = [self.data[i] for i in order]
+        self.ordinals = array("q", [self.ordinals[i] for i in order])
+
+    def shift(self, shift_ns: Ints) -> None:
+        """Add to the times of the messages, shape (n,), [ns]."""
+        self.times = array("q", (self.time_ns + shift_ns).tolist())
+        self.sort()
 
     @property
     def is_protobuf(self) -> bool:
@@ -306,10 +312,10 @@ class Contents:
         """Take in all records of the file."""
         chunks = 0
         unchecked = 0
-        for record in _records(self.path):
+        for ordinal, record in enumerate(_records(self.path)):
             match record:
                 case Message():
-                    self._channels[record.channel_id].append(record)
+                    self._channels[record.channel_id].append(record, ordinal)
                 case Schema():
                     self._schemas.setdefault(record.id, record)
                 case Channel():
@@ -346,6 +352,7 @@ class Contents:
             number = int(np.searchsorted(messages.time_ns, end_ns))
             del messages.times[number:]
             del messages.data[number:]
+            del messages.ordinals[number:]
 
     def start_ns(self) -> int:
         """Start of the mission: the epoch of its scenario, or in other logs the first message

@@ -13,6 +13,7 @@ from laisn.arrays import Bools, Floats, Ints
 from laisn.estimates import Estimates
 from laisn.messages import Measurements, SensorHeader
 from sim.flight import Flight, Termination
+from sim.log.clock import TIMESTAMP, RecordedRows, correct_steps_back
 from sim.log.contents import (
     FIRST_GAP,
     FLIGHT,
@@ -276,16 +277,60 @@ def _optional(messages: Messages, names: Sequence[str]) -> Floats:
     return values
 
 
-def _clock_steps(topic: str, recorded_ns: Ints | None, dt_ns: int) -> list[str]:
-    """Remarks on a clock that stepped back while it recorded a channel, by times in that order."""
-    if recorded_ns is None:
-        return []
-    back = -np.diff(recorded_ns) / 1e9
-    return [
-        f"the clock of {topic} steps back by {back[at - 1]:.6g} s after message {at}: messages of "
-        "before and after lie among each other; cut the log there"
-        for at in steps_back(recorded_ns, dt_ns)[:_NAMED]
-    ]
+def _recorded(motion: Messages, reception: Messages, source: str, name: str) -> RecordedRows:
+    """Own measurements and receptions in order of recording."""
+    ordinals = np.concatenate([motion.ordinals, reception.ordinals])
+    order = np.argsort(ordinals)
+    moving = order < len(motion.ordinals)
+    names = (TIMESTAMP, "leader_east", "leader_north", "leader_heading", "leader_speed")
+    table = np.full((order.size, len(names)), np.nan)
+    table[~moving] = _optional(reception, names)[order[~moving] - len(motion.ordinals)]
+    # no time is stated as zero
+    table[table[:, 0] == 0.0, 0] = np.nan
+    return RecordedRows(
+        source=source,
+        name=name,
+        time=np.concatenate([motion.time_ns, reception.time_ns])[order],
+        columns=dict(zip(names, table.T.copy(), strict=True)),
+        moving=moving,
+        received=~moving,
+        remarks=[],
+        item="message",
+    )
+
+
+class _ClockCorrection(NamedTuple):
+    """What a clock that stepped back while it recorded has changed."""
+
+    remarks: tuple[str, ...] = ()
+    # what its steps add to the leader's clock in receptions, where that stepped too, shape (m,) [s]
+    leader_shift_s: Floats | float = 0.0
+
+
+def _correct_clock(
+    log: Contents, topic: str, motion: Messages, reception: Messages
+) -> _ClockCorrection:
+    """Shift all messages after each step back of the clock that recorded own measurements.
+
+    LaisnError if the steps are too many to be corrections of a clock.
+    """
+    if np.all(np.diff(motion.ordinals) > 0):
+        return _ClockCorrection()
+    recorded = _recorded(motion, reception, str(log.path), f"the clock of {topic}")
+    if not steps_back(recorded.time[recorded.moving], recorded.interval_ns):
+        return _ClockCorrection()
+    ordinals = np.sort(np.concatenate([motion.ordinals, reception.ordinals]))
+    time_ns = recorded.time.copy()
+    leader_s = recorded.columns[TIMESTAMP].copy()
+    correct_steps_back(recorded)
+    shift_ns = recorded.time - time_ns
+    leader_shift_s = np.nan_to_num(recorded.columns[TIMESTAMP] - leader_s)
+    for messages in log.topics.values():
+        if messages.ordinals:
+            at = np.searchsorted(ordinals, messages.ordinals, side="right") - 1
+            messages.shift(shift_ns[np.maximum(at, 0)])
+    heard = np.searchsorted(ordinals, reception.ordinals)
+    return _ClockCorrection(tuple(recorded.remarks), leader_shift_s[heard])
 
 
 def _late_receptions(
@@ -395,11 +440,12 @@ def read_recording(
         reception = log.require(
             received, needed, _RECEIVED.schema if FLIGHT in log.metadata else None
         )
+        clock = _correct_clock(log, topic, motion, reception)
         time_ns = motion.time_ns
-        recorded_ns = motion.recorded_ns
         readings = motion.table(_OWN.fields).T
         heard_ns = reception.time_ns
         message, ranges = (_optional(reception, array.names) for array in _RECEIVED.columns)
+        message[:, 0] += clock.leader_shift_s
         places = _optional(reception, PLACES.names).reshape(-1, *PLACES.shape)
         unread = [name for name in log.topics if name.startswith(sensors)]
         unread = [name for name in unread if not _holds_numbers(log.topics[name])]
@@ -428,7 +474,7 @@ def read_recording(
     spacing = np.diff(time_ns)
     dt_ns = round(float(np.median(spacing)))
     remarks = [f"{name} left out: its messages are no numbers" for name in unread]
-    remarks += _clock_steps(topic, recorded_ns, dt_ns)
+    remarks += clock.remarks
     remarks += _gaps(log.path, topic, time_ns, spacing, longest_gap_s)
     if FLIGHT not in log.metadata:
         remarks += _late_receptions(received, heard_ns, message, ranges, dt_ns)

@@ -80,6 +80,14 @@ def test_what_an_inertial_lacks_is_as_in_gazebo(tmp_path: Path) -> None:
     assert hull.says("link 'bare': no <inertial>", "1 kg and moments of 1 kg m²")
 
 
+@pytest.mark.parametrize("density", ["0", "-1000", "1e9"])
+def test_a_density_that_no_fluid_has_is_refused(tmp_path: Path, density: str) -> None:
+    uniform = "<uniform_fluid_density>{}</uniform_fluid_density>"
+    text = changed(PROBE, (uniform.format("1000"), uniform.format(density)))
+    words = "uniform_fluid_density of the world's Buoyancy: expected a density from 1 to 20000"
+    assert words in refusal(tmp_path, text)
+
+
 def test_buoyancy_is_that_of_the_water_of_the_world(tmp_path: Path) -> None:
     hull = import_text(tmp_path, PROBE)
     assert hull.record["buoyancy"] == pytest.approx(0.04 * 1000.0 * 9.81)

@@ -22,6 +22,7 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import IndexType, Writer
 from mcap_protobuf.schema import register_schema
 
+from laisn.errors import LaisnError
 from sim.log.contents import Contents, LogError, Messages, recover
 from sim.log.reader import read_recording
 from sim.log.schema import OWN_MOTION, RECEPTION
@@ -309,9 +310,13 @@ def test_a_long_log_is_recovered(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.speed, measurements.speed)
 
 
-def vehicle_log(path: Path, times_s: list[float], sent_before_s: float) -> Path:
+def vehicle_log(
+    path: Path, times_s: list[float], sent_before_s: float, leader_s: list[float] | None = None
+) -> Path:
     """A vehicle's own motion at these times in order of recording, with a reception at every
-    tenth.
+    tenth, and the leader's clock at all of them, by default the same.
+
+    The leader goes east at 1 m/s.
     """
     with path.open("wb") as stream:
         log = Writer(stream)
@@ -328,7 +333,9 @@ def vehicle_log(path: Path, times_s: list[float], sent_before_s: float) -> Path:
             log.add_message(motion, at, own.SerializeToString(), at)
             if k % 10 == 9:
                 values = dict.fromkeys(RECEPTION.fields, 1.0)
-                values |= {"leader_timestamp": time_s - sent_before_s}
+                sent = (leader_s or times_s)[k] - sent_before_s
+                values |= {"leader_timestamp": sent, "leader_east": 0.1 * k}
+                values |= {"leader_heading": np.pi / 2}
                 values |= dict.fromkeys(("range_rear", "range_front", "range_middle"), 30.0)
                 log.add_message(
                     reception, at, RECEPTION.message_class(**values).SerializeToString(), at
@@ -337,15 +344,46 @@ def vehicle_log(path: Path, times_s: list[float], sent_before_s: float) -> Path:
     return path
 
 
-def test_a_clock_that_steps_back_while_it_records_is_reported(tmp_path: Path) -> None:
+@pytest.mark.parametrize("leader_too", [True, False])
+def test_a_clock_that_steps_back_while_it_records_is_corrected(
+    tmp_path: Path, leader_too: bool
+) -> None:
+    """The measurements are those of a clock that goes on."""
     steady = [100.0 + 0.1 * k for k in range(200)]
-    path = vehicle_log(
-        tmp_path / "a.mcap", [*steady[:120], *(t - 5.03 for t in steady[120:])], 0.02
+    stepped = [*steady[:120], *(t - 5.03 for t in steady[120:])]
+    leader = stepped if leader_too else steady
+    recording = read_recording(vehicle_log(tmp_path / "a.mcap", stepped, 0.02, leader), "auv")
+    (remark,) = recording.remarks
+    clocks = "and the leader's clock step" if leader_too else "steps"
+    # of 120 own measurements and 12 receptions
+    assert remark.startswith(
+        f"the clock of /auv/motion {clocks} back by 5.03 s after message 131, 11.9 s after the "
+        "first; later messages are shifted by as much, so that 0.1 s lie between"
     )
-    (remark,) = read_recording(path, "auv").remarks
-    assert remark.startswith("the clock of /auv/motion steps back by 4.93 s after message 120: ")
+    right = read_recording(vehicle_log(tmp_path / "b.mcap", steady, 0.02), "auv")
+    assert right.remarks == ()
+    np.testing.assert_array_equal(
+        recording.measurements.message_step, right.measurements.message_step
+    )
+    np.testing.assert_allclose(
+        recording.measurements.message, right.measurements.message, atol=1e-6
+    )
+    assert recording.measurements.durations is None
+
+
+def test_late_messages_are_no_steps_of_a_clock(tmp_path: Path) -> None:
+    steady = [100.0 + 0.1 * k for k in range(200)]
     late = [*steady[:50], *steady[60:70], *steady[50:60], *steady[70:]]
     assert read_recording(vehicle_log(tmp_path / "b.mcap", late, 0.02), "auv").remarks == ()
+
+
+def test_a_log_whose_times_are_in_no_order_is_refused(tmp_path: Path) -> None:
+    times = [100.0 + 0.1 * k for k in range(200)]
+    np.random.default_rng(1).shuffle(times)
+    with pytest.raises(
+        LaisnError, match=r"steps back \d+ times, first after message \d+; messages"
+    ):
+        read_recording(vehicle_log(tmp_path / "c.mcap", times, 0.02), "auv")
 
 
 def test_receptions_older_than_sound_needs_are_reported(tmp_path: Path) -> None:

@@ -1,5 +1,5 @@
-"""The clock of a vehicle's table: rows stand in order of recording, and their times may step, have
-gaps, or be those of writing.
+"""The clock of a recorder: rows of a table and messages of a log stand in order of recording, and
+their times may step, have gaps, or be those of writing.
 """
 
 import math
@@ -11,9 +11,9 @@ import numpy as np
 from laisn.arrays import Bools, Floats, Ints
 from laisn.errors import LaisnError
 from laisn.messages import Ranges
-from sim.datasets.table_columns import TIMESTAMP
 from sim.log.order import steps_back
 
+TIMESTAMP = "leader_timestamp"
 _SOUND_M_S = 1500.0
 _MOST_STEPS = 20  # more steps back are no corrections of a clock
 _NAMED = 5  # most gaps that are named
@@ -27,16 +27,19 @@ _SHORTEST_DELAY_S = 0.1
 
 
 @dataclass
-class Recording:
-    """Rows of a table in order of recording; methods correct their times and remark on it."""
+class RecordedRows:
+    """Rows of a table, or messages of a log, in order of recording; functions correct their times
+    and remark on it.
+    """
 
     source: str  # file, for errors
-    name: str  # header of the time
+    name: str  # of the time
     time: Ints  # shape (n,), [ns]
     columns: dict[str, Floats]  # by field, in SI units, shape (n,)
     moving: Bools  # rows with own measurements, shape (n,)
     received: Bools  # rows with a range, shape (n,)
     remarks: list[str]
+    item: str = "row"  # or message, for remarks
     stepped: bool = False  # whether the clock stepped
 
     @property
@@ -72,7 +75,7 @@ class _Crossing:
     way_s: float  # what its way took at its speed; NaN if it turned or was slow
 
 
-def _crossing(recording: Recording, row: int) -> _Crossing | None:
+def _crossing(recording: RecordedRows, row: int) -> _Crossing | None:
     """Messages beside the step before a row; None without."""
     messages = np.flatnonzero(recording.received)
     at = int(np.searchsorted(messages, row))
@@ -91,7 +94,7 @@ def _crossing(recording: Recording, row: int) -> _Crossing | None:
     return _Crossing(int(pair[0]), int(pair[1]), float(clock[1] - clock[0]), way_s)
 
 
-def _passed_ns(recording: Recording, row: int, last: int) -> tuple[int, bool]:
+def _passed_ns(recording: RecordedRows, row: int, last: int) -> tuple[int, bool]:
     """Time that passed from the row `last` to `row`, across a step back [ns], and whether the
     leader's clock stepped too.
     """
@@ -107,14 +110,14 @@ def _passed_ns(recording: Recording, row: int, last: int) -> tuple[int, bool]:
     return (passed if abs(passed - interval) > interval else interval), False
 
 
-def _shift(recording: Recording, row: int, shift_ns: int, leader_too: bool) -> None:
+def _shift(recording: RecordedRows, row: int, shift_ns: int, leader_too: bool) -> None:
     recording.time[row:] += shift_ns
     if leader_too and TIMESTAMP in recording.columns:
         recording.columns[TIMESTAMP][row:] += shift_ns / 1e9
     recording.stepped = True
 
 
-def correct_steps_back(recording: Recording) -> None:
+def correct_steps_back(recording: RecordedRows) -> None:
     """Shift rows after each step back of the clock, so that the time that passed lies between
     them; LaisnError if there are too many.
     """
@@ -124,7 +127,8 @@ def correct_steps_back(recording: Recording) -> None:
     if len(steps) > _MOST_STEPS:
         raise LaisnError(
             f"{recording.source}: {recording.name}: the time steps back {len(steps)} times, first "
-            f"after row {rows[steps[0] - 1] + 1}; rows are expected in order of recording"
+            f"after {recording.item} {rows[steps[0] - 1] + 1}; {recording.item}s are expected in "
+            "order of recording"
         )
     for position in steps:
         row = int(rows[position])
@@ -137,31 +141,32 @@ def correct_steps_back(recording: Recording) -> None:
         clocks = "and the leader's clock step" if leader_too else "steps"
         origin = int(recording.time[0])
         recording.remarks.append(
-            f"{recording.name} {clocks} back by {shift_ns / 1e9:.6g} s after row {last + 1}, "
-            f"{(before_ns - origin) / 1e9:.6g} s after the first; later rows are shifted by as "
-            f"much, so that {passed_ns / 1e9:g} s lie between"
+            f"{recording.name} {clocks} back by {shift_ns / 1e9:.6g} s after {recording.item} "
+            f"{last + 1}, {(before_ns - origin) / 1e9:.6g} s after the first; later "
+            f"{recording.item}s are shifted by as much, so that {passed_ns / 1e9:g} s lie between"
         )
     _require_receptions_in_order(recording)
     late = int(np.count_nonzero(np.diff(recording.time[rows]) < 0))
     if late:
         recording.remarks.append(
-            f"{recording.name}: rows out of order in {late} place{'s' if late > 1 else ''}, sorted"
+            f"{recording.name}: {recording.item}s out of order in {late} "
+            f"place{'s' if late > 1 else ''}, sorted"
         )
 
 
-def _require_receptions_in_order(recording: Recording) -> None:
+def _require_receptions_in_order(recording: RecordedRows) -> None:
     """LaisnError if rows that hold receptions alone step back among themselves."""
     alone = np.flatnonzero(recording.received & ~recording.moving)
     steps = steps_back(recording.time[alone], 2 * recording.interval_ns)
     if steps:
         raise LaisnError(
-            f"{recording.source}: {recording.name}: the time of receptions steps back after row "
-            f"{alone[steps[0] - 1] + 1}, and that of own measurements does not; rows are expected "
-            "in order of recording"
+            f"{recording.source}: {recording.name}: the time of receptions steps back after "
+            f"{recording.item} {alone[steps[0] - 1] + 1}, and that of own measurements does not; "
+            f"{recording.item}s are expected in order of recording"
         )
 
 
-def _steps_forward(recording: Recording, row: int, last: int) -> tuple[int, bool] | None:
+def _steps_forward(recording: RecordedRows, row: int, last: int) -> tuple[int, bool] | None:
     """Time that passed across a gap, where it is shorter than the gap [ns], and whether the
     leader's clock stepped too; None for a gap.
     """
@@ -181,7 +186,7 @@ def _steps_forward(recording: Recording, row: int, last: int) -> tuple[int, bool
     return None
 
 
-def correct_steps_forward(recording: Recording) -> None:
+def correct_steps_forward(recording: RecordedRows) -> None:
     """Shift rows after steps forward that the leader's clock or way contradicts, and remark on
     gaps.
     """
@@ -220,7 +225,7 @@ def _mean_range(columns: Mapping[str, Floats]) -> Floats:
     return np.where(counts > 0, np.nansum(table, axis=0) / np.maximum(counts, 1), np.nan)
 
 
-def reception_times(recording: Recording) -> Ints:
+def reception_times(recording: RecordedRows) -> Ints:
     """When each row's message was received, shape (n,), [ns].
 
     A message that is older in its row than sound needs is received when it was sent and sound had
