@@ -3,12 +3,13 @@ them from `laisn_sim`.
 """
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import wraps
 from html import escape
 from pathlib import Path
-from typing import Any, ParamSpec
+from typing import Any, ParamSpec, cast, get_args
 
+import numpy as np
 from pydantic import ValidationError
 
 from experiments.campaign.progress import compiling_shown
@@ -22,6 +23,7 @@ from reports.figures import plotly
 from reports.summary import flight_bounds, flight_events, summarise
 from sim import flight as simulated
 from sim.feasibility import film_errors
+from sim.film.cameras import OwnCamera
 from sim.flight import position_and_bearing_errors
 from sim.log import reader, writer
 from sim.scenario.file import lines_of
@@ -143,6 +145,29 @@ def fly(
     )[0]
 
 
+def camera_of(text: str, names: Sequence[str]) -> OwnCamera:
+    """A camera in words: "E,N,U,E,N,U", where it stands and what it looks at in the world [m], or
+    "VEHICLE:E,N,U", where it stands from a vehicle that it looks at. LaisnError if it is none.
+    """
+    vehicle, colon, offsets = text.rpartition(":")
+    try:
+        values = [float(number) for number in offsets.split(",")]
+        if vehicle not in (*names, "") or len(values) != (3 if colon else 6):
+            raise ValueError(text)
+        if not np.isfinite(values).all() or not np.any(np.array(values[:3]) - ([*values[3:]] or 0)):
+            raise ValueError(text)
+    except ValueError:
+        raise LaisnError(
+            "view: expected E,N,U,E,N,U, where the camera stands and what it looks at [m], or "
+            f"VEHICLE:E,N,U with one of {', '.join(names)} (given: {text})"
+        ) from None
+    east, north, up = values[:3]
+    if colon:
+        return OwnCamera(position=(east, north, up), vehicle=[*names].index(vehicle))
+    to_east, to_north, to_up = values[3:]
+    return OwnCamera(position=(east, north, up), target=(to_east, to_north, to_up))
+
+
 def video_of(video: Video, changes: Mapping[str, object]) -> Video:
     """Settings of a film with some of them changed; LaisnError naming each that is invalid."""
     try:
@@ -158,13 +183,18 @@ def render(
     time_s: float | None = None,
     follower: int = 0,
     progress: Callable[[float], None] | None = None,
+    view: str | None = None,
+    plain: bool = False,
+    background: str = "sea",
     **video: object,
 ) -> Path:
     """Film a flight (.mp4), or take a picture of it (.png) at the mission time `time_s` [s];
     returns the file.
 
     The camera follows the follower of this index; `progress` is called with the rendered share;
-    `video` has keys of a scenario's [video]. LaisnError: a setting is invalid, or rendering does
+    `video` has keys of a scenario's [video]. `view` is a camera that a page's "Copy camera" gives,
+    see `camera_of`. `plain` leaves panels and words out; the background is "sea", "white" or, of a
+    picture, "transparent". LaisnError: a setting is invalid, or rendering does
     not work here (`laisn doctor` reports why).
     """
     from sim.film import render as film
@@ -174,7 +204,18 @@ def render(
     number = len(flight.scenario.followers)
     if not 0 <= follower < number:
         raise film.RenderError(f"follower {follower}: expected 0 … {number - 1}")
-    job = film.FilmJob(flight=flight, video=settings, follower=follower)
+    if background not in get_args(film.Background):
+        raise film.RenderError(
+            f"background {background!r}: expected {', '.join(get_args(film.Background))}"
+        )
+    job = film.FilmJob(
+        flight=flight,
+        video=settings,
+        follower=follower,
+        camera=None if view is None else camera_of(view, flight.trajectory.names),
+        plain=plain,
+        background=cast(film.Background, background),
+    )
     if time_s is not None:
         film.still(job, time_s, file)
         return file

@@ -6,7 +6,7 @@ import re
 import sys
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -190,7 +190,7 @@ def _size(text: str) -> dict[str, int]:
 
 
 @app.command()
-def render(
+def render(  # noqa: PLR0913 - an argument for each option of the command
     source: studies.SourceArgument,
     set_: studies.SetOption = None,
     _plugin: studies.PluginOption = None,
@@ -199,8 +199,18 @@ def render(
     ] = None,
     size: Annotated[
         dict[str, int] | None,
-        typer.Option(parser=_size, metavar="WIDTHxHEIGHT", help="such as 1920x1080"),
+        typer.Option(parser=_size, metavar="WIDTHxHEIGHT", help="up to 3840x2160"),
     ] = None,
+    view: Annotated[
+        str | None,
+        typer.Option(
+            metavar="CAMERA", help='a camera of one\'s own, as "Copy camera" of a page gives it'
+        ),
+    ] = None,
+    plain: Annotated[bool, typer.Option("--plain", help="no panels and no words")] = False,
+    background: Annotated[
+        Literal["sea", "white", "transparent"], typer.Option(help="behind the hulls")
+    ] = "sea",
     speed_up: Annotated[
         float | None, typer.Option(help="seconds of the mission per second of film")
     ] = None,
@@ -232,7 +242,15 @@ def render(
         phase("video") if still is None else nullcontext() as update,
     ):
         files.render(
-            flight, output.path, time_s=still, follower=follower, progress=update, **changes
+            flight,
+            output.path,
+            time_s=still,
+            follower=follower,
+            progress=update,
+            view=view,
+            plain=plain,
+            background=background,
+            **changes,
         )
         echo(output)
 

@@ -112,6 +112,29 @@ class Shot(NamedTuple):
     insets_left: bool = False
 
 
+@dataclass(frozen=True, kw_only=True)
+class OwnCamera:
+    """A camera of the user's, such as a page of a scene gives: where it stands and what it looks
+    at, east, north, up [m].
+    """
+
+    position: tuple[float, float, float]
+    target: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    vehicle: int | None = None
+    """The vehicle from which both are counted; None: from the world's origin."""
+    fovy_deg: float = 46.0  # vertical field of view, of the page's cameras
+
+    def shot(self, state: FrameState) -> Shot:
+        """What it sees at a state."""
+        middle = np.zeros(3) if self.vehicle is None else state.position[self.vehicle]
+        view = View(
+            position=middle + self.position, target=middle + self.target, fovy_deg=self.fovy_deg
+        )
+        distance = float(np.linalg.norm(view.target - view.position))
+        fog = (max(3.0, 0.25 * distance), max(150.0, 2.3 * distance))
+        return Shot(view, (), fog, bool(view.position[2] < 0.0))
+
+
 class CameraRig:
     """Places a named camera at any instant of the data; `aspect` is width by height of the
     frame.

@@ -64,8 +64,9 @@ class Label(NamedTuple):
 class Overlay:
     """Draws over the frames of one film."""
 
-    def __init__(self, data: FilmData, video: Video) -> None:
+    def __init__(self, data: FilmData, video: Video, *, plain: bool = False) -> None:
         self._data = data
+        self._plain = plain
         self._added = data.annotations
         self._follower = data.follower
         self.canvas = Canvas(video.width_px, video.height_px)
@@ -75,7 +76,7 @@ class Overlay:
         # hull
         self._level_axis = video.camera == "profile"
         self._dashboard = None
-        if video.width_px >= _SMALL[0] and video.height_px >= _SMALL[1]:
+        if not plain and video.width_px >= _SMALL[0] and video.height_px >= _SMALL[1]:
             self._dashboard = Dashboard(data, self.canvas, self._level_axis)
 
     def inset_boxes(self, shot: Shot) -> tuple[Box, ...]:
@@ -124,6 +125,8 @@ class Overlay:
             self._scale_bar(
                 view, box, (left + 10 * c.scale, top + height - 26 * c.text_scale), 0.35
             )
+        if self._plain:
+            return
         occupied = [*boxes, *covered]
         if board:
             occupied.append(board.scale)

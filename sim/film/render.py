@@ -15,7 +15,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from tempfile import TemporaryFile
 from threading import Thread
-from typing import IO, Any
+from typing import IO, Any, Literal
 
 import numpy as np
 from PIL import Image
@@ -23,7 +23,7 @@ from PIL import Image
 from laisn.arrays import Bytes, Floats
 from laisn.errors import LaisnError
 from sim.film import graphics
-from sim.film.cameras import CameraRig
+from sim.film.cameras import CameraRig, OwnCamera
 from sim.film.film_data import NOTHING, Annotations, FilmData
 from sim.film.overlay import Overlay
 from sim.film.scene import GlScene
@@ -48,6 +48,7 @@ _X264 = {
     "x264-params": f"repeat-headers=1:annexb=1:scenecut=0:keyint={GROUP}:min-keyint={GROUP}",
 }
 _BT709 = _LIMITED = 1
+Background = Literal["sea", "white", "transparent"]
 
 
 class RenderError(LaisnError):
@@ -68,6 +69,10 @@ class FilmJob:
     video: Video
     follower: int = 0  # index of the follower that the film keeps to
     annotations: Annotations = NOTHING
+    camera: OwnCamera | None = None  # in place of that of `video`
+    plain: bool = False  # without panels, insets and words
+    background: Background = "sea"
+    """What is behind the hulls; only a picture can be transparent."""
 
     @property
     def times(self) -> Floats:
@@ -89,8 +94,9 @@ class FrameRenderer:
     def __init__(self, job: FilmJob, scene: GlScene) -> None:
         video = job.video
         self._data = FilmData(job.flight, video.speed_up, job.follower, job.annotations)
+        self._job = job
         self._cameras = CameraRig(self._data, video.width_px / video.height_px)
-        self._overlay = Overlay(self._data, video)
+        self._overlay = Overlay(self._data, video, plain=job.plain)
         self._scene = scene
         self._camera = video.camera
 
@@ -98,11 +104,38 @@ class FrameRenderer:
         """The frame at mission time `time` [s], top row first, shape (height, width, 4); reused
         at every call.
         """
+        if self._job.background == "sea":
+            return self._frame(time, None)
+        white = self._frame(time, 1.0)
+        if self._job.background == "white":
+            return white
+        return cut_out(white.copy(), self._frame(time, 0.0))
+
+    def _frame(self, time: float, ground: float | None) -> Bytes:
+        """The frame before a ground of one grey, or in the sea."""
         state = self._data.at(time)
-        shot = self._cameras.shot(self._camera, state)
-        self._overlay.canvas.load(self._scene.picture(state, shot, self._overlay.inset_boxes(shot)))
+        own = self._job.camera
+        shot = own.shot(state) if own else self._cameras.shot(self._camera, state)
+        if self._job.plain:
+            shot = shot._replace(insets=())
+        boxes = self._overlay.inset_boxes(shot)
+        self._overlay.canvas.load(self._scene.picture(state, shot, boxes, ground))
         self._overlay.draw(state, shot)
         return self._overlay.canvas.pixels
+
+
+def cut_out(white: Bytes, black: Bytes) -> Bytes:
+    """What two pictures before a white and a black ground show without it, with its opacity, all
+    of shape (height, width, 4).
+    """
+    before_white = white[..., :3].astype(np.float64)
+    before_black = black[..., :3].astype(np.float64)
+    opacity = 1.0 - np.clip((before_white - before_black).mean(axis=-1) / 255.0, 0.0, 1.0)
+    colour = before_black / np.maximum(opacity, 1e-6)[..., None]
+    picture = np.empty_like(white)
+    picture[..., :3] = np.clip(colour, 0.0, 255.0).round()
+    picture[..., 3] = (255.0 * opacity).round()
+    return picture
 
 
 def encode(frames: Iterable[Bytes], video: Video) -> Iterator[bytes]:
@@ -255,6 +288,8 @@ def render(
         RendererDiedError: a child died.
     """
     _check_file(path, ".mp4")
+    if job.background == "transparent":
+        raise RenderError("a film cannot be transparent: expected sea or white, or a picture")
     workers = min(workers, job.groups)
     groups: dict[int, list[bytes]] = {}
     with closing(
@@ -307,4 +342,5 @@ def still(job: FilmJob, time_s: float, path: Path) -> None:
     with closing(_results(job, [f"main_still({float(time_s)!r})"])) as results:
         (pixels,) = results
     with atomic_write(path) as temporary:
-        Image.fromarray(pixels).convert("RGB").save(temporary, format="png")
+        mode = "RGBA" if job.background == "transparent" else "RGB"
+        Image.fromarray(pixels).convert(mode).save(temporary, format="png")

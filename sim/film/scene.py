@@ -210,6 +210,8 @@ class GlScene:
         self._scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = True
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False  # see `_add_backdrop`
         self._sight = 0.0
+        self._ground: float | None = None
+        self._floor = mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_GEOM, "seabed")
         self._options = mujoco.MjvOption()
         self._sea = Sea(self._model, sea_of_keys(flight.scenario))
         self._pixels = np.zeros((self.height, self.width, 3), np.uint8)
@@ -220,12 +222,18 @@ class GlScene:
         self._context.free()
         self._gl.free()
 
-    def picture(self, state: FrameState, shot: Shot, insets: tuple[Box, ...]) -> Bytes:
+    def picture(
+        self, state: FrameState, shot: Shot, insets: tuple[Box, ...], ground: float | None = None
+    ) -> Bytes:
         """Pixels of a state, bottom row first, shape (height, width, 3), the same array at every
         call.
 
-        Insets lie in boxes (left, top, width, height) [px].
+        Insets lie in boxes (left, top, width, height) [px]. With a ground, a grey from 0 to 1,
+        there is no sea.
         """
+        self._ground = ground
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = ground is None
+        self._model.geom_rgba[self._floor, 3] = float(ground is None)
         for vehicle, position, quaternion in zip(
             self._vehicles, state.position, state.quaternion, strict=True
         ):
@@ -238,7 +246,11 @@ class GlScene:
         # what a wide lens sees before the fog closes lies within this square
         looked_at = shot.view.position + 0.4 * shot.fog[1] * shot.view.axes[2]
         self._sea.show(
-            looked_at, 0.9 * shot.fog[1], state.time, self._context, surface=shot.surface
+            looked_at,
+            0.9 * shot.fog[1],
+            state.time,
+            self._context,
+            surface=shot.surface and ground is None,
         )
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
@@ -344,16 +356,20 @@ class GlScene:
         quarter of a sky.
         """
         distance = 1.5 * self._sight
+        grey = 0.0 if self._ground is None else self._ground
         right, up, forward = view.axes
         size = np.array([4.0 * distance, 3.0 * distance, 1.0])
         turn = np.column_stack([right, up, -forward])
-        self._add(
+        wall = self._add(
             mujoco.mjtGeom.mjGEOM_BOX.value,
             size,
             view.position + distance * forward,
             turn,
-            (0, 0, 0, 1),
+            (grey, grey, grey, 1),
         )
+        if wall is not None and self._ground is not None:
+            wall.emission = 1.0
+            wall.specular = 0.0  # no light but its own
 
     def _add_ghosts(self, state: FrameState) -> None:
         """A ghost hull at each follower's estimate."""

@@ -5,6 +5,7 @@ import dataclasses
 import hashlib
 import json
 import re
+import shlex
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from experiments.flight.results import camera_of
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
 from reports import scene as package
@@ -25,6 +27,7 @@ from reports.scene.codec import Packer
 from reports.scene.measured import Measured, scene_of_measured
 from reports.scene.mission import CROWD, Scene, held, rate_of, turns
 from sim import attitude
+from sim.film.film_data import FilmData
 from sim.flight import Flight
 from tests import browser
 from tests.reports.test_replay_page import vehicle
@@ -365,6 +368,23 @@ def test_a_link_opens_its_camera_and_time(tab: browser.Page, report: Path) -> No
 
 
 @pytest.mark.system
+@in_browser
+def test_a_camera_is_copied_as_options_of_render(tab: browser.Page) -> None:
+    flight = make_flight(60.0)
+    state = FilmData(flight, 30.0, 0).at(tab.run("replay.setTime(20) || replay.state.time"))
+    tab.run(CHANGED)  # draws
+    for follow in (1, -1):
+        tab.run(f"replay.follow({follow})")
+        tab.wait("!replay.view.cameras.busy")
+        tab.run(CHANGED)
+        options = shlex.split(tab.run("replay.options()"))
+        assert options[1:] == ["--still", "20.0"]
+        camera = camera_of(options[0].removeprefix("--view="), flight.trajectory.names)
+        expected = tab.run("replay.view.camera.position.toArray()")
+        assert camera.shot(state).view.position == pytest.approx(expected, abs=0.02)
+    tab.run("replay.follow(1)")
+
+
 @in_browser
 def test_without_webgl_the_map_takes_the_place_of_the_scene(report: Path) -> None:
     with browser.chromium(flags=browser.WITHOUT_WEBGL) as page:

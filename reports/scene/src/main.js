@@ -286,18 +286,39 @@ class Replay {
     return `#t=${this.state.time.toFixed(1)}&follow=${follow}&camera=${cameras.name}&at=${at}`;
   }
 
-  async copy() {
-    const button = element("copy");
+  copy() {
     history.replaceState(null, "", this.link());
+    this.copyText("copy", location.href, "In the address bar");
+  }
+
+  /** Options of `laisn render` for this camera and time: offsets from a vehicle, or places in the world [m]. */
+  options() {
+    const { camera, cameras, follow } = this.view;
+    const places = (vector) => vector.toArray().map((value) => value.toFixed(2)).join(",");
+    const target = cameras.controls.target;
+    const view = follow < 0
+      ? `${places(camera.position)},${places(target)}`
+      : `${this.mission.vehicles[follow].name}:${places(camera.position.clone().sub(target))}`;
+    return `--view="${view}" --still ${this.state.time.toFixed(1)}`;
+  }
+
+  copyCamera() {
+    const text = this.options();
+    this.copyText("camera-options", text, text);
+  }
+
+  async copyText(name, text, otherwise) {
+    const button = element(name);
+    const words = (this.buttonWords ??= {})[name] ??= button.textContent;
     try {
-      await navigator.clipboard.writeText(location.href);
+      await navigator.clipboard.writeText(text);
       button.textContent = "Copied";
     } catch {
-      button.textContent = "In the address bar";
+      button.textContent = otherwise;
     }
     setTimeout(() => {
-      button.textContent = "Copy view";
-    }, 1500);
+      button.textContent = words;
+    }, 4000);
   }
 
   wire() {
@@ -316,7 +337,7 @@ class Replay {
     element("play").onclick = () => this.play(!state.playing);
     element("length").textContent = `of ${clock(mission.end)}`;
     if (this.view) this.wireView(fill);
-    else for (const name of ["camera", "follow", "true-size", "copy"]) (element(name).closest("label") ?? element(name)).hidden = true;
+    else for (const name of ["camera", "follow", "true-size", "copy", "camera-options"]) (element(name).closest("label") ?? element(name)).hidden = true;
     this.listEvents();
     this.legend();
     document.addEventListener("mission:seek", (event) => this.setTime(event.detail));
@@ -342,6 +363,7 @@ class Replay {
       this.ask();
     };
     element("copy").onclick = () => this.copy();
+    element("camera-options").onclick = () => this.copyCamera();
     element("map").onclick = (event) => {
       const vehicle = this.map.vehicleAt(event.offsetX, event.offsetY, this.state.time);
       if (vehicle !== undefined) this.follow(vehicle);
