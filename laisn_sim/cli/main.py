@@ -376,14 +376,17 @@ def log_export(
     tum: Annotated[
         bool, typer.Option("--tum", help="write true and estimated trajectories for evo instead")
     ] = False,
+    gltf: Annotated[
+        bool, typer.Option("--gltf", help="write an animated scene for Blender (.glb) instead")
+    ] = False,
 ) -> None:
     """Export every numeric channel as a table, or a flight as a recording for Rerun, as factor
-    graphs, as a ROS 2 bag, or as trajectories for evo.
+    graphs, as a ROS 2 bag, as trajectories for evo, or as an animated scene.
     """
     from laisn_sim.cli.outputs import written_files
     from sim.log.export import export, write_recording
 
-    options = {"--rerun": rerun, "--pyfg": pyfg, "--ros2": ros2, "--tum": tum}
+    options = {"--rerun": rerun, "--pyfg": pyfg, "--ros2": ros2, "--tum": tum, "--gltf": gltf}
     chosen = [name for name, wanted in options.items() if wanted]
     if len(chosen) > 1:
         raise LaisnError(f"{' and '.join(chosen)}: expected one of them at a time")
@@ -397,6 +400,14 @@ def log_export(
         from sim.log.tum import write_trajectories
 
         files = write_trajectories(log, folder)
+    elif gltf:
+        from reports.gltf import write_gltf
+        from sim.log.reader import read
+
+        flight = read(log)
+        folder.mkdir(parents=True, exist_ok=True)
+        files = [folder / f"{log.stem}.glb"]
+        write_gltf(flight, files[0])
     elif ros2:
         from sim.log.ros2 import write_bag
 
