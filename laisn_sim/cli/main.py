@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import typer
 
 from laisn.errors import LaisnError
-from laisn_sim.cli import analyses, studies
+from laisn_sim.cli import analyses, benchmark, studies
 from laisn_sim.cli.errors import MISSION_FAILED, Commands, echo, run
 
 app = typer.Typer(
@@ -338,6 +338,8 @@ def view(
 
 
 app.command("range-budget")(analyses.range_budget)
+app.command("bench-data")(benchmark.bench_data)
+app.command("score")(benchmark.score)
 app.command()(analyses.bound)
 app.command()(analyses.pitch)
 app.command()(analyses.hull)

@@ -150,17 +150,20 @@ def _write_replay(
     out/replay.
     """
     console = Console()
-    columns = ("follower", "time_s", "x_m", "y_m", "vx_m_s", "vy_m_s")
+    columns = ("follower", "time_s", "x_m", "y_m", "vx_m_s", "vy_m_s", "xx_m2", "xy_m2", "yy_m2")
     for remark in remarks:
         print_line(console, remark, "note:")
     if output is not None:
         write_csv(
             output.path,
             [
-                dict(zip(columns, (vehicle.name, time_s, *state), strict=True))
+                dict(zip(columns, (vehicle.name, time_s, *state, *variances), strict=True))
                 for vehicle in vehicles
-                for time_s, state in zip(
-                    vehicle.measured.time.tolist(), vehicle.estimates.state.tolist(), strict=True
+                for time_s, state, variances in zip(
+                    vehicle.measured.time.tolist(),
+                    vehicle.estimates.state.tolist(),
+                    vehicle.estimates.covariance[:, [0, 0, 1], [0, 1, 1]].tolist(),
+                    strict=True,
                 )
             ],
         )

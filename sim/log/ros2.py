@@ -657,6 +657,28 @@ def _write(folder: Path, topics: Sequence[Topic], store: Any) -> None:
                 writer.write(connection, at, data)
 
 
+def _replace_bag(folder: Path, topics: Sequence[Topic], store: Any, view: str) -> list[Path]:
+    """Write a bag, with a view for RViz if there is one; an earlier bag of this name is replaced
+    once the new one is whole.
+    """
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".bag-") as work:
+            # the bag's file is named after its folder
+            built = Path(work) / folder.name
+            _write(built, topics, store)
+            if view:
+                (built / VIEW).write_text(view, encoding="utf-8")
+            if folder.exists():
+                for path in folder.iterdir():
+                    path.unlink()
+                folder.rmdir()
+            os.replace(built, folder)
+    except OSError as error:
+        raise LogError(f"{folder}: cannot be written: {error.strerror or error}") from error
+    return sorted(folder.iterdir())
+
+
 def write_bag(log_path: Path, folder: Path) -> list[Path]:
     """Write the flight of a log as a ROS 2 bag, a folder with a view for RViz; returns its files.
 
@@ -669,19 +691,25 @@ def write_bag(log_path: Path, folder: Path) -> list[Path]:
     flight = read(log_path)
     log = Contents(log_path, lambda topic, _: topic in (_CAMERA, _EVENTS))
     topics = [topic for topic in _topics(flight, log, store) if topic.time_ns.size]
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".bag-") as work:
-            # the bag's file is named after its folder
-            built = Path(work) / folder.name
-            _write(built, topics, store)
-            view = rviz_view(_ros_names(flight.trajectory.names), [topic.name for topic in topics])
-            (built / VIEW).write_text(view, encoding="utf-8")
-            if folder.exists():
-                for path in folder.iterdir():
-                    path.unlink()
-                folder.rmdir()
-            os.replace(built, folder)
-    except OSError as error:
-        raise LogError(f"{folder}: cannot be written: {error.strerror or error}") from error
-    return sorted(folder.iterdir())
+    view = rviz_view(_ros_names(flight.trajectory.names), [topic.name for topic in topics])
+    return _replace_bag(folder, topics, store, view)
+
+
+def write_measurement_bag(flight: Flight, folder: Path) -> list[Path]:
+    """Write what the followers of a flight measured as a ROS 2 bag, without truth and estimates;
+    returns its files. Errors as of `write_bag`.
+    """
+    store = typestore()
+    _register(store)
+    require_replaceable(folder)
+    flown = _Flown(
+        flight=flight,
+        store=store,
+        clock=Clock(flight.scenario.epoch),
+        names=_ros_names(flight.trajectory.names),
+    )
+    topics = list[Topic]()
+    for follower in range(len(flight.measurements)):
+        topics += _sensed(flown, follower)
+        topics += _received(flown, follower)
+    return _replace_bag(folder, [topic for topic in topics if topic.time_ns.size], store, "")

@@ -12,7 +12,15 @@ from pathlib import Path
 
 from experiments.study.study import run
 from reports.findings import FILE
-from tools.documents import claim_seeds, coverage, flights, hull_trials, real_ranges, route_keeping
+from tools.documents import (
+    benchmark_navigators,
+    claim_seeds,
+    coverage,
+    flights,
+    hull_trials,
+    real_ranges,
+    route_keeping,
+)
 from tools.documents.markers import RECORDS
 
 POINT_MOTION = {"set": {"motion": "kinematic", "followers.0.depth_m": 8.0}}
@@ -31,6 +39,7 @@ STUDIES: dict[str, Callable[[Path], object]] = {
     "estimators": partial(run, "estimators", {}),
     "real-ranges": real_ranges.run,
     "rivals": partial(run, "rivals", {}),
+    "benchmark": benchmark_navigators.run,
 }
 """How each is flown into a folder."""
 

@@ -167,6 +167,38 @@ def real_ranges(records: Records) -> str:
     return markdown(["mean error [m]", *heads], rows)
 
 
+def benchmark(records: Records) -> str:
+    """Scores of LAISN-Bench, navigator by navigator, the best first."""
+    record = records["benchmark"]
+    names = [key.removeprefix("score ") for key in record.findings if key.startswith("score ")]
+    rows = [
+        [
+            name,
+            f"{record[f'score {name}']:.2f}",
+            f"{record[f'worst {name}']:.1f} ({record[f'worst-mission {name}']:s})",
+            f"{record[f'far {name}']:.0%}",
+            f"{record[f'mean {name} astern']:.2f i}",
+            f"{record[f'mean {name} quarter-two-slow']:.2f i}",
+            f"{record[f'relative {name} astern']:.2f}",
+            f"{record[f'nees {name} astern']:.2g}",
+            f"{record[f'step {name}']:.2g}",
+        ]
+        for name in sorted(names, key=lambda name: record[f"score {name}"].number)
+    ]
+    heads = [
+        "navigator",
+        "score",
+        "worst mission",
+        "runs beyond 10 m",
+        "`astern` [m]",
+        "`quarter-two-slow` [m]",
+        "RPE, 50 m [m]",
+        "NEES",
+        "step [µs]",
+    ]
+    return markdown(heads, rows)
+
+
 FLEETS = {
     1: "physics of leader and one follower with autopilot, 0.02 s step",
     10: "the same with ten followers",
@@ -484,6 +516,7 @@ TABLES: dict[str, Callable[[Records], str]] = {
     "closed-loop-current": closed_loop_current,
     "tracking": tracking,
     "real-ranges": real_ranges,
+    "benchmark": benchmark,
     "speed": speed,
     "estimators": estimators,
     "estimators-at-sea": estimators_at_sea,

@@ -604,7 +604,7 @@ def test_the_command_imports_and_replays(tmp_path: Path) -> None:
     assert "mean error [m]" in printed
     assert "tight, in air" in printed
     lines = (tmp_path / "e.csv").read_text().splitlines()
-    assert lines[0] == "follower,time_s,x_m,y_m,vx_m_s,vy_m_s"
+    assert lines[0] == "follower,time_s,x_m,y_m,vx_m_s,vy_m_s,xx_m2,xy_m2,yy_m2"
     assert len(lines) == 1 + read_data_set_log(log).measurements.speed.size
     assert "laisn-2" in run("replay", log)
 

@@ -1,0 +1,284 @@
+"""The data of LAISN-Bench: missions flown with several seeds, as files with a manifest.
+
+manifest.json                          what is there, and the SHA-256 of each file
+tasks/MISSION.toml                     what a navigator may know, a scenario for `laisn replay`
+measurements/MISSION/SEED/FOLLOWER.csv what a follower measured, at every filter step
+truth/MISSION/SEED/FOLLOWER.csv        where its hydrophone was
+"""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from experiments.benchmark.catalogue import VERSION, Mission
+from experiments.benchmark.tables import as_written, write_measurements, write_truth
+from experiments.campaign.pool import Pool
+from experiments.campaign.progress import progress
+from experiments.flight.fly import fly
+from laisn.arrays import Floats
+from laisn.errors import LaisnError
+from laisn.settings import TightSettings
+from reports.bound import flight_bound
+from reports.version import code_version
+from sim.flight import Flight, excerpt, settings_as
+from sim.log.schema import MEASURED, Clock
+from sim.log.writer import numeric, write_channels
+from sim.sensing.observation import start_of
+from sim.system import atomic_write
+
+MANIFEST = "manifest.json"
+TASKS = "tasks"
+MEASUREMENTS = "measurements"
+TRUTH = "truth"
+FORMATS = ("mcap", "ros2", "pyfg")
+"""Further formats of the measurements: a log for `laisn replay`, a ROS 2 bag, and factor graphs."""
+_AHEAD_S = 1000.0  # the routes in a task go straight on for so long: they give starts alone
+
+
+def flown(mission: Mission, seed: int, seconds: float | None = None) -> Flight:
+    """A mission, or its first seconds, with the measurements that its files hold."""
+    flight, _ = fly(mission.scenario(seed))
+    if seconds is not None and seconds < flight.trajectory.time[-1]:
+        flight = excerpt(flight, 0.0, seconds)
+    measured = tuple(as_written(m, mission.transmitters) for m in flight.measurements)
+    return replace(flight, measurements=measured)
+
+
+def truth_rows(flight: Flight, follower: int) -> Floats:
+    """Rows of a follower's truth table, shape (n, 8), as of `tables.TRUTH`."""
+    steps = flight.step_index()
+    trajectory = flight.trajectory
+    east, north, up = flight.hydrophone(follower).T
+    leader = trajectory.position[steps, 0, :2]
+    heading = np.degrees(trajectory.heading[steps, follower + 1])
+    bound = flight_bound(_with_tight(flight), follower)
+    return np.column_stack([trajectory.time[steps], east, north, -up, heading, leader, bound])
+
+
+def task_table(mission: Mission, flight: Flight) -> dict[str, Any]:
+    """What a navigator may know of a mission, as the table of a scenario: starts, geometry of the
+    transmitters, times, and what is assumed of errors.
+    """
+    scenario = flight.scenario
+    trajectory = flight.trajectory
+
+    def straight(vehicle: int) -> dict[str, Any]:
+        east, north, up = (round(float(value), 4) for value in trajectory.position[0, vehicle])
+        velocity = trajectory.velocity[0, vehicle, :2].astype(np.float64)
+        way_east, way_north = (round(float(v) * _AHEAD_S, 4) for v in velocity)
+        return {
+            "waypoints": [[0.0, east, north], [_AHEAD_S, east + way_east, north + way_north]],
+            "depth_m": -up,
+        }
+
+    sound = scenario.acoustics
+    return {
+        "name": mission.name,
+        "timing": {
+            "filter_step_s": scenario.timing.filter_step_s,
+            "message_interval_s": scenario.timing.message_interval_s,
+        },
+        "ocean": {"floor_depth_m": scenario.ocean.floor_depth_m},
+        "leader": {
+            **straight(0),
+            "baseline_m": scenario.leader.baseline_m,
+            "middle_offset_m": scenario.leader.middle_offset_m,
+            "broadcast_attitude": scenario.navigation.use_attitude,
+        },
+        "followers": [
+            {"name": name, **straight(i)} for i, name in enumerate(trajectory.names[1:], start=1)
+        ],
+        "acoustics": {
+            "travel_time": sound.travel_time,
+            "ping_slot_s": sound.ping_slot_s,
+            "sound_speed_m_s": sound.sound_speed_m_s + sound.sound_speed_bias_m_s,
+        },
+        "navigation": {
+            "variant": "tight",
+            "use_attitude": scenario.navigation.use_attitude,
+            "assume": mission.assume,
+        },
+    }
+
+
+def _task_text(mission: Mission, flight: Flight) -> str:
+    head = (
+        f"# LAISN-Bench {VERSION}, {mission.name}: {mission.title}\n"
+        "# Routes are not those of the mission: their first points are the starts.\n"
+    )
+    return head + tomli_w.dumps(task_table(mission, flight))
+
+
+def _write_log(path: Path, flight: Flight) -> None:
+    """Measurements of all followers as a log for `laisn replay`."""
+    clock = Clock(flight.scenario.epoch)
+    channels = []
+    for name, m in zip(flight.trajectory.names[1:], flight.measurements, strict=True):
+        for type_ in MEASURED:
+            step = getattr(m, type_.steps) if type_.steps else np.arange(1, m.speed.size + 1)
+            arrays = {column.attribute: getattr(m, column.attribute) for column in type_.columns}
+            channels.append(numeric(f"/{name}", type_, clock.ns(m.dt * step), arrays))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(path) as unfinished:
+        write_channels(unfinished, channels, lambda mcap: None)
+
+
+def _write_graphs(folder: Path, flight: Flight) -> None:
+    """Measurements of each follower as a factor graph, its poses composed of the odometry."""
+    from sim.datasets.factor_graph import write_factor_graph
+
+    for i, (name, m) in enumerate(
+        zip(flight.trajectory.names[1:], flight.measurements, strict=True)
+    ):
+        start = start_of(flight.trajectory, i)
+        speed = np.append(m.speed[:1], m.speed)
+        heading = np.append(m.heading[:1], m.heading)
+        time = np.append(0.0, m.time)
+        way = speed[1:, None] * m.dt * np.column_stack([np.sin(heading), np.cos(heading)])[1:]
+        reckoned = start[:2] + np.vstack([np.zeros(2), np.cumsum(way, axis=0)])
+        settings = settings_as(TightSettings, _with_tight(flight).scenario, flight.trajectory, i)
+        poses = np.column_stack([time, reckoned, heading])
+        write_factor_graph(m, settings, start, poses, folder / f"{name}.pyfg")
+
+
+def _with_tight(flight: Flight) -> Flight:
+    navigation = flight.scenario.navigation.model_copy(update={"variant": "tight"})
+    scenario = flight.scenario.model_copy(update={"navigation": navigation})
+    return replace(flight, scenario=scenario)
+
+
+def write_run(
+    folder: Path, mission: Mission, seed: int, formats: Sequence[str], seconds: float | None = None
+) -> str:
+    """Fly a mission with a seed and write its files, or those of its first seconds; its name,
+    MISSION/SEED.
+    """
+    flight = flown(mission, seed, seconds)
+    run = f"{mission.name}/{seed:02d}"
+    measurements = folder / MEASUREMENTS / run
+    names = flight.trajectory.names[1:]
+    for i, (name, measured) in enumerate(zip(names, flight.measurements, strict=True)):
+        write_measurements(measurements / f"{name}.csv", measured)
+        write_truth(folder / TRUTH / run / f"{name}.csv", truth_rows(flight, i))
+    if "mcap" in formats:
+        _write_log(measurements / "measurements.mcap", flight)
+    if "pyfg" in formats:
+        _write_graphs(measurements, flight)
+    if "ros2" in formats:
+        from sim.log.ros2 import write_measurement_bag
+
+        write_measurement_bag(flight, measurements / "ros2")
+    task = folder / TASKS / f"{mission.name}.toml"
+    if not task.exists():
+        task.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(task) as unfinished:
+            unfinished.write_text(_task_text(mission, flight), encoding="utf-8", newline="\n")
+    return run
+
+
+def _require_free(folder: Path) -> None:
+    """LaisnError if the folder holds anything that is no data of the benchmark."""
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise LaisnError(f"{folder}: is a file; the data of the benchmark need a folder")
+    known = (MANIFEST, TASKS, MEASUREMENTS, TRUTH)
+    others = sorted(path.name for path in folder.iterdir() if path.name not in known)
+    if others:
+        raise LaisnError(
+            f"{folder}: holds {', '.join(others[:5])}; the data of the benchmark need a folder of "
+            "their own"
+        )
+
+
+def _manifest(
+    folder: Path, chosen: Sequence[Mission], seeds: Sequence[int], seconds: float | None
+) -> dict[str, Any]:
+    files = sorted(
+        path
+        for part in (TASKS, MEASUREMENTS, TRUTH)
+        for path in (folder / part).rglob("*")
+        if path.is_file()
+    )
+    return {
+        "benchmark": "LAISN-Bench",
+        "version": VERSION,
+        "code": code_version(),
+        "missions": {mission.name: mission.title for mission in chosen},
+        "seeds": list(seeds),
+        "seconds": seconds,  # None: whole missions
+        "files": {
+            path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+            for path in files
+        },
+    }
+
+
+def generate(
+    folder: Path,
+    chosen: Sequence[Mission],
+    seeds: Sequence[int],
+    formats: Sequence[str] = (),
+    *,
+    seconds: float | None = None,
+    workers: int = 1,
+) -> dict[str, Any]:
+    """Fly missions with several seeds and write their data, or those of their first seconds; the
+    manifest.
+
+    Data of the benchmark that the folder held before are removed first. LaisnError if it holds
+    other things.
+    """
+    unknown = [name for name in formats if name not in FORMATS]
+    if unknown:
+        raise LaisnError(f"format {unknown[0]!r}: expected {', '.join(FORMATS)}")
+    _require_free(folder)
+    (folder / MANIFEST).unlink(missing_ok=True)
+    for part in (TASKS, MEASUREMENTS, TRUTH):
+        shutil.rmtree(folder / part, ignore_errors=True)
+    folder.mkdir(parents=True, exist_ok=True)
+    # the first run writes the task of its mission, which no other process may do at the same time
+    first, *further = [(mission, seed) for seed in seeds for mission in chosen]
+    with progress("missions", len(chosen) * len(seeds)) as advance, Pool(workers) as pool:
+        write_run(folder, *first, formats, seconds)
+        advance(1)
+        for _ in pool.each(write_run, ((folder, *run, formats, seconds) for run in further)):
+            advance(1)
+    manifest = _manifest(folder, chosen, seeds, seconds)
+    with atomic_write(folder / MANIFEST) as unfinished:
+        unfinished.write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+    return manifest
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """The manifest of a folder; LaisnError if it holds no data of this version."""
+    path = folder / MANIFEST
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+        version = manifest["version"]
+        name = manifest["benchmark"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise LaisnError(
+            f"{path}: no manifest of LAISN-Bench ({error}); laisn bench-data {folder} writes the "
+            "data"
+        ) from error
+    if (name, version) != ("LAISN-Bench", VERSION):
+        raise LaisnError(f"{path}: {name} of version {version}, expected version {VERSION}")
+    return dict(manifest)
+
+
+def damaged_files(folder: Path) -> list[str]:
+    """Files that are missing, or have another SHA-256 than the manifest says."""
+    damaged = []
+    for name, digest in read_manifest(folder)["files"].items():
+        path = folder / name
+        if not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != digest:
+            damaged.append(name)
+    return damaged

@@ -1,0 +1,75 @@
+"""The table of LAISN-Bench: `python -m tools.documents.studies benchmark`.
+
+Every navigator of the project that needs no other sensor and no further package is scored on all
+missions and seeds.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from experiments.benchmark.catalogue import SEEDS, missions
+from experiments.benchmark.data import generate
+from experiments.benchmark.score import (
+    SEGMENTS_M,
+    MissionScore,
+    by_mission,
+    navigate,
+    runs_of,
+    score_all,
+    total,
+)
+from reports.findings import FILE, Finding, of, plain, record
+
+COMMAND = "python -m tools.documents.studies benchmark"
+MODULES = ("tools.documents.benchmark_navigators",)
+NAVIGATORS = (
+    *("dead-reckoning", "laisn-2", "laisn-3-1", "laisn-3-2", "laisn-best"),
+    *("geodetic", "owtt", "particle", "ekf", "imm", "tight"),
+)
+
+
+def findings_of(navigator: str, scores: Sequence[MissionScore]) -> dict[str, Finding]:
+    """What a navigator reached, mission by mission and in all."""
+    findings = dict[str, Finding]()
+    for score in scores:
+        key = f"{navigator} {score.mission}"
+        findings |= {
+            f"mean {key}": of(score.mean_m, "mean position error over seeds", "m"),
+            f"ratio {key}": plain(score.times_bound, "RMS error over the bound"),
+            f"nees {key}": plain(score.nees, "mean NEES"),
+            f"relative {key}": plain(
+                score.relative_m[1], f"RMS error over segments of {SEGMENTS_M[1]:g} m", "m"
+            ),
+        }
+    worst = max(scores, key=lambda score: score.times_bound)
+    runs = sum(score.runs for score in scores)
+    return findings | {
+        f"score {navigator}": plain(total(scores), "geometric mean of RMS error over the bound"),
+        f"worst {navigator}": plain(worst.times_bound, "largest of these ratios"),
+        f"worst-mission {navigator}": plain(worst.mission, "where that is"),
+        f"far {navigator}": plain(
+            sum(score.lost for score in scores) / runs, "share of runs with an error above 10 m"
+        ),
+        f"step {navigator}": plain(
+            max(score.step_us for score in scores), "processor time a filter step", "µs"
+        ),
+    }
+
+
+def all_scores(folder: Path, navigators: Sequence[str]) -> Mapping[str, list[MissionScore]]:
+    """Scores of navigators on the data in a folder."""
+    runs = runs_of(folder)
+    return {
+        name: by_mission(score_all(folder, navigate(folder, runs, name), runs))
+        for name in navigators
+    }
+
+
+def run(folder: Path) -> None:
+    """Write the data of the benchmark, score the navigators, and write the record into a folder."""
+    data = folder / "data"
+    generate(data, list(missions().values()), range(1, SEEDS + 1))
+    findings = dict[str, Finding]()
+    for name, scores in all_scores(data, NAVIGATORS).items():
+        findings |= findings_of(name, scores)
+    record("benchmark", COMMAND, MODULES, findings).write(folder / FILE)
