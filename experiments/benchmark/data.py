@@ -27,7 +27,9 @@ from laisn.errors import LaisnError
 from laisn.settings import TightSettings
 from reports.bound import flight_bound
 from reports.version import code_version
+from sim.datasets.factor_graph import write_factor_graph
 from sim.flight import Flight, excerpt, settings_as
+from sim.log.ros2 import write_measurement_bag
 from sim.log.schema import MEASURED, Clock
 from sim.log.writer import numeric, write_channels
 from sim.sensing.observation import start_of
@@ -132,8 +134,6 @@ def _write_log(path: Path, flight: Flight) -> None:
 
 def _write_graphs(folder: Path, flight: Flight) -> None:
     """Measurements of each follower as a factor graph, its poses composed of the odometry."""
-    from sim.datasets.factor_graph import write_factor_graph
-
     for i, (name, m) in enumerate(
         zip(flight.trajectory.names[1:], flight.measurements, strict=True)
     ):
@@ -172,8 +172,6 @@ def write_run(
     if "pyfg" in formats:
         _write_graphs(measurements, flight)
     if "ros2" in formats:
-        from sim.log.ros2 import write_measurement_bag
-
         write_measurement_bag(flight, measurements / "ros2")
     task = folder / TASKS / f"{mission.name}.toml"
     if not task.exists():

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from pyarrow import ArrowInvalid, csv, types
 
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
@@ -114,8 +115,6 @@ def read_columns(path: Path) -> dict[str, Any]:
     """Columns of a CSV file by their names: numbers as floats, NaN where a cell is empty, and
     texts; LaisnError if it cannot be read.
     """
-    from pyarrow import ArrowInvalid, csv, types
-
     try:
         table = csv.read_csv(path)
     except OSError as error:

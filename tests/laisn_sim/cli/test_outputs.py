@@ -45,6 +45,7 @@ def rendered(*_: object, **__: object) -> None:
     Path("still.png").write_bytes(b"png")
 
 
+BENCHMARK = Path(__file__).resolve().parents[3] / "examples" / "benchmark"
 COMMANDS: dict[str, tuple[str, tuple[str, ...]]] = {
     "compare": ("compare a.mcap a.mcap", ("out/compare/a-a.html",)),
     "render": ("render a.mcap --still 5 --out still.png", ("still.png",)),
@@ -55,10 +56,15 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...]]] = {
     "bound": ("bound T5 --set motion=kinematic --set duration_s=10 --out b.csv", ("b.csv",)),
     "log export": ("log export a.mcap tables", ("tables/leader_state.parquet",)),
     "log import": ("log import mine.csv --out mine.mcap", ("mine.mcap",)),
+    "pitch": ("pitch --out out/pitch.html --csv map.csv", ("out/pitch.html", "map.csv")),
+    "score": (
+        f"score --navigator dead-reckoning --data {BENCHMARK} --mission astern --out scores.csv",
+        ("scores.csv",),
+    ),
     "log recover": ("log recover cut.mcap", ("cut.recovered.mcap",)),
 }
 """Commands that write single files, as they are tried, and files of theirs."""
-FOLDERS = {"fly", "study", *BUILT_IN}
+FOLDERS = {"fly", "study", "bench-data", *BUILT_IN}
 """Commands that write a folder of results, whose rules tests of flights and studies cover."""
 READERS = {"scenarios", "vehicles", "check", "doctor", "hull", "log info"}
 """Commands that write to the terminal alone."""
