@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import typer
 
 from laisn.errors import LaisnError
-from laisn_sim.cli import analyses, benchmark, studies
+from laisn_sim.cli import analyses, benchmark, studies, viewing
 from laisn_sim.cli.errors import MISSION_FAILED, Commands, echo, run
 
 app = typer.Typer(
@@ -323,7 +323,6 @@ def view(
     ] = True,
 ) -> None:
     """Write the page of a flight's log, with the mission in 3D, and open it."""
-    from laisn_sim.cli import viewing
     from sim.datasets.log import is_data_set
 
     if is_data_set(log):
@@ -337,6 +336,7 @@ def view(
         viewing.open_page(page.path)
 
 
+app.command()(viewing.figure)
 app.command("range-budget")(analyses.range_budget)
 app.command("bench-data")(benchmark.bench_data)
 app.command("score")(benchmark.score)

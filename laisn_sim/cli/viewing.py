@@ -4,24 +4,66 @@ import os
 import sys
 import webbrowser
 from pathlib import Path
+from typing import Annotated, Literal
 
-from laisn_sim.cli.outputs import OutputFile, output_file
-from reports.flight_report import flight_report
-from reports.summary import flight_bounds, summarise
-from sim.flight import position_and_bearing_errors
-from sim.log.reader import read
+import typer
+
+from laisn_sim.cli.errors import echo
+from laisn_sim.cli.outputs import OutputFile, output_file, written_files
 
 
 def write_page(log: Path, out: Path | None) -> OutputFile:
     """Write the report of a log's flight; LaisnError if the log cannot be read, or there is no such
     page to write.
     """
+    from reports.flight_report import flight_report
+    from reports.summary import flight_bounds, summarise
+    from sim.flight import position_and_bearing_errors
+    from sim.log.reader import read
+
     page = output_file(out or Path("out") / "view" / f"{log.stem}.html", [".html"], [log])
     flight = read(log)
     bounds = flight_bounds(flight)
     errors = position_and_bearing_errors(flight)
     flight_report(flight, errors, summarise(flight, bounds), page.path, None, bounds)
     return page
+
+
+def figure(
+    page: Annotated[
+        Path, typer.Argument(metavar="PAGE", help="a page of laisn, or a folder with report.html")
+    ],
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[NAME]...", help="figures, such as map errors; none: list them"),
+    ] = None,
+    format_: Annotated[
+        Literal["pdf", "svg", "png"], typer.Option("--format", help="pdf, svg or png")
+    ] = "pdf",
+    width: Annotated[
+        float, typer.Option(min=1.0, max=40.0, help="[inch]; a column of a paper has 3.5")
+    ] = 7.0,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="default: out/figures/PAGE")
+    ] = None,
+) -> None:
+    """Write figures of a page as vector graphics, with the labels of its axes, for a paper."""
+    from rich.console import Console
+
+    from experiments.campaign.progress import show_table
+    from reports import vector
+
+    figures = vector.figures_of(page)
+    if not names:
+        rows = [(one.name, one.labels) for one in figures]
+        show_table(Console(), ("figure", "axes"), rows, numbers=False)
+        return
+    wanted = vector.chosen(figures, names)
+    name = page.resolve().name if page.is_dir() else page.stem
+    folder = out or Path("out") / "figures" / name
+    before = [*folder.glob("*")] if folder.is_dir() else []
+    for file in written_files(vector.write_figures(wanted, folder, format_, width), before):
+        echo(file)
 
 
 def open_page(page: Path) -> None:
