@@ -47,6 +47,8 @@ class OwnMotion(NamedTuple):
     custom: Mapping[str, Floats] = MappingProxyType({})
     """Readings of further sensors at this step by their names, shape (c,); NaN where one does not
     read."""
+    receptions: Mapping[str, "Reception"] = MappingProxyType({})
+    """What is in of further links at this step by their names."""
 
 
 class Bearing(NamedTuple):
@@ -92,6 +94,11 @@ class Reception(NamedTuple):
     custom: Mapping[str, Floats] = MappingProxyType({})
     """Readings of further sensors at the step that takes it up by their names, as of
     `OwnMotion`."""
+    content: Mapping[str, Floats] = MappingProxyType({})
+    """Readings of the sender's further sensors that the message holds by their names."""
+    round_trip: float = np.nan
+    """Of an answer to a message that the receiver has sent: measured time from that to the answer,
+    less the delay of the answer [s]."""
 
     @property
     def bearing(self) -> Bearing | None:
@@ -100,6 +107,57 @@ class Reception(NamedTuple):
         if reading is None or np.shape(reading) != (2,):
             return None
         return Bearing(*map(float, reading))
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class LinkMessages(ArrayRecord):
+    """Messages of a further link that one vehicle received, m of them; ValueError if shapes
+    disagree.
+    """
+
+    message_step: Ints  # step k at which a message is available, shape (m,), increasing
+    message: Floats  # rows of `LeaderMessage`, shape (m, 10)
+    ranges: Floats  # rows of `Ranges`: slant ranges, shape (m, 3), [m]
+    # of transmitters that are at rest: east, north, depth, shape (3, 3), [m]; NaN for none
+    places: Floats | None = None
+    round_trip: Floats | None = None  # as of `Reception`, shape (m,), [s]; None: no answers
+    content: Mapping[str, Floats] = field(default_factory=dict)
+    """Readings of the sender's further sensors by their names, shape (m, c)."""
+
+    def __post_init__(self) -> None:
+        m = self.message_step.size
+        require_shapes(
+            self,
+            {
+                "message_step": (m,),
+                "message": (m, len(LeaderMessage._fields)),
+                "ranges": (m, 3),
+            },
+        )
+        freeze_arrays(self)
+
+    def part(self, first: int, last: int) -> Self:
+        """Messages of steps `first` + 1 … `last`, which become 1 … `last` − `first`."""
+        within = (self.message_step > first) & (self.message_step <= last)
+        return replace(
+            self,
+            message_step=self.message_step[within] - first,
+            message=self.message[within],
+            ranges=self.ranges[within],
+            round_trip=None if self.round_trip is None else self.round_trip[within],
+            content={name: rows[within] for name, rows in self.content.items()},
+        )
+
+    def reception(self, i: int, custom: Mapping[str, Floats]) -> Reception:
+        """Message i = 0 … m − 1 with its ranges, and the receiver's readings at its step."""
+        return Reception(
+            message=LeaderMessage(*self.message[i].tolist()),
+            ranges=Ranges(*self.ranges[i].tolist()),
+            transmitters=self.places,
+            custom=custom,
+            content={name: rows[i] for name, rows in self.content.items()},
+            round_trip=np.nan if self.round_trip is None else float(self.round_trip[i]),
+        )
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -127,6 +185,8 @@ class Measurements(ArrayRecord):
     """Readings of further sensors by their names, shape (n, …); NaN where there is none."""
     sensors: Mapping[str, SensorHeader] = field(default_factory=dict)
     """Channels and rates of `own`, as far as they are declared."""
+    links: Mapping[str, LinkMessages] = field(default_factory=dict)
+    """What was received of further links by their names."""
 
     def __post_init__(self) -> None:
         n = self.speed.size
@@ -185,7 +245,10 @@ class Measurements(ArrayRecord):
         }
         readings_of_part = {name: readings[first:last] for name, readings in self.own.items()}
         return replace(
-            self, **parts | {"message_step": parts["message_step"] - first}, own=readings_of_part
+            self,
+            **parts | {"message_step": parts["message_step"] - first},
+            own=readings_of_part,
+            links={name: messages.part(first, last) for name, messages in self.links.items()},
         )
 
     def require_fresh(self, step: int, dt: float) -> None:
@@ -200,6 +263,7 @@ class Measurements(ArrayRecord):
     def steps(self) -> Iterator[tuple[OwnMotion, Reception | None]]:
         """Own motion and, where a message arrived, its reception: one pair a step, k = 1 … n."""
         arrival = dict(zip(self.message_step.tolist(), range(self.message_step.size), strict=True))
+        further = self._further_arrivals()
         # one by one, as all numbers of a mission as Python objects would take more memory than its
         # arrays
         columns = (map(float, column) for column in (self.speed, self.heading, self.depth))
@@ -207,7 +271,20 @@ class Measurements(ArrayRecord):
             i = arrival.get(k)
             custom = {name: rows[k - 1] for name, rows in self.own.items()}
             reading = motion._replace(custom=custom) if custom else motion
+            if k in further:
+                receptions = {
+                    name: self.links[name].reception(j, custom) for name, j in further[k].items()
+                }
+                reading = reading._replace(receptions=receptions)
             yield reading, None if i is None else self.reception(i)
+
+    def _further_arrivals(self) -> dict[int, dict[str, int]]:
+        """Numbers of the messages of further links by step and name."""
+        arrivals: dict[int, dict[str, int]] = {}
+        for name, messages in self.links.items():
+            for j, step in enumerate(messages.message_step.tolist()):
+                arrivals.setdefault(step, {})[name] = j
+        return arrivals
 
     def reception(self, i: int) -> Reception:
         """Message i = 0 … m − 1 with its ranges, and the readings of `own` at its step."""

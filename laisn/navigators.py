@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pkgutil import resolve_name
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -89,6 +89,7 @@ class NavigatorSpec:
     needs: tuple[str, ...] = ()  # names of readings that a user's navigator cannot do without
     # its errors come near the Cramér–Rao bound, so that campaigns compute that too
     compare_with_crlb: bool = False
+    takes_links: bool = False  # it uses the messages of several links, `navigation.further_links`
     extra: Extra | None = None  # without which it cannot be made
 
     @property
@@ -162,7 +163,14 @@ _TIGHT = NavigatorSpec(
 )
 
 
-def _rival(factory: str, title: str, sensor: str = "", extra: Extra | None = None) -> NavigatorSpec:
+def _rival(
+    factory: str,
+    title: str,
+    sensor: str = "",
+    extra: Extra | None = None,
+    *,
+    takes_links: bool = False,
+) -> NavigatorSpec:
     return NavigatorSpec(
         factory=f"laisn.rivals.{factory}",
         settings=RivalSettings,
@@ -170,6 +178,7 @@ def _rival(factory: str, title: str, sensor: str = "", extra: Extra | None = Non
         title=title,
         sensor=sensor,
         extra=extra,
+        takes_links=takes_links,
     )
 
 
@@ -177,7 +186,7 @@ NAVIGATORS: dict[str, NavigatorSpec] = {
     **dict.fromkeys(VARIANTS, _LAISN),
     "tight": _TIGHT,
     "dead-reckoning": _rival("filters:DeadReckoning", "dead reckoning"),
-    "ekf": _rival("filters:RangeFilter", "the extended Kalman filter on ranges"),
+    "ekf": _rival("filters:RangeFilter", "the extended Kalman filter on ranges", takes_links=True),
     "imm": _rival("speed_modes:SpeedModes", "the extended Kalman filter with two modes of speed"),
     "owtt": _rival(
         "filters:OneWayTravelTime", "the filter on one-way travel times of one transmitter"
@@ -250,9 +259,17 @@ _NOWHERE = 1e3 * FARTHEST  # a position of a leader or transmitter beyond this i
 
 
 def require_valid(
-    step: int, own: OwnMotion, reception: Reception | None, duration: float | None
+    step: int,
+    own: OwnMotion,
+    reception: Reception | None,
+    duration: float | None,
+    *,
+    whole_messages: bool = True,
 ) -> None:
-    """LaisnError naming what of the input of a step is not finite or beyond its bounds."""
+    """LaisnError naming what of the input of a step is not finite or beyond its bounds.
+
+    With `whole_messages` position, heading, speed and depth of messages may not be missing (NaN).
+    """
     if not (math.isfinite(own.speed) and math.isfinite(own.heading)) or math.isinf(own.depth):
         raise LaisnError(f"step {step}: own motion {own} is not finite")
     if abs(own.speed) > FASTEST:
@@ -261,11 +278,17 @@ def require_valid(
         )
     if duration is not None and not 0.0 < duration < math.inf:
         raise LaisnError(f"step {step}: it takes {duration} s, expected a positive time")
-    if reception is None:
-        return
+    for received in (reception, *own.receptions.values()):
+        if received is not None:
+            _require_valid_reception(step, received, whole_messages)
+
+
+def _require_valid_reception(step: int, reception: Reception, whole_messages: bool) -> None:
     message, ranges, places = reception[:3]
-    pose = message.east, message.north, message.depth
-    if not all(map(math.isfinite, message[:6])) or max(map(abs, pose)) > _NOWHERE:
+    numbers = np.array(message[:6])
+    if not whole_messages:
+        numbers[np.isnan(numbers)] = 0.0
+    if not np.isfinite(numbers).all() or np.abs(numbers[[1, 2, 5]]).max() > _NOWHERE:
         raise LaisnError(
             f"step {step}: leader message {message} is not finite, or farther than {_NOWHERE:g} m"
         )
@@ -289,6 +312,8 @@ class OnlineNavigator(ABC, Generic[Result]):
 
     ESTIMATES: type[Any] = Estimates
     """The record of a mission, of type Result."""
+    WHOLE_MESSAGES: ClassVar[bool] = True
+    """Whether it needs position, heading, speed and depth of every message."""
 
     def __init__(self, settings: Any, start: Floats | None, start_sigma: float) -> None:
         """Begin at x, y [m], vx, vy [m/s], of finite numbers, or anywhere; `start_sigma` is σ of
@@ -350,7 +375,8 @@ class OnlineNavigator(ABC, Generic[Result]):
                 be used further.
         """
         self._step += 1
-        require_valid(self._step, own, reception, duration)
+        whole = self.WHOLE_MESSAGES
+        require_valid(self._step, own, reception, duration, whole_messages=whole)
         if not math.isnan(own.depth):
             self._depth = own.depth
         own = own._replace(depth=self._depth)
@@ -484,6 +510,8 @@ class SteppedNavigator(OnlineNavigator[Estimates]):
     A message gives a fix at the estimate. LaisnError if that has another shape, or left finite
     numbers.
     """
+
+    WHOLE_MESSAGES = False
 
     def __init__(self, navigator: Any, settings: Settings) -> None:
         super().__init__(settings, None, 0.0)

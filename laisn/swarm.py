@@ -179,6 +179,10 @@ class SeparateNavigators:
         """Of each follower, as its navigator made them."""
         self.custom: list[dict[str, Floats]] = [{} for _ in starts]
         """Readings of further sensors of each follower at this filter step, by their names."""
+        self.receptions: list[dict[str, Reception]] = [{} for _ in starts]
+        """What is in of further links at this filter step, of each follower, by their names."""
+        self.content: list[dict[str, Floats]] = [{} for _ in starts]
+        """Readings of the sender that the main link's message holds, of each follower."""
         self.places: Floats | None = None
         """Where the transmitters of messages are, as of `Reception.transmitters`."""
 
@@ -193,24 +197,40 @@ class SeparateNavigators:
         record: SwarmRecord,
     ) -> int:
         """Advance by one filter step; see `Swarm.navigate`. Gates are not counted."""
-        for i, navigator in enumerate(self.navigators):
-            speed, heading, depth, *_ = readings[i].tolist()
-            reading = OwnMotion(speed, heading, depth, self.custom[i])
+        for i in range(len(self.navigators)):
             reception = None
             if received[i]:
                 reception = reception_of(messages[i], ranges[i], self.custom[i], self.places)
-            fixes = navigator.step(reading, reception)
-            state = np.array(navigator.state, dtype=np.float64)
-            estimates.position[i], estimates.velocity[i] = np.split(state, 2)
-            # of the sensors by which the hull is controlled, from a navigator that has them
-            biases = getattr(navigator, "biases", (0.0, 0.0))
-            estimates.log_bias[i], estimates.compass_bias[i] = biases
-            record.state[i, step - 1] = state
-            if record.covariance.shape[1] > 0:
-                covariance = getattr(navigator, "covariance", np.nan)
-                record.covariance[i, step - 1] = covariance
-                self.fixes[i] += _fixes_of(fixes, step, reception, state, covariance)
+                reception = reception._replace(content=self.content[i])
+            self.advance(i, step, readings[i], reception, estimates, record)
         return 0
+
+    def advance(
+        self,
+        i: int,
+        step: int,
+        reading: Record,
+        reception: Reception | None,
+        estimates: Records,
+        record: SwarmRecord,
+    ) -> None:
+        """Advance navigator i by one filter step, by a record of READING and what is in of the main
+        link.
+        """
+        navigator = self.navigators[i]
+        speed, heading, depth, *_ = reading.tolist()
+        own = OwnMotion(speed, heading, depth, self.custom[i], self.receptions[i])
+        fixes = navigator.step(own, reception)
+        state = np.array(navigator.state, dtype=np.float64)
+        estimates.position[i], estimates.velocity[i] = np.split(state, 2)
+        # of the sensors by which the hull is controlled, from a navigator that has them
+        biases = getattr(navigator, "biases", (0.0, 0.0))
+        estimates.log_bias[i], estimates.compass_bias[i] = biases
+        record.state[i, step - 1] = state
+        if record.covariance.shape[1] > 0:
+            covariance = getattr(navigator, "covariance", np.nan)
+            record.covariance[i, step - 1] = covariance
+            self.fixes[i] += _fixes_of(fixes, step, reception, state, covariance)
 
     def estimates(self, record: SwarmRecord, follower: int, steps: int) -> Estimates:
         """The estimates of a follower in the first steps, of the navigator's own kind."""

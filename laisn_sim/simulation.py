@@ -38,6 +38,7 @@ from sim.custom_control import (
     require_command,
 )
 from sim.flight import Termination
+from sim.leader import LeaderUnit
 from sim.scenario.settings import Scenario
 from sim.simulation import (
     TICK,
@@ -333,39 +334,72 @@ class Simulation:
         return {}
 
     @property
+    def _leader(self) -> LeaderUnit | None:
+        """The leader, if it senses under way."""
+        return self._loop.leader if isinstance(self._loop, PythonClosedLoop) else None
+
+    @property
+    def _is_filter_step(self) -> bool:
+        return self._instant > 0 and self._instant % self._loop.state.sensors.stride == 0
+
+    def _further(self, follower: int) -> dict[str, Reception]:
+        """What is in of links beside the main one at this instant by name."""
+        if not (self._is_filter_step and isinstance(self._loop, PythonClosedLoop)):
+            return {}
+        received = self._loop.receptions(follower)
+        received.pop(self.scenario.navigation.link, None)
+        return received
+
+    @property
     def receptions(self) -> dict[str, Reception | None]:
-        """What each follower has received of the leader at this instant by name; None: nothing."""
-        state = self._loop.state
+        """What each vehicle has received at this instant of the link that it navigates on by name;
+        None: nothing. The leader is among them if it senses under way.
+        """
         hearing = hearing_of(self._loop)
-        k = self._instant
-        due = k > 0 and k % state.sensors.stride == 0
+        due = self._is_filter_step
         receptions: dict[str, Reception | None] = {}
+        if self._leader is not None:
+            receptions["leader"] = self._leader.receptions()[0] if due else None
         for i, name in enumerate(self.names[1:]):
             receptions[name] = None
-            if due and hearing.arrived[i]:
+            if due and isinstance(self._loop, PythonClosedLoop):
+                main = self.scenario.navigation.link
+                receptions[name] = self._loop.receptions(i).get(main)
+            elif due and hearing.arrived[i]:
                 inbox = hearing.inbox
-                receptions[name] = reception_of(
-                    inbox.message[i], inbox.ranges[i], self._custom(i), hearing.places
-                )
+                receptions[name] = reception_of(inbox.message[i], inbox.ranges[i], {})
         return receptions
 
     @property
     def readings(self) -> dict[str, Readings]:
-        """What each follower's sensors read last by name."""
+        """What each vehicle's sensors read last by name, of the leader if it senses under way;
+        `receptions` in it are of links beside the one that is navigated on.
+        """
         receptions = self.receptions
-        return {
-            name: readings_of(
-                self.time, self._loop.state.readings[i], receptions[name], self._custom(i)
-            )
-            for i, name in enumerate(self.names[1:])
-        }
+        readings: dict[str, Readings] = {}
+        leader = self._leader
+        if leader is not None:
+            further = leader.receptions()[1] if self._is_filter_step else {}
+            received = receptions["leader"]
+            readings["leader"] = readings_of(self.time, leader.reading[0], received, {}, further)
+        for i, name in enumerate(self.names[1:]):
+            row = self._loop.state.readings[i]
+            custom = self._custom(i)
+            further = self._further(i)
+            readings[name] = readings_of(self.time, row, receptions[name], custom, further)
+        return readings
 
     @property
     def estimates(self) -> dict[str, Belief]:
-        """What each follower's navigator believes by name, brought forward between filter steps."""
-        return {
-            name: belief_of(self._loop.state.estimates[i]) for i, name in enumerate(self.names[1:])
-        }
+        """What each vehicle's navigator believes by name, brought forward between filter steps; of
+        the leader if it senses under way.
+        """
+        estimates: dict[str, Belief] = {}
+        if self._leader is not None:
+            estimates["leader"] = belief_of(self._leader.estimate[0])
+        for i, name in enumerate(self.names[1:]):
+            estimates[name] = belief_of(self._loop.state.estimates[i])
+        return estimates
 
     def reset(self, *, seed: int | None = None, run: int | None = None) -> Self:
         """Set out anew, perhaps with the noise of another seed or run; commands are forgotten."""

@@ -6,16 +6,17 @@ Guidance and autopilot have nothing but readings, messages and estimates. A foll
 controller of the user's own, whose Python code computes its commands from these (`CustomControl`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from typing import NamedTuple, cast
 
 import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints, Record, Records, numbers_of, records
-from laisn.compiled import compiled
+from laisn.compiled import compiled, copy_values
 from laisn.errors import LaisnError
-from laisn.messages import Reception, SensorHeader
+from laisn.messages import LeaderMessage, LinkMessages, Reception, SensorHeader
 from laisn.navigators import find
 from laisn.swarm import (
     ESTIMATE,
@@ -32,20 +33,21 @@ from sim.control import follower as steering
 from sim.control.autopilot import control, vehicle_state
 from sim.control.guidance import (
     REFERENCE,
-    begin,
-    integrate_offset,
-    steer,
     track_current,
 )
 from sim.control.station import SPACING, TRAIL, LeaderPlan, extend_as_planned, plan_of
-from sim.custom_control import CustomControl
+from sim.custom_control import CustomControl, readings_of
+from sim.estimated_route import follow_route
 from sim.flight import Flight, Termination, navigation_settings
+from sim.leader import LEADER, LeaderUnit, needs_unit
+from sim.link_receiver import AnswerReceiver, Fleet, Hearing, Receiver, Sender
 from sim.scenario.formation import Proximity
+from sim.scenario.links import LEADER_LINK
 from sim.scenario.settings import Scenario
 from sim.scenario.vehicles import Follower
 from sim.sensing import observation, proximity
 from sim.sensing.acoustics import Motion, site_at
-from sim.sensing.links import Link, navigated_link
+from sim.sensing.links import further_links, navigated_link
 from sim.sensing.sensor import SensorDriver, VehicleState
 from sim.sensing.sensors import own_sensors, update_tilt_error
 from sim.simulation import (
@@ -75,6 +77,10 @@ class ClosedLoopState(NamedTuple):
     look_every: int  # ticks from one look around to the next; 0: there is none
     kinds: Ints  # ON_ROUTE … ON_STATION of each follower, shape (f,)
     estimates_current: bool  # whether the navigators estimate a current
+    leader_on_route: bool  # whether the leader keeps to its route by the truth
+    # what messages of the leader hold that left at each filter step, where that is not its true
+    # state with errors, shape (n + 1, 10); else (0, 10)
+    broadcast: Floats
     plan: LeaderPlan  # the leader's, as far as its messages carry it
     stations: Records  # of STATION, shape (f,)
     # of transmitters, shape (3, 3), hydrophones and pressure sensors, (f, 3) [m]
@@ -118,6 +124,7 @@ def init_closed_loop(
     steps = (n - 1) // sensors.stride
     link = navigated_link(scenario)
     messages = steps // (link.every if link else scenario.message_every) + 1
+    by_estimate = scenario.leader.broadcast_position == "estimate"
     kind = find(scenario.navigation.variant).estimates
     offset = {name: plant.site_offset[i] for i, name in enumerate(plant.site_names)}
     names = [follower.name for follower in scenario.followers]
@@ -143,6 +150,10 @@ def init_closed_loop(
         look_every=proximity.look_interval(scenario),
         kinds=kinds,
         estimates_current="current" in navigation.settings().estimated,
+        leader_on_route=not (
+            scenario.leader.controller or scenario.leader.guidance_position == "estimate"
+        ),
+        broadcast=np.full((steps + 1 if by_estimate else 0, len(LeaderMessage._fields)), np.nan),
         plan=plan,
         stations=stations_of(scenario),
         sites=(
@@ -205,6 +216,9 @@ def sense(k: int, truth: StateHistory, a: ClosedLoopState) -> bool:
                 a.inbox,
             )
             a.arrived[i] = a.inbox.outcome[i] != observation.NO_MESSAGE
+            if a.arrived[i] and a.broadcast.shape[0] > 0:
+                sent = a.broadcast[a.inbox.last_sent[i]]
+                copy_values(sent, a.inbox.message_values[i])
             if a.inbox.outcome[i] == observation.RECEIVED and on_station:
                 clock = (k * TICK, TICK)
                 message = a.inbox.message[i]
@@ -253,38 +267,6 @@ def _true_estimate(
 
 
 @compiled
-def _follow_route(k: int, f: int, a: ClosedLoopState) -> None:
-    """Find the command of a follower that keeps to its route by its readings and estimates."""
-    routes = a.routes
-    i = f + 1
-    estimate = a.estimates[f]
-    reference = routes.reference[k, i]
-    guidance = routes.guidance[i]
-    motion = steering.measured_motion(a.readings[f], estimate, TICK, a.memory[f])
-    if k == 0:
-        begin(reference, motion.heading, motion.surge, (0.0, 0.0), guidance)
-    position = estimate.position[0], estimate.position[1]
-    if k < a.sensors.stride or position[0] != position[0]:
-        # as long as there is no estimate, the reference itself
-        position = reference.east, reference.north
-    if a.estimates_current:
-        track_current((estimate.current[0], estimate.current[1]), TICK, guidance)
-    else:
-        integrate_offset(reference, position, TICK, guidance)
-    steered = steer(reference, position, TICK, guidance)
-    control(
-        routes.kinds,
-        routes.autopilots[i],
-        steered,
-        reference,
-        motion,
-        TICK,
-        routes.autopilot[i],
-        routes.command[i],
-    )
-
-
-@compiled
 def guide(k: int, truth: StateHistory, a: ClosedLoopState) -> None:
     """Find the commands of all vehicles that hold from instant k until k + 1.
 
@@ -292,7 +274,7 @@ def guide(k: int, truth: StateHistory, a: ClosedLoopState) -> None:
     read.
     """
     routes = a.routes
-    if not routes.outside[0]:
+    if a.leader_on_route and not routes.outside[0]:
         steer_along_route(k, truth, 0, routes)
     for f in range(a.kinds.size):
         i = f + 1
@@ -303,7 +285,9 @@ def guide(k: int, truth: StateHistory, a: ClosedLoopState) -> None:
         if a.kinds[f] == ON_ROUTE:
             steer_along_route(k, truth, i, routes)
         elif a.kinds[f] == ON_ROUTE_BY_ESTIMATE:
-            _follow_route(k, f, a)
+            senses = (reading, estimate)
+            navigation = (a.sensors.stride, a.estimates_current)
+            follow_route(k, i, senses, a.memory[f], routes, navigation)
         if a.kinds[f] < ON_STATION_BY_TRUTH:
             continue
         if a.kinds[f] == ON_STATION_BY_TRUTH:
@@ -315,10 +299,17 @@ def guide(k: int, truth: StateHistory, a: ClosedLoopState) -> None:
             _true_estimate(body, a.sites[1][f], guidance, reading, estimate)
         trail = (a.trails[f], a.counts[f, 0])
         clock = (k * TICK, TICK)
-        senses = (reading, estimate)
+        station_senses = (reading, estimate)
         memory = a.memory[f]
         station_command, motion = steering.keep_station(
-            a.formations[f], a.stations[f], senses, trail, clock, memory, a.reference[0], a.plan
+            a.formations[f],
+            a.stations[f],
+            station_senses,
+            trail,
+            clock,
+            memory,
+            a.reference[0],
+            a.plan,
         )
         control(
             routes.kinds,
@@ -361,114 +352,115 @@ class ClosedLoop(NamedTuple):
         return failed
 
 
-class Hearing(NamedTuple):
-    """What f followers receive on one link, and have received."""
+@dataclass(frozen=True, kw_only=True)
+class LoopParts:
+    """What Python calls in a closed loop beside the followers' navigators."""
 
-    sensors: observation.SensorModel
-    motion: StateHistory  # of all vehicles, the sender first
-    sites: tuple[Floats, Floats]  # of transmitters, shape (3, 3), and hydrophones, (f, 3) [m]
-    tilts: Floats  # as of `ClosedLoopState`
-    inbox: observation.Inbox
-    arrived: Bools  # whether a message is in at this filter step, shape (f,)
-    measured: observation.MeasurementRecord
-    places: Floats | None  # of beacons, as of `Link`
-
-
-class LinkReceiver:
-    """Receives the messages of a further link, one instant after the other."""
-
-    def __init__(self, scenario: Scenario, link: Link, state: ClosedLoopState) -> None:
-        """Nothing is received yet."""
-        f = state.kinds.size
-        n = len(state.tilts)
-        sensors = observation.sensor_model_of(scenario, link)
-        self._link = link
-        self._receives = link.receivers(f)
-        self.hearing = Hearing(
-            sensors=sensors,
-            motion=StateHistory.empty(n, f + 1, 0),
-            sites=(link.sites, state.sites[1]),
-            tilts=state.tilts.copy(),
-            inbox=observation.new_inbox(f, link.every),
-            arrived=np.zeros(f, dtype=np.bool_),
-            measured=observation.MeasurementRecord.empty(f, (n - 1) // sensors.stride, link.every),
-            places=link.places,
-        )
-
-    def sense(self, k: int, truth: StateHistory, read: Floats) -> None:
-        """Receive what is in at instant k, and record it with the followers' readings, shape (f,
-        6), at filter steps.
-        """
-        hearing = self.hearing
-        s = hearing.sensors
-        self._link.copy_instants(truth, k, k, hearing.motion)
-        if k > 0 and s.senses_acceleration:
-            pose = hearing.motion.pose[:, 0]
-            update_tilt_error(s.tilt_share, k, pose, hearing.motion.twist[:, 0], hearing.tilts)
-        if k % s.stride != 0:
-            return
-        step = k // s.stride
-        inbox = hearing.inbox
-        known = Motion(hearing.motion, 0.0, k)
-        for i, receives in enumerate(self._receives.tolist()):
-            inbox.outcome[i] = observation.NO_MESSAGE
-            if receives and inbox.earliest_step[i] <= step:
-                observation.receive(s, step, i, hearing.sites, known, hearing.tilts, inbox)
-                inbox.ranges[i, self._link.transmitters :] = np.nan
-            hearing.arrived[i] = inbox.outcome[i] != observation.NO_MESSAGE
-            if k > 0:
-                observation.record_step(hearing.measured, inbox, step, i, read[i])
+    custom_control: CustomControl
+    sensors: Sequence[SensorDriver] = ()  # beside the built-in ones, of each follower
+    environment: Environment
+    # what is received on links beside the leader's broadcast, by name
+    receivers: Mapping[str, Receiver] = field(default_factory=dict)
+    main_link: str = LEADER_LINK  # that the followers navigate on
+    further_links: tuple[str, ...] = ()  # that their navigators get beside
+    leader: LeaderUnit | None = None  # None: it keeps to its route by the truth
 
 
 class PythonClosedLoop:
     """The same controller with navigators, further sensors, links or controllers that Python
-    calls.
+    calls, and a leader that senses under way.
     """
 
-    def __init__(
-        self,
-        state: ClosedLoopState,
-        swarm: Swarm,
-        custom_control: CustomControl,
-        sensors: Sequence[SensorDriver],
-        environment: Environment,
-        receiver: LinkReceiver | None = None,
-    ) -> None:
-        """Begin a mission; `sensors` are those beside the built-in ones, of each follower,
-        `receiver` is of the link that they navigate on, if that is not the leader's.
-        """
+    def __init__(self, state: ClosedLoopState, swarm: Swarm, parts: LoopParts) -> None:
+        """Begin a mission."""
         self.state = state
         self.swarm = swarm
-        self._own = custom_control
-        self._sensors = sensors
-        self._environment = environment
-        self.receiver = receiver
+        self._parts = parts
+        self._own = parts.custom_control
+        self._sensors = parts.sensors
+        self._environment = parts.environment
+        self.receivers = parts.receivers
+        self.receiver = parts.receivers.get(parts.main_link)
+        """Of the link that the followers navigate on; None: that is the leader's broadcast."""
+        self.leader = parts.leader
         followers = state.kinds.size
         self.latest_custom: list[dict[str, Floats]] = [{} for _ in range(followers)]
         self.custom: dict[str, list[list[Floats]]] = {
-            sensor.name: [[] for _ in range(followers)] for sensor in sensors
+            sensor.name: [[] for _ in range(followers)] for sensor in self._sensors
         }
         """Readings of further sensors by name, follower and filter step, each of shape (c,)."""
+        self._steps = np.zeros(1, dtype=np.int64)
+        for receiver in self.receivers.values():
+            self._set_content(receiver)
+
+    def _set_content(self, receiver: Receiver) -> None:
+        """Let the messages of a link hold what its sender knows, where they are to."""
+        sender = receiver.link.sender
+        if receiver.link.by_estimate and self.leader is not None and sender == LEADER:
+            receiver.sender = self.leader.sender
+        elif receiver.link.by_estimate:
+            f = sender - 1
+            covariance = self.state.concluded.covariance
+            receiver.sender = Sender(
+                readings=self.state.measured.own[f],
+                state=self.state.concluded.state[f],
+                covariance=covariance[f],
+                start=self._start(f),
+                hydrophone=self.state.sites[1][f],
+                steps=self._steps,
+            )
+        if receiver.link.readings:
+            receiver.readings_of = self._readings_at
+
+    def _start(self, f: int) -> Floats:
+        estimate = self.state.estimates[f]
+        return np.concatenate([estimate.position, estimate.velocity])
+
+    def _readings_at(self, vehicle: int, step: int) -> dict[str, Floats]:
+        """Readings of a follower's further sensors at a filter step, or the last one before."""
+        rows = {name: of_followers[vehicle - 1] for name, of_followers in self.custom.items()}
+        return {name: of_steps[min(step, len(of_steps)) - 1] for name, of_steps in rows.items()}
+
+    def _receive(self, k: int) -> None:
+        """Receive further links at instant k, a filter step."""
+        step = k // self.state.sensors.stride
+        followers = range(self.state.kinds.size)
+        for receiver in self.receivers.values():
+            receiver.receive(k, followers)
+            receiver.record_readings(step, self.state.read)
+
+    def _answer(self, k: int, truth: StateHistory) -> None:
+        """Let vehicles answer what has come to them at instant k, a filter step."""
+        for receiver in self.receivers.values():
+            if isinstance(receiver, AnswerReceiver):
+                requests = self.receivers.get(receiver.link.answers)
+                broadcast = broadcast_hearing(self.state, truth)
+                receiver.take_request(k, broadcast if requests is None else requests.hearing)
 
     def control(self, k: int, truth: StateHistory) -> int:
         """As `ClosedLoop.control`."""
         state = self.state
         failed = 0
-        followers = range(state.kinds.size)
-        arrived = [False for _ in followers]
+        stride = state.sensors.stride
+        for receiver in self.receivers.values():
+            receiver.follow_motion(k, truth)
+        if self.leader is not None:
+            self.leader.advance(k, truth)
+            if k % stride == 0 and state.broadcast.shape[0] > 0:
+                dt = float(state.sensors.dt)
+                state.broadcast[k // stride] = self.leader.sender.content(k // stride * dt, dt)
         is_due = sense(k, truth, state)
-        if self.receiver is not None:
-            self.receiver.sense(k, truth, state.read)
+        if k % stride == 0:
+            self._receive(k)
+            self._answer(k, truth)
         hearing = hearing_of(self, truth)
         inbox = hearing.inbox
         if is_due:
-            arrived = hearing.arrived.tolist()
             self._read_custom(k, truth)
             if isinstance(self.swarm, SeparateNavigators):
-                self.swarm.custom = self.latest_custom
-                self.swarm.places = hearing.places
+                self._hand_over(self.swarm, hearing)
             failed = self.swarm.navigate(
-                k // state.sensors.stride,
+                k // stride,
                 state.readings,
                 hearing.arrived,
                 inbox.message,
@@ -476,17 +468,57 @@ class PythonClosedLoop:
                 state.estimates,
                 state.concluded,
             )
+            self._steps[0] = k // stride
         guide(k, truth, state)
-        if self._own:
-            received: list[Reception | None] = [None for _ in followers]
-            for f in followers:
-                if arrived[f]:
-                    received[f] = reception_of(
-                        inbox.message[f], inbox.ranges[f], self.latest_custom[f], hearing.places
-                    )
-            tables = (state.readings, state.estimates, state.memory)
-            self._own.command(k, received, self.latest_custom, tables)
+        if self.leader is not None:
+            self.leader.steer(k)
+        for i in self._own.due:
+            f = i - 1
+            received = self.receptions(f) if is_due else {}
+            main = received.pop(self._parts.main_link, None)
+            custom = self.latest_custom[f]
+            reading = state.readings[f]
+            readings = readings_of(k * TICK, reading, main, custom, received)
+            self._own.command(k, i, readings, (reading, state.estimates[f]), state.memory[f])
         return failed
+
+    def _hand_over(self, swarm: SeparateNavigators, hearing: Hearing) -> None:
+        """Hand to navigators what is no number of a record."""
+        swarm.custom = self.latest_custom
+        swarm.places = hearing.places
+        if self.receiver is not None:
+            swarm.content = self.receiver.content
+        if self._parts.further_links:
+            for f in range(len(swarm.receptions)):
+                received = self.receptions(f)
+                swarm.receptions[f] = {
+                    name: received[name] for name in self._parts.further_links if name in received
+                }
+
+    def receptions(self, f: int) -> dict[str, Reception]:
+        """What is in at this filter step of all links by name, of a follower."""
+        custom = self.latest_custom[f]
+        receptions = {}
+        if self.state.arrived[f]:
+            inbox = self.state.inbox
+            receptions[LEADER_LINK] = reception_of(inbox.message[f], inbox.ranges[f], custom)
+        for name, receiver in self.receivers.items():
+            if f in receiver.receives:
+                reception = receiver.reception(f, custom)
+                if reception is not None:
+                    receptions[name] = reception
+        return receptions
+
+    def link_messages(self, follower: int, steps: int) -> dict[str, LinkMessages]:
+        """What a follower has received of further links in the first steps by name."""
+        messages = {
+            name: receiver.messages(follower, steps)
+            for name, receiver in self.receivers.items()
+            if name != self._parts.main_link and follower in receiver.receives
+        }
+        if LEADER_LINK in self._parts.further_links:
+            messages[LEADER_LINK] = self.state.measured.messages_of(follower, steps)
+        return messages
 
     def _read_custom(self, k: int, truth: StateHistory) -> None:
         """Read the further sensors of all followers at instant k, a filter step, and record
@@ -543,17 +575,11 @@ class PythonClosedLoop:
 AnyClosedLoop = ClosedLoop | PythonClosedLoop
 
 
-def hearing_of(loop: AnyClosedLoop, truth: StateHistory | None = None) -> Hearing:
-    """What followers receive on the link that they navigate on; `truth` is its motion where that is
-    the leader's.
-    """
-    receiver = loop.receiver if isinstance(loop, PythonClosedLoop) else None
-    if receiver is not None:
-        return receiver.hearing
-    state = loop.state
+def broadcast_hearing(state: ClosedLoopState, truth: StateHistory) -> Hearing:
+    """What followers receive of the leader's broadcast; `truth` is the motion of all vehicles."""
     return Hearing(
         sensors=state.sensors,
-        motion=StateHistory.empty(0, 0, 0) if truth is None else truth,
+        motion=truth,
         sites=(state.sites[0], state.sites[1]),
         tilts=state.tilts,
         inbox=state.inbox,
@@ -561,6 +587,42 @@ def hearing_of(loop: AnyClosedLoop, truth: StateHistory | None = None) -> Hearin
         measured=state.measured,
         places=None,
     )
+
+
+def hearing_of(loop: AnyClosedLoop, truth: StateHistory | None = None) -> Hearing:
+    """What followers receive on the link that they navigate on; `truth` is its motion where that is
+    the leader's.
+    """
+    receiver = loop.receiver if isinstance(loop, PythonClosedLoop) else None
+    if receiver is not None:
+        return receiver.hearing
+    return broadcast_hearing(loop.state, truth or StateHistory.empty(0, 0, 0))
+
+
+def _fleet_of(scenario: Scenario, plant: Plant, state: ClosedLoopState) -> Fleet:
+    """Vehicles as links find them."""
+    offset = dict(zip(plant.site_names, plant.site_offset, strict=True))
+    of_leader = offset.get("leader/hydrophone", np.full(3, np.nan))
+    return Fleet(
+        followers=state.kinds.size,
+        instants=len(state.tilts),
+        hydrophones=np.array([*state.sites[1], of_leader]),
+        attitude_broadcast=scenario.leader.broadcast_attitude,
+    )
+
+
+def _receivers_of(scenario: Scenario, fleet: Fleet) -> dict[str, Receiver]:
+    """What is received on links beside the leader's broadcast by name."""
+    receivers: dict[str, Receiver] = {}
+    links = {link.name: link for link in further_links(scenario)}
+    for name, link in links.items():
+        if link.answers:
+            request = links.get(link.answers)
+            requester = LEADER if request is None else request.sender
+            receivers[name] = AnswerReceiver(scenario, link, fleet, requester)
+        else:
+            receivers[name] = Receiver(scenario, link, fleet)
+    return receivers
 
 
 def closed_loop_of(
@@ -589,15 +651,27 @@ def closed_loop_of(
     swarm: Swarm = make(settings[0], starts)
     state = init_closed_loop(scenario, plant, routes, whole=whole)
     state.estimates.position = starts[:, :2] if settings[0].known_start else np.nan
-    custom_control = CustomControl(scenario, plant, routes)
+    controlled = {i: f for i, f in enumerate(scenario.followers, 1) if f.controller}
+    custom_control = CustomControl(controlled, plant, routes)
     sensors = own_sensors(scenario)
-    link = navigated_link(scenario)
-    if isinstance(swarm, tuple) and not custom_control and not sensors and link is None:
+    fleet = _fleet_of(scenario, plant, state)
+    receivers = _receivers_of(scenario, fleet)
+    leader = None
+    if needs_unit(scenario):
+        leader = LeaderUnit(scenario, plant, routes, receivers, fleet)
+    in_python = custom_control or sensors or receivers or leader
+    if isinstance(swarm, tuple) and not in_python:
         return ClosedLoop(state, swarm)
-    receiver = None if link is None else LinkReceiver(scenario, link, state)
-    return PythonClosedLoop(
-        state, swarm, custom_control, sensors, plant.ocean.environment, receiver
+    parts = LoopParts(
+        custom_control=custom_control,
+        sensors=sensors,
+        environment=plant.ocean.environment,
+        receivers=receivers,
+        main_link=scenario.navigation.link,
+        further_links=scenario.navigation.further_links,
+        leader=leader,
     )
+    return PythonClosedLoop(state, swarm, parts)
 
 
 def closed_loop_mission(
@@ -639,16 +713,19 @@ def flight_of(
     dt = scenario.timing.filter_step_s
     kind = find(scenario.navigation.variant).estimates
     hearing = hearing_of(loop)
+    leader = loop.leader if isinstance(loop, PythonClosedLoop) else None
     measurements = []
     estimates = []
     for i in range(len(scenario.followers)):
         custom: dict[str, Floats] = {}
         headers: dict[str, SensorHeader] = {}
+        links: dict[str, LinkMessages] = {}
         if isinstance(loop, PythonClosedLoop):
             custom = loop.custom_readings(i, steps)
             headers = loop.headers
+            links = loop.link_messages(i, steps)
         measurements.append(
-            hearing.measured.measurements(i, steps, dt, custom, headers, hearing.places)
+            hearing.measured.measurements(i, steps, dt, custom, headers, hearing.places, links)
         )
         if isinstance(loop.swarm, SeparateNavigators):
             estimates.append(loop.swarm.estimates(state.concluded, i, steps))
@@ -660,4 +737,5 @@ def flight_of(
         measurements=tuple(measurements),
         estimates=tuple(estimates),
         outcome=outcome,
+        leader=leader.record(steps) if leader is not None else None,
     )

@@ -15,14 +15,13 @@ from laisn.plugins import calling, find_controller
 from sim.control import follower as steering
 from sim.control.autopilot import apply_wrench, control
 from sim.control.guidance import REFERENCE, begin, limit_command
-from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.scenario.vehicles import Follower
+from sim.scenario.settings import CONTROL_STEP_S, Vehicle
 from sim.simulation import RouteControl
 from sim.vehicle.plant import Plant
 
 
 class Readings(NamedTuple):
-    """What a follower measures at a control step; the values of a filter step stay until the
+    """What a vehicle measures at a control step; the values of a filter step stay until the
     next one.
     """
 
@@ -33,13 +32,16 @@ class Readings(NamedTuple):
     pitch: float  # inclinometer, positive nose up [rad]
     yaw_rate: float  # gyro about the hull's upward axis, positive to port [rad/s]
     pitch_rate: float  # gyro about the hull's port axis, positive nose down [rad/s]
-    reception: Reception | None  # of the leader's message, at the control step at which it arrives
+    # message of the link that is navigated on, at the control step at which it is in
+    reception: Reception | None
     custom: Mapping[str, Floats] = MappingProxyType({})
     """Readings of further sensors at the last filter step by their names, shape (c,)."""
+    receptions: Mapping[str, Reception] = MappingProxyType({})
+    """What is in of further links at this control step by their names."""
 
 
 class Belief(NamedTuple):
-    """Estimate of a follower's navigator, brought forward by its velocity between filter steps."""
+    """Estimate of a vehicle's navigator, brought forward by its velocity between filter steps."""
 
     east: float  # position of the hydrophone [m]; NaN before there is an estimate
     north: float
@@ -109,9 +111,13 @@ def belief_of(estimate: Record) -> Belief:
 
 
 def readings_of(
-    time: float, reading: Record, reception: Reception | None, custom: Mapping[str, Floats]
+    time: float,
+    reading: Record,
+    reception: Reception | None,
+    custom: Mapping[str, Floats],
+    receptions: Mapping[str, Reception],
 ) -> Readings:
-    """What a follower measures, by a record of READING."""
+    """What a vehicle measures, by a record of READING."""
     return Readings(
         time=time,
         speed=float(reading.speed),
@@ -122,84 +128,73 @@ def readings_of(
         pitch_rate=float(reading.pitching),
         reception=reception,
         custom=custom,
+        receptions=receptions,
     )
 
 
-def _made_controller(follower: Follower) -> Any:
-    """The controller of a follower's table; LaisnError if there is no such class."""
-    name = str(follower.controller)
+def _made_controller(vehicle: Vehicle) -> Any:
+    """The controller of a vehicle's table; LaisnError if there is no such class."""
+    name = str(vehicle.controller)
     with calling(f"controller {name}"):
-        return find_controller(name)(follower.without_hidden_errors)
+        return find_controller(name)(vehicle.without_hidden_errors)
 
 
 class CustomControl:
-    """Calls the controllers of a scenario's followers and writes what they command.
+    """Calls the controllers of vehicles and writes what they command.
 
-    A controller is made of the follower's table, less what is hidden from it
-    (`Follower.without_hidden_errors`). Its `control(readings, belief, dt)` returns what holds for
+    A controller is made of the vehicle's table, less what is hidden from it
+    (`Vehicle.without_hidden_errors`). Its `control(readings, belief, dt)` returns what holds for
     the next `dt` seconds: a `Command` or a tuple of its three numbers, a `Wrench`, or an
     array of the states of all effectors, in the order of the hull's actuators, shape (m,): N, rad/s
     or rad.
     """
 
-    def __init__(self, scenario: Scenario, plant: Plant, routes: RouteControl) -> None:
-        """Make the controllers; LaisnError if there is no such class."""
-        with_controller = {
-            i: follower for i, follower in enumerate(scenario.followers) if follower.controller
-        }
-        self._controllers = {
-            i: _made_controller(follower) for i, follower in with_controller.items()
-        }
-        self._names = plant.names[1:]
-        self._effectors = [len(names) for names in plant.effector_names[1:]]
+    def __init__(self, vehicles: Mapping[int, Vehicle], plant: Plant, routes: RouteControl) -> None:
+        """Make the controllers of vehicles by their index; LaisnError if there is no such class."""
+        self._controllers = {i: _made_controller(vehicle) for i, vehicle in vehicles.items()}
+        self._names = plant.names
+        self._effectors = [len(names) for names in plant.effector_names]
         self._routes = routes
         self._reference = records(REFERENCE, 1)[0]
 
     def __bool__(self) -> bool:
         return bool(self._controllers)
 
-    def command(
-        self,
-        k: int,
-        received: list[Reception | None],
-        custom: list[dict[str, Floats]],
-        records: tuple[Any, Any, Any],
-    ) -> None:
-        """Write commands from instant k on, by receptions, readings of further sensors, and records
-        of READING, ESTIMATE and FOLLOWER_MEMORY.
-        """
-        for f, controller in self._controllers.items():
-            if self._routes.outside[f + 1]:
-                continue
-            reading, estimate, memory = (table[f] for table in records)
-            readings = readings_of(k * CONTROL_STEP_S, reading, received[f], custom[f])
-            belief = belief_of(estimate)
-            kind = type(controller).__name__
-            with calling(f"controller {kind}: control"):
-                answer = controller.control(readings, belief, CONTROL_STEP_S)
-            where = f" (class {kind}, at {readings.time:g} s)"
-            whose = f"controller of {self._names[f]} returned"
-            require_command(answer, self._effectors[f], whose, where)
-            motion = steering.measured_motion(reading, estimate, CONTROL_STEP_S, memory)
-            command = self._routes.command[f + 1]
-            autopilot = self._routes.autopilot[f + 1]
-            if isinstance(answer, Wrench):
-                autopilot.wrench[:] = answer
-                apply_wrench(
-                    self._routes.kinds,
-                    self._routes.autopilots[f + 1],
-                    motion.surge,
-                    autopilot,
-                    command,
-                )
-            elif isinstance(answer, np.ndarray):
-                command[: len(answer)] = answer
-            else:
-                self._hold(k, f, Command(*map(float, answer)), motion)
+    @property
+    def due(self) -> list[int]:
+        """Indices of the vehicles that are not commanded from outside."""
+        return [i for i in self._controllers if not self._routes.outside[i]]
 
-    def _hold(self, k: int, f: int, demand: Command, motion: Any) -> None:
+    def command(
+        self, k: int, i: int, readings: Readings, senses: tuple[Record, Record], memory: Record
+    ) -> None:
+        """Write the command of vehicle i from instant k on.
+
+        `senses` are records of READING and ESTIMATE, `memory` is of FOLLOWER_MEMORY.
+        """
+        reading, estimate = senses
+        controller = self._controllers[i]
+        kind = type(controller).__name__
+        with calling(f"controller {kind}: control"):
+            answer = controller.control(readings, belief_of(estimate), CONTROL_STEP_S)
+        where = f" (class {kind}, at {readings.time:g} s)"
+        whose = f"controller of {self._names[i]} returned"
+        require_command(answer, self._effectors[i], whose, where)
+        motion = steering.measured_motion(reading, estimate, CONTROL_STEP_S, memory)
+        command = self._routes.command[i]
+        autopilot = self._routes.autopilot[i]
+        if isinstance(answer, Wrench):
+            autopilot.wrench[:] = answer
+            apply_wrench(
+                self._routes.kinds, self._routes.autopilots[i], motion.surge, autopilot, command
+            )
+        elif isinstance(answer, np.ndarray):
+            command[: len(answer)] = answer
+        else:
+            self._hold(k, i, Command(*map(float, answer)), motion)
+
+    def _hold(self, k: int, i: int, demand: Command, motion: Any) -> None:
         routes = self._routes
-        i = f + 1
         reference = self._reference
         guidance: Record = routes.guidance[i]
         reference.depth = demand.depth

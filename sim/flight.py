@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from laisn.metrics import bearing_errors, position_errors
 from laisn.navigators import NAVIGATORS, NavigatorFactory, find
 from laisn.settings import Settings
 from sim.assembly import on_axis
+from sim.scenario.navigation import Navigation
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.acoustics import TRANSMITTERS
 from sim.sensing.links import navigated_motion
@@ -42,6 +43,19 @@ class Termination(Enum):
     INTERRUPTED = "the mission was interrupted; everything up to that step is kept"
 
 
+@dataclass(frozen=True, kw_only=True)
+class VehicleRecord:
+    """What a vehicle has measured and concluded in a mission."""
+
+    measurements: Measurements
+    estimates: Estimates | None  # None: it has no navigator
+
+    def part(self, first: int, last: int) -> Self:
+        """Steps `first` + 1 … `last`, which become 1 … `last` − `first`."""
+        estimates = None if self.estimates is None else self.estimates.part(first, last)
+        return replace(self, measurements=self.measurements.part(first, last), estimates=estimates)
+
+
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Flight:
     """One mission, whole. Follower i is vehicle i + 1 of the trajectory."""
@@ -51,6 +65,7 @@ class Flight:
     measurements: tuple[Measurements, ...]  # one for each follower
     estimates: tuple[Estimates, ...]  # one for each follower
     outcome: Termination = Termination.COMPLETED
+    leader: VehicleRecord | None = None  # None: it has not sensed under way
 
     def __post_init__(self) -> None:
         for i, estimates in enumerate(self.estimates):
@@ -92,10 +107,21 @@ def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: in
     """Settings of a follower's navigator: the scenario's and its hydrophone's place; LaisnError
     if it has none such.
     """
-    sound = scenario.acoustics
     trajectory = navigated_motion(trajectory, scenario)
-    name = trajectory.names[follower + 1]
-    height = scenario.navigation.hydrophone_height_m
+    return settings_of(scenario, scenario.navigation, trajectory, follower + 1)
+
+
+def settings_of(
+    scenario: Scenario, navigation: Navigation, trajectory: Trajectory, vehicle: int
+) -> Settings:
+    """Settings of a vehicle's navigator, by a table of `navigation` and a motion with the sender of
+    its link in the leader's place; errors are as of `navigation_settings`.
+    """
+    sound = scenario.acoustics
+    name = trajectory.names[vehicle]
+    height = navigation.hydrophone_height_m
+    if height is None and f"{name}/hydrophone" not in trajectory.site_names:
+        height = 0.0
     if height is None:
         hydrophone, sensor = (
             trajectory.site(f"{name}/{site}") for site in ("hydrophone", "depth_sensor")
@@ -109,10 +135,10 @@ def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: in
     sites = np.array(placed) - np.array([0.0, 0.0, sensor[2]])
     # the leader's transmitters are those on its hull, unless the scenario has others
     values: dict[str, Any] = {
-        "transmitter_offsets": scenario.navigation.transmitters_m,
+        "transmitter_offsets": navigation.transmitters_m,
         "dt": scenario.timing.filter_step_s,
         "hydrophone_height": float(height),
-        "use_attitude": scenario.navigation.use_attitude,
+        "use_attitude": navigation.use_attitude,
         "ping_slot": sound.ping_slot_s,
         "sound_slowness": 1.0 / assumed if sound.travel_time else 0.0,
         "floor_depth": floor_of(scenario).deepest,
@@ -122,7 +148,7 @@ def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: in
         values |= {"baseline": 2.0 * float(sites[1, 0]), "middle_offset": float(sites[2, 1])}
     elif not values["transmitter_offsets"]:
         values["transmitter_offsets"] = tuple(tuple(site) for site in sites.tolist())
-    return scenario.navigation.settings(values, assumed)
+    return navigation.settings(values, assumed)
 
 
 def settings_as(
@@ -194,6 +220,7 @@ def excerpt(flight: Flight, start: float, end: float) -> Flight:
         trajectory=truth.part(first * flight.stride, last * flight.stride),
         measurements=tuple(m.part(first, last) for m in flight.measurements),
         estimates=tuple(e.part(first, last) for e in flight.estimates),
+        leader=None if flight.leader is None else flight.leader.part(first, last),
     )
 
 

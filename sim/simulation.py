@@ -520,12 +520,13 @@ def simulate_points(
 
 
 def keys_needing_closed_loop(scenario: Scenario) -> list[str]:
-    """Keys by which the motion of followers depends on their estimates: stations, or steering by
-    them.
+    """Keys by which vehicles move, or what they send, depends on what they have read and received:
+    stations, steering by estimates, controllers, a leader that navigates, answers.
     """
     followers = list(enumerate(scenario.followers))
     keys = [f"followers.{i}.station" for i, follower in followers if follower.station]
     keys += [f"followers.{i}.controller" for i, follower in followers if follower.controller]
+    keys += scenario.keys_of_roles()
     return keys + [
         f"followers.{i}.guidance_position = 'estimate'"
         for i, f in followers

@@ -428,7 +428,8 @@ def sense_message(
         block[lanes.DEPTH + lane] = sensors.read_depth(errors, depth, (draws[_FIRST + lane], 0.0))
         block[lanes.EAST + lane] = east
         block[lanes.NORTH + lane] = north
-    _draw_if(errors.leader_heading_sigma > 0.0, noise, _LEADER_MOTION, emitted)
+    motion_errs = errors.leader_heading_sigma + errors.leader_speed_sigma > 0.0
+    _draw_if(motion_errs, noise, _LEADER_MOTION, emitted)
     for lane in range(LANES):
         drawn = draws[_FIRST + lane], draws[_SECOND + lane]
         block[lanes.LEADER_SPEED + lane] = sensors.read_leader_speed(errors, speed, drawn)

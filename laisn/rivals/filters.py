@@ -141,10 +141,18 @@ class DeadReckoning(OnlineNavigator[Estimates]):
 
     def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
         self._advance(np.array([[own.speed, own.heading]]), np.array([dt]))
-        return [] if reception is None else [self._receive(own, reception)]
+        fixes = [] if reception is None else [self._receive(own, reception)]
+        for received in own.receptions.values():
+            self._receive_further(own, received)
+        return fixes
+
+    def _receive_further(self, own: OwnMotion, reception: Reception) -> None:
+        """Update with a message of a further link; methods that take one link's leave it."""
 
     def run(self, measurements: Measurements) -> Estimates:
         """As `OnlineNavigator.run`; all steps between two messages are one call."""
+        if measurements.links:
+            return super().run(measurements)
         measurements.require_fresh(self._step, self.settings.dt)
         n = measurements.speed.size
         readings = np.column_stack([measurements.speed, measurements.heading])
@@ -193,8 +201,12 @@ class DeadReckoning(OnlineNavigator[Estimates]):
             self._covariance = covariances[-1]
         return states, covariances
 
-    def _receive(self, own: OwnMotion, reception: Reception) -> FixRecord:
-        """Update with a message: the fix is the estimate after it."""
+    def _receive(
+        self, own: OwnMotion, reception: Reception, *, sends_as_leader: bool = True
+    ) -> FixRecord:
+        """Update with a message: the fix is the estimate after it. The way of who `sends_as_leader`
+        shows the current.
+        """
         places = place_transmitters(reception, self.settings)
         below = places - (0.0, 0.0, own.depth - self.settings.hydrophone_height)
         if self.settings.compensate_motion:
@@ -210,7 +222,7 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         ranges = np.where(np.isfinite(below).all(axis=1), reception.ranges, np.nan)
         ranges[self.settings.transmitters :] = np.nan
         used = bool(np.isfinite(ranges).any()) and self._update(below, ranges, own, reception)
-        seen = self._track.receive(reception.message)
+        seen = self._track.receive(reception.message) if sends_as_leader else None
         if seen is not None and self.settings.assume.current:
             self._update_current(seen)
         if used:
@@ -328,6 +340,9 @@ class RangeFilter(DeadReckoning):
     with Applications to Tracking and Navigation, 2001, section 10.3). Where pings arrived at other
     times, R has what speed and course may err over these.
     """
+
+    def _receive_further(self, own: OwnMotion, reception: Reception) -> None:
+        self._receive(own, reception, sends_as_leader=False)
 
     def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
         H, innovation, R = range_measurement(self.settings, self.x, below, ranges)

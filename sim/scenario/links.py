@@ -1,6 +1,6 @@
 """What a user may set of further links: who sends messages with pings beside the leader."""
 
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -10,6 +10,7 @@ LEADER_LINK = "leader"
 """Name of the leader's broadcast."""
 Place = Annotated[tuple[Coordinate, Coordinate, NonNegative], LISTED]
 Offset = Annotated[tuple[Coordinate, Coordinate, Coordinate], LISTED]
+Quantity = Literal["position", "heading", "speed", "depth", "attitude"]
 _ON_HULL = ((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.1, 0.0))
 
 
@@ -18,7 +19,7 @@ class Link(Section):
 
     name: Name = Field(description='what navigation.link calls it; not "leader"')
     sender: Name | None = Field(None, description="name of the vehicle that sends")
-    transmitters_m: Annotated[tuple[Offset, ...], LISTED, Field(min_length=2, max_length=3)] = (
+    transmitters_m: Annotated[tuple[Offset, ...], LISTED, Field(min_length=1, max_length=3)] = (
         Field(
             _ON_HULL,
             description="[[forward, port, up], …] of the sender's rear, front and middle "
@@ -34,11 +35,39 @@ class Link(Section):
     offset_s: NonNegative = Field(
         0.0, description="by which all messages are later than multiples of the interval"
     )
+    answers: Name | None = Field(
+        None,
+        description="link whose messages the sender answers, in place of a schedule",
+    )
+    delay_s: Annotated[float, Field(ge=0, le=60)] = Field(
+        0.5, description="of an answer, from the arrival of the request's rear ping to its own"
+    )
+    receivers: Annotated[tuple[Name, ...], LISTED] = Field(
+        (),
+        description='names of followers, or "leader"; default: all followers but the sender',
+    )
+    position: Literal["truth", "estimate"] = Field(
+        "truth",
+        description="in its messages: where the sender is, with the errors sensors.leader_…, or "
+        "what its navigator and its sensors say",
+    )
+    content: Annotated[tuple[Quantity, ...], LISTED] = Field(
+        ("position", "heading", "speed", "depth", "attitude"),
+        description="what its messages hold, beside the time; pitch and roll if "
+        "leader.broadcast_attitude",
+    )
+    readings: Annotated[tuple[Name, ...], LISTED] = Field(
+        (), description="names of further sensors of the sender whose readings they hold"
+    )
 
     @model_validator(mode="after")
     def _one_sender(self) -> Self:
         if (self.sender is None) == (not self.beacons_m):
             raise ValueError("a link has either a sender or beacons_m")
+        if self.beacons_m and (self.answers or self.position == "estimate" or self.readings):
+            raise ValueError("answers, position and readings are of a link with a sender")
+        if self.answers and (self.interval_s or self.offset_s):
+            raise ValueError("answers replaces interval_s and offset_s")
         if self.name == LEADER_LINK:
             raise ValueError('name "leader" is that of the leader\'s broadcast')
         if len(set(self.beacons_m)) < len(self.beacons_m):

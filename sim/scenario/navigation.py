@@ -124,6 +124,9 @@ class Navigation(FurtherKeys):
         description='whose messages the followers navigate on: "leader", or the name of one of '
         "[[links]]",
     )
+    further_links: Annotated[tuple[Name, ...], LISTED] = Field(
+        (), description="of [[links]], which the navigator gets beside"
+    )
     assume: Assume = Assume()
     rival: Rival = Rival()
     beacons: Beacons = Beacons()

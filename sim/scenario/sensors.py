@@ -71,6 +71,7 @@ class Sensors(OwnSensors):
         (), description="further sensors of each follower, shipped or your own"
     )
     leader_speed_bias_m_s: SpeedBias = 0.0
+    leader_speed_sigma_m_s: Sigma = 0.0
     leader_heading_bias_deg: HeadingBias = 0.0
     leader_heading_sigma_deg: Sigma = Field(0.0, description="one-sided, as heading_sigma_deg")
     leader_depth_sigma_m: Sigma = 0.0
@@ -95,14 +96,18 @@ class Sensors(OwnSensors):
     leader_gyro_random_walk_deg_sqrt_h: Sigma = 0.3
 
 
+LEADER_PREFIX = "leader_"
+"""Of the keys of `[sensors]` that are of what the leader broadcasts."""
+
 if TYPE_CHECKING:
-    FollowerSensors = OwnSensors
+    VehicleSensors = OwnSensors
 else:
-    FollowerSensors = create_model(
-        "FollowerSensors",
+    VehicleSensors = create_model(
+        "VehicleSensors",
         __base__=Section,
-        __doc__="Errors of one follower's own sensors. Keys and defaults: `[sensors]` without "
-        "`own` and `leader_…`.",
+        __doc__="Errors of one vehicle's own sensors. Keys and defaults of a follower: `[sensors]` "
+        "without `own` and `leader_…`; of the leader: `sensors.leader_…` where there is such a "
+        "key, and no drift.",
         **{
             name: (
                 Annotated[field.annotation, *field.metadata] | None,

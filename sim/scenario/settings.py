@@ -38,7 +38,7 @@ from sim.scenario.section import (
     increasing,
     is_multiple,
 )
-from sim.scenario.sensors import Acoustics, Sensors
+from sim.scenario.sensors import LEADER_PREFIX, Acoustics, Sensors, VehicleSensors
 from sim.scenario.vehicles import Follower, Leader, Vehicle
 from sim.system import atomic_write
 
@@ -208,8 +208,16 @@ _ORIGIN = {
 }
 """Keys of a scenario by those of `ocean.origin`."""
 
+_OF_MESSAGES = {"position", "heading", "speed", "depth"}
+"""Content of messages that navigators of this project cannot do without."""
+
 # a follower in place of those of an invalid shape
 _STAND_IN = {"station": {"behind_m": 10.0, "depth_m": 10.0}}
+
+
+def _errors_set_by(vehicle: Vehicle) -> dict[str, float]:
+    """Errors that the table of a vehicle's own sensors sets."""
+    return {name: value for name, value in vehicle.sensors if value is not None}
 
 
 class Scenario(Section):
@@ -357,11 +365,14 @@ class Scenario(Section):
         errors += self._station_errors()
         errors += self._navigation_errors()
         errors += self._link_errors()
+        errors += self._leader_errors()
         return errors
 
     def _motion_errors(self) -> list[str]:
-        """What followers on the paper's point motion cannot do."""
+        """What vehicles on the paper's point motion cannot do."""
         errors = []
+        if self.motion != "physics":
+            errors += [f"{key} needs motion = 'physics'" for key in self.keys_of_roles()]
         for i, follower in enumerate(self.followers if self.motion != "physics" else ()):
             if follower.station or follower.controller:
                 key = "station" if follower.station else "controller"
@@ -422,6 +433,8 @@ class Scenario(Section):
                 errors.append(
                     f"{key}.sender = {link.sender!r} is no vehicle: {', '.join(vehicles)}"
                 )
+            errors += self._receiver_errors(key, link)
+            errors += self._answer_errors(key, link)
             interval = link.interval_s or self.timing.message_interval_s
             if not is_multiple(interval, step):
                 errors.append(f"{key}.interval_s is no multiple of filter_step_s = {step:g}")
@@ -437,36 +450,138 @@ class Scenario(Section):
                     f"{key}.beacons_m: {deep[0]:g} m is below the floor at "
                     f"{self.ocean.floor_depth_m:g} m"
                 )
-        return errors + self._navigated_link_errors(names)
+        errors += self._navigated_link_errors("navigation", self.navigation)
+        if self.leader.navigation is not None:
+            errors += self._navigated_link_errors("leader.navigation", self.leader.navigation)
+        return errors
 
-    def _navigated_link_errors(self, names: list[str]) -> list[str]:
-        chosen = self.navigation.link
-        by_beacons = self.navigation.variant == BEACON_VARIANT
+    def _receiver_errors(self, key: str, link: Link) -> list[str]:
+        """What contradicts the vehicles in the receivers of a link, and in what it holds."""
+        errors = []
+        vehicles = ["leader", *(follower.name for follower in self.followers)]
+        unknown = [name for name in link.receivers if name not in vehicles]
+        if unknown:
+            errors.append(f"{key}.receivers: {unknown[0]!r} is no vehicle: {', '.join(vehicles)}")
+        if link.sender in link.receivers:
+            errors.append(f"{key}.receivers: {link.sender!r} is the sender")
+        if link.position == "estimate" and link.sender == "leader" and not self.leader.navigation:
+            errors.append(f"{key}.position = 'estimate' needs a table leader.navigation")
+        if link.readings and link.sender == "leader":
+            errors.append(f"{key}.readings: further sensors are those of followers")
+        return errors
+
+    def _answer_errors(self, key: str, link: Link) -> list[str]:
+        """What keeps a link's sender from answering the messages of another one."""
+        if link.answers is None:
+            return []
+        requests = {request.name: request for request in self.links if not request.answers}
+        if link.answers != LEADER_LINK and link.answers not in requests:
+            known = ", ".join([LEADER_LINK, *requests])
+            return [
+                f"{key}.answers = {link.answers!r}: expected a link with a schedule, of {known}"
+            ]
+        errors = []
+        request = requests.get(link.answers)
+        receivers = [follower.name for follower in self.followers]
+        if request is not None:
+            sender = request.sender
+            receivers = [*request.receivers] or [name for name in receivers if name != sender]
+        if link.sender not in receivers:
+            errors.append(
+                f"{key}.answers = {link.answers!r}: {link.sender} does not receive that link, "
+                f"which {', '.join(receivers)} do"
+            )
+        if not self.acoustics.travel_time:
+            errors.append(f"{key}.answers needs acoustics.travel_time = true")
+        return errors
+
+    def _leader_errors(self) -> list[str]:
+        """What the leader cannot do without a navigator of its own."""
+        if self.leader.navigation is not None:
+            return []
+        keys = ("broadcast_position", "guidance_position")
+        return [
+            f"leader.{key} = 'estimate' needs a table leader.navigation"
+            for key in keys
+            if getattr(self.leader, key) == "estimate"
+        ]
+
+    def keys_of_roles(self) -> list[str]:
+        """Keys by which what vehicles send, receive or do depends on what they have read and
+        received until then, beside the control of followers.
+        """
+        keys = [
+            f"leader.{key}" for key in ("controller", "navigation") if getattr(self.leader, key)
+        ]
+        for i, link in enumerate(self.links):
+            if link.answers:
+                keys.append(f"links[{i}].answers")
+            if link.position == "estimate":
+                keys.append(f"links[{i}].position = 'estimate'")
+            if link.readings:
+                keys.append(f"links[{i}].readings")
+            if "leader" in link.receivers:
+                keys.append(f"links[{i}].receivers")
+        return keys
+
+    def _further_link_errors(self, key: str, navigation: Navigation) -> list[str]:
+        further = navigation.further_links
+        known = [LEADER_LINK, *(link.name for link in self.links)]
+        errors = [
+            f"{key}.further_links: {name!r} is no link: {', '.join(known)}"
+            for name in further
+            if name not in known
+        ]
+        if navigation.link in further:
+            errors.append(f"{key}.further_links: {navigation.link!r} is {key}.link already")
+        shipped = NAVIGATORS.get(navigation.variant)
+        if further and shipped is not None and not shipped.takes_links:
+            able = ", ".join(name for name, spec in NAVIGATORS.items() if spec.takes_links)
+            errors.append(
+                f"{key}.further_links: variant = {navigation.variant!r} takes the messages of one "
+                f"link; expected {able} or an own class"
+            )
+        return errors
+
+    def _navigated_link_errors(self, key: str, navigation: Navigation) -> list[str]:
+        errors = self._further_link_errors(key, navigation)
+        names = [link.name for link in self.links]
+        chosen = navigation.link
+        by_beacons = navigation.variant == BEACON_VARIANT
         if chosen == LEADER_LINK:
             if by_beacons:
-                return ['navigation.variant = "beacons" needs a navigation.link of beacons']
-            return []
+                errors.append(f'{key}.variant = "beacons" needs a {key}.link of beacons')
+            return errors
         if chosen not in names:
             known = ", ".join([LEADER_LINK, *names])
-            return [f"navigation.link = {chosen!r}: expected one of {known}"]
-        errors = []
+            return [*errors, f"{key}.link = {chosen!r}: expected one of {known}"]
         link = self.links[names.index(chosen)]
-        shipped = self.navigation.variant in NAVIGATORS
+        shipped = navigation.variant in NAVIGATORS
+        if shipped and not _OF_MESSAGES.issubset(link.content):
+            lacking = ", ".join(sorted(_OF_MESSAGES.difference(link.content)))
+            errors.append(
+                f"{key}.link = {chosen!r} has messages without {lacking}, which variant = "
+                f"{navigation.variant!r} needs"
+            )
+        if key == "leader.navigation" and (
+            link.sender == "leader" or (link.receivers and "leader" not in link.receivers)
+        ):
+            errors.append(f"{key}.link = {chosen!r}: the leader does not receive it")
         if link.beacons_m and shipped and not by_beacons:
             errors.append(
-                f"navigation.link = {chosen!r} has beacons, among which only variant = "
+                f"{key}.link = {chosen!r} has beacons, among which only variant = "
                 '"beacons" or an own class navigates'
             )
         if not link.beacons_m and by_beacons:
-            errors.append(f"navigation.link = {chosen!r} has no beacons")
+            errors.append(f"{key}.link = {chosen!r} has no beacons")
         sites = len(link.transmitters_m)
-        if not link.beacons_m and sites < self.navigation.transmitters:
+        if not link.beacons_m and sites < navigation.transmitters:
             errors.append(
-                f"navigation.link = {chosen!r} has {sites} transmitters, the navigator uses "
-                f"{self.navigation.transmitters}"
+                f"{key}.link = {chosen!r} has {sites} transmitters, the navigator uses "
+                f"{navigation.transmitters}"
             )
-        if self.navigation.transmitters_m:
-            errors.append("navigation.transmitters_m is of the leader; a link has transmitters_m")
+        if navigation.transmitters_m:
+            errors.append(f"{key}.transmitters_m is of the leader; a link has transmitters_m")
         return errors
 
     def _depth_errors(self, key: str, vehicle: Vehicle) -> list[str]:
@@ -515,14 +630,29 @@ class Scenario(Section):
             *((f"followers[{i}]", f) for i, f in enumerate(self.followers)),
         ]
 
-    def sensors_of(self, follower: int) -> Sensors:
-        """`[sensors]` with the errors of a follower's own sensors, by its index, in place of
-        those there.
+    def sensors_of(self, follower: int, sender: int = 0) -> Sensors:
+        """`[sensors]` with the errors that a follower, by its index, and the vehicle that sends
+        set for their own sensors in place of those there.
         """
-        overrides = {
-            name: value for name, value in self.followers[follower].sensors if value is not None
-        }
+        overrides = _errors_set_by(self.followers[follower])
+        vehicles = (self.leader, *self.followers)
+        for name, value in _errors_set_by(vehicles[sender]).items():
+            broadcast = f"{LEADER_PREFIX}{name}"
+            if broadcast in Sensors.model_fields:
+                overrides[broadcast] = value
         return self.sensors.model_copy(update=overrides)
+
+    def sensors_of_leader(self) -> Sensors:
+        """`[sensors]` with the errors of the leader's own sensors in place of a follower's."""
+        own = _errors_set_by(self.leader)
+        values: dict[str, Any] = {"speed_drift_m_s": 0.0, "heading_drift_deg": 0.0}
+        for name in VehicleSensors.model_fields:
+            broadcast = f"{LEADER_PREFIX}{name}"
+            if name in own:
+                values[name] = own[name]
+            elif broadcast in Sensors.model_fields:
+                values[name] = getattr(self.sensors, broadcast)
+        return self.sensors.model_copy(update=values)
 
     @property
     def message_every(self) -> int:

@@ -9,6 +9,7 @@ from pydantic import Field, field_validator, model_validator
 import models
 from laisn.errors import LaisnError
 from sim.scenario.formation import Station
+from sim.scenario.navigation import Navigation
 from sim.scenario.routes import FOLLOWER_DEPTH, LEADER_DEPTH
 from sim.scenario.section import (
     LISTED,
@@ -22,11 +23,11 @@ from sim.scenario.section import (
     Section,
     increasing,
 )
-from sim.scenario.sensors import FollowerSensors
+from sim.scenario.sensors import VehicleSensors
 from sim.system import read_text
 
 HIDDEN_ERRORS = ("sensors", "drag_scale", "added_mass_scale", "lift_scale", "thrust_scale")
-"""Keys of a follower with the errors of its sensors and of its hull, which it cannot know."""
+"""Keys of a vehicle with the errors of its sensors and of its hull, which it cannot know."""
 LONGEST_MODEL = 1_000_000  # length of the text of a hull, and size of its file [bytes]
 Scale = Annotated[float, Field(ge=0.1, le=10)]
 TimedPoint = Annotated[tuple[NonNegative, Coordinate, Coordinate], LISTED]
@@ -100,6 +101,23 @@ class Vehicle(Section):
         description="by hull pitch, or level by vertical thrusters; default: by pitch if the hull "
         "lifts",
     )
+    controller: Annotated[str, Field(pattern=OWN_CLASS)] | None = Field(
+        None, description="own controller, module:Class; route or station give the start"
+    )
+    sensors: VehicleSensors = Field(
+        VehicleSensors(),
+        description="errors of this vehicle's own sensors, also in what it broadcasts; default: "
+        "those of [sensors]",
+    )
+    hydrophone_m: Annotated[tuple[Coordinate, Coordinate, Coordinate], LISTED] | None = Field(
+        None, description="[forward, port, up] from the origin; default: where the hull has it"
+    )
+
+    @property
+    def without_hidden_errors(self) -> Self:
+        """The vehicle as its controller may know it: keys of HIDDEN_ERRORS have their defaults."""
+        fields = type(self).model_fields
+        return self.model_copy(update={key: fields[key].default for key in HIDDEN_ERRORS})
 
     @model_validator(mode="before")
     @classmethod
@@ -142,6 +160,12 @@ _TRANSMITTERS_NEAR = (
 )
 
 
+class LeaderNavigation(Navigation):
+    """Navigator of the leader itself. Keys and defaults: `[navigation]`; its link is one that the
+    leader receives, or "leader" for none.
+    """
+
+
 class Leader(Vehicle):
     """The vehicle with the transmitters."""
 
@@ -162,6 +186,17 @@ class Leader(Vehicle):
         0,
         description="next waypoints in each message, for followers on stations; default with "
         "stations: 2",
+    )
+    broadcast_position: Literal["truth", "estimate"] = Field(
+        "truth",
+        description="broadcast where it is, with the errors sensors.leader_…, or what its "
+        "navigator and its sensors say",
+    )
+    guidance_position: Literal["truth", "estimate"] = Field(
+        "truth", description="position used for guidance along its route"
+    )
+    navigation: LeaderNavigation | None = Field(
+        None, description="its own navigator, by which it may steer and broadcast"
     )
 
     @model_validator(mode="before")
@@ -191,19 +226,6 @@ class Follower(Vehicle):
         None,
         description="position used for guidance; default: truth on a route, estimate on a station",
     )
-    controller: Annotated[str, Field(pattern=OWN_CLASS)] | None = Field(
-        None, description="own controller, module:Class; route or station give the start"
-    )
-    sensors: FollowerSensors = Field(
-        FollowerSensors(),
-        description="errors of this follower's own sensors; default: those of [sensors]",
-    )
-
-    @property
-    def without_hidden_errors(self) -> Self:
-        """The follower as its controller may know it: keys of HIDDEN_ERRORS have their defaults."""
-        fields = type(self).model_fields
-        return self.model_copy(update={key: fields[key].default for key in HIDDEN_ERRORS})
 
     @property
     def guided_by_estimate(self) -> bool:

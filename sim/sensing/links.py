@@ -3,8 +3,9 @@
 The leader's broadcast is one link, a second leader another, and beacons at rest that ping in turn
 are a third (long baseline). What is sensed of a link is computed by one set of functions
 (`observation`), which find the sender as the first vehicle of a motion: `Link.motion_of` puts it
-there. A link's noise is that of the leader's broadcast, so that links compare in pairs; a follower
-navigates on one of them.
+there. The noise of the main link is that of the leader's broadcast, so that links compare in pairs;
+further links have noise of their own. An answer to messages of another link has no schedule
+(`sim.link_receiver`).
 """
 
 from collections.abc import Sequence
@@ -13,15 +14,27 @@ from functools import cached_property
 
 import numpy as np
 
-from laisn.arrays import Bools, Floats, freeze_arrays
+from laisn.arrays import Floats, freeze_arrays
+from laisn.messages import LeaderMessage
 from sim.attitude import from_euler
 from sim.scenario.links import LEADER_LINK
 from sim.scenario.links import Link as LinkTable
 from sim.scenario.settings import Scenario
+from sim.sensing import noise
 from sim.trajectory import StateHistory, Trajectory
 
 AT_REST = -1
 """Sender of a link of beacons."""
+_FIELDS = {
+    "position": ("east", "north", "position_sigma"),
+    "heading": ("heading", "heading_sigma"),
+    "speed": ("speed",),
+    "depth": ("depth",),
+    "attitude": ("pitch", "roll"),
+}
+"""Fields of `LeaderMessage` by what a link may hold."""
+CONTENT = tuple(_FIELDS)
+"""What a link holds unless its table says otherwise."""
 _SITES = ("leader/tx_rear", "leader/tx_front", "leader/tx_middle")
 
 
@@ -36,6 +49,12 @@ class Link:
     transmitters: int  # how many there are
     every: int  # filter steps from one message to the next
     offset: int  # filter steps by which all messages are later
+    receivers: tuple[int, ...]  # indices of vehicles
+    content: tuple[str, ...] = CONTENT
+    readings: tuple[str, ...] = ()  # names of the sender's further sensors
+    by_estimate: bool = False  # it holds what the sender's navigator and sensors say
+    answers: str = ""  # link whose messages are answered; empty: there is a schedule
+    delay: float = 0.0  # of an answer, from the arrival of the request [s]
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -57,20 +76,26 @@ class Link:
 
     def hears(self, follower: int) -> bool:
         """Whether a follower, by its index, receives it: who sends does not."""
-        return follower + 1 != self.sender
+        return follower + 1 in self.receivers
 
-    def receivers(self, followers: int) -> Bools:
-        """Which of so many followers receive it, shape (f,)."""
-        return np.array([self.hears(i) for i in range(followers)])
+    @cached_property
+    def hidden(self) -> list[int]:
+        """Columns of `LeaderMessage` that its messages do not hold."""
+        hidden = [name for name in CONTENT if name not in self.content]
+        return [LeaderMessage._fields.index(field) for name in hidden for field in _FIELDS[name]]
 
     def copy_instants(self, truth: StateHistory, first: int, last: int, to: StateHistory) -> None:
-        """Write instants `first` … `last` of a motion with the sender as its first vehicle."""
+        """Write instants `first` … `last` of a motion with the sender as its first vehicle, and the
+        leader as the last one if there is room for one more.
+        """
         span = slice(first, last + 1)
         names = ("pose", "twist", "water")
         for name in names:
             source = getattr(truth, name)[span]
             target = getattr(to, name)[span]
-            target[:, 1:] = source[:, 1:]
+            vehicles = source.shape[1]
+            target[:, 1:vehicles] = source[:, 1:]
+            target[:, vehicles:] = source[:, :1]
             if self.sender != AT_REST:
                 target[:, 0] = source[:, self.sender]
         if self.sender == AT_REST:
@@ -109,9 +134,16 @@ def _beacon_frame(places: Sequence[Sequence[float]]) -> tuple[Floats, Floats]:
     return np.concatenate([middle, from_euler(0.0)]), np.array([*offsets, *missing])
 
 
+def _interval_s(scenario: Scenario, table: LinkTable) -> float:
+    """From one message of a link to the next; of answers that of what is answered [s]."""
+    if table.answers and table.answers != LEADER_LINK:
+        table = next(request for request in scenario.links if request.name == table.answers)
+    return table.interval_s or scenario.timing.message_interval_s
+
+
 def link_of(scenario: Scenario, table: LinkTable) -> Link:
     """A link of a scenario."""
-    interval = table.interval_s or scenario.timing.message_interval_s
+    interval = _interval_s(scenario, table)
     names = ["leader", *(follower.name for follower in scenario.followers)]
     if table.beacons_m:
         origin, sites = _beacon_frame(table.beacons_m)
@@ -123,8 +155,17 @@ def link_of(scenario: Scenario, table: LinkTable) -> Link:
         count = len(offsets)
         sites = np.array([*offsets, *[offsets[0]] * (3 - count)])
         sender = names.index(str(table.sender))
+    vehicles = {names.index(name) for name in table.receivers} or set(range(1, len(names)))
+    if not table.receivers and table.name in links_of_leader(scenario):
+        vehicles.add(0)
     return Link(
         name=table.name,
+        receivers=tuple(sorted(vehicles - {sender})),
+        content=table.content,
+        readings=table.readings,
+        by_estimate=table.position == "estimate",
+        answers=table.answers or "",
+        delay=table.delay_s,
         sender=sender,
         sites=sites,
         origin=origin,
@@ -134,12 +175,52 @@ def link_of(scenario: Scenario, table: LinkTable) -> Link:
     )
 
 
-def navigated_link(scenario: Scenario) -> Link | None:
-    """The link that a scenario's followers navigate on; None: the leader's broadcast."""
-    name = scenario.navigation.link
+def links_of_leader(scenario: Scenario) -> tuple[str, ...]:
+    """Names of the links that the leader navigates on, the main one first; none: it has no
+    navigator, or that takes no messages.
+    """
+    navigation = scenario.leader.navigation
+    if navigation is None:
+        return ()
+    names = (navigation.link, *navigation.further_links)
+    return tuple(name for name in names if name != LEADER_LINK)
+
+
+def further_links(scenario: Scenario) -> tuple[Link, ...]:
+    """Links of a scenario that somebody navigates on, or that state who receives or answers."""
+    navigation = scenario.navigation
+    used = {navigation.link, *navigation.further_links, *links_of_leader(scenario)}
+    used |= {table.answers for table in scenario.links if table.answers}
+    return tuple(
+        link_of(scenario, table)
+        for table in scenario.links
+        if table.name in used or table.receivers or table.answers
+    )
+
+
+def named_link(scenario: Scenario, name: str) -> Link | None:
+    """A link of a scenario by its name; None: the leader's broadcast."""
     if name == LEADER_LINK:
         return None
     return next(link_of(scenario, table) for table in scenario.links if table.name == name)
+
+
+def noise_base(scenario: Scenario, name: str) -> int:
+    """What is added to the number of a receiver in the noise on a link, so that links that are
+    received together err independently; 0 on the main link, so that such links compare in pairs.
+    """
+    navigation = scenario.navigation
+    if name == navigation.link:
+        return 0
+    if name == LEADER_LINK and LEADER_LINK not in navigation.further_links:
+        return 0
+    names = [LEADER_LINK, *(table.name for table in scenario.links)]
+    return noise.RECEIVERS * (1 + names.index(name))
+
+
+def navigated_link(scenario: Scenario) -> Link | None:
+    """The link that a scenario's followers navigate on; None: the leader's broadcast."""
+    return named_link(scenario, scenario.navigation.link)
 
 
 def navigated_motion(trajectory: Trajectory, scenario: Scenario) -> Trajectory:

@@ -23,6 +23,8 @@ from laisn.vector_math import fma, from_bits, integer, log, sin_cos_quarter, to_
 
 LEADER_STREAMS = 128  # streams from here on belong to the leader and are the same for all followers
 STREAMS = 256  # room for streams of one follower; follower f uses numbers f STREAMS + stream
+RECEIVERS = 64
+"""Room for receivers of one link: number l RECEIVERS + f is of receiver f on further link l."""
 
 _U = np.uint64
 _MULTIPLIER_0 = _U(0xD2511F53)
@@ -58,6 +60,8 @@ class Stream(IntEnum):
     LEADER_ATTITUDE = LEADER_STREAMS + 2  # normals at an emission: the leader's pitch, roll
     LEADER_POSITION = LEADER_STREAMS + 3  # normals at an emission: its position, east, north
     LEADER_POSITION_WALK = LEADER_STREAMS + 4  # normals at every step: the walk of these
+    LEADER_GYRO = LEADER_STREAMS + 5  # normals at every step: the leader's own gyros, as GYRO
+    LEADER_TILT = LEADER_STREAMS + 6  # normal at every step: the leader's own inclinometer
 
     def number(self, follower: int = 0) -> int:
         """Number of the stream for a follower (0, 1, …); the leader's streams have one for all."""
@@ -203,13 +207,14 @@ class Address(NamedTuple):
 
     seed: np.uint64
     run: np.uint64
-    follower: int
+    follower: int  # index of the follower, on a further link from RECEIVERS times its number on
     step: int
 
 
 @formula
 def _number(address: Address, stream: int) -> int:
-    return stream if stream >= LEADER_STREAMS else stream + STREAMS * address.follower
+    link = address.follower // RECEIVERS * RECEIVERS
+    return stream + STREAMS * (link if stream >= LEADER_STREAMS else address.follower)
 
 
 def normals_at(address: Address, stream: int) -> tuple[float, float]:

@@ -11,6 +11,7 @@ follower's vehicle is the one after.
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -18,11 +19,19 @@ from numba import literal_unroll
 
 from laisn.arrays import Bools, Floats, Ints, Record, Records, freeze_arrays, numbers_of, records
 from laisn.compiled import compiled, copy_values, jitable
-from laisn.messages import LeaderMessage, Measurements, SensorHeader
+from laisn.messages import LeaderMessage, LinkMessages, Measurements, SensorHeader
 from laisn.swarm import MESSAGE
+from sim.attitude import body_point_in_world
+from sim.scenario.links import LEADER_LINK
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing import acoustics, noise, sensors
-from sim.sensing.links import Link, navigated_link, navigated_motion
+from sim.sensing.links import (
+    Link,
+    named_link,
+    navigated_link,
+    navigated_motion,
+    noise_base,
+)
 from sim.sensing.noise import Address
 from sim.sensing.sensor import SensorDriver, VehicleState
 from sim.trajectory import StateHistory, Trajectory, row
@@ -43,6 +52,9 @@ _COLUMNS = (
 _TIME, _EAST, _NORTH, _SIGMA, _POSITION_SIGMA = _COLUMNS
 _CONTENT = len(LeaderMessage._fields)
 
+LEADER_NUMBER = 50
+"""Of the leader among receivers in the noise: there are at most 50 followers."""
+
 # outcome of a filter step; NO_RANGES: a message without a ping is in
 NO_MESSAGE, NO_RANGES, RECEIVED = range(3)
 
@@ -55,7 +67,8 @@ class SensorModel(NamedTuple):
 
     seed: np.uint64
     run: np.uint64
-    errors: Records  # of each follower, of ERRORS, shape (f,)
+    errors: Records  # of each receiver, of ERRORS, shape (f,)
+    numbers: Ints  # of each receiver in the noise, shape (f,): a follower's index, LEADER_NUMBER
     senses_acceleration: bool  # the leader takes accelerations for tilt
     tilt_share: float  # `sim.sensing.sensors.complementary_filter_gain` of the leader
     dt: float
@@ -65,12 +78,22 @@ class SensorModel(NamedTuple):
     sound: acoustics.Sound
 
 
-def sensor_model_of(scenario: Scenario, link: Link | None = None) -> SensorModel:
+def sensor_model_of(
+    scenario: Scenario, link: Link | None = None, *, leader_receives: bool = False
+) -> SensorModel:
     """Sensors and acoustics of a scenario as compiled code takes them, of the leader's broadcast or
     another link.
+
+    Receivers are the followers, and with `leader_receives` the leader after them.
     """
     leader = scenario.leader
     followers = range(len(scenario.followers))
+    name = LEADER_LINK if link is None else link.name
+    numbers = [*followers]
+    errors = [sensors.errors_of(scenario, i, link) for i in followers]
+    if leader_receives:
+        numbers.append(LEADER_NUMBER)
+        errors.append(errors[0])
     sound = acoustics.sound_of(scenario)
     if link is not None:
         used = min(sound.transmitters, link.transmitters)
@@ -78,9 +101,8 @@ def sensor_model_of(scenario: Scenario, link: Link | None = None) -> SensorModel
     return SensorModel(
         seed=np.uint64(scenario.seed),
         run=np.uint64(scenario.run),
-        errors=np.array(
-            [tuple(sensors.errors_of(scenario, i, link)) for i in followers], sensors.ERRORS
-        ).view(np.recarray),
+        errors=np.array([tuple(e) for e in errors], sensors.ERRORS).view(np.recarray),
+        numbers=np.array(numbers, dtype=np.int64) + noise_base(scenario, name),
         senses_acceleration=leader.broadcast_attitude
         and scenario.sensors.leader_attitude_senses_acceleration,
         tilt_share=sensors.complementary_filter_gain(scenario.sensors),
@@ -190,6 +212,20 @@ class MeasurementRecord(NamedTuple):
             messages=np.zeros(followers, dtype=np.int64),
         )
 
+    def _within(self, follower: int, steps: int) -> slice:
+        """Messages that are in by the first steps."""
+        arrived = self.message_step[follower, : self.messages[follower]]
+        return slice(0, int(np.searchsorted(arrived, steps, side="right")))
+
+    def messages_of(self, follower: int, steps: int) -> LinkMessages:
+        """The messages of the first steps, as of a further link."""
+        messages = self._within(follower, steps)
+        return LinkMessages(
+            message_step=self.message_step[follower, messages],
+            message=self.message[follower, messages],
+            ranges=self.ranges[follower, messages],
+        )
+
     def measurements(
         self,
         follower: int,
@@ -198,12 +234,13 @@ class MeasurementRecord(NamedTuple):
         custom: Mapping[str, Floats],
         headers: Mapping[str, SensorHeader],
         places: Floats | None = None,
+        links: Mapping[str, LinkMessages] = MappingProxyType({}),
     ) -> Measurements:
         """All that a follower measured in the first steps of dt [s], with readings of further
-        sensors and their headers, and the places of beacons, shape (3, 3), [m].
+        sensors and their headers, the places of beacons, shape (3, 3), [m], and messages of further
+        links.
         """
-        arrived = self.message_step[follower, : self.messages[follower]]
-        messages = slice(0, int(np.searchsorted(arrived, steps, side="right")))
+        messages = self._within(follower, steps)
         return Measurements(
             dt=dt,
             speed=self.own[follower, :steps, 0],
@@ -215,6 +252,7 @@ class MeasurementRecord(NamedTuple):
             transmitters=None if places is None else np.tile(places, (messages.stop, 1, 1)),
             own=custom,
             sensors=headers,
+            links=dict(links),
         )
 
 
@@ -431,23 +469,24 @@ def receive(
         true_reception(
             s,
             e,
-            _leader_at(s, sent, sent * s.stride, motion.truth, tilts),
+            sender_at(s, sent, sent * s.stride, motion.truth, tilts),
             k,
             pings,
             content,
             ranges,
         )
-        addresses = Address(s.seed, s.run, follower, sent), Address(s.seed, s.run, follower, k)
+        number = s.numbers[follower]
+        addresses = Address(s.seed, s.run, number, sent), Address(s.seed, s.run, number, k)
         read_reception(
             e, (s.sound.transmitters, s.dt), addresses, (content, ranges), inbox, follower
         )
 
 
 @jitable
-def _leader_at(
+def sender_at(
     s: SensorModel, step: int, i: int, truth: StateHistory, tilts: Floats
 ) -> tuple[tuple[float, float], sensors.Instant]:
-    """East and north of the leader [m] at a filter step, which is instant i, and what its sensors
+    """East and north of the sender [m] at a filter step, which is instant i, and what its sensors
     see.
     """
     tilt = (tilts[i, 0], tilts[i, 1])
@@ -530,7 +569,7 @@ def _sense_mission(  # noqa: PLR0913 - compiled: a record of them would be packe
             continue
         receptions.emission_step[m] = sent
         receptions.message_step[m] = k
-        leader = _leader_at(s, sent, (sent - first) * s.stride, truth, tilts)
+        leader = sender_at(s, sent, (sent - first) * s.stride, truth, tilts)
         true_reception(s, e, leader, k, pings, receptions.content[m], receptions.ranges[m])
         for j in range(3):
             source, arrivals = pings[j]
@@ -553,8 +592,8 @@ def _sense(
     tilts: Floats,
     readings: Floats,
     use_compiled: bool | None,
+    link: Link | None,
 ) -> Receptions:
-    link = navigated_link(scenario)
     s = sensor_model_of(scenario, link)
     motion = acoustics.motion_of(trajectory)
     first = round(float(trajectory.time[0]) / s.dt)
@@ -581,6 +620,8 @@ def _sense(
         m = _sense_mission(s, e, which, sites, motion, tilts, inbox, readings, receptions)
     if link is not None and not link.hears(follower):
         m = 0
+    if link is not None:
+        receptions.content[:, link.hidden] = np.nan
     return Receptions(*[values[:m] for values in receptions])  # type: ignore[arg-type]
 
 
@@ -598,7 +639,28 @@ def propagate(
     """
     unknown = np.full((trajectory.time.size, 2), np.nan)
     motion = navigated_motion(trajectory, scenario)
-    return _sense(motion, scenario, follower, unknown, np.empty((0, 3)), use_compiled)
+    link = navigated_link(scenario)
+    return _sense(motion, scenario, follower, unknown, np.empty((0, 3)), use_compiled, link)
+
+
+@dataclass(frozen=True, kw_only=True)
+class IdealLink:
+    """What one follower receives of a further link without random errors: m messages, as of
+    `IdealMeasurements`.
+    """
+
+    name: str
+    errors: sensors.SensorErrors  # of the sender and of ranges
+    noise_base: int  # as of `sim.sensing.links.noise_base`
+    message_step: Ints
+    emission_step: Ints
+    content: Floats  # rows of `LeaderMessage`, shape (m, 10)
+    ranges: Floats  # shape (m, 3 transmitters, 3 paths), [m]
+    transmitters: int
+    places: Floats | None
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -628,6 +690,7 @@ class IdealMeasurements:
     transmitters: int = 3  # how many the sender has
     places: Floats | None = None
     """East, north and depth of beacons, shape (3, 3), [m], NaN for none; None of a vehicle."""
+    further: tuple[IdealLink, ...] = ()  # links that are received beside
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -643,6 +706,13 @@ def start_of(trajectory: Trajectory, follower: int = 0) -> Floats:
     return np.concatenate(
         [hydrophone[:2], trajectory.velocity[0, v, :2] - trajectory.water_velocity[0, v, :2]]
     )
+
+
+def leader_start(trajectory: Trajectory, hydrophone: Floats) -> Floats:
+    """The same of the leader, whose hydrophone is at an offset from its origin, shape (3,), [m]."""
+    place = np.array(body_point_in_world(trajectory.pose[0, 0], hydrophone))
+    water = trajectory.water_velocity[0, 0, :2]
+    return np.concatenate([place[:2], trajectory.velocity[0, 0, :2] - water])
 
 
 def observe(
@@ -679,10 +749,8 @@ def observe(
     true_values = np.empty((n, 3))
     link = navigated_link(scenario)
     motion = trajectory if link is None else link.motion_of(trajectory)
-    tilts = np.full((trajectory.time.size, 2), np.nan)
-    if scenario.leader.broadcast_attitude:
-        tilts = sensors.tilt_errors(motion, scenario.sensors)
-    sound = _sense(motion, scenario, follower, tilts, true_values, use_compiled)
+    tilts = _tilts_of(motion, scenario)
+    sound = _sense(motion, scenario, follower, tilts, true_values, use_compiled, link)
     hydrophone = trajectory.site_path(f"{name}/hydrophone", steps * stride)
 
     def custom() -> Iterator[tuple[SensorDriver, Floats]]:
@@ -723,6 +791,67 @@ def observe(
         own=tuple(custom()),
         transmitters=3 if link is None else link.transmitters,
         places=None if link is None else link.places,
+        further=tuple(
+            _observe_link(trajectory, scenario, follower, name, use_compiled)
+            for name in scenario.navigation.further_links
+        ),
+    )
+
+
+def _tilts_of(motion: Trajectory, scenario: Scenario) -> Floats:
+    """What accelerations add to the sender's measured pitch and roll, shape (n, 2), [rad]; NaN
+    where they are not broadcast.
+    """
+    if scenario.leader.broadcast_attitude:
+        return sensors.tilt_errors(motion, scenario.sensors)
+    return np.full((motion.time.size, 2), np.nan)
+
+
+def _observe_link(
+    trajectory: Trajectory,
+    scenario: Scenario,
+    follower: int,
+    name: str,
+    use_compiled: bool | None,
+) -> IdealLink:
+    """What a follower receives of a further link without random errors."""
+    link = named_link(scenario, name)
+    motion = trajectory if link is None else link.motion_of(trajectory)
+    tilts = _tilts_of(motion, scenario)
+    sound = _sense(motion, scenario, follower, tilts, np.empty((0, 3)), use_compiled, link)
+    return IdealLink(
+        name=name,
+        errors=sensors.errors_of(scenario, follower, link),
+        noise_base=noise_base(scenario, name),
+        message_step=sound.message_step,
+        emission_step=sound.emission_step,
+        content=sound.content,
+        ranges=sound.ranges,
+        transmitters=3 if link is None else link.transmitters,
+        places=None if link is None else link.places,
+    )
+
+
+def _measure_link(link: IdealLink, address: Address, transmitters: int, dt: float) -> LinkMessages:
+    """Receive a further link with the noise of a run; `address` is of the follower."""
+    m = link.message_step.size
+    message = np.empty((m, _CONTENT))
+    ranges = np.empty((m, 3))
+    inbox = new_inbox(1, 1)
+    used = (min(transmitters, link.transmitters), dt)
+    sent = address._replace(follower=link.noise_base + address.follower)
+    for i in range(m):
+        addresses = (
+            sent._replace(step=int(link.emission_step[i])),
+            sent._replace(step=int(link.message_step[i])),
+        )
+        true = (link.content[i].tolist(), link.ranges[i].tolist())
+        read_reception(link.errors, used, addresses, true, inbox, 0)
+        message[i] = inbox.message_values[0]
+        ranges[i] = inbox.ranges[0]
+    ranges[:, link.transmitters :] = np.nan
+    return LinkMessages(
+        message_step=link.message_step, message=message, ranges=ranges, places=link.places
     )
 
 
@@ -778,9 +907,8 @@ def measure(
     """
     n = truth.speed.size
     m = truth.message_step.size
-    transmitters = min(transmitters, truth.transmitters)
     address = Address(*noise.seed_and_run(seed, run), follower, 0)
-    navigator = (transmitters, truth.dt)
+    navigator = (min(transmitters, truth.transmitters), truth.dt)
     by_echo = np.full((2, m, 3), np.nan) if truth.echo_range is None else truth.echo_range
     ranges = np.moveaxis(np.array([truth.slant_range, *by_echo]), 0, 2).copy()
     content = numbers_of(np.ascontiguousarray(truth.sent))
@@ -816,4 +944,8 @@ def measure(
         transmitters=None if truth.places is None else np.tile(truth.places, (m, 1, 1)),
         own=custom,
         sensors={driver.name: driver.header for driver, _ in truth.own},
+        links={
+            link.name: _measure_link(link, address, transmitters, truth.dt)
+            for link in truth.further
+        },
     )

@@ -198,11 +198,16 @@ def errors_of(scenario: Scenario, follower: int = 0, link: Link | None = None) -
     """The true errors of a follower's sensors and of a sender's, of the leader's by default;
     beacons, which are surveyed, have none.
     """
-    sensors = scenario.sensors_of(follower)
+    sensors = scenario.sensors_of(follower, 0 if link is None else max(link.sender, 0))
     if link is not None and link.places is not None:
         keys = [name for name in Sensors.model_fields if name.startswith("leader_")]
         sensors = sensors.model_copy(update={k: Sensors.model_fields[k].default for k in keys})
     return SensorErrors(**_values(sensors, scenario.acoustics))
+
+
+def leader_errors_of(scenario: Scenario) -> SensorErrors:
+    """The true errors of the leader's own sensors, as of a follower's."""
+    return SensorErrors(**_values(scenario.sensors_of_leader(), scenario.acoustics))
 
 
 def navigated_errors_of(scenario: Scenario, follower: int = 0) -> SensorErrors:
@@ -294,8 +299,9 @@ def read_depth(e: SensorErrors, true: float, drawn: tuple[float, float]) -> Any:
 
 @formula
 def read_leader_speed(e: SensorErrors, true: float, drawn: tuple[float, float]) -> Any:
-    """Speed log of the leader, as `read_speed` with a bias alone [m/s]."""
-    return np.minimum(np.maximum(true + e.leader_speed_bias, 0.0), FASTEST)
+    """Speed log of the leader, as `read_speed` [m/s]."""
+    measured = true + e.leader_speed_bias + e.leader_speed_sigma * drawn[0]
+    return np.minimum(np.maximum(measured, 0.0), FASTEST)
 
 
 @formula

@@ -111,6 +111,9 @@ def _edited(setup: VehicleSetup, looks: bool) -> mujoco.MjSpec:
     spec.add_numeric(name="neutral", size=1, data=[float(settings.trim == "neutral")])
     for name, (axis, value) in transmitter_places(settings).items():
         spec.site(name).pos[axis] = value
+    if settings.hydrophone_m is not None:
+        hydrophone = spec.site("hydrophone") or hull.add_site(name="hydrophone", group=4)
+        hydrophone.pos = np.asarray(settings.hydrophone_m)
     return spec
 
 

@@ -10,9 +10,9 @@ from typing import Any, get_origin
 from pydantic import BaseModel
 
 from sim.scenario.section import UNITS
-from sim.scenario.sensors import FollowerSensors
+from sim.scenario.sensors import VehicleSensors
 from sim.scenario.settings import Scenario
-from sim.scenario.vehicles import Vehicle
+from sim.scenario.vehicles import LeaderNavigation, Vehicle
 
 PATH = Path(__file__).resolve().parents[2] / "docs" / "scenario.md"
 
@@ -90,7 +90,7 @@ def _table(title: str, model: type[BaseModel]) -> list[str]:
     fields = {
         k: f for k, f in schema["properties"].items() if not _is_section(f) and common.get(k) != f
     }
-    if not fields or model is FollowerSensors:
+    if not fields or model in (VehicleSensors, LeaderNavigation):
         return rows
     rows.append("")
     for key, field in fields.items():
@@ -108,7 +108,9 @@ def _sections(model: type[BaseModel], path: str = "") -> list[tuple[str, type[Ba
             if isinstance(candidate, type) and issubclass(candidate, BaseModel):
                 name = f"{path}{key}"
                 title = f"[[{name}]]" if get_origin(field.annotation) is tuple else f"[{name}]"
-                sections += [(title, candidate), *_sections(candidate, f"{name}.")]
+                sections.append((title, candidate))
+                if candidate is not LeaderNavigation:
+                    sections += _sections(candidate, f"{name}.")
     return sections
 
 

@@ -8,7 +8,7 @@ import pytest
 from laisn.arrays import Floats, numbers_of, records
 from laisn.swarm import READING
 from sim import attitude
-from sim.scenario.sensors import FollowerSensors
+from sim.scenario.sensors import VehicleSensors
 from sim.scenario.settings import Scenario, Sensors
 from sim.sensing.acoustics import Motion
 from sim.sensing.noise import Stream, normals, uniforms
@@ -96,7 +96,7 @@ def test_one_follower_has_errors_of_its_own() -> None:
     plain = scenario(0.0, 0.0)
     own = plain.followers[0].model_copy(
         update={
-            "sensors": FollowerSensors(
+            "sensors": VehicleSensors(
                 heading_bias_deg=-12.0,
                 heading_sigma_deg=0.0,
                 speed_sigma_m_s=0.0,

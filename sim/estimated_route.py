@@ -1,0 +1,55 @@
+"""Keeping to a route by readings and estimates, in place of the truth."""
+
+from laisn.arrays import Record
+from laisn.compiled import compiled
+from sim.control import follower as steering
+from sim.control.autopilot import control
+from sim.control.guidance import begin, integrate_offset, steer, track_current
+from sim.simulation import TICK, RouteControl
+
+
+@compiled
+def follow_route(
+    k: int,
+    i: int,
+    senses: tuple[Record, Record],
+    memory: Record,
+    routes: RouteControl,
+    navigation: tuple[int, bool],
+) -> None:
+    """Find the command of vehicle i that keeps it to its route by its readings and estimates.
+
+    Args:
+        k: instant from which on the command holds.
+        i: index of the vehicle.
+        senses: records of `laisn.swarm.READING` and `laisn.swarm.ESTIMATE`.
+        memory: its memory, of `sim.control.follower.FOLLOWER_MEMORY`.
+        routes: control of all vehicles, which holds the command.
+        navigation: instants from one filter step to the next, and whether a current is estimated.
+    """
+    reading, estimate = senses
+    stride, estimates_current = navigation
+    reference = routes.reference[k, i]
+    guidance = routes.guidance[i]
+    motion = steering.measured_motion(reading, estimate, TICK, memory)
+    if k == 0:
+        begin(reference, motion.heading, motion.surge, (0.0, 0.0), guidance)
+    position = estimate.position[0], estimate.position[1]
+    if k < stride or position[0] != position[0]:
+        # as long as there is no estimate, the reference itself
+        position = reference.east, reference.north
+    if estimates_current:
+        track_current((estimate.current[0], estimate.current[1]), TICK, guidance)
+    else:
+        integrate_offset(reference, position, TICK, guidance)
+    steered = steer(reference, position, TICK, guidance)
+    control(
+        routes.kinds,
+        routes.autopilots[i],
+        steered,
+        reference,
+        motion,
+        TICK,
+        routes.autopilot[i],
+        routes.command[i],
+    )

@@ -1,0 +1,216 @@
+"""The leader as a vehicle that senses, receives, navigates and is controlled under way.
+
+Without any of these it keeps to its route by the truth, and broadcasts where it is. Python calls
+what is here, once for each instant.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from laisn.arrays import Record, records
+from laisn.errors import LaisnError
+from laisn.estimates import Estimates
+from laisn.messages import Reception
+from laisn.navigators import find
+from laisn.swarm import ESTIMATE, READING, SeparateNavigators, SwarmRecord
+from sim.control import follower as steering
+from sim.custom_control import CustomControl, readings_of
+from sim.estimated_route import follow_route
+from sim.flight import VehicleRecord, settings_of
+from sim.link_receiver import Fleet, Receiver, Sender
+from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.sensing import noise, sensors
+from sim.sensing.links import links_of_leader
+from sim.sensing.observation import MeasurementRecord, leader_start
+from sim.sensing.sensors import SensorErrors
+from sim.simulation import RouteControl, static_trajectory
+from sim.trajectory import StateHistory
+from sim.vehicle.plant import Plant
+
+LEADER = 0
+"""Index of the leader among vehicles."""
+
+
+def _read_instruments(
+    e: SensorErrors, address: noise.Address, at: sensors.Instant, reading: Record
+) -> None:
+    """Read the leader's own sensors at a filter step; log, compass and pressure sensor have the
+    noise that they have in what it broadcasts.
+    """
+    motion = noise.normals_at(address, noise.Stream.LEADER_MOTION)
+    depth = noise.normals_at(address, noise.Stream.LEADER_DEPTH)
+    gyro = noise.normals_at(address, noise.Stream.LEADER_GYRO)
+    tilt = noise.normals_at(address, noise.Stream.LEADER_TILT)
+    (reading.speed,) = sensors.SpeedLog.read(e, sensors.SpeedLog.true(e, at, None), motion)
+    (reading.heading,) = sensors.Compass.read(e, sensors.Compass.true(e, at, None), motion)
+    (reading.depth,) = sensors.PressureSensor.read(
+        e, sensors.PressureSensor.true(e, at, None), depth
+    )
+    (reading.pitch,) = sensors.Inclinometer.read(e, (at.pitch,), tilt)
+    rates = (at.angular_velocity[2], at.angular_velocity[1])
+    reading.turning, reading.pitching = sensors.Gyros.read(e, rates, gyro)
+
+
+def needs_unit(scenario: Scenario) -> bool:
+    """Whether the leader of a scenario senses under way, to navigate or to be controlled, or
+    receives messages.
+    """
+    receives = any("leader" in link.receivers for link in scenario.links)
+    leader = scenario.leader
+    return bool(leader.controller or leader.navigation) or receives
+
+
+class LeaderUnit:
+    """The leader's sensors, receivers, navigator and controller."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        plant: Plant,
+        routes: RouteControl,
+        receivers: Mapping[str, Receiver],
+        fleet: Fleet,
+    ) -> None:
+        """Set out; LaisnError if the leader has no hydrophone for what it receives, or no such
+        navigator or controller.
+        """
+        self._dt = scenario.timing.filter_step_s
+        self._stride = round(self._dt / CONTROL_STEP_S)
+        self._errors = sensors.leader_errors_of(scenario)
+        self._address = noise.Address(*noise.seed_and_run(scenario.seed, scenario.run), LEADER, 0)
+        self._routes = routes
+        self._number = fleet.followers
+        self._receivers = [r for r in receivers.values() if LEADER in r.link.receivers]
+        hydrophone = fleet.hydrophones[-1]
+        if self._receivers and not np.isfinite(hydrophone).all():
+            raise LaisnError(
+                "the leader's hull has no hydrophone for what it receives; expected a key "
+                "leader.hydrophone_m or a site hydrophone"
+            )
+        self._depth_sensor = plant.site_offset[plant.site_names.index("leader/depth_sensor")]
+        self._hydrophone = np.nan_to_num(hydrophone)
+        self.reading: Any = records(READING, 1)
+        self.estimate: Any = records(ESTIMATE, 1)
+        self._memory = records(steering.FOLLOWER_MEMORY, 1)
+        self._memory[0].log = self._memory[0].compass = np.nan
+        self._memory[0].by_thrust = routes.autopilots[LEADER]["by_pitch"] == 0.0
+        steps = (fleet.instants - 1) // self._stride
+        self._measured = MeasurementRecord.empty(1, steps, max(steps, 1))
+        self._main, self._further = self._links_of(scenario)
+        still = static_trajectory(plant)
+        start = leader_start(still, self._hydrophone)
+        self.swarm: SeparateNavigators | None = None
+        self._by_estimate = scenario.leader.guidance_position == "estimate"
+        self._takes_current = False
+        if scenario.leader.navigation is not None:
+            navigation = scenario.leader.navigation
+            moved = still if self._main is None else self._main.link.motion_of(still)
+            settings = settings_of(scenario, navigation, moved, LEADER)
+            spec = find(navigation.variant)
+            self.swarm = SeparateNavigators(spec.make, settings, start[None])
+            self.estimate.position[0] = start[:2] if settings.known_start else np.nan
+            self._takes_current = "current" in settings.estimated
+        self.concluded = SwarmRecord.empty(1, steps, 0, Estimates, whole=False)
+        self.concluded = self.concluded._replace(covariance=np.full((1, steps, 4, 4), np.nan))
+        self.steps = np.zeros(1, dtype=np.int64)
+        self.sender = Sender(
+            readings=self._measured.own[0],
+            state=self.concluded.state[0],
+            covariance=self.concluded.covariance[0],
+            start=start,
+            hydrophone=self._hydrophone,
+            steps=self.steps,
+        )
+        self._control: CustomControl | None = None
+        if scenario.leader.controller:
+            self._control = CustomControl({LEADER: scenario.leader}, plant, routes)
+
+    def _links_of(self, scenario: Scenario) -> tuple[Receiver | None, list[Receiver]]:
+        """The link that the navigator takes for its main one, and all others."""
+        by_name = {receiver.name: receiver for receiver in self._receivers}
+        navigation = scenario.leader.navigation
+        names = links_of_leader(scenario)
+        main = names[0] if navigation is not None and navigation.link in names else ""
+        return by_name.pop(main, None), [*by_name.values()]
+
+    def receptions(self) -> tuple[Reception | None, dict[str, Reception]]:
+        """What is in at this filter step: of the main link, and of all others by name."""
+        further = {}
+        for receiver in self._further:
+            reception = receiver.reception(self._number, {})
+            if reception is not None:
+                further[receiver.name] = reception
+        main = self._main.reception(self._number, {}) if self._main is not None else None
+        return main, further
+
+    def advance(self, k: int, truth: StateHistory) -> None:
+        """Sense, receive and navigate at instant k."""
+        if k % self._stride:
+            self.estimate.position[0] += CONTROL_STEP_S * self.estimate.velocity[0]
+        else:
+            step = k // self._stride
+            motion = (truth.pose[k, LEADER], truth.twist[k, LEADER], truth.water[k, LEADER])
+            at = sensors.instant_of((step * self._dt, 0), motion, self._depth_sensor, (0.0, 0.0))
+            _read_instruments(self._errors, self._address._replace(step=step), at, self.reading[0])
+            for receiver in self._receivers:
+                receiver.receive(k, [self._number])
+            if step > 0:
+                row = self.reading[0]
+                self._measured.own[0, step - 1] = row.speed, row.heading, row.depth
+                self._navigate(step)
+                self.steps[0] = step
+        if self.swarm is None:
+            self._know_truth(k, truth)
+
+    def _know_truth(self, k: int, truth: StateHistory) -> None:
+        """Without a navigator the leader knows where its origin is, as on a route by the truth."""
+        self.estimate.position[0] = truth.pose[k, LEADER, :2]
+        self.estimate.velocity[0] = truth.twist[k, LEADER, :2]
+        self.estimate.current[0] = truth.water[k, LEADER, :2]
+
+    def _navigate(self, step: int) -> None:
+        if self.swarm is None:
+            return
+        main, further = self.receptions()
+        self.swarm.receptions = [further]
+        self.swarm.advance(0, step, self.reading[0], main, self.estimate, self.concluded)
+
+    def steer(self, k: int) -> None:
+        """Write the leader's command from instant k on, unless it comes from outside or the leader
+        keeps to its route by the truth.
+        """
+        if self._routes.outside[LEADER]:
+            return
+        if self._control is not None:
+            due = k > 0 and k % self._stride == 0
+            main, further = self.receptions() if due else (None, {})
+            readings = readings_of(k * CONTROL_STEP_S, self.reading[0], main, {}, further)
+            senses = (self.reading[0], self.estimate[0])
+            self._control.command(k, LEADER, readings, senses, self._memory[0])
+        elif self._by_estimate:
+            senses = (self.reading[0], self.estimate[0])
+            navigation = (self._stride, self._takes_current)
+            follow_route(k, LEADER, senses, self._memory[0], self._routes, navigation)
+
+    def record(self, steps: int) -> VehicleRecord:
+        """What the leader has measured and concluded in the first steps."""
+        number = self._number
+        links = {receiver.name: receiver.messages(number, steps) for receiver in self._further}
+        measured = self._measured.measurements(0, steps, self._dt, {}, {}, None, links)
+        if self._main is not None:
+            main = self._main.messages(number, steps)
+            places = main.places
+            measured = replace(
+                measured,
+                message_step=main.message_step,
+                message=main.message,
+                ranges=main.ranges,
+                transmitters=None if places is None else np.tile(places, (len(main.ranges), 1, 1)),
+            )
+        estimates = None
+        if self.swarm is not None:
+            estimates = self.swarm.estimates(self.concluded, 0, steps)
+        return VehicleRecord(measurements=measured, estimates=estimates)

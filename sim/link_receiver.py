@@ -1,0 +1,369 @@
+"""What vehicles receive on further links, one instant after the other.
+
+A link's messages are received as the leader's broadcast is (`sim.sensing.observation`); here its
+receivers may be the leader too, its messages may hold what the sender's navigator and sensors say,
+and they may be answers, which have no schedule.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from laisn.arrays import Bools, Floats, Ints
+from laisn.messages import LeaderMessage, LinkMessages, Reception
+from laisn.swarm import reception_of
+from sim.scenario.settings import Scenario
+from sim.sensing import observation
+from sim.sensing.acoustics import Motion, Ping, Sound, follow, reception_step, site_at
+from sim.sensing.links import AT_REST, Link
+from sim.sensing.noise import Address
+from sim.sensing.sensors import update_tilt_error
+from sim.trajectory import StateHistory
+from sim.water.rays import Path
+
+EAST, NORTH, DEPTH = (LeaderMessage._fields.index(name) for name in ("east", "north", "depth"))
+
+
+class Hearing(NamedTuple):
+    """What receivers receive on one link, and have received: f followers, perhaps the leader after
+    them.
+    """
+
+    sensors: observation.SensorModel
+    motion: StateHistory  # of all vehicles, the sender first
+    sites: tuple[Floats, Floats]  # of transmitters, shape (3, 3), and hydrophones, (f, 3) [m]
+    # what accelerations add to the sender's measured pitch and roll, shape (n + 1, 2), [rad]
+    tilts: Floats
+    inbox: observation.Inbox
+    arrived: Bools  # whether a message is in at this filter step, shape (f,)
+    measured: observation.MeasurementRecord
+    places: Floats | None  # of beacons, as of `Link`
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fleet:
+    """Vehicles as links find them."""
+
+    followers: int
+    instants: int  # that there is room for
+    hydrophones: Floats  # of the followers, then of the leader; NaN if it has none, (f + 1, 3) [m]
+    attitude_broadcast: bool
+
+
+class Sender(NamedTuple):
+    """What a vehicle has read and concluded until now, as messages hold it."""
+
+    readings: Floats  # speed [m/s], heading [rad] and depth [m] at filter steps, shape (n, 3)
+    state: Floats  # x, y [m], vx, vy [m/s] of its hydrophone at filter steps, shape (n, 4)
+    covariance: Floats  # of the state, shape (n, 4, 4), or (0, 4, 4): not recorded
+    start: Floats  # of the state, shape (4,)
+    hydrophone: Floats  # from the origin of its hull, shape (3,), [m]
+    steps: Ints  # how many filter steps there are until now, shape (1,)
+
+    def content(self, time: float, dt: float) -> Floats:
+        """What a message holds that leaves at a time [s], shape (10,): its readings and its
+        estimate at the last filter step, brought forward by the velocity.
+        """
+        step = min(math.floor(time / dt + 1e-6), int(self.steps[0]))
+        row = np.full(len(LeaderMessage._fields), np.nan)
+        state = self.state[step - 1] if step > 0 else self.start
+        speed, heading, depth = self.readings[max(step - 1, 0)]
+        forward, port, _ = self.hydrophone
+        sine = math.sin(heading)
+        cosine = math.cos(heading)
+        message = LeaderMessage(
+            timestamp=time,
+            east=state[0] + (time - step * dt) * state[2] - forward * sine + port * cosine,
+            north=state[1] + (time - step * dt) * state[3] - forward * cosine - port * sine,
+            heading=heading,
+            speed=speed,
+            depth=depth,
+        )
+        row[:] = message
+        if step > 0 and self.covariance.shape[0] > 0:
+            variance = 0.5 * float(np.trace(self.covariance[step - 1, :2, :2]))
+            row[-1] = math.sqrt(max(variance, 0.0))
+        return row
+
+
+def _sound_of_leader(sound: Sound, link: Link) -> Sound:
+    """How sound gets to the leader, whose clock is that of beacons; a follower's is ahead of it."""
+    behind = 0.0 if link.sender == AT_REST else -1.0
+    return sound._replace(
+        clock_offset=behind * sound.clock_offset, clock_drift=behind * sound.clock_drift
+    )
+
+
+class Readings(Protocol):
+    """Readings of the further sensors of a vehicle at filter steps by their names."""
+
+    def __call__(self, vehicle: int, step: int) -> Mapping[str, Floats]: ...
+
+
+class Receiver:
+    """What one link's receivers have received, whatever its schedule is."""
+
+    def __init__(self, scenario: Scenario, link: Link, fleet: Fleet) -> None:
+        """Nothing is received yet."""
+        leader = 0 in link.receivers
+        receivers = fleet.followers + leader
+        vehicles = fleet.followers + 1 + leader
+        sensors = observation.sensor_model_of(scenario, link, leader_receives=leader)
+        steps = (fleet.instants - 1) // sensors.stride
+        tilt = 0.0 if fleet.attitude_broadcast else np.nan
+        self.link = link
+        self.receives = [receiver_number(v, fleet.followers) for v in link.receivers]
+        """Numbers of those that receive it, among followers and the leader after them."""
+        self.hearing = Hearing(
+            sensors=sensors,
+            motion=StateHistory.empty(fleet.instants, vehicles, 0),
+            sites=(link.sites, fleet.hydrophones[:receivers]),
+            tilts=np.full((fleet.instants, 2), tilt),
+            inbox=observation.new_inbox(receivers, link.every),
+            arrived=np.zeros(receivers, dtype=np.bool_),
+            measured=observation.MeasurementRecord.empty(receivers, steps, link.every),
+            places=link.places,
+        )
+        self._models = [sensors] * receivers
+        if leader:
+            self._models[-1] = sensors._replace(sound=_sound_of_leader(sensors.sound, link))
+        self.sender: Sender | None = None
+        """Whose estimate and readings messages hold; None: its true state, with errors."""
+        self.readings_of: Readings | None = None
+        """Of the sender's further sensors, where messages hold any."""
+        self.content: list[dict[str, Floats]] = [{} for _ in range(receivers)]
+        """Readings of further sensors in the last message of each receiver."""
+        self._contents: list[list[dict[str, Floats]]] = [[] for _ in range(receivers)]
+        self.round_trip: Floats = np.full(receivers, np.nan)
+        """As of `Reception`, of the last message of each receiver [s]."""
+
+    @property
+    def name(self) -> str:
+        """Of the link."""
+        return self.link.name
+
+    def follow_motion(self, k: int, truth: StateHistory) -> None:
+        """Take instant k of the motion of all vehicles."""
+        hearing = self.hearing
+        s = hearing.sensors
+        self.link.copy_instants(truth, k, k, hearing.motion)
+        if k > 0 and s.senses_acceleration:
+            pose = hearing.motion.pose[:, 0]
+            update_tilt_error(s.tilt_share, k, pose, hearing.motion.twist[:, 0], hearing.tilts)
+        hearing.arrived[:] = False
+        hearing.inbox.outcome[:] = observation.NO_MESSAGE
+
+    def receive(self, k: int, receivers: Sequence[int]) -> None:
+        """Receive what is in at instant k, a filter step, by the numbers of receivers."""
+        step = k // self.hearing.sensors.stride
+        for i in receivers:
+            if i in self.receives and self._poll(step, k, i):
+                self._complete(step, i)
+
+    def _poll(self, step: int, k: int, i: int) -> bool:
+        """Take up a message that is in; whether there is one."""
+        hearing = self.hearing
+        inbox = hearing.inbox
+        if inbox.earliest_step[i] > step:
+            return False
+        known = Motion(hearing.motion, 0.0, k)
+        observation.receive(self._models[i], step, i, hearing.sites, known, hearing.tilts, inbox)
+        return bool(inbox.outcome[i] != observation.NO_MESSAGE)
+
+    def sent_time(self, i: int) -> float:
+        """When the last message of a receiver left [s]."""
+        return float(self.hearing.inbox.last_sent[i] * self.hearing.sensors.dt)
+
+    def _complete(self, step: int, i: int) -> None:
+        """Put into a message what its sender knows, and leave out what it does not hold."""
+        hearing = self.hearing
+        inbox = hearing.inbox
+        dt = hearing.sensors.dt
+        values = inbox.message_values[i]
+        sent = self.sent_time(i)
+        if self.sender is not None:
+            values[:] = self.sender.content(sent, dt)
+        values[self.link.hidden] = np.nan
+        inbox.ranges[i, self.link.transmitters :] = np.nan
+        self.content[i] = {}
+        if self.readings_of is not None:
+            emission = math.floor(sent / dt + 1e-6)
+            readings = self.readings_of(self.link.sender, emission)
+            lacking = np.full(0, np.nan)
+            self.content[i] = {name: readings.get(name, lacking) for name in self.link.readings}
+        hearing.arrived[i] = True
+        if step > 0:
+            m = hearing.measured.messages[i]
+            hearing.measured.messages[i] += 1
+            hearing.measured.message_step[i, m] = step
+            hearing.measured.message[i, m] = values
+            hearing.measured.ranges[i, m] = inbox.ranges[i]
+            self._contents[i].append(self.content[i])
+
+    def record_readings(self, step: int, read: Floats) -> None:
+        """Record the followers' own readings at a filter step, shape (f, 6)."""
+        if step > 0:
+            self.hearing.measured.own[: len(read), step - 1] = read[:, :3]
+
+    def reception(self, i: int, custom: Mapping[str, Floats]) -> Reception | None:
+        """What a receiver has received at this filter step; None: nothing."""
+        hearing = self.hearing
+        if not hearing.arrived[i]:
+            return None
+        received = reception_of(
+            hearing.inbox.message[i], hearing.inbox.ranges[i], custom, hearing.places
+        )
+        return received._replace(content=self.content[i], round_trip=float(self.round_trip[i]))
+
+    def _round_trips(self, i: int, messages: int) -> Floats | None:
+        return None
+
+    def messages(self, i: int, steps: int) -> LinkMessages:
+        """What a receiver has received in the first steps."""
+        record = self.hearing.measured
+        arrived = record.message_step[i, : record.messages[i]]
+        m = int(np.searchsorted(arrived, steps, side="right"))
+        names = self.link.readings if self.readings_of is not None else ()
+        return LinkMessages(
+            message_step=record.message_step[i, :m].copy(),
+            message=record.message[i, :m].copy(),
+            ranges=record.ranges[i, :m].copy(),
+            places=self.hearing.places,
+            round_trip=self._round_trips(i, m),
+            content={
+                name: np.array([row[name] for row in self._contents[i][:m]]) for name in names
+            },
+        )
+
+
+def receiver_number(vehicle: int, followers: int) -> int:
+    """Number of a vehicle among receivers: followers, and the leader after them."""
+    return vehicle - 1 if vehicle else followers
+
+
+class _Request(NamedTuple):
+    """A message that is to be answered."""
+
+    sent: float  # [s]
+    arrival: float  # of its rear ping by the direct path [s]
+    detection: float  # error of that arrival as it is measured [s]
+
+
+def _request_arrival(requests: Hearing, i: int, k: int) -> _Request | None:
+    """The request that a receiver has taken up at instant k; None: there is none, or its rear ping
+    is lost.
+    """
+    inbox = requests.inbox
+    if inbox.outcome[i] != observation.RECEIVED or math.isnan(inbox.ranges[i, 0]):
+        return None
+    s = requests.sensors
+    sent = float(inbox.last_sent[i] * s.dt)
+    sites = (requests.sites[0].tolist(), requests.sites[1][i].tolist())
+    _, pings = follow(s.sound, Motion(requests.motion, 0.0, k), sites, i + 1, sent)
+    direct = pings[0][1][Path.DIRECT]
+    true = direct.length * direct.ratio + direct.clock_range
+    return _Request(sent, direct.time, (inbox.ranges[i, 0] - true) / s.sound.assumed_speed)
+
+
+class _Answer(NamedTuple):
+    """An answer under way."""
+
+    leaves: float  # [s]
+    request: float  # when the message left that is answered [s]
+    detection: float  # as of `_Request`
+
+
+class AnswerReceiver(Receiver):
+    """What receivers have received of a vehicle that answers the messages of another link.
+
+    The answer leaves a constant time after the request's rear ping has come by the direct path. Who
+    has sent the request measures the round trip: of both detections of a ping it has the errors
+    that ranges have.
+    """
+
+    def __init__(self, scenario: Scenario, link: Link, fleet: Fleet, requester: int) -> None:
+        """Nothing is answered yet; `requester` is the vehicle that sends the requests."""
+        super().__init__(scenario, link, fleet)
+        self._requester = receiver_number(requester, fleet.followers)
+        self._answers = receiver_number(link.sender, fleet.followers)
+        self._under_way: list[_Answer] = []
+        self._next: Ints = np.zeros(len(self.content), dtype=np.int64)
+        self._leaves: Floats = np.zeros(len(self.content))
+        self._trips: list[list[float]] = [[] for _ in self.content]
+
+    def sent_time(self, i: int) -> float:
+        """When the last answer to a receiver left [s]."""
+        return float(self._leaves[i])
+
+    def take_request(self, k: int, requests: Hearing) -> None:
+        """Answer a request that has come to the sender of the answers at instant k, a filter step,
+        by what is received on its link.
+        """
+        request = _request_arrival(requests, self._answers, k)
+        if request is None:
+            return
+        leaves = request.arrival + self.link.delay
+        self._under_way.append(_Answer(leaves, request.sent, request.detection))
+
+    def _poll(self, step: int, k: int, i: int) -> bool:
+        waiting = int(self._next[i])
+        if waiting >= len(self._under_way):
+            return False
+        answer = self._under_way[waiting]
+        hearing = self.hearing
+        s = hearing.sensors
+        motion = Motion(hearing.motion, 0.0, k)
+        if answer.leaves > step * s.dt:
+            return False
+        sites = (hearing.sites[0].tolist(), hearing.sites[1][i].tolist())
+        sound = self._models[i].sound
+        complete, pings = follow(sound, motion, sites, i + 1, answer.leaves)
+        if reception_step(complete, s.dt) > step:
+            return False
+        self._next[i] += 1
+        self._take(answer, pings, step, k, i)
+        return True
+
+    def _take(
+        self, answer: _Answer, pings: tuple[Ping, Ping, Ping], step: int, k: int, i: int
+    ) -> None:
+        hearing = self.hearing
+        s = self._models[i]
+        motion = Motion(hearing.motion, 0.0, k)
+        emission = math.floor(answer.leaves / s.dt + 1e-6)
+        content = np.empty(len(LeaderMessage._fields))
+        ranges = np.empty((3, 3))
+        sender = observation.sender_at(
+            s, emission, emission * s.stride, hearing.motion, hearing.tilts
+        )
+        e = s.errors[i]
+        observation.true_reception(s, e, sender, step, pings, content, ranges)
+        east, north, _ = site_at(s.sound, motion, 0, (0.0, 0.0, 0.0), answer.leaves)
+        content[0] = answer.leaves
+        content[EAST] = east
+        content[NORTH] = north
+        number = int(s.numbers[i])
+        sent = Address(s.seed, s.run, number, emission)
+        true = ranges[0, Path.DIRECT]
+        observation.read_reception(
+            e,
+            (s.sound.transmitters, s.dt),
+            (sent, sent._replace(step=step)),
+            (content.tolist(), ranges.tolist()),
+            hearing.inbox,
+            i,
+        )
+        self._leaves[i] = answer.leaves
+        self.round_trip[i] = np.nan
+        if i == self._requester:
+            arrival = pings[0][1][Path.DIRECT].time
+            detection = (hearing.inbox.ranges[i, 0] - true) / s.sound.assumed_speed
+            measured = arrival - answer.request - self.link.delay
+            self.round_trip[i] = measured + answer.detection + detection
+        self._trips[i].append(float(self.round_trip[i]))
+
+    def _round_trips(self, i: int, messages: int) -> Floats | None:
+        return np.array(self._trips[i][:messages])

@@ -1,0 +1,392 @@
+"""Roles of vehicles: a leader that navigates, is controlled and receives; links that are received
+together, answers, and what messages hold.
+"""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicHermiteSpline
+from scipy.optimize import brentq
+
+import laisn_sim
+from laisn.arrays import Floats
+from laisn.errors import LaisnError
+from laisn.messages import LeaderMessage, LinkMessages, Measurements
+from laisn.plugins import register
+from laisn_sim import Command, Flight, Simulation
+from sim.trajectory import Trajectory
+
+TIME, EAST, NORTH, HEADING, SPEED, DEPTH, PITCH, ROLL = range(8)
+SIGMA = LeaderMessage._fields.index("position_sigma")
+SOUND = 1500.0
+DELAY = 0.7
+BEACONS = [[-50.0, -50.0, 5.0], [150.0, -50.0, 25.0], [50.0, 120.0, 12.0]]
+NO_NOISE = {
+    "range_tau_m": [0.0, 0.0, 0.0],
+    "range_scale_mean_m": 0.0,
+    "range_scale_sigma_m": 0.0,
+}
+HYDROPHONE = [0.3, 0.0, 0.1]
+LINE = [[0.0, 0.0, -20.0], [100.0, 80.0, 40.0]]
+
+MISSION: dict[str, Any] = {
+    "duration_s": 12.0,
+    "acoustics": {**NO_NOISE, "travel_time": True, "clock_offset_s": 0.02},
+    "sensors": {"own": [{"sensor": "gyros"}]},
+    "leader": {
+        "hydrophone_m": HYDROPHONE,
+        "broadcast_position": "estimate",
+        "guidance_position": "estimate",
+        "navigation": {"link": "lbl", "variant": "beacons"},
+        "sensors": {"speed_bias_m_s": 0.1, "heading_bias_deg": 2.0, "depth_sigma_m": 0.2},
+    },
+    "links": [
+        {"name": "lbl", "beacons_m": BEACONS, "interval_s": 2.0},
+        {
+            "name": "answer",
+            "sender": "wing",
+            "answers": "leader",
+            "delay_s": DELAY,
+            "receivers": ["leader", "follower"],
+            "transmitters_m": [[0.5, 0.0, 0.0]],
+            "position": "estimate",
+            "content": ["position", "depth"],
+            "readings": ["gyros"],
+        },
+    ],
+    "navigation": {"variant": "ekf", "further_links": ["lbl"]},
+    "followers": [
+        {"name": "follower", "route": "T5", "sensors": {"speed_bias_m_s": 0.0}},
+        {"name": "wing", "waypoints": LINE, "depth_m": 8.0},
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def flown() -> Flight:
+    return laisn_sim.fly(MISSION)
+
+
+def leader_of(flight: Flight) -> tuple[Measurements, Floats, Floats]:
+    """Measurements of the leader, its estimates and their covariances."""
+    assert flight.leader is not None
+    assert flight.leader.estimates is not None
+    return (
+        flight.leader.measurements,
+        flight.leader.estimates.state,
+        flight.leader.estimates.covariance,
+    )
+
+
+@pytest.mark.system
+def test_the_leader_navigates_on_beacons(flown: Flight) -> None:
+    measured, state, _ = leader_of(flown)
+    truth = flown.trajectory
+    assert measured.transmitters is not None
+    assert len(measured.message) == 5
+    np.testing.assert_allclose(measured.transmitters[0], BEACONS, rtol=0, atol=1e-9)
+    hydrophone = truth.site_path("leader/hydrophone", flown.step_index())
+    off = np.hypot(*(state[:, :2] - hydrophone[:, :2]).T)
+    assert off.max() < 3.0
+    # its clock is the beacons', while that of followers is 0.02 s, or 30 m, ahead
+    sent = np.round(measured.message[:, TIME] / 0.1).astype(int)
+    at_emission = truth.site_path("leader/hydrophone", sent)
+    for i in range(len(sent)):
+        places = np.array(BEACONS) * (1.0, 1.0, -1.0)
+        here = np.linalg.norm(at_emission[i] - places, axis=1)
+        # it moves by up to 1.2 m/s for 0.11 s
+        np.testing.assert_allclose(measured.ranges[i], here, rtol=0, atol=0.15)
+
+
+@pytest.mark.system
+def test_the_leader_broadcasts_what_its_navigator_and_sensors_say(flown: Flight) -> None:
+    own, state, covariance = leader_of(flown)
+    received = flown.measurements[0]
+    sent = np.round(received.message[:, TIME] / 0.1).astype(int)
+    assert len(sent) >= 10
+    forward = HYDROPHONE[0]
+    heading = own.heading[sent - 1]
+    ahead = np.column_stack([np.sin(heading), np.cos(heading)])
+    expected = state[sent - 1, :2] - forward * ahead
+    np.testing.assert_allclose(received.message[:, [EAST, NORTH]], expected, rtol=0, atol=1e-9)
+    for column, reading in ((HEADING, own.heading), (SPEED, own.speed), (DEPTH, own.depth)):
+        np.testing.assert_array_equal(received.message[:, column], reading[sent - 1])
+    sigma = np.sqrt(0.5 * np.trace(covariance[sent - 1, :2, :2], axis1=1, axis2=2))
+    np.testing.assert_allclose(received.message[:, SIGMA], sigma, rtol=1e-12)
+    # these are not the truth
+    truth = flown.trajectory
+    assert np.rad2deg(own.heading - truth.heading[flown.step_index(), 0]).mean() == pytest.approx(
+        2.0, abs=1e-6
+    )
+    assert 0.1 < (own.depth - truth.depth[flown.step_index(), 0]).std() < 0.3
+    broadcast = received.message[:, [EAST, NORTH]]
+    assert np.abs(broadcast - truth.position[sent, 0, :2]).max() > 0.01
+
+
+def spline(truth: Trajectory, site: str) -> CubicHermiteSpline:
+    """Way of a site between instants, by its places and the velocities of its hull's origin."""
+    vehicle = truth.names.index(site.partition("/")[0])
+    return CubicHermiteSpline(truth.time, truth.site_path(site), truth.velocity[:, vehicle])
+
+
+def arrival(source: Floats, receiver: CubicHermiteSpline, leaves: float) -> float:
+    """When a ping from a place is at a receiver that moves [s]."""
+
+    def late(time: float) -> float:
+        return float(np.linalg.norm(receiver(time) - source) - SOUND * (time - leaves))
+
+    return float(brentq(late, leaves, leaves + 1.0, xtol=1e-13))
+
+
+def answers_of(flight: Flight) -> LinkMessages:
+    assert flight.leader is not None
+    return flight.leader.measurements.links["answer"]
+
+
+@pytest.mark.system
+def test_the_leader_measures_the_round_trip_of_an_answer(flown: Flight) -> None:
+    truth = flown.trajectory
+    answers = answers_of(flown)
+    rear = spline(truth, "leader/tx_rear")
+    heard = spline(truth, "wing/hydrophone")
+    back = spline(truth, "leader/hydrophone")
+    origin = CubicHermiteSpline(truth.time, truth.position[:, 2], truth.velocity[:, 2])
+    axis = truth.site_path("wing/hydrophone") - truth.position[:, 2]
+    assert len(answers.message) >= 9
+    for i in range(len(answers.message)):
+        request = 1.0 + i
+        comes = arrival(rear(request), heard, request)
+        leaves = comes + DELAY
+        assert answers.message[i, TIME] == pytest.approx(leaves, abs=1e-6)
+        k = round(leaves / 0.1)
+        heading = truth.heading[k, 2]
+        source = origin(leaves) + 0.5 * np.array([np.sin(heading), np.cos(heading), 0.0])
+        returns = arrival(source, back, leaves)
+        assert answers.round_trip is not None
+        # the transmitter's place in the hull is right to a millimetre here
+        assert answers.round_trip[i] == pytest.approx(returns - request - DELAY, abs=2e-6)
+        # the follower's clock is ahead: by it the answer left later than by the leader's
+        one_way = SOUND * (returns - leaves - 0.02)
+        assert answers.ranges[i, 0] == pytest.approx(one_way, abs=3e-3)
+        assert np.isnan(answers.ranges[i, 1:]).all()
+        assert answers.message_step[i] == np.ceil(returns / 0.1 - 1e-6)
+    assert np.isfinite(axis).all()
+
+
+@pytest.mark.system
+def test_another_receiver_of_an_answer_measures_no_round_trip(flown: Flight) -> None:
+    overheard = flown.measurements[0].links["answer"]
+    assert len(overheard.message) >= 9
+    assert overheard.round_trip is not None
+    assert np.isnan(overheard.round_trip).all()
+    assert "answer" not in flown.measurements[1].links
+    # clocks of followers agree: the range is that of the answer's way
+    truth = flown.trajectory
+    leaves = overheard.message[:, TIME]
+    way = spline(truth, "wing/hydrophone")(leaves) - spline(truth, "follower/hydrophone")(leaves)
+    np.testing.assert_allclose(overheard.ranges[:, 0], np.linalg.norm(way, axis=1), atol=1.0)
+
+
+@pytest.mark.system
+def test_an_answer_holds_what_its_table_says(flown: Flight) -> None:
+    answers = answers_of(flown)
+    assert np.isnan(answers.message[:, [HEADING, SPEED, PITCH, ROLL]]).all()
+    step = np.floor(answers.message[:, TIME] / 0.1 + 1e-6).astype(int)
+    measured = flown.measurements[1]
+    np.testing.assert_array_equal(answers.message[:, DEPTH], measured.depth[step - 1])
+    np.testing.assert_array_equal(answers.content["gyros"], measured.own["gyros"][step - 1])
+    state = flown.estimates[1].state[step - 1]
+    ahead = answers.message[:, TIME] - 0.1 * step
+    expected = state[:, :2] + ahead[:, None] * state[:, 2:]
+    np.testing.assert_allclose(answers.message[:, [EAST, NORTH]], expected, rtol=0, atol=1e-9)
+
+
+@pytest.mark.system
+def test_a_navigator_listens_to_the_leader_and_to_beacons(flown: Flight) -> None:
+    lbl = flown.measurements[0].links["lbl"]
+    assert len(lbl.message) == 5
+    assert lbl.places is not None
+    np.testing.assert_allclose(lbl.places, BEACONS, rtol=0, atol=1e-9)
+    alone = laisn_sim.navigate(flown, {"navigation.further_links": []})
+    again = laisn_sim.navigate(flown)
+    np.testing.assert_array_equal(again.estimates[0].state, flown.estimates[0].state)
+    assert np.abs(alone.estimates[0].state - flown.estimates[0].state).max() > 0.1
+    # only the leader's messages have fixes
+    for flight in (flown, again):
+        np.testing.assert_array_equal(
+            np.unique(flight.estimates[0].fix_step), flight.measurements[0].message_step
+        )
+
+
+@pytest.mark.system
+def test_a_log_holds_the_leader_and_further_links(flown: Flight, tmp_path: Any) -> None:
+    path = tmp_path / "flight.mcap"
+    laisn_sim.write_log(flown, path)
+    read = laisn_sim.read_log(path)
+    assert read.leader is not None
+    assert flown.leader is not None
+    np.testing.assert_array_equal(read.leader.measurements.speed, flown.leader.measurements.speed)
+    for name, links in (("leader", answers_of(read)), ("follower", read.measurements[0].links)):
+        del name, links
+    for before, after in (
+        (answers_of(flown), answers_of(read)),
+        (flown.measurements[0].links["lbl"], read.measurements[0].links["lbl"]),
+    ):
+        np.testing.assert_array_equal(before.message_step, after.message_step)
+        np.testing.assert_array_equal(before.message, after.message)
+        np.testing.assert_array_equal(before.ranges, after.ranges)
+    again = laisn_sim.navigate(read)
+    np.testing.assert_array_equal(again.estimates[0].state, flown.estimates[0].state)
+
+
+SEEN: list[Any] = []
+
+
+class Eastward:
+    """Holds a heading, and records what it is called with."""
+
+    def __init__(self, leader: Any) -> None:
+        assert leader.sensors.heading_bias_deg is None
+        SEEN.clear()
+
+    def control(self, readings: Any, belief: Any, dt: float) -> Any:
+        SEEN.append((readings, belief))
+        return np.pi / 2, 1.0, 12.0
+
+
+@pytest.fixture
+def controlled() -> Simulation:
+    table = {
+        "duration_s": 40.0,
+        "leader": {
+            "controller": register(Eastward),
+            "sensors": {"heading_bias_deg": 3.0, "speed_sigma_m_s": 0.1},
+        },
+        "followers": [{"route": "T5"}],
+    }
+    return Simulation(table)
+
+
+@pytest.mark.system
+def test_a_leader_is_flown_by_a_users_controller_and_from_outside(controlled: Simulation) -> None:
+    sim = controlled
+    sim.step(25.0)
+    leader = sim.truth["leader"]
+    # by its compass, which reads 3° too much
+    assert np.rad2deg(leader.heading) == pytest.approx(87.0, abs=0.5)
+    assert leader.depth == pytest.approx(12.0, abs=0.3)
+    readings, belief = SEEN[-1]
+    assert (readings.time, sim.readings["leader"].heading) == (25.0, readings.heading)
+    assert np.rad2deg(readings.heading - leader.heading) == pytest.approx(3.0, abs=1e-6)
+    np.testing.assert_allclose([belief.east, belief.north], leader.position[:2], atol=1e-9)
+    calls = len(SEEN)
+    sim.command("leader", Command(heading=0.0, speed=1.0, depth=12.0))
+    sim.step(15.0)
+    assert len(SEEN) == calls
+    assert np.rad2deg(sim.truth["leader"].heading + 1.0) % 360.0 == pytest.approx(57.3, abs=8.0)
+    # messages have the errors of the leader's own sensors
+    flight = sim.flight()
+    (measured,) = flight.measurements
+    sent = np.round(measured.message[:, TIME] / 0.1).astype(int)
+    assert flight.leader is not None
+    own = flight.leader.measurements
+    np.testing.assert_allclose(measured.message[:, HEADING], own.heading[sent - 1], atol=1e-12)
+    np.testing.assert_allclose(measured.message[:, SPEED], own.speed[sent - 1], atol=1e-12)
+    assert 0.03 < (own.speed - flight.trajectory.forward_speed[flight.step_index(), 0]).std() < 0.3
+
+
+def beside(**changes: Any) -> dict[str, Any]:
+    return {
+        "duration_s": 20.0,
+        "motion": "kinematic",
+        "links": [{"name": "lbl", "beacons_m": BEACONS}],
+        "navigation": {"variant": "ekf", "further_links": ["lbl"]},
+        "followers": [{"name": "follower", "route": "T5"}, {"name": "wing", "waypoints": LINE}],
+        **changes,
+    }
+
+
+def test_errors_of_links_that_are_received_together_are_independent() -> None:
+    """The main link has the noise that it has alone, to the bit."""
+    both = laisn_sim.fly(beside()).measurements[0]
+    alone = laisn_sim.fly(beside(navigation={"variant": "ekf"})).measurements[0]
+    np.testing.assert_array_equal(both.ranges, alone.ranges)
+    exact = laisn_sim.fly(beside(acoustics=NO_NOISE)).measurements[0]
+    lbl, exact_lbl = both.links["lbl"], exact.links["lbl"]
+    np.testing.assert_array_equal(both.message_step, lbl.message_step)
+    of_leader = both.ranges[:, 0] - exact.ranges[:, 0]
+    of_beacon = lbl.ranges[:, 0] - exact_lbl.ranges[:, 0]
+    assert np.abs(of_beacon).max() > 0.05
+    assert abs(np.corrcoef(of_leader, of_beacon)[0, 1]) < 0.7
+    for i, step in enumerate(exact_lbl.message_step):
+        hydrophone = laisn_sim.fly(beside(acoustics=NO_NOISE)).hydrophone(0)[step - 1]
+        expected = np.linalg.norm(hydrophone - np.array(BEACONS) * (1.0, 1.0, -1.0), axis=1)
+        np.testing.assert_allclose(exact_lbl.ranges[i], expected, rtol=0, atol=1e-9)
+        break
+
+
+def test_a_link_has_receivers_and_content() -> None:
+    links = [
+        {
+            "name": "short",
+            "sender": "leader",
+            "receivers": ["wing"],
+            "content": ["position", "heading", "speed", "depth"],
+        }
+    ]
+    table = beside(links=links, navigation={"variant": "ekf", "link": "short"})
+    table["leader"] = {"broadcast_attitude": True}
+    follower, wing = laisn_sim.fly(table).measurements
+    assert (len(follower.message), len(wing.message)) == (0, 20)
+    assert np.isfinite(wing.message[:, :PITCH]).all()
+    assert np.isnan(wing.message[:, [PITCH, ROLL]]).all()
+
+
+def test_errors_of_a_vehicles_own_sensors_are_in_what_it_broadcasts() -> None:
+    keys = {"speed_bias_m_s": 0.2, "heading_bias_deg": 4.0, "heading_sigma_deg": 1.0}
+    broadcast = {f"leader_{key}": value for key, value in keys.items()}
+    by_table = laisn_sim.fly(beside(leader={"sensors": keys})).measurements[0].message
+    by_keys = laisn_sim.fly(beside(sensors=broadcast)).measurements[0].message
+    np.testing.assert_array_equal(by_table, by_keys)
+    exact = laisn_sim.fly(beside()).measurements[0].message
+    assert (by_table[:, SPEED] - exact[:, SPEED]).mean() == pytest.approx(0.2, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    {
+        "kinematic": ({"leader.controller": "a:B"}, "leader.controller needs motion = 'physics'"),
+        "no navigator": (
+            {"leader.broadcast_position": "estimate", "motion": "physics"},
+            "leader.broadcast_position = 'estimate' needs a table leader.navigation",
+        ),
+        "unknown link": (
+            {"navigation.further_links": ["sonar"]},
+            "'sonar' is no link: leader, lbl",
+        ),
+        "one link": ({"navigation.variant": "tight"}, "takes the messages of one link"),
+        "twice": ({"navigation.further_links": ["leader"]}, "'leader' is navigation.link already"),
+        "receivers": ({"links.0.receivers": ["boat"]}, "'boat' is no vehicle"),
+    }.values(),
+)
+def test_contradictions_are_refused(changes: dict[str, Any], expected: str) -> None:
+    with pytest.raises(LaisnError) as error:
+        laisn_sim.load(beside(), changes)
+    assert expected in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("link", "expected"),
+    [
+        ({"answers": "sonar"}, "expected a link with a schedule"),
+        ({"answers": "lbl", "sender": "leader"}, "leader does not receive that link"),
+        ({"answers": "leader"}, "needs acoustics.travel_time = true"),
+        ({"answers": "leader", "offset_s": 0.5}, "answers replaces interval_s and offset_s"),
+    ],
+)
+def test_answers_that_cannot_be_are_refused(link: dict[str, Any], expected: str) -> None:
+    links = [{"name": "lbl", "beacons_m": BEACONS}, {"name": "back", "sender": "wing", **link}]
+    with pytest.raises(LaisnError) as error:
+        laisn_sim.load(beside(links=links, motion="physics"))
+    assert expected in str(error.value)
