@@ -1,6 +1,6 @@
 """All that a follower receives and measures: the only input of a navigator."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
 from typing import NamedTuple, Self
@@ -250,6 +250,11 @@ class Measurements(ArrayRecord):
             own=readings_of_part,
             links={name: messages.part(first, last) for name, messages in self.links.items()},
         )
+
+    def with_links(self, names: Collection[str]) -> Self:
+        """The measurements with the messages of these further links alone."""
+        links = {name: messages for name, messages in self.links.items() if name in names}
+        return replace(self, links=links)
 
     def require_fresh(self, step: int, dt: float) -> None:
         """Raise ValueError unless a navigator with this filter step [s], now at that step, can

@@ -448,12 +448,11 @@ def infeasibilities(scenario: Scenario) -> list[str]:
         *_errors_of(partial(_require_readings, scenario), ""),
         *_cost(scenario),
     ]
-    for follower in scenario.followers:
-        problems += (
-            _errors_of(partial(find_controller, follower.controller), "")
-            if follower.controller
-            else []
-        )
+    if scenario.leader.navigation is not None:
+        problems += _errors_of(scenario.leader.navigation.settings, "leader")
+    for _, vehicle in scenario.vehicles():
+        if vehicle.controller:
+            problems += _errors_of(partial(find_controller, vehicle.controller), "")
     for (key, vehicle), name in zip(scenario.vehicles(), vehicle_names(scenario), strict=True):
         role = "follower" if isinstance(vehicle, Follower) else "leader"
         shapes += [

@@ -19,7 +19,7 @@ from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.acoustics import TRANSMITTERS
 from sim.sensing.links import navigated_motion
 from sim.sensing.observation import measure, observe, start_of
-from sim.sensing.sensors import navigated_errors_of
+from sim.sensing.sensors import further_errors_of, navigated_errors_of
 from sim.trajectory import Trajectory
 from sim.water.assembly import floor_of
 
@@ -189,6 +189,7 @@ def navigate(
             run=scenario.run,
             follower=follower,
             transmitters=settings.transmitters,
+            further=further_errors_of(scenario, follower),
         )
         measurements.append(measured)
         estimates.append(make(settings, start_of(trajectory, follower)).run(measured))

@@ -105,8 +105,10 @@ class LeaderUnit:
         self.swarm: SeparateNavigators | None = None
         self._by_estimate = scenario.leader.guidance_position == "estimate"
         self._takes_current = False
+        self._taken_links: tuple[str, ...] = ()
         if scenario.leader.navigation is not None:
             navigation = scenario.leader.navigation
+            self._taken_links = navigation.further_links
             moved = still if self._main is None else self._main.link.motion_of(still)
             settings = settings_of(scenario, navigation, moved, LEADER)
             spec = find(navigation.variant)
@@ -175,7 +177,8 @@ class LeaderUnit:
         if self.swarm is None:
             return
         main, further = self.receptions()
-        self.swarm.receptions = [further]
+        taken = {name: further[name] for name in self._taken_links if name in further}
+        self.swarm.receptions = [taken]
         self.swarm.advance(0, step, self.reading[0], main, self.estimate, self.concluded)
 
     def steer(self, k: int) -> None:

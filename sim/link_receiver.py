@@ -17,7 +17,15 @@ from laisn.messages import LeaderMessage, LinkMessages, Reception
 from laisn.swarm import reception_of
 from sim.scenario.settings import Scenario
 from sim.sensing import observation
-from sim.sensing.acoustics import Motion, Ping, Sound, follow, reception_step, site_at
+from sim.sensing.acoustics import (
+    Motion,
+    Ping,
+    Sound,
+    follow,
+    reception_step,
+    site_at,
+    sound_of,
+)
 from sim.sensing.links import AT_REST, Link
 from sim.sensing.noise import Address
 from sim.sensing.sensors import update_tilt_error
@@ -89,11 +97,12 @@ class Sender(NamedTuple):
         return row
 
 
-def _sound_of_leader(sound: Sound, link: Link) -> Sound:
+def _sound_of_leader(scenario: Scenario, sound: Sound, link: Link) -> Sound:
     """How sound gets to the leader, whose clock is that of beacons; a follower's is ahead of it."""
-    behind = 0.0 if link.sender == AT_REST else -1.0
+    ahead = 0.0 if link.sender == AT_REST else 1.0
+    clocks = sound_of(scenario)
     return sound._replace(
-        clock_offset=behind * sound.clock_offset, clock_drift=behind * sound.clock_drift
+        clock_offset=-ahead * clocks.clock_offset, clock_drift=-ahead * clocks.clock_drift
     )
 
 
@@ -129,7 +138,9 @@ class Receiver:
         )
         self._models = [sensors] * receivers
         if leader:
-            self._models[-1] = sensors._replace(sound=_sound_of_leader(sensors.sound, link))
+            self._models[-1] = sensors._replace(
+                sound=_sound_of_leader(scenario, sensors.sound, link)
+            )
         self.sender: Sender | None = None
         """Whose estimate and readings messages hold; None: its true state, with errors."""
         self.readings_of: Readings | None = None
@@ -289,6 +300,12 @@ class AnswerReceiver(Receiver):
         super().__init__(scenario, link, fleet)
         self._requester = receiver_number(requester, fleet.followers)
         self._answers = receiver_number(link.sender, fleet.followers)
+        # a round trip is measured by one clock: what clocks add to ranges is added to these alone
+        self._clocks = [(m.sound.clock_offset, m.sound.clock_drift) for m in self._models]
+        self._models = [
+            m._replace(sound=m.sound._replace(clock_offset=0.0, clock_drift=0.0))
+            for m in self._models
+        ]
         self._under_way: list[_Answer] = []
         self._next: Ints = np.zeros(len(self.content), dtype=np.int64)
         self._leaves: Floats = np.zeros(len(self.content))
@@ -335,34 +352,39 @@ class AnswerReceiver(Receiver):
         motion = Motion(hearing.motion, 0.0, k)
         emission = math.floor(answer.leaves / s.dt + 1e-6)
         content = np.empty(len(LeaderMessage._fields))
-        ranges = np.empty((3, 3))
+        true = np.empty((3, 3))
         sender = observation.sender_at(
             s, emission, emission * s.stride, hearing.motion, hearing.tilts
         )
         e = s.errors[i]
-        observation.true_reception(s, e, sender, step, pings, content, ranges)
+        observation.true_reception(s, e, sender, step, pings, content, true)
         east, north, _ = site_at(s.sound, motion, 0, (0.0, 0.0, 0.0), answer.leaves)
         content[0] = answer.leaves
         content[EAST] = east
         content[NORTH] = north
-        number = int(s.numbers[i])
-        sent = Address(s.seed, s.run, number, emission)
-        true = ranges[0, Path.DIRECT]
+        sent = Address(s.seed, s.run, int(s.numbers[i]), emission)
+        inbox = hearing.inbox
         observation.read_reception(
             e,
             (s.sound.transmitters, s.dt),
             (sent, sent._replace(step=step)),
-            (content.tolist(), ranges.tolist()),
-            hearing.inbox,
+            (content.tolist(), true.tolist()),
+            inbox,
             i,
         )
         self._leaves[i] = answer.leaves
         self.round_trip[i] = np.nan
+        ranges = inbox.ranges[i]
         if i == self._requester:
             arrival = pings[0][1][Path.DIRECT].time
-            detection = (hearing.inbox.ranges[i, 0] - true) / s.sound.assumed_speed
+            detection = (ranges[0] - true[0, Path.DIRECT]) / s.sound.assumed_speed
             measured = arrival - answer.request - self.link.delay
             self.round_trip[i] = measured + answer.detection + detection
+        offset, drift = self._clocks[i]
+        for j, (_, arrivals) in enumerate(pings):
+            time = arrivals[Path.DIRECT].time
+            ranges[j] += s.sound.assumed_speed * (offset + drift * time)
+        ranges[ranges <= 0.0] = np.nan
         self._trips[i].append(float(self.round_trip[i]))
 
     def _round_trips(self, i: int, messages: int) -> Floats | None:

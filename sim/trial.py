@@ -120,8 +120,16 @@ def _trial_scenario(scenario: Scenario) -> Scenario:
     step = scenario.timing.filter_step_s
     duration = min(scenario.duration_s, round(LONGEST_S / step) * step)
     by_truth = {"guidance_position": "truth", "controller": None}
+    leader_by_truth = {
+        "controller": None,
+        "navigation": None,
+        "broadcast_position": "truth",
+        "guidance_position": "truth",
+    }
     changes = {
         "duration_s": duration,
+        "leader": scenario.leader.model_copy(update=leader_by_truth),
+        "links": (),
         "contact": "mark",
         "followers": tuple(f.model_copy(update=by_truth) for f in followers),
     }

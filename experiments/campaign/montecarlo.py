@@ -35,7 +35,12 @@ from sim.scenario.links import LEADER_LINK
 from sim.scenario.section import keys_per_run
 from sim.scenario.settings import Acoustics, Leader, Navigation, Scenario, Sensors
 from sim.sensing.observation import IdealMeasurements, measure, observe
-from sim.sensing.sensors import SensorErrors, navigated_errors_of, own_tables
+from sim.sensing.sensors import (
+    SensorErrors,
+    further_errors_of,
+    navigated_errors_of,
+    own_tables,
+)
 from sim.simulation import EndedError, simulate_motion
 from sim.trajectory import Trajectory
 from sim.vehicle.mjcf import transmitter_places
@@ -100,18 +105,21 @@ def _observed_of(scenario: Scenario, follower: int) -> Scenario:
     acoustics = scenario.acoustics
     chances = ("surface_echo_probability", "bottom_echo_probability")
     echoes = {name: float(getattr(acoustics, name) > 0.0) / 2 for name in chances}
-    by_leader = scenario.navigation.link == LEADER_LINK
+    navigation = scenario.navigation
+    by_leader = navigation.link == LEADER_LINK and not navigation.further_links
     # links name their senders
     hidden = ("sensors", "name") if by_leader else ("sensors",)
     overrides = {
         "seed": 1,
         "sensors": _without(sensors, *keys_per_run(Sensors), own=own_tables(scenario)),
         "followers": tuple(_without(member, *hidden) for member in scenario.followers),
+        "leader": _without(scenario.leader, "sensors"),
         "links": () if by_leader else scenario.links,
         "acoustics": _without(acoustics, *keys_per_run(Acoustics), **echoes),
         "navigation": Navigation(
             variant="tight",
-            link=scenario.navigation.link,
+            link=navigation.link,
+            further_links=navigation.further_links,
             assume={"transmitters": scenario.navigation.transmitters},
         ),
     }
@@ -184,6 +192,8 @@ class Cell:
 
     truth: IdealMeasurements
     errors: SensorErrors = field(default_factory=SensorErrors)
+    # of further links by name
+    further: Mapping[str, SensorErrors] = field(default_factory=dict)
     settings: Settings = field(default_factory=NavigationSettings)
     # None: the navigator of this project that takes these settings
     navigator: NavigatorSpec | None = None
@@ -224,6 +234,7 @@ class Cell:
         return cls(
             truth=truth,
             errors=navigated_errors_of(scenario, follower),
+            further=further_errors_of(scenario, follower),
             navigator=find(scenario.navigation.variant),
             settings=navigation_settings(scenario, trajectory, follower),
             seed=scenario.seed,
@@ -354,7 +365,11 @@ def _measured(cell: Cell, runs: Sequence[int]) -> list[Measurements]:
     """
     truth = cell.truth
     seed = cell.seed
-    which = {"follower": cell.follower, "transmitters": cell.settings.transmitters}
+    which = {
+        "follower": cell.follower,
+        "transmitters": cell.settings.transmitters,
+        "further": cell.further,
+    }
     measured = [
         measure(truth, cell.errors, seed=seed, run=run, use_compiled=True, **which) for run in runs
     ]

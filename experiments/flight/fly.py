@@ -142,7 +142,7 @@ def navigate_again(
     estimates = tuple(
         make(
             navigation_settings(scenario, flight.trajectory, i), start_of(flight.trajectory, i)
-        ).run(measured)
+        ).run(measured.with_links(scenario.navigation.further_links))
         for i, measured in enumerate(flight.measurements)
     )
     return replace(flight, scenario=scenario, estimates=estimates)

@@ -11,8 +11,8 @@ import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints
 from laisn.estimates import Estimates
-from laisn.messages import Measurements, SensorHeader
-from sim.flight import Flight, Termination
+from laisn.messages import LinkMessages, Measurements, SensorHeader
+from sim.flight import Flight, Termination, VehicleRecord
 from sim.log.clock import TIMESTAMP, RecordedRows, correct_steps_back
 from sim.log.contents import (
     FIRST_GAP,
@@ -27,15 +27,19 @@ from sim.log.contents import (
 from sim.log.order import steps_back
 from sim.log.schema import (
     DETAILS,
+    LINK,
     MEASURED,
     PLACED_MEASURED,
     PLACES,
+    ROUND_TRIP,
     SENSOR,
     SENSORS,
     Clock,
     RecordType,
+    content_fields,
     estimated,
     header_of_text,
+    link_reception,
     vehicle_state,
 )
 from sim.scenario import file as scenario_file
@@ -149,6 +153,68 @@ def _custom_readings(
     return readings
 
 
+def _link_fields(log: Contents, topic: str, headers: Mapping[str, SensorHeader]) -> RecordType:
+    """The type of the messages of a further link, by the fields that they have."""
+    messages = log.require(topic, ())
+    names = {field.name for field in messages.message_class.DESCRIPTOR.fields}
+    content = []
+    for sensor, header in headers.items():
+        channels = tuple(channel.name for channel in header.channels)
+        if channels and names.issuperset(content_fields(sensor, channels)):
+            content.append((sensor, channels))
+    return link_reception(
+        topic.rpartition(LINK)[2],
+        placed=names.issuperset(PLACES.names),
+        answers=ROUND_TRIP in names,
+        content=tuple(content),
+    )
+
+
+def _links(
+    log: Contents, name: str, grid_ns: Ints, headers: Mapping[str, SensorHeader]
+) -> dict[str, LinkMessages]:
+    """Messages of further links that a vehicle has received in a flight, by the link's name."""
+    links = {}
+    beginning = f"/{name}/{LINK}"
+    for topic in [topic for topic in log.topics if topic.startswith(beginning)]:
+        type_ = _link_fields(log, topic, headers)
+        arrays = _record(log, name, [type_], grid_ns)
+        places = arrays.pop(PLACES.attribute, None)
+        known = {array: arrays.pop(array) for array in ("message_step", "message", "ranges")}
+        round_trip = arrays.pop(ROUND_TRIP, None)
+        links[topic.removeprefix(beginning)] = LinkMessages(
+            **known,
+            places=None if places is None else places[0],
+            round_trip=round_trip,
+            content=arrays,
+        )
+    return links
+
+
+def _leader_of(
+    log: Contents, steps_ns: Ints, dt: float, headers: Mapping[str, SensorHeader]
+) -> VehicleRecord | None:
+    """What the leader has measured and concluded; None: it has not sensed under way."""
+    if f"/leader/{_OWN.topic}" not in log.topics:
+        return None
+    reception = log.topics.get(f"/leader/{_RECEIVED.topic}")
+    placed = reception is not None and reception.path(PLACES.names[0])
+    measured = Measurements(
+        dt=dt,
+        **_record(log, "leader", PLACED_MEASURED if placed else MEASURED, steps_ns),
+        links=_links(log, "leader", steps_ns, headers),
+        sensors=headers,
+    )
+    estimates = None
+    if f"/leader/{estimated(Estimates)[0].topic}" in log.topics:
+        details = [
+            kind for kind, type_ in DETAILS.items() if f"/leader/{type_.topic}" in log.topics
+        ]
+        kind = details[0] if details else Estimates
+        estimates = kind(**_record(log, "leader", estimated(kind), steps_ns))
+    return VehicleRecord(measurements=measured, estimates=estimates)
+
+
 def _trajectory(log: Contents, grid_ns: Ints) -> Trajectory:
     """The truth at these times, shape (n,), [ns]."""
     table = json.loads(log.attachments[VEHICLES])
@@ -193,7 +259,10 @@ def read(path: Path | str) -> Flight:
     """
     path = Path(path)
     ends = tuple(f"/{type_.topic}" for type_ in CORE)
-    log = Contents(path, lambda topic, _: topic.endswith(ends) or f"/{SENSOR}" in topic)
+    log = Contents(
+        path,
+        lambda topic, _: topic.endswith(ends) or f"/{SENSOR}" in topic or f"/{LINK}" in topic,
+    )
     missing = [f"attachment {name}" for name in (SCENARIO, VEHICLES) if name not in log.attachments]
     missing += [] if FLIGHT in log.metadata else [f"metadata {FLIGHT}"]
     if missing:
@@ -238,6 +307,7 @@ def read(path: Path | str) -> Flight:
                 **_record(log, name, _measured_types(scenario), steps_ns),
                 own=_custom_readings(log, name, steps_ns, headers),
                 sensors=headers,
+                links=_links(log, name, steps_ns, headers),
             )
             for name in names
         )
@@ -253,6 +323,7 @@ def read(path: Path | str) -> Flight:
             measurements=measured,
             estimates=estimates,
             outcome=outcome,
+            leader=_leader_of(log, steps_ns, dt, headers),
         )
 
 

@@ -283,6 +283,45 @@ def custom_reading(sensor: str, channels: tuple[str, ...]) -> RecordType:
     )
 
 
+LINK = "link/"
+"""Beginning of the topics of messages of further links, after the vehicle's name."""
+ROUND_TRIP = "round_trip"
+"""Field of the round trip of an answer [s]."""
+
+
+def content_fields(sensor: str, channels: Sequence[str]) -> tuple[str, ...]:
+    """Fields of the readings of a sender's sensor in its messages."""
+    return tuple(f"{sensor.replace('-', '_')}__{channel}" for channel in channels)
+
+
+@cache
+def link_reception(
+    link: str,
+    *,
+    placed: bool = False,
+    answers: bool = False,
+    content: tuple[tuple[str, tuple[str, ...]], ...] = (),
+) -> RecordType:
+    """Messages of a further link, perhaps with places of beacons, round trips of answers, and
+    readings of the sender's sensors, by name and channels.
+    """
+    columns = [*_RECEIVED]
+    if placed:
+        columns.append(PLACES)
+    if answers:
+        columns += _numbers(ROUND_TRIP)
+    for sensor, channels in content:
+        columns.append(Columns(sensor, content_fields(sensor, channels), (len(channels),)))
+    # links of one log may hold different fields
+    names = ",".join(name for array in columns for name in array.names)
+    return RecordType(
+        name=f"LinkReception_{crc32(names.encode()):08x}",
+        topic=f"{LINK}{link}",
+        columns=tuple(columns),
+        steps="message_step",
+    )
+
+
 def header_text(header: SensorHeader) -> str:
     """What is known of a sensor's readings, as JSON."""
     return json.dumps({"channels": dict(header.channels), "period_s": header.period})

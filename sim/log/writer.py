@@ -18,8 +18,8 @@ from foxglove.mcap import MCAPWriteOptions, MCAPWriter
 from mcap.well_known import MessageEncoding
 
 from laisn.arrays import Floats, Ints
-from laisn.estimates import FIX_WORDS, FixKind
-from laisn.messages import SensorHeader
+from laisn.estimates import FIX_WORDS, Estimates, FixKind
+from laisn.messages import Measurements, SensorHeader
 from sim import attitude
 from sim.attitude import geodetic
 from sim.flight import Flight, Termination, position_and_bearing_errors
@@ -240,6 +240,52 @@ def _truth(flight: Flight, clock: Clock) -> Iterator[Channel]:
         yield _locations(flight, f"/{name}/fix", time_ns[::second], t.position[::second, v])
 
 
+def _links(name: str, m: Measurements, time_ns: Ints) -> Iterator[Channel]:
+    """Messages of further links that a vehicle has received."""
+    for link, messages in m.links.items():
+        arrays: dict[str, Column] = {"message": messages.message, "ranges": messages.ranges}
+        if messages.places is not None:
+            arrays["transmitters"] = np.tile(messages.places, (len(messages.message), 1, 1))
+        if messages.round_trip is not None:
+            arrays["round_trip"] = messages.round_trip
+        content = []
+        for sensor, rows in messages.content.items():
+            header = m.sensors.get(sensor, SensorHeader())
+            content.append((sensor, header.names(rows.shape[1])))
+            arrays[sensor] = rows
+        type_ = schema.link_reception(
+            link,
+            placed=messages.places is not None,
+            answers=messages.round_trip is not None,
+            content=tuple(content),
+        )
+        yield numeric(f"/{name}", type_, time_ns[messages.message_step - 1], arrays)
+
+
+def _of_vehicle(
+    name: str, m: Measurements, e: Estimates | None, time_ns: Ints
+) -> Iterator[Channel]:
+    """What a vehicle has measured and concluded, as numbers."""
+    measured = schema.MEASURED if m.transmitters is None else schema.PLACED_MEASURED
+    records: list[tuple[Any, Any]] = [(m, measured)]
+    if e is not None:
+        records.append((e, schema.estimated(type(e))))
+    for record, types in records:
+        for type_ in types:
+            at = time_ns[getattr(record, type_.steps) - 1] if type_.steps else time_ns
+            yield numeric(f"/{name}", type_, at, vars(record))
+    yield from _links(name, m, time_ns)
+
+
+def _leader(flight: Flight, clock: Clock) -> Iterator[Channel]:
+    """What the leader has measured and concluded, if it has sensed under way."""
+    if flight.leader is None:
+        return
+    m = flight.leader.measurements
+    time_ns = clock.ns(m.dt * np.arange(1, m.speed.size + 1))
+    yield from _of_vehicle("leader", m, flight.leader.estimates, time_ns)
+
+
 def _follower(
     flight: Flight, clock: Clock, f: int, errors: tuple[Floats, Floats]
 ) -> Iterator[Channel]:
@@ -247,11 +293,7 @@ def _follower(
     e = flight.estimates[f]
     name = flight.trajectory.names[f + 1]
     time_ns = clock.ns(m.dt * np.arange(1, m.speed.size + 1))
-    measured = schema.MEASURED if m.transmitters is None else schema.PLACED_MEASURED
-    for record, types in ((m, measured), (e, schema.estimated(type(e)))):
-        for type_ in types:
-            at = time_ns[getattr(record, type_.steps) - 1] if type_.steps else time_ns
-            yield numeric(f"/{name}", type_, at, vars(record))
+    yield from _of_vehicle(name, m, e, time_ns)
     for sensor, readings in m.own.items():
         rows = readings.reshape(len(readings), -1)
         header = m.sensors.get(sensor, SensorHeader())
@@ -335,7 +377,7 @@ def _camera(video: Sequence[Frame], clock: Clock) -> Channel:
 def channels(flight: Flight, events: Iterable[Event], video: Sequence[Frame]) -> list[Channel]:
     """All channels of a flight; ValueError for frames out of order, or an epoch before 1970."""
     clock = Clock(flight.scenario.epoch)
-    of_flight = [*_truth(flight, clock)]
+    of_flight = [*_truth(flight, clock), *_leader(flight, clock)]
     for f, errors in enumerate(position_and_bearing_errors(flight)):
         of_flight += _follower(flight, clock, f, errors)
     return [

@@ -496,8 +496,14 @@ class Scenario(Section):
         return errors
 
     def _leader_errors(self) -> list[str]:
-        """What the leader cannot do without a navigator of its own."""
-        if self.leader.navigation is not None:
+        """What the leader cannot do without a hydrophone, or a navigator of its own."""
+        navigation = self.leader.navigation
+        receives = any("leader" in link.receivers for link in self.links)
+        if navigation is not None:
+            receives = receives or {navigation.link, *navigation.further_links} != {LEADER_LINK}
+        if receives and self.leader.model is None and self.leader.hydrophone_m is None:
+            return ["the leader's hull has no hydrophone to receive with; give leader.hydrophone_m"]
+        if navigation is not None:
             return []
         keys = ("broadcast_position", "guidance_position")
         return [

@@ -98,6 +98,9 @@ def sensor_model_of(
     if link is not None:
         used = min(sound.transmitters, link.transmitters)
         sound = sound._replace(transmitters=used)
+        if link.sender > 0:
+            # the clocks of all followers differ from the leader's alike
+            sound = sound._replace(clock_offset=0.0, clock_drift=0.0)
     return SensorModel(
         seed=np.uint64(scenario.seed),
         run=np.uint64(scenario.run),
@@ -650,7 +653,6 @@ class IdealLink:
     """
 
     name: str
-    errors: sensors.SensorErrors  # of the sender and of ranges
     noise_base: int  # as of `sim.sensing.links.noise_base`
     message_step: Ints
     emission_step: Ints
@@ -821,7 +823,6 @@ def _observe_link(
     sound = _sense(motion, scenario, follower, tilts, np.empty((0, 3)), use_compiled, link)
     return IdealLink(
         name=name,
-        errors=sensors.errors_of(scenario, follower, link),
         noise_base=noise_base(scenario, name),
         message_step=sound.message_step,
         emission_step=sound.emission_step,
@@ -832,13 +833,19 @@ def _observe_link(
     )
 
 
-def _measure_link(link: IdealLink, address: Address, transmitters: int, dt: float) -> LinkMessages:
-    """Receive a further link with the noise of a run; `address` is of the follower."""
+def _measure_link(
+    link: IdealLink, e: sensors.SensorErrors, address: Address, used: tuple[int, float]
+) -> LinkMessages:
+    """Receive a further link with the noise of a run.
+
+    `address` is of the follower, `used` how many transmitters its navigator uses, and its filter
+    step [s].
+    """
     m = link.message_step.size
     message = np.empty((m, _CONTENT))
     ranges = np.empty((m, 3))
     inbox = new_inbox(1, 1)
-    used = (min(transmitters, link.transmitters), dt)
+    of_link = (min(used[0], link.transmitters), used[1])
     sent = address._replace(follower=link.noise_base + address.follower)
     for i in range(m):
         addresses = (
@@ -846,7 +853,7 @@ def _measure_link(link: IdealLink, address: Address, transmitters: int, dt: floa
             sent._replace(step=int(link.message_step[i])),
         )
         true = (link.content[i].tolist(), link.ranges[i].tolist())
-        read_reception(link.errors, used, addresses, true, inbox, 0)
+        read_reception(e, of_link, addresses, true, inbox, 0)
         message[i] = inbox.message_values[0]
         ranges[i] = inbox.ranges[0]
     ranges[:, link.transmitters :] = np.nan
@@ -899,11 +906,12 @@ def measure(
     follower: int = 0,
     transmitters: int = 3,
     use_compiled: bool | None = None,
+    further: Mapping[str, sensors.SensorErrors] | None = None,
 ) -> Measurements:
     """Everything that one follower measures in a run: exactly the noise of that run in a campaign.
 
     `transmitters` is N_T, how many of the leader's it uses, rear and front first; `use_compiled` is
-    as of `observe`. LaisnError if seed or run is too large.
+    as of `observe`; `further` are errors of further links by name. LaisnError if seed or run is too large.
     """
     n = truth.speed.size
     m = truth.message_step.size
@@ -945,7 +953,9 @@ def measure(
         own=custom,
         sensors={driver.name: driver.header for driver, _ in truth.own},
         links={
-            link.name: _measure_link(link, address, transmitters, truth.dt)
+            link.name: _measure_link(
+                link, (further or {}).get(link.name, errors), address, (transmitters, truth.dt)
+            )
             for link in truth.further
         },
     )

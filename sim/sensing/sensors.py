@@ -41,7 +41,7 @@ from sim.scenario.section import in_si
 from sim.scenario.sensors import Acoustics, Sensors
 from sim.scenario.sensors import OwnSensor as CustomSensorTable
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.sensing.links import Link, navigated_link
+from sim.sensing.links import Link, named_link, navigated_link
 from sim.sensing.noise import Address, Stream, uniforms_at
 from sim.sensing.sensor import (
     Sensor,
@@ -213,6 +213,12 @@ def leader_errors_of(scenario: Scenario) -> SensorErrors:
 def navigated_errors_of(scenario: Scenario, follower: int = 0) -> SensorErrors:
     """The same of the link that the followers navigate on."""
     return errors_of(scenario, follower, navigated_link(scenario))
+
+
+def further_errors_of(scenario: Scenario, follower: int = 0) -> dict[str, SensorErrors]:
+    """The same of the further links that their navigators take by name."""
+    names = scenario.navigation.further_links
+    return {name: errors_of(scenario, follower, named_link(scenario, name)) for name in names}
 
 
 class Instant(NamedTuple):
