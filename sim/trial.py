@@ -6,7 +6,7 @@ The project's own hulls with their own coefficients keep all routes and stations
 and are not tried.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from sim.assembly import route_of
 from sim.hull import HULL_KEYS
-from sim.scenario.settings import Follower, Scenario, Vehicle
+from sim.scenario.settings import Follower, Navigation, Scenario, Vehicle
 from sim.simulation import (
     EndedError,
     fly_mission,
@@ -126,13 +126,15 @@ def _trial_scenario(scenario: Scenario) -> Scenario:
         "broadcast_position": "truth",
         "guidance_position": "truth",
     }
-    changes = {
+    changes: dict[str, Any] = {
         "duration_s": duration,
         "leader": scenario.leader.model_copy(update=leader_by_truth),
-        "links": (),
         "contact": "mark",
         "followers": tuple(f.model_copy(update=by_truth) for f in followers),
     }
+    if scenario.links:
+        # who sends or receives may not be on trial, and estimates steer nobody
+        changes |= {"links": (), "navigation": Navigation()}
     return scenario.model_copy(update=changes)
 
 

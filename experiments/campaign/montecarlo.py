@@ -9,7 +9,7 @@ run=k)` gives a single flight.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache, partial
@@ -365,7 +365,7 @@ def _measured(cell: Cell, runs: Sequence[int]) -> list[Measurements]:
     """
     truth = cell.truth
     seed = cell.seed
-    which = {
+    which: dict[str, Any] = {
         "follower": cell.follower,
         "transmitters": cell.settings.transmitters,
         "further": cell.further,

@@ -240,8 +240,9 @@ def _truth(flight: Flight, clock: Clock) -> Iterator[Channel]:
         yield _locations(flight, f"/{name}/fix", time_ns[::second], t.position[::second, v])
 
 
-def _links(name: str, m: Measurements, time_ns: Ints) -> Iterator[Channel]:
+def _links(flight: Flight, name: str, m: Measurements, time_ns: Ints) -> Iterator[Channel]:
     """Messages of further links that a vehicle has received."""
+    headers = flight.measurements[0].sensors
     for link, messages in m.links.items():
         arrays: dict[str, Column] = {"message": messages.message, "ranges": messages.ranges}
         if messages.places is not None:
@@ -250,7 +251,7 @@ def _links(name: str, m: Measurements, time_ns: Ints) -> Iterator[Channel]:
             arrays["round_trip"] = messages.round_trip
         content = []
         for sensor, rows in messages.content.items():
-            header = m.sensors.get(sensor, SensorHeader())
+            header = headers.get(sensor, SensorHeader())
             content.append((sensor, header.names(rows.shape[1])))
             arrays[sensor] = rows
         type_ = schema.link_reception(
@@ -263,18 +264,19 @@ def _links(name: str, m: Measurements, time_ns: Ints) -> Iterator[Channel]:
 
 
 def _of_vehicle(
-    name: str, m: Measurements, e: Estimates | None, time_ns: Ints
+    flight: Flight, name: str, record: tuple[Measurements, Estimates | None], time_ns: Ints
 ) -> Iterator[Channel]:
     """What a vehicle has measured and concluded, as numbers."""
+    m, e = record
     measured = schema.MEASURED if m.transmitters is None else schema.PLACED_MEASURED
     records: list[tuple[Any, Any]] = [(m, measured)]
     if e is not None:
         records.append((e, schema.estimated(type(e))))
-    for record, types in records:
+    for arrays, types in records:
         for type_ in types:
-            at = time_ns[getattr(record, type_.steps) - 1] if type_.steps else time_ns
-            yield numeric(f"/{name}", type_, at, vars(record))
-    yield from _links(name, m, time_ns)
+            at = time_ns[getattr(arrays, type_.steps) - 1] if type_.steps else time_ns
+            yield numeric(f"/{name}", type_, at, vars(arrays))
+    yield from _links(flight, name, m, time_ns)
 
 
 def _leader(flight: Flight, clock: Clock) -> Iterator[Channel]:
@@ -283,7 +285,7 @@ def _leader(flight: Flight, clock: Clock) -> Iterator[Channel]:
         return
     m = flight.leader.measurements
     time_ns = clock.ns(m.dt * np.arange(1, m.speed.size + 1))
-    yield from _of_vehicle("leader", m, flight.leader.estimates, time_ns)
+    yield from _of_vehicle(flight, "leader", (m, flight.leader.estimates), time_ns)
 
 
 def _follower(
@@ -293,7 +295,7 @@ def _follower(
     e = flight.estimates[f]
     name = flight.trajectory.names[f + 1]
     time_ns = clock.ns(m.dt * np.arange(1, m.speed.size + 1))
-    yield from _of_vehicle(name, m, e, time_ns)
+    yield from _of_vehicle(flight, name, (m, e), time_ns)
     for sensor, readings in m.own.items():
         rows = readings.reshape(len(readings), -1)
         header = m.sensors.get(sensor, SensorHeader())

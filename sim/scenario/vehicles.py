@@ -161,9 +161,7 @@ _TRANSMITTERS_NEAR = (
 
 
 class LeaderNavigation(Navigation):
-    """Navigator of the leader itself. Keys and defaults: `[navigation]`; its link is one that the
-    leader receives, or "leader" for none.
-    """
+    """Navigator of the leader itself: keys of `[navigation]`, where link "leader" is none."""
 
 
 class Leader(Vehicle):

@@ -911,7 +911,8 @@ def measure(
     """Everything that one follower measures in a run: exactly the noise of that run in a campaign.
 
     `transmitters` is N_T, how many of the leader's it uses, rear and front first; `use_compiled` is
-    as of `observe`; `further` are errors of further links by name. LaisnError if seed or run is too large.
+    as of `observe`; `further` are errors of further links by name. LaisnError if seed or run is too
+    large.
     """
     n = truth.speed.size
     m = truth.message_step.size

@@ -247,6 +247,59 @@ def test_the_scenarios_of_the_page_fly_replay_and_study(
     assert of_follower[-1] == pytest.approx(np.mean(first), rel=1e-9)
 
 
+@pytest.mark.system
+@pytest.mark.parametrize("name", ["transponders", "leader_on_lbl"])
+def test_the_scenarios_of_answers_and_of_a_leader_that_navigates_fly(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path(f"{name}.toml").write_text(blocks()[f"{name}.toml"], encoding="utf-8")
+    command = f"fly {name}.toml --no-video --out out --set duration_s=20"
+    result = CliRunner().invoke(app, command.split())
+    assert result.exit_code == 0, result.output
+    leader = laisn_sim.read_log("out/flight.mcap").leader
+    assert leader is not None
+    if name == "transponders":
+        assert [len(messages.message) for messages in leader.measurements.links.values()] == [
+            18,
+            18,
+        ]
+    else:
+        assert leader.estimates is not None
+        assert len(leader.measurements.message) == 3
+
+
+@pytest.mark.system
+def test_an_own_navigator_listens_to_several_links(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = PAGE.read_text("utf-8")
+    (plugin,) = re.findall(r"^```python\n# relay.py\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    Path("relay.py").write_text(plugin, encoding="utf-8")
+    Path("lbl.toml").write_text(blocks()["lbl.toml"], encoding="utf-8")
+    relay = laisn_sim.load_plugin("relay.py").Relay
+    changes = {
+        "duration_s": 100.0,
+        "navigation.link": "leader",
+        "navigation.further_links": ["lbl"],
+        "navigation.variant": "ekf",
+    }
+    flight = laisn_sim.fly("lbl.toml", changes)
+    both = laisn_sim.navigate(flight, navigator=relay)
+    alone = laisn_sim.navigate(flight, {"navigation.further_links": []}, navigator=relay)
+    error, without = (laisn_sim.errors(f)["e_p_m"][-200:].mean() for f in (both, alone))
+    assert error < 4.0
+    assert without > 3.0 * error
+    # runs of a study have the noise of flights
+    table = laisn_sim.study("lbl.toml", set=changes | {"duration_s": 20.0}, runs=2, out="st").table
+    flights = [
+        laisn_sim.fly("lbl.toml", changes | {"duration_s": 20.0, "run": r}) for r in range(2)
+    ]
+    means = [laisn_sim.errors(one)["e_p_m"].mean() for one in flights]
+    assert table["e_p_mean_m"][0] == pytest.approx(np.mean(means), rel=1e-9)
+
+
 WRONG = {
     "unknown": ({"navigation.link": "sonar"}, "expected one of leader, lbl"),
     "leader": ({"navigation.link": "leader"}, 'needs a navigation.link of beacons"?'),
