@@ -24,7 +24,7 @@ def refusal(*arguments: str) -> str:
         ("navigation.current=true", "did you mean navigation.assume.current?"),
         ("depth_m=3", "did you mean leader.depth_m or followers.*.depth_m"),
         ("sensors.speed_bais_m_s=1", "did you mean 'speed_bias_m_s'?"),
-        ("speed_bias_m_s=1", "did you mean sensors.speed_bias_m_s or followers"),
+        ("speed_bias_m_s=1", "did you mean sensors.speed_bias_m_s or leader.sensors.speed"),
         ("navigation.variant=EKF", "did you mean 'ekf'?"),
         ("navigation.variant=laisn3-2", "did you mean 'laisn-3-2'?"),
         ("leader.model=remus_100", "did you mean 'remus100'? vehicles: leader, follower,"),
