@@ -44,8 +44,8 @@ check: $(VENV)/.dev  ## lint, formatting, types; numbers in README and docs
 release-check: check  ## check, and fail if a study has to be run again
 	$(BIN)/python -m tools.documents.markers --check --strict
 
-docs: $(VENV)/.dev  ## build the API reference into out/reference and check its references
-	$(BIN)/python -m tools.documents.reference
+docs: $(VENV)/.dev  ## build the site of the documents into out/site: pages, examples, API reference; check its links
+	$(BIN)/python -m tools.documents.site
 
 bundle:  ## build the script of the 3D scene of the reports from reports/scene/src (needs npm)
 	cd tools/scene && npm ci --silent && npm run build --silent

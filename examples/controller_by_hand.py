@@ -25,5 +25,7 @@ while not sim.done:
 
 place = sim.truth["follower"].position[:2]
 print(f"after {sim.time:.0f} s the follower is {np.hypot(*(place - GOAL)):.1f} m from its goal")
-errors = laisn_sim.errors(sim.flight())
+flight = sim.flight()
+errors = laisn_sim.errors(flight)
 print(f"its estimate was off by {errors['e_p_m'].mean():.2f} m on average")
+flight.draw("circles.png", "routes")

@@ -15,3 +15,4 @@ for name, table in tables.items():
     pyarrow.parquet.write_table(table.arrow, f"{name}.parquet")
     pyarrow.csv.write_csv(table.arrow, f"{name}.csv")
     print(f"{name}: {len(table)} rows of {', '.join(table.columns[:6])}, …")
+flight.draw("errors.png")

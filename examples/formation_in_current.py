@@ -34,3 +34,4 @@ for name in flight.trajectory.names[1:]:
         truth["north_m"][own] - truth["north_m"][truth["vehicle"] == "leader"],
     )
     print(f"{name:10} {apart[-1]:.1f} m from the leader at the end")
+flight.draw("formation.png", "routes")

@@ -2,6 +2,9 @@
 out of trim?
 """
 
+import matplotlib.pyplot as plt
+import numpy as np
+
 import laisn_sim
 
 results = laisn_sim.study(
@@ -31,3 +34,12 @@ for row in results.table.rows():
 for name, found in results.findings.items():
     print(f"{name}: {found.value:.3f} ({found.low:.3f} to {found.high:.3f}) {found.unit}")
 print(f"report in {results.report()}")
+
+figure, axes = plt.subplots(figsize=(6, 3), layout="constrained")
+for arm in ("level", "attitude"):
+    chosen = results.table["arm"] == arm
+    depths = np.array(results.table["followers.0.depth_m"])[chosen]
+    axes.plot(depths, results.table["e_p_mean_m"][chosen], "o-", label=arm)
+axes.set(xlabel="depth of the follower [m]", ylabel="mean E_P [m]")
+axes.legend()
+figure.savefig("trim.png", dpi=150)

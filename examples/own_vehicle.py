@@ -24,3 +24,4 @@ for name, flight in (("own vehicle", own), ("follower", usual)):
         f"{name:12} mean main thrust {main.mean():5.2f} N, mean E_P "
         f"{laisn_sim.summary(flight)['e_p_mean_m']:.2f} m"
     )
+own.draw("own_vehicle.png", "motion")

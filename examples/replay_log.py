@@ -13,5 +13,7 @@ for changes in (
     {"navigation.gate": "off"},
     {"navigation.variant": "tight"},
 ):
-    errors = laisn_sim.errors(laisn_sim.navigate(flight, changes))
+    navigated = laisn_sim.navigate(flight, changes)
+    errors = laisn_sim.errors(navigated)
     print(f"{changes or 'as flown'!s:35} mean E_P {errors['e_p_m'].mean():.3f} m")
+navigated.draw("tight.png")

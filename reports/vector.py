@@ -17,10 +17,11 @@ from matplotlib.figure import Figure
 
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
-from reports.figures import light
-from sim.system import read_text
+from reports.figures import Panel, light
+from sim.system import atomic_write, read_text
 
 FORMATS = ("pdf", "svg", "png")
+_DPI = 200  # of pictures of pixels
 _LONGEST_PAGE = 30_000_000
 _DATA = re.compile(r'<script type="application/octet-stream" id="figure-data">([^<]*)</script>')
 _SYMBOL = re.compile(r"<i>(.+?)</i>(?:<sub>(.+?)</sub>)?")
@@ -273,6 +274,24 @@ def draw(drawn: DrawnFigure, width: float) -> Figure:
     return figure
 
 
+def _save(drawn: DrawnFigure, path: Path, width: float) -> None:
+    format_ = path.suffix.removeprefix(".")
+    with rc_context(_STYLE), atomic_write(path) as temporary:
+        # without the time, equal figures are equal files
+        stamp = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(format_, {})
+        draw(drawn, width).savefig(temporary, format=format_, dpi=_DPI, metadata=stamp)
+
+
+def write_panel(panel: Panel, path: Path, width: float) -> None:
+    """Write a panel of a width [inch] as PDF, SVG or PNG, by the suffix of the file; LaisnError:
+    another suffix; OSError if writing fails.
+    """
+    if path.suffix.removeprefix(".") not in FORMATS:
+        raise LaisnError(f"{path}: expected a name that ends in .{', .'.join(FORMATS)}")
+    figure = light(panel.figure)
+    _save(DrawnFigure(name="", data=figure["data"], layout=figure["layout"]), path, width)
+
+
 def write_figures(
     figures: Sequence[DrawnFigure], folder: Path, format_: str, width: float
 ) -> Iterator[Path]:
@@ -280,8 +299,5 @@ def write_figures(
     folder.mkdir(parents=True, exist_ok=True)
     for drawn in figures:
         path = folder / f"{drawn.name}.{format_}"
-        with rc_context(_STYLE):
-            # without the time, equal figures are equal files
-            stamp = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(format_, {})
-            draw(drawn, width).savefig(path, format=format_, dpi=300, metadata=stamp)
+        _save(drawn, path, width)
         yield path

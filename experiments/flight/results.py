@@ -19,7 +19,7 @@ from laisn.errors import LaisnError
 from laisn.navigators import NavigatorFactory
 from laisn.plugins import register, takes_readings
 from reports import flight_figures
-from reports.figures import plotly
+from reports.figures import Panel, plotly
 from reports.summary import flight_bounds, flight_events, summarise
 from sim import flight as simulated
 from sim.feasibility import film_errors
@@ -58,18 +58,34 @@ class Flight(simulated.Flight):
         time; "routes" of all vehicles with estimates; "motion", depth, pitch and speed of all.
         LaisnError if there is no such figure or follower.
         """
+        return plotly(self._panel(plot, follower))
+
+    def draw(
+        self, path: str | Path, plot: str = "errors", follower: int = 0, width: float = 7.0
+    ) -> Path:
+        """Write a figure of `plot` for a paper, as .pdf, .svg or .png, of a width [inch]; its path.
+        LaisnError if there is no such figure, follower or format; OSError if writing fails.
+        """
+        # matplotlib takes long to load
+        from reports.vector import write_panel
+
+        file = Path(path)
+        write_panel(self._panel(plot, follower), file, width)
+        return file
+
+    def _panel(self, plot: str, follower: int) -> Panel:
         number = len(self.estimates)
         if plot not in PLOTS:
             raise LaisnError(f"plot {plot!r}: expected one of {', '.join(PLOTS)}")
         if not 0 <= follower < number:
             raise LaisnError(f"follower {follower}: expected 0 … {number - 1}")
         if plot == "routes":
-            return plotly(flight_figures.track_map(self, range(number), width=7.0))
+            return flight_figures.track_map(self, range(number), width=7.0)
         if plot == "motion":
-            return plotly(flight_figures.motion(self))
+            return flight_figures.motion(self)
         errors = position_and_bearing_errors(self)
         bounds = flight_bounds(self)
-        return plotly(flight_figures.over_time(self, follower, errors[follower], bounds[follower]))
+        return flight_figures.over_time(self, follower, errors[follower], bounds[follower])
 
     def report(self, path: str | Path | None = None) -> Path:
         """Write the report of the flight, one HTML page, by default NAME.html; its path. OSError

@@ -21,7 +21,7 @@ def run(
     patch.chdir(folder)
     patch.setenv("MPLBACKEND", "agg")
     (path,) = (path for path in EXAMPLES if path.stem == name)
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= 60
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 62
     runpy.run_path(str(path), run_name="__main__")
     return capsys.readouterr().out
 
@@ -31,23 +31,72 @@ def numbers(text: str) -> list[float]:
 
 
 WROTE = {
-    "compare_navigators": set(),
-    "controller_by_hand": set(),
+    "compare_navigators": {"navigators.png"},
+    "controller_by_hand": {"circles.png"},
     "export_tables": {
-        f"{name}.{end}"
-        for name in ("truth", "measurements", "errors")
-        for end in ("csv", "parquet")
+        "errors.png",
+        *(
+            f"{name}.{end}"
+            for name in ("truth", "measurements", "errors")
+            for end in ("csv", "parquet")
+        ),
     },
-    "formation_in_current": set(),
-    "own_study": {"out"},
-    "own_vehicle": {"heavier.xml"},
-    "pitch_asymmetry": set(),
+    "formation_in_current": {"formation.png"},
+    "lost_messages": {"bursts.png"},
+    "message_interval": {"intervals.png"},
+    "observer": {"distance.png"},
+    "own_study": {"out", "trim.png"},
+    "own_vehicle": {"heavier.xml", "own_vehicle.png"},
+    "pitch_asymmetry": {"pitch.png"},
     "plot_from_parquet": {"out", "compass.png"},
-    "replay_log": {"flight.mcap"},
-    "stop_button": set(),
-    "two_by_hand": set(),
+    "replay_log": {"flight.mcap", "tight.png"},
+    "stop_button": {"stopped.png"},
+    "ten_noises": {"ten_noises.png"},
+    "third_transmitter": {"2_transmitters.png", "3_transmitters.png"},
+    "two_by_hand": {"by_hand.png"},
+    "waves": {"waves.png"},
 }
 """Files that an example leaves."""
+
+
+def check_losses(text: str) -> None:
+    """All messages, then about a half, alone and in bursts of 20 of 40."""
+    received = [numbers(line)[0] for line in text.splitlines()]
+    assert received[0] == 100
+    assert min(received[1:]) > 35
+    assert max(received[1:]) < 65
+
+
+def check_intervals(text: str) -> None:
+    """Rarer messages, larger errors."""
+    for line in text.splitlines():
+        means = numbers(line.partition(" ")[2])[1::2]
+        assert means == sorted(means)
+
+
+def check_transmitters(text: str) -> None:
+    two, three = (numbers(line.partition(":")[2])[0] for line in text.splitlines())
+    assert three < two
+
+
+def check_instants(text: str) -> None:
+    """One each 0.1 s, with the first one."""
+    assert numbers(text)[0] == 2001
+
+
+def check_waves(text: str) -> None:
+    calm, rough = (numbers(line)[0] for line in text.splitlines())
+    assert calm < 0.05
+    assert rough > 0.3
+
+
+CHECKS = {
+    "lost_messages": check_losses,
+    "message_interval": check_intervals,
+    "third_transmitter": check_transmitters,
+    "observer": check_instants,
+    "waves": check_waves,
+}
 
 
 @pytest.mark.parametrize("name", WROTE)
@@ -92,6 +141,7 @@ def test_examples_run(name, tmp_path, capsys, monkeypatch):
         assert rows[4][1] > 0.5
     if name == "replay_log":
         assert numbers(text.splitlines()[1])[-1] == pytest.approx(0.2, abs=0.1)
+    CHECKS.get(name, str)(text)
     if name == "own_study":
         # the error that pitch adds grows with depth; with the attitude broadcast it does not
         level = [numbers(line)[-1] for line in text.splitlines()[:6:2]]
@@ -109,6 +159,15 @@ def test_the_picture_is_of_the_largest_pitch(tmp_path, capsys, monkeypatch):
     assert (tmp_path / "moment.png").is_file() != ("no picture: " in text)
 
 
+def test_figures_for_a_paper_are_vectors(tmp_path, capsys, monkeypatch):
+    text = run("figures_for_a_paper", tmp_path, capsys, monkeypatch)
+    for name in ("routes.pdf", "errors.pdf"):
+        assert (tmp_path / name).read_bytes().startswith(b"%PDF")
+    assert (tmp_path / "leader.png").is_file() != ("no picture: " in text)
+
+
 def test_every_example_is_tried():
     """The tutorial's own test runs `own_mission`."""
-    assert {path.stem for path in EXAMPLES} == {*WROTE, "own_mission", "film_of_a_moment"}
+    alone = {"own_mission", "film_of_a_moment", "figures_for_a_paper"}
+    assert {path.stem for path in EXAMPLES} == {*WROTE, *alone}
+    assert len(EXAMPLES) >= 20

@@ -1,4 +1,4 @@
-"""The API reference, built from docstrings by pdoc: `make docs` writes it to out/reference.
+"""The API reference, built from docstrings by pdoc: a part of the site of `make docs`.
 
 Fails if a link leads nowhere, or if a docstring names a module or member of this project that does
 not exist.

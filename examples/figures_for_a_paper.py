@@ -1,0 +1,14 @@
+"""Figures for a paper: vectors as wide as a column, and a picture without panels before white."""
+
+import laisn_sim
+
+flight = laisn_sim.fly("T6", {"duration_s": 200})
+for name in ("routes", "errors"):
+    print("figure in", flight.draw(f"{name}.pdf", name, width=3.5))
+flight.draw("routes.png", "routes", width=3.5)
+try:
+    settings = {"view": "leader:-5,-6,3", "plain": True, "background": "white"}
+    print("picture in", laisn_sim.render(flight, "leader.png", time_s=100.0, **settings))
+except laisn_sim.LaisnError as error:
+    # a machine without graphics libraries; `laisn doctor` names what is missing
+    print(f"no picture: {error}")
