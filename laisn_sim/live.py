@@ -20,7 +20,8 @@ from laisn.arrays import Bools
 from laisn.errors import LaisnError
 from reports.page import Page, Replay, render
 from reports.scene.stream import SceneStream, ending, text_of
-from sim.flight import Flight
+from sim.flight import Flight, Termination
+from sim.log.stream import FoxgloveStream
 from sim.log.writer import Event
 from sim.scenario.settings import Scenario
 
@@ -49,10 +50,12 @@ class LiveView:
     One thread flies and calls `show` and `wait`; those of the server read what was shown.
     """
 
-    def __init__(self, speed: float | None = None) -> None:
+    def __init__(self, speed: float | None = None, *, foxglove_port: int | None = None) -> None:
         """Serve on a free port; `speed` in seconds of the mission a second, None: the usual one.
-        LaisnError if it is none.
+        With a port, the channels of the log are served to Foxglove, too. LaisnError if the speed is
+        none, or the port is taken.
         """
+        self.foxglove = None if foxglove_port is None else FoxgloveStream(foxglove_port)
         self.speed = speed_of(USUAL_SPEED if speed is None else speed)
         self.paused = False
         self.changed = threading.Condition()
@@ -84,6 +87,8 @@ class LiveView:
             self._paced = None
             self._shown_at = -math.inf
             self.changed.notify_all()
+        if self.foxglove:
+            self.foxglove.begin()
 
     @property
     def span(self) -> float:
@@ -98,6 +103,8 @@ class LiveView:
     def show(self, flight: Flight) -> None:
         """Send what has happened since the last call."""
         self._shown_at = time.monotonic()
+        if self.foxglove:
+            self.foxglove.show(flight, is_over=flight.outcome is not Termination.INTERRUPTED)
         stream = self._stream
         if stream is None:
             raise ValueError("no mission has begun")
@@ -187,6 +194,8 @@ class LiveView:
         with self.changed:
             self.is_over = True
             self.changed.notify_all()
+        if self.foxglove:
+            self.foxglove.close()
         self._server.shutdown()
         self._server.server_close()
 

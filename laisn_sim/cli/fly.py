@@ -256,12 +256,16 @@ def write_flight(
     return flight, summary, film_error
 
 
-def _opened_view(console: Console) -> "LiveView":
+def _opened_view(console: Console, foxglove: bool) -> "LiveView":
     """A live view with its page open, or after a while without one."""
     from laisn_sim.cli.viewing import open_address
     from laisn_sim.live import LiveView
+    from sim.log.stream import PORT
 
-    view = LiveView()
+    view = LiveView(foxglove_port=PORT if foxglove else None)
+    if view.foxglove:
+        words = f"{view.foxglove.address} (open connection, Foxglove WebSocket)"
+        print_line(console, words, "Foxglove:", "")
     print_line(console, f"{view.address} (this machine alone)", "live:", "")
     open_address(view.address)
     if not view.wait_for_page(_PATIENCE_S):
@@ -277,6 +281,7 @@ def fly_and_write(
     with_bag: bool = False,
     source: Path | None = None,
     live: bool = False,
+    foxglove: bool = False,
 ) -> Termination:
     """Simulate a scenario, print a summary, and write every result into a folder; how the mission
     ended. Errors are those of `folder.one_flight`.
@@ -293,7 +298,7 @@ def fly_and_write(
     for caution in cautions(scenario):
         print_line(console, caution, "warning:")
     replaces = (folder / SUMMARY).exists()
-    view = _opened_view(console) if live else None
+    view = _opened_view(console, foxglove) if live or foxglove else None
     with one_flight(folder) as work:
         flight, summary, film_error = write_flight(
             scenario,

@@ -50,7 +50,7 @@ LogArgument = Annotated[Path, typer.Argument(help="an MCAP log")]
 
 
 @app.command()
-def fly(
+def fly(  # noqa: PLR0913 - an argument for each option of the command
     scenario: studies.ScenarioArgument,
     set_: studies.SetOption = None,
     _plugin: studies.PluginOption = None,
@@ -63,6 +63,10 @@ def fly(
     ros2: Annotated[bool, typer.Option("--ros2", help="write a ROS 2 bag, too")] = False,
     live: Annotated[
         bool, typer.Option("--live", help="show the mission while it is flown, with pause")
+    ] = False,
+    foxglove: Annotated[
+        bool,
+        typer.Option("--foxglove", help="as --live, and stream the log's channels to Foxglove"),
     ] = False,
 ) -> None:
     """Simulate one mission; write log, film, report and numbers.
@@ -85,6 +89,7 @@ def fly(
         with_bag=ros2,
         source=source,
         live=live,
+        foxglove=foxglove,
     )
     if outcome.name not in ("COMPLETED", "CONTACT"):
         raise typer.Exit(MISSION_FAILED)

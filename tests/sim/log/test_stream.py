@@ -1,0 +1,123 @@
+"""Channels that are streamed while a mission is flown, as a client of Foxglove's protocol gets
+them.
+"""
+
+import base64
+import dataclasses
+import json
+import struct
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from foxglove.messages import PoseInFrame
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from websockets.sync.client import ClientConnection, connect
+
+from laisn.errors import LaisnError
+from sim.flight import Flight, Termination
+from sim.log.stream import FoxgloveStream
+from sim.log.writer import channels
+from tests.laisn_sim.test_live import listening
+from tests.synthetic import make_flight
+
+PROTOCOLS: Any = ["foxglove.sdk.v1"]
+MESSAGE_DATA = 1
+
+
+class Client:
+    """What a client of a stream gets, by topic."""
+
+    def __init__(self, socket: ClientConnection) -> None:
+        self.socket = socket
+        self.topics: dict[int, str] = {}
+        self.advertised: dict[str, Any] = {}
+        self.messages: dict[str, list[tuple[int, bytes]]] = {}
+
+    def take(self, until: int) -> None:
+        """Subscribe to what is advertised and read until so many messages are there."""
+        while sum(map(len, self.messages.values())) < until:
+            data = self.socket.recv(timeout=20)
+            if isinstance(data, str):
+                self._told(json.loads(data))
+            elif data[0] == MESSAGE_DATA:
+                subscription, at = struct.unpack_from("<IQ", data, 1)
+                self.messages.setdefault(self.topics[subscription], []).append((at, data[13:]))
+
+    def _told(self, event: dict[str, Any]) -> None:
+        if event["op"] != "advertise":
+            return
+        for channel in event["channels"]:
+            self.advertised[channel["topic"]] = channel
+            self.topics[channel["id"]] = channel["topic"]
+        ids = [channel["id"] for channel in event["channels"]]
+        wanted = [{"id": number, "channelId": number} for number in ids]
+        self.socket.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+
+
+@pytest.fixture
+def stream() -> Iterator[FoxgloveStream]:
+    stream = FoxgloveStream(0)
+    yield stream
+    stream.close()
+
+
+def flown(flight: Flight, outcome: Termination) -> Flight:
+    return dataclasses.replace(flight, outcome=outcome)
+
+
+@pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="no table of sockets")
+def test_foxglove_is_served_on_this_machine_alone(stream: FoxgloveStream) -> None:
+    assert listening(int(stream.address.rpartition(":")[2])) == ["0100007F"]
+
+
+def test_a_port_that_is_taken_is_told(stream: FoxgloveStream) -> None:
+    port = int(stream.address.rpartition(":")[2])
+    with pytest.raises(LaisnError, match=f"port {port} for Foxglove"):
+        FoxgloveStream(port)
+
+
+def test_a_client_gets_the_channels_of_the_log(stream: FoxgloveStream) -> None:
+    """What is streamed after a client has come are the very messages that the log would hold."""
+    flight = make_flight(6.0)
+    begun = flown(make_flight(2.0), Termination.INTERRUPTED)
+    stream.show(begun)  # advertises
+    counts = {c.topic: c.time_ns.size for c in channels(begun, (), ())}
+    counts["/log"] -= 1
+    counts["/tf_static"] = 0
+    expected = {
+        c.topic: [*zip(c.time_ns.tolist(), c.rows(slice(None)), strict=True)][
+            counts.get(c.topic, 0) :
+        ]
+        for c in channels(flown(flight, Termination.COMPLETED), (), ())
+        if c.time_ns.size
+    }
+    with connect(stream.address, subprotocols=PROTOCOLS, max_size=None) as socket:
+        client = Client(socket)
+        while not client.advertised:
+            client._told(json.loads(str(socket.recv(timeout=20))))
+        # a subscription is answered by nothing: what is sent at once could be missed
+        time.sleep(0.5)
+        stream.show(flown(flight, Termination.COMPLETED), is_over=True)
+        client.take(sum(map(len, expected.values())))
+    assert set(client.messages) == {topic for topic, rows in expected.items() if rows}
+    for topic, rows in client.messages.items():
+        assert rows == expected[topic], topic
+    # by the schema that was advertised, the last pose is where the leader is
+    pose = decoded(client.advertised["/leader/pose"], client.messages["/leader/pose"][-1][1])
+    place = [getattr(pose.pose.position, axis) for axis in "xyz"]
+    np.testing.assert_allclose(place, flight.trajectory.position[-1, 0], atol=1e-9)
+
+
+def decoded(channel: dict[str, Any], data: bytes) -> Any:
+    """A message by the schema of its channel."""
+    files = descriptor_pb2.FileDescriptorSet.FromString(base64.b64decode(channel["schema"]))
+    pool = descriptor_pool.DescriptorPool()
+    for file in files.file:
+        pool.Add(file)
+    assert channel["schemaName"] == PoseInFrame.get_schema().name
+    type_ = message_factory.GetMessageClass(pool.FindMessageTypeByName(channel["schemaName"]))
+    return type_.FromString(data)
