@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import wraps
 from html import escape
 from pathlib import Path
-from typing import Any, ParamSpec, cast, get_args
+from typing import TYPE_CHECKING, Any, ParamSpec, cast, get_args
 
 import numpy as np
 from pydantic import ValidationError
@@ -23,12 +23,14 @@ from reports.figures import Panel, plotly
 from reports.summary import flight_bounds, flight_events, summarise
 from sim import flight as simulated
 from sim.feasibility import film_errors
-from sim.film.cameras import OwnCamera
 from sim.flight import position_and_bearing_errors
 from sim.log import reader, writer
 from sim.scenario.file import lines_of
 from sim.scenario.settings import Scenario, Video
 from sim.simulation import ControllerFactory
+
+if TYPE_CHECKING:
+    from sim.film.cameras import OwnCamera
 
 _Given = ParamSpec("_Given")
 PLOTS = ("errors", "routes", "motion")
@@ -161,10 +163,12 @@ def fly(
     )[0]
 
 
-def camera_of(text: str, names: Sequence[str]) -> OwnCamera:
+def camera_of(text: str, names: Sequence[str]) -> "OwnCamera":
     """A camera in words: "E,N,U,E,N,U", where it stands and what it looks at in the world [m], or
     "VEHICLE:E,N,U", where it stands from a vehicle that it looks at. LaisnError if it is none.
     """
+    from sim.film.cameras import OwnCamera
+
     vehicle, colon, offsets = text.rpartition(":")
     try:
         values = [float(number) for number in offsets.split(",")]
