@@ -61,7 +61,7 @@ LATE = {
     "plotly.graph_objects": "it takes a second to import, and pages need text alone",
     "experiments.study.charts": "as experiments.study.page",
     "reports.flight_report": "a figure needs no templates",
-    "reports.vector": "matplotlib takes half a second to load, and only figures for a paper need it",
+    "reports.vector": "matplotlib takes half a second, and only figures for a paper need it",
     "experiments.flight.results": "few studies are filmed",
     "experiments.study.page": "drawing takes a third of a second, and reading a table needs none "
     "of it",
