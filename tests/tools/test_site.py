@@ -84,10 +84,10 @@ def test_an_example_is_run_once_until_it_changes(
     assert one.output == "anew\n"
     (examples / "one.py").write_text('print("nothing")')
     with pytest.raises(RuntimeError, match="left no picture"):
-        list(gallery.executed(tmp_path / "kept"))
+        gallery.executed(tmp_path / "kept")
     (examples / "one.py").write_text('raise SystemExit("no")')
     with pytest.raises(RuntimeError, match="no"):
-        list(gallery.executed(tmp_path / "kept"))
+        gallery.executed(tmp_path / "kept")
 
 
 @pytest.mark.system
@@ -100,7 +100,7 @@ def test_the_site_works_from_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         gallery.Executed(name=path.stem, code=DRAWS, output="drawn\n", pictures=[picture])
         for path in sorted(Path("examples").glob("*.py"))
     ]
-    monkeypatch.setattr(gallery, "executed", lambda: iter(examples))
+    monkeypatch.setattr(gallery, "executed", lambda: examples)
     monkeypatch.setattr(reference, "build", lambda folder: [])
     folder = tmp_path / "site"
     assert site.build(folder) == []

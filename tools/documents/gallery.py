@@ -10,7 +10,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +20,7 @@ _PACKAGES = ("laisn", "sim", "reports", "experiments", "laisn_sim", "models")
 _RESULT = "result.json"
 _PICTURES = (".png", ".jpg", ".svg")
 _LONGEST_S = 600
+_AT_ONCE = 2  # examples that run at a time
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,28 +81,33 @@ def execute(path: Path, folder: Path) -> Executed:
     return Executed(name=path.stem, code=code, output=run.stdout, pictures=pictures)
 
 
-def executed(kept: Path = KEPT) -> Iterator[Executed]:
+def _kept_or_run(path: Path, folder: Path, program: str) -> Executed:
+    """An example as it was run with this program before, or run now."""
+    code = path.read_text(encoding="utf-8")
+    key = hashlib.sha256(f"{program}{code}".encode()).hexdigest()
+    record = folder / _RESULT
+    if record.exists():
+        result = json.loads(record.read_text(encoding="utf-8"))
+        if result["key"] == key:
+            pictures = [folder / name for name in result["pictures"]]
+            return Executed(name=path.stem, code=code, output=result["output"], pictures=pictures)
+    print(f"running {path}", flush=True)
+    fresh = execute(path, folder)
+    names = [picture.name for picture in fresh.pictures]
+    result = {"key": key, "output": fresh.output, "pictures": names}
+    record.write_text(json.dumps(result), encoding="utf-8")
+    return fresh
+
+
+def executed(kept: Path = KEPT) -> list[Executed]:
     """All examples by name; of those that were run before with this program, what is kept."""
     program = _program()
-    for path in sorted(EXAMPLES.glob("*.py")):
-        folder = kept / path.stem
-        code = path.read_text(encoding="utf-8")
-        key = hashlib.sha256(f"{program}{code}".encode()).hexdigest()
-        record = folder / _RESULT
-        if record.exists():
-            result = json.loads(record.read_text(encoding="utf-8"))
-            if result["key"] == key:
-                pictures = [folder / name for name in result["pictures"]]
-                yield Executed(
-                    name=path.stem, code=code, output=result["output"], pictures=pictures
-                )
-                continue
-        print(f"running {path}", flush=True)
-        fresh = execute(path, folder)
-        names = [picture.name for picture in fresh.pictures]
-        result = {"key": key, "output": fresh.output, "pictures": names}
-        record.write_text(json.dumps(result), encoding="utf-8")
-        yield fresh
+    first, *rest = sorted(EXAMPLES.glob("*.py"))
+    # the first one alone: it stores compiled code that the others have in common
+    examples = [_kept_or_run(first, kept / first.stem, program)]
+    with ThreadPoolExecutor(_AT_ONCE) as pool:
+        examples += pool.map(lambda path: _kept_or_run(path, kept / path.stem, program), rest)
+    return examples
 
 
 def page(examples: list[Executed], pictures: str) -> str:
