@@ -2,7 +2,7 @@
 
 import laisn_sim
 
-flight = laisn_sim.fly("T5")
+flight = laisn_sim.fly("T7", {"duration_s": 400})
 for variant, transmitters in (("laisn-2", 2), ("laisn-3-2", 3)):
     navigated = laisn_sim.navigate(flight, {"navigation.variant": variant})
     errors = laisn_sim.errors(navigated)
