@@ -4,7 +4,7 @@ as they come.
 The sibling of `laisn.tight` for beacons hundreds of metres apart, each with its own errors,
 odometry whose gyro drifts, ranges of unknown scale, and unknown starts. The estimate is a mixture
 of Gaussians over the position and the errors of the sensors. State of a component, of n = 8 + 3 B
-numbers for B beacons; a state with the variance 0 is switched off:
+numbers for B beacons at rest; a state with the variance 0 is switched off:
 
     x, y    position of the receiver, east and north [m]
     b_s     logarithm of true over measured speed
@@ -14,6 +14,8 @@ numbers for B beacons; a state with the variance 0 is switched off:
     c       current, east and north [m/s]
     d_i     constant error of the ranges to beacon i [m] …
     δ_i     … and the error of its place, east and north [m]
+    ψ_i, ψ̇_i  of a beacon that moves by odometry of its own: error of its heading, clockwise [rad],
+            and the rate at which it grows [rad/s]
 """
 
 import math
@@ -23,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from laisn import mixture
-from laisn.arrays import Floats, Ints, Records
+from laisn.arrays import Bools, Floats, Ints, Records
 from laisn.compiled import compiled
 from laisn.errors import LaisnError
 from laisn.estimates import Estimates, FixKind, FixRecord
@@ -34,8 +36,11 @@ from laisn.settings import WaterBeaconSettings
 
 X, Y, SPEED, HEADING, GYRO, SCALE, EAST, NORTH = range(8)
 SHARED = 8
-OWN = 3
-"""Number of states that all beacons share, which have these indices, and of those of each one."""
+"""Number of states that all beacons share, which have these indices."""
+AT_REST = 3
+MOVING = 5
+"""Number of states of a beacon at rest, and of one that moves by odometry of its own."""
+_OFFSET, _PLACE_EAST, _PLACE_NORTH, _TURN, _TURN_RATE = range(MOVING)
 
 KEPT = 256
 CAPACITY = 4 * KEPT
@@ -61,6 +66,7 @@ class BeaconBelief(NamedTuple):
     alive: Ints  # number of components, shape (1,)
     evidence: Floats  # logarithm of the probability density of all ranges so far, shape (1,)
     fresh: Floats  # variances of the states before the mission, shape (n,)
+    first: Ints  # index of each beacon's first state, shape (B,)
     variance: Floats  # of each beacon's random error, as estimated so far, shape (B,), [m²]
     rejected: Ints  # ranges of each beacon rejected in a row, shape (B,)
     gain: Floats  # room for P Hᵀ, shape (n,)
@@ -107,6 +113,62 @@ def predict(
         if b.fresh[EAST] > 0.0:
             P[EAST, EAST] += _CURRENT_WALK * time
             P[NORTH, NORTH] += _CURRENT_WALK * time
+
+
+@compiled
+def predict_track(
+    b: BeaconBelief,
+    beacon: int,
+    errors: tuple[float, float],
+    way: tuple[float, float],
+    time: float,
+) -> None:
+    """Take that a beacon by its own odometry went a way, east and north [m], in a time [s].
+
+    The true way is Rot(ψ) Δ, with Rot anticlockwise, and the place's error grows by Rot(ψ) Δ − Δ.
+    `errors` are the random walks of its place [m/√s] and of its heading [rad/√s].
+    """
+    n = b.states
+    slip, heading_walk = errors
+    east = b.first[beacon] + _PLACE_EAST
+    north = b.first[beacon] + _PLACE_NORTH
+    turn = b.first[beacon] + _TURN
+    rate = b.first[beacon] + _TURN_RATE
+    half = 0.5 * time
+    walked = heading_walk * heading_walk * time
+    for k in range(b.alive[0]):
+        x = b.state[k]
+        P = b.covariance[k]
+        angle = x[turn] + half * x[rate]
+        s, c = math.sin(angle), math.cos(angle)
+        true_east, true_north = c * way[0] - s * way[1], s * way[0] + c * way[1]
+        x[east] += true_east - way[0]
+        x[north] += true_north - way[1]
+        x[turn] += time * x[rate]
+        # F P Fᵀ with ∂δ/∂ψ = (−Δ_n, Δ_e) of the true way, ∂δ/∂ψ̇ half the time of that, ∂ψ/∂ψ̇ = T
+        for j in range(n):
+            turned = P[turn, j] + half * P[rate, j]
+            P[east, j] -= true_north * turned
+            P[north, j] += true_east * turned
+            P[turn, j] += time * P[rate, j]
+        for j in range(n):
+            turned = P[j, turn] + half * P[j, rate]
+            P[j, east] -= true_north * turned
+            P[j, north] += true_east * turned
+            P[j, turn] += time * P[j, rate]
+        # Q of a heading that walks on an even way: q T of ψ, q T/2 and q T/3 with the place
+        third = walked / 3.0
+        P[east, east] += slip * slip * time + third * true_north * true_north
+        P[north, north] += slip * slip * time + third * true_east * true_east
+        P[east, north] -= third * true_east * true_north
+        P[north, east] = P[east, north]
+        P[east, turn] -= 0.5 * walked * true_north
+        P[north, turn] += 0.5 * walked * true_east
+        P[turn, east] = P[east, turn]
+        P[turn, north] = P[north, turn]
+        P[turn, turn] += walked
+        if b.fresh[rate] > 0.0:
+            P[rate, rate] += time * _GYRO_WALK
 
 
 @compiled
@@ -172,7 +234,7 @@ def predict_range(b: BeaconBelief, k: int, z: RangeMeasurement) -> tuple[float, 
     x = b.state[k]
     P = b.covariance[k]
     n = b.states
-    offset = SHARED + OWN * z.beacon
+    offset = b.first[z.beacon]
     dx, dy = x[X] - z.east - x[offset + 1], x[Y] - z.north - x[offset + 2]
     distance = max(math.sqrt(dx * dx + dy * dy + z.deeper * z.deeper), _SHORTEST)
     flat = max(math.sqrt(dx * dx + dy * dy), _SHORTEST)
@@ -235,6 +297,7 @@ STARTERS = 8  # first ranges, each of which may be the one that gives an unknown
 # errors of ranges are estimated where one component has more weight than this
 _DOMINANT_WEIGHT = 0.9
 _MOST_MISSED = 8  # ranges of one beacon rejected in a row after which a ring about it is added
+_MOST_MISSED_OF_ONE = 24  # the same where the last range of another one was used
 _RING_WEIGHT = 0.01  # of the ring that is added
 
 
@@ -248,7 +311,7 @@ def _split_component(b: BeaconBelief, k: int, z: RangeMeasurement) -> None:
     P = b.covariance[k]
     n = b.states
     column = b.gain
-    offset = SHARED + OWN * z.beacon
+    offset = b.first[z.beacon]
     dx, dy = x[X] - z.east - x[offset + 1], x[Y] - z.north - x[offset + 2]
     flat = math.sqrt(dx * dx + dy * dy)
     tx, ty = -dy / flat, dx / flat
@@ -304,7 +367,7 @@ def add_ring(b: BeaconBelief, z: RangeMeasurement, weight: float, lost: bool) ->
     If lost, other states are those of the heaviest component, but for the heading's variance;
     otherwise all are fresh.
     """
-    offset = SHARED + OWN * z.beacon
+    offset = b.first[z.beacon]
     if b.alive[0] + BEARINGS >= CAPACITY:
         return
     distance = max(math.sqrt(max(z.range * z.range - z.deeper * z.deeper, 1.0)), 1.0)
@@ -336,6 +399,20 @@ def add_ring(b: BeaconBelief, z: RangeMeasurement, weight: float, lost: bool) ->
 
 
 @compiled
+def _has_lost_place(b: BeaconBelief, beacon: int) -> bool:
+    """Whether the ranges of a beacon were rejected so often in a row that the place is doubted:
+    where the last range of another one was used, rather those ranges are wrong.
+    """
+    rejected = b.rejected[beacon]
+    if rejected < _MOST_MISSED:
+        return False
+    for i in range(b.rejected.shape[0]):
+        if i != beacon and b.rejected[i] == 0:
+            return bool(rejected >= _MOST_MISSED_OF_ONE)
+    return True
+
+
+@compiled
 def receive(b: BeaconBelief, z: RangeMeasurement, starter: int) -> bool:
     """Take a range; whether the heaviest component used it.
 
@@ -362,7 +439,7 @@ def receive(b: BeaconBelief, z: RangeMeasurement, starter: int) -> bool:
         b.rejected[z.beacon] = 0 if used else b.rejected[z.beacon] + 1
     if starter >= 0:
         add_ring(b, z, math.exp(min((starter + 1) * z.wrong - b.evidence[0], 700.0)), False)
-    elif b.rejected[z.beacon] >= _MOST_MISSED:
+    elif _has_lost_place(b, z.beacon):
         b.rejected[z.beacon] = 0
         add_ring(b, z, _RING_WEIGHT, True)
     if b.alive[0] > 1:
@@ -382,17 +459,31 @@ compass and drifts.
 """
 
 
-def _allocate(s: BeaconSettings, beacons: int) -> BeaconBelief:
-    """A mixture without components, over the states of a number of beacons."""
-    shared = [s.start_sigma] * 2 + [
+def _variances(s: BeaconSettings, moving: Bools) -> Floats:
+    """Of all states before the mission, of beacons some of which move by odometry of their own."""
+    sigmas = [
+        s.start_sigma,
+        s.start_sigma,
         s.speed_scale_sigma,
         s.heading_sigma,
         s.gyro_bias_sigma,
         s.range_scale_sigma,
+        s.current_sigma,
+        s.current_sigma,
     ]
-    per_beacon = [s.range_offset_sigma, s.survey_sigma, s.survey_sigma]
-    fresh = np.square([*shared, s.current_sigma, s.current_sigma, *per_beacon * beacons])
+    for moves in moving:
+        sigmas += [s.range_offset_sigma, s.survey_sigma, s.survey_sigma]
+        if moves:
+            sigmas += [s.heading_sigma, s.gyro_bias_sigma]
+    return np.square(sigmas)
+
+
+def _allocate(s: BeaconSettings, moving: Bools) -> BeaconBelief:
+    """A mixture without components, over the states of beacons some of which move."""
+    fresh = _variances(s, moving)
     n = fresh.size
+    beacons = moving.size
+    counts = np.where(moving, MOVING, AT_REST)
     return BeaconBelief(
         state=np.zeros((CAPACITY, n)),
         covariance=np.zeros((CAPACITY, n, n)),
@@ -402,6 +493,7 @@ def _allocate(s: BeaconSettings, beacons: int) -> BeaconBelief:
         alive=np.zeros(1, dtype=np.int64),
         evidence=np.zeros(1),
         fresh=fresh,
+        first=(SHARED + np.cumsum(counts) - counts).astype(np.int64),
         variance=np.full(beacons, s.range_sigma**2),
         rejected=np.zeros(beacons, dtype=np.int64),
         gain=np.zeros(n),
@@ -410,7 +502,7 @@ def _allocate(s: BeaconSettings, beacons: int) -> BeaconBelief:
 
 def new_belief(settings: BeaconSettings, start: tuple[float, float] | None) -> BeaconBelief:
     """One component at a known start [m], or none; no beacon is known yet."""
-    belief = _allocate(settings, 0)
+    belief = _allocate(settings, np.zeros(0, dtype=bool))
     if start is not None:
         belief.state[0, :2] = start
         belief.covariance[0] = np.diag(belief.fresh)
@@ -419,9 +511,12 @@ def new_belief(settings: BeaconSettings, start: tuple[float, float] | None) -> B
     return belief
 
 
-def with_beacon(belief: BeaconBelief, settings: BeaconSettings) -> BeaconBelief:
-    """BeaconBelief with fresh states of one more beacon."""
-    extended = _allocate(settings, belief.variance.size + 1)
+def with_beacon(
+    belief: BeaconBelief, settings: BeaconSettings, moves: bool = False
+) -> BeaconBelief:
+    """BeaconBelief with fresh states of one more beacon, which may move by odometry of its own."""
+    counts = np.diff(belief.first, append=belief.states)
+    extended = _allocate(settings, np.append(counts == MOVING, moves))
     before = belief.states
     # what is not alive stays untouched, and takes no memory
     alive = slice(int(belief.alive[0]))
@@ -436,12 +531,20 @@ def with_beacon(belief: BeaconBelief, settings: BeaconSettings) -> BeaconBelief:
     )
 
 
+class _Track(NamedTuple):
+    """Where a beacon that moves was at its last range."""
+
+    time: float  # since the start [s]
+    east: float  # by its message [m]
+    north: float
+
+
 class BeaconNavigator(OnlineNavigator[Estimates]):
     """Takes as own motion the mean speed over the step that a reading ends, and the direction of
     the way in it.
 
     A beacon at the position of its message, whose speed is not zero, moves: its errors stay those
-    of its transmitter.
+    of its transmitter. With `track_heading_walk` or `track_slip` it goes by odometry of its own.
 
     The kind of a fix is by what the heaviest component used. LaisnError also if a message does not
     place its transmitters, or there are too many places.
@@ -457,6 +560,8 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
         # number of each beacon by its place, or by its transmitter where that moves
         self._beacons: dict[tuple[float, float] | int, int] = {}
         self._moving = set[int]()
+        self._tracks: dict[int, _Track] = {}
+        self._time = 0.0
         self._starter = 0 if self._start is None else -1
         chance = settings.outlier_probability
         span = settings.outlier_span
@@ -477,6 +582,7 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
                 f"step {self._step}: the message places no transmitters; this navigator needs "
                 "beacons"
             )
+        self._time += dt
         predict(
             self._belief,
             (self.settings.slip, self.settings.heading_walk),
@@ -547,7 +653,10 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
                     "lie still, or send where it is and at what speed it moves"
                 )
             self._beacons[key] = len(self._beacons)
-            self._belief = with_beacon(self._belief, self.settings)
+            drifts = isinstance(key, int) and self._has_drifting_tracks
+            self._belief = with_beacon(self._belief, self.settings, drifts)
+        if isinstance(key, int) and self._has_drifting_tracks:
+            self._follow_track(self._beacons[key], east, north)
         deeper = deep - (depth - self.settings.hydrophone_height)
         z = RangeMeasurement(
             self._beacons[key], east, north, deeper, float(measured), *self._errors
@@ -556,3 +665,23 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
         if self._starter >= 0:
             self._starter = self._starter + 1 if self._starter + 1 < STARTERS else -1
         return bool(used)
+
+    @property
+    def _has_drifting_tracks(self) -> bool:
+        """Whether beacons that move go by odometry of their own."""
+        return bool(self.settings.track_slip > 0.0 or self.settings.track_heading_walk > 0.0)
+
+    def _follow_track(self, beacon: int, east: float, north: float) -> None:
+        """Predict the errors of a beacon's place from its last range to this one; at its first one
+        they have grown since the start, on a way that no message showed.
+        """
+        settings = self.settings
+        last = self._tracks.get(beacon, _Track(0.0, east, north))
+        self._tracks[beacon] = _Track(self._time, east, north)
+        predict_track(
+            self._belief,
+            beacon,
+            (settings.track_slip, settings.track_heading_walk),
+            (east - last.east, north - last.north),
+            self._time - last.time,
+        )

@@ -373,6 +373,12 @@ class BeaconSettings(Settings):
     """Standard deviation of each beacon's constant error of range [m]."""
     survey_sigma: float = 0.1
     """Standard deviation of each beacon's place, along each axis [m]."""
+    track_slip: float = 0.0
+    """Random walk of the place of a beacon that moves by odometry of its own, along each axis
+    [m/√s]; 0 if its place does not drift.
+    """
+    track_heading_walk: float = 0.0
+    """Random walk of the heading of a beacon that moves by odometry of its own [rad/√s]."""
     outlier_probability: float = 0.05
     """Chance that a range is wrong altogether."""
     outlier_span: float = 20.0
@@ -389,6 +395,8 @@ class BeaconSettings(Settings):
 class WaterBeaconSettings(BeaconSettings):
     """The same for sound under water, where a vehicle has a compass and drifts."""
 
+    start_sigma: float = 5.0
+    """Standard deviation of the position at the start, along each axis [m]."""
     gyro_bias_sigma: float = 0.0
     """Standard deviation of the rate at which that error grows [rad/s]; 0 for a compass."""
     slip: float = 0.2

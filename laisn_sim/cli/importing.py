@@ -109,7 +109,7 @@ def import_recording(
     data = read_data_set(source)
     if beacons is not None:
         data = data.among([name.strip() for name in beacons.split(",") if name.strip()])
-    write_data_set(data, out)
+    data = write_data_set(data, out)
     print_line(
         console,
         f"{VEHICLE}: {len(data.odometry)} steps of odometry in "

@@ -172,6 +172,7 @@ BUILT_IN = {
     "estimators": "Compare LAISN-2, the tightly coupled navigator and the Cramér–Rao bound.",
     "formation": "Study ten followers in formation: currents, waves, losses and navigators.",
     "gate": "Study LAISN-2's gate rules on pings replaced by echoes.",
+    "leader-errors": "Study a leader that errs about its position, and pings one after another.",
     "loss": "Study current and lost messages that each variant tolerates.",
     "reproduce": "Run the paper's five stages: tables beside the published ones, figures, and "
     "checks of its claims.",

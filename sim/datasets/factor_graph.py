@@ -120,6 +120,7 @@ class _Track(NamedTuple):
     beacon: int  # number of the beacon that it is
     pose: dict[str, int]  # its poses by their names
     state: Floats  # east, north [m], compass heading [rad] and speed [m/s] of each, shape (n, 4)
+    rates: Floats  # variances of its odometry's three numbers in a second, shape (m, 3)
 
 
 def _poses_of(lines: list[_Line], robot: str) -> list[_Line]:
@@ -143,7 +144,7 @@ def _track_of(lines: dict[str, list[_Line]], robot: str, beacon: int, source: st
     """
     poses = _poses_of(lines["VERTEX_SE2"], robot)
     order = {line.names[0]: k for k, line in enumerate(poses)}
-    steps, _ = _odometry(lines["EDGE_SE2"], order, source)
+    steps, variances = _odometry(lines["EDGE_SE2"], order, source)
     track = np.array(list(accumulate(steps, compose, initial=np.array(_first_pose(lines, poses)))))
     time = np.array([line.time for line in poses])
     if np.ptp(time) == 0.0:
@@ -153,7 +154,14 @@ def _track_of(lines: dict[str, list[_Line]], robot: str, beacon: int, source: st
     speed = np.divide(way, lasted, out=np.zeros_like(way), where=lasted > 0.0)
     # a pose has the speed of the step that leads to it
     speed = np.concatenate([speed[:1], speed]) if speed.size else np.zeros(1)
-    return _Track(beacon, order, np.column_stack([track[:, :2], 0.5 * np.pi - track[:, 2], speed]))
+    state = np.column_stack([track[:, :2], 0.5 * np.pi - track[:, 2], speed])
+    return _Track(beacon, order, state, _per_second(variances, lasted))
+
+
+def _per_second(variances: Floats, durations: Floats) -> Floats:
+    """Variances of steps in a second, of those steps that take time."""
+    lasting = durations > 0.0
+    return variances[lasting] / durations[lasting, None]
 
 
 def _heard(lines: dict[str, list[_Line]], robot: str) -> set[str]:
@@ -263,18 +271,20 @@ def _reference_path(
 
 
 def _stated_noise(
-    variances: Floats, durations: Floats, range_variances: list[float]
+    rates: Floats, track_rates: Floats, range_variances: list[float]
 ) -> dict[str, float]:
     """Noise that the file states, as `RangeData.stated`: medians of what is positive.
 
     Args:
-        variances: Of the three numbers of each step of odometry, shape (n, 3).
-        durations: How long each step took, shape (n,), [s].
+        rates: Variances of the three numbers of odometry in a second, shape (n, 3).
+        track_rates: The same of other robots, shape (m, 3).
         range_variances: Of each range [m²].
     """
-    lasting = durations > 0.0
-    rates = variances[lasting] / durations[lasting, None]
     samples = {"slip": rates[:, :2].mean(axis=1), "heading_walk": rates[:, 2]}
+    samples |= {
+        "track_slip": track_rates[:, :2].mean(axis=1),
+        "track_heading_walk": track_rates[:, 2],
+    }
     if range_variances and min(range_variances) > 0.0:
         samples["range_sigma"] = np.array(range_variances)
     medians = {name: np.median(values) for name, values in samples.items() if values.size}
@@ -289,7 +299,8 @@ def read_factor_graph(path: Path) -> RangeData:
     Places of landmarks are those of their priors, or else of their vertices. The path to compare
     with is that of the poses' vertices, unless these are only composed of the odometry. The start
     is that of the first pose's prior, or else of its vertex. Odometry's covariances give `slip` and
-    `heading_walk`, their medians per second. LaisnError, naming the line, if the file cannot be
+    `heading_walk`, their medians per second, and those of the other robots the same of their
+    tracks. LaisnError, naming the line, if the file cannot be
     read, is no planar graph, or lacks odometry or ranges.
     """
     source = str(path)
@@ -324,6 +335,7 @@ def read_factor_graph(path: Path) -> RangeData:
         for i, name in enumerate(sorted(heard))
     }
     ranges, range_variances = _ranges(lines["EDGE_RANGE"], order, time, places, tracks)
+    track_rates = np.vstack([np.empty((0, 3)), *(track.rates for track in tracks.values())])
     track_starts = [track.state[0, :2].tolist() for track in tracks.values()]
     east, north, heading = _first_pose(lines, poses)
     return RangeData.collect(
@@ -335,7 +347,7 @@ def read_factor_graph(path: Path) -> RangeData:
         places=np.array([*places.values(), *track_starts], dtype=np.float64).reshape(-1, 2),
         ranges=ranges,
         moving=tuple(tracks),
-        stated=_stated_noise(variances, durations, range_variances),
+        stated=_stated_noise(_per_second(variances, durations), track_rates, range_variances),
         truth=truth,
         remarks=remarks,
     )

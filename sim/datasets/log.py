@@ -30,7 +30,7 @@ _READERS = {
 }
 _RECORD = "data set"  # metadata record by which such a log is known
 # what it holds of the sensors' errors, as the data set states them
-_STATED = ("range_sigma", "slip", "heading_walk")
+_STATED = ("range_sigma", "slip", "heading_walk", "track_slip", "track_heading_walk")
 _SLOTS = Ranges._fields
 _nanoseconds = Clock("1970-01-01T00:00:00Z").ns
 _APART = 1e-6  # between ranges of one instant that one reception cannot hold [s]
@@ -57,6 +57,25 @@ class Replayable(NamedTuple):
     stated: dict[str, Any]  # numbers, as of `RangeData`
     truth: Floats  # time since the start [s], east and north [m], shape (t, 3)
     remarks: tuple[str, ...]
+
+
+def _with_robots_that_fit(data: RangeData) -> RangeData:
+    """Data with the ranges to as many robots that move as a reception has transmitters: those with
+    the most ranges.
+    """
+    counts = {
+        name: int(np.count_nonzero(data.range_beacon == data.beacons.index(name)))
+        for name in data.moving
+    }
+    left_out = sorted(counts, key=lambda name: -counts[name])[len(_SLOTS) :]
+    if not left_out:
+        return data
+    remark = (
+        f"ranges to {', '.join(left_out)} left out: at most {len(_SLOTS)} robots that move are "
+        "taken, those with the most ranges; --beacons selects others"
+    )
+    chosen = data.among([name for name in data.beacons if name not in left_out])
+    return replace(chosen, remarks=(*chosen.remarks, remark))
 
 
 def _slots(data: RangeData) -> tuple[Floats, Ints]:
@@ -135,10 +154,11 @@ def _channels(data: RangeData) -> Iterator[Channel]:
     )
 
 
-def write_data_set(data: RangeData, path: Path) -> None:
-    """Write a data set as a log that `laisn replay` navigates on; LogError if it cannot be
-    written.
+def write_data_set(data: RangeData, path: Path) -> RangeData:
+    """Write a data set as a log that `laisn replay` navigates on; the data as written, without
+    robots that do not fit. LogError if it cannot be written.
     """
+    data = _with_robots_that_fit(data)
     facts = {
         "source": Path(data.source).name,
         "beacons": ",".join(data.beacons),
@@ -147,6 +167,7 @@ def write_data_set(data: RangeData, path: Path) -> None:
         **{name: repr(data.stated[name]) if name in data.stated else "" for name in _STATED},
     }
     _write(path, list(_channels(data)), facts)
+    return data
 
 
 def write_vehicle_table(table: VehicleTable, path: Path) -> None:

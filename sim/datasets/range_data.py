@@ -33,6 +33,8 @@ LARGEST = 4e9  # larger numbers are no measurements, and no times in seconds
 # mean speeds beyond these are doubtful [m/s]
 _SLOWEST = 0.01
 _FASTEST = 50.0
+# longer steps are cut: in a log a gap of so much would be one of readings that are missing
+_LONGEST_LEG_S = 5.0
 _COLUMNS = {"DR": 3, "TD": 4, "TL": 3, "GT": 4, "DRp": 4}  # columns of each table
 _NEEDED = ("DR", "TD", "TL")
 _NODES = {"TD": [1, 2], "TL": [0]}  # columns of nodes' numbers
@@ -108,7 +110,7 @@ class RangeData:
     stated: Mapping[str, float] = field(default_factory=dict)
     """What the data set states: `range_sigma`, random error of a range [m]; of its odometry `slip`,
     random walk of the position along each axis [m/√s], and `heading_walk`, that of the heading
-    [rad/√s]."""
+    [rad/√s]; `track_slip` and `track_heading_walk`, the same of beacons that move."""
     remarks: tuple[str, ...] = ()  # what was left out or taken for granted, a sentence each
 
     def __post_init__(self) -> None:
@@ -226,6 +228,15 @@ class RangeData:
             moving=tuple(name for name in chosen if name in self.moving),
         )
 
+    def _cuts(self) -> Floats:
+        """Ends of steps, of which long ones are cut in equal pieces [s]."""
+        duration = np.diff(self.time)
+        pieces = np.ceil(duration / _LONGEST_LEG_S).astype(np.int64)
+        step = np.repeat(np.arange(duration.size), pieces)
+        piece = np.arange(step.size) - np.repeat(np.cumsum(pieces) - pieces, pieces) + 1
+        left = pieces[step] - piece
+        return self.time[step + 1] - left * (duration / pieces)[step]
+
     def legs(self) -> tuple[Floats, Floats, Floats]:
         """The way as odometry has it, cut where a range was measured, so that each has its own
         place on it.
@@ -238,7 +249,7 @@ class RangeData:
         speed = np.hypot(ahead, port) / np.diff(self.time)
         heading = facing - np.arctan2(port, ahead)
         within = (self.range_time > self.time[0]) & (self.range_time <= self.time[-1])
-        end = np.union1d(self.time[1:], self.range_time[within])
+        end = np.union1d(self._cuts(), self.range_time[within])
         step = np.searchsorted(self.time, end) - 1
         return end, speed[step], heading[step]
 

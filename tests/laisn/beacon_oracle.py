@@ -42,6 +42,8 @@ class BeaconOracle:
     settings: BeaconSettings
     places: Floats
     start: Floats | None
+    robots: tuple[int, ...] = ()
+    """Beacons that move by odometry of their own."""
     mixture: list[Component] = field(default_factory=list)
     evidence: float = 0.0
 
@@ -55,6 +57,10 @@ class BeaconOracle:
             settings.gyro_bias_sigma,
         ]
         own = [settings.range_offset_sigma, settings.survey_sigma, settings.survey_sigma]
+        turning = [settings.heading_sigma, settings.gyro_bias_sigma]
+        of_beacons = [own + turning if i in self.robots else own for i in range(count)]
+        self.first = [8 + sum(map(len, of_beacons[:i])) for i in range(count)]
+        self.seen: dict[int, tuple[float, Floats]] = {}
         self.fresh = (
             np.array(
                 [
@@ -62,7 +68,7 @@ class BeaconOracle:
                     settings.range_scale_sigma,
                     settings.current_sigma,
                     settings.current_sigma,
-                    *own * count,
+                    *(sigma for sigmas in of_beacons for sigma in sigmas),
                 ]
             )
             ** 2
@@ -73,6 +79,7 @@ class BeaconOracle:
             np.zeros(count, dtype=int),
         )
         self.received = 0
+        self.heard: set[int] = set()
         if self.start is not None:
             x = np.concatenate([self.start[:2], np.zeros(self.n - 2)])
             self.mixture = [Component(x, np.diag(self.fresh), 1.0)]
@@ -100,6 +107,37 @@ class BeaconOracle:
             c.x[:2] += time * c.x[[EAST, NORTH]]
             c.P = F @ drift @ c.P @ drift.T @ F.T + time * np.diag(walk)
 
+    def follow(self, i: int, place: Floats, time: float) -> None:
+        """Robot i says where it is by its odometry, at a time since the start.
+
+        Its way since it last did so is truly turned by the error of its heading, which has grown at
+        its rate.
+        """
+        before, last = self.seen.get(i, (0.0, place[:2]))
+        self.seen[i] = time, place[:2]
+        self.places[i] = place
+        lasted, way = time - before, complex(*(place[:2] - last))
+        slip, walk = self.settings.track_slip**2, self.settings.track_heading_walk**2
+        east = self.first[i] + 1
+        unit = np.eye(self.n)
+        for c in self.mixture:
+            turned = way * np.exp(1j * (c.x[east + 2] + 0.5 * lasted * c.x[east + 3]))
+            aside = -turned.imag * unit[east] + turned.real * unit[east + 1]
+            F = np.eye(self.n)
+            F += np.outer(aside, unit[east + 2] + 0.5 * lasted * unit[east + 3])
+            F[east + 2, east + 3] = lasted
+            growth = turned - way
+            c.x = c.x + growth.real * unit[east] + growth.imag * unit[east + 1]
+            c.x[east + 2] += lasted * c.x[east + 3]
+            # ∫ (ψ + s aside)(ψ + s aside)ᵀ ds over the even way
+            heading = unit[east + 2]
+            Q = np.outer(heading, heading) + np.outer(aside, aside) / 3.0
+            Q += 0.5 * (np.outer(heading, aside) + np.outer(aside, heading))
+            Q = walk * lasted * Q
+            Q += slip * lasted * np.diag(unit[east] + unit[east + 1])
+            Q += 2e-5**2 * lasted * np.diag(unit[east + 3]) * (self.fresh[east + 3] > 0)
+            c.P = F @ c.P @ F.T + Q
+
     def now(self, speed: float, heading: float) -> tuple[Floats, Floats]:
         """Mean and covariance of x, y, vx, vy."""
         if not self.mixture:
@@ -122,7 +160,7 @@ class BeaconOracle:
         """Residual, its variance but for the random error, H, and how far the circle bends from
         its tangent.
         """
-        own = 8 + 3 * i
+        own = self.first[i]
         off = np.array(
             [*(c.x[:2] - self.places[i, :2] - c.x[own + 1 : own + 3]), self.places[i, 2] - depth]
         )
@@ -184,12 +222,13 @@ class BeaconOracle:
             self.evidence += np.log(self.normalise()) + wrong
             self.rejected[i] = 0 if used else self.rejected[i] + 1
         self.received += 1
+        self.heard.add(i)
         if self.start is None and self.received <= 8:
             # as likely as that all before were wrong, beside what they are to the others
             self.add_ring(
                 i, measured, depth, np.exp(min(self.received * wrong - self.evidence, 700.0)), None
             )
-        elif self.rejected[i] >= 8:
+        elif self.rejected[i] >= (24 if 0 in [self.rejected[j] for j in self.heard - {i}] else 8):
             self.rejected[i] = 0
             self.add_ring(i, measured, depth, 0.01, self.mixture[0])
         self.prune_and_merge()
@@ -210,7 +249,7 @@ class BeaconOracle:
             if bend <= 0.7 * np.sqrt(self.variance[i]) or len(self.mixture) + 2 > CAPACITY:
                 k += 1
                 continue
-            own = 8 + 3 * i
+            own = self.first[i]
             off = c.x[:2] - self.places[i, :2] - c.x[own + 1 : own + 3]
             tangent = np.zeros(self.n)
             tangent[:2] = np.array([-off[1], off[0]]) / np.linalg.norm(off)
@@ -229,7 +268,7 @@ class BeaconOracle:
         """
         if len(self.mixture) + 48 >= CAPACITY:
             return
-        own, deeper = 8 + 3 * i, self.places[i, 2] - depth
+        own, deeper = self.first[i], self.places[i, 2] - depth
         distance = np.sqrt(max(measured**2 - deeper**2, 1.0))
         along = 4.0 * (
             self.variance[i]

@@ -43,17 +43,26 @@ class Trip:
     """Steps at the start whose ranges are all wrong."""
     carried: int = 1000
     """Step at which the vehicle is moved elsewhere."""
+    robot: bool = False
+    """Whether the first beacon is a robot that goes by odometry whose heading errs."""
 
     def readings(self) -> tuple[list[tuple[OwnMotion, Reception, float]], Floats]:
         """Readings and receptions of the vehicle in each step, and its start."""
         rng = np.random.default_rng(self.seed)
         begin = place = np.array([-3.0, 2.0])
         heading, steps = rng.uniform(-3.0, 3.0), []
+        places = PLACES.copy()
+        claimed = PLACES.copy()
         for k in range(self.steps):
             time, heading = float(rng.uniform(0.5, 1.5)), heading + 0.3 * rng.normal()
             place = place + 1.4 * time * np.array([np.sin(heading), np.cos(heading)])
             place = place + (np.array([30.0, 25.0]) if k == self.carried else 0.0)
-            ranges = np.linalg.norm(PLACES - [*place, 4.3], axis=1) * 1.01 + 0.3 * rng.normal(
+            if self.robot:
+                course = 0.1 * k
+                step = 0.9 * time * np.array([np.sin(course), np.cos(course)])
+                claimed[0, :2] += step
+                places[0, :2] += 0.9 * time * np.array([np.sin(course - 0.2), np.cos(course - 0.2)])
+            ranges = np.linalg.norm(places - [*place, 4.3], axis=1) * 1.01 + 0.3 * rng.normal(
                 size=3
             )
             wrong = rng.random(3) < (1.0 if k < self.first_wrong else self.wrong)
@@ -61,7 +70,10 @@ class Trip:
             ranges[rng.random(3) > self.received] = np.nan
             own = OwnMotion(1.4 + 0.05 * rng.normal(), heading + 0.03 + 0.004 * k, 4.5)
             message = LeaderMessage(float(k), 0.0, 0.0, 0.0, 0.0, 0.0)
-            steps.append((own, Reception(message, Ranges(*ranges.tolist()), PLACES), time))
+            if self.robot:
+                message = LeaderMessage(float(k), *claimed[0, :2].tolist(), 0.1 * k, 0.9, 0.0)
+            received = Reception(message, Ranges(*ranges.tolist()), claimed.copy())
+            steps.append((own, received, time))
         return steps, np.array([*begin, 0.0, 0.0])
 
 
@@ -80,8 +92,24 @@ SOUND = replace(MEDIA["water"], gyro_bias_sigma=0.0, range_sigma=0.2)
             replace(RADIO, start_sigma=6.0, speed_scale_sigma=0.0),
             Trip(seed=4, received=0.7, carried=12),
         ),
+        (
+            replace(RADIO, track_slip=0.1, track_heading_walk=0.03),
+            Trip(seed=5, received=0.7, robot=True),
+        ),
+        (
+            replace(RADIO, known_start=False, track_heading_walk=0.02, gyro_bias_sigma=0.0),
+            Trip(seed=6, steps=9, robot=True),
+        ),
     ],
-    ids=["radio", "sound", "unknown start", "wrong start", "carried away"],
+    ids=[
+        "radio",
+        "sound",
+        "unknown start",
+        "wrong start",
+        "carried away",
+        "robot",
+        "robot anywhere",
+    ],
 )
 def test_an_independent_navigator_agrees(settings: BeaconSettings, trip: Trip) -> None:
     """Mixtures to rounding; splits, wrong ranges, rings and estimated variances of ranges one by
@@ -93,13 +121,20 @@ def test_an_independent_navigator_agrees(settings: BeaconSettings, trip: Trip) -
     order: list[int] = []
     for _, reception, _ in steps:
         order += [i for i in range(3) if not np.isnan(reception.ranges[i]) and i not in order]
-    oracle = BeaconOracle(settings, PLACES[order], begin)
+    robots = (order.index(0),) if trip.robot else ()
+    oracle = BeaconOracle(settings, PLACES[order], begin, robots)
+    now = 0.0
     for own, reception, time in steps:
         (update,) = navigator.step(own, reception, time)
         oracle.advance(own.speed, own.heading, time)
         received = [i for i in range(3) if not np.isnan(reception.ranges[i])]
         depth = own.depth - settings.hydrophone_height
-        used = [oracle.receive_range(order.index(i), reception.ranges[i], depth) for i in received]
+        now += time
+        used = []
+        for i in received:
+            if order.index(i) in robots:
+                oracle.follow(order.index(i), reception.transmitters[i], now)
+            used.append(oracle.receive_range(order.index(i), reception.ranges[i], depth))
         mean, covariance = oracle.now(own.speed, own.heading)
         np.testing.assert_allclose(navigator.state, mean, rtol=0, atol=1e-7)
         np.testing.assert_allclose(navigator.covariance, covariance, rtol=1e-6, atol=1e-9)

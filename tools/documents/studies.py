@@ -20,6 +20,7 @@ from tools.documents import (
     hull_trials,
     real_ranges,
     route_keeping,
+    tight_limits,
 )
 from tools.documents.markers import RECORDS
 
@@ -37,6 +38,7 @@ STUDIES: dict[str, Callable[[Path], object]] = {
     "formation": partial(run, "formation", {}),
     "asymmetry": partial(run, "asymmetry", {}),
     "estimators": partial(run, "estimators", {}),
+    "tight-limits": tight_limits.run,
     "real-ranges": real_ranges.run,
     "rivals": partial(run, "rivals", {}),
     "benchmark": benchmark_navigators.run,

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.io import loadmat, savemat
 from typer.testing import CliRunner
 
-from experiments.beacon_replay import Beacons, _settings, among_beacons
+from experiments.beacon_replay import Beacons, _settings, among_beacons, score
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from laisn_sim.cli.main import app
@@ -722,3 +722,83 @@ def test_the_command_replays_ranges_to_several_robots_and_a_landmark(tmp_path: P
         assert own.size == n - 2, name
         np.testing.assert_allclose(recorded.message[own, 4], speed, atol=1e-9)
         assert recorded.message[own, 2].min() > north
+
+
+STEP_NOISE = "0.0009 0 0 0.0009 0 0.0004"
+"""Of a second of odometry: 0.03 m along either axis and 1.15° of heading."""
+
+
+def graph_of_robots(robots: int, seed: int, heading_walk: float = 0.02) -> str:
+    """A circles in two minutes, as do other robots around it, all by odometry whose heading walks
+    off by so much [rad/√s]; ranges from A to each once a second, σ = 0.1 m. Nothing for 24 s.
+    """
+    rng = np.random.default_rng(seed)
+    n = 240
+    names = "ABCDEFG"[: robots + 1]
+    pose = {name: np.array([0.0, 0.0, 0.5 * i]) for i, name in enumerate(names)}
+    for i, name in enumerate(names[1:]):
+        pose[name][:2] = 15.0 * np.cos(1.9 * i), 15.0 * np.sin(1.9 * i)
+    lines = []
+    count = 0
+    for k in range(n):
+        silent = 100 < k < 124
+        for name, at in pose.items():
+            if k:
+                turn = 2.0 * np.pi / 120.0
+                at[:2] += 0.5 * np.array([np.cos(at[2]), np.sin(at[2])])
+                at[2] += turn + heading_walk * rng.standard_normal()
+            if not silent:
+                values = " ".join(map(str, at.tolist()))
+                lines.append(f"VERTEX_SE2 {k}.0 {name}{count} {values}")
+                steps = k - (100 if k == 124 else k - 1)
+                if k:
+                    way = np.array([0.0, 0.0, 0.0])
+                    for _ in range(steps):
+                        s, c = np.sin(way[2]), np.cos(way[2])
+                        way += [0.5 * c, 0.5 * s, 2.0 * np.pi / 120.0]
+                    step = " ".join(map(str, way.tolist()))
+                    edge = f"{name}{count - 1} {name}{count}"
+                    lines.append(f"EDGE_SE2 {k}.0 {edge} {step} {STEP_NOISE}")
+        for i, name in enumerate(names[1:]):
+            if 0 < k < n - 1 and not silent and (k + i) % (1 + i) == 0:
+                gap = math.hypot(*(pose[name] - pose["A"])[:2]) + 0.1 * rng.standard_normal()
+                lines.append(f"EDGE_RANGE {k}.0 A{count} {name}{count} {gap} 0.01")
+        count += not silent
+    return "\n".join(lines)
+
+
+@pytest.mark.system
+def test_robots_whose_odometry_drifts_are_navigated_by_consistently(tmp_path: Path) -> None:
+    """Each robot's heading is 18° off after four minutes. A mean NEES of 2 is right; with one
+    constant error of each robot's place it is beyond 10.
+
+    Steps of 24 s are no readings that are missing.
+    """
+    scores = []
+    rigid = []
+    for seed in range(4):
+        data = read_data_set(graph(tmp_path, graph_of_robots(3, seed)))
+        assert data.moving == ("B", "C", "D")
+        assert data.stated["track_slip"] == pytest.approx(0.03)
+        assert data.stated["track_heading_walk"] == pytest.approx(0.02)
+        write_data_set(data, tmp_path / "a.mcap")
+        recorded = read_data_set_log(tmp_path / "a.mcap")
+        for results, keys in (
+            (scores, {}),
+            (rigid, {"track_slip_m_sqrt_s": 0.0, "track_heading_walk_deg_sqrt_s": 0.0}),
+        ):
+            estimates, _ = among_beacons(recorded, Beacons(medium="air", **keys))
+            results.append(score(estimates, recorded.measurements, recorded.truth))
+    assert 0.7 < np.mean([each.nees for each in scores]) < 3.0
+    assert np.mean([each.nees for each in rigid]) > 10.0
+
+
+def test_of_many_robots_three_with_the_most_ranges_are_taken(tmp_path: Path) -> None:
+    data = read_data_set(graph(tmp_path, graph_of_robots(5, 1)))
+    assert data.moving == ("B", "C", "D", "E", "F")
+    log = tmp_path / "a.mcap"
+    printed = run("log", "import", tmp_path / "graph.pyfg", "--out", log)
+    assert "ranges to E, F left out" in " ".join(printed.split())
+    heard = read_data_set_log(log).measurements
+    counts = [np.count_nonzero(data.range_beacon == i) for i in range(5)]
+    assert np.count_nonzero(np.isfinite(heard.ranges)) == sum(counts[:3])

@@ -1,0 +1,175 @@
+"""Where the tightly coupled navigator comes to its limits: `python -m tools.documents.studies
+tight-limits`.
+
+The study `leader-errors` compares it with LAISN and a plain filter, route by route, where the
+leader errs about its place and where its pings leave one after another. A map of NEES over bearing
+and distance shows where its covariance with two transmitters is the size of its errors.
+"""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Unpack
+
+import numpy as np
+
+from experiments.campaign.campaign import ExecutionOptions
+from experiments.study.file import study_of
+from experiments.study.plan import plan_of
+from experiments.study.run import Cells, fly_studies
+from laisn.arrays import Floats
+from laisn.messages import LeaderMessage, Measurements
+from laisn.settings import TightSettings
+from laisn.tight.navigator import run_mission
+from reports.findings import FILE, Finding, of, plain, record, share
+from reports.intervals import mean_interval, mean_over_missions
+
+COMMAND = "python -m tools.documents.studies tight-limits"
+MODULES = ("tools.documents.tight_limits", "experiments.study.run")
+STUDY = "leader-errors"
+RIVALS = {"tight": ("ekf", "laisn-3-2"), "tight-2": ("ekf-2", "laisn-2")}
+"""Arms of the study that are compared with the tightly coupled navigator, with as many
+transmitters.
+"""
+
+DT = 0.1  # [s]
+STEPS = 4000
+RUNS = 30
+START = np.zeros(4)
+BEARINGS_DEG = (0.0, 15.0, 30.0, 60.0, 90.0, 120.0, 150.0, 165.0, 180.0)
+"""From the leader's bow to starboard."""
+DISTANCES_M = (1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 400.0, 500.0)
+INTERVALS_S = (1.0, 5.0)
+DEEPER_M = (0.0, 1.0)
+LOCKED_NEES = 25.0
+"""Mean over a run beyond which it counts as locked on a wrong place: five standard deviations."""
+
+_HULL = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, 0.1]])
+_SPEED_BIAS = 0.2  # [m/s]
+_COMPASS_BIAS = np.deg2rad(5.0)
+_RANGE_ERROR = 0.005  # of each range, uniform [m]
+_COMMON_ERROR = 0.05  # of the ranges of a message, in proportion [m]
+_DEPTH = 8.0
+
+
+def abreast(
+    bearing_deg: float, distance: float, deeper: float, run: int, interval: float = 1.0
+) -> Measurements:
+    """Measurements of a follower that keeps its place beside a leader on a straight course east at
+    1 m/s, with the paper's errors; it starts at the origin, which the leader passes at that place.
+    """
+    rng = np.random.default_rng([run, int(10 * distance), int(bearing_deg)])
+    every = round(interval / DT)
+    step = np.arange(every, STEPS + 1, every)
+    bearing = np.pi / 2 + np.deg2rad(bearing_deg)
+    offset = distance * np.array([np.sin(bearing), np.cos(bearing)])
+    true = np.sqrt(np.sum((offset - _HULL) ** 2, axis=1) + deeper**2)
+    common = rng.normal(0.0, _COMMON_ERROR, (step.size, 1)) / true.max()
+    ranges = true * (1.0 + common) + rng.uniform(-_RANGE_ERROR, _RANGE_ERROR, (step.size, 3))
+    message = np.full((step.size, len(LeaderMessage._fields)), np.nan)
+    message[:, 0] = DT * step
+    message[:, 1] = DT * step - offset[0]
+    message[:, 2] = -offset[1]
+    message[:, 3] = np.pi / 2
+    message[:, 4] = 1.0
+    message[:, 5] = _DEPTH
+    return Measurements(
+        dt=DT,
+        speed=1.0 + _SPEED_BIAS + rng.normal(0.0, 0.2, STEPS),
+        heading=np.pi / 2 + _COMPASS_BIAS + rng.normal(0.0, np.deg2rad(1.2), STEPS),
+        depth=np.full(STEPS, _DEPTH + deeper),
+        message_step=step,
+        message=message,
+        ranges=ranges,
+    )
+
+
+def normalised_errors(
+    bearing_deg: float, distance: float, deeper: float, interval: float, runs: int
+) -> Floats:
+    """Mean eᵀP⁻¹e of each run, shape (runs,); 2 for a right covariance."""
+    truth = np.zeros((STEPS, 2))
+    truth[:, 0] = DT * np.arange(1, STEPS + 1)
+    means = np.empty(runs)
+    for run in range(runs):
+        measured = abreast(bearing_deg, distance, deeper, run, interval)
+        estimates = run_mission(TightSettings(transmitters=2), measured, START)
+        off = estimates.state[:, :2] - truth
+        xx, xy, yy = estimates.covariance.T
+        squared = off[:, 0] ** 2 * yy - 2.0 * off[:, 0] * off[:, 1] * xy + off[:, 1] ** 2 * xx
+        means[run] = np.mean(squared / (xx * yy - xy**2))
+    return means
+
+
+def map_of_nees(runs: int = RUNS) -> Iterator[tuple[str, Finding]]:
+    """Median over runs at each place, and over all places its least and most and the share of
+    locked runs.
+    """
+    for interval in INTERVALS_S:
+        everywhere = list[Floats]()
+        for deeper in DEEPER_M:
+            for bearing in BEARINGS_DEG:
+                for distance in DISTANCES_M:
+                    nees = normalised_errors(bearing, distance, deeper, interval, runs)
+                    everywhere.append(nees)
+                    yield (
+                        f"nees {bearing:g} {distance:g} {deeper:g} {interval:g}",
+                        plain(float(np.median(nees)), "NEES, median of runs"),
+                    )
+        medians = np.median(everywhere, axis=1)
+        yield f"nees-least {interval:g}", plain(float(medians.min()), "of all places")
+        yield f"nees-most {interval:g}", plain(float(medians.max()), "of all places")
+        locked = np.array(everywhere).ravel() > LOCKED_NEES
+        yield f"nees-locked {interval:g}", share(locked, "share of runs that lock, 95 %")
+
+
+def of_case(case: str, arms: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
+    """Errors, NEES and paired differences of all arms in a case, of means over routes and of the
+    worst route.
+    """
+    for arm, routes in arms.items():
+        errors = routes.runs("e_p_mean_m")
+        nees = routes.runs("nees").mean(axis=0)
+        name = f"{arm} {case}"
+        yield f"error {name}", of(mean_over_missions([*errors.T]), "mean E_P over routes", "m")
+        worst = float(errors.mean(axis=0).max())
+        yield f"worst {name}", plain(worst, "mean E_P on the worst route", "m")
+        yield f"nees-least {name}", plain(float(nees.min()), "mean NEES, of all routes")
+        yield f"nees-most {name}", plain(float(nees.max()), "mean NEES, of all routes")
+    for ours, rivals in RIVALS.items():
+        better = 0
+        for rival in rivals:
+            less = arms[rival].runs("e_p_mean_m") - arms[ours].runs("e_p_mean_m")
+            name = f"{rival} {case}"
+            meaning = f"paired difference of mean E_P: {rival} less {ours}"
+            yield f"less {name}", of(mean_over_missions([*less.T]), f"{meaning}, 95 %", "m")
+            each = [mean_interval(of_route) for of_route in less.T]
+            nearest = min(each, key=lambda interval: interval.value)
+            yield f"least {name}", of(nearest, f"{meaning}, on the route of the least, 95 %", "m")
+            better += sum(interval.high < 0.0 for interval in each)
+        meaning = "routes on which a rival's mean E_P is smaller, the whole interval below 0"
+        yield f"better-than {ours} {case}", plain(better, meaning)
+
+
+def run(
+    folder: Path,
+    keys: Mapping[str, Any] | None = None,
+    map_runs: int = RUNS,
+    **options: Unpack[ExecutionOptions],
+) -> None:
+    """Fly the study and draw the map, and write the record into a folder.
+
+    `keys` replace some of the study; folder and options as of `campaign.fly`.
+    """
+    results = fly_studies([plan_of(study_of(STUDY, keys or {}))], folder, **options)[0]
+    cells = results.cells.by("arm", "case")
+    arms = list(results.plan.study.arms)
+    findings: dict[str, Finding] = {"runs": plain(len(next(iter(cells.values())).runs("run")), "")}
+    for case in results.plan.study.cases:
+        findings |= dict(of_case(case, {arm: cells[f"{arm} {case}"] for arm in arms}))
+    for ours in RIVALS:
+        total = sum(
+            findings[f"better-than {ours} {case}"].number for case in results.plan.study.cases
+        )
+        findings[f"better-than {ours}"] = plain(int(total), "the same of all cases together")
+    findings |= dict(map_of_nees(map_runs))
+    record("tight-limits", COMMAND, MODULES, findings).write(folder / FILE)
