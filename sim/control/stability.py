@@ -231,8 +231,11 @@ def _require_slow_motion(
         return
     steps = np.ceil(CONTROL_STEP_S * rate / _STEP_RESERVE)
     advice = "damping, drag areas, levers and fins must fit mass and added mass"
-    if steps * SHORTEST_STEP_S <= CONTROL_STEP_S:
-        advice = f"set timing.physics_step_s = {CONTROL_STEP_S / steps:.6g}"
+    shortest = round(CONTROL_STEP_S / SHORTEST_STEP_S)
+    if steps <= shortest:
+        # of steps that divide the control step, and that decimals state exactly
+        divisors = [n for n in range(int(steps), shortest + 1) if shortest % n == 0]
+        advice = f"set timing.physics_step_s = {CONTROL_STEP_S / divisors[0]:.6g}"
     raise LaisnError(
         f"{plant.names[i]}: its motion changes within {1.0 / rate:.2g} s at {speed:.3g} m/s, too "
         f"fast for physics steps of {plant.dt:g} s; {advice}"

@@ -16,6 +16,8 @@ from sim.assembly import routes_of
 from sim.flight import Termination
 from sim.scenario.file import ScenarioError
 from sim.scenario.routes import DepthProfile, Route
+from sim.scenario.settings import Scenario
+from sim.simulation import simulate_motion
 from sim.tracking import LEFT_ROUTE_M, MissionBounds, distance_from_route, first_departure
 from sim.water.floors import LevelFloor
 
@@ -34,6 +36,27 @@ def test_a_hull_heavier_than_it_can_lift_is_refused_with_advice_that_works() -> 
     flight = laisn_sim.fly(mission(excess_buoyancy_n=trim))
     assert flight.outcome is Termination.COMPLETED
     assert np.abs(flight.trajectory.depth[:, 1] - 10.0).max() < 2.0
+
+
+def test_what_a_hull_holds_is_between_what_it_keeps_and_what_sinks_it() -> None:
+    """4 N are refused, and sink it; the stated force, or the speed that is advised, keep its
+    depth.
+    """
+    with pytest.raises(ScenarioError, match="4 N heavier") as caught:
+        laisn_sim.load(mission(excess_buoyancy_n=-4.0))
+    text = str(caught.value)
+    held = float(text.split("thrusters hold ")[1].split(" N")[0])
+    speed = float(text.split("or go at ")[1].split(" m/s")[0])
+    assert held < 4.0
+    sunk = simulate_motion(Scenario(**mission(excess_buoyancy_n=-4.0)))
+    assert sunk.depth[-1, 1] - 10.0 > 5.0
+    faster = [[0, 0, 0], [300, 300.0 * speed, 0]]
+    for vehicle in (
+        {"excess_buoyancy_n": -0.97 * held},
+        {"excess_buoyancy_n": -4.0, "waypoints": faster},
+    ):
+        flight = laisn_sim.fly(mission(**vehicle))
+        assert np.abs(flight.trajectory.depth[:, 1] - 10.0).max() < 1.0
 
 
 def test_a_light_hull_is_refused_too() -> None:
