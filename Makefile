@@ -25,8 +25,9 @@ test: $(VENV)/.dev  ## run the quick tests on all cores; PYTEST_ARGS="-n 0 -k wo
 test-all: $(VENV)/.dev  ## run these and those of whole commands, processes, films and documents
 	$(PYTEST) -m 'not typed' $(PYTEST_ARGS)
 
-fuzz: $(VENV)/.dev  ## search for counterexamples to the property tests with fresh seeds, for minutes
+fuzz: $(VENV)/.dev  ## search for counterexamples to the property tests, and for inputs that fail, with fresh seeds
 	$(BIN)/python -m pytest -n auto --dist worksteal -m hypothesis --hypothesis-profile fuzz $(PYTEST_ARGS)
+	$(BIN)/python -m tools.fuzz $(FUZZ_ARGS)
 
 typed: $(VENV)/.dev  ## run every block of the documents whole as typed, for hours
 	$(PYTEST) -m typed $(PYTEST_ARGS)

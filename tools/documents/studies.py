@@ -21,6 +21,7 @@ from tools.documents import (
     real_ranges,
     route_keeping,
     tight_limits,
+    vehicle_missions,
 )
 from tools.documents.markers import RECORDS
 
@@ -29,6 +30,7 @@ POINT_MOTION = {"set": {"motion": "kinematic", "followers.0.depth_m": 8.0}}
 STUDIES: dict[str, Callable[[Path], object]] = {
     "flights": flights.run,
     "hull-trials": hull_trials.run,
+    "vehicle-missions": vehicle_missions.run,
     "route-keeping": route_keeping.run,
     "coverage": coverage.run,
     "reproduce-physics": partial(run, "reproduce", {}),

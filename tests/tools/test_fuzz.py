@@ -1,0 +1,94 @@
+"""The search for inputs with faulty answers: none today, and what it would say of one."""
+
+from pathlib import Path
+
+import pytest
+
+from sim.gazebo import buoyancy
+from tests.sim.gazebo.imported import PROBE, changed
+from tools.fuzz.__main__ import KINDS, search
+from tools.fuzz.case import (
+    DONE,
+    INTERRUPTED,
+    LONGEST_S,
+    REFUSED,
+    Answer,
+    Case,
+    answer_to,
+    faults_of,
+)
+
+
+@pytest.mark.system
+@pytest.mark.usefixtures("no_plugins")
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_input_gets_a_faulty_answer(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    number = search(kind, 1, 4, tmp_path)
+    assert number == 0, capsys.readouterr().out
+
+
+NO_WATER = Case(
+    words=["hull", "--sdf", "a.sdf"],
+    files={
+        "a.sdf": changed(
+            PROBE,
+            (
+                "<uniform_fluid_density>1000</uniform_fluid_density>",
+                "<uniform_fluid_density>-1000</uniform_fluid_density>",
+            ),
+        ).encode()
+    },
+)
+"""A density that no fluid has."""
+
+
+def test_a_bug_in_the_program_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Such as an error that is none of the user's, where a density is looked at."""
+    assert faults_of(NO_WATER, answer_to(NO_WATER, tmp_path / "a")) == []
+    monkeypatch.setattr(buoyancy, "THINNEST", "a number")
+    answer = answer_to(NO_WATER, tmp_path / "a")
+    assert faults_of(NO_WATER, answer) == ["exit code 1", "a bug in the program"]
+
+
+def test_a_command_that_goes_on_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tools.fuzz.case.LONGEST_S", 0.2)
+
+    def for_ever(*_: object) -> None:
+        while True:
+            pass
+
+    monkeypatch.setattr("sim.gazebo.hull.from_sdf", for_ever)
+    answer = answer_to(NO_WATER, tmp_path / "a")
+    assert faults_of(NO_WATER, answer) == ["exit code -1"]
+    assert LONGEST_S > 0.2
+
+
+def answered(code: int, output: str = "a.csv: 1 error", files: tuple[str, ...] = ()) -> Answer:
+    return Answer(code, output, frozenset(files), 0.1)
+
+
+@pytest.mark.parametrize(
+    ("answer", "faults"),
+    [
+        (answered(DONE, "done", ("out.mcap",)), []),
+        (answered(DONE, "done"), ["did not write out.mcap"]),
+        (answered(REFUSED), []),
+        (answered(REFUSED, "no"), ["names none of a.csv"]),
+        (answered(REFUSED, "a.csv\n" * 61), ["a page of text"]),
+        (answered(REFUSED, "a.csv" * 500), ["a page of text"]),
+        (answered(REFUSED, files=("out.mcap",)), ["half-written out.mcap"]),
+        (answered(REFUSED, "  \n"), ["silent", "names none of a.csv"]),
+        (answered(DONE, "done", ("out.mcap", "b.tmp")), ["left b.tmp"]),
+        (answered(INTERRUPTED), ["exit code 130"]),
+    ],
+)
+def test_faults_of_answers(answer: Answer, faults: list[str]) -> None:
+    case = Case(words=["log", "import", "a.csv"], written=("out.mcap",), named=("a.csv",))
+    assert faults_of(case, answer) == faults
+
+
+def test_an_input_that_has_to_be_refused_may_not_succeed() -> None:
+    assert faults_of(Case(words=["x"], wrong=True), answered(DONE, "done")) == ["accepted"]
+    assert faults_of(Case(words=["x"], may_interrupt=True), answered(INTERRUPTED)) == []

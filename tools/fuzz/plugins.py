@@ -1,0 +1,97 @@
+"""Navigators of one's own that fail in every way, for `laisn check` and `laisn fly`."""
+
+from random import Random
+
+from tools.fuzz.case import Case
+
+_ACTIONS = (
+    "raise ValueError('x')",
+    "raise SystemExit(3)",
+    "import sys; sys.exit('bye')",
+    "return float('nan')",
+    "return None",
+    "return 'x'",
+    "return [1, 2]",
+    "return np.zeros((3, 7))",
+    "return np.full(9, np.nan)",
+    "return np.array(['a'])",
+    "return {}",
+    "return self",
+    "return object()",
+    "return Mine.run(self)",
+    "return (lambda f: f(f))(lambda f: f(f))",
+    "raise KeyboardInterrupt",
+    "raise type('E', (Exception,), {'__str__': lambda s: 1 / 0})()",
+    "raise type('E', (BaseException,), {})('base')",
+    "raise MemoryError",
+    "raise OSError(28, 'No space left')",
+    "raise StopIteration",
+    "raise GeneratorExit",
+    "assert False",
+    "1 / 0",
+    r"raise Exception('\x1b[31m' + 'x' * 100000)",
+    r"raise Exception('\ud800')",
+    "yield 1",
+    "import nosuchmodule",
+    "raise laisn_sim.LaisnError('mine')",
+    "return self.nosuch",
+)
+_TOPS = (
+    "raise ValueError('top')",
+    "raise SystemExit(5)",
+    "import nosuchmodule",
+    "def f(): return f()\nf()",
+    "x = (",
+    "\x00",
+    "raise KeyboardInterrupt",
+    "from laisn import nosuch",
+    "\tx = 1",
+    r"x = '\ud800'",
+    "(" * 200,
+    "x = " + "9" * 6000,
+    "return 3",
+    "# -*- coding: nosuch -*-",
+)
+_BASES = ("laisn_sim.OnlineNavigator", "object", "dict", "int", "Exception", "Nosuch", "type")
+_TAILS = ("Mine = 3", "Mine = None", "Mine = lambda *a, **k: None", "del Mine", "Mine = Mine()")
+_BODIES = ("x: int = 1", "step = 3", "__slots__ = ()", "def __repr__(self): 1 / 0")
+_PASS = {
+    "__init__": "self.arguments = a",
+    "step": "return None",
+    "run": "return None",
+}
+
+
+def _source(random: Random) -> str:
+    """A module with a class Mine."""
+    methods = {
+        name: random.choice(_ACTIONS) if random.random() < 0.6 else usual
+        for name, usual in _PASS.items()
+        if random.random() < 0.8
+    }
+    lines = ["import numpy as np", "import laisn_sim"]
+    if random.random() < 0.3:
+        lines.append(random.choice(_TOPS))
+    lines += [f"class Mine({random.choice(_BASES)}):"]
+    lines.append(f"    {random.choice(_BODIES) if random.random() < 0.3 else 'pass'}")
+    for name, action in methods.items():
+        lines += [f"    def {name}(self, *a, **k):", f"        {action}"]
+    if random.random() < 0.2:
+        lines.append(random.choice(_TAILS))
+    text = "\n".join(lines)
+    return text if random.random() > 0.05 else text[: random.randrange(len(text))]
+
+
+def make(random: Random) -> Case:
+    """A plugin, which a mission of a second uses."""
+    name = f"plugin_{random.randrange(10**9)}"
+    source = _source(random)
+    words = ["--plugin", f"{name}.py", "--set", f"navigation.variant={name}:Mine"]
+    fly = ["fly", "T7", "--no-video", "--out", "out", "--set", "motion=kinematic"]
+    words = random.choice((["check", "T7", *words], [*fly, "--set", "duration_s=1", *words]))
+    return Case(
+        words=words,
+        files={f"{name}.py": source.encode("utf-8", "surrogatepass")},
+        named=(name, "Mine"),
+        may_interrupt="KeyboardInterrupt" in source,
+    )

@@ -1,0 +1,170 @@
+"""Tables of a vehicle with columns, cells and bytes that are wrong, for `laisn log import`."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from random import Random
+
+from tools.fuzz.case import Case
+from tools.fuzz.values import WILD, damaged
+
+_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+_RECEIVED = ("leader_timestamp", "leader_east", "leader_north", "leader_heading", "leader_speed")
+_FIELDS = (
+    ("time", "speed", "heading", "depth"),
+    (*_RECEIVED, "leader_depth", "range_rear", "range_front"),
+)
+
+
+@dataclass
+class Column:
+    """A header and the cells below it."""
+
+    header: str
+    cells: list[str]
+
+
+def _headers(random: Random, unit: str, degrees: bool) -> dict[str, str]:
+    """Headers by field, some with units."""
+    headers = {}
+    for field in (*_FIELDS[0], *_FIELDS[1]):
+        suffixes = ["_m", " [m]", " (m)"]
+        if "heading" in field:
+            suffixes = ["_deg", " [deg]"] if degrees else ["_rad", " [rad]"]
+        elif "time" in field:
+            suffixes = [f"_{unit}", f" [{unit}]"]
+        elif "speed" in field:
+            suffixes = [" [m/s]"]
+        headers[field] = field + (random.choice(suffixes) if random.random() < 0.4 else "")
+    return headers
+
+
+def _columns(random: Random) -> list[Column]:
+    """A vehicle 20 m beside its leader, in any units."""
+    degrees = random.random() < 0.5
+    unit = random.choice(list(_SECOND))
+    step = random.choice((0.1, 0.2, 1.0))
+    speed = random.choice((0.5, 1.0, 3.0))
+    course = random.uniform(0.0, 2.0 * math.pi)
+    turn = random.choice((0.0, 0.0, 0.02))
+    begin = random.choice((0.0, 5.0, 1.7e9))
+    east = north = 0.0
+    rows = []
+    for k in range(1, random.choice((60, 120)) + 1):
+        course += turn * step
+        east += speed * step * math.sin(course)
+        north += speed * step * math.cos(course)
+        time = (begin + step * k) * _SECOND[unit]
+        heading = math.degrees(course % math.tau) if degrees else course % math.tau
+        row = [time, speed * (1.0 + random.gauss(0.0, 0.01)), heading, 8.0]
+        if k % max(1, round(1.0 / step)) == 0:
+            row += [time, east + 20.0 * math.cos(course), north - 20.0 * math.sin(course)]
+            row += [heading, speed, 8.0, 20.0 + random.gauss(0.0, 0.02), 20.0]
+        rows.append(row)
+    headers = _headers(random, unit, degrees)
+    return [
+        Column(header, [f"{row[i]:.12g}" if i < len(row) else "" for row in rows])
+        for i, header in enumerate(headers.values())
+    ]
+
+
+def _replace_cells(columns: list[Column], random: Random) -> None:
+    column = random.choice(columns)
+    for _ in range(random.choice((1, 5))):
+        column.cells[random.randrange(len(column.cells))] = random.choice(WILD)
+
+
+def _replace_header(columns: list[Column], random: Random) -> None:
+    column = random.choice(columns)
+    header = column.header
+    column.header = random.choice(
+        (f'"{header}', f"{header}[", f"{header} []", f"{header} [xx]", "", header * 300, "ra(nge")
+    )
+
+
+def _drop(columns: list[Column], random: Random) -> None:
+    columns.pop(random.randrange(len(columns)))
+
+
+def _swap(columns: list[Column], random: Random) -> None:
+    one, other = random.choices(columns, k=2)
+    one.cells, other.cells = other.cells, one.cells
+
+
+def _step_clock(columns: list[Column], random: Random) -> None:
+    shift = random.choice((-30.0, 30.0, -1.0, -1000.0, 1e6, -1e10))
+    at = random.randrange(len(columns[0].cells))
+    for i, cell in enumerate(columns[0].cells[at:], start=at):
+        if cell.replace(".", "").isdigit():
+            columns[0].cells[i] = f"{float(cell) + shift:.12g}"
+
+
+def _lose_cells(columns: list[Column], random: Random) -> None:
+    cells = random.choice(columns).cells
+    for i in random.sample(range(len(cells)), len(cells) // 3):
+        cells[i] = ""
+
+
+def _stand_still(columns: list[Column], random: Random) -> None:
+    column = random.choice(columns)
+    column.cells = [column.cells[0]] * len(column.cells)
+
+
+def _shuffle(columns: list[Column], random: Random) -> None:
+    random.shuffle(random.choice(columns).cells)
+
+
+def _change_unit(columns: list[Column], random: Random) -> None:
+    column = random.choice(columns)
+    field = random.choice(("heading", "leader_heading", "time", "leader_timestamp", "speed"))
+    column.header = field + random.choice((" [deg]", "_rad", " [ms]", " [kn]", " [parsec]"))
+
+
+def _negate(columns: list[Column], random: Random) -> None:
+    column = random.choice(columns)
+    column.cells = [f"-{cell}" if cell else "" for cell in column.cells]
+
+
+def _fill_cell(columns: list[Column], random: Random) -> None:
+    cells = random.choice(columns).cells
+    cells[random.randrange(len(cells))] = random.choice("1x ") * random.choice((1000, 140_000))
+
+
+CHANGES: tuple[Callable[[list[Column], Random], None], ...] = (
+    _replace_cells,
+    _replace_header,
+    _drop,
+    _swap,
+    _step_clock,
+    _lose_cells,
+    _stand_still,
+    _shuffle,
+    _change_unit,
+    _negate,
+    _fill_cell,
+)
+
+
+def make(random: Random) -> Case:
+    """A table with up to three faults, with a column twice, or with damaged bytes."""
+    columns = _columns(random)
+    doubled = random.random() < 0.1
+    if doubled:
+        column = random.choice(columns)
+        columns.append(Column(column.header, list(column.cells)))
+    else:
+        for change in random.choices(CHANGES, k=random.choice((0, 1, 1, 2, 3))):
+            change(columns, random)
+    delimiter = random.choice(",,,;\t|")
+    lines = [[column.header for column in columns]]
+    lines += [list(row) for row in zip(*(column.cells for column in columns), strict=True)]
+    text = "\n".join(delimiter.join(line) for line in lines)
+    content = text.encode("utf-8", "surrogatepass")
+    if not doubled and random.random() < 0.2:
+        content = damaged(content, random, 1)
+    return Case(
+        words=["log", "import", "in.csv", "--out", "out.mcap"],
+        files={"in.csv": content},
+        written=("out.mcap",),
+        wrong=doubled,
+    )
