@@ -33,7 +33,6 @@ _ACTIONS = (
     r"raise Exception('\ud800')",
     "yield 1",
     "import nosuchmodule",
-    "raise laisn_sim.LaisnError('mine')",
     "return self.nosuch",
 )
 _TOPS = (
