@@ -18,7 +18,8 @@ from experiments.flight.fly import fly
 from laisn_sim.cli.main import app
 from sim.flight import Termination
 from sim.scenario.file import ScenarioError
-from sim.trial import OFF_DEPTH_M, OFF_ROUTE_M, OFF_STATION_M
+from sim.tracking import off_station, station_keeping
+from sim.trial import OFF_DEPTH_M, OFF_ROUTE_M, OFF_STATION_M, trial
 from sim.vehicle.hull_file import from_dimensions
 from tools.documents import markers
 from tools.documents.vehicle_missions import ROLES, STATION, keeping, offs
@@ -59,6 +60,32 @@ def test_a_shipped_vehicle_keeps_to_the_figures_of_the_documents_or_is_warned_of
     assert kept.route_m <= most["route"]
     assert kept.depth_m <= most["depth"]
     assert kept.station_m <= most["station"]
+
+
+@pytest.mark.parametrize("model", ["leader", "remus100"])
+def test_stations_that_slow_turners_cannot_keep_are_named_before_the_flight(model: str) -> None:
+    """Thirty REMUS 100 in a grid of four layers, behind a leader that turns by a right angle, as
+    sharply as the project's or as they do. None is lost.
+    """
+    leader = {"model": model, "waypoints": [[0, 0, 0], [60, 60, 0], [210, 60, 150]]}
+    shape = {"kind": "grid", "count": 30, "layers": 4, "model": "remus100"}
+    table = {"duration_s": 210.0, "leader": leader, "formation": {"shape": shape}}
+    scenario = library.as_scenario(table | {"navigation": {"variant": "tight"}})
+    warnings = {line.split(":")[0]: line for line in trial(scenario)}
+    flight, _ = fly(scenario)
+    off = off_station(flight.scenario, flight.trajectory)
+    for i, name in enumerate(flight.trajectory.names[1:]):
+        kept = station_keeping(off[:, i], flight.trajectory.time)
+        assert not kept.lost
+        if name in warnings:
+            predicted = float(warnings[name].split("it is up to ")[1].split(" m off")[0])
+            assert kept.station_max_m == pytest.approx(predicted, abs=3.0)
+        else:
+            # estimates add to what the trial by the truth tells
+            assert kept.station_max_m < OFF_STATION_M + 1.0
+    # a leader that turns as its followers do leaves all on their stations
+    named = warnings.keys() & set(flight.trajectory.names[1:])
+    assert bool(named) == (model == "leader")
 
 
 def test_a_hull_that_hovers_stays_level_on_its_station() -> None:
