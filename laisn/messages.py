@@ -181,10 +181,10 @@ class Measurements(ArrayRecord):
     """Transmitters (east, north, depth) of each reception, shape (m, 3, 3), [m]; None: no
     message has them.
     """
-    own: Mapping[str, Floats] = field(default_factory=dict)
+    custom: Mapping[str, Floats] = field(default_factory=dict)
     """Readings of further sensors by their names, shape (n, …); NaN where there is none."""
     sensors: Mapping[str, SensorHeader] = field(default_factory=dict)
-    """Channels and rates of `own`, as far as they are declared."""
+    """Channels and rates of `custom`, as far as they are declared."""
     links: Mapping[str, LinkMessages] = field(default_factory=dict)
     """What was received of further links by their names."""
 
@@ -217,6 +217,11 @@ class Measurements(ArrayRecord):
         freeze_arrays(self)
 
     @property
+    def own(self) -> Mapping[str, Floats]:
+        """Older name of `custom`."""
+        return self.custom
+
+    @property
     def time(self) -> Floats:
         """Time of the filter steps since the start, shape (n,), [s]."""
         if self.durations is None:
@@ -243,11 +248,11 @@ class Measurements(ArrayRecord):
             for field in fields(self)
             if isinstance(value := getattr(self, field.name), np.ndarray)
         }
-        readings_of_part = {name: readings[first:last] for name, readings in self.own.items()}
+        readings_of_part = {name: readings[first:last] for name, readings in self.custom.items()}
         return replace(
             self,
             **parts | {"message_step": parts["message_step"] - first},
-            own=readings_of_part,
+            custom=readings_of_part,
             links={name: messages.part(first, last) for name, messages in self.links.items()},
         )
 
@@ -274,7 +279,7 @@ class Measurements(ArrayRecord):
         columns = (map(float, column) for column in (self.speed, self.heading, self.depth))
         for k, motion in enumerate(map(OwnMotion, *columns), start=1):
             i = arrival.get(k)
-            custom = {name: rows[k - 1] for name, rows in self.own.items()}
+            custom = {name: rows[k - 1] for name, rows in self.custom.items()}
             reading = motion._replace(custom=custom) if custom else motion
             if k in further:
                 receptions = {
@@ -292,9 +297,9 @@ class Measurements(ArrayRecord):
         return arrivals
 
     def reception(self, i: int) -> Reception:
-        """Message i = 0 … m − 1 with its ranges, and the readings of `own` at its step."""
+        """Message i = 0 … m − 1 with its ranges, and the readings of `custom` at its step."""
         places = None if self.transmitters is None else self.transmitters[i]
-        custom = {name: rows[self.message_step[i] - 1] for name, rows in self.own.items()}
+        custom = {name: rows[self.message_step[i] - 1] for name, rows in self.custom.items()}
         message = LeaderMessage(*self.message[i].tolist())
         ranges = Ranges(*self.ranges[i].tolist())
         return Reception(message, ranges, places, custom)

@@ -84,7 +84,7 @@ class NavigatorSpec:
     swarm: str = ""
     smoother: str = ""  # a class like `factory` with the lag [s] as third argument
     beacons: str = ""  # the class that stands for it in data sets, among beacons at rest
-    # that it needs beside log, compass, depth and ranges, as `sensors.own` names it
+    # that it needs beside log, compass, depth and ranges, as `sensors.custom` names it
     sensor: str = ""
     needs: tuple[str, ...] = ()  # names of readings that a user's navigator cannot do without
     # its errors come near the Cramér–Rao bound, so that campaigns compute that too
@@ -213,7 +213,7 @@ def code_of_navigators() -> list[str]:
     return sorted({str(name).partition(":")[0] for name in code if name} | {"laisn.swarm"})
 
 
-OWN_SECTION = "own"
+CUSTOM_SECTION = "custom"
 """Table of `navigation` that holds the settings of a user's own navigator."""
 
 
@@ -227,7 +227,7 @@ def _custom_spec(name: str) -> NavigatorSpec:
             "`covariance`, or with `run(measurements) -> Estimates`; its own settings are a class "
             "`Settings` in it that derives from laisn.settings.Settings"
         )
-    sections = (OWN_SECTION,) if settings is not NavigationSettings else ()
+    sections = (CUSTOM_SECTION,) if settings is not NavigationSettings else ()
     return NavigatorSpec(
         factory=factory,
         settings=settings,

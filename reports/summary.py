@@ -193,10 +193,8 @@ def route_events(flight: Flight) -> list[Event]:
     events = []
     for v, route in enumerate(routes_of(flight.scenario)):
         # stations have no route, and a controller of the user's own need not keep to it
-        if v and (
-            flight.scenario.followers[v - 1].station is not None
-            or flight.scenario.followers[v - 1].controller
-        ):
+        _, vehicle = flight.scenario.vehicles()[v]
+        if getattr(vehicle, "station", None) is not None or vehicle.controller:
             continue
         off = tracking.track_error(route, truth.time, truth.position[:, v, :2])
         k = int(np.argmax(off))

@@ -164,7 +164,7 @@ _LEADER = (
 
 def _custom_columns(measured: Measurements) -> Iterator[tuple[str, Floats]]:
     """Readings of further sensors as columns, shape (n,): names with units, angles in degrees."""
-    for sensor, readings in measured.own.items():
+    for sensor, readings in measured.custom.items():
         rows = readings.reshape(len(readings), -1)
         header = measured.sensors.get(sensor, SensorHeader())
         units = [channel.unit for channel in header.channels] or [""] * rows.shape[1]

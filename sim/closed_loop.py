@@ -49,7 +49,7 @@ from sim.sensing import observation, proximity
 from sim.sensing.acoustics import Motion, site_at
 from sim.sensing.links import further_links, navigated_link
 from sim.sensing.sensor import SensorDriver, VehicleState
-from sim.sensing.sensors import own_sensors, update_tilt_error
+from sim.sensing.sensors import custom_sensors, update_tilt_error
 from sim.simulation import (
     TICK,
     Mission,
@@ -653,7 +653,7 @@ def closed_loop_of(
     state.estimates.position = starts[:, :2] if settings[0].known_start else np.nan
     controlled = {i: f for i, f in enumerate(scenario.followers, 1) if f.controller}
     custom_control = CustomControl(controlled, plant, routes)
-    sensors = own_sensors(scenario)
+    sensors = custom_sensors(scenario)
     fleet = _fleet_of(scenario, plant, state)
     receivers = _receivers_of(scenario, fleet)
     leader = None

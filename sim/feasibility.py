@@ -39,7 +39,7 @@ from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S, Follower, Scenario, Vehicle, Video
 from sim.sea import require_sea
-from sim.sensing.sensors import own_sensors
+from sim.sensing.sensors import custom_sensors
 from sim.tracking import HULL_RADIUS_M, closest_stations
 from sim.vehicle.effector_kinds import MIN_STEERAGE_SPEED
 from sim.vehicle.effectors import fins_of
@@ -425,13 +425,13 @@ def _require_readings(scenario: Scenario) -> None:
     """LaisnError if a further sensor cannot be made, or the navigator needs one that is not
     there.
     """
-    names = [driver.name for driver in own_sensors(scenario)]
+    names = [driver.name for driver in custom_sensors(scenario)]
     spec = find(scenario.navigation.variant)
     missing = [name for name in spec.needs if name not in names]
     if missing:
         raise LaisnError(
-            f"navigator {spec.title} needs readings {', '.join(map(repr, missing))}; sensors.own "
-            f"gives {', '.join(map(repr, names)) or 'none'}"
+            f"navigator {spec.title} needs readings {', '.join(map(repr, missing))}; "
+            f"sensors.custom gives {', '.join(map(repr, names)) or 'none'}"
         )
 
 

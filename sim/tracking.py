@@ -130,7 +130,9 @@ def bounds_of(scenario: Scenario) -> MissionBounds:
     """Where a scenario's mission ends: at its floor and where fields end for all vehicles, far off
     its route for those that keep to one by the truth.
     """
-    by_estimate = [False, *(follower.guided_by_estimate for follower in scenario.followers)]
+    leader = scenario.leader
+    leader_elsewhere = bool(leader.controller) or leader.guidance_position == "estimate"
+    by_estimate = [leader_elsewhere, *(f.guided_by_estimate for f in scenario.followers)]
     stations = [False, *(follower.station is not None for follower in scenario.followers)]
     routes = tuple(
         None if estimated or station else route

@@ -37,9 +37,9 @@ from sim.scenario.settings import Acoustics, Leader, Navigation, Scenario, Senso
 from sim.sensing.observation import IdealMeasurements, measure, observe
 from sim.sensing.sensors import (
     SensorErrors,
+    custom_tables,
     further_errors_of,
     navigated_errors_of,
-    own_tables,
 )
 from sim.simulation import EndedError, simulate_motion
 from sim.trajectory import Trajectory
@@ -84,7 +84,8 @@ def motion_of(scenario: Scenario) -> Scenario:
     """The scenario with everything at its default that does not change how vehicles move, to be
     flown.
     """
-    leader = _without(scenario.leader, "broadcast_attitude", baseline_m=None, middle_offset_m=None)
+    of_messages = ("broadcast_attitude", "sensors")
+    leader = _without(scenario.leader, *of_messages, baseline_m=None, middle_offset_m=None)
     timing = _without(scenario.timing, "filter_step_s", "message_interval_s")
     return _without(
         content_of(scenario),
@@ -111,7 +112,7 @@ def _observed_of(scenario: Scenario, follower: int) -> Scenario:
     hidden = ("sensors", "name") if by_leader else ("sensors",)
     overrides = {
         "seed": 1,
-        "sensors": _without(sensors, *keys_per_run(Sensors), own=own_tables(scenario)),
+        "sensors": _without(sensors, *keys_per_run(Sensors), custom=custom_tables(scenario)),
         "followers": tuple(_without(member, *hidden) for member in scenario.followers),
         "leader": _without(scenario.leader, "sensors"),
         "links": () if by_leader else scenario.links,

@@ -28,7 +28,7 @@ from sim.simulation import keys_needing_closed_loop
 
 FOLLOWER = "follower"
 MOST_ENTRIES = 200_000
-_READINGS = re.compile(r"(acoustics|sensors)\.(?!own)")
+_READINGS = re.compile(r"(acoustics|sensors)\.(?!custom|own)")
 """Keys that change what sensors read, but neither motion nor feasibility."""
 _SHOWN = 1000  # least number of scenarios whose planning shows progress
 MOST_RUNS = 2**31 - LANES
@@ -327,7 +327,7 @@ class _Examination:
         return {
             name: self._sections.setdefault((name, value), value)
             for name, value in scenario
-            if isinstance(value, Section) and not getattr(value, "own", None)
+            if isinstance(value, Section) and not getattr(value, "custom", None)
         }
 
     def _where(self, point: Mapping[str, Any], arm: str, realization: int) -> str:

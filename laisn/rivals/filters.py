@@ -456,7 +456,7 @@ class InvertedUsbl(DeadReckoning):
         if reading is None or np.shape(reading) != (2,):
             raise LaisnError(
                 f"step {self._step}: the message has no azimuth and elevation of an inverted USBL; "
-                'flights with sensors.own = [{ sensor = "inverted-usbl" }] measure them'
+                'flights with sensors.custom = [{ sensor = "inverted-usbl" }] measure them'
             )
         azimuth, elevation = map(float, reading)
         transmitter = below[1]

@@ -305,7 +305,7 @@ def read(path: Path | str) -> Flight:
             Measurements(
                 dt=dt,
                 **_record(log, name, _measured_types(scenario), steps_ns),
-                own=_custom_readings(log, name, steps_ns, headers),
+                custom=_custom_readings(log, name, steps_ns, headers),
                 sensors=headers,
                 links=_links(log, name, steps_ns, headers),
             )
@@ -588,7 +588,7 @@ def read_recording(
         ranges=ranges[latest],
         durations=durations,
         transmitters=None if np.all(np.isnan(places)) else places[latest],
-        own={name: _at_steps(time_ns, *messages) for name, messages in custom.items()},
+        custom={name: _at_steps(time_ns, *messages) for name, messages in custom.items()},
         sensors={sensor: header for sensor, header in headers.items() if sensor in custom},
     )
     return Recording(measurements, tuple(remarks))

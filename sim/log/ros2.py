@@ -455,7 +455,7 @@ def _sensed(flown: _Flown, follower: int) -> Iterator[Topic]:
         {"header": {"frame_id": f"{name}/depth_sensor"}},
         pressure,
     )
-    for sensor, readings in m.own.items():
+    for sensor, readings in m.custom.items():
         rows = readings.reshape(n, -1)
         yield _numbers(
             flown,

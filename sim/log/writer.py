@@ -296,7 +296,7 @@ def _follower(
     name = flight.trajectory.names[f + 1]
     time_ns = clock.ns(m.dt * np.arange(1, m.speed.size + 1))
     yield from _of_vehicle(flight, name, (m, e), time_ns)
-    for sensor, readings in m.own.items():
+    for sensor, readings in m.custom.items():
         rows = readings.reshape(len(readings), -1)
         header = m.sensors.get(sensor, SensorHeader())
         type_ = schema.custom_reading(sensor, header.names(rows.shape[1]))

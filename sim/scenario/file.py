@@ -6,6 +6,7 @@ import difflib
 import json
 import re
 import tomllib
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
@@ -16,7 +17,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import to_json
 
 import models
-from laisn.errors import ROWS, LaisnError, plain, screenful, shortened
+from laisn.errors import ROWS, LaisnError, LaisnWarning, plain, screenful, shortened
 from sim.scenario.section import PATTERNS, Because
 from sim.scenario.settings import KEYS_ALONE, Scenario
 from sim.scenario.vehicles import is_mjcf
@@ -350,6 +351,43 @@ def with_file_paths(table: dict[str, Any], folder: Path) -> dict[str, Any]:
     return table
 
 
+_RENAMED = {
+    "sensors.own": "sensors.custom",
+    "navigation.own": "navigation.custom",
+    "ocean.current.own": "ocean.current.custom",
+}
+"""Keys by their older names, which are accepted with a note."""
+
+
+def _note_renamed(old: str) -> None:
+    warnings.warn(f"{old} is now called {_RENAMED[old]}", LaisnWarning, stacklevel=3)
+
+
+def _with_new_names(table: dict[str, Any]) -> dict[str, Any]:
+    """A table with what stands at older names of keys at the new ones."""
+    for old, new in _RENAMED.items():
+        *path, name = old.split(".")
+        target: Any = table
+        for key in path:
+            target = target.get(key) if isinstance(target, dict) else None
+        if isinstance(target, dict) and name in target:
+            renamed = new.rpartition(".")[2]
+            moved = {renamed if k == name else k: value for k, value in target.items()}
+            table = plain_values(table)
+            _put(table, ".".join(path), moved)
+            _note_renamed(old)
+    return table
+
+
+def _new_name(key: str) -> str:
+    """A dotted key by its new name."""
+    for old, new in _RENAMED.items():
+        if key == old or key.startswith(f"{old}."):
+            _note_renamed(old)
+            return f"{new}{key.removeprefix(old)}"
+    return key
+
+
 def scenario_or_errors(
     table: dict[str, Any],
     further: Callable[[Scenario], Iterable[str]] = lambda _: (),
@@ -359,7 +397,8 @@ def scenario_or_errors(
     `validate`.
     """
     try:
-        scenario = Scenario.model_validate_json(to_json(table), context=KEYS_ALONE)
+        renamed = to_json(_with_new_names(table))
+        scenario = Scenario.model_validate_json(renamed, context=KEYS_ALONE)
     except ValidationError as error:
         return None, lines_of(error, where)
     return scenario, [f"  {text}" for text in (*scenario.inconsistencies(), *further(scenario))]
@@ -510,9 +549,9 @@ def assigned(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str,
     """A copy of a table with values put at dotted keys, such as `followers.0.depth_m`, or
     `followers.*.depth_m` for all; ScenarioError if a key leads through what is no table or list.
     """
-    result: dict[str, Any] = plain_values(table)
+    result: dict[str, Any] = _with_new_names(plain_values(table))
     for name, value in settings.items():
-        for key in _each(result, str(name).strip()):
+        for key in _each(result, _new_name(str(name).strip())):
             _put(result, key, plain_values(value))
     return result
 

@@ -18,7 +18,7 @@ from pydantic import (
 
 from laisn import settings as assumptions
 from laisn.errors import LaisnError
-from laisn.navigators import NAVIGATORS, OWN_SECTION, find
+from laisn.navigators import CUSTOM_SECTION, NAVIGATORS, find
 from laisn.plugins import is_plugin_name
 from laisn.settings import (
     VARIANTS,
@@ -97,7 +97,7 @@ class Beacons(FurtherKeys):
     )
 
 
-class Own(Section):
+class Custom(Section):
     """Settings of an own navigator, `variant = "module:Class"`: fields of its `Settings`, with
     or without unit.
     """
@@ -130,7 +130,7 @@ class Navigation(FurtherKeys):
     assume: Assume = Assume()
     rival: Rival = Rival()
     beacons: Beacons = Beacons()
-    own: Own | None = None
+    custom: Custom | None = None
     use_attitude: bool = Field(
         NavigationSettings.use_attitude,
         description="place transmitters by the broadcast pitch and roll; default with stations: "
@@ -159,7 +159,9 @@ class Navigation(FurtherKeys):
 
     def _section(self) -> dict[str, Any]:
         """Keys that belong to the navigator alone; its code is not imported."""
-        names = NAVIGATORS[self.variant].sections if self.variant in NAVIGATORS else (OWN_SECTION,)
+        names = (
+            NAVIGATORS[self.variant].sections if self.variant in NAVIGATORS else (CUSTOM_SECTION,)
+        )
         sections = (getattr(self, name) for name in names)
         return {
             key: value
@@ -175,12 +177,12 @@ class Navigation(FurtherKeys):
         section.
 
         By the speed of sound that it assumes errors of a clock become ranges. LaisnError if there
-        is no such navigator, or a key of `own` is none of its settings.
+        is no such navigator, or a key of `custom` is none of its settings.
         """
         spec = find(self.variant)
         names = {field.name for field in fields(spec.settings)}
-        if OWN_SECTION in spec.sections:
-            return self._own_settings(spec.settings, names, defaults or {})
+        if CUSTOM_SECTION in spec.sections:
+            return self._custom_settings(spec.settings, names, defaults or {})
         values = dict(defaults or {})
         for name in spec.sections:
             values |= in_si(dict(getattr(self, name)))
@@ -194,7 +196,7 @@ class Navigation(FurtherKeys):
             values.pop("variant", None)
         return _made(spec.settings, values)
 
-    def _own_settings(
+    def _custom_settings(
         self, kind: type[Settings], names: set[str], defaults: Mapping[str, Any]
     ) -> Settings:
         section = in_si(self._section(), names)
@@ -204,7 +206,7 @@ class Navigation(FurtherKeys):
                 ", ".join(sorted(names - {field.name for field in fields(Settings)})) or "none"
             )
             raise LaisnError(
-                f"navigation.own: {self.variant} has no {', '.join(sorted(unknown))}; it has: "
+                f"navigation.custom: {self.variant} has no {', '.join(sorted(unknown))}; it has: "
                 f"{available}"
             )
         values = {name: value for name, value in {**defaults, **section}.items() if name in names}
@@ -212,7 +214,7 @@ class Navigation(FurtherKeys):
             return TypeAdapter(kind).validate_python(values)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
-            key = ".".join(map(str, ("navigation.own", *first["loc"])))
+            key = ".".join(map(str, ("navigation.custom", *first["loc"])))
             raise LaisnError(f"{key}: {first['msg'].removeprefix('Value error, ')}") from None
 
     @field_validator("variant")

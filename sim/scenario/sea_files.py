@@ -85,7 +85,7 @@ class CurrentSource(SeaFile):
     model: Annotated[str, Field(pattern=OWN_CLASS)] | None = Field(
         None, description="own class, module:Class"
     )
-    own: CustomKeys = CustomKeys()
+    custom: CustomKeys = CustomKeys()
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:

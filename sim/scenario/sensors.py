@@ -51,7 +51,7 @@ class OwnSensors(Section):
     tilt_sigma_deg: Sigma = Field(0.5, description="of the inclinometer, for followers on stations")
 
 
-class OwnSensor(Section):
+class CustomSensor(Section):
     """A further sensor. Other keys are fields of its class, with or without unit."""
 
     model_config = ConfigDict(extra="allow")
@@ -67,7 +67,7 @@ class OwnSensor(Section):
 class Sensors(OwnSensors):
     """True errors of all sensors, not passed to navigators."""
 
-    own: Annotated[tuple[OwnSensor, ...], LISTED] = Field(
+    custom: Annotated[tuple[CustomSensor, ...], LISTED] = Field(
         (), description="further sensors of each follower, shipped or your own"
     )
     leader_speed_bias_m_s: SpeedBias = 0.0
@@ -106,7 +106,7 @@ else:
         "VehicleSensors",
         __base__=Section,
         __doc__="Errors of one vehicle's own sensors. Keys and defaults of a follower: `[sensors]` "
-        "without `own` and `leader_…`; of the leader: `sensors.leader_…` where there is such a "
+        "without `custom` and `leader_…`; of the leader: `sensors.leader_…` where there is such a "
         "key, and no drift.",
         **{
             name: (

@@ -253,7 +253,7 @@ class MeasurementRecord(NamedTuple):
             message=self.message[follower, messages],
             ranges=self.ranges[follower, messages],
             transmitters=None if places is None else np.tile(places, (messages.stop, 1, 1)),
-            own=custom,
+            custom=custom,
             sensors=headers,
             links=dict(links),
         )
@@ -688,7 +688,7 @@ class IdealMeasurements:
     slant_range: Floats
     echo_range: Floats | None = None  # by surface and bottom, shape (2, m, 3), [m]; None: no echoes
     # further sensors, and their true readings (n, …)
-    own: tuple[tuple[SensorDriver, Floats], ...] = ()
+    custom: tuple[tuple[SensorDriver, Floats], ...] = ()
     transmitters: int = 3  # how many the sender has
     places: Floats | None = None
     """East, north and depth of beacons, shape (3, 3), [m], NaN for none; None of a vehicle."""
@@ -757,7 +757,7 @@ def observe(
 
     def custom() -> Iterator[tuple[SensorDriver, Floats]]:
         """Further sensors and their true readings."""
-        drivers = sensors.own_sensors(scenario)
+        drivers = sensors.custom_sensors(scenario)
         if not drivers:
             return
         source = np.full((n, 3, 3), np.nan)
@@ -790,7 +790,7 @@ def observe(
         sent=sound.content.view(MESSAGE).reshape(-1).view(np.recarray),
         slant_range=sound.ranges[:, :, Path.DIRECT],
         echo_range=np.moveaxis(sound.ranges[:, :, Path.SURFACE :], 2, 0),
-        own=tuple(custom()),
+        custom=tuple(custom()),
         transmitters=3 if link is None else link.transmitters,
         places=None if link is None else link.places,
         further=tuple(
@@ -936,7 +936,7 @@ def measure(
     readings[2][:, truth.transmitters :] = np.nan
     lost = truth.message_step[np.isnan(readings[2]).all(axis=1)] - 1
     custom = {}
-    for driver, values in truth.own:
+    for driver, values in truth.custom:
         draws = driver.draws(seed, run, follower, np.arange(1, n + 1))
         custom_readings = driver.read(values, draws)
         if driver.acoustic:
@@ -951,8 +951,8 @@ def measure(
         message=readings[1],
         ranges=readings[2],
         transmitters=None if truth.places is None else np.tile(truth.places, (m, 1, 1)),
-        own=custom,
-        sensors={driver.name: driver.header for driver, _ in truth.own},
+        custom=custom,
+        sensors={driver.name: driver.header for driver, _ in truth.custom},
         links={
             link.name: _measure_link(
                 link, (further or {}).get(link.name, errors), address, (transmitters, truth.dt)

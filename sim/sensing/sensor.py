@@ -3,7 +3,7 @@
 Sensors of this project and of users' are declared alike: name, channels with units, noise and rate
 are attributes of a class; `true` gives what it would read without errors, `read` adds the errors.
 Compiled code calls the methods of those that every follower and the leader have
-(`sim.sensing.sensors`); Python calls those that a scenario lists in `[[sensors.own]]`, by the
+(`sim.sensing.sensors`); Python calls those that a scenario lists in `[[sensors.custom]]`, by the
 `SensorDriver` here, in closed loops and finished missions alike.
 """
 
@@ -167,7 +167,7 @@ def header_of(sensor: Any) -> SensorHeader:
 
 @dataclass(frozen=True, kw_only=True)
 class SensorDriver:
-    """Reads a sensor of a scenario's `[[sensors.own]]`, at filter steps.
+    """Reads a sensor of a scenario's `[[sensors.custom]]`, at filter steps.
 
     Also one that reads arrays: `true(state)` without an environment gets the states at n instants
     and gives n rows, and `read(true, normals)` rows of them.
@@ -304,12 +304,12 @@ def require_distinct(drivers: Sequence[SensorDriver]) -> None:
     for first, second in combinations(drivers, 2):
         if first.name == second.name:
             raise LaisnError(
-                f"sensors.own: {first.kind} and {second.kind} are both named {first.name!r}; "
+                f"sensors.custom: {first.kind} and {second.kind} are both named {first.name!r}; "
                 "expected different names"
             )
         if first.sensor.stream == second.sensor.stream:
             raise LaisnError(
-                f"sensors.own: {first.kind} and {second.kind} both have stream = "
+                f"sensors.custom: {first.kind} and {second.kind} both have stream = "
                 f"{first.sensor.stream}; expected another one of {CUSTOM_STREAMS[0]} … "
                 f"{CUSTOM_STREAMS[-1]}"
             )

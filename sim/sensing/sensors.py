@@ -4,7 +4,7 @@ which they read.
 Sensors are declared as `sim.sensing.sensor.Sensor`. One set of formulas of numbers serves closed
 loops, finished missions (both by `sim.sensing.observation`) and runs side by side
 (`experiments.campaign.lane_flight`). `e` is a record of ERRORS or `SensorErrors`. Further sensors
-of a follower come from tables `[[sensors.own]]` of a scenario.
+of a follower come from tables `[[sensors.custom]]` of a scenario.
 
 Messages are lost by the two-state chain of Gilbert (Bell System Technical Journal 39, 1960) and
 Elliott (ibid. 42, 1963). The leader measures pitch and roll by an inclinometer, which takes the
@@ -39,7 +39,7 @@ from laisn.swarm import READING
 from sim.attitude import body_point_in_world, heading_of, pitch_of, roll_of, rotated
 from sim.scenario.section import in_si
 from sim.scenario.sensors import Acoustics, Sensors
-from sim.scenario.sensors import OwnSensor as CustomSensorTable
+from sim.scenario.sensors import CustomSensor as CustomSensorTable
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.links import Link, named_link, navigated_link
 from sim.sensing.noise import Address, Stream, uniforms_at
@@ -156,7 +156,7 @@ def _values(sensors: Sensors, acoustics: Acoustics) -> dict[str, Any]:
     declared = {
         name: value
         for name, value in in_units.items()
-        if name not in ("own", "sound_speed_profile") and not name.startswith(_DERIVED)
+        if name not in ("custom", "sound_speed_profile") and not name.startswith(_DERIVED)
     }
     tilt = random_error(sensors)
     towards = np.deg2rad(sensors.leader_position_drift_deg)
@@ -647,10 +647,10 @@ SHIPPED: dict[str, type[Sensor]] = {
 """Sensors of this project that a scenario may list, by their names there."""
 
 
-def own_tables(scenario: Scenario) -> tuple[Any, ...]:
+def custom_tables(scenario: Scenario) -> tuple[Any, ...]:
     """Tables of a scenario's further sensors: its own, after the one that its navigator needs."""
     variant = scenario.navigation.variant
-    tables = scenario.sensors.own
+    tables = scenario.sensors.custom
     needed = NAVIGATORS[variant].sensor if variant in NAVIGATORS else ""
     is_listed = not needed or any(table.sensor == needed for table in tables)
     return tables if is_listed else (CustomSensorTable(sensor=needed), *tables)
@@ -663,16 +663,16 @@ def _made_sensor(table: Any) -> Any:
     try:
         return sensor_class(**in_si(table.model_extra or {}, fields))
     except TypeError as error:
-        raise LaisnError(f"sensors.own: {table.sensor}: {error}") from None
+        raise LaisnError(f"sensors.custom: {table.sensor}: {error}") from None
 
 
-def own_sensors(scenario: Scenario) -> tuple[SensorDriver, ...]:
+def custom_sensors(scenario: Scenario) -> tuple[SensorDriver, ...]:
     """A scenario's further sensors; LaisnError if one cannot be found, does not have a key of its
     table or is not declared as it must be, or if two have one name or one stream of noise.
     """
     dt = scenario.timing.filter_step_s
-    drivers = [SensorDriver(sensor=_made_sensor(table), dt=dt) for table in scenario.sensors.own]
-    needed = own_tables(scenario)[: -len(drivers) or None]
+    drivers = [SensorDriver(sensor=_made_sensor(table), dt=dt) for table in scenario.sensors.custom]
+    needed = custom_tables(scenario)[: -len(drivers) or None]
     for table in needed:
         driver = SensorDriver(sensor=_made_sensor(table), dt=dt)
         # a user's sensor of the same name takes its place

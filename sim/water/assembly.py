@@ -108,7 +108,7 @@ def _custom_current(scenario: Scenario) -> CustomCaller | None:
         return None
     current_class = find_class("current", current.model, "velocity")
     fields = getattr(current_class, "__dataclass_fields__", ())
-    keys = in_si(current.own.model_extra or {}, fields)
+    keys = in_si(current.custom.model_extra or {}, fields)
     try:
         with calling(f"current {current.model}"):
             caller = CustomCaller(current_class(**keys))

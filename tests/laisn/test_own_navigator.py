@@ -51,7 +51,7 @@ def run(line: str) -> str:
 def test_it_flies_and_replays_by_its_name() -> None:
     run(
         "fly reckoned.toml --plugin dead_reckoning.py --no-video --out out --set "
-        "navigation.own.current_east_m_s=0.25"
+        "navigation.custom.current_east_m_s=0.25"
     )
     flight = laisn_sim.read_log("out/flight.mcap")
     (own,), (measured,) = flight.estimates, flight.measurements
@@ -63,7 +63,7 @@ def test_it_flies_and_replays_by_its_name() -> None:
         east - measured.dt * (measured.speed[0] * np.sin(measured.heading[0]) + 0.25)
     )
     np.testing.assert_allclose(own.state[0, :2], first[:2], atol=0.5)
-    again = laisn_sim.navigate(flight, {"navigation.own.current_east_m_s": 0.0})
+    again = laisn_sim.navigate(flight, {"navigation.custom.current_east_m_s": 0.0})
     shift = own.state[:, 0] - again.estimates[0].state[:, 0]
     np.testing.assert_allclose(shift, 0.25 * measured.time, atol=1e-9)
     assert f"replayed, {NAME}" in run(f"replay out/flight.mcap --variant {NAME}")
@@ -107,11 +107,11 @@ def test_the_key_of_its_results_holds_its_source(folder: Path) -> None:
         ({"navigation.variant": "inverted_usbl:InvertedUsbl"}, "expected a class with `step("),
         ({"navigation.variant": "laisn-4"}, "'beacons' or 'module:Class' of a plugin"),
         (
-            {"navigation.own.current_east_m_s": "fast"},
-            "navigation.own.current_east: Input should be a valid number",
+            {"navigation.custom.current_east_m_s": "fast"},
+            "navigation.custom.current_east: Input should be a valid number",
         ),
         (
-            {"navigation.own.curent_east_m_s": 1.0},
+            {"navigation.custom.curent_east_m_s": 1.0},
             "has no curent_east; it has: current_east, current_north",
         ),
     ],
@@ -180,7 +180,7 @@ def test_a_scenario_or_a_log_loads_no_code(
         with pytest.raises(LaisnError, match=r"--plugin mine.py|'module:Class' of a plugin"):
             laisn_sim.load("T5", {"navigation.variant": name})
     with pytest.raises(LaisnError, match=r"--plugin mine.py"):
-        laisn_sim.load("T5", {"sensors.own": [{"sensor": "mine:Filter"}]})
+        laisn_sim.load("T5", {"sensors.custom": [{"sensor": "mine:Filter"}]})
     assert not (tmp_path / "ran").exists()
     laisn_sim.load_plugin("mine.py")
     assert (tmp_path / "ran").exists()
@@ -215,7 +215,7 @@ def test_followers_that_steer_by_it_need_its_step() -> None:
 
 EXACT = {
     "duration_s": 20.0,
-    "sensors.own": [{"sensor": "inverted_usbl:InvertedUsbl", "angle_sigma_deg": 0.0}],
+    "sensors.custom": [{"sensor": "inverted_usbl:InvertedUsbl", "angle_sigma_deg": 0.0}],
 }
 
 
@@ -228,15 +228,15 @@ def test_a_sensor_reads_the_direction_of_a_ping_in_the_hull() -> None:
     (measured,), truth = flight.measurements, flight.trajectory
     at = measured.message_step
     away = truth.site_path("leader/tx_front")[at] - truth.site_path("follower/hydrophone")[at]
-    azimuth, elevation = measured.own["bearing"][at - 1].T
+    azimuth, elevation = measured.custom["bearing"][at - 1].T
     assert np.cos(truth.heading[at, 1] + azimuth - np.arctan2(*away[:, :2].T)) == pytest.approx(
         1.0, abs=1e-9
     )
     assert elevation == pytest.approx(np.arctan2(away[:, 2], np.hypot(*away[:, :2].T)), abs=1e-9)
-    assert np.isfinite(measured.own["bearing"]).all(axis=1).sum() == at.size
+    assert np.isfinite(measured.custom["bearing"]).all(axis=1).sum() == at.size
     part = excerpt(flight, 5.0, 15.0)
     np.testing.assert_array_equal(
-        part.measurements[0].own["bearing"], measured.own["bearing"][50:150]
+        part.measurements[0].custom["bearing"], measured.custom["bearing"][50:150]
     )
 
 
@@ -248,9 +248,9 @@ def test_its_errors_are_those_of_its_stream_and_are_lost_with_the_message() -> N
     at = exact.message_step - 1
     received = np.isfinite(exact.ranges).any(axis=1)
     assert 0 < received.sum() < at.size
-    np.testing.assert_array_equal(np.isfinite(noisy.own["bearing"][at, 0]), received)
+    np.testing.assert_array_equal(np.isfinite(noisy.custom["bearing"][at, 0]), received)
     drawn = normals(1, 3, 16, np.arange(1, 201))[at[received]]
-    found = (noisy.own["bearing"] - exact.own["bearing"])[at[received]]
+    found = (noisy.custom["bearing"] - exact.custom["bearing"])[at[received]]
     np.testing.assert_allclose(found, np.deg2rad(1.0) * drawn, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(noisy.speed, exact.speed)
 
@@ -276,7 +276,7 @@ def test_the_key_of_a_result_holds_the_source_of_its_sensors(folder: Path) -> No
     (folder / "another_usbl.py").write_text((folder / "inverted_usbl.py").read_text())
     laisn_sim.load_plugin("another_usbl.py")
     scenario = laisn_sim.load(
-        "usbl.toml", {"sensors.own": [{"sensor": "another_usbl:InvertedUsbl"}]}
+        "usbl.toml", {"sensors.custom": [{"sensor": "another_usbl:InvertedUsbl"}]}
     )
     before = key_of(scenario)
     (folder / "another_usbl.py").write_text(
@@ -297,12 +297,12 @@ def test_the_key_of_a_result_holds_the_source_of_its_sensors(folder: Path) -> No
             {"sensor": "inverted_usbl:InvertedUsbl", "range_sigma_m": 1.0},
             "unexpected keyword argument 'range_sigma'",
         ),
-        ({"sensor": "inverted_usbl"}, r"sensors.own\[0\].sensor"),
+        ({"sensor": "inverted_usbl"}, r"sensors.custom\[0\].sensor"),
     ],
 )
 def test_missing_methods_of_a_sensor_are_reported(own: dict[str, object], expected: str) -> None:
     with pytest.raises(LaisnError, match=expected):
-        laisn_sim.load("usbl.toml", {"sensors.own": [own]})
+        laisn_sim.load("usbl.toml", {"sensors.custom": [own]})
 
 
 def test_all_code_that_the_registry_names_is_there() -> None:

@@ -337,7 +337,7 @@ class Sensor:
 )
 def test_a_sensor_that_reads_something_else_is_named(value: str, expected: str) -> None:
     Path("mynav.py").write_text(SENSOR.format(value=value))
-    own = ["--set", "sensors.own=[{sensor='mynav:Sensor'}]"]
+    own = ["--set", "sensors.custom=[{sensor='mynav:Sensor'}]"]
     result = command("fly", "T5", *OPTIONS, "--set", "navigation.variant=ekf", *own, "--no-video")
     assert (result.exit_code, expected in result.output) == (2, True), result.output
 
@@ -345,6 +345,6 @@ def test_a_sensor_that_reads_something_else_is_named(value: str, expected: str) 
 @pytest.mark.usefixtures("folder")
 def test_a_sensor_that_lacks_a_part_is_refused_before_the_flight() -> None:
     Path("mynav.py").write_text(SENSOR.format(value="0").replace("stream = 20", ""))
-    own = ["--set", "sensors.own=[{sensor='mynav:Sensor'}]"]
+    own = ["--set", "sensors.custom=[{sensor='mynav:Sensor'}]"]
     result = command("check", "T5", *own)
     assert (result.exit_code, "mynav:Sensor has no stream" in result.output) == (2, True)

@@ -427,8 +427,10 @@ def test_a_rival_gives_the_same_step_by_step_as_over_a_mission(name: str, flight
 
 
 def test_a_shipped_usbl_is_there_for_its_navigator_alone(flight: Any) -> None:
-    assert flight.measurements[0].own["bearing"].shape == (600, 2)
-    assert not laisn_sim.fly("T7", {"motion": "kinematic", "duration_s": 2.0}).measurements[0].own
+    assert flight.measurements[0].custom["bearing"].shape == (600, 2)
+    assert (
+        not laisn_sim.fly("T7", {"motion": "kinematic", "duration_s": 2.0}).measurements[0].custom
+    )
     sensor = {
         "sensor": "inverted-usbl",
         "azimuth_sigma_deg": 0.0,
@@ -436,14 +438,14 @@ def test_a_shipped_usbl_is_there_for_its_navigator_alone(flight: Any) -> None:
         "elevation_sigma_deg": 0.0,
     }
     exact = laisn_sim.fly(
-        "T7", {"motion": "kinematic", "duration_s": 20.0, "sensors.own": [sensor]}
+        "T7", {"motion": "kinematic", "duration_s": 20.0, "sensors.custom": [sensor]}
     )
     (measured,), truth = exact.measurements, exact.trajectory
     away = truth.site_path("leader/tx_front") - truth.site_path("follower/hydrophone")
     direction = (
         np.arctan2(*away[measured.message_step, :2].T) - truth.heading[measured.message_step, 1]
     )
-    found = measured.own["bearing"][measured.message_step - 1, 0]
+    found = measured.custom["bearing"][measured.message_step - 1, 0]
     np.testing.assert_allclose(
         np.cos(found - direction), np.cos(np.deg2rad(2.0)), rtol=0, atol=1e-9
     )

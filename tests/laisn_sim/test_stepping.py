@@ -221,8 +221,8 @@ def test_an_inverted_usbl_in_a_closed_loop_reads_what_it_logs() -> None:
         for name, reception in sim.receptions.items():
             read[name].append(reception.bearing if reception else (np.nan, np.nan))
     for name, measured in zip(read, sim.flight().measurements, strict=True):
-        np.testing.assert_array_equal(read[name], measured.own["bearing"])
-        assert np.isfinite(measured.own["bearing"]).all(axis=1).sum() > 10
+        np.testing.assert_array_equal(read[name], measured.custom["bearing"])
+        assert np.isfinite(measured.custom["bearing"]).all(axis=1).sum() > 10
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -256,12 +256,12 @@ class ByDvl(Shaky):
 def test_a_sensor_of_the_users_is_read_used_and_kept_in_a_closed_loop(tmp_path: Path) -> None:
     from laisn.plugins import register
 
-    sensors = {"own": [{"sensor": register(Dvl), "sigma": 0.02}]}
+    sensors = {"custom": [{"sensor": register(Dvl), "sigma": 0.02}]}
     table = {**CLOSED, "duration_s": 10.0, "sensors": sensors}
     ByDvl.made.clear()
     flight = laisn_sim.fly(table, navigator=ByDvl)
     for i, measured in enumerate(flight.measurements):
-        dvl = measured.own["dvl"]
+        dvl = measured.custom["dvl"]
         assert dvl.shape == (100, 2)
         speed = np.hypot(*flight.trajectory.velocity[1:, i + 1, :2].T)
         error = dvl[:, 0] - speed
@@ -270,7 +270,7 @@ def test_a_sensor_of_the_users_is_read_used_and_kept_in_a_closed_loop(tmp_path: 
         np.testing.assert_array_equal(ByDvl.made[i].seen, dvl[-1])
     read = laisn_sim.read_log(laisn_sim.write_log(flight, tmp_path / "dvl.mcap"))
     for measured, logged in zip(flight.measurements, read.measurements, strict=True):
-        np.testing.assert_array_equal(logged.own["dvl"], measured.own["dvl"])
+        np.testing.assert_array_equal(logged.custom["dvl"], measured.custom["dvl"])
 
 
 def test_observers_get_each_instant_once_in_order() -> None:

@@ -125,7 +125,9 @@ def test_readings_and_estimates_are_those_of_the_finished_mission(
     received = [k for k, r in enumerate(readings, start=1) if r.reception is not None]
     assert received == measured.message_step.tolist()
     bearings = [readings[k - 1].reception.bearing for k in received]
-    np.testing.assert_allclose(bearings, measured.own["bearing"][np.array(received) - 1], atol=1e-9)
+    np.testing.assert_allclose(
+        bearings, measured.custom["bearing"][np.array(received) - 1], atol=1e-9
+    )
     # 5° and the mean of a one-sided error of 2°, within some standard deviations of an azimuth
     assert np.rad2deg(beliefs[-1].compass_bias) == pytest.approx(
         5.0 + 2.0 * np.sqrt(2.0 / np.pi), abs=3.0

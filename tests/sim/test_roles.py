@@ -38,7 +38,7 @@ LINE = [[0.0, 0.0, -20.0], [100.0, 80.0, 40.0]]
 MISSION: dict[str, Any] = {
     "duration_s": 12.0,
     "acoustics": {**LITTLE_NOISE, "travel_time": True, "clock_offset_s": 0.002},
-    "sensors": {"own": [{"sensor": "gyros"}]},
+    "sensors": {"custom": [{"sensor": "gyros"}]},
     "leader": {
         "hydrophone_m": HYDROPHONE,
         "broadcast_position": "estimate",
@@ -200,7 +200,7 @@ def test_an_answer_holds_what_its_table_says(flown: Flight) -> None:
     step = np.floor(answers.message[:, TIME] / 0.1 + 1e-6).astype(int)
     measured = flown.measurements[1]
     np.testing.assert_array_equal(answers.message[:, DEPTH], measured.depth[step - 1])
-    np.testing.assert_array_equal(answers.content["gyros"], measured.own["gyros"][step - 1])
+    np.testing.assert_array_equal(answers.content["gyros"], measured.custom["gyros"][step - 1])
     state = flown.estimates[1].state[step - 1]
     ahead = answers.message[:, TIME] - 0.1 * step
     expected = state[:, :2] + ahead[:, None] * state[:, 2:]

@@ -235,14 +235,14 @@ def test_what_the_keys_leave_out_changes_nothing() -> None:
                 ("leader", "navigation"),
                 ("leader", "route"),
                 ("navigation", "further_links"),
-                ("navigation", "own"),
+                ("navigation", "custom"),
                 ("ocean", "origin"),
                 ("ocean", "current"),
                 ("ocean", "floor"),
                 ("ocean", "sound_speed"),
                 ("links",),
                 ("navigation", "link"),
-                ("sensors", "own"),
+                ("sensors", "custom"),
             }:
                 continue
             other = changed(base, leaf)

@@ -29,7 +29,7 @@ def refusal(*arguments: str) -> str:
         ("navigation.variant=laisn3-2", "did you mean 'laisn-3-2'?"),
         ("leader.model=remus_100", "did you mean 'remus100'? vehicles: leader, follower,"),
         ("leader.model=zzz", "vehicles: leader, follower,"),
-        ("sensors.own=[{sensor='inverted_usbl'}]", "did you mean 'inverted-usbl'?"),
+        ("sensors.custom=[{sensor='inverted_usbl'}]", "did you mean 'inverted-usbl'?"),
         ("followers.0.controller=a-b", "expected the class of a plugin, module:Class"),
         ("name='a b'", "expected 1 to 64 letters"),
         ("leader.baseline_m=3", "equal to 2.4 (given: 3); the transmitters are on the leader's"),
@@ -63,7 +63,7 @@ model = "lauf"
 station.behind = 3
 [sensors]
 speed_bais_m_s = 0.1
-[[sensors.own]]
+[[sensors.custom]]
 sensor = "inverted_usbl"
 """
 
@@ -78,7 +78,7 @@ def test_each_error_of_a_file_has_its_line(tmp_path: Path) -> None:
         "followers[1].model": 'model = "lauf"',
         "followers[1].station.behind": "station.behind = 3",
         "sensors.speed_bais_m_s": "speed_bais_m_s = 0.1",
-        "sensors.own[0].sensor": 'sensor = "inverted_usbl"',
+        "sensors.custom[0].sensor": 'sensor = "inverted_usbl"',
     }
     for key, line in expected.items():
         assert f"  line {lines.index(line) + 1}: {key}: " in text
@@ -92,7 +92,7 @@ def test_lines_are_those_of_headers_and_keys() -> None:
     assert lines["followers", 0] == 6
     assert lines["followers", 1] == 9
     assert lines["followers", 1, "station", "behind"] == 15
-    assert lines["sensors", "own", 0, "sensor"] == 19
+    assert lines["sensors", "custom", 0, "sensor"] == 19
     assert key_lines('"a".b = 1 # d = 2') == {("a",): 1, ("a", "b"): 1}
 
 

@@ -1,6 +1,7 @@
 """Scenario files: round trip, overrides, and messages for errors."""
 
 import tomllib
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+import laisn_sim
 from experiments.flight import library
+from laisn.errors import LaisnWarning
 from laisn.settings import NavigationSettings, TightSettings
 from sim.feasibility import cautions, infeasibilities
 from sim.flight import navigation_settings
@@ -369,3 +372,18 @@ def test_settings_unsupported_by_navigators_are_reported(
     found = cautions(Scenario(**{**MINIMAL, **change}))
     assert len(found) == len(expected)
     assert all(text in line for text, line in zip(expected, found, strict=True))
+
+
+def test_older_names_of_keys_are_accepted_with_a_note() -> None:
+    table = {"followers": [{"route": "T5"}], "sensors": {"own": [{"sensor": "gyros"}]}}
+    with pytest.warns(LaisnWarning, match=r"sensors\.own is now called sensors\.custom"):
+        scenario = laisn_sim.load(table)
+    assert [sensor.sensor for sensor in scenario.sensors.custom] == ["gyros"]
+    assert "own" not in tomllib.loads(scenario.toml())["sensors"]
+    with pytest.warns(LaisnWarning, match=r"sensors\.own is now called sensors\.custom"):
+        changed = laisn_sim.load(scenario, {"sensors.own.0.sensor": "inclinometer"})
+    assert [sensor.sensor for sensor in changed.sensors.custom] == ["inclinometer"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        again = laisn_sim.load(scenario, {"sensors.custom.0.sensor": "inclinometer"})
+    assert again == changed

@@ -51,7 +51,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_plugins: None) ->
 def fly(changes: dict[str, Any], **keys: Any) -> Flight:
     sensor = {"sensor": "dvl:Dvl", **keys}
     flight: Flight = laisn_sim.fly(
-        "dvl.toml", {"duration_s": 0.1 * STEPS, "sensors.own": [sensor], **changes}
+        "dvl.toml", {"duration_s": 0.1 * STEPS, "sensors.custom": [sensor], **changes}
     )
     return flight
 
@@ -78,7 +78,7 @@ def test_a_dvl_reads_the_velocity_over_ground_and_the_altitude_at_its_own_rate(
     changes: dict[str, Any],
 ) -> None:
     flight = fly(changes, **EXACT)
-    readings = flight.measurements[0].own["dvl"]
+    readings = flight.measurements[0].custom["dvl"]
     expected = truth_of(flight.trajectory)
     assert np.isnan(readings[0::2]).all()
     np.testing.assert_allclose(readings[1::2], expected[1::2], rtol=0, atol=1e-9)
@@ -93,7 +93,7 @@ def test_its_errors_and_dropouts_are_draws_of_its_stream() -> None:
     exact = fly(changes, **EXACT)
     steps = np.arange(2, STEPS + 1, 2)
     draws = np.hstack([normals(7, 3, 20, steps, block) for block in range(3)])[:, :5]
-    error = (noisy.measurements[0].own["dvl"] - exact.measurements[0].own["dvl"])[1::2]
+    error = (noisy.measurements[0].custom["dvl"] - exact.measurements[0].custom["dvl"])[1::2]
     lost = norm.cdf(draws[:, 4]) < 0.3
     assert 10 < lost.sum() < 50
     np.testing.assert_array_equal(np.isnan(error).all(axis=1), lost)
@@ -105,9 +105,9 @@ def test_its_errors_and_dropouts_are_draws_of_its_stream() -> None:
 def test_it_loses_the_floor_beyond_its_range() -> None:
     still = {"followers.0.guidance_position": "truth", "motion": "kinematic"}
     # the follower dives at 10 m above a floor of 30 m
-    assert np.isfinite(fly(still, lock=20.5, **EXACT).measurements[0].own["dvl"]).any()
+    assert np.isfinite(fly(still, lock=20.5, **EXACT).measurements[0].custom["dvl"]).any()
     lost = fly(still, lock=19.5, **EXACT)
-    assert np.isnan(lost.measurements[0].own["dvl"]).all()
+    assert np.isnan(lost.measurements[0].custom["dvl"]).all()
     # without a reading the navigator keeps the velocity of the start
     assert np.ptp(lost.estimates[0].state[:, 2:], axis=0) == pytest.approx(0.0, abs=1e-12)
 
@@ -117,10 +117,10 @@ def test_a_closed_loop_steers_by_it_and_reads_what_a_finished_mission_would() ->
     flight = fly({"run": 2})
     measured = flight.measurements[0]
     (again,) = navigate(flight.scenario, flight.trajectory).measurements
-    np.testing.assert_allclose(again.own["dvl"], measured.own["dvl"], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(again.custom["dvl"], measured.custom["dvl"], rtol=0, atol=1e-9)
     # the estimate by hand: of the last reading before each step
     state = flight.estimates[0].state
-    forward, port = measured.own["dvl"][:, :2].T
+    forward, port = measured.custom["dvl"][:, :2].T
     fresh = np.isfinite(forward)
     sine, cosine = np.sin(measured.heading), np.cos(measured.heading)
     east = (forward * sine - port * cosine)[fresh]
@@ -130,13 +130,13 @@ def test_a_closed_loop_steers_by_it_and_reads_what_a_finished_mission_would() ->
 
 @pytest.mark.usefixtures("folder")
 def test_a_stepped_mission_shows_its_readings() -> None:
-    changes = {"duration_s": 2.0, "sensors.own": [{"sensor": "dvl:Dvl", "dropout": 0.0}]}
+    changes = {"duration_s": 2.0, "sensors.custom": [{"sensor": "dvl:Dvl", "dropout": 0.0}]}
     sim = laisn_sim.Simulation("dvl.toml", changes)
     read = []
     while not sim.done:
         sim.step()
         read.append(sim.readings["follower"].custom["dvl"])
-    np.testing.assert_array_equal(read, sim.flight().measurements[0].own["dvl"])
+    np.testing.assert_array_equal(read, sim.flight().measurements[0].custom["dvl"])
 
 
 @pytest.mark.usefixtures("folder")
@@ -153,7 +153,7 @@ def test_logs_tables_and_replays_follow_from_its_declaration() -> None:
         ("altitude", "m"),
     ]
     assert measured.sensors["dvl"].period == 0.2
-    dvl = measured.own["dvl"]
+    dvl = measured.custom["dvl"]
     assert dvl.shape == (200, 4)
     assert np.isnan(dvl[0::2]).all()
     assert 50 < np.isfinite(dvl[1::2, 3]).sum() < 100
@@ -178,8 +178,10 @@ def test_logs_tables_and_replays_follow_from_its_declaration() -> None:
 
 @pytest.mark.usefixtures("folder")
 def test_a_navigator_names_the_readings_that_it_needs() -> None:
-    with pytest.raises(LaisnError, match=r"ByDvl needs readings 'dvl'; sensors.own gives 'gyros'"):
-        laisn_sim.fly("dvl.toml", {"duration_s": 1.0, "sensors.own": [{"sensor": "gyros"}]})
+    with pytest.raises(
+        LaisnError, match=r"ByDvl needs readings 'dvl'; sensors.custom gives 'gyros'"
+    ):
+        laisn_sim.fly("dvl.toml", {"duration_s": 1.0, "sensors.custom": [{"sensor": "gyros"}]})
 
 
 @pytest.mark.usefixtures("folder")
@@ -189,7 +191,7 @@ def test_a_recording_of_a_vehicle_may_hold_such_readings() -> None:
     flight = fly({"followers.0.guidance_position": "truth", "motion": "kinematic"})
     laisn_sim.write_log(flight, "flight.mcap")
     read = read_recording("flight.mcap").measurements
-    np.testing.assert_array_equal(read.own["dvl"], flight.measurements[0].own["dvl"])
+    np.testing.assert_array_equal(read.custom["dvl"], flight.measurements[0].custom["dvl"])
     assert read.sensors == flight.measurements[0].sensors
 
 
@@ -201,17 +203,19 @@ def test_a_follower_beside_has_other_errors_and_a_study_those_of_its_flights() -
     flight = fly(changes, velocity_sigma_m_s=0.02, dropout=0.0)
     exact = fly(changes, **EXACT)
     for follower in range(2):
-        error = flight.measurements[follower].own["dvl"] - exact.measurements[follower].own["dvl"]
+        error = (
+            flight.measurements[follower].custom["dvl"] - exact.measurements[follower].custom["dvl"]
+        )
         steps = np.arange(2, STEPS + 1, 2)
         drawn = normals(1, 0, STREAMS * follower + 20, steps)
         np.testing.assert_allclose(error[1::2, :2], 0.02 * drawn, rtol=0, atol=1e-12)
     keys = {"duration_s": 20.0, "motion": "kinematic", "followers.0.guidance_position": "truth"}
     table = laisn_sim.study(
-        "dvl.toml", set=keys, vary={"sensors.own.0.dropout": [0.0, 0.9]}, runs=2, out="study"
+        "dvl.toml", set=keys, vary={"sensors.custom.0.dropout": [0.0, 0.9]}, runs=2, out="study"
     ).table
     sensor = [{"sensor": "dvl:Dvl", "dropout": 0.9}]
     runs = [
-        laisn_sim.errors(laisn_sim.fly("dvl.toml", keys | {"sensors.own": sensor, "run": run}))
+        laisn_sim.errors(laisn_sim.fly("dvl.toml", keys | {"sensors.custom": sensor, "run": run}))
         for run in range(2)
     ]
     mean = np.mean([errors["e_p_m"].mean() for errors in runs])
@@ -221,7 +225,7 @@ def test_a_follower_beside_has_other_errors_and_a_study_those_of_its_flights() -
 STEERING = {
     "duration_s": 2.0,
     "followers.0.guidance_position": "estimate",
-    "sensors.own": [{"sensor": "gyros"}, {"sensor": "inclinometer"}],
+    "sensors.custom": [{"sensor": "gyros"}, {"sensor": "inclinometer"}],
 }
 
 
@@ -275,20 +279,20 @@ def test_sensors_of_earlier_versions_read_as_before(position: str) -> None:
     keys = {"duration_s": 10.0, "followers.0.guidance_position": position}
     ByReception.azimuths.clear()
     old = laisn_sim.fly(
-        "T5", {**keys, "sensors.own": [{"sensor": register(ByRows)}]}, navigator=ByReception
+        "T5", {**keys, "sensors.custom": [{"sensor": register(ByRows)}]}, navigator=ByReception
     )
     new = navigate(
-        laisn_sim.load("T5", {**keys, "sensors.own": [{"sensor": "inverted-usbl"}]}),
+        laisn_sim.load("T5", {**keys, "sensors.custom": [{"sensor": "inverted-usbl"}]}),
         old.trajectory,
     )
     measured: Measurements = old.measurements[0]
     np.testing.assert_allclose(
-        measured.own["bearing"], new.measurements[0].own["bearing"], rtol=0, atol=1e-12
+        measured.custom["bearing"], new.measurements[0].custom["bearing"], rtol=0, atol=1e-12
     )
-    received = measured.own["bearing"][measured.message_step - 1, 0]
+    received = measured.custom["bearing"][measured.message_step - 1, 0]
     np.testing.assert_array_equal(ByReception.azimuths, received)
     # it also takes the place of the sensor of that name that a navigator needs
-    usbl = {"navigation.variant": "inverted-usbl", "sensors.own": [{"sensor": register(ByRows)}]}
+    usbl = {"navigation.variant": "inverted-usbl", "sensors.custom": [{"sensor": register(ByRows)}]}
     again = laisn_sim.fly("T5", {**keys, **usbl})
     assert np.isfinite(again.estimates[0].state).all()
     assert not again.measurements[0].sensors["bearing"].channels
@@ -330,7 +334,7 @@ def test_a_wrong_sensor_is_told_with_what_is_expected(
     made = type("Probe", (Probe,), attributes)
     keys = {"duration_s": 1.0, "followers.0.guidance_position": position}
     with pytest.raises(LaisnError, match=message):
-        laisn_sim.fly("T5", {**keys, "sensors.own": [{"sensor": register(made)}]})
+        laisn_sim.fly("T5", {**keys, "sensors.custom": [{"sensor": register(made)}]})
 
 
 @pytest.mark.parametrize(
@@ -343,4 +347,4 @@ def test_two_sensors_have_names_and_noise_of_their_own(
     other = type("Other", (Probe,), attributes)
     listed = [{"sensor": register(Probe)}, {"sensor": register(other)}]
     with pytest.raises(LaisnError, match=message):
-        laisn_sim.fly("T5", {"duration_s": 1.0, "sensors.own": listed})
+        laisn_sim.fly("T5", {"duration_s": 1.0, "sensors.custom": listed})
