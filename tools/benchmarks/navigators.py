@@ -4,6 +4,7 @@ same measurements.
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -35,9 +36,13 @@ In a step: sine and cosine 40, dead reckoning 35, mean position 20. With a messa
 three ranges are expected to be 230, their covariance and its factor 160, likelihoods 75, update
 165, arms, axis and output 135.
 """
-_ASSUMED = {
-    "": Assume(),
-    ", all states": Assume(exact_leader=False, drift=True, current=True, offsets=True),
+_MODELS: dict[str, dict[str, Any]] = {
+    "": {},
+    ", all states": {
+        "assume": Assume(exact_leader=False, drift=True, current=True, offsets=True),
+    },
+    ", the speed as a state": {"assume": Assume(steady_speed=True)},
+    ", the leader's place as a state": {"leader_position_sigma": 0.5},
 }
 
 
@@ -74,13 +79,13 @@ def _rows(interval: float) -> Iterator[Row]:
     readings, messages = lanes.stacked(missions)
     start = truth.start[None]
     tuned = row.tuning(NavigationSettings())
-    cases = [(count, words, assume) for count in AIMS_NS for words, assume in _ASSUMED.items()]
+    cases = [(count, words, model) for count in AIMS_NS for words, model in _MODELS.items()]
     works: list[Callable[[], object]] = [
         partial(filter_only, readings, truth.message_step, messages, start, tuned)
     ]
     works += [
-        partial(_fly, TightSettings(assume=assume, transmitters=count), missions, truth.start)
-        for count, _, assume in cases
+        partial(_fly, TightSettings(transmitters=count, **model), missions, truth.start)
+        for count, _, model in cases
     ]
     # in turns, so that a machine that slows down changes no ratio
     laisn, *others = (per * least for least in least_times(works, 7))

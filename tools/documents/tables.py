@@ -13,6 +13,7 @@ from tools.documents.hull_trials import (
     PUBLISHED_SPEED,
     PUBLISHED_TURN,
 )
+from tools.documents.tight_limits import RIVALS
 
 Records = Mapping[str, Findings]
 
@@ -339,6 +340,30 @@ def _rivals(records: Records, columns: Mapping[str, tuple[str, str]]) -> str:
     return markdown(["", *columns], rows)
 
 
+def tight_limits(records: Records) -> str:
+    """Errors of the leader's position and slots of pings, with three and with two transmitters."""
+    findings = records["tight-limits"]
+    study = study_of("leader-errors", {})
+    rows = []
+    for transmitters, (ours, (plain_filter, laisn)) in zip((3, 2), RIVALS.items(), strict=True):
+        for case in study.cases:
+            errors = [
+                f"{findings[f'error {arm} {case}']:.2f}" for arm in (ours, plain_filter, laisn)
+            ]
+            least, most = (findings[f"nees-{end} {ours} {case}"] for end in ("least", "most"))
+            rows.append(
+                [
+                    f"{study.title('case', case)}; {transmitters} transmitters",
+                    *errors,
+                    f"{findings[f'worst {ours} {case}']:.2f}",
+                    f"{findings[f'least {plain_filter} {case}']:.3f i}",
+                    f"{least:.1f} … {most:.1f}",
+                ]
+            )
+    heads = ["mean E_P [m]", "tight", "EKF", "LAISN-3(2), LAISN-2", "tight, worst route"]
+    return markdown([*heads, "EKF less tight, least", "NEES of tight"], rows)
+
+
 def rivals(records: Records) -> str:
     """Calm water by the interval of messages, consistency, losses and time."""
     columns = {
@@ -520,6 +545,7 @@ TABLES: dict[str, Callable[[Records], str]] = {
     "speed": speed,
     "estimators": estimators,
     "estimators-at-sea": estimators_at_sea,
+    "tight-limits": tight_limits,
     "rivals": rivals,
     "rivals-two": rivals_two,
     "rivals-conditions": rivals_conditions,
