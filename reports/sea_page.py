@@ -14,7 +14,6 @@ from reports.style import FOLLOWER, FRAME, INK, LEADER, MUTED, SERIES, Colour
 from sim.scenario.settings import Scenario
 from sim.sea import PlannedPath, planned_paths, sea_report
 from sim.water.assembly import current_at, floor_of, rays_of
-from sim.water.rays import speed_at
 from sim.water.region import Region, region_of
 
 _ARROWS = 14  # along the longer side of the map
@@ -129,8 +128,8 @@ def _profiles(scenario: Scenario) -> list[Any]:
     depth = np.linspace(0.0, floor_of(scenario).deepest, _LEVELS)
     none = np.zeros(_LEVELS)
     current = current_at(scenario, none, none, depth, none)
-    profile = rays_of(scenario).profile
-    sound = np.array([speed_at(profile, float(value)) for value in depth])
+    rays = rays_of(scenario)
+    sound = np.array([rays.speed(float(value)) for value in depth])
     parts = [
         Line(x=current[:, 0], y=-depth, colour=SERIES[0], name="towards east"),
         Line(x=current[:, 1], y=-depth, colour=SERIES[1], name="towards north"),

@@ -1,42 +1,13 @@
 """A scenario made into sea, routes and vehicles."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.errors import LaisnError
 from sim.scenario.point_motion import SPEED_MIN
-from sim.scenario.routes import DepthProfile, Route, library_route
-from sim.scenario.settings import Follower, Scenario, Vehicle
+from sim.scenario.routes import Route
+from sim.scenario.settings import Follower, Scenario
+from sim.scenario.vehicle_routes import depth_profile_of, route_of
 from sim.vehicle.mjcf import VehicleSetup
-
-
-def _depth_of(vehicle: Vehicle) -> DepthProfile:
-    if vehicle.depth_profile:
-        return DepthProfile.through(vehicle.depth_profile)
-    if vehicle.saw_tooth_amplitude_m > 0:
-        return DepthProfile.saw_tooth(
-            vehicle.layer_m, vehicle.saw_tooth_amplitude_m, vehicle.saw_tooth_period_s
-        )
-    return DepthProfile.constant(vehicle.layer_m)
-
-
-def route_of(vehicle: Vehicle, name: str) -> Route:
-    """Route of one vehicle; LaisnError if the library has none of that name, or if it begins with
-    a stop at a speed.
-    """
-    speed = vehicle.start_speed_m_s
-    if not vehicle.waypoints:
-        assert vehicle.route is not None  # the scenario's validation
-        route = library_route(vehicle.route, _depth_of(vehicle))
-        return route if speed is None else replace(route, start_speed=speed)
-    route = Route.timed(name, vehicle.waypoints, _depth_of(vehicle), start_speed=speed)
-    if speed is not None and route.start_speed != speed:
-        raise LaisnError(
-            f"route {name!r}: it begins with a stop, which start_speed_m_s = {speed:g} contradicts"
-        )
-    return route
 
 
 def vehicle_names(scenario: Scenario) -> tuple[str, ...]:
@@ -78,7 +49,7 @@ def _initial_route_of_station(follower: Follower, scenario: Scenario, leader: Ro
     speed = leader.start_speed if follower.start_speed_m_s is None else follower.start_speed_m_s
     speed = speed or SPEED_MIN
     points = [start, start + max(scenario.duration_s, 1.0) * speed * ahead]
-    return Route.at_speed(follower.name, points, speed, _depth_of(follower))
+    return Route.at_speed(follower.name, points, speed, depth_profile_of(follower))
 
 
 def routes_of(scenario: Scenario) -> tuple[Route, ...]:

@@ -14,9 +14,9 @@ from laisn.arrays import Floats
 from laisn.navigators import find
 from laisn.plugins import is_plugin_name
 from laisn.settings import Settings
-from sim.assembly import route_of
 from sim.scenario.point_motion import plan
 from sim.scenario.settings import Follower, Scenario
+from sim.scenario.vehicle_routes import route_of
 from sim.water.assembly import floor_of
 
 _NOTICEABLE_M = 0.1  # errors of positions and ranges below this need no caution

@@ -13,7 +13,7 @@ from laisn.arrays import Floats, Ints
 from laisn.errors import LaisnError
 from laisn.navigators import NAVIGATORS, find
 from laisn.plugins import find_controller, is_plugin_name
-from sim.assembly import models_of, on_axis, route_of, routes_of, setups_of, vehicle_names
+from sim.assembly import models_of, on_axis, routes_of, setups_of, vehicle_names
 from sim.cautions import assumption_cautions
 from sim.control.allocation import HEAVE, PITCH, clip
 from sim.control.autopilot import (
@@ -38,8 +38,10 @@ from sim.scenario.formation import LEAST_APART_M, LEAST_LAYER_M
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S, Follower, Scenario, Vehicle, Video
+from sim.scenario.vehicle_routes import route_of
 from sim.sea import require_sea
 from sim.sensing.sensors import custom_sensors
+from sim.sound_cautions import ray_cautions
 from sim.tracking import HULL_RADIUS_M, closest_stations
 from sim.vehicle.effector_kinds import MIN_STEERAGE_SPEED
 from sim.vehicle.effectors import fins_of
@@ -406,7 +408,7 @@ def cautions(scenario: Scenario) -> list[str]:
     """What a flyable scenario has that its navigators or followers cannot cope with, a line
     each.
     """
-    remarks = assumption_cautions(scenario)
+    remarks = assumption_cautions(scenario) + ray_cautions(scenario)
     variant = scenario.navigation.variant
     stations = any(follower.station for follower in scenario.followers)
     # how good a navigator of the user's own is, its flight shows

@@ -7,9 +7,11 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
-from sim.assembly import route_of, vehicle_names
+from sim.assembly import vehicle_names
 from sim.scenario.point_motion import plan
 from sim.scenario.settings import FASTEST_CURRENT_M_S, Scenario
+from sim.scenario.vehicle_routes import route_of
+from sim.sensing.sonar import half_heard_m, sonar_of
 from sim.water.assembly import current_at, current_field, floor_field, floor_of, sound_cast
 from sim.water.region import Region
 
@@ -118,10 +120,18 @@ def require_sea(scenario: Scenario) -> None:
 
 
 def sea_report(scenario: Scenario) -> list[str]:
-    """What was read for a scenario, a line for each file."""
+    """What was read for a scenario, a line for each file, and how far its messages are heard."""
     fields = {
         "current": current_field(scenario),
         "floor": floor_field(scenario),
         "sound_speed": sound_cast(scenario),
     }
-    return [f"ocean.{key}: {field.report}" for key, field in fields.items() if field is not None]
+    lines = [f"ocean.{key}: {field.report}" for key, field in fields.items() if field is not None]
+    sonar = sonar_of(scenario.acoustics)
+    if sonar.detects:
+        half = half_heard_m(sonar)
+        lines.append(
+            f"acoustics.source_level_db: half of the messages are heard at {half:.0f} m; "
+            f"absorption {1e3 * sonar.absorption:.2f} dB/km"
+        )
+    return lines

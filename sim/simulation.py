@@ -7,7 +7,7 @@ other object it runs as Python.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
@@ -539,7 +539,9 @@ def plant_of(scenario: Scenario, routes: tuple[Route, ...]) -> Plant:
     none.
     """
     setups = setups_of(scenario, routes)
-    return Plant(setups, ocean_of(scenario), scenario.timing.physics_step_s)
+    # bodies hear nothing, and machine code for them need not be compiled anew for other rays
+    ocean = replace(ocean_of(scenario), rays=None)
+    return Plant(setups, ocean, scenario.timing.physics_step_s)
 
 
 def new_mission(scenario: Scenario, make_controller: ControllerFactory | None = None) -> Mission:

@@ -15,13 +15,14 @@ import numpy as np
 from laisn.arrays import Bools, Floats, Ints, RecordFields, Records, records, row_dtype
 from laisn.compiled import compiled
 from sim import attitude
-from sim.assembly import route_of, routes_of
+from sim.assembly import routes_of
 from sim.control.station import FRAME_STATE, STATION, TRAIL, extend, station_at, turn_frame
 from sim.hull import HullLimits, hull_of, limits_of
 from sim.scenario.formation import LEAST_LAYER_M
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S, Follower, Scenario
+from sim.scenario.vehicle_routes import route_of
 from sim.sea import Area, areas_of
 from sim.trajectory import Trajectory
 from sim.water.assembly import current_at, floor_of

@@ -12,9 +12,9 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
-from sim.assembly import route_of
 from sim.hull import HULL_KEYS
 from sim.scenario.settings import Follower, Navigation, Scenario, Vehicle
+from sim.scenario.vehicle_routes import route_of
 from sim.simulation import (
     EndedError,
     fly_mission,

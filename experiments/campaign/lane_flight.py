@@ -293,14 +293,18 @@ def sense_own(
 
 
 @compiled
-def _lose(block: Floats, noise: Noise, errors: SensorErrors, emitted: int) -> None:
-    """Ranges of lost messages become NaN."""
+def _lose(
+    block: Floats, noise: Noise, errors: SensorErrors, direct: float, steps: tuple[int, int]
+) -> None:
+    """Ranges of lost messages become NaN; `direct` is the range to the rear transmitter [m]."""
+    received, emitted = steps
     draws = noise.draws
     burst = noise.burst
     _draw_uniforms(noise, _LOSS, emitted)
     for lane in range(LANES):
         burst[lane] = sensors.is_bad(burst[lane], draws[_FIRST + lane], errors)
-        if sensors.is_lost(burst[lane], draws[_SECOND + lane], errors):
+        heard = sensors.is_heard(draws[_THIRD + lane], errors, direct, received * noise.dt)
+        if sensors.is_lost(burst[lane], draws[_SECOND + lane], errors) or not heard:
             block[lanes.R1 + lane] = block[lanes.R2 + lane] = block[lanes.R3 + lane] = np.nan
 
 
@@ -396,7 +400,7 @@ def _read_ranges(
             errors, middle, (ranges[2], of_all), (draws[k], normal[lane])
         )
     if sensors.loses(errors):
-        _lose(block, noise, errors, emitted)
+        _lose(block, noise, errors, sent[_ECHOES - 3], steps)
 
 
 @compiled

@@ -121,6 +121,7 @@ def _observed_of(scenario: Scenario, follower: int) -> Scenario:
             variant="tight",
             link=navigation.link,
             further_links=navigation.further_links,
+            sound_speed=navigation.sound_speed,
             assume={"transmitters": scenario.navigation.transmitters},
         ),
     }

@@ -177,6 +177,7 @@ BUILT_IN = {
     "reproduce": "Run the paper's five stages: tables beside the published ones, figures, and "
     "checks of its claims.",
     "rivals": "Compare all navigators: LAISN, the tightly coupled one, and the rival methods.",
+    "thermocline": "Study rays that bend: ranges, fixes and formations by season, depth and range.",
 }
 """Built-in studies of files, which `laisn NAME` and `laisn study NAME` run alike, and their
 help.

@@ -131,6 +131,11 @@ class Navigation(FurtherKeys):
     rival: Rival = Rival()
     beacons: Beacons = Beacons()
     custom: Custom | None = None
+    sound_speed: Literal["mean", "straight", "profile"] = Field(
+        "mean",
+        description="by which times become ranges: acoustics.sound_speed_m_s, the profile's mean "
+        "between both depths, or rays through the profile",
+    )
     use_attitude: bool = Field(
         NavigationSettings.use_attitude,
         description="place transmitters by the broadcast pitch and roll; default with stations: "

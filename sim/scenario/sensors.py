@@ -1,6 +1,6 @@
 """What a user may set of sensors and of sound: their true errors, no inputs of the navigator."""
 
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import ConfigDict, Field, create_model, model_validator
 
@@ -152,6 +152,10 @@ class Acoustics(Section):
             ),
         )
     )
+    rays: Literal["straight", "refracted"] = Field(
+        "straight",
+        description="straight at the mean slowness, or bent by the profile, which is then smooth",
+    )
     clock_offset_s: float = Field(
         0.0, ge=-1, le=1, description="follower's minus leader's clock at the start"
     )
@@ -170,6 +174,36 @@ class Acoustics(Section):
     burst_mean_messages: Annotated[float, Field(ge=1, le=10000), PerRun] = 5.0
     burst_loss_probability: LossProbability = Field(1.0, description="of a message within a burst")
     max_range_m: NonNegative = Field(0.0, description="of reception; 0: no limit")
+    message_length_s: Annotated[float, Field(ge=0, le=10)] = Field(
+        0.0, description="how long a message takes; it is in when all of it is"
+    )
+    ranging_pulse: Literal["start", "end"] = Field(
+        "start", description="pings at the start of a message, or when it ends"
+    )
+    source_level_db: Annotated[float, Field(ge=0, le=250)] = Field(
+        0.0,
+        description="re 1 µPa at 1 m; with it the range decides on what is heard, beside "
+        "loss_probability; 0: it does not",
+    )
+    frequency_khz: Annotated[float, Field(ge=1, le=200)] = 25.0
+    bandwidth_khz: Annotated[float, Field(gt=0, le=100)] = 5.0
+    spreading: Annotated[float, Field(ge=1, le=2)] = Field(
+        1.5, description="k of the loss k · 10 log r; 2: spherical, 1: cylindrical"
+    )
+    detection_threshold_db: Annotated[float, Field(ge=-50, le=50)] = Field(
+        10.0, description="level over the noise at which half of the messages are heard"
+    )
+    level_sigma_db: Annotated[float, Field(ge=0, le=20)] = Field(
+        3.0, description="scatter of levels from message to message"
+    )
+    wind_m_s: Annotated[float, Field(ge=0, le=40)] = Field(5.0, description="for ambient noise")
+    shipping: Annotated[float, Field(ge=0, le=1)] = Field(
+        0.5, description="the same: ships, from none to many"
+    )
+    water_temperature_c: Annotated[float, Field(ge=-2, le=35)] = Field(
+        10.0, description="for absorption"
+    )
+    salinity: Annotated[float, Field(ge=0, le=42)] = Field(35.0, description="the same")
 
     @model_validator(mode="after")
     def _chances_add_up(self) -> Self:

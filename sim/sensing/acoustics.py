@@ -7,7 +7,12 @@ hydrophone then is:
     t_a − t_e = |H(t_a) − P(t_e)| s,    s = mean of 1/c along the path,
 
 solved for t_a itself, whatever the time step. The follower gets t_e from the message, reads t_a on
-its own clock and assumes a constant speed of sound c_b: R = c_b (t_a + clock error − t_e).
+its own clock and assumes a constant speed of sound c_b: R = c_b (t_a + clock error − t_e). One that
+knows the profile divides by the mean slowness of the straight direct path, or of the ray, and by
+c_b / c, which holds what it errs by.
+
+A message takes a while. Pings at its end leave later than the time that it states, so that ends
+that move shift the range by their radial speed times its length: the Doppler shift, summed up.
 
 Lengths and slowness of paths are those of the sea (`sim.water.rays`). An echo that is taken for the
 direct arrival is the gross error of paper Section 2.4. Random errors come on top.
@@ -35,16 +40,24 @@ _ITERATIONS = 6
 _DIRECT, _SURFACE, _BOTTOM = map(int, Path)
 
 
+# `navigation.sound_speed` as compiled code takes it
+ASSUMED = ("mean", "straight", "profile")
+MEAN, STRAIGHT, PROFILE = range(3)
+
+
 class Sound(NamedTuple):
     """How sound gets to a follower, for compiled code too."""
 
     on_grid: bool  # all pings leave and arrive at an instant that is recorded
     travels: bool
     slot: float  # from one ping of a message to the next [s]
+    lead: float  # from the time that a message states to its first ping [s]
+    tail: float  # from its last ping until all of the message is in [s]
     paths: tuple[bool, bool, bool]  # whether each `Path` has a chance to be taken
     max_range: float  # [m]
     transmitters: int  # how many pings of a message a follower waits for
     rays: Any  # as `sim.water.rays.StraightRays`
+    assumes: int  # of the speed of sound: MEAN, STRAIGHT or PROFILE
     ratio: float  # range that the follower computes for a metre of path, where it has not
     assumed_speed: float  # speed of sound that the follower assumes, c_b [m/s]
     clock_offset: float  # [s]
@@ -56,13 +69,16 @@ def sound_of(scenario: Scenario) -> Sound:
     a = scenario.acoustics
     assumed = a.sound_speed_m_s + a.sound_speed_bias_m_s
     return Sound(
-        on_grid=not a.travel_time and a.ping_slot_s == 0.0,
+        on_grid=not a.travel_time and a.ping_slot_s == 0.0 and a.message_length_s == 0.0,
         travels=a.travel_time,
         slot=float(a.ping_slot_s),
+        lead=a.message_length_s if a.ranging_pulse == "end" else 0.0,
+        tail=a.message_length_s if a.ranging_pulse == "start" else 0.0,
         paths=(True, a.surface_echo_probability > 0.0, a.bottom_echo_probability > 0.0),
         max_range=float(a.max_range_m or np.inf),
         transmitters=scenario.navigation.transmitters,
         rays=rays_of(scenario),
+        assumes=ASSUMED.index(scenario.navigation.sound_speed),
         ratio=assumed / a.sound_speed_m_s,
         assumed_speed=assumed,
         clock_offset=float(a.clock_offset_s),
@@ -126,17 +142,27 @@ def _arrive(
     time = leaves
     ratio = s.ratio
     if s.travels:
+        # while the receiver moves on by centimetres, the slowness of a bent ray stays
+        kept = s.rays.slowness(path, source, arrival_point) if s.rays.bends else 0.0
         for _ in range(_ITERATIONS):
-            arrives = leaves + distance(apparent, arrival_point) * s.rays.slowness(
-                path, source, arrival_point
-            )
+            slowness = kept if s.rays.bends else s.rays.slowness(path, source, arrival_point)
+            arrives = leaves + distance(apparent, arrival_point) * slowness
             if arrives == time:
                 break
             time = arrives
             arrival_point = site_at(s, motion, vehicle, hydrophone, arrives)
             apparent = s.rays.apparent_source(path, source, arrival_point)
     if s.rays.varies:
-        ratio = s.assumed_speed * s.rays.slowness(path, source, arrival_point)
+        slowness = s.rays.slowness(path, source, arrival_point)
+        if s.travels and s.rays.bends:
+            time = leaves + distance(apparent, arrival_point) * slowness
+        if s.assumes == MEAN:
+            ratio = s.assumed_speed * slowness
+        elif s.assumes == STRAIGHT:
+            ratio = s.ratio * slowness / s.rays.straight_slowness(_DIRECT, source, arrival_point)
+        elif path != _DIRECT:
+            # an echo is taken for the direct ray
+            ratio = s.ratio * slowness / s.rays.slowness(_DIRECT, source, arrival_point)
     return Arrival(
         time,
         distance(apparent, arrival_point),
@@ -175,9 +201,10 @@ def follow(
     """
     transmitters = sites[0]
     receiver = (vehicle, sites[1])
-    rear = _follow_ping(s, motion, transmitters[0], receiver, sent)
-    front = _follow_ping(s, motion, transmitters[1], receiver, sent + s.slot)
-    middle = _follow_ping(s, motion, transmitters[2], receiver, sent + s.slot * 2)
+    first = sent + s.lead
+    rear = _follow_ping(s, motion, transmitters[0], receiver, first)
+    front = _follow_ping(s, motion, transmitters[1], receiver, first + s.slot)
+    middle = _follow_ping(s, motion, transmitters[2], receiver, first + s.slot * 2)
     complete = sent
     pings = (rear, front, middle)
     for i in range(s.transmitters):
@@ -185,7 +212,7 @@ def follow(
             # false for NaN
             if arrival.time > complete:
                 complete = arrival.time
-    return complete, pings
+    return complete + s.tail, pings
 
 
 @jitable

@@ -442,7 +442,8 @@ def read_reception(
     if sensors.loses(e):
         fate = noise.uniforms_at(sent, _LOSS)
         inbox.channel_bad[f] = sensors.is_bad(inbox.channel_bad[f], fate[0], e)
-        if sensors.is_lost(inbox.channel_bad[f], fate[1], e):
+        heard = sensors.is_heard(fate[2], e, by_path[0][0], received.step * used[1])
+        if sensors.is_lost(inbox.channel_bad[f], fate[1], e) or not heard:
             ranges[0] = ranges[1] = ranges[2] = np.nan
     heard = ranges[0] == ranges[0] or ranges[1] == ranges[1] or ranges[2] == ranges[2]
     inbox.outcome[f] = RECEIVED if heard else NO_RANGES

@@ -37,7 +37,7 @@ from laisn.navigators import FARTHEST, FASTEST, NAVIGATORS
 from laisn.plugins import find_class
 from laisn.swarm import READING
 from sim.attitude import body_point_in_world, heading_of, pitch_of, roll_of, rotated
-from sim.scenario.section import in_si
+from sim.scenario.section import in_si, split_unit
 from sim.scenario.sensors import Acoustics, Sensors
 from sim.scenario.sensors import CustomSensor as CustomSensorTable
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
@@ -49,6 +49,7 @@ from sim.sensing.sensor import (
     VehicleState,
     require_distinct,
 )
+from sim.sensing.sonar import hearing_probability, sonar_of
 from sim.trajectory import Trajectory, speed_through_water
 from sim.water.assembly import ocean_of
 from sim.water.environment import Environment
@@ -149,6 +150,27 @@ _DERIVED = (
     "leader_attitude_sigma",
 )
 """Keys that count by what follows from them."""
+_SONAR = (
+    "source_level_db",
+    "frequency_khz",
+    "bandwidth_khz",
+    "spreading",
+    "detection_threshold_db",
+    "level_sigma_db",
+    "wind_m_s",
+    "shipping",
+    "water_temperature_c",
+    "salinity",
+)
+_NO_ERRORS = {
+    "custom",
+    "sound_speed_profile",
+    "rays",
+    "message_length",
+    "ranging_pulse",
+    *(split_unit(key)[0] for key in _SONAR),
+}
+"""Names of keys that are no errors of a reading: they make the sound, or count by `Sonar`."""
 
 
 def _values(sensors: Sensors, acoustics: Acoustics) -> dict[str, Any]:
@@ -156,16 +178,21 @@ def _values(sensors: Sensors, acoustics: Acoustics) -> dict[str, Any]:
     declared = {
         name: value
         for name, value in in_units.items()
-        if name not in ("custom", "sound_speed_profile") and not name.startswith(_DERIVED)
+        if name not in _NO_ERRORS and not name.startswith(_DERIVED)
     }
+    sonar = {f"sonar_{name}": value for name, value in sonar_of(acoustics)._asdict().items()}
     tilt = random_error(sensors)
     towards = np.deg2rad(sensors.leader_position_drift_deg)
-    return declared | {
-        "leader_tilt_sigma": tilt[0],
-        "leader_tilt_time": tilt[1],
-        "leader_drift_east": float(sensors.leader_position_drift_m_s * np.sin(towards)),
-        "leader_drift_north": float(sensors.leader_position_drift_m_s * np.cos(towards)),
-    }
+    return (
+        declared
+        | sonar
+        | {
+            "leader_tilt_sigma": tilt[0],
+            "leader_tilt_time": tilt[1],
+            "leader_drift_east": float(sensors.leader_position_drift_m_s * np.sin(towards)),
+            "leader_drift_north": float(sensors.leader_position_drift_m_s * np.cos(towards)),
+        }
+    )
 
 
 _DEFAULTS = _values(Sensors(), Acoustics())
@@ -181,7 +208,7 @@ class SensorErrors(_fields("SensorErrors", _DEFAULTS, defaults=_DEFAULTS.values(
     Besides: `leader_tilt_sigma` [rad] and `leader_tilt_time` [s], standard deviation and
     correlation time of the leader's pitch and roll (0: each message has its own), and
     `leader_drift_east` and `leader_drift_north`, the rate at which its broadcast position departs
-    from the true one [m/s]. No navigator has access to them.
+    from the true one [m/s], and the fields of `Sonar`. No navigator has access to them.
     """
 
 
@@ -573,7 +600,7 @@ def range_reading(
 @formula
 def loses(e: SensorErrors) -> bool:
     """Whether a message is ever lost."""
-    return bool(e.loss_probability + e.burst_probability > 0.0)
+    return bool(e.loss_probability + e.burst_probability > 0.0 or e.sonar_detects)
 
 
 @formula
@@ -588,6 +615,16 @@ def is_bad(bad: bool, uniform: float, e: SensorErrors) -> bool:
 def is_lost(bad: bool, uniform: float, e: SensorErrors) -> bool:
     """Whether a message in that state is lost."""
     return bool(uniform < (e.burst_loss_probability if bad else e.loss_probability))
+
+
+@formula
+def is_heard(uniform: float, e: SensorErrors, measured: float, time: float) -> bool:
+    """Whether a message is heard whose range before random errors [m] is read at a time [s]; what
+    the clocks add to it is no distance.
+    """
+    clock = e.clock_offset + e.clock_drift * time
+    reach = measured - (e.sound_speed + e.sound_speed_bias) * clock
+    return bool(not e.sonar_detects or uniform < hearing_probability(e, reach))
 
 
 @formula

@@ -1,17 +1,19 @@
 """A scenario made into a sea."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from laisn.plugins import calling, find_class
+from sim.scenario.point_motion import plan
 from sim.scenario.sea_files import SeaFile
 from sim.scenario.section import in_si
 from sim.scenario.settings import Scenario
+from sim.scenario.vehicle_routes import route_of
 from sim.water.casts import Cast, read_cast
 from sim.water.custom import CustomCaller
 from sim.water.environment import velocities_at
@@ -27,25 +29,84 @@ from sim.water.floors import LevelFloor
 from sim.water.grids import GriddedFloor
 from sim.water.ocean import Ocean
 from sim.water.rays import SoundProfile, StraightRays
+from sim.water.refraction import Extent, RefractedRays, refracted_rays
 from sim.water.region import region_of
 from sim.water.waves import Waves
+
+_LOOKS = 200  # instants at which the plan of a mission is looked at
+_ROOM, _ROOM_M = 1.2, 3.0  # of tables of rays beyond what is planned
 
 # keeps the sea's random numbers apart from all others that come from the same seed
 _WAVES_KEY = 0x5EA
 
 
-def rays_of(scenario: Scenario) -> StraightRays:
-    """How sound gets through a scenario's sea."""
-    acoustics = scenario.acoustics
-    points: npt.ArrayLike = acoustics.sound_speed_profile or ((0.0, acoustics.sound_speed_m_s),)
+def sound_points(scenario: Scenario) -> Floats | None:
+    """Depths [m] and speeds of sound [m/s] of a scenario's profile, shape (n, 2); None: there is
+    one speed.
+    """
     cast = sound_cast(scenario)
     if cast is not None:
-        points = cast.points
+        return cast.points
+    profile = scenario.acoustics.sound_speed_profile
+    return np.array(profile) if profile else None
+
+
+def rays_of(scenario: Scenario) -> StraightRays | RefractedRays:
+    """How sound gets through a scenario's sea."""
+    acoustics = scenario.acoustics
+    points = sound_points(scenario)
+    floor = floor_of(scenario)
+    bends = points is not None and len(set(points[:, 1].tolist())) > 1
+    if points is not None and bends and acoustics.rays == "refracted":
+        return refracted_rays(
+            points,
+            floor,
+            extent_of(scenario),
+            surface_echoes=acoustics.surface_echo_probability > 0.0,
+        )
+    constant = ((0.0, acoustics.sound_speed_m_s),)
     return StraightRays(
-        profile=SoundProfile.through(points),
-        varies=bool(acoustics.sound_speed_profile) or cast is not None,
-        floor=floor_of(scenario),
+        profile=SoundProfile.through(constant if points is None else points),
+        varies=points is not None,
+        floor=floor,
     )
+
+
+def planned_places(scenario: Scenario) -> list[Floats]:
+    """Where each vehicle, and each beacon, is planned to be, shapes (n, 3) or (1, 3), east, north
+    and depth [m]; stations are beside the leader.
+    """
+    time = np.linspace(0.0, scenario.duration_s, _LOOKS)
+    places = []
+    leader = np.zeros((_LOOKS, 3))
+    for key, vehicle in scenario.vehicles():
+        station = getattr(vehicle, "station", None)
+        if station is not None:
+            behind = leader[:, :2] - (math.hypot(station.behind_m, station.port_m), 0.0)
+            places.append(np.column_stack([behind, np.full(_LOOKS, vehicle.layer_m)]))
+            continue
+        route = route_of(vehicle, key)
+        motion = plan(route).at(time)
+        depth = route.depth.depth_at(time)
+        places.append(np.column_stack([motion.east, motion.north, depth]))
+        leader = places[0]
+    beacons = [place for link in scenario.links for place in link.beacons_m]
+    return places + [np.array([place]) for place in beacons]
+
+
+def extent_of(scenario: Scenario) -> Extent:
+    """Depths and distances that the plans of a scenario need, with some room."""
+    places = planned_places(scenario)
+    deepest = max(float(place[:, 2].max()) for place in places)
+    farthest = max(
+        float(np.hypot(*(a[:, :2] - b[:, :2]).T).max())
+        for i, a in enumerate(places)
+        for b in places[:i]
+    )
+    reach = _ROOM * farthest + _ROOM_M
+    if scenario.acoustics.max_range_m:
+        reach = min(reach, scenario.acoustics.max_range_m)
+    return Extent(_ROOM * deepest + _ROOM_M, reach)
 
 
 def _source(key: str, table: SeaFile) -> Source:

@@ -13,6 +13,7 @@ from sim.water.environment import Environment, UniformDensity, water_velocity
 from sim.water.floors import LevelFloor
 from sim.water.grids import GriddedFloor
 from sim.water.rays import SoundProfile, StraightRays
+from sim.water.refraction import RefractedRays
 from sim.water.waves import FLOOR_DEPTH_M, Waves, WaveTrain
 
 _SOUND_SPEED_M_S = 1500.0  # unless it is given
@@ -34,7 +35,9 @@ class Ocean:
     floor_depth_m: float = FLOOR_DEPTH_M  # that waves feel
     floor: LevelFloor | GriddedFloor | None = None  # None: a level one of this depth
     waves: Waves = field(default_factory=Waves.none)  # made for the same depth
-    rays: StraightRays | None = None  # None: a speed of sound of 1500 m/s everywhere
+    rays: StraightRays | RefractedRays | None = (
+        None  # None: a speed of sound of 1500 m/s everywhere
+    )
 
     def __post_init__(self) -> None:
         freeze_arrays(self)

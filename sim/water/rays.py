@@ -5,8 +5,9 @@ Fundamentals of Acoustical Oceanography, 1998). A boundary sends an echo that se
 mirror image of its source (ibid.); a floor that is not level is taken for level about the place of
 reflection.
 
-Rays are a NamedTuple with the methods `apparent_source(path, source, receiver)` and
-`slowness(path, source, receiver)`, which compiled code chooses by its type.
+Rays are a NamedTuple with the methods `apparent_source(path, source, receiver)`,
+`slowness(path, source, receiver)` and `straight_slowness`, likewise, which compiled code chooses by
+its type. Those that bend are in `sim.water.refraction`.
 """
 
 import math
@@ -22,6 +23,7 @@ from sim.attitude import Vector
 
 method_by_type("apparent_source")
 method_by_type("slowness")
+method_by_type("straight_slowness")
 
 # smaller depth steps have the slowness of their middle: quotients of small differences round [m]
 _LEVEL_M = 1e-3
@@ -144,9 +146,10 @@ class Ray(NamedTuple):
     """How sound gets by one path from a place to another, both at rest."""
 
     path: Path
-    length: float  # [m]
+    length: float  # of the straight path [m]
     time: float  # [s]
     elevation: float  # of the ray where it arrives, positive where it comes from above [rad]
+    departure: float  # angle at which it leaves, positive downwards [rad]
 
 
 class StraightRays(NamedTuple):
@@ -155,6 +158,7 @@ class StraightRays(NamedTuple):
     profile: SoundProfile
     varies: bool  # sound has another speed at another depth
     floor: Any  # as `sim.water.floors.LevelFloor`
+    bends: bool = False  # the slowness of a path takes long to find
 
     @jitable
     def apparent_source(self, path: int, source: Vector, receiver: Vector) -> Vector:
@@ -168,10 +172,24 @@ class StraightRays(NamedTuple):
         floor = self.floor.reflection_depth(source, receiver) if path == _BOTTOM else 0.0
         return path_slowness(self.profile, path, source[2], receiver[2], floor)
 
+    @jitable
+    def straight_slowness(self, path: int, source: Vector, receiver: Vector) -> float:
+        """The same: of the depths that the path crosses."""
+        return self.slowness(path, source, receiver)
+
+    def speed(self, depth: float) -> float:
+        """Speed of sound at a depth [m/s]."""
+        return speed_at(self.profile, depth)
+
     def ray(self, path: int, source: Vector, receiver: Vector) -> Ray:
         """The ray of a path."""
         apparent = self.apparent_source(path, source, receiver)
         length = distance(apparent, receiver)
         elevation = math.asin((apparent[2] - receiver[2]) / length) if length > 0.0 else 0.0
         time = length * self.slowness(path, source, receiver)
-        return Ray(Path(path), length, time, elevation)
+        departure = elevation if path == _DIRECT else -elevation
+        return Ray(Path(path), length, time, elevation, departure)
+
+    def rays(self, path: int, source: Vector, receiver: Vector) -> tuple[Ray, ...]:
+        """The one ray of a path."""
+        return (self.ray(path, source, receiver),)

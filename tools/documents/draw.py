@@ -16,6 +16,7 @@ from PIL import Image
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES, load_scenario
 from experiments.studies.estimators import figures as estimators
+from experiments.studies.thermocline import figures as thermocline
 from experiments.study.file import built_in, study_of
 from reports.figures import Line, Panel
 from reports.flight_figures import error_parts
@@ -178,6 +179,7 @@ def main() -> None:
         ),
         "real-ranges": study_pictures.real_ranges(),
         "reproduction": study_pictures.reproduction(),
+        "thermocline": (drawing.draw(thermocline.ray_picture("strong")), ()),
     }
     for name, (figure, legend) in drawn.items():
         save(figure, name, legend)

@@ -44,6 +44,7 @@ STUDIES: dict[str, Callable[[Path], object]] = {
     "real-ranges": real_ranges.run,
     "rivals": partial(run, "rivals", {}),
     "benchmark": benchmark_navigators.run,
+    "thermocline": partial(run, "thermocline", {}),
 }
 """How each is flown into a folder."""
 

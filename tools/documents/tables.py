@@ -534,6 +534,59 @@ def bluerov_speeds(records: Records) -> str:
     return markdown(["motion, voltage", "published code", "simulation", "unit"], rows)
 
 
+_REACHES = ("50", "100", "200")
+_DEPTHS = {"8-20": "8 and 20 m", "16-16": "16 and 16 m", "20-20": "20 and 20 m"}
+_NAVIGATORS = {"laisn-2": "LAISN-2", "laisn-3-2": "LAISN-3(2)", "tight": "tightly coupled"}
+
+
+def thermocline_fixes(records: Records) -> str:
+    """Shifts of fixes without noise, by depths and range."""
+    findings = records["thermocline"].findings
+    fixed = ("laisn-2", "laisn-3-2")
+    heads = [f"{_NAVIGATORS[name]}, {reach} m [m]" for name in fixed for reach in _REACHES]
+    rows = [
+        [
+            label,
+            *(
+                f"{findings[f'fix {name} strong {depths} {reach} 2']:.2f}"
+                for name in fixed
+                for reach in _REACHES
+            ),
+        ]
+        for depths, label in _DEPTHS.items()
+    ]
+    return markdown(["depths of leader and follower", *heads], rows)
+
+
+def thermocline_legs(records: Records) -> str:
+    """Errors of navigators on a leg, and what the mean speed adds."""
+    findings = records["thermocline"].findings
+    rows = [
+        [
+            f"{title}, {label}",
+            *(
+                f"{findings[f'{key} {name} strong {depths} {reach}']:.2f i}"
+                for reach in _REACHES[1:]
+                for key in ("error", "added")
+            ),
+        ]
+        for name, title in _NAVIGATORS.items()
+        for depths, label in _DEPTHS.items()
+    ]
+    heads = [f"{what}{reach} m [m]" for reach in _REACHES[1:] for what in ("", "added at ")]
+    return markdown(["navigator, depths", *heads], rows)
+
+
+def thermocline_closed(records: Records) -> str:
+    """Distances of a follower that steers by its estimate."""
+    findings = records["thermocline"].findings
+    rows = [
+        [title, *(f"{findings[f'off {name} {sound}']:.2f i}" for sound in ("straight", "profile"))]
+        for name, title in _NAVIGATORS.items()
+    ]
+    return markdown(["navigator", "by the mean speed [m]", "by the profile [m]"], rows)
+
+
 TABLES: dict[str, Callable[[Records], str]] = {
     "ratios": ratios,
     "coverage": coverage,
@@ -547,6 +600,9 @@ TABLES: dict[str, Callable[[Records], str]] = {
     "estimators-at-sea": estimators_at_sea,
     "tight-limits": tight_limits,
     "rivals": rivals,
+    "thermocline-fixes": thermocline_fixes,
+    "thermocline-legs": thermocline_legs,
+    "thermocline-closed": thermocline_closed,
     "rivals-two": rivals_two,
     "rivals-conditions": rivals_conditions,
     "rivals-closed": rivals_closed,

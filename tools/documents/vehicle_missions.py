@@ -16,11 +16,11 @@ from experiments.flight import library
 from experiments.flight.fly import fly
 from laisn.arrays import Floats
 from reports.findings import FILE, Finding, Findings, plain, record
-from sim.assembly import route_of
 from sim.flight import Flight, Termination
 from sim.hull import hull_of, limits_of
 from sim.scenario.file import ScenarioError
 from sim.scenario.settings import Scenario
+from sim.scenario.vehicle_routes import route_of
 from sim.tracking import cross_track, off_station
 from sim.trial import track_deviations, trial
 

@@ -307,6 +307,14 @@ def test_impossible_settings_are_refused(bad):
             ping_slot_s=0.04,
             clock_drift_ppm=30.0,
         ),
+        # about half of the messages are heard
+        Acoustics(
+            source_level_db=109.0,
+            message_length_s=0.2,
+            ranging_pulse="end",
+            travel_time=True,
+            clock_offset_s=0.01,
+        ),
     ],
 )
 @pytest.mark.parametrize("variant", ["laisn-2", "laisn-3-1", "laisn-3-2"])

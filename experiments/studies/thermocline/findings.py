@@ -1,0 +1,184 @@
+"""What the study found: errors of flights, and of fixes without noise, which need no flight."""
+
+import math
+import tomllib
+from collections.abc import Iterator, Mapping
+from functools import cache
+from importlib import resources
+from itertools import product
+from typing import Any, NamedTuple
+
+from experiments.study.run import Cells, StudyResults
+from laisn.fix import SINGLE, Pair, circles, pair_fix
+from laisn.geometry import Arms, Point, Turn
+from laisn.messages import Ranges
+from laisn.settings import NavigationSettings, Tuning, Variant
+from reports.findings import Finding, of, plain
+from reports.intervals import mean_interval
+from sim.water.floors import LevelFloor
+from sim.water.rays import Path
+from sim.water.refraction import RefractedRays, traced_rays
+
+SEASONS = {"mixed": "none", "weak": "weak", "moderate": "moderate", "strong": "strong"}
+BENT = ("weak", "moderate", "strong")
+NAVIGATORS = {"laisn-2": "LAISN-2", "laisn-3-2": "LAISN-3(2)", "tight": "tightly coupled"}
+FIXED: tuple[Variant, ...] = ("laisn-2", "laisn-3-2")
+"""Navigators that make fixes of single messages."""
+PAIRS = ((8.0, 20.0), (16.0, 16.0), (20.0, 20.0))
+RANGES_M = (50.0, 100.0, 200.0)
+BASELINES_M = (1.0, 2.0)
+MATTERS_M = 0.5
+"""A fix that bending alone shifts by more than this is spoilt [m]."""
+_LONGEST_M = 400.0
+_MIDDLE_M = NavigationSettings().middle_offset  # of the middle transmitter, to port
+
+
+def _file(name: str) -> dict[str, Any]:
+    text = (resources.files(__package__) / f"{name}.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)
+
+
+@cache
+def rays_of(season: str) -> RefractedRays:
+    """Rays of a season's water."""
+    scenario = _file(season)
+    floor = LevelFloor(scenario["ocean"]["floor_depth_m"])
+    return traced_rays(scenario["acoustics"]["sound_speed_profile"], floor)
+
+
+def pair_name(pair: tuple[float, float]) -> str:
+    """As the cases of the study name depths of leader and follower."""
+    return f"{pair[0]:g}-{pair[1]:g}"
+
+
+def measured_range(
+    season: str, source: tuple[float, float, float], receiver: tuple[float, float, float]
+) -> float:
+    """Range that a receiver computes of the first ray by the mean speed between both depths [m];
+    NaN if there is no ray.
+    """
+    rays = rays_of(season)
+    time = rays.ray(int(Path.DIRECT), source, receiver).time
+    return time / float(rays.straight_slowness(int(Path.DIRECT), source, receiver))
+
+
+def range_error(season: str, depths: tuple[float, float], reach: float) -> float:
+    """Range by the mean speed, less the true one, at a horizontal distance [m]."""
+    source = (0.0, 0.0, -depths[0])
+    receiver = (reach, 0.0, -depths[1])
+    return measured_range(season, source, receiver) - math.dist(source, receiver)
+
+
+class Geometry(NamedTuple):
+    """A follower on the quarter of a leader that heads north."""
+
+    depths: tuple[float, float]  # of leader and follower [m]
+    reach: float  # horizontal distance [m]
+    baseline: float  # [m]
+
+    @property
+    def follower(self) -> Point:
+        """East and north of the leader [m]."""
+        aside = self.reach * math.sqrt(0.5)
+        return Point(aside, -aside)
+
+
+def fix_error(season: str, variant: Variant, g: Geometry) -> float:
+    """Error of a fix without noise by ranges of the mean speed [m]."""
+    leader, follower = g.depths
+    half = 0.5 * g.baseline
+    receiver = (*g.follower, -follower)
+    places = ((0.0, -half, -leader), (0.0, half, -leader), (-_MIDDLE_M, 0.0, -leader))
+    ranges = Ranges(*(measured_range(season, place, receiver) for place in places))
+    arms = Arms((0.0, half, 0.0), (-_MIDDLE_M, 0.0, 0.0))
+    rear, front, middle = circles(Point(0.0, 0.0), arms, ranges, follower - leader)
+    north = Turn(0.0, 1.0)
+    tuning = Tuning.of(NavigationSettings(variant=variant))
+    pairs = (Pair(rear, front, False), Pair(rear, middle, False), Pair(middle, front, True))
+    fixes = tuple(pair_fix(pair, north, g.follower, tuning) for pair in pairs)
+    fix = SINGLE[variant](fixes, g.follower)  # type: ignore[arg-type]
+    return math.hypot(fix.east - g.follower.east, fix.north - g.follower.north)
+
+
+def range_where_it_matters(season: str, variant: Variant, baseline: float) -> float | None:
+    """Shortest range, over the depths of the study, at which a fix is spoilt [m]; None: there is
+    none up to 400 m.
+    """
+
+    def worst(reach: float) -> float:
+        errors = [fix_error(season, variant, Geometry(pair, reach, baseline)) for pair in PAIRS]
+        return max((error for error in errors if error == error), default=0.0)
+
+    last = 0.0
+    for reach in range(10, round(_LONGEST_M) + 1, 10):
+        if worst(float(reach)) > MATTERS_M:
+            low, high = last, float(reach)
+            while high - low > 0.5:
+                middle = 0.5 * (low + high)
+                low, high = (low, middle) if worst(middle) > MATTERS_M else (middle, high)
+            return high
+        last = float(reach)
+    return None
+
+
+def fix_findings() -> Iterator[tuple[str, Finding]]:
+    """Errors of ranges and of fixes without noise."""
+    for season, pair, reach in product(BENT, PAIRS, RANGES_M):
+        error = range_error(season, pair, reach)
+        name = f"{season} {pair_name(pair)} {reach:g}"
+        yield f"range {name}", plain(error, "range by the mean speed less the true one", "m")
+        for variant, baseline in product(FIXED, BASELINES_M):
+            shift = fix_error(season, variant, Geometry(pair, reach, baseline))
+            key = f"fix {variant} {name} {baseline:g}"
+            yield key, plain(shift, "error of a fix without noise by the mean speed", "m")
+    for season, reach in product(BENT, RANGES_M):
+        errors = [range_error(season, pair, reach) for pair in PAIRS]
+        yield (
+            f"range-worst {season} {reach:g}",
+            plain(max(map(abs, errors)), "largest error of a range by the mean speed", "m"),
+        )
+    for season, variant, baseline in product(BENT, FIXED, BASELINES_M):
+        yield (
+            f"from {variant} {season} {baseline:g}",
+            plain(
+                range_where_it_matters(season, variant, baseline),
+                f"range from which bending spoils a fix by {MATTERS_M} m",
+                "m",
+            ),
+        )
+
+
+def leg_findings(cells: Cells) -> Iterator[tuple[str, Finding]]:
+    """Mean errors of navigators on a leg, and what bending adds to them, paired by run."""
+    arms = cells.by("arm", "scenario", "case")
+    for name, by_profile in arms.items():
+        navigator, sound, place = name.split(" ", 2)
+        if sound != "profile":
+            continue
+        place = place.replace(".toml", "")
+        known = by_profile.runs("e_p_mean_m")[:, 0]
+        mean = arms[name.replace(" profile ", " straight ", 1)].runs("e_p_mean_m")[:, 0]
+        key = f"{navigator} {place}"
+        yield f"error {key}", of(mean_interval(mean), "mean E_P by the mean speed, 95 %", "m")
+        yield f"known {key}", of(mean_interval(known), "mean E_P by the profile, 95 %", "m")
+        added = of(
+            mean_interval(mean - known), "what the mean speed adds, paired by run, 95 %", "m"
+        )
+        yield f"added {key}", added
+
+
+def closed_findings(cells: Cells) -> Iterator[tuple[str, Finding]]:
+    """Distances from its place of a follower that steers by its estimate."""
+    for name, followers in cells.by("arm").items():
+        off = mean_interval(followers.runs("track_error_rms_m")[:, 0])
+        yield f"off {name}", of(off, "RMS off its place, steering by its estimate, 95 %", "m")
+
+
+def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
+    """All findings."""
+    return {
+        "matters": plain(MATTERS_M, "shift of a fix that spoils it", "m"),
+        **dict(fix_findings()),
+        **dict(leg_findings(outcomes["legs"].cells)),
+        **dict(closed_findings(outcomes["closed"].cells)),
+    }

@@ -1,0 +1,67 @@
+"""Cautions before a flight about rays that bend: shadows, several rays, and wrong ranges."""
+
+import numpy as np
+
+from laisn.arrays import Floats
+from sim.scenario.settings import Scenario
+from sim.water.assembly import floor_of, planned_places, sound_points
+from sim.water.rays import Path
+from sim.water.refraction import RefractedRays, traced_rays
+
+_LOOKS = 25  # instants at which rays are traced
+_NOTICEABLE_M = 0.1  # errors of ranges below this need no caution
+
+
+def _rays(scenario: Scenario) -> RefractedRays | None:
+    points = sound_points(scenario)
+    if points is None or np.ptp(points[:, 1]) == 0.0 or scenario.acoustics.rays == "straight":
+        return None
+    return traced_rays(points, floor_of(scenario))
+
+
+def _numbers(rays: RefractedRays, leader: Floats, follower: Floats) -> tuple[int, float]:
+    """How many direct rays join two places, and what bending takes off a range [m]."""
+    source, receiver = (
+        (float(east), float(north), -float(depth)) for east, north, depth in (leader, follower)
+    )
+    found = rays.rays(int(Path.DIRECT), source, receiver)
+    if not found:
+        return 0, 0.0
+    straight = rays.straight_slowness(int(Path.DIRECT), source, receiver)
+    return len(found), found[0].length - found[0].time / straight
+
+
+def ray_cautions(scenario: Scenario) -> list[str]:
+    """Lines about the direct rays from the leader to its followers along their plans."""
+    rays = _rays(scenario)
+    if rays is None:
+        return []
+    leader, *followers = planned_places(scenario)[: 1 + len(scenario.followers)]
+    chosen = np.linspace(0, len(leader) - 1, _LOOKS).astype(int)
+    shadowed, several, worst = [], [], 0.0
+    for follower, places in zip(scenario.followers, followers, strict=True):
+        looks = [_numbers(rays, leader[i], places[i]) for i in chosen.tolist()]
+        counts = [count for count, _ in looks]
+        worst = max([worst, *(error for _, error in looks)])
+        if 0 in counts:
+            shadowed.append(f"{follower.name} ({counts.count(0) / _LOOKS:.0%} of the plan)")
+        if max(counts) > 1:
+            several.append(follower.name)
+    lines = []
+    if shadowed:
+        lines.append(
+            f"acoustics.rays: no direct ray reaches {', '.join(shadowed)}, which receives nothing "
+            "there"
+        )
+    if several:
+        lines.append(
+            f"acoustics.rays: several direct rays reach {', '.join(several)}; the first to arrive "
+            "is measured"
+        )
+    if worst > _NOTICEABLE_M and scenario.navigation.sound_speed != "profile":
+        lines.append(
+            f"acoustics.rays: rays bend, which makes ranges up to {worst:.2g} m shorter than along "
+            f"the straight path; navigation.sound_speed = {scenario.navigation.sound_speed!r} "
+            "assumes straight ones"
+        )
+    return lines

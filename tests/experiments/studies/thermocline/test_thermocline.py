@@ -1,0 +1,58 @@
+"""The study of thermoclines: fixes that bending shifts, and the command."""
+
+import math
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from experiments.studies.thermocline.findings import (
+    Geometry,
+    fix_error,
+    range_error,
+    range_where_it_matters,
+)
+from laisn_sim.cli.main import app
+
+
+def test_nothing_shifts_a_fix_in_mixed_water() -> None:
+    for variant in ("laisn-2", "laisn-3-2"):
+        assert fix_error("mixed", variant, Geometry((8.0, 20.0), 100.0, 2.0)) < 1e-6
+
+
+def test_a_fix_of_two_transmitters_shifts_as_the_difference_of_its_ranges() -> None:
+    # on the quarter, D δB = (e_rear − e_front) / (b sin B) · D and the mean of both along the range
+    depths, reach, baseline = (8.0, 20.0), 100.0, 2.0
+    half = 0.5 * baseline
+    slope = 0.0
+    error = 0.0
+    near, far = (math.hypot(reach / math.sqrt(2), reach / math.sqrt(2) + s) for s in (-half, half))
+    near_error, far_error = (range_error("strong", depths, r) for r in (near, far))
+    flat = math.sqrt(reach**2 + 12.0**2) / reach  # horizontal by slant ranges
+    slope = (far_error - near_error) * flat / baseline / math.sin(math.pi / 4)
+    error = 0.5 * (near_error + far_error) * flat
+    expected = math.hypot(slope * reach, error)
+    shift = fix_error("strong", "laisn-2", Geometry(depths, reach, baseline))
+    assert shift == pytest.approx(expected, rel=0.05)
+    # bearing errors of 0.4 to 1.5 m at 100 m, computed beside this project
+    assert 0.3 < shift < 1.6
+
+
+def test_bending_matters_from_nearer_on_the_stronger_the_thermocline() -> None:
+    strong, moderate = (range_where_it_matters(s, "laisn-2", 2.0) for s in ("strong", "moderate"))
+    assert strong is not None
+    assert moderate is not None
+    assert strong < moderate
+    at = max(
+        fix_error("strong", "laisn-2", Geometry(pair, strong, 2.0))
+        for pair in ((8.0, 20.0), (16.0, 16.0), (20.0, 20.0))
+    )
+    assert at == pytest.approx(0.5, abs=0.05)
+
+
+@pytest.mark.system
+def test_the_command_writes_a_page_that_begins_with_the_answer(tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["thermocline", "--quick", "--out", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "shift a fix of LAISN-2 by more than half a metre from" in page
