@@ -372,6 +372,7 @@ def rivals(records: Records) -> str:
     }
     more = {
         "worst route [m]": ("worst NAME calm 5", ".2f"),
+        "less tightly coupled, every 5 s [m]": ("less tight NAME calm 5", ".3f i"),
         "95 % below [m]": ("high NAME calm 5", ".2f"),
         "NEES": ("nees NAME calm 5", ".3g"),
         "mirror-locked": ("locked NAME calm 5", ".0%"),
