@@ -298,6 +298,11 @@ def fly_and_write(
     for caution in cautions(scenario):
         print_line(console, caution, "warning:")
     replaces = (folder / SUMMARY).exists()
+    if (live or foxglove) and scenario.motion == "kinematic":
+        raise LaisnError(
+            f'{"--live" if live else "--foxglove"}: expected motion = "physics" (points, as '
+            'motion = "kinematic" has them, are not flown step by step)'
+        )
     view = _opened_view(console, foxglove) if live or foxglove else None
     with one_flight(folder) as work:
         flight, summary, film_error = write_flight(

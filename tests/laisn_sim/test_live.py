@@ -168,6 +168,14 @@ def test_a_page_shows_moving_hulls_and_pauses_the_mission() -> None:
     flying.join(20)
 
 
+def test_points_cannot_be_shown_live(tmp_path: Path) -> None:
+    arguments = ["fly", "T5", "--live", "--set", "motion=kinematic", "--out", str(tmp_path / "o")]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code != 0
+    assert '--live: expected motion = "physics"' in result.output
+    assert not (tmp_path / "o").exists()
+
+
 @pytest.mark.system
 def test_a_live_flight_is_that_of_a_flight(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[str] = []
