@@ -168,6 +168,25 @@ def test_a_page_shows_moving_hulls_and_pauses_the_mission() -> None:
     flying.join(20)
 
 
+def test_a_page_is_told_of_pauses_and_of_another_mission(view: LiveView) -> None:
+    connection = HTTPConnection("127.0.0.1", port_of(view), timeout=20)
+    connection.request("GET", "/events")
+    reply = connection.getresponse()
+    assert reply.headers["Content-Type"].startswith("text/event-stream")
+
+    def told() -> dict[str, Any]:
+        while not (line := reply.readline()).startswith(b"data: "):
+            assert line, "the stream ended"
+        return dict(json.loads(line.removeprefix(b"data: ")))
+
+    assert told() == {"paused": False, "speed": 0.0}  # as fast as possible
+    view.control(True, 5.0)
+    assert told() == {"paused": True, "speed": 5.0}
+    view.begin(make_flight(10.0).scenario)
+    assert told() == {"anew": True}
+    assert not reply.read().strip()
+
+
 def test_points_cannot_be_shown_live(tmp_path: Path) -> None:
     arguments = ["fly", "T5", "--live", "--set", "motion=kinematic", "--out", str(tmp_path / "o")]
     result = CliRunner().invoke(app, arguments)
