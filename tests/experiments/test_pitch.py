@@ -91,6 +91,15 @@ def test_the_predicted_side_puts_a_follower_ahead() -> None:
     assert ahead.error < 0.5
 
 
+@pytest.mark.parametrize(("threshold", "on_axis"), [(59.9, False), (60.1, True)])
+def test_intersections_closer_than_the_threshold_are_one(threshold: float, on_axis: bool) -> None:
+    """Abeam of a level leader they are a diameter apart."""
+    geometry = Geometry(
+        baseline=3.0, pitch_deg=0.0, distance=DISTANCE, below=15.0, threshold=threshold
+    )
+    assert geometry.at(90.0).on_axis == on_axis
+
+
 @pytest.mark.system
 def test_the_engine_of_campaigns_makes_the_same_fixes() -> None:
     from experiments.studies.asymmetry.fix_map import sweep
