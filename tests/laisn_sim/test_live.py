@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 from typer.testing import CliRunner
+from websockets.sync.client import connect
+from websockets.typing import Subprotocol
 
 import laisn_sim
 from laisn.errors import LaisnError
@@ -25,6 +27,7 @@ from tests.reports.test_scene import arrays_of, inflated, read_array
 from tests.synthetic import make_flight
 
 LISTENS = "0A"  # state of a socket in /proc/net/tcp
+FOXGLOVE = Subprotocol("foxglove.sdk.v1")
 SHORT = {"duration_s": 30.0}
 
 
@@ -185,6 +188,21 @@ def test_a_page_is_told_of_pauses_and_of_another_mission(view: LiveView) -> None
     view.begin(make_flight(10.0).scenario)
     assert told() == {"anew": True}
     assert not reply.read().strip()
+
+
+def test_a_view_feeds_foxglove_beside_its_page() -> None:
+    flight = make_flight(5.0)
+    view = LiveView(math.inf, foxglove_port=0)
+    assert view.foxglove is not None
+    view.begin(flight.scenario)
+    with connect(view.foxglove.address, subprotocols=[FOXGLOVE], max_size=None) as socket:
+        view.show(flight)
+        topics = set[str]()
+        while "/leader/pose" not in topics:
+            told = json.loads(socket.recv(timeout=20))
+            topics |= {channel["topic"] for channel in told.get("channels", ())}
+    assert b"scene-view" in view.page
+    view.close()
 
 
 def test_points_cannot_be_shown_live(tmp_path: Path) -> None:
