@@ -15,6 +15,7 @@ from laisn.errors import LaisnError
 from laisn.messages import LeaderMessage, LinkMessages, Measurements
 from laisn.plugins import register
 from laisn_sim import Command, Flight, Simulation
+from sim.tracking import bounds_of
 from sim.trajectory import Trajectory
 
 TIME, EAST, NORTH, HEADING, SPEED, DEPTH, PITCH, ROLL = range(8)
@@ -358,6 +359,34 @@ def test_errors_of_a_vehicles_own_sensors_are_in_what_it_broadcasts() -> None:
     np.testing.assert_array_equal(by_table, by_keys)
     exact = laisn_sim.fly(beside()).measurements[0].message
     assert (by_table[:, SPEED] - exact[:, SPEED]).mean() == pytest.approx(0.2, abs=1e-9)
+
+
+def test_a_hydrophone_is_where_its_key_says() -> None:
+    follower = {"name": "follower", "route": "T5", "hydrophone_m": [0.5, 0.2, 0.3]}
+    truth = laisn_sim.fly(beside(followers=[follower], leader={"hydrophone_m": HYDROPHONE}))
+    for vehicle, offset in ((0, HYDROPHONE), (1, follower["hydrophone_m"])):
+        name = truth.trajectory.names[vehicle]
+        from_origin = (
+            truth.trajectory.site_path(f"{name}/hydrophone") - truth.trajectory.position[:, vehicle]
+        )
+        forward, port, up = offset
+        heading = truth.trajectory.heading[:, vehicle]
+        east = forward * np.sin(heading) - port * np.cos(heading)
+        north = forward * np.cos(heading) + port * np.sin(heading)
+        expected = np.column_stack([east, north, np.full(len(east), up)])
+        np.testing.assert_allclose(from_origin, expected, rtol=0, atol=1e-12)
+
+
+def test_a_leader_that_is_not_steered_by_the_truth_may_leave_its_route() -> None:
+    controlled = {"controller": register(Eastward)}
+    by_estimate = {
+        "guidance_position": "estimate",
+        "navigation": {"variant": "dead-reckoning"},
+    }
+    assert bounds_of(laisn_sim.load(beside(motion="physics"))).routes[0] is not None
+    for leader in (controlled, by_estimate):
+        scenario = laisn_sim.load(beside(motion="physics", leader=leader))
+        assert bounds_of(scenario).routes[0] is None
 
 
 @pytest.mark.parametrize(
