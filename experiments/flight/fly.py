@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
-from laisn.navigators import NavigatorFactory, find
+from laisn.navigators import NavigatorFactory, SteppedNavigator, find
 from sim.flight import Flight, Termination, navigate, navigation_settings
 from sim.scenario.file import ScenarioError, assigned, validate
 from sim.scenario.settings import Scenario
@@ -121,8 +121,8 @@ def navigate_again(
 
     `changes` are of its navigation by dotted key: {"navigation.variant": "laisn-3-2"}. `navigator`
     makes that of a follower from its settings and its start [x, y, vx, vy]: whatever has
-    `run(measurements) -> Estimates`. ScenarioError if changes are invalid, or touch more than
-    navigation.
+    `run(measurements) -> Estimates`, or `step`. ScenarioError if changes are invalid, or touch more
+    than navigation.
     """
     changes = {} if changes is None else changes
     if not isinstance(changes, Mapping):
@@ -139,10 +139,11 @@ def navigate_again(
         table, ", ".join([flight.scenario.name, *(f"{k} = {v}" for k, v in changes.items())])
     )
     make = navigator or find(scenario.navigation.variant).make
-    estimates = tuple(
-        make(
-            navigation_settings(scenario, flight.trajectory, i), start_of(flight.trajectory, i)
-        ).run(measured.with_links(scenario.navigation.further_links))
-        for i, measured in enumerate(flight.measurements)
-    )
-    return replace(flight, scenario=scenario, estimates=estimates)
+    estimates = []
+    for i, measured in enumerate(flight.measurements):
+        settings = navigation_settings(scenario, flight.trajectory, i)
+        made = make(settings, start_of(flight.trajectory, i))
+        if not hasattr(made, "run"):
+            made = SteppedNavigator(made, settings)
+        estimates.append(made.run(measured.with_links(scenario.navigation.further_links)))
+    return replace(flight, scenario=scenario, estimates=tuple(estimates))

