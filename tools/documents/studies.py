@@ -14,6 +14,7 @@ from experiments.study.study import run
 from reports.findings import FILE
 from tools.documents import (
     benchmark_navigators,
+    bending,
     claim_seeds,
     coverage,
     flights,
@@ -44,6 +45,7 @@ STUDIES: dict[str, Callable[[Path], object]] = {
     "real-ranges": real_ranges.run,
     "rivals": partial(run, "rivals", {}),
     "benchmark": benchmark_navigators.run,
+    "bending": bending.run,
     "thermocline": partial(run, "thermocline", {}),
 }
 """How each is flown into a folder."""

@@ -542,7 +542,7 @@ _NAVIGATORS = {"laisn-2": "LAISN-2", "laisn-3-2": "LAISN-3(2)", "tight": "tightl
 
 def thermocline_fixes(records: Records) -> str:
     """Shifts of fixes without noise, by depths and range."""
-    findings = records["thermocline"].findings
+    findings = records["bending"].findings
     fixed = ("laisn-2", "laisn-3-2")
     heads = [f"{_NAVIGATORS[name]}, {reach} m [m]" for name in fixed for reach in _REACHES]
     rows = [
@@ -559,35 +559,6 @@ def thermocline_fixes(records: Records) -> str:
     return markdown(["depths of leader and follower", *heads], rows)
 
 
-def thermocline_legs(records: Records) -> str:
-    """Errors of navigators on a leg, and what the mean speed adds."""
-    findings = records["thermocline"].findings
-    rows = [
-        [
-            f"{title}, {label}",
-            *(
-                f"{findings[f'{key} {name} strong {depths} {reach}']:.2f i}"
-                for reach in _REACHES[1:]
-                for key in ("error", "added")
-            ),
-        ]
-        for name, title in _NAVIGATORS.items()
-        for depths, label in _DEPTHS.items()
-    ]
-    heads = [f"{what}{reach} m [m]" for reach in _REACHES[1:] for what in ("", "added at ")]
-    return markdown(["navigator, depths", *heads], rows)
-
-
-def thermocline_closed(records: Records) -> str:
-    """Distances of a follower that steers by its estimate."""
-    findings = records["thermocline"].findings
-    rows = [
-        [title, *(f"{findings[f'off {name} {sound}']:.2f i}" for sound in ("straight", "profile"))]
-        for name, title in _NAVIGATORS.items()
-    ]
-    return markdown(["navigator", "by the mean speed [m]", "by the profile [m]"], rows)
-
-
 TABLES: dict[str, Callable[[Records], str]] = {
     "ratios": ratios,
     "coverage": coverage,
@@ -602,8 +573,6 @@ TABLES: dict[str, Callable[[Records], str]] = {
     "tight-limits": tight_limits,
     "rivals": rivals,
     "thermocline-fixes": thermocline_fixes,
-    "thermocline-legs": thermocline_legs,
-    "thermocline-closed": thermocline_closed,
     "rivals-two": rivals_two,
     "rivals-conditions": rivals_conditions,
     "rivals-closed": rivals_closed,

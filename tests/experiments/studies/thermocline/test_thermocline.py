@@ -50,7 +50,7 @@ def test_bending_matters_from_nearer_on_the_stronger_the_thermocline() -> None:
     assert at == pytest.approx(0.5, abs=0.05)
 
 
-@pytest.mark.system
+@pytest.mark.typed
 def test_the_command_writes_a_page_that_begins_with_the_answer(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["thermocline", "--quick", "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output
