@@ -620,6 +620,11 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
             kind = FixKind.LOST
         return [self._fix_at_estimate(kind)]
 
+    @property
+    def runs_by_steps(self) -> bool:
+        """Whether `run` gives what `step` gives in a loop."""
+        return True
+
     def run(self, measurements: Measurements) -> Estimates:
         """Estimates of a whole mission, whose filter step may differ from the settings'; see
         `OnlineNavigator.run`.

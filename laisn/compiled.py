@@ -41,6 +41,7 @@ from numba.extending import intrinsic, overload, overload_method, register_jitab
 
 from laisn.arrays import Bools, Floats
 from laisn.errors import LaisnWarning
+from laisn.nesting import NestedLibrary, count_nested, nest
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -106,6 +107,11 @@ FOLDER = find_folder()
 def count_stored() -> int:
     """Number of compiled functions that this process and those beside it have stored."""
     return sum(1 for _ in FOLDER.rglob("*.nbc")) if FOLDER else 0
+
+
+def count_compiled() -> int:
+    """The same, and those that this process has compiled for their callers alone."""
+    return count_stored() + count_nested()
 
 
 def remove_if_damaged(error: BaseException) -> bool:
@@ -186,9 +192,9 @@ class _Cache(FunctionCache):
         """The stored code of a signature, None if there is none."""
         return None if has_custom_types(sig) else super().load_overload(sig, target_context)
 
-    def save_overload(self, sig: object, data: object) -> None:
+    def save_overload(self, sig: object, data: Any) -> None:
         """Store the code of a signature; a warning if the folder cannot be written."""
-        if not self._enabled or has_custom_types(sig):
+        if not self._enabled or has_custom_types(sig) or isinstance(data.library, NestedLibrary):
             return
         try:
             with _one_writer():
@@ -225,10 +231,26 @@ def compiled(function: Function) -> Function:
     again within its caller would then round differently, and so would a process that compiles and
     one that loads what was stored.
     """
-    jit: Any = numba.njit(error_model="numpy", nogil=True)(function)
+    return _compiled(function, apart=False)
+
+
+def compiled_apart(function: Function) -> Function:
+    """The same of a large function that several others call: it is compiled and stored on its own,
+    for all of them.
+    """
+    return _compiled(function, apart=True)
+
+
+def _compiled(function: Function, *, apart: bool) -> Function:
+    njit: Any = numba.njit
+    jit: Any = njit(error_model="numpy", nogil=True, no_cfunc_wrapper=True)(function)
+    if jit is function:
+        # numba is switched off
+        return function
+    nest(jit, apart=apart)
     # what other projects and closures refer to is not in the name of the folder
     in_project = function.__module__.startswith(("laisn.", "sim.", "experiments."))
-    if FOLDER is not None and in_project and not function.__closure__ and jit is not function:
+    if FOLDER is not None and in_project and not function.__closure__:
         config: Any = numba.config
         config.CACHE_DIR = str(FOLDER)
         jit._cache = _Cache(function)

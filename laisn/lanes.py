@@ -14,7 +14,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints, Records
-from laisn.compiled import compiled, inlined
+from laisn.compiled import compiled, compiled_apart, inlined
 from laisn.errors import LaisnError
 from laisn.fix import (
     GATED,
@@ -530,7 +530,7 @@ class LaneSwarm(NamedTuple):
     gated: Ints
     prior: Floats  # rows of `_PRIOR` before each update of a message, shape (3, 5, LANES)
 
-    @compiled
+    @compiled_apart
     def navigate(
         self,
         step: int,

@@ -382,6 +382,13 @@ class OnlineNavigator(ABC, Generic[Result]):
         own = own._replace(depth=self._depth)
         return self._navigate(own, reception, self.settings.dt if duration is None else duration)
 
+    @property
+    def runs_by_steps(self) -> bool:
+        """Whether `run` gives what `step` gives in a loop, so that a mission can be navigated while
+        it goes on.
+        """
+        return type(self).run is OnlineNavigator.run
+
     def run(self, measurements: Measurements) -> Result:
         """Estimates of a whole mission from the start; the same to the bit as `step` in a loop,
         with its errors. ValueError: the measurements have another filter step than the settings, or

@@ -6,7 +6,8 @@ any other object with such a method, which Python calls. Compiled code chooses t
 type of the NamedTuple.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -73,15 +74,31 @@ class SwarmRecord(NamedTuple):
             fix_count=np.zeros(followers, dtype=np.int64),
         )
 
-    def estimates(self, follower: int, steps: int, kind: type[Estimates]) -> Estimates:
-        """The estimates of a follower in the first steps, from a record that is whole."""
+    def estimates(self, follower: int, steps: range, kind: type[Estimates]) -> Estimates:
+        """The estimates of a follower of filter steps `steps.start` + 1 … `steps.stop`, which
+        become 1 …, from a record that is whole.
+
+        Their fixes, and the latest before them, whose hypotheses still hold.
+        """
         fixes = self.fix[follower, : self.fix_count[follower]]
-        fixes = fixes[fixes.fix_step <= steps]
+        fixes = fixes[in_force(fixes.fix_step, steps)]
+        arrays = {name: fixes[name] for name in fixes.dtype.names}
+        arrays["fix_step"] = fixes.fix_step - steps.start
         return kind(
-            state=self.state[follower, :steps],
-            covariance=self.covariance[follower, :steps],
-            **{name: fixes[name] for name in fixes.dtype.names},
+            state=self.state[follower, steps.start : steps.stop],
+            covariance=self.covariance[follower, steps.start : steps.stop],
+            **arrays,
         )
+
+
+def in_force(fix_step: Ints, steps: range) -> slice:
+    """The fixes, of increasing steps, made in filter steps `steps.start` + 1 … `steps.stop`, and
+    those of the last step before that has any.
+    """
+    first = int(np.searchsorted(fix_step, steps.start, side="right"))
+    if first > 0:
+        first = int(np.searchsorted(fix_step, fix_step[first - 1], side="left"))
+    return slice(first, int(np.searchsorted(fix_step, steps.stop, side="right")))
 
 
 @compiled
@@ -232,12 +249,26 @@ class SeparateNavigators:
             record.covariance[i, step - 1] = covariance
             self.fixes[i] += _fixes_of(fixes, step, reception, state, covariance)
 
-    def estimates(self, record: SwarmRecord, follower: int, steps: int) -> Estimates:
-        """The estimates of a follower in the first steps, of the navigator's own kind."""
+    def estimates(self, record: SwarmRecord, follower: int, steps: range) -> Estimates:
+        """The same as of `SwarmRecord.estimates`, of the navigator's own kind."""
         kind: type[Estimates] = getattr(self.navigators[follower], "ESTIMATES", Estimates)
-        state = record.state[follower, :steps]
-        fixes = [fix for fix in self.fixes[follower] if fix.step <= steps]
-        return kind.of(state, record.covariance[follower, :steps], fixes)
+        return estimates_of(kind, record, (follower, self.fixes[follower]), steps)
+
+
+def estimates_of(
+    kind: type[Estimates],
+    record: SwarmRecord,
+    made: tuple[int, Sequence[FixRecord]],
+    steps: range,
+) -> Estimates:
+    """As `SwarmRecord.estimates`, of a follower, by its index, with the fixes that it made."""
+    follower, fixes = made
+    rows = slice(steps.start, steps.stop)
+    fix_step = np.array([fix.step for fix in fixes], dtype=np.int64)
+    in_part = [
+        replace(fix, step=fix.step - steps.start) for fix in fixes[in_force(fix_step, steps)]
+    ]
+    return kind.of(record.state[follower, rows], record.covariance[follower, rows], in_part)
 
 
 def _fixes_of(

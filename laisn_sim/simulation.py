@@ -4,6 +4,8 @@ take commands.
 
 from __future__ import annotations
 
+import json
+import weakref
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,12 +21,13 @@ from laisn.arrays import Floats, records
 from laisn.errors import LaisnError
 from laisn.messages import Reception
 from laisn.swarm import reception_of
+from reports.summary import flight_events, summarise
 from sim import attitude
 from sim.closed_loop import (
     AnyClosedLoop,
+    ClosedLoopFlight,
     PythonClosedLoop,
     closed_loop_mission,
-    flight_of,
     hearing_of,
 )
 from sim.control.guidance import REFERENCE
@@ -39,6 +42,7 @@ from sim.custom_control import (
 )
 from sim.flight import Termination
 from sim.leader import LeaderUnit
+from sim.log.writer import FlightLog
 from sim.scenario.settings import Scenario
 from sim.simulation import (
     TICK,
@@ -57,6 +61,12 @@ if TYPE_CHECKING:
 
 _LONGEST_PICTURE_S = 20.0  # of mission between two pictures of a live page
 _SAME_TIME = 1e-6  # times within this are one: they are sums of control steps [s]
+
+
+def _end_log(log: FlightLog, flown: ClosedLoopFlight) -> None:
+    """End the log of a mission that goes on."""
+    if not log.ended and flown.steps > 0:
+        log.finish(flown, Termination.INTERRUPTED)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,6 +123,7 @@ class Simulation:
         *,
         observers: Iterable[Observer] = (),
         live: bool | float | LiveView = False,
+        log: str | Path | None = None,
     ) -> None:
         """Set out on a scenario's mission; source, changes and errors are as of `load`.
 
@@ -123,9 +134,14 @@ class Simulation:
         `live` shows the mission on a page of this machine, `live.address`: True at ten times its
         time, a number at that many seconds a second, inf as fast as it can. `step` then returns
         when its time has come, and waits while the page pauses the mission.
+
+        `log` is the file of an MCAP log of the flight, which is written meanwhile; it gets its end
+        and its name with that of the mission, with `close` or at the end of the process, and until
+        then is what `laisn log recover` reads, `NAME.partial`.
         """
         self.scenario = as_scenario(source, changes)
         self._observers = list(observers)
+        self._log_path = None if log is None else Path(log)
         self.live: LiveView | None = None
         if live is not False:
             # pages take long to load
@@ -142,22 +158,47 @@ class Simulation:
             self._reference = records(REFERENCE, 1)
             self._outcome = Termination.INTERRUPTED
             self._bounds = bounds_of(self.scenario)
+            self._flown = ClosedLoopFlight(self.scenario, self._mission)
             self._mission.observers = self._observers
+            self._log: FlightLog | None = None
+            if self._log_path is not None:
+                self._log = FlightLog(self._log_path)
+                self._mission.observers = [self._write_log, *self._observers]
+                # without a reference to this object
+                self._at_exit = weakref.finalize(self, _end_log, self._log, self._flown)
             self._mission.advance(0)
         if self.live:
             self.live.begin(self.scenario)
+
+    def _write_log(self, _: object) -> None:
+        if self._log is not None and not self._log.ended:
+            self._log.update(self._flown)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Serve no page any more."""
+        """End the log, and serve no page any more."""
         self.close()
 
     def close(self) -> None:
-        """Serve no page any more; without one, nothing has to be closed."""
+        """End the log, if there is one, with what was flown until now, and serve no page any more.
+        Nothing later is logged.
+        """
+        self._end_log()
         if self.live:
             self.live.close()
+
+    def _end_log(self) -> None:
+        if self._log is None or self._log.ended or self._flown.steps < 1:
+            return
+        if not self.done:
+            _end_log(self._log, self._flown)
+            return
+        flight = self.flight()
+        summary = json.dumps(summarise(flight), indent=2, allow_nan=False) + "\n"
+        events = flight_events(flight)
+        self._log.finish(self._flown, self.outcome, summary=summary, events=events)
 
     def __repr__(self) -> str:
         vehicles = len(self.names)
@@ -205,6 +246,8 @@ class Simulation:
             until = self._instant + 1 if self._commands else end
             self._advance(min(until, self._instant + self._instants_of_picture))
             self._show_live()
+        if self.outcome is not Termination.INTERRUPTED:
+            self._end_log()
         return self
 
     @property
@@ -402,11 +445,15 @@ class Simulation:
         return estimates
 
     def reset(self, *, seed: int | None = None, run: int | None = None) -> Self:
-        """Set out anew, perhaps with the noise of another seed or run; commands are forgotten."""
+        """Set out anew, perhaps with the noise of another seed or run; commands are forgotten.
+
+        A log begins anew as well, and takes the place of the one before.
+        """
         changes = {"seed": seed, "run": run}
         changed = {key: value for key, value in changes.items() if value is not None}
         if changed:
             self.scenario = as_scenario(self.scenario, changed)
+        self._end_log()
         self._set_out()
         return self
 
@@ -418,5 +465,5 @@ class Simulation:
         if self._instant < self._loop.state.sensors.stride:
             raise LaisnError("there is no flight yet: no filter step is over")
         trajectory = self._mission.trajectory()
-        flown = flight_of(self.scenario, self._mission, trajectory, self.outcome)
+        flown = self._flown.flight(trajectory, self.outcome)
         return Flight(**vars(flown))

@@ -14,7 +14,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints, Record, Records, numbers_of, records
-from laisn.compiled import compiled, copy_values
+from laisn.compiled import compiled, compiled_apart, copy_values
 from laisn.errors import LaisnError
 from laisn.messages import LeaderMessage, LinkMessages, Reception, SensorHeader
 from laisn.navigators import find
@@ -178,7 +178,7 @@ def init_closed_loop(
     )
 
 
-@compiled
+@compiled_apart
 def sense(k: int, truth: StateHistory, a: ClosedLoopState) -> bool:
     """All sensors at instant k, and messages that are in; whether navigators are due, else
     followers dead-reckon.
@@ -266,7 +266,7 @@ def _true_estimate(
         estimate.current[i] = guidance.current[i]
 
 
-@compiled
+@compiled_apart
 def guide(k: int, truth: StateHistory, a: ClosedLoopState) -> None:
     """Find the commands of all vehicles that hold from instant k until k + 1.
 
@@ -509,16 +509,18 @@ class PythonClosedLoop:
                     receptions[name] = reception
         return receptions
 
-    def link_messages(self, follower: int, steps: int) -> dict[str, LinkMessages]:
-        """What a follower has received of further links in the first steps by name."""
+    def link_messages(self, follower: int, steps: range) -> dict[str, LinkMessages]:
+        """What a follower has received of further links in filter steps `steps.start` + 1 …
+        `steps.stop` by name.
+        """
         messages = {
-            name: receiver.messages(follower, steps)
+            name: receiver.messages(follower, steps.stop)
             for name, receiver in self.receivers.items()
             if name != self._parts.main_link and follower in receiver.receives
         }
         if LEADER_LINK in self._parts.further_links:
-            messages[LEADER_LINK] = self.state.measured.messages_of(follower, steps)
-        return messages
+            messages[LEADER_LINK] = self.state.measured.messages_of(follower, steps.stop)
+        return {name: part.part(steps.start, steps.stop) for name, part in messages.items()}
 
     def _read_custom(self, k: int, truth: StateHistory) -> None:
         """Read the further sensors of all followers at instant k, a filter step, and record
@@ -567,9 +569,14 @@ class PythonClosedLoop:
         """Channels and rates of further sensors by their names."""
         return {sensor.name: sensor.header for sensor in self._sensors}
 
-    def custom_readings(self, follower: int, steps: int) -> dict[str, Floats]:
-        """Readings of further sensors of a follower in the first steps by name, shape (n, c)."""
-        return {name: np.array(rows[follower][:steps]) for name, rows in self.custom.items()}
+    def custom_readings(self, follower: int, steps: range) -> dict[str, Floats]:
+        """Readings of further sensors of a follower in filter steps `steps.start` + 1 …
+        `steps.stop` by name, shape (n, c).
+        """
+        return {
+            name: np.array(rows[follower][steps.start : steps.stop])
+            for name, rows in self.custom.items()
+        }
 
 
 AnyClosedLoop = ClosedLoop | PythonClosedLoop
@@ -700,42 +707,61 @@ def simulate_closed_loop(
     return trajectory, cast(AnyClosedLoop, mission.controller)
 
 
-def flight_of(
-    scenario: Scenario, mission: Mission, trajectory: Trajectory, outcome: Termination
-) -> Flight:
-    """The flight of a mission of `closed_loop_mission`, as it was: nothing is computed again.
+class ClosedLoopFlight:
+    """The flight of a mission of `closed_loop_mission`, as it was: nothing is computed again."""
 
-    `trajectory` is the part of its motion that counts, from the start.
-    """
-    loop = cast(AnyClosedLoop, mission.controller)
-    state = loop.state
-    steps = (trajectory.time.size - 1) // state.sensors.stride
-    dt = scenario.timing.filter_step_s
-    kind = find(scenario.navigation.variant).estimates
-    hearing = hearing_of(loop)
-    leader = loop.leader if isinstance(loop, PythonClosedLoop) else None
-    measurements = []
-    estimates = []
-    for i in range(len(scenario.followers)):
-        custom: dict[str, Floats] = {}
-        headers: dict[str, SensorHeader] = {}
-        links: dict[str, LinkMessages] = {}
-        if isinstance(loop, PythonClosedLoop):
-            custom = loop.custom_readings(i, steps)
-            headers = loop.headers
-            links = loop.link_messages(i, steps)
-        measurements.append(
-            hearing.measured.measurements(i, steps, dt, custom, headers, hearing.places, links)
+    navigates = True
+
+    def __init__(self, scenario: Scenario, mission: Mission) -> None:
+        """Of a mission under way."""
+        self.scenario = scenario
+        self._mission = mission
+        self._loop = cast(AnyClosedLoop, mission.controller)
+
+    @property
+    def steps(self) -> int:
+        """Filter steps that are over."""
+        return (self._mission.instants - 1) // self._loop.state.sensors.stride
+
+    def part(self, first: int) -> Flight:
+        """The flight from a filter step on until now, with the fixes that hold there."""
+        trajectory = self._mission.motion_since(first * self._loop.state.sensors.stride)
+        return self._flight(first, trajectory, Termination.INTERRUPTED)
+
+    def flight(self, trajectory: Trajectory, outcome: Termination) -> Flight:
+        """The flight of the part of the motion that counts, from the start."""
+        return self._flight(0, trajectory, outcome)
+
+    def _flight(self, first: int, trajectory: Trajectory, outcome: Termination) -> Flight:
+        loop = self._loop
+        concluded = loop.state.concluded
+        steps = range(first, first + (trajectory.time.size - 1) // loop.state.sensors.stride)
+        dt = self.scenario.timing.filter_step_s
+        kind = find(self.scenario.navigation.variant).estimates
+        hearing = hearing_of(loop)
+        leader = loop.leader if isinstance(loop, PythonClosedLoop) else None
+        measurements = []
+        estimates = []
+        for i in range(len(self.scenario.followers)):
+            custom: dict[str, Floats] = {}
+            headers: dict[str, SensorHeader] = {}
+            links: dict[str, LinkMessages] = {}
+            if isinstance(loop, PythonClosedLoop):
+                custom = loop.custom_readings(i, steps)
+                headers = loop.headers
+                links = loop.link_messages(i, steps)
+            measurements.append(
+                hearing.measured.measurements(i, steps, dt, custom, headers, hearing.places, links)
+            )
+            if isinstance(loop.swarm, SeparateNavigators):
+                estimates.append(loop.swarm.estimates(concluded, i, steps))
+            else:
+                estimates.append(concluded.estimates(i, steps, kind))
+        return Flight(
+            scenario=self.scenario,
+            trajectory=trajectory,
+            measurements=tuple(measurements),
+            estimates=tuple(estimates),
+            outcome=outcome,
+            leader=leader.record(steps) if leader is not None else None,
         )
-        if isinstance(loop.swarm, SeparateNavigators):
-            estimates.append(loop.swarm.estimates(state.concluded, i, steps))
-        else:
-            estimates.append(state.concluded.estimates(i, steps, kind))
-    return Flight(
-        scenario=scenario,
-        trajectory=trajectory,
-        measurements=tuple(measurements),
-        estimates=tuple(estimates),
-        outcome=outcome,
-        leader=leader.record(steps) if leader is not None else None,
-    )

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Any, Self, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -101,6 +101,23 @@ class Flight:
         """
         name = self.trajectory.names[follower + 1]
         return self.trajectory.site_path(f"{name}/hydrophone", self.step_index())
+
+
+class FlightUnderWay(Protocol):
+    """A mission that goes on, as it is recorded until now."""
+
+    scenario: Scenario
+
+    @property
+    def navigates(self) -> bool:
+        """Whether estimates are there as soon as filter steps are over."""
+
+    @property
+    def steps(self) -> int:
+        """Filter steps that are over."""
+
+    def part(self, first: int) -> Flight:
+        """The flight from a filter step on until now, with the fixes that hold there."""
 
 
 def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: int) -> Settings:

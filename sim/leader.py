@@ -35,11 +35,13 @@ LEADER = 0
 
 
 def _read_instruments(
-    e: SensorErrors, address: noise.Address, at: sensors.Instant, reading: Record
+    errors: SensorErrors, address: noise.Address, at: sensors.Instant, reading: Record
 ) -> None:
     """Read the leader's own sensors at a filter step; log, compass and pressure sensor have the
     noise that they have in what it broadcasts.
     """
+    # they have the fields of all sensors
+    e: Any = errors
     motion = noise.normals_at(address, noise.Stream.LEADER_MOTION)
     depth = noise.normals_at(address, noise.Stream.LEADER_DEPTH)
     gyro = noise.normals_at(address, noise.Stream.LEADER_GYRO)
@@ -198,11 +200,22 @@ class LeaderUnit:
             navigation = (self._stride, self._takes_current)
             follow_route(k, LEADER, senses, self._memory[0], self._routes, navigation)
 
-    def record(self, steps: int) -> VehicleRecord:
-        """What the leader has measured and concluded in the first steps."""
+    def record(self, steps: range) -> VehicleRecord:
+        """What the leader has measured and concluded in filter steps `steps.start` + 1 …
+        `steps.stop`.
+        """
+        whole = self._record_until(steps.stop)
+        measured = whole.measurements.part(steps.start, steps.stop)
+        estimates = whole.estimates
+        if estimates is not None:
+            estimates = estimates.part(steps.start, steps.stop)
+        return VehicleRecord(measurements=measured, estimates=estimates)
+
+    def _record_until(self, steps: int) -> VehicleRecord:
+        """The same of the first steps."""
         number = self._number
         links = {receiver.name: receiver.messages(number, steps) for receiver in self._further}
-        measured = self._measured.measurements(0, steps, self._dt, {}, {}, None, links)
+        measured = self._measured.measurements(0, range(steps), self._dt, {}, {}, None, links)
         if self._main is not None:
             main = self._main.messages(number, steps)
             places = main.places
@@ -215,5 +228,5 @@ class LeaderUnit:
             )
         estimates = None
         if self.swarm is not None:
-            estimates = self.swarm.estimates(self.concluded, 0, steps)
+            estimates = self.swarm.estimates(self.concluded, 0, range(steps))
         return VehicleRecord(measurements=measured, estimates=estimates)

@@ -8,15 +8,16 @@ other object it runs as Python.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol, cast
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numba import types
 from numba.extending import overload_method
 
-from laisn.arrays import Bools, Floats, Records, records
-from laisn.compiled import compiled, copy_values
+from laisn.arrays import Bools, Floats, Ints, Records, records
+from laisn.compiled import compiled, copy_values, jitable
 from laisn.errors import LaisnError
+from laisn.held import Held, held_values
 from sim import attitude
 from sim.assembly import routes_of, setups_of, vehicle_names
 from sim.control.autopilot import (
@@ -49,7 +50,7 @@ from sim.water.environment import Environment, water_velocity
 TICK = CONTROL_STEP_S  # interval of guidance, autopilot and recording [s]
 # code of a failed navigator; the number of its follower, from 1, is given with it
 NAVIGATION_FAILED = -1
-_PROGRESS_TICKS = 500
+PROGRESS_TICKS = 500
 
 
 class EndedError(LaisnError):
@@ -205,43 +206,54 @@ def take_over(k: int, truth: StateHistory, i: int, routes: RouteControl) -> None
     begin(routes.reference[k, i], motion.heading, motion.surge, (water[0], water[1]), guidance)
 
 
-@compiled
-def _simulate(
-    span: tuple[int, int, int],
-    plant: tuple[Any, tuple[Floats, Floats, Floats], Environment],
-    controller: Controller,
-    command: Floats,
-    truth: StateHistory,
-) -> tuple[int, Fault]:
-    """Step, record and control from the first to the last instant of `span`, with so many physics
-    steps in between.
+class Run(NamedTuple):
+    """All that the loop of a mission works on."""
+
+    handles: Any  # of the plant, as of `Plant.step_handles`
+    state: tuple[Floats, Floats, Floats]  # its poses, twists and thrusts
+    environment: Environment
+    controller: Controller
+    command: Floats  # of the effectors, shape (v, m)
+    truth: StateHistory
+    instants: Ints  # how many are over, shape (1,)
+    substeps: int  # physics steps from one instant to the next
+
+
+@jitable
+def _simulate(first: int, last: int, run: Run) -> tuple[int, Fault]:
+    """Step, record and control from one instant to another.
 
     Gives the last instant that is recorded, and what ended the simulation.
     """
-    first, last, substeps = span
-    handles, state, environment = plant
     for k in range(first, last + 1):
         if k > 0:
-            fault = advance(handles, command, substeps)
+            fault = advance(run.handles, run.command, run.substeps)
             if fault[0] != OK:
                 return k - 1, fault
-        record_state(k, state, environment, truth)
-        failed = controller.control(k, truth)
+        record_state(k, run.state, run.environment, run.truth)
+        failed = run.controller.control(k, run.truth)
         if failed:
             return k, (NAVIGATION_FAILED, failed)
+        run.instants[0] = k + 1
     return last, (OK, -1)
 
 
-def _trajectory(plant: Plant, truth: StateHistory, instants: int) -> Trajectory:
-    """What is recorded of the first instants, which are two or more; the arrays are no longer
-    written to.
+@compiled
+def _simulate_held(first: int, last: int, held: Held) -> tuple[int, Fault]:
+    """`_simulate`, compiled."""
+    return _simulate(first, last, held_values(held))
+
+
+def _trajectory(plant: Plant, truth: StateHistory, first: int = 0) -> Trajectory:
+    """The motion of two instants or more, of which the first has this number; the arrays are no
+    longer written to.
     """
     for array in truth:
         array.flags.writeable = False
     return Trajectory(
         names=plant.names,
-        time=np.arange(instants, dtype=np.float64) * TICK,
-        **dict(zip(OF_VEHICLES, (array[:instants] for array in truth), strict=True)),
+        time=np.arange(first, first + len(truth.pose), dtype=np.float64) * TICK,
+        **dict(zip(OF_VEHICLES, truth, strict=True)),
         site_names=plant.site_names,
         site_vehicle=plant.site_vehicle.copy(),
         site_offset=plant.site_offset.copy(),
@@ -257,7 +269,7 @@ def static_trajectory(plant: Plant) -> Trajectory:
     truth = StateHistory.empty(2, *plant.thrust.shape)
     for k in range(2):
         record_state(k, plant.state, plant.ocean.environment, truth)
-    return _trajectory(plant, truth, 2)
+    return _trajectory(plant, truth)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -279,7 +291,6 @@ class Mission:
         plant: the vehicles in the ocean.
         controller: of all vehicles.
         truth: their motion, with room for n + 1 instants 0.1 s apart.
-        instants: how many of them are recorded.
         observers: each gets every block of instants once, in order.
     """
 
@@ -293,7 +304,6 @@ class Mission:
     ) -> None:
         """Set out along a route each, for a time [s] of 0.1 s times n; see `simulate`."""
         self.plant = plant
-        self._substeps = round(TICK / plant.dt)
         ticks = round(duration / TICK)
         v = len(plant.names)
         autopilots = design(plant, tuple(depth_control or ["pitch"] * v))
@@ -312,13 +322,30 @@ class Mission:
         self.controller: Controller = self.routes
         if make_controller is not None:
             self.controller = make_controller(plant, self.routes)
-        self._loop = _simulate
-        if not isinstance(self.controller, tuple):
-            self._loop = cast(Any, _simulate).py_func
         self.truth = StateHistory.empty(ticks + 1, *plant.thrust.shape)
-        self.instants = 0
+        self._instants = np.zeros(1, dtype=np.int64)
+        self._run = Run(
+            handles=plant.step_handles(),
+            state=plant.state,
+            environment=plant.ocean.environment,
+            controller=self.controller,
+            command=self.routes.command,
+            truth=self.truth,
+            instants=self._instants,
+            substeps=round(TICK / plant.dt),
+        )
+        self._held = Held(self._run) if isinstance(self.controller, tuple) else None
         self.observers: list[Observer] = []
         self._observed = 0
+
+    @property
+    def instants(self) -> int:
+        """How many instants are recorded."""
+        return int(self._instants[0])
+
+    @instants.setter
+    def instants(self, number: int) -> None:
+        self._instants[0] = number
 
     @property
     def last(self) -> int:
@@ -333,10 +360,12 @@ class Mission:
         ArithmeticError naming the follower whose navigator failed.
         """
         plant = self.plant
-        first = self.instants
-        handles = (plant.step_handles(), plant.state, plant.ocean.environment)
-        span = (first, min(last, self.last), self._substeps)
-        k, fault = self._loop(span, handles, self.controller, self.routes.command, self.truth)
+        plant.set_clock()
+        end = min(last, self.last)
+        if self._held is None:
+            k, fault = _simulate(self.instants, end, self._run)
+        else:
+            k, fault = _simulate_held(self.instants, end, self._held)
         plant.ocean.raise_custom_error()
         if fault[0] == NAVIGATION_FAILED:
             raise ArithmeticError(
@@ -411,11 +440,11 @@ class Mission:
         Gives the motion.
         """
         last = self.last
-        for end in sorted({1, *range(_PROGRESS_TICKS, last, _PROGRESS_TICKS), last}):
+        for end in sorted({1, *range(PROGRESS_TICKS, last, PROGRESS_TICKS), last}):
             if self.advance_within(end, until_contact=until_contact, bounds=bounds):
                 break
             if progress is not None and end < last:
-                progress(end // _PROGRESS_TICKS * _PROGRESS_TICKS * TICK)
+                progress(end // PROGRESS_TICKS * PROGRESS_TICKS * TICK)
         return self.trajectory()
 
     def trajectory(self) -> Trajectory:
@@ -423,7 +452,12 @@ class Mission:
         truth = self.truth
         if self.instants <= self.last:
             truth = StateHistory(*(array[: self.instants].copy() for array in truth))
-        return _trajectory(self.plant, truth, self.instants)
+        return _trajectory(self.plant, truth)
+
+    def motion_since(self, first: int) -> Trajectory:
+        """A copy of the motion from an instant until now, of two instants or more."""
+        recorded = (array[first : self.instants].copy() for array in self.truth)
+        return _trajectory(self.plant, StateHistory(*recorded), first)
 
 
 def simulate(

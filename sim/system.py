@@ -116,10 +116,8 @@ def exit_with_parent(parent: int, *environment: tuple[str, str]) -> None:
 
 
 @contextmanager
-def _signals_after() -> Iterator[None]:
-    """Signals of the block reach their handlers after it; the hooks of a fork discard what
-    handlers raise.
-    """
+def signals_after() -> Iterator[None]:
+    """Ctrl-C and signals to end reach their handlers after the block."""
     came = list[int]()
     before = dict[int, Any]()
     if threading.current_thread() is threading.main_thread():
@@ -150,7 +148,8 @@ def background_process(first: Callable[[], object] = os.getpid) -> Iterator[Proc
     )
     others = multiprocessing.active_children()
     try:
-        with _signals_after():
+        # the hooks of a fork discard what handlers raise
+        with signals_after():
             executor.submit(first)
         yield executor
     except BaseException:

@@ -107,24 +107,38 @@ def first_departure(time: Floats, pose: Floats, bounds: MissionBounds) -> Depart
     """The first of n instants at which a vehicle is out of bounds, by poses of shape (n, v, 7);
     None: none is.
     """
-    departures = []
+    departures = list[Departure]()
     grounded = pose[..., 2] < -bounds.floor.depths_at(pose[..., 0], pose[..., 1])
-    # of the mission, not of these instants, so that a mission ends alike in steps of any length
-    looks = np.flatnonzero(np.rint(time / CONTROL_STEP_S).astype(np.int64) % _LOOK_EVERY == 0)
-    for vehicle, route in enumerate(bounds.routes):
-        if grounded[:, vehicle].any():
-            departures.append(Departure(int(np.argmax(grounded[:, vehicle])), vehicle, None))
-        for area in bounds.areas:
+    if grounded.any():
+        departures += [
+            Departure(int(np.argmax(grounded[:, vehicle])), vehicle, None)
+            for vehicle in np.flatnonzero(grounded.any(axis=0)).tolist()
+        ]
+    for area in bounds.areas:
+        for vehicle in range(pose.shape[1]):
             if not area.region.holds(pose[:, vehicle, :2]):
                 within = area.region.within(pose[:, vehicle, :2])
                 departures.append(Departure(int(np.argmin(within)), vehicle, None, area.key))
-        if route is None or not looks.size:
+    # of the mission, not of these instants, so that a mission ends alike in steps of any length
+    looks = np.flatnonzero(np.rint(time / CONTROL_STEP_S).astype(np.int64) % _LOOK_EVERY == 0)
+    if looks.size:
+        departures += _off_routes(looks, time, pose, bounds.routes)
+    return min(departures, key=lambda departure: departure[:2], default=None)
+
+
+def _off_routes(
+    looks: Ints, time: Floats, pose: Floats, routes: Sequence[Route | None]
+) -> list[Departure]:
+    """Where vehicles are first far off their routes, at some of n instants by their index."""
+    departures = []
+    for vehicle, route in enumerate(routes):
+        if route is None:
             continue
         off = distance_from_route(route, time[looks], pose[looks, vehicle, :3])
         if off.max() > LEFT_ROUTE_M:
             first = int(np.argmax(off > LEFT_ROUTE_M))
             departures.append(Departure(int(looks[first]), vehicle, float(off[first])))
-    return min(departures, key=lambda departure: departure.instant, default=None)
+    return departures
 
 
 def bounds_of(scenario: Scenario) -> MissionBounds:

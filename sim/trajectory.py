@@ -277,6 +277,12 @@ class Trajectory(ArrayRecord):
         return cls(**values)
 
 
+def history_of(trajectory: Trajectory) -> StateHistory:
+    """Its motion as the simulation records it."""
+    t = trajectory
+    return StateHistory(t.pose, t.twist, t.water_velocity, t.thrust)
+
+
 def tilted(trajectory: Trajectory, pitch: npt.ArrayLike, roll: npt.ArrayLike = 0.0) -> Trajectory:
     """The trajectory with the leader's pitch, nose up, and roll, starboard down, replaced: one
     or shape (n,), [rad].

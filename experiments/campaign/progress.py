@@ -151,7 +151,7 @@ def compiling_shown(console: Console | None = None) -> AbstractContextManager[Pr
     # a process that only shows progress does not load the compiler
     from laisn import compiled
 
-    return _Bars(console or Console(stderr=True), count=compiled.count_stored)
+    return _Bars(console or Console(stderr=True), count=compiled.count_compiled)
 
 
 @contextmanager

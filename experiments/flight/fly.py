@@ -1,17 +1,21 @@
 """Fly one scenario with the navigator of this project."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from laisn.navigators import NavigatorFactory, SteppedNavigator, find
-from sim.flight import Flight, Termination, navigate, navigation_settings
+from sim.flight import Flight, FlightUnderWay, Termination, navigation_settings
+from sim.open_loop import OpenLoop
 from sim.scenario.file import ScenarioError, assigned, validate
 from sim.scenario.settings import Scenario
 from sim.sensing.observation import start_of
 from sim.simulation import (
+    PROGRESS_TICKS,
     ContactError,
     ControllerFactory,
     DivergedError,
@@ -22,13 +26,19 @@ from sim.simulation import (
     OffRouteError,
     fly_mission,
     keys_needing_closed_loop,
+    new_mission,
     simulate_motion,
+    static_trajectory,
 )
-from sim.trajectory import Trajectory
+from sim.trajectory import Trajectory, history_of
+
+if TYPE_CHECKING:
+    from sim.closed_loop import ClosedLoopFlight
+    from sim.log.writer import FlightLog
 
 
 class Stopwatch(dict[str, float]):
-    """Seconds that each phase took."""
+    """Seconds that each phase took, all times together."""
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
@@ -36,7 +46,7 @@ class Stopwatch(dict[str, float]):
         try:
             yield
         finally:
-            self[name] = time.perf_counter() - start
+            self[name] = self.get(name, 0.0) + time.perf_counter() - start
 
 
 OUTCOMES: dict[type[EndedError], Termination] = {
@@ -50,10 +60,13 @@ OUTCOMES: dict[type[EndedError], Termination] = {
 
 
 class MissionToFly:
-    """A mission before its flight: how it is to move, then what its followers made of it.
+    """A mission before its flight: how it is to move, and what its followers make of it.
 
     Followers that steer by their estimates navigate under way, and their flight is what was
-    recorded. All others move by the truth alone, so that they sense and navigate afterwards.
+    recorded. All others move by the truth alone; they sense and navigate behind their motion.
+
+    Attributes:
+        watch: seconds of simulation, navigation and logging until now.
     """
 
     def __init__(
@@ -63,35 +76,107 @@ class MissionToFly:
         `simulate_motion`.
         """
         self._scenario = scenario
-        self._make_controller = make_controller
+        self.watch = Stopwatch()
+        self._log: FlightLog | None = None
+        self._outcome = Termination.INTERRUPTED
         self._mission: Mission | None = None
+        self._under_way: OpenLoop | ClosedLoopFlight | None = None
         if make_controller is None and keys_needing_closed_loop(scenario):
             # control of formations takes long to load
-            from sim.closed_loop import closed_loop_mission
+            from sim.closed_loop import ClosedLoopFlight, closed_loop_mission
 
             self._mission = closed_loop_mission(scenario)
-
-    def _move(self, progress: Callable[[float], None] | None) -> Trajectory:
-        if self._mission is not None:
-            return fly_mission(self._scenario, self._mission, progress)
-        return simulate_motion(self._scenario, progress, self._make_controller)
+            self._under_way = ClosedLoopFlight(scenario, self._mission)
+        elif scenario.motion == "physics":
+            self._mission = new_mission(scenario, make_controller)
+            self._under_way = OpenLoop(
+                scenario,
+                static_trajectory(self._mission.plant),
+                self._mission.truth,
+                self._mission.motion_since,
+            )
 
     def simulate(
-        self, progress: Callable[[float], None] | None = None
+        self, progress: Callable[[float], None] | None = None, log: FlightLog | None = None
     ) -> tuple[Trajectory, Termination]:
-        """Its motion and how it ended; if before its time, what was flown until then."""
+        """Its motion and how it ended; if before its time, what was flown until then.
+
+        What its followers measure and estimate meanwhile is written into the log.
+        """
+        self._log = log
+        start = time.perf_counter()
         try:
-            return self._move(progress), Termination.COMPLETED
+            trajectory = self._move(progress)
+            self._outcome = Termination.COMPLETED
         except EndedError as error:
-            return error.trajectory, OUTCOMES[type(error)]
+            trajectory = error.trajectory
+            self._outcome = OUTCOMES[type(error)]
+        finally:
+            elapsed = time.perf_counter() - start
+            self.watch["simulate_s"] = elapsed - sum(self.watch.values())
+        return trajectory, self._outcome
+
+    def _move(self, progress: Callable[[float], None] | None) -> Trajectory:
+        mission = self._mission
+        if mission is None:
+            return self._move_points()
+        mission.observers.append(lambda _: self._follow(mission.instants - 1))
+        return fly_mission(self._scenario, mission, progress)
+
+    def _move_points(self) -> Trajectory:
+        ended: EndedError | None = None
+        try:
+            trajectory = simulate_motion(self._scenario)
+        except EndedError as error:
+            ended = error
+            trajectory = error.trajectory
+        last = trajectory.time.size - 1
+        instants = [*range(PROGRESS_TICKS, last, PROGRESS_TICKS), last]
+        until = instants[0]
+        self._under_way = OpenLoop(
+            self._scenario,
+            trajectory.part(0, 1),
+            history_of(trajectory),
+            lambda first: trajectory.part(first, until),
+        )
+        for until in instants:
+            self._follow(until)
+        if ended is not None:
+            raise ended
+        return trajectory
+
+    def _follow(self, last: int) -> None:
+        """Sense, navigate and log until an instant of the motion."""
+        if isinstance(self._under_way, OpenLoop):
+            with self.watch.phase("navigate_s"):
+                self._under_way.advance(last)
+        if self._log is not None and self._under_way is not None:
+            with self.watch.phase("log_s"):
+                self._log.update(self._under_way)
 
     def flight(self, trajectory: Trajectory, outcome: Termination) -> Flight:
         """The flight of a motion and an outcome of `simulate`."""
-        if self._mission is None:
-            return navigate(self._scenario, trajectory, outcome=outcome)
-        from sim.closed_loop import flight_of
+        assert self._under_way is not None
+        with self.watch.phase("navigate_s"):
+            return self._under_way.flight(trajectory, outcome)
 
-        return flight_of(self._scenario, self._mission, trajectory, outcome)
+    def rest_of(self, flight: Flight) -> Flight | FlightUnderWay:
+        """What the log of a flight of `flight` is finished with."""
+        if self._under_way is not None and self._under_way.navigates:
+            return self._under_way
+        return flight
+
+    def end_log(self, log: FlightLog) -> None:
+        """Write what was flown until now, unless the log has its end already or nothing was
+        estimated.
+        """
+        flown = self._under_way
+        if log.ended or flown is None or not flown.navigates:
+            return
+        if isinstance(flown, OpenLoop) and self._mission is not None and self._mission.instants > 1:
+            flown.advance(self._mission.instants - 1)
+        if flown.steps > 0:
+            log.finish(flown, self._outcome)
 
 
 def fly(
@@ -102,13 +187,10 @@ def fly(
     """Fly a scenario, perhaps with another controller; the flight, and the seconds of simulation
     and navigation.
     """
-    watch = Stopwatch()
-    with watch.phase("simulate_s"):
-        mission = MissionToFly(scenario, make_controller)
-        trajectory, outcome = mission.simulate(progress)
-    with watch.phase("navigate_s"):
-        flight = mission.flight(trajectory, outcome)
-    return flight, watch
+    mission = MissionToFly(scenario, make_controller)
+    trajectory, outcome = mission.simulate(progress)
+    flight = mission.flight(trajectory, outcome)
+    return flight, mission.watch
 
 
 def navigate_again(

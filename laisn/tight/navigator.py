@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Bools, Floats, Ints, Record, RecordFields, Records, records
-from laisn.compiled import compiled, copy_values
+from laisn.compiled import compiled, compiled_apart, copy_values
 from laisn.errors import LaisnError
 from laisn.estimates import FixKind, FixRecord, TightEstimates
 from laisn.geometry import given_transmitters
@@ -624,7 +624,7 @@ class TightSwarm(NamedTuple):
     gated: Ints
     places: Ints  # of the states in `TightEstimates.names`, shape (n,)
 
-    @compiled
+    @compiled_apart
     def navigate(
         self,
         step: int,

@@ -6,7 +6,7 @@ from contextlib import contextmanager, nullcontext
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from rich.console import Console
@@ -29,6 +29,7 @@ from laisn.errors import LaisnError
 from reports.summary import flight_bounds, flight_events, stray_events, summarise
 from sim.feasibility import cautions
 from sim.flight import Flight, Termination, navigate, position_and_bearing_errors
+from sim.log.contents import LogError
 from sim.scenario.settings import Scenario
 from sim.simulation import DivergedError, keys_needing_closed_loop
 from sim.system import background_process, return_large_blocks
@@ -36,6 +37,7 @@ from sim.trial import track_deviations
 
 if TYPE_CHECKING:
     from laisn_sim.live import LiveView
+    from sim.log.writer import FlightLog
 
 _LONG_S = 7200.0
 _STRETCH_S = 10.0  # of a live mission between two steps of its bar
@@ -165,6 +167,20 @@ def fly_live(scenario: Scenario, view: "LiveView", progress: Update) -> Flight:
     return navigate(scenario, flown.trajectory, outcome=flown.outcome)
 
 
+@contextmanager
+def ended_log(mission: MissionToFly | None, log: "FlightLog") -> Iterator[None]:
+    """If the block fails or is interrupted, the log has all that was flown until then."""
+    try:
+        yield
+    except BaseException as error:
+        try:
+            if mission is not None:
+                mission.end_log(log)
+        except LogError as reason:
+            error.add_note(str(reason))
+        raise
+
+
 def write_flight(
     scenario: Scenario,
     folder: Path,
@@ -206,39 +222,41 @@ def write_flight(
             # two messages, so that compiling on first use counts neither as simulation nor as
             # navigation
             fly(scenario.first_messages)
-        if live is None:
-            with phase("simulate") as update:
-                mission = MissionToFly(scenario)
-                trajectory, outcome = mission.simulate(update)
-            with phase("navigate"):
-                flight = mission.flight(trajectory, outcome)
-        else:
-            with phase("simulate") as update:
-                flight = fly_live(scenario, live, update)
-        errors = position_and_bearing_errors(flight)
-        events = flight_events(flight)
-        bounds = flight_bounds(flight)
-        summary = summarise(flight, bounds)
-        summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
-        write_log = partial(writer.write, flight, folder / LOG, summary=summary_text, events=events)
+        log = writer.FlightLog(folder / LOG)
+        mission = MissionToFly(scenario) if live is None else None
+        with ended_log(mission, log):
+            if mission is None:
+                with phase("simulate") as update:
+                    flight = fly_live(scenario, cast("LiveView", live), update)
+            else:
+                with show_phase("simulate") as update:
+                    trajectory, outcome = mission.simulate(update, log)
+                with show_phase("navigate"):
+                    flight = mission.flight(trajectory, outcome)
+                watch |= mission.watch
+            errors = position_and_bearing_errors(flight)
+            events = flight_events(flight)
+            bounds = flight_bounds(flight)
+            summary = summarise(flight, bounds)
+            summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
+            report = partial(_draw_report, flight, errors, summary, folder / REPORT)
+            drawn = background.submit(report, None, bounds) if background else None
+            # the log first, so that it is kept if the film fails
+            with phase("log"):
+                rest = flight if mission is None else mission.rest_of(flight)
+                log.finish(rest, flight.outcome, summary=summary_text, events=events)
         film = folder / FILM
         film_error: Exception | None = None
-
-        # the log first, so that it is kept if the film fails
-        report = partial(_draw_report, flight, errors, summary, folder / REPORT)
-        if background:
-            with phase("report"):
-                drawn = background.submit(report, None, bounds)
-                with phase("log"):
-                    write_log()
+        if with_video:
+            rewrite = partial(
+                writer.write, flight, folder / LOG, summary=summary_text, events=events
+            )
+            with phase("video") as update:
+                film_error = _film(flight, film, update, rewrite)
+        with phase("report"):
+            if drawn is not None:
                 drawn.result()
-        else:
-            with phase("log"):
-                write_log()
-            if with_video:
-                with phase("video") as update:
-                    film_error = _film(flight, film, update, write_log)
-            with phase("report"):
+            else:
                 report(film if with_video and film_error is None else None, bounds)
         if with_bag:
             with phase("bag"):

@@ -15,10 +15,11 @@ from laisn.messages import LeaderMessage, Measurements, Ranges
 from sim.datasets.factor_graph import read_factor_graph
 from sim.datasets.range_data import RangeData, read_range_tables
 from sim.datasets.vehicle_table import VehicleTable
+from sim.log.blocks import Channel
 from sim.log.contents import Contents, LogError, log_errors
 from sim.log.reader import read_recording
 from sim.log.schema import OWN_MOTION, PLACED_RECEPTION, PLACES, POSE_FIELDS, RECEPTION, Clock
-from sim.log.writer import Channel, numeric, poses, write_channels
+from sim.log.writer import numeric, poses, write_channels
 from sim.system import atomic_write
 
 VEHICLE = "vehicle"  # name of the vehicle in the log

@@ -19,13 +19,14 @@ from laisn.messages import Ranges
 from sim.assembly import models_of
 from sim.flight import Flight
 from sim.log.schema import pose, timestamp, vector
+from sim.scenario.settings import Scenario
 from sim.vehicle.effectors import MovingFins
 from sim.vehicle.mjcf import spec_of
 
 Draw = Callable[[int, int], fg.SceneUpdate]
 """Draws the instant of a time since 1970 [ns] and an index on its own time grid."""
 
-_TRAIL_S = 100  # a point every second
+TRAIL_S = 100  # a point every second
 _CONFIDENCE = math.sqrt(-2.0 * math.log(0.05))  # 95 % of a Rayleigh distribution
 _DISC_M = 0.02  # thickness of discs and ellipses
 _FIX_M = 0.4  # diameter of a fix
@@ -138,14 +139,23 @@ def _ellipses(estimates: Estimates, row: int, z: float) -> Iterator[fg.SpherePri
             yield _sphere(at, (major, minor, _DISC_M), _UNCERTAINTY)
 
 
-def draw_hulls(flight: Flight, index: Ints) -> tuple[Ints, Draw]:
+class Hulls:
+    """What is visible of the vehicles of a scenario, and their fins."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        """Compile their models."""
+        self.models = [spec_of(model).compile() for model in models_of(scenario)]
+        self.fins = [MovingFins(model) for model in self.models]
+
+
+def draw_hulls(flight: Flight, index: Ints, hulls: Hulls) -> tuple[Ints, Draw]:
     """Points of the trajectory at which hulls are drawn, shape (n,): the first alone if none has
     moving fins.
     """
     names = flight.trajectory.names
     states = flight.trajectory.thrust[index]
-    compiled = [spec_of(model).compile() for model in models_of(flight.scenario)]
-    fins = [MovingFins(model) for model in compiled]
+    compiled = hulls.models
+    fins = hulls.fins
     move = states.shape[2] > 0 and any(fins)
 
     def draw(time_ns: int, i: int) -> fg.SceneUpdate:
@@ -189,14 +199,14 @@ def draw_vehicles(flight: Flight, index: Ints) -> Draw:
             return fg.SceneEntity(timestamp=stamp, id=name, frame_id="world", lines=lines, **more)
 
         for name, points in zip(names, trails, strict=True):
-            entities.append(trail(f"{name}/trail", TRUTH, points[max(0, i - _TRAIL_S) : i + 1]))
+            entities.append(trail(f"{name}/trail", TRUTH, points[max(0, i - TRAIL_S) : i + 1]))
         for name, e, m, row, points in zip(
             names[1:], flight.estimates, flight.measurements, rows, estimated, strict=True
         ):
             if row[i] >= 0:
                 spheres = list(_ellipses(e, int(row[i]), -float(m.depth[row[i]])))
                 last = i + 1 - int(np.count_nonzero(row < 0))
-                recent = points[max(0, last - _TRAIL_S - 1) : last]
+                recent = points[max(0, last - TRAIL_S - 1) : last]
                 entities.append(trail(f"{name}/estimate", ESTIMATE, recent, spheres=spheres))
         return fg.SceneUpdate(entities=entities)
 

@@ -7,7 +7,8 @@ from mcap.well_known import MessageEncoding
 
 from laisn.errors import LaisnError
 from sim.flight import Flight
-from sim.log.writer import Channel, channels
+from sim.log.blocks import Channel
+from sim.log.writer import channels
 
 HOST = "127.0.0.1"
 PORT = 8765  # where Foxglove looks for a server
@@ -53,7 +54,7 @@ class FoxgloveStream:
     def show(self, flight: Flight, *, is_over: bool = False) -> None:
         """Send what has been added to a mission's flight since the last call."""
         messages = list[tuple[int, Any, bytes]]()
-        for channel in channels(flight, (), ()):
+        for channel in channels(flight):
             count = channel.time_ns.size
             if channel.topic == _LOG and not is_over:
                 count -= 1  # the last line tells how the mission ended

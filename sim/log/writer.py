@@ -1,29 +1,27 @@
 """A flight as channels of timed messages, written as an MCAP log that Foxglove and Rerun draw."""
 
 import json
+import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
+from functools import partial
 from importlib.metadata import version
-from io import BytesIO
-from operator import itemgetter
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, cast
 
-import foxglove
 import numpy as np
 from foxglove import messages as fg
-from foxglove.mcap import MCAPWriteOptions, MCAPWriter
-from mcap.well_known import MessageEncoding
+from foxglove.mcap import MCAPWriter
 
 from laisn.arrays import Floats, Ints
 from laisn.estimates import FIX_WORDS, Estimates, FixKind
 from laisn.messages import Measurements, SensorHeader
 from sim import attitude
 from sim.attitude import geodetic
-from sim.flight import Flight, Termination, position_and_bearing_errors
+from sim.flight import Flight, FlightUnderWay, Termination, position_and_bearing_errors
 from sim.log import schema
+from sim.log.blocks import BLOCK_NS, END_NS, BlockFile, Channel
 from sim.log.contents import (
     FLIGHT,
     SCENARIO,
@@ -35,13 +33,24 @@ from sim.log.contents import (
     partial_path,
 )
 from sim.log.encoding import TimedNumbers, repeated
-from sim.log.scene import ESTIMATE, TRUTH, draw_acoustics, draw_hulls, draw_vehicles
+from sim.log.scene import (
+    ESTIMATE,
+    TRAIL_S,
+    TRUTH,
+    Hulls,
+    draw_acoustics,
+    draw_hulls,
+    draw_vehicles,
+)
 from sim.log.schema import Clock, RecordType, pose, quaternion, timestamp, vector
-from sim.scenario.settings import CONTROL_STEP_S
+from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.links import navigated_link
+from sim.sensing.sensors import custom_sensors
+from sim.system import signals_after
 from sim.trajectory import Trajectory
 
-_BLOCK_NS = 20 * 10**9  # what was logged of this time is in the file before more is logged [ns]
+_EVERY_S = 100.0  # a flight under way is logged after so much of it [s]
+_MARGIN_S = 5.0  # a part begins by so much before the trails that it draws [s]
 _PACKAGES = ("laisn-sim", "mujoco", "numpy", "scipy", "numba", "filterpy", "mcap", "foxglove-sdk")
 _CONVENTIONS: dict[str, str] = json.loads(
     (Path(__file__).parent / "conventions.json").read_text(encoding="utf-8")
@@ -69,15 +78,6 @@ class Event(NamedTuple):
     level: Level
     text: str
     source: str = "laisn"  # a vehicle, or the program
-
-
-class Channel(NamedTuple):
-    """Messages of one topic, in order of time."""
-
-    topic: str
-    schema: foxglove.Schema
-    time_ns: Ints  # time of each message since 1970, shape (n,), [ns]
-    rows: Callable[[slice], Iterable[bytes]]  # serialised messages of a stretch
 
 
 Column = schema.Array | Callable[[slice], schema.Array]
@@ -240,6 +240,17 @@ def _truth(flight: Flight, clock: Clock) -> Iterator[Channel]:
         yield _locations(flight, f"/{name}/fix", time_ns[::second], t.position[::second, v])
 
 
+def _steps_before(flight: Flight) -> int:
+    """Filter steps of the mission before the first one of this part of it."""
+    return round(float(flight.trajectory.time[0]) / flight.measurements[0].dt)
+
+
+def _step_times(flight: Flight, m: Measurements, clock: Clock) -> Ints:
+    """Times of filter steps since 1970 [ns]."""
+    before = _steps_before(flight)
+    return clock.ns(m.dt * np.arange(before + 1, before + m.speed.size + 1))
+
+
 def _links(flight: Flight, name: str, m: Measurements, time_ns: Ints) -> Iterator[Channel]:
     """Messages of further links that a vehicle has received."""
     headers = flight.measurements[0].sensors
@@ -264,17 +275,21 @@ def _links(flight: Flight, name: str, m: Measurements, time_ns: Ints) -> Iterato
 
 
 def _of_vehicle(
-    flight: Flight, name: str, record: tuple[Measurements, Estimates | None], time_ns: Ints
+    flight: Flight, name: str, record: tuple[Measurements, Estimates | None], clock: Clock
 ) -> Iterator[Channel]:
     """What a vehicle has measured and concluded, as numbers."""
     m, e = record
+    before = _steps_before(flight)
+    time_ns = _step_times(flight, m, clock)
     measured = schema.MEASURED if m.transmitters is None else schema.PLACED_MEASURED
     records: list[tuple[Any, Any]] = [(m, measured)]
     if e is not None:
         records.append((e, schema.estimated(type(e))))
     for arrays, types in records:
         for type_ in types:
-            at = time_ns[getattr(arrays, type_.steps) - 1] if type_.steps else time_ns
+            at = time_ns
+            if type_.steps:
+                at = clock.ns(m.dt * (before + getattr(arrays, type_.steps)))
             yield numeric(f"/{name}", type_, at, vars(arrays))
     yield from _links(flight, name, m, time_ns)
 
@@ -283,9 +298,8 @@ def _leader(flight: Flight, clock: Clock) -> Iterator[Channel]:
     """What the leader has measured and concluded, if it has sensed under way."""
     if flight.leader is None:
         return
-    m = flight.leader.measurements
-    time_ns = clock.ns(m.dt * np.arange(1, m.speed.size + 1))
-    yield from _of_vehicle(flight, "leader", (m, flight.leader.estimates), time_ns)
+    record = (flight.leader.measurements, flight.leader.estimates)
+    yield from _of_vehicle(flight, "leader", record, clock)
 
 
 def _follower(
@@ -294,8 +308,8 @@ def _follower(
     m = flight.measurements[f]
     e = flight.estimates[f]
     name = flight.trajectory.names[f + 1]
-    time_ns = clock.ns(m.dt * np.arange(1, m.speed.size + 1))
-    yield from _of_vehicle(flight, name, (m, e), time_ns)
+    time_ns = _step_times(flight, m, clock)
+    yield from _of_vehicle(flight, name, (m, e), clock)
     for sensor, readings in m.custom.items():
         rows = readings.reshape(len(readings), -1)
         header = m.sensors.get(sensor, SensorHeader())
@@ -320,20 +334,8 @@ def _follower(
     )
 
 
-def _events(flight: Flight, clock: Clock, events: Iterable[Event]) -> Channel:
-    """Lines of `/log`: the kind of every fix, the events, and last the outcome."""
-    lines = list(events)
-    for name, m, e in zip(
-        flight.trajectory.names[1:], flight.measurements, flight.estimates, strict=True
-    ):
-        for step, kind in zip(e.fix_step.tolist(), e.fix_kind.tolist(), strict=True):
-            fix = FixKind(kind)
-            lines.append(
-                Event(step * m.dt, _FIX_LEVELS.get(fix, "debug"), f"fix: {FIX_WORDS[fix]}", name)
-            )
-    level = _OUTCOME_LEVELS.get(flight.outcome, "error")
-    lines.append(Event(float(flight.trajectory.time[-1]), level, flight.outcome.value))
-    lines.sort(key=lambda line: line.time_s)
+def _lines(lines: Sequence[Event], clock: Clock) -> Channel:
+    """Lines of `/log`, in order of time."""
 
     def line_at(at: int, i: int) -> fg.Log:
         level = getattr(fg.LogLevel, lines[i].level.capitalize())
@@ -345,17 +347,35 @@ def _events(flight: Flight, clock: Clock, events: Iterable[Event]) -> Channel:
     return _channel("/log", fg.Log, time_ns, line_at, np.arange(time_ns.size))
 
 
-def _scene(flight: Flight, clock: Clock) -> Iterator[Channel]:
+def _fix_lines(flight: Flight) -> list[Event]:
+    """The kind of every fix."""
+    lines = list[Event]()
+    before = _steps_before(flight)
+    for name, m, e in zip(
+        flight.trajectory.names[1:], flight.measurements, flight.estimates, strict=True
+    ):
+        for step, kind in zip(e.fix_step.tolist(), e.fix_kind.tolist(), strict=True):
+            fix = FixKind(kind)
+            time_s = (before + step) * m.dt
+            lines.append(
+                Event(time_s, _FIX_LEVELS.get(fix, "debug"), f"fix: {FIX_WORDS[fix]}", name)
+            )
+    lines.sort(key=lambda line: line.time_s)
+    return lines
+
+
+def _scene(flight: Flight, clock: Clock, hulls: Hulls) -> Iterator[Channel]:
     t = flight.trajectory
     seconds = np.arange(0, t.time.size, round(1.0 / CONTROL_STEP_S), dtype=np.int64)
     received: Ints = np.unique(np.concatenate([m.message_step for m in flight.measurements]))
-    instants, hulls = draw_hulls(flight, seconds)
+    instants, draw_all = draw_hulls(flight, seconds, hulls)
     scenes = [
-        ("hulls", t.time[instants], hulls),
+        ("hulls", t.time[instants], draw_all),
         ("vehicles", t.time[seconds], draw_vehicles(flight, seconds)),
     ]
     if navigated_link(flight.scenario) is None:
-        heard = np.asarray(received * flight.measurements[0].dt, dtype=np.float64)
+        steps = _steps_before(flight) + received
+        heard = np.asarray(steps * flight.measurements[0].dt, dtype=np.float64)
         scenes.append(("acoustics", heard, draw_acoustics(flight, received)))
     for name, times, draw in scenes:
         yield _channel(
@@ -376,36 +396,37 @@ def _camera(video: Sequence[Frame], clock: Clock) -> Channel:
     return _channel("/camera", fg.CompressedVideo, time_ns, frame_at, np.arange(time_ns.size))
 
 
-def channels(flight: Flight, events: Iterable[Event], video: Sequence[Frame]) -> list[Channel]:
-    """All channels of a flight; ValueError for frames out of order, or an epoch before 1970."""
+def _channels(flight: Flight, hulls: Hulls, video: Sequence[Frame]) -> list[Channel]:
+    """All channels of a part of a flight; ValueError for frames out of order, or an epoch before
+    1970.
+    """
     clock = Clock(flight.scenario.epoch)
     of_flight = [*_truth(flight, clock), *_leader(flight, clock)]
     for f, errors in enumerate(position_and_bearing_errors(flight)):
         of_flight += _follower(flight, clock, f, errors)
     return [
         *of_flight,
-        *_scene(flight, clock),
-        _events(flight, clock, events),
+        *_scene(flight, clock, hulls),
+        _lines(_fix_lines(flight), clock),
         _camera(video, clock),
     ]
 
 
-class _Block(BytesIO):
-    """What was written since the last `take`; positions count from the start of the file."""
+def channels(
+    flight: Flight, events: Iterable[Event] = (), video: Sequence[Frame] = ()
+) -> list[Channel]:
+    """All channels of a flight, whose lines of `/log` are in order of time; ValueError for frames
+    out of order, or an epoch before 1970.
+    """
+    of_flight = _channels(flight, Hulls(flight.scenario), video)
+    lines = sorted([*events, *_fix_lines(flight)], key=lambda line: line.time_s)
+    lines.append(_ending(float(flight.trajectory.time[-1]), flight.outcome))
+    whole = _lines(lines, Clock(flight.scenario.epoch))
+    return [whole if channel.topic == whole.topic else channel for channel in of_flight]
 
-    taken = 0
 
-    def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
-        return self.taken + super().seek(
-            offset - (self.taken if whence == os.SEEK_SET else 0), whence
-        )
-
-    def take(self) -> bytes:
-        data = self.getvalue()
-        super().seek(0)
-        self.truncate()
-        self.taken += len(data)
-        return data
+def _ending(time_s: float, outcome: Termination) -> Event:
+    return Event(time_s, _OUTCOME_LEVELS.get(outcome, "error"), outcome.value)
 
 
 def write_channels(
@@ -418,53 +439,14 @@ def write_channels(
     before the next one begins; a channel without messages is not in it. `describe` writes
     attachments and metadata.
     """
-    options = MCAPWriteOptions(compression_threads=0, compression_level=1, disable_seeking=True)
-    block = _Block()
-    context = foxglove.Context()
-    proto = MessageEncoding.Protobuf
-    # the SDK only logs errors of its output, and does not survive the exceptions of signals, which
-    # the main thread gets
-    with path.open("wb") as file, ThreadPoolExecutor(1) as thread:
-        mcap = thread.submit(
-            foxglove.open_mcap, block, context=context, writer_options=options
-        ).result()
-        writers = [
-            foxglove.Channel(c.topic, schema=c.schema, message_encoding=proto, context=context)
-            for c in channels
-        ]
-
-        def fill(number: int) -> None:
-            messages = list[tuple[int, Any, bytes]]()
-            for writer, c in zip(writers, channels, strict=True):
-                rows_of_block = slice(
-                    *np.searchsorted(
-                        c.time_ns, [number * _BLOCK_NS, (number + 1) * _BLOCK_NS]
-                    ).tolist()
-                )
-                times = c.time_ns[rows_of_block].tolist()
-                log = writer.base.log
-                messages += [
-                    (at, log, data) for at, data in zip(times, c.rows(rows_of_block), strict=True)
-                ]
-            # messages of equal times stay in the order of channels
-            messages.sort(key=itemgetter(0))
-            for at, log, data in messages:
-                log(data, at)
-            mcap.flush()
-
-        try:
-            thread.submit(describe, mcap).result()
-            for number in sorted(
-                {number for c in channels for number in np.unique(c.time_ns // _BLOCK_NS).tolist()}
-            ):
-                thread.submit(fill, number).result()
-                file.write(block.take())
-                file.flush()
-        finally:
-            thread.submit(mcap.close).result()
-        file.write(block.take())
-        file.flush()
-        os.fsync(file.fileno())
+    file = BlockFile(path)
+    try:
+        file.describe(describe)
+        file.append(channels)
+        file.finish()
+    except BaseException:
+        file.abandon()
+        raise
 
 
 def _json(value: object) -> bytes:
@@ -474,30 +456,170 @@ def _json(value: object) -> bytes:
     ).encode()
 
 
-def _describe(flight: Flight, summary: str, mcap: MCAPWriter) -> None:
-    at = Clock(flight.scenario.epoch).epoch_ns
-    files = {
-        SCENARIO: flight.scenario.toml().encode(),
-        SUMMARY: summary.encode(),
-        VEHICLES: _json({name: getattr(flight.trajectory, name) for name in schema.FIXED}),
-        VERSIONS: _json({package: version(package) for package in _PACKAGES}),
-    }
+def _attach(at: int, files: Mapping[str, bytes], mcap: MCAPWriter) -> None:
     for name, data in files.items():
         media = f"application/{name.rpartition('.')[2]}"
         mcap.attach(log_time=at, create_time=at, name=name, media_type=media, data=data)
+
+
+def _facts(flight: Flight, outcome: Termination) -> dict[str, str]:
+    facts = {"outcome": outcome.name, "filter_step_s": repr(flight.measurements[0].dt)}
+    facts |= {"seed": str(flight.scenario.seed), "run": str(flight.scenario.run)}
+    return facts | {
+        type_.topic: str(type(flight.estimates[0]) is kind)
+        for kind, type_ in schema.DETAILS.items()
+    }
+
+
+def _describe(flight: Flight, mcap: MCAPWriter) -> None:
+    """Write what is known before the end of a flight, which is an interrupted one until then."""
+    at = Clock(flight.scenario.epoch).epoch_ns
+    files = {
+        SCENARIO: flight.scenario.toml().encode(),
+        VEHICLES: _json({name: getattr(flight.trajectory, name) for name in schema.FIXED}),
+        VERSIONS: _json({package: version(package) for package in _PACKAGES}),
+    }
+    _attach(at, files, mcap)
     mcap.write_metadata("conventions", _CONVENTIONS)
     headers = flight.measurements[0].sensors
     declared = {name: header for name, header in headers.items() if header.channels}
     if declared:
         texts = {name: schema.header_text(header) for name, header in declared.items()}
         mcap.write_metadata(schema.SENSORS, texts)
-    facts = {"outcome": flight.outcome.name, "filter_step_s": repr(flight.measurements[0].dt)}
-    facts |= {"seed": str(flight.scenario.seed), "run": str(flight.scenario.run)}
-    facts |= {
-        type_.topic: str(type(flight.estimates[0]) is kind)
-        for kind, type_ in schema.DETAILS.items()
-    }
-    mcap.write_metadata(FLIGHT, facts)
+    mcap.write_metadata(FLIGHT, _facts(flight, Termination.INTERRUPTED))
+
+
+class FlightLog:
+    """A log that is written while the mission goes on.
+
+    The file grows under `partial_path(path)` and gets its name when it has its end, in place of an
+    existing one. If writing fails, what can be recovered with `sim.log.contents.recover` stays
+    there, and nothing else.
+    """
+
+    def __init__(self, path: Path, video: Sequence[Frame] = ()) -> None:
+        """Write nothing yet; frames of `video` are those of the whole flight. LogError: the path is
+        a folder.
+        """
+        if path.is_dir():
+            raise LogError(
+                f"{path}: cannot be written: it is a folder, expected the name of a file"
+            )
+        self._path = path
+        self._partial = partial_path(path)
+        self._video = video
+        self._file: BlockFile | None = None
+        self._hulls: Hulls | None = None
+        self._written_ns = 0  # all before this time since 1970 is in the file
+        self._written_s = 0.0  # the same since the start
+        self.ended = False
+        """Whether the file has its end, or has failed."""
+
+    def update(self, flight: FlightUnderWay) -> None:
+        """Write what is there of a mission under way, as soon as it is a good piece.
+
+        Signals wait until it is in the file. LogError: the file cannot be written.
+        """
+        dt = flight.scenario.timing.filter_step_s
+        if flight.navigates and flight.steps * dt - self._written_s >= _EVERY_S:
+            with signals_after(), self._complete_or_kept():
+                self._append(flight.part(self._first_step(flight.scenario)), is_last=False)
+
+    def finish(
+        self,
+        flight: Flight | FlightUnderWay,
+        outcome: Termination,
+        *,
+        summary: str | None = None,
+        events: Iterable[Event] = (),
+    ) -> None:
+        """Write the rest of a flight, whole or under way, its outcome, and its summary, JSON text.
+
+        `events` are lines for `/log` besides those about fixes.
+
+        Raises:
+            LogError: the file cannot be written.
+            ValueError: frames of `video` are out of order, or the epoch lies before 1970.
+        """
+        if isinstance(flight, Flight):
+            with self._complete_or_kept():
+                self._end(flight, outcome, summary, events)
+            return
+        # little is left to be written
+        with signals_after(), self._complete_or_kept():
+            part = flight.part(self._first_step(flight.scenario))
+            self._end(part, outcome, summary, events)
+
+    @contextmanager
+    def _complete_or_kept(self) -> Iterator[None]:
+        """If the block fails, close the file as it is, and remove it if it holds no messages."""
+        try:
+            yield
+        except BaseException as error:
+            self.ended = True
+            if self._file is not None:
+                with suppress(OSError):
+                    self._file.abandon()
+            is_partial = holds_messages(self._partial)
+            if not is_partial:
+                with suppress(OSError):
+                    self._partial.unlink()
+            if not isinstance(error, OSError):
+                raise
+            hint = ""
+            if is_partial:
+                hint = f"; what was written is kept: laisn log recover {self._partial}"
+            text = f"{self._path}: cannot be written: {error.strerror or error}{hint}"
+            raise LogError(text) from error
+
+    def _first_step(self, scenario: Scenario) -> int:
+        """Filter step at which a part begins that has all that is drawn of what is not yet written,
+        also trails.
+
+        Rows of every second, and of slower sensors, are the same from there as from the start.
+        """
+        dt = scenario.timing.filter_step_s
+        stride = round(dt / CONTROL_STEP_S)
+        grids = [round(1.0 / CONTROL_STEP_S), stride * max(1, round(1.0 / dt))]
+        grids += [driver.every * stride for driver in custom_sensors(scenario)]
+        grid = math.lcm(*grids)
+        instants = math.floor((self._written_s - TRAIL_S - _MARGIN_S) / CONTROL_STEP_S)
+        return max(instants // grid, 0) * grid // stride
+
+    def _append(self, part: Flight, *, is_last: bool) -> None:
+        """Write what is new of a part of the flight; unless it is the last, in whole blocks."""
+        clock = Clock(part.scenario.epoch)
+        if self._hulls is None:
+            self._hulls = Hulls(part.scenario)
+        channels = _channels(part, self._hulls, self._video)
+        if self._file is None:
+            self._file = BlockFile(self._partial)
+            self._file.describe(partial(_describe, part))
+        end_ns = int(clock.ns(float(part.trajectory.time[-1])))
+        end_ns = END_NS if is_last else end_ns // BLOCK_NS * BLOCK_NS
+        self._file.append(channels, self._written_ns, end_ns)
+        self._written_ns = end_ns
+        self._written_s = (end_ns - clock.epoch_ns) / 1e9
+
+    def _end(
+        self, part: Flight, outcome: Termination, summary: str | None, events: Iterable[Event]
+    ) -> None:
+        """Write the last part, and what only the whole flight tells, of times before as well."""
+        self._append(part, is_last=True)
+        file = cast(BlockFile, self._file)
+        clock = Clock(part.scenario.epoch)
+        lines = sorted(events, key=lambda line: line.time_s)
+        end_s = float(part.trajectory.time[-1])
+        lines.append(_ending(end_s, outcome))
+        file.append_block([_lines(lines, clock)])
+        if summary is not None:
+            file.describe(partial(_attach, clock.epoch_ns, {SUMMARY: summary.encode()}))
+        # of records with one name, the last one counts
+        facts = _facts(part, outcome)
+        file.describe(lambda mcap: mcap.write_metadata(FLIGHT, facts))
+        file.finish()
+        os.replace(self._partial, self._path)
+        self.ended = True
 
 
 def write(
@@ -508,12 +630,8 @@ def write(
     events: Iterable[Event] = (),
     video: Sequence[Frame] = (),
 ) -> None:
-    """Write a flight from the start of its mission; the same arguments give the same bytes.
-
-    The file grows under `partial_path(path)` and gets its name when it is complete, in place of an
-    existing one. If writing fails, what can be recovered with `sim.log.contents.recover` stays
-    there, and nothing else. `summary` is JSON text, attached as it is; `events` are lines for
-    `/log` besides those about fixes.
+    """Write a flight from the start of its mission; the same arguments give the same bytes, those
+    that a `FlightLog` of it has.
 
     Raises:
         LogError: the file cannot be written, or the flight begins within its mission.
@@ -524,19 +642,4 @@ def write(
             f"{path}: a log begins with its mission; this flight at {flight.trajectory.time[0]:g} "
             "s of it"
         )
-    filled = channels(flight, events, video)
-    if path.is_dir():
-        raise LogError(f"{path}: cannot be written: it is a folder, expected the name of a file")
-    partial = partial_path(path)
-    try:
-        write_channels(partial, filled, lambda mcap: _describe(flight, summary, mcap))
-        os.replace(partial, path)
-    except BaseException as error:
-        is_partial = holds_messages(partial)
-        if not is_partial:
-            with suppress(OSError):
-                partial.unlink()
-        if not isinstance(error, OSError):
-            raise
-        hint = f"; what was written is kept: laisn log recover {partial}" if is_partial else ""
-        raise LogError(f"{path}: cannot be written: {error.strerror or error}{hint}") from error
+    FlightLog(path, video).finish(flight, flight.outcome, summary=summary, events=events)

@@ -2,9 +2,7 @@
 and time steps.
 """
 
-import ast
 import inspect
-import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, fields
 from functools import cache
@@ -155,19 +153,6 @@ class Section(BaseModel):
                 yield name, shortened(value, 80) if isinstance(value, str) else value
 
 
-def _docstrings(kind: type) -> dict[str, str]:
-    """The docstring below each field of a dataclass, on one line."""
-    body = cast(ast.ClassDef, ast.parse(inspect.getsource(kind)).body[0]).body
-    return {
-        field.target.id: " ".join(text.value.value.split())
-        for field, text in pairwise(body)
-        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
-        if isinstance(text, ast.Expr)
-        and isinstance(text.value, ast.Constant)
-        and isinstance(text.value.value, str)
-    }
-
-
 class FurtherKeys(Section):
     """A section with keys beside those that its class has, from `with_fields_of`."""
 
@@ -176,21 +161,15 @@ class FurtherKeys(Section):
         def __getattr__(self, key: str) -> Any: ...
 
 
-_UNIT = re.compile(r" \[([^\]]+)\]")
-"""The unit that ends a docstring."""
 _ENDINGS = {unit.replace("°", "rad"): ending for ending, (unit, _) in UNITS.items()}
 """Endings of keys by the units of the numbers that they become."""
 
 
-def _description(docstring: str) -> str:
-    """The text of a docstring as it stands beside a key: without its unit, in lower case unless it
-    begins with a symbol or an abbreviation.
-    """
-    unit = _UNIT.search(docstring)
-    text = docstring.replace(unit[0], "") if unit else docstring
-    if not text[:2].isupper() and text[1] not in ":_":
-        text = text[0].lower() + text[1:]
-    return text.removesuffix(".")
+def _beside_key(description: str) -> str:
+    """A description in lower case unless it begins with a symbol or an abbreviation."""
+    if not description[:2].isupper() and description[1] not in ":_":
+        return description[0].lower() + description[1:]
+    return description
 
 
 def with_fields_of(
@@ -203,20 +182,20 @@ def with_fields_of(
     """Give a section a key for each field of a navigator's settings, a dataclass, which declares
     them.
 
-    A key is the field's name with the unit that ends its docstring, degrees in place of radians;
-    the other text of the docstring is its description. Fields without docstring, those in
-    `without`, and those for which the section has a key are left out. Numbers are not negative, and
-    those in POSITIVE and `positive` not zero; `optional`: all defaults are None.
+    A key is the field's name with its unit, degrees in place of radians. Only fields of the class
+    itself that are a `laisn.settings.setting` have one, less those in `without` and those for which
+    the section has a key. Numbers are not negative, and those in POSITIVE and `positive` not zero;
+    `optional`: all defaults are None.
     """
     types = get_type_hints(kind)
-    texts = _docstrings(kind)
+    declared_here = inspect.get_annotations(kind)
     keys: dict[str, Any] = {}
     for field in fields(kind):
-        text = texts.get(field.name, "")
-        if not text or field.name in without:
+        if field.name not in declared_here or not field.metadata or field.name in without:
             continue
-        unit = _UNIT.search(text)
-        ending = _ENDINGS[unit[1]] if unit else ""
+        unit = field.metadata["unit"]
+        description = _beside_key(field.metadata["description"])
+        ending = _ENDINGS[unit] if unit else ""
         value = field.default
         if ending.startswith("_deg"):
             # the same angle to the bit once it is made radians again
@@ -224,7 +203,7 @@ def with_fields_of(
         bounded = types[field.name]
         if bounded is float:
             bounded = Positive if field.name in {*kind.POSITIVE, *positive} else NonNegative
-        described = Field(None if optional else value, description=_description(text))
+        described = Field(None if optional else value, description=description)
         keys[field.name + ending] = (bounded | None if optional else bounded, described)
 
     def add(base: type[Kind]) -> type[Kind]:

@@ -232,27 +232,32 @@ class MeasurementRecord(NamedTuple):
     def measurements(
         self,
         follower: int,
-        steps: int,
+        steps: range,
         dt: float,
         custom: Mapping[str, Floats],
         headers: Mapping[str, SensorHeader],
         places: Floats | None = None,
         links: Mapping[str, LinkMessages] = MappingProxyType({}),
     ) -> Measurements:
-        """All that a follower measured in the first steps of dt [s], with readings of further
-        sensors and their headers, the places of beacons, shape (3, 3), [m], and messages of further
-        links.
+        """All that a follower measured in filter steps `steps.start` + 1 … `steps.stop` of dt [s],
+        with readings of further sensors and their headers, the places of beacons, shape (3, 3),
+        [m], and messages of further links.
         """
-        messages = self._within(follower, steps)
+        arrived = self.message_step[follower, : self.messages[follower]]
+        messages = slice(
+            *np.searchsorted(arrived, [steps.start, steps.stop], side="right").tolist()
+        )
+        rows = slice(steps.start, steps.stop)
+        count = messages.stop - messages.start
         return Measurements(
             dt=dt,
-            speed=self.own[follower, :steps, 0],
-            heading=self.own[follower, :steps, 1],
-            depth=self.own[follower, :steps, 2],
-            message_step=self.message_step[follower, messages],
+            speed=self.own[follower, rows, 0],
+            heading=self.own[follower, rows, 1],
+            depth=self.own[follower, rows, 2],
+            message_step=self.message_step[follower, messages] - steps.start,
             message=self.message[follower, messages],
             ranges=self.ranges[follower, messages],
-            transmitters=None if places is None else np.tile(places, (messages.stop, 1, 1)),
+            transmitters=None if places is None else np.tile(places, (count, 1, 1)),
             custom=custom,
             sensors=headers,
             links=dict(links),
@@ -534,11 +539,27 @@ class Receptions(NamedTuple):
         return np.asarray(self.arrival.length * self.arrival.ratio + self.arrival.clock_range)
 
 
+def new_receptions(room: int) -> Receptions:
+    """Room for so many messages."""
+    steps = np.zeros((2, room), dtype=np.int64)
+    shapes = ((_CONTENT,), (3, 3), (3, 3), (3, 3, 4))
+    return Receptions(steps[0], steps[1], *[np.empty((room, *shape)) for shape in shapes])
+
+
+class Span(NamedTuple):
+    """Filter steps of one follower that are sensed in one call."""
+
+    follower: int  # its index
+    first: int  # filter step at which the motion begins
+    done: int  # the last one that was sensed before
+    messages: int  # how many messages were taken up before
+
+
 @jitable
-def _sense_mission(  # noqa: PLR0913 - compiled: a record of them would be packed for each mission
+def sense_steps(  # noqa: PLR0913 - compiled: a record of them would be packed for each mission
     s: SensorModel,
     e: sensors.SensorErrors,
-    which: tuple[int, int],
+    span: Span,
     sites: tuple[Any, Any, Any],
     motion_of_vehicles: acoustics.Motion,
     tilts: Floats,
@@ -546,17 +567,17 @@ def _sense_mission(  # noqa: PLR0913 - compiled: a record of them would be packe
     readings: Floats,
     receptions: Receptions,
 ) -> int:
-    """Sense a finished mission without random errors: own sensors at each step, and messages; gives
-    their number.
+    """Sense a motion as far as it is known, without random errors: own sensors at each step, and
+    messages; gives how many messages are in now.
 
-    `which` are the index of the follower and the filter step at which the motion begins, `sites`
-    those of `poll_reception` and the place of the follower's pressure sensor. `readings`, out, has
-    shape (n, 3), or is empty where it is not asked for.
+    `sites` are those of `poll_reception` and the place of the follower's pressure sensor.
+    `readings`, out, has shape (n, 3), or is empty where it is not asked for.
     """
-    follower, first = which
+    follower = span.follower
+    first = span.first
     truth = motion_of_vehicles.truth
-    m = 0
-    for k in range(first + 1, first + motion_of_vehicles.last // s.stride + 1):
+    m = span.messages
+    for k in range(span.done + 1, first + motion_of_vehicles.last // s.stride + 1):
         if readings.shape[0] > 0:
             i = (k - first) * s.stride
             v = follower + 1
@@ -585,8 +606,8 @@ def _sense_mission(  # noqa: PLR0913 - compiled: a record of them would be packe
     return m
 
 
-_sense_mission_compiled = compiled(_sense_mission)
-_LONG = 100_000  # missions of so many instants are sensed by compiled code, unless a caller chooses
+sense_steps_compiled = compiled(sense_steps)
+LONG = 100_000  # missions of so many instants are sensed by compiled code, unless a caller chooses
 
 
 def _sense(
@@ -603,25 +624,22 @@ def _sense(
     first = round(float(trajectory.time[0]) / s.dt)
     over = max(first - s.message_offset, 0) // s.message_every
     last = first + motion.last // s.stride
-    room = max(last // s.message_every - over, 0)
-    steps = np.zeros((2, room), dtype=np.int64)
-    shapes = ((_CONTENT,), (3, 3), (3, 3), (3, 3, 4))
-    receptions = Receptions(steps[0], steps[1], *[np.empty((room, *shape)) for shape in shapes])
+    receptions = new_receptions(max(last // s.message_every - over, 0))
     hydrophones = [f"{name}/hydrophone" for name in trajectory.names[1:]]
     names = *acoustics.TRANSMITTERS, *hydrophones, f"{trajectory.names[follower + 1]}/depth_sensor"
     offset = trajectory.site_offset[[trajectory.site(name) for name in names]]
     inbox = new_inbox(follower + 1, s.message_every, over)
-    which = (follower, first)
-    if use_compiled or (use_compiled is None and trajectory.time.size > _LONG):
+    span = Span(follower, first, first, 0)
+    if use_compiled or (use_compiled is None and trajectory.time.size > LONG):
         sites: Any = offset[:3], offset[3:-1], offset[-1]
-        m = _sense_mission_compiled(
-            s, s.errors[follower], which, sites, motion, tilts, inbox, readings, receptions
+        m = sense_steps_compiled(
+            s, s.errors[follower], span, sites, motion, tilts, inbox, readings, receptions
         )
     else:
         *places, depth_sensor = offset.tolist()
         sites = (places[:3], places[3:], depth_sensor)
         e = sensors.errors_of(scenario, follower, link)
-        m = _sense_mission(s, e, which, sites, motion, tilts, inbox, readings, receptions)
+        m = sense_steps(s, e, span, sites, motion, tilts, inbox, readings, receptions)
     if link is not None and not link.hears(follower):
         m = 0
     if link is not None:
@@ -864,16 +882,18 @@ def _measure_link(
 
 
 @jitable
-def _measure(
+def read_steps(
     e: sensors.SensorErrors,
     navigator: tuple[int, float],
     address: Address,
+    span: Span,
     true_values: Floats,
     sent: tuple[Ints, Ints, Floats, Floats],
     inbox: Inbox,
     readings: tuple[Floats, Floats, Floats],
 ) -> None:
-    """Read what `_sense_mission` found with the noise of a run.
+    """Read the steps of a span, and all after it, of what `sense_steps` gave with the noise of a
+    run.
 
     `true_values` are those of own sensors, shape (n, 3), `sent` the steps at which messages are
     taken up and were sent, their content and ranges, (m, 10) and (m, 3, 3); `readings`, out, own
@@ -881,8 +901,8 @@ def _measure(
     """
     taken_up, emitted, content, ranges = sent
     own_read, content_read, ranges_read = readings
-    i = 0
-    for k in range(1, true_values.shape[0] + 1):
+    i = span.messages
+    for k in range(span.done + 1, true_values.shape[0] + 1):
         now = Address(address.seed, address.run, address.follower, k)
         read_own(e, now, true_values[k - 1], own_read[k - 1])
         if i < taken_up.size and taken_up[i] == k:
@@ -895,7 +915,7 @@ def _measure(
             i += 1
 
 
-_measure_compiled = compiled(_measure)
+read_steps_compiled = compiled(read_steps)
 
 
 def measure(
@@ -926,14 +946,17 @@ def measure(
     sent = (truth.message_step, truth.emission_step)
     readings = (np.empty((n, 3)), np.empty((m, _CONTENT)), np.empty((m, 3)))
     inbox = new_inbox(1, 1)
-    if use_compiled or (use_compiled is None and n > _LONG):
+    span = Span(follower, 0, 0, 0)
+    if use_compiled or (use_compiled is None and n > LONG):
         e = np.array([tuple(errors)], sensors.ERRORS).view(np.recarray)[0]
-        _measure_compiled(
-            e, navigator, address, true_values, (*sent, content, ranges), inbox, readings
+        read_steps_compiled(
+            e, navigator, address, span, true_values, (*sent, content, ranges), inbox, readings
         )
     else:
         numbers = content.tolist(), ranges.tolist()
-        _measure(errors, navigator, address, true_values, (*sent, *numbers), inbox, readings)
+        read_steps(
+            errors, navigator, address, span, true_values, (*sent, *numbers), inbox, readings
+        )
     readings[2][:, truth.transmitters :] = np.nan
     lost = truth.message_step[np.isnan(readings[2]).all(axis=1)] - 1
     custom = {}

@@ -21,7 +21,6 @@ correlation time τ, exact at whatever instants it is read (Gelb, Applied Optima
 """
 
 import math
-from collections import namedtuple
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
@@ -37,7 +36,7 @@ from laisn.navigators import FARTHEST, FASTEST, NAVIGATORS
 from laisn.plugins import find_class
 from laisn.swarm import READING
 from sim.attitude import body_point_in_world, heading_of, pitch_of, roll_of, rotated
-from sim.scenario.section import in_si, split_unit
+from sim.scenario.section import in_si
 from sim.scenario.sensors import Acoustics, Sensors
 from sim.scenario.sensors import CustomSensor as CustomSensorTable
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
@@ -143,80 +142,89 @@ def gauss_markov_step(last: float, persistence: float, fresh: float, normal: flo
 
 
 _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))  # the next follower's drift is ahead by it [rad]
-_DERIVED = (
-    "leader_position_drift",
-    "leader_gyro",
-    "leader_attitude_senses",
-    "leader_attitude_sigma",
-)
-"""Keys that count by what follows from them."""
-_SONAR = (
-    "source_level_db",
-    "frequency_khz",
-    "bandwidth_khz",
-    "spreading",
-    "detection_threshold_db",
-    "level_sigma_db",
-    "wind_m_s",
-    "shipping",
-    "water_temperature_c",
-    "salinity",
-)
-_NO_ERRORS = {
-    "custom",
-    "sound_speed_profile",
-    "rays",
-    "message_length",
-    "ranging_pulse",
-    *(split_unit(key)[0] for key in _SONAR),
-}
-"""Names of keys that are no errors of a reading: they make the sound, or count by `Sonar`."""
 
 
-def _values(sensors: Sensors, acoustics: Acoustics) -> dict[str, Any]:
+class SensorErrors(NamedTuple):
+    """Keys of `[sensors]` and `[acoustics]` without their units, in SI units and radians, by
+    default those of the paper. No navigator has access to them.
+    """
+
+    speed_bias: float = 0.2
+    speed_sigma: float = 0.2
+    heading_bias: float = math.radians(5.0)
+    heading_sigma: float = math.radians(2.0)
+    depth_sigma: float = 0.0
+    speed_drift: float = 0.0
+    heading_drift: float = 0.0
+    drift_period: float = 400.0
+    speed_drift_phase: float = 0.0
+    heading_drift_phase: float = 0.0
+    gyro_sigma: float = math.radians(0.1)
+    tilt_sigma: float = math.radians(0.5)
+    leader_speed_bias: float = 0.0
+    leader_speed_sigma: float = 0.0
+    leader_heading_bias: float = 0.0
+    leader_heading_sigma: float = 0.0
+    leader_depth_sigma: float = 0.0
+    leader_position_sigma: float = 0.0
+    leader_position_walk: float = 0.0
+    leader_attitude_offset_sigma: float = 0.0
+    range_tau: tuple[float, float, float] = (0.01, 0.01, 0.01)
+    range_error_centred: bool = False
+    range_scale_mean: float = 0.1
+    range_scale_sigma: float = 0.05
+    travel_time: bool = False
+    ping_slot: float = 0.0
+    sound_speed: float = 1500.0
+    sound_speed_bias: float = 0.0
+    clock_offset: float = 0.0
+    clock_drift: float = 0.0
+    surface_echo_probability: float = 0.0
+    bottom_echo_probability: float = 0.0
+    common_echoes: bool = False
+    loss_probability: float = 0.0
+    burst_probability: float = 0.0
+    burst_mean_messages: float = 5.0
+    burst_loss_probability: float = 1.0
+    max_range: float = 0.0
+    # fields of `Sonar`
+    sonar_detects: bool = False
+    sonar_margin: float = 0.0
+    sonar_spreading: float = 0.0
+    sonar_absorption: float = 0.0
+    sonar_scatter: float = 0.0
+    leader_tilt_sigma: float = 0.0  # standard deviation of the leader's pitch and roll [rad]
+    leader_tilt_time: float = 0.0  # its correlation time [s]; 0: each message has its own
+    # rate at which the leader's broadcast position departs from the true one [m/s]
+    leader_drift_east: float = 0.0
+    leader_drift_north: float = 0.0
+
+
+_SONAR = [name for name in SensorErrors._fields if name.startswith("sonar_")]
+_DERIVED = ("leader_tilt_sigma", "leader_tilt_time", "leader_drift_east", "leader_drift_north")
+_KEYS = [name for name in SensorErrors._fields if name not in (*_SONAR, *_DERIVED)]
+
+
+def _errors(sensors: Sensors, acoustics: Acoustics) -> SensorErrors:
     in_units = in_si({**dict(sensors), **dict(acoustics)})
-    declared = {
-        name: value
-        for name, value in in_units.items()
-        if name not in _NO_ERRORS and not name.startswith(_DERIVED)
-    }
-    sonar = {f"sonar_{name}": value for name, value in sonar_of(acoustics)._asdict().items()}
+    sonar = sonar_of(acoustics)
     tilt = random_error(sensors)
     towards = np.deg2rad(sensors.leader_position_drift_deg)
-    return (
-        declared
-        | sonar
-        | {
-            "leader_tilt_sigma": tilt[0],
-            "leader_tilt_time": tilt[1],
-            "leader_drift_east": float(sensors.leader_position_drift_m_s * np.sin(towards)),
-            "leader_drift_north": float(sensors.leader_position_drift_m_s * np.cos(towards)),
-        }
+    return SensorErrors(
+        **{name: in_units[name] for name in _KEYS},
+        **{name: getattr(sonar, name.removeprefix("sonar_")) for name in _SONAR},
+        leader_tilt_sigma=tilt[0],
+        leader_tilt_time=tilt[1],
+        leader_drift_east=float(sensors.leader_position_drift_m_s * np.sin(towards)),
+        leader_drift_north=float(sensors.leader_position_drift_m_s * np.cos(towards)),
     )
-
-
-_DEFAULTS = _values(Sensors(), Acoustics())
-
-
-_fields: Any = namedtuple
-
-
-class SensorErrors(_fields("SensorErrors", _DEFAULTS, defaults=_DEFAULTS.values())):  # type: ignore[misc]
-    """Keys of `[sensors]` and `[acoustics]` without their units, in SI units, by default those of
-    the paper.
-
-    Besides: `leader_tilt_sigma` [rad] and `leader_tilt_time` [s], standard deviation and
-    correlation time of the leader's pitch and roll (0: each message has its own), and
-    `leader_drift_east` and `leader_drift_north`, the rate at which its broadcast position departs
-    from the true one [m/s], and the fields of `Sonar`. No navigator has access to them.
-    """
 
 
 # the same as a record for compiled code
 ERRORS = np.dtype(
     [
-        (name, np.float64, np.shape(v)) if np.ndim(v) else (name, type(v))
-        for name, v in _DEFAULTS.items()
+        (name, np.float64, np.shape(value)) if np.ndim(value) else (name, type(value))
+        for name, value in SensorErrors()._asdict().items()
     ]
 )
 
@@ -229,12 +237,12 @@ def errors_of(scenario: Scenario, follower: int = 0, link: Link | None = None) -
     if link is not None and link.places is not None:
         keys = [name for name in Sensors.model_fields if name.startswith("leader_")]
         sensors = sensors.model_copy(update={k: Sensors.model_fields[k].default for k in keys})
-    return SensorErrors(**_values(sensors, scenario.acoustics))
+    return _errors(sensors, scenario.acoustics)
 
 
 def leader_errors_of(scenario: Scenario) -> SensorErrors:
     """The true errors of the leader's own sensors, as of a follower's."""
-    return SensorErrors(**_values(scenario.sensors_of_leader(), scenario.acoustics))
+    return _errors(scenario.sensors_of_leader(), scenario.acoustics)
 
 
 def navigated_errors_of(scenario: Scenario, follower: int = 0) -> SensorErrors:
@@ -431,7 +439,7 @@ class Inclinometer(Sensor):
     stream = Stream.TILT
 
     period: float = 0.0
-    tilt_sigma: float = _DEFAULTS["tilt_sigma"]
+    tilt_sigma: float = SensorErrors().tilt_sigma
 
     def true(self, state: Any, environment: Any) -> tuple[float]:
         """Pitch, positive nose up."""
@@ -451,7 +459,7 @@ class Gyros(Sensor):
     stream = Stream.GYRO
 
     period: float = 0.0
-    gyro_sigma: float = _DEFAULTS["gyro_sigma"]
+    gyro_sigma: float = SensorErrors().gyro_sigma
 
     def true(self, state: Any, environment: Any) -> tuple[float, float]:
         """Rates about the hull's upward axis, positive to port, and its port axis, nose down."""

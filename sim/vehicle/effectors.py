@@ -124,6 +124,23 @@ def _compiled_method(kind: type[EffectorKind], method: str) -> Any:
     return numba.njit(error_model="numpy", forceinline=True)(getattr(kind, method))
 
 
+def _choice_of(functions: Sequence[Any]) -> Callable[..., Any]:
+    """A function `(kinds, number, arguments)` that calls that of this number, on its kind.
+
+    Its text is a chain of comparisons, one for each function: compiled code has no lists of
+    functions of several types.
+    """
+    *others, last = range(len(functions))
+    lines = ["def choose(kinds, number, arguments):"]
+    for i in others:
+        lines += [f"    if number == {i}:", f"        return call_{i}(kinds[{i}], *arguments)"]
+    lines.append(f"    return call_{last}(kinds[{last}], *arguments)")
+    names = {f"call_{i}": function for i, function in enumerate(functions)}
+    exec("\n".join(lines), names)
+    chosen: Callable[..., Any] = names["choose"]
+    return chosen
+
+
 def calls_method(method: str) -> Callable[..., Any]:
     """A function `(kinds, number, arguments)` that calls a method of one of the kinds.
 
@@ -139,13 +156,7 @@ def calls_method(method: str) -> Callable[..., Any]:
         function = _compiled_method(classes[0], method)
         if all(getattr(kind, method) is getattr(classes[0], method) for kind in classes):
             return lambda kinds, number, arguments: function(kinds[0], *arguments)
-
-        def first_or_other(kinds: Any, number: Any, arguments: Any) -> Any:
-            if number == 0:
-                return function(kinds[0], *arguments)
-            return call(kinds[1:], number - 1, arguments)
-
-        return first_or_other
+        return _choice_of([_compiled_method(kind, method) for kind in classes])
 
     return call
 

@@ -41,8 +41,7 @@ def _shift(twist: Floats, acceleration: Floats, time: float) -> None:
 
 @compiled
 def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
-    """Advance a plant as `Plant.step` does, by handles of `Plant.step_handles` taken after the last
-    step from Python.
+    """Advance a plant as `Plant.step` does, by its `step_handles`, after `set_clock`.
 
     Returns the argument of `Plant.finish_step`, to be called from Python.
     """
@@ -196,13 +195,17 @@ class Plant:
         if command.shape != self.thrust.shape:
             raise ValueError(f"command has shape {command.shape}, expected {self.thrust.shape}")
         commands = np.ascontiguousarray(command, dtype=np.float64)
+        self.set_clock()
         fault = advance(self.step_handles(), commands, n_substeps)
         self.ocean.raise_custom_error()
         self.finish_step(fault)
 
-    def step_handles(self) -> Any:
-        """Arguments of `advance`, at the present time."""
+    def set_clock(self) -> None:
+        """Let `advance` go on from the present time."""
         self._clock[0] = self.data.time
+
+    def step_handles(self) -> Any:
+        """What `advance` works on."""
         return self._calls, self._clock, self._body, self._loads
 
     def finish_step(self, fault: Fault) -> None:

@@ -21,6 +21,7 @@ VOCABULARY = {
     "laisn.arrays",
     "laisn.messages",
     "laisn.estimates",
+    "laisn.held",
     "laisn.settings",
     "laisn.geometry",
     "laisn.compiled",

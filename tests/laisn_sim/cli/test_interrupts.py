@@ -98,8 +98,8 @@ def press_ctrl_c_after_the_log(
 @pytest.mark.parametrize(
     ("where", "kept"),
     [
-        # the log is written but has no name yet
-        ("sim.log.writer.os.fsync", {"flight.mcap.partial"}),
+        # the last piece of the log is written first
+        ("sim.log.writer.os.fsync", {"flight.mcap"}),
         ("sim.film.render.render", {"flight.mcap"}),
         ("reports.flight_report.flight_report", {"flight.mcap"}),
         ("sim.log.scene.layout", {"flight.mcap", "report.html"}),

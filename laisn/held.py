@@ -1,0 +1,128 @@
+"""Values of compiled code that stay in memory from call to call.
+
+To hand over a structure of a hundred arrays takes numba some eighty microseconds. What is held is
+handed over once; compiled functions get its address, and read it by `held_values`.
+"""
+
+# mypy: allow-untyped-calls
+
+import sys
+from typing import Any, cast
+
+import numba
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import types
+from numba.core import cgutils
+from numba.core.datamodel.models import PrimitiveModel
+from numba.extending import NativeValue, intrinsic, register_model, typeof_impl, unbox
+
+from laisn.compiled import compiled
+
+
+class HeldType(types.Type):
+    """The type of held values of a type."""
+
+    def __init__(self, values: Any) -> None:
+        self.values = values
+        super().__init__(name=f"Held({values})")
+
+    @property
+    def key(self) -> Any:
+        """What tells it from others."""
+        return self.values
+
+
+@register_model(HeldType)
+class _HeldModel(PrimitiveModel):
+    """In compiled code it is the address of the values."""
+
+    def __init__(self, manager: Any, held: Any) -> None:
+        super().__init__(manager, held, cgutils.intp_t)
+
+
+@unbox(HeldType)
+def _unbox(_: Any, held: Any, c: Any) -> Any:
+    address = c.pyapi.object_getattr_string(held, "address")
+    value = c.pyapi.number_as_ssize_t(address)
+    c.pyapi.decref(address)
+    return NativeValue(value)
+
+
+def _pointer(context: Any, builder: Any, kind: Any, address: Any) -> Any:
+    return builder.inttoptr(address, ir.PointerType(context.get_value_type(kind)))
+
+
+def _emit_store(_: Any, values: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        (kind,) = signature.args
+        context.nrt.incref(builder, kind, args[0])
+        size = context.get_abi_sizeof(context.get_value_type(kind))
+        room = context.nrt.allocate(builder, context.get_constant(types.intp, size))
+        address = builder.ptrtoint(room, cgutils.intp_t)
+        builder.store(args[0], _pointer(context, builder, kind, address))
+        return address
+
+    return types.intp(values), generate
+
+
+def _emit_load(_: Any, held: Any) -> Any:
+    if not isinstance(held, HeldType):
+        return None
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kind = signature.return_type
+        values = builder.load(_pointer(context, builder, kind, args[0]))
+        context.nrt.incref(builder, kind, values)
+        return values
+
+    return held.values(held), generate
+
+
+def _emit_release(_: Any, held: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kind = signature.args[0].values
+        pointer = _pointer(context, builder, kind, args[0])
+        context.nrt.decref(builder, kind, builder.load(pointer))
+        context.nrt.free(builder, builder.bitcast(pointer, cgutils.voidptr_t))
+        return context.get_dummy_value()
+
+    return types.none(held), generate
+
+
+_store: Any = cast(Any, intrinsic(_emit_store))
+held_values: Any = cast(Any, intrinsic(_emit_load))
+"""The values that a `Held` holds. To be called from compiled code only."""
+_release: Any = cast(Any, intrinsic(_emit_release))
+
+
+@compiled
+def _store_values(values: Any) -> int:
+    return int(_store(values))
+
+
+@compiled
+def _release_values(held: "Held") -> None:
+    _release(held)
+
+
+class Held:
+    """Values of compiled code, such as a NamedTuple of arrays, in memory until this object goes."""
+
+    # the last name is numba's
+    __slots__ = ("_numba_type_", "_values", "address")
+
+    def __init__(self, values: Any) -> None:
+        # records are views of the memory of these objects
+        self._values = values
+        self._numba_type_ = HeldType(numba.typeof(values))
+        self.address = _store_values(values)
+
+    def __del__(self, release: Any = _release_values, ends: Any = sys.is_finalizing) -> None:
+        """Give the memory back."""
+        if hasattr(self, "address") and not ends():
+            release(self)
+
+
+@typeof_impl.register(Held)
+def _typeof(held: Held, _: object) -> Any:
+    return held._numba_type_

@@ -1,0 +1,153 @@
+"""Compiled functions for their callers alone: their code is optimised, and made machine code of,
+with that of the outermost function.
+
+Numba does both for each function, with all that it calls, also where only its callers run it: what
+stands at the end of five calls is optimised and emitted six times. Here a function that is compiled
+for a caller keeps its code as it was written down. If Python calls it, it is compiled once more, on
+its own.
+"""
+
+# mypy: allow-untyped-calls
+
+import ctypes
+import threading
+from importlib import import_module
+from typing import Any
+
+from numba.core import sigutils, typed_passes, types
+from numba.core.codegen import JITCodeLibrary
+from numba.core.cpu import CPUContext
+
+
+class NestedLibrary(JITCodeLibrary):
+    """Code of a function for its callers."""
+
+    def finalize(self) -> None:
+        """Leave the code as it is; see `CodeLibrary.finalize`."""
+        self._raise_if_finalized()
+        self._finalized = True
+
+    def get_pointer_to_function(self, _: str) -> int:
+        """None of its functions has machine code."""
+        return 0
+
+
+class _Compiling(threading.local):
+    """The functions of this project that a thread compiles, the outermost first."""
+
+    def __init__(self) -> None:
+        self.stack: list[Any] = []
+
+
+_compiling = _Compiling()
+_names_of_nested: list[str] = []
+
+
+def count_nested() -> int:
+    """Number of functions that this process has compiled for their callers alone."""
+    return len(_names_of_nested)
+
+
+def _all_needed(libraries: list[Any]) -> list[Any]:
+    """Libraries, and those that the nested ones among them need, each once."""
+    needed = dict[Any, None]()
+    for library in libraries:
+        if library not in needed:
+            needed[library] = None
+            if isinstance(library, NestedLibrary):
+                needed |= dict.fromkeys(_all_needed(library._linking_libraries))
+    return list(needed)
+
+
+_finalize = JITCodeLibrary.finalize
+
+
+def _finalize_whole(self: Any) -> None:
+    self._linking_libraries = _all_needed(self._linking_libraries)
+    _finalize(self)
+
+
+_run_pass = typed_passes.BaseNativeLowering.run_pass
+
+
+def _lower_nested(self: Any, state: Any) -> bool:
+    """Give a function that has callers alone a nested library."""
+    stack = _compiling.stack
+    if state.library is None and stack:
+        is_this = state.func_id.func is stack[-1].py_func
+        if len(stack) > 1 if is_this else state.flags.no_cpython_wrapper:
+            state.library = NestedLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+            # what only Python needs
+            state.flags.no_cpython_wrapper = True
+            state.flags.no_cfunc_wrapper = True
+    return bool(_run_pass(self, state))
+
+
+def _refuse(*_: Any) -> Any:
+    raise SystemError("a nested function of compiled code was called from Python")
+
+
+_NO_CODE = ctypes.PYFUNCTYPE(*[ctypes.py_object] * 4)(_refuse)
+_get_executable = CPUContext.get_executable
+_dynfunc: Any = import_module("numba._dynfunc")
+
+
+def _get_nested_executable(self: Any, library: Any, fndesc: Any, env: Any) -> Any:
+    """An object by which callers know a nested function; see `CPUContext.get_executable`."""
+    if not isinstance(library, NestedLibrary):
+        return _get_executable(self, library, fndesc, env)
+    name = fndesc.qualname.split(".")[-1]
+    pointer = ctypes.cast(_NO_CODE, ctypes.c_void_p).value
+    return _dynfunc.make_function(fndesc.lookup_module(), name, "", pointer, env, (library,))
+
+
+JITCodeLibrary.finalize = _finalize_whole  # type: ignore[method-assign]
+typed_passes.BaseNativeLowering.run_pass = _lower_nested  # type: ignore[method-assign]
+CPUContext.get_executable = _get_nested_executable  # type: ignore[method-assign]
+
+
+def _type_of(argument: Any) -> Any:
+    """The type of an argument, of a literal whole number that of all such numbers."""
+    return types.unliteral(argument) if isinstance(argument, types.IntegerLiteral) else argument
+
+
+def nest(jit: Any, *, apart: bool) -> None:
+    """Compile a dispatcher's function for its callers alone where they need it, or else `apart`,
+    always on its own.
+    """
+    compile_for = jit.compile
+    add_overload = jit.add_overload
+    template_of = jit.get_call_template
+
+    def template_without_literals(arguments: Any, named: Any) -> Any:
+        """One code for calls with `0`, with `1` and with a variable."""
+        return template_of(
+            tuple(map(_type_of, arguments)), {name: _type_of(kind) for name, kind in named.items()}
+        )
+
+    def compile_counted(signature: Any) -> Any:
+        stack = _compiling.stack
+        kinds = tuple(sigutils.normalize_signature(signature)[0])
+        existing = jit.overloads.get(kinds)
+        if existing is not None:
+            if stack or not isinstance(existing.library, NestedLibrary):
+                return existing.entry_point
+            # for a call from Python
+            del jit.overloads[kinds]
+        before = list(stack)
+        stack[:] = [jit] if apart else [*stack, jit]
+        try:
+            return compile_for(signature)
+        finally:
+            stack[:] = before
+
+    def add(result: Any) -> None:
+        if isinstance(result.library, NestedLibrary):
+            jit.overloads[tuple(result.signature.args)] = result
+            _names_of_nested.append(jit.py_func.__qualname__)
+        else:
+            add_overload(result)
+
+    jit.get_call_template = template_without_literals
+    jit.compile = compile_counted
+    jit.add_overload = add

@@ -1,0 +1,150 @@
+"""An MCAP file that grows by blocks of mission time, each of which is in the file before the next
+one begins.
+"""
+
+import os
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from io import BytesIO
+from operator import itemgetter
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import foxglove
+import numpy as np
+from foxglove.mcap import MCAPWriteOptions, MCAPWriter
+from mcap.well_known import MessageEncoding
+
+from laisn.arrays import Ints
+
+BLOCK_NS = 20 * 10**9  # what was logged of this time is in the file before more is logged [ns]
+END_NS = 2**62  # later than all messages [ns]
+
+
+class Channel(NamedTuple):
+    """Messages of one topic, in order of time."""
+
+    topic: str
+    schema: foxglove.Schema
+    time_ns: Ints  # time of each message since 1970, shape (n,), [ns]
+    rows: Callable[[slice], Iterable[bytes]]  # serialised messages of a stretch
+
+
+class _Buffer(BytesIO):
+    """What was written since the last `take`; positions count from the start of the file."""
+
+    taken = 0
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
+        return self.taken + super().seek(
+            offset - (self.taken if whence == os.SEEK_SET else 0), whence
+        )
+
+    def take(self) -> bytes:
+        data = self.getvalue()
+        super().seek(0)
+        self.truncate()
+        self.taken += len(data)
+        return data
+
+
+class BlockFile:
+    """An MCAP file under way. Unless `finish` succeeds, it stays without an end."""
+
+    def __init__(self, path: Path) -> None:
+        """Open a new file; OSError if it cannot be written."""
+        options = MCAPWriteOptions(compression_threads=0, compression_level=1, disable_seeking=True)
+        self._buffer = _Buffer()
+        self._context = foxglove.Context()
+        self._channels: dict[str, Any] = {}
+        self._file = path.open("wb")
+        # the SDK only logs errors of its output, and does not survive the exceptions of signals,
+        # which the main thread gets
+        self._thread = ThreadPoolExecutor(1)
+        self._mcap: MCAPWriter = self._call(
+            partial(foxglove.open_mcap, self._buffer, context=self._context, writer_options=options)
+        )
+
+    def _call(self, function: Callable[[], Any]) -> Any:
+        try:
+            called = self._thread.submit(function)
+        except RuntimeError:
+            # the interpreter is at its end: there are no threads any more, and no signals
+            return function()
+        return called.result()
+
+    def describe(self, write: Callable[[MCAPWriter], None]) -> None:
+        """Write attachments and metadata, which are in the file with the next block."""
+        self._call(partial(write, self._mcap))
+
+    def append(self, channels: Sequence[Channel], begin_ns: int = 0, end_ns: int = END_NS) -> None:
+        """Write the messages of all channels from one time until before another, in order of time.
+
+        A channel without messages is not in the file.
+        """
+        for channel in channels:
+            if channel.topic not in self._channels:
+                self._channels[channel.topic] = foxglove.Channel(
+                    channel.topic,
+                    schema=channel.schema,
+                    message_encoding=MessageEncoding.Protobuf,
+                    context=self._context,
+                )
+        numbers = {
+            number
+            for channel in channels
+            for number in np.unique(_between(channel, begin_ns, end_ns)[1] // BLOCK_NS).tolist()
+        }
+        for number in sorted(numbers):
+            span = (max(number * BLOCK_NS, begin_ns), min((number + 1) * BLOCK_NS, end_ns))
+            self.append_block(channels, span)
+
+    def append_block(
+        self, channels: Sequence[Channel], span: tuple[int, int] = (0, END_NS)
+    ) -> None:
+        """Write the messages of channels of `append` from one time until before another as one
+        block, also of times before what is written.
+        """
+        self._call(partial(self._fill, channels, span))
+        self._flush()
+
+    def _fill(self, channels: Sequence[Channel], span: tuple[int, int]) -> None:
+        messages = list[tuple[int, Any, bytes]]()
+        for channel in channels:
+            rows, times = _between(channel, *span)
+            log = self._channels[channel.topic].base.log
+            messages += [
+                (at, log, data) for at, data in zip(times.tolist(), channel.rows(rows), strict=True)
+            ]
+        # messages of equal times stay in the order of channels
+        messages.sort(key=itemgetter(0))
+        for at, log, data in messages:
+            log(data, at)
+        self._mcap.flush()
+
+    def _flush(self) -> None:
+        self._file.write(self._buffer.take())
+        self._file.flush()
+
+    def abandon(self) -> None:
+        """Close the file as it is, without an end."""
+        try:
+            self._call(self._mcap.close)
+        finally:
+            self._thread.shutdown()
+            self._file.close()
+
+    def finish(self) -> None:
+        """Write the end of the file, and close it when the system has all of it."""
+        self._call(self._mcap.close)
+        self._flush()
+        os.fsync(self._file.fileno())
+        self._thread.shutdown()
+        self._file.close()
+
+
+def _between(channel: Channel, begin_ns: int, end_ns: int) -> tuple[slice, Ints]:
+    """Rows of the messages from one time until before another, and their times [ns]."""
+    rows = slice(*np.searchsorted(channel.time_ns, [begin_ns, end_ns]).tolist())
+    return rows, channel.time_ns[rows]

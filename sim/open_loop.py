@@ -1,0 +1,169 @@
+"""Followers that move by the truth alone: they sense and navigate behind their motion, stretch
+after stretch.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from laisn.estimates import Estimates, FixRecord
+from laisn.messages import Measurements
+from laisn.navigators import find
+from laisn.swarm import SwarmRecord, estimates_of
+from sim.flight import Flight, Termination, navigate, navigation_settings
+from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.sensing.observation import MeasurementRecord, start_of
+from sim.sensing.under_way import FollowerSensing, SenderMotion
+from sim.system import signals_after
+from sim.trajectory import StateHistory, Trajectory
+
+
+class OpenLoop:
+    """A flight under way whose followers do not steer by what they measure.
+
+    What is measured and estimated is what `sim.flight.navigate` gives of the finished mission, to
+    the bit. A navigator that works on whole missions, such as a smoother, runs at the end.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        still: Trajectory,
+        truth: StateHistory,
+        motion: Callable[[int], Trajectory],
+    ) -> None:
+        """Before the first instant.
+
+        `still` holds names and sites of the vehicles where they start, `truth` is the room for
+        their motion, of which `motion` gives what is there from an instant on.
+        """
+        self.scenario = scenario
+        self._truth = truth
+        self._motion = motion
+        self._stride = round(scenario.timing.filter_step_s / CONTROL_STEP_S)
+        self._sender = SenderMotion(scenario, still, truth)
+        followers = range(len(scenario.followers))
+        settings = [navigation_settings(scenario, still, i) for i in followers]
+        link = self._sender.link
+        every = scenario.message_every if link is None else link.every
+        n = len(truth.pose)
+        steps = (n - 1) // self._stride
+        self._measured = MeasurementRecord.empty(len(followers), steps, every)
+        self._sensing = [
+            FollowerSensing(scenario, i, self._sender, settings[i].transmitters, self._measured)
+            for i in followers
+        ]
+        spec = find(scenario.navigation.variant)
+        self._navigators = [spec.make(settings[i], start_of(still, i)) for i in followers]
+        # messages of further links are sensed of the finished mission
+        self._further = bool(scenario.navigation.further_links)
+        self.navigates = not self._further and all(
+            getattr(made, "runs_by_steps", False) for made in self._navigators
+        )
+        """Whether estimates are there as soon as the steps are over; else at the end."""
+        self._concluded = SwarmRecord.empty(
+            len(followers), steps if self.navigates else 0, 0, spec.estimates, whole=True
+        )
+        self._fixes: list[list[FixRecord]] = [[] for _ in followers]
+        self._failed = False
+        self.steps = 0
+        """Filter steps that are over."""
+
+    def advance(self, last: int) -> None:
+        """Sense and navigate until an instant of the motion, which is there until then.
+
+        Signals wait until that is done. After an error nothing more is sensed.
+        """
+        if self._failed:
+            return
+        self._failed = True
+        with signals_after():
+            self._advance(last)
+            self._failed = False
+
+    def _advance(self, last: int) -> None:
+        self._sender.advance(self._truth, last)
+        span = range(self.steps, last // self._stride)
+        if not span:
+            return
+        for follower, sensing in enumerate(self._sensing):
+            if not self._further:
+                sensing.advance(last)
+            if self.navigates:
+                self._navigate(follower, span)
+        self.steps = span.stop
+
+    def _measurements(self, follower: int, steps: range) -> Measurements:
+        sensing = self._sensing[follower]
+        link = self._sender.link
+        custom = {name: rows[steps.start : steps.stop] for name, rows in sensing.custom.items()}
+        return self._measured.measurements(
+            follower,
+            steps,
+            self.scenario.timing.filter_step_s,
+            custom,
+            sensing.headers,
+            None if link is None else link.places,
+        )
+
+    def _navigate(self, follower: int, span: range) -> None:
+        navigator: Any = self._navigators[follower]
+        state = self._concluded.state[follower]
+        covariance = self._concluded.covariance[follower]
+        measured = self._measurements(follower, span)
+        for k, (own, reception) in zip(span, measured.steps(), strict=True):
+            self._fixes[follower] += navigator.step(own, reception)
+            state[k] = navigator.state
+            covariance[k] = navigator.covariance
+
+    def _estimates(self, follower: int, steps: range) -> Estimates:
+        navigator: Any = self._navigators[follower]
+        made = (follower, self._fixes[follower])
+        return estimates_of(navigator.ESTIMATES, self._concluded, made, steps)
+
+    def part(self, first: int) -> Flight:
+        """The flight from a filter step on until now, with the fixes that hold there."""
+        trajectory = self._motion(first * self._stride)
+        steps = range(first, first + (trajectory.time.size - 1) // self._stride)
+        followers = range(len(self._navigators))
+        return Flight(
+            scenario=self.scenario,
+            trajectory=trajectory,
+            measurements=tuple(self._measurements(i, steps) for i in followers),
+            estimates=tuple(self._estimates(i, steps) for i in followers),
+            outcome=Termination.INTERRUPTED,
+        )
+
+    def flight(self, trajectory: Trajectory, outcome: Termination) -> Flight:
+        """The flight at its end; nothing is sensed or navigated later.
+
+        ValueError if it was too short for one filter step.
+        """
+        if self._further:
+            return navigate(self.scenario, trajectory, outcome=outcome)
+        if self.steps < 1:
+            end = trajectory.time[-1]
+            dt = self.scenario.timing.filter_step_s
+            raise ValueError(
+                f"the flight ends at {end:g} s, before its first filter step of {dt:g} s"
+            )
+        steps = range(self.steps)
+        for sensing in self._sensing:
+            sensing.close()
+        for array in (self._concluded.state, self._concluded.covariance):
+            # so that estimates need not copy them
+            array.flags.writeable = False
+        measurements = []
+        estimates = []
+        for i, navigator in enumerate(self._navigators):
+            measured = self._measurements(i, steps)
+            measurements.append(measured)
+            estimates.append(
+                self._estimates(i, steps) if self.navigates else navigator.run(measured)
+            )
+        return Flight(
+            scenario=self.scenario,
+            trajectory=trajectory,
+            measurements=tuple(measurements),
+            estimates=tuple(estimates),
+            outcome=outcome,
+        )

@@ -1,0 +1,125 @@
+"""Values that compiled code holds from call to call, and functions that are compiled for their
+callers alone.
+"""
+
+import gc
+import sys
+from typing import NamedTuple
+
+import numba
+import numpy as np
+import pytest
+
+from laisn.arrays import Floats, Records, records
+from laisn.compiled import compiled, compiled_apart, jitable
+from laisn.held import Held, held_values
+from laisn.nesting import NestedLibrary
+
+pytestmark = pytest.mark.system
+
+POINT = np.dtype([("x", np.float64), ("y", np.float64)])
+
+
+class Inner(NamedTuple):
+    numbers: Floats
+    factor: float
+
+
+class Outer(NamedTuple):
+    inner: Inner
+    points: Records
+    pair: tuple[Floats, bool]
+
+
+def outer_of() -> Outer:
+    return Outer(Inner(np.arange(4.0), 3.0), records(POINT, 2), (np.zeros(2), True))
+
+
+@compiled
+def _count(k: int, held: Held) -> float:
+    values = held_values(held)
+    values.points[1].y += k
+    values.pair[0][0] += values.inner.factor
+    return values.inner.numbers[k] if values.pair[1] else -1.0
+
+
+def test_held_values_are_those_of_python() -> None:
+    """Both write into the same arrays, and see what the other has written."""
+    outer = outer_of()
+    held = Held(outer)
+    assert _count(2, held) == 2.0
+    outer.inner.numbers[2] = 8.0
+    assert _count(2, held) == 8.0
+    assert outer.points[1].y == 4.0
+    assert outer.pair[0].tolist() == [6.0, 0.0]
+
+
+def test_held_arrays_live_as_long_as_they_are_held() -> None:
+    numbers = np.arange(1e5)
+    outer = outer_of()
+    held = Held(outer._replace(inner=Inner(numbers, 1.0)))
+    del outer
+    before = sys.getrefcount(numbers)
+    gc.collect()
+    assert _count(3, held) == 3.0
+    assert sys.getrefcount(numbers) == before
+    del held
+    gc.collect()
+    # that of the NamedTuple, and that of compiled code
+    assert sys.getrefcount(numbers) == before - 2
+
+
+@jitable
+def _root(x: float) -> float:
+    return float(np.sqrt(x))
+
+
+@compiled
+def _inmost(x: float) -> float:
+    return _root(x) + 1.0
+
+
+@compiled
+def _sum(x: float, numbers: Floats) -> float:
+    total = _inmost(x)
+    for i in range(numbers.size):
+        total += _inmost(numbers[i])
+    return total
+
+
+@compiled_apart
+def _shared(x: float, numbers: Floats) -> float:
+    return 2.0 * _sum(x, numbers)
+
+
+@compiled
+def _outermost(x: float, numbers: Floats) -> float:
+    return _shared(x, numbers) + _sum(x, numbers)
+
+
+def libraries(function: object) -> list[bool]:
+    """Whether each signature of a function is for its callers alone."""
+    overloads = function.overloads.values()  # type: ignore[attr-defined]
+    return [isinstance(overload.library, NestedLibrary) for overload in overloads]
+
+
+def test_functions_for_their_callers_have_no_code_of_their_own_until_python_calls_them() -> None:
+    numbers = np.array([0.0, 1.0, 4.0, 9.0])
+    # 1 + (1 + √0) + (1 + √1) + (1 + √4) + (1 + √9), and the root of 1
+    total = 12.0
+    assert _outermost(1.0, numbers) == 3.0 * total
+    assert libraries(_inmost) == libraries(_sum) == [True]
+    assert libraries(_shared) == libraries(_outermost) == [False]
+    assert _inmost(4.0) == 3.0
+    assert _sum(1.0, numbers) == total
+    assert _shared(1.0, numbers) == 2.0 * total
+    assert libraries(_inmost) == libraries(_sum) == [False]
+
+    # other signatures, and a function of the user's that calls them
+    assert _sum(1, numbers.astype(np.float32)) == total
+
+    @numba.njit
+    def custom(numbers: Floats) -> float:
+        return _sum(1.0, numbers) + _outermost(1.0, numbers)
+
+    assert custom(numbers) == 4.0 * total
