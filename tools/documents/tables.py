@@ -559,6 +559,35 @@ def thermocline_fixes(records: Records) -> str:
     return markdown(["depths of leader and follower", *heads], rows)
 
 
+def thermocline_legs(records: Records) -> str:
+    """Errors of navigators on a leg, and what the mean speed adds."""
+    findings = records["thermocline"].findings
+    rows = [
+        [
+            f"{title}, {label}",
+            *(
+                f"{findings[f'{key} {name} strong {depths} {reach}']:.2f}"
+                for reach in _REACHES
+                for key in ("error", "added")
+            ),
+        ]
+        for name, title in _NAVIGATORS.items()
+        for depths, label in _DEPTHS.items()
+    ]
+    heads = [f"{key}{reach} m [m]" for reach in _REACHES for key in ("", "added at ")]
+    return markdown(["navigator, depths", *heads], rows)
+
+
+def thermocline_closed(records: Records) -> str:
+    """Distances of a follower that steers by its estimate."""
+    findings = records["thermocline"].findings
+    rows = [
+        [title, *(f"{findings[f'off {name} {sound}']:.2f}" for sound in ("straight", "profile"))]
+        for name, title in _NAVIGATORS.items()
+    ]
+    return markdown(["navigator", "by the mean speed [m]", "by the profile [m]"], rows)
+
+
 TABLES: dict[str, Callable[[Records], str]] = {
     "ratios": ratios,
     "coverage": coverage,
@@ -573,6 +602,8 @@ TABLES: dict[str, Callable[[Records], str]] = {
     "tight-limits": tight_limits,
     "rivals": rivals,
     "thermocline-fixes": thermocline_fixes,
+    "thermocline-legs": thermocline_legs,
+    "thermocline-closed": thermocline_closed,
     "rivals-two": rivals_two,
     "rivals-conditions": rivals_conditions,
     "rivals-closed": rivals_closed,
