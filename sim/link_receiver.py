@@ -378,7 +378,9 @@ class AnswerReceiver(Receiver):
         if i == self._requester:
             arrival = pings[0][1][Path.DIRECT].time
             detection = (ranges[0] - true[0, Path.DIRECT]) / s.sound.assumed_speed
-            measured = arrival - answer.request - self.link.delay
+            # both pings may leave at the end of their messages
+            waits = self.link.delay + 2.0 * s.sound.lead
+            measured = arrival - answer.request - waits
             self.round_trip[i] = measured + answer.detection + detection
         offset, drift = self._clocks[i]
         for j, (_, arrivals) in enumerate(pings):
