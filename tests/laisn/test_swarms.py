@@ -107,7 +107,7 @@ def test_lanes_record_what_navigators_of_one_follower_conclude(variant: str) -> 
     kinds = set[int]()
     for i in range(FOLLOWERS):
         expected = Navigator(settings, starts[i]).run(measurements_of(steps, i))
-        require_equal(recorded.estimates(i, len(steps), Estimates), expected, 1e-8)
+        require_equal(recorded.estimates(i, range(len(steps)), Estimates), expected, 1e-8)
         kinds |= {*expected.fix_kind.tolist()}
     assert len(kinds) > 1
 
@@ -126,7 +126,7 @@ def test_a_tight_swarm_records_what_a_navigator_concludes_to_the_bit(
         swarm.navigate(k, *tables(step), records(ESTIMATE, FOLLOWERS), recorded)
     for i in range(FOLLOWERS):
         expected = TightNavigator(settings, starts[i]).run(measurements_of(steps, i))
-        require_equal(recorded.estimates(i, len(steps), TightEstimates), expected, 0.0)
+        require_equal(recorded.estimates(i, range(len(steps)), TightEstimates), expected, 0.0)
         assert expected.fix_step.size > 3
 
 
@@ -266,4 +266,4 @@ def test_navigators_that_python_calls_one_by_one_get_the_measurements_of_their_o
         np.testing.assert_allclose(found.velocity, expected.velocity, rtol=0, atol=1e-9)
     for i in range(FOLLOWERS):
         expected_fixes = Navigator(settings, starts[i]).run(measurements_of(steps, i))
-        require_equal(separate.estimates(recorded, i, len(steps)), expected_fixes, 0.0)
+        require_equal(separate.estimates(recorded, i, range(len(steps))), expected_fixes, 0.0)

@@ -17,6 +17,8 @@ from laisn.plugins import load_plugin
 from sim.sensing.observation import propagate
 from sim.water.rays import Path as SoundPath
 
+pytestmark = pytest.mark.usefixtures("no_plugins")
+
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGES = {page: (DOCS / page).read_text("utf-8") for page in ("extending.md", "links.md")}
 BLOCK = re.compile(r"^```python\n# (\S+\.py)\n(.*?)^```", re.DOTALL | re.MULTILINE)

@@ -211,7 +211,9 @@ def test_commands_in_the_text_exist(document: Path) -> None:
         if program == "make":
             run_line([program, *rest], set())
         elif program == "python":
-            assert rest[1].endswith("…") or (ROOT / (rest[1].replace(".", "/") + ".py")).is_file()
+            module = ROOT / rest[1].replace(".", "/")
+            files = (module.with_suffix(".py"), module / "__main__.py")
+            assert rest[1].endswith("…") or any(file.is_file() for file in files)
         else:
             depth = 2 if rest[0] == "log" else 1
             known = CliRunner().invoke(app, [*rest[:depth], "--help"], env={"COLUMNS": "200"})

@@ -40,9 +40,9 @@ def page_name(target: str, *, of_docs: bool) -> str:
     """Where a link of README (else of a page in docs) leads on the site."""
     if re.match(r"\w+:", target):
         return target
-    path = (
-        target if not of_docs else f"docs/{target}" if not target.startswith("../") else target[3:]
-    )
+    path = target
+    if of_docs:
+        path = target[3:] if target.startswith("../") else f"docs/{target}"
     example = re.fullmatch(r"examples/(\w+)\.py", path)
     module = re.fullmatch(r"(\w+(?:/\w+)*)\.py", path)
     if path == "docs/index.md":

@@ -189,9 +189,9 @@ def changed(scenario: Scenario, leaf: tuple[str, ...]) -> Scenario:
     others = {
         bool: [not was],
         int: [3, 2, 320, 240, 24],
-        float: [0.2, 2.5, 0.05, 3.0, 40.0, 1490.0, 1020.0],
+        float: [0.2, 2.5, 0.05, 3.0, 1.25, 40.0, 1490.0, 1020.0],
         tuple: points,
-        str: [*words, "kinematic", "L", "ilos", "surface", "end"],
+        str: [*words, "kinematic", "L", "ilos", "surface", "end", "refracted", "profile"],
         type(None): ["T4", 0.3, hull("follower"), "thrust"],
     }[type(was)]
     for other in others:

@@ -64,7 +64,7 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...]]] = {
     "log recover": ("log recover cut.mcap", ("cut.recovered.mcap",)),
 }
 """Commands that write single files, as they are tried, and files of theirs."""
-FOLDERS = {"fly", "study", "bench-data", *BUILT_IN}
+FOLDERS = {"fly", "study", "bench-data", "figure", *BUILT_IN}
 """Commands that write a folder of results, whose rules tests of flights and studies cover."""
 READERS = {"scenarios", "vehicles", "check", "doctor", "hull", "log info"}
 """Commands that write to the terminal alone."""

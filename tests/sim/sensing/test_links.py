@@ -17,6 +17,8 @@ from laisn.messages import LeaderMessage, Measurements
 from laisn_sim.cli.main import app
 from sim.flight import navigate
 
+pytestmark = pytest.mark.usefixtures("no_plugins")
+
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "links.md"
 TIME, EAST, NORTH, HEADING, SPEED, DEPTH = (
     LeaderMessage._fields.index(name)

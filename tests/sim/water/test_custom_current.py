@@ -9,6 +9,8 @@ from typer.testing import CliRunner
 import laisn_sim
 from laisn_sim.cli.main import app
 
+pytestmark = pytest.mark.usefixtures("no_plugins")
+
 EDDY = '''
 from dataclasses import dataclass
 
