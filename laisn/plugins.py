@@ -326,6 +326,15 @@ def plugin_error(error: BaseException) -> PluginError | None:
     return None
 
 
+def _is_raised_by_plugin(error: BaseException) -> bool:
+    """Whether a line of a plugin itself raised an exception, and no function that it calls."""
+    frames = traceback.extract_tb(error.__traceback__)
+    if not frames:
+        return False
+    sources = {str(file) for loaded in _LOADED.values() for file in loaded.sources.files}
+    return frames[-1].filename in sources
+
+
 @contextmanager
 def calling(description: str) -> Iterator[None]:
     """A call of the user's own code in the block: PluginError if it takes other arguments."""
@@ -346,11 +355,11 @@ def plugin_errors() -> Iterator[None]:
     """
     try:
         yield
-    except LaisnError:
-        raise
     except KeyboardInterrupt:
         raise
     except BaseException as error:
+        if isinstance(error, LaisnError) and not _is_raised_by_plugin(error):
+            raise
         told = plugin_error(error)
         if told is None:
             raise

@@ -177,6 +177,7 @@ FAULTS = [
     ("__import__('sys').exit('enough')", "it ends the program (SystemExit: enough)"),
     ("raise type('Odd', (Exception,), {'__reduce__': None})('x')", "Odd: x"),
     ("open('gains.txt')", "FileNotFoundError"),
+    ("raise __import__('laisn_sim').LaisnError('no gain')", "LaisnError: no gain"),
 ]
 
 
