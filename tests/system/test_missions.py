@@ -39,7 +39,7 @@ def figures(model: str, role: str) -> dict[str, float]:
     recorded = markers.records().get("vehicle-missions")
     for quantity in bounds if recorded else ():
         if f"{model} {role} {quantity}" in recorded.findings:
-            figure = float(recorded[f"{model} {role} {quantity}"])
+            figure = recorded[f"{model} {role} {quantity}"].number
             bounds[quantity] = min(bounds[quantity], MACHINE * figure + ROUNDING_M)
     return bounds
 

@@ -14,6 +14,7 @@ from tools.documents.hull_trials import (
     PUBLISHED_TURN,
 )
 from tools.documents.tight_limits import RIVALS
+from tools.documents.vehicle_missions import ROLES
 
 Records = Mapping[str, Findings]
 
@@ -514,6 +515,33 @@ def routes_kept(records: Records) -> str:
     )
 
 
+def vehicle_missions(records: Records) -> str:
+    """How each shipped vehicle keeps to routes and stations of the built-in scenarios."""
+    record = records["vehicle-missions"]
+    rows = []
+    for model in ("leader", "follower", "remus100", "lauv", "bluerov2_heavy"):
+        cells = [f"`{model}`"]
+        for role in ("leader", "follower"):
+            cells += [f"{record[f'{model} {role} {of}']:.2f}" for of in ("route", "depth")]
+        cells.append(f"{record[f'{model} station station']:.2f}")
+        cells += [
+            " / ".join(f"{record[f'{model} {role} {of}']:d}" for role in ROLES)
+            for of in ("refused", "warned")
+        ]
+        rows.append(cells)
+    heads = [
+        "vehicle",
+        "leader: off route [m]",
+        "depth [m]",
+        "follower: off route [m]",
+        "depth [m]",
+        "off station [m]",
+        "refused",
+        "warned",
+    ]
+    return markdown(heads, rows)
+
+
 def bluerov_speeds(records: Records) -> str:
     """Steady speeds of the BlueROV2 beside those of the published code."""
     record = records["hull-trials"]
@@ -611,6 +639,7 @@ TABLES: dict[str, Callable[[Records], str]] = {
     "remus-figures": remus_figures,
     "hull-estimates": hull_estimates,
     "routes-kept": routes_kept,
+    "vehicle-missions": vehicle_missions,
     "bluerov-speeds": bluerov_speeds,
 }
 """Tables by their names in documents."""
