@@ -54,7 +54,7 @@ def flown(mission: Mission, seed: int, seconds: float | None = None) -> Flight:
 
 
 def truth_rows(flight: Flight, follower: int) -> Floats:
-    """Rows of a follower's truth table, shape (n, 8), as of `tables.TRUTH`."""
+    """Rows of a follower's truth table, shape (n, 8), as of `tables.TRUTH_COLUMNS`."""
     steps = flight.step_index()
     trajectory = flight.trajectory
     east, north, up = flight.hydrophone(follower).T

@@ -64,15 +64,16 @@ class RunScore:
     """Errors of one run at the filter steps that its estimates cover."""
 
     run: Run
-    covered: float  # share of filter steps
-    mean_m: float  # of the position error E_P
-    rms_m: float
-    largest_m: float
-    bearing_deg: float  # mean of the bearing error E_B
-    bound_m: float  # least RMS that is possible
-    nees: float  # mean; 2 if covariances are right, NaN if none is stated
-    relative_m: tuple[float, ...]  # RMS over segments of `SEGMENTS_M`
-    step_us: float
+    covered: float = 0.0  # share of filter steps
+    mean_m: float = math.nan  # of the position error E_P
+    rms_m: float = math.nan
+    largest_m: float = math.nan
+    bearing_deg: float = math.nan  # mean of the bearing error E_B
+    bound_m: float = math.nan  # least RMS that is possible
+    nees: float = math.nan  # mean; 2 if covariances are right, NaN if none is stated
+    relative_m: tuple[float, ...] = (math.nan,) * len(SEGMENTS_M)
+    """RMS over segments of `SEGMENTS_M`."""
+    step_us: float = math.nan  # processor time a filter step [µs]
 
     @property
     def complete(self) -> bool:
@@ -141,19 +142,7 @@ def score_run(run: Run, truth: Truth, track: Track) -> RunScore:
     first = before[covered]
     covered[covered] = times[after[covered]] - times[first] <= LONGEST_GAP_S
     if not covered.any():
-        nothing = (math.nan,) * len(SEGMENTS_M)
-        return RunScore(
-            run=run,
-            covered=0.0,
-            mean_m=math.nan,
-            rms_m=math.nan,
-            largest_m=math.nan,
-            bearing_deg=math.nan,
-            bound_m=math.nan,
-            nees=math.nan,
-            relative_m=nothing,
-            step_us=track.step_us,
-        )
+        return RunScore(run=run, step_us=track.step_us)
     at = truth.time[covered]
     estimate = np.column_stack([np.interp(at, times, column) for column in position.T])
     true = truth.position[covered]

@@ -23,7 +23,7 @@ _ANGLES = ("heading", "pitch", "roll", "heading_sigma")
 _LENGTHS = ("east", "north", "depth", "position_sigma")
 OWN = ("speed [m/s]", "heading_deg", "depth [m]")
 RANGES = tuple(f"range_{name} [m]" for name in Ranges._fields)
-TRUTH = (
+TRUTH_COLUMNS = (
     "time [s]",
     "east [m]",
     "north [m]",
@@ -107,8 +107,8 @@ def write_measurements(path: Path, measured: Measurements) -> None:
 
 
 def write_truth(path: Path, rows: Floats) -> None:
-    """Write the true path, rows in the order of `TRUTH`, shape (n, 8)."""
-    _write(path, dict(zip(TRUTH, map(_texts, _round(rows).T), strict=True)))
+    """Write the true path, rows in the order of `TRUTH_COLUMNS`, shape (n, 8)."""
+    _write(path, dict(zip(TRUTH_COLUMNS, map(_texts, _round(rows).T), strict=True)))
 
 
 def read_columns(path: Path) -> dict[str, Any]:
@@ -179,5 +179,5 @@ class Truth(NamedTuple):
 
 def read_truth(path: Path) -> Truth:
     """Read what `write_truth` wrote; LaisnError if it cannot be read."""
-    rows = require_numbers(path, read_columns(path), TRUTH)
+    rows = require_numbers(path, read_columns(path), TRUTH_COLUMNS)
     return Truth(rows[:, 0], rows[:, 1:3], rows[:, 5:7], rows[:, 7])
