@@ -19,9 +19,9 @@ from laisn.fix import Pair, circles, pair_fix
 from laisn.geometry import Arms, Point, fore_offset, pitch_fix_error, turn, turned_cosine
 from laisn.messages import Ranges
 from laisn.settings import NavigationSettings, SideRule, Tuning
-from reports.figures import Line, Panel, numbers, panel
+from reports.figures import Line, Panel, error_bands, panel
 from reports.page import Figures, page_of, write
-from reports.style import ESTIMATE, FOLLOWER, FULL, INK, LEADER, SERIES, Legend
+from reports.style import ERROR_LEVELS_M, ESTIMATE, FOLLOWER, FULL, INK, LEADER, SERIES, Legend
 
 BEARINGS_DEG = tuple(float(value) for value in range(0, 181, 15))
 """Bearings of the table."""
@@ -33,8 +33,6 @@ _CURVE_BEARINGS = 721
 _RING_BEARINGS = 36
 _OFF_AXIS_DEG = 30.0
 _PITCHES_DEG = (1.0, 2.0, 5.0, 10.0, 20.0)
-_LEVELS = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
-_COLOURS = ("#e8f1f8", "#c3dcee", "#8fbfdf", "#f3d19a", "#ea9a5c", "#d1602f", "#8e2a12")
 _NOWHERE = Point(0.0, 0.0)
 _LEVEL = turn(0.0)
 _SMALLEST_M = 1e-3
@@ -213,26 +211,9 @@ def _scale(geometry: Geometry) -> float:
 
 def map_of_errors(geometry: Geometry) -> Panel:
     """The error over bearing and pitch, with a line at the leader's pitch."""
-    levels = [_scale(geometry) * level for level in _LEVELS]
-    band = np.interp(geometry.grid, [*levels, 2.0 * levels[-1]], np.arange(len(levels) + 1))
-    last = len(levels) - 1
-    contours = {
-        "type": "contour",
-        "x": numbers(geometry.bearings),
-        "y": numbers(geometry.pitches),
-        "z": [numbers(row) for row in band],
-        "customdata": [numbers(row) for row in geometry.grid],
-        "hovertemplate": "%{x}°, %{y}°: %{customdata:.2f} m<extra></extra>",
-        "contours": {"start": 1, "end": last, "size": 1, "showlines": False},
-        "line": {"width": 0},
-        "colorscale": [[i / last, colour] for i, colour in enumerate(_COLOURS)],
-        "colorbar": {
-            "title": {"text": "[m]"},
-            "thickness": 10,
-            "tickvals": [*range(1, last + 1)],
-            "ticktext": [f"{level:g}" for level in levels[1:]],
-        },
-    }
+    levels = [_scale(geometry) * level for level in ERROR_LEVELS_M]
+    hover = "%{x}°, %{y}°: %{customdata:.2f} m"
+    contours = error_bands(geometry.bearings, geometry.pitches, geometry.grid, levels, hover)
     ends = np.array([0.0, 180.0])
     here = Line(x=ends, y=np.full(2, geometry.pitch_deg), colour=INK, dash="--", name="this pitch")
     return panel(

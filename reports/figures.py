@@ -13,6 +13,7 @@ import numpy as np
 from laisn.arrays import Floats
 from reports.style import (
     COLOURS,
+    ERROR_COLOURS,
     FRAME,
     GRID,
     HEIGHT,
@@ -283,6 +284,39 @@ _LOG_TICKS = [float(f"{digit}e{power}") for power in range(-6, 7) for digit in (
 """Plotly itself labels 0.5 on a logarithmic axis as 5. Axes of more than three decades have 0.1,
 1, 10 … alone.
 """
+
+
+def error_bands(
+    x: Floats, y: Floats, errors: Floats, levels: Sequence[float], hover: str
+) -> dict[str, Any]:
+    """A trace of a map of errors in bands of equal colour, whatever their widths.
+
+    Args:
+        x: Columns of the map, shape (n,).
+        y: Its rows, shape (m,).
+        errors: At each place, shape (m, n), [m].
+        levels: Lower limits of the seven bands, the first 0 [m].
+        hover: What is told of a place, with %{x}, %{y} and %{customdata}.
+    """
+    last = len(levels) - 1
+    band = np.interp(errors, [*levels, 2.0 * levels[-1]], np.arange(len(levels) + 1))
+    return {
+        "type": "contour",
+        "x": numbers(x),
+        "y": numbers(y),
+        "z": [numbers(row) for row in band],
+        "customdata": [numbers(row) for row in errors],
+        "hovertemplate": f"{hover}<extra></extra>",
+        "contours": {"start": 1, "end": last, "size": 1, "showlines": False},
+        "line": {"width": 0},
+        "colorscale": [[i / last, colour] for i, colour in enumerate(ERROR_COLOURS)],
+        "colorbar": {
+            "title": {"text": "[m]"},
+            "thickness": 10,
+            "tickvals": [*range(1, last + 1)],
+            "ticktext": [f"{level:g}" for level in levels[1:]],
+        },
+    }
 
 
 def _heights(lines: Sequence[Line]) -> list[Floats]:

@@ -76,3 +76,9 @@ def css() -> str:
         f":root {{ {light}; }}\n@media screen and (prefers-color-scheme: dark) {{\n  :root {{ "
         f"{dark}; }}\n}}\n"
     )
+
+
+ERROR_LEVELS_M = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
+"""Lower limits of the bands of a map of errors [m]."""
+ERROR_COLOURS = ("#e8f1f8", "#c3dcee", "#8fbfdf", "#f3d19a", "#ea9a5c", "#d1602f", "#8e2a12")
+"""Of these bands: blue below half a metre, orange to brown above; the last for 4 m and more."""

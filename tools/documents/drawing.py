@@ -12,11 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from experiments.studies.asymmetry.figures import ERROR_COLOURS, ERROR_LEVELS_M
 from laisn.arrays import Floats
 from reports import figures
 from reports.figures import DRAWN_POINTS, Line, Panel, Part, Ticks, decimate
-from reports.style import FRAME, GRID, INK, WIDTH
+from reports.style import ERROR_COLOURS, ERROR_LEVELS_M, FRAME, GRID, INK, WIDTH
 
 _STYLE: Any = {
     "svg.fonttype": "none",

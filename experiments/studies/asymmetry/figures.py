@@ -30,13 +30,13 @@ from experiments.study.plan import StudyPlan
 from experiments.study.run import StudyResults
 from laisn.arrays import Bools, Floats
 from laisn.settings import NavigationSettings
-from reports.figures import Line, Panel, numbers, panel
+from reports.figures import Line, Panel, error_bands, panel
 from reports.findings import Finding, Findings, of
 from reports.flight_report import asymmetry_over_time, legend_of, share_table
 from reports.intervals import Interval
 from reports.page import Cell, Code, Figures, share_of
 from reports.range_budget import Cause, RangeErrorBudget, range_error_budget
-from reports.style import FULL, INK, MUTED, SERIES, Colour
+from reports.style import ERROR_LEVELS_M, FULL, INK, MUTED, SERIES, Colour
 from sim.film.film_data import Annotations, OtherEstimate, RayErrors
 from sim.film.render import FilmJob, render
 from sim.flight import Flight, excerpt, navigate
@@ -55,9 +55,6 @@ LEGEND = (
     (AWARE_COLOUR, "AHRS broadcast"),
 )
 CAUSE_COLOURS = {"trim": SERIES[0], "dive": SERIES[2], "waves": SERIES[1]}
-ERROR_LEVELS_M = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
-ERROR_COLOURS = ("#e8f1f8", "#c3dcee", "#8fbfdf", "#f3d19a", "#ea9a5c", "#d1602f", "#8e2a12")
-"""Blue below half a metre, orange to brown above; the last for 4 m and more."""
 EXAMPLE = "waves-1m-following-2m"
 ROUTE = "T6"
 OFFSET_M = 10.0
@@ -219,26 +216,8 @@ def around_leader(chart: Chart, depth_offset: float) -> Panel:
     error = chart["error_laisn-2_m"][rows].reshape(range_m.size, bearing_deg.size)
     around = np.append(bearing_deg, bearing_deg[0] + 360.0)
     closed = np.concatenate([error, error[:, :1]], axis=1)
-    # bands of equal width to Plotly
-    band = np.interp(closed, [*ERROR_LEVELS_M, 1e3], np.arange(len(ERROR_LEVELS_M) + 1))
-    last = len(ERROR_LEVELS_M) - 1
-    contours = {
-        "type": "contour",
-        "x": numbers(around),
-        "y": numbers(range_m),
-        "z": [numbers(row) for row in band],
-        "customdata": [numbers(row) for row in closed],
-        "hovertemplate": "%{x}°, %{y} m: %{customdata:.2f} m<extra></extra>",
-        "contours": {"start": 1, "end": last, "size": 1, "showlines": False},
-        "line": {"width": 0},
-        "colorscale": [[i / last, colour] for i, colour in enumerate(ERROR_COLOURS)],
-        "colorbar": {
-            "title": {"text": "[m]"},
-            "thickness": 10,
-            "tickvals": [*range(1, last + 1)],
-            "ticktext": [f"{level:g}" for level in ERROR_LEVELS_M[1:]],
-        },
-    }
+    hover = "%{x}°, %{y} m: %{customdata:.2f} m"
+    contours = error_bands(around, range_m, closed, ERROR_LEVELS_M, hover)
     return panel(
         [],
         x_label="bearing B of the follower [°]",
