@@ -116,6 +116,8 @@ class Held:
         self._values = values
         self._numba_type_ = HeldType(numba.typeof(values))
         self.address = _store_values(values)
+        # an object may go at any time, also while something else is compiled
+        cast(Any, _release_values).compile((self._numba_type_,))
 
     def __del__(self, release: Any = _release_values, ends: Any = sys.is_finalizing) -> None:
         """Give the memory back."""

@@ -116,6 +116,7 @@ def nest(jit: Any, *, apart: bool) -> None:
     always on its own.
     """
     compile_for = jit.compile
+    compile_for_python = jit._compile_for_args
     add_overload = jit.add_overload
     template_of = jit.get_call_template
 
@@ -141,6 +142,18 @@ def nest(jit: Any, *, apart: bool) -> None:
         finally:
             stack[:] = before
 
+    def compile_called(*arguments: Any, **named: Any) -> Any:
+        """Python's call has no caller in compiled code, also where it happens while a function is
+        compiled, as when the memory of a value is given back.
+        """
+        stack = _compiling.stack
+        before = list(stack)
+        stack.clear()
+        try:
+            return compile_for_python(*arguments, **named)
+        finally:
+            stack[:] = before
+
     def add(result: Any) -> None:
         if isinstance(result.library, NestedLibrary):
             jit.overloads[tuple(result.signature.args)] = result
@@ -150,4 +163,5 @@ def nest(jit: Any, *, apart: bool) -> None:
 
     jit.get_call_template = template_without_literals
     jit.compile = compile_counted
+    jit._compile_for_args = compile_called
     jit.add_overload = add

@@ -4,11 +4,13 @@ callers alone.
 
 import gc
 import sys
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numba
 import numpy as np
 import pytest
+from numba.extending import overload
 
 from laisn.arrays import Floats, Records, records
 from laisn.compiled import compiled, compiled_apart, jitable
@@ -95,6 +97,32 @@ def _shared(x: float, numbers: Floats) -> float:
 @compiled
 def _outermost(x: float, numbers: Floats) -> float:
     return _shared(x, numbers) + _sum(x, numbers)
+
+
+def _typed_number() -> float:
+    raise NotImplementedError("for compiled code")
+
+
+@overload(_typed_number)
+def _choose_number() -> Callable[[], float]:
+    number = _called_while_compiling(4.0)
+    return lambda: number
+
+
+@compiled
+def _called_while_compiling(x: float) -> float:
+    return x + 1.0
+
+
+@compiled
+def _compiled_around_a_call() -> float:
+    return 2.0 * _typed_number()
+
+
+def test_python_may_call_a_function_while_another_is_compiled() -> None:
+    """As the memory of held values is given back, whenever Python collects garbage."""
+    assert _compiled_around_a_call() == 10.0
+    assert libraries(_called_while_compiling) == [False]
 
 
 def libraries(function: object) -> list[bool]:

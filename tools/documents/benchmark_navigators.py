@@ -4,7 +4,11 @@ Every navigator of the project that needs no other sensor and no further package
 missions and seeds.
 """
 
+import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 
 from experiments.benchmark.catalogue import SEEDS, missions
@@ -56,19 +60,23 @@ def findings_of(navigator: str, scores: Sequence[MissionScore]) -> dict[str, Fin
     }
 
 
-def all_scores(folder: Path, navigators: Sequence[str]) -> Mapping[str, list[MissionScore]]:
-    """Scores of navigators on the data in a folder."""
+def scores_of(folder: Path, navigator: str) -> list[MissionScore]:
+    """Scores of a navigator on the data in a folder."""
     runs = runs_of(folder)
-    return {
-        name: by_mission(score_all(folder, navigate(folder, runs, name), runs))
-        for name in navigators
-    }
+    return by_mission(score_all(folder, navigate(folder, runs, navigator), runs))
+
+
+def all_scores(folder: Path, navigators: Sequence[str]) -> Mapping[str, list[MissionScore]]:
+    """Scores of navigators on the data in a folder, each in a process."""
+    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
+        scores = pool.map(partial(scores_of, folder), navigators)
+        return dict(zip(navigators, scores, strict=True))
 
 
 def run(folder: Path) -> None:
     """Write the data of the benchmark, score the navigators, and write the record into a folder."""
     data = folder / "data"
-    generate(data, list(missions().values()), range(1, SEEDS + 1))
+    generate(data, list(missions().values()), range(1, SEEDS + 1), workers=os.cpu_count() or 1)
     findings = dict[str, Finding]()
     for name, scores in all_scores(data, NAVIGATORS).items():
         findings |= findings_of(name, scores)
