@@ -20,7 +20,7 @@ from laisn.arrays import Bools
 from laisn.errors import LaisnError
 from reports.page import Page, Replay, render
 from reports.scene.stream import SceneStream, ending, text_of
-from sim.flight import Flight, Termination
+from sim.flight import FlightRecord, Termination
 from sim.log.stream import FoxgloveStream
 from sim.log.writer import Event
 from sim.scenario.settings import Scenario
@@ -100,7 +100,7 @@ class LiveView:
         """Whether it is time for the next picture."""
         return time.monotonic() - self._shown_at >= 0.5 * _SHOWN_EVERY_S
 
-    def show(self, flight: Flight) -> None:
+    def show(self, flight: FlightRecord) -> None:
         """Send what has happened since the last call."""
         self._shown_at = time.monotonic()
         if self.foxglove:
@@ -177,7 +177,7 @@ class LiveView:
             return self.changed.wait_for(lambda: self.seen > 0, patience_s)
 
     def finish(
-        self, flight: Flight, events: Sequence[Event], mirror_locked: Sequence[Bools]
+        self, flight: FlightRecord, events: Sequence[Event], mirror_locked: Sequence[Bools]
     ) -> None:
         """Show the rest, and that the mission is over; wait until pages have it, for seconds."""
         if self.is_over:

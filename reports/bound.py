@@ -11,7 +11,7 @@ from laisn.bound import Geometry, TrueNoise, position_bound
 from laisn.settings import Assume, TightSettings
 from laisn.tight.model import model_of
 from laisn.tight.motion import CURRENT_SIGMA
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from sim.scenario.section import in_si
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.links import navigated_motion
@@ -119,7 +119,7 @@ def least_rms(geometry: Geometry, noise: TrueNoise, lag: float = 0.0) -> Floats:
     return np.asarray(np.sqrt(np.trace(position_bound(geometry, noise, lag=lag), axis1=1, axis2=2)))
 
 
-def flight_bound(flight: Flight, follower: int = 0, lag: float = 0.0) -> Floats:
+def flight_bound(flight: FlightRecord, follower: int = 0, lag: float = 0.0) -> Floats:
     """Least RMS of one follower's position error after each step, shape (n,), [m], from the pings
     that it received.
 

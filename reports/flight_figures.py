@@ -21,7 +21,7 @@ from reports.style import (
     TRANSMITTERS,
 )
 from reports.summary import largest_sigma, true_bearing
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from sim.tracking import LOST_M, off_station
 
 SIGMAS = 2.0  # size of the drawn uncertainty in standard deviations of the filter
@@ -63,7 +63,7 @@ def bearing_part(time: Floats, bearing: Floats) -> Part:
 
 
 def error_parts(
-    flight: Flight, follower: int, errors: tuple[Floats, Floats], bound: Floats | None
+    flight: FlightRecord, follower: int, errors: tuple[Floats, Floats], bound: Floats | None
 ) -> list[Part]:
     """E_P with the filter's 2σ, its RMS error by the filter and the bound; E_B; and the bearing B,
     over time.
@@ -105,7 +105,9 @@ def error_parts(
     ]
 
 
-def over_time(flight: Flight, follower: int, errors: tuple[Floats, Floats], bound: Floats) -> Panel:
+def over_time(
+    flight: FlightRecord, follower: int, errors: tuple[Floats, Floats], bound: Floats
+) -> Panel:
     """Errors, bearing, measured ranges, kinds of fix, and the weights of hypotheses if there
     ever were several.
     """
@@ -141,7 +143,7 @@ def fitted_height(lines: Sequence[Line], width: float) -> float:
     return min(max((width - _MARGINS[0]) * up / across + _MARGINS[1], low), high)
 
 
-def position_errors(flight: Flight, errors: Sequence[Floats], worst: int) -> Panel:
+def position_errors(flight: FlightRecord, errors: Sequence[Floats], worst: int) -> Panel:
     """Position errors of all followers over time, each of shape (n,), [m]; that of the follower
     `worst` on top.
     """
@@ -164,7 +166,7 @@ def position_errors(flight: Flight, errors: Sequence[Floats], worst: int) -> Pan
 
 
 def track_map(
-    flight: Flight,
+    flight: FlightRecord,
     followers: Sequence[int],
     width: float = HALF,
     link: str = "",
@@ -194,7 +196,7 @@ def track_map(
     return panel(lines, x_label="east [m]", y_label="north [m]", title="Routes", equal=True, **size)
 
 
-def difference(flight: Flight, follower: int, height: float = ROW_HEIGHT) -> Panel:
+def difference(flight: FlightRecord, follower: int, height: float = ROW_HEIGHT) -> Panel:
     """Estimate minus truth, east and north, as dots; the cross in the middle is the truth."""
     away = flight.estimates[follower].state[:, :2] - flight.hydrophone(follower)[:, :2]
     every = slice(None, None, max(1, len(away) * len(flight.estimates) // _DOTS))
@@ -225,7 +227,7 @@ def difference(flight: Flight, follower: int, height: float = ROW_HEIGHT) -> Pan
     )
 
 
-def station_errors(flight: Flight, followers: Sequence[int]) -> list[Panel]:
+def station_errors(flight: FlightRecord, followers: Sequence[int]) -> list[Panel]:
     """Distance from the station over time, up to that of a lost follower, a panel for each, all
     to one scale.
     """
@@ -245,7 +247,7 @@ def station_errors(flight: Flight, followers: Sequence[int]) -> list[Panel]:
     ]
 
 
-def motion(flight: Flight) -> Panel:
+def motion(flight: FlightRecord) -> Panel:
     """Depth, pitch and speed through the water of all vehicles over time."""
     truth = flight.trajectory
     deepest = float(truth.depth.max())
@@ -272,7 +274,7 @@ def motion(flight: Flight) -> Panel:
     return Panel(parts=parts, x_label="time [s]", width=FULL, height=5.2, link="follower0")
 
 
-def ranges_part(flight: Flight, follower: int) -> Part:
+def ranges_part(flight: FlightRecord, follower: int) -> Part:
     """Measured slant ranges over time, of the transmitters that the variant uses."""
     measured = flight.measurements[follower]
     time = np.asarray(
@@ -292,7 +294,7 @@ def ranges_part(flight: Flight, follower: int) -> Part:
     return Part(lines=lines, y_label="ranges [m]")
 
 
-def fixes_part(flight: Flight, follower: int) -> Part:
+def fixes_part(flight: FlightRecord, follower: int) -> Part:
     """A mark over time for every fix, in a row for each kind."""
     estimates = flight.estimates[follower]
     dt = flight.measurements[follower].dt
@@ -315,7 +317,7 @@ def fixes_part(flight: Flight, follower: int) -> Part:
     )
 
 
-def weights_part(flight: Flight, follower: int) -> Part | None:
+def weights_part(flight: FlightRecord, follower: int) -> Part | None:
     """Weights of a follower's hypotheses over time; None if no second one has a weight of at
     least 0.001.
     """

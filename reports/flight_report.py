@@ -30,7 +30,7 @@ from reports.summary import (
     true_bearing,
 )
 from reports.verdict import verdict
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from sim.sensing.proximity import sightings
 from sim.tracking import LOST_M, closest_approaches, contacts, track_errors
 
@@ -108,7 +108,7 @@ def legend_of(causes: Sequence[Cause]) -> list[tuple[style.Colour, str]]:
     return [(COLOUR[cause], LABELS[cause]) for cause in causes]
 
 
-def range_budget(flight: Flight) -> dict[str, Any]:
+def range_budget(flight: FlightRecord) -> dict[str, Any]:
     """Range error budgets for the template: followers without a ping, figure and tables."""
     names = flight.trajectory.names[1:]
     used = flight.scenario.navigation.transmitters
@@ -149,7 +149,7 @@ side is wrong [m].
 CONSISTENT_SHARE = OUTSIDE
 
 
-def accuracy(flight: Flight, follower: int) -> dict[str, float]:
+def accuracy(flight: FlightRecord, follower: int) -> dict[str, float]:
     """Errors of a follower's estimate at the filter steps with an estimate, [m], and shares of
     these steps, 0 … 1.
 
@@ -206,12 +206,12 @@ _IN_DEGREES = {
 VEHICLES = ((style.LEADER, "leader"), (style.FOLLOWER, "follower"), (style.ESTIMATE, "estimate"))
 
 
-def _drawn(flight: Flight) -> range:
+def _drawn(flight: FlightRecord) -> range:
     return range(min(len(flight.estimates), DRAWN_FOLLOWERS))
 
 
 def follower_curves(
-    flight: Flight, follower: int, errors: tuple[Floats, Floats], bound: Floats
+    flight: FlightRecord, follower: int, errors: tuple[Floats, Floats], bound: Floats
 ) -> Figures:
     """Curves of a follower over time; of one among several with estimate minus truth beside
     them.
@@ -236,7 +236,7 @@ def follower_curves(
     )
 
 
-def final_states(flight: Flight) -> list[list[Cell]]:
+def final_states(flight: FlightRecord) -> list[list[Cell]]:
     """Final estimates of biases, current and offsets with their σ, where a navigator has them."""
     rows = list[list[Cell]]()
     for i in _drawn(flight):
@@ -248,7 +248,7 @@ def final_states(flight: Flight) -> list[list[Cell]]:
     return rows
 
 
-def mirror_locks(flight: Flight, names: Sequence[str]) -> dict[str, float]:
+def mirror_locks(flight: FlightRecord, names: Sequence[str]) -> dict[str, float]:
     """Shares of the time in which estimates of these followers are at the mirror image, above 0
     [%].
     """
@@ -258,7 +258,7 @@ def mirror_locks(flight: Flight, names: Sequence[str]) -> dict[str, float]:
     return {name: 100 * float(np.mean(locked)) for name, locked in steps.items() if locked.any()}
 
 
-def _facts(flight: Flight, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+def _facts(flight: FlightRecord, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     scenario = flight.scenario
     timing = f"{scenario.timing.filter_step_s:g} s, {scenario.timing.message_interval_s:g} s"
     transmitters = scenario.navigation.transmitters
@@ -280,7 +280,7 @@ def _facts(flight: Flight, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
-def _overview(flight: Flight, errors: Errors) -> Figures:
+def _overview(flight: FlightRecord, errors: Errors) -> Figures:
     """Position errors of all followers, the one with the largest before the others."""
     positions = [position for position, _ in errors]
     worst = max(range(len(positions)), key=lambda i: float(np.nanmax(positions[i], initial=0.0)))
@@ -314,14 +314,14 @@ def _fix_kinds(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
-def scene_of_flight(flight: Flight) -> Scene:
+def scene_of_flight(flight: FlightRecord) -> Scene:
     """The flight in 3D with its events."""
     mirror_locked = [mirror_locked_steps(flight, i) for i in range(len(flight.estimates))]
     return scene_of(flight, flight_events(flight), mirror_locked)
 
 
 def flight_report(
-    flight: Flight,
+    flight: FlightRecord,
     errors: Errors,
     summary: Mapping[str, Any],
     path: Path,

@@ -20,7 +20,7 @@ from reports.scene.shapes import Triangles, diamond, triangles_of
 from reports.version import versions
 from sim.assembly import models_of
 from sim.film.film_data import ESTIMATE, LEADER, TRUTH
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from sim.system import atomic_write
 
 _FLOAT, _UNSIGNED = 5126, 5125  # component types
@@ -113,7 +113,7 @@ class _File:
 class _Writer:
     """Puts the vehicles of a flight into a file."""
 
-    def __init__(self, flight: Flight) -> None:
+    def __init__(self, flight: FlightRecord) -> None:
         truth = flight.trajectory
         duration = float(truth.time[-1] - truth.time[0])
         every = max(1, round(1.0 / (rate_of(duration, len(truth.names)) * truth.dt)))
@@ -197,7 +197,7 @@ class _Writer:
         return node, points
 
 
-def write_gltf(flight: Flight, path: Path) -> None:
+def write_gltf(flight: FlightRecord, path: Path) -> None:
     """Write a flight as a file that ends in .glb; OSError if that fails."""
     writer = _Writer(flight)
     file, truth = writer.file, flight.trajectory

@@ -12,7 +12,7 @@ from laisn.navigators import find
 from reports.flight_figures import ON_AXIS_DEG
 from reports.page import Tile
 from reports.verdict import Verdict
-from sim.flight import Flight, Termination
+from sim.flight import FlightRecord, Termination
 
 Accuracies = Mapping[str, Mapping[str, float]]
 """What `accuracy` of the report tells of each follower, by its name."""
@@ -51,13 +51,13 @@ def figure(value: float, unit: str = "") -> str:
     return f"{value:.{digits}f}{unit}"
 
 
-def _navigator(flight: Flight) -> str:
+def _navigator(flight: FlightRecord) -> str:
     variant = flight.scenario.navigation.variant
     title = find(variant).title or variant.upper()
     return f"{title} on {flight.scenario.navigation.transmitters} transmitters"
 
 
-def subject(flight: Flight) -> str:
+def subject(flight: FlightRecord) -> str:
     """Who did what, for how long, and by which navigator."""
     followers = flight.scenario.followers
     who = "One follower" if len(followers) == 1 else f"{len(followers)} followers"
@@ -70,7 +70,7 @@ def subject(flight: Flight) -> str:
     return f"{who} {does} for {duration}, navigating by {_navigator(flight)}."
 
 
-def cause(flight: Flight, errors: Mapping[str, float], nees: float | None) -> str:
+def cause(flight: FlightRecord, errors: Mapping[str, float], nees: float | None) -> str:
     """Why a follower's estimate is as far off as it is; empty: nothing stands out."""
     near = errors["near_axis"]
     elsewhere = errors["mean_elsewhere"]
@@ -112,7 +112,7 @@ def on_stations(summary: Mapping[str, Any]) -> bool:
 
 
 def headline(
-    flight: Flight, verdict: Verdict, summary: Mapping[str, Any], accuracies: Accuracies
+    flight: FlightRecord, verdict: Verdict, summary: Mapping[str, Any], accuracies: Accuracies
 ) -> str:
     """Who did what, and how it went and why."""
     told = verdict.sentence

@@ -14,7 +14,7 @@ import numpy as np
 from laisn.arrays import Floats, Ints, freeze_arrays
 from laisn.messages import LeaderMessage
 from sim import attitude
-from sim.flight import Flight, navigation_settings
+from sim.flight import FlightRecord, navigation_settings
 from sim.sensing.acoustics import TRANSMITTERS
 from sim.sensing.links import navigated_motion
 from sim.sensing.noise import Address, seed_and_run
@@ -90,7 +90,7 @@ def _transmitters(trajectory: Trajectory, index: Ints, quaternion: Floats) -> Fl
     )
 
 
-def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
+def range_error_budget(flight: FlightRecord, follower: int = 0) -> RangeErrorBudget:
     """The range error budget of one follower, by its index."""
     scenario = flight.scenario
     trajectory = navigated_motion(flight.trajectory, scenario)

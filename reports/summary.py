@@ -14,14 +14,14 @@ from reports.verdict import verdict
 from reports.version import versions
 from sim import tracking
 from sim.assembly import routes_of
-from sim.flight import Flight, position_and_bearing_errors
+from sim.flight import FlightRecord, position_and_bearing_errors
 from sim.log.writer import Event
 from sim.scenario.formation import LEAST_LAYER_M
 from sim.sensing.proximity import sightings
 from sim.water.assembly import floor_of
 
 
-def true_bearing(flight: Flight, follower: int) -> Floats:
+def true_bearing(flight: FlightRecord, follower: int) -> Floats:
     """B of a follower's hydrophone from the leader's true pose, in [0, 2π), shape (n,), [rad]."""
     steps = flight.step_index()
     away = flight.hydrophone(follower)[:, :2] - flight.trajectory.position[steps, 0, :2]
@@ -30,7 +30,7 @@ def true_bearing(flight: Flight, follower: int) -> Floats:
     )
 
 
-def mirror_locked_steps(flight: Flight, follower: int) -> Bools:
+def mirror_locked_steps(flight: FlightRecord, follower: int) -> Bools:
     """Filter steps at which a follower's estimate is locked on the mirror image of the truth,
     shape (n,).
     """
@@ -43,7 +43,7 @@ def mirror_locked_steps(flight: Flight, follower: int) -> Bools:
     )
 
 
-def _kept(flight: Flight, follower: int, off: Floats) -> dict[str, Any]:
+def _kept(flight: FlightRecord, follower: int, off: Floats) -> dict[str, Any]:
     """How a follower kept its place and depth, from its distances off it, shape (n,), [m]."""
     truth = flight.trajectory
     vehicle = follower + 1
@@ -61,7 +61,7 @@ def _kept(flight: Flight, follower: int, off: Floats) -> dict[str, Any]:
     }
 
 
-def _nearest(flight: Flight) -> dict[str, Any]:
+def _nearest(flight: FlightRecord) -> dict[str, Any]:
     """Vehicles that came nearest to each other: in space, horizontally, horizontally of one
     layer; contacts.
     """
@@ -80,7 +80,7 @@ def _nearest(flight: Flight) -> dict[str, Any]:
     }
 
 
-def consistency(flight: Flight, follower: int, bound: Floats) -> dict[str, float | None]:
+def consistency(flight: FlightRecord, follower: int, bound: Floats) -> dict[str, float | None]:
     """Consistency of a follower's errors with its covariance, and their bound, from the first
     estimate on.
 
@@ -107,7 +107,7 @@ SEGMENTS_M = (10.0, 20.0, 50.0, 100.0, 200.0)
 """Lengths of the true path over which relative errors are stated [m]."""
 
 
-def relative_error(flight: Flight, follower: int) -> list[dict[str, float]]:
+def relative_error(flight: FlightRecord, follower: int) -> list[dict[str, float]]:
     """Errors of a follower's displacement over segments of each length of `SEGMENTS_M` that its
     true path holds: RMS, median, 95th percentile [m] and number of segments.
     """
@@ -132,11 +132,11 @@ def relative_error(flight: Flight, follower: int) -> list[dict[str, float]]:
     return rows
 
 
-def flight_bounds(flight: Flight) -> list[Floats]:
+def flight_bounds(flight: FlightRecord) -> list[Floats]:
     return [flight_bound(flight, i) for i in range(len(flight.estimates))]
 
 
-def summarise(flight: Flight, bounds: list[Floats] | None = None) -> dict[str, Any]:
+def summarise(flight: FlightRecord, bounds: list[Floats] | None = None) -> dict[str, Any]:
     """Mean, largest and σ of a flight's errors, of all followers and of each, and what else
     `summary.json` holds.
 
@@ -185,7 +185,7 @@ NEAR_M = 1.0
 """Largest usual distance from the route, and least usual one between two vehicles' origins [m]."""
 
 
-def route_events(flight: Flight) -> list[Event]:
+def route_events(flight: FlightRecord) -> list[Event]:
     """An event where a vehicle is farthest from where its route has it, if that is more than
     `OFF_ROUTE_M`.
     """
@@ -207,7 +207,7 @@ def route_events(flight: Flight) -> list[Event]:
     return events
 
 
-def approach_events(flight: Flight) -> list[Event]:
+def approach_events(flight: FlightRecord) -> list[Event]:
     """An event where the two nearest vehicles pass each other within `NEAR_M` and do not touch."""
     nearest, _ = tracking.closest_approaches(flight.trajectory)
     if nearest.distance_m >= NEAR_M or tracking.contacts(flight.trajectory):
@@ -216,7 +216,7 @@ def approach_events(flight: Flight) -> list[Event]:
     return [Event(nearest.time_s, "warning", text, nearest.pair[1])]
 
 
-def contact_events(flight: Flight) -> list[Event]:
+def contact_events(flight: FlightRecord) -> list[Event]:
     """An event where two hulls first touch; unless that ends the mission, they pass through each
     other.
     """
@@ -226,7 +226,7 @@ def contact_events(flight: Flight) -> list[Event]:
     ]
 
 
-def giving_way_events(flight: Flight) -> list[Event]:
+def giving_way_events(flight: FlightRecord) -> list[Event]:
     """An event where a follower first gives way to a vehicle that its sensor shows."""
     names = flight.trajectory.names
     first = sightings(flight.scenario, flight.trajectory).first_s
@@ -247,7 +247,7 @@ def largest_sigma(covariance: Floats) -> Floats:
     return np.asarray(np.sqrt(np.maximum(largest, 0.0)))
 
 
-def uncertainty_events(flight: Flight) -> list[Event]:
+def uncertainty_events(flight: FlightRecord) -> list[Event]:
     """An event where two stations of one layer are first nearer than `SIGMAS` σ of their
     followers' relative error.
     """
@@ -285,7 +285,7 @@ def uncertainty_events(flight: Flight) -> list[Event]:
     return events
 
 
-def mirror_lock_events(flight: Flight) -> list[Event]:
+def mirror_lock_events(flight: FlightRecord) -> list[Event]:
     """An event where an estimate is locked on the mirror image of the truth, and where it is
     released.
     """
@@ -304,7 +304,7 @@ def mirror_lock_events(flight: Flight) -> list[Event]:
     return sorted(events, key=lambda event: event.time_s)
 
 
-def stray_events(flight: Flight) -> list[Event]:
+def stray_events(flight: FlightRecord) -> list[Event]:
     """Warnings: a vehicle leaves the water or its route, touches or nearly touches another, or
     stations are close.
     """
@@ -332,7 +332,7 @@ def stray_events(flight: Flight) -> list[Event]:
     return sorted(events, key=lambda event: event.time_s)
 
 
-def flight_events(flight: Flight) -> list[Event]:
+def flight_events(flight: FlightRecord) -> list[Event]:
     """All events of a flight, in order of time."""
     events = [*mirror_lock_events(flight), *giving_way_events(flight), *stray_events(flight)]
     return sorted(events, key=lambda event: event.time_s)

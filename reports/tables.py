@@ -17,7 +17,7 @@ from laisn.errors import LaisnError
 from laisn.messages import Measurements, Ranges, SensorHeader
 from reports.parquet import arrow_table
 from reports.summary import mirror_locked_steps, true_bearing
-from sim.flight import Flight, position_and_bearing_errors
+from sim.flight import FlightRecord, position_and_bearing_errors
 
 _SHOWN = 5
 _NAMED = 12
@@ -90,7 +90,7 @@ def _place(position: npt.NDArray[Any]) -> dict[str, Any]:
     return {"east_m": position[:, 0], "north_m": position[:, 1], "depth_m": -position[:, 2]}
 
 
-def errors_table(flight: Flight) -> Table:
+def errors_table(flight: FlightRecord) -> Table:
     """Errors of a flight's estimates over time, a row for each follower and filter step.
 
     Columns: `follower`, `time_s`; `e_p_m` and `e_b_deg`, the paper's errors of position and
@@ -121,7 +121,7 @@ def errors_table(flight: Flight) -> Table:
     return Table(pa.concat_tables(parts))
 
 
-def truth_table(flight: Flight) -> Table:
+def truth_table(flight: FlightRecord) -> Table:
     """True motion over time, a row for each vehicle and control step.
 
     Columns: `vehicle`, `time_s`; `east_m`, `north_m`, `depth_m` of the body origin; `heading_deg`,
@@ -176,7 +176,7 @@ def _custom_columns(measured: Measurements) -> Iterator[tuple[str, Floats]]:
             yield column, np.rad2deg(values) if angle else values
 
 
-def measurements_table(flight: Flight) -> Table:
+def measurements_table(flight: FlightRecord) -> Table:
     """What the followers measured, a row for each follower and filter step.
 
     Columns: `follower`, `time_s`; `speed_m_s`, `heading_deg` and `depth_m` of its own sensors;

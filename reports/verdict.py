@@ -12,7 +12,7 @@ import numpy as np
 from laisn.arrays import Bools, Floats
 from laisn.metrics import mirror_locked_steps, nees
 from sim.cautions import assumption_cautions
-from sim.flight import Flight, Termination, position_and_bearing_errors
+from sim.flight import FlightRecord, Termination, position_and_bearing_errors
 from sim.tracking import JOINED_M, LOST_M, contacts
 
 _BEFORE_S = 120.0  # causes are sought in this time before a loss
@@ -61,7 +61,7 @@ class Silence:
         return self.end_s - self.begin_s
 
 
-def longest_silence(flight: Flight, follower: int, begin_s: float, end_s: float) -> Silence:
+def longest_silence(flight: FlightRecord, follower: int, begin_s: float, end_s: float) -> Silence:
     """The longest time without a received message of a follower that reaches into begin … end."""
     measured = flight.measurements[follower]
     received = measured.time[measured.message_step - 1]
@@ -89,7 +89,7 @@ def _silence_text(silence: Silence) -> str:
     )
 
 
-def _is_locked(flight: Flight, follower: int, time: Floats, loss_s: float) -> bool:
+def _is_locked(flight: FlightRecord, follower: int, time: Floats, loss_s: float) -> bool:
     """Whether the estimate was at the mirror image for most of the time around a loss."""
     steps = flight.step_index()
     truth = flight.trajectory
@@ -107,7 +107,9 @@ def _first_true(condition: Bools) -> int | None:
     return int(np.argmax(condition)) if condition.any() else None
 
 
-def _loss(flight: Flight, follower: int, errors: Floats, off: Floats) -> tuple[float, str] | None:
+def _loss(
+    flight: FlightRecord, follower: int, errors: Floats, off: Floats
+) -> tuple[float, str] | None:
     """When a follower was first lost, and in what respect; None if it was not.
 
     On a station, or steering by its estimate, its place counts; on a route the estimate.
@@ -130,7 +132,7 @@ def _loss(flight: Flight, follower: int, errors: Floats, off: Floats) -> tuple[f
     return float(time[flight.step_index()][wrong]), f"its estimate more than {LOST_M:g} m off"
 
 
-def _cause(flight: Flight, follower: int, loss_s: float, errors: Floats, off: Floats) -> str:
+def _cause(flight: FlightRecord, follower: int, loss_s: float, errors: Floats, off: Floats) -> str:
     """The likeliest cause of a loss that the record shows."""
     steps = flight.step_index()
     time = flight.trajectory.time[steps]
@@ -162,7 +164,7 @@ def _cause(flight: Flight, follower: int, loss_s: float, errors: Floats, off: Fl
     return _NO_CAUSE
 
 
-def losses(flight: Flight, off: Floats) -> tuple[Loss, ...]:
+def losses(flight: FlightRecord, off: Floats) -> tuple[Loss, ...]:
     """Lost followers in order of time; `off` are distances from routes and stations, shape
     (n, f), [m].
     """
@@ -206,7 +208,7 @@ def _lost_text(lost: Sequence[Loss], followers: int) -> str:
     return f"{number} {verb} lost: {', '.join(named)}; {_because(which, first.cause)}."
 
 
-def _errors_text(flight: Flight) -> str:
+def _errors_text(flight: FlightRecord) -> str:
     """Mean and largest errors of a flight in which none was lost."""
     time = flight.trajectory.time[flight.step_index()]
     names = flight.trajectory.names[1:]
@@ -233,7 +235,7 @@ def _errors_text(flight: Flight) -> str:
     )
 
 
-def verdict(flight: Flight, off: Floats) -> Verdict:
+def verdict(flight: FlightRecord, off: Floats) -> Verdict:
     """What matters most of a flight; `off` as of `losses`."""
     lost = losses(flight, off)
     parts = list[str]()

@@ -38,7 +38,7 @@ from sim.control.guidance import (
 from sim.control.station import SPACING, TRAIL, LeaderPlan, extend_as_planned, plan_of
 from sim.custom_control import CustomControl, readings_of
 from sim.estimated_route import follow_route
-from sim.flight import Flight, Termination, navigation_settings
+from sim.flight import FlightRecord, Termination, navigation_settings
 from sim.leader import LEADER, LeaderUnit, needs_unit
 from sim.link_receiver import AnswerReceiver, Fleet, Hearing, Receiver, Sender
 from sim.scenario.formation import Proximity
@@ -723,16 +723,16 @@ class ClosedLoopFlight:
         """Filter steps that are over."""
         return (self._mission.instants - 1) // self._loop.state.sensors.stride
 
-    def part(self, first: int) -> Flight:
+    def part(self, first: int) -> FlightRecord:
         """The flight from a filter step on until now, with the fixes that hold there."""
         trajectory = self._mission.motion_since(first * self._loop.state.sensors.stride)
         return self._flight(first, trajectory, Termination.INTERRUPTED)
 
-    def flight(self, trajectory: Trajectory, outcome: Termination) -> Flight:
+    def flight(self, trajectory: Trajectory, outcome: Termination) -> FlightRecord:
         """The flight of the part of the motion that counts, from the start."""
         return self._flight(0, trajectory, outcome)
 
-    def _flight(self, first: int, trajectory: Trajectory, outcome: Termination) -> Flight:
+    def _flight(self, first: int, trajectory: Trajectory, outcome: Termination) -> FlightRecord:
         loop = self._loop
         concluded = loop.state.concluded
         steps = range(first, first + (trajectory.time.size - 1) // loop.state.sensors.stride)
@@ -757,7 +757,7 @@ class ClosedLoopFlight:
                 estimates.append(loop.swarm.estimates(concluded, i, steps))
             else:
                 estimates.append(concluded.estimates(i, steps, kind))
-        return Flight(
+        return FlightRecord(
             scenario=self.scenario,
             trajectory=trajectory,
             measurements=tuple(measurements),

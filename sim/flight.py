@@ -57,8 +57,11 @@ class VehicleRecord:
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Flight:
-    """One mission, whole. Follower i is vehicle i + 1 of the trajectory."""
+class FlightRecord:
+    """One mission, whole. Follower i is vehicle i + 1 of the trajectory.
+
+    What users get is an `experiments.flight.results.Flight`, which also draws and reports it.
+    """
 
     scenario: Scenario
     trajectory: Trajectory
@@ -116,7 +119,7 @@ class FlightUnderWay(Protocol):
     def steps(self) -> int:
         """Filter steps that are over."""
 
-    def part(self, first: int) -> Flight:
+    def part(self, first: int) -> FlightRecord:
         """The flight from a filter step on until now, with the fixes that hold there."""
 
 
@@ -187,7 +190,7 @@ def navigate(
     trajectory: Trajectory,
     navigator: NavigatorFactory | None = None,
     outcome: Termination = Termination.COMPLETED,
-) -> Flight:
+) -> FlightRecord:
     """Sense a trajectory, or the part that was flown, with the scenario's noise, and let every
     follower navigate on it.
 
@@ -210,7 +213,7 @@ def navigate(
         )
         measurements.append(measured)
         estimates.append(make(settings, start_of(trajectory, follower)).run(measured))
-    return Flight(
+    return FlightRecord(
         scenario=scenario,
         trajectory=trajectory,
         measurements=tuple(measurements),
@@ -219,7 +222,7 @@ def navigate(
     )
 
 
-def excerpt(flight: Flight, start: float, end: float) -> Flight:
+def excerpt(flight: FlightRecord, start: float, end: float) -> FlightRecord:
     """The part of a flight from `start` to `end`, widened to filter steps; ValueError if it
     leaves the mission.
     """
@@ -242,7 +245,7 @@ def excerpt(flight: Flight, start: float, end: float) -> Flight:
     )
 
 
-def position_and_bearing_errors(flight: Flight) -> list[tuple[Floats, Floats]]:
+def position_and_bearing_errors(flight: FlightRecord) -> list[tuple[Floats, Floats]]:
     """E_P [m] and E_B [rad] of every follower at filter steps k = 1 … n, shapes (n,)."""
     leader = flight.trajectory.position[flight.step_index(), 0, :2]
     result = []

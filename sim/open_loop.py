@@ -9,7 +9,7 @@ from laisn.estimates import Estimates, FixRecord
 from laisn.messages import Measurements
 from laisn.navigators import find
 from laisn.swarm import SwarmRecord, estimates_of
-from sim.flight import Flight, Termination, navigate, navigation_settings
+from sim.flight import FlightRecord, Termination, navigate, navigation_settings
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.observation import MeasurementRecord, start_of
 from sim.sensing.under_way import FollowerSensing, SenderMotion
@@ -120,12 +120,12 @@ class OpenLoop:
         made = (follower, self._fixes[follower])
         return estimates_of(navigator.ESTIMATES, self._concluded, made, steps)
 
-    def part(self, first: int) -> Flight:
+    def part(self, first: int) -> FlightRecord:
         """The flight from a filter step on until now, with the fixes that hold there."""
         trajectory = self._motion(first * self._stride)
         steps = range(first, first + (trajectory.time.size - 1) // self._stride)
         followers = range(len(self._navigators))
-        return Flight(
+        return FlightRecord(
             scenario=self.scenario,
             trajectory=trajectory,
             measurements=tuple(self._measurements(i, steps) for i in followers),
@@ -133,7 +133,7 @@ class OpenLoop:
             outcome=Termination.INTERRUPTED,
         )
 
-    def flight(self, trajectory: Trajectory, outcome: Termination) -> Flight:
+    def flight(self, trajectory: Trajectory, outcome: Termination) -> FlightRecord:
         """The flight at its end; nothing is sensed or navigated later.
 
         ValueError if it was too short for one filter step.
@@ -160,7 +160,7 @@ class OpenLoop:
             estimates.append(
                 self._estimates(i, steps) if self.navigates else navigator.run(measured)
             )
-        return Flight(
+        return FlightRecord(
             scenario=self.scenario,
             trajectory=trajectory,
             measurements=tuple(measurements),

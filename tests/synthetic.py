@@ -16,7 +16,7 @@ from laisn.estimates import Estimates, FixKind
 from laisn.messages import LeaderMessage, Measurements
 from laisn.swarm import MESSAGE
 from sim import attitude
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from sim.log import writer
 from sim.log.writer import Event
 from sim.scenario.settings import CONTROL_STEP_S, Acoustics, Follower, Leader, Scenario, Timing
@@ -234,7 +234,7 @@ def make_flight(
     filter_step: float = 0.1,
     message_interval: float = 1.0,
     seed: int = 1,
-) -> Flight:
+) -> FlightRecord:
     """A whole flight of `duration` [s]; the same arguments give the same arrays."""
     scenario = make_scenario(
         duration, n_followers, filter_step=filter_step, message_interval=message_interval, seed=seed
@@ -244,7 +244,7 @@ def make_flight(
     estimates = tuple(
         make_estimates(scenario, trajectory, measurements[i], i) for i in range(n_followers)
     )
-    return Flight(
+    return FlightRecord(
         scenario=scenario, trajectory=trajectory, measurements=measurements, estimates=estimates
     )
 
@@ -260,12 +260,12 @@ def bits(value: Any) -> Any:
     return tuple(bits(item) for item in value) if isinstance(value, tuple) else value
 
 
-def short_flight() -> Flight:
+def short_flight() -> FlightRecord:
     """A flight of 30 s, for tests of the log."""
     return make_flight(30.0)
 
 
-def write_log(flight: Flight, folder: Path) -> Path:
+def write_log(flight: FlightRecord, folder: Path) -> Path:
     """The log of a flight in a folder, with a summary, errors and an event."""
     path = folder / "mission.mcap"
     events = [Event(12.0, "warning", "mirror lock", "follower")]

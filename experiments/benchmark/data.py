@@ -28,7 +28,7 @@ from laisn.settings import TightSettings
 from reports.bound import flight_bound
 from reports.version import code_version
 from sim.datasets.factor_graph import write_factor_graph
-from sim.flight import Flight, excerpt, settings_as
+from sim.flight import FlightRecord, excerpt, settings_as
 from sim.log.ros2 import write_measurement_bag
 from sim.log.schema import MEASURED, Clock
 from sim.log.writer import numeric, write_channels
@@ -44,7 +44,7 @@ FORMATS = ("mcap", "ros2", "pyfg")
 _AHEAD_S = 1000.0  # the routes in a task go straight on for so long: they give starts alone
 
 
-def flown(mission: Mission, seed: int, seconds: float | None = None) -> Flight:
+def flown(mission: Mission, seed: int, seconds: float | None = None) -> FlightRecord:
     """A mission, or its first seconds, with the measurements that its files hold."""
     flight, _ = fly(mission.scenario(seed))
     if seconds is not None and seconds < flight.trajectory.time[-1]:
@@ -53,7 +53,7 @@ def flown(mission: Mission, seed: int, seconds: float | None = None) -> Flight:
     return replace(flight, measurements=measured)
 
 
-def truth_rows(flight: Flight, follower: int) -> Floats:
+def truth_rows(flight: FlightRecord, follower: int) -> Floats:
     """Rows of a follower's truth table, shape (n, 8), as of `tables.TRUTH_COLUMNS`."""
     steps = flight.step_index()
     trajectory = flight.trajectory
@@ -64,7 +64,7 @@ def truth_rows(flight: Flight, follower: int) -> Floats:
     return np.column_stack([trajectory.time[steps], east, north, -up, heading, leader, bound])
 
 
-def task_table(mission: Mission, flight: Flight) -> dict[str, Any]:
+def task_table(mission: Mission, flight: FlightRecord) -> dict[str, Any]:
     """What a navigator may know of a mission, as the table of a scenario: starts, geometry of the
     transmitters, times, and what is assumed of errors.
     """
@@ -110,7 +110,7 @@ def task_table(mission: Mission, flight: Flight) -> dict[str, Any]:
     }
 
 
-def _task_text(mission: Mission, flight: Flight) -> str:
+def _task_text(mission: Mission, flight: FlightRecord) -> str:
     head = (
         f"# LAISN-Bench {VERSION}, {mission.name}: {mission.title}\n"
         "# Routes are not those of the mission: their first points are the starts.\n"
@@ -118,7 +118,7 @@ def _task_text(mission: Mission, flight: Flight) -> str:
     return head + tomli_w.dumps(task_table(mission, flight))
 
 
-def _write_log(path: Path, flight: Flight) -> None:
+def _write_log(path: Path, flight: FlightRecord) -> None:
     """Measurements of all followers as a log for `laisn replay`."""
     clock = Clock(flight.scenario.epoch)
     channels = []
@@ -132,7 +132,7 @@ def _write_log(path: Path, flight: Flight) -> None:
         write_channels(unfinished, channels, lambda mcap: None)
 
 
-def _write_graphs(folder: Path, flight: Flight) -> None:
+def _write_graphs(folder: Path, flight: FlightRecord) -> None:
     """Measurements of each follower as a factor graph, its poses composed of the odometry."""
     for i, (name, m) in enumerate(
         zip(flight.trajectory.names[1:], flight.measurements, strict=True)
@@ -148,7 +148,7 @@ def _write_graphs(folder: Path, flight: Flight) -> None:
         write_factor_graph(m, settings, start, poses, folder / f"{name}.pyfg")
 
 
-def _with_tight(flight: Flight) -> Flight:
+def _with_tight(flight: FlightRecord) -> FlightRecord:
     navigation = flight.scenario.navigation.model_copy(update={"variant": "tight"})
     scenario = flight.scenario.model_copy(update={"navigation": navigation})
     return replace(flight, scenario=scenario)

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from laisn.navigators import NavigatorFactory, SteppedNavigator, find
-from sim.flight import Flight, FlightUnderWay, Termination, navigation_settings
+from sim.flight import FlightRecord, FlightUnderWay, Termination, navigation_settings
 from sim.open_loop import OpenLoop
 from sim.scenario.file import ScenarioError, assigned, validate
 from sim.scenario.settings import Scenario
@@ -154,13 +154,13 @@ class MissionToFly:
             with self.watch.phase("log_s"):
                 self._log.update(self._under_way)
 
-    def flight(self, trajectory: Trajectory, outcome: Termination) -> Flight:
+    def flight(self, trajectory: Trajectory, outcome: Termination) -> FlightRecord:
         """The flight of a motion and an outcome of `simulate`."""
         assert self._under_way is not None
         with self.watch.phase("navigate_s"):
             return self._under_way.flight(trajectory, outcome)
 
-    def rest_of(self, flight: Flight) -> Flight | FlightUnderWay:
+    def rest_of(self, flight: FlightRecord) -> FlightRecord | FlightUnderWay:
         """What the log of a flight of `flight` is finished with."""
         if self._under_way is not None and self._under_way.navigates:
             return self._under_way
@@ -183,7 +183,7 @@ def fly(
     scenario: Scenario,
     progress: Callable[[float], None] | None = None,
     make_controller: ControllerFactory | None = None,
-) -> tuple[Flight, dict[str, float]]:
+) -> tuple[FlightRecord, dict[str, float]]:
     """Fly a scenario, perhaps with another controller; the flight, and the seconds of simulation
     and navigation.
     """
@@ -194,10 +194,10 @@ def fly(
 
 
 def navigate_again(
-    flight: Flight,
+    flight: FlightRecord,
     changes: Mapping[str, Any] | None = None,
     navigator: NavigatorFactory | None = None,
-) -> Flight:
+) -> FlightRecord:
     """Navigate once more on the very measurements of a flight; how it moved and what was measured
     stay as they were.
 

@@ -36,7 +36,7 @@ _Given = ParamSpec("_Given")
 PLOTS = ("errors", "routes", "motion")
 
 
-def flight_of(source: str, assignments: Iterable[str] = ()) -> simulated.Flight:
+def flight_of(source: str, assignments: Iterable[str] = ()) -> simulated.FlightRecord:
     """Fly a scenario (name or TOML file) with overrides "key=value", or read the log of a flight
     (`.mcap`).
     """
@@ -50,7 +50,7 @@ def flight_of(source: str, assignments: Iterable[str] = ()) -> simulated.Flight:
     return reader.read(path)
 
 
-class Flight(simulated.Flight):
+class Flight(simulated.FlightRecord):
     """A flight that can be drawn and reported; in a notebook it shows a row of errors for each
     follower.
     """
@@ -117,7 +117,7 @@ class Flight(simulated.Flight):
         )
 
 
-def _with_report(make: Callable[_Given, simulated.Flight]) -> Callable[_Given, Flight]:
+def _with_report(make: Callable[_Given, simulated.FlightRecord]) -> Callable[_Given, Flight]:
     @wraps(make)
     def with_report(*arguments: _Given.args, **named: _Given.kwargs) -> Flight:
         return Flight(**vars(make(*arguments, **named)))
@@ -136,7 +136,7 @@ def fly(
     *,
     navigator: type | NavigatorFactory | None = None,
     controller: type | ControllerFactory | None = None,
-) -> simulated.Flight:
+) -> simulated.FlightRecord:
     """Fly a mission: its vehicles move, sense and navigate. Source, changes and errors as of
     `load_scenario`.
 
@@ -197,7 +197,7 @@ def video_of(video: Video, changes: Mapping[str, object]) -> Video:
 
 
 def render(
-    flight: simulated.Flight,
+    flight: simulated.FlightRecord,
     path: str | Path,
     *,
     time_s: float | None = None,
@@ -245,7 +245,7 @@ def render(
     return file
 
 
-def log_flight(flight: simulated.Flight, path: str | Path) -> Path:
+def log_flight(flight: simulated.FlightRecord, path: str | Path) -> Path:
     """Write a flight as an MCAP log for `read_log`, `laisn replay`, Foxglove and Rerun;
     LaisnError if that fails.
     """

@@ -22,7 +22,7 @@ from reports.figures import Line, Panel, Part
 from reports.intervals import Interval
 from reports.page import Figures, Page, number, words
 from reports.style import FULL, SERIES
-from sim.flight import Flight, position_and_bearing_errors
+from sim.flight import FlightRecord, position_and_bearing_errors
 from sim.log.reader import read
 from sim.scenario.file import dotted
 from sim.scenario.file import read as read_toml
@@ -44,7 +44,7 @@ def _differing(tables: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
     }
 
 
-def differing(flights: Sequence[Flight]) -> dict[str, list[Any]]:
+def differing(flights: Sequence[FlightRecord]) -> dict[str, list[Any]]:
     """Settings that are not the same in all flights, by key; None: a flight has no such key."""
     return _differing(
         [
@@ -54,7 +54,7 @@ def differing(flights: Sequence[Flight]) -> dict[str, list[Any]]:
     )
 
 
-def _flights(names: Sequence[str], flights: Sequence[Flight]) -> dict[str, Any]:
+def _flights(names: Sequence[str], flights: Sequence[FlightRecord]) -> dict[str, Any]:
     """What the template shows of flights."""
     errors = [position_and_bearing_errors(flight)[0] for flight in flights]
     times = [flight.trajectory.time[flight.step_index()] for flight in flights]

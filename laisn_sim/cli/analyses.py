@@ -16,7 +16,7 @@ from laisn_sim.cli.studies import ScenarioArgument, SetOption, SourceArgument
 
 if TYPE_CHECKING:
     from experiments.campaign.store import Record
-    from sim.flight import Flight
+    from sim.flight import FlightRecord
 
 LARGEST_SDF = 10_000_000
 _QUARTERS = 4
@@ -74,7 +74,7 @@ def bound(
         print_line(Console(), output)
 
 
-def records(flight: "Flight") -> "Iterator[Record]":
+def records(flight: "FlightRecord") -> "Iterator[Record]":
     """The error budget of each received ping of a flight, a record each."""
     import numpy as np
 

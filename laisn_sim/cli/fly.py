@@ -28,7 +28,7 @@ from experiments.flight.folder import (
 from laisn.errors import LaisnError
 from reports.summary import flight_bounds, flight_events, stray_events, summarise
 from sim.feasibility import cautions
-from sim.flight import Flight, Termination, navigate, position_and_bearing_errors
+from sim.flight import FlightRecord, Termination, navigate, position_and_bearing_errors
 from sim.log.contents import LogError
 from sim.scenario.settings import Scenario
 from sim.simulation import DivergedError, keys_needing_closed_loop
@@ -46,7 +46,7 @@ _LEGEND = """E_P, E_B: errors of position and bearing; track, depth: RMS off the
 NEES: 2 on average for a consistent filter; × bound: RMS of E_P over the bound"""
 
 
-def _show_stations(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
+def _show_stations(console: Console, flight: FlightRecord, summary: dict[str, Any]) -> None:
     """Station errors, and the closest approaches of two vehicles, of all and of one layer."""
     rows = []
     for name, row in summary["followers"].items():
@@ -76,7 +76,7 @@ def _show_stations(console: Console, flight: Flight, summary: dict[str, Any]) ->
         print_line(console, text, "closest approach in one depth layer:", "")
 
 
-def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
+def show(console: Console, flight: FlightRecord, summary: dict[str, Any]) -> None:
     """Print a table of errors, and the outcome if the mission was not completed."""
     if any("station_rms_m" in row for row in summary["followers"].values()):
         _show_stations(console, flight, summary)
@@ -127,7 +127,7 @@ def _draw_report(*arguments: Any) -> None:
 
 
 def _film(
-    flight: Flight, path: Path, update: Update, write_log: Callable[..., None]
+    flight: FlightRecord, path: Path, update: Update, write_log: Callable[..., None]
 ) -> Exception | None:
     """Film a flight, and write its frames into the log if the scenario asks for it; returns what
     prevented it, without which the other results are complete.
@@ -146,7 +146,7 @@ def _film(
     return None
 
 
-def fly_live(scenario: Scenario, view: "LiveView", progress: Update) -> Flight:
+def fly_live(scenario: Scenario, view: "LiveView", progress: Update) -> FlightRecord:
     """Fly a scenario as its page asks for; the flight is that of `laisn_sim.fly`.
 
     LaisnError if its vehicles move as points.
@@ -189,7 +189,7 @@ def write_flight(
     with_video: bool,
     with_bag: bool = False,
     live: "LiveView | None" = None,
-) -> tuple[Flight, dict[str, Any], Exception | None]:
+) -> tuple[FlightRecord, dict[str, Any], Exception | None]:
     """Simulate a scenario and write its files into an empty folder; OSError or LogError if that
     fails.
 

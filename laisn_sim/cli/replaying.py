@@ -29,7 +29,7 @@ from reports.replay_page import Replayed, write_replay_page
 from reports.summary import consistency, summarise
 from sim.datasets.factor_graph import write_factor_graph
 from sim.datasets.log import VEHICLE, read_data_set_log
-from sim.flight import Flight, navigation_settings, settings_as
+from sim.flight import FlightRecord, navigation_settings, settings_as
 from sim.log.contents import Contents
 from sim.log.reader import read, read_recording
 from sim.scenario.file import values_of
@@ -243,7 +243,9 @@ def _smoother(variant: str, lag_s: float | None) -> NavigatorFactory | None:
     return partial(resolve_name(smoother), lag=lag_s)
 
 
-def _show_smoothing(console: Console, filtered: Flight, smoothed: Flight, lag_s: float) -> None:
+def _show_smoothing(
+    console: Console, filtered: FlightRecord, smoothed: FlightRecord, lag_s: float
+) -> None:
     """Print RMS errors of every follower, their bounds, and NEES, filtered and smoothed."""
     rows = list[list[str]]()
     for i, name in enumerate(filtered.trajectory.names[1:]):

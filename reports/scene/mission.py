@@ -16,7 +16,7 @@ from reports.scene.codec import Packer
 from reports.scene.hulls import hull
 from sim.assembly import models_of
 from sim.film import film_data
-from sim.flight import Flight, position_and_bearing_errors
+from sim.flight import FlightRecord, position_and_bearing_errors
 from sim.log.writer import Event
 from sim.tracking import true_stations
 from sim.water.assembly import floor_of
@@ -192,7 +192,7 @@ def hulls_of(models: Sequence[str]) -> Hulls:
     return Hulls(hulls, [names.index(model) for model in models], used)
 
 
-def _vehicles(flight: Flight, hulls: Sequence[int]) -> list[Vehicle]:
+def _vehicles(flight: FlightRecord, hulls: Sequence[int]) -> list[Vehicle]:
     truth = flight.trajectory
     vehicles = []
     for v, name in enumerate(truth.names):
@@ -218,7 +218,7 @@ def _vehicles(flight: Flight, hulls: Sequence[int]) -> list[Vehicle]:
     return vehicles
 
 
-def turns(flight: Flight) -> list[tuple[float, float]]:
+def turns(flight: FlightRecord) -> list[tuple[float, float]]:
     """When the leader begins to turn, and its heading afterwards, [s] and [°]."""
     truth = flight.trajectory
     second = np.unwrap(truth.heading[:: max(1, round(1 / truth.dt)), 0])
@@ -235,7 +235,7 @@ def turns(flight: Flight) -> list[tuple[float, float]]:
     return begins
 
 
-def _events(flight: Flight, others: Sequence[Event]) -> list[list[Any]]:
+def _events(flight: FlightRecord, others: Sequence[Event]) -> list[list[Any]]:
     """Turns and what else happened: time, kind and words."""
     events: list[list[Any]] = [
         [round(t, 1), "turn", f"the leader turns to {heading:03.0f}°"]
@@ -247,7 +247,7 @@ def _events(flight: Flight, others: Sequence[Event]) -> list[list[Any]]:
     return sorted(events)
 
 
-def _locks(flight: Flight, mirror_locked: Sequence[Bools]) -> list[list[float]]:
+def _locks(flight: FlightRecord, mirror_locked: Sequence[Bools]) -> list[list[float]]:
     """Stretches of mirror locks: follower, beginning and end [s]."""
     time = flight.trajectory.time[flight.step_index()]
     locks = []
@@ -259,7 +259,7 @@ def _locks(flight: Flight, mirror_locked: Sequence[Bools]) -> list[list[float]]:
     return locks
 
 
-def _opening(flight: Flight) -> float:
+def _opening(flight: FlightRecord) -> float:
     """What the page opens with: a lone follower's largest error, a formation in its first turn."""
     time = flight.trajectory.time
     errors = position_and_bearing_errors(flight)
@@ -310,7 +310,7 @@ def _every(hz: float, dt: float) -> int:
     return max(1, round(1 / (hz * dt)))
 
 
-def part_of(flight: Flight, hulls: Hulls, duration: float, sent: Sent) -> Part:
+def part_of(flight: FlightRecord, hulls: Hulls, duration: float, sent: Sent) -> Part:
     """Rows and messages of a flight that a page with these does not hold, at the rates of a
     mission of a duration [s].
     """
@@ -355,13 +355,13 @@ def part_of(flight: Flight, hulls: Hulls, duration: float, sent: Sent) -> Part:
     )
 
 
-def known_from(flight: Flight) -> list[float]:
+def known_from(flight: FlightRecord) -> list[float]:
     """When each follower has its first estimate [s]."""
     start = float(flight.trajectory.time[0])
     return [start + (e.unknown + 1) * flight.measurements[0].dt for e in flight.estimates]
 
 
-def meta_of(flight: Flight, hulls: Hulls, duration: float, part: Part) -> dict[str, Any]:
+def meta_of(flight: FlightRecord, hulls: Hulls, duration: float, part: Part) -> dict[str, Any]:
     """What a page tells beside the arrays of a part, without events."""
     truth = flight.trajectory
     hz = rate_of(duration, len(truth.names))
@@ -392,7 +392,7 @@ def meta_of(flight: Flight, hulls: Hulls, duration: float, part: Part) -> dict[s
 
 
 def events_of(
-    flight: Flight, events: Sequence[Event], mirror_locked: Sequence[Bools]
+    flight: FlightRecord, events: Sequence[Event], mirror_locked: Sequence[Bools]
 ) -> dict[str, Any]:
     """What a page tells of a whole flight: events, mirror locks, and when it opens."""
     return {
@@ -402,7 +402,9 @@ def events_of(
     }
 
 
-def scene_of(flight: Flight, events: Sequence[Event], mirror_locked: Sequence[Bools]) -> Scene:
+def scene_of(
+    flight: FlightRecord, events: Sequence[Event], mirror_locked: Sequence[Bools]
+) -> Scene:
     """The scene of a flight with its events, and the filter steps at which each follower's estimate
     was at the mirror image of the truth, shapes (n,).
     """

@@ -17,7 +17,7 @@ from reports.scene.mission import (
     part_of,
 )
 from sim.assembly import models_of
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from sim.log.writer import Event
 from sim.scenario.settings import Scenario
 
@@ -37,7 +37,7 @@ class SceneStream:
         self._hulls = hulls_of(models_of(scenario))
         self._sent = Sent()
 
-    def beginning(self, flight: Flight) -> Scene:
+    def beginning(self, flight: FlightRecord) -> Scene:
         """The scene until now."""
         part = part_of(flight, self._hulls, self._duration, Sent())
         self._sent = part.sent
@@ -45,7 +45,7 @@ class SceneStream:
         meta["planned"] = meta["start"] + self._duration
         return Scene(meta=meta, data=part.packer.text())
 
-    def further(self, flight: Flight) -> str:
+    def further(self, flight: FlightRecord) -> str:
         """What was added since."""
         part = part_of(flight, self._hulls, self._duration, self._sent)
         self._sent = part.sent
@@ -60,7 +60,7 @@ class SceneStream:
         )
 
 
-def ending(flight: Flight, events: Sequence[Event], mirror_locked: Sequence[Bools]) -> str:
+def ending(flight: FlightRecord, events: Sequence[Event], mirror_locked: Sequence[Bools]) -> str:
     """What is known at the end alone: events, mirror locks, and how the mission ended."""
     told = events_of(flight, events, mirror_locked)
     del told["opening"]

@@ -14,7 +14,7 @@ from laisn.arrays import Floats, Ints, freeze_arrays
 from laisn.estimates import FixKind
 from laisn.messages import Ranges
 from sim import attitude
-from sim.flight import Flight, position_and_bearing_errors
+from sim.flight import FlightRecord, position_and_bearing_errors
 from sim.tracking import true_stations
 
 RGB = tuple[float, float, float]  # red, green, blue, each in [0, 1]
@@ -152,7 +152,11 @@ class FilmData:
     """
 
     def __init__(
-        self, flight: Flight, speed_up: float, follower: int = 0, annotations: Annotations = NOTHING
+        self,
+        flight: FlightRecord,
+        speed_up: float,
+        follower: int = 0,
+        annotations: Annotations = NOTHING,
     ) -> None:
         self.flight = flight
         self.speed_up = speed_up

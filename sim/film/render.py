@@ -27,7 +27,7 @@ from sim.film.cameras import CameraRig, OwnCamera
 from sim.film.film_data import NOTHING, Annotations, FilmData
 from sim.film.overlay import Overlay
 from sim.film.scene import GlScene
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from sim.scenario.settings import Video
 from sim.system import atomic_write
 
@@ -65,7 +65,7 @@ class RendererDiedError(RuntimeError):
 class FilmJob:
     """What is filmed."""
 
-    flight: Flight
+    flight: FlightRecord
     video: Video
     follower: int = 0  # index of the follower that the film keeps to
     annotations: Annotations = NOTHING

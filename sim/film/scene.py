@@ -15,7 +15,7 @@ from sim.assembly import models_of
 from sim.film.antialiasing import smooth
 from sim.film.cameras import Shot, View
 from sim.film.film_data import ESTIMATE, FrameState
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from sim.scenario.settings import Video
 from sim.vehicle.effectors import MovingFins
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
@@ -67,7 +67,7 @@ def _network(wavelength: float, seed: int) -> Floats:
     return np.asarray(np.exp(-4.0 * np.abs(_tile(wavelength, seed))))
 
 
-def build(flight: Flight, width_px: int, height_px: int) -> Any:
+def build(flight: FlightRecord, width_px: int, height_px: int) -> Any:
     """The compiled MjModel of vehicles (the leader first), sea floor and surface, for frames up
     to a size.
     """
@@ -193,7 +193,7 @@ class GlScene:
     context is to be had.
     """
 
-    def __init__(self, flight: Flight, video: Video) -> None:
+    def __init__(self, flight: FlightRecord, video: Video) -> None:
         self.width, self.height = size = video.width_px, video.height_px
         self._model = build(flight, *size)
         self._data = mujoco.MjData(self._model)

@@ -12,7 +12,7 @@ import numpy as np
 from laisn.arrays import Bools, Floats, Ints
 from laisn.estimates import Estimates
 from laisn.messages import LinkMessages, Measurements, SensorHeader
-from sim.flight import Flight, Termination, VehicleRecord
+from sim.flight import FlightRecord, Termination, VehicleRecord
 from sim.log.clock import TIMESTAMP, RecordedRows, correct_steps_back
 from sim.log.contents import (
     FIRST_GAP,
@@ -253,7 +253,7 @@ def _trajectory(log: Contents, grid_ns: Ints) -> Trajectory:
     )
 
 
-def read(path: Path | str) -> Flight:
+def read(path: Path | str) -> FlightRecord:
     """The flight that `sim.log.writer.write` wrote, equal to the bit; LogError if it is damaged,
     or lacks something.
     """
@@ -317,7 +317,7 @@ def read(path: Path | str) -> Flight:
                 raise LogError(
                     f"{path}: {name} has receptions without a fix, or fixes without a reception"
                 )
-        return Flight(
+        return FlightRecord(
             scenario=scenario,
             trajectory=trajectory,
             measurements=measured,

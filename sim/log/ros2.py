@@ -28,7 +28,7 @@ from laisn.arrays import Floats, Ints
 from laisn.messages import Ranges
 from sim import attitude
 from sim.assembly import models_of
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from sim.log.bag_folder import VIEW, require_replaceable
 from sim.log.contents import Contents, LogError
 from sim.log.reader import read
@@ -80,7 +80,7 @@ class Topic:
 class _Flown:
     """A flight, and what all its topics need."""
 
-    flight: Flight
+    flight: FlightRecord
     store: Any
     clock: Clock
     names: tuple[str, ...]  # of vehicles, as topics may have them
@@ -574,7 +574,7 @@ def _film(flown: _Flown, log: Contents) -> Iterator[Topic]:
     yield Topic(name="/camera/compressed", type_name=type_name, time_ns=times, rows=rows)
 
 
-def _topics(flight: Flight, log: Contents, store: Any) -> Iterator[Topic]:
+def _topics(flight: FlightRecord, log: Contents, store: Any) -> Iterator[Topic]:
     flown = _Flown(
         flight=flight,
         store=store,
@@ -695,7 +695,7 @@ def write_bag(log_path: Path, folder: Path) -> list[Path]:
     return _replace_bag(folder, topics, store, view)
 
 
-def write_measurement_bag(flight: Flight, folder: Path) -> list[Path]:
+def write_measurement_bag(flight: FlightRecord, folder: Path) -> list[Path]:
     """Write what the followers of a flight measured as a ROS 2 bag, without truth and estimates;
     returns its files. Errors as of `write_bag`.
     """

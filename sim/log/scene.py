@@ -17,7 +17,7 @@ from laisn.arrays import Ints
 from laisn.estimates import Estimates, FixKind
 from laisn.messages import Ranges
 from sim.assembly import models_of
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from sim.log.schema import pose, timestamp, vector
 from sim.scenario.settings import Scenario
 from sim.vehicle.effectors import MovingFins
@@ -148,7 +148,7 @@ class Hulls:
         self.fins = [MovingFins(model) for model in self.models]
 
 
-def draw_hulls(flight: Flight, index: Ints, hulls: Hulls) -> tuple[Ints, Draw]:
+def draw_hulls(flight: FlightRecord, index: Ints, hulls: Hulls) -> tuple[Ints, Draw]:
     """Points of the trajectory at which hulls are drawn, shape (n,): the first alone if none has
     moving fins.
     """
@@ -175,7 +175,7 @@ def draw_hulls(flight: Flight, index: Ints, hulls: Hulls) -> tuple[Ints, Draw]:
     return index if move else index[:1], draw
 
 
-def draw_vehicles(flight: Flight, index: Ints) -> Draw:
+def draw_vehicles(flight: FlightRecord, index: Ints) -> Draw:
     """Complete updates of trails and 95 % ellipses at points of the trajectory a second apart,
     shape (n,).
     """
@@ -214,7 +214,11 @@ def draw_vehicles(flight: Flight, index: Ints) -> Draw:
 
 
 def _ping(
-    flight: Flight, follower: int, message: int, time_ns: int, sites: Mapping[str, Sequence[float]]
+    flight: FlightRecord,
+    follower: int,
+    message: int,
+    time_ns: int,
+    sites: Mapping[str, Sequence[float]],
 ) -> fg.SceneEntity:
     """Rays, range discs and fixes of a message, at the true positions of the sites [m]."""
     t = flight.trajectory
@@ -249,7 +253,7 @@ def _ping(
     )
 
 
-def draw_acoustics(flight: Flight, steps: Ints) -> Draw:
+def draw_acoustics(flight: FlightRecord, steps: Ints) -> Draw:
     """Rays, discs of horizontal ranges at the hydrophone's depth, fixes (red: gated), at filter
     steps, shape (n,).
     """

@@ -6,7 +6,7 @@ import foxglove
 from mcap.well_known import MessageEncoding
 
 from laisn.errors import LaisnError
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from sim.log.blocks import Channel
 from sim.log.writer import channels
 
@@ -51,7 +51,7 @@ class FoxgloveStream:
         self._begin()
         self._server.clear_session()
 
-    def show(self, flight: Flight, *, is_over: bool = False) -> None:
+    def show(self, flight: FlightRecord, *, is_over: bool = False) -> None:
         """Send what has been added to a mission's flight since the last call."""
         messages = list[tuple[int, Any, bytes]]()
         for channel in channels(flight):

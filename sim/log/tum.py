@@ -10,13 +10,13 @@ import numpy as np
 
 from laisn.arrays import Floats, Ints
 from sim import attitude
-from sim.flight import Flight, navigation_settings
+from sim.flight import FlightRecord, navigation_settings
 from sim.log.reader import read
 from sim.log.schema import Clock
 from sim.system import atomic_write
 
 
-def estimated_poses(flight: Flight, follower: int) -> tuple[Floats, Floats]:
+def estimated_poses(flight: FlightRecord, follower: int) -> tuple[Floats, Floats]:
     """Estimated positions of a follower's hydrophone, shape (n, 3), [m], and its attitude, level
     and at the measured heading, as quaternions (w, x, y, z), shape (n, 4), at filter steps.
 

@@ -19,7 +19,7 @@ from laisn.estimates import FIX_WORDS, Estimates, FixKind
 from laisn.messages import Measurements, SensorHeader
 from sim import attitude
 from sim.attitude import geodetic
-from sim.flight import Flight, FlightUnderWay, Termination, position_and_bearing_errors
+from sim.flight import FlightRecord, FlightUnderWay, Termination, position_and_bearing_errors
 from sim.log import schema
 from sim.log.blocks import BLOCK_NS, END_NS, BlockFile, Channel
 from sim.log.contents import (
@@ -137,7 +137,11 @@ def poses(topic: str, time_ns: Ints, position: Column, quaternion: Column) -> Ch
 
 
 def _locations(
-    flight: Flight, topic: str, time_ns: Ints, position: Floats, covariance: Floats | None = None
+    flight: FlightRecord,
+    topic: str,
+    time_ns: Ints,
+    position: Floats,
+    covariance: Floats | None = None,
 ) -> Channel:
     """Positions, shape (n, 3), [m], on the map; horizontal covariances, shape (n, 2, 2), make
     them estimates.
@@ -222,7 +226,7 @@ def _state(t: Trajectory, v: int, effectors: int) -> dict[str, Column]:
     return computed | recorded | {"time": t.time, "thrust": t.thrust[:, v, :effectors]}
 
 
-def _truth(flight: Flight, clock: Clock) -> Iterator[Channel]:
+def _truth(flight: FlightRecord, clock: Clock) -> Iterator[Channel]:
     t = flight.trajectory
     time_ns = clock.ns(t.time)
     second = round(1.0 / CONTROL_STEP_S)
@@ -240,18 +244,18 @@ def _truth(flight: Flight, clock: Clock) -> Iterator[Channel]:
         yield _locations(flight, f"/{name}/fix", time_ns[::second], t.position[::second, v])
 
 
-def _steps_before(flight: Flight) -> int:
+def _steps_before(flight: FlightRecord) -> int:
     """Filter steps of the mission before the first one of this part of it."""
     return round(float(flight.trajectory.time[0]) / flight.measurements[0].dt)
 
 
-def _step_times(flight: Flight, m: Measurements, clock: Clock) -> Ints:
+def _step_times(flight: FlightRecord, m: Measurements, clock: Clock) -> Ints:
     """Times of filter steps since 1970 [ns]."""
     before = _steps_before(flight)
     return clock.ns(m.dt * np.arange(before + 1, before + m.speed.size + 1))
 
 
-def _links(flight: Flight, name: str, m: Measurements, time_ns: Ints) -> Iterator[Channel]:
+def _links(flight: FlightRecord, name: str, m: Measurements, time_ns: Ints) -> Iterator[Channel]:
     """Messages of further links that a vehicle has received."""
     headers = flight.measurements[0].sensors
     for link, messages in m.links.items():
@@ -275,7 +279,7 @@ def _links(flight: Flight, name: str, m: Measurements, time_ns: Ints) -> Iterato
 
 
 def _of_vehicle(
-    flight: Flight, name: str, record: tuple[Measurements, Estimates | None], clock: Clock
+    flight: FlightRecord, name: str, record: tuple[Measurements, Estimates | None], clock: Clock
 ) -> Iterator[Channel]:
     """What a vehicle has measured and concluded, as numbers."""
     m, e = record
@@ -294,7 +298,7 @@ def _of_vehicle(
     yield from _links(flight, name, m, time_ns)
 
 
-def _leader(flight: Flight, clock: Clock) -> Iterator[Channel]:
+def _leader(flight: FlightRecord, clock: Clock) -> Iterator[Channel]:
     """What the leader has measured and concluded, if it has sensed under way."""
     if flight.leader is None:
         return
@@ -303,7 +307,7 @@ def _leader(flight: Flight, clock: Clock) -> Iterator[Channel]:
 
 
 def _follower(
-    flight: Flight, clock: Clock, f: int, errors: tuple[Floats, Floats]
+    flight: FlightRecord, clock: Clock, f: int, errors: tuple[Floats, Floats]
 ) -> Iterator[Channel]:
     m = flight.measurements[f]
     e = flight.estimates[f]
@@ -347,7 +351,7 @@ def _lines(lines: Sequence[Event], clock: Clock) -> Channel:
     return _channel("/log", fg.Log, time_ns, line_at, np.arange(time_ns.size))
 
 
-def _fix_lines(flight: Flight) -> list[Event]:
+def _fix_lines(flight: FlightRecord) -> list[Event]:
     """The kind of every fix."""
     lines = list[Event]()
     before = _steps_before(flight)
@@ -364,7 +368,7 @@ def _fix_lines(flight: Flight) -> list[Event]:
     return lines
 
 
-def _scene(flight: Flight, clock: Clock, hulls: Hulls) -> Iterator[Channel]:
+def _scene(flight: FlightRecord, clock: Clock, hulls: Hulls) -> Iterator[Channel]:
     t = flight.trajectory
     seconds = np.arange(0, t.time.size, round(1.0 / CONTROL_STEP_S), dtype=np.int64)
     received: Ints = np.unique(np.concatenate([m.message_step for m in flight.measurements]))
@@ -396,7 +400,7 @@ def _camera(video: Sequence[Frame], clock: Clock) -> Channel:
     return _channel("/camera", fg.CompressedVideo, time_ns, frame_at, np.arange(time_ns.size))
 
 
-def _channels(flight: Flight, hulls: Hulls, video: Sequence[Frame]) -> list[Channel]:
+def _channels(flight: FlightRecord, hulls: Hulls, video: Sequence[Frame]) -> list[Channel]:
     """All channels of a part of a flight; ValueError for frames out of order, or an epoch before
     1970.
     """
@@ -413,7 +417,7 @@ def _channels(flight: Flight, hulls: Hulls, video: Sequence[Frame]) -> list[Chan
 
 
 def channels(
-    flight: Flight, events: Iterable[Event] = (), video: Sequence[Frame] = ()
+    flight: FlightRecord, events: Iterable[Event] = (), video: Sequence[Frame] = ()
 ) -> list[Channel]:
     """All channels of a flight, whose lines of `/log` are in order of time; ValueError for frames
     out of order, or an epoch before 1970.
@@ -462,7 +466,7 @@ def _attach(at: int, files: Mapping[str, bytes], mcap: MCAPWriter) -> None:
         mcap.attach(log_time=at, create_time=at, name=name, media_type=media, data=data)
 
 
-def _facts(flight: Flight, outcome: Termination) -> dict[str, str]:
+def _facts(flight: FlightRecord, outcome: Termination) -> dict[str, str]:
     facts = {"outcome": outcome.name, "filter_step_s": repr(flight.measurements[0].dt)}
     facts |= {"seed": str(flight.scenario.seed), "run": str(flight.scenario.run)}
     return facts | {
@@ -471,7 +475,7 @@ def _facts(flight: Flight, outcome: Termination) -> dict[str, str]:
     }
 
 
-def _describe(flight: Flight, mcap: MCAPWriter) -> None:
+def _describe(flight: FlightRecord, mcap: MCAPWriter) -> None:
     """Write what is known before the end of a flight, which is an interrupted one until then."""
     at = Clock(flight.scenario.epoch).epoch_ns
     files = {
@@ -527,7 +531,7 @@ class FlightLog:
 
     def finish(
         self,
-        flight: Flight | FlightUnderWay,
+        flight: FlightRecord | FlightUnderWay,
         outcome: Termination,
         *,
         summary: str | None = None,
@@ -541,7 +545,7 @@ class FlightLog:
             LogError: the file cannot be written.
             ValueError: frames of `video` are out of order, or the epoch lies before 1970.
         """
-        if isinstance(flight, Flight):
+        if isinstance(flight, FlightRecord):
             with self._complete_or_kept():
                 self._end(flight, outcome, summary, events)
             return
@@ -586,7 +590,7 @@ class FlightLog:
         instants = math.floor((self._written_s - TRAIL_S - _MARGIN_S) / CONTROL_STEP_S)
         return max(instants // grid, 0) * grid // stride
 
-    def _append(self, part: Flight, *, is_last: bool) -> None:
+    def _append(self, part: FlightRecord, *, is_last: bool) -> None:
         """Write what is new of a part of the flight; unless it is the last, in whole blocks."""
         clock = Clock(part.scenario.epoch)
         if self._hulls is None:
@@ -602,7 +606,7 @@ class FlightLog:
         self._written_s = (end_ns - clock.epoch_ns) / 1e9
 
     def _end(
-        self, part: Flight, outcome: Termination, summary: str | None, events: Iterable[Event]
+        self, part: FlightRecord, outcome: Termination, summary: str | None, events: Iterable[Event]
     ) -> None:
         """Write the last part, and what only the whole flight tells, of times before as well."""
         self._append(part, is_last=True)
@@ -623,7 +627,7 @@ class FlightLog:
 
 
 def write(
-    flight: Flight,
+    flight: FlightRecord,
     path: Path,
     *,
     summary: str = "{}",

@@ -13,7 +13,7 @@ import laisn_sim
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from laisn_sim import Simulation, Wrench
-from sim.flight import Flight, Termination
+from sim.flight import FlightRecord, Termination
 
 STATIONS = [
     {"name": "port", "station": {"behind_m": 8.0, "port_m": 8.0, "depth_m": 9.0}},
@@ -36,7 +36,7 @@ CLOSED = {
 }
 
 
-def require_same_bits(found: Flight, expected: Flight) -> None:
+def require_same_bits(found: FlightRecord, expected: FlightRecord) -> None:
     """All arrays of two flights are equal."""
     parts = [(found.trajectory, expected.trajectory)]
     parts += zip(found.measurements, expected.measurements, strict=True)

@@ -16,12 +16,12 @@ from reports import flight_figures, flight_report
 from reports.figures import Part
 from reports.flight_report import _facts, final_states, follower_curves, mirror_locks
 from reports.range_budget import Cause, RangeErrorBudget
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from tests.synthetic import make_flight
 
 
 @pytest.fixture(scope="module")
-def flight() -> Flight:
+def flight() -> FlightRecord:
     return make_flight(20.0)
 
 
@@ -91,14 +91,14 @@ def test_the_table_of_details_has_each_figure_under_its_head(tmp_path: Path) -> 
     assert len(heads) == 5  # the error on a track is that on the station
 
 
-def test_a_page_lists_the_settings_of_its_flight(flight: Flight) -> None:
+def test_a_page_lists_the_settings_of_its_flight(flight: FlightRecord) -> None:
     scenario = flight.scenario.model_copy(update={"seed": 5, "run": 7})
     facts = dict(_facts(dataclasses.replace(flight, scenario=scenario), {}))
     assert (facts["Seed, run"], facts["Flown"], facts["Motion"]) == ("5, 7", "20 s", "physics")
     assert facts["Filter step, message interval"] == "0.1 s, 1 s"
 
 
-def test_a_capture_is_reported_with_its_share_of_the_mission(flight: Flight) -> None:
+def test_a_capture_is_reported_with_its_share_of_the_mission(flight: FlightRecord) -> None:
     steps = flight.step_index()
     heading, leader = flight.trajectory.heading[steps, 0], flight.trajectory.position[steps, 0, :2]
     truth, (found,) = flight.hydrophone(0)[:, :2], flight.estimates
@@ -134,7 +134,7 @@ def test_causes_are_reported_in_centimetres_rms() -> None:
     np.testing.assert_allclose(panel.parts[0].lines[0].y, [-4.0, 4.0, -4.0, 4.0])
 
 
-def test_assumed_sensor_angles_are_reported_in_degrees(flight: Flight) -> None:
+def test_assumed_sensor_angles_are_reported_in_degrees(flight: FlightRecord) -> None:
     names = ("east_m", "north_m", "log_bias_m_s", "compass_bias_rad", "leader_compass_bias_rad")
     found = object.__new__(TightEstimates)
     facts: dict[str, Any] = {
@@ -152,7 +152,7 @@ def test_assumed_sensor_angles_are_reported_in_degrees(flight: Flight) -> None:
     ]
 
 
-def test_every_colour_of_a_followers_curves_is_in_its_legend(flight: Flight) -> None:
+def test_every_colour_of_a_followers_curves_is_in_its_legend(flight: FlightRecord) -> None:
     """Kinds of fix and hypotheses have words or names of their own."""
     n = flight.step_index().size
     row = follower_curves(flight, 0, (np.full(n, 2.0), np.zeros(n)), np.full(n, 0.5))
@@ -165,7 +165,7 @@ def test_every_colour_of_a_followers_curves_is_in_its_legend(flight: Flight) -> 
 
 @pytest.mark.parametrize(("second", "shown"), [(0.4, True), (0.0011, True), (0.0009, False)])
 def test_weights_of_hypotheses_are_shown_where_there_ever_were_several(
-    flight: Flight, second: float, shown: bool
+    flight: FlightRecord, second: float, shown: bool
 ) -> None:
     found = object.__new__(TightEstimates)
     weight = np.array([[1.0, 0.0], [1.0 - second, second], [1.0, 0.0]])
@@ -189,7 +189,7 @@ def lines(part: Part) -> list[Floats]:
     return [np.column_stack([line.x, line.y]) for line in part.lines]
 
 
-def test_motion_ranges_and_tracks_are_drawn_as_flown(flight: Flight) -> None:
+def test_motion_ranges_and_tracks_are_drawn_as_flown(flight: FlightRecord) -> None:
     truth, (found,), (received,) = flight.trajectory, flight.estimates, flight.measurements
     expected = {
         "depth [m]": -truth.position[..., 2],
@@ -218,7 +218,7 @@ def test_motion_ranges_and_tracks_are_drawn_as_flown(flight: Flight) -> None:
         np.testing.assert_allclose(line.time, truth.time[1:])
 
 
-def test_marks_of_fixes_stand_at_their_times_in_the_row_of_their_kind(flight: Flight) -> None:
+def test_marks_of_fixes_stand_at_their_times_in_the_row_of_their_kind(flight: FlightRecord) -> None:
     """Every fourth of twenty fixes, a second apart, is rejected; the first row is that of the
     kind that comes first.
     """

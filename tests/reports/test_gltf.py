@@ -12,7 +12,7 @@ from laisn_sim.cli.main import app
 from reports.scene import shapes
 from reports.scene.shapes import Triangles
 from sim import attitude
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from sim.log import writer
 from tests.synthetic import make_flight
 
@@ -90,12 +90,12 @@ class Exported:
 
 
 @pytest.fixture(scope="module")
-def flight() -> Flight:
+def flight() -> FlightRecord:
     return make_flight(30.0)
 
 
 @pytest.fixture(scope="module")
-def exported(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Exported:
+def exported(flight: FlightRecord, tmp_path_factory: pytest.TempPathFactory) -> Exported:
     folder = tmp_path_factory.mktemp("gltf")
     log = folder / "a.mcap"
     writer.write(flight, log)
@@ -105,7 +105,9 @@ def exported(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Export
 
 
 @pytest.mark.parametrize("vehicle", [0, 1])
-def test_hulls_move_as_the_vehicles_do(flight: Flight, exported: Exported, vehicle: int) -> None:
+def test_hulls_move_as_the_vehicles_do(
+    flight: FlightRecord, exported: Exported, vehicle: int
+) -> None:
     truth = flight.trajectory
     time, place = exported.motion(truth.names[vehicle], "translation")
     position, quaternion = truth.at(time.clip(0, truth.time[-1]))
@@ -133,7 +135,9 @@ def test_the_sea_stands_upright(exported: Exported) -> None:
     assert {"leader", "follower", "follower estimate"} <= {exported.names[n] for n in sea.children}
 
 
-def test_the_estimate_and_its_path_are_the_navigators(flight: Flight, exported: Exported) -> None:
+def test_the_estimate_and_its_path_are_the_navigators(
+    flight: FlightRecord, exported: Exported
+) -> None:
     time, place = exported.motion("follower estimate", "translation")
     steps = flight.trajectory.time[flight.step_index()]
     state = flight.estimates[0].state

@@ -8,7 +8,7 @@ import pytest
 
 from reports.headline import cause, figure, headline, judged, tiles
 from reports.verdict import Loss, Verdict
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from tests.reports.test_station_report import kept, steady
 from tests.synthetic import make_flight
 
@@ -16,7 +16,7 @@ GOOD = Verdict(sentence="The mean position error is 1.00 m; the largest is 4.00 
 
 
 @pytest.fixture(scope="module")
-def flight() -> Flight:
+def flight() -> FlightRecord:
     return make_flight(20.0)
 
 
@@ -39,7 +39,7 @@ def summary(**row: Any) -> dict[str, Any]:
     return {"followers": {"follower": {"nees": 2.0, "rms_over_bound": 1.0} | row}}
 
 
-def test_two_sentences_name_the_mission_the_result_and_the_cause(flight: Flight) -> None:
+def test_two_sentences_name_the_mission_the_result_and_the_cause(flight: FlightRecord) -> None:
     near = errors(near_axis=0.86, mean_near=1.44, mean_elsewhere=0.34)
     assert headline(flight, GOOD, summary(), {"follower": near}) == (
         "One follower swims with a leader for 20 s, navigating by LAISN-2 on 2 transmitters. The "
@@ -60,14 +60,14 @@ def test_two_sentences_name_the_mission_the_result_and_the_cause(flight: Flight)
     ],
 )
 def test_a_cause_is_named_where_one_stands_out(
-    flight: Flight, found: dict[str, float], nees: float | None, part: str
+    flight: FlightRecord, found: dict[str, float], nees: float | None, part: str
 ) -> None:
     told = cause(flight, found, nees)
     assert part in told
     assert bool(told) == bool(part)
 
 
-def test_a_loss_is_told_before_all_else(flight: Flight) -> None:
+def test_a_loss_is_told_before_all_else(flight: FlightRecord) -> None:
     loss = Loss(follower="follower", time_s=3.0, what="gone", cause="a test", silence_s=0.0)
     lost = Verdict(sentence="follower was lost.", lost=(loss,))
     assert headline(flight, lost, summary(), {}).endswith("transmitters. follower was lost.")
@@ -147,7 +147,7 @@ def test_figures_have_about_three_digits() -> None:
     ]
 
 
-def test_an_unfinished_flight_says_so(flight: Flight) -> None:
+def test_an_unfinished_flight_says_so(flight: FlightRecord) -> None:
     stopped = dataclasses.replace(flight, outcome=type(flight.outcome).GROUNDED)
     told = headline(stopped, GOOD, summary(), {"follower": errors(near_axis=1.0, mean_near=3.0)})
     assert told.endswith(GOOD.sentence)

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from laisn_sim.cli import analyses
 from reports import flight_report
 from reports.range_budget import Cause, RangeErrorBudget, range_error_budget
-from sim.flight import Flight, excerpt
+from sim.flight import FlightRecord, excerpt
 from sim.scenario.settings import Acoustics, Navigation, Scenario
 from sim.sensing.observation import measure, observe, propagate
 from sim.sensing.sensors import SensorErrors, errors_of
@@ -23,14 +23,14 @@ QUIET = SensorErrors(range_tau=(0.0, 0.0, 0.0), range_scale_mean=0.0, range_scal
 
 def flight_of(
     scenario: Scenario, trajectory: Trajectory, errors: SensorErrors | None = None
-) -> Flight:
+) -> FlightRecord:
     measured = measure(
         observe(trajectory, scenario),
         errors or errors_of(scenario),
         seed=scenario.seed,
         run=scenario.run,
     )
-    return Flight(
+    return FlightRecord(
         scenario=scenario,
         trajectory=trajectory,
         measurements=(measured,),
@@ -131,7 +131,7 @@ def test_each_acoustic_cause_alone():
         flight = flight_of(scenario, trajectory, QUIET)
         if cause is Cause.ECHO:
             echo = propagate(trajectory, scenario).range[..., 1]
-            flight = Flight(
+            flight = FlightRecord(
                 scenario=scenario,
                 trajectory=trajectory,
                 measurements=(

@@ -28,7 +28,7 @@ from reports.scene.measured import Measured, scene_of_measured
 from reports.scene.mission import CROWD, Scene, held, rate_of, turns
 from sim import attitude
 from sim.film.film_data import FilmData
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from tests import browser
 from tests.reports.test_replay_page import vehicle
 from tests.synthetic import make_flight, moved
@@ -294,8 +294,8 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def write_report(flight: Flight, path: Path) -> None:
-    from experiments.flight.results import Flight as Reported
+def write_report(flight: FlightRecord, path: Path) -> None:
+    from experiments.flight.results import FlightRecord as Reported
 
     Reported(**vars(flight)).report(path)
 

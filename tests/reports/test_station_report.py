@@ -16,7 +16,7 @@ from laisn.arrays import Floats
 from laisn_sim.cli.fly import show
 from reports import flight_figures, flight_report
 from reports.summary import summarise
-from sim.flight import Flight, position_and_bearing_errors
+from sim.flight import FlightRecord, position_and_bearing_errors
 from sim.scenario.formation import Formation, Proximity, Station
 from sim.scenario.settings import Follower
 from tests import synthetic
@@ -26,7 +26,7 @@ STATIONS = ((10.0, 10.0), (20.0, 12.0))
 """Behind and depth of the two followers [m]; the leader swims at 1 m/s."""
 
 
-def kept(offs: tuple[Floats, Floats], seconds: float = 60.0) -> Flight:
+def kept(offs: tuple[Floats, Floats], seconds: float = 60.0) -> FlightRecord:
     """Two followers straight astern of a leader that swims north at 1 m/s, and so far east of
     their stations.
     """
@@ -63,7 +63,7 @@ def steady(first: float, second: float) -> tuple[Floats, Floats]:
     return np.full(n, first), np.full(n, second)
 
 
-def text_of(flight: Flight, folder: Path) -> str:
+def text_of(flight: FlightRecord, folder: Path) -> str:
     """Text of the report, without markup."""
     errors = position_and_bearing_errors(flight)
     flight_report.flight_report(flight, errors, summarise(flight), folder / "report.html", None)

@@ -13,14 +13,14 @@ from laisn.arrays import Floats
 from laisn.estimates import FixKind
 from reports.summary import mirror_lock_events, stray_events, summarise
 from sim.assembly import routes_of
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from sim.tracking import track_error
 from tests import synthetic
 from tests.synthetic import make_flight
 
 
 @pytest.fixture(scope="module")
-def flight() -> Flight:
+def flight() -> FlightRecord:
     return make_flight(30.0, 2)
 
 
@@ -41,7 +41,7 @@ def figures(position: Floats, bearing: Floats) -> dict[str, float]:
     }
 
 
-def test_the_summary_has_the_errors_of_each_follower_and_of_all(flight: Flight) -> None:
+def test_the_summary_has_the_errors_of_each_follower_and_of_all(flight: FlightRecord) -> None:
     summary = summarise(flight)
     leader = flight.trajectory.position[flight.step_index(), 0, :2]
     pairs = [(e.state[:, :2], flight.hydrophone(i)[:, :2]) for i, e in enumerate(flight.estimates)]
@@ -65,7 +65,7 @@ def test_the_summary_has_the_errors_of_each_follower_and_of_all(flight: Flight) 
         assert {kind: count for kind, count in row["fixes"].items() if count} == kinds
 
 
-def test_a_notebook_shows_mean_and_largest_error_of_each_follower(flight: Flight) -> None:
+def test_a_notebook_shows_mean_and_largest_error_of_each_follower(flight: FlightRecord) -> None:
     shown = results.Flight(**vars(flight))._repr_html_()
     for i, estimates in enumerate(flight.estimates):
         error = np.linalg.norm(estimates.state[:, :2] - flight.hydrophone(i)[:, :2], axis=1)
@@ -77,7 +77,7 @@ def test_a_notebook_shows_mean_and_largest_error_of_each_follower(flight: Flight
     assert "followers: 2" in shown
 
 
-def test_the_summary_names_those_that_came_nearest(flight: Flight) -> None:
+def test_the_summary_names_those_that_came_nearest(flight: FlightRecord) -> None:
     summary, trajectory = summarise(flight), flight.trajectory
     for axes, what in ((3, "approach"), (2, "horizontal")):
         apart = {
@@ -94,7 +94,7 @@ def test_the_summary_names_those_that_came_nearest(flight: Flight) -> None:
         )
 
 
-def test_captures_are_reported_at_start_and_end(flight: Flight) -> None:
+def test_captures_are_reported_at_start_and_end(flight: FlightRecord) -> None:
     """The second follower's estimate is mirrored in the leader's axis from 10 s to 15 s, and
     from 28 s on.
     """
@@ -115,7 +115,7 @@ def test_captures_are_reported_at_start_and_end(flight: Flight) -> None:
     assert {event.source for event in events} == {"follower2"}
 
 
-def test_leaving_the_water_is_reported_once(flight: Flight) -> None:
+def test_leaving_the_water_is_reported_once(flight: FlightRecord) -> None:
     """The leader rises above the surface at 12 s, the first follower sinks below the floor at 20
     s, and both again.
     """

@@ -14,14 +14,16 @@ from laisn_sim.cli.main import app
 from reports.flight_report import flight_report
 from reports.summary import route_events, summarise
 from reports.verdict import verdict
-from sim.flight import Flight, Termination, position_and_bearing_errors
+from sim.flight import FlightRecord, Termination, position_and_bearing_errors
 from sim.tracking import track_errors
 from tests.synthetic import make_flight
 
 KEPT = np.zeros((6001, 3))
 
 
-def off_by(flight: Flight, follower: int, offsets: Floats, sigma: float = 1.0) -> Flight:
+def off_by(
+    flight: FlightRecord, follower: int, offsets: Floats, sigma: float = 1.0
+) -> FlightRecord:
     """The flight with an estimate that is off by `offsets`, shape (n, 2), [m], and so sure."""
     estimates = list(flight.estimates)
     old = estimates[follower]
@@ -32,7 +34,7 @@ def off_by(flight: Flight, follower: int, offsets: Floats, sigma: float = 1.0) -
     return dataclasses.replace(flight, estimates=tuple(estimates))
 
 
-def silent(flight: Flight, follower: int, begin_s: float, end_s: float) -> Flight:
+def silent(flight: FlightRecord, follower: int, begin_s: float, end_s: float) -> FlightRecord:
     """The flight without the messages of a follower in a part of the mission."""
     measurements = list(flight.measurements)
     old = measurements[follower]
@@ -43,7 +45,7 @@ def silent(flight: Flight, follower: int, begin_s: float, end_s: float) -> Fligh
     return dataclasses.replace(flight, measurements=tuple(measurements))
 
 
-def lost_at(flight: Flight, follower: int, time_s: float, sigma: float = 1.0) -> Flight:
+def lost_at(flight: FlightRecord, follower: int, time_s: float, sigma: float = 1.0) -> FlightRecord:
     """The flight with an error that jumps from 1 m to 11 m at a time, along the leader's axis."""
     steps = flight.step_index()
     heading = flight.trajectory.heading[steps, 0]
@@ -54,7 +56,7 @@ def lost_at(flight: Flight, follower: int, time_s: float, sigma: float = 1.0) ->
 
 
 @pytest.fixture(scope="module")
-def flight() -> Flight:
+def flight() -> FlightRecord:
     """Three followers, whose leader turns by 1 rad a minute."""
     calm = make_flight(600.0, 3)
     for follower in range(3):
@@ -62,13 +64,13 @@ def flight() -> Flight:
     return calm
 
 
-def test_a_flight_in_which_none_is_lost_begins_with_its_errors(flight: Flight) -> None:
+def test_a_flight_in_which_none_is_lost_begins_with_its_errors(flight: FlightRecord) -> None:
     found = verdict(flight, KEPT)
     assert found.lost == ()
     assert found.sentence.startswith("The mean position errors of 3 followers lie between 0.50 m")
 
 
-def test_a_silence_before_a_loss_is_its_cause_with_the_leaders_turn(flight: Flight) -> None:
+def test_a_silence_before_a_loss_is_its_cause_with_the_leaders_turn(flight: FlightRecord) -> None:
     """The leader goes round a circle of 60 m at 1 m/s: 57.3° in a minute."""
     changed = silent(lost_at(flight, 1, 400.0), 1, 340.0, 401.0)
     found = verdict(changed, KEPT)
@@ -83,7 +85,7 @@ def test_a_silence_before_a_loss_is_its_cause_with_the_leaders_turn(flight: Flig
     )
 
 
-def test_several_losses_are_in_order_of_time(flight: Flight) -> None:
+def test_several_losses_are_in_order_of_time(flight: FlightRecord) -> None:
     changed = lost_at(lost_at(flight, 0, 500.0), 2, 300.0)
     found = verdict(silent(changed, 2, 280.0, 301.0), KEPT)
     assert [loss.follower for loss in found.lost] == ["follower3", "follower1"]
@@ -94,7 +96,7 @@ def test_several_losses_are_in_order_of_time(flight: Flight) -> None:
     assert "the record shows no single cause" in found.lost[1].cause
 
 
-def test_an_error_that_is_set_and_not_assumed_is_a_cause(flight: Flight) -> None:
+def test_an_error_that_is_set_and_not_assumed_is_a_cause(flight: FlightRecord) -> None:
     acoustics = flight.scenario.acoustics.model_copy(update={"clock_offset_s": 0.01})
     scenario = flight.scenario.model_copy(update={"acoustics": acoustics})
     changed = dataclasses.replace(lost_at(flight, 0, 200.0), scenario=scenario)
@@ -102,13 +104,13 @@ def test_an_error_that_is_set_and_not_assumed_is_a_cause(flight: Flight) -> None
     assert loss.cause.startswith("an assumption that does not hold: the clocks differ by up to 10")
 
 
-def test_a_filter_surer_than_right_is_a_cause(flight: Flight) -> None:
+def test_a_filter_surer_than_right_is_a_cause(flight: FlightRecord) -> None:
     """An error of 1 m with σ = 0.1 m before: NEES 100."""
     (loss,) = verdict(lost_at(flight, 0, 300.0, 0.1), KEPT).lost
     assert "surer than right (mean NEES 10" in loss.cause
 
 
-def test_a_mirror_lock_is_a_cause(flight: Flight) -> None:
+def test_a_mirror_lock_is_a_cause(flight: FlightRecord) -> None:
     steps = flight.step_index()
     heading = flight.trajectory.heading[steps, 0]
     starboard = np.column_stack([np.cos(heading), -np.sin(heading)])
@@ -123,7 +125,7 @@ def test_a_mirror_lock_is_a_cause(flight: Flight) -> None:
 
 
 def test_a_vehicle_off_its_route_with_a_right_estimate_could_not_move_there(
-    flight: Flight,
+    flight: FlightRecord,
 ) -> None:
     plan = flight.scenario.followers[0].model_copy(update={"guidance_position": "estimate"})
     followers = (plan, *flight.scenario.followers[1:])
@@ -136,7 +138,7 @@ def test_a_vehicle_off_its_route_with_a_right_estimate_could_not_move_there(
     assert loss.cause.startswith("not its estimate, which was 0.5 m off, but its motion, at ")
 
 
-def test_a_controller_of_ones_own_is_not_lost_off_the_route(flight: Flight) -> None:
+def test_a_controller_of_ones_own_is_not_lost_off_the_route(flight: FlightRecord) -> None:
     """What it aims at is not known; the route of a simulated follower is."""
     assert any(event.source == "follower1" for event in route_events(flight))
     plan = flight.scenario.followers[0].model_copy(update={"controller": "mine:Steer"})
@@ -147,7 +149,7 @@ def test_a_controller_of_ones_own_is_not_lost_off_the_route(flight: Flight) -> N
     assert not any(event.source == "follower1" for event in route_events(changed))
 
 
-def test_an_outcome_comes_first(flight: Flight) -> None:
+def test_an_outcome_comes_first(flight: FlightRecord) -> None:
     changed = dataclasses.replace(lost_at(flight, 0, 300.0), outcome=Termination.DIVERGED)
     sentence = verdict(changed, KEPT).sentence
     assert sentence.startswith("The simulation left finite numbers; ")
@@ -155,7 +157,7 @@ def test_an_outcome_comes_first(flight: Flight) -> None:
 
 
 @pytest.mark.system
-def test_page_and_summary_begin_with_it(flight: Flight, tmp_path: Path) -> None:
+def test_page_and_summary_begin_with_it(flight: FlightRecord, tmp_path: Path) -> None:
     changed = silent(lost_at(flight, 1, 400.0), 1, 340.0, 401.0)
     summary = summarise(changed)
     expected = verdict(changed, track_errors(changed.scenario, changed.trajectory))

@@ -11,7 +11,7 @@ import laisn_sim
 from laisn.errors import LaisnError
 from laisn.plugins import register, takes_readings
 from sim.closed_loop import simulate_closed_loop
-from sim.flight import Flight, navigate
+from sim.flight import FlightRecord, navigate
 
 SEEN: dict[str, list[Any]] = {}
 EAST = np.pi / 2
@@ -75,7 +75,7 @@ def followers(*made: type) -> list[dict[str, Any]]:
 
 
 @pytest.fixture(scope="module")
-def flown() -> tuple[Flight, Any]:
+def flown() -> tuple[FlightRecord, Any]:
     station = {"name": "station", "station": {"behind_m": 45.0, "port_m": 10.0, "depth_m": 14.0}}
     table = {
         "name": "own",
@@ -89,7 +89,7 @@ def flown() -> tuple[Flight, Any]:
     return navigate(scenario, trajectory), loop
 
 
-def test_a_command_is_held_by_the_autopilot(flown: tuple[Flight, Any]) -> None:
+def test_a_command_is_held_by_the_autopilot(flown: tuple[FlightRecord, Any]) -> None:
     motion = flown[0].trajectory
     # of the compass, which reads 6.6° too much, the navigator has estimated most; readings
     # themselves would give 83.4°
@@ -98,14 +98,14 @@ def test_a_command_is_held_by_the_autopilot(flown: tuple[Flight, Any]) -> None:
     assert 0.9 < np.hypot(*motion.velocity[-50:, 1, :2].T).mean() < 1.5
 
 
-def test_a_wrench_turns_and_drives_the_hull(flown: tuple[Flight, Any]) -> None:
+def test_a_wrench_turns_and_drives_the_hull(flown: tuple[FlightRecord, Any]) -> None:
     motion = flown[0].trajectory
     assert np.unwrap(motion.heading[:, 2])[-1] < np.unwrap(motion.heading[:, 2])[0] - 1.0
     forces = motion.thrust[100:, 2] @ motion.effector_force[2][:, 0]
     assert forces.mean() == pytest.approx(5.0, rel=0.05)
 
 
-def test_effectors_at_rest_leave_the_hull_to_its_drag(flown: tuple[Flight, Any]) -> None:
+def test_effectors_at_rest_leave_the_hull_to_its_drag(flown: tuple[FlightRecord, Any]) -> None:
     motion = flown[0].trajectory
     assert np.abs(motion.thrust[100:, 3]).max() < 1e-6
     speed = np.hypot(*motion.velocity[:, 3, :2].T)
@@ -113,7 +113,7 @@ def test_effectors_at_rest_leave_the_hull_to_its_drag(flown: tuple[Flight, Any])
 
 
 def test_readings_and_estimates_are_those_of_the_finished_mission(
-    flown: tuple[Flight, Any],
+    flown: tuple[FlightRecord, Any],
 ) -> None:
     """Also those of a navigator that uses bearings, which the loop measures at each message."""
     flight, loop = flown

@@ -10,7 +10,7 @@ import pytest
 
 from experiments.campaign.montecarlo import Mission
 from laisn.arrays import Floats
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from sim.scenario.sensors import Sensors
 from sim.sensing.sensors import tilt_errors
 from sim.trajectory import tilted
@@ -18,7 +18,7 @@ from tests import synthetic
 from tools.documents import flights
 
 
-def off_by(flight: Flight, error: Floats) -> Flight:
+def off_by(flight: FlightRecord, error: Floats) -> FlightRecord:
     """The flight with an estimate that is so far off, shape (n,), [m]."""
     (estimates,) = flight.estimates
     state = estimates.state.copy()
@@ -47,7 +47,7 @@ def test_flights_are_compared_by_errors_and_positions(monkeypatch: pytest.Monkey
         calls.append((name, tuple(settings)))
         return calls[-1]
 
-    def fly(_: object) -> tuple[Flight, None]:
+    def fly(_: object) -> tuple[FlightRecord, None]:
         sizes = {1: error, 2: np.where(np.arange(time.size) % 4 == 0, 5.0, 1.0)}
         return off_by(
             pitched[len(calls)], sizes.get(len(calls), np.full(time.size, float(len(calls))))

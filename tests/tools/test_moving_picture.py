@@ -14,7 +14,7 @@ from PIL import Image
 from experiments.flight.library import load_scenario
 from sim.assembly import routes_of
 from sim.film.render import FilmJob
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from tests import synthetic
 from tools.documents import draw
 
@@ -40,7 +40,7 @@ def test_the_whole_turn_of_the_formation_is_in_it() -> None:
 def test_it_is_the_film_of_a_stretch_from_above(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    filmed: list[tuple[Flight, Any]] = []
+    filmed: list[tuple[FlightRecord, Any]] = []
 
     def render(job: FilmJob, path: Path) -> None:
         video = job.video

@@ -23,7 +23,7 @@ from reports.flight_figures import error_parts
 from reports.style import INK, SERIES, Legend
 from sim.film import render
 from sim.film.render import FilmJob
-from sim.flight import Flight, excerpt, position_and_bearing_errors
+from sim.flight import FlightRecord, excerpt, position_and_bearing_errors
 from sim.simulation import simulate_motion
 from tools.documents import architecture, drawing, physics, route_keeping, study_pictures, terms
 from tools.documents.markers import records
@@ -75,7 +75,7 @@ def save(figure: Figure, name: str, legend: Legend = ()) -> None:
     path.write_text(drawing.with_subscripts(text), encoding="utf-8")
 
 
-def photograph(name: str, flight: Flight, time: float, camera: str) -> None:
+def photograph(name: str, flight: FlightRecord, time: float, camera: str) -> None:
     """Write a still of a flight as JPEG."""
     video = flight.scenario.video.model_copy(
         update={"camera": camera, "width_px": 1280, "height_px": 720}
@@ -88,7 +88,7 @@ def photograph(name: str, flight: Flight, time: float, camera: str) -> None:
         )
 
 
-def moving_picture(name: str, flight: Flight, span: tuple[float, float]) -> None:
+def moving_picture(name: str, flight: FlightRecord, span: tuple[float, float]) -> None:
     """Write a stretch of a flight, seen from above, as an animated WebP of a few hundred pixels,
     for a README.
     """
@@ -152,7 +152,7 @@ def routes() -> Figure:
     return figure
 
 
-def errors(flight: Flight) -> Figure:
+def errors(flight: FlightRecord) -> Figure:
     """E_P, E_B and B of a flight over time."""
     parts = error_parts(flight, 0, position_and_bearing_errors(flight)[0], None)
     return drawing.draw(Panel(parts=parts, x_label="time [s]", width=WIDE, height=4.1))

@@ -8,7 +8,7 @@ from experiments.campaign.montecarlo import Mission
 from experiments.flight.fly import fly
 from experiments.flight.library import load_scenario
 from reports.findings import FILE, Finding, Findings, plain, record
-from sim.flight import Flight, position_and_bearing_errors
+from sim.flight import FlightRecord, position_and_bearing_errors
 from sim.scenario.sensors import Sensors
 from sim.sensing.observation import IdealMeasurements
 from sim.sensing.sensors import tilt_errors
@@ -39,7 +39,7 @@ def slip(truth: IdealMeasurements) -> float:
     return float(np.sqrt(np.mean((unseen[second:] - unseen[:-second]) ** 2)))
 
 
-def _tilt(flight: Flight) -> dict[str, Finding]:
+def _tilt(flight: FlightRecord) -> dict[str, Finding]:
     """How much the leader of a flight pitches, and how wrong an ideal inclinometer is about
     that.
     """
@@ -55,7 +55,7 @@ def _tilt(flight: Flight) -> dict[str, Finding]:
     }
 
 
-def _slips(flight: Flight) -> Finding:
+def _slips(flight: FlightRecord) -> Finding:
     _, truth = Mission(flight.scenario, flight.trajectory).seen(flight.scenario, 0)
     return plain(
         1e3 * slip(truth),

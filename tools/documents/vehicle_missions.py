@@ -16,7 +16,7 @@ from experiments.flight import library
 from experiments.flight.fly import fly
 from laisn.arrays import Floats
 from reports.findings import FILE, Finding, Findings, plain, record
-from sim.flight import Flight, Termination
+from sim.flight import FlightRecord, Termination
 from sim.hull import hull_of, limits_of
 from sim.scenario.file import ScenarioError
 from sim.scenario.settings import Scenario
@@ -128,7 +128,7 @@ def loaded(table: dict[str, Any], model: str, role: str) -> tuple[Scenario, bool
     return library.as_scenario(retimed(table)), True
 
 
-def offs(flight: Flight, i: int) -> tuple[float, float, float]:
+def offs(flight: FlightRecord, i: int) -> tuple[float, float, float]:
     """Largest distances of vehicle i from its route, its depth and its station [m]."""
     scenario = flight.scenario
     truth = flight.trajectory

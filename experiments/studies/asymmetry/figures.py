@@ -39,7 +39,7 @@ from reports.range_budget import Cause, RangeErrorBudget, range_error_budget
 from reports.style import ERROR_LEVELS_M, FULL, INK, MUTED, SERIES, Colour
 from sim.film.film_data import Annotations, OtherEstimate, RayErrors
 from sim.film.render import FilmJob, render
-from sim.flight import Flight, excerpt, navigate
+from sim.flight import FlightRecord, excerpt, navigate
 from sim.scenario.file import assigned, validate
 from sim.scenario.settings import Scenario, Video
 from sim.sensing.acoustics import TRANSMITTERS
@@ -311,7 +311,7 @@ class Example:
 
     title: str  # of the condition
     command: str
-    flight: Flight
+    flight: FlightRecord
     aware: Scenario  # with the broadcast attitude of an AHRS
     budget: RangeErrorBudget
     step: int  # recorded point of a message with a large pitch at a short range
@@ -346,7 +346,7 @@ def fly_example(plan: StudyPlan) -> Example:
     )
 
 
-def pitch_errors(flight: Flight) -> Floats:
+def pitch_errors(flight: FlightRecord) -> Floats:
     """What pitch and roll of the leader alone add to the horizontal ranges of each message,
     shape (m, 3), [m].
     """
@@ -358,7 +358,7 @@ def pitch_errors(flight: Flight) -> Floats:
     return errors
 
 
-def scene(example: Example) -> tuple[Flight, Annotations]:
+def scene(example: Example) -> tuple[FlightRecord, Annotations]:
     """What the film shows: the stretch about the message of the example, and an estimate by the
     broadcast pitch.
     """

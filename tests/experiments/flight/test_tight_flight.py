@@ -18,7 +18,7 @@ from reports.summary import summarise
 from sim.film.film_data import FilmData
 from sim.flight import (
     SLIP_M_SQRT_S,
-    Flight,
+    FlightRecord,
     excerpt,
     navigate,
     navigation_settings,
@@ -39,7 +39,7 @@ def scenario(*assignments: str) -> Scenario:
 
 
 @pytest.fixture(scope="module")
-def flight() -> Flight:
+def flight() -> FlightRecord:
     """Two transmitters and no known start: both sides are kept for a while."""
     return fly(scenario("navigation.assume.transmitters=2", "navigation.assume.known_start=false"))[
         0
@@ -47,11 +47,11 @@ def flight() -> Flight:
 
 
 @pytest.fixture(scope="module")
-def errors(flight: Flight) -> list[Any]:
+def errors(flight: FlightRecord) -> list[Any]:
     return position_and_bearing_errors(flight)
 
 
-def estimates_of(flight: Flight) -> TightEstimates:
+def estimates_of(flight: FlightRecord) -> TightEstimates:
     (estimates,) = flight.estimates
     assert isinstance(estimates, TightEstimates)
     return estimates
@@ -98,14 +98,14 @@ def test_a_scenario_has_the_defaults_of_the_settings() -> None:
     ],
 )
 def test_every_key_reaches_its_setting(
-    key: str, value: str, field: str, expected: float, flight: Flight
+    key: str, value: str, field: str, expected: float, flight: FlightRecord
 ) -> None:
     made = navigation_settings(scenario(f"navigation.assume.{key}={value}"), flight.trajectory, 0)
     assert getattr(made, field) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("flag", ["exact_leader", "drift", "deviation", "current", "offsets"])
-def test_every_assumption_reaches_its_setting(flag: str, flight: Flight) -> None:
+def test_every_assumption_reaches_its_setting(flag: str, flight: FlightRecord) -> None:
     other = not getattr(Assume(), flag)
     made = navigation_settings(
         scenario(f"navigation.assume.{flag}={str(other).lower()}"), flight.trajectory, 0
@@ -115,7 +115,7 @@ def test_every_assumption_reaches_its_setting(flag: str, flight: Flight) -> None
     assert made.assume == replace(usual, **{flag: other})
 
 
-def test_physical_vehicles_slip_and_points_do_not(flight: Flight) -> None:
+def test_physical_vehicles_slip_and_points_do_not(flight: FlightRecord) -> None:
     def slip(*assignments: str) -> float:
         made = navigation_settings(scenario(*assignments), flight.trajectory, 0)
         assert isinstance(made, TightSettings)
@@ -126,14 +126,14 @@ def test_physical_vehicles_slip_and_points_do_not(flight: Flight) -> None:
     assert slip("motion=physics", "navigation.assume.slip_m_sqrt_s=0") == 0.0
 
 
-def test_studies_of_laisn_are_given_its_settings_alone(flight: Flight) -> None:
+def test_studies_of_laisn_are_given_its_settings_alone(flight: FlightRecord) -> None:
     with pytest.raises(LaisnError, match=r"navigates by 'tight'; expected one of laisn-2, "):
         settings_as(NavigationSettings, flight.scenario, flight.trajectory, 0)
     laisn = navigation_settings(load_scenario("T2", []), flight.trajectory, 0)
     assert isinstance(laisn, NavigationSettings)
 
 
-def test_it_is_flown_as_it_navigates_afterwards(flight: Flight) -> None:
+def test_it_is_flown_as_it_navigates_afterwards(flight: FlightRecord) -> None:
     again = navigate(flight.scenario, flight.trajectory)
     assert bits(again.estimates) == bits(flight.estimates)
     estimates = estimates_of(flight)
@@ -142,12 +142,12 @@ def test_it_is_flown_as_it_navigates_afterwards(flight: Flight) -> None:
     assert np.isnan(estimates.full_state[:, 5:]).all()
 
 
-def test_its_log_gives_the_same_flight_to_the_bit(flight: Flight, tmp_path: Path) -> None:
+def test_its_log_gives_the_same_flight_to_the_bit(flight: FlightRecord, tmp_path: Path) -> None:
     writer.write(flight, tmp_path / "a.mcap")
     assert bits(reader.read(tmp_path / "a.mcap")) == bits(flight)
 
 
-def test_a_mixture_that_lacks_a_message_is_detected(flight: Flight, tmp_path: Path) -> None:
+def test_a_mixture_that_lacks_a_message_is_detected(flight: FlightRecord, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     writer.write(flight, path)
     parts = Parts.of(path.read_bytes())
@@ -161,14 +161,14 @@ def test_a_mixture_that_lacks_a_message_is_detected(flight: Flight, tmp_path: Pa
         reader.read(path)
 
 
-def test_an_excerpt_keeps_the_mixtures_of_its_messages(flight: Flight) -> None:
+def test_an_excerpt_keeps_the_mixtures_of_its_messages(flight: FlightRecord) -> None:
     whole, part = estimates_of(flight), estimates_of(excerpt(flight, 10.0, 20.0))
     assert part.fix_step.tolist() == (whole.fix_step[10:20] - 100).tolist()
     np.testing.assert_array_equal(part.weight, whole.weight[10:20])
     np.testing.assert_array_equal(part.state, whole.state[100:200])
 
 
-def test_the_film_shows_every_side_and_they_average_to_the_estimate(flight: Flight) -> None:
+def test_the_film_shows_every_side_and_they_average_to_the_estimate(flight: FlightRecord) -> None:
     data, estimates = FilmData(flight, 10.0), estimates_of(flight)
     several = 0
     for time in np.arange(1.05, 40.0, 1.7):
@@ -182,7 +182,9 @@ def test_the_film_shows_every_side_and_they_average_to_the_estimate(flight: Flig
     assert estimates.weight.shape[1] == HYPOTHESES
 
 
-def test_the_summary_begins_where_the_start_is_found(flight: Flight, errors: list[Any]) -> None:
+def test_the_summary_begins_where_the_start_is_found(
+    flight: FlightRecord, errors: list[Any]
+) -> None:
     assert np.isnan(errors[0][0][:9]).all()
     row = summarise(flight)["followers"]["follower"]
     truth, estimates = flight.hydrophone(0)[9:, :2], estimates_of(flight)
@@ -199,7 +201,7 @@ def test_the_summary_begins_where_the_start_is_found(flight: Flight, errors: lis
     assert row["fixes"]["ranges"] == 40
 
 
-def test_more_transmitters_and_more_messages_can_be_better(flight: Flight) -> None:
+def test_more_transmitters_and_more_messages_can_be_better(flight: FlightRecord) -> None:
     three = fly(scenario("navigation.assume.transmitters=3"))[0]
     assert np.all(flight_bound(three)[10:] < flight_bound(flight)[10:])
     (received,) = flight.measurements
@@ -210,14 +212,14 @@ def test_more_transmitters_and_more_messages_can_be_better(flight: Flight) -> No
     assert np.all(np.diff(flight_bound(deaf)[60:]) > 0.0)
 
 
-def _parts(flight: Flight, errors: list[Any]) -> list[str]:
+def _parts(flight: FlightRecord, errors: list[Any]) -> list[str]:
     """Labels of what the report draws over time."""
     (over_time,) = follower_curves(flight, 0, errors[0], flight_bound(flight)).panels
     return [part.y_label for part in over_time.parts]
 
 
 def test_the_report_draws_bound_and_weights_and_prints_results(
-    flight: Flight, errors: list[Any]
+    flight: FlightRecord, errors: list[Any]
 ) -> None:
     assert _parts(flight, errors)[-2:] == ["fixes", "weights"]
     names = [row[1].text for row in final_states(flight)]

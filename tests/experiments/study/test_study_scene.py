@@ -9,7 +9,7 @@ from experiments.study.file import of_table
 from experiments.study.study import RUNS, run_studies
 from reports.flight_report import scene_of_flight
 from reports.scene.mission import Scene
-from sim.flight import Flight
+from sim.flight import FlightRecord
 
 
 def test_a_page_shows_the_worst_run_in_3d(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -20,9 +20,9 @@ def test_a_page_shows_the_worst_run_in_3d(tmp_path: Path, monkeypatch: pytest.Mo
         "set": {"duration_s": 20.0, "motion": "kinematic"},
         "vary": {"sensors.speed_bias_m_s": [0.0, 0.5]},
     }
-    seen: list[Flight] = []
+    seen: list[FlightRecord] = []
 
-    def shown_in_3d(flight: Flight) -> Scene:
+    def shown_in_3d(flight: FlightRecord) -> Scene:
         seen.append(flight)
         return scene_of_flight(flight)
 

@@ -9,11 +9,11 @@ from typer.testing import CliRunner
 import laisn_sim
 from laisn_sim.cli.main import app
 from sim.datasets.factor_graph import read_factor_graph
-from sim.flight import Flight
+from sim.flight import FlightRecord
 
 
 @pytest.fixture(scope="module")
-def flight() -> Flight:
+def flight() -> FlightRecord:
     # a log and a compass without constant errors, which the graph has no variables for
     changes = {
         "sensors.speed_bias_m_s": 0.0,
@@ -24,7 +24,7 @@ def flight() -> Flight:
 
 
 @pytest.fixture(scope="module")
-def graph(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def graph(flight: FlightRecord, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("graph")
     log = laisn_sim.write_log(flight, folder / "flight.mcap")
     result = CliRunner().invoke(app, ["log", "export", str(log), str(folder / "out"), "--pyfg"])
@@ -32,7 +32,9 @@ def graph(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "out" / "follower.pyfg"
 
 
-def test_the_importer_reads_odometry_ranges_and_the_true_path(flight: Flight, graph: Path) -> None:
+def test_the_importer_reads_odometry_ranges_and_the_true_path(
+    flight: FlightRecord, graph: Path
+) -> None:
     data, (measured,) = read_factor_graph(graph), flight.measurements
     at = measured.message_step
     np.testing.assert_allclose(data.time, np.append(0.0, measured.time[at - 1]), atol=1e-9)

@@ -11,7 +11,7 @@ from experiments.flight.library import load_scenario
 from sim.film.cameras import CameraRig
 from sim.film.film_data import FilmData
 from sim.film.overlay import Overlay, nearest, place_labels
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from sim.scenario.formation import Station
 from sim.scenario.settings import Follower, Video
 from tests.synthetic import make_flight
@@ -19,7 +19,7 @@ from tests.synthetic import make_flight
 BEHIND, DEPTH = 10.0, 12.0
 
 
-def in_formation() -> Flight:
+def in_formation() -> FlightRecord:
     """The second of three followers has a station straight behind the leader; the others keep to
     routes.
     """
@@ -30,7 +30,7 @@ def in_formation() -> Flight:
     return dataclasses.replace(flight, scenario=scenario)
 
 
-def film_data_of(flight: Flight, follower: int = 0) -> FilmData:
+def film_data_of(flight: FlightRecord, follower: int = 0) -> FilmData:
     return FilmData(flight, 20.0, follower)
 
 

@@ -16,7 +16,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from laisn.estimates import FixKind
 from laisn_sim.cli import replaying
-from sim.flight import Flight, Termination, position_and_bearing_errors
+from sim.flight import FlightRecord, Termination, position_and_bearing_errors
 from sim.log import writer
 from sim.log.contents import Contents, LogError
 from sim.log.export import export
@@ -26,12 +26,12 @@ from tests.synthetic import bits, make_flight, messages, short_flight, write_log
 
 
 @pytest.fixture(scope="module")
-def flight() -> Flight:
+def flight() -> FlightRecord:
     return short_flight()
 
 
 @pytest.fixture(scope="module")
-def written(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(flight: FlightRecord, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_log(flight, tmp_path_factory.mktemp("log"))
 
 
@@ -132,7 +132,7 @@ def test_no_rows_make_no_messages() -> None:
     )
 
 
-def test_channels_times_and_attachments(flight: Flight, written: Path) -> None:
+def test_channels_times_and_attachments(flight: FlightRecord, written: Path) -> None:
     epoch = int(datetime(2026, 1, 1, tzinfo=UTC).timestamp()) * 10**9
     counts: dict[str, int] = {}
     with written.open("rb") as stream:
@@ -179,7 +179,7 @@ def test_channels_times_and_attachments(flight: Flight, written: Path) -> None:
     assert "east" in metadata["conventions"]["world"]
 
 
-def test_poses_transforms_and_errors_are_the_flight(flight: Flight, written: Path) -> None:
+def test_poses_transforms_and_errors_are_the_flight(flight: FlightRecord, written: Path) -> None:
     t = flight.trajectory
     pose = messages(written, "/follower/pose")[100]
     transforms = [
@@ -209,7 +209,7 @@ def test_poses_transforms_and_errors_are_the_flight(flight: Flight, written: Pat
     )
 
 
-def test_log_lines_list_kinds_events_and_outcome(flight: Flight, written: Path) -> None:
+def test_log_lines_list_kinds_events_and_outcome(flight: FlightRecord, written: Path) -> None:
     lines = messages(written, "/log")
     kinds = flight.estimates[0].fix_kind
     assert sum(line.message == "fix: rejected" for line in lines) == np.count_nonzero(
@@ -229,7 +229,9 @@ def test_log_lines_list_kinds_events_and_outcome(flight: Flight, written: Path) 
     assert lines[-1].message == Termination.COMPLETED.value
 
 
-def test_video_lies_among_the_messages_in_order_of_time(flight: Flight, tmp_path: Path) -> None:
+def test_video_lies_among_the_messages_in_order_of_time(
+    flight: FlightRecord, tmp_path: Path
+) -> None:
     frames = [(0.5 * k, bytes([k])) for k in range(70)]
     writer.write(flight, tmp_path / "a.mcap", video=frames)
     video = messages(tmp_path / "a.mcap", "/camera")
@@ -249,7 +251,7 @@ def test_video_lies_among_the_messages_in_order_of_time(flight: Flight, tmp_path
 
 
 @pytest.mark.parametrize("table_format", ["parquet", "csv"])
-def test_export(flight: Flight, written: Path, tmp_path: Path, table_format: Any) -> None:
+def test_export(flight: FlightRecord, written: Path, tmp_path: Path, table_format: Any) -> None:
     import pyarrow.csv
     import pyarrow.parquet
 
@@ -268,7 +270,7 @@ def test_export(flight: Flight, written: Path, tmp_path: Path, table_format: Any
         export(written, tmp_path, "xls")
 
 
-def test_the_documented_channels_are_those_of_the_log(flight: Flight, tmp_path: Path) -> None:
+def test_the_documented_channels_are_those_of_the_log(flight: FlightRecord, tmp_path: Path) -> None:
     """Topics and types of the table in docs/log.md; and those of what navigators add."""
     text = (Path(__file__).parents[3] / "docs/log.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(/\S*)` \| ((?:foxglove|laisn)\.\w+)", text, re.MULTILINE)
@@ -303,7 +305,7 @@ def test_info(written: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "checksum" not in reported
 
 
-def test_an_epoch_that_no_log_can_hold(flight: Flight, tmp_path: Path) -> None:
+def test_an_epoch_that_no_log_can_hold(flight: FlightRecord, tmp_path: Path) -> None:
     for epoch in ("1969-12-31T23:59:59+00:00", "2105-01-01T00:00:00+00:00"):
         early = dataclasses.replace(
             flight, scenario=flight.scenario.model_copy(update={"epoch": epoch})

@@ -22,7 +22,7 @@ from mcap.records import Chunk
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_protobuf.schema import register_schema
 
-from sim.flight import Flight, Termination, excerpt
+from sim.flight import FlightRecord, Termination, excerpt
 from sim.log import writer
 from sim.log.contents import Contents, LogError, recover
 from sim.log.export import export
@@ -43,22 +43,22 @@ FOLLOWER_CHANNELS = (
 
 
 @pytest.fixture(scope="module")
-def flight() -> Flight:
+def flight() -> FlightRecord:
     return make_flight(35.0, 2)
 
 
-def log_of(flight: Flight, folder: Path) -> bytes:
+def log_of(flight: FlightRecord, folder: Path) -> bytes:
     path = folder / "flight.mcap"
     writer.write(flight, path)
     return path.read_bytes()
 
 
 @pytest.fixture(scope="module")
-def whole(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+def whole(flight: FlightRecord, tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return log_of(flight, tmp_path_factory.mktemp("whole"))
 
 
-def is_start_of(part: Flight, flight: Flight) -> bool:
+def is_start_of(part: FlightRecord, flight: FlightRecord) -> bool:
     """Whether a flight is the first n filter steps of another, and is marked as interrupted."""
     n = part.measurements[0].speed.size
     begin = excerpt(flight, 0.0, n * flight.measurements[0].dt)
@@ -79,20 +79,20 @@ def is_start_of(part: Flight, flight: Flight) -> bool:
 
 
 @pytest.fixture(scope="module")
-def brief() -> Flight:
+def brief() -> FlightRecord:
     """Of three blocks of 20 s."""
     return make_flight(44.0, 2)
 
 
 @pytest.fixture(scope="module")
-def brief_log(brief: Flight, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+def brief_log(brief: FlightRecord, tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return log_of(brief, tmp_path_factory.mktemp("brief"))
 
 
 @pytest.mark.system
 @pytest.mark.parametrize("seed", range(60))
 def test_no_damaged_log_gives_another_flight(
-    brief: Flight, brief_log: bytes, tmp_path: Path, seed: int
+    brief: FlightRecord, brief_log: bytes, tmp_path: Path, seed: int
 ) -> None:
     """It is refused; what is recovered is the start of the flight, or all of it."""
     data, what = damaged(brief_log, np.random.default_rng(seed))
@@ -110,7 +110,7 @@ def test_no_damaged_log_gives_another_flight(
 @pytest.mark.system
 @pytest.mark.parametrize("seed", range(20))
 def test_of_a_truncated_log_a_prefix_is_recovered(
-    brief: Flight, brief_log: bytes, tmp_path: Path, seed: int
+    brief: FlightRecord, brief_log: bytes, tmp_path: Path, seed: int
 ) -> None:
     """All but the last block, at most, and the messages of every channel of it."""
     length = int(np.random.default_rng(seed).integers(len(brief_log) // 2, len(brief_log)))
@@ -146,7 +146,7 @@ def since(seconds: float, parts: Parts) -> int:
 
 @pytest.mark.parametrize("compression", list(CompressionType))
 def test_what_another_program_rewrote_is_read_as_it_is(
-    flight: Flight, whole: bytes, tmp_path: Path, compression: CompressionType
+    flight: FlightRecord, whole: bytes, tmp_path: Path, compression: CompressionType
 ) -> None:
     def otherwise(parts: Parts) -> None:
         parts.compression, parts.chunk_size = compression, 20_000
@@ -198,7 +198,9 @@ def test_a_missing_message_of_a_flight_is_detected(
         read(path)
 
 
-def test_a_log_cut_twice_is_recovered_twice(flight: Flight, whole: bytes, tmp_path: Path) -> None:
+def test_a_log_cut_twice_is_recovered_twice(
+    flight: FlightRecord, whole: bytes, tmp_path: Path
+) -> None:
     def in_small_chunks(parts: Parts) -> None:
         parts.chunk_size = 20_000
 
@@ -454,6 +456,6 @@ def test_topics_of_any_name_have_a_table_of_their_own(tmp_path: Path) -> None:
     assert speeds == {float(k) for k in range(len(topics))}
 
 
-def test_an_excerpt_is_no_log(flight: Flight, tmp_path: Path) -> None:
+def test_an_excerpt_is_no_log(flight: FlightRecord, tmp_path: Path) -> None:
     with pytest.raises(LogError, match="begins with its mission; this flight at 5 s"):
         writer.write(excerpt(flight, 5.0, 9.0), tmp_path / "a.mcap")

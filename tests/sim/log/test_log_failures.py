@@ -16,7 +16,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from sim.flight import Flight, Termination
+from sim.flight import FlightRecord, Termination
 from sim.log import writer
 from sim.log.contents import Contents, LogError, partial_path, recover
 from sim.log.export import export
@@ -25,12 +25,12 @@ from tests.synthetic import bits, make_flight, short_flight, write_log
 
 
 @pytest.fixture(scope="module")
-def flight() -> Flight:
+def flight() -> FlightRecord:
     return short_flight()
 
 
 @pytest.fixture(scope="module")
-def written(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(flight: FlightRecord, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_log(flight, tmp_path_factory.mktemp("log"))
 
 
@@ -49,7 +49,7 @@ def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.system
-def test_every_flipped_bit_is_detected(flight: Flight, written: Path, tmp_path: Path) -> None:
+def test_every_flipped_bit_is_detected(flight: FlightRecord, written: Path, tmp_path: Path) -> None:
     """Damage is refused with one line; what stands behind the data section and was damaged
     changes no flight.
     """
@@ -79,7 +79,7 @@ def test_every_flipped_bit_is_detected(flight: Flight, written: Path, tmp_path: 
 
 
 def test_a_cut_off_log_is_refused_and_recovered(
-    flight: Flight, written: Path, tmp_path: Path
+    flight: FlightRecord, written: Path, tmp_path: Path
 ) -> None:
     whole, printed = written.read_bytes(), list[str]()
     for length in (9, 3 * len(whole) // 4, len(whole) - 1):
@@ -121,7 +121,7 @@ def test_a_cut_off_log_is_refused_and_recovered(
 
 @pytest.mark.parametrize("what", ["a byte", "text", "zeros", "another log"])
 def test_bytes_behind_the_end_are_called_so_and_left_out(
-    flight: Flight, written: Path, tmp_path: Path, what: str
+    flight: FlightRecord, written: Path, tmp_path: Path, what: str
 ) -> None:
     whole = written.read_bytes()
     rest = {
@@ -283,14 +283,16 @@ def test_when_the_disk_is_full_at_once_nothing_stays(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_no_space_left(flight: Flight, tmp_path: Path) -> None:
+def test_no_space_left(flight: FlightRecord, tmp_path: Path) -> None:
     (tmp_path / "a.mcap.partial").symlink_to("/dev/full")
     with pytest.raises(LogError, match=r"a\.mcap: cannot be written: No space left on device"):
         writer.write(flight, tmp_path / "a.mcap")
     assert not list(tmp_path.iterdir())
 
 
-def test_folders_that_cannot_be_written(flight: Flight, written: Path, tmp_path: Path) -> None:
+def test_folders_that_cannot_be_written(
+    flight: FlightRecord, written: Path, tmp_path: Path
+) -> None:
     with pytest.raises(LogError, match="cannot be written: No such file or directory"):
         writer.write(flight, tmp_path / "absent" / "a.mcap")
     (tmp_path / "file").touch()
@@ -304,7 +306,7 @@ def test_folders_that_cannot_be_written(flight: Flight, written: Path, tmp_path:
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_a_folder_without_permission(flight: Flight, tmp_path: Path) -> None:
+def test_a_folder_without_permission(flight: FlightRecord, tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
     with pytest.raises(LogError, match="cannot be written: Permission denied"):
         writer.write(flight, tmp_path / "a.mcap")

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from sim.log import writer
 from sim.log.contents import Contents, LogError
 from sim.log.export import write_recording
@@ -86,12 +86,12 @@ def film(frames: int) -> Iterator[tuple[float, bytes]]:
 
 
 @pytest.fixture(scope="module")
-def flight() -> Flight:
+def flight() -> FlightRecord:
     return make_flight(20.0)
 
 
 @pytest.fixture(scope="module")
-def written(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(flight: FlightRecord, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("interop") / "mission.mcap"
     writer.write(flight, path, video=list(film(20)))
     return path
@@ -165,7 +165,7 @@ def test_a_flight_that_ends_before_its_first_message_has_a_recording(tmp_path: P
     RERUN is None, reason="the rerun command is not installed (pip install rerun-sdk)"
 )
 def test_a_recording_holds_hulls_trails_rays_and_estimates_in_their_places(
-    flight: Flight, written: Path, tmp_path: Path
+    flight: FlightRecord, written: Path, tmp_path: Path
 ) -> None:
     """Read back by Rerun itself."""
     path = write_recording(written, tmp_path / "mission.rrd")
@@ -227,7 +227,7 @@ def node(script: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([str(NODE), "-e", script, *arguments], capture_output=True, text=True)
 
 
-def test_typescript_reads_the_same_numbers(flight: Flight, written: Path) -> None:
+def test_typescript_reads_the_same_numbers(flight: FlightRecord, written: Path) -> None:
     """Needs node, and the packages in a folder that NODE_PATH names."""
     if NODE is None:
         pytest.skip("node is not installed")

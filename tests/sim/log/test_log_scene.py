@@ -17,19 +17,19 @@ import models
 from laisn.arrays import Floats
 from sim.attitude import FLATTENING, SEMI_MAJOR_AXIS, geodetic
 from sim.film import film_data as film
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from sim.log.contents import Contents
 from sim.log.scene import ESTIMATE_HUE, FOLLOWER_HUE, LEADER_HUE, layout
 from tests.synthetic import make_flight, messages, short_flight, write_log
 
 
 @pytest.fixture(scope="module")
-def flight() -> Flight:
+def flight() -> FlightRecord:
     return short_flight()
 
 
 @pytest.fixture(scope="module")
-def written(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(flight: FlightRecord, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_log(flight, tmp_path_factory.mktemp("log"))
 
 
@@ -68,7 +68,9 @@ def test_the_hull_in_the_scene_fills_the_model(name: str, written: Path) -> None
     np.testing.assert_allclose(shown.max(axis=0), expected.max(axis=0), atol=1e-6)
 
 
-def test_fins_of_the_scene_turn_with_their_deflections(flight: Flight, tmp_path: Path) -> None:
+def test_fins_of_the_scene_turn_with_their_deflections(
+    flight: FlightRecord, tmp_path: Path
+) -> None:
     """Rudders of a REMUS 100 turn about the vertical axis and stern planes about the lateral
     one.
     """
@@ -98,7 +100,7 @@ def test_fins_of_the_scene_turn_with_their_deflections(flight: Flight, tmp_path:
         np.testing.assert_allclose(turned, wanted, atol=1e-9)
 
 
-def test_the_scene_is_complete_at_every_second(flight: Flight, written: Path) -> None:
+def test_the_scene_is_complete_at_every_second(flight: FlightRecord, written: Path) -> None:
     update = messages(written, "/scene/vehicles")[20]
     entities = {e.id: e for e in update.entities}
     assert set(entities) == {"leader/trail", "follower/trail", "follower/estimate"}
@@ -120,7 +122,7 @@ def test_the_scene_is_complete_at_every_second(flight: Flight, written: Path) ->
 
 
 def test_a_ping_is_drawn_from_the_transmitters_to_the_hydrophone(
-    flight: Flight, written: Path
+    flight: FlightRecord, written: Path
 ) -> None:
     t, m = flight.trajectory, flight.measurements[0]
     ping = messages(written, "/scene/acoustics")[9].entities[0]

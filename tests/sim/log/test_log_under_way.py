@@ -19,7 +19,7 @@ from experiments.flight.fly import MissionToFly
 from experiments.flight.library import as_scenario
 from laisn_sim.cli.main import app
 from reports.summary import flight_events
-from sim.flight import Flight, Termination
+from sim.flight import FlightRecord, Termination
 from sim.log import reader, writer
 from sim.log.contents import Contents, partial_path, recover
 from tests.synthetic import bits
@@ -76,7 +76,7 @@ def test_a_log_under_way_has_the_bytes_of_the_finished_flight(
     require_beginning(begun, flight)
 
 
-def require_beginning(begun: Flight, whole: Flight) -> None:
+def require_beginning(begun: FlightRecord, whole: FlightRecord) -> None:
     """What a flight holds is what another begins with."""
     n = begun.trajectory.time.size
     np.testing.assert_array_equal(begun.trajectory.pose, whole.trajectory.pose[:n])

@@ -25,7 +25,7 @@ from typer.testing import CliRunner
 
 from laisn_sim.cli.main import app
 from sim import attitude
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from sim.log import writer
 from sim.log.ros2_robot import roll_pitch_yaw, urdf
 from tests.synthetic import make_flight, moved
@@ -33,7 +33,7 @@ from tests.synthetic import make_flight, moved
 EPOCH_NS = 1767225600 * 10**9  # 2026-01-01T00:00:00Z, the epoch of scenarios
 
 
-def export(flight: Flight, folder: Path, **more: Any) -> Path:
+def export(flight: FlightRecord, folder: Path, **more: Any) -> Path:
     """The bag that the command writes of a flight's log."""
     log = folder / "mission.mcap"
     writer.write(flight, log, **more)
@@ -84,12 +84,12 @@ def wxyz(turn: Any) -> list[float]:
 
 
 @pytest.fixture(scope="module")
-def flight() -> Flight:
+def flight() -> FlightRecord:
     return make_flight(30.0, 2)
 
 
 @pytest.fixture(scope="module")
-def bag(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bag(flight: FlightRecord, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return export(flight, tmp_path_factory.mktemp("ros2"))
 
 
@@ -101,7 +101,7 @@ def topics(request: pytest.FixtureRequest, bag: Path) -> dict[str, list[tuple[in
 Topics = dict[str, list[tuple[int, Any]]]
 
 
-def test_the_truth_is_that_of_the_flight(topics: Topics, flight: Flight) -> None:
+def test_the_truth_is_that_of_the_flight(topics: Topics, flight: FlightRecord) -> None:
     t = flight.trajectory
     times = EPOCH_NS + np.rint(1e9 * t.time).astype(np.int64)
     for v, name in enumerate(t.names):
@@ -126,7 +126,7 @@ def stamp_ns_of_clock(message: Any) -> int:
     return int(message.clock.sec) * 10**9 + int(message.clock.nanosec)
 
 
-def test_the_estimate_is_that_of_the_flight(topics: Topics, flight: Flight) -> None:
+def test_the_estimate_is_that_of_the_flight(topics: Topics, flight: FlightRecord) -> None:
     for i, name in enumerate(flight.trajectory.names[1:]):
         e = flight.estimates[i]
         m = flight.measurements[i]
@@ -152,7 +152,7 @@ def test_the_estimate_is_that_of_the_flight(topics: Topics, flight: Flight) -> N
         assert np.allclose(spread[:, 0, 0], along, atol=1e-12, rtol=0)
 
 
-def test_measurements_are_those_of_the_flight(topics: Topics, flight: Flight) -> None:
+def test_measurements_are_those_of_the_flight(topics: Topics, flight: FlightRecord) -> None:
     for i, name in enumerate(flight.trajectory.names[1:]):
         m = flight.measurements[i]
         speed = [one.twist.twist.linear.x for _, one in topics[f"/{name}/speed_log"]]
@@ -209,7 +209,7 @@ def test_a_vehicle_at_030_points_there(tmp_path: Path) -> None:
     assert np.allclose(level_hull, [c, 0.0, 0.0, 0.5], atol=1e-15)
 
 
-def test_frames_are_those_of_rep_105(topics: Topics, flight: Flight) -> None:
+def test_frames_are_those_of_rep_105(topics: Topics, flight: FlightRecord) -> None:
     ((_, static),) = topics["/tf_static"]
     parents = {t.child_frame_id: t.header.frame_id for t in static.transforms}
     moving = {t.child_frame_id: t.header.frame_id for _, m in topics["/tf"] for t in m.transforms}
@@ -228,7 +228,7 @@ def test_frames_are_those_of_rep_105(topics: Topics, flight: Flight) -> None:
     assert "map" not in parents
 
 
-def test_places_on_the_map(topics: Topics, flight: Flight) -> None:
+def test_places_on_the_map(topics: Topics, flight: FlightRecord) -> None:
     scenario = flight.scenario
     first = topics["/leader/truth/navsat"][0][1]
     assert first.latitude == scenario.origin_latitude_deg
@@ -317,7 +317,7 @@ def test_the_hull_is_as_long_as_the_model(topics: Topics) -> None:
     assert max(ends) == pytest.approx(1.0, abs=1e-4)
 
 
-def test_the_view_shows_what_is_in_the_bag(bag: Path, flight: Flight) -> None:
+def test_the_view_shows_what_is_in_the_bag(bag: Path, flight: FlightRecord) -> None:
     view = YAML(typ="safe").load(bag / "view.rviz")["Visualization Manager"]
     assert view["Global Options"]["Fixed Frame"] == "map"
     shown = dict[str, str]()
@@ -384,13 +384,15 @@ def test_the_film_becomes_pictures(tmp_path: Path) -> None:
     assert np.allclose(means, 20.0 * np.arange(8), atol=4.0)
 
 
-def test_the_same_flight_gives_the_same_bytes(flight: Flight, bag: Path, tmp_path: Path) -> None:
+def test_the_same_flight_gives_the_same_bytes(
+    flight: FlightRecord, bag: Path, tmp_path: Path
+) -> None:
     again = export(flight, tmp_path)
     for name in ("bag.mcap", "metadata.yaml"):
         assert (again / name).read_bytes() == (bag / name).read_bytes()
 
 
-def test_a_bag_replaces_a_bag_and_nothing_else(flight: Flight, tmp_path: Path) -> None:
+def test_a_bag_replaces_a_bag_and_nothing_else(flight: FlightRecord, tmp_path: Path) -> None:
     writer.write(flight, tmp_path / "a.mcap")
 
     def run(folder: str) -> Any:

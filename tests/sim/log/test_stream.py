@@ -18,7 +18,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from websockets.sync.client import ClientConnection, connect
 
 from laisn.errors import LaisnError
-from sim.flight import Flight, Termination
+from sim.flight import FlightRecord, Termination
 from sim.log.stream import FoxgloveStream
 from sim.log.writer import channels
 from tests.laisn_sim.test_live import listening
@@ -65,7 +65,7 @@ def stream() -> Iterator[FoxgloveStream]:
     stream.close()
 
 
-def flown(flight: Flight, outcome: Termination) -> Flight:
+def flown(flight: FlightRecord, outcome: Termination) -> FlightRecord:
     return dataclasses.replace(flight, outcome=outcome)
 
 

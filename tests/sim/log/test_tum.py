@@ -17,7 +17,7 @@ from laisn import metrics
 from laisn.arrays import Floats
 from laisn_sim.cli.main import app
 from reports.summary import SEGMENTS_M, summarise
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from sim.log import writer
 from tests.synthetic import make_flight
 
@@ -45,12 +45,12 @@ def evo(command: str, *arguments: object, folder: Path) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def flight() -> Flight:
+def flight() -> FlightRecord:
     return make_flight(120.0)
 
 
 @pytest.fixture(scope="module")
-def folder(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(flight: FlightRecord, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The files that the command writes."""
     out = tmp_path_factory.mktemp("tum")
     writer.write(flight, out / "a.mcap")
@@ -60,12 +60,12 @@ def folder(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def errors_of(flight: Flight) -> Floats:
+def errors_of(flight: FlightRecord) -> Floats:
     truth = flight.hydrophone(0)[:, :2]
     return np.asarray(np.hypot(*(flight.estimates[0].state[:, :2] - truth).T))
 
 
-def test_evo_finds_the_position_error_of_the_summary(flight: Flight, folder: Path) -> None:
+def test_evo_finds_the_position_error_of_the_summary(flight: FlightRecord, folder: Path) -> None:
     files = ("follower_truth.tum", "follower_estimate.tum")
     found = evo("evo_ape", *files, "--project_to_plane", "xy", folder=folder)
     summary = summarise(flight)["followers"]["follower"]
@@ -86,7 +86,7 @@ def level(path: Path) -> Path:
 
 @pytest.mark.parametrize("length", [10.0, 50.0])
 def test_evo_finds_the_relative_error_of_the_summary(
-    flight: Flight, folder: Path, length: float
+    flight: FlightRecord, folder: Path, length: float
 ) -> None:
     files = [level(folder / f"follower_{name}.tum") for name in ("truth", "estimate")]
     options = ["--delta", length, "--delta_unit", "m", "--all_pairs", "--pairs_from_reference"]
@@ -112,7 +112,7 @@ def test_two_formats_at_once_are_refused(folder: Path) -> None:
     assert not (folder / "b").exists()
 
 
-def test_lines_are_poses_at_the_times_of_the_steps(flight: Flight, folder: Path) -> None:
+def test_lines_are_poses_at_the_times_of_the_steps(flight: FlightRecord, folder: Path) -> None:
     lines = (folder / "follower_truth.tum").read_text().splitlines()
     assert re.fullmatch(r"1767225600\.100000000( -?\d+\.\d{9}){7}", lines[1])
     rows = np.loadtxt(folder / "follower_truth.tum")
@@ -168,7 +168,7 @@ def test_a_vehicle_that_waits_has_the_first_step_at_the_end() -> None:
     assert metrics.relative_errors(estimate, truth, 10.0).tolist() == [1.0]
 
 
-def test_summaries_hold_the_lengths_that_the_path_has(flight: Flight) -> None:
+def test_summaries_hold_the_lengths_that_the_path_has(flight: FlightRecord) -> None:
     rows = summarise(flight)["followers"]["follower"]["relative_errors"]
     # two minutes at 1.15 m/s on a wider circle are 138 m
     assert [row["length_m"] for row in rows] == [one for one in SEGMENTS_M if one < 138.0]

@@ -13,7 +13,7 @@ from experiments.flight.library import as_scenario
 from laisn_sim.cli.main import app
 from sim.cautions import RULES, clock_error_s, closing_speed, distances, echo_delay_m
 from sim.feasibility import cautions
-from sim.flight import Flight, position_and_bearing_errors
+from sim.flight import FlightRecord, position_and_bearing_errors
 from sim.scenario.settings import Scenario
 
 QUIET = {
@@ -34,13 +34,13 @@ def scenario_of(changes: dict[str, Any]) -> Scenario:
     return as_scenario("T7", {**QUIET, **changes})
 
 
-def flown(changes: dict[str, Any]) -> Flight:
+def flown(changes: dict[str, Any]) -> FlightRecord:
     flight, _ = fly(scenario_of(changes))
     return flight
 
 
 @pytest.fixture(scope="module")
-def quiet() -> Flight:
+def quiet() -> FlightRecord:
     return flown({})
 
 
@@ -54,11 +54,11 @@ def stated(line: str) -> float:
     return float(re.findall(r"([\d.]+) m\b", line.split(";")[0])[-1])
 
 
-def test_a_mission_without_such_errors_has_no_cautions(quiet: Flight) -> None:
+def test_a_mission_without_such_errors_has_no_cautions(quiet: FlightRecord) -> None:
     assert cautions(quiet.scenario) == []
 
 
-def test_clocks_that_differ_change_every_range_by_what_is_stated(quiet: Flight) -> None:
+def test_clocks_that_differ_change_every_range_by_what_is_stated(quiet: FlightRecord) -> None:
     changes = {"acoustics.clock_offset_s": 1e-3, "acoustics.clock_drift_ppm": 5.0}
     line = the_caution(changes)
     error = flown(changes).measurements[0].ranges - quiet.measurements[0].ranges
@@ -69,7 +69,7 @@ def test_clocks_that_differ_change_every_range_by_what_is_stated(quiet: Flight) 
     assert cautions(scenario_of({**changes, "navigation.assume.clock": True})) == []
 
 
-def test_pings_in_slots_change_ranges_by_what_is_stated(quiet: Flight) -> None:
+def test_pings_in_slots_change_ranges_by_what_is_stated(quiet: FlightRecord) -> None:
     """The middle ping goes two slots after the rear one."""
     changes = {"acoustics.ping_slot_s": 0.2}
     slot_m = 0.2 * closing_speed(scenario_of(changes))
@@ -84,13 +84,13 @@ def test_pings_in_slots_change_ranges_by_what_is_stated(quiet: Flight) -> None:
         )
 
 
-def position_error(flight: Flight) -> float:
+def position_error(flight: FlightRecord) -> float:
     """Mean over the second half of the mission [m]."""
     errors = position_and_bearing_errors(flight)[0][0]
     return float(errors[errors.size // 2 :].mean())
 
 
-def test_a_bias_of_the_leaders_compass_turns_fixes_about_the_leader(quiet: Flight) -> None:
+def test_a_bias_of_the_leaders_compass_turns_fixes_about_the_leader(quiet: FlightRecord) -> None:
     changes = {"sensors.leader_heading_bias_deg": 5.0}
     line = the_caution(changes)
     flight = flown(changes)
@@ -109,7 +109,7 @@ def test_a_bias_of_the_leaders_compass_turns_fixes_about_the_leader(quiet: Fligh
 
 
 @pytest.mark.system
-def test_common_echoes_are_longer_than_the_span_by_what_is_stated(quiet: Flight) -> None:
+def test_common_echoes_are_longer_than_the_span_by_what_is_stated(quiet: FlightRecord) -> None:
     changes = {
         "acoustics.common_echoes": True,
         "acoustics.surface_echo_probability": 1.0,
@@ -130,7 +130,7 @@ def test_common_echoes_are_longer_than_the_span_by_what_is_stated(quiet: Flight)
     assert cautions(scenario_of({**changes, "acoustics.common_echoes": False})) == []
 
 
-def test_followers_drift_with_the_position_that_the_leader_broadcasts(quiet: Flight) -> None:
+def test_followers_drift_with_the_position_that_the_leader_broadcasts(quiet: FlightRecord) -> None:
     changes = {"sensors.leader_position_drift_m_s": 0.05}
     line = the_caution(changes)
     assert stated(line) == pytest.approx(6.0)

@@ -9,7 +9,7 @@ import laisn_sim
 from experiments.campaign.montecarlo import Cell
 from laisn.errors import LaisnError
 from reports.bound import noise_of
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from sim.scenario.settings import Scenario
 
 THREE = {
@@ -23,12 +23,14 @@ OWN = {"heading_bias_deg": -7.0, "speed_bias_m_s": 0.05, "depth_sigma_m": 0.5}
 
 
 @pytest.fixture(scope="module")
-def flights() -> tuple[Flight, Flight]:
+def flights() -> tuple[FlightRecord, FlightRecord]:
     """Three followers without and with errors of the second one's own."""
     return laisn_sim.fly("T5", THREE), laisn_sim.fly("T5", THREE | {"followers.1.sensors": OWN})
 
 
-def test_a_key_of_one_follower_changes_that_follower_alone(flights: tuple[Flight, Flight]) -> None:
+def test_a_key_of_one_follower_changes_that_follower_alone(
+    flights: tuple[FlightRecord, FlightRecord],
+) -> None:
     plain, changed = flights
     for i in (0, 2):
         np.testing.assert_array_equal(
@@ -46,7 +48,9 @@ def test_a_key_of_one_follower_changes_that_follower_alone(flights: tuple[Flight
     np.testing.assert_array_equal(one.ranges, other.ranges)
 
 
-def test_a_campaign_has_the_errors_of_its_follower(flights: tuple[Flight, Flight]) -> None:
+def test_a_campaign_has_the_errors_of_its_follower(
+    flights: tuple[FlightRecord, FlightRecord],
+) -> None:
     scenario = flights[1].scenario
     assert [
         round(float(np.rad2deg(Cell.of(scenario, i, 1).errors.heading_bias)), 9) for i in range(3)

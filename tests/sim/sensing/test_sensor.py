@@ -21,7 +21,7 @@ from laisn.messages import Measurements
 from laisn.plugins import register
 from laisn_sim.cli.main import app
 from sim.attitude import rotate
-from sim.flight import Flight, navigate
+from sim.flight import FlightRecord, navigate
 from sim.sensing.noise import STREAMS, normals
 from sim.trajectory import Trajectory
 
@@ -48,9 +48,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_plugins: None) ->
     return tmp_path
 
 
-def fly(changes: dict[str, Any], **keys: Any) -> Flight:
+def fly(changes: dict[str, Any], **keys: Any) -> FlightRecord:
     sensor = {"sensor": "dvl:Dvl", **keys}
-    flight: Flight = laisn_sim.fly(
+    flight: FlightRecord = laisn_sim.fly(
         "dvl.toml", {"duration_s": 0.1 * STEPS, "sensors.custom": [sensor], **changes}
     )
     return flight

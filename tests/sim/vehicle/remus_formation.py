@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from laisn.arrays import Floats
-from sim.flight import Flight
+from sim.flight import FlightRecord
 from sim.tracking import StationKeeping, off_station, station_keeping
 
 SPEED, RADIUS, CORNER = 1.2, 120.0, np.pi / 18.0
@@ -47,13 +47,13 @@ def table(corners: int) -> dict[str, Any]:
     }
 
 
-def keeping(flight: Flight) -> list[StationKeeping]:
+def keeping(flight: FlightRecord) -> list[StationKeeping]:
     """How each follower kept its station."""
     off = off_station(flight.scenario, flight.trajectory)
     return [station_keeping(one, flight.trajectory.time) for one in off.T]
 
 
-def depth_rms(flight: Flight) -> float:
+def depth_rms(flight: FlightRecord) -> float:
     """Error of the followers' depths after the first 30 s, root mean square [m]."""
     depths = np.array([follower.layer_m for follower in flight.scenario.followers])
     return float(np.sqrt(np.mean((flight.trajectory.depth[300:, 1:] - depths) ** 2)))

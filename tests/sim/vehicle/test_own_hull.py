@@ -17,7 +17,7 @@ from experiments.study.plan import plan_of
 from laisn.errors import LaisnError
 from laisn.metrics import position_errors
 from sim.feasibility import cautions
-from sim.flight import Flight, Termination, navigation_settings
+from sim.flight import FlightRecord, Termination, navigation_settings
 from sim.log.scene import hull
 from sim.scenario.settings import Scenario
 from sim.vehicle.mjcf import NUMERICS, spec_of
@@ -340,7 +340,7 @@ SHORT = {"tx_rear": "-0.7 0 0", "tx_front": "0.7 0 0", "tx_middle": "0 0.2 0"}
 TOWED = {"tx_rear": "-12 0.5 -2", "tx_front": "-9 -0.5 -2.5", "tx_middle": "-10 1 -2"}
 
 
-def flown(hull: str, leader: dict[str, float], **more: Any) -> Flight:
+def flown(hull: str, leader: dict[str, float], **more: Any) -> FlightRecord:
     """A short flight with point motion behind a leader."""
     return laisn_sim.fly(
         {
