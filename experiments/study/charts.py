@@ -134,7 +134,7 @@ def _few(words: Mapping[float, str]) -> dict[float, str]:
 
 def _factors_at(plan: StudyPlan, condition: Condition) -> dict[str, Any]:
     """The values of factors, arm and follower of a place, by name."""
-    return {**plan.points[condition[0]], ARM: condition[1], FOLLOWER: condition[2]}
+    return {**plan.points[condition.point], ARM: condition.arm, FOLLOWER: condition.follower}
 
 
 Marks = dict[str, list[tuple[float, float, float, float]]]
@@ -348,7 +348,8 @@ def over_realizations(plan: StudyPlan, results: Results) -> Figures:
     drawn = dict[str, list[Line]]()
     for point, follower in itertools.product(range(len(plan.points)), plan.followers):
         means = [
-            np.sort(results.by_realization((point, arm, follower), metric)) for arm in plan.arms
+            np.sort(results.by_realization(Condition(point, arm, follower), metric))
+            for arm in plan.arms
         ]
         lines = [
             Line(
@@ -385,7 +386,7 @@ def over_draws(plan: StudyPlan, results: Results, point: int) -> Figures:
     metric = plan.study.file.report.metric
     panels = list[Panel]()
     label = METRICS[metric].label
-    places = [(point, arm, plan.followers[0]) for arm in plan.arms]
+    places = [Condition(point, arm, plan.followers[0]) for arm in plan.arms]
     for draw in plan.study.draws[:MOST_PANELS]:
         drawn = [[row[draw.key] for row in results.rows.get(condition, [])] for condition in places]
         lines = [
@@ -394,7 +395,7 @@ def over_draws(plan: StudyPlan, results: Results, point: int) -> Figures:
                 y=results.by_realization(condition, metric),
                 colour=colour,
                 marker="o",
-                name=condition[1],
+                name=condition.arm,
             )
             for condition, values, colour in zip(places, drawn, SERIES, strict=False)
             if values and all(map(is_number, values))

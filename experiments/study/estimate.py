@@ -9,7 +9,7 @@ by run.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import stdtrit
@@ -27,7 +27,15 @@ from reports.intervals import (
     mean_interval,
 )
 
-Condition = tuple[int, str, str]  # point, arm and follower
+
+class Condition(NamedTuple):
+    """What is told apart in the results of a study."""
+
+    point: int  # index into `StudyPlan.points`
+    arm: str
+    follower: str
+
+
 NOTHING = Interval(math.nan, math.nan, math.nan)
 INTERACTIONS = "interactions"
 _RESAMPLES = 1000
@@ -155,7 +163,7 @@ class Results:
         by_place: dict[Condition, list[Record]] = {}
         runs_of: dict[Condition, list[Record]] = {}
         for row, (_, lists) in zip(rows, runs, strict=True):
-            condition = row["point"], row["arm"], row["follower"]
+            condition = Condition(row["point"], row["arm"], row["follower"])
             by_place.setdefault(condition, []).append(row)
             runs_of.setdefault(condition, []).append(lists)
         return cls(rows=by_place, runs=runs_of)
@@ -189,7 +197,7 @@ class Results:
         """Mean of the arm of a place less that of the arm `base` at the same point, paired by
         realization and run.
         """
-        other = (condition[0], base, condition[2])
+        other = condition._replace(arm=base)
         if self._realizations(condition) != self._realizations(other):
             return NOTHING
         runs = self.by_run(condition, metric) or []
@@ -207,8 +215,11 @@ class Results:
 
     def differences(self, base: str, metric: str) -> dict[Condition, Interval]:
         """Differences from the arm `base` at all places of other arms where both were flown."""
-        places = [p for p in self.rows if p[1] != base and (p[0], base, p[2]) in self.rows]
-        return {condition: self.difference(condition, base, metric) for condition in places}
+        return {
+            condition: self.difference(condition, base, metric)
+            for condition in self.rows
+            if condition.arm != base and condition._replace(arm=base) in self.rows
+        }
 
 
 def explained(factor: Floats | Ints, values: Floats) -> Floats:
@@ -272,7 +283,7 @@ def main_effects(plan: StudyPlan, results: Results, metric: str) -> dict[str, In
     if plan.study.file.design == "factorial":
         effects = _analysis_of_variance(coded, samples, resamples, random)
     else:
-        points = np.array([condition[0] for condition in places])
+        points = np.array([condition.point for condition in places])
         effects = _quadratic_effects(coded, samples, points, resamples, random)
     return dict(sorted(effects.items(), key=lambda item: (item[0] == INTERACTIONS, -item[1].value)))
 
@@ -298,12 +309,12 @@ def _coded_factors(plan: StudyPlan, places: Sequence[Condition]) -> dict[str, Fl
     `explained`: a row for each place.
     """
     values: dict[str, list[Any]] = {
-        name: [plan.points[point][name] for point, _, _ in places] for name in varied(plan)
+        name: [plan.points[condition.point][name] for condition in places] for name in varied(plan)
     }
     if len(plan.arms) > 1:
-        values[ARM] = [arm for _, arm, _ in places]
+        values[ARM] = [condition.arm for condition in places]
     if len(plan.followers) > 1:
-        values[FOLLOWER] = [follower for _, _, follower in places]
+        values[FOLLOWER] = [condition.follower for condition in places]
     return {name: _coded(plan, name, of_places) for name, of_places in values.items()}
 
 

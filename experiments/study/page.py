@@ -41,12 +41,12 @@ _COLUMNS = (
 def _place_text(plan: StudyPlan, condition: Condition) -> str:
     """A place in words: its point, and arm and follower where there are several."""
     parts = []
-    if plan.points[condition[0]]:
-        parts.append(charts.point_text(plan.points[condition[0]]))
+    if plan.points[condition.point]:
+        parts.append(charts.point_text(plan.points[condition.point]))
     if len(plan.arms) > 1:
-        parts.append(f"arm {condition[1]}")
+        parts.append(f"arm {condition.arm}")
     if len(plan.followers) > 1:
-        parts.append(condition[2])
+        parts.append(condition.follower)
     return ", ".join(parts) or "the study's only point"
 
 
@@ -97,7 +97,7 @@ def worst_entry(plan: StudyPlan, results: Results) -> tuple[Entry, int, str]:
 
     condition = max(results.rows, key=size)
     (realization, run), _ = notable(plan, results, condition)
-    return plan.by_place[condition[0], condition[1], realization], run, condition[2]
+    return plan.by_place[condition.point, condition.arm, realization], run, condition.follower
 
 
 def commands(plan: StudyPlan, results: Results) -> str:
@@ -111,7 +111,7 @@ def commands(plan: StudyPlan, results: Results) -> str:
                 f" of realization {realization}" if plan.study.file.realizations > 1 else ""
             )
             lines.append(f"# {_place_text(plan, condition)}: {which} run, {run}{realization_text}")
-            entry = plan.by_place[condition[0], condition[1], realization]
+            entry = plan.by_place[condition.point, condition.arm, realization]
             measured = {key: results.rows[condition][0][key] for key in entry.measured}
             lines.append(fly_line(entry.source, entry.settings_at(run) | measured, run))
     return "\n".join(lines)
@@ -245,7 +245,7 @@ class StudyPage:
         """What the differences decide."""
         verdicts = {}
         for condition, difference in self.differences.items():
-            base = self.estimates[condition[0], self.plan.arms[0], condition[2]]
+            base = self.estimates[condition._replace(arm=self.plan.arms[0])]
             verdicts[condition] = _verdict(difference, self.estimates[condition].value, base.value)
         return verdicts
 
@@ -259,7 +259,7 @@ class StudyPage:
         """How often each verdict is that of an arm."""
         return {
             arm: Counter(
-                verdict for condition, verdict in self.verdicts.items() if condition[1] == arm
+                verdict for condition, verdict in self.verdicts.items() if condition.arm == arm
             )
             for arm in self.plan.arms[1:]
         }
@@ -294,6 +294,10 @@ class StudyPage:
             title="Worst and median run of every place",
             folded=len(self.results.rows) > 4,
         )
+
+    def entry_text(self, entry: Entry) -> str:
+        """The place of an entry's first follower in words."""
+        return self.place_text(Condition(entry.point, entry.arm, self.plan.followers[0]))
 
     def place_text(self, condition: Condition) -> str:
         """A place in words."""

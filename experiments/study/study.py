@@ -134,11 +134,11 @@ def findings_of(plan: StudyPlan, results: Results) -> dict[str, Finding]:
     findings = dict[str, Finding]()
     differences = results.differences(first, metric)
     for condition in results.rows:
-        name = f"{metric}: point {condition[0]}, arm {condition[1]}, {condition[2]}"
+        name = f"{metric}: point {condition.point}, arm {condition.arm}, {condition.follower}"
         meaning = "; ".join(
             [
                 METRICS[metric].what,
-                *(f"{key} = {value}" for key, value in plan.points[condition[0]].items()),
+                *(f"{key} = {value}" for key, value in plan.points[condition.point].items()),
             ]
         )
         findings[name] = of(results.estimate(condition, metric), meaning, METRICS[metric].unit)

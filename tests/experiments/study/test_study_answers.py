@@ -13,7 +13,7 @@ import pytest
 from plotly.graph_objects import Figure
 
 from experiments.study import charts
-from experiments.study.estimate import Results, shown
+from experiments.study.estimate import Condition, Results, shown
 from experiments.study.file import of_table
 from experiments.study.measure import METRICS
 from experiments.study.page import answer, commands, notable, page_of, worst_entry
@@ -81,8 +81,8 @@ def page(plan: StudyPlan, results: Results) -> Page:
     return page_of(plan, results, {})
 
 
-def place(point: int, arm: str) -> tuple[int, str, str]:
-    return point, arm, "follower"
+def place(point: int, arm: str) -> Condition:
+    return Condition(point, arm, "follower")
 
 
 def test_the_answer_names_the_best_the_worst_and_which_arm_wins_where(
@@ -501,7 +501,7 @@ def test_rows_of_closed_loops_are_extremes_roots_and_means_of_their_runs(plan: S
 
 def test_numbers_without_limits_stand_alone() -> None:
     nan = float("nan")
-    given = Results.of([], []).estimate((0, "", ""), "e_p_mean_m")
+    given = Results.of([], []).estimate(Condition(0, "", ""), "e_p_mean_m")
     assert shown(given) == "–"
     assert shown(type(given)(-1.2345, nan, nan), "m") == "−1.23 m"
     assert shown(type(given)(53124.6, nan, nan), "J") == "53,125 J"

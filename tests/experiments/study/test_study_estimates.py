@@ -14,7 +14,7 @@ from scipy.stats import beta, binomtest
 from experiments.campaign import montecarlo
 from experiments.flight.library import load_scenario
 from experiments.study import measure
-from experiments.study.estimate import Results, over_realizations, over_runs
+from experiments.study.estimate import Condition, Results, over_realizations, over_runs
 from experiments.study.measure import (
     DISC_DIAMETER_M,
     disc_power,
@@ -139,10 +139,10 @@ def results():
 
 def test_differences_of_arms_are_paired_by_run():
     """Noise of σ = 1 that both arms share drops out; what is left has σ = 0.01."""
-    found = results().difference((0, "b", "f"), "a", "e_p_mean_m")
+    found = results().difference(Condition(0, "b", "f"), "a", "e_p_mean_m")
     assert found.value == pytest.approx(-0.5, abs=0.01)
     assert found.high - found.low < 0.02
-    alone = results().estimate((0, "b", "f"), "e_p_mean_m")
+    alone = results().estimate(Condition(0, "b", "f"), "e_p_mean_m")
     assert alone.high - alone.low > 0.3
 
 
