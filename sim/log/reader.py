@@ -4,6 +4,7 @@ real vehicle.
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -488,6 +489,144 @@ def _last_of_equals(values: Ints) -> Bools:
     return np.append(np.diff(values) > 0, True)[: values.size]
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Channels:
+    """What the channels of one follower hold, message by message."""
+
+    time_ns: Ints  # of own measurements, shape (n,)
+    readings: Floats  # speed, heading and depth, shape (3, n)
+    heard_ns: Ints  # of receptions, shape (m,)
+    message: Floats  # what the leader sent, shape (m, …)
+    ranges: Floats  # NaN: not received, shape (m, transmitters)
+    places: Floats  # of the transmitters, shape (m, transmitters, 3)
+    absurd_ranges: int  # ranges that are no positive number
+    custom: Mapping[str, tuple[Ints, Floats]]  # times and numbers of further sensors
+    headers: Mapping[str, SensorHeader]  # of further sensors
+    unread: Sequence[str]  # channels of further sensors that hold no numbers
+    clock_remarks: Sequence[str]
+
+
+def _read_channels(log: Contents, motion_topic: str, reception_topic: str) -> _Channels:
+    """Read the channels of a follower, whose messages are then let go: hours of them would fill the
+    memory beside their numbers.
+    """
+    follower = motion_topic.split("/")[1]
+    motion = log.require(motion_topic, _OWN.fields)
+    needed = [name for name in _RECEIVED.fields if name not in _OPTIONAL]
+    reception = log.require(
+        reception_topic, needed, _RECEIVED.schema if FLIGHT in log.metadata else None
+    )
+    clock = _correct_clock(log, motion_topic, motion, reception)
+    message, ranges = (_optional(reception, array.names) for array in _RECEIVED.columns)
+    message[:, 0] += clock.leader_shift_s
+    absurd = ~np.isnan(ranges) & ~((ranges > 0) & np.isfinite(ranges))
+    ranges[absurd] = np.nan
+    places = _optional(reception, PLACES.names).reshape(-1, *PLACES.shape)
+    places[~np.all(np.isfinite(places), axis=2)] = np.nan
+    sensors = [name for name in log.topics if name.startswith(f"/{follower}/{SENSOR}")]
+    unread = [name for name in sensors if not _holds_numbers(log.topics[name])]
+    for name in unread:
+        del log.topics[name]
+    channels = _Channels(
+        time_ns=motion.time_ns,
+        readings=motion.table(_OWN.fields).T,
+        heard_ns=reception.time_ns,
+        message=message,
+        ranges=ranges,
+        places=places,
+        absurd_ranges=int(absurd.sum()),
+        custom={
+            sensor: (messages.time_ns, numbers)
+            for sensor, messages, numbers in _custom_tables(log, follower)
+        },
+        headers=_sensor_headers(log),
+        unread=unread,
+        clock_remarks=clock.remarks,
+    )
+    log.topics.clear()
+    return channels
+
+
+class _Steps(NamedTuple):
+    """Filter steps: own measurements that are finite, of several at one time the last."""
+
+    time_ns: Ints  # of their ends, increasing, shape (n,)
+    readings: Floats  # speed, heading and depth, shape (3, n)
+    remarks: list[str]
+
+    @property
+    def spacing_ns(self) -> Ints:
+        """From each to the next, shape (n − 1,)."""
+        return np.diff(self.time_ns)
+
+    @property
+    def dt_ns(self) -> int:
+        """Their median."""
+        return round(float(np.median(self.spacing_ns)))
+
+    @property
+    def durations(self) -> Floats | None:
+        """How long each took, the first Δt, shape (n,), [s]; None: Δt."""
+        if np.all(self.spacing_ns == self.dt_ns):
+            return None
+        return np.append(float(self.dt_ns), self.spacing_ns) / 1e9
+
+
+def _left_out(which: Bools, topic: str, reason: str) -> list[str]:
+    """A remark on messages of a topic, if there are such."""
+    number = int(np.count_nonzero(which))
+    return [f"{_count(number, 'message')} of {topic} left out: {reason}"] if number else []
+
+
+def _steps_of(channels: _Channels, path: Path, topic: str) -> _Steps:
+    """Filter steps of own measurements; LogError if there are fewer than two."""
+    finite = np.all(np.isfinite(channels.readings), axis=0)
+    last = _last_of_equals(channels.time_ns[finite])
+    steps = _Steps(
+        channels.time_ns[finite][last],
+        channels.readings[:, finite][:, last],
+        [
+            *_left_out(~finite, topic, "not finite"),
+            *_left_out(~last, topic, "at the very time of another"),
+        ],
+    )
+    if steps.time_ns.size < 2:
+        raise LogError(
+            f"{path}: {topic} holds {_count(steps.time_ns.size, 'usable message')}; at least two "
+            "are needed to determine the filter step"
+        )
+    return steps
+
+
+class _Receptions(NamedTuple):
+    """Receptions that belong to a filter step."""
+
+    rows: Ints  # which they are, shape (m,)
+    step: Ints  # their steps k = 1 … n, shape (m,)
+    remarks: list[str]
+
+
+def _receptions_of(channels: _Channels, steps: _Steps, topic: str) -> _Receptions:
+    """The last reception of each filter step with a finite pose of the leader."""
+    heard_ns = channels.heard_ns
+    step = np.searchsorted(steps.time_ns, heard_ns).astype(np.int64) + 1
+    within = (heard_ns > steps.time_ns[0] - steps.dt_ns) & (step <= steps.time_ns.size)
+    heeded = within & np.all(np.isfinite(channels.message[:, _POSE]), axis=1)
+    rows = np.flatnonzero(heeded)
+    latest = _last_of_equals(step[rows])
+    remarks = [
+        *_left_out(~within, topic, "before the first or after the last filter step"),
+        *_left_out(within & ~heeded, topic, "without a finite pose of the leader"),
+        *_left_out(~latest, topic, "followed by another in the same filter step"),
+    ]
+    if channels.absurd_ranges:
+        remarks.append(
+            f"{_count(channels.absurd_ranges, 'range')} of {topic} taken as not received: no "
+            "positive number"
+        )
+    return _Receptions(rows[latest], step[rows[latest]], remarks)
+
+
 def read_recording(
     path: Path | str, follower: str = "follower", longest_gap_s: float = LONGEST_GAP_S
 ) -> Recording:
@@ -506,89 +645,45 @@ def read_recording(
         Path(path), lambda channel, _: channel in (topic, received) or channel.startswith(sensors)
     )
     with log_errors(log.path):
-        motion = log.require(topic, _OWN.fields)
-        needed = [name for name in _RECEIVED.fields if name not in _OPTIONAL]
-        reception = log.require(
-            received, needed, _RECEIVED.schema if FLIGHT in log.metadata else None
-        )
-        clock = _correct_clock(log, topic, motion, reception)
-        time_ns = motion.time_ns
-        readings = motion.table(_OWN.fields).T
-        heard_ns = reception.time_ns
-        message, ranges = (_optional(reception, array.names) for array in _RECEIVED.columns)
-        message[:, 0] += clock.leader_shift_s
-        places = _optional(reception, PLACES.names).reshape(-1, *PLACES.shape)
-        unread = [name for name in log.topics if name.startswith(sensors)]
-        unread = [name for name in unread if not _holds_numbers(log.topics[name])]
-        for name in unread:
-            del log.topics[name]
-        custom = {
-            sensor: (messages.time_ns, numbers)
-            for sensor, messages, numbers in _custom_tables(log, follower)
-        }
-        headers = _sensor_headers(log)
-    absurd = ~np.isnan(ranges) & ~((ranges > 0) & np.isfinite(ranges))
-    ranges[absurd] = np.nan
-    places[~np.all(np.isfinite(places), axis=2)] = np.nan
-    # hours of messages would fill the memory beside their numbers
-    log.topics.clear()
-    del motion, reception
-    finite = np.all(np.isfinite(readings), axis=0)
-    last = _last_of_equals(time_ns[finite])
-    time_ns = time_ns[finite][last]
-    readings = readings[:, finite][:, last]
-    if time_ns.size < 2:
-        raise LogError(
-            f"{log.path}: {topic} holds {_count(time_ns.size, 'usable message')}; at least two are "
-            "needed to determine the filter step"
-        )
-    spacing = np.diff(time_ns)
-    dt_ns = round(float(np.median(spacing)))
-    remarks = [f"{name} left out: its messages are no numbers" for name in unread]
-    remarks += clock.remarks
-    remarks += _gaps(log.path, topic, time_ns, spacing, longest_gap_s)
+        channels = _read_channels(log, topic, received)
+    steps = _steps_of(channels, log.path, topic)
+    dt_ns = steps.dt_ns
+    remarks = [f"{name} left out: its messages are no numbers" for name in channels.unread]
+    remarks += channels.clock_remarks
+    remarks += _gaps(log.path, topic, steps.time_ns, steps.spacing_ns, longest_gap_s)
+    message = channels.message
     if FLIGHT not in log.metadata:
-        remarks += _late_receptions(received, heard_ns, message, ranges, dt_ns)
-    message[:, 0] = _since_start(message[:, 0], heard_ns, int(time_ns[0]) - dt_ns)
+        remarks += _late_receptions(received, channels.heard_ns, message, channels.ranges, dt_ns)
+    message[:, 0] = _since_start(message[:, 0], channels.heard_ns, int(steps.time_ns[0]) - dt_ns)
     if not _SHORTEST_NS < dt_ns < _LONGEST_NS:
         remarks.append(f"{topic} comes every {dt_ns / 1e9:g} s: are the log times in nanoseconds?")
-    durations = None if np.all(spacing == dt_ns) else np.append(float(dt_ns), spacing) / 1e9
-    step = np.searchsorted(time_ns, heard_ns).astype(np.int64) + 1
-    within = (heard_ns > time_ns[0] - dt_ns) & (step <= time_ns.size)
-    heeded = within & np.all(np.isfinite(message[:, _POSE]), axis=1)
-    latest = np.flatnonzero(heeded)
-    latest = latest[_last_of_equals(step[latest])]
-    left_out = (
-        (~finite, topic, "not finite"),
-        (~last, topic, "at the very time of another"),
-        (~within, received, "before the first or after the last filter step"),
-        (within & ~heeded, received, "without a finite pose of the leader"),
-        (~_last_of_equals(step[heeded]), received, "followed by another in the same filter step"),
-    )
-    for which, where, why in left_out:
-        number = int(np.count_nonzero(which))
-        remarks += [f"{_count(number, 'message')} of {where} left out: {why}"] if number else []
-    if absurd.any():
-        remarks.append(
-            f"{_count(int(absurd.sum()), 'range')} of {received} taken as not received: no "
-            "positive number"
-        )
+    receptions = _receptions_of(channels, steps, received)
+    remarks += steps.remarks
+    remarks += receptions.remarks
     remarks += [
         f"{item}: no checksum, damage cannot be detected"
         for item in log.unverified
         if "chunks" in item
     ]
+    rows = receptions.rows
+    places = channels.places
     measurements = Measurements(
         dt=dt_ns / 1e9,
-        speed=readings[0],
-        heading=readings[1],
-        depth=readings[2],
-        message_step=step[latest],
-        message=message[latest],
-        ranges=ranges[latest],
-        durations=durations,
-        transmitters=None if np.all(np.isnan(places)) else places[latest],
-        custom={name: _at_steps(time_ns, *messages) for name, messages in custom.items()},
-        sensors={sensor: header for sensor, header in headers.items() if sensor in custom},
+        speed=steps.readings[0],
+        heading=steps.readings[1],
+        depth=steps.readings[2],
+        message_step=receptions.step,
+        message=message[rows],
+        ranges=channels.ranges[rows],
+        durations=steps.durations,
+        transmitters=None if np.all(np.isnan(places)) else places[rows],
+        custom={
+            name: _at_steps(steps.time_ns, *messages) for name, messages in channels.custom.items()
+        },
+        sensors={
+            sensor: header
+            for sensor, header in channels.headers.items()
+            if sensor in channels.custom
+        },
     )
     return Recording(measurements, tuple(remarks))
