@@ -493,6 +493,40 @@ def _time_pings(b: Belief, m: Model, signal: Signal) -> None:
 
 
 @compiled
+def _begin(b: Belief, m: Model, signal: Signal) -> int:
+    """Make the belief from a first message; see `receive`."""
+    if m.place != ABSENT:
+        b.fresh[m.place] = b.fresh[m.place + 1] = signal.place_variance
+    if m.place_walk != ABSENT:
+        walked = m.place_walk_rate * b.motion.clock
+        b.fresh[m.place_walk] = b.fresh[m.place_walk + 1] = walked
+    if not add_ring(b, m, signal, 1.0):
+        return -1
+    # all ranges were used, but nothing had been expected of them that they could have missed
+    for k in range(b.alive * m.modes):
+        b.outcome[k].taken = b.received
+        b.outcome[k].squared = np.nan
+    motion.reset_preintegration(b)
+    b.motion.elapsed = 0.0
+    refresh_output(b, m)
+    return int(b.received)
+
+
+@compiled
+def _update_components(b: Belief, m: Model, signal: Signal) -> int:
+    """Update all components; the most ranges that one used, −1 if a covariance was not positive
+    definite.
+    """
+    most = 0
+    for k in range(b.alive * m.modes):
+        used = update(b, m, k, signal)
+        if used < 0:
+            return -1
+        most = max(most, used)
+    return most
+
+
+@compiled
 def receive(b: Belief, m: Model, signal: Signal) -> int:
     """Take a message: predict all components to its instant and update them with its ranges.
 
@@ -508,23 +542,7 @@ def receive(b: Belief, m: Model, signal: Signal) -> int:
     if received == 0:
         return 0
     if b.alive == 0:
-        if received < 2:
-            return 0
-        if m.place != ABSENT:
-            b.fresh[m.place] = b.fresh[m.place + 1] = signal.place_variance
-        if m.place_walk != ABSENT:
-            walked = m.place_walk_rate * b.motion.clock
-            b.fresh[m.place_walk] = b.fresh[m.place_walk + 1] = walked
-        if not add_ring(b, m, signal, 1.0):
-            return -1
-        # all of them were used, but nothing had been expected of them that they could have missed
-        for k in range(b.alive * m.modes):
-            b.outcome[k].taken = received
-            b.outcome[k].squared = np.nan
-        motion.reset_preintegration(b)
-        b.motion.elapsed = 0.0
-        refresh_output(b, m)
-        return received
+        return _begin(b, m, signal) if received >= 2 else 0
     mix_modes(b, m)
     if m.leader != ABSENT:
         motion.average_leader_heading(b, m, signal)
@@ -534,13 +552,9 @@ def receive(b: Belief, m: Model, signal: Signal) -> int:
             return -1
     if not math.isnan(signal.ranges[0] + signal.ranges[1]):
         split(b, m, signal)
-    most = 0
-    for k in range(b.alive * m.modes):
-        used = update(b, m, k, signal)
-        if used < 0:
-            return -1
-        if used > most:
-            most = used
+    most = _update_components(b, m, signal)
+    if most < 0:
+        return -1
     if b.alive * m.modes > 1 and not motion.update_weights(b, m):
         return -1
     if m.leader != ABSENT:
