@@ -8,11 +8,11 @@ of the other filters, is a measurement here, v + b_v: slow changes of speed aver
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from laisn.arrays import Floats
+from laisn.compiled import compiled
 from laisn.delays import Delays, delays_of
 from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.geometry import place_transmitters, signed_angle
@@ -34,23 +34,132 @@ LEAST_WEIGHT = 1e-6
 START_SPEED_SIGMA = 10.0  # nothing is known of the speed before the first reading [m/s]
 
 
-@dataclass
-class Mode:
-    """One of the two filters: its state, shape (8,), covariance, shape (8, 8), and weight."""
+@compiled
+def moments(x: Floats, P: Floats, weights: Floats) -> tuple[Floats, Floats]:
+    """Mean and covariance of Gaussians of these weights, whose sum is 1; x (m, 8), P (m, 8, 8)."""
+    mean = np.zeros(STATES)
+    covariance = np.zeros((STATES, STATES))
+    for mode in range(weights.size):
+        mean += weights[mode] * x[mode]
+    for mode in range(weights.size):
+        spread = x[mode] - mean
+        covariance += weights[mode] * (P[mode] + np.outer(spread, spread))
+    return mean, covariance
 
-    x: Floats
-    P: Floats
-    walk: float  # of the speed [m/s/√s]
-    weight: float
+
+@compiled
+def predict(
+    x: Floats,
+    P: Floats,
+    walks: Floats,
+    noise: tuple[float, float, float],
+    heading: float,
+    dt: float,
+) -> None:
+    """Both filters: x ← f(x), P ← F P Fᵀ + Q over a step.
+
+    The compass [rad] is that at its middle; `walks` are those of the speed by mode [m/s/√s],
+    `noise` the random error of the compass [rad], the motion beside the log [m/√s], and the random
+    walk of the current [m/s/√s].
+    """
+    for mode in range(walks.size):
+        course = heading - x[mode, COMPASS]
+        speed = x[mode, SPEED]
+        u = np.array([np.sin(course), np.cos(course)])
+        across = np.array([-u[1], u[0]])
+        F = np.eye(STATES)
+        Q = np.zeros((STATES, STATES))
+        across_variance = (speed * noise[0] * dt) ** 2
+        for i in range(2):
+            F[i, SPEED] = u[i] * dt
+            F[i, COMPASS] = speed * across[i] * dt
+            F[i, EAST + i] = dt
+            for j in range(2):
+                Q[i, j] = across_variance * across[i] * across[j]
+            Q[i, i] += noise[1] ** 2 * dt
+            Q[EAST + i, EAST + i] = noise[2] ** 2 * dt
+            x[mode, i] += (speed * u[i] + x[mode, EAST + i]) * dt
+        Q[LOG, LOG] = LOG_WALK**2 * dt
+        Q[COMPASS, COMPASS] = COMPASS_WALK**2 * dt
+        Q[SPEED, SPEED] = walks[mode] ** 2 * dt
+        P[mode] = F @ P[mode] @ F.T + Q
 
 
-def moments(modes: list[Mode], weights: Floats) -> tuple[Floats, Floats]:
-    """Mean and covariance of Gaussians of these weights, whose sum is 1."""
-    x = sum((w * mode.x for w, mode in zip(weights, modes, strict=True)), np.zeros(STATES))
-    P = np.zeros((STATES, STATES))
-    for w, mode in zip(weights, modes, strict=True):
-        P += w * (mode.P + np.outer(mode.x - x, mode.x - x))
-    return x, P
+@compiled
+def update_weights(weights: Floats, log_likelihoods: Floats) -> None:
+    """Multiply the weights by likelihoods, given as logarithms."""
+    best = log_likelihoods.max()
+    total = 0.0
+    for mode in range(weights.size):
+        weights[mode] *= np.exp(log_likelihoods[mode] - best)
+        total += weights[mode]
+    bounded = 0.0
+    for mode in range(weights.size):
+        weights[mode] = max(weights[mode] / total, LEAST_WEIGHT)
+        bounded += weights[mode]
+    for mode in range(weights.size):
+        weights[mode] /= bounded
+
+
+@compiled
+def update_log(x: Floats, P: Floats, weights: Floats, reading: float, sigma: float) -> None:
+    """Both filters: update with a reading of the log, v + b_v, of random error σ [m/s], and weigh
+    them by its likelihoods.
+    """
+    log_likelihoods = np.empty(weights.size)
+    for mode in range(weights.size):
+        # H has ones at the speed and at the log's bias: K = P Hᵀ / S
+        gain = P[mode, :, SPEED] + P[mode, :, LOG]
+        variance = gain[SPEED] + gain[LOG] + sigma**2
+        innovation = reading - (x[mode, SPEED] + x[mode, LOG])
+        x[mode] += gain * (innovation / variance)
+        P[mode] -= np.outer(gain, gain) / variance
+        log_likelihoods[mode] = -0.5 * (innovation**2 / variance + np.log(variance))
+    update_weights(weights, log_likelihoods)
+
+
+@compiled
+def mix(x: Floats, P: Floats, weights: Floats) -> None:
+    """Let each filter begin anew with a blend of both, by the chance that the mode has changed."""
+    stayed = weights * STAY
+    changed = weights * (1.0 - STAY)
+    mixed_x = np.empty_like(x)
+    mixed_P = np.empty_like(P)
+    totals = np.empty_like(weights)
+    for mode in range(weights.size):
+        joint = changed.copy()
+        joint[mode] = stayed[mode]
+        totals[mode] = joint.sum()
+        mixed_x[mode], mixed_P[mode] = moments(x, P, joint / totals[mode])
+    x[:] = mixed_x
+    P[:] = mixed_P
+    weights[:] = totals
+
+
+@compiled
+def estimate(
+    x: Floats, P: Floats, weights: Floats, heading: float, sigma: float
+) -> tuple[Floats, Floats]:
+    """Mean, shape (4,), and covariance of x, y, vx, vy over both filters, at a compass reading
+    [rad] of random error σ.
+    """
+    mean, covariance = moments(x, P, weights)
+    course = heading - mean[COMPASS]
+    speed = mean[SPEED]
+    u = np.array([np.sin(course), np.cos(course)])
+    across = np.array([-u[1], u[0]])
+    state = np.empty(4)
+    J = np.zeros((4, STATES))
+    for i in range(2):
+        J[i, i] = 1.0
+        J[2 + i, SPEED] = u[i]
+        J[2 + i, COMPASS] = speed * across[i]
+        J[2 + i, EAST + i] = 1.0
+        state[i] = mean[i]
+        state[2 + i] = speed * u[i] + mean[EAST + i]
+    V = J @ covariance @ J.T
+    V[2:, 2:] += (speed * sigma) ** 2 * np.outer(across, across)
+    return state, V
 
 
 class SpeedModes(OnlineNavigator[Estimates]):
@@ -72,11 +181,13 @@ class SpeedModes(OnlineNavigator[Estimates]):
             current,
             current,
         ]
-        x = np.zeros(STATES)
-        x[:2] = self._state[:2]
-        P = np.diag(np.square(sigmas))
-        self.modes = [Mode(x.copy(), P.copy(), walk, 1.0 / len(WALKS)) for walk in WALKS]
-        self._current_walk = CURRENT_WALK if settings.assume.current else 0.0
+        modes = len(WALKS)
+        self.x: Floats = np.zeros((modes, STATES))
+        self.x[:, :2] = self._state[:2]
+        self.P: Floats = np.tile(np.diag(np.square(sigmas)), (modes, 1, 1))
+        self.weights: Floats = np.full(modes, 1.0 / modes)
+        current_walk = CURRENT_WALK if settings.assume.current else 0.0
+        self._noise = settings.heading_sigma, settings.slip, current_walk
         self._track = LeaderTrack()
         self._clock = 0.0
         self._heading: float | None = None
@@ -87,75 +198,19 @@ class SpeedModes(OnlineNavigator[Estimates]):
         before = own.heading if self._heading is None else self._heading
         middle = before + 0.5 * signed_angle(own.heading - before)
         self._heading = own.heading
-        for mode in self.modes:
-            self._predict(mode, middle, dt)
-        self._update_weights([self._update_log(mode, own.speed) for mode in self.modes])
+        predict(self.x, self.P, np.array(WALKS), self._noise, middle, dt)
+        update_log(self.x, self.P, self.weights, own.speed, self.settings.speed_sigma)
         used = reception is not None and self._receive(own, reception)
         self._since_mixing += dt
         if self._since_mixing >= MIXING_TIME - 1e-6:
             self._since_mixing = 0.0
-            self._mix()
-        self._write_estimate(own.heading)
+            mix(self.x, self.P, self.weights)
+        self._state, self._covariance = estimate(
+            self.x, self.P, self.weights, own.heading, self.settings.heading_sigma
+        )
         if reception is None:
             return []
         return [self._fix_at_estimate(FixKind.RANGES if used else FixKind.LOST)]
-
-    def _predict(self, mode: Mode, heading: float, dt: float) -> None:
-        """x ← f(x), P ← F P Fᵀ + Q over a step, with the compass [rad] at its middle."""
-        settings = self.settings
-        x = mode.x
-        u = np.array([math.sin(heading - x[COMPASS]), math.cos(heading - x[COMPASS])])
-        across = np.array([-u[1], u[0]])
-        F = np.eye(STATES)
-        F[:2, SPEED] = u * dt
-        F[:2, COMPASS] = x[SPEED] * across * dt
-        F[X, EAST] = F[Y, NORTH] = dt
-        Q = np.zeros((STATES, STATES))
-        Q[:2, :2] = (x[SPEED] * settings.heading_sigma * dt) ** 2 * np.outer(across, across)
-        Q[:2, :2] += settings.slip**2 * dt * np.eye(2)
-        Q[LOG, LOG] = LOG_WALK**2 * dt
-        Q[COMPASS, COMPASS] = COMPASS_WALK**2 * dt
-        Q[SPEED, SPEED] = mode.walk**2 * dt
-        Q[EAST, EAST] = Q[NORTH, NORTH] = self._current_walk**2 * dt
-        x[:2] += (x[SPEED] * u + x[EAST:]) * dt
-        mode.P = F @ mode.P @ F.T + Q
-
-    def _update_log(self, mode: Mode, reading: float) -> float:
-        """Update with a reading of the log, v + b_v [m/s]; its log likelihood."""
-        gain = mode.P[:, SPEED] + mode.P[:, LOG]
-        variance = float(gain[SPEED] + gain[LOG]) + self.settings.speed_sigma**2
-        innovation = reading - float(mode.x[SPEED] + mode.x[LOG])
-        mode.x += gain * innovation / variance
-        mode.P -= np.outer(gain, gain) / variance
-        squared = innovation * innovation / variance
-        return float(-0.5 * (squared + math.log(variance)))
-
-    def _update_weights(self, likelihoods: list[float]) -> None:
-        """Multiply the weights by likelihoods, given as logarithms."""
-        best = max(likelihoods)
-        weights = np.array(
-            [
-                mode.weight * math.exp(likelihood - best)
-                for mode, likelihood in zip(self.modes, likelihoods, strict=True)
-            ]
-        )
-        weights = np.maximum(weights / weights.sum(), LEAST_WEIGHT)
-        for mode, weight in zip(self.modes, (weights / weights.sum()).tolist(), strict=True):
-            mode.weight = weight
-
-    def _mix(self) -> None:
-        """Before the next second either filter begins with a blend of both, by the chance that the
-        mode has changed.
-        """
-        chance = np.array([[STAY, 1.0 - STAY], [1.0 - STAY, STAY]])
-        weights = np.array([mode.weight for mode in self.modes])
-        joint = weights[:, None] * chance
-        totals = joint.sum(axis=0)
-        mixed = [moments(self.modes, joint[:, j] / totals[j]) for j in range(len(WALKS))]
-        for mode, (x, P), total in zip(self.modes, mixed, totals.tolist(), strict=True):
-            mode.x = x
-            mode.P = P
-            mode.weight = total
 
     def _receive(self, own: OwnMotion, reception: Reception) -> bool:
         """Update both filters with the ranges of a message, and with the current that the
@@ -172,60 +227,49 @@ class SpeedModes(OnlineNavigator[Estimates]):
             delays = Delays(np.zeros(3), np.zeros(3))
             if settings.compensate_motion:
                 delays = delays_of(reception.message, reception.ranges, self._clock, settings)
-            likelihoods = [
-                self._update_ranges(mode, own.heading, delays, (below, ranges, variance))
-                for mode in self.modes
+            measured = below, ranges, variance
+            log_likelihoods = [
+                self._update_ranges(mode, own.heading, delays, measured)
+                for mode in range(len(WALKS))
             ]
-            self._update_weights(likelihoods)
+            update_weights(self.weights, np.array(log_likelihoods))
         seen = self._track.receive(reception.message)
         if seen is not None and settings.assume.current:
             H = np.zeros((2, STATES))
             H[:, EAST:] = np.eye(2)
-            for mode in self.modes:
-                innovation = seen.current - mode.x[EAST:]
-                noise = seen.variance * np.eye(2)
-                mode.x, mode.P = kalman_update(mode.x, mode.P, H, innovation, noise)
+            noise = seen.variance * np.eye(2)
+            for mode in range(len(WALKS)):
+                innovation = seen.current - self.x[mode, EAST:]
+                self._update(mode, H, innovation, noise)
         return used
 
+    def _update(self, mode: int, H: Floats, innovation: Floats, R: Floats) -> None:
+        self.x[mode], self.P[mode] = kalman_update(self.x[mode], self.P[mode], H, innovation, R)
+
     def _update_ranges(
-        self, mode: Mode, heading: float, delays: Delays, measured: tuple[Floats, Floats, float]
+        self, mode: int, heading: float, delays: Delays, measured: tuple[Floats, Floats, float]
     ) -> float:
         """Update a filter with ranges, NaN where none came, to the transmitters below and with the
         variance of the leader's place; their log likelihood.
         """
         below, ranges, variance = measured
-        course = heading - mode.x[COMPASS]
+        x = self.x[mode]
+        course = heading - x[COMPASS]
         ahead = np.array([math.sin(course), math.cos(course)])
         moved = below.copy()
-        moved[:, :2] += np.outer(delays.lag, mode.x[SPEED] * ahead)
-        moved[:, :2] += np.outer(delays.age, mode.x[EAST:])
-        H, innovation, R = range_measurement(self.settings, mode.x, moved, ranges)
+        moved[:, :2] += np.outer(delays.lag, x[SPEED] * ahead)
+        moved[:, :2] += np.outer(delays.age, x[EAST:])
+        H, innovation, R = range_measurement(self.settings, x, moved, ranges)
         directions = H[:, :2].copy()
         R = R + variance * directions @ directions.T
         received = np.isfinite(ranges)
         lag = delays.lag[received]
         H[:, SPEED] = -lag * (directions @ ahead)
         across = directions[:, 0] * ahead[1] - directions[:, 1] * ahead[0]
-        H[:, COMPASS] = lag * mode.x[SPEED] * across
+        H[:, COMPASS] = lag * x[SPEED] * across
         if self.settings.assume.current:
             H[:, EAST:] = -delays.age[received, None] * directions
-        S = H @ mode.P @ H.T + R
-        mode.x, mode.P = kalman_update(mode.x, mode.P, H, innovation, R)
+        S = H @ self.P[mode] @ H.T + R
+        self._update(mode, H, innovation, R)
         squared = float(innovation @ np.linalg.solve(S, innovation))
         return -0.5 * (squared + float(np.linalg.slogdet(S)[1]))
-
-    def _write_estimate(self, heading: float) -> None:
-        """Mean and covariance of x, y, vx, vy over both filters."""
-        weights = np.array([mode.weight for mode in self.modes])
-        x, P = moments(self.modes, weights)
-        u = np.array([math.sin(heading - x[COMPASS]), math.cos(heading - x[COMPASS])])
-        across = np.array([-u[1], u[0]])
-        J = np.zeros((4, STATES))
-        J[:2, :2] = np.eye(2)
-        J[2:, SPEED] = u
-        J[2:, COMPASS] = x[SPEED] * across
-        J[2:, EAST:] = np.eye(2)
-        self._state = np.array([*x[:2], *(x[SPEED] * u + x[EAST:])])
-        self._covariance = J @ P @ J.T
-        noise = (x[SPEED] * self.settings.heading_sigma) ** 2
-        self._covariance[2:, 2:] += noise * np.outer(across, across)

@@ -517,7 +517,7 @@ def test_modes_of_speed_are_mixed_as_by_filterpy(monkeypatch: pytest.MonkeyPatch
             rtol=1e-3,
             atol=1e-7,
         )
-        weights = [mode.weight for mode in navigator.modes]
+        weights = navigator.weights
     # the quick mode took over in the jump and gave way again; both estimates agree on it
     np.testing.assert_allclose(weights, expected.cbar, atol=1e-3)
 
