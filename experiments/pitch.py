@@ -90,22 +90,22 @@ class Geometry:
 
         The prediction is the true place, so that the fix is on the right side.
         """
-        place = Point(self.distance * math.sin(bearing), self.distance * math.cos(bearing))
+        position = Point(self.distance * math.sin(bearing), self.distance * math.cos(bearing))
         front = fore_offset(0.5 * self.baseline, _LEVEL, turn(pitch))
         ranges = Ranges(
-            self._range(place, front, -1.0), self._range(place, front, 1.0), float("nan")
+            self._range(position, front, -1.0), self._range(position, front, 1.0), float("nan")
         )
         # the follower takes the leader for level
         level = Arms(fore_offset(0.5 * self.baseline, _LEVEL, _LEVEL), (0.0, 0.0, 0.0))
         about = circles(_NOWHERE, level, ranges, self.below)
         pair = Pair(about.rear, about.front, False)
-        found = pair_fix(pair, _LEVEL, place, self._tuning)
-        error = math.hypot(found.east - place.east, found.north - place.north)
-        return Fix(found.east, found.north, error, found.kind == FixKind.ASTERN)
+        fix = pair_fix(pair, _LEVEL, position, self._tuning)
+        error = math.hypot(fix.east - position.east, fix.north - position.north)
+        return Fix(fix.east, fix.north, error, fix.kind == FixKind.ASTERN)
 
     def _range(self, place: Point, front: tuple[float, float, float], sign: float) -> float:
         """Slant range from the front transmitter (1) or the rear one (−1) [m]."""
-        east, north, up = (sign * part for part in front)
+        east, north, up = (sign * component for component in front)
         return math.hypot(place.east - east, place.north - north, -self.below - up)
 
     def at(self, bearing_deg: float) -> Fix:
@@ -215,9 +215,11 @@ def map_of_errors(geometry: Geometry) -> Panel:
     hover = "%{x}°, %{y}°: %{customdata:.2f} m"
     contours = error_bands(geometry.bearings, geometry.pitches, geometry.grid, levels, hover)
     ends = np.array([0.0, 180.0])
-    here = Line(x=ends, y=np.full(2, geometry.pitch_deg), colour=INK, dash="--", name="this pitch")
+    pitch_line = Line(
+        x=ends, y=np.full(2, geometry.pitch_deg), colour=INK, dash="--", name="this pitch"
+    )
     return panel(
-        [here],
+        [pitch_line],
         x_label="bearing off the bow, to either side [°]",
         y_label="pitch, nose up [°]",
         title="Error of the fix",
@@ -233,15 +235,15 @@ def map_of_errors(geometry: Geometry) -> Panel:
 def from_above(geometry: Geometry) -> Panel:
     """True places around the leader, and where the fixes put them."""
     bearings = np.linspace(0.0, 2.0 * np.pi, _RING_BEARINGS, endpoint=False)
-    place = geometry.distance * np.column_stack([np.sin(bearings), np.cos(bearings)])
+    truth = geometry.distance * np.column_stack([np.sin(bearings), np.cos(bearings)])
     fixes = np.array([geometry.fix(b, geometry.pitch)[:2] for b in bearings.tolist()])
-    gap = np.full_like(place, np.nan)
-    way = np.stack([place, fixes, gap], axis=1).reshape(-1, 2)
+    gap = np.full_like(truth, np.nan)
+    way = np.stack([truth, fixes, gap], axis=1).reshape(-1, 2)
     half = 0.5 * geometry.baseline
     return panel(
         [
             Line(x=way[:, 0], y=way[:, 1], colour=ESTIMATE, width=1.2),
-            Line(x=place[:, 0], y=place[:, 1], colour=FOLLOWER, marker="o", size=4.0, name="truth"),
+            Line(x=truth[:, 0], y=truth[:, 1], colour=FOLLOWER, marker="o", size=4.0, name="truth"),
             Line(x=fixes[:, 0], y=fixes[:, 1], colour=ESTIMATE, marker="D", size=4.0, name="fix"),
             Line(x=np.zeros(2), y=np.array([-half, half]), colour=LEADER, width=3.0, name="leader"),
         ],

@@ -415,9 +415,9 @@ def _dead_reckoning_bound(
             onward[span] = moved.reshape(-1, 2, unknown.size)
             earlier = lasts - length
             later = [moved_on[:2] for moved_on in between[-count:]]
-            for place, rest in zip(earlier, later, strict=True):
-                if place >= 0:
-                    onward[place] = rest
+            for index, rest in zip(earlier, later, strict=True):
+                if index >= 0:
+                    onward[index] = rest
     if not smoothed:
         return bound
     links = len(after)

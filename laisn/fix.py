@@ -112,13 +112,13 @@ def pair_fix(pair: Pair, heading: Turn, predicted: Point, t: Tuning) -> Fix:
     behind = d - front if pair.from_front else -rear
     ahead = t.predicted_side and x * east + y * north > 0.5 * d
     on_axis = d + front if ahead else behind
-    along = chord.along if clear or tangent else on_axis
+    axial = chord.offset if clear or tangent else on_axis
     aside = side if clear else 0.0
     kind = TANGENT if tangent else ASTERN
     kind = TWO_POINTS if clear else kind
     return Fix(
-        pair.rear.centre.east + along * east - aside * north,
-        pair.rear.centre.north + along * north + aside * east,
+        pair.rear.centre.east + axial * east - aside * north,
+        pair.rear.centre.north + axial * north + aside * east,
         t.beta / separation if clear else 0.0,
         kind if received else LOST,
         separation if two else -1.0,
@@ -144,14 +144,14 @@ def _on_line(pair: Pair, kind: float) -> Fix:
     way = front.east - rear.east, front.north - rear.north
     length = math.hypot(*way)
     if d_rear + d_front < length:
-        along = 0.5 * (d_rear + length - d_front)
+        axial = 0.5 * (d_rear + length - d_front)
     elif d_rear - d_front > length:
-        along = 0.5 * (d_rear + length + d_front)
+        axial = 0.5 * (d_rear + length + d_front)
     elif d_front - d_rear > length:
-        along = 0.5 * (length - d_rear - d_front)
+        axial = 0.5 * (length - d_rear - d_front)
     else:
-        along = (length**2 + d_rear**2 - d_front**2) / (2.0 * length)
-    share = along / length
+        axial = (length**2 + d_rear**2 - d_front**2) / (2.0 * length)
+    share = axial / length
     return Fix(rear.east + share * way[0], rear.north + share * way[1], 0.0, kind, -1.0)
 
 

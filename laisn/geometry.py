@@ -61,7 +61,7 @@ class Chord(NamedTuple):
     distinct: bool  # the centres do not coincide
     distance: float
     way: Point  # unit vector from the first centre to the second; (0, 0) if they coincide
-    along: float  # how far along the way the common chord lies, a [m]
+    offset: float  # of the common chord from the first centre, along the way, a [m]
     # half its length, squared, h² [m²]: negative where circles do not meet, 0 where they touch
     half_squared: float
 
@@ -202,14 +202,14 @@ def common_chord(first: Point, first_radius: float, second: Point, second_radius
     d = math.sqrt(east * east + north * north)
     distinct = d > 0.0
     per_d = 1.0 / (d if distinct else 1.0)
-    along = (d * d + first_radius * first_radius - second_radius * second_radius) * (0.5 * per_d)
+    offset = (d * d + first_radius * first_radius - second_radius * second_radius) * (0.5 * per_d)
     overlap = (
         (first_radius + second_radius - d)
         * (d + first_radius - second_radius)
         * (d - first_radius + second_radius)
     )
     half_squared = (d + first_radius + second_radius) * overlap * (0.25 * per_d * per_d)
-    return Chord(distinct, d, Point(east * per_d, north * per_d), along, half_squared)
+    return Chord(distinct, d, Point(east * per_d, north * per_d), offset, half_squared)
 
 
 @formula

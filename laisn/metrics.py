@@ -114,13 +114,14 @@ def relative_errors(estimate: Floats, truth: Floats, length: float) -> Floats:
     Source: pairs as in Geneva et al., "OpenVINS", ICRA 2020, and Zhang & Scaramuzza, "A tutorial on
     quantitative trajectory evaluation", IROS 2018, Section III-C.
     """
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(truth, axis=0).T))])
-    last = along.size - 1
-    after = np.minimum(np.searchsorted(along, along + length), last)
+    travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(truth, axis=0).T))])
+    last = travelled.size - 1
+    after = np.minimum(np.searchsorted(travelled, travelled + length), last)
     before = np.maximum(after - 1, 0)
-    nearer = np.abs(along[before] - along - length) <= np.abs(along[after] - along - length)
-    end = np.where(nearer, before, after)
-    within = np.abs(along[end] - along - length) <= SEGMENT_TOLERANCE * length
+    shortfall = np.abs(travelled[before] - travelled - length)
+    excess = np.abs(travelled[after] - travelled - length)
+    end = np.where(shortfall <= excess, before, after)
+    within = np.abs(travelled[end] - travelled - length) <= SEGMENT_TOLERANCE * length
     first = np.flatnonzero(within)
     end = end[first]
     drift = (estimate[end] - estimate[first]) - (truth[end] - truth[first])

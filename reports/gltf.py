@@ -148,27 +148,27 @@ class _Writer:
         role = TRUTH if number else LEADER
         moving = {fin["part"]: fin for fin in shape["fins"]}
 
-        def material(part: dict[str, Any]) -> int:
-            if part["name"].startswith("band"):
+        def material(geom: dict[str, Any]) -> int:
+            if geom["name"].startswith("band"):
                 return file.material(role, 0.3)
-            return file.material(tuple(part["rgb"]), part["shine"])
+            return file.material(tuple(geom["rgb"]), geom["shine"])
 
-        fixed = [part for part in shape["parts"] if part["name"] not in moving]
+        fixed = [geom for geom in shape["parts"] if geom["name"] not in moving]
         hull_mesh = file.add(
             "meshes",
-            primitives=[file.surface(triangles_of(part), material(part)) for part in fixed],
+            primitives=[file.surface(triangles_of(geom), material(geom)) for geom in fixed],
         )
         fins = []
-        for part in shape["parts"]:
-            fin = moving.get(part["name"])
+        for geom in shape["parts"]:
+            fin = moving.get(geom["name"])
             if fin is None:
                 continue
-            surface = file.surface(triangles_of(part, at_origin=True), material(part))
+            surface = file.surface(triangles_of(geom, at_origin=True), material(geom))
             node = file.add(
                 "nodes",
-                name=f"{truth.names[number]} {part['name']}",
+                name=f"{truth.names[number]} {geom['name']}",
                 mesh=file.add("meshes", primitives=[surface]),
-                translation=part["at"],
+                translation=geom["at"],
             )
             if truth.thrust.shape[2]:
                 angle = truth.thrust[self.rows, number, fin["effector"]]

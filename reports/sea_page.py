@@ -48,10 +48,10 @@ def _routes(paths: list[PlannedPath]) -> list[Line]:
 
 def _arrows(place: Floats, velocity: Floats, scale: float) -> Line:
     """Arrows of velocities, shape (n, 2), [m/s], from places, [m]; `scale` is of m for m/s."""
-    along = scale * velocity
-    aside = np.column_stack([-along[:, 1], along[:, 0]])
-    tip = place + along
-    barbs = [tip - 0.3 * along + side * aside for side in (0.15, -0.15)]
+    arrow = scale * velocity
+    aside = np.column_stack([-arrow[:, 1], arrow[:, 0]])
+    tip = place + arrow
+    barbs = [tip - 0.3 * arrow + side * aside for side in (0.15, -0.15)]
     gap = np.full(place.shape, np.nan)
     points = np.stack([place, tip, barbs[0], tip, barbs[1], gap], axis=1).reshape(-1, 2)
     return Line(x=points[:, 0], y=points[:, 1], colour=SERIES[0], width=1.2, name="current")
@@ -83,13 +83,13 @@ def _map(scenario: Scenario, paths: list[PlannedPath]) -> tuple[Any, float]:
     east = np.arange(region.west + 0.5 * spacing, region.east, spacing)
     north = np.arange(region.south + 0.5 * spacing, region.north, spacing)
     columns, rows = np.meshgrid(east, north)
-    place = np.stack([columns, rows], axis=-1).reshape(-1, 2)
+    grid = np.stack([columns, rows], axis=-1).reshape(-1, 2)
     depth = scenario.leader.layer_m
-    velocity = current_at(scenario, place[:, 0], place[:, 1], depth, np.zeros(len(place)))
+    velocity = current_at(scenario, grid[:, 0], grid[:, 1], depth, np.zeros(len(grid)))
     fastest = float(np.hypot(*velocity.T).max(initial=0.0))
     lines = _contours(scenario, region)
     if fastest > _SMALL:
-        lines.append(_arrows(place, velocity, spacing / fastest))
+        lines.append(_arrows(grid, velocity, spacing / fastest))
     lines += _routes(paths)
     figure = panel(
         lines, x_label="east [m]", y_label="north [m]", equal=True, width=6.1, height=4.6

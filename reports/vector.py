@@ -216,11 +216,11 @@ def _dress(axes: Axes, direction: Literal["x", "y"], axis: Mapping[str, Any]) ->
         ends = [10.0**end if is_log else end for end in axis["range"]]
         axes.set(**{f"{direction}lim": ends})
     if "tickvals" in axis:
-        shown = axes.get_xlim() if direction == "x" else axes.get_ylim()
+        limits = axes.get_xlim() if direction == "x" else axes.get_ylim()
         inside = [
             (value, text)
             for value, text in zip(axis["tickvals"], axis["ticktext"], strict=True)
-            if min(shown) <= value <= max(shown)
+            if min(limits) <= value <= max(limits)
         ]
         axes.set(**{f"{direction}ticks": [value for value, _ in inside]})
         axes.set(**{f"{direction}ticklabels": [formula(text) for _, text in inside]})

@@ -520,7 +520,7 @@ class PythonClosedLoop:
         }
         if LEADER_LINK in self._parts.further_links:
             messages[LEADER_LINK] = self.state.measured.messages_of(follower, steps.stop)
-        return {name: part.part(steps.start, steps.stop) for name, part in messages.items()}
+        return {name: record.part(steps.start, steps.stop) for name, record in messages.items()}
 
     def _read_custom(self, k: int, truth: StateHistory) -> None:
         """Read the further sensors of all followers at instant k, a filter step, and record
@@ -558,9 +558,9 @@ class PythonClosedLoop:
         if hearing.inbox.outcome[f] == observation.RECEIVED:
             s = hearing.sensors
             leaves = hearing.inbox.last_sent[f] * s.dt + s.sound.slot * np.arange(3)
-            known = Motion(hearing.motion, 0.0, k)
+            motion_so_far = Motion(hearing.motion, 0.0, k)
             for i, (site, time) in enumerate(zip(hearing.sites[0], leaves, strict=True)):
-                source[0, i] = site_at(s.sound, known, 0, site, time)
+                source[0, i] = site_at(s.sound, motion_so_far, 0, site, time)
         time = np.array([k * TICK])
         return VehicleState.of_motion(time, motion, state.sites[2][f], (hydrophone, source), f)
 

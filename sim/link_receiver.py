@@ -180,8 +180,10 @@ class Receiver:
         inbox = hearing.inbox
         if inbox.earliest_step[i] > step:
             return False
-        known = Motion(hearing.motion, 0.0, k)
-        observation.receive(self._models[i], step, i, hearing.sites, known, hearing.tilts, inbox)
+        motion_so_far = Motion(hearing.motion, 0.0, k)
+        observation.receive(
+            self._models[i], step, i, hearing.sites, motion_so_far, hearing.tilts, inbox
+        )
         return bool(inbox.outcome[i] != observation.NO_MESSAGE)
 
     def sent_time(self, i: int) -> float:

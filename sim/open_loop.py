@@ -57,7 +57,7 @@ class OpenLoop:
         # messages of further links are sensed of the finished mission
         self._further = bool(scenario.navigation.further_links)
         self.navigates = not self._further and all(
-            getattr(made, "runs_by_steps", False) for made in self._navigators
+            getattr(navigator, "runs_by_steps", False) for navigator in self._navigators
         )
         """Whether estimates are there as soon as the steps are over; else at the end."""
         self._concluded = SwarmRecord.empty(
@@ -117,8 +117,8 @@ class OpenLoop:
 
     def _estimates(self, follower: int, steps: range) -> Estimates:
         navigator: Any = self._navigators[follower]
-        made = (follower, self._fixes[follower])
-        return estimates_of(navigator.ESTIMATES, self._concluded, made, steps)
+        fixes = (follower, self._fixes[follower])
+        return estimates_of(navigator.ESTIMATES, self._concluded, fixes, steps)
 
     def part(self, first: int) -> FlightRecord:
         """The flight from a filter step on until now, with the fixes that hold there."""

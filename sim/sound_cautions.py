@@ -24,11 +24,11 @@ def _numbers(rays: RefractedRays, leader: Floats, follower: Floats) -> tuple[int
     source, receiver = (
         (float(east), float(north), -float(depth)) for east, north, depth in (leader, follower)
     )
-    found = rays.rays(int(Path.DIRECT), source, receiver)
-    if not found:
+    rays_between = rays.rays(int(Path.DIRECT), source, receiver)
+    if not rays_between:
         return 0, 0.0
     straight = rays.straight_slowness(int(Path.DIRECT), source, receiver)
-    return len(found), found[0].length - found[0].time / straight
+    return len(rays_between), rays_between[0].length - rays_between[0].time / straight
 
 
 def ray_cautions(scenario: Scenario) -> list[str]:

@@ -58,10 +58,10 @@ def missions() -> dict[str, Mission]:
 
 def chosen_missions(names: Sequence[str]) -> list[Mission]:
     """Missions of these names, all of them if there is none; LaisnError for an unknown name."""
-    known = missions()
+    catalogue = missions()
     for name in names:
-        if name not in known:
+        if name not in catalogue:
             raise LaisnError(
-                f"mission {name!r} is none of the benchmark; expected one of {', '.join(known)}"
+                f"mission {name!r} is none of the benchmark; expected one of {', '.join(catalogue)}"
             )
-    return [known[name] for name in dict.fromkeys(names)] if names else list(known.values())
+    return [catalogue[name] for name in dict.fromkeys(names)] if names else list(catalogue.values())

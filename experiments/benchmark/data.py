@@ -187,8 +187,8 @@ def _require_free(folder: Path) -> None:
         return
     if not folder.is_dir():
         raise LaisnError(f"{folder}: is a file; the data of the benchmark need a folder")
-    known = (MANIFEST, TASKS, MEASUREMENTS, TRUTH)
-    others = sorted(path.name for path in folder.iterdir() if path.name not in known)
+    benchmark_names = (MANIFEST, TASKS, MEASUREMENTS, TRUTH)
+    others = sorted(path.name for path in folder.iterdir() if path.name not in benchmark_names)
     if others:
         raise LaisnError(
             f"{folder}: holds {', '.join(others[:5])}; the data of the benchmark need a folder of "
@@ -201,8 +201,8 @@ def _manifest(
 ) -> dict[str, Any]:
     files = sorted(
         path
-        for part in (TASKS, MEASUREMENTS, TRUTH)
-        for path in (folder / part).rglob("*")
+        for subfolder in (TASKS, MEASUREMENTS, TRUTH)
+        for path in (folder / subfolder).rglob("*")
         if path.is_file()
     )
     return {
@@ -239,8 +239,8 @@ def generate(
         raise LaisnError(f"format {unknown[0]!r}: expected {', '.join(FORMATS)}")
     _require_free(folder)
     (folder / MANIFEST).unlink(missing_ok=True)
-    for part in (TASKS, MEASUREMENTS, TRUTH):
-        shutil.rmtree(folder / part, ignore_errors=True)
+    for subfolder in (TASKS, MEASUREMENTS, TRUTH):
+        shutil.rmtree(folder / subfolder, ignore_errors=True)
     folder.mkdir(parents=True, exist_ok=True)
     # the first run writes the task of its mission, which no other process may do at the same time
     first, *further = [(mission, seed) for seed in seeds for mission in chosen]

@@ -320,8 +320,8 @@ def navigate(
         follower = begin.names[1:].index(run.follower)
         measured = read_measurements(_path(folder, MEASUREMENTS, run))
         settings = replace(navigation_settings(scenario, begin, follower), dt=measured.dt)
-        made = find(navigator).make(settings, start_of(begin, follower))
-        yield run, _timed(made, measured)
+        instance = find(navigator).make(settings, start_of(begin, follower))
+        yield run, _timed(instance, measured)
 
 
 def _timed(navigator: Any, measured: Measurements) -> Track:
@@ -338,10 +338,10 @@ def score_all(
     """Scores of estimates against the data in a folder, in the order of the runs expected; runs
     without estimates cover nothing. LaisnError for estimates of another run, or of one run twice.
     """
-    known = set(expected)
+    expected_runs = set(expected)
     scores = dict[Run, RunScore]()
     for run, track in tracks:
-        if run not in known:
+        if run not in expected_runs:
             raise LaisnError(
                 f"estimates of {run.mission}, seed {run.seed}, {run.follower}: {folder} has no "
                 "such run"

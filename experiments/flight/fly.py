@@ -224,8 +224,8 @@ def navigate_again(
     estimates = []
     for i, measured in enumerate(flight.measurements):
         settings = navigation_settings(scenario, flight.trajectory, i)
-        made = make(settings, start_of(flight.trajectory, i))
-        if not hasattr(made, "run"):
-            made = SteppedNavigator(made, settings)
-        estimates.append(made.run(measured.with_links(scenario.navigation.further_links)))
+        instance = make(settings, start_of(flight.trajectory, i))
+        if not hasattr(instance, "run"):
+            instance = SteppedNavigator(instance, settings)
+        estimates.append(instance.run(measured.with_links(scenario.navigation.further_links)))
     return replace(flight, scenario=scenario, estimates=tuple(estimates))

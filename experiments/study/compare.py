@@ -199,11 +199,13 @@ def _studies(folders: Sequence[Path]) -> dict[str, Any]:
     rows = paired(folders, metric)
     changed = _differing(tables)
     differences = [interval for intervals in rows.values() for interval in intervals[1:]]
-    known = [interval for interval in differences if interval is not None]
+    comparable = [interval for interval in differences if interval is not None]
     nothing = ""
-    if not known:
+    if not comparable:
         nothing = "the studies share places, but neither seeds nor numbers of runs"
-    elif not changed and len(known) == len(differences) and not any(i.value for i in known):
+    elif (
+        not changed and len(comparable) == len(differences) and not any(i.value for i in comparable)
+    ):
         nothing = "the studies have the same settings and the same results"
     return {
         "metric": METRICS[metric],

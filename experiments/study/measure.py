@@ -74,8 +74,8 @@ _FIXES = {
     for kind in FixKind
 }
 METRICS: dict[str, Metric] = {
-    name: Metric(f"{label} [{unit}]" if unit else label, what, unit)
-    for name, (label, what) in (_DATA["errors"] | _PERCENTILES | _FIXES | MISSION).items()
+    name: Metric(f"{label} [{unit}]" if unit else label, meaning, unit)
+    for name, (label, meaning) in (_DATA["errors"] | _PERCENTILES | _FIXES | MISSION).items()
     for _, unit in [without_unit(name)]
 }
 # metrics that a run either has or has not: 1 or 0

@@ -154,8 +154,8 @@ class StudyPage:
         names = ("lowest", "highest") if len(self.extremes) > 1 else ("value",)
         tiles = [
             Tile(name=f"{name} {self.metric.label.partition(' [')[0]}", value=text, remark=where)
-            for name, (place, text) in zip(names, self.extremes, strict=True)
-            for where in (self.place_text(place),)
+            for name, (point, text) in zip(names, self.extremes, strict=True)
+            for where in (self.place_text(point),)
         ]
         for arm, counts in list(self.verdict_counts.items())[:_MOST_ARMS]:
             decided = f"lower at {counts['lower']}, higher at {counts['higher']}"
@@ -342,12 +342,12 @@ def answer(plan: StudyPlan, results: Results) -> Answer:
     if page.several_arms:
         heads += [f"less {plan.arms[0]}", "verdict"]
     rows = []
-    for place in places:
-        row = [page.place_text(place), shown(page.estimates[place])]
+    for point in places:
+        row = [page.place_text(point), shown(page.estimates[point])]
         if page.several_arms:
-            other = place in page.differences
-            row.append(shown(page.differences[place]) if other else "–")
-            row.append(page.verdicts[place] if other else "")
+            other = point in page.differences
+            row.append(shown(page.differences[point]) if other else "–")
+            row.append(page.verdicts[point] if other else "")
         rows.append(tuple(row))
     left_out = len(results.rows) - len(places)
     return Answer(

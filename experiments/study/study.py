@@ -393,7 +393,7 @@ class StudyFolder:
         """The answer of each part that was just flown, as a small table."""
         from experiments.study.page import answer
 
-        return [answer(part.plan, part.results) for part in self._outcomes.values()]
+        return [answer(outcome.plan, outcome.results) for outcome in self._outcomes.values()]
 
     def report(self) -> Path:
         """The page of the study."""

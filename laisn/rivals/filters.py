@@ -267,10 +267,10 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         u = np.column_stack([np.sin(heading), np.cos(heading)])
         dt = durations[:, None]
         v = speed[:, None] * u
-        along = settings.speed_sigma * dt * u[1:]
+        longitudinal = settings.speed_sigma * dt * u[1:]
         across = settings.heading_sigma * dt * v[1:, ::-1] * (-1.0, 1.0)
         noise = [
-            along[:, i] * along[:, j] + across[:, i] * across[:, j]
+            longitudinal[:, i] * longitudinal[:, j] + across[:, i] * across[:, j]
             for i, j in ((0, 0), (0, 1), (1, 1))
         ]
         noise = [
@@ -370,11 +370,11 @@ class RangeFilter(DeadReckoning):
         H[:, 3] = lag * (directions[:, 0] * north - directions[:, 1] * east)
         if settings.assume.current:
             H[:, 5:7] = -self._delays.age[received, None] * directions
-        along = lag * (directions @ ahead)
+        axial = lag * (directions @ ahead)
         across = lag * (directions @ starboard)
         variance = self._mean.variance(settings.dt, settings.speed_sigma)
         turned = settings.heading_sigma**2 * (east**2 + north**2)
-        return np.asarray(variance * np.outer(along, along) + turned * np.outer(across, across))
+        return np.asarray(variance * np.outer(axial, axial) + turned * np.outer(across, across))
 
 
 class OneWayTravelTime(RangeFilter):
@@ -558,8 +558,8 @@ class ParticleFilter(DeadReckoning):
         small = settings.range_sigma**2
         large = settings.range_scale_sigma**2
         whole = small + large * (share**2).sum(axis=1)
-        along = (share * residual).sum(axis=1)
-        squared = ((residual**2).sum(axis=1) - large * along**2 / whole) / small
+        projection = (share * residual).sum(axis=1)
+        squared = ((residual**2).sum(axis=1) - large * projection**2 / whole) / small
         return np.asarray(-0.5 * (squared + np.log(whole)))
 
     def _update_current(self, seen: SeenCurrent) -> None:

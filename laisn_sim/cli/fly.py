@@ -101,7 +101,7 @@ def _show_errors(console: Console, summary: dict[str, Any]) -> None:
         cells += [f"{row[f'e_b_{statistic}_deg']:.2f}°" for statistic in ("max", "mean")]
         for key in ("nees", "rms_over_bound"):
             cells.append("–" if row[key] is None else f"{row[key]:.3g}")
-        cells += [f"{row[f'{what}_error_rms_m']:.2f} m" for what in ("track", "depth")]
+        cells += [f"{row[f'{quantity}_error_rms_m']:.2f} m" for quantity in ("track", "depth")]
         rows.append(cells)
     show_table(console, heads, rows)
     console.print(_LEGEND, style="dim", highlight=False)

@@ -394,7 +394,7 @@ def log_export(
     from sim.log.export import export, write_recording
 
     options = {"--rerun": rerun, "--pyfg": pyfg, "--ros2": ros2, "--tum": tum, "--gltf": gltf}
-    chosen = [name for name, wanted in options.items() if wanted]
+    chosen = [name for name, is_set in options.items() if is_set]
     if len(chosen) > 1:
         raise LaisnError(f"{' and '.join(chosen)}: expected one of them at a time")
     folder = out or Path("out") / "export" / (f"{log.stem}-ros2" if ros2 else log.stem)

@@ -139,8 +139,8 @@ def study(  # noqa: PLR0913 - an argument for each option of the command
         "set": values_of(set_ or ()),
     }
     if dry_run:
-        for part in studies_of(source, keys, quick=quick)[0].values():
-            echo(effort_text(part, workers or len(os.sched_getaffinity(0))))
+        for plan in studies_of(source, keys, quick=quick)[0].values():
+            echo(effort_text(plan, workers or len(os.sched_getaffinity(0))))
         return
     if film and graphics.working() is None:
         typer.echo(f"no film: {graphics.MISSING}", err=True)

@@ -55,14 +55,14 @@ def figure(
 
     figures = vector.figures_of(page)
     if not names:
-        rows = [(one.name, one.labels) for one in figures]
+        rows = [(figure.name, figure.labels) for figure in figures]
         show_table(Console(), ("figure", "axes"), rows, numbers=False)
         return
-    wanted = vector.chosen(figures, names)
+    selection = vector.chosen(figures, names)
     name = page.resolve().name if page.is_dir() else page.stem
     folder = out or Path("out") / "figures" / name
     before = [*folder.glob("*")] if folder.is_dir() else []
-    for file in written_files(vector.write_figures(wanted, folder, format_, width), before):
+    for file in written_files(vector.write_figures(selection, folder, format_, width), before):
         echo(file)
 
 

@@ -411,7 +411,7 @@ def scene_of(
     time = flight.trajectory.time
     duration = float(time[-1] - time[0])
     hulls = hulls_of(models_of(flight.scenario))
-    part = part_of(flight, hulls, duration, Sent())
-    meta = meta_of(flight, hulls, duration, part) | events_of(flight, events, mirror_locked)
+    update = part_of(flight, hulls, duration, Sent())
+    meta = meta_of(flight, hulls, duration, update) | events_of(flight, events, mirror_locked)
     waves = flight.scenario.ocean.waves.kind != "none"
-    return Scene(meta=meta, data=part.packer.text(), waves=waves)
+    return Scene(meta=meta, data=update.packer.text(), waves=waves)

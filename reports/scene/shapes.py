@@ -132,9 +132,9 @@ def triangles_of(part: Mapping[str, Any], *, at_origin: bool = False) -> Triangl
                 np.array(part["points"]).reshape(-1, 3), np.array(part["faces"]).reshape(-1, 3)
             )
     turn = np.array(part["turn"])
-    place = np.zeros(3) if at_origin else np.array(part["at"])
+    offset = np.zeros(3) if at_origin else np.array(part["at"])
     return Triangles(
-        attitude.rotate(turn, shape.points) + place,
+        attitude.rotate(turn, shape.points) + offset,
         attitude.rotate(turn, shape.normals),
         shape.corners,
     )

@@ -39,23 +39,23 @@ class SceneStream:
 
     def beginning(self, flight: FlightRecord) -> Scene:
         """The scene until now."""
-        part = part_of(flight, self._hulls, self._duration, Sent())
-        self._sent = part.sent
-        meta = meta_of(flight, self._hulls, self._duration, part)
+        update = part_of(flight, self._hulls, self._duration, Sent())
+        self._sent = update.sent
+        meta = meta_of(flight, self._hulls, self._duration, update)
         meta["planned"] = meta["start"] + self._duration
-        return Scene(meta=meta, data=part.packer.text())
+        return Scene(meta=meta, data=update.packer.text())
 
     def further(self, flight: FlightRecord) -> str:
         """What was added since."""
-        part = part_of(flight, self._hulls, self._duration, self._sent)
-        self._sent = part.sent
+        update = part_of(flight, self._hulls, self._duration, self._sent)
+        self._sent = update.sent
         return text_of(
             {
-                "arrays": part.packer.table(),
-                "data": part.packer.text(),
+                "arrays": update.packer.table(),
+                "data": update.packer.text(),
                 "end": float(flight.trajectory.time[-1]),
                 "known": known_from(flight),
-                "refused": part.refused,
+                "refused": update.refused,
             }
         )
 

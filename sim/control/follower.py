@@ -47,10 +47,10 @@ def _line_of_sight(
         else np.arctan2(t.way_east, t.way_north)
     )
     sine, cosine = np.sin(course), np.cos(course)
-    along = off[0] * sine + off[1] * cosine
+    along_track = off[0] * sine + off[1] * cosine
     across = off[0] * cosine - off[1] * sine
-    along_track_speed = speed - a.approach_speed * along / np.sqrt(
-        along * along + a.lookahead * a.lookahead
+    along_track_speed = speed - a.approach_speed * along_track / np.sqrt(
+        along_track * along_track + a.lookahead * a.lookahead
     )
     if a.law == ILOS:
         pulled = across + a.integral * integral
@@ -131,9 +131,10 @@ def give_way(
     """
     heading, speed = course
     sine, cosine = np.sin(heading), np.cos(heading)
-    along = max(speed + push[0] * sine + push[1] * cosine, f.min_along_track_speed)
+    along_track = max(speed + push[0] * sine + push[1] * cosine, f.min_along_track_speed)
     across = push[0] * cosine - push[1] * sine
-    return heading + np.arctan2(across, along), min(np.hypot(along, across), f.max_speed)
+    heading += np.arctan2(across, along_track)
+    return heading, min(np.hypot(along_track, across), f.max_speed)
 
 
 class FollowerMemory(RecordFields):
@@ -300,10 +301,13 @@ def _to_station(
         way = np.hypot(target.way_east, target.way_north)
         if way > 0.0:
             ahead_east, ahead_north = target.way_east / way, target.way_north / way
-            along = (position[0] - target.east) * ahead_east + (
+            along_track = (position[0] - target.east) * ahead_east + (
                 position[1] - target.north
             ) * ahead_north
-            position = target.east + along * ahead_east, target.north + along * ahead_north
+            position = (
+                target.east + along_track * ahead_east,
+                target.north + along_track * ahead_north,
+            )
     east, north, memory.integral = approach(
         formation, target, position, current, dt, memory.integral
     )

@@ -229,13 +229,13 @@ def steer(
         return limit_command(
             heading, through_east * np.sin(ahead) + through_north * np.cos(ahead), dt, memory
         )
-    along = east * sin + north * cos
+    along_track = east * sin + north * cos
     across = east * cos - north * sin
 
     lookahead = max(LOOKAHEAD_MIN, LOOKAHEAD_TIME * reference.speed)
     course = reference.course + np.arctan(across / lookahead)
     bound = CATCH_UP * reference.speed
-    speed = reference.speed + clip(along / ALONG_TRACK_TIME, -bound, bound)
+    speed = reference.speed + clip(along_track / ALONG_TRACK_TIME, -bound, bound)
 
     through_east = speed * np.sin(course) - memory.current[0]
     through_north = speed * np.cos(course) - memory.current[1]

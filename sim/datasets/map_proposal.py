@@ -410,7 +410,7 @@ def _other_robots(
         if entry is None:
             continue
         places = [*entry.get("where", {}).values(), *str(entry["topic"]).split("/")[2:]]
-        names = (str(place).lower() for place in places)
+        names = (str(word).lower() for word in places)
         name = next((name for name in names if name in poses), None)
         if name is None or name in own_namespaces:
             continue

@@ -114,8 +114,10 @@ class FrameRenderer:
     def _frame(self, time: float, ground: float | None) -> Bytes:
         """The frame before a ground of one grey, or in the sea."""
         state = self._data.at(time)
-        own = self._job.camera
-        shot = own.shot(state) if own else self._cameras.shot(self._camera, state)
+        custom_camera = self._job.camera
+        shot = (
+            custom_camera.shot(state) if custom_camera else self._cameras.shot(self._camera, state)
+        )
         if self._job.plain:
             shot = shot._replace(insets=())
         boxes = self._overlay.inset_boxes(shot)

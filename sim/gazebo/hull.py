@@ -87,7 +87,7 @@ def from_sdf(text: str, folder: Path | None = None) -> tuple[HullFile, list[str]
     matrices = hydrodynamics.about_point(coefficients, turn, origin)
     _remark_on_moved(coefficients, origin, turn, remarks)
     _remark_on_rest(
-        model, {part.joint for part in pushers}, {part.link for part in planes}, remarks
+        model, {thruster.joint for thruster in pushers}, {fin.link for fin in planes}, remarks
     )
 
     size = np.abs(turn) @ hull.size

@@ -56,10 +56,10 @@ class TimedNumbers:
         """
         numbers = [0.0 if is_zero else 1.0 + k / 64.0 for k, is_zero in enumerate(zero)]
         example = self._encode(_TIME_NS, numbers)[len(_time_field(_TIME_NS)) :]
-        places = [struct.pack("<d", number) for number in numbers if number]
-        if any(example.count(place) != 1 for place in places):
+        encoded = [struct.pack("<d", number) for number in numbers if number]
+        if any(example.count(number) != 1 for number in encoded):
             raise AssertionError("a number of the example does not stand in its message once")
-        return example, [example.index(place) for place in places]
+        return example, [example.index(number) for number in encoded]
 
     def rows(self, time_ns: Ints, numbers: Floats) -> list[bytes]:
         """Serialised messages of times since 1970, shape (n,), [ns], and numbers, shape (n, c)."""
@@ -70,12 +70,12 @@ class TimedNumbers:
         for pattern in set(patterns.tolist()):
             alike = np.flatnonzero(patterns == pattern)
             is_zero = zero[alike[0]]
-            example, places = self._example(tuple(is_zero.tolist()))
+            example, offsets = self._example(tuple(is_zero.tolist()))
             block = np.tile(np.frombuffer(example, dtype=np.uint8), (alike.size, 1))
             columns = np.ascontiguousarray(numbers[np.ix_(alike, np.flatnonzero(~is_zero))], "<f8")
             as_bytes = columns.view(np.uint8).reshape(alike.size, -1, 8)
-            for k, place in enumerate(places):
-                block[:, place : place + 8] = as_bytes[:, k]
+            for k, offset in enumerate(offsets):
+                block[:, offset : offset + 8] = as_bytes[:, k]
             whole = block.tobytes()
             size = len(example)
             for k, row in enumerate(alike.tolist()):

@@ -181,10 +181,10 @@ def _links(
         type_ = _link_fields(log, topic, headers)
         arrays = _record(log, name, [type_], grid_ns)
         places = arrays.pop(PLACES.attribute, None)
-        known = {array: arrays.pop(array) for array in ("message_step", "message", "ranges")}
+        received = {array: arrays.pop(array) for array in ("message_step", "message", "ranges")}
         round_trip = arrays.pop(ROUND_TRIP, None)
         links[topic.removeprefix(beginning)] = LinkMessages(
-            **known,
+            **received,
             places=None if places is None else places[0],
             round_trip=round_trip,
             content=arrays,

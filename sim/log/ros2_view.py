@@ -57,7 +57,7 @@ def _way(name: str, kind: str, color: str) -> dict[str, Any]:
 
 
 def _displays(names: Sequence[str], topics: Iterable[str]) -> list[dict[str, Any]]:
-    there = set(topics)
+    available = set(topics)
     displays: list[dict[str, Any]] = [
         {
             "Class": f"{_PLUGINS}/Grid",
@@ -72,9 +72,9 @@ def _displays(names: Sequence[str], topics: Iterable[str]) -> list[dict[str, Any
     for name in names:
         displays.append(_hull(name))
         displays.append(_way(name, "truth", _TRUTH))
-        if f"/{name}/estimate/odometry" in there:
+        if f"/{name}/estimate/odometry" in available:
             displays.append(_way(name, "estimate", _ESTIMATE))
-    if "/camera/compressed" in there:
+    if "/camera/compressed" in available:
         displays.append(
             {
                 "Class": f"{_PLUGINS}/Image",

@@ -124,8 +124,8 @@ def poses(topic: str, time_ns: Ints, position: Column, quaternion: Column) -> Ch
     """Positions, shape (n, 3), [m], and quaternions (w, x, y, z), shape (n, 4), in the world."""
 
     def pose_at(at: int, numbers: Sequence[float]) -> bytes:
-        place = pose(numbers[:3], numbers[3:])
-        return fg.PoseInFrame(timestamp=timestamp(at), frame_id="world", pose=place).encode()
+        message = pose(numbers[:3], numbers[3:])
+        return fg.PoseInFrame(timestamp=timestamp(at), frame_id="world", pose=message).encode()
 
     encoder = TimedNumbers(pose_at)
 
@@ -551,8 +551,8 @@ class FlightLog:
             return
         # little is left to be written
         with signals_after(), self._complete_or_kept():
-            part = flight.part(self._first_step(flight.scenario))
-            self._end(part, outcome, summary, events)
+            rest = flight.part(self._first_step(flight.scenario))
+            self._end(rest, outcome, summary, events)
 
     @contextmanager
     def _complete_or_kept(self) -> Iterator[None]:

@@ -332,8 +332,8 @@ class Scenario(Section):
                 )
             self.__dict__[key] = value
         if self.ocean.reads_files:
-            place = MapOrigin(**{name: getattr(self, key) for key, name in _ORIGIN.items()})
-            self.__dict__["ocean"] = self.ocean.model_copy(update={"origin": place})
+            map_origin = MapOrigin(**{name: getattr(self, key) for key, name in _ORIGIN.items()})
+            self.__dict__["ocean"] = self.ocean.model_copy(update={"origin": map_origin})
         return self
 
     @model_validator(mode="after")
@@ -444,7 +444,7 @@ class Scenario(Section):
                     f"{key}.offset_s must be shorter than the interval of {interval:g} s, and a "
                     f"multiple of filter_step_s = {step:g}"
                 )
-            deep = [place[2] for place in link.beacons_m if place[2] > self.ocean.floor_depth_m]
+            deep = [beacon[2] for beacon in link.beacons_m if beacon[2] > self.ocean.floor_depth_m]
             if deep:
                 errors.append(
                     f"{key}.beacons_m: {deep[0]:g} m is below the floor at "
@@ -476,9 +476,9 @@ class Scenario(Section):
             return []
         requests = {request.name: request for request in self.links if not request.answers}
         if link.answers != LEADER_LINK and link.answers not in requests:
-            known = ", ".join([LEADER_LINK, *requests])
+            links = ", ".join([LEADER_LINK, *requests])
             return [
-                f"{key}.answers = {link.answers!r}: expected a link with a schedule, of {known}"
+                f"{key}.answers = {link.answers!r}: expected a link with a schedule, of {links}"
             ]
         errors = []
         request = requests.get(link.answers)
@@ -532,11 +532,11 @@ class Scenario(Section):
 
     def _further_link_errors(self, key: str, navigation: Navigation) -> list[str]:
         further = navigation.further_links
-        known = [LEADER_LINK, *(link.name for link in self.links)]
+        links = [LEADER_LINK, *(link.name for link in self.links)]
         errors = [
-            f"{key}.further_links: {name!r} is no link: {', '.join(known)}"
+            f"{key}.further_links: {name!r} is no link: {', '.join(links)}"
             for name in further
-            if name not in known
+            if name not in links
         ]
         if navigation.link in further:
             errors.append(f"{key}.further_links: {navigation.link!r} is {key}.link already")
@@ -559,8 +559,8 @@ class Scenario(Section):
                 errors.append(f'{key}.variant = "beacons" needs a {key}.link of beacons')
             return errors
         if chosen not in names:
-            known = ", ".join([LEADER_LINK, *names])
-            return [*errors, f"{key}.link = {chosen!r}: expected one of {known}"]
+            links = ", ".join([LEADER_LINK, *names])
+            return [*errors, f"{key}.link = {chosen!r}: expected one of {links}"]
         link = self.links[names.index(chosen)]
         shipped = navigation.variant in NAVIGATORS
         if shipped and not _OF_MESSAGES.issubset(link.content):
@@ -650,12 +650,12 @@ class Scenario(Section):
 
     def sensors_of_leader(self) -> Sensors:
         """`[sensors]` with the errors of the leader's own sensors in place of a follower's."""
-        own = _errors_set_by(self.leader)
+        overrides = _errors_set_by(self.leader)
         values: dict[str, Any] = {"speed_drift_m_s": 0.0, "heading_drift_deg": 0.0}
         for name in VehicleSensors.model_fields:
             broadcast = f"{LEADER_PREFIX}{name}"
-            if name in own:
-                values[name] = own[name]
+            if name in overrides:
+                values[name] = overrides[name]
             elif broadcast in Sensors.model_fields:
                 values[name] = getattr(self.sensors, broadcast)
         return self.sensors.model_copy(update=values)

@@ -143,9 +143,11 @@ def _arrive(
     ratio = s.ratio
     if s.travels:
         # while the receiver moves on by centimetres, the slowness of a bent ray stays
-        kept = s.rays.slowness(path, source, arrival_point) if s.rays.bends else 0.0
+        first_slowness = s.rays.slowness(path, source, arrival_point) if s.rays.bends else 0.0
         for _ in range(_ITERATIONS):
-            slowness = kept if s.rays.bends else s.rays.slowness(path, source, arrival_point)
+            slowness = (
+                first_slowness if s.rays.bends else s.rays.slowness(path, source, arrival_point)
+            )
             arrives = leaves + distance(apparent, arrival_point) * slowness
             if arrives == time:
                 break

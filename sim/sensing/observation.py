@@ -731,9 +731,9 @@ def start_of(trajectory: Trajectory, follower: int = 0) -> Floats:
 
 def leader_start(trajectory: Trajectory, hydrophone: Floats) -> Floats:
     """The same of the leader, whose hydrophone is at an offset from its origin, shape (3,), [m]."""
-    place = np.array(body_point_in_world(trajectory.pose[0, 0], hydrophone))
+    position = np.array(body_point_in_world(trajectory.pose[0, 0], hydrophone))
     water = trajectory.water_velocity[0, 0, :2]
-    return np.concatenate([place[:2], trajectory.velocity[0, 0, :2] - water])
+    return np.concatenate([position[:2], trajectory.velocity[0, 0, :2] - water])
 
 
 def observe(

@@ -90,14 +90,14 @@ def planned_places(scenario: Scenario) -> list[Floats]:
         depth = route.depth.depth_at(time)
         places.append(np.column_stack([motion.east, motion.north, depth]))
         leader = places[0]
-    beacons = [place for link in scenario.links for place in link.beacons_m]
-    return places + [np.array([place]) for place in beacons]
+    beacons = [beacon for link in scenario.links for beacon in link.beacons_m]
+    return places + [np.array([beacon]) for beacon in beacons]
 
 
 def extent_of(scenario: Scenario) -> Extent:
     """Depths and distances that the plans of a scenario need, with some room."""
     places = planned_places(scenario)
-    deepest = max(float(place[:, 2].max()) for place in places)
+    deepest = max(float(path[:, 2].max()) for path in places)
     farthest = max(
         float(np.hypot(*(a[:, :2] - b[:, :2]).T).max())
         for i, a in enumerate(places)

@@ -197,18 +197,18 @@ def _scaled(source: Source, name: str, values: Floats, column: Column, units: st
 def _column_of(header: str) -> tuple[str, str] | None:
     """The quantity and unit of a header, as `temperature_degC`, `Temperature [°C]` or `temp`."""
     text = header.strip().lower().replace("(", "[").rstrip(")]").strip()
-    name, bracket, units = (part.strip() for part in text.partition("["))
+    name, bracket, units = (piece.strip() for piece in text.partition("["))
     name = name.replace(" ", "_")
     for key, column in COLUMNS.items():
-        for known in (*column.quantity.standard_names, *column.quantity.names):
-            if name == known:
+        for quantity_name in (*column.quantity.standard_names, *column.quantity.names):
+            if name == quantity_name:
                 return key, units if bracket else ""
             if (
                 not bracket
-                and name.startswith(f"{known}_")
-                and name[len(known) + 1 :] in {*column.units}
+                and name.startswith(f"{quantity_name}_")
+                and name[len(quantity_name) + 1 :] in {*column.units}
             ):
-                return key, name[len(known) + 1 :]
+                return key, name[len(quantity_name) + 1 :]
     return None
 
 
@@ -226,20 +226,20 @@ def _of_table(source: Source) -> tuple[dict[str, Floats], list[str]]:
         raise source.error("it has no rows below a header")
     separator = max(",;\t", key=lines[0].count)
     rows = list(csv.reader(lines, delimiter=separator))
-    found: dict[str, Floats] = {}
+    columns: dict[str, Floats] = {}
     names = []
     for index, header in enumerate(rows[0]):
-        known = _column_of(header)
-        if known is None or known[0] in found:
+        quantity = _column_of(header)
+        if quantity is None or quantity[0] in columns:
             continue
-        key, units = known
+        key, units = quantity
         values = np.array([_number(source, row, index, number) for number, row in _data(rows)])
-        found[key] = _scaled(source, f"column {header!r}", values, COLUMNS[key], units)
+        columns[key] = _scaled(source, f"column {header!r}", values, COLUMNS[key], units)
         names.append(header.strip())
-    if not found:
+    if not columns:
         expected = "'depth', 'temperature', 'salinity', or 'depth', 'sound_speed'"
         raise source.error(f"its header {lines[0]!r:.80} has none of the columns {expected}")
-    return found, names
+    return columns, names
 
 
 def _data(rows: list[list[str]]) -> list[tuple[int, list[str]]]:
@@ -259,7 +259,7 @@ def _number(source: Source, row: list[str], index: int, number: int) -> float:
 
 
 def _of_dataset(source: Source, origin: Origin) -> tuple[dict[str, Floats], list[str]]:
-    found: dict[str, Floats] = {}
+    columns: dict[str, Floats] = {}
     names = []
     with open_dataset(source) as dataset:
         for key, column in COLUMNS.items():
@@ -269,16 +269,16 @@ def _of_dataset(source: Source, origin: Origin) -> tuple[dict[str, Floats], list
                 continue
             values = _nearest_column(source, dataset, variable, origin)
             values = np.atleast_1d(np.asarray(values, dtype=np.float64))
-            found[key] = _scaled(source, str(variable.name), values, column, units_of(variable))
+            columns[key] = _scaled(source, str(variable.name), values, column, units_of(variable))
             if key == "depth" and str(variable.attrs.get("positive", "")).lower() == "up":
-                found[key] = -found[key]
+                columns[key] = -columns[key]
             names.append(str(variable.name))
-    if not found:
+    if not columns:
         raise source.error("it has no temperature, salinity or speed of sound by their usual names")
-    sizes = {values.size for values in found.values()}
+    sizes = {values.size for values in columns.values()}
     if len(sizes) > 1:
         raise source.error(f"its variables {', '.join(names)} have different numbers of depths")
-    return found, names
+    return columns, names
 
 
 def _nearest_column(source: Source, dataset: Any, variable: Any, origin: Origin) -> Any:
@@ -287,16 +287,16 @@ def _nearest_column(source: Source, dataset: Any, variable: Any, origin: Origin)
     for dimension in variable.dims:
         kind = axis_kind(dataset[dimension]) if dimension in dataset.coords else ""
         if kind == "X" or kind == "Y":
-            here = origin.longitude_deg if kind == "X" else origin.latitude_deg
-            away = np.asarray(dataset[dimension].values, dtype=np.float64) - here
+            coordinate = origin.longitude_deg if kind == "X" else origin.latitude_deg
+            away = np.asarray(dataset[dimension].values, dtype=np.float64) - coordinate
             away = (away + 180.0) % 360.0 - 180.0 if kind == "X" else away
             chosen[dimension] = int(np.argmin(np.abs(away)))
         elif kind == "T" or (kind == "" and variable.sizes[dimension] == 1):
             chosen[dimension] = 0
-    part = variable.isel(chosen)
-    if part.ndim > 1:
+    cut = variable.isel(chosen)
+    if cut.ndim > 1:
         raise source.error(
-            f"{variable.name} has axes {', '.join(map(str, part.dims))}; expected depth alone, "
+            f"{variable.name} has axes {', '.join(map(str, cut.dims))}; expected depth alone, "
             "beside longitude, latitude and time"
         )
-    return part.values
+    return cut.values

@@ -159,16 +159,16 @@ def _reflect(
         if surface > w.by_surface or bottom > w.by_floor:
             return state, (surface, bottom)
         # Newton for the part of the step at which the boundary is met
-        part = rest * (state.depth - boundary) / (state.depth - ahead.depth)
+        step = rest * (state.depth - boundary) / (state.depth - ahead.depth)
         met = state
         for _ in range(6):
-            met = _advance(depths, cubic, horizontal, state, part)
+            met = _advance(depths, cubic, horizontal, state, step)
             if met.vertical == 0.0:
                 break
-            part = min(max(part - (met.depth - boundary) / met.vertical, 0.0), rest)
-        met = _advance(depths, cubic, horizontal, state, part)
+            step = min(max(step - (met.depth - boundary) / met.vertical, 0.0), rest)
+        met = _advance(depths, cubic, horizontal, state, step)
         state = RayState(boundary, -met.vertical, met.time, met.interval)
-        rest -= part
+        rest -= step
 
 
 @jitable
@@ -515,10 +515,10 @@ def earliest(w: Water, source: float, receiver: float, reach: float) -> tuple[Ei
     """The ray of a path that arrives first, and how many there are; arguments as of
     `eigenrays`. It is the same ray in both directions.
     """
-    found = np.empty((MOST_RAYS, 4))
+    candidates = np.empty((MOST_RAYS, 4))
     if source <= receiver:
-        count = eigenrays(w, source, receiver, reach, found)
-        return earliest_of(found, count), count
-    count = eigenrays(w, receiver, source, reach, found)
-    ray = earliest_of(found, count)
+        count = eigenrays(w, source, receiver, reach, candidates)
+        return earliest_of(candidates, count), count
+    count = eigenrays(w, receiver, source, reach, candidates)
+    ray = earliest_of(candidates, count)
     return Eigenray(ray.time, -ray.arrival, -ray.departure, ray.horizontal), count

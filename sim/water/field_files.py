@@ -225,13 +225,13 @@ def find(dataset: Any, quantity: Quantity, *, coordinates: bool = False) -> Any:
     """The variable that is a quantity; None if there is none. `coordinates`: also among these."""
     names = [*dataset.data_vars, *(dataset.coords if coordinates else ())]
     variables = [dataset[name] for name in names]
-    for wanted in quantity.standard_names:
+    for standard_name in quantity.standard_names:
         for variable in variables:
-            if str(variable.attrs.get("standard_name", "")).lower() == wanted:
+            if str(variable.attrs.get("standard_name", "")).lower() == standard_name:
                 return variable
-    for wanted in quantity.names:
+    for usual_name in quantity.names:
         for variable in variables:
-            if str(variable.name).lower() == wanted:
+            if str(variable.name).lower() == usual_name:
                 return variable
     return None
 
@@ -242,8 +242,10 @@ def _require(source: Source, dataset: Any, quantity: Quantity) -> Any:
         return variable
     expected = f"standard_name {quantity.standard_names[0]!r}, or the name "
     expected += " or ".join(repr(name) for name in quantity.names[:3])
-    there = ", ".join(str(name) for name in dataset.data_vars) or "none"
-    raise source.error(f"it has no {quantity.title}: expected {expected}; its variables: {there}")
+    available = ", ".join(str(name) for name in dataset.data_vars) or "none"
+    raise source.error(
+        f"it has no {quantity.title}: expected {expected}; its variables: {available}"
+    )
 
 
 def axis_kind(coordinate: Any) -> str:
@@ -414,17 +416,17 @@ def _seconds(source: Source, axis: Any, origin: Origin) -> Floats:
 
 def _moment(source: Source, name: str, text: str) -> datetime:
     """A date of a NetCDF unit, in UTC unless it has a zone."""
-    found = _DATE.fullmatch(text)
+    match = _DATE.fullmatch(text)
     try:
-        if found is None:
+        if match is None:
             raise ValueError
-        year, month, day, hour, minute = (int(found[part] or 0) for part in _DATE_PARTS)
+        year, month, day, hour, minute = (int(match[field] or 0) for field in _DATE_PARTS)
         moment = datetime(year, month, day, hour, minute, tzinfo=UTC)
     except ValueError:
         raise source.error(f"{name}: {text!r} is no date such as 2026-01-01 00:00:00") from None
-    east = timedelta(hours=int(found["zone_h"] or 0), minutes=int(found["zone_min"] or 0))
-    later = timedelta(seconds=float(found["second"] or 0.0))
-    return moment + later - (-east if found["sign"] == "-" else east)
+    east = timedelta(hours=int(match["zone_h"] or 0), minutes=int(match["zone_min"] or 0))
+    later = timedelta(seconds=float(match["second"] or 0.0))
+    return moment + later - (-east if match["sign"] == "-" else east)
 
 
 def _values(source: Source, variable: Any, axes: dict[str, _Axis], names: dict[str, str]) -> Floats:
@@ -439,10 +441,10 @@ def _values(source: Source, variable: Any, axes: dict[str, _Axis], names: dict[s
         )
     try:
         # in the file's own order, which it reads fast, and then in that of the axes
-        part = variable.isel(rest).isel({d: np.sort(order) for d, order in chosen.items()})
-        part = part.isel({d: np.argsort(np.argsort(order)) for d, order in chosen.items()})
-        part = part.transpose(*[names[kind] for kind in axes if kind in names])
-        values = np.asarray(part.values, dtype=np.float64)
+        cut = variable.isel(rest).isel({d: np.sort(order) for d, order in chosen.items()})
+        cut = cut.isel({d: np.argsort(np.argsort(order)) for d, order in chosen.items()})
+        cut = cut.transpose(*[names[kind] for kind in axes if kind in names])
+        values = np.asarray(cut.values, dtype=np.float64)
     except Exception as error:
         # of many libraries, where the data are damaged
         reason = str(error).partition("\n")[0]
@@ -483,17 +485,17 @@ def _read_current(
         eastward = _require(source, dataset, EASTWARD)
         northward = _require(source, dataset, NORTHWARD)
         upward = find(dataset, UPWARD)
-        found = _axes(source, dataset, eastward, "TZYX")
+        grid_axes = _axes(source, dataset, eastward, "TZYX")
         for other in (northward, *(() if upward is None else (upward,))):
             if other.dims != eastward.dims:
                 raise source.error(
                     f"{other.name} and {eastward.name} are on different axes; expected one grid "
                     "for all components"
                 )
-        names = {kind: str(axis.name) for kind, axis in found.items()}
-        time = _time_axis(source, found, origin, region.until)
-        depth = _depth_axis(source, found)
-        east, north = _level_axes(source, found, origin)
+        names = {kind: str(axis.name) for kind, axis in grid_axes.items()}
+        time = _time_axis(source, grid_axes, origin, region.until)
+        depth = _depth_axis(source, grid_axes)
+        east, north = _level_axes(source, grid_axes, origin)
         _require_overlap(source, east, north, region)
         axes = {
             "T": time.part(0.0, region.until),
@@ -571,12 +573,12 @@ def _fill(velocity: Floats, dry: Bools) -> None:
 def _read_floor(source: Source, _digest: str | None, origin: Origin, region: Region) -> FloorField:
     with open_dataset(source) as dataset:
         variable = _require(source, dataset, HEIGHT)
-        found = _axes(source, dataset, variable, "YX")
-        names = {kind: str(axis.name) for kind, axis in found.items()}
+        grid_axes = _axes(source, dataset, variable, "YX")
+        names = {kind: str(axis.name) for kind, axis in grid_axes.items()}
         units = units_of(variable)
         if units and units not in _METRES:
             raise source.error(f"{variable.name} has units {units!r}; expected metres")
-        east, north = _level_axes(source, found, origin)
+        east, north = _level_axes(source, grid_axes, origin)
         _require_overlap(source, east, north, region)
         axes = {
             "Y": north.part(region.south, region.north),

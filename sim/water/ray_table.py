@@ -271,12 +271,12 @@ def _earliest_rays(
     depths = np.empty((FAN, ranges.size))
     trace_fan(w, source, angles[0], angles[1], ranges, depths)
     fan = Fan(np.empty(3 * FAN), np.empty(3 * FAN))
-    found = np.empty((16, 4))
+    candidates = np.empty((16, 4))
     for k in range(ranges.size):
         rays = add_edges(w, source, ranges[k], angles, depths[:, k], fan)
         for j in range(receivers.size):
             places = (source, receivers[j], ranges[k])
-            ray = _earliest_in_fan(w, places, fan, rays, found)
+            ray = _earliest_in_fan(w, places, fan, rays, candidates)
             for number in range(4):
                 earliest_rays[j, k, number] = ray[number]
 

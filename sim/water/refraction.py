@@ -81,9 +81,9 @@ class RefractedRays(NamedTuple):
     def rays(self, path: int, source: Vector, receiver: Vector) -> tuple[Ray, ...]:
         """All rays of a path, the first to arrive first."""
         leg = leg_of(self, path, source, receiver)
-        found = np.empty((MOST_RAYS, len(Eigenray._fields)))
-        count = eigenrays(leg.water, leg.source, leg.receiver, leg.reach, found)
-        in_order = sorted(found[:count].tolist())
+        rows = np.empty((MOST_RAYS, len(Eigenray._fields)))
+        count = eigenrays(leg.water, leg.source, leg.receiver, leg.reach, rows)
+        in_order = sorted(rows[:count].tolist())
         return tuple(_seen(path, leg, Eigenray(*numbers)) for numbers in in_order)
 
 

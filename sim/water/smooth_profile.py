@@ -40,9 +40,9 @@ class SmoothProfile(NamedTuple):
         """Points [[depth, speed], …], shape (n, 2), [m] and [m/s]; one point is a constant
         speed.
         """
-        given = np.array(points, dtype=np.float64)
-        depth = given[:, 0]
-        speed = given[:, 1]
+        pairs = np.array(points, dtype=np.float64)
+        depth = pairs[:, 0]
+        speed = pairs[:, 1]
         slope = _slopes(depth, speed)
         first = (depth[0] - _FADE_M, speed[0] - 0.5 * _FADE_M * slope[0], 0.0)
         last = (depth[-1] + _FADE_M, speed[-1] + 0.5 * _FADE_M * slope[-1], 0.0)

@@ -109,7 +109,7 @@ def meeting(x: float, y: float, r1: float, xj: float, yj: float, r2: float) -> M
     if not chord.distinct or chord.half_squared < 0.0:
         return Meeting(0, 0.0, Point(np.nan, np.nan), Point(np.nan, np.nan))
     half = math.sqrt(chord.half_squared)
-    east, north = x + chord.along * chord.way.east, y + chord.along * chord.way.north
+    east, north = x + chord.offset * chord.way.east, y + chord.offset * chord.way.north
     aside_east, aside_north = -half * chord.way.north, half * chord.way.east
     return Meeting(
         2 if half > 0.0 else 1,

@@ -88,15 +88,15 @@ def _write_sources(folder: Path) -> None:
 
 
 def _navigation() -> list[object]:
-    known = {path.stem for path in Path("docs").glob("*.md")} - {"index"}
+    documents = {path.stem for path in Path("docs").glob("*.md")} - {"index"}
     listed = {name for names in _CHAPTERS.values() for name in names}
     chapters = dict(_CHAPTERS)
-    further = tuple(sorted(known - listed))
+    further = tuple(sorted(documents - listed))
     if further:
         chapters["Further"] = further
     entries: list[object] = [{"Home": _HOME}, {"Overview": _OVERVIEW}, {"Examples": "examples.md"}]
     entries += [
-        {chapter: [f"{name}.md" for name in names if name in known]}
+        {chapter: [f"{name}.md" for name in names if name in documents]}
         for chapter, names in chapters.items()
     ]
     entries.append({"Project": ["contributing.md", "changelog.md"]})
@@ -189,7 +189,9 @@ def build(folder: Path = FOLDER) -> list[str]:
 
 if __name__ == "__main__":
     began = time.monotonic()
-    found = build()
+    problems = build()
     seconds = time.monotonic() - began
-    print(*found, f"{FOLDER / 'index.html'}: {len(found)} problems, {seconds:.0f} s", sep="\n")
-    sys.exit(bool(found))
+    print(
+        *problems, f"{FOLDER / 'index.html'}: {len(problems)} problems, {seconds:.0f} s", sep="\n"
+    )
+    sys.exit(bool(problems))

@@ -73,9 +73,9 @@ def table_of(name: str, model: str, role: str) -> dict[str, Any]:
 
 def fastest_over_ground(ways: Floats, current: Floats, through_water: float) -> Floats:
     """Speeds along unit vectors of shape (n, 2) that have a speed through the water [m/s]."""
-    along = ways @ current
-    across_squared = current @ current - along**2
-    return along + np.sqrt(through_water**2 - across_squared)
+    following = ways @ current
+    across_squared = current @ current - following**2
+    return following + np.sqrt(through_water**2 - across_squared)
 
 
 def retimed(table: dict[str, Any]) -> dict[str, Any]:
@@ -167,9 +167,9 @@ def _of_role(model: str, role: str) -> dict[str, Finding]:
     """How a vehicle keeps to what it is to keep in a role of all built-in scenarios."""
     flown = [keeping(model, name, role) for name in library.names()]
     largest = {
-        "route": max(kept.route_m for kept in flown),
-        "depth": max(kept.depth_m for kept in flown),
-        "station": max(kept.station_m for kept in flown),
+        "route": max(mission.route_m for mission in flown),
+        "depth": max(mission.depth_m for mission in flown),
+        "station": max(mission.station_m for mission in flown),
     }
     key = f"{model} {role}"
     findings = {
@@ -179,13 +179,13 @@ def _of_role(model: str, role: str) -> dict[str, Finding]:
     }
     return findings | {
         f"{key} warned": plain(
-            sum(bool(kept.predicted) for kept in flown), f"missions with a warning, {key}"
+            sum(bool(mission.predicted) for mission in flown), f"missions with a warning, {key}"
         ),
         f"{key} refused": plain(
-            sum(kept.refused for kept in flown), f"missions refused at first, {key}"
+            sum(mission.refused for mission in flown), f"missions refused at first, {key}"
         ),
         f"{key} completed": plain(
-            sum(kept.outcome is Termination.COMPLETED for kept in flown),
+            sum(mission.outcome is Termination.COMPLETED for mission in flown),
             f"missions flown to their end, {key}",
         ),
     }

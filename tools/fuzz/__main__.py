@@ -35,12 +35,12 @@ def search(kind: str, seed: int, count: int, folder: Path) -> int:
         if not faults:
             continue
         number += 1
-        place = folder / f"{kind}-{seed}-{k}"
-        shutil.rmtree(place, ignore_errors=True)
-        place.mkdir(parents=True)
+        case_folder = folder / f"{kind}-{seed}-{k}"
+        shutil.rmtree(case_folder, ignore_errors=True)
+        case_folder.mkdir(parents=True)
         for name, content in case.files.items():
-            (place / name).write_bytes(content)
-        print(f"{place}: {report(case, answer, faults)}", flush=True)
+            (case_folder / name).write_bytes(content)
+        print(f"{case_folder}: {report(case, answer, faults)}", flush=True)
     return number
 
 

@@ -30,9 +30,9 @@ def _pick(pattern: re.Pattern[str], text: str, random: Random) -> re.Match[str] 
 
 
 def _change_number(text: str, random: Random) -> str:
-    found = _pick(_NUMBERS, text, random)
+    match = _pick(_NUMBERS, text, random)
     value = random.choice((number(random), random.choice(WILD), random.choice(_VECTORS)))
-    return text[: found.start()] + value + text[found.end() :] if found else text
+    return text[: match.start()] + value + text[match.end() :] if match else text
 
 
 def _change_lines(text: str, random: Random) -> str:
@@ -63,14 +63,14 @@ def _cut(text: str, random: Random) -> str:
 
 
 def _change_block(text: str, random: Random) -> str:
-    found = _pick(_BLOCKS, text, random)
-    if not found:
+    match = _pick(_BLOCKS, text, random)
+    if not match:
         return text
-    block, tag = found[0], found[1]
+    block, tag = match[0], match[1]
     depth = random.choice((1, 2000))
     nested = f"<{tag}>" * depth + block + f"</{tag}>" * depth
     other = random.choice(("", block * 2, block * 300, nested))
-    return text[: found.start()] + other + text[found.end() :]
+    return text[: match.start()] + other + text[match.end() :]
 
 
 def _expand_entities(text: str, random: Random) -> str:

@@ -87,8 +87,8 @@ def _drop(columns: list[Column], random: Random) -> None:
 
 
 def _swap(columns: list[Column], random: Random) -> None:
-    one, other = random.choices(columns, k=2)
-    one.cells, other.cells = other.cells, one.cells
+    first, other = random.choices(columns, k=2)
+    first.cells, other.cells = other.cells, first.cells
 
 
 def _step_clock(columns: list[Column], random: Random) -> None:

@@ -23,8 +23,10 @@ from sim.sensing.sensors import navigated_errors_of
 from sim.simulation import simulate_motion
 
 _ROUTES, _SHARED, _CLOSED, _MAP, _TWO = (
-    tomllib.loads((resources.files(__package__) / f"study-{part}.toml").read_text(encoding="utf-8"))
-    for part in ("routes", "shared", "closed", "map", "two")
+    tomllib.loads(
+        (resources.files(__package__) / f"study-{study}.toml").read_text(encoding="utf-8")
+    )
+    for study in ("routes", "shared", "closed", "map", "two")
 )
 
 
@@ -41,7 +43,7 @@ WITH_TWO = _titles(_TWO["arm"])
 OURS = ("laisn-2", "laisn-3-1", "laisn-3-2", "tight")
 SLOW = "factor-graph"  # simulated in fewer runs
 INTERVAL = "timing.message_interval_s"
-INTERVALS, FURTHER = (tuple(part["vary"][INTERVAL]) for part in (_ROUTES, _SHARED))
+INTERVALS, FURTHER = (tuple(study["vary"][INTERVAL]) for study in (_ROUTES, _SHARED))
 """Of messages, and of those on channels that many share [s]."""
 USUAL = 5.0
 SHARING = tuple(_titles(_SHARED["arm"]))  # navigators on such channels

@@ -89,7 +89,7 @@ def fix_error(season: str, variant: Variant, g: Geometry) -> float:
     half = 0.5 * g.baseline
     receiver = (*g.follower, -follower)
     places = ((0.0, -half, -leader), (0.0, half, -leader), (-_MIDDLE_M, 0.0, -leader))
-    ranges = Ranges(*(measured_range(season, place, receiver) for place in places))
+    ranges = Ranges(*(measured_range(season, source, receiver) for source in places))
     arms = Arms((0.0, half, 0.0), (-_MIDDLE_M, 0.0, 0.0))
     rear, front, middle = circles(Point(0.0, 0.0), arms, ranges, follower - leader)
     north = Turn(0.0, 1.0)
@@ -152,17 +152,17 @@ def leg_findings(cells: Cells) -> Iterator[tuple[str, Finding]]:
     """Mean errors of navigators on a leg, and what bending adds to them, paired by run."""
     arms = cells.by("arm", "scenario", "case")
     for name, by_profile in arms.items():
-        navigator, sound, place = name.split(" ", 2)
+        navigator, sound, scenario = name.split(" ", 2)
         if sound != "profile":
             continue
-        place = place.replace(".toml", "")
-        known = by_profile.runs("e_p_mean_m")[:, 0]
+        scenario = scenario.replace(".toml", "")
+        by_rays = by_profile.runs("e_p_mean_m")[:, 0]
         mean = arms[name.replace(" profile ", " straight ", 1)].runs("e_p_mean_m")[:, 0]
-        key = f"{navigator} {place}"
+        key = f"{navigator} {scenario}"
         yield f"error {key}", of(mean_interval(mean), "mean E_P by the mean speed, 95 %", "m")
-        yield f"known {key}", of(mean_interval(known), "mean E_P by the profile, 95 %", "m")
+        yield f"known {key}", of(mean_interval(by_rays), "mean E_P by the profile, 95 %", "m")
         added = of(
-            mean_interval(mean - known), "what the mean speed adds, paired by run, 95 %", "m"
+            mean_interval(mean - by_rays), "what the mean speed adds, paired by run, 95 %", "m"
         )
         yield f"added {key}", added
 
