@@ -41,7 +41,13 @@ def _colour(number: int) -> Colour:
 
 def _routes(paths: list[PlannedPath]) -> list[Line]:
     return [
-        Line(x=path.place[:, 0], y=path.place[:, 1], colour=_colour(i), width=2.0, name=path.key)
+        Line(
+            x=path.position[:, 0],
+            y=path.position[:, 1],
+            colour=_colour(i),
+            width=2.0,
+            name=path.key,
+        )
         for i, path in enumerate(paths)
     ]
 
@@ -98,7 +104,7 @@ def _map(scenario: Scenario, paths: list[PlannedPath]) -> tuple[Any, float]:
 
 
 def _way(path: PlannedPath) -> Floats:
-    steps = np.hypot(*np.diff(path.place[:, :2], axis=0).T)
+    steps = np.hypot(*np.diff(path.position[:, :2], axis=0).T)
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
@@ -107,10 +113,12 @@ def _section(scenario: Scenario, paths: list[PlannedPath]) -> Any:
     lines = []
     for i, path in enumerate(paths):
         way = _way(path)
-        depth = floor.depths_at(*path.place[:, :2].T)
+        depth = floor.depths_at(*path.position[:, :2].T)
         below = f"floor below {path.key}"
         lines.append(Line(x=way, y=-depth, colour=FRAME if i else INK, name=below))
-        lines.append(Line(x=way, y=path.place[:, 2], colour=_colour(i), width=2.0, name=path.key))
+        lines.append(
+            Line(x=way, y=path.position[:, 2], colour=_colour(i), width=2.0, name=path.key)
+        )
     lines.append(Line(x=np.zeros(1), y=np.zeros(1), colour=MUTED, name="surface"))
     return panel(lines, x_label="way [m]", y_label="height [m]", width=6.1, height=4.6)
 
@@ -118,7 +126,7 @@ def _section(scenario: Scenario, paths: list[PlannedPath]) -> Any:
 def _along(scenario: Scenario, paths: list[PlannedPath]) -> Any:
     lines = []
     for i, path in enumerate(paths):
-        east, north, up = path.place.T
+        east, north, up = path.position.T
         speed = np.hypot(*current_at(scenario, east, north, -up, path.time).T)
         lines.append(Line(x=path.time, y=speed, colour=_colour(i), name=path.key))
     return panel(lines, x_label="time [s]", y_label="current [m/s]", width=4.1, height=3.0)
@@ -146,7 +154,9 @@ def write_sea_page(scenario: Scenario, path: Path) -> None:
     paths = list(planned_paths(scenario))
     chart, fastest = _map(scenario, paths)
     floor = floor_of(scenario)
-    over = [floor.depths_at(*planned.place[:, :2].T) + planned.place[:, 2] for planned in paths]
+    over = [
+        floor.depths_at(*planned.position[:, :2].T) + planned.position[:, 2] for planned in paths
+    ]
     least = min(float(height.min()) for height in over)
     moves = f"The current runs at up to {fastest:.3g} m/s at {scenario.leader.layer_m:g} m"
     still = "There is no current"

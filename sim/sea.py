@@ -24,11 +24,11 @@ class PlannedPath(NamedTuple):
 
     key: str  # of the vehicle in the scenario
     time: Floats  # shape (n,), [s]
-    place: Floats  # east, north and up, shape (n, 3), [m]
+    position: Floats  # east, north and up, shape (n, 3), [m]
 
     def at(self, instant: int) -> str:
         """Time and place for a message."""
-        east, north, up = self.place[instant]
+        east, north, up = self.position[instant]
         return f"at {self.time[instant]:.0f} s, {east:.0f} m east, {north:.0f} m north, {-up:.3g} m"
 
 
@@ -62,7 +62,7 @@ def areas_of(scenario: Scenario) -> tuple[Area, ...]:
 
 
 def _require_area(area: Area, path: PlannedPath) -> None:
-    outside = ~area.region.within(path.place[:, :2])
+    outside = ~area.region.within(path.position[:, :2])
     if outside.any():
         first = int(np.argmax(outside))
         covered = area.region
@@ -76,11 +76,11 @@ def _require_area(area: Area, path: PlannedPath) -> None:
 def _require_current(scenario: Scenario, path: PlannedPath) -> None:
     field = current_field(scenario)
     if field is not None:
-        land = field.on_land(path.place[:, :2])
+        land = field.on_land(path.position[:, :2])
         if land.any():
             first = int(np.argmax(land))
             raise LaisnError(f"ocean.current.file: {path.key} runs over land {path.at(first)}")
-    east, north, up = path.place.T
+    east, north, up = path.position.T
     speed = np.hypot(*current_at(scenario, east, north, -up, path.time).T)
     fastest = int(np.argmax(speed))
     if speed[fastest] > FASTEST_CURRENT_M_S:
@@ -91,7 +91,7 @@ def _require_current(scenario: Scenario, path: PlannedPath) -> None:
 
 
 def _require_floor(scenario: Scenario, path: PlannedPath) -> None:
-    east, north, up = path.place.T
+    east, north, up = path.position.T
     depth = floor_of(scenario).depths_at(east, north)
     shallow = depth < _CLEARANCE_M - up
     if shallow.any():

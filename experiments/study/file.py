@@ -463,7 +463,7 @@ class _Source(NamedTuple):
 
     table: dict[str, Any]
     name: str = "study"  # of a study whose table has none
-    shown: str = "study"  # in messages
+    title: str = "study"  # in messages
     folder: Path = Path()  # from which its files are named
 
 
@@ -513,11 +513,11 @@ def study_of(
     if quick:
         if not fewer or not isinstance(fewer, dict):
             raise StudyError(
-                f"{origin.shown}: --quick: the study has no [quick], keys of its trial run; see "
+                f"{origin.title}: --quick: the study has no [quick], keys of its trial run; see "
                 "also --runs"
             )
         table = _replaced(table, fewer)
-    return of_table(_replaced(table, keys), origin.shown, origin.name, origin.folder)
+    return of_table(_replaced(table, keys), origin.title, origin.name, origin.folder)
 
 
 def table_in(study: Study, folder: Path) -> dict[str, Any]:

@@ -54,7 +54,7 @@ class Metric(NamedTuple):
     """A column of results.parquet or runs.parquet."""
 
     label: str
-    what: str
+    meaning: str
     unit: str = ""
 
 

@@ -146,7 +146,7 @@ class StudyPage:
     def question_text(self) -> str:
         """What the study asks."""
         question = " ".join(self.study.file.question.split())
-        return question or f"How does the {self.metric.what} depend on what is varied?"
+        return question or f"How does the {self.metric.meaning} depend on what is varied?"
 
     @property
     def tiles(self) -> list[Tile]:

@@ -137,13 +137,13 @@ def findings_of(plan: StudyPlan, results: Results) -> dict[str, Finding]:
         name = f"{metric}: point {condition.point}, arm {condition.arm}, {condition.follower}"
         meaning = "; ".join(
             [
-                METRICS[metric].what,
+                METRICS[metric].meaning,
                 *(f"{key} = {value}" for key, value in plan.points[condition.point].items()),
             ]
         )
         findings[name] = of(results.estimate(condition, metric), meaning, METRICS[metric].unit)
         if condition in differences:
-            meaning = f"paired difference: {METRICS[metric].what}"
+            meaning = f"paired difference: {METRICS[metric].meaning}"
             findings[f"{name}, less {first}"] = of(
                 differences[condition], meaning, METRICS[metric].unit
             )

@@ -164,7 +164,7 @@ class FactorGraph(DeadReckoning):
         range_noise = self._sigma(settings.range_sigma)
         longest = float(ranges[received].max())
         keys = [self._pose, common, self._log_bias, self._current]
-        place_sigma = self._place_variance(reception) ** 0.5
+        place_sigma = self._leader_position_variance(reception) ** 0.5
         if place_sigma > 0.0:
             origin = gtsam.symbol("o", self._messages)
             noise_of_place = gtsam.noiseModel.Isotropic.Sigma(2, place_sigma)

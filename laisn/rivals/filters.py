@@ -237,8 +237,8 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         speed = self._mean.speed - self.x[2]
         return np.asarray(speed * np.array([math.sin(heading), math.cos(heading)]))
 
-    def _place_variance(self, reception: Reception) -> float:
-        return place_variance(self.settings, reception.message)
+    def _leader_position_variance(self, reception: Reception) -> float:
+        return leader_position_variance(self.settings, reception.message)
 
     def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
         """Update `x` and `P` with the readings and the message of this step; whether the ranges
@@ -306,7 +306,7 @@ def slant(x: Floats, transmitter: Floats) -> tuple[float, Floats]:
     return rho, away / rho
 
 
-def place_variance(settings: TightSettings, message: LeaderMessage) -> float:
+def leader_position_variance(settings: TightSettings, message: LeaderMessage) -> float:
     """Of what errs anew in the broadcast position of a message, along each axis [m²]."""
     stated = message.position_sigma
     return float((settings.leader_position_sigma if math.isnan(stated) else stated) ** 2)
@@ -347,7 +347,7 @@ class RangeFilter(DeadReckoning):
     def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
         H, innovation, R = range_measurement(self.settings, self.x, below, ranges)
         directions = H[:, :2].copy()
-        R += self._place_variance(reception) * directions @ directions.T
+        R += self._leader_position_variance(reception) * directions @ directions.T
         if self.settings.compensate_motion:
             received = np.flatnonzero(np.isfinite(ranges))
             R += self._add_delay_terms(H, directions, received, own)
@@ -420,7 +420,7 @@ class GeodeticAdjustment(DeadReckoning):
         weight = np.linalg.inv(self.P[:2, :2])
         sigma = math.hypot(self.settings.range_sigma, self.settings.range_scale_sigma)
         sigma = math.hypot(sigma, self.settings.range_scale_bias_sigma)
-        sigma = math.sqrt(sigma**2 + self._place_variance(reception))
+        sigma = math.sqrt(sigma**2 + self._leader_position_variance(reception))
         for _ in range(10):
             rho, direction = slant(self.x, transmitter)
             normal = weight + np.outer(direction, direction) / sigma**2
@@ -486,7 +486,7 @@ class InvertedUsbl(DeadReckoning):
                 settings.elevation_sigma**2,
             ]
         )
-        R += self._place_variance(reception) * H[:, :2] @ H[:, :2].T
+        R += self._leader_position_variance(reception) * H[:, :2] @ H[:, :2].T
         self.x, self.P = kalman_update(self.x, self.P, H, np.array(innovation), R)
         return True
 
@@ -534,7 +534,7 @@ class ParticleFilter(DeadReckoning):
         walks = np.sqrt(time) * np.array([LOG_WALK, COMPASS_WALK, self._noise[3], self._noise[3]])
         p[:, [2, 3, 5, 6]] += walks * normals[:, 2:]
 
-    def _likelihood(self, below: Floats, ranges: Floats, place_variance: float) -> Floats:
+    def _likelihood(self, below: Floats, ranges: Floats, leader_position_variance: float) -> Floats:
         """log N(z; h, σ² I + σ_s² s sᵀ + σ_L² u uᵀ) of all ranges, but for a constant, shape
         (N,); u are directions from the transmitters.
         """
@@ -545,11 +545,11 @@ class ParticleFilter(DeadReckoning):
         rho = np.sqrt((away**2).sum(axis=2) + below[received, 2] ** 2)
         share = rho / z.max()
         residual = z - rho - share * self.particles[:, 4:5]
-        if place_variance > 0.0:
+        if leader_position_variance > 0.0:
             directions = away / rho[..., None]
             S = settings.range_sigma**2 * np.eye(z.size)
             S = S + settings.range_scale_sigma**2 * share[:, :, None] * share[:, None, :]
-            S = S + place_variance * directions @ directions.swapaxes(1, 2)
+            S = S + leader_position_variance * directions @ directions.swapaxes(1, 2)
             squared = np.einsum(
                 "ni,ni->n", residual, np.linalg.solve(S, residual[..., None])[..., 0]
             )
@@ -600,7 +600,7 @@ class ParticleFilter(DeadReckoning):
         while True:
             # a power of the likelihood that leaves enough particles, as long as the rest of it is
             # not small
-            likelihood = self._likelihood(below, ranges, self._place_variance(reception))
+            likelihood = self._likelihood(below, ranges, self._leader_position_variance(reception))
             power = rest
             weights = _weighted(self.weights, power * likelihood)
             while 1.0 / np.sum(weights**2) < LEAST_SHARE * n and power > SMALLEST_POWER:

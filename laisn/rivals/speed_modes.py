@@ -19,7 +19,7 @@ from laisn.geometry import place_transmitters, signed_angle
 from laisn.messages import OwnMotion, Reception
 from laisn.navigator import kalman_update
 from laisn.navigators import OnlineNavigator
-from laisn.rivals.filters import place_variance, range_measurement
+from laisn.rivals.filters import leader_position_variance, range_measurement
 from laisn.rivals.leader_track import LeaderTrack
 from laisn.settings import COMPASS_WALK, CURRENT_WALK, LOG_WALK, RivalSettings
 
@@ -223,7 +223,7 @@ class SpeedModes(OnlineNavigator[Estimates]):
         ranges[settings.transmitters :] = np.nan
         used = bool(np.isfinite(ranges).any())
         if used:
-            variance = place_variance(settings, reception.message)
+            variance = leader_position_variance(settings, reception.message)
             delays = Delays(np.zeros(3), np.zeros(3))
             if settings.compensate_motion:
                 delays = delays_of(reception.message, reception.ranges, self._clock, settings)

@@ -79,10 +79,10 @@ def _lateral_offset(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float,
         if turning:
             gain[i] += P[k, i, m.leader] * gl
     variance = gain[X] * gx + gain[Y] * gy
-    if m.place != ABSENT:
-        variance -= gain[m.place] * gx + gain[m.place + 1] * gy
-    if m.place_walk != ABSENT:
-        variance -= gain[m.place_walk] * gx + gain[m.place_walk + 1] * gy
+    if m.leader_position != ABSENT:
+        variance -= gain[m.leader_position] * gx + gain[m.leader_position + 1] * gy
+    if m.leader_position_walk != ABSENT:
+        variance -= gain[m.leader_position_walk] * gx + gain[m.leader_position_walk + 1] * gy
     if turning:
         variance += gain[m.leader] * gl
     critical = math.sqrt(qx * qx + qy * qy) * math.sqrt(2.8 * m.range_sigma / length)
@@ -133,7 +133,7 @@ def prune_and_merge(b: Belief, m: Model) -> None:
     """Prune and merge hypotheses, and keep the heaviest few; those with different leader
     headings are not merged.
     """
-    same = _SAME if m.place == ABSENT else _SAME_BESIDE_ERRORS
+    same = _SAME if m.leader_position == ABSENT else _SAME_BESIDE_ERRORS
     b.alive = mixture.prune_and_merge(
         b, m.modes, b.alive, _LEAST_WEIGHT, HYPOTHESES, m.leader, same
     )
@@ -385,7 +385,7 @@ def inflate_bias_covariance(b: Belief, m: Model, signal: Signal) -> None:
     turning = m.leader != ABSENT
     compass_growth = 0.0
     leader_growth = 0.0
-    b.place_variance = signal.place_variance
+    b.leader_position_variance = signal.leader_position_variance
     if m.deviation > 0.0:
         compass_growth = m.deviation * _turn_growth(b.turn, (o.sin, o.cos), _TURN, o.elapsed)
         if turning:
@@ -412,7 +412,7 @@ def _propagate_iterated(b: Belief, m: Model, k: int, signal: Signal) -> bool:
     healthy = True
     if m.speed != ABSENT:
         # predicted step by step
-        if m.place != ABSENT:
+        if m.leader_position != ABSENT:
             motion.reset_position_error(b, m, k)
         return True
     if 0.5 * b.covariance[k, COMPASS, COMPASS] * way >= _BEND:
@@ -495,11 +495,13 @@ def _time_pings(b: Belief, m: Model, signal: Signal) -> None:
 @compiled
 def _begin(b: Belief, m: Model, signal: Signal) -> int:
     """Make the belief from a first message; see `receive`."""
-    if m.place != ABSENT:
-        b.fresh[m.place] = b.fresh[m.place + 1] = signal.place_variance
-    if m.place_walk != ABSENT:
-        walked = m.place_walk_rate * b.motion.clock
-        b.fresh[m.place_walk] = b.fresh[m.place_walk + 1] = walked
+    if m.leader_position != ABSENT:
+        b.fresh[m.leader_position] = b.fresh[m.leader_position + 1] = (
+            signal.leader_position_variance
+        )
+    if m.leader_position_walk != ABSENT:
+        walked = m.leader_position_walk_rate * b.motion.clock
+        b.fresh[m.leader_position_walk] = b.fresh[m.leader_position_walk + 1] = walked
     if not add_ring(b, m, signal, 1.0):
         return -1
     # all ranges were used, but nothing had been expected of them that they could have missed

@@ -55,8 +55,8 @@ _OPTIONAL = {
     "current": 6,
     "offset": 8,
     "clock": 10,
-    "place": 12,
-    "place_walk": 14,
+    "leader_position": 12,
+    "leader_position_walk": 14,
     "speed": 16,
 }
 """Optional states: field of `Model` with the index of the first one, and its place in
@@ -151,8 +151,8 @@ def model_of(settings: TightSettings) -> Model:
         "deviation": _DEVIATION**2 if assume.deviation else 0.0,
         "range_scale_variance": s.range_scale_sigma**2,
         "leader_variance": 0.0 if assume.exact_leader else s.leader_heading_sigma**2,
-        "place_variance": s.leader_position_sigma**2,
-        "place_walk_rate": s.leader_position_walk**2,
+        "leader_position_variance": s.leader_position_sigma**2,
+        "leader_position_walk_rate": s.leader_position_walk**2,
         "ping_slot": s.ping_slot if s.compensate_motion else 0.0,
         "sound_slowness": s.sound_slowness if s.compensate_motion else 0.0,
         "log_outlier": math.log(s.outlier_probability),
@@ -200,8 +200,8 @@ def new_belief(settings: TightSettings, m: Model, start: tuple[float, float] | N
     None: the start is unknown, and there is no hypothesis before the first message with two ranges.
     """
     # by key, as attributes of a record are slow outside of compiled code
-    names = ["states", "modes", "leader_variance", "place_variance"]
-    states, modes, leader_variance, place_variance = m[names].item()
+    names = ["states", "modes", "leader_variance", "leader_position_variance"]
+    states, modes, leader_variance, leader_position_variance = m[names].item()
     fresh = np.zeros(MOST_STATES)
     fresh[:states] = np.square(list(prior_sigmas(settings).values()))
     record = np.zeros(1, dtype=BELIEF)
@@ -209,7 +209,7 @@ def new_belief(settings: TightSettings, m: Model, start: tuple[float, float] | N
     record["alive"] = start is not None
     record["smoothed_nis"] = 1.0
     record["leader_variance"] = leader_variance
-    record["place_variance"] = place_variance
+    record["leader_position_variance"] = leader_position_variance
     record["fresh"] = fresh
     record["motion"]["speed"] = np.nan
     about = record["leader"]

@@ -241,11 +241,11 @@ def _position_noise(
 def reset_position_error(b: Belief, m: Model, k: int) -> None:
     """What errs anew in the broadcast position of each message, e, of component k."""
     P = b.covariance
-    for state in (m.place, m.place + 1):
+    for state in (m.leader_position, m.leader_position + 1):
         b.state[k, state] = 0.0
         for j in range(m.states):
             P[k, state, j] = P[k, j, state] = 0.0
-        P[k, state, state] = b.place_variance
+        P[k, state, state] = b.leader_position_variance
 
 
 @compiled
@@ -262,11 +262,11 @@ def predict_component(b: Belief, m: Model, k: int, speed: float, compass_bias: f
     n = m.states
     time = b.motion.time
     mode = k % m.modes
-    if m.place != ABSENT and m.speed == ABSENT:
+    if m.leader_position != ABSENT and m.speed == ABSENT:
         reset_position_error(b, m, k)
-    if m.place_walk != ABSENT:
-        for state in (m.place_walk, m.place_walk + 1):
-            P[k, state, state] += m.place_walk_rate * time
+    if m.leader_position_walk != ABSENT:
+        for state in (m.leader_position_walk, m.leader_position_walk + 1):
+            P[k, state, state] += m.leader_position_walk_rate * time
     way = _displacement(b.motion, m, speed, compass_bias)
     _, _, way_x, way_y, by_speed_x, by_speed_y = way
     by_compass_x = -way_y
@@ -582,7 +582,9 @@ def update_current_from_leader_track(b: Belief, m: Model, signal: Signal) -> Non
             )
             # both ends of the window err
             variance = CURRENT_SIGMA * CURRENT_SIGMA * 10.0 * per
-            variance += 2.0 * b.place_variance * per * per + m.place_walk_rate * per
+            variance += (
+                2.0 * b.leader_position_variance * per * per + m.leader_position_walk_rate * per
+            )
             for k in range(b.alive * m.modes):
                 _update_component(b, m, k, seen, logged, variance)
     if ended:

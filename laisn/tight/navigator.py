@@ -90,9 +90,9 @@ def _receive(
     signal.heading = message.heading
     signal.speed = message.speed
     signal.depth = message.depth
-    signal.place_variance = m.place_variance
+    signal.leader_position_variance = m.leader_position_variance
     if message.position_sigma == message.position_sigma:
-        signal.place_variance = message.position_sigma * message.position_sigma
+        signal.leader_position_variance = message.position_sigma * message.position_sigma
     copy_values(ranges, signal.ranges)
     if on_hull:
         place_arms(

@@ -49,12 +49,12 @@ def relative_position(b: Belief, m: Model, k: int, signal: Signal) -> tuple[floa
     x = b.state
     qx = x[k, X] - signal.east
     qy = x[k, Y] - signal.north
-    if m.place != ABSENT:
-        qx -= x[k, m.place]
-        qy -= x[k, m.place + 1]
-    if m.place_walk != ABSENT:
-        qx -= x[k, m.place_walk]
-        qy -= x[k, m.place_walk + 1]
+    if m.leader_position != ABSENT:
+        qx -= x[k, m.leader_position]
+        qy -= x[k, m.leader_position + 1]
+    if m.leader_position_walk != ABSENT:
+        qx -= x[k, m.leader_position_walk]
+        qy -= x[k, m.leader_position_walk + 1]
     return qx, qy
 
 
@@ -64,20 +64,20 @@ def relative_covariance(b: Belief, m: Model, k: int) -> tuple[Floats, Floats]:
     P = b.covariance
     away_x = P[k, X]
     away_y = P[k, Y]
-    if m.place != ABSENT or m.place_walk != ABSENT:
+    if m.leader_position != ABSENT or m.leader_position_walk != ABSENT:
         away_x = b.work.away[0]
         away_y = b.work.away[1]
         for h in range(m.states):
             away_x[h] = P[k, X, h]
             away_y[h] = P[k, Y, h]
-        if m.place != ABSENT:
+        if m.leader_position != ABSENT:
             for h in range(m.states):
-                away_x[h] -= P[k, m.place, h]
-                away_y[h] -= P[k, m.place + 1, h]
-        if m.place_walk != ABSENT:
+                away_x[h] -= P[k, m.leader_position, h]
+                away_y[h] -= P[k, m.leader_position + 1, h]
+        if m.leader_position_walk != ABSENT:
             for h in range(m.states):
-                away_x[h] -= P[k, m.place_walk, h]
-                away_y[h] -= P[k, m.place_walk + 1, h]
+                away_x[h] -= P[k, m.leader_position_walk, h]
+                away_y[h] -= P[k, m.leader_position_walk + 1, h]
     return away_x, away_y
 
 
@@ -85,10 +85,10 @@ def relative_covariance(b: Belief, m: Model, k: int) -> tuple[Floats, Floats]:
 def _relative_component(m: Model, row: Floats, axis: int) -> float:
     """Of covariances with the states, shape (n,), that with `relative_position` along an axis."""
     value: float = row[X + axis]
-    if m.place != ABSENT:
-        value -= row[m.place + axis]
-    if m.place_walk != ABSENT:
-        value -= row[m.place_walk + axis]
+    if m.leader_position != ABSENT:
+        value -= row[m.leader_position + axis]
+    if m.leader_position_walk != ABSENT:
+        value -= row[m.leader_position_walk + axis]
     return value
 
 
@@ -473,7 +473,7 @@ def _is_near(b: Belief, m: Model, k: int, signal: Signal, count: int) -> bool:
     if count < 2 or not nearest < _NEAR:
         return False
     # the shift is that of the follower alone
-    if m.place != ABSENT or m.place_walk != ABSENT or signal.late:
+    if m.leader_position != ABSENT or m.leader_position_walk != ABSENT or signal.late:
         return False
     if m.transmitters > 2:
         return True

@@ -39,8 +39,8 @@ class Model(RecordFields):
     current: int  # its east component; north comes next
     offset: int  # d_2
     clock: int  # τ; τ̇ comes next
-    place: int  # e, its east component; north comes next
-    place_walk: int  # w, likewise
+    leader_position: int  # error of the broadcast one, e, its east component; north comes next
+    leader_position_walk: int  # w, likewise
     speed: int  # v
     transmitters: int
     use_attitude: int
@@ -66,8 +66,8 @@ class Model(RecordFields):
     deviation: float  # square of a compass's change in a turn, as a share of the turn
     range_scale_variance: float
     leader_variance: float  # prior, and upper limit, of the random error of its heading [rad²]
-    place_variance: float  # of e along each axis [m²]
-    place_walk_rate: float  # w gains in a second [m²/s]
+    leader_position_variance: float  # of e along each axis [m²]
+    leader_position_walk_rate: float  # w gains in a second [m²/s]
     ping_slot: float
     sound_slowness: float
     log_outlier: float  # logarithm of the chance that a range is an echo
@@ -84,7 +84,7 @@ class Signal(RecordFields):
     heading: float  # of the leader [rad]
     speed: float  # of the leader through the water [m/s]
     depth: float  # of the leader's origin [m]
-    place_variance: float  # of the origin's new error, e [m²]
+    leader_position_variance: float  # of the origin's new error, e [m²]
     # from the origin to each transmitter: east, north, how much deeper than the hydrophone [m]
     arms: Annotated[Floats, (_T, 3)]
     ranges: ByRange  # slant ranges [m]; NaN where nothing was received
@@ -235,7 +235,7 @@ class Belief(RecordFields):
     smoothed_nis: float  # NIS over some messages
     missed_updates: float  # messages in a row without an accepted range
     leader_variance: float  # estimated, of the random error of the leader's heading [rad²]
-    place_variance: float  # of e in the last message, along each axis [m²]
+    leader_position_variance: float  # of e in the last message, along each axis [m²]
     turn: CompassTurn
     leader_turn: CompassTurn
     motion: Preintegration

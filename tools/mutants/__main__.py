@@ -179,7 +179,7 @@ def main() -> None:
                     else:
                         why = trial.equivalent or ("TIMED OUT" if trial.timed_out else "SURVIVED")
                         print(
-                            f"\n{trial.place}\n  - {trial.before}\n  + {trial.after}\n  {why}",
+                            f"\n{trial.location}\n  - {trial.before}\n  + {trial.after}\n  {why}",
                             flush=True,
                         )
                 results[package] = tried, of

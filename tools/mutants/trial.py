@@ -44,7 +44,7 @@ Span = tuple[tuple[int, int], tuple[int, int]]
 class Tried(NamedTuple):
     """A mutant that was tested."""
 
-    place: str
+    location: str
     """File and line."""
     before: str
     after: str

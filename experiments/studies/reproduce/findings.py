@@ -137,7 +137,7 @@ class NoDataError(LookupError):
 class Judged:
     """A criterion with its interval, which is a point where there are no resamples."""
 
-    what: str
+    quantity: str
     interval: Interval
     relation: Relation
     bound: float
@@ -158,7 +158,9 @@ class Judged:
         """Figure, limits, bound and outcome."""
         value, low, high = self.interval
         limits = "" if low == high == value else f" ({low:.2f} to {high:.2f})"
-        return f"{self.what}: {value:.2f}{limits} {self.relation} {self.bound:g}: {self.outcome}"
+        return (
+            f"{self.quantity}: {value:.2f}{limits} {self.relation} {self.bound:g}: {self.outcome}"
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -272,7 +274,7 @@ class MetricValues:
         """A criterion: a figure over missions as of `interval`, and the bound that it must keep."""
         margin = 0.0 if self.exact else MARGIN
         return Judged(
-            what=criterion,
+            quantity=criterion,
             interval=self.interval(values, kind),
             relation=relation,
             bound=bound,
@@ -534,7 +536,7 @@ def findings_of_rows(
     for claim, ours, _ in judgements:
         for number, criterion in enumerate(ours.criteria, start=1):
             meaning = (
-                f"{criterion.what}, {criterion.relation} {criterion.bound:g}: "
+                f"{criterion.quantity}, {criterion.relation} {criterion.bound:g}: "
                 f"{criterion.outcome}; {VERDICT_CONFIDENCE:.1%}"
             )
             findings[f"criterion {claim.number}.{number}"] = of(criterion.interval, meaning)

@@ -347,7 +347,7 @@ def test_columns_have_the_units_of_their_names() -> None:
         assert METRICS[name].label.endswith(f" {units[name.rpartition('_')[2]]}"), name
         for word, printed in (("mean", "mean"), ("max", "largest"), ("std", "σ"), ("rms", "RMS")):
             if f"_{word}_" in name and not name.startswith(("energy", "bound")):
-                assert printed in METRICS[name].label + METRICS[name].what, name
+                assert printed in METRICS[name].label + METRICS[name].meaning, name
     assert METRICS["e_b_p95_deg"].label == "95th percentile of E_B [°]"
 
 

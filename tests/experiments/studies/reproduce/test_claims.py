@@ -235,7 +235,11 @@ def test_a_criterion_whose_interval_contains_the_bound_is_undecided(
     low: float, high: float, relation: Relation, outcome: Outcome
 ) -> None:
     found = Judged(
-        what="ratio", interval=Interval(0.95, low, high), relation=relation, bound=1.0, margin=0.0
+        quantity="ratio",
+        interval=Interval(0.95, low, high),
+        relation=relation,
+        bound=1.0,
+        margin=0.0,
     )
     assert found.outcome == outcome
     assert str(found) == f"ratio: 0.95 ({low:.2f} to {high:.2f}) {relation} 1: {outcome}"
@@ -256,7 +260,7 @@ def test_a_figure_within_the_precision_of_the_papers_own_is_undecided(
 ) -> None:
     """A hundredth of the bound, to either side of it."""
     assert (
-        Judged(what="ratio", interval=Interval(low, low, high), relation="≤", bound=2.0).outcome
+        Judged(quantity="ratio", interval=Interval(low, low, high), relation="≤", bound=2.0).outcome
         == outcome
     )
 
