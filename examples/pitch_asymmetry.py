@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.pitch import Geometry, map_of_errors
+from experiments.pitch import PitchGeometry, map_of_errors
 from laisn.estimates import FIX_WORDS, FixKind
 from laisn.fix import Fix, to_circles
 from laisn.geometry import Point
@@ -57,5 +57,5 @@ for degrees, pitches in ((90, (1, 5, 10)), (60, (1, 5, 10)), (30, (1, 5, 10)), (
             f"{degrees:6}°   {pitch_deg:6}°   {asymmetry:21.3f} m   {moved:14.2f} m   "
             f"{formula:>18}   {FIX_WORDS[FixKind(int(fix.kind))]}"
         )
-shown = Geometry(baseline=BASELINE, pitch_deg=5.0, distance=DISTANCE, below=DEPTH_DIFFERENCE)
+shown = PitchGeometry(baseline=BASELINE, pitch_deg=5.0, distance=DISTANCE, below=DEPTH_DIFFERENCE)
 write_panel(map_of_errors(shown), Path("pitch.png"), width=6.0)

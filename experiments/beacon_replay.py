@@ -24,7 +24,7 @@ from sim.scenario.section import FurtherKeys, in_si, with_fields_of
 
 
 @with_fields_of(BeaconSettings, without={"dt", "hydrophone_height"}, optional=True)
-class Beacons(FurtherKeys):
+class BeaconReplaySettings(FurtherKeys):
     """What is known of odometry and ranges; keys that are not given follow the medium."""
 
     if TYPE_CHECKING:
@@ -45,20 +45,19 @@ class Beacons(FurtherKeys):
         return replace(base, **in_si(self.model_dump(exclude={"medium"})))
 
 
-def beacons_of(values: Mapping[str, object]) -> Beacons:
+def beacons_of(values: Mapping[str, object]) -> BeaconReplaySettings:
     """Settings by their keys; LaisnError naming all keys that are unknown and values out of
     their range.
     """
     try:
-        return Beacons.model_validate(dict(values))
+        return BeaconReplaySettings.model_validate(dict(values))
     except ValidationError as error:
+        keys = BeaconReplaySettings.model_fields
         lines = ["settings of beacons:"]
         for detail in error.errors():
             key = detail["loc"][0]
-            keys = (
-                "" if key in Beacons.model_fields else f"; known: {', '.join(Beacons.model_fields)}"
-            )
-            lines.append(f"  beacons.{key}: {detail['msg']}{keys}")
+            note = "" if key in keys else f"; known: {', '.join(keys)}"
+            lines.append(f"  beacons.{key}: {detail['msg']}{note}")
         raise LaisnError("\n".join(lines)) from None
 
 
@@ -118,11 +117,11 @@ def by_laisn(recorded: Replayable, navigation: NavigationSettings) -> Estimates:
     return Navigator(settings, recorded.start).run(recorded.measurements)
 
 
-def _settings(recorded: Replayable, beacons: Beacons, medium: str) -> BeaconSettings:
+def _settings(recorded: Replayable, beacons: BeaconReplaySettings, medium: str) -> BeaconSettings:
     return beacons.over(replace(MEDIA[medium], dt=recorded.measurements.dt, **recorded.stated))
 
 
-def among_beacons(recorded: Replayable, beacons: Beacons) -> tuple[Estimates, str]:
+def among_beacons(recorded: Replayable, beacons: BeaconReplaySettings) -> tuple[Estimates, str]:
     """Estimates of the navigator among beacons, and the medium: if it is open, that with the
     likeliest ranges.
     """

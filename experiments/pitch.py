@@ -38,7 +38,7 @@ _LEVEL = turn(0.0)
 _SMALLEST_M = 1e-3
 
 
-class Fix(NamedTuple):
+class PitchedFix(NamedTuple):
     """Where a follower is put whose true place is known; the leader is at the origin and heads
     north.
     """
@@ -54,7 +54,7 @@ class Fix(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Geometry:
+class PitchGeometry:
     """A leader's baseline and pitch, a follower's place; LaisnError if a number is impossible."""
 
     baseline: float  # rear to front transmitter [m]
@@ -84,7 +84,7 @@ class Geometry:
     def _tuning(self) -> Tuning:
         return Tuning.of(NavigationSettings(side_rule=self.side_rule, threshold=self.threshold))
 
-    def fix(self, bearing: float, pitch: float) -> Fix:
+    def fix(self, bearing: float, pitch: float) -> PitchedFix:
         """The fix of a follower at a bearing off the bow, to starboard, by the ranges from a
         leader that is pitched nose up; angles in [rad].
 
@@ -101,14 +101,14 @@ class Geometry:
         pair = Pair(about.rear, about.front, False)
         fix = pair_fix(pair, _LEVEL, position, self._tuning)
         error = math.hypot(fix.east - position.east, fix.north - position.north)
-        return Fix(fix.east, fix.north, error, fix.kind == FixKind.ASTERN)
+        return PitchedFix(fix.east, fix.north, error, fix.kind == FixKind.ASTERN)
 
     def _range(self, place: Point, front: tuple[float, float, float], sign: float) -> float:
         """Slant range from the front transmitter (1) or the rear one (−1) [m]."""
         east, north, up = (sign * component for component in front)
         return math.hypot(place.east - east, place.north - north, -self.below - up)
 
-    def at(self, bearing_deg: float) -> Fix:
+    def at(self, bearing_deg: float) -> PitchedFix:
         """The fix at the leader's pitch."""
         return self.fix(math.radians(bearing_deg), self.pitch)
 
@@ -129,7 +129,9 @@ class Geometry:
             for begin, end in zip(edges[::2], edges[1::2], strict=True)
         ]
 
-    def worst(self, off_axis_deg: float = 0.0, pitch_deg: float | None = None) -> tuple[float, Fix]:
+    def worst(
+        self, off_axis_deg: float = 0.0, pitch_deg: float | None = None
+    ) -> tuple[float, PitchedFix]:
         """Bearing and fix of the largest error, so far off the axis ahead and astern."""
         pitch = math.radians(self.pitch_deg if pitch_deg is None else pitch_deg)
         bearings = np.linspace(off_axis_deg, 180.0 - off_axis_deg, _CURVE_BEARINGS).tolist()
@@ -172,13 +174,13 @@ class Geometry:
                 }
 
 
-def rows_by_bearing(geometry: Geometry) -> list[tuple[float, Fix, float]]:
+def rows_by_bearing(geometry: PitchGeometry) -> list[tuple[float, PitchedFix, float]]:
     """Bearing [°], fix, and error by the closed form of each row of the table."""
     forms = geometry.closed_form(np.array(BEARINGS_DEG)).tolist()
     return [(b, geometry.at(b), form) for b, form in zip(BEARINGS_DEG, forms, strict=True)]
 
 
-def summary(geometry: Geometry) -> str:
+def summary(geometry: PitchGeometry) -> str:
     """The answer in three sentences."""
     worst_at, worst = geometry.worst()
     _, off = geometry.worst(_OFF_AXIS_DEG)
@@ -202,14 +204,14 @@ def summary(geometry: Geometry) -> str:
 _SIDES = {"behind": "behind it", "predicted": "on the side where it is predicted"}
 
 
-def _scale(geometry: Geometry) -> float:
+def _scale(geometry: PitchGeometry) -> float:
     """A round number of metres near to the error abeam: 1, 2 or 5 times a power of ten."""
     error = max(geometry.at(90.0).error, _SMALLEST_M)
     power = 10.0 ** math.floor(math.log10(error))
     return power * min((1.0, 2.0, 5.0, 10.0), key=lambda step: abs(step - error / power))
 
 
-def map_of_errors(geometry: Geometry) -> Panel:
+def map_of_errors(geometry: PitchGeometry) -> Panel:
     """The error over bearing and pitch, with a line at the leader's pitch."""
     levels = [_scale(geometry) * level for level in ERROR_LEVELS_M]
     hover = "%{x}°, %{y}°: %{customdata:.2f} m"
@@ -232,7 +234,7 @@ def map_of_errors(geometry: Geometry) -> Panel:
     )
 
 
-def from_above(geometry: Geometry) -> Panel:
+def from_above(geometry: PitchGeometry) -> Panel:
     """True places around the leader, and where the fixes put them."""
     bearings = np.linspace(0.0, 2.0 * np.pi, _RING_BEARINGS, endpoint=False)
     truth = geometry.distance * np.column_stack([np.sin(bearings), np.cos(bearings)])
@@ -256,7 +258,7 @@ def from_above(geometry: Geometry) -> Panel:
     )
 
 
-def curves(geometry: Geometry) -> Panel:
+def curves(geometry: PitchGeometry) -> Panel:
     """The error over bearing at the leader's pitch, with its closed form."""
     bearings = np.linspace(0.0, 180.0, _CURVE_BEARINGS)
     errors = np.array([geometry.at(bearing).error for bearing in bearings.tolist()])
@@ -279,7 +281,7 @@ def curves(geometry: Geometry) -> Panel:
     )
 
 
-def _by_pitch(geometry: Geometry) -> list[tuple[float, float, float, float]]:
+def _by_pitch(geometry: PitchGeometry) -> list[tuple[float, float, float, float]]:
     """Pitch [°], and errors abeam, at most off the axis, and at most anywhere [m]."""
     pitches = sorted({*_PITCHES_DEG, abs(geometry.pitch_deg)})
     sign = math.copysign(1.0, geometry.pitch_deg)
@@ -294,7 +296,7 @@ def _by_pitch(geometry: Geometry) -> list[tuple[float, float, float, float]]:
     ]
 
 
-def write_pitch_page(geometry: Geometry, path: Path, facts: Sequence[tuple[str, str]]) -> None:
+def write_pitch_page(geometry: PitchGeometry, path: Path, facts: Sequence[tuple[str, str]]) -> None:
     """Write the page of a geometry; OSError if that fails."""
     legend: Legend = [(LEADER, "leader's baseline"), (FOLLOWER, "true place"), (ESTIMATE, "fix")]
     values = {

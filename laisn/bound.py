@@ -69,7 +69,7 @@ class TrueNoise:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Geometry:
+class BoundGeometry:
     """The true mission of one follower as its sensors meet it: n filter steps, m messages, t
     transmitters.
     """
@@ -150,7 +150,9 @@ def _expected_information(away: Floats, spread: Floats, arms: Floats, noise: Tru
     return np.asarray(np.einsum("q,qij->ij", _WEIGHTS, informations))
 
 
-def _leader_way_information(geometry: Geometry, noise: TrueNoise, i: slice, steps: int) -> Floats:
+def _leader_way_information(
+    geometry: BoundGeometry, noise: TrueNoise, i: slice, steps: int
+) -> Floats:
     """Information of the leader's way over the `steps` before each message of a slice, shape
     (b, s, s).
     """
@@ -165,7 +167,7 @@ def _leader_way_information(geometry: Geometry, noise: TrueNoise, i: slice, step
     return np.asarray(seen.swapaxes(1, 2) @ seen * (time / (10.0 * noise.leader_way_sigma**2)))
 
 
-def _informations_at_truth(geometry: Geometry, noise: TrueNoise, i: slice) -> Floats:
+def _informations_at_truth(geometry: BoundGeometry, noise: TrueNoise, i: slice) -> Floats:
     """Information of the ranges of each message of a slice at the true positions, shape
     (b, s, s).
     """
@@ -254,7 +256,7 @@ def _unknown_states(noise: TrueNoise) -> tuple[Floats, Ints]:
 
 
 def _message_information(
-    geometry: Geometry, noise: TrueNoise, i: int, covariance: Floats, mean: bool, steps: int
+    geometry: BoundGeometry, noise: TrueNoise, i: int, covariance: Floats, mean: bool, steps: int
 ) -> Floats:
     """Information of message i, `steps` after the one before it, shape (s, s): of its ranges, and
     of the leader's way since then.
@@ -274,7 +276,7 @@ def _informed(covariance: Floats, gained: Floats) -> Floats:
     return np.asarray(0.5 * (informed + informed.T), dtype=np.float64)
 
 
-def _steady_speed_bound(geometry: Geometry, noise: TrueNoise, averaged: bool | None) -> Floats:
+def _steady_speed_bound(geometry: BoundGeometry, noise: TrueNoise, averaged: bool | None) -> Floats:
     """As `position_bound`, where the speed is a random walk that the log measures in each step.
 
     It is that of a speed which is held: an estimator that also expects manoeuvres is above it.
@@ -318,7 +320,7 @@ def _steady_speed_bound(geometry: Geometry, noise: TrueNoise, averaged: bool | N
 
 
 def position_bound(
-    geometry: Geometry, noise: TrueNoise, *, averaged: bool | None = None, lag: float = 0.0
+    geometry: BoundGeometry, noise: TrueNoise, *, averaged: bool | None = None, lag: float = 0.0
 ) -> Floats:
     """Bound of the position's covariance after each step, shape (n, 2, 2), [m²], for the model
     stated above.
@@ -335,7 +337,7 @@ def position_bound(
     return _dead_reckoning_bound(geometry, noise, averaged, lag)
 
 
-def _runs(geometry: Geometry) -> Iterator[tuple[int, int, int, int]]:
+def _runs(geometry: BoundGeometry) -> Iterator[tuple[int, int, int, int]]:
     """Consecutive intervals between messages of equal length, at most `_MAX_INTERVALS` each.
 
     Yields the number of the first, how many they are, the step at which they begin, and their
@@ -354,7 +356,7 @@ def _runs(geometry: Geometry) -> Iterator[tuple[int, int, int, int]]:
 
 
 def _dead_reckoning_bound(
-    geometry: Geometry, noise: TrueNoise, averaged: bool | None, lag: float
+    geometry: BoundGeometry, noise: TrueNoise, averaged: bool | None, lag: float
 ) -> Floats:
     """As `position_bound`, where the log is an input.
 

@@ -50,7 +50,7 @@ FIX_WORDS = dict(
 """Names of the kinds of fix in tables, figures and films."""
 
 
-class Columns(NamedTuple):
+class LogColumns(NamedTuple):
     """An array of estimates, shape (f, …), and the columns of the log that hold its numbers."""
 
     attribute: str
@@ -66,7 +66,7 @@ class Details(NamedTuple):
     """
 
     name: str  # of the channel and, with a capital, of the type of its messages
-    columns: tuple[Columns, ...]
+    columns: tuple[LogColumns, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -218,21 +218,21 @@ class TightEstimates(Estimates):
     DETAILS = Details(
         "mixture",
         (
-            Columns("nis", ("nis",)),
-            Columns("full_state", _STATES, (len(_STATES),)),
-            Columns("full_sigma", tuple(f"sigma_{state}" for state in _STATES), (len(_STATES),)),
-            Columns("weight", tuple(f"weight_{h}" for h in _KEPT), (HYPOTHESES,)),
-            Columns(
+            LogColumns("nis", ("nis",)),
+            LogColumns("full_state", _STATES, (len(_STATES),)),
+            LogColumns("full_sigma", tuple(f"sigma_{state}" for state in _STATES), (len(_STATES),)),
+            LogColumns("weight", tuple(f"weight_{h}" for h in _KEPT), (HYPOTHESES,)),
+            LogColumns(
                 "hypothesis", tuple(f"{axis}_{h}" for h in _KEPT for axis in "xy"), (HYPOTHESES, 2)
             ),
-            Columns(
+            LogColumns(
                 "hypothesis_covariance",
                 tuple(
                     f"covariance_{h}_{pair}" for h in _KEPT for pair in ("x_x", "x_y", "x_y", "y_y")
                 ),
                 (HYPOTHESES, 2, 2),
             ),
-            Columns("used", ("used",), integer=True),
+            LogColumns("used", ("used",), integer=True),
         ),
     )
     names: ClassVar[tuple[str, ...]] = _STATES  # names of all states that there can be, with units

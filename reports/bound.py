@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from laisn.arrays import Bools, Floats
-from laisn.bound import Geometry, TrueNoise, position_bound
+from laisn.bound import BoundGeometry, TrueNoise, position_bound
 from laisn.settings import Assume, TightSettings
 from laisn.tight.model import model_of
 from laisn.tight.motion import CURRENT_SIGMA
@@ -72,7 +72,7 @@ def noise_of(scenario: Scenario, follower: int = 0) -> TrueNoise:
 
 def geometry_of(
     trajectory: Trajectory, scenario: Scenario, follower: int = 0, received: Bools | None = None
-) -> Geometry:
+) -> BoundGeometry:
     """The true geometry of a mission as one follower's sensors meet it.
 
     Args:
@@ -101,7 +101,7 @@ def geometry_of(
     arms[..., 2] = hydrophone[:, None, 2] - arms[..., 2]
     if received is not None:
         arms[~received[:, :used]] = np.nan
-    return Geometry(
+    return BoundGeometry(
         dt=dt,
         speed=trajectory.forward_speed[at, follower + 1],
         heading=trajectory.heading[at, follower + 1],
@@ -112,7 +112,7 @@ def geometry_of(
     )
 
 
-def least_rms(geometry: Geometry, noise: TrueNoise, lag: float = 0.0) -> Floats:
+def least_rms(geometry: BoundGeometry, noise: TrueNoise, lag: float = 0.0) -> Floats:
     """Least RMS of the position error after each step, shape (n,), [m]; with messages of up to a
     lag later [s].
     """

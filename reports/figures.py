@@ -90,7 +90,7 @@ class Line:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Part:
+class Subplot:
     """One of several panels above one another, with an axis of its own."""
 
     lines: Sequence[Line]
@@ -108,7 +108,7 @@ class Part:
 class Panel:
     """Parts above one another, listed from above, that share the axis at their foot."""
 
-    parts: Sequence[Part]
+    parts: Sequence[Subplot]
     x_label: str
     title: str = ""
     equal: bool = False
@@ -228,7 +228,7 @@ def panel(
     **settings: Any,
 ) -> Panel:
     """A panel of one part; further settings as of `Panel`."""
-    subplot = Part(
+    subplot = Subplot(
         lines=lines, y_label=y_label, y_limits=y_limits, y_log=y_log, ticks=y_ticks, traces=traces
     )
     return Panel(parts=(subplot,), **settings)

@@ -8,7 +8,7 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, FixKind
 from laisn.messages import Ranges
-from reports.figures import DRAWN_POINTS, Line, Panel, Part, panel
+from reports.figures import DRAWN_POINTS, Line, Panel, Subplot, panel
 from reports.style import (
     ESTIMATE,
     FOLLOWER,
@@ -47,7 +47,7 @@ def without_wraps(angle_deg: Floats) -> Floats:
     return broken
 
 
-def bearing_part(time: Floats, bearing: Floats) -> Part:
+def bearing_part(time: Floats, bearing: Floats) -> Subplot:
     """B, shape (n,), [rad], over time [s]; darker ground where the follower is near the leader's
     axis.
     """
@@ -59,12 +59,12 @@ def bearing_part(time: Floats, bearing: Floats) -> Part:
     angle = without_wraps(np.rad2deg(np.mod(bearing, 2 * np.pi)))
     lines = [Line(x=time, y=angle, colour=FOLLOWER, width=1.2, name="bearing")]
     ticks = (0, 90, 180, 270, 360)
-    return Part(lines=lines, y_label="B [°]", y_limits=(0.0, 360.0), ticks=ticks, shaded=shaded)
+    return Subplot(lines=lines, y_label="B [°]", y_limits=(0.0, 360.0), ticks=ticks, shaded=shaded)
 
 
 def error_parts(
     flight: FlightRecord, follower: int, errors: tuple[Floats, Floats], bound: Floats | None
-) -> list[Part]:
+) -> list[Subplot]:
     """E_P with the filter's 2σ, its RMS error by the filter and the bound; E_B; and the bearing B,
     over time.
 
@@ -99,8 +99,8 @@ def error_parts(
     lines.append(Line(x=time, y=position, colour=ESTIMATE, name="E_P"))
     turn = Line(x=time, y=np.rad2deg(np.abs(bearing)), colour=ESTIMATE, name="E_B")
     return [
-        Part(lines=lines, y_label="E_P [m]", y_limits=(0.0, top), height=1.6),
-        Part(lines=[turn], y_label="E_B [°]", y_limits=(0.0, None)),
+        Subplot(lines=lines, y_label="E_P [m]", y_limits=(0.0, top), height=1.6),
+        Subplot(lines=[turn], y_label="E_B [°]", y_limits=(0.0, None)),
         bearing_part(time, true_bearing(flight, follower)),
     ]
 
@@ -270,11 +270,11 @@ def motion(flight: FlightRecord) -> Panel:
             )
             for v in order
         ]
-        parts.append(Part(lines=lines, y_label=label, y_limits=limits))
+        parts.append(Subplot(lines=lines, y_label=label, y_limits=limits))
     return Panel(parts=parts, x_label="time [s]", width=FULL, height=5.2, link="follower0")
 
 
-def ranges_part(flight: FlightRecord, follower: int) -> Part:
+def ranges_part(flight: FlightRecord, follower: int) -> Subplot:
     """Measured slant ranges over time, of the transmitters that the variant uses."""
     measured = flight.measurements[follower]
     time = np.asarray(
@@ -291,10 +291,10 @@ def ranges_part(flight: FlightRecord, follower: int) -> Part:
         )
         for j in used
     ]
-    return Part(lines=lines, y_label="ranges [m]")
+    return Subplot(lines=lines, y_label="ranges [m]")
 
 
-def fixes_part(flight: FlightRecord, follower: int) -> Part:
+def fixes_part(flight: FlightRecord, follower: int) -> Subplot:
     """A mark over time for every fix, in a row for each kind."""
     estimates = flight.estimates[follower]
     dt = flight.measurements[follower].dt
@@ -308,7 +308,7 @@ def fixes_part(flight: FlightRecord, follower: int) -> Part:
         y = np.full(times.size, float(row))
         marks.append(Line(x=times, y=y, colour=colour, marker="|"))
     ticks = {float(row): FIX_WORDS[kind] for row, kind in enumerate(kinds)}
-    return Part(
+    return Subplot(
         lines=marks,
         y_label="fixes",
         y_limits=(-0.6, max(len(kinds), 1) - 0.4),
@@ -317,7 +317,7 @@ def fixes_part(flight: FlightRecord, follower: int) -> Part:
     )
 
 
-def weights_part(flight: FlightRecord, follower: int) -> Part | None:
+def weights_part(flight: FlightRecord, follower: int) -> Subplot | None:
     """Weights of a follower's hypotheses over time; None if no second one has a weight of at
     least 0.001.
     """
@@ -337,4 +337,4 @@ def weights_part(flight: FlightRecord, follower: int) -> Part | None:
         )
         for h in weighty
     ]
-    return Part(lines=lines, y_label="weights", y_limits=(0.0, 1.05))
+    return Subplot(lines=lines, y_label="weights", y_limits=(0.0, 1.05))

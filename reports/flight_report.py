@@ -18,7 +18,18 @@ from reports import flight_figures, style
 from reports.figures import Line, Panel, panel
 from reports.flight_figures import ON_AXIS_DEG, SIGMAS
 from reports.headline import OUTSIDE, headline, on_stations, tiles
-from reports.page import Cell, Code, Figures, Film, Replay, Table, number, page_of, words, write
+from reports.page import (
+    Code,
+    Figures,
+    Film,
+    PageTable,
+    Replay,
+    TableCell,
+    number,
+    page_of,
+    words,
+    write,
+)
 from reports.range_budget import LABELS, Cause, RangeErrorBudget, range_error_budget
 from reports.scene.mission import Scene, scene_of
 from reports.summary import (
@@ -60,7 +71,7 @@ def _largest(values: Floats) -> float:
     return float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else np.nan
 
 
-def share_table(budget: RangeErrorBudget, caption: str = "", transmitters: int = 3) -> Table:
+def share_table(budget: RangeErrorBudget, caption: str = "", transmitters: int = 3) -> PageTable:
     """RMS of each cause's share in the range errors of so many transmitters, and in the
     asymmetry of bow and stern.
     """
@@ -78,7 +89,7 @@ def share_table(budget: RangeErrorBudget, caption: str = "", transmitters: int =
         for c in at_work
     ]
     idle = ", ".join(LABELS[cause] for cause in Cause if cause not in at_work)
-    return Table(
+    return PageTable(
         heads=("cause", *Ranges._fields[:transmitters], "rms", "largest"),
         rows=rows,
         groups=(
@@ -115,7 +126,7 @@ def range_budget(flight: FlightRecord) -> dict[str, Any]:
     silent = list[str]()
     drawn = set[Cause]()
     panels = list[Panel]()
-    tables = list[Table]()
+    tables = list[PageTable]()
     width = style.FULL if len(names) == 1 else style.HALF
     for i, name in enumerate(names[:_DRAWN_FOLLOWERS]):
         budget = range_error_budget(flight, i)
@@ -236,9 +247,9 @@ def follower_curves(
     )
 
 
-def final_states(flight: FlightRecord) -> list[list[Cell]]:
+def final_states(flight: FlightRecord) -> list[list[TableCell]]:
     """Final estimates of biases, current and offsets with their σ, where a navigator has them."""
-    rows = list[list[Cell]]()
+    rows = list[list[TableCell]]()
     for i in _drawn(flight):
         for name, value, sigma in flight.estimates[i].further_states():
             if np.isfinite(value):

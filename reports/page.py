@@ -7,7 +7,7 @@ is a notice. `{{ n("lost calm", ".0% i")
 }}` is a finding in a format of `Finding`; `{{ table }}` on a line of its own is a table, figure,
 film or code that the caller passes, or a list of these; `{{ figure | caption("text") }}` gives it a
 caption. Below the rows of a Markdown table stands its caption; a row above its heads has groups:
-one that ends in `||` spans two columns. A cell is text, a number, or a `Cell` of the caller's.
+one that ends in `||` spans two columns. A cell is text, a number, or a `TableCell` of the caller's.
 """
 
 import math
@@ -78,7 +78,7 @@ class Notice:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cell:
+class TableCell:
     """A table cell: what is shown, by what it sorts, and how it is coloured."""
 
     text: str
@@ -111,11 +111,11 @@ class Cell:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Table:
+class PageTable:
     """A sortable table; `groups` is an optional row above the heads: (text, columns)."""
 
     heads: Sequence[str]
-    rows: Sequence[Sequence[Cell]]
+    rows: Sequence[Sequence[TableCell]]
     caption: str = ""
     groups: Sequence[tuple[str, int]] = ()
 
@@ -168,11 +168,11 @@ class Tile:
     tone: Literal["good", "bad", ""] = ""  # against what is expected
 
 
-Block = Text | Code | Notice | Table | Figures | Film | Replay
+Block = Text | Code | Notice | PageTable | Figures | Film | Replay
 
 
 @dataclass(frozen=True, kw_only=True)
-class Section:
+class PageSection:
     title: str
     blocks: Sequence[Block]
 
@@ -186,7 +186,7 @@ class Page:
     title: str
     summary: str
     facts: Sequence[tuple[str, str]]  # what was run: seed, version, command to repeat it and so on
-    sections: Sequence[Section]
+    sections: Sequence[PageSection]
     tiles: Sequence[Tile] = ()
     replay: Replay | None = None  # before the first section
     question: str = ""  # that the summary answers, before it
@@ -201,24 +201,26 @@ class Page:
         return replays[0] if replays else None
 
 
-def number(value: float | int | None, digits: int = 2, tone: str = "", title: str = "") -> Cell:
+def number(
+    value: float | int | None, digits: int = 2, tone: str = "", title: str = ""
+) -> TableCell:
     """A number with a fixed count of decimals; a dash for None and NaN, sorted last."""
     if value is None or math.isnan(value):
-        return Cell(text="–", sort=math.inf, title=title)
+        return TableCell(text="–", sort=math.inf, title=title)
     text = f"{value:d}" if isinstance(value, int) else f"{value:.{digits}f}"
     # what is rounded to zero has no sign
     text = text.replace("-", "−" if float(text) else "")
-    return Cell(text=text, sort=value, tone=tone, title=title)
+    return TableCell(text=text, sort=value, tone=tone, title=title)
 
 
-def with_limits(finding: Finding, digits: int = 2) -> Cell:
+def with_limits(finding: Finding, digits: int = 2) -> TableCell:
     """A finding with its interval in brackets, if it has one."""
-    return Cell(
+    return TableCell(
         text=f"{finding:.{digits}f i}".replace(" (– to –)", ""), sort=float(finding.value or 0.0)
     )
 
 
-def share_of(finding: Finding) -> Cell:
+def share_of(finding: Finding) -> TableCell:
     """A finding that is a share, in per cent with its interval; a dash for what the study did
     not determine.
     """
@@ -227,11 +229,11 @@ def share_of(finding: Finding) -> Cell:
         for value in (finding.value, finding.low, finding.high)
     ]
     share, low, high = (number(100 * value, 1).text for value in values)
-    return Cell(text=f"{share} ({low} … {high})", sort=number(values[0]).sort)
+    return TableCell(text=f"{share} ({low} … {high})", sort=number(values[0]).sort)
 
 
-def words(text: str, tone: str = "", title: str = "") -> Cell:
-    return Cell(text=text, tone=tone, title=title)
+def words(text: str, tone: str = "", title: str = "") -> TableCell:
+    return TableCell(text=text, tone=tone, title=title)
 
 
 def ratio_tone(ratio: float) -> str:
@@ -362,7 +364,7 @@ class _Rendered:
             title=self._heading(nodes[0]),
             summary=_line(_text_of(nodes[1])),
             facts=facts,
-            sections=[Section(title=title, blocks=blocks) for title, blocks in sections],
+            sections=[PageSection(title=title, blocks=blocks) for title, blocks in sections],
             **first_screen,
         )
 
@@ -383,7 +385,7 @@ class _Rendered:
         mark = _MARKED.fullmatch(text)
         return self.placed[int(mark[1])] if mark else Text(text=text)
 
-    def _table(self, node: SyntaxTreeNode, groups: list[tuple[str, int]]) -> Table:
+    def _table(self, node: SyntaxTreeNode, groups: list[tuple[str, int]]) -> PageTable:
         """A table; of the lines that Markdown counts as its rows, those without a bar at their
         beginning are its caption.
         """
@@ -398,7 +400,7 @@ class _Rendered:
                 rows.append([self._cell(_text_of(cell)) for cell in row.children])
             else:
                 caption.append(line)
-        return Table(
+        return PageTable(
             heads=[_text_of(cell) for cell in heads.children],
             rows=rows,
             caption=" ".join(caption),
@@ -411,11 +413,11 @@ class _Rendered:
         if mark:
             return self.placed[int(mark[1])]
         if text == "–":
-            return Cell(text=text, sort=math.inf)
+            return TableCell(text=text, sort=math.inf)
         number = _NUMBER.fullmatch(text)
         if number:
-            return Cell(text=text, sort=float(number[1].replace("−", "-").replace(",", "")))
-        return Cell(text=text)
+            return TableCell(text=text, sort=float(number[1].replace("−", "-").replace(",", "")))
+        return TableCell(text=text)
 
 
 def _with_rules(text: str) -> str:
@@ -475,7 +477,7 @@ def page_of(
         return _MARK.format(len(placed) - 1)
 
     def place(value: object) -> object:
-        if isinstance(value, Cell):
+        if isinstance(value, TableCell):
             return mark(value)
         blocks: Sequence[Any] = value if isinstance(value, list | tuple) else [value]
         if not all(isinstance(block, _BLOCKS) for block in blocks):

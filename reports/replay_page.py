@@ -15,7 +15,7 @@ from laisn.errors import plain
 from laisn.estimates import FIX_WORDS, Estimates, FixKind
 from laisn.messages import LeaderMessage, Measurements
 from laisn.metrics import nis
-from reports.figures import Line, Panel, Part, panel
+from reports.figures import Line, Panel, Subplot, panel
 from reports.headline import figure, judged
 from reports.page import Figures, Replay, Tile, number, page_of, write
 from reports.scene.measured import Measured, scene_of_measured
@@ -161,7 +161,7 @@ def _over_time(replayed: Replayed) -> Panel:
     squared = replayed.nis
     seen = np.isfinite(residuals)
     curve = Line(x=replayed.measured.time, y=2.0 * replayed.sigma, colour=ESTIMATE, name="2σ")
-    parts = [Part(lines=[curve], y_label="2σ of position [m]", y_limits=(0.0, None))]
+    parts = [Subplot(lines=[curve], y_label="2σ of position [m]", y_limits=(0.0, None))]
     lines = [
         Line(
             x=at[seen[:, i]],
@@ -173,12 +173,12 @@ def _over_time(replayed: Replayed) -> Panel:
         for i, colour in enumerate(TRANSMITTERS)
         if seen[:, i].any()
     ]
-    parts += [Part(lines=lines, y_label="range residual [m]")] if lines else []
+    parts += [Subplot(lines=lines, y_label="range residual [m]")] if lines else []
     if np.isfinite(squared).any():
         top = max(2.0, float(np.nanpercentile(squared, 99)))
         time = replayed.measured.time[replayed.estimates.fix_step - 1]
         marks = Line(x=time, y=squared, colour=SERIES[2], marker="o", name="NIS")
-        parts.append(Part(lines=[marks], y_label="NIS per quantity", y_limits=(0.0, top)))
+        parts.append(Subplot(lines=[marks], y_label="NIS per quantity", y_limits=(0.0, top)))
     ends = (float(replayed.measured.time[0]), float(replayed.measured.time[-1]))
     width = FULL - _MAP_WIDTH
     return Panel(

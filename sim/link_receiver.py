@@ -106,7 +106,7 @@ def _sound_of_leader(scenario: Scenario, sound: Sound, link: Link) -> Sound:
     )
 
 
-class Readings(Protocol):
+class ReadingsSource(Protocol):
     """Readings of the further sensors of a vehicle at filter steps by their names."""
 
     def __call__(self, vehicle: int, step: int) -> Mapping[str, Floats]: ...
@@ -143,7 +143,7 @@ class Receiver:
             )
         self.sender: Sender | None = None
         """Whose estimate and readings messages hold; None: its true state, with errors."""
-        self.readings_of: Readings | None = None
+        self.readings_of: ReadingsSource | None = None
         """Of the sender's further sensors, where messages hold any."""
         self.content: list[dict[str, Floats]] = [{} for _ in range(receivers)]
         """Readings of further sensors in the last message of each receiver."""

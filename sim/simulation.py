@@ -206,7 +206,7 @@ def take_over(k: int, truth: StateHistory, i: int, routes: RouteControl) -> None
     begin(routes.reference[k, i], motion.heading, motion.surge, (water[0], water[1]), guidance)
 
 
-class Run(NamedTuple):
+class LoopState(NamedTuple):
     """All that the loop of a mission works on."""
 
     handles: Any  # of the plant, as of `Plant.step_handles`
@@ -220,7 +220,7 @@ class Run(NamedTuple):
 
 
 @jitable
-def _simulate(first: int, last: int, run: Run) -> tuple[int, Fault]:
+def _simulate(first: int, last: int, run: LoopState) -> tuple[int, Fault]:
     """Step, record and control from one instant to another.
 
     Gives the last instant that is recorded, and what ended the simulation.
@@ -324,7 +324,7 @@ class Mission:
             self.controller = make_controller(plant, self.routes)
         self.truth = StateHistory.empty(ticks + 1, *plant.thrust.shape)
         self._instants = np.zeros(1, dtype=np.int64)
-        self._run = Run(
+        self._run = LoopState(
             handles=plant.step_handles(),
             state=plant.state,
             environment=plant.ocean.environment,

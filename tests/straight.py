@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sim import attitude
-from sim.scenario.settings import Acoustics, Follower, Leader, Ocean, Scenario, Timing
+from sim.scenario.settings import Acoustics, Follower, Leader, OceanTable, Scenario, Timing
 from sim.trajectory import Trajectory
 
 SITES = {
@@ -33,7 +33,7 @@ def make_scenario(
         timing=Timing(filter_step_s=filter_step, message_interval_s=1.0),
         leader=Leader(),
         followers=(Follower(route="T5"),),
-        ocean=Ocean(floor_depth_m=floor),
+        ocean=OceanTable(floor_depth_m=floor),
         acoustics=acoustics or Acoustics(),
         **others,  # type: ignore[arg-type]
     )

@@ -19,7 +19,7 @@ _FILE = Path(__file__).with_name("missions.toml")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mission:
+class BenchmarkMission:
     """One of the benchmark's missions, flown with several seeds."""
 
     name: str
@@ -33,14 +33,14 @@ class Mission:
         return as_scenario({**self.table, "name": self.name, "seed": seed})
 
 
-def _mission(entry: dict[str, Any]) -> Mission:
+def _mission(entry: dict[str, Any]) -> BenchmarkMission:
     table = dict(table_of(entry["base"]))
     if "formation" in entry:
         del table["followers"]
         table["formation"] = {"shape": entry["formation"]}
     assume = {"transmitters": entry["transmitters"], **entry.get("assume", {})}
     told = {f"navigation.assume.{key}": value for key, value in assume.items()}
-    return Mission(
+    return BenchmarkMission(
         name=entry["name"],
         title=entry["title"],
         transmitters=entry["transmitters"],
@@ -50,13 +50,13 @@ def _mission(entry: dict[str, Any]) -> Mission:
 
 
 @cache
-def missions() -> dict[str, Mission]:
+def missions() -> dict[str, BenchmarkMission]:
     """All missions by their names."""
     entries = (_mission(entry) for entry in read(_FILE)["missions"])
     return {mission.name: mission for mission in entries}
 
 
-def chosen_missions(names: Sequence[str]) -> list[Mission]:
+def chosen_missions(names: Sequence[str]) -> list[BenchmarkMission]:
     """Missions of these names, all of them if there is none; LaisnError for an unknown name."""
     catalogue = missions()
     for name in names:

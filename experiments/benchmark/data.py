@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from experiments.benchmark.catalogue import VERSION, Mission
+from experiments.benchmark.catalogue import VERSION, BenchmarkMission
 from experiments.benchmark.tables import as_written, write_measurements, write_truth
 from experiments.campaign.pool import Pool
 from experiments.campaign.progress import progress
@@ -44,7 +44,7 @@ FORMATS = ("mcap", "ros2", "pyfg")
 _AHEAD_S = 1000.0  # the routes in a task go straight on for so long: they give starts alone
 
 
-def flown(mission: Mission, seed: int, seconds: float | None = None) -> FlightRecord:
+def flown(mission: BenchmarkMission, seed: int, seconds: float | None = None) -> FlightRecord:
     """A mission, or its first seconds, with the measurements that its files hold."""
     flight, _ = fly(mission.scenario(seed))
     if seconds is not None and seconds < flight.trajectory.time[-1]:
@@ -64,7 +64,7 @@ def truth_rows(flight: FlightRecord, follower: int) -> Floats:
     return np.column_stack([trajectory.time[steps], east, north, -up, heading, leader, bound])
 
 
-def task_table(mission: Mission, flight: FlightRecord) -> dict[str, Any]:
+def task_table(mission: BenchmarkMission, flight: FlightRecord) -> dict[str, Any]:
     """What a navigator may know of a mission, as the table of a scenario: starts, geometry of the
     transmitters, times, and what is assumed of errors.
     """
@@ -110,7 +110,7 @@ def task_table(mission: Mission, flight: FlightRecord) -> dict[str, Any]:
     }
 
 
-def _task_text(mission: Mission, flight: FlightRecord) -> str:
+def _task_text(mission: BenchmarkMission, flight: FlightRecord) -> str:
     head = (
         f"# LAISN-Bench {VERSION}, {mission.name}: {mission.title}\n"
         "# Routes are not those of the mission: their first points are the starts.\n"
@@ -155,7 +155,11 @@ def _with_tight(flight: FlightRecord) -> FlightRecord:
 
 
 def write_run(
-    folder: Path, mission: Mission, seed: int, formats: Sequence[str], seconds: float | None = None
+    folder: Path,
+    mission: BenchmarkMission,
+    seed: int,
+    formats: Sequence[str],
+    seconds: float | None = None,
 ) -> str:
     """Fly a mission with a seed and write its files, or those of its first seconds; its name,
     MISSION/SEED.
@@ -197,7 +201,7 @@ def _require_free(folder: Path) -> None:
 
 
 def _manifest(
-    folder: Path, chosen: Sequence[Mission], seeds: Sequence[int], seconds: float | None
+    folder: Path, chosen: Sequence[BenchmarkMission], seeds: Sequence[int], seconds: float | None
 ) -> dict[str, Any]:
     files = sorted(
         path
@@ -221,7 +225,7 @@ def _manifest(
 
 def generate(
     folder: Path,
-    chosen: Sequence[Mission],
+    chosen: Sequence[BenchmarkMission],
     seeds: Sequence[int],
     formats: Sequence[str] = (),
     *,

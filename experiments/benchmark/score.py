@@ -42,7 +42,7 @@ COVARIANCE = ("xx_m2", "xy_m2", "yy_m2")
 """Columns of the covariance of an estimated position, which may be absent [m²]."""
 
 
-class Run(NamedTuple):
+class FollowerRun(NamedTuple):
     """One follower of a mission flown with one seed."""
 
     mission: str
@@ -63,7 +63,7 @@ class Track(NamedTuple):
 class RunScore:
     """Errors of one run at the filter steps that its estimates cover."""
 
-    run: Run
+    run: FollowerRun
     covered: float = 0.0  # share of filter steps
     mean_m: float = math.nan  # of the position error E_P
     rms_m: float = math.nan
@@ -127,7 +127,7 @@ def _nearest(times: Floats, at: Floats) -> tuple[Ints, Ints]:
     return before, after
 
 
-def score_run(run: Run, truth: Truth, track: Track) -> RunScore:
+def score_run(run: FollowerRun, truth: Truth, track: Track) -> RunScore:
     """Compare the estimates of a run with its truth, at filter steps.
 
     Between two estimates that are at most `LONGEST_GAP_S` apart the position is interpolated, and
@@ -207,21 +207,21 @@ def total(scores: Iterable[MissionScore]) -> float:
     return float(np.exp(np.mean(np.log(ratios)))) if ratios else math.nan
 
 
-def runs_of(folder: Path) -> list[Run]:
+def runs_of(folder: Path) -> list[FollowerRun]:
     """All runs of the data in a folder; LaisnError if it holds no data of the benchmark."""
     manifest = read_manifest(folder)
     prefix = f"{TRUTH}/"
     paths = [Path(name) for name in manifest["files"] if name.startswith(prefix)]
-    runs = [Run(path.parts[1], int(path.parts[2]), path.stem) for path in paths]
+    runs = [FollowerRun(path.parts[1], int(path.parts[2]), path.stem) for path in paths]
     order = {name: i for i, name in enumerate(manifest["missions"])}
     return sorted(runs, key=lambda run: (order[run.mission], run.seed, run.follower))
 
 
-def _path(folder: Path, part: str, run: Run) -> Path:
+def _path(folder: Path, part: str, run: FollowerRun) -> Path:
     return folder / part / run.mission / f"{run.seed:02d}" / f"{run.follower}.csv"
 
 
-def truth_of(folder: Path, run: Run) -> Truth:
+def truth_of(folder: Path, run: FollowerRun) -> Truth:
     """The true path of a run."""
     return read_truth(_path(folder, TRUTH, run))
 
@@ -251,11 +251,11 @@ def _of_run(path: Path, track: Track, rows: Ints) -> Track:
 
 def _labels(
     path: Path, columns: Mapping[str, Any], stated: Mapping[str, str]
-) -> Iterator[tuple[Run, Ints]]:
+) -> Iterator[tuple[FollowerRun, Ints]]:
     """The runs in a table with the rows of each, by its columns, or by the path to it."""
     n = len(next(iter(columns.values()), ()))
     labels = []
-    for name in Run._fields:
+    for name in FollowerRun._fields:
         if name in columns:
             labels.append([str(value) for value in columns[name].tolist()])
         elif name in stated:
@@ -273,7 +273,7 @@ def _labels(
             number = int(float(seed))
         except ValueError:
             raise LaisnError(f"{path}: seed {seed!r} is no number") from None
-        yield Run(mission, number, follower), np.array(rows)
+        yield FollowerRun(mission, number, follower), np.array(rows)
 
 
 def _tables(source: Path) -> Iterator[tuple[Path, dict[str, str]]]:
@@ -289,11 +289,17 @@ def _tables(source: Path) -> Iterator[tuple[Path, dict[str, str]]]:
     for path in paths:
         yield (
             path,
-            dict(zip(Run._fields, path.relative_to(source).with_suffix("").parts, strict=False)),
+            dict(
+                zip(
+                    FollowerRun._fields,
+                    path.relative_to(source).with_suffix("").parts,
+                    strict=False,
+                )
+            ),
         )
 
 
-def read_estimates(source: Path) -> Iterator[tuple[Run, Track]]:
+def read_estimates(source: Path) -> Iterator[tuple[FollowerRun, Track]]:
     """Estimates of a CSV file or a folder of them, run by run; LaisnError names file and column of
     what cannot be read.
     """
@@ -305,8 +311,8 @@ def read_estimates(source: Path) -> Iterator[tuple[Run, Track]]:
 
 
 def navigate(
-    folder: Path, runs: Iterable[Run], navigator: str, changes: Sequence[str] = ()
-) -> Iterator[tuple[Run, Track]]:
+    folder: Path, runs: Iterable[FollowerRun], navigator: str, changes: Sequence[str] = ()
+) -> Iterator[tuple[FollowerRun, Track]]:
     """Estimates of a navigator of this project or of a plug-in, run by run, by what the tasks let
     it know. `changes` are of the task, "key=value".
     """
@@ -333,13 +339,13 @@ def _timed(navigator: Any, measured: Measurements) -> Track:
 
 
 def score_all(
-    folder: Path, tracks: Iterable[tuple[Run, Track]], expected: Sequence[Run]
+    folder: Path, tracks: Iterable[tuple[FollowerRun, Track]], expected: Sequence[FollowerRun]
 ) -> list[RunScore]:
     """Scores of estimates against the data in a folder, in the order of the runs expected; runs
     without estimates cover nothing. LaisnError for estimates of another run, or of one run twice.
     """
     expected_runs = set(expected)
-    scores = dict[Run, RunScore]()
+    scores = dict[FollowerRun, RunScore]()
     for run, track in tracks:
         if run not in expected_runs:
             raise LaisnError(

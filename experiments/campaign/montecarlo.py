@@ -154,7 +154,7 @@ def simulate_mission(scenario: Scenario) -> Trajectory:
         raise CampaignError(f"mission {scenario.name!r}: {error}") from None
 
 
-class Mission:
+class CampaignMission:
     """The motion of a scenario, or of others that move alike; what its cells share is computed
     once.
     """
@@ -181,11 +181,11 @@ class Mission:
 
 
 @lru_cache(maxsize=4)
-def mission_of(motion: Scenario) -> Mission:
+def mission_of(motion: Scenario) -> CampaignMission:
     """A mission, simulated once for all scenarios of this motion; errors as of
     `simulate_mission`.
     """
-    return Mission(motion, simulate_mission(motion))
+    return CampaignMission(motion, simulate_mission(motion))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,7 +221,7 @@ class Cell:
         follower: int = 0,
         runs: int | range = 60,
         *,
-        mission: Mission | None = None,
+        mission: CampaignMission | None = None,
         disturbance: Disturbance | None = None,
     ) -> Self:
         """The cell of a scenario: its run k is the scenario flown with `run = k`, noise and all.

@@ -174,7 +174,7 @@ def compute(trajectory: Trajectory, plans: Sequence[CellPlan]) -> list[Result]:
     behind = {}
     for pitch in {plan.leader_pitch_deg for plan in plans}:
         motion = trajectory if pitch is None else tilted(trajectory, np.deg2rad(pitch))
-        behind[pitch] = montecarlo.Mission(plans[0].scenario, motion)
+        behind[pitch] = montecarlo.CampaignMission(plans[0].scenario, motion)
     results = list[Result]()
     for plan in plans:
         runs = range(plan.first_run, plan.first_run + plan.runs)

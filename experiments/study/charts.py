@@ -77,7 +77,7 @@ class Axis(NamedTuple):
     log: bool = False
 
 
-class Layout(NamedTuple):
+class ChartLayout(NamedTuple):
     """What the main figure shows along x, by lines and by panels; empty names: nothing."""
 
     against: str
@@ -95,7 +95,7 @@ def axis_of(plan: StudyPlan, name: str) -> Axis:
     return Axis(name, values, [float(v) for v in values], True, log)
 
 
-def layout_of(plan: StudyPlan) -> Layout:
+def layout_of(plan: StudyPlan) -> ChartLayout:
     """Layout: as the study states, otherwise chosen."""
     report = plan.study.file.report
     keys = [factor.key for factor in plan.study.factors]
@@ -115,7 +115,7 @@ def layout_of(plan: StudyPlan) -> Layout:
     against = taken(report.against, *(n for n in others if axis_of(plan, n).numeric), *others)
     few = [n for n in free if n != report.panels and len(levels(plan, n)) <= MOST_LINES]
     lines = taken(report.lines, *(n for n in few if n == ARM), *few)
-    return Layout(against, lines, tuple(sorted(free, key=lambda n: n != report.panels)))
+    return ChartLayout(against, lines, tuple(sorted(free, key=lambda n: n != report.panels)))
 
 
 def _legend(values: Sequence[object]) -> Legend:
@@ -144,7 +144,7 @@ lines stand for.
 
 
 def _marks(
-    plan: StudyPlan, results: Results, layout: Layout, axis: Axis, base: str
+    plan: StudyPlan, results: Results, layout: ChartLayout, axis: Axis, base: str
 ) -> dict[str, Marks]:
     """Marks of all places that have a value, by the titles of their panels; see `over_factor`."""
     metric = plan.study.file.report.metric
@@ -196,7 +196,7 @@ def _marked_lines(
     return lines
 
 
-def over_factor(plan: StudyPlan, results: Results, layout: Layout, base: str = "") -> Figures:
+def over_factor(plan: StudyPlan, results: Results, layout: ChartLayout, base: str = "") -> Figures:
     """Panels of the report's metric over a factor, with intervals and one scale; none without a
     factor.
 
@@ -239,7 +239,7 @@ def differences(plan: StudyPlan, results: Results) -> Figures:
     against, lines, panels = layout_of(plan)
     names = [name for name in (against, lines, *panels) if name not in ("", ARM)]
     return over_factor(
-        plan, results, Layout("".join(names[:1]), ARM, tuple(names[1:])), plan.arms[0]
+        plan, results, ChartLayout("".join(names[:1]), ARM, tuple(names[1:])), plan.arms[0]
     )
 
 
@@ -247,7 +247,7 @@ def scatter(plan: StudyPlan, results: Results) -> Figures:
     """The report's metric over each factor of a sampled design, a mark for each point."""
     lines = ARM if len(plan.arms) > 1 else ""
     drawn = [
-        over_factor(plan, results, Layout(factor.key, lines))
+        over_factor(plan, results, ChartLayout(factor.key, lines))
         for factor in plan.study.factors[:MOST_PANELS]
     ]
     return Figures(

@@ -18,7 +18,7 @@ from experiments.study.study import RESULTS, RUNS, STUDY
 from laisn import metrics
 from laisn.errors import LaisnError, shortened
 from reports import page as pages
-from reports.figures import Line, Panel, Part
+from reports.figures import Line, Panel, Subplot
 from reports.intervals import Interval
 from reports.page import Figures, Page, number, words
 from reports.style import FULL, SERIES
@@ -64,7 +64,7 @@ def _flights(names: Sequence[str], flights: Sequence[FlightRecord]) -> dict[str,
         lines = [
             Line(x=t, y=scale * e[row], colour=colour, name=name) for t, e, colour, name in each
         ]
-        parts.append(Part(lines=lines, y_label=label, y_limits=(0.0, None)))
+        parts.append(Subplot(lines=lines, y_label=label, y_limits=(0.0, None)))
     curves = Panel(parts=parts, x_label="time [s]", width=FULL, height=4.4)
     summaries = [metrics.summarise(position, bearing) for position, bearing in errors]
     first = errors[0][0]

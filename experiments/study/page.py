@@ -15,10 +15,10 @@ from experiments.study.design import is_number
 from experiments.study.estimate import Condition, Results, digits, main_effects, shown
 from experiments.study.file import METRIC, Study
 from experiments.study.measure import METRICS, Metric
-from experiments.study.plan import Entry, StudyPlan, many, varied
+from experiments.study.plan import PlanEntry, StudyPlan, many, varied
 from reports import page as pages
 from reports.intervals import Interval
-from reports.page import Cell, Code, Film, Page, Replay, Tile, number, words
+from reports.page import Code, Film, Page, Replay, TableCell, Tile, number, words
 
 _MOST_COMMANDS = 400
 _MOST_ANSWERS = 12  # places of the table on the terminal
@@ -50,8 +50,8 @@ def _place_text(plan: StudyPlan, condition: Condition) -> str:
     return ", ".join(parts) or "the study's only point"
 
 
-def _cell(interval: Interval) -> Cell:
-    return Cell(text=shown(interval), sort=number(interval.value).sort)
+def _cell(interval: Interval) -> TableCell:
+    return TableCell(text=shown(interval), sort=number(interval.value).sort)
 
 
 def _verdict(difference: Interval, value: float, base: float) -> str:
@@ -88,7 +88,7 @@ def notable(
     return every[-1][1:], every[(len(every) - 1) // 2][1:]
 
 
-def worst_entry(plan: StudyPlan, results: Results) -> tuple[Entry, int, str]:
+def worst_entry(plan: StudyPlan, results: Results) -> tuple[PlanEntry, int, str]:
     """The scenario, run and follower of the worst run of the worst place."""
 
     def size(condition: Condition) -> float:
@@ -125,7 +125,7 @@ class StudyPage:
 
     plan: StudyPlan
     results: Results
-    failures: Mapping[str, list[Entry]]
+    failures: Mapping[str, list[PlanEntry]]
     looks: Sequence[Film | Replay] = ()
 
     @property
@@ -182,7 +182,7 @@ class StudyPage:
         return self.study.file.design == "factorial"
 
     @cached_property
-    def layout(self) -> charts.Layout:
+    def layout(self) -> charts.ChartLayout:
         """Of the main figure."""
         return charts.layout_of(self.plan)
 
@@ -249,7 +249,7 @@ class StudyPage:
             verdicts[condition] = _verdict(difference, self.estimates[condition].value, base.value)
         return verdicts
 
-    def verdict(self, condition: Condition) -> Cell:
+    def verdict(self, condition: Condition) -> TableCell:
         """A verdict, coloured."""
         verdict = self.verdicts[condition]
         return words(verdict, _TONES[verdict])
@@ -295,7 +295,7 @@ class StudyPage:
             folded=len(self.results.rows) > 4,
         )
 
-    def entry_text(self, entry: Entry) -> str:
+    def entry_text(self, entry: PlanEntry) -> str:
         """The place of an entry's first follower in words."""
         return self.place_text(Condition(entry.point, entry.arm, self.plan.followers[0]))
 
@@ -358,8 +358,8 @@ def answer(plan: StudyPlan, results: Results) -> Answer:
     )
 
 
-def _factor_cell(value: Any) -> Cell:
-    return Cell(text=charts.value_text(value), sort=value if is_number(value) else "")
+def _factor_cell(value: Any) -> TableCell:
+    return TableCell(text=charts.value_text(value), sort=value if is_number(value) else "")
 
 
 def _listed(values: Iterable[Any]) -> str:
@@ -386,7 +386,7 @@ _FORMATS: dict[str, Any] = {
 def page_of(
     plan: StudyPlan,
     results: Results,
-    failures: Mapping[str, list[Entry]],
+    failures: Mapping[str, list[PlanEntry]],
     looks: Sequence[Film | Replay] = (),
 ) -> Page:
     """The page of a study; arguments as of `StudyPage`."""

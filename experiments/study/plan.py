@@ -35,7 +35,7 @@ MOST_RUNS = 2**31 - LANES
 
 
 @dataclass(frozen=True, kw_only=True)
-class Entry:
+class PlanEntry:
     """One scenario of a study: a point of its design, an arm, a realization."""
 
     point: int
@@ -84,10 +84,10 @@ class StudyPlan:
     study: Study
     points: list[dict[str, Any]]
     arms: tuple[str, ...]
-    entries: list[Entry]
+    entries: list[PlanEntry]
 
     @cached_property
-    def by_place(self) -> dict[tuple[int, str, int], Entry]:
+    def by_place(self) -> dict[tuple[int, str, int], PlanEntry]:
         """Entries by point, arm and realization."""
         return {entry.place: entry for entry in self.entries}
 
@@ -104,12 +104,12 @@ class StudyPlan:
             len(self.runs_of(entry)) for entry in self.entries if entry.closed_loop
         )
 
-    def runs_of(self, entry: Entry) -> range:
+    def runs_of(self, entry: PlanEntry) -> range:
         """Numbers of an entry's runs in closed loop."""
         first = entry.scenario.run
         return range(first, first + self.study.runs, self.study.arm(entry.arm).every)
 
-    def part(self, entries: Sequence[Entry], runs: int) -> "StudyPlan":
+    def part(self, entries: Sequence[PlanEntry], runs: int) -> "StudyPlan":
         """The plan of some of the entries with another number of runs."""
         return replace(self, study=replace(self.study, runs=runs), entries=[*entries])
 
@@ -212,7 +212,7 @@ def _report_errors(study: Study) -> list[str]:
     return lines
 
 
-def _arm_errors(study: Study, point: Mapping[str, Any], entry: Entry) -> list[str]:
+def _arm_errors(study: Study, point: Mapping[str, Any], entry: PlanEntry) -> list[str]:
     """A line for each key of an arm, or of its case, that does not apply to an entry."""
     arm = study.arm(entry.arm)
     disturb = study.disturb_at(point, entry.arm)
@@ -239,7 +239,7 @@ class _Examination:
     def __init__(self, study: Study, tables: Mapping[str, Mapping[str, Any]]) -> None:
         self.study = study
         self.tables = tables
-        self.entries = list[Entry]()  # those that are valid
+        self.entries = list[PlanEntry]()  # those that are valid
         self.total = 0  # scenarios that were examined
         self._places_of = dict[str, list[str]]()  # where in the design each error is, by its line
         # by name and settings, without those that neither motion nor feasibility depends on
@@ -263,7 +263,7 @@ class _Examination:
             if motion not in self._motion_of:
                 self._motion_of[motion] = motion_key(scenario)
             run = scenario.run + number * self.study.file.runs_apart
-            entry = Entry(
+            entry = PlanEntry(
                 point=number,
                 arm=arm,
                 realization=realization,
@@ -376,7 +376,7 @@ def plan_of(study: Study, *, quiet: bool = True) -> StudyPlan:
     return StudyPlan(study=study, points=points, arms=arms, entries=examination.entries)
 
 
-def _number_errors(study: Study, entries: Sequence[Entry]) -> list[str]:
+def _number_errors(study: Study, entries: Sequence[PlanEntry]) -> list[str]:
     """A line for more realizations than differ, and for more runs than can be numbered."""
     errors = []
     irregular = any(entry.scenario.ocean.waves.kind == "jonswap" for entry in entries)

@@ -23,7 +23,7 @@ from experiments.flight.fly import fly
 from experiments.study.estimate import Results
 from experiments.study.file import Until
 from experiments.study.measure import facts_of, records_of_run
-from experiments.study.plan import Entry, StudyPlan
+from experiments.study.plan import PlanEntry, StudyPlan
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from sim.trajectory import Trajectory
@@ -83,14 +83,14 @@ class StudyResults:
     """
     store: Store
     # entries that could not be flown, by what happened
-    failures: dict[str, list[Entry]] = field(default_factory=dict)
+    failures: dict[str, list[PlanEntry]] = field(default_factory=dict)
 
     @property
     def cells(self) -> Cells:
         """Rows with their lists."""
         return Cells(self.rows, [lists for _, lists in self.runs], self.steps)
 
-    def motion(self, entry: Entry) -> Trajectory:
+    def motion(self, entry: PlanEntry) -> Trajectory:
         """The motion of the mission of an entry."""
         return campaign.mission(entry.scenario, self.store)
 
@@ -100,7 +100,9 @@ class StudyResults:
         return Results.of(self.rows, self.runs)
 
 
-def _of_runs(entry: Entry, follower: int, runs: Sequence[list[Record]]) -> tuple[Record, Record]:
+def _of_runs(
+    entry: PlanEntry, follower: int, runs: Sequence[list[Record]]
+) -> tuple[Record, Record]:
     """Row and lists over runs of a follower of a closed loop."""
     lists = columns_of([records[follower] for records in runs])
     row: Record = {
@@ -133,7 +135,7 @@ def _of_runs(entry: Entry, follower: int, runs: Sequence[list[Record]]) -> tuple
     return row, lists
 
 
-def _labels(plan: StudyPlan, entry: Entry, follower: int) -> Record:
+def _labels(plan: StudyPlan, entry: PlanEntry, follower: int) -> Record:
     drawn = {draw.key: entry.settings[draw.key] for draw in plan.study.draws}
     name = entry.scenario.followers[follower].name
     where = {"arm": entry.arm, "realization": entry.realization, "follower": name}
@@ -141,7 +143,7 @@ def _labels(plan: StudyPlan, entry: Entry, follower: int) -> Record:
     return {"point": entry.point, **point, **plan.study.case_at(point).labels, **where, **drawn}
 
 
-def _cells(plan: StudyPlan, entry: Entry) -> list[CellPlan]:
+def _cells(plan: StudyPlan, entry: PlanEntry) -> list[CellPlan]:
     """The cells of an entry, one for each follower."""
     study = plan.study
     point = plan.points[entry.point]
@@ -194,12 +196,12 @@ class _EntryFlight:
 
     number: int  # of the study
     plan: StudyPlan
-    entry: Entry
+    entry: PlanEntry
     cells: Sequence[CellPlan]  # one for each follower
     tasks: Mapping[Any, Task]  # one for each run
 
     @classmethod
-    def of(cls, number: int, plan: StudyPlan, entry: Entry) -> Self:
+    def of(cls, number: int, plan: StudyPlan, entry: PlanEntry) -> Self:
         cells: list[CellPlan] = []
         tasks: dict[Any, Task] = {}
         if entry.closed_loop:
@@ -328,7 +330,7 @@ def fly_further(
             plan = outcomes[name].plan
             lists_at = {where(labels): lists for labels, lists in outcomes[name].runs}
             # by the number of their further runs
-            entries = defaultdict[int, list[Entry]](list)
+            entries = defaultdict[int, list[PlanEntry]](list)
             for condition, number in numbers.items():
                 entry = plan.by_place[condition]
                 flown = len(lists_at[*condition, entry.scenario.followers[0].name]["run"])

@@ -24,7 +24,7 @@ from experiments.study.estimate import Results, main_effects
 from experiments.study.extras import arms_left_out, installed
 from experiments.study.file import FOLDER, Study, built_in, study_of, table_in
 from experiments.study.measure import METRICS
-from experiments.study.plan import Entry, StudyPlan, many, plan_of
+from experiments.study.plan import PlanEntry, StudyPlan, many, plan_of
 from experiments.study.run import (
     StudyResults,
     fly_further,
@@ -64,14 +64,14 @@ def _cost(plan: StudyPlan, workers: int) -> tuple[float, float]:
     removed.
     """
     closed = plan.entries[0].closed_loop
-    missions = dict[Any, list[Entry]]()
+    missions = dict[Any, list[PlanEntry]]()
     for entry in plan.entries:
         missions.setdefault(entry.place if closed else entry.motion, []).append(entry)
     tried = [*missions.values()][: (FEW_MISSIONS + 1) * workers]
     firsts = [of_mission[0] for of_mission in tried]
     with TemporaryDirectory() as folder:
 
-        def took(entries: list[Entry], runs: int) -> float:
+        def took(entries: list[PlanEntry], runs: int) -> float:
             begin = perf_counter()
             (outcome,) = fly_studies(
                 [plan.part(entries, runs)], Path(folder), workers=workers, quiet=True

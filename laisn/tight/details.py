@@ -8,7 +8,7 @@ from laisn.arrays import Ints, Record
 from laisn.compiled import compiled
 from laisn.estimates import HYPOTHESES, FixKind, TightEstimates
 from laisn.mixture import heaviest, hypothesis_weight
-from laisn.tight.records import Belief, Model
+from laisn.tight.records import GaussianMixture, Model
 
 FIX = TightEstimates.fix_dtype()
 
@@ -55,7 +55,7 @@ def _clear(fix: Record) -> None:
 
 
 @compiled
-def _write_states(b: Belief, m: Model, places: Ints, fix: Record) -> None:
+def _write_states(b: GaussianMixture, m: Model, places: Ints, fix: Record) -> None:
     """Mean and standard deviation of each state over the mixture: x̄ = Σ w x, σ² = Σ w (P + (x −
     x̄)²).
     """
@@ -72,7 +72,7 @@ def _write_states(b: Belief, m: Model, places: Ints, fix: Record) -> None:
 
 
 @compiled
-def _write_hypothesis(b: Belief, m: Model, h: int, rank: int, fix: Record) -> None:
+def _write_hypothesis(b: GaussianMixture, m: Model, h: int, rank: int, fix: Record) -> None:
     """Weight, place and covariance of hypothesis h over its modes, into the row of its rank."""
     total = hypothesis_weight(b, m.modes, h)
     fix.weight[rank] = total
@@ -92,7 +92,7 @@ def _write_hypothesis(b: Belief, m: Model, h: int, rank: int, fix: Record) -> No
 
 
 @compiled
-def _heaviest_below(b: Belief, m: Model, before: int) -> int:
+def _heaviest_below(b: GaussianMixture, m: Model, before: int) -> int:
     """The hypothesis that follows another one by weight, the earlier one among equals; −1: the
     first.
     """
@@ -109,7 +109,7 @@ def _heaviest_below(b: Belief, m: Model, before: int) -> int:
 
 
 @compiled
-def write_fix(b: Belief, m: Model, places: Ints, used: int, fix: Record) -> None:
+def write_fix(b: GaussianMixture, m: Model, places: Ints, used: int, fix: Record) -> None:
     """Write the result of a message into a record of FIX; its step is the caller's.
 
     Args:

@@ -23,8 +23,8 @@ from laisn.tight.records import (
     ABSENT,
     CAPACITY,
     SPARE,
-    Belief,
     CompassTurn,
+    GaussianMixture,
     Model,
     Signal,
 )
@@ -44,7 +44,9 @@ _SAME_BESIDE_ERRORS = 2.0
 
 
 @compiled
-def _lateral_offset(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float, float, float]:
+def _lateral_offset(
+    b: GaussianMixture, m: Model, k: int, signal: Signal
+) -> tuple[float, float, float]:
     """Distance ℓ of component k to the left of the line from transmitter 1 to 2, with P ∇ℓ in
     `b.gain`; its variance; and the distance ℓ_c at which the axis matters: where the difference of
     both ranges has bent by 1.4 of their errors.
@@ -90,7 +92,7 @@ def _lateral_offset(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float,
 
 
 @compiled
-def _truncate_to_side(b: Belief, m: Model, k: int, signal: Signal, side: float) -> None:
+def _truncate_to_side(b: GaussianMixture, m: Model, k: int, signal: Signal, side: float) -> None:
     """Replace component k by its part on one side of the axis: left for +1, right for −1; with
     its exact moments.
     """
@@ -111,7 +113,7 @@ def _truncate_to_side(b: Belief, m: Model, k: int, signal: Signal, side: float) 
 
 
 @compiled
-def split(b: Belief, m: Model, signal: Signal) -> None:
+def split(b: GaussianMixture, m: Model, signal: Signal) -> None:
     """Split every hypothesis that is wide enough at the leader's axis for both of its sides to
     matter.
     """
@@ -129,7 +131,7 @@ def split(b: Belief, m: Model, signal: Signal) -> None:
 
 
 @compiled
-def prune_and_merge(b: Belief, m: Model) -> None:
+def prune_and_merge(b: GaussianMixture, m: Model) -> None:
     """Prune and merge hypotheses, and keep the heaviest few; those with different leader
     headings are not merged.
     """
@@ -151,7 +153,7 @@ _FAR_WEIGHT = 0.01  # of the ring far from the belief so far, where that at the 
 
 
 @compiled
-def _rotate_to_bias(b: Belief, m: Model, k: int) -> None:
+def _rotate_to_bias(b: GaussianMixture, m: Model, k: int) -> None:
     """Turn a component about the leader, which is at the origin, by the error of its heading,
     with b_L.
     """
@@ -171,7 +173,9 @@ def _rotate_to_bias(b: Belief, m: Model, k: int) -> None:
 
 
 @compiled
-def _merge_ring(b: Belief, m: Model, signal: Signal, first: int, mean: tuple[float, float]) -> bool:
+def _merge_ring(
+    b: GaussianMixture, m: Model, signal: Signal, first: int, mean: tuple[float, float]
+) -> bool:
     """Update a Gaussian at each bearing, and merge those left and right of the axis into `first`
     and `first` + modes.
 
@@ -216,7 +220,7 @@ def _merge_ring(b: Belief, m: Model, signal: Signal, first: int, mean: tuple[flo
 
 
 @compiled
-def add_ring(b: Belief, m: Model, signal: Signal, weight: float) -> bool:
+def add_ring(b: GaussianMixture, m: Model, signal: Signal, weight: float) -> bool:
     """Add two hypotheses, of `weight` together, of a message with two ranges or more; there must be
     room, and `SPARE`.
 
@@ -338,7 +342,7 @@ def place_arms(signal: Signal, m: Model, pitch: float, roll: float, deeper: floa
 
 
 @compiled
-def mix_modes(b: Belief, m: Model) -> None:
+def mix_modes(b: GaussianMixture, m: Model) -> None:
     """Blend the modes of drift of each hypothesis, by the time since the last message; nothing
     where there is one.
     """
@@ -377,7 +381,7 @@ def _turn_growth(
 
 
 @compiled
-def inflate_bias_covariance(b: Belief, m: Model, signal: Signal) -> None:
+def inflate_bias_covariance(b: GaussianMixture, m: Model, signal: Signal) -> None:
     """Inflate bias covariances before an update: by a share of the whole turns since the last
     message, where compasses have a deviation, and by the error of the leg's heading.
     """
@@ -401,7 +405,7 @@ def inflate_bias_covariance(b: Belief, m: Model, signal: Signal) -> None:
 
 
 @compiled
-def _propagate_iterated(b: Belief, m: Model, k: int, signal: Signal) -> bool:
+def _propagate_iterated(b: GaussianMixture, m: Model, k: int, signal: Signal) -> bool:
     """Predict component k; where its compass bias bends the way too much, at the biases of a
     first update.
     """
@@ -427,7 +431,7 @@ def _propagate_iterated(b: Belief, m: Model, k: int, signal: Signal) -> bool:
 
 
 @compiled
-def update_leader_variance(b: Belief, m: Model) -> None:
+def update_leader_variance(b: GaussianMixture, m: Model) -> None:
     """Estimate the variance of the leader's heading error per message: at most the scatter of
     readings on legs.
     """
@@ -439,7 +443,9 @@ def update_leader_variance(b: Belief, m: Model) -> None:
 
 
 @compiled
-def _check_consistency(b: Belief, m: Model, signal: Signal, received: int, used: int) -> bool:
+def _check_consistency(
+    b: GaussianMixture, m: Model, signal: Signal, received: int, used: int
+) -> bool:
     """Smooth the NIS, and reinitialise or inflate a belief that the ranges do not fit; False if
     that failed.
     """
@@ -467,7 +473,7 @@ _PROMPT = 1e-3  # an arrival within this time is now [s]
 
 
 @compiled
-def _time_pings(b: Belief, m: Model, signal: Signal) -> None:
+def _time_pings(b: GaussianMixture, m: Model, signal: Signal) -> None:
     """Write how long ago each ping arrived, and how long after the message's time it left or was
     waited for, into `signal`; `late` if any counts.
     """
@@ -493,7 +499,7 @@ def _time_pings(b: Belief, m: Model, signal: Signal) -> None:
 
 
 @compiled
-def _begin(b: Belief, m: Model, signal: Signal) -> int:
+def _begin(b: GaussianMixture, m: Model, signal: Signal) -> int:
     """Make the belief from a first message; see `receive`."""
     if m.leader_position != ABSENT:
         b.fresh[m.leader_position] = b.fresh[m.leader_position + 1] = (
@@ -515,7 +521,7 @@ def _begin(b: Belief, m: Model, signal: Signal) -> int:
 
 
 @compiled
-def _update_components(b: Belief, m: Model, signal: Signal) -> int:
+def _update_components(b: GaussianMixture, m: Model, signal: Signal) -> int:
     """Update all components; the most ranges that one used, −1 if a covariance was not positive
     definite.
     """
@@ -529,7 +535,7 @@ def _update_components(b: Belief, m: Model, signal: Signal) -> int:
 
 
 @compiled
-def receive(b: Belief, m: Model, signal: Signal) -> int:
+def receive(b: GaussianMixture, m: Model, signal: Signal) -> int:
     """Take a message: predict all components to its instant and update them with its ranges.
 
     A message without ranges changes nothing. With an unknown start the first message with two

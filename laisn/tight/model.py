@@ -29,7 +29,7 @@ from laisn.tight.records import (
     MODEL,
     MOST_MODES,
     MOST_STATES,
-    Belief,
+    GaussianMixture,
     Model,
 )
 from laisn.vector_math import sin_cos
@@ -166,7 +166,7 @@ def model_of(settings: TightSettings) -> Model:
 
 
 @compiled
-def refresh_output(b: Belief, m: Model) -> None:
+def refresh_output(b: GaussianMixture, m: Model) -> None:
     """Prepare the mean position for the steps until the next message; NaN if there is no
     hypothesis.
     """
@@ -193,7 +193,9 @@ def refresh_output(b: Belief, m: Model) -> None:
             out.v_y += w * b.state[k, m.current + 1]
 
 
-def new_belief(settings: TightSettings, m: Model, start: tuple[float, float] | None) -> Belief:
+def new_belief(
+    settings: TightSettings, m: Model, start: tuple[float, float] | None
+) -> GaussianMixture:
     """One hypothesis: a known start [m], and biases of zero with the standard deviations of the
     settings.
 
@@ -220,6 +222,6 @@ def new_belief(settings: TightSettings, m: Model, start: tuple[float, float] | N
         record["state"][0, :modes, :LOG] = start
         record["covariance"][0, :modes] = np.diag(fresh)
         record["weight"][0, :modes] = 1.0 / modes
-    belief = cast(Belief, record[0])
+    belief = cast(GaussianMixture, record[0])
     refresh_output(belief, m)
     return belief

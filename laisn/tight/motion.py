@@ -30,7 +30,7 @@ from laisn.mixture import (
     update_scalar,
 )
 from laisn.tight.model import COMPASS, LOG, X, Y, refresh_output
-from laisn.tight.records import ABSENT, SPARE, Belief, Model, Preintegration, Signal
+from laisn.tight.records import ABSENT, SPARE, GaussianMixture, Model, Preintegration, Signal
 from laisn.vector_math import sin_cos
 
 # of the log's readings, of which the speed within a message's pings is the mean [1/s]
@@ -39,7 +39,7 @@ _PER_SMOOTHING = 1.0 / 1.5
 
 @inlined
 def preintegrate_direction(
-    b: Belief, m: Model, speed: float, sine: float, cosine: float, dt: float
+    b: GaussianMixture, m: Model, speed: float, sine: float, cosine: float, dt: float
 ) -> None:
     """As `preintegrate`, with sine and cosine of the compass's reading."""
     o = b.motion
@@ -75,7 +75,7 @@ def preintegrate_direction(
 
 
 @compiled
-def preintegrate(b: Belief, m: Model, speed: float, heading: float, dt: float) -> None:
+def preintegrate(b: GaussianMixture, m: Model, speed: float, heading: float, dt: float) -> None:
     """One filter step at the mean velocity of both ends, with the readings of log and compass at
     its end.
     """
@@ -84,7 +84,7 @@ def preintegrate(b: Belief, m: Model, speed: float, heading: float, dt: float) -
 
 
 @inlined
-def reset_preintegration(b: Belief) -> None:
+def reset_preintegration(b: GaussianMixture) -> None:
     """Begin a new way: the components have been predicted over the last one."""
     o = b.motion
     o.ax = o.ay = o.bx = o.by = o.nxx = o.nxy = o.nyy = o.time = 0.0
@@ -94,7 +94,7 @@ _MIXING_TIME = 1.0  # of the modes of speed [s]
 
 
 @compiled
-def mix_pair(b: Belief, m: Model, first: int, second: int, switches: float) -> None:
+def mix_pair(b: GaussianMixture, m: Model, first: int, second: int, switches: float) -> None:
     """Blend two components that are modes of one hypothesis, after a time in which so many changes
     from one to the other are expected.
 
@@ -118,7 +118,7 @@ def mix_pair(b: Belief, m: Model, first: int, second: int, switches: float) -> N
 
 
 @compiled
-def update_weights(b: Belief, m: Model) -> bool:
+def update_weights(b: GaussianMixture, m: Model) -> bool:
     """Multiply the weights by the evidence; False if none is left."""
     components = b.alive * m.modes
     best = -math.inf
@@ -134,7 +134,7 @@ def update_weights(b: Belief, m: Model) -> bool:
 
 
 @compiled
-def start_speed(b: Belief, m: Model, k: int) -> None:
+def start_speed(b: GaussianMixture, m: Model, k: int) -> None:
     """Set the speed of a fresh component to the last reading of the log, v = z − b_v − n, where it
     is a state.
     """
@@ -147,7 +147,7 @@ def start_speed(b: Belief, m: Model, k: int) -> None:
 
 
 @compiled
-def _update_with_log(b: Belief, m: Model, k: int) -> float:
+def _update_with_log(b: GaussianMixture, m: Model, k: int) -> float:
     """Update component k with the last reading of the log, z = v + b_v; its log likelihood but for
     a constant.
     """
@@ -165,7 +165,7 @@ def _update_with_log(b: Belief, m: Model, k: int) -> float:
 
 
 @compiled
-def _advance_components(b: Belief, m: Model, first: bool) -> None:
+def _advance_components(b: GaussianMixture, m: Model, first: bool) -> None:
     """Predict all components over a step and update them with its reading of the log; the first
     reading starts their speeds.
     """
@@ -238,7 +238,7 @@ def _position_noise(
 
 
 @compiled
-def reset_position_error(b: Belief, m: Model, k: int) -> None:
+def reset_position_error(b: GaussianMixture, m: Model, k: int) -> None:
     """What errs anew in the broadcast position of each message, e, of component k."""
     P = b.covariance
     for state in (m.leader_position, m.leader_position + 1):
@@ -249,7 +249,9 @@ def reset_position_error(b: Belief, m: Model, k: int) -> None:
 
 
 @compiled
-def predict_component(b: Belief, m: Model, k: int, speed: float, compass_bias: float) -> None:
+def predict_component(
+    b: GaussianMixture, m: Model, k: int, speed: float, compass_bias: float
+) -> None:
     """Predict component k over the way since the last message, linearised at some biases.
 
     The true way is r = Rot(b_θ)(A − b_v B), with Rot anticlockwise, as a compass that reads too
@@ -337,7 +339,7 @@ def predict_component(b: Belief, m: Model, k: int, speed: float, compass_bias: f
 
 
 @compiled
-def position(b: Belief) -> tuple[float, float]:
+def position(b: GaussianMixture) -> tuple[float, float]:
     """Mean position over the mixture now, between messages too [m]."""
     o = b.motion
     out = b.output
@@ -349,7 +351,7 @@ def position(b: Belief) -> tuple[float, float]:
 
 
 @compiled
-def velocity(b: Belief) -> tuple[float, float]:
+def velocity(b: GaussianMixture) -> tuple[float, float]:
     """Mean velocity over ground over the mixture, by the last readings [m/s]; 0 if there is no
     hypothesis yet.
     """
@@ -373,7 +375,7 @@ def velocity(b: Belief) -> tuple[float, float]:
 
 
 @compiled
-def _add_component(b: Belief, m: Model, k: int, origin: tuple[float, float]) -> None:
+def _add_component(b: GaussianMixture, m: Model, k: int, origin: tuple[float, float]) -> None:
     """Add component k, moved to now, to the moments of the mixture about an origin (in `b.now`)."""
     covariance = b.now_covariance
     rows = b.rows
@@ -427,7 +429,7 @@ def _add_component(b: Belief, m: Model, k: int, origin: tuple[float, float]) -> 
 
 
 @compiled
-def moments(b: Belief, m: Model) -> None:
+def moments(b: GaussianMixture, m: Model) -> None:
     """Put mean and covariance of (x, y, vx, vy) over the mixture into `b.now`; NaN if there is
     no hypothesis yet.
     """
@@ -454,7 +456,7 @@ _SMALL_SHARE = 0.1
 
 
 @compiled
-def average_leader_heading(b: Belief, m: Model, signal: Signal) -> None:
+def average_leader_heading(b: GaussianMixture, m: Model, signal: Signal) -> None:
     """Replace the heading of a message by the leg's, with the arms; sets `signal.shift` and
     `signal.added_variance`.
     """
@@ -518,7 +520,7 @@ CURRENT_SIGMA = 0.05  # of the mean current over a window of 10 s [m/s]
 
 @compiled
 def _update_component(
-    b: Belief,
+    b: GaussianMixture,
     m: Model,
     k: int,
     seen: tuple[float, float],
@@ -556,7 +558,7 @@ def _update_component(
 
 
 @compiled
-def update_current_from_leader_track(b: Belief, m: Model, signal: Signal) -> None:
+def update_current_from_leader_track(b: GaussianMixture, m: Model, signal: Signal) -> None:
     """Take a message's pose and speed; at the end of a window update all components with the
     current it shows.
     """

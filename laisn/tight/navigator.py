@@ -50,7 +50,7 @@ from laisn.tight.motion import (
     velocity,
 )
 from laisn.tight.ranging import new_signal
-from laisn.tight.records import BELIEF, Belief, Model, Signal
+from laisn.tight.records import BELIEF, GaussianMixture, Model, Signal
 from laisn.vector_math import sin_cos
 
 ScalarRecord: TypeAlias = npt.NDArray[np.void]
@@ -73,7 +73,7 @@ def predict(b: ScalarRecord, m: ScalarRecord, speed: float, heading: float, dt: 
 
 @compiled
 def _receive(
-    b: Belief,
+    b: GaussianMixture,
     m: Model,
     signal: Signal,
     message: Record,
@@ -155,7 +155,7 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
             scalar_record(new_belief(settings, model, self._start)),
             scalar_record(model),
         )
-        self._belief: Belief = b[0]
+        self._belief: GaussianMixture = b[0]
         # from here on views of the belief, which hold the moments of the mixture after each step
         b["now"][0] = self._state
         b["now_covariance"][0] = self._covariance
@@ -233,7 +233,7 @@ def _moments(b: ScalarRecord, m: ScalarRecord) -> None:
     moments(b[0], m[0])
 
 
-def _merged(b: Belief, m: Model) -> tuple[Floats, Floats]:
+def _merged(b: GaussianMixture, m: Model) -> tuple[Floats, Floats]:
     """Mean and covariance of a belief's mixture, shapes (s,) and (s, s)."""
     count = int(b.alive) * m.modes
     n = m.states
@@ -419,7 +419,7 @@ class MissionEstimates(NamedTuple):
 
 
 @compiled
-def outcome_of(b: Belief, m: Model, used: int) -> tuple[int, int, float]:
+def outcome_of(b: GaussianMixture, m: Model, used: int) -> tuple[int, int, float]:
     """Result of a message, as of `MissionEstimates`; `used` is what `receive` gave."""
     if used > 0:
         last = b.outcome[heaviest(b, m.modes, heaviest_hypothesis(b, m.modes, b.alive))]
@@ -429,7 +429,7 @@ def outcome_of(b: Belief, m: Model, used: int) -> tuple[int, int, float]:
 
 @compiled
 def filter_mission(
-    b: Belief,
+    b: GaussianMixture,
     m: Model,
     signal: Signal,
     readings: tuple[Floats, Floats],
@@ -534,7 +534,7 @@ _APART = 2.0
 
 
 @compiled
-def _spread(b: Belief, k: int, east: float, north: float) -> float:
+def _spread(b: GaussianMixture, k: int, east: float, north: float) -> float:
     """Standard deviation of the place of component k in a direction, a unit vector [m]."""
     P = b.covariance
     return math.sqrt(
@@ -543,7 +543,9 @@ def _spread(b: Belief, k: int, east: float, north: float) -> float:
 
 
 @compiled
-def _offset_to_likelier_hypothesis(b: Belief, m: Model, x: float, y: float) -> tuple[float, float]:
+def _offset_to_likelier_hypothesis(
+    b: GaussianMixture, m: Model, x: float, y: float
+) -> tuple[float, float]:
     """Offset from the mean position to that of the likelier of two hypotheses [m]; zero where
     they are one place.
     """
@@ -570,7 +572,7 @@ def _offset_to_likelier_hypothesis(b: Belief, m: Model, x: float, y: float) -> t
 
 
 @compiled
-def _write_outputs(b: Belief, m: Model, out: Record) -> None:
+def _write_outputs(b: GaussianMixture, m: Model, out: Record) -> None:
     """Write biases and current (means over the mixture), its spread, and the offset to the
     likelier hypothesis.
     """
@@ -600,7 +602,7 @@ def _write_outputs(b: Belief, m: Model, out: Record) -> None:
 
 @compiled
 def _record_state(
-    b: Belief, m: Model, estimate: Record, i: int, step: int, record: SwarmRecord
+    b: GaussianMixture, m: Model, estimate: Record, i: int, step: int, record: SwarmRecord
 ) -> None:
     """Record state and covariance of follower i after a step."""
     state = record.state[i, step - 1]

@@ -18,7 +18,7 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.compiled import compiled, copy_values, inlined
 from laisn.tight.model import COMPASS, LOG, SCALE, X, Y
-from laisn.tight.records import ABSENT, SIGNAL, Belief, Model, Signal
+from laisn.tight.records import ABSENT, SIGNAL, GaussianMixture, Model, Signal
 from laisn.vector_math import log, sin_cos
 
 _LOG_TURN = math.log(2.0 * math.pi)
@@ -44,7 +44,7 @@ def new_signal() -> Signal:
 
 
 @inlined
-def relative_position(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float, float]:
+def relative_position(b: GaussianMixture, m: Model, k: int, signal: Signal) -> tuple[float, float]:
     """Place of component k from the leader's true origin, east and north [m]."""
     x = b.state
     qx = x[k, X] - signal.east
@@ -59,7 +59,7 @@ def relative_position(b: Belief, m: Model, k: int, signal: Signal) -> tuple[floa
 
 
 @inlined
-def relative_covariance(b: Belief, m: Model, k: int) -> tuple[Floats, Floats]:
+def relative_covariance(b: GaussianMixture, m: Model, k: int) -> tuple[Floats, Floats]:
     """Covariance of `relative_position`, east and north, with the states, shapes (n,)."""
     P = b.covariance
     away_x = P[k, X]
@@ -93,7 +93,7 @@ def _relative_component(m: Model, row: Floats, axis: int) -> float:
 
 
 @inlined
-def velocity_over_pings(b: Belief, k: int) -> tuple[float, float, float, float]:
+def velocity_over_pings(b: GaussianMixture, k: int) -> tuple[float, float, float, float]:
     """Direction and velocity of the follower through the water over the pings of a message, by the
     biases of component k, east and north, [m/s].
     """
@@ -105,7 +105,7 @@ def velocity_over_pings(b: Belief, k: int) -> tuple[float, float, float, float]:
 
 
 @compiled
-def _add_delays(b: Belief, m: Model, k: int, signal: Signal, count: int) -> None:
+def _add_delays(b: GaussianMixture, m: Model, k: int, signal: Signal, count: int) -> None:
     """Add what the time since each ping arrived changes to residuals' derivatives `row_log` and
     `row_compass`, and to `gain`.
     """
@@ -135,7 +135,9 @@ _UNSTEADY = 0.03
 
 
 @compiled
-def _delay_covariance(b: Belief, m: Model, k: int, signal: Signal, i: int, g: int) -> float:
+def _delay_covariance(
+    b: GaussianMixture, m: Model, k: int, signal: Signal, i: int, g: int
+) -> float:
     """What the delays of pings i and g add to the covariance of their ranges [m²]: through log,
     compass and current, and by the random errors of speed and direction over them.
     """
@@ -160,7 +162,7 @@ def _delay_covariance(b: Belief, m: Model, k: int, signal: Signal, i: int, g: in
 
 @compiled
 def predict_ranges(
-    b: Belief, m: Model, k: int, signal: Signal, turn: float, turn_variance: float
+    b: GaussianMixture, m: Model, k: int, signal: Signal, turn: float, turn_variance: float
 ) -> int:
     """Residuals of the ranges for component k, with derivatives and covariances, into `b.work`; how
     many there are.
@@ -191,7 +193,7 @@ def predict_ranges(
 
 @compiled
 def _linearise_range(
-    b: Belief, m: Model, k: int, signal: Signal, i: int, turn: float, turn_variance: float
+    b: GaussianMixture, m: Model, k: int, signal: Signal, i: int, turn: float, turn_variance: float
 ) -> None:
     """Residual of range i, its derivatives h, its second derivatives F times P, and h P."""
     w = b.work
@@ -284,7 +286,9 @@ def _linearise_range(
 
 
 @compiled
-def _fill_innovation_covariance(b: Belief, m: Model, k: int, signal: Signal, count: int) -> None:
+def _fill_innovation_covariance(
+    b: GaussianMixture, m: Model, k: int, signal: Signal, count: int
+) -> None:
     """S = H P Hᵀ + σ² I + σ_s² s sᵀ + σ_L² h_L h_Lᵀ + [½ tr(F_i P F_j P)], into `work.spread`."""
     w = b.work
     turning = m.leader != ABSENT
@@ -325,7 +329,7 @@ def _fill_innovation_covariance(b: Belief, m: Model, k: int, signal: Signal, cou
 
 
 @compiled
-def _likelihood(b: Belief, count: int) -> tuple[float, float]:
+def _likelihood(b: GaussianMixture, count: int) -> tuple[float, float]:
     """Logarithm of the density of the ranges in `work.used`, and their squared residuals in units
     of S.
 
@@ -360,7 +364,7 @@ def _likelihood(b: Belief, count: int) -> tuple[float, float]:
 
 
 @compiled
-def _marginalise_common_echo(b: Belief, count: int) -> tuple[float, float, float]:
+def _marginalise_common_echo(b: GaussianMixture, count: int) -> tuple[float, float, float]:
     """Whitened residuals of an echo common to all ranges in `work.used`, whose excess e has a flat
     prior.
 
@@ -387,7 +391,7 @@ def _marginalise_common_echo(b: Belief, count: int) -> tuple[float, float, float
 
 
 @inlined
-def _mean_range(b: Belief, signal: Signal, count: int) -> float:
+def _mean_range(b: GaussianMixture, signal: Signal, count: int) -> float:
     total = 0.0
     for j in range(count):
         total += signal.ranges[b.work.used[j]]
@@ -395,7 +399,7 @@ def _mean_range(b: Belief, signal: Signal, count: int) -> float:
 
 
 @compiled
-def _add_common_echo(b: Belief, signal: Signal, count: int, share: float) -> None:
+def _add_common_echo(b: GaussianMixture, signal: Signal, count: int, share: float) -> None:
     """Add to S what a common echo of excess e may do to the differences of the ranges in
     `work.used`.
 
@@ -413,7 +417,7 @@ def _add_common_echo(b: Belief, signal: Signal, count: int, share: float) -> Non
 
 
 @inlined
-def _update_component(b: Belief, m: Model, k: int, count: int) -> None:
+def _update_component(b: GaussianMixture, m: Model, k: int, count: int) -> None:
     """x += W ν and P −= W Wᵀ with W = P Hᵀ root⁻ᵀ, less its part along a shared echo, and
     whitened residuals ν.
     """
@@ -462,7 +466,7 @@ def _update_component(b: Belief, m: Model, k: int, count: int) -> None:
 
 
 @compiled
-def _is_near(b: Belief, m: Model, k: int, signal: Signal, count: int) -> bool:
+def _is_near(b: GaussianMixture, m: Model, k: int, signal: Signal, count: int) -> bool:
     """Whether component k is so near to a transmitter of a range in `work.used` that it bends,
     and clear of the axis of two.
     """
@@ -489,7 +493,7 @@ def _is_near(b: Belief, m: Model, k: int, signal: Signal, count: int) -> bool:
 
 
 @compiled
-def _linearise_at_update(b: Belief, count: int) -> None:
+def _linearise_at_update(b: GaussianMixture, count: int) -> None:
     """Put the linearisation to where an update would move the position, W ν, and what it takes of
     its covariance, W Wᵀ, into `work`; W as of `_update_component`.
     """
@@ -509,7 +513,7 @@ def _linearise_at_update(b: Belief, count: int) -> None:
 
 
 @inlined
-def _leader_turn(b: Belief, count: int) -> tuple[float, float]:
+def _leader_turn(b: GaussianMixture, count: int) -> tuple[float, float]:
     """Mean and variance of the random error w of the leader's heading, given the whitened
     residuals: a priori 0 and v; with g the derivative of the ranges by the heading, v gᵀ S⁻¹ e, and
     v − v² gᵀ S⁻¹ g.
@@ -534,7 +538,7 @@ def _leader_turn(b: Belief, count: int) -> tuple[float, float]:
 
 
 @inlined
-def _use_subset(b: Belief, received: int, mask: int) -> int:
+def _use_subset(b: GaussianMixture, received: int, mask: int) -> int:
     """Put those of the received ranges into `work.used` whose bit is set in the mask; how many
     these are.
     """
@@ -549,7 +553,7 @@ def _use_subset(b: Belief, received: int, mask: int) -> int:
 
 @compiled
 def _select_ranges(
-    b: Belief, m: Model, k: int, signal: Signal, received: int, density: float
+    b: GaussianMixture, m: Model, k: int, signal: Signal, received: int, density: float
 ) -> int:
     """Keep the likeliest of all subsets of ranges, or all with a common echo, in `b.work.used`;
     how many these are.
@@ -597,7 +601,7 @@ def _select_ranges(
 
 
 @compiled
-def update(b: Belief, m: Model, k: int, signal: Signal) -> int:
+def update(b: GaussianMixture, m: Model, k: int, signal: Signal) -> int:
     """Update component k with the ranges of a message, without those that look like echoes; how
     many it used.
 

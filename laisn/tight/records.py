@@ -219,7 +219,7 @@ class UpdateOutcome(RecordFields):
     normalised_innovation: float
 
 
-class Belief(RecordFields):
+class GaussianMixture(RecordFields):
     """A mixture of Gaussians, and what was sensed since the last message."""
 
     # of each component: `hypothesis · modes + mode`
@@ -253,4 +253,4 @@ class Belief(RecordFields):
 
 MODEL = record_dtype(Model)
 SIGNAL = record_dtype(Signal)
-BELIEF = record_dtype(Belief)
+BELIEF = record_dtype(GaussianMixture)

@@ -155,7 +155,7 @@ def pitch(
     from laisn_sim.cli.errors import echo
     from laisn_sim.cli.outputs import output_file
 
-    geometry = fixes.Geometry(
+    geometry = fixes.PitchGeometry(
         baseline=baseline, pitch_deg=pitch, distance=distance, below=below, side_rule=side_rule
     )
     name = f"baseline-{baseline:g}-pitch-{pitch:g}-distance-{distance:g}-below-{below:g}"

@@ -14,7 +14,7 @@ _GROUPS = 9  # of seven bits, which hold all integers of 63 bits
 
 
 @dataclass(frozen=True, kw_only=True)
-class Layout:
+class ArrayLayout:
     """Where an array lies among the bytes, and how it is read."""
 
     at: int
@@ -49,7 +49,7 @@ class Packer:
     """Arrays behind one another in one byte string, with the layout of each by its name."""
 
     def __init__(self) -> None:
-        self.layouts: dict[str, Layout] = {}
+        self.layouts: dict[str, ArrayLayout] = {}
         self._bytes = bytearray()
 
     def add(self, name: str, values: npt.ArrayLike, unit: float = 1.0, order: int = 2) -> None:
@@ -63,7 +63,7 @@ class Packer:
         whole = np.rint(table / unit).astype(np.int64)
         for _ in range(order):
             whole = np.diff(whole, axis=0, prepend=np.zeros((1, whole.shape[1]), np.int64))
-        self.layouts[name] = Layout(
+        self.layouts[name] = ArrayLayout(
             at=len(self._bytes),
             rows=table.shape[0],
             columns=table.shape[1],

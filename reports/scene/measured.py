@@ -19,7 +19,7 @@ from reports.scene.mission import (
     REFUSED,
     SLOW_HZ,
     Scene,
-    Vehicle,
+    SceneVehicle,
     add_messages,
     add_spread,
     fix_words,
@@ -101,7 +101,9 @@ def _sources(measured: Measurements, beacons: Floats) -> Floats:
     return sources
 
 
-def _leader(vehicles: Sequence[Measured], grid: Floats) -> tuple[Vehicle, Floats, Floats] | None:
+def _leader(
+    vehicles: Sequence[Measured], grid: Floats
+) -> tuple[SceneVehicle, Floats, Floats] | None:
     """The leader as it broadcast itself, its positions, shape (n, 3), and attitudes, shape (n, 4);
     None if no message holds where it is.
     """
@@ -114,7 +116,7 @@ def _leader(vehicles: Sequence[Measured], grid: Floats) -> tuple[Vehicle, Floats
         depth = np.interp(grid, sent, np.nan_to_num(pose_columns[:, 3], nan=_SHOWN_DEPTH_M))
         half = 0.5 * vehicle.baseline
         transmitters = [[-half, 0.0, 0.0], [half, 0.0, 0.0]] if np.isfinite(half) else []
-        leader = Vehicle(name="leader", role="leader", model=0, transmitters=transmitters)
+        leader = SceneVehicle(name="leader", role="leader", model=0, transmitters=transmitters)
         quaternion = _level(_heading(sent, pose_columns[:, 2], grid))
         return leader, np.column_stack([east_north, -depth]), quaternion
     return None
@@ -139,7 +141,7 @@ def scene_of_measured(name: str, vehicles: Sequence[Measured]) -> Scene:
     beacons = beacons_of(vehicles)
     leader = None if len(beacons) else _leader(vehicles, grid)
     hulls, hull_of, _ = hulls_of(["leader", "follower"])
-    seen: list[Vehicle] = []
+    seen: list[SceneVehicle] = []
     positions: list[Floats] = []
     quaternions: list[Floats] = []
     speeds: list[Floats] = []
@@ -156,7 +158,7 @@ def scene_of_measured(name: str, vehicles: Sequence[Measured]) -> Scene:
         path = state
         if truth and vehicle.path is not None:
             path = _between(vehicle.path[:, 0], vehicle.path[:, 1:3], grid)
-        seen.append(Vehicle(name=vehicle.name, role="follower", model=hull_of[1]))
+        seen.append(SceneVehicle(name=vehicle.name, role="follower", model=hull_of[1]))
         states.append(state)
         positions.append(np.column_stack([path, -_depth(vehicle, grid)]))
         quaternions.append(_level(_heading(times, vehicle.measured.heading, grid)))

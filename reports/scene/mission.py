@@ -64,7 +64,7 @@ class Scene:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Vehicle:
+class SceneVehicle:
     """A vehicle of a scene."""
 
     name: str
@@ -173,7 +173,7 @@ def _branches(measured: Measurements, estimates: Estimates) -> Floats:
     return np.array(rows, dtype=np.float64).reshape(-1, 7)
 
 
-class Hulls(NamedTuple):
+class SceneHulls(NamedTuple):
     """Hulls of vehicles."""
 
     shapes: list[dict[str, Any]]  # of different models
@@ -181,7 +181,7 @@ class Hulls(NamedTuple):
     effectors: list[int]  # that move what is seen of any
 
 
-def hulls_of(models: Sequence[str]) -> Hulls:
+def hulls_of(models: Sequence[str]) -> SceneHulls:
     """Hulls of vehicles' models."""
     names = list(dict.fromkeys(models))
     hulls = [hull(name) for name in names]
@@ -189,10 +189,10 @@ def hulls_of(models: Sequence[str]) -> Hulls:
     used = sorted({piece["effector"] for piece in moving})
     for piece in moving:
         piece["column"] = used.index(piece["effector"])
-    return Hulls(hulls, [names.index(model) for model in models], used)
+    return SceneHulls(hulls, [names.index(model) for model in models], used)
 
 
-def _vehicles(flight: FlightRecord, hulls: Sequence[int]) -> list[Vehicle]:
+def _vehicles(flight: FlightRecord, hulls: Sequence[int]) -> list[SceneVehicle]:
     truth = flight.trajectory
     vehicles = []
     for v, name in enumerate(truth.names):
@@ -206,7 +206,7 @@ def _vehicles(flight: FlightRecord, hulls: Sequence[int]) -> list[Vehicle]:
         station = flight.scenario.followers[v - 1].station if v else None
         transmitters = [f"tx_{which}" for which in Ranges._fields]
         vehicles.append(
-            Vehicle(
+            SceneVehicle(
                 name=name,
                 role="follower" if v else "leader",
                 model=hulls[v],
@@ -297,7 +297,7 @@ class Sent:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Part:
+class SceneUpdate:
     """What a page does not hold yet of a mission, packed."""
 
     packer: Packer
@@ -310,7 +310,7 @@ def _every(hz: float, dt: float) -> int:
     return max(1, round(1 / (hz * dt)))
 
 
-def part_of(flight: FlightRecord, hulls: Hulls, duration: float, sent: Sent) -> Part:
+def part_of(flight: FlightRecord, hulls: SceneHulls, duration: float, sent: Sent) -> SceneUpdate:
     """Rows and messages of a flight that a page with these does not hold, at the rates of a
     mission of a duration [s].
     """
@@ -348,7 +348,7 @@ def part_of(flight: FlightRecord, hulls: Hulls, duration: float, sent: Sent) -> 
     if hulls.effectors and truth.thrust.shape[2]:
         packer.add("effector", truth.thrust[grid[first_row:]][:, :, hulls.effectors], 0.01, 1)
     messages = tuple(measured.message_step.size for measured in flight.measurements)
-    return Part(
+    return SceneUpdate(
         packer=packer,
         refused=refused,
         sent=Sent(rows=grid.size, slow_rows=slow.size, messages=messages),
@@ -361,7 +361,9 @@ def known_from(flight: FlightRecord) -> list[float]:
     return [start + (e.unknown + 1) * flight.measurements[0].dt for e in flight.estimates]
 
 
-def meta_of(flight: FlightRecord, hulls: Hulls, duration: float, part: Part) -> dict[str, Any]:
+def meta_of(
+    flight: FlightRecord, hulls: SceneHulls, duration: float, part: SceneUpdate
+) -> dict[str, Any]:
     """What a page tells beside the arrays of a part, without events."""
     truth = flight.trajectory
     hz = rate_of(duration, len(truth.names))

@@ -299,7 +299,7 @@ def _hold_depth(
     return memory.pitch_command, (memory.pitch_command - before) / dt, force, rate
 
 
-class VehicleState(NamedTuple):
+class HullMotion(NamedTuple):
     """Motion of a vehicle, measured or true."""
 
     surge: float  # speed through the water along the hull [m/s]
@@ -313,7 +313,7 @@ class VehicleState(NamedTuple):
 
 
 @compiled
-def vehicle_state(pose: Floats, twist: Floats, water: Floats) -> VehicleState:
+def vehicle_state(pose: Floats, twist: Floats, water: Floats) -> HullMotion:
     """True motion of a vehicle, from rows of `sim.trajectory.StateHistory`."""
     forward, port, _ = transposed(rotation(pose[3:7]))
     flow = (twist[0] - water[0], twist[1] - water[1], twist[2] - water[2])
@@ -321,7 +321,7 @@ def vehicle_state(pose: Floats, twist: Floats, water: Floats) -> VehicleState:
     sway = flow[0] * port[0] + flow[1] * port[1] + flow[2] * port[2]
     heading = np.arctan2(forward[0], forward[1])
     pitch = np.arcsin(clip(forward[2], -1.0, 1.0))
-    return VehicleState(surge, sway, heading, twist[5], pitch, twist[4], -pose[2], -twist[2])
+    return HullMotion(surge, sway, heading, twist[5], pitch, twist[4], -pose[2], -twist[2])
 
 
 @compiled
@@ -349,7 +349,7 @@ def control(
     d: Autopilot,
     steering: tuple[float, float, float],
     reference: Reference,
-    motion: VehicleState,
+    motion: HullMotion,
     dt: float,
     memory: AutopilotMemory,
     command: Floats,

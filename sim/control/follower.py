@@ -28,7 +28,7 @@ from laisn.compiled import compiled
 from laisn.geometry import wrap_angle
 from sim.control import station as stations
 from sim.control.allocation import clip
-from sim.control.autopilot import VehicleState
+from sim.control.autopilot import HullMotion
 from sim.control.guidance import SPEED_LEAST, TURN_RESERVE, Reference
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE
 
@@ -140,8 +140,8 @@ def give_way(
 class FollowerMemory(RecordFields):
     """Memory of one follower, from one control step to the next."""
 
-    frame: stations.FrameState
-    kept_frame: stations.FrameState  # as it was at the last message
+    frame: stations.StationFrame
+    kept_frame: stations.StationFrame  # as it was at the last message
     integral: float  # of the approach
     heading_wanted: float  # [rad]
     speed_wanted: float  # [m/s]
@@ -256,7 +256,7 @@ def _followed_sinking(depth: float, dt: float, memory: FollowerMemory) -> float:
 @compiled
 def measured_motion(
     reading: Record, estimate: Record, dt: float, memory: FollowerMemory
-) -> VehicleState:
+) -> HullMotion:
     """Own motion by smoothed readings, less their estimated biases."""
     if memory.log != memory.log:
         memory.log = reading.speed
@@ -272,7 +272,7 @@ def measured_motion(
     sinking = -surge * np.sin(pitch)
     if memory.by_thrust:
         sinking = _followed_sinking(reading.depth, dt, memory)
-    return VehicleState(
+    return HullMotion(
         surge, 0.0, heading, reading.turning, pitch, reading.pitching, reading.depth, sinking
     )
 
@@ -361,7 +361,7 @@ def keep_station(
     memory: FollowerMemory,
     reference: Reference,
     plan: stations.LeaderPlan,
-) -> tuple[tuple[float, float, float], VehicleState]:
+) -> tuple[tuple[float, float, float], HullMotion]:
     """What brings a follower to its station, as of `steer`: heading [rad], its rate, speed; and its
     measured motion.
 

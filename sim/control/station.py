@@ -368,14 +368,14 @@ class StationGeometry(RecordFields):
 STATION = row_dtype(StationGeometry)
 
 
-class FrameState(RecordFields):
+class StationFrame(RecordFields):
     """The frame of a station."""
 
     heading: float  # [rad]
     rate: float  # its rate of turn, clockwise [rad/s]
 
 
-FRAME_STATE = row_dtype(FrameState)
+FRAME_STATE = row_dtype(StationFrame)
 
 _NEAREST = 5.0  # a station nearer to the trail is turned as if it were this far aside [m]
 # rate of turn that a follower counts on [rad/s]; 10°/s is what it is allowed
@@ -436,7 +436,7 @@ def turn_frame(
     trail: tuple[Records, int],
     span: tuple[float, float],
     dt: float,
-    state: FrameState,
+    state: StationFrame,
 ) -> None:
     """Turn a station's frame from one time to another [s], along the trail as it is known now."""
     points, count = trail
@@ -469,7 +469,7 @@ def turn_frame(
 
 @compiled
 def station_at(
-    station: StationGeometry, trail: tuple[Records, int], time: float, state: FrameState
+    station: StationGeometry, trail: tuple[Records, int], time: float, state: StationFrame
 ) -> Target:
     """Where a station is, by its frame as it stands."""
     points, count = trail
@@ -513,7 +513,7 @@ def _through_water(
     arc: float,
     later: float,
     current: tuple[float, float],
-    state: FrameState,
+    state: StationFrame,
     foreseen: tuple[LeaderPlan, float],
 ) -> tuple[float, float]:
     """Velocity through the water that a station needs so much later (less than 0: earlier), east
@@ -543,7 +543,7 @@ def rate_limited_velocity(
     trail: tuple[Records, int],
     time: float,
     current: tuple[float, float],
-    state: FrameState,
+    state: StationFrame,
     foreseen: tuple[LeaderPlan, float],
 ) -> tuple[float, float]:
     """Velocity over ground with which a hull stays nearest to its station in a current, east and

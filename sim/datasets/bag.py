@@ -23,7 +23,7 @@ _SAMPLES = 20  # messages of a topic that are looked at for its frames
 _NAMED = 60  # characters of a value that messages show
 
 
-class Topic(NamedTuple):
+class BagTopic(NamedTuple):
     """A topic of a bag."""
 
     name: str
@@ -106,7 +106,7 @@ def _value(message: Any, path: Sequence[str]) -> Any:
     return value
 
 
-def topics_of(path: Path) -> list[Topic]:
+def topics_of(path: Path) -> list[BagTopic]:
     """Topics of a bag in order of their names; LaisnError if it cannot be read."""
     with _opened(path) as reader:
         store = reader.typestore
@@ -132,7 +132,7 @@ def topics_of(path: Path) -> list[Topic]:
             counts[connection.topic] = counts.get(connection.topic, 0) + connection.msgcount
             types[connection.topic] = connection.msgtype
         return [
-            Topic(
+            BagTopic(
                 name=name,
                 type_name=types[name],
                 messages=counts[name],

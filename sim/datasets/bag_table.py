@@ -15,7 +15,14 @@ import numpy as np
 from laisn.arrays import Floats, Ints
 from laisn.errors import LaisnError
 from sim.datasets.bag import Request, Series, series_of
-from sim.datasets.field_map import LATITUDE, LONGITUDE, Entry, FieldMap, Origin, require_complete
+from sim.datasets.field_map import (
+    LATITUDE,
+    LONGITUDE,
+    FieldEntry,
+    FieldMap,
+    GeodeticOrigin,
+    require_complete,
+)
 from sim.datasets.table_columns import ANGLE, quantity_of, require_depths
 from sim.datasets.vehicle_table import VehicleTable
 from sim.log.clock import TIMESTAMP
@@ -31,7 +38,7 @@ class _Mapped:
 
     path: Path
     map_path: Path
-    entries: Mapping[str, Entry]
+    entries: Mapping[str, FieldEntry]
     series: Mapping[str, Series]  # of fields with a topic
 
     def at(self, field: str, time_ns: Ints) -> Floats:
@@ -90,7 +97,9 @@ def _interpolated(series: Series, time_ns: Ints, *, is_angle: bool) -> Floats:
     return np.where(inside & (span <= longest), result, np.nan)
 
 
-def _origin(mapped: FieldMap, numbers: Mapping[str, Series]) -> tuple[Origin | None, list[str]]:
+def _origin(
+    mapped: FieldMap, numbers: Mapping[str, Series]
+) -> tuple[GeodeticOrigin | None, list[str]]:
     """The map's origin, or else the first place of the leader, which a remark names."""
     if mapped.settings.origin is not None:
         return mapped.settings.origin, []
@@ -102,7 +111,7 @@ def _origin(mapped: FieldMap, numbers: Mapping[str, Series]) -> tuple[Origin | N
             first.setdefault(unit, float(finite[0]))
     if len(first) < 2:
         return None, []
-    origin = Origin(latitude_deg=first[LATITUDE], longitude_deg=first[LONGITUDE])
+    origin = GeodeticOrigin(latitude_deg=first[LATITUDE], longitude_deg=first[LONGITUDE])
     return origin, [
         f"east and north count from the first place, {origin.latitude_deg:.7f}°, "
         f"{origin.longitude_deg:.7f}°; [origin] of the map sets another"

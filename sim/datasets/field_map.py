@@ -50,7 +50,7 @@ class _Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
 
-class Entry(_Table):
+class FieldEntry(_Table):
     """Where the numbers of one field are."""
 
     column: str | None = None  # of a text table, by its header
@@ -77,7 +77,7 @@ class Entry(_Table):
             raise ValueError("topic and field belong together")
         return self
 
-    def in_si(self, numbers: Floats, name: str, origin: "Origin | None") -> Floats:
+    def in_si(self, numbers: Floats, name: str, origin: "GeodeticOrigin | None") -> Floats:
         """Numbers of the source, shape (n,), those of a quaternion (x, y, z, w) of shape (n, 4), as
         the field has them, in SI units, shape (n,).
 
@@ -115,7 +115,7 @@ class Entry(_Table):
         )
 
 
-class Origin(_Table):
+class GeodeticOrigin(_Table):
     """The place on the map from which east and north count."""
 
     latitude_deg: Annotated[float, Field(ge=-90, le=90)]
@@ -173,10 +173,10 @@ class _MapBase(_Table):
     """Times of messages: those in their headers, where these have one, or those of recording."""
     ping_window_s: Annotated[float, Field(gt=0, le=60)] = 0.5
     """Ranges of different transmitters within this time are one reception."""
-    origin: Origin | None = None
+    origin: GeodeticOrigin | None = None
 
 
-_declared: dict[str, Any] = dict.fromkeys(("time", *FIELDS), (Entry | None, None))
+_declared: dict[str, Any] = dict.fromkeys(("time", *FIELDS), (FieldEntry | None, None))
 _Map: Any = create_model("_Map", __base__=_MapBase, **_declared)
 
 
@@ -186,7 +186,7 @@ class FieldMap:
 
     path: Path
     settings: _MapBase
-    entries: Mapping[str, Entry]  # by the names of the log's fields, and "time"
+    entries: Mapping[str, FieldEntry]  # by the names of the log's fields, and "time"
 
 
 def _lines(error: ValidationError) -> list[str]:
@@ -194,7 +194,7 @@ def _lines(error: ValidationError) -> list[str]:
     for detail in error.errors(include_url=False, include_context=False):
         key = shortened(plain(".".join(map(str, detail["loc"]))), 100)
         if detail["type"] == "extra_forbidden":
-            model = Entry if len(detail["loc"]) > 1 else _Map
+            model = FieldEntry if len(detail["loc"]) > 1 else _Map
             keys = ", ".join(model.model_fields)
             lines.append(f"  {key}: unknown key; known here: {keys}")
             continue
@@ -203,7 +203,7 @@ def _lines(error: ValidationError) -> list[str]:
     return lines
 
 
-def _wrong_units(entries: Mapping[str, Entry]) -> list[str]:
+def _wrong_units(entries: Mapping[str, FieldEntry]) -> list[str]:
     lines = []
     for name, entry in entries.items():
         if entry.unit and entry.value is None and entry.unit not in units_of(name):

@@ -15,7 +15,7 @@ from laisn.messages import LeaderMessage, Measurements, Ranges
 from sim.datasets.factor_graph import read_factor_graph
 from sim.datasets.range_data import RangeData, read_range_tables
 from sim.datasets.vehicle_table import VehicleTable
-from sim.log.blocks import Channel
+from sim.log.blocks import LogChannel
 from sim.log.contents import Contents, LogError, log_errors
 from sim.log.reader import read_recording
 from sim.log.schema import OWN_MOTION, PLACED_RECEPTION, PLACES, POSE_FIELDS, RECEPTION, Clock
@@ -113,7 +113,7 @@ def _slots(data: RangeData) -> tuple[Floats, Ints]:
     return times, slots
 
 
-def _channels(data: RangeData) -> Iterator[Channel]:
+def _channels(data: RangeData) -> Iterator[LogChannel]:
     """Own motion, receptions and true path."""
     times, slot = _slots(data)
     end, speed, heading = replace(data, range_time=times).legs()
@@ -198,7 +198,7 @@ def write_vehicle_table(table: VehicleTable, path: Path) -> None:
     _write(path, channels, {})
 
 
-def _write(path: Path, channels: Sequence[Channel], facts: dict[str, str]) -> None:
+def _write(path: Path, channels: Sequence[LogChannel], facts: dict[str, str]) -> None:
     with log_errors(path), atomic_write(path) as temporary:
         write_channels(
             temporary, channels, lambda mcap: mcap.write_metadata(_RECORD, facts) if facts else None

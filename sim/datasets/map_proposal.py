@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from laisn.errors import LaisnError
 from laisn.messages import Ranges
-from sim.datasets.bag import Topic, topics_of
+from sim.datasets.bag import BagTopic, topics_of
 from sim.datasets.field_map import (
     LATITUDE,
     LONGITUDE,
@@ -282,7 +282,7 @@ class _Candidate(NamedTuple):
     note: str
 
 
-def _typed(topic: Topic) -> Iterator[_Candidate]:
+def _typed(topic: BagTopic) -> Iterator[_Candidate]:
     """What a topic of a standard type holds."""
     leader = bool(_LEADER & set(_words(topic.name)))
     for quantity, field, unit in _FIELDS_BY_TYPE.get(topic.type_name, ()):
@@ -299,7 +299,7 @@ def _typed(topic: Topic) -> Iterator[_Candidate]:
         yield from _posed(topic, _POSES[topic.type_name], leader=leader)
 
 
-def _posed(topic: Topic, pose: str, *, leader: bool) -> Iterator[_Candidate]:
+def _posed(topic: BagTopic, pose: str, *, leader: bool) -> Iterator[_Candidate]:
     """Position, attitude and speed of a vehicle; those of the own vehicle are no measurements, but
     for its heading and speed where nothing else has them.
     """
@@ -320,7 +320,7 @@ def _posed(topic: Topic, pose: str, *, leader: bool) -> Iterator[_Candidate]:
         yield _Candidate("leader_speed", 0, speed, "")
 
 
-def _ranges(topic: Topic, entry: dict[str, Any]) -> Iterator[_Candidate]:
+def _ranges(topic: BagTopic, entry: dict[str, Any]) -> Iterator[_Candidate]:
     """Ranges by the name of the topic, or by frames where one topic has those of several."""
     frames = topic.texts.get("header.frame_id", ())
     if len(frames) > 1:
@@ -341,7 +341,7 @@ def _ranges(topic: Topic, entry: dict[str, Any]) -> Iterator[_Candidate]:
     yield _Candidate(f"range_{slot or 'rear'}", 0 if slot else 2, entry, note)
 
 
-def _named(topic: Topic) -> Iterator[_Candidate]:
+def _named(topic: BagTopic) -> Iterator[_Candidate]:
     """What fields of a topic of another type hold, by their names and that of the topic."""
     leader = bool(_LEADER & set(_words(topic.name)))
     whole = sum(match(field) is not None for field in topic.fields) > 2
@@ -363,21 +363,21 @@ def _named(topic: Topic) -> Iterator[_Candidate]:
         yield _Candidate(matched.field, -1 if whole else 1, entry, note)
 
 
-def _own_type(topic: Topic) -> Iterator[_Candidate]:
+def _own_type(topic: BagTopic) -> Iterator[_Candidate]:
     """Fields of a reception as this project writes it, which need no check."""
     for field in RECEPTION.fields:
         entry = {"topic": topic.name, "field": field, "unit": quantity_of(field).si}
         yield _Candidate(field, -2, entry, "")
 
 
-def _fields_of(topic: Topic) -> Iterator[_Candidate]:
+def _fields_of(topic: BagTopic) -> Iterator[_Candidate]:
     if set(RECEPTION.fields) <= set(topic.fields):
         return _own_type(topic)
     is_typed = topic.type_name in _FIELDS_BY_TYPE or topic.type_name in _POSES
     return _typed(topic) if is_typed else _named(topic)
 
 
-def _candidates(topics: Sequence[Topic]) -> Iterator[_Candidate]:
+def _candidates(topics: Sequence[BagTopic]) -> Iterator[_Candidate]:
     for topic in topics:
         if topic.name in _NO_MEASUREMENTS or not topic.messages:
             continue
@@ -391,7 +391,7 @@ def _candidates(topics: Sequence[Topic]) -> Iterator[_Candidate]:
 
 
 def _other_robots(
-    topics: Sequence[Topic], entries: Mapping[str, Mapping[str, Any]]
+    topics: Sequence[BagTopic], entries: Mapping[str, Mapping[str, Any]]
 ) -> Iterator[_Candidate]:
     """Places of other robots to which there are ranges: the pose that is in the namespace of a
     robot whose name is in the range's frame or topic.
@@ -404,7 +404,7 @@ def _other_robots(
         for topic in topics
         if topic.type_name in _POSES and topic.name.count("/") > 1 and topic.messages
     }
-    poses_of_others = list[Topic]()
+    poses_of_others = list[BagTopic]()
     for slot in Ranges._fields:
         entry = entries.get(f"range_{slot}")
         if entry is None:
@@ -423,13 +423,13 @@ def _other_robots(
         yield from _posed(poses_of_others[0], _POSES[poses_of_others[0].type_name], leader=True)
 
 
-def _position(topic: Topic, letter: str, factor: float) -> dict[str, Any]:
+def _position(topic: BagTopic, letter: str, factor: float) -> dict[str, Any]:
     field = f"{_POSES[topic.type_name]}.position.{letter}"
     entry: dict[str, Any] = {"topic": topic.name, "field": field, "unit": "m"}
     return entry if factor == 1.0 else entry | {"factor": factor}
 
 
-def _of_vehicle(topics: Sequence[Topic], vehicle: str | None) -> list[Topic]:
+def _of_vehicle(topics: Sequence[BagTopic], vehicle: str | None) -> list[BagTopic]:
     """Topics of a vehicle and of the leader; LaisnError if the bag has none of this vehicle."""
     if vehicle is None:
         return [*topics]

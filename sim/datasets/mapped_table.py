@@ -13,9 +13,9 @@ from sim.datasets.field_map import (
     LATITUDE,
     LONGITUDE,
     QUATERNION,
-    Entry,
+    FieldEntry,
     FieldMap,
-    Origin,
+    GeodeticOrigin,
     require_complete,
 )
 from sim.datasets.range_data import LARGEST, numbers
@@ -65,7 +65,7 @@ def _equals(word: str, value: str | int | float | bool) -> bool:
         return False
 
 
-def _chosen(entry: Entry, rows: Sequence[Sequence[str]], position: Mapping[str, int]) -> Bools:
+def _chosen(entry: FieldEntry, rows: Sequence[Sequence[str]], position: Mapping[str, int]) -> Bools:
     """Rows whose cells have the values that an entry wants."""
     chosen = np.ones(len(rows), dtype=np.bool_)
     for name, value in entry.where.items():
@@ -74,7 +74,7 @@ def _chosen(entry: Entry, rows: Sequence[Sequence[str]], position: Mapping[str, 
     return chosen
 
 
-def _origin(field_map: FieldMap, raw: Mapping[str, Floats]) -> Origin | None:
+def _origin(field_map: FieldMap, raw: Mapping[str, Floats]) -> GeodeticOrigin | None:
     """The map's origin, or else the first place of the table."""
     if field_map.settings.origin is not None:
         return field_map.settings.origin
@@ -86,11 +86,16 @@ def _origin(field_map: FieldMap, raw: Mapping[str, Floats]) -> Origin | None:
             first.setdefault(unit, float(finite[0]))
     if len(first) < 2:
         return None
-    return Origin(latitude_deg=first[LATITUDE], longitude_deg=first[LONGITUDE])
+    return GeodeticOrigin(latitude_deg=first[LATITUDE], longitude_deg=first[LONGITUDE])
 
 
 def _column(
-    field_map: FieldMap, field: str, header: str, values: Floats, origin: Origin | None, where: str
+    field_map: FieldMap,
+    field: str,
+    header: str,
+    values: Floats,
+    origin: GeodeticOrigin | None,
+    where: str,
 ) -> Column:
     """A column with the unit that the map states, or converted where that is no mere factor."""
     entry = field_map.entries[field]
@@ -149,7 +154,7 @@ def read_mapped_columns(path: Path, field_map: FieldMap) -> Columns:
     headers, rows = cells_of(path)
     position = _positions(path, field_map, headers)
 
-    def words(entry: Entry) -> list[str]:
+    def words(entry: FieldEntry) -> list[str]:
         i = position[str(entry.column).strip()]
         return [row[i] for row in rows]
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from laisn.arrays import Floats
 from sim import attitude
-from sim.film.film_data import FilmData, FrameState
+from sim.film.film_data import FilmData, FilmFrame
 from sim.water.assembly import floor_of
 
 _SMOOTHING_S = 0.8  # standard deviation of the smoothing of a camera's swing, in seconds of film
@@ -124,7 +124,7 @@ class OwnCamera:
     """The vehicle from which both are counted; None: from the world's origin."""
     fovy_deg: float = 46.0  # vertical field of view, of the page's cameras
 
-    def shot(self, state: FrameState) -> Shot:
+    def shot(self, state: FilmFrame) -> Shot:
         """What it sees at a state."""
         middle = np.zeros(3) if self.vehicle is None else state.position[self.vehicle]
         view = View(
@@ -198,14 +198,14 @@ class CameraRig:
         length = np.linalg.norm(flat)
         return flat / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
 
-    def _close(self, state: FrameState, vehicle: int, distance: float = 3.4) -> View:
+    def _close(self, state: FilmFrame, vehicle: int, distance: float = 3.4) -> View:
         """A vehicle from its quarter, turning with its heading."""
         heading = float(self._value_at(self._heading, state.time)[vehicle])
         side = np.array([np.sin(heading + 2.2), np.cos(heading + 2.2), 0.28])
         at = state.position[vehicle]
         return View(position=self._in_water(at + distance * side), target=at, fovy_deg=40.0)
 
-    def _profile(self, state: FrameState) -> View:
+    def _profile(self, state: FilmFrame) -> View:
         """The leader from the bow quarter away from the follower; steady, so that waves move the
         hull in the frame.
         """
@@ -244,7 +244,7 @@ class CameraRig:
         shift = (0.5 - (left + right) / 2) * frame * view.axes[0]
         return replace(view, position=eye + shift, target=target + shift)
 
-    def _top(self, state: FrameState, bottom: float) -> tuple[View, tuple[float, float]]:
+    def _top(self, state: FilmFrame, bottom: float) -> tuple[View, tuple[float, float]]:
         """View from above, vehicles within the part of the frame that panels leave free, down to
         the share `bottom`.
         """
@@ -265,7 +265,7 @@ class CameraRig:
         )
         return view, (height - 5.0, height + _SIGHT_DOWN_M)
 
-    def shot(self, camera: str, state: FrameState) -> Shot:
+    def shot(self, camera: str, state: FilmFrame) -> Shot:
         """The camera `camera` of CAMERAS at a state."""
         follower = self._vehicle
         leader = 0

@@ -26,7 +26,7 @@ from sim.film.film_data import (
     STATION,
     TRUTH,
     FilmData,
-    FrameState,
+    FilmFrame,
     RayErrors,
     diverging,
 )
@@ -325,7 +325,7 @@ class Dashboard:
             handletextpad=0.1,
         )
 
-    def draw(self, canvas: Canvas, state: FrameState, trails: Sequence[Trail]) -> None:
+    def draw(self, canvas: Canvas, state: FilmFrame, trails: Sequence[Trail]) -> None:
         """Draw all panels on a frame, with recent tracks of vehicles and estimates."""
         for column, row, layer in self._layers:
             canvas.image(layer, column, row)
@@ -338,7 +338,7 @@ class Dashboard:
                 at = left + x * self._t + (0.0 if x > 0 else width)
                 canvas.text((at, baseline), words, colour, size, "ls" if x > 0 else "rs")
 
-    def _rows(self, state: FrameState) -> list[Row]:
+    def _rows(self, state: FilmFrame) -> list[Row]:
         """Lines of the panel of numbers."""
         f = self._follower
         kind = state.fix_kind[f]
@@ -368,7 +368,7 @@ class Dashboard:
             (19, [(12, f"filter's {SIGMAS:g}σ", DIM, 13), (-12, sigma, ESTIMATE, 13)]),
         ]
 
-    def _motion_rows(self, state: FrameState) -> list[Row]:
+    def _motion_rows(self, state: FilmFrame) -> list[Row]:
         """Names of leader and follower, and how they move."""
         vehicles = (0, self._follower + 1)
         names = [self._data.flight.trajectory.names[v][:12] for v in vehicles]
@@ -388,7 +388,7 @@ class Dashboard:
             rows.append((19, [(12, name, DIM, 13), *((x, text, PALE, 13) for x, text in columns)]))
         return rows
 
-    def _range_rows(self, state: FrameState) -> list[Row]:
+    def _range_rows(self, state: FilmFrame) -> list[Row]:
         """Names of the transmitters in the colours of their rays, as their legend, and ranges."""
         f = self._follower
         count = self._data.flight.scenario.navigation.transmitters
@@ -424,7 +424,7 @@ class Dashboard:
         """Points of the figure, shape (n, 2), counted from the top left [px]."""
         return np.asarray(points * [1.0, -1.0] + [0.0, self._size[1]])
 
-    def _draw_map(self, canvas: Canvas, state: FrameState, trails: Sequence[Trail]) -> None:
+    def _draw_map(self, canvas: Canvas, state: FilmFrame, trails: Sequence[Trail]) -> None:
         left, top, width, height = self._map
         fleet = state.position[:, :2]
         centre = (fleet.min(axis=0) + fleet.max(axis=0)) / 2 if self._moves else self._centre

@@ -115,7 +115,7 @@ class Hypothesis(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrameState:
+class FilmFrame:
     """Everything one frame shows; v vehicles, f followers. Angles in [rad]."""
 
     time: float  # of the mission [s]
@@ -197,7 +197,7 @@ class FilmData:
         """Number k of the last filter step before a mission time [s]; 0 before the first."""
         return min(int((time - self.start) / self.dt + 1e-9), self.steps.size)
 
-    def at(self, time: float) -> FrameState:
+    def at(self, time: float) -> FilmFrame:
         """State at a mission time [s]; ValueError if it lies outside the mission."""
         truth = self.flight.trajectory
         positions, quaternions = truth.at(time)
@@ -223,7 +223,7 @@ class FilmData:
         )
         unknown = np.full(len(followers), np.nan)
         heading, pitch, _ = attitude.heading_pitch_roll(quaternion)
-        return FrameState(
+        return FilmFrame(
             time=time,
             film_time=(time - self.start) / self.speed_up,
             position=position,
@@ -315,7 +315,7 @@ class FilmData:
         ]
         return grid, np.stack([truth.at(grid)[0][:, 0], *hydrophones, *estimates])
 
-    def trails(self, state: FrameState) -> Floats:
+    def trails(self, state: FilmFrame) -> Floats:
         """Recent positions, oldest first, shape (v + f + o, p, 3), [m].
 
         The leader's body origin, the followers' hydrophones, their estimates, the other estimates.

@@ -19,7 +19,7 @@ from sim.film.film_data import (
     TRANSMITTER_COLOURS,
     TRUTH,
     FilmData,
-    FrameState,
+    FilmFrame,
 )
 from sim.film.scene import Box
 from sim.scenario.settings import Video
@@ -94,7 +94,7 @@ class Overlay:
             (x if shot.insets_left else c.width - width - x, top, width, height) for x in lefts
         )
 
-    def draw(self, state: FrameState, shot: Shot) -> None:
+    def draw(self, state: FilmFrame, shot: Shot) -> None:
         """Draw over the picture on the canvas."""
         c = self.canvas
         board = self._dashboard
@@ -140,7 +140,7 @@ class Overlay:
             words += f"  ·  {scenario.navigation.variant}  ·  {self._data.speed_up:g}× real time"
         c.text((c.width / 2, c.height - 8 * c.scale), words, (0.85, 0.95, 1.0, 0.85), 12, "ms")
 
-    def _draw_view(self, state: FrameState, view: View, box: Box, trails: list[Trail]) -> None:
+    def _draw_view(self, state: FilmFrame, view: View, box: Box, trails: list[Trail]) -> None:
         """Lines and markers as one camera sees them, inside its box."""
         strokes = [
             Stroke(pixels, (*colour[:3], 0.75 * age**0.8))
@@ -168,7 +168,7 @@ class Overlay:
                     float(fractions[first] + fractions[last]) / 2,
                 )
 
-    def _rays(self, state: FrameState, view: View, box: Box) -> Iterator[Stroke]:
+    def _rays(self, state: FilmFrame, view: View, box: Box) -> Iterator[Stroke]:
         for f, i in np.argwhere(state.ray > 0.03):
             if i in self._transmitters:
                 filmed = f == self._follower
@@ -182,7 +182,7 @@ class Overlay:
                     yield Stroke(pixels, (*colours[i], 0.16 * clear), 7.0)
                     yield Stroke(pixels, (*colours[i], 0.85 * clear), 1.8)
 
-    def _trails(self, state: FrameState) -> list[Trail]:
+    def _trails(self, state: FilmFrame) -> list[Trail]:
         """Trails of all vehicles, of the other estimates and of the filmed follower's own, which
         lies on top.
         """
@@ -197,7 +197,7 @@ class Overlay:
             )
         )
 
-    def _ellipses(self, state: FrameState, view: View, box: Box) -> Iterator[Stroke]:
+    def _ellipses(self, state: FilmFrame, view: View, box: Box) -> Iterator[Stroke]:
         """The filters' uncertainty about their estimates, where it is large enough to be seen."""
         for weight, centre, covariance in (
             h for hypotheses in state.hypotheses for h in hypotheses
@@ -214,7 +214,7 @@ class Overlay:
                     yield Stroke(pixels, (*ESTIMATE, 0.3 + 0.6 * weight), 1.5)
 
     def _markers(
-        self, state: FrameState, view: View, box: Box
+        self, state: FilmFrame, view: View, box: Box
     ) -> tuple[list[Stroke], list[Polygon]]:
         """Transmitters, stations, estimates and hydrophones, and dashed lines between what
         belongs together.
@@ -264,7 +264,7 @@ class Overlay:
         inside = ahead > 0.15 and 0 <= pixel[0] < width and 0 <= pixel[1] < height
         return np.add(pixel, (left, top)) if inside else None
 
-    def _labels(self, state: FrameState, view: View) -> list[Label]:
+    def _labels(self, state: FilmFrame, view: View) -> list[Label]:
         """Labels of the picture, the most important first."""
         c = self.canvas
         f = self._follower
@@ -321,7 +321,7 @@ class Overlay:
             self.canvas.text((x, y + 4 * s), f"{length:g} m{words}", PALE, 12)
 
 
-def level_axis(state: FrameState) -> Floats:
+def level_axis(state: FilmFrame) -> Floats:
     """Ends, shape (2, 3), [m], of the leader's axis as it would lie in a level hull, a little
     longer than that.
     """

@@ -14,7 +14,7 @@ from laisn.arrays import Bytes, Floats
 from sim.assembly import models_of
 from sim.film.antialiasing import smooth
 from sim.film.cameras import Shot, View
-from sim.film.film_data import ESTIMATE, FrameState
+from sim.film.film_data import ESTIMATE, FilmFrame
 from sim.flight import FlightRecord
 from sim.scenario.settings import Video
 from sim.vehicle.effectors import MovingFins
@@ -223,7 +223,7 @@ class GlScene:
         self._gl.free()
 
     def picture(
-        self, state: FrameState, shot: Shot, insets: tuple[Box, ...], ground: float | None = None
+        self, state: FilmFrame, shot: Shot, insets: tuple[Box, ...], ground: float | None = None
     ) -> Bytes:
         """Pixels of a state, bottom row first, shape (height, width, 3), the same array at every
         call.
@@ -270,7 +270,7 @@ class GlScene:
             self._smooth_hulls(state, view, box)
         return self._smooth
 
-    def _smooth_hulls(self, state: FrameState, view: View, box: Box) -> None:
+    def _smooth_hulls(self, state: FilmFrame, view: View, box: Box) -> None:
         """Smooth the edges of what is seen near a vehicle; all else is water, without edges."""
         left, top, width, height = box
         pixels, ahead = view.project(state.position, width, height)
@@ -312,7 +312,7 @@ class GlScene:
                     GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR_MIPMAP_NEAREST
                 )
 
-    def _render(self, state: FrameState, view: View, box: Box) -> None:
+    def _render(self, state: FilmFrame, view: View, box: Box) -> None:
         left, top, width, height = box
         scene = self._scene
         model = self._model
@@ -371,7 +371,7 @@ class GlScene:
             wall.emission = 1.0
             wall.specular = 0.0  # no light but its own
 
-    def _add_ghosts(self, state: FrameState) -> None:
+    def _add_ghosts(self, state: FilmFrame) -> None:
         """A ghost hull at each follower's estimate."""
         scene = self._scene
         drawn = self._scene.ngeom

@@ -21,7 +21,7 @@ _MOVING = ("revolute", "continuous")
 
 
 @dataclass(frozen=True)
-class Fin:
+class GazeboFin:
     """A fin in the model's frame."""
 
     link: str
@@ -33,7 +33,7 @@ class Fin:
     parameters: tuple[float, ...]
 
 
-def fins_of(model: SdfModel, density: float, nose: Floats, remarks: Remarks) -> list[Fin]:
+def fins_of(model: SdfModel, density: float, nose: Floats, remarks: Remarks) -> list[GazeboFin]:
     """All fins of a model and of those nested in it.
 
     Args:
@@ -58,7 +58,7 @@ def fins_of(model: SdfModel, density: float, nose: Floats, remarks: Remarks) -> 
 
 def _read(
     scope: SdfModel, parameters: Parameters, density: float, nose: Floats, remarks: Remarks
-) -> Fin | None:
+) -> GazeboFin | None:
     name = parameters.text("link_name")
     target = scope.find_link(name)
     if target is None:
@@ -105,7 +105,7 @@ def _read(
         parameters.number("cda_stall", 1.0),
         float(is_reversible),
     )
-    return Fin(name, position, sense * upward, limits, law)
+    return GazeboFin(name, position, sense * upward, limits, law)
 
 
 def _remark_on_unmodelled(name: str, parameters: Parameters, remarks: Remarks) -> None:

@@ -164,7 +164,7 @@ def _reference(model: SdfModel) -> Floats:
     raise AssertionError("the model was chosen for its plugin")
 
 
-def _turn(hull: body.SdfHull, pushers: list[thrusters.Thruster], remarks: Remarks) -> Floats:
+def _turn(hull: body.SdfHull, pushers: list[thrusters.GazeboThruster], remarks: Remarks) -> Floats:
     """From the model's axes to the body's, whose x points to the nose.
 
     The nose is at +x, unless a slender hull lies along another axis, or all propellers that push
@@ -206,7 +206,7 @@ def _turn(hull: body.SdfHull, pushers: list[thrusters.Thruster], remarks: Remark
 
 
 def _default_thrust(
-    pushers: list[thrusters.Thruster], matrices: hydrodynamics.Matrices, turn: Floats
+    pushers: list[thrusters.GazeboThruster], matrices: hydrodynamics.Matrices, turn: Floats
 ) -> float:
     """Thrust of each thruster with which all together reach `ASSUMED_SPEED` ahead, within bounds
     [N].
@@ -354,7 +354,7 @@ def _semidefinite(matrix: Floats) -> Floats:
 
 
 def _thruster_parts(
-    pushers: list[thrusters.Thruster], placing: Placing, default: float, remarks: Remarks
+    pushers: list[thrusters.GazeboThruster], placing: Placing, default: float, remarks: Remarks
 ) -> list[EffectorPart]:
     parts = []
     all_limits = thrusters.with_limits(pushers, default, remarks)
@@ -379,7 +379,7 @@ def _thruster_parts(
     return parts
 
 
-def _fin_parts(planes: list[fins.Fin], placing: Placing) -> list[EffectorPart]:
+def _fin_parts(planes: list[fins.GazeboFin], placing: Placing) -> list[EffectorPart]:
     parts = []
     for fin in planes:
         span = float(np.sqrt(fin.parameters[0]))

@@ -16,7 +16,7 @@ _OPEN_WATER = ("alpha_1", "alpha_2", "wake_fraction")
 
 
 @dataclass(frozen=True)
-class Thruster:
+class GazeboThruster:
     """A thruster in the model's frame."""
 
     joint: str
@@ -27,7 +27,7 @@ class Thruster:
     largest: float | None
 
 
-def thrusters_of(model: SdfModel, remarks: Remarks) -> list[Thruster]:
+def thrusters_of(model: SdfModel, remarks: Remarks) -> list[GazeboThruster]:
     """All thrusters of a model and of those nested in it; LaisnError if a joint is missing."""
     return [
         _read(scope, Parameters(plugin, "Thruster", remarks), remarks)
@@ -36,7 +36,7 @@ def thrusters_of(model: SdfModel, remarks: Remarks) -> list[Thruster]:
     ]
 
 
-def _read(scope: SdfModel, parameters: Parameters, remarks: Remarks) -> Thruster:
+def _read(scope: SdfModel, parameters: Parameters, remarks: Remarks) -> GazeboThruster:
     name = parameters.text("joint_name")
     joint = scope.joints.get(name)
     target = None if joint is None else scope.find_link(child_text(joint, "child"))
@@ -60,7 +60,7 @@ def _read(scope: SdfModel, parameters: Parameters, remarks: Remarks) -> Thruster
     )
     parameters.set_aside(["battery_name", "power_load"], "there is no battery")
     parameters.close()
-    return Thruster(name, inner.pose_of(link)[:3, 3], scope.joint_axis(name), least, largest)
+    return GazeboThruster(name, inner.pose_of(link)[:3, 3], scope.joint_axis(name), least, largest)
 
 
 def _limits(
@@ -96,7 +96,7 @@ def _limits(
 
 
 def with_limits(
-    thrusters: list[Thruster], default: float, remarks: Remarks
+    thrusters: list[GazeboThruster], default: float, remarks: Remarks
 ) -> list[tuple[float, float]]:
     """Limits [N], where the file has none those of the other direction, or the default."""
     limits = []
@@ -126,6 +126,6 @@ def with_limits(
     return limits
 
 
-def pushing_along(thrusters: list[Thruster], axis: Floats) -> list[Thruster]:
+def pushing_along(thrusters: list[GazeboThruster], axis: Floats) -> list[GazeboThruster]:
     """Thrusters that push along an axis of the model, either way."""
     return [thruster for thruster in thrusters if abs(float(np.dot(thruster.axis, axis))) > 0.9]

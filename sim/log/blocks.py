@@ -22,7 +22,7 @@ BLOCK_NS = 20 * 10**9  # what was logged of this time is in the file before more
 END_NS = 2**62  # later than all messages [ns]
 
 
-class Channel(NamedTuple):
+class LogChannel(NamedTuple):
     """Messages of one topic, in order of time."""
 
     topic: str
@@ -78,7 +78,9 @@ class BlockFile:
         """Write attachments and metadata, which are in the file with the next block."""
         self._call(partial(write, self._mcap))
 
-    def append(self, channels: Sequence[Channel], begin_ns: int = 0, end_ns: int = END_NS) -> None:
+    def append(
+        self, channels: Sequence[LogChannel], begin_ns: int = 0, end_ns: int = END_NS
+    ) -> None:
         """Write the messages of all channels from one time until before another, in order of time.
 
         A channel without messages is not in the file.
@@ -101,7 +103,7 @@ class BlockFile:
             self.append_block(channels, span)
 
     def append_block(
-        self, channels: Sequence[Channel], span: tuple[int, int] = (0, END_NS)
+        self, channels: Sequence[LogChannel], span: tuple[int, int] = (0, END_NS)
     ) -> None:
         """Write the messages of channels of `append` from one time until before another as one
         block, also of times before what is written.
@@ -109,7 +111,7 @@ class BlockFile:
         self._call(partial(self._fill, channels, span))
         self._flush()
 
-    def _fill(self, channels: Sequence[Channel], span: tuple[int, int]) -> None:
+    def _fill(self, channels: Sequence[LogChannel], span: tuple[int, int]) -> None:
         messages = list[tuple[int, Any, bytes]]()
         for channel in channels:
             rows, times = _between(channel, *span)
@@ -144,7 +146,7 @@ class BlockFile:
         self._file.close()
 
 
-def _between(channel: Channel, begin_ns: int, end_ns: int) -> tuple[slice, Ints]:
+def _between(channel: LogChannel, begin_ns: int, end_ns: int) -> tuple[slice, Ints]:
     """Rows of the messages from one time until before another, and their times [ns]."""
     rows = slice(*np.searchsorted(channel.time_ns, [begin_ns, end_ns]).tolist())
     return rows, channel.time_ns[rows]

@@ -66,7 +66,7 @@ Rows = Callable[[slice], Sequence[bytes]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Topic:
+class RosTopic:
     """Messages of one topic."""
 
     name: str
@@ -118,7 +118,7 @@ def _numbers(
     stamped: Sequence[str] = ("header.stamp",),
     *,
     latched: bool = False,
-) -> Topic:
+) -> RosTopic:
     """Messages that differ in numbers alone; columns have n rows each."""
     template = Template(flown.store, type_name, example)
     arrays = {path: np.asarray(values) for path, values in columns.items()}
@@ -127,16 +127,16 @@ def _numbers(
         some = {path: values[block] for path, values in arrays.items()}
         return template.rows(time_ns[block], some, stamped)
 
-    return Topic(name=name, type_name=type_name, time_ns=time_ns, rows=rows, latched=latched)
+    return RosTopic(name=name, type_name=type_name, time_ns=time_ns, rows=rows, latched=latched)
 
 
-def _text(flown: _Flown, name: str, text: str) -> Topic:
+def _text(flown: _Flown, name: str, text: str) -> RosTopic:
     """One latched text at the start."""
     type_name = "std_msgs/msg/String"
     message = flown.store.types[type_name](data=text)
     data = bytes(flown.store.serialize_cdr(message, type_name))
     start = flown.clock.ns([0.0])
-    return Topic(
+    return RosTopic(
         name=name,
         type_name=type_name,
         time_ns=start,
@@ -170,7 +170,7 @@ def _transforms(
     quaternions: Floats,
     *,
     latched: bool = False,
-) -> Topic:
+) -> RosTopic:
     """Frames, pairs of parent and child, at positions, shape (n, c, 3), [m], turned by quaternions
     (w, x, y, z), shape (n, c, 4).
     """
@@ -197,7 +197,7 @@ def _transforms(
 
 def _nav_sat(
     flown: _Flown, name: str, frame: str, time_ns: Ints, position: Floats, covariance: Floats
-) -> Topic:
+) -> RosTopic:
     """Positions, shape (n, 3), [m], on the map, with covariances (east, north, up) by rows, shape
     (n, 9), [m²].
     """
@@ -218,7 +218,7 @@ def _nav_sat(
     return _numbers(flown, name, "sensor_msgs/msg/NavSatFix", time_ns, example, columns)
 
 
-def _static_frames(flown: _Flown) -> Topic:
+def _static_frames(flown: _Flown) -> RosTopic:
     """Frames that do not move: of the odometry in the map, and of sites in their vehicles."""
     t = flown.flight.trajectory
     frames = [(_MAP, f"{name}/odom") for name in flown.names]
@@ -234,7 +234,7 @@ def _static_frames(flown: _Flown) -> Topic:
     )
 
 
-def _truth(flown: _Flown) -> Iterator[Topic]:
+def _truth(flown: _Flown) -> Iterator[RosTopic]:
     """Clock, frames, and the true motion of every vehicle."""
     t = flown.flight.trajectory
     time_ns = flown.clock.ns(t.time)
@@ -270,7 +270,7 @@ def _truth(flown: _Flown) -> Iterator[Topic]:
         )
 
 
-def _estimate(flown: _Flown, follower: int) -> Iterator[Topic]:
+def _estimate(flown: _Flown, follower: int) -> Iterator[RosTopic]:
     """Estimated motion of a follower's hydrophone, and its fixes."""
     flight = flown.flight
     e = flight.estimates[follower]
@@ -365,7 +365,7 @@ def _estimate(flown: _Flown, follower: int) -> Iterator[Topic]:
     yield _fixes(flown, follower)
 
 
-def _fixes(flown: _Flown, follower: int) -> Topic:
+def _fixes(flown: _Flown, follower: int) -> RosTopic:
     """Positions that messages gave, as a filter of the user's own may take them."""
     e = flown.flight.estimates[follower]
     m = flown.flight.measurements[follower]
@@ -399,7 +399,7 @@ def _fixes(flown: _Flown, follower: int) -> Topic:
     )
 
 
-def _sensed(flown: _Flown, follower: int) -> Iterator[Topic]:
+def _sensed(flown: _Flown, follower: int) -> Iterator[RosTopic]:
     """What a follower measured at filter steps."""
     flight = flown.flight
     m = flight.measurements[follower]
@@ -467,7 +467,7 @@ def _sensed(flown: _Flown, follower: int) -> Iterator[Topic]:
         )
 
 
-def _received(flown: _Flown, follower: int) -> Iterator[Topic]:
+def _received(flown: _Flown, follower: int) -> Iterator[RosTopic]:
     """Messages of the leader, and the ranges of each transmitter."""
     m = flown.flight.measurements[follower]
     name = flown.names[follower + 1]
@@ -496,7 +496,7 @@ def _received(flown: _Flown, follower: int) -> Iterator[Topic]:
         )
 
 
-def _events(flown: _Flown, log: Contents) -> Iterator[Topic]:
+def _events(flown: _Flown, log: Contents) -> Iterator[RosTopic]:
     """Lines of the log, as nodes of ROS write them."""
     messages = log.topics.get(_EVENTS)
     if messages is None or not messages.data:
@@ -525,7 +525,7 @@ def _events(flown: _Flown, log: Contents) -> Iterator[Topic]:
     def rows(block: slice) -> list[bytes]:
         return [encode(i) for i in range(*block.indices(len(lines)))]
 
-    yield Topic(name="/rosout", type_name=type_name, time_ns=times, rows=rows)
+    yield RosTopic(name="/rosout", type_name=type_name, time_ns=times, rows=rows)
 
 
 def _pictures(frames: Sequence[bytes]) -> Iterator[bytes]:
@@ -547,7 +547,7 @@ def _pictures(frames: Sequence[bytes]) -> Iterator[bytes]:
         raise LogError(f"{_CAMERA}: a frame of the film cannot be decoded: {error}") from error
 
 
-def _film(flown: _Flown, log: Contents) -> Iterator[Topic]:
+def _film(flown: _Flown, log: Contents) -> Iterator[RosTopic]:
     """Frames of the film as compressed pictures."""
     messages = log.topics.get(_CAMERA)
     if messages is None or not messages.data:
@@ -571,10 +571,10 @@ def _film(flown: _Flown, log: Contents) -> Iterator[Topic]:
         # parts follow one another, and so do pictures
         return [encode(at, next(pictures)) for at in times[block].tolist()]
 
-    yield Topic(name="/camera/compressed", type_name=type_name, time_ns=times, rows=rows)
+    yield RosTopic(name="/camera/compressed", type_name=type_name, time_ns=times, rows=rows)
 
 
-def _topics(flight: FlightRecord, log: Contents, store: Any) -> Iterator[Topic]:
+def _topics(flight: FlightRecord, log: Contents, store: Any) -> Iterator[RosTopic]:
     flown = _Flown(
         flight=flight,
         store=store,
@@ -615,7 +615,7 @@ def _qos(*, latched: bool) -> Any:
     )
 
 
-def _block(topics: Sequence[tuple[Any, Topic]], number: int) -> list[tuple[int, Any, bytes]]:
+def _block(topics: Sequence[tuple[Any, RosTopic]], number: int) -> list[tuple[int, Any, bytes]]:
     """Messages of a block of time, in order; those of equal times in the order of topics."""
     messages = list[tuple[int, Any, bytes]]()
     for connection, topic in topics:
@@ -629,7 +629,7 @@ def _block(topics: Sequence[tuple[Any, Topic]], number: int) -> list[tuple[int, 
     return messages
 
 
-def _write(folder: Path, topics: Sequence[Topic], store: Any) -> None:
+def _write(folder: Path, topics: Sequence[RosTopic], store: Any) -> None:
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
     writer = Writer(folder, version=_BAG_VERSION, storage_plugin=StoragePlugin.MCAP)
@@ -657,7 +657,7 @@ def _write(folder: Path, topics: Sequence[Topic], store: Any) -> None:
                 writer.write(connection, at, data)
 
 
-def _replace_bag(folder: Path, topics: Sequence[Topic], store: Any, view: str) -> list[Path]:
+def _replace_bag(folder: Path, topics: Sequence[RosTopic], store: Any, view: str) -> list[Path]:
     """Write a bag, with a view for RViz if there is one; an earlier bag of this name is replaced
     once the new one is whole.
     """
@@ -708,7 +708,7 @@ def write_measurement_bag(flight: FlightRecord, folder: Path) -> list[Path]:
         clock=Clock(flight.scenario.epoch),
         names=_ros_names(flight.trajectory.names),
     )
-    topics = list[Topic]()
+    topics = list[RosTopic]()
     for follower in range(len(flight.measurements)):
         topics += _sensed(flown, follower)
         topics += _received(flown, follower)

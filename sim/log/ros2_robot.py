@@ -24,7 +24,7 @@ _ALONG_Y = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 _TO_AXIS = (_ALONG_X, _ALONG_Y, np.eye(3))
 
 
-class Shape(NamedTuple):
+class RobotShape(NamedTuple):
     """A box, cylinder or sphere in the frame of a hull."""
 
     kind: str  # "box", "cylinder" or "sphere"
@@ -71,7 +71,7 @@ def _ellipsoid_profile(half: Floats, axis: int) -> tuple[Floats, Floats]:
     return -half[axis] * np.cos(angle), math.sqrt(float(np.prod(others))) * np.sin(angle)
 
 
-def _shapes_of(model: Any, geom: int) -> Iterator[Shape]:
+def _shapes_of(model: Any, geom: int) -> Iterator[RobotShape]:
     kinds = mujoco.mjtGeom
     kind = kinds(model.geom_type[geom])
     material = model.geom_matid[geom]
@@ -83,16 +83,16 @@ def _shapes_of(model: Any, geom: int) -> Iterator[Shape]:
     turn = matrix.reshape(3, 3)
     size = model.geom_size[geom].astype(np.float64)
     if kind == kinds.mjGEOM_BOX:
-        yield Shape("box", tuple((2.0 * size).tolist()), position, turn, rgba)
+        yield RobotShape("box", tuple((2.0 * size).tolist()), position, turn, rgba)
     elif kind == kinds.mjGEOM_SPHERE:
-        yield Shape("sphere", (float(size[0]),), position, turn, rgba)
+        yield RobotShape("sphere", (float(size[0]),), position, turn, rgba)
     elif kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
         radius = float(size[0])
         half = float(size[1])
-        yield Shape("cylinder", (radius, 2.0 * half), position, turn, rgba)
+        yield RobotShape("cylinder", (radius, 2.0 * half), position, turn, rgba)
         ends = (-half, half) if kind == kinds.mjGEOM_CAPSULE else ()
         for end in ends:
-            yield Shape("sphere", (radius,), position + end * turn[:, 2], turn, rgba)
+            yield RobotShape("sphere", (radius,), position + end * turn[:, 2], turn, rgba)
     elif kind in (kinds.mjGEOM_ELLIPSOID, kinds.mjGEOM_MESH):
         if kind == kinds.mjGEOM_ELLIPSOID:
             axis = int(np.argmax(size))
@@ -104,7 +104,7 @@ def _shapes_of(model: Any, geom: int) -> Iterator[Shape]:
             axis = int(np.argmax(np.ptp(points, axis=0)))
             places, radii = _profile(points, axis)
         for radius, length, middle in _discs(places, radii):
-            yield Shape(
+            yield RobotShape(
                 "cylinder",
                 (radius, length),
                 position + middle * turn[:, axis],
@@ -117,7 +117,7 @@ def _words(values: Any) -> str:
     return " ".join(f"{value:.6g}" for value in values)
 
 
-def _add_visual(link: ElementTree.Element, shape: Shape) -> None:
+def _add_visual(link: ElementTree.Element, shape: RobotShape) -> None:
     visual = ElementTree.SubElement(link, "visual")
     ElementTree.SubElement(
         visual, "origin", xyz=_words(shape.position), rpy=_words(roll_pitch_yaw(shape.turn))

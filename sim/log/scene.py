@@ -139,7 +139,7 @@ def _ellipses(estimates: Estimates, row: int, z: float) -> Iterator[fg.SpherePri
             yield _sphere(at, (major, minor, _DISC_M), _UNCERTAINTY)
 
 
-class Hulls:
+class VisibleHulls:
     """What is visible of the vehicles of a scenario, and their fins."""
 
     def __init__(self, scenario: Scenario) -> None:
@@ -148,7 +148,7 @@ class Hulls:
         self.fins = [MovingFins(model) for model in self.models]
 
 
-def draw_hulls(flight: FlightRecord, index: Ints, hulls: Hulls) -> tuple[Ints, Draw]:
+def draw_hulls(flight: FlightRecord, index: Ints, hulls: VisibleHulls) -> tuple[Ints, Draw]:
     """Points of the trajectory at which hulls are drawn, shape (n,): the first alone if none has
     moving fins.
     """

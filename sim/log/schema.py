@@ -21,7 +21,7 @@ from mcap.well_known import SchemaEncoding
 
 from laisn.arrays import Ints
 from laisn.errors import LaisnError
-from laisn.estimates import Columns
+from laisn.estimates import LogColumns
 from laisn.messages import Channel, LeaderMessage, Ranges, SensorHeader
 from laisn.navigators import NAVIGATORS
 from sim.sensing.sensors import OWN_SENSORS
@@ -119,7 +119,7 @@ class RecordType:
     name: str
     topic: str  # end of its topics
     # arrays of a record, and the fields of a message that hold their numbers
-    columns: tuple[Columns, ...]
+    columns: tuple[LogColumns, ...]
     steps: str = ""  # array with the filter step of each message; "": there is one at every step
 
     @property
@@ -166,14 +166,14 @@ class RecordType:
         return [whole[i : i + length] for i in range(0, len(whole), length)]
 
 
-def _array(attribute: str, prefix: str, *axes: Sequence[str]) -> Columns:
+def _array(attribute: str, prefix: str, *axes: Sequence[str]) -> LogColumns:
     names = tuple("_".join(filter(None, (prefix, *index))) for index in product(*axes))
-    return Columns(attribute, names, tuple(len(axis) for axis in axes))
+    return LogColumns(attribute, names, tuple(len(axis) for axis in axes))
 
 
-def _numbers(*attributes: str) -> tuple[Columns, ...]:
+def _numbers(*attributes: str) -> tuple[LogColumns, ...]:
     """Arrays with one number a message, in fields of their name."""
-    return tuple(Columns(attribute, (attribute,)) for attribute in attributes)
+    return tuple(LogColumns(attribute, (attribute,)) for attribute in attributes)
 
 
 _STATE = ("x", "y", "vx", "vy")
@@ -245,10 +245,10 @@ FIX = RecordType(
     topic="innovation",
     columns=(
         _array("fix_position", "", _PLANE),
-        Columns("fix_sigma", ("sigma",)),
+        LogColumns("fix_sigma", ("sigma",)),
         _array("innovation", "innovation", _PLANE),
         _array("innovation_covariance", "innovation_covariance", _PLANE, _PLANE),
-        Columns("fix_kind", ("kind",), integer=True),
+        LogColumns("fix_kind", ("kind",), integer=True),
     ),
     steps="fix_step",
 )
@@ -279,7 +279,7 @@ def custom_reading(sensor: str, channels: tuple[str, ...]) -> RecordType:
     return RecordType(
         name=f"Reading_{crc32(key.encode()):08x}_{len(channels)}",
         topic=f"{SENSOR}{sensor}",
-        columns=(Columns("reading", channels, (len(channels),)),),
+        columns=(LogColumns("reading", channels, (len(channels),)),),
     )
 
 
@@ -311,7 +311,7 @@ def link_reception(
     if answers:
         columns += _numbers(ROUND_TRIP)
     for sensor, channels in content:
-        columns.append(Columns(sensor, content_fields(sensor, channels), (len(channels),)))
+        columns.append(LogColumns(sensor, content_fields(sensor, channels), (len(channels),)))
     # links of one log may hold different fields
     names = ",".join(name for array in columns for name in array.names)
     return RecordType(

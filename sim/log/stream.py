@@ -7,7 +7,7 @@ from mcap.well_known import MessageEncoding
 
 from laisn.errors import LaisnError
 from sim.flight import FlightRecord
-from sim.log.blocks import Channel
+from sim.log.blocks import LogChannel
 from sim.log.writer import channels
 
 HOST = "127.0.0.1"
@@ -72,7 +72,7 @@ class FoxgloveStream:
         for at, log, row in messages:
             log(row, at)
 
-    def _writer(self, channel: Channel) -> Any:
+    def _writer(self, channel: LogChannel) -> Any:
         """Foxglove's channel of a topic; the base, which takes bytes alone."""
         if channel.topic not in self._writers:
             self._writers[channel.topic] = foxglove.Channel(

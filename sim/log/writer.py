@@ -21,7 +21,7 @@ from sim import attitude
 from sim.attitude import geodetic
 from sim.flight import FlightRecord, FlightUnderWay, Termination, position_and_bearing_errors
 from sim.log import schema
-from sim.log.blocks import BLOCK_NS, END_NS, BlockFile, Channel
+from sim.log.blocks import BLOCK_NS, END_NS, BlockFile, LogChannel
 from sim.log.contents import (
     FLIGHT,
     SCENARIO,
@@ -37,7 +37,7 @@ from sim.log.scene import (
     ESTIMATE,
     TRAIL_S,
     TRUTH,
-    Hulls,
+    VisibleHulls,
     draw_acoustics,
     draw_hulls,
     draw_vehicles,
@@ -90,7 +90,9 @@ def _stretch(column: Column, rows: slice) -> schema.Array:
     return column(rows) if callable(column) else column[rows]
 
 
-def numeric(prefix: str, type_: RecordType, time_ns: Ints, arrays: Mapping[str, Column]) -> Channel:
+def numeric(
+    prefix: str, type_: RecordType, time_ns: Ints, arrays: Mapping[str, Column]
+) -> LogChannel:
     """A channel of numbers: messages at times, shape (n,), [ns], from arrays by attribute, n
     rows each.
     """
@@ -103,12 +105,12 @@ def numeric(prefix: str, type_: RecordType, time_ns: Ints, arrays: Mapping[str, 
             }
         )
 
-    return Channel(f"{prefix}/{type_.topic}", type_.schema, time_ns, rows)
+    return LogChannel(f"{prefix}/{type_.topic}", type_.schema, time_ns, rows)
 
 
 def _channel(
     topic: str, type_: Any, time_ns: Ints, encode: Callable[..., Any], *columns: Column
-) -> Channel:
+) -> LogChannel:
     """Messages of a type of Foxglove's, each made from its time [ns] and its row of every
     column, shape (n, …).
     """
@@ -117,10 +119,10 @@ def _channel(
         values = (_stretch(column, block).tolist() for column in columns)
         return (encode(*row).encode() for row in zip(time_ns[block].tolist(), *values, strict=True))
 
-    return Channel(topic, type_.get_schema(), time_ns, rows)
+    return LogChannel(topic, type_.get_schema(), time_ns, rows)
 
 
-def poses(topic: str, time_ns: Ints, position: Column, quaternion: Column) -> Channel:
+def poses(topic: str, time_ns: Ints, position: Column, quaternion: Column) -> LogChannel:
     """Positions, shape (n, 3), [m], and quaternions (w, x, y, z), shape (n, 4), in the world."""
 
     def pose_at(at: int, numbers: Sequence[float]) -> bytes:
@@ -133,7 +135,7 @@ def poses(topic: str, time_ns: Ints, position: Column, quaternion: Column) -> Ch
         numbers = np.hstack([_stretch(position, part), _stretch(quaternion, part)])
         return encoder.rows(time_ns[part], numbers)
 
-    return Channel(topic, fg.PoseInFrame.get_schema(), time_ns, rows)
+    return LogChannel(topic, fg.PoseInFrame.get_schema(), time_ns, rows)
 
 
 def _locations(
@@ -142,7 +144,7 @@ def _locations(
     time_ns: Ints,
     position: Floats,
     covariance: Floats | None = None,
-) -> Channel:
+) -> LogChannel:
     """Positions, shape (n, 3), [m], on the map; horizontal covariances, shape (n, 2, 2), make
     them estimates.
     """
@@ -179,7 +181,7 @@ def _transforms(
     children: Sequence[str],
     position: Floats,
     attitudes: Floats,
-) -> Channel:
+) -> LogChannel:
     """Frames in their parents, from positions, shape (n, c, 3), [m], and quaternions (w, x, y,
     z), shape (n, c, 4).
     """
@@ -203,7 +205,7 @@ def _transforms(
         columns = [encoder.rows(time_ns[part], numbers[:, c]) for c, encoder in enumerate(encoders)]
         return (repeated(transforms) for transforms in zip(*columns, strict=True))
 
-    return Channel(topic, fg.FrameTransforms.get_schema(), time_ns, rows)
+    return LogChannel(topic, fg.FrameTransforms.get_schema(), time_ns, rows)
 
 
 def _state(t: Trajectory, v: int, effectors: int) -> dict[str, Column]:
@@ -226,7 +228,7 @@ def _state(t: Trajectory, v: int, effectors: int) -> dict[str, Column]:
     return computed | recorded | {"time": t.time, "thrust": t.thrust[:, v, :effectors]}
 
 
-def _truth(flight: FlightRecord, clock: Clock) -> Iterator[Channel]:
+def _truth(flight: FlightRecord, clock: Clock) -> Iterator[LogChannel]:
     t = flight.trajectory
     time_ns = clock.ns(t.time)
     second = round(1.0 / CONTROL_STEP_S)
@@ -255,7 +257,7 @@ def _step_times(flight: FlightRecord, m: Measurements, clock: Clock) -> Ints:
     return clock.ns(m.dt * np.arange(before + 1, before + m.speed.size + 1))
 
 
-def _links(flight: FlightRecord, name: str, m: Measurements, time_ns: Ints) -> Iterator[Channel]:
+def _links(flight: FlightRecord, name: str, m: Measurements, time_ns: Ints) -> Iterator[LogChannel]:
     """Messages of further links that a vehicle has received."""
     headers = flight.measurements[0].sensors
     for link, messages in m.links.items():
@@ -280,7 +282,7 @@ def _links(flight: FlightRecord, name: str, m: Measurements, time_ns: Ints) -> I
 
 def _of_vehicle(
     flight: FlightRecord, name: str, record: tuple[Measurements, Estimates | None], clock: Clock
-) -> Iterator[Channel]:
+) -> Iterator[LogChannel]:
     """What a vehicle has measured and concluded, as numbers."""
     m, e = record
     before = _steps_before(flight)
@@ -298,7 +300,7 @@ def _of_vehicle(
     yield from _links(flight, name, m, time_ns)
 
 
-def _leader(flight: FlightRecord, clock: Clock) -> Iterator[Channel]:
+def _leader(flight: FlightRecord, clock: Clock) -> Iterator[LogChannel]:
     """What the leader has measured and concluded, if it has sensed under way."""
     if flight.leader is None:
         return
@@ -308,7 +310,7 @@ def _leader(flight: FlightRecord, clock: Clock) -> Iterator[Channel]:
 
 def _follower(
     flight: FlightRecord, clock: Clock, f: int, errors: tuple[Floats, Floats]
-) -> Iterator[Channel]:
+) -> Iterator[LogChannel]:
     m = flight.measurements[f]
     e = flight.estimates[f]
     name = flight.trajectory.names[f + 1]
@@ -338,7 +340,7 @@ def _follower(
     )
 
 
-def _lines(lines: Sequence[Event], clock: Clock) -> Channel:
+def _lines(lines: Sequence[Event], clock: Clock) -> LogChannel:
     """Lines of `/log`, in order of time."""
 
     def line_at(at: int, i: int) -> fg.Log:
@@ -368,7 +370,7 @@ def _fix_lines(flight: FlightRecord) -> list[Event]:
     return lines
 
 
-def _scene(flight: FlightRecord, clock: Clock, hulls: Hulls) -> Iterator[Channel]:
+def _scene(flight: FlightRecord, clock: Clock, hulls: VisibleHulls) -> Iterator[LogChannel]:
     t = flight.trajectory
     seconds = np.arange(0, t.time.size, round(1.0 / CONTROL_STEP_S), dtype=np.int64)
     received: Ints = np.unique(np.concatenate([m.message_step for m in flight.measurements]))
@@ -387,7 +389,7 @@ def _scene(flight: FlightRecord, clock: Clock, hulls: Hulls) -> Iterator[Channel
         )
 
 
-def _camera(video: Sequence[Frame], clock: Clock) -> Channel:
+def _camera(video: Sequence[Frame], clock: Clock) -> LogChannel:
     time_ns = clock.ns([time_s for time_s, _ in video])
     if np.any(np.diff(time_ns) < 0):
         raise ValueError("video frames must be in order of time")
@@ -400,7 +402,9 @@ def _camera(video: Sequence[Frame], clock: Clock) -> Channel:
     return _channel("/camera", fg.CompressedVideo, time_ns, frame_at, np.arange(time_ns.size))
 
 
-def _channels(flight: FlightRecord, hulls: Hulls, video: Sequence[Frame]) -> list[Channel]:
+def _channels(
+    flight: FlightRecord, hulls: VisibleHulls, video: Sequence[Frame]
+) -> list[LogChannel]:
     """All channels of a part of a flight; ValueError for frames out of order, or an epoch before
     1970.
     """
@@ -418,11 +422,11 @@ def _channels(flight: FlightRecord, hulls: Hulls, video: Sequence[Frame]) -> lis
 
 def channels(
     flight: FlightRecord, events: Iterable[Event] = (), video: Sequence[Frame] = ()
-) -> list[Channel]:
+) -> list[LogChannel]:
     """All channels of a flight, whose lines of `/log` are in order of time; ValueError for frames
     out of order, or an epoch before 1970.
     """
-    of_flight = _channels(flight, Hulls(flight.scenario), video)
+    of_flight = _channels(flight, VisibleHulls(flight.scenario), video)
     lines = sorted([*events, *_fix_lines(flight)], key=lambda line: line.time_s)
     lines.append(_ending(float(flight.trajectory.time[-1]), flight.outcome))
     whole = _lines(lines, Clock(flight.scenario.epoch))
@@ -434,7 +438,7 @@ def _ending(time_s: float, outcome: Termination) -> Event:
 
 
 def write_channels(
-    path: Path, channels: Sequence[Channel], describe: Callable[[MCAPWriter], None]
+    path: Path, channels: Sequence[LogChannel], describe: Callable[[MCAPWriter], None]
 ) -> None:
     """Write an MCAP file; the same arguments give the same bytes. If that fails, the file stays
     without an end.
@@ -513,7 +517,7 @@ class FlightLog:
         self._partial = partial_path(path)
         self._video = video
         self._file: BlockFile | None = None
-        self._hulls: Hulls | None = None
+        self._hulls: VisibleHulls | None = None
         self._written_ns = 0  # all before this time since 1970 is in the file
         self._written_s = 0.0  # the same since the start
         self.ended = False
@@ -594,7 +598,7 @@ class FlightLog:
         """Write what is new of a part of the flight; unless it is the last, in whole blocks."""
         clock = Clock(part.scenario.epoch)
         if self._hulls is None:
-            self._hulls = Hulls(part.scenario)
+            self._hulls = VisibleHulls(part.scenario)
         channels = _channels(part, self._hulls, self._video)
         if self._file is None:
             self._file = BlockFile(self._partial)

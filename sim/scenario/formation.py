@@ -48,7 +48,7 @@ class Proximity(Section):
     max_avoidance_speed_m_s: Speed = Field(0.8, description="added to the guidance velocity")
 
 
-class Shape(Section):
+class ShapeTable(Section):
     """Generates the followers, in place of `[[followers]]`."""
 
     kind: Literal["line", "v", "column", "grid", "ring"] = Field(
@@ -95,7 +95,7 @@ def _table(i: int, behind: float, port: float, depth: float) -> dict[str, Any]:
     }
 
 
-def followers_of(shape: Shape) -> list[dict[str, Any]]:
+def followers_of(shape: ShapeTable) -> list[dict[str, Any]]:
     """Tables of the followers of a shape: names and stations, each in its layer."""
     tables = []
     for i in range(shape.count):
@@ -158,7 +158,7 @@ def scattered_followers(area: Scatter, address: Sequence[int]) -> list[dict[str,
 class Formation(Section):
     """Guidance of followers on stations."""
 
-    shape: Shape | None = Field(
+    shape: ShapeTable | None = Field(
         None, description="generates the followers, in place of [[followers]]"
     )
     proximity: Proximity | None = Field(None, description="short-range sensor for avoidance")

@@ -14,7 +14,7 @@ Quantity = Literal["position", "heading", "speed", "depth", "attitude"]
 _ON_HULL = ((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.1, 0.0))
 
 
-class Link(Section):
+class LinkTable(Section):
     """Messages of a vehicle, or of beacons at rest, to all followers but the sender."""
 
     name: Name = Field(description='what navigation.link calls it; not "leader"')

@@ -62,7 +62,7 @@ def _made(kind: type[Kind], values: Mapping[str, Any]) -> Kind:
 
 @with_fields_of(TightSettings)
 @with_fields_of(assumptions.Assume)
-class Assume(FurtherKeys):
+class AssumeTable(FurtherKeys):
     """Model assumptions and sensor errors of the tightly coupled navigator; unused by LAISN."""
 
     transmitters: Literal[2, 3] = Field(3, description="rear and front, or all three")
@@ -89,7 +89,7 @@ class Rival(FurtherKeys):
 
 @with_fields_of(BeaconSettings, without={"dt", "hydrophone_height", "known_start"})
 @with_fields_of(WaterBeaconSettings, without={"known_start"})
-class Beacons(FurtherKeys):
+class BeaconsTable(FurtherKeys):
     """Settings of the navigator among beacons, `variant = "beacons"`."""
 
     outlier_probability: Annotated[float, Field(gt=0, lt=1)] = Field(
@@ -127,9 +127,9 @@ class Navigation(FurtherKeys):
     further_links: Annotated[tuple[Name, ...], LISTED] = Field(
         (), description="of [[links]], which the navigator gets beside"
     )
-    assume: Assume = Assume()
+    assume: AssumeTable = AssumeTable()
     rival: Rival = Rival()
-    beacons: Beacons = Beacons()
+    beacons: BeaconsTable = BeaconsTable()
     custom: Custom | None = None
     sound_speed: Literal["mean", "straight", "profile"] = Field(
         "mean",

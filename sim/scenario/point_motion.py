@@ -29,7 +29,7 @@ SPEED_MIN = 0.1  # a leg with less is refused: a hull without way cannot be stee
 SHARPEST_CUT = float(np.deg2rad(135.0))
 
 
-class Motion(NamedTuple):
+class PlannedMotion(NamedTuple):
     """Motion on a time grid, each of shape (n,)."""
 
     east: Floats
@@ -40,7 +40,7 @@ class Motion(NamedTuple):
     acceleration: Floats  # change of the speed over time [m/s²]
 
 
-def _later(begin: Motion, dt: Floats | float) -> Motion:
+def _later(begin: PlannedMotion, dt: Floats | float) -> PlannedMotion:
     """Motion a time dt [s] after the beginning of a segment; numbers or arrays of one shape."""
     speed = begin.speed + begin.acceleration * dt
     # on an arc the chord points along the mean course and is sin(half)/half of the arc long
@@ -67,10 +67,10 @@ class Plan(NamedTuple):
     turn_rate: Floats
     acceleration: Floats
 
-    def at(self, time: Floats) -> Motion:
+    def at(self, time: Floats) -> PlannedMotion:
         """Motion at instants of shape (n,), not negative, [s]."""
         i = np.searchsorted(self.start, time, side="right") - 1
-        begin = Motion(*(column[i] for column in self[1:]))
+        begin = PlannedMotion(*(column[i] for column in self[1:]))
         return _later(begin, time - self.start[i])
 
 
@@ -101,7 +101,7 @@ class _Planner:
         begin = self.east, self.north, self.course, self.speed, turn_rate, acceleration
         self.rows.append((self.time, *begin))
         # the rounding of times is that of `Plan.at`
-        end = _later(Motion(*begin), self.time + duration - self.time)  # type: ignore[arg-type]  # numbers of one instant
+        end = _later(PlannedMotion(*begin), self.time + duration - self.time)  # type: ignore[arg-type]  # numbers of one instant
         self.time += duration
         self.east, self.north, self.course, self.speed = (float(value) for value in end[:4])
 
@@ -282,7 +282,7 @@ CLASSES: dict[str, RouteClass] = {
 
 
 def _about(
-    leader: Motion, i: int, rng: np.random.Generator, route_class: RouteClass
+    leader: PlannedMotion, i: int, rng: np.random.Generator, route_class: RouteClass
 ) -> tuple[float, float]:
     """A point near the leader as it is at instant i: east and north [m]."""
     bearing = leader.course[i] + rng.uniform(*route_class.bearings)
@@ -293,7 +293,10 @@ def _about(
 
 
 def _acceptable(
-    points: list[tuple[float, float, float]], route_class: RouteClass, time: Floats, leader: Motion
+    points: list[tuple[float, float, float]],
+    route_class: RouteClass,
+    time: Floats,
+    leader: PlannedMotion,
 ) -> bool:
     """Whether the route through all points so far can be flown and keeps to its class."""
     route = Route.timed("random", points, FOLLOWER_DEPTH, start_heading=float(leader.course[0]))

@@ -21,9 +21,15 @@ from pydantic import (
 from laisn.arrays import Floats
 from laisn.navigators import BEACON_VARIANT, NAVIGATORS
 from laisn.settings import VARIANTS
-from sim.scenario.formation import Formation, Shape, Station, followers_of, station_inconsistencies
-from sim.scenario.links import LEADER_LINK, Link
-from sim.scenario.navigation import Assume, Navigation
+from sim.scenario.formation import (
+    Formation,
+    ShapeTable,
+    Station,
+    followers_of,
+    station_inconsistencies,
+)
+from sim.scenario.links import LEADER_LINK, LinkTable
+from sim.scenario.navigation import AssumeTable, Navigation
 from sim.scenario.sea_files import CurrentSource, FloorSource, MapOrigin, SoundSource
 from sim.scenario.section import (
     CONTROL_STEP_S,
@@ -47,7 +53,7 @@ CurrentSpeed = Annotated[float, Field(ge=0, le=FASTEST_CURRENT_M_S)]
 TimedCurrent = Annotated[tuple[NonNegative, CurrentSpeed, Angle], LISTED]
 
 
-class Waves(Section):
+class WavesTable(Section):
     """Surface waves (linear)."""
 
     kind: Literal["none", "regular", "jonswap"] = "none"
@@ -65,7 +71,7 @@ class Waves(Section):
     )
 
 
-class Ocean(Section):
+class OceanTable(Section):
     """Water and sea floor."""
 
     density_kg_m3: Annotated[float, Field(ge=950, le=1100)] = 1026.0
@@ -88,7 +94,7 @@ class Ocean(Section):
             "replaces current_speed_m_s and the direction, except that of shear",
         )
     )
-    waves: Waves = Waves()
+    waves: WavesTable = WavesTable()
     origin: MapOrigin | None = None
     current: CurrentSource | None = None
     floor: FloorSource | None = None
@@ -145,20 +151,20 @@ __all__ = [
     "CONTROL_STEP_S",
     "KEYS_ALONE",
     "Acoustics",
-    "Assume",
+    "AssumeTable",
     "Follower",
     "Formation",
     "Leader",
     "Name",
     "Navigation",
-    "Ocean",
+    "OceanTable",
     "Scenario",
     "Sensors",
     "Station",
     "Timing",
     "Vehicle",
     "Video",
-    "Waves",
+    "WavesTable",
 ]
 
 
@@ -245,11 +251,11 @@ class Scenario(Section):
     leader: Leader = Leader()
     followers: Annotated[tuple[Follower, ...], LISTED, Field(min_length=1, max_length=50)]
     formation: Formation = Formation()
-    ocean: Ocean = Ocean()
+    ocean: OceanTable = OceanTable()
     sensors: Sensors = Sensors()
     acoustics: Acoustics = Acoustics()
     navigation: Navigation = Navigation()
-    links: Annotated[tuple[Link, ...], LISTED] = Field(
+    links: Annotated[tuple[LinkTable, ...], LISTED] = Field(
         (), max_length=8, description="who sends messages beside the leader"
     )
     video: Video = Video()
@@ -268,7 +274,7 @@ class Scenario(Section):
         ):
             return data
         try:
-            followers = followers_of(Shape.model_validate(formation["shape"], strict=False))
+            followers = followers_of(ShapeTable.model_validate(formation["shape"], strict=False))
         except ValidationError:
             # the shape is reported; that it has made no followers is no further error
             return {**data, "followers": [_STAND_IN]}
@@ -455,7 +461,7 @@ class Scenario(Section):
             errors += self._navigated_link_errors("leader.navigation", self.leader.navigation)
         return errors
 
-    def _receiver_errors(self, key: str, link: Link) -> list[str]:
+    def _receiver_errors(self, key: str, link: LinkTable) -> list[str]:
         """What contradicts the vehicles in the receivers of a link, and in what it holds."""
         errors = []
         vehicles = ["leader", *(follower.name for follower in self.followers)]
@@ -470,7 +476,7 @@ class Scenario(Section):
             errors.append(f"{key}.readings: further sensors are those of followers")
         return errors
 
-    def _answer_errors(self, key: str, link: Link) -> list[str]:
+    def _answer_errors(self, key: str, link: LinkTable) -> list[str]:
         """What keeps a link's sender from answering the messages of another one."""
         if link.answers is None:
             return []

@@ -18,7 +18,7 @@ from laisn.arrays import Floats, freeze_arrays
 from laisn.messages import LeaderMessage
 from sim.attitude import from_euler
 from sim.scenario.links import LEADER_LINK
-from sim.scenario.links import Link as LinkTable
+from sim.scenario.links import LinkTable as LinkTable
 from sim.scenario.settings import Scenario
 from sim.sensing import noise
 from sim.trajectory import StateHistory, Trajectory

@@ -660,7 +660,7 @@ def paths_taken(e: SensorErrors, sent: Address) -> tuple[int, int, int]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class InvertedUsbl(Sensor):
+class InvertedUsblSensor(Sensor):
     """Inverted USBL of a follower: azimuth, positive to starboard, and elevation of the
     leader's front transmitter in its own hull [rad]."""
 
@@ -685,7 +685,7 @@ class InvertedUsbl(Sensor):
 
 
 SHIPPED: dict[str, type[Sensor]] = {
-    "inverted-usbl": InvertedUsbl,
+    "inverted-usbl": InvertedUsblSensor,
     "inclinometer": Inclinometer,
     "gyros": Gyros,
 }

@@ -36,7 +36,7 @@ from sim.vehicle.effector_kinds import (
     EffectorKind,
     HullFlow,
 )
-from sim.vehicle.mjcf import Vehicle, VehicleSetup, numeric
+from sim.vehicle.mjcf import VehicleIds, VehicleSetup, numeric
 
 Kinds = tuple[EffectorKind, ...]
 
@@ -167,7 +167,7 @@ _force_limits = calls_method("force_limits")
 _state_for = calls_method("state_for")
 
 
-def read(model: mujoco.MjModel, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
+def read(model: mujoco.MjModel, vehicles: Sequence[VehicleIds]) -> npt.NDArray[np.void]:
     """Effectors of vehicles, from a compiled model: records of EFFECTOR in the order of the MJCF,
     shape (v, m).
 
@@ -201,7 +201,7 @@ def read(model: mujoco.MjModel, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.v
     return records
 
 
-def read_fixed(model: mujoco.MjModel, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
+def read_fixed(model: mujoco.MjModel, vehicles: Sequence[VehicleIds]) -> npt.NDArray[np.void]:
     """Fixed fins of vehicles, from a compiled model: likewise, with limits of zero, shape (v,
     q).
     """

@@ -34,7 +34,7 @@ class VehicleSetup:
     """
 
 
-class Vehicle(NamedTuple):
+class VehicleIds(NamedTuple):
     """A vehicle of a compiled model: the ids of its parts."""
 
     name: str
@@ -139,13 +139,13 @@ def inertia_tensor(model: mujoco.MjModel, body: int) -> Floats:
     return np.asarray((to_body * model.body_inertia[body]) @ to_body.T)
 
 
-def resolve(model: mujoco.MjModel, name: str) -> Vehicle:
+def resolve(model: mujoco.MjModel, name: str) -> VehicleIds:
     """Ids of the vehicle `name`."""
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"{name}/hull")
     names = [model.actuator(i).name.partition("/") for i in range(model.nu)]
     actuators = tuple(i for i, (vehicle, _, _) in enumerate(names) if vehicle == name)
     first = int(model.jnt_qposadr[model.body_jntadr[body]])
-    return Vehicle(name, body, first, actuators, tuple(names[i][2] for i in actuators))
+    return VehicleIds(name, body, first, actuators, tuple(names[i][2] for i in actuators))
 
 
 MAX_STRIPS = 32

@@ -19,8 +19,8 @@ from sim.water.custom import CustomCaller
 from sim.water.environment import velocities_at
 from sim.water.field_files import (
     CurrentField,
+    FieldOrigin,
     FloorField,
-    Origin,
     Source,
     read_current,
     read_floor,
@@ -141,7 +141,7 @@ def floor_of(scenario: Scenario) -> LevelFloor | GriddedFloor:
     return LevelFloor(float(scenario.ocean.floor_depth_m)) if field is None else field.floor
 
 
-def _origin(scenario: Scenario) -> Origin:
+def _origin(scenario: Scenario) -> FieldOrigin:
     """The origin of what is read; campaigns leave the keys of the top level out."""
     origin = scenario.ocean.origin
     assert origin is not None  # the scenario's validation
@@ -149,7 +149,7 @@ def _origin(scenario: Scenario) -> Origin:
     assert latitude is not None
     assert longitude is not None
     assert time is not None
-    return Origin(latitude, longitude, time)
+    return FieldOrigin(latitude, longitude, time)
 
 
 def current_field(scenario: Scenario) -> CurrentField | None:

@@ -15,18 +15,26 @@ import numpy as np
 
 from laisn.arrays import Floats
 from sim.system import file_digest
-from sim.water.field_files import Origin, Quantity, Source, axis_kind, find, open_dataset, units_of
+from sim.water.field_files import (
+    FieldOrigin,
+    Source,
+    VariableNames,
+    axis_kind,
+    find,
+    open_dataset,
+    units_of,
+)
 
 _SLOWEST, _FASTEST = 1300.0, 1700.0  # of sound in the sea, and the bounds of the keys [m/s]
 _LARGEST_BYTES = 50_000_000  # of a table
 
 
-class Column(NamedTuple):
+class CastColumn(NamedTuple):
     """A quantity of a cast, and what its units are multiplied by, and added, to have those of
     TEOS-10.
     """
 
-    quantity: Quantity
+    quantity: VariableNames
     units: dict[str, tuple[float, float]]  # factor and offset; "" if none is given
 
 
@@ -48,56 +56,56 @@ _PRESSURE = dict.fromkeys(("", "dbar", "decibar", "db"), (1.0, 0.0)) | {
 _SPEED = dict.fromkeys(("", "m/s", "m s-1", "meter/second", "m_s"), (1.0, 0.0))
 
 COLUMNS = {
-    "speed": Column(
-        Quantity(
+    "speed": CastColumn(
+        VariableNames(
             "speed of sound",
             ("speed_of_sound_in_sea_water",),
             ("sound_speed", "soundspeed", "speed_of_sound", "svel", "sv", "sound_velocity", "c"),
         ),
         _SPEED,
     ),
-    "conservative": Column(
-        Quantity(
+    "conservative": CastColumn(
+        VariableNames(
             "conservative temperature",
             ("sea_water_conservative_temperature",),
             ("conservative_temperature", "ct"),
         ),
         _CELSIUS,
     ),
-    "potential": Column(
-        Quantity(
+    "potential": CastColumn(
+        VariableNames(
             "potential temperature",
             ("sea_water_potential_temperature",),
             ("potential_temperature", "thetao", "votemper", "water_temp", "pt", "theta"),
         ),
         _CELSIUS,
     ),
-    "temperature": Column(
-        Quantity(
+    "temperature": CastColumn(
+        VariableNames(
             "temperature", ("sea_water_temperature",), ("temperature", "temp", "t", "tem", "t90")
         ),
         _CELSIUS,
     ),
-    "absolute": Column(
-        Quantity(
+    "absolute": CastColumn(
+        VariableNames(
             "absolute salinity", ("sea_water_absolute_salinity",), ("absolute_salinity", "sa")
         ),
         _SALINITY,
     ),
-    "salinity": Column(
-        Quantity(
+    "salinity": CastColumn(
+        VariableNames(
             "salinity",
             ("sea_water_practical_salinity", "sea_water_salinity"),
             ("practical_salinity", "salinity", "sal", "psal", "so", "vosaline", "s", "sp"),
         ),
         _SALINITY,
     ),
-    "pressure": Column(
-        Quantity("pressure", ("sea_water_pressure",), ("pressure", "pres", "press", "p")),
+    "pressure": CastColumn(
+        VariableNames("pressure", ("sea_water_pressure",), ("pressure", "pres", "press", "p")),
         _PRESSURE,
     ),
-    "depth": Column(
-        Quantity("depth", ("depth",), ("depth", "z", "lev", "level", "deptht")), _DEPTH
+    "depth": CastColumn(
+        VariableNames("depth", ("depth",), ("depth", "z", "lev", "level", "deptht")), _DEPTH
     ),
 }
 
@@ -110,13 +118,13 @@ class Cast:
     report: str  # what was read, in a line
 
 
-def read_cast(source: Source, origin: Origin) -> Cast:
+def read_cast(source: Source, origin: FieldOrigin) -> Cast:
     """The speed of sound of a file; FieldError if it has none."""
     return _read_cast(source, file_digest(source.file), origin)
 
 
 @lru_cache(maxsize=4)
-def _read_cast(source: Source, _digest: str | None, origin: Origin) -> Cast:
+def _read_cast(source: Source, _digest: str | None, origin: FieldOrigin) -> Cast:
     if source.file.suffix.lower() in (".csv", ".txt", ".tsv"):
         columns, names = _of_table(source)
     else:
@@ -150,7 +158,9 @@ def _read_cast(source: Source, _digest: str | None, origin: Origin) -> Cast:
     return Cast(points=points, report=report)
 
 
-def _profile(source: Source, columns: dict[str, Floats], origin: Origin) -> tuple[Floats, Floats]:
+def _profile(
+    source: Source, columns: dict[str, Floats], origin: FieldOrigin
+) -> tuple[Floats, Floats]:
     """Depths [m] and speeds of sound [m/s] of the rows of a cast."""
     latitude = origin.latitude_deg
     if "depth" not in columns and "pressure" not in columns:
@@ -186,7 +196,7 @@ def _profile(source: Source, columns: dict[str, Floats], origin: Origin) -> tupl
     return np.asarray(depth), np.asarray(gsw.sound_speed(salinity, temperature, pressure))
 
 
-def _scaled(source: Source, name: str, values: Floats, column: Column, units: str) -> Floats:
+def _scaled(source: Source, name: str, values: Floats, column: CastColumn, units: str) -> Floats:
     if units not in column.units:
         expected = ", ".join(unit for unit in list(column.units)[1:4])
         raise source.error(f"{name} has units {units!r}; expected {expected}")
@@ -258,7 +268,7 @@ def _number(source: Source, row: list[str], index: int, number: int) -> float:
         ) from None
 
 
-def _of_dataset(source: Source, origin: Origin) -> tuple[dict[str, Floats], list[str]]:
+def _of_dataset(source: Source, origin: FieldOrigin) -> tuple[dict[str, Floats], list[str]]:
     columns: dict[str, Floats] = {}
     names = []
     with open_dataset(source) as dataset:
@@ -281,7 +291,7 @@ def _of_dataset(source: Source, origin: Origin) -> tuple[dict[str, Floats], list
     return columns, names
 
 
-def _nearest_column(source: Source, dataset: Any, variable: Any, origin: Origin) -> Any:
+def _nearest_column(source: Source, dataset: Any, variable: Any, origin: FieldOrigin) -> Any:
     """A variable along its one axis of depth, nearest to the origin and at the first time."""
     chosen: dict[Any, int] = {}
     for dimension in variable.dims:

@@ -51,7 +51,7 @@ class FieldError(LaisnError):
     """A file that cannot be used; the text names key, file, variable and expectation."""
 
 
-class Origin(NamedTuple):
+class FieldOrigin(NamedTuple):
     """The place of (0, 0), and the time 0."""
 
     latitude_deg: float
@@ -59,7 +59,7 @@ class Origin(NamedTuple):
     time: str  # ISO 8601
 
 
-class Quantity(NamedTuple):
+class VariableNames(NamedTuple):
     """What a variable may be called."""
 
     title: str
@@ -67,7 +67,7 @@ class Quantity(NamedTuple):
     names: tuple[str, ...]
 
 
-EASTWARD = Quantity(
+EASTWARD = VariableNames(
     "eastward velocity",
     (
         "eastward_sea_water_velocity",
@@ -77,7 +77,7 @@ EASTWARD = Quantity(
     ),
     ("uo", "water_u", "u", "vozocrtx", "utotal", "ucur", "u_east"),
 )
-NORTHWARD = Quantity(
+NORTHWARD = VariableNames(
     "northward velocity",
     (
         "northward_sea_water_velocity",
@@ -87,10 +87,10 @@ NORTHWARD = Quantity(
     ),
     ("vo", "water_v", "v", "vomecrty", "vtotal", "vcur", "v_north"),
 )
-UPWARD = Quantity(
+UPWARD = VariableNames(
     "upward velocity", ("upward_sea_water_velocity",), ("wo", "water_w", "w", "vovecrtz")
 )
-HEIGHT = Quantity(
+HEIGHT = VariableNames(
     "elevation or depth of the floor",
     (
         "sea_floor_depth_below_geoid",
@@ -107,22 +107,22 @@ HEIGHT = Quantity(
 )
 
 _AXES = {
-    "X": Quantity(
+    "X": VariableNames(
         "longitude or east",
         ("longitude", "projection_x_coordinate"),
         ("lon", "longitude", "nav_lon", "x", "east", "easting"),
     ),
-    "Y": Quantity(
+    "Y": VariableNames(
         "latitude or north",
         ("latitude", "projection_y_coordinate"),
         ("lat", "latitude", "nav_lat", "y", "north", "northing"),
     ),
-    "Z": Quantity(
+    "Z": VariableNames(
         "depth",
         ("depth", "height", "altitude"),
         ("depth", "deptht", "depthu", "depthv", "lev", "level", "z", "height"),
     ),
-    "T": Quantity("time", ("time",), ("time", "time_counter", "ocean_time", "t")),
+    "T": VariableNames("time", ("time",), ("time", "time_counter", "ocean_time", "t")),
 }
 
 
@@ -178,14 +178,14 @@ def _nearest(axis: Floats, values: Floats) -> Ints:
     return np.searchsorted(middles, values)
 
 
-def read_current(source: Source, origin: Origin, region: Region) -> CurrentField:
+def read_current(source: Source, origin: FieldOrigin, region: Region) -> CurrentField:
     """The current of a file about an origin, as far as a region needs it; FieldError if it has
     none such.
     """
     return _read_current(source, file_digest(source.file), origin, region)
 
 
-def read_floor(source: Source, origin: Origin, region: Region) -> FloorField:
+def read_floor(source: Source, origin: FieldOrigin, region: Region) -> FloorField:
     """The floor of a file about an origin, as far as a region needs it; FieldError if it has none
     such.
     """
@@ -221,7 +221,7 @@ def open_dataset(source: Source) -> Any:
         raise source.error(f"it cannot be opened as NetCDF: {reason:.200}") from error
 
 
-def find(dataset: Any, quantity: Quantity, *, coordinates: bool = False) -> Any:
+def find(dataset: Any, quantity: VariableNames, *, coordinates: bool = False) -> Any:
     """The variable that is a quantity; None if there is none. `coordinates`: also among these."""
     names = [*dataset.data_vars, *(dataset.coords if coordinates else ())]
     variables = [dataset[name] for name in names]
@@ -236,7 +236,7 @@ def find(dataset: Any, quantity: Quantity, *, coordinates: bool = False) -> Any:
     return None
 
 
-def _require(source: Source, dataset: Any, quantity: Quantity) -> Any:
+def _require(source: Source, dataset: Any, quantity: VariableNames) -> Any:
     variable = find(dataset, quantity)
     if variable is not None:
         return variable
@@ -341,7 +341,7 @@ def _sorted(source: Source, name: str, value: Floats) -> _Axis:
     return _Axis(value, order.astype(np.int64))
 
 
-def _level_axes(source: Source, axes: dict[str, Any], origin: Origin) -> tuple[_Axis, _Axis]:
+def _level_axes(source: Source, axes: dict[str, Any], origin: FieldOrigin) -> tuple[_Axis, _Axis]:
     """Axes of east and north about the origin [m]."""
     units = [units_of(axes[kind]) for kind in "XY"]
     values = [np.atleast_1d(np.asarray(axes[kind].values, dtype=np.float64)) for kind in "XY"]
@@ -381,7 +381,7 @@ def _depth_axis(source: Source, axes: dict[str, Any]) -> _Axis:
     return _sorted(source, str(axis.name), -value if upward else value)
 
 
-def _time_axis(source: Source, axes: dict[str, Any], origin: Origin, until: float) -> _Axis:
+def _time_axis(source: Source, axes: dict[str, Any], origin: FieldOrigin, until: float) -> _Axis:
     """Times since the start of the mission [s]; one of 0 for a steady field."""
     if "T" not in axes or axes["T"].size == 1:
         return _Axis(np.zeros(1), np.zeros(1, dtype=np.int64))
@@ -396,7 +396,7 @@ def _time_axis(source: Source, axes: dict[str, Any], origin: Origin, until: floa
     return time
 
 
-def _seconds(source: Source, axis: Any, origin: Origin) -> Floats:
+def _seconds(source: Source, axis: Any, origin: FieldOrigin) -> Floats:
     units = units_of(axis)
     value = np.asarray(axis.values, dtype=np.float64)
     if units in _TIMES:
@@ -479,7 +479,7 @@ def _require_overlap(source: Source, east: _Axis, north: _Axis, region: Region) 
 
 @lru_cache(maxsize=4)
 def _read_current(
-    source: Source, _digest: str | None, origin: Origin, region: Region
+    source: Source, _digest: str | None, origin: FieldOrigin, region: Region
 ) -> CurrentField:
     with open_dataset(source) as dataset:
         eastward = _require(source, dataset, EASTWARD)
@@ -570,7 +570,9 @@ def _fill(velocity: Floats, dry: Bools) -> None:
 
 
 @lru_cache(maxsize=4)
-def _read_floor(source: Source, _digest: str | None, origin: Origin, region: Region) -> FloorField:
+def _read_floor(
+    source: Source, _digest: str | None, origin: FieldOrigin, region: Region
+) -> FloorField:
     with open_dataset(source) as dataset:
         variable = _require(source, dataset, HEIGHT)
         grid_axes = _axes(source, dataset, variable, "YX")

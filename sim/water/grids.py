@@ -14,7 +14,7 @@ from sim.attitude import Vector
 from sim.water.currents import NO_DRIFT, CurrentFlow, Drift
 
 
-class Cell(NamedTuple):
+class GridInterval(NamedTuple):
     """Where a value lies on an axis."""
 
     low: int  # index of the point before it
@@ -24,13 +24,13 @@ class Cell(NamedTuple):
 
 
 @compiled
-def cell_of(axis: Floats, value: float) -> Cell:
+def cell_of(axis: Floats, value: float) -> GridInterval:
     """Cell of a value on an axis of one or more increasing points."""
     last = axis.size - 1
     if value <= axis[0] or last == 0:
-        return Cell(0, 0, 0.0, 0.0)
+        return GridInterval(0, 0, 0.0, 0.0)
     if value >= axis[last]:
-        return Cell(last, last, 0.0, 0.0)
+        return GridInterval(last, last, 0.0, 0.0)
     low, high = 0, last
     while high - low > 1:
         middle = (low + high) // 2
@@ -39,17 +39,17 @@ def cell_of(axis: Floats, value: float) -> Cell:
         else:
             high = middle
     slope = 1.0 / (axis[high] - axis[low])
-    return Cell(low, high, (value - axis[low]) * slope, slope)
+    return GridInterval(low, high, (value - axis[low]) * slope, slope)
 
 
 @inlined
-def _low(cell: Cell) -> tuple[int, float, float]:
+def _low(cell: GridInterval) -> tuple[int, float, float]:
     """Index of the point before a value, its weight, and the weight's slope."""
     return cell.low, 1.0 - cell.share, -cell.slope
 
 
 @inlined
-def _high(cell: Cell) -> tuple[int, float, float]:
+def _high(cell: GridInterval) -> tuple[int, float, float]:
     """The same of the point behind."""
     return cell.high, cell.share, cell.slope
 
@@ -70,7 +70,7 @@ class GriddedInstant(NamedTuple):
 
     drift: Drift
     grid: CurrentGrid
-    time: Cell
+    time: GridInterval
 
     @compiled
     def flow(self, position: Vector, velocity: Vector) -> CurrentFlow:

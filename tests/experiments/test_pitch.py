@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from experiments.pitch import Geometry
+from experiments.pitch import PitchGeometry
 from laisn_sim.cli.main import app
 from tests.reports.test_page import embedded
 
@@ -82,7 +82,9 @@ def test_the_map_has_the_error_at_every_pitch_and_bearing(asked: tuple[str, Path
 def test_the_predicted_side_puts_a_follower_ahead() -> None:
     """Nose down the circles do not meet ahead: behind the leader the fix is a diameter off."""
     behind, ahead = (
-        Geometry(baseline=3.0, pitch_deg=-12.0, distance=30.0, below=15.0, side_rule=rule).at(0.0)
+        PitchGeometry(baseline=3.0, pitch_deg=-12.0, distance=30.0, below=15.0, side_rule=rule).at(
+            0.0
+        )
         for rule in ("behind", "predicted")
     )
     assert behind.on_axis
@@ -94,7 +96,7 @@ def test_the_predicted_side_puts_a_follower_ahead() -> None:
 @pytest.mark.parametrize(("threshold", "on_axis"), [(59.9, False), (60.1, True)])
 def test_intersections_closer_than_the_threshold_are_one(threshold: float, on_axis: bool) -> None:
     """Abeam of a level leader they are a diameter apart."""
-    geometry = Geometry(
+    geometry = PitchGeometry(
         baseline=3.0, pitch_deg=0.0, distance=DISTANCE, below=15.0, threshold=threshold
     )
     assert geometry.at(90.0).on_axis == on_axis
@@ -105,7 +107,7 @@ def test_the_engine_of_campaigns_makes_the_same_fixes() -> None:
     from experiments.studies.asymmetry.fix_map import sweep
     from laisn.settings import NavigationSettings
 
-    geometry = Geometry(baseline=3.0, pitch_deg=12.0, distance=30.0, below=15.0)
+    geometry = PitchGeometry(baseline=3.0, pitch_deg=12.0, distance=30.0, below=15.0)
     bearings = np.radians(np.arange(0.5, 180.0, 7.0))
     points = np.column_stack(
         [np.full_like(bearings, value) for value in (geometry.pitch, 15.0, 30.0)] + [bearings]

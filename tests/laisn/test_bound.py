@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from laisn.arrays import Floats
-from laisn.bound import Geometry, TrueNoise, position_bound
+from laisn.bound import BoundGeometry, TrueNoise, position_bound
 
 KNOWN = TrueNoise(
     speed_bias=0.0, heading_bias=0.0, range_scale_bias=0.0, range_scale_sigma=0.0, heading_sigma=0.0
@@ -14,9 +14,9 @@ KNOWN = TrueNoise(
 """No biases, and a compass without errors."""
 
 
-def at_rest(n: int, away: tuple[float, float], arms: Floats, every: int = 1) -> Geometry:
+def at_rest(n: int, away: tuple[float, float], arms: Floats, every: int = 1) -> BoundGeometry:
     step = np.arange(every, n + 1, every)
-    return Geometry(
+    return BoundGeometry(
         dt=0.1,
         speed=np.zeros(n),
         heading=np.zeros(n),
@@ -106,7 +106,7 @@ def test_more_is_known_with_more_and_less_with_more_unknowns() -> None:
         heading=np.linspace(0, 3, 200),
     )
 
-    def last(noise: TrueNoise, g: Geometry = geometry) -> float:
+    def last(noise: TrueNoise, g: BoundGeometry = geometry) -> float:
         return float(np.trace(position_bound(g, noise, averaged=False)[-1]))
 
     base = last(TrueNoise())
@@ -129,7 +129,7 @@ def test_noise_that_cannot_be_is_refused() -> None:
         TrueNoise(speed_sigma=-1.0)
 
 
-def batch(geometry: Geometry, noise: TrueNoise) -> Floats:
+def batch(geometry: BoundGeometry, noise: TrueNoise) -> Floats:
     """The same bound without recursion: least squares of a whole mission in its unknowns,
     derivatives by differences.
 
@@ -247,7 +247,7 @@ def test_the_recursion_is_least_squares_of_the_whole_mission(
     n, at = 14, np.array([2, 5, 9, 12, 14])
     arms = rng.normal(size=(at.size, 3, 3)) * [2.0, 2.0, 4.0]
     arms[1, 1], arms[3, 0], arms[4] = np.nan, np.nan, np.nan
-    geometry = Geometry(
+    geometry = BoundGeometry(
         dt=0.5,
         speed=rng.uniform(0.5, 2.0, n),
         heading=np.linspace(0.3, 2.9, n),
@@ -266,7 +266,7 @@ def test_the_average_is_over_the_positions_that_the_bound_itself_allows() -> Non
     """
     noise = replace(KNOWN, speed_sigma=0.0, heading_bias=0.2, range_sigma=0.5, start=0.8)
     # a way of 10 m to the north turns the compass's bias into 2 m to either side
-    geometry = Geometry(
+    geometry = BoundGeometry(
         dt=1.0,
         speed=np.full(10, 1.0),
         heading=np.zeros(10),
@@ -500,7 +500,7 @@ def test_the_bound_does_not_depend_on_how_many_intervals_are_computed_at_once(
     arms = rng.normal(0.0, 1.0, (steps.size, transmitters, 3))
     arms[..., 2] += 3.0
     arms[rng.uniform(size=arms.shape[:2]) < 0.2] = np.nan
-    geometry = Geometry(
+    geometry = BoundGeometry(
         dt=0.1,
         speed=rng.uniform(0.8, 1.4, n),
         heading=np.cumsum(rng.normal(0.0, 0.05, n)),

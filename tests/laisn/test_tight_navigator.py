@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from laisn import swarm
 from laisn.arrays import Floats
-from laisn.bound import Geometry, TrueNoise, position_bound
+from laisn.bound import BoundGeometry, TrueNoise, position_bound
 from laisn.estimates import TightEstimates
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
 from laisn.settings import Assume, TightSettings
@@ -164,7 +164,7 @@ def test_errors_match_the_covariance_and_approach_the_bound() -> None:
         normalised[run] = (x * x * yy - 2 * x * y * xy + y * y * xx) / (xx * yy - xy * xy)
     arms = mission.arms()
     bound = position_bound(
-        Geometry(
+        BoundGeometry(
             dt=DT,
             speed=mission.speed[1:],
             heading=mission.heading[1:],

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from reports.figures import Line, Panel, Part, panel
-from reports.page import Figures, Page, Section, render
+from reports.figures import Line, Panel, Subplot, panel
+from reports.page import Figures, Page, PageSection, render
 from tests import browser
 
 pytestmark = pytest.mark.skipif(browser.executable() is None, reason="no Chromium is installed")
@@ -24,7 +24,7 @@ HEAT: dict[str, Any] = {
 
 def over_time(scale: float) -> Panel:
     lines = [Line(x=TIME, y=scale * TIME, name="rises")]
-    part = Part(lines=lines, y_label="E_P [m]", shaded=[(0.0, 10.0)])
+    part = Subplot(lines=lines, y_label="E_P [m]", shaded=[(0.0, 10.0)])
     return Panel(parts=(part, part), x_label="time [s]", link="one", x_limits=(0.0, 100.0))
 
 
@@ -32,7 +32,7 @@ def over_time(scale: float) -> Panel:
 def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[browser.Page]:
     heat = panel([], x_label="x", y_label="y", traces=[HEAT])
     panels = [over_time(2.0), over_time(3.0), heat]
-    sections = [Section(title="figures", blocks=[Figures(panels=panels)])]
+    sections = [PageSection(title="figures", blocks=[Figures(panels=panels)])]
     path = tmp_path_factory.mktemp("figures") / "page.html"
     html = render(Page(title="T", summary="s", facts=[], sections=sections))
     path.write_text(html, encoding="utf-8")

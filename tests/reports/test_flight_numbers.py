@@ -13,7 +13,7 @@ import pytest
 from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, FixKind, TightEstimates
 from reports import flight_figures, flight_report
-from reports.figures import Part
+from reports.figures import Subplot
 from reports.flight_report import _facts, final_states, follower_curves, mirror_locks
 from reports.range_budget import Cause, RangeErrorBudget
 from sim.flight import FlightRecord
@@ -185,7 +185,7 @@ def test_weights_of_hypotheses_are_shown_where_there_ever_were_several(
     assert flight_figures.weights_part(flight, 0) is None
 
 
-def lines(part: Part) -> list[Floats]:
+def lines(part: Subplot) -> list[Floats]:
     return [np.column_stack([line.x, line.y]) for line in part.lines]
 
 

@@ -16,13 +16,13 @@ from plotly.graph_objects import Figure
 from reports import figures, page, style
 from reports.figures import Line
 from reports.page import (
-    Cell,
     Code,
     Figures,
     Notice,
     Page,
-    Section,
-    Table,
+    PageSection,
+    PageTable,
+    TableCell,
     Text,
     number,
     words,
@@ -42,7 +42,7 @@ def sample_page(**changes):
         Text(text="E_P with `code <b>` and <i>text</i>"),
         Code(text="a < b"),
         Notice(text="it failed", tone="failure"),
-        Table(
+        PageTable(
             heads=["name", "E_P [m]"],
             rows=[[words("T2"), number(1.234)], [words("T3"), number(None)]],
         ),
@@ -52,7 +52,7 @@ def sample_page(**changes):
         "title": "Title & more",
         "summary": "s",
         "facts": [("seed", "1")],
-        "sections": [Section(title="A section", blocks=blocks)],
+        "sections": [PageSection(title="A section", blocks=blocks)],
     }
     return Page(**(content | changes))
 
@@ -125,14 +125,14 @@ def test_figures_are_valid_and_take_their_colours_from_the_page():
         interval=(np.zeros(3), np.full(3, 4.0)),
         text="end",
     )
-    part = figures.Part(
+    part = figures.Subplot(
         lines=[line, Line(x=np.arange(3.0), y=np.ones(3), dash=":")], y_label="E_P", shaded=[(0, 1)]
     )
     panel = figures.Panel(
         parts=[part, part], x_label="D_front", title="a", x_log=True, x_limits=(1.0, None), link="a"
     )
     html = page.render(
-        sample_page(sections=[Section(title="A", blocks=[Figures(panels=[drawing(), panel])])])
+        sample_page(sections=[PageSection(title="A", blocks=[Figures(panels=[drawing(), panel])])])
     )
     style_of = html.partition("<style>")[2].partition("</style>")[0]
     first, second = embedded(html)
@@ -208,7 +208,7 @@ def test_ratios_are_coloured_evenly_either_way():
 
 def test_rows_must_fit_their_table():
     with pytest.raises(ValueError, match="a row of 1 cells in a table of 2 columns"):
-        Table(heads=["a", "b"], rows=[[Cell(text="x")]])
+        PageTable(heads=["a", "b"], rows=[[TableCell(text="x")]])
 
 
 @pytest.mark.parametrize(
@@ -231,10 +231,12 @@ def test_panels_alike_make_a_grid_and_others_share_a_row():
     one, wide = drawing(), drawing(width=8.0)
     for panels, layout in (([one] * 3, "grid"), ([one] * 2, "row"), ([one, one, wide], "row")):
         html = page.render(
-            sample_page(sections=[Section(title="A", blocks=[Figures(panels=panels)])])
+            sample_page(sections=[PageSection(title="A", blocks=[Figures(panels=panels)])])
         )
         assert re.findall('<div class="(grid|row)">', html) == [layout]
-    html = page.render(sample_page(sections=[Section(title="A", blocks=[Figures(panels=[wide])])]))
+    html = page.render(
+        sample_page(sections=[PageSection(title="A", blocks=[Figures(panels=[wide])])])
+    )
     assert 'style="--w: 576; height: 240px"' in html
 
 

@@ -21,7 +21,7 @@ from laisn.arrays import Floats
 from laisn.estimates import FixKind
 from reports import scene as package
 from reports.flight_report import scene_of_flight
-from reports.page import Page, Replay, Section, render
+from reports.page import Page, PageSection, Replay, render
 from reports.replay_page import Replayed
 from reports.scene.codec import Packer
 from reports.scene.measured import Measured, scene_of_measured
@@ -257,7 +257,7 @@ def test_the_page_has_the_scene_once_with_its_licence() -> None:
     (text,) = re.findall(r'<script type="application/json" id="scene-meta">(.*?)</script>', html)
     assert json.loads(text)["vehicles"][0]["name"] == "leader"
     two = dataclasses.replace(
-        page_of(scene), sections=[Section(title="again", blocks=[Replay(scene=scene)])]
+        page_of(scene), sections=[PageSection(title="again", blocks=[Replay(scene=scene)])]
     )
     with pytest.raises(ValueError, match="2 missions in 3D"):
         render(two)

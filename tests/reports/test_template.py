@@ -11,7 +11,7 @@ import pytest
 
 from laisn.errors import LaisnError
 from reports.findings import Finding, Findings
-from reports.page import Cell, Code, Figures, Notice, Page, Table, Text, page_of
+from reports.page import Code, Figures, Notice, Page, PageTable, TableCell, Text, page_of
 
 FINDINGS = Findings(
     study="",
@@ -70,7 +70,7 @@ def test_headings_paragraphs_and_blocks_stand_in_order(page: Any) -> None:
 
 
 def test_tables_are_rows_of_text_numbers_and_cells(page: Any) -> None:
-    coloured = Cell(text="2.0", sort=2.0, tone="yes")
+    coloured = TableCell(text="2.0", sort=2.0, tone="yes")
     made = page(
         "# T\n\nS.\n\n## A\n\n| | E_P [m] || of |\n| what | paper | ours | all "
         "|\n|---|---|---|---|\n"
@@ -81,14 +81,14 @@ def test_tables_are_rows_of_text_numbers_and_cells(page: Any) -> None:
         cell=coloured,
     )
     (table,) = made.sections[0].blocks
-    share = Cell(text="25 % (20 to 30 %)", sort=25.0)
-    missing = Cell(text="–", sort=float("inf"))
-    assert table == Table(
+    share = TableCell(text="25 % (20 to 30 %)", sort=25.0)
+    missing = TableCell(text="–", sort=float("inf"))
+    assert table == PageTable(
         heads=["what", "paper", "ours", "all"],
         groups=[("", 1), ("E_P [m]", 2), ("of", 1)],
         rows=[
-            [Cell(text="T2"), Cell(text="1,200", sort=1200.0), coloured, share],
-            [Cell(text="T3"), missing, Cell(text="−0.5 (−1 to 2)", sort=-0.5), missing],
+            [TableCell(text="T2"), TableCell(text="1,200", sort=1200.0), coloured, share],
+            [TableCell(text="T3"), missing, TableCell(text="−0.5 (−1 to 2)", sort=-0.5), missing],
         ],
         caption="A caption of two lines.",
     )

@@ -9,15 +9,15 @@ from typer.testing import CliRunner
 
 from laisn.errors import LaisnError
 from laisn_sim.cli.main import app
-from reports.figures import Line, Panel, Part, panel
-from reports.page import Figures, Page, Section, render
+from reports.figures import Line, Panel, Subplot, panel
+from reports.page import Figures, Page, PageSection, render
 from reports.style import PAPER, SERIES
 from reports.vector import chosen, draw, figures_of, formula
 
 
 def page_with(panels: list[Panel], path: Path) -> Path:
     blocks = [Figures(panels=panels)]
-    page = Page(title="T", summary="s", facts=[], sections=[Section(title="A", blocks=blocks)])
+    page = Page(title="T", summary="s", facts=[], sections=[PageSection(title="A", blocks=blocks)])
     path.write_text(render(page), encoding="utf-8")
     return path
 
@@ -29,7 +29,7 @@ X = np.array([1.0, 2.0, 3.0, 4.0])
 def page(tmp_path: Path) -> Path:
     errors = Panel(
         parts=(
-            Part(
+            Subplot(
                 lines=[
                     Line(x=X, y=np.array([1.0, np.nan, 10.0, 100.0]), name="E_P"),
                     Line(x=X, y=X, colour=SERIES[1], dash="--", name="2σ by the filter"),
@@ -38,7 +38,7 @@ def page(tmp_path: Path) -> Path:
                 y_limits=(0.5, 200.0),
                 y_log=True,
             ),
-            Part(
+            Subplot(
                 lines=[
                     Line(x=X, y=X**2, marker="o", interval=(X**2 - 0.5, X**2 + 1.0), name="mean"),
                 ],

@@ -12,8 +12,8 @@ from tools.fuzz.case import (
     INTERRUPTED,
     LONGEST_S,
     REFUSED,
-    Answer,
-    Case,
+    CommandResult,
+    FuzzCase,
     answer_to,
     faults_of,
 )
@@ -29,7 +29,7 @@ def test_no_input_gets_a_faulty_answer(
     assert number == 0, capsys.readouterr().out
 
 
-NO_WATER = Case(
+NO_WATER = FuzzCase(
     words=["hull", "--sdf", "a.sdf"],
     files={
         "a.sdf": changed(
@@ -65,8 +65,10 @@ def test_a_command_that_goes_on_is_ended(tmp_path: Path, monkeypatch: pytest.Mon
     assert LONGEST_S > 0.2
 
 
-def answered(code: int, output: str = "a.csv: 1 error", files: tuple[str, ...] = ()) -> Answer:
-    return Answer(code, output, frozenset(files), 0.1)
+def answered(
+    code: int, output: str = "a.csv: 1 error", files: tuple[str, ...] = ()
+) -> CommandResult:
+    return CommandResult(code, output, frozenset(files), 0.1)
 
 
 @pytest.mark.parametrize(
@@ -84,11 +86,11 @@ def answered(code: int, output: str = "a.csv: 1 error", files: tuple[str, ...] =
         (answered(INTERRUPTED), ["exit code 130"]),
     ],
 )
-def test_faults_of_answers(answer: Answer, faults: list[str]) -> None:
-    case = Case(words=["log", "import", "a.csv"], written=("out.mcap",), named=("a.csv",))
+def test_faults_of_answers(answer: CommandResult, faults: list[str]) -> None:
+    case = FuzzCase(words=["log", "import", "a.csv"], written=("out.mcap",), named=("a.csv",))
     assert faults_of(case, answer) == faults
 
 
 def test_an_input_that_has_to_be_refused_may_not_succeed() -> None:
-    assert faults_of(Case(words=["x"], wrong=True), answered(DONE, "done")) == ["accepted"]
-    assert faults_of(Case(words=["x"], may_interrupt=True), answered(INTERRUPTED)) == []
+    assert faults_of(FuzzCase(words=["x"], wrong=True), answered(DONE, "done")) == ["accepted"]
+    assert faults_of(FuzzCase(words=["x"], may_interrupt=True), answered(INTERRUPTED)) == []

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from experiments.beacon_replay import Beacons, Score, among_beacons, beacons_of, score
+from experiments.beacon_replay import BeaconReplaySettings, Score, among_beacons, beacons_of, score
 from laisn.beacons import MEDIA, BeaconSettings
 from laisn.errors import LaisnError
 from laisn.estimates import Estimates
@@ -62,7 +62,7 @@ def test_the_record_is_what_comes_out() -> None:
 
 def test_the_medium_is_found() -> None:
     _, recorded = next(study.recordings("Plaza2"))
-    assert among_beacons(recorded, Beacons())[1] == "air"
+    assert among_beacons(recorded, BeaconReplaySettings())[1] == "air"
 
 
 def test_errors_are_those_at_the_times_of_the_survey() -> None:

@@ -14,7 +14,7 @@ from reports.range_budget import range_error_budget
 from sim.assembly import routes_of
 from sim.film.film_data import OtherEstimate, RayErrors
 from sim.flight import navigate
-from sim.scenario.settings import Acoustics, Follower, Ocean, Scenario, Waves
+from sim.scenario.settings import Acoustics, Follower, OceanTable, Scenario, WavesTable
 from sim.sensing.acoustics import sound_of
 from sim.sensing.observation import observe
 from sim.simulation import simulate_motion
@@ -59,7 +59,7 @@ def records() -> dict[str, Any]:
         duration_s=4.0,
         followers=(Follower(route="T5"),),
         acoustics=Acoustics(surface_echo_probability=0.1, travel_time=True),
-        ocean=Ocean(waves=Waves(kind="jonswap", height_m=0.5, period_s=6.0)),
+        ocean=OceanTable(waves=WavesTable(kind="jonswap", height_m=0.5, period_s=6.0)),
     )
     trajectory = simulate_motion(scenario)
     flight = navigate(scenario, trajectory, Navigator)

@@ -14,7 +14,7 @@ from matplotlib.ticker import NullLocator
 
 from laisn.arrays import Floats
 from reports import figures
-from reports.figures import DRAWN_POINTS, Line, Panel, Part, Ticks, decimate
+from reports.figures import DRAWN_POINTS, Line, Panel, Subplot, Ticks, decimate
 from reports.style import ERROR_COLOURS, ERROR_LEVELS_M, FRAME, GRID, INK, WIDTH
 
 _STYLE: Any = {
@@ -62,7 +62,7 @@ def _axes(figure: Figure, bottom: float, height: float) -> Axes:
     )
 
 
-def _draw(axes: Axes, subplot: Part, points: int) -> None:
+def _draw(axes: Axes, subplot: Subplot, points: int) -> None:
     """Lines, marks and darker ground of a part, its lines decimated to this number of points."""
     for low, high in subplot.shaded:
         axes.axhspan(low, high, color=GRID.light, linewidth=0.0)

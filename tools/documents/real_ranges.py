@@ -13,7 +13,14 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from experiments.beacon_replay import Beacons, Score, among_beacons, by_laisn, dead_reckoning, score
+from experiments.beacon_replay import (
+    BeaconReplaySettings,
+    Score,
+    among_beacons,
+    by_laisn,
+    dead_reckoning,
+    score,
+)
 from laisn.estimates import Estimates
 from laisn.settings import NavigationSettings, TightSettings
 from laisn.tight.navigator import TightNavigator
@@ -31,12 +38,14 @@ the vehicle turns.
 """
 
 AMONG = {
-    "tight": Beacons(),
-    "unknown-start": Beacons(known_start=False),
-    "steady-gyro": Beacons(medium="air", gyro_bias_sigma_deg_s=0.0),
-    "known-scale": Beacons(medium="air", range_scale_sigma=0.003),
-    "exact-speed": Beacons(medium="air", speed_scale_sigma=0.0),
-    "exact-beacons": Beacons(medium="air", survey_sigma_m=0.0, range_offset_sigma_m=0.0),
+    "tight": BeaconReplaySettings(),
+    "unknown-start": BeaconReplaySettings(known_start=False),
+    "steady-gyro": BeaconReplaySettings(medium="air", gyro_bias_sigma_deg_s=0.0),
+    "known-scale": BeaconReplaySettings(medium="air", range_scale_sigma=0.003),
+    "exact-speed": BeaconReplaySettings(medium="air", speed_scale_sigma=0.0),
+    "exact-beacons": BeaconReplaySettings(
+        medium="air", survey_sigma_m=0.0, range_offset_sigma_m=0.0
+    ),
 }
 """The navigator among beacons as it is, from an unknown start, and without some of its states."""
 
@@ -58,7 +67,7 @@ words that it has.
 """
 
 
-def _among(settings: Beacons) -> Callable[[Replayable], Estimates]:
+def _among(settings: BeaconReplaySettings) -> Callable[[Replayable], Estimates]:
     return lambda recorded: among_beacons(recorded, settings)[0]
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.beacon_replay import Beacons, among_beacons, dead_reckoning
+from experiments.beacon_replay import BeaconReplaySettings, among_beacons, dead_reckoning
 from experiments.campaign.store import read_table
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES
@@ -84,7 +84,7 @@ def real_ranges() -> Drawn:
         write_data_set(data, Path(folder) / "plaza.mcap")
         recorded = read_data_set_log(Path(folder) / "plaza.mcap")
     reckoned = dead_reckoning(recorded)
-    estimated, _ = among_beacons(recorded, Beacons())
+    estimated, _ = among_beacons(recorded, BeaconReplaySettings())
     # what was driven in the first five minutes is crowded enough
     steps = np.flatnonzero(recorded.measurements.time < 300.0)
     true = recorded.truth[recorded.truth[:, 0] < 300.0]

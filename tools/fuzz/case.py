@@ -28,7 +28,7 @@ _QUOTED = 600  # characters of an answer in a report
 
 
 @dataclass(frozen=True, kw_only=True)
-class Case:
+class FuzzCase:
     """A command and the files that it is given, in an empty folder."""
 
     words: list[str]
@@ -42,7 +42,7 @@ class Case:
 class Kind(Protocol):
     """A kind of inputs."""
 
-    def __call__(self, random: Random) -> Case:
+    def __call__(self, random: Random) -> FuzzCase:
         """An input by chance."""
 
 
@@ -67,7 +67,7 @@ def _limited() -> Iterator[None]:
 
 
 @dataclass(frozen=True)
-class Answer:
+class CommandResult:
     """What a command did."""
 
     code: int
@@ -76,7 +76,7 @@ class Answer:
     seconds: float  # of processor time
 
 
-def answer_to(case: Case, folder: Path) -> Answer:
+def answer_to(case: FuzzCase, folder: Path) -> CommandResult:
     """Run a case in a folder, which is emptied."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
@@ -93,10 +93,10 @@ def answer_to(case: Case, folder: Path) -> Answer:
             code, output = -1, f"not done after {LONGEST_S:g} s"
     paths = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
     written = {path for path in paths if "__pycache__" not in path} - set(case.files)
-    return Answer(code, output, frozenset(written), time.process_time() - begin)
+    return CommandResult(code, output, frozenset(written), time.process_time() - begin)
 
 
-def faults_of(case: Case, answer: Answer) -> list[str]:
+def faults_of(case: FuzzCase, answer: CommandResult) -> list[str]:
     """What no answer may be, in words."""
     codes = {DONE, REFUSED, FAILED} | ({INTERRUPTED} if case.may_interrupt else set())
     faults = []
@@ -122,7 +122,7 @@ def faults_of(case: Case, answer: Answer) -> list[str]:
     return faults
 
 
-def report(case: Case, answer: Answer, faults: list[str]) -> str:
+def report(case: FuzzCase, answer: CommandResult, faults: list[str]) -> str:
     """A fault on some lines."""
     words = [word if len(word) < 80 else f"{word[:60]}…" for word in case.words]
     return f"{'; '.join(faults)}\n  laisn {words}\n  {answer.output[:_QUOTED]!r}"

@@ -7,7 +7,7 @@ from random import Random
 
 from sim.log import writer
 from tests.synthetic import make_flight
-from tools.fuzz.case import Case
+from tools.fuzz.case import FuzzCase
 from tools.fuzz.values import damaged
 
 COMMANDS = (
@@ -27,7 +27,7 @@ def _whole() -> bytes:
         return path.read_bytes()
 
 
-def make(random: Random) -> Case:
+def make(random: Random) -> FuzzCase:
     """A log of a flight with some of its bytes changed."""
     content = damaged(_whole(), random, random.choice((1, 1, 2, 8)))
-    return Case(words=list(random.choice(COMMANDS)), files={"in.mcap": content})
+    return FuzzCase(words=list(random.choice(COMMANDS)), files={"in.mcap": content})

@@ -2,7 +2,7 @@
 
 from random import Random
 
-from tools.fuzz.case import Case
+from tools.fuzz.case import FuzzCase
 
 _ACTIONS = (
     "raise ValueError('x')",
@@ -81,14 +81,14 @@ def _source(random: Random) -> str:
     return text if random.random() > 0.05 else text[: random.randrange(len(text))]
 
 
-def make(random: Random) -> Case:
+def make(random: Random) -> FuzzCase:
     """A plugin, which a mission of a second uses."""
     name = f"plugin_{random.randrange(10**9)}"
     source = _source(random)
     words = ["--plugin", f"{name}.py", "--set", f"navigation.variant={name}:Mine"]
     fly = ["fly", "T7", "--no-video", "--out", "out", "--set", "motion=kinematic"]
     words = random.choice((["check", "T7", *words], [*fly, "--set", "duration_s=1", *words]))
-    return Case(
+    return FuzzCase(
         words=words,
         files={f"{name}.py": source.encode("utf-8", "surrogatepass")},
         named=(name, "Mine"),

@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 from random import Random
 
-from tools.fuzz.case import Case
+from tools.fuzz.case import FuzzCase
 from tools.fuzz.values import WILD, number
 
 MODELS = Path(__file__).resolve().parents[2] / "tests" / "data" / "gazebo"
@@ -101,11 +101,11 @@ CHANGES: tuple[Callable[[str, Random], str], ...] = (
 )
 
 
-def make(random: Random) -> Case:
+def make(random: Random) -> FuzzCase:
     """A model with up to six changes."""
     text = random.choice(_models())
     for change in random.choices(CHANGES, k=random.choice((1, 1, 2, 3, 6))):
         text = change(text, random) or " "
-    return Case(
+    return FuzzCase(
         words=["hull", "--sdf", "in.sdf"], files={"in.sdf": text.encode("utf-8", "replace")}
     )

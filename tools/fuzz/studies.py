@@ -9,7 +9,7 @@ from random import Random
 from typing import Any
 
 from sim.scenario.settings import Scenario
-from tools.fuzz.case import Case
+from tools.fuzz.case import FuzzCase
 from tools.fuzz.values import WILD, number
 
 _ROOT = Path(__file__).resolve().parents[2]
@@ -88,7 +88,7 @@ def _draw(random: Random) -> str:
     )
 
 
-def _settings(random: Random) -> Case:
+def _settings(random: Random) -> FuzzCase:
     """Settings on the command line."""
     if random.random() < 0.5:
         words = ["check", "T7"]
@@ -99,7 +99,7 @@ def _settings(random: Random) -> Case:
     for _ in range(random.choice((1, 1, 3))):
         value = random.choice((_value, _draw))(random)
         words += [random.choice(options), f"{random.choice(_keys())}={value}"]
-    return Case(words=words)
+    return FuzzCase(words=words)
 
 
 def _changed(text: str, random: Random) -> str:
@@ -123,15 +123,15 @@ def _changed(text: str, random: Random) -> str:
     return "".join(lines) or "\n"
 
 
-def _file(random: Random) -> Case:
+def _file(random: Random) -> FuzzCase:
     """A scenario or study with lines that are wrong."""
     text = random.choice(_texts())
     for _ in range(random.choice((1, 1, 2, 4))):
         text = _changed(text, random)
     words = random.choice((["check", "in.toml"], ["study", "in.toml", "--dry-run", *_SHORT]))
-    return Case(words=words, files={"in.toml": text.encode("utf-8", "surrogatepass")})
+    return FuzzCase(words=words, files={"in.toml": text.encode("utf-8", "surrogatepass")})
 
 
-def make(random: Random) -> Case:
+def make(random: Random) -> FuzzCase:
     """Wrong settings in words or in a file."""
     return random.choice((_settings, _file))(random)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from random import Random
 
-from tools.fuzz.case import Case
+from tools.fuzz.case import FuzzCase
 from tools.fuzz.values import WILD, damaged
 
 _SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
@@ -17,7 +17,7 @@ _FIELDS = (
 
 
 @dataclass
-class Column:
+class FuzzColumn:
     """A header and the cells below it."""
 
     header: str
@@ -39,7 +39,7 @@ def _headers(random: Random, unit: str, degrees: bool) -> dict[str, str]:
     return headers
 
 
-def _columns(random: Random) -> list[Column]:
+def _columns(random: Random) -> list[FuzzColumn]:
     """A vehicle 20 m beside its leader, in any units."""
     degrees = random.random() < 0.5
     unit = random.choice(list(_SECOND))
@@ -63,18 +63,18 @@ def _columns(random: Random) -> list[Column]:
         rows.append(row)
     headers = _headers(random, unit, degrees)
     return [
-        Column(header, [f"{row[i]:.12g}" if i < len(row) else "" for row in rows])
+        FuzzColumn(header, [f"{row[i]:.12g}" if i < len(row) else "" for row in rows])
         for i, header in enumerate(headers.values())
     ]
 
 
-def _replace_cells(columns: list[Column], random: Random) -> None:
+def _replace_cells(columns: list[FuzzColumn], random: Random) -> None:
     column = random.choice(columns)
     for _ in range(random.choice((1, 5))):
         column.cells[random.randrange(len(column.cells))] = random.choice(WILD)
 
 
-def _replace_header(columns: list[Column], random: Random) -> None:
+def _replace_header(columns: list[FuzzColumn], random: Random) -> None:
     column = random.choice(columns)
     header = column.header
     column.header = random.choice(
@@ -82,16 +82,16 @@ def _replace_header(columns: list[Column], random: Random) -> None:
     )
 
 
-def _drop(columns: list[Column], random: Random) -> None:
+def _drop(columns: list[FuzzColumn], random: Random) -> None:
     columns.pop(random.randrange(len(columns)))
 
 
-def _swap(columns: list[Column], random: Random) -> None:
+def _swap(columns: list[FuzzColumn], random: Random) -> None:
     first, other = random.choices(columns, k=2)
     first.cells, other.cells = other.cells, first.cells
 
 
-def _step_clock(columns: list[Column], random: Random) -> None:
+def _step_clock(columns: list[FuzzColumn], random: Random) -> None:
     shift = random.choice((-30.0, 30.0, -1.0, -1000.0, 1e6, -1e10))
     at = random.randrange(len(columns[0].cells))
     for i, cell in enumerate(columns[0].cells[at:], start=at):
@@ -99,38 +99,38 @@ def _step_clock(columns: list[Column], random: Random) -> None:
             columns[0].cells[i] = f"{float(cell) + shift:.12g}"
 
 
-def _lose_cells(columns: list[Column], random: Random) -> None:
+def _lose_cells(columns: list[FuzzColumn], random: Random) -> None:
     cells = random.choice(columns).cells
     for i in random.sample(range(len(cells)), len(cells) // 3):
         cells[i] = ""
 
 
-def _stand_still(columns: list[Column], random: Random) -> None:
+def _stand_still(columns: list[FuzzColumn], random: Random) -> None:
     column = random.choice(columns)
     column.cells = [column.cells[0]] * len(column.cells)
 
 
-def _shuffle(columns: list[Column], random: Random) -> None:
+def _shuffle(columns: list[FuzzColumn], random: Random) -> None:
     random.shuffle(random.choice(columns).cells)
 
 
-def _change_unit(columns: list[Column], random: Random) -> None:
+def _change_unit(columns: list[FuzzColumn], random: Random) -> None:
     column = random.choice(columns)
     field = random.choice(("heading", "leader_heading", "time", "leader_timestamp", "speed"))
     column.header = field + random.choice((" [deg]", "_rad", " [ms]", " [kn]", " [parsec]"))
 
 
-def _negate(columns: list[Column], random: Random) -> None:
+def _negate(columns: list[FuzzColumn], random: Random) -> None:
     column = random.choice(columns)
     column.cells = [f"-{cell}" if cell else "" for cell in column.cells]
 
 
-def _fill_cell(columns: list[Column], random: Random) -> None:
+def _fill_cell(columns: list[FuzzColumn], random: Random) -> None:
     cells = random.choice(columns).cells
     cells[random.randrange(len(cells))] = random.choice("1x ") * random.choice((1000, 140_000))
 
 
-CHANGES: tuple[Callable[[list[Column], Random], None], ...] = (
+CHANGES: tuple[Callable[[list[FuzzColumn], Random], None], ...] = (
     _replace_cells,
     _replace_header,
     _drop,
@@ -145,13 +145,13 @@ CHANGES: tuple[Callable[[list[Column], Random], None], ...] = (
 )
 
 
-def make(random: Random) -> Case:
+def make(random: Random) -> FuzzCase:
     """A table with up to three faults, with a column twice, or with damaged bytes."""
     columns = _columns(random)
     doubled = random.random() < 0.1
     if doubled:
         column = random.choice(columns)
-        columns.append(Column(column.header, list(column.cells)))
+        columns.append(FuzzColumn(column.header, list(column.cells)))
     else:
         for change in random.choices(CHANGES, k=random.choice((0, 1, 1, 2, 3))):
             change(columns, random)
@@ -162,7 +162,7 @@ def make(random: Random) -> Case:
     content = text.encode("utf-8", "surrogatepass")
     if not doubled and random.random() < 0.2:
         content = damaged(content, random, 1)
-    return Case(
+    return FuzzCase(
         words=["log", "import", "in.csv", "--out", "out.mcap"],
         files={"in.csv": content},
         written=("out.mcap",),

@@ -34,7 +34,7 @@ from reports.figures import Line, Panel, error_bands, panel
 from reports.findings import Finding, Findings, of
 from reports.flight_report import asymmetry_over_time, legend_of, share_table
 from reports.intervals import Interval
-from reports.page import Cell, Code, Figures, share_of
+from reports.page import Code, Figures, TableCell, share_of
 from reports.range_budget import Cause, RangeErrorBudget, range_error_budget
 from reports.style import ERROR_LEVELS_M, FULL, INK, MUTED, SERIES, Colour
 from sim.film.film_data import Annotations, OtherEstimate, RayErrors
@@ -441,7 +441,7 @@ def of_map(chart: fix_map.Chart) -> dict[str, Any]:
     }
 
 
-def against(finding: Finding | Interval, aim: float) -> Cell:
+def against(finding: Finding | Interval, aim: float) -> TableCell:
     """A share with its interval, green if the whole of it is beyond its aim, red if it is short
     of it.
     """

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from experiments.study.run import Cells, StudyResults
-from laisn.bound import Geometry, TrueNoise, position_bound
+from laisn.bound import BoundGeometry, TrueNoise, position_bound
 from reports.findings import Finding, median, of, plain, share
 from reports.intervals import mean_interval
 from sim.scenario.settings import Scenario
@@ -87,7 +87,7 @@ _STEP = 0.1
 _SECONDS = 300
 
 
-def geometry(amplitude_deg: float, period_s: float, behind: float) -> Geometry:
+def geometry(amplitude_deg: float, period_s: float, behind: float) -> BoundGeometry:
     """The mission of a follower so far behind a leader that weaves [m], a message each second."""
     late = round(behind / _SPEED / _STEP)
     time = _STEP * np.arange(-late, round(_SECONDS / _STEP) + 1)
@@ -105,7 +105,7 @@ def geometry(amplitude_deg: float, period_s: float, behind: float) -> Geometry:
     )
     away = follower[step] - leader[step]
     speed = np.full(n, _SPEED)
-    return Geometry(
+    return BoundGeometry(
         dt=_STEP,
         speed=speed,
         heading=heading[1 : n + 1],

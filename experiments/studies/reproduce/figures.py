@@ -17,10 +17,10 @@ from experiments.studies.reproduce.findings import (
     ratios,
 )
 from experiments.study.run import StudyResults
-from reports.figures import Line, Panel, Part, decimate, panel
+from reports.figures import Line, Panel, Subplot, decimate, panel
 from reports.findings import Findings
 from reports.flight_figures import ON_AXIS_DEG, bearing_part
-from reports.page import Cell, Figures, number, ratio_tone
+from reports.page import Figures, TableCell, number, ratio_tone
 from reports.style import ESTIMATE, FOLLOWER, FRAME, LEADER, SERIES, Colour, Legend
 from sim.trajectory import Trajectory
 
@@ -90,7 +90,7 @@ def error_panel(steps: Arrays, title: str) -> Panel:
     columns = {column: values.astype(np.float64) for column, values in steps.items()}
     time = columns["time_s"]
 
-    def errors(metric: str, label: str, limit: float | None) -> Part:
+    def errors(metric: str, label: str, limit: float | None) -> Subplot:
         lines = []
         for kind, name, width, opacity in (
             ("max", "largest", 0.4, 0.6),
@@ -98,7 +98,7 @@ def error_panel(steps: Arrays, title: str) -> Panel:
         ):
             x, y = decimate(time, columns[metric.format(kind)], _POINTS)
             lines.append(Line(x=x, y=y, colour=ESTIMATE, width=width, opacity=opacity, name=name))
-        return Part(lines=lines, y_label=label, y_limits=(0.0, limit))
+        return Subplot(lines=lines, y_label=label, y_limits=(0.0, limit))
 
     # half a turn of E_B would flatten everything else
     turned = min(
@@ -147,11 +147,11 @@ class TableCells(NamedTuple):
     rows: Mapping[Key, Record]
     published: Mapping[Key, Mapping[str, float]]
 
-    def theirs(self, key: Key, metric: str) -> Cell:
+    def theirs(self, key: Key, metric: str) -> TableCell:
         """The published figure; a dash if there is none."""
         return number(self.published.get(key, {}).get(metric), tone="theirs")
 
-    def ours(self, key: Key, metric: str, printed: Key | None = None) -> Cell:
+    def ours(self, key: Key, metric: str, printed: Key | None = None) -> TableCell:
         """Our figure, coloured by its ratio to the published one of the same or of another cell."""
         ours = float(self.rows[key][metric])
         theirs = self.published.get(printed or key, {}).get(metric)
@@ -160,7 +160,7 @@ class TableCells(NamedTuple):
         ratio = ours / theirs
         return number(ours, tone=ratio_tone(ratio), title=f"{ours:.4g} / {theirs:g} = {ratio:.2f}")
 
-    def median(self, setting: str, variant: str, metric: str) -> Cell:
+    def median(self, setting: str, variant: str, metric: str) -> TableCell:
         """Median ratio over missions, with the least and the largest of them."""
         values = ratios(self.rows, self.published, setting, variant, metric)
         median = float(np.median(values))
@@ -169,10 +169,10 @@ class TableCells(NamedTuple):
         )
 
     @staticmethod
-    def verdict(judgement: ClaimJudgement) -> Cell:
+    def verdict(judgement: ClaimJudgement) -> TableCell:
         """The verdict on a claim, coloured."""
         words = "depends on the mission" if judgement.verdict == "depends" else judgement.verdict
-        return Cell(text=words, tone=TONES[judgement.verdict])
+        return TableCell(text=words, tone=TONES[judgement.verdict])
 
 
 def table_rows(

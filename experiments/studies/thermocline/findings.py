@@ -69,7 +69,7 @@ def range_error(season: str, depths: tuple[float, float], reach: float) -> float
     return measured_range(season, source, receiver) - math.dist(source, receiver)
 
 
-class Geometry(NamedTuple):
+class QuarterGeometry(NamedTuple):
     """A follower on the quarter of a leader that heads north."""
 
     depths: tuple[float, float]  # of leader and follower [m]
@@ -83,7 +83,7 @@ class Geometry(NamedTuple):
         return Point(aside, -aside)
 
 
-def fix_error(season: str, variant: Variant, g: Geometry) -> float:
+def fix_error(season: str, variant: Variant, g: QuarterGeometry) -> float:
     """Error of a fix without noise by ranges of the mean speed [m]."""
     leader, follower = g.depths
     half = 0.5 * g.baseline
@@ -106,7 +106,9 @@ def range_where_it_matters(season: str, variant: Variant, baseline: float) -> fl
     """
 
     def worst(reach: float) -> float:
-        errors = [fix_error(season, variant, Geometry(pair, reach, baseline)) for pair in PAIRS]
+        errors = [
+            fix_error(season, variant, QuarterGeometry(pair, reach, baseline)) for pair in PAIRS
+        ]
         return max((error for error in errors if error == error), default=0.0)
 
     last = 0.0
@@ -128,7 +130,7 @@ def fix_findings() -> Iterator[tuple[str, Finding]]:
         name = f"{season} {pair_name(pair)} {reach:g}"
         yield f"range {name}", plain(error, "range by the mean speed less the true one", "m")
         for variant, baseline in product(FIXED, BASELINES_M):
-            shift = fix_error(season, variant, Geometry(pair, reach, baseline))
+            shift = fix_error(season, variant, QuarterGeometry(pair, reach, baseline))
             key = f"fix {variant} {name} {baseline:g}"
             yield key, plain(shift, "error of a fix without noise by the mean speed", "m")
     for season, reach in product(BENT, RANGES_M):

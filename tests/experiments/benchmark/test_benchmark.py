@@ -14,7 +14,7 @@ from experiments.benchmark.catalogue import missions
 from experiments.benchmark.data import MANIFEST
 from experiments.benchmark.score import (
     SEGMENTS_M,
-    Run,
+    FollowerRun,
     Track,
     score_mission,
     score_run,
@@ -34,7 +34,7 @@ from sim.log.reader import read_recording
 
 ROOT = Path(__file__).resolve().parents[3]
 SAMPLE = ROOT / "examples" / "benchmark"
-RUN = Run("astern", 1, "follower")
+RUN = FollowerRun("astern", 1, "follower")
 N = 2000
 DT = 0.1
 

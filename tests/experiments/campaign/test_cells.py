@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pydantic import BaseModel, ValidationError
 
 from experiments.campaign import montecarlo
-from experiments.campaign.montecarlo import Cell, Mission, histories, motion_of
+from experiments.campaign.montecarlo import CampaignMission, Cell, histories, motion_of
 from experiments.campaign.plans import CellPlan, compute
 from laisn.errors import LaisnError
 from laisn.navigator import Navigator
@@ -20,11 +20,11 @@ from sim.scenario.settings import (
     Follower,
     Leader,
     Navigation,
-    Ocean,
+    OceanTable,
     Scenario,
     Sensors,
     Timing,
-    Waves,
+    WavesTable,
 )
 from sim.simulation import simulate_motion
 from sim.trajectory import Trajectory
@@ -210,7 +210,7 @@ def test_what_the_keys_leave_out_changes_nothing() -> None:
     """Setting by setting: a flight that is shared is the one that would be flown, a row that is
     shared the same row.
     """
-    sea = Ocean(waves=Waves(kind="jonswap", height_m=0.5, period_s=6.0))
+    sea = OceanTable(waves=WavesTable(kind="jonswap", height_m=0.5, period_s=6.0))
     still = mission(
         ocean=sea, leader=Leader(route=None, waypoints=TURNING, broadcast_attitude=True)
     )
@@ -293,7 +293,7 @@ def test_a_cell_of_what_is_not_there_is_refused(flown: Trajectory) -> None:
     for follower in (-1, 2):
         with pytest.raises(LaisnError, match=f"follower is {follower}, the scenario has 2"):
             Cell.of(given, follower)
-    taken = Mission(given, flown)
+    taken = CampaignMission(given, flown)
     assert Cell.of(given.model_copy(update={"name": "other"}), mission=taken).runs == range(60)
     with pytest.raises(
         LaisnError, match="'turning' moves otherwise than the mission that was simulated"

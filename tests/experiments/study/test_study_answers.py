@@ -21,7 +21,7 @@ from experiments.study.plan import StudyPlan, plan_of
 from experiments.study.run import _of_runs, _widest
 from experiments.study.study import findings_of
 from reports.figures import Line, light
-from reports.page import Figures, Notice, Page, Table, Text, render
+from reports.page import Figures, Notice, Page, PageTable, Text, render
 from reports.style import SERIES
 
 MEANS = {
@@ -126,8 +126,8 @@ def test_the_answer_is_a_figure_and_a_table_of_every_place_with_differences_and_
     page: Page,
 ) -> None:
     answer = page.sections[0]
-    assert [type(block) for block in answer.blocks] == [Figures, Table]
-    (table,) = (block for block in answer.blocks if isinstance(block, Table))
+    assert [type(block) for block in answer.blocks] == [Figures, PageTable]
+    (table,) = (block for block in answer.blocks if isinstance(block, PageTable))
     heads = list(table.heads)
     apart = {
         (0, "aware"): ("lower", "yes", -0.5),
@@ -149,7 +149,7 @@ def test_the_answer_is_a_figure_and_a_table_of_every_place_with_differences_and_
         else:
             assert (difference.text, verdict.text) == ("–", "")
     (other,) = page.sections[1].blocks
-    assert isinstance(other, Table)
+    assert isinstance(other, PageTable)
     # no other percentile than in its head, and not the metric of the report once more
     assert list(other.heads)[:4] == ["point", "arm", "95th percentile of E_P [m]", "mean E_B [°]"]
     for row, (_, arm) in zip(other.rows, MEANS, strict=True):
@@ -272,7 +272,7 @@ def test_a_difference_that_no_shown_digit_has_is_not_marked(plan: StudyPlan) -> 
     assert page.summary.endswith(
         "aware against plain: lower at 0, higher at 0, undecided at 0, the same at 3 places."
     )
-    (table,) = (block for block in page.sections[0].blocks if isinstance(block, Table))
+    (table,) = (block for block in page.sections[0].blocks if isinstance(block, PageTable))
     assert [(row[-1].text, row[-1].tone) for row in table.rows] == [("", ""), ("same", "")] * 3
 
 
@@ -314,7 +314,7 @@ def test_three_factors_are_answered_by_shares_of_variance_and_many_places_by_ext
         )
         == 1
     )
-    assert isinstance(answer, Table)
+    assert isinstance(answer, PageTable)
     assert len(answer.rows) == 60
     assert "The 60 lowest and highest of 80 places" in answer.caption
     values = sorted(row["e_p_mean_m"] for row in rows)
@@ -324,7 +324,7 @@ def test_three_factors_are_answered_by_shares_of_variance_and_many_places_by_ext
 def test_the_design_is_reported_with_its_numbers(page: Page) -> None:
     ((text, table),) = (section.blocks for section in page.sections if section.title == "Design")
     assert isinstance(text, Text)
-    assert isinstance(table, Table)
+    assert isinstance(table, PageTable)
     # three depths, each flown once for both arms
     assert (
         "3 points (every combination), 2 arms, 1 realization and 40 runs of noise for each: 3 "
@@ -558,7 +558,7 @@ def test_keys_have_titles_with_units() -> None:
 
 
 def test_panels_share_the_scale_that_holds_them_all(plan: StudyPlan, results: Results) -> None:
-    layout = charts.Layout("followers.0.depth_m", "", ("arm",))
+    layout = charts.ChartLayout("followers.0.depth_m", "", ("arm",))
     panels: Any = charts.over_factor(plan, results, layout).panels
     limits = [panel.parts[0].y_limits for panel in panels]
     assert len(panels) == 2
@@ -599,7 +599,7 @@ def test_a_page_has_a_row_for_each_follower_and_names_what_could_not_be_flown() 
     assert isinstance(notice, Notice)
     where = f"speed bias 0.1 m/s, arm x|y, {plan.followers[0]}, realization 0"
     assert notice.text == f"lost at 3 s: 2 scenarios, the first at {where}"
-    assert isinstance(answer, Table)
+    assert isinstance(answer, PageTable)
     assert [[cell.text for cell in row[:4]] for row in answer.rows] == [
         [str(point), ("0.1", "0.3")[point], arm, follower] for point, arm, follower in places
     ]

@@ -310,7 +310,7 @@ def test_integrals_follow_their_errors_until_thrusters_give_out(sign):
     reference.depth = 10.0
 
     def remembered(angle, speed, depth, rate=0.0):
-        motion = autopilot.VehicleState(
+        motion = autopilot.HullMotion(
             surge=1.0 - sign * speed,
             sway=0.0,
             heading=-sign * angle,

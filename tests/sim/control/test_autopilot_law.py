@@ -7,7 +7,7 @@ import pytest
 
 from laisn.arrays import Floats, Record
 from sim.control import autopilot
-from sim.control.autopilot import VehicleState
+from sim.control.autopilot import HullMotion
 from sim.control.guidance import REFERENCE
 from sim.vehicle.effector_kinds import BUILT_IN
 from sim.vehicle.mjcf import VehicleSetup
@@ -37,7 +37,7 @@ def law(
     d: np.void,
     wanted: tuple[float, float, float],
     ref: Floats,
-    motion: VehicleState,
+    motion: HullMotion,
     memory: Record,
 ) -> tuple[Floats, ...]:
     """Thrust ahead, side force and moment to port, upward force and nose-up moment; and what is
@@ -115,7 +115,7 @@ def test_commands_and_memory_follow_the_law(
     records["pitch_damping"] = [1.5, 2.5, 3.5]
     (d,) = records
     reference = record(REFERENCE, 0.0, 0.0, 0.0, 0.0, 0.02, 0.1, 10.0, 0.05)
-    motion = VehicleState(
+    motion = HullMotion(
         surge=way,
         sway=0.1,
         heading=6.2,

@@ -10,7 +10,7 @@ import pytest
 from laisn.arrays import Floats, Record, records
 from laisn.swarm import ESTIMATE, READING
 from sim.control import follower
-from sim.control.autopilot import VehicleState
+from sim.control.autopilot import HullMotion
 from sim.control.follower import extend_trail, init_memory, keep_station
 from sim.control.guidance import REFERENCE
 from sim.control.station import NO_PLAN, STATION, TRAIL
@@ -45,7 +45,7 @@ class Deck:
             self.formation, self.station, sent, self.trail, self.count, (now, DT), self.memory
         )
 
-    def tick(self, now: float = 30.0) -> tuple[tuple[float, float, float], VehicleState]:
+    def tick(self, now: float = 30.0) -> tuple[tuple[float, float, float], HullMotion]:
         known = self.trail, self.count[0]
         senses = self.reading, self.estimate
         return keep_station(

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.io import loadmat, savemat
 from typer.testing import CliRunner
 
-from experiments.beacon_replay import Beacons, _settings, among_beacons, score
+from experiments.beacon_replay import BeaconReplaySettings, _settings, among_beacons, score
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from laisn_sim.cli.main import app
@@ -142,12 +142,12 @@ def test_what_a_graph_states_of_its_odometry_is_navigated_by(tmp_path: Path) -> 
     text = "\n".join([*poses, *steps, "VERTEX_XY L0 20.0 9.0", "EDGE_RANGE 5.0 A5 L0 17.0 0.09"])
     write_data_set(read_data_set(graph(tmp_path, text)), tmp_path / "a.mcap")
     recorded = read_data_set_log(tmp_path / "a.mcap")
-    settings = _settings(recorded, Beacons(), "water")
+    settings = _settings(recorded, BeaconReplaySettings(), "water")
     assert (settings.range_sigma, settings.slip, settings.heading_walk) == pytest.approx(
         (0.3, 0.02, 0.003)
     )
     settings = _settings(
-        recorded, Beacons(slip_m_sqrt_s=0.07, heading_walk_deg_sqrt_s=2.0), "water"
+        recorded, BeaconReplaySettings(slip_m_sqrt_s=0.07, heading_walk_deg_sqrt_s=2.0), "water"
     )
     assert (settings.slip, settings.heading_walk) == pytest.approx((0.07, math.radians(2.0)))
 
@@ -673,7 +673,9 @@ def test_ranges_to_another_robot_are_to_where_its_odometry_puts_it(tmp_path: Pat
         recorded.measurements.transmitters[:, 0, :2], np.array(expected)[:, :2], atol=1e-9
     )
     # 10 % are three times the default standard deviation of the odometry's scale
-    estimates, _ = among_beacons(recorded, Beacons(medium="air", speed_scale_sigma=0.1))
+    estimates, _ = among_beacons(
+        recorded, BeaconReplaySettings(medium="air", speed_scale_sigma=0.1)
+    )
     truth = np.column_stack([recorded.measurements.time - recorded.measurements.time[0]] * 2)
     off = estimates.state[:n, 0] - truth[:n, 0]
     # dead reckoning is 12 m off at the end
@@ -787,7 +789,7 @@ def test_robots_whose_odometry_drifts_are_navigated_by_consistently(tmp_path: Pa
             (scores, {}),
             (rigid, {"track_slip_m_sqrt_s": 0.0, "track_heading_walk_deg_sqrt_s": 0.0}),
         ):
-            estimates, _ = among_beacons(recorded, Beacons(medium="air", **keys))
+            estimates, _ = among_beacons(recorded, BeaconReplaySettings(medium="air", **keys))
             results.append(score(estimates, recorded.measurements, recorded.truth))
     assert 0.7 < np.mean([each.nees for each in scores]) < 3.0
     assert np.mean([each.nees for each in rigid]) > 10.0

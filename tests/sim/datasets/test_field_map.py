@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from laisn_sim.cli.main import app
-from sim.datasets.field_map import Entry, Origin
+from sim.datasets.field_map import FieldEntry, GeodeticOrigin
 from sim.datasets.map_proposal import match
 from sim.log.reader import read_recording
 
@@ -229,13 +229,13 @@ def test_errors_of_a_map_of_a_table(case: str, tmp_path: Path) -> None:
 
 def test_a_yaw_becomes_a_heading(tmp_path: Path) -> None:
     """Anticlockwise from east 120° is 30° west of north: 330° by the compass."""
-    entry = Entry(column="yaw", unit="deg", angle="yaw")
+    entry = FieldEntry(column="yaw", unit="deg", angle="yaw")
     heading = entry.in_si(np.array([0.0, 90.0, 120.0]), "heading", None)
     assert np.allclose(np.degrees(heading) % 360.0, [90.0, 0.0, 330.0])
 
 
 def test_altitudes_become_depths() -> None:
-    entry = Entry(column="z", unit="m", factor=-1.0, offset=0.5)
+    entry = FieldEntry(column="z", unit="m", factor=-1.0, offset=0.5)
     assert entry.in_si(np.array([-8.0, 0.0]), "depth", None).tolist() == [8.5, 0.5]
 
 
@@ -246,7 +246,7 @@ def test_places_on_the_map_and_back(
     from sim.attitude import geodetic
 
     place = geodetic(np.array([[east, north, 0.0]]), latitude, longitude)
-    origin = Origin(latitude_deg=latitude, longitude_deg=longitude)
+    origin = GeodeticOrigin(latitude_deg=latitude, longitude_deg=longitude)
     assert origin.metres(place[:, 1], "longitude")[0] == pytest.approx(east, abs=1e-4)
     assert origin.metres(place[:, 0], "latitude")[0] == pytest.approx(north, abs=1e-4)
 

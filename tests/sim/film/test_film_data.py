@@ -5,7 +5,7 @@ import pytest
 
 from sim.film.film_data import FilmData
 from sim.film.scene import Sea
-from sim.scenario.settings import Waves
+from sim.scenario.settings import WavesTable
 from sim.water.assembly import ocean_of
 from sim.water.waves import PHASE
 from tests.sim.water.test_ocean import elevation
@@ -54,7 +54,7 @@ def test_trail_points_stay_in_place_while_time_goes_on(flight):
 
 def test_the_drawn_sea_is_the_simulated_sea():
     mission = make_flight(2.0).scenario
-    waves = Waves(kind="regular", height_m=1.0, period_s=8.0, direction_deg=30.0)
+    waves = WavesTable(kind="regular", height_m=1.0, period_s=8.0, direction_deg=30.0)
     ocean = ocean_of(
         mission.model_copy(update={"ocean": mission.ocean.model_copy(update={"waves": waves})})
     )

@@ -11,14 +11,14 @@ import models
 from laisn.arrays import Floats
 from sim import feasibility
 from sim.scenario.file import validate, with_file_paths
-from sim.scenario.formation import Shape, followers_of
+from sim.scenario.formation import ShapeTable, followers_of
 
 Kind = Literal["line", "v", "column", "grid", "ring"]
 
 
 def places(kind: Kind, count: int, **options: Any) -> Floats:
     """Behind, to port and depth of each follower, in that order, shape (count, 3), [m]."""
-    tables = followers_of(Shape(kind=kind, count=count, **options))
+    tables = followers_of(ShapeTable(kind=kind, count=count, **options))
     assert [table["name"] for table in tables] == [f"follower-{i + 1}" for i in range(count)]
     stations = [table["station"] for table in tables]
     return np.array([[s["behind_m"], s["port_m"], s["depth_m"]] for s in stations])

@@ -13,7 +13,7 @@ from experiments.studies.asymmetry.findings import REMEDIES, Curve, paired
 from experiments.study.file import built_in, study_of
 from experiments.study.plan import plan_of
 from reports.findings import record
-from reports.page import Page, Table, Text, page_of
+from reports.page import Page, PageTable, Text, page_of
 from tests.experiments.studies.asymmetry.test_comparison import row
 
 RUNS = 64
@@ -136,7 +136,7 @@ def tables(page: Page, section: str) -> list[list[list[str]]]:
     return [
         [[cell.text for cell in cells] for cells in block.rows]
         for block in blocks
-        if isinstance(block, Table)
+        if isinstance(block, PageTable)
     ]
 
 
@@ -225,7 +225,7 @@ def test_remedies_have_their_share_of_the_sum_and_their_verdicts() -> None:
         # harm shown, then met, open and missed: of errors, and of mirror locks
         assert [cells[3], *cells[5:]] == ["2", "2", "1 / 0 / 1", "1", "0 / 1 / 0"]
     section = next(part for part in page.sections if part.title == "Remedies")
-    table = next(block for block in section.blocks if isinstance(block, Table))
+    table = next(block for block in section.blocks if isinstance(block, PageTable))
     # 95 % is beyond the aim of 90 %, with 0.06 m · 1.96 / √63 or so to spare; 99 % are at the aim
     # itself
     assert [cells[4].tone for cells in table.rows if cells[2].text == "trim"] == [

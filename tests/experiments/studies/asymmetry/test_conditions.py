@@ -5,7 +5,7 @@ import re
 import pytest
 
 from experiments.study.file import built_in, study_of
-from experiments.study.plan import Entry, plan_of
+from experiments.study.plan import PlanEntry, plan_of
 
 PERIODS = {0.3: 4.0, 0.5: 4.0, 1.0: 5.0}
 """Periods of young wind seas by their height: 0.5 m at 4 s, 1 m at 5 s."""
@@ -18,7 +18,7 @@ PLAN = plan_of(study_of(str(built_in("asymmetry")["missions"]), KEYS))
 
 
 @pytest.mark.parametrize("entry", PLAN.entries, ids=lambda entry: PLAN.points[entry.point]["case"])
-def test_a_condition_has_the_settings_of_its_key(entry: Entry) -> None:
+def test_a_condition_has_the_settings_of_its_key(entry: PlanEntry) -> None:
     case = PLAN.study.cases[PLAN.points[entry.point]["case"]]
     flown, cause = entry.scenario, case.name.partition("-")[0]
     leader, waves = flown.leader, flown.ocean.waves

@@ -13,13 +13,13 @@ from experiments.studies.estimators.errors import (
     Errors,
 )
 from experiments.study.file import built_in, study_of
-from experiments.study.plan import Entry, plan_of
+from experiments.study.plan import PlanEntry, plan_of
 from laisn.messages import Measurements
 from sim.sensing.observation import IdealMeasurements, measure
 from sim.sensing.sensors import SensorErrors
 
 
-def entry_of(route: str, interval: float, case: str, arm: str) -> Entry:
+def entry_of(route: str, interval: float, case: str, arm: str) -> PlanEntry:
     """The entry of the seven cases that a route, an interval, a case and an arm have."""
     keys = {"scenario": route, "vary": {"timing.message_interval_s": [interval]}}
     plan = plan_of(study_of(str(built_in("estimators")["cases"]), keys))

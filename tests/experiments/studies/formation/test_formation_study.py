@@ -14,7 +14,7 @@ from experiments.study import run as engine
 from experiments.study import study as studies
 from experiments.study.file import study_of
 from experiments.study.measure import METRICS, records_of_run
-from experiments.study.plan import Entry, StudyPlan, plan_of
+from experiments.study.plan import PlanEntry, StudyPlan, plan_of
 from experiments.study.run import StudyResults
 from reports.findings import read
 from sim.scenario.settings import Scenario
@@ -25,14 +25,14 @@ CONDITIONS = {entry.arm: entry for entry in PLAN.entries}
 
 
 @pytest.mark.parametrize("condition", CONDITIONS.values(), ids=CONDITIONS)
-def test_every_condition_is_a_scenario_that_can_be_flown(condition: Entry) -> None:
+def test_every_condition_is_a_scenario_that_can_be_flown(condition: PlanEntry) -> None:
     scenario = condition.scenario_at(3)
     assert scenario.run == 3
     assert all(follower.station for follower in scenario.followers)
 
 
 @pytest.mark.parametrize("condition", CONDITIONS.values(), ids=CONDITIONS)
-def test_numbers_of_a_title_are_those_of_its_condition(condition: Entry) -> None:
+def test_numbers_of_a_title_are_those_of_its_condition(condition: PlanEntry) -> None:
     """What a title does not mention is as in all others: ten followers, three transmitters, a
     message each second.
     """

@@ -4,7 +4,7 @@ from functools import reduce
 from typing import Any, NamedTuple
 
 from experiments.study.file import built_in, study_of
-from experiments.study.plan import Entry, plan_of
+from experiments.study.plan import PlanEntry, plan_of
 
 FILES = built_in("reproduce")
 STUDY = study_of(str(FILES["tables"]), {})
@@ -45,7 +45,7 @@ SETTINGS = [
 ]
 
 
-def entries(**keys: Any) -> dict[tuple[str, str, str], Entry]:
+def entries(**keys: Any) -> dict[tuple[str, str, str], PlanEntry]:
     """Entries of the tables by setting, mission and variant."""
     plan = plan_of(study_of(str(FILES["tables"]), {"runs": 1, **keys}))
     return {(plan.points[one.point]["case"], one.source, one.arm): one for one in plan.entries}

@@ -14,7 +14,7 @@ from experiments.studies.reproduce.findings import (
     findings_of_rows,
 )
 from reports.findings import Findings
-from reports.page import Cell, Figures, Page, Table, Text, page_of, ratio_tone
+from reports.page import Figures, Page, PageTable, TableCell, Text, page_of, ratio_tone
 from tests.experiments.studies.reproduce.cells import SETTINGS, Setting
 
 BASE, GATE, SLOW, ASYMMETRIC, TEXT = (
@@ -81,10 +81,10 @@ def made(*given: tuple[Setting, dict[str, dict[str, Any]]]) -> Page:
     return page_with([s for s, _ in given], flown, published)
 
 
-def table_of(page: Page, section: str, number: int = 0) -> Table:
+def table_of(page: Page, section: str, number: int = 0) -> PageTable:
     """One of the tables of a section, by the words that its title begins with."""
     (found,) = (s for s in page.sections if s.title.startswith(section))
-    return [block for block in found.blocks if isinstance(block, Table)][number]
+    return [block for block in found.blocks if isinstance(block, PageTable)][number]
 
 
 def texts(row: Any) -> list[str]:
@@ -194,4 +194,4 @@ def test_all_rows_have_percentiles_consistency_and_counts() -> None:
 )
 def test_ratios_are_coloured_alike_either_way(ratio: float, tone: str) -> None:
     assert ratio_tone(ratio) == tone
-    assert Cell(text="", tone=ratio_tone(ratio)).style.strip() == f"short {tone}".strip()
+    assert TableCell(text="", tone=ratio_tone(ratio)).style.strip() == f"short {tone}".strip()

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from experiments.studies.thermocline.findings import (
-    Geometry,
+    QuarterGeometry,
     fix_error,
     range_error,
     range_where_it_matters,
@@ -17,7 +17,7 @@ from laisn_sim.cli.main import app
 
 def test_nothing_shifts_a_fix_in_mixed_water() -> None:
     for variant in ("laisn-2", "laisn-3-2"):
-        assert fix_error("mixed", variant, Geometry((8.0, 20.0), 100.0, 2.0)) < 1e-6
+        assert fix_error("mixed", variant, QuarterGeometry((8.0, 20.0), 100.0, 2.0)) < 1e-6
 
 
 def test_a_fix_of_two_transmitters_shifts_as_the_difference_of_its_ranges() -> None:
@@ -32,7 +32,7 @@ def test_a_fix_of_two_transmitters_shifts_as_the_difference_of_its_ranges() -> N
     slope = (far_error - near_error) * flat / baseline / math.sin(math.pi / 4)
     error = 0.5 * (near_error + far_error) * flat
     expected = math.hypot(slope * reach, error)
-    shift = fix_error("strong", "laisn-2", Geometry(depths, reach, baseline))
+    shift = fix_error("strong", "laisn-2", QuarterGeometry(depths, reach, baseline))
     assert shift == pytest.approx(expected, rel=0.05)
     # bearing errors of 0.4 to 1.5 m at 100 m, computed beside this project
     assert 0.3 < shift < 1.6
@@ -44,7 +44,7 @@ def test_bending_matters_from_nearer_on_the_stronger_the_thermocline() -> None:
     assert moderate is not None
     assert strong < moderate
     at = max(
-        fix_error("strong", "laisn-2", Geometry(pair, strong, 2.0))
+        fix_error("strong", "laisn-2", QuarterGeometry(pair, strong, 2.0))
         for pair in ((8.0, 20.0), (16.0, 16.0), (20.0, 20.0))
     )
     assert at == pytest.approx(0.5, abs=0.05)
