@@ -8,7 +8,7 @@ import pytest
 from laisn.arrays import Floats
 from laisn.settings import Assume, TightSettings
 from laisn.tight.estimator import inflate_bias_covariance, prune_and_merge, update_leader_variance
-from laisn.tight.model import Belief, Model, model_of, new_belief
+from laisn.tight.model import GaussianMixture, Model, model_of, new_belief
 from laisn.tight.motion import average_leader_heading
 from laisn.tight.ranging import Signal, new_signal
 
@@ -18,7 +18,7 @@ COURSE = 0.7
 ARMS = np.array([[-0.9, -0.4, 1.5], [0.9, 0.4, 2.0], [-0.04, 0.1, 1.7]])
 
 
-def made(bias_sigma: float = 0.1) -> tuple[Belief, Model]:
+def made(bias_sigma: float = 0.1) -> tuple[GaussianMixture, Model]:
     model = model_of(SETTINGS)
     belief = new_belief(SETTINGS, model, (0.0, 0.0))
     belief.covariance[0, model.leader, model.leader] = bias_sigma**2

@@ -15,7 +15,7 @@ from laisn.arrays import Floats
 from laisn.mixture import blend, half_moments
 from laisn.settings import Assume, TightSettings
 from laisn.tight.estimator import mix_modes, prune_and_merge, split
-from laisn.tight.model import Belief, Model, model_of, new_belief, refresh_output
+from laisn.tight.model import GaussianMixture, Model, model_of, new_belief, refresh_output
 from laisn.tight.motion import (
     moments,
     position,
@@ -38,7 +38,7 @@ def some_covariance(seed: int, scale: float = 0.1) -> Floats:
     return np.asarray(root @ root.T)
 
 
-def made(settings: TightSettings = SETTINGS, seed: int = 3) -> tuple[Belief, Model]:
+def made(settings: TightSettings = SETTINGS, seed: int = 3) -> tuple[GaussianMixture, Model]:
     model = model_of(settings)
     belief = new_belief(settings, model, (0.0, 0.0))
     for k in range(model.modes):
@@ -53,7 +53,7 @@ def readings(count: int, seed: int = 1) -> tuple[Floats, Floats]:
     return 1.0 + 0.3 * rng.normal(size=count), 0.4 + np.cumsum(rng.normal(size=count) * 0.05)
 
 
-def mixture_moments(belief: Belief, components: range) -> tuple[Floats, Floats]:
+def mixture_moments(belief: GaussianMixture, components: range) -> tuple[Floats, Floats]:
     weight = belief.weight[components]
     mean = weight @ belief.state[components] / weight.sum()
     apart = belief.state[components] - mean

@@ -13,7 +13,7 @@ from scipy.stats import multivariate_normal
 
 from laisn.arrays import Floats
 from laisn.settings import Assume, TightSettings
-from laisn.tight.model import Belief, Model, model_of, new_belief
+from laisn.tight.model import GaussianMixture, Model, model_of, new_belief
 from laisn.tight.ranging import Signal, new_signal, predict_ranges, update
 
 EVERYTHING = TightSettings(
@@ -48,7 +48,7 @@ def gradient(state: Floats, farthest: float) -> Floats:
 
 def belief(
     covariance: Floats, mean: Floats = STATE, settings: TightSettings = EVERYTHING
-) -> tuple[Belief, Model]:
+) -> tuple[GaussianMixture, Model]:
     model = model_of(settings)
     made = new_belief(settings, model, (0.0, 0.0))
     n = len(mean)

@@ -27,7 +27,7 @@ from sim.flight import (
 )
 from sim.log import reader, writer
 from sim.log.contents import LogError
-from sim.scenario.settings import Assume, Scenario
+from sim.scenario.settings import AssumeTable, Scenario
 from tests.sim.log.damage import Parts
 from tests.synthetic import bits
 
@@ -106,7 +106,7 @@ def test_every_key_reaches_its_setting(
 
 @pytest.mark.parametrize("flag", ["exact_leader", "drift", "deviation", "current", "offsets"])
 def test_every_assumption_reaches_its_setting(flag: str, flight: FlightRecord) -> None:
-    other = not getattr(Assume(), flag)
+    other = not getattr(AssumeTable(), flag)
     made = navigation_settings(
         scenario(f"navigation.assume.{flag}={str(other).lower()}"), flight.trajectory, 0
     )
