@@ -49,14 +49,24 @@ def count_nested() -> int:
 
 
 def _all_needed(libraries: list[Any]) -> list[Any]:
-    """Libraries, and those that the nested ones among them need, each once."""
-    needed = dict[Any, None]()
-    for library in libraries:
-        if library not in needed:
-            needed[library] = None
-            if isinstance(library, NestedLibrary):
-                needed |= dict.fromkeys(_all_needed(library._linking_libraries))
-    return list(needed)
+    """Libraries, and those that the nested ones among them need, each once and after all that need
+    it: the linker leaves out a function that nothing before it has called.
+    """
+    met = set[Any]()
+    finished = list[Any]()
+
+    def visit(library: Any) -> None:
+        if library in met:
+            return
+        met.add(library)
+        if isinstance(library, NestedLibrary):
+            for needed in reversed(library._linking_libraries):
+                visit(needed)
+        finished.append(library)
+
+    for library in reversed(libraries):
+        visit(library)
+    return finished[::-1]
 
 
 _finalize = JITCodeLibrary.finalize
