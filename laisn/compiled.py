@@ -5,14 +5,13 @@ Compiled code contains constants of other modules, and numba compares only the f
 The folder is therefore named by a hash of the versions and of `COMPILED_SOURCES`, the sources that
 compiled code can reach. All processes share it.
 
-What takes a type of a class outside of this project, as a user's controller, is compiled by each
-process: an index with such a class in it could be read by none that cannot import the class, and
-the methods of the class may change.
+What takes a type of a class outside of this project, as a user's controller, is stored in a folder
+beside it that is also named by the contents of the class (`laisn.custom_types`): its methods may
+change, and numba's index with such a class in it can be read by no process that cannot import it.
 """
 
 import fcntl
 import hashlib
-import io
 import os
 import secrets
 import shutil
@@ -24,7 +23,6 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import FunctionType
 from typing import Any, TypeVar, cast
 
 import numba
@@ -36,10 +34,10 @@ from numba.core.caching import (
     IndexDataCacheFile,
     UserProvidedCacheLocator,
 )
-from numba.core.serialize import NumbaPickler
 from numba.extending import intrinsic, overload, overload_method, register_jitable, typeof_impl
 
 from laisn.arrays import Bools, Floats
+from laisn.custom_types import name_of_custom
 from laisn.errors import LaisnWarning
 from laisn.nesting import NestedLibrary, count_nested, nest
 
@@ -104,9 +102,16 @@ FOLDER = find_folder()
 """Where processes with these sources store machine code; None: nowhere."""
 
 
+def _folders() -> list[Path]:
+    """Folders of the code of these sources: that of the project, and those of the user's own
+    classes.
+    """
+    return [] if FOLDER is None else [FOLDER, *FOLDER.parent.glob(f"{FOLDER.name}-*")]
+
+
 def count_stored() -> int:
     """Number of compiled functions that this process and those beside it have stored."""
-    return sum(1 for _ in FOLDER.rglob("*.nbc")) if FOLDER else 0
+    return sum(1 for folder in _folders() for _ in folder.rglob("*.nbc"))
 
 
 def count_compiled() -> int:
@@ -123,33 +128,9 @@ def remove_if_damaged(error: BaseException) -> bool:
         Path(frame.filename).match("numba/core/caching.py") for frame in frames
     ):
         return False
-    shutil.rmtree(FOLDER, ignore_errors=True)
+    for folder in _folders():
+        shutil.rmtree(folder, ignore_errors=True)
     return True
-
-
-_SHARED = ("experiments", "laisn", "laisn_sim", "reports", "sim", "numba", "numpy", "llvmlite")
-"""Packages whose classes every process can import, beside the standard library."""
-
-
-class _Modules(NumbaPickler):
-    """Collects the modules of classes and functions, as numba's index would name them."""
-
-    def __init__(self) -> None:
-        super().__init__(io.BytesIO())
-        self.names: set[str] = set()
-
-    def reducer_override(self, obj: object) -> Any:
-        """Note the module of an object; see `pickle.Pickler.reducer_override`."""
-        if isinstance(obj, type | FunctionType):
-            self.names.add(obj.__module__.partition(".")[0])
-        return super().reducer_override(obj)
-
-
-def has_custom_types(signature: object) -> bool:
-    """Whether a signature of numba's holds a class or a function outside of this project."""
-    modules = _Modules()
-    modules.dump(signature)
-    return bool(modules.names.difference(_SHARED, sys.stdlib_module_names))
 
 
 class _Folder(UserProvidedCacheLocator):
@@ -179,25 +160,55 @@ class _Files(IndexDataCacheFile):
 
 
 class _Cache(FunctionCache):
-    """Numba's cache of a function, shared by all processes, without types of the user's own."""
+    """Numba's cache of a function, shared by all processes; types of the user's own are in caches
+    beside it.
+    """
 
     _impl_class = _Implementation
 
-    def __init__(self, py_func: Callable[..., Any]) -> None:
+    def __init__(self, py_func: Callable[..., Any], folder: Path | None = None) -> None:
         super().__init__(py_func)
         files = self._cache_file
-        self._cache_file = _Files(self.cache_path, self._impl.filename_base, files._source_stamp)
+        self._folder = folder or Path(self.cache_path)
+        self._cache_file = _Files(str(self._folder), self._impl.filename_base, files._source_stamp)
+        self._beside = dict[str, _Cache]()
+
+    def _cache_of(self, sig: object) -> "_Cache | None":
+        """Where the code of a signature is stored; None: nowhere."""
+        custom = name_of_custom(sig)
+        if not custom:
+            return None if custom is None else self
+        if custom not in self._beside:
+            project = cast(Path, FOLDER)
+            folder = project.with_name(f"{project.name}-{custom}")
+            with suppress(OSError):
+                # so that it stays; it is not there before something is stored
+                os.utime(folder)
+            self._beside[custom] = _Cache(self._py_func, folder / self._folder.name)
+        return self._beside[custom]
 
     def load_overload(self, sig: object, target_context: object) -> Any:
         """The stored code of a signature, None if there is none."""
-        return None if has_custom_types(sig) else super().load_overload(sig, target_context)
+        cache = self._cache_of(sig)
+        if cache is None:
+            return None
+        return cache._load(sig, target_context)
+
+    def _load(self, sig: object, target_context: object) -> Any:
+        return super().load_overload(sig, target_context)
 
     def save_overload(self, sig: object, data: Any) -> None:
         """Store the code of a signature; a warning if the folder cannot be written."""
-        if not self._enabled or has_custom_types(sig) or isinstance(data.library, NestedLibrary):
+        if not self._enabled or isinstance(data.library, NestedLibrary):
             return
+        cache = self._cache_of(sig)
+        if cache is not None:
+            cache._save(sig, data)
+
+    def _save(self, sig: object, data: Any) -> None:
         try:
             with _one_writer():
+                self._folder.mkdir(parents=True, exist_ok=True)
                 super().save_overload(sig, data)
         except OSError as error:
             _warn_unstored(cast(Path, FOLDER), error.strerror or str(error))

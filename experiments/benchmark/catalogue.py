@@ -27,6 +27,7 @@ class BenchmarkMission:
     transmitters: int  # 2: the middle transmitter's ranges are not among the measurements
     assume: dict[str, Any]  # what navigators are told, as `navigation.assume` has it
     table: dict[str, Any]  # of the scenario, without seed
+    scored: bool = True  # whether it counts in the score of a navigator
 
     def scenario(self, seed: int) -> Scenario:
         """The scenario that is flown with a seed, from which sea and noise follow."""
@@ -46,6 +47,7 @@ def _mission(entry: dict[str, Any]) -> BenchmarkMission:
         transmitters=entry["transmitters"],
         assume=assume,
         table=assigned(table, entry.get("set", {}) | told),
+        scored=entry.get("scored", True),
     )
 
 

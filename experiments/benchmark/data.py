@@ -31,7 +31,8 @@ from sim.datasets.factor_graph import write_factor_graph
 from sim.flight import FlightRecord, excerpt, settings_as
 from sim.log.ros2 import write_measurement_bag
 from sim.log.schema import MEASURED, Clock
-from sim.log.writer import numeric, write_channels
+from sim.log.writer import further_readings, numeric, write_channels
+from sim.scenario.settings import Scenario
 from sim.sensing.observation import start_of
 from sim.system import atomic_write
 
@@ -64,6 +65,17 @@ def truth_rows(flight: FlightRecord, follower: int) -> Floats:
     return np.column_stack([trajectory.time[steps], east, north, -up, heading, leader, bound])
 
 
+def _told_profile(scenario: Scenario) -> dict[str, Any]:
+    """The profile of the speed of sound by which rays bend, where they do."""
+    if scenario.acoustics.rays == "straight":
+        return {}
+    points = scenario.acoustics.sound_speed_profile or ()
+    return {
+        "rays": scenario.acoustics.rays,
+        "sound_speed_profile": [list(map(float, point)) for point in points],
+    }
+
+
 def task_table(mission: BenchmarkMission, flight: FlightRecord) -> dict[str, Any]:
     """What a navigator may know of a mission, as the table of a scenario: starts, geometry of the
     transmitters, times, and what is assumed of errors.
@@ -81,8 +93,10 @@ def task_table(mission: BenchmarkMission, flight: FlightRecord) -> dict[str, Any
         }
 
     sound = scenario.acoustics
+    listed = [{"sensor": table.sensor} for table in scenario.sensors.custom]
     return {
         "name": mission.name,
+        **({"sensors": {"custom": listed}} if listed else {}),
         "timing": {
             "filter_step_s": scenario.timing.filter_step_s,
             "message_interval_s": scenario.timing.message_interval_s,
@@ -101,6 +115,7 @@ def task_table(mission: BenchmarkMission, flight: FlightRecord) -> dict[str, Any
             "travel_time": sound.travel_time,
             "ping_slot_s": sound.ping_slot_s,
             "sound_speed_m_s": sound.sound_speed_m_s + sound.sound_speed_bias_m_s,
+            **_told_profile(scenario),
         },
         "navigation": {
             "variant": "tight",
@@ -127,6 +142,8 @@ def _write_log(path: Path, flight: FlightRecord) -> None:
             step = getattr(m, type_.steps) if type_.steps else np.arange(1, m.speed.size + 1)
             arrays = {column.attribute: getattr(m, column.attribute) for column in type_.columns}
             channels.append(numeric(f"/{name}", type_, clock.ns(m.dt * step), arrays))
+        steps = np.arange(1, m.speed.size + 1)
+        channels += further_readings(name, m, clock.ns(m.dt * steps))
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path) as unfinished:
         write_channels(unfinished, channels, lambda mcap: None)

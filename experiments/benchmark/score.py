@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from experiments.benchmark.catalogue import missions
 from experiments.benchmark.data import MEASUREMENTS, TASKS, TRUTH, read_manifest
 from experiments.benchmark.tables import (
     Truth,
@@ -199,11 +200,17 @@ def score_mission(mission: str, scores: Sequence[RunScore]) -> MissionScore:
     )
 
 
-def total(scores: Iterable[MissionScore]) -> float:
-    """The score of a navigator: geometric mean of RMS over bound of all missions; NaN where one has
-    a run that is not complete.
+def counted(scores: Sequence[MissionScore]) -> list[MissionScore]:
+    """Those of the missions that count in the score of a navigator; all, if none does."""
+    catalogue = missions()
+    return [score for score in scores if catalogue[score.mission].scored] or list(scores)
+
+
+def total(scores: Sequence[MissionScore]) -> float:
+    """The score of a navigator: geometric mean of RMS over bound of the missions that count; NaN
+    where one has a run that is not complete.
     """
-    ratios = [math.nan if score.incomplete else score.times_bound for score in scores]
+    ratios = [math.nan if score.incomplete else score.times_bound for score in counted(scores)]
     return float(np.exp(np.mean(np.log(ratios)))) if ratios else math.nan
 
 

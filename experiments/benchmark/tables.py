@@ -14,7 +14,9 @@ from pyarrow import ArrowInvalid, csv, types
 
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
-from laisn.messages import LeaderMessage, Measurements, Ranges
+from laisn.messages import LeaderMessage, Measurements, Ranges, SensorHeader
+from sim.sensing.sensor import header_of
+from sim.sensing.sensors import SHIPPED
 from sim.system import atomic_write
 
 DECIMALS = 4
@@ -44,6 +46,30 @@ def _leader_column(name: str) -> str:
     return f"leader_{name} [{unit}]"
 
 
+class _FurtherSensor(NamedTuple):
+    """A sensor of this project that missions may have beside log, compass and pressure sensor."""
+
+    header: SensorHeader
+    columns: tuple[str, ...]
+    scale: Floats  # from SI units to those of the columns
+
+
+def _further_sensor(name: str, header: SensorHeader) -> _FurtherSensor:
+    in_degrees = [channel.unit.startswith("rad") for channel in header.channels]
+    units = [channel.unit.replace("rad", "deg") for channel in header.channels]
+    names = [f"{name}_{channel.name}" for channel in header.channels]
+    return _FurtherSensor(
+        header=header,
+        columns=tuple(f"{column} [{unit}]" for column, unit in zip(names, units, strict=True)),
+        scale=np.where(in_degrees, np.degrees(1.0), 1.0),
+    )
+
+
+FURTHER = {
+    str(sensor.name): _further_sensor(sensor.name, header_of(sensor()))
+    for sensor in SHIPPED.values()
+}
+"""Further sensors by the names of their readings."""
 LEADER = tuple(map(_leader_column, LeaderMessage._fields))
 _IN_DEGREES = np.array([name in _ANGLES for name in LeaderMessage._fields])
 
@@ -59,6 +85,10 @@ def _round_angles(values: Floats) -> Floats:
 
 def as_written(measured: Measurements, transmitters: int) -> Measurements:
     """Measurements with the digits that tables have, and of two transmitters without the third."""
+    custom = {
+        name: _round(readings * FURTHER[name].scale) / FURTHER[name].scale
+        for name, readings in measured.custom.items()
+    }
     message = _round(measured.message)
     message[:, _IN_DEGREES] = _round_angles(measured.message[:, _IN_DEGREES])
     ranges = _round(measured.ranges)
@@ -70,6 +100,7 @@ def as_written(measured: Measurements, transmitters: int) -> Measurements:
         depth=_round(measured.depth),
         message=message,
         ranges=ranges,
+        custom=custom,
     )
 
 
@@ -94,6 +125,13 @@ def write_measurements(path: Path, measured: Measurements) -> None:
     columns: dict[str, Sequence[str]] = {"time [s]": _texts(measured.time)}
     own = (measured.speed, np.degrees(measured.heading), measured.depth)
     columns |= {name: _texts(values) for name, values in zip(OWN, own, strict=True)}
+    for name, readings in measured.custom.items():
+        sensor = FURTHER[name]
+        values_by_channel = (readings * sensor.scale).T
+        columns |= {
+            header: _texts(values)
+            for header, values in zip(sensor.columns, values_by_channel, strict=True)
+        }
     message = np.where(_IN_DEGREES, np.degrees(measured.message), measured.message)
     received = [*zip(LEADER, message.T, strict=True), *zip(RANGES, measured.ranges.T, strict=True)]
     rows = measured.message_step - 1
@@ -157,6 +195,11 @@ def read_measurements(path: Path) -> Measurements:
     ranges = np.column_stack([columns.get(name, empty) for name in RANGES])
     message[:, _IN_DEGREES] = np.radians(message[:, _IN_DEGREES])
     rows = np.flatnonzero(np.isfinite(message[:, 1]))
+    custom = {
+        name: np.column_stack([columns[header] for header in sensor.columns]) / sensor.scale
+        for name, sensor in FURTHER.items()
+        if set(sensor.columns) <= columns.keys()
+    }
     return Measurements(
         dt=round(float(own[-1, 0]) / n, DECIMALS),
         speed=own[:, 1],
@@ -165,6 +208,8 @@ def read_measurements(path: Path) -> Measurements:
         message_step=rows + 1,
         message=message[rows],
         ranges=ranges[rows],
+        custom=custom,
+        sensors={name: FURTHER[name].header for name in custom},
     )
 
 

@@ -44,7 +44,7 @@ def bench_data(
         bool, typer.Option("--check", help="compare the files there with the manifest, and stop")
     ] = False,
 ) -> None:
-    """Write the data of LAISN-Bench: measurements of 20 missions with 20 seeds, and the truth.
+    """Write the data of LAISN-Bench: measurements of 22 missions with 20 seeds, and the truth.
 
     The same version gives the same numbers anywhere. See docs/benchmark.md.
     """
@@ -113,7 +113,7 @@ def _row(score: "MissionScore") -> list[str]:
 def _show(scores: Sequence["RunScore"]) -> None:
     from rich.console import Console
 
-    from experiments.benchmark.score import SEGMENTS_M, by_mission, total
+    from experiments.benchmark.score import SEGMENTS_M, by_mission, counted, total
     from experiments.campaign.progress import print_line, show_table
 
     heads = (
@@ -123,16 +123,21 @@ def _show(scores: Sequence["RunScore"]) -> None:
     missions = by_mission(scores)
     console = Console()
     show_table(console, heads, map(_row, missions))
-    incomplete = sum(score.incomplete for score in missions)
+    scored = counted(missions)
+    others = [score.mission for score in missions if score not in scored]
+    incomplete = sum(score.incomplete for score in scored)
     if incomplete:
         print_line(
             console,
-            f"{incomplete} of {len(scores)} runs lack estimates for more than 1 % of their time: "
-            "there is no score",
+            f"{incomplete} of {sum(score.runs for score in scored)} runs lack estimates for more "
+            "than 1 % of their time: there is no score",
             "note:",
         )
     else:
-        print_line(console, f"{total(missions):.3f} × bound, geometric mean", "score:")
+        number = f"{len(scored)} mission{'s' if len(scored) > 1 else ''}"
+        mean = f"{total(missions):.3f} × bound, geometric mean of {number}"
+        left_out = f"; without {', '.join(others)}" if others else ""
+        print_line(console, f"{mean}{left_out}", "score:")
     steps = [score.step_us for score in missions if not math.isnan(score.step_us)]
     if steps:
         print_line(console, f"{max(steps):.3g} µs of processor time a filter step", "cost:")

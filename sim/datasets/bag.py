@@ -12,6 +12,7 @@ import numpy as np
 
 from laisn.arrays import Floats, Ints
 from laisn.errors import LaisnError, shortened
+from sim.datasets.bag_clock import RecorderClock, corrected_stamps, written_order
 from sim.log.ros2_encoding import MISSING
 
 SUFFIXES = (".bag", ".db3", ".mcap")
@@ -42,6 +43,7 @@ class Series:
     values: Floats  # shape (n,), or (n, 4) of a quaternion (x, y, z, w)
     steps_back: int = 0  # how often the times did in order of recording
     repeated: int = 0  # messages at the very time of another, which are left out
+    remarks: tuple[str, ...] = ()  # of the topic's clock
 
 
 def is_bag(path: Path) -> bool:
@@ -195,10 +197,25 @@ def _require_fields(path: Path, reader: Any, requests: Sequence[Request]) -> Non
             )
 
 
-def series_of(
-    path: Path, requests: Sequence[Request], stamps: str = "header"
-) -> dict[Request, Series]:
-    """Values of fields over time, sorted by time; those of one time keep the last message.
+class _Message(NamedTuple):
+    """A value as it was recorded."""
+
+    position: int  # in order of recording
+    recorded_ns: int
+    stamp_ns: int
+    value: Any
+
+
+class Recording(NamedTuple):
+    """What was read of a bag."""
+
+    series: dict[Request, Series]
+    remarks: list[str]  # of the recorder's clock
+
+
+def series_of(path: Path, requests: Sequence[Request], stamps: str = "header") -> Recording:
+    """Values of fields over time, sorted by time; those of one time keep the last message. Times
+    are without steps of clocks (`sim.datasets.bag_clock`).
 
     `stamps` tells which times: "header", those in messages where they have one, or "log".
     LaisnError: the bag cannot be read, or lacks a topic or field.
@@ -206,14 +223,17 @@ def series_of(
     by_topic: dict[str, list[Request]] = {}
     for request in requests:
         by_topic.setdefault(request.topic, []).append(request)
-    times: dict[Request, list[int]] = {request: [] for request in requests}
-    values: dict[Request, list[Any]] = {request: [] for request in requests}
+    messages: dict[Request, list[_Message]] = {request: [] for request in requests}
     with _opened(path) as reader:
         _require_fields(path, reader, requests)
         connections = [c for c in reader.connections if c.topic in by_topic]
+        clock = RecorderClock(written_order(path, reader.readers, by_topic))
         for connection, logged_ns, raw in reader.messages(connections):
             message = reader.deserialize(raw, connection.msgtype)
-            at = _stamp_ns(message, logged_ns) if stamps == "header" else logged_ns
+            place = clock.place(connection.topic, logged_ns)
+            stamp_ns = place.time_ns
+            if stamps == "header":
+                stamp_ns = _stamp_ns(message, place.time_ns)
             for request in by_topic[connection.topic]:
                 try:
                     if not _holds(message, request.where):
@@ -227,14 +247,21 @@ def series_of(
                         f"{path}: topic {request.topic} has no field {names}; its fields: "
                         f"{field_list}"
                     ) from None
-                times[request].append(at)
-                values[request].append(_number(value, request))
-    return {request: _sorted(times[request], values[request]) for request in requests}
+                number = _number(value, request)
+                messages[request].append(_Message(*place, stamp_ns, number))
+    return Recording(
+        series={request: _sorted(messages[request]) for request in requests},
+        remarks=clock.remarks,
+    )
 
 
-def _sorted(times: Sequence[int], values: Sequence[Any]) -> Series:
-    time_ns = np.array(times, dtype=np.int64)
-    numbers = np.array(values, dtype=np.float64)
+def _sorted(messages: list[_Message]) -> Series:
+    """A field over time, by its messages as readers give them."""
+    messages.sort(key=lambda message: message.position)
+    recorded_ns = np.array([message.recorded_ns for message in messages], dtype=np.int64)
+    stamp_ns = np.array([message.stamp_ns for message in messages], dtype=np.int64)
+    numbers = np.array([message.value for message in messages], dtype=np.float64)
+    time_ns, remarks = corrected_stamps(stamp_ns, recorded_ns)
     order = np.argsort(time_ns, kind="stable")
     last = np.append(np.diff(time_ns[order]) > 0, True)[: order.size]
     return Series(
@@ -242,4 +269,5 @@ def _sorted(times: Sequence[int], values: Sequence[Any]) -> Series:
         values=numbers[order][last],
         steps_back=int(np.count_nonzero(np.diff(time_ns) < 0)),
         repeated=int(np.count_nonzero(~last)),
+        remarks=tuple(remarks),
     )

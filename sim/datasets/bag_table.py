@@ -130,8 +130,9 @@ def _read(path: Path, mapped: FieldMap) -> tuple[_Mapped, list[str]]:
             where = tuple(sorted(entry.where.items()))
             requests[field] = Request(entry.topic, entry.field, where)
     read = series_of(path, [*dict.fromkeys(requests.values())], mapped.settings.stamps)
-    numbers = {field: read[request] for field, request in requests.items()}
+    numbers = {field: read.series[request] for field, request in requests.items()}
     origin, remarks = _origin(mapped, numbers)
+    remarks = [*read.remarks, *remarks]
     series = dict[str, Series]()
     for field, raw in numbers.items():
         entry = mapped.entries[field]
@@ -160,11 +161,11 @@ def _read(path: Path, mapped: FieldMap) -> tuple[_Mapped, list[str]]:
 
 def _order_remarks(topic: str, series: Series) -> list[str]:
     """What is not as expected of the times of a topic."""
-    remarks = list[str]()
+    remarks = [f"{topic}: {remark}" for remark in series.remarks]
     if series.steps_back:
         remarks.append(
-            f"{topic}: times step back {series.steps_back} times in order of recording, and are "
-            'sorted; stamps = "log" takes the times of recording'
+            f"{topic}: {series.steps_back} messages later than others with later times, sorted; "
+            'stamps = "log" takes the times of recording'
         )
     if series.repeated:
         remarks.append(f"{topic}: {series.repeated} messages at the time of another left out")

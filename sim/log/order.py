@@ -5,6 +5,7 @@ import numpy as np
 from laisn.arrays import Ints
 
 _FREE = 2.0 / 3.0  # least distance of a late time from others [intervals]
+_AHEAD = 10.0  # how much earlier than all others a late time may be [intervals]
 
 
 def _late(times: Ints, first: int, interval: float) -> int:
@@ -20,8 +21,9 @@ def _late(times: Ints, first: int, interval: float) -> int:
         np.abs(late - before[np.maximum(at - 1, 0)]),
         np.abs(before[np.minimum(at, before.size - 1)] - late),
     )
-    # times recorded again lie within half an interval of those before
-    return number if np.all(distance >= _FREE * interval) else 0
+    # times recorded again lie within half an interval of those before, or before the recording
+    again = np.any(distance < _FREE * interval)
+    return 0 if again or late.min() < before[0] - _AHEAD * interval else number
 
 
 def steps_back(times: Ints, interval: float) -> list[int]:

@@ -308,6 +308,19 @@ def _leader(flight: FlightRecord, clock: Clock) -> Iterator[LogChannel]:
     yield from _of_vehicle(flight, "leader", record, clock)
 
 
+def further_readings(name: str, m: Measurements, time_ns: Ints) -> Iterator[Channel]:
+    """Readings of further sensors of a vehicle, at their own rates; times are those of all filter
+    steps [ns].
+    """
+    for sensor, readings in m.custom.items():
+        rows = readings.reshape(len(readings), -1)
+        header = m.sensors.get(sensor, SensorHeader())
+        type_ = schema.custom_reading(sensor, header.names(rows.shape[1]))
+        every = header.steps(m.dt)
+        due = slice(every - 1, None, every)
+        yield numeric(f"/{name}", type_, time_ns[due], {"reading": rows[due]})
+
+
 def _follower(
     flight: FlightRecord, clock: Clock, f: int, errors: tuple[Floats, Floats]
 ) -> Iterator[LogChannel]:
@@ -316,13 +329,7 @@ def _follower(
     name = flight.trajectory.names[f + 1]
     time_ns = _step_times(flight, m, clock)
     yield from _of_vehicle(flight, name, (m, e), clock)
-    for sensor, readings in m.custom.items():
-        rows = readings.reshape(len(readings), -1)
-        header = m.sensors.get(sensor, SensorHeader())
-        type_ = schema.custom_reading(sensor, header.names(rows.shape[1]))
-        every = header.steps(m.dt)
-        due = slice(every - 1, None, every)
-        yield numeric(f"/{name}", type_, time_ns[due], {"reading": rows[due]})
+    yield from further_readings(name, m, time_ns)
     yield numeric(
         f"/{name}", schema.ERROR, time_ns, dict(zip(schema.ERROR.fields, errors, strict=True))
     )

@@ -59,7 +59,7 @@ class CustomSensor(Section):
     __pydantic_extra__: dict[str, bool | int | float | str]
 
     sensor: str = Field(
-        description="inverted-usbl, inclinometer, gyros, or class, as module:Class",
+        description="dvl, inverted-usbl, inclinometer, gyros, or class, as module:Class",
         pattern=SENSOR_CLASS,
     )
 

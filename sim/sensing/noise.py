@@ -53,6 +53,7 @@ class Stream(IntEnum):
     LOSS = 5  # uniforms at a reception: lost messages and ranges
     GYRO = 6  # normals at every step: rates of turn about the hull's up and port axes
     TILT = 7  # normal at every step: the follower's inclinometer
+    DVL = 8  # normals at a reading: the follower's Doppler velocity log, where it has one
     # normals at a look at a vehicle: of vehicle v on stream 64 + v, the leader being vehicle 0
     NEARBY = 64
     LEADER_MOTION = LEADER_STREAMS  # normals at an emission: the leader's speed log, compass

@@ -40,6 +40,7 @@ from sim.scenario.section import in_si
 from sim.scenario.sensors import Acoustics, Sensors
 from sim.scenario.sensors import CustomSensor as CustomSensorTable
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.sensing.dvl import Dvl
 from sim.sensing.links import Link, named_link, navigated_link
 from sim.sensing.noise import Address, Stream, uniforms_at
 from sim.sensing.sensor import (
@@ -685,6 +686,7 @@ class InvertedUsblSensor(Sensor):
 
 
 SHIPPED: dict[str, type[Sensor]] = {
+    "dvl": Dvl,
     "inverted-usbl": InvertedUsblSensor,
     "inclinometer": Inclinometer,
     "gyros": Gyros,

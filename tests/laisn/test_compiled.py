@@ -286,42 +286,71 @@ from typing import NamedTuple
 import numpy as np
 import laisn.compiled as compilation
 from sim import simulation
-from laisn.compiled import compiled
+from laisn.compiled import compiled, jitable, method_by_type
 {imports}
 
 class Pair(NamedTuple):
     first: float
     second: float
 
+    @jitable
+    def total(self):
+        return self[0] + self[1]
+
+method_by_type("total")
+
 @compiled
 def total(pair):
-    return pair[0] + pair[1]
+    return pair.total()
 
 total._cache = compilation._Cache(simulation.static_trajectory)
 print(total({argument}), sum(total.stats.cache_hits.values()))
 """
+MINE = """
+from typing import NamedTuple
+from laisn.compiled import jitable
+from weights import WEIGHT
+
+class Mine(NamedTuple):
+    a: float
+    b: float
+
+    @jitable
+    def total(self):
+        return self.a + WEIGHT * self.b
+"""
 
 
-def test_a_type_of_the_user_s_is_in_no_index(tmp_path: Path) -> None:
-    """A process that cannot import its class reads the index of the same function."""
-    (tmp_path / "mine.py").write_text(
-        "from typing import NamedTuple\nclass Mine(NamedTuple):\n    a: float\n    b: float\n"
-    )
+def test_types_of_the_user_s_are_stored_beside_and_never_with_old_methods(tmp_path: Path) -> None:
+    """A process that cannot import the class reads the index of the same function."""
+    sources = tmp_path / "sources"
+    sources.mkdir()
     cache = tmp_path / "cache"
-    path = f"sys.path.append({str(tmp_path)!r}); import mine"
-    programs = [
-        CUSTOM.format(imports=path, argument="mine.Mine(1.0, 2.0)"),
-        CUSTOM.format(imports="", argument="(1.0, 2.0)"),
-        CUSTOM.format(imports="", argument="(1.0, 2.0)"),
-        CUSTOM.format(imports=path, argument="mine.Mine(1.0, 2.0)"),
-    ]
-    results = []
-    for program in programs:
+    path = f"sys.dont_write_bytecode = True; sys.path.append({str(sources)!r}); import mine"
+    mine = CUSTOM.format(imports=path, argument="mine.Mine(1.0, 2.0)")
+    other = CUSTOM.format(imports="", argument="(1.0, 2.0)").replace("pair.total()", "pair[0]")
+    notebook = CUSTOM.format(imports="", argument="Pair(1.0, 2.0)")
+
+    def run(program: str) -> list[str]:
         out, errors = child(program, cache).communicate(timeout=120)
         assert not errors
-        results.append(out.split())
-    assert results == [["3.0", "0"], ["3.0", "0"], ["3.0", "1"], ["3.0", "0"]]
-    (index,) = cache.rglob("*.nbi")
+        return out.split()
+
+    def write(weight: float, sign: str) -> None:
+        (sources / "weights.py").write_text(f"WEIGHT = {weight}\n")
+        (sources / "mine.py").write_text(MINE.replace("+", sign))
+
+    write(1.0, "+")
+    assert [run(mine), run(mine)] == [["3.0", "0"], ["3.0", "1"]]
+    assert [run(other), run(other)] == [["1.0", "0"], ["1.0", "1"]]
+    assert [run(notebook), run(notebook)] == [["3.0", "0"], ["3.0", "0"]]
+    write(2.0, "+")
+    assert [run(mine), run(mine)] == [["5.0", "0"], ["5.0", "1"]]
+    write(2.0, "-")
+    assert run(mine) == ["-3.0", "0"]
+    write(1.0, "+")
+    assert run(mine) == ["3.0", "1"]
+    (index,) = [path for path in cache.rglob("*.nbi") if "-" not in path.parts[-3]]
     assert b"mine" not in index.read_bytes()
 
 

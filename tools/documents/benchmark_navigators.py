@@ -76,7 +76,8 @@ def all_scores(folder: Path, navigators: Sequence[str]) -> Mapping[str, list[Mis
 def run(folder: Path) -> None:
     """Write the data of the benchmark, score the navigators, and write the record into a folder."""
     data = folder / "data"
-    generate(data, list(missions().values()), range(1, SEEDS + 1), workers=os.cpu_count() or 1)
+    scored = [mission for mission in missions().values() if mission.scored]
+    generate(data, scored, range(1, SEEDS + 1), workers=os.cpu_count() or 1)
     findings = dict[str, Finding]()
     for name, scores in all_scores(data, NAVIGATORS).items():
         findings |= findings_of(name, scores)

@@ -27,6 +27,7 @@ from experiments.benchmark.tables import (
     read_measurements,
     read_truth,
 )
+from experiments.flight.library import load_scenario
 from laisn.arrays import Floats
 from laisn.messages import Ranges
 from laisn_sim.cli.main import app
@@ -37,6 +38,20 @@ SAMPLE = ROOT / "examples" / "benchmark"
 RUN = FollowerRun("astern", 1, "follower")
 N = 2000
 DT = 0.1
+BOTTOM = (
+    "import numpy as np\n"
+    "class ByDvl:\n"
+    "    needs = ('dvl',)\n"
+    "    def __init__(self, settings, start):\n"
+    "        self.state, self.covariance = np.array(start, float), np.eye(4)\n"
+    "    def step(self, own, reception, dt):\n"
+    "        forward, port, _, _ = own.custom['dvl']\n"
+    "        if np.isfinite(forward):\n"
+    "            sine, cosine = np.sin(own.heading), np.cos(own.heading)\n"
+    "            self.state[2:] = forward * sine - port * cosine, forward * cosine + port * sine\n"
+    "        self.state[:2] += dt * self.state[2:]\n"
+)
+"""Dead reckoning by compass and DVL."""
 
 
 def laisn(*words: object, code: int = 0) -> str:
@@ -127,7 +142,7 @@ def test_every_mission_can_be_flown_and_tells_its_transmitters(name: str) -> Non
     assert scenario.seed == 3
     assert scenario.name == name
     assert scenario.navigation.assume.transmitters == mission.transmitters
-    assert len(missions()) == 20
+    assert sum(other.scored for other in missions().values()) == 20
 
 
 def test_the_importer_reads_the_same_measurements(tmp_path: Path) -> None:
@@ -173,6 +188,60 @@ def test_version_1_stays_as_it_is(tmp_path: Path) -> None:
         assert list(new) == list(old)
         for column, values in old.items():
             np.testing.assert_allclose(new[column], values, rtol=0, atol=1.01e-4, err_msg=column)
+
+
+@pytest.mark.system
+def test_further_sensors_are_in_all_formats_and_navigators_get_them(tmp_path: Path) -> None:
+    """The table is what the DVL measured: with it, a current is no error of dead reckoning."""
+    data = tmp_path / "data"
+    only = ("--mission", "bottom-lock", "--seeds", 1, "--seconds", 60, "--workers", 1)
+    laisn("bench-data", data, *only, "--format", "mcap")
+    measured = read_measurements(data / "measurements" / "bottom-lock" / "01" / "follower.csv")
+    log, _ = read_recording(data / "measurements" / "bottom-lock" / "01" / "measurements.mcap")
+    assert set(measured.custom) == {"dvl", "gyros", "inclinometer"}
+    for name, readings in measured.custom.items():
+        np.testing.assert_allclose(log.custom[name], readings, rtol=0, atol=1e-12, err_msg=name)
+    forward, port, _, altitude = measured.custom["dvl"].T
+    due = np.isfinite(forward)
+    # every 0.2 s, one in ten left out
+    assert np.isnan(forward[::2]).all()
+    assert 0.8 < 2.0 * due.mean() < 0.98
+    truth = read_truth(data / "truth" / "bottom-lock" / "01" / "follower.csv")
+    speed = np.hypot(*np.gradient(truth.position, measured.dt, axis=0).T)
+    np.testing.assert_allclose(np.hypot(forward, port)[due], speed[due], atol=0.06)
+    assert np.all(np.abs(altitude[due] + measured.depth[due] - 30.0) < 0.3)
+    (tmp_path / "bottom.py").write_text(BOTTOM, encoding="utf-8")
+    laisn(
+        *("score", "--navigator", "bottom:ByDvl", "--plugin", tmp_path / "bottom.py"),
+        *("--data", data, "--out", tmp_path / "scores.csv"),
+    )
+    (row,) = scores_of(tmp_path / "scores.csv")
+    # 60 s with a current of 0.3 m/s: 18 m by the log
+    assert float(row["e_p_max_m"]) < 9.0
+
+
+@pytest.mark.system
+def test_a_task_tells_the_profile_by_which_rays_bend(tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    only = ("--mission", "thermocline", "--seeds", 1, "--seconds", 20, "--workers", 1)
+    laisn("bench-data", data, *only)
+    task = load_scenario(str(data / "tasks" / "thermocline.toml"))
+    mission = missions()["thermocline"].scenario(1)
+    assert task.acoustics.sound_speed_profile == mission.acoustics.sound_speed_profile
+    assert task.acoustics.rays == mission.acoustics.rays == "refracted"
+    printed = laisn("score", "--navigator", "tight", "--data", data)
+    assert "geometric mean of 1 mission" in printed
+
+
+def test_missions_that_do_not_count_are_left_out_of_the_score() -> None:
+    scores = [
+        score_mission(
+            name, [score_run(RUN, straight_truth(), track(np.array([x, 0.0]), (1, 0, 1)))]
+        )
+        for name, x in (("astern", 1.0), ("drift", 4.0), ("bottom-lock", 100.0))
+    ]
+    assert total(scores) == pytest.approx(4.0)
+    assert total(scores[2:]) == pytest.approx(200.0)
 
 
 def test_the_manifest_tells_damage(tmp_path: Path) -> None:

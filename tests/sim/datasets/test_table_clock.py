@@ -72,6 +72,14 @@ def test_a_clock_that_steps_back_is_corrected(
     assert sent == pytest.approx(40.0 + truth)
 
 
+def test_a_clock_that_steps_back_before_the_first_row_is_corrected(tmp_path: Path) -> None:
+    """No time of the recording is met again."""
+    table = read(tmp_path, rows(lambda time: 500.0 + time - (300.0 if time > 60.05 else 0.0)))
+    since, truth = received(table)
+    assert since == pytest.approx(truth, abs=1e-6)
+    assert np.diff(table.time_ns) == pytest.approx(np.full(999, 1e8))
+
+
 def test_an_outage_at_a_step_back_lasts_as_long_as_the_leaders_clock_says(tmp_path: Path) -> None:
     """12 s without rows, after which the clock is 50 s behind."""
     table = read(tmp_path, rows(stepped(-50.0), stepped(0.0), left_out=(601, 721)))

@@ -1,0 +1,204 @@
+"""Clocks of a bag that step: of the recorder, by the order in which it wrote messages, and of a
+sensor, by the recorder's.
+"""
+
+import re
+import sqlite3
+from collections import defaultdict, deque
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from mcap.reader import make_reader
+
+from laisn.arrays import Ints
+from sim.log.order import steps_back
+
+_MOST_STEPS = 20  # more are no corrections of a clock
+_BESIDE = 20  # messages on each side of a step whose delays are compared
+_FEWEST = 3
+_GAP = 10.0  # shortest gap between stamps that may be a step forward [intervals]
+_SHORTEST_GAP_NS = 10**9
+_MESSAGES = (
+    "SELECT topics.name, messages.timestamp FROM messages "
+    "JOIN topics ON topics.id = messages.topic_id ORDER BY messages.id"
+)
+
+
+class Written(NamedTuple):
+    """A message as it was recorded."""
+
+    topic: str
+    time_ns: int  # of recording
+
+
+def _interval(times: Ints) -> int:
+    """Median interval between times [ns]."""
+    spans = np.diff(times)
+    rising = spans[spans > 0]
+    return int(np.median(rising)) if rising.size else 0
+
+
+def _number(path: Path) -> tuple[int, str]:
+    """By which the files of a bag are ordered: bag_2.db3 comes before bag_10.db3."""
+    digits = re.search(r"(\d+)$", path.stem)
+    return int(digits[1]) if digits else 0, path.name
+
+
+def _of_mcap(path: Path, topics: Collection[str]) -> Iterator[Written]:
+    with path.open("rb") as stream:
+        reader = make_reader(stream)
+        for _, channel, message in reader.iter_messages(topics, log_time_order=False):
+            yield Written(channel.topic, message.log_time)
+
+
+def _of_database(path: Path, topics: Collection[str]) -> Iterator[Written]:
+    connection = sqlite3.connect(f"{path.resolve().as_uri()}?immutable=1", uri=True)
+    try:
+        for topic, time_ns in connection.execute(_MESSAGES):
+            if topic in topics:
+                yield Written(topic, time_ns)
+    finally:
+        connection.close()
+
+
+def _of_ros1(reader: Any, topics: Collection[str]) -> Iterator[Written]:
+    entries = [
+        ((entry.chunk_pos, entry.offset), Written(connection.topic, entry.time))
+        for connection in reader.connections
+        if connection.topic in topics
+        for entry in reader.indexes[connection.id]
+    ]
+    for _, written in sorted(entries):
+        yield written
+
+
+def written_order(path: Path, readers: Any, topics: Collection[str]) -> list[Written]:
+    """Messages of topics in the order in which they were written, which readers of rosbags give
+    sorted by time; none where that cannot be told, as of compressed files.
+    """
+    if path.suffix == ".bag":
+        return [written for reader in readers for written in _of_ros1(reader, topics)]
+    written = list[Written]()
+    for suffix, read in ((".mcap", _of_mcap), (".db3", _of_database)):
+        files = [path] if path.is_file() else sorted(path.glob(f"*{suffix}"), key=_number)
+        for file in files:
+            if file.suffix == suffix:
+                written += read(file, topics)
+    return written
+
+
+class _Place(NamedTuple):
+    """Where a message stands, and when it was recorded by a clock that does not step."""
+
+    position: int
+    time_ns: int
+
+
+class RecorderClock:
+    """Times of recording without the steps back of the recorder's clock.
+
+    Attributes:
+        remarks: what was corrected.
+    """
+
+    def __init__(self, order: list[Written]) -> None:
+        self.remarks: list[str] = []
+        self._places = defaultdict[Written, deque[_Place]](deque)
+        self._count = 0
+        if order:
+            self._correct(order)
+
+    def _correct(self, order: list[Written]) -> None:
+        positions_by_topic = defaultdict[str, list[int]](list)
+        for position, written in enumerate(order):
+            positions_by_topic[written.topic].append(position)
+        # the topic with the most messages tells best when a step was
+        reference = max(positions_by_topic, key=lambda topic: len(positions_by_topic[topic]))
+        positions = np.array(positions_by_topic[reference])
+        times = np.array([written.time_ns for written in order], dtype=np.int64)
+        interval = _interval(times[positions])
+        steps = steps_back(times[positions], interval)
+        if not steps:
+            return
+        if len(steps) > _MOST_STEPS:
+            self.remarks.append(
+                f"times of recording step back {len(steps)} times in the order of the file, and "
+                "are sorted"
+            )
+            return
+        shifted = times.copy()
+        for step in steps:
+            last, first = positions[step - 1 : step + 1].tolist()
+            shift = int(shifted[last]) + interval - int(shifted[first])
+            between = np.arange(last + 1, first)
+            # of the old clock or of the new one
+            distance = np.abs(times[between, None] - times[[last, first]])
+            is_later = distance[:, 1] < distance[:, 0]
+            shifted[between[is_later]] += shift
+            shifted[first:] += shift
+            self.remarks.append(
+                f"the recorder's clock steps back by {shift / 1e9:.6g} s after message {step} of "
+                f"{reference}; later messages are shifted by as much"
+            )
+        for position, written in enumerate(order):
+            self._places[written].append(_Place(position, int(shifted[position])))
+
+    def place(self, topic: str, time_ns: int) -> _Place:
+        """Of the next message of a topic with a time of recording, as readers give them."""
+        places = self._places.get(Written(topic, time_ns))
+        if places:
+            return places.popleft()
+        self._count += 1
+        return _Place(self._count, time_ns)
+
+
+def _delay(stamps: Ints, recorded: Ints) -> float:
+    """Median of stamps less times of recording [ns]; NaN of few messages, or if these were not
+    recorded as fast as they were stamped, as in a bag that was converted.
+    """
+    offset = stamps - recorded
+    steady = stamps.size >= _FEWEST and np.ptp(offset) <= 0.5 * np.ptp(stamps)
+    return float(np.median(offset)) if steady else np.nan
+
+
+class Stamps(NamedTuple):
+    """Stamps without steps of their clock."""
+
+    time_ns: Ints
+    remarks: list[str]
+
+
+def corrected_stamps(stamps: Ints, recorded: Ints) -> Stamps:
+    """Stamps of a topic whose clock steps against that of the recorder: later ones are shifted, so
+    that messages are recorded as long after their stamps as before. Both in order of recording,
+    shapes (n,), [ns].
+    """
+    interval = _interval(stamps)
+    gap = max(_GAP * interval, _SHORTEST_GAP_NS)
+    ahead = np.flatnonzero(np.diff(stamps) - np.diff(recorded) > gap) + 1
+    places = sorted({*steps_back(stamps, interval), *ahead.tolist()})
+    if len(places) > _MOST_STEPS:
+        return Stamps(stamps, [])
+    corrected = stamps.copy()
+    remarks = list[str]()
+    ends = [*places[1:], stamps.size][: len(places)]
+    begin = 0
+    for place, end in zip(places, ends, strict=True):
+        earlier = slice(max(begin, place - _BESIDE), place)
+        later = slice(place, min(end, place + _BESIDE))
+        difference = _delay(corrected[earlier], recorded[earlier]) - _delay(
+            corrected[later], recorded[later]
+        )
+        if not abs(difference) > interval:
+            continue
+        shift = round(difference)
+        corrected[place:] += shift
+        begin = place
+        direction = "back" if shift > 0 else "forward"
+        remarks.append(
+            f"stamps step {direction} by {abs(shift) / 1e9:.6g} s after message {place}, by the "
+            "times of recording; later ones are shifted by as much"
+        )
+    return Stamps(corrected, remarks)
