@@ -225,7 +225,7 @@ def test_a_task_tells_the_profile_by_which_rays_bend(tmp_path: Path) -> None:
     data = tmp_path / "data"
     only = ("--mission", "thermocline", "--seeds", 1, "--seconds", 20, "--workers", 1)
     laisn("bench-data", data, *only)
-    task = load_scenario(str(data / "tasks" / "thermocline.toml"))
+    task = load_scenario(str(data / "tasks" / "thermocline.toml"), ())
     mission = missions()["thermocline"].scenario(1)
     assert task.acoustics.sound_speed_profile == mission.acoustics.sound_speed_profile
     assert task.acoustics.rays == mission.acoustics.rays == "refracted"
