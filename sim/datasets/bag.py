@@ -206,14 +206,14 @@ class _Message(NamedTuple):
     value: Any
 
 
-class Recording(NamedTuple):
+class BagSeries(NamedTuple):
     """What was read of a bag."""
 
     series: dict[Request, Series]
     remarks: list[str]  # of the recorder's clock
 
 
-def series_of(path: Path, requests: Sequence[Request], stamps: str = "header") -> Recording:
+def series_of(path: Path, requests: Sequence[Request], stamps: str = "header") -> BagSeries:
     """Values of fields over time, sorted by time; those of one time keep the last message. Times
     are without steps of clocks (`sim.datasets.bag_clock`).
 
@@ -249,7 +249,7 @@ def series_of(path: Path, requests: Sequence[Request], stamps: str = "header") -
                     ) from None
                 number = _number(value, request)
                 messages[request].append(_Message(*place, stamp_ns, number))
-    return Recording(
+    return BagSeries(
         series={request: _sorted(messages[request]) for request in requests},
         remarks=clock.remarks,
     )

@@ -308,7 +308,7 @@ def _leader(flight: FlightRecord, clock: Clock) -> Iterator[LogChannel]:
     yield from _of_vehicle(flight, "leader", record, clock)
 
 
-def further_readings(name: str, m: Measurements, time_ns: Ints) -> Iterator[Channel]:
+def further_readings(name: str, m: Measurements, time_ns: Ints) -> Iterator[LogChannel]:
     """Readings of further sensors of a vehicle, at their own rates; times are those of all filter
     steps [ns].
     """
