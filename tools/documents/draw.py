@@ -164,6 +164,7 @@ def main() -> None:
     save(architecture.picture(), "architecture")
     save(routes(), "routes")
     save(terms.picture(), "terms")
+    save(terms.consistency(), "consistency")
     flown = {
         name: fly(load_scenario(name, ()))[0]
         for name in {"T5", *(scenario for scenario, _, _ in STILLS.values())}

@@ -20,9 +20,10 @@ _INTRODUCTION = """# Scenario reference
 
 After reading this page you can set every key of a scenario.
 
-A scenario is a TOML file. It needs one `[[followers]]` table with a route. The value below is the
-default, `…` stands for none; other choices follow, or an interval. A value out of bounds is refused
-with its bounds.
+A scenario is a TOML file. It needs one `[[followers]]` table with a `route`, `waypoints` or a
+`station`; all other keys have defaults. A line below reads `key = default`, then the other choices
+or the interval of allowed values, then the meaning. `…` as a default means that nothing is set. A
+value out of bounds is refused, with its bounds.
 
 - `laisn scenarios T5` prints a complete scenario.
 - `laisn check FILE` validates a file.

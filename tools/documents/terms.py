@@ -1,10 +1,11 @@
-"""The picture of the glossary: leader, transmitters, circles of ranges, estimate and mirror
-image from above.
+"""The pictures of the glossary: leader, transmitters, circles of ranges, estimate and mirror
+image from above; and errors beside the covariance that a filter states, and the bound.
 """
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 
 from laisn.arrays import Floats
 from reports.style import FRAME, INK, SERIES
@@ -12,6 +13,8 @@ from reports.style import FRAME, INK, SERIES
 _HALF_BASELINE = 1.0  # [m], drawn larger than the project's
 _TRUTH = np.array([5.6, -4.6])
 _OFF = np.array([-1.3, -1.1])  # of the estimate from the truth
+_ERRORS = 120  # drawn of a filter whose errors have a standard deviation of 1 m along each axis
+_SIGMA_OF_BOUND = 0.7  # [m]
 
 
 def _point(
@@ -78,6 +81,35 @@ def picture() -> Figure:
     _arc(axes, 1.9, np.array([0.0, 1.0]), _TRUTH, truth_colour, "B")
     axes.set_xlim(-8.5, 8.5)
     axes.set_ylim(-8.1, 3.2)
+    return figure
+
+
+def consistency() -> Figure:
+    """Errors of a filter that states its covariance right, and of one that states it too small, by
+    their NEES; beside them the least covariance that any filter can have.
+    """
+    figure = Figure(figsize=(6.2, 3.1), layout="constrained")
+    truth_colour, stated_colour, bound_colour = (colour.light for colour in SERIES[:3])
+    errors = np.random.default_rng(1).standard_normal((_ERRORS, 2))
+    for axes, nees in zip(figure.subplots(1, 2), (2.0, 10.0), strict=True):
+        axes.set_aspect("equal")
+        axes.set_axis_off()
+        axes.set_xlim(-3.9, 3.9)
+        axes.set_ylim(-3.4, 3.4)
+        axes.set_title(f"NEES {nees:g}, error {1.0 / _SIGMA_OF_BOUND:.1f} × bound", fontsize=9)
+        axes.plot(*errors.T, ".", color=FRAME.light, markersize=4)
+        axes.plot(0.0, 0.0, "o", color=truth_colour, markersize=5)
+        axes.annotate("truth", (0.1, 0.12), color=truth_colour, fontsize=8)
+        # of two dimensions: NEES = 2 (σ of the errors / σ stated)²
+        stated = (2.0 / nees) ** 0.5
+        circles = (
+            (stated, stated_colour, "-", "2σ as the filter states it", 2.75),
+            (_SIGMA_OF_BOUND, bound_colour, "--", "2σ of the bound", -3.1),
+        )
+        for sigma, colour, dash, words, height in circles:
+            circle = Circle((0.0, 0.0), 2.0 * sigma, fill=False, color=colour, linestyle=dash)
+            axes.add_patch(circle)
+            axes.annotate(words, (0.0, height), ha="center", color=colour, fontsize=8)
     return figure
 
 
