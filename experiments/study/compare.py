@@ -85,19 +85,17 @@ def _flights(names: Sequence[str], flights: Sequence[FlightRecord]) -> dict[str,
     }
 
 
-Condition = tuple[str, ...]
-"""Settings of a place in words."""
+Place = tuple[str, ...]
+"""Settings of a place of a study in words."""
 
 
-def _points_text(points: Iterable[Condition]) -> str:
+def _points_text(points: Iterable[Place]) -> str:
     texts = [", ".join(point) or "the only one" for point in points]
     more = f" and {len(texts) - _NAMED} more" if len(texts) > _NAMED else ""
     return f"{'; '.join(texts[:_NAMED]) or 'none with a value'}{more}"
 
 
-def _require_common_points(
-    folders: Sequence[Path], values: Sequence[Mapping[Condition, Any]]
-) -> None:
+def _require_common_points(folders: Sequence[Path], values: Sequence[Mapping[Place, Any]]) -> None:
     """LaisnError naming the first study that has no point in common with the first of them."""
     for folder, points in zip(folders[1:], values[1:], strict=True):
         if not values[0].keys() & points.keys():
@@ -108,7 +106,7 @@ def _require_common_points(
             )
 
 
-def paired(folders: Sequence[Path], metric: str) -> dict[Condition, list[Interval | None]]:
+def paired(folders: Sequence[Path], metric: str) -> dict[Place, list[Interval | None]]:
     """For every place that studies share with the first of them: its mean, and the others' paired
     differences.
 
@@ -121,7 +119,7 @@ def paired(folders: Sequence[Path], metric: str) -> dict[Condition, list[Interva
     _require_common_points(folders, values)
     first, *others = values
     shares = metric in SHARES
-    intervals: dict[Condition, list[Interval | None]] = {}
+    intervals: dict[Place, list[Interval | None]] = {}
     for condition, runs in first.items():
         intervals[condition] = [_mean(runs, shares=shares)]
         for other in others:
@@ -173,8 +171,8 @@ Runs = dict[tuple[int, int], float]
 """Values by seed and number of the run."""
 
 
-def _values_of(table: Sequence[Record], keys: Sequence[str], metric: str) -> dict[Condition, Runs]:
-    values = defaultdict[Condition, Runs](dict)
+def _values_of(table: Sequence[Record], keys: Sequence[str], metric: str) -> dict[Place, Runs]:
+    values = defaultdict[Place, Runs](dict)
     for row in table:
         if row[metric] is not None:
             condition = tuple(f"{key} = {row[key]}" for key in keys)

@@ -2,14 +2,17 @@
 
 State, of n numbers; the last ten only where the settings have them unknown:
 
-    x, y    position of the hydrophone, east and north [m] b_v     bias of the speed log [m/s] b_θ
-    bias of the compass [rad] b_r     mean of the error that the ranges share in proportion [m at
-    the largest range of the message] b_L     bias of the leader's compass [rad] c       current,
-    east and north [m/s] d_i     constant error of the range to transmitter i beside that of the
-    first one [m] τ, τ̇    clock offset of the follower from the leader, as a range [m], and its
-    rate [m/s]
-    e, w    error of the broadcast position, true less broadcast, east and north [m]: what is new
-    in each message, and what walks
+    x, y    position of the hydrophone, east and north [m]
+    b_v     bias of the speed log [m/s]
+    b_θ     bias of the compass [rad]
+    b_r     mean of the error that the ranges share in proportion [m at the largest range of the
+            message]
+    b_L     bias of the leader's compass [rad]
+    c       current, east and north [m/s]
+    d_i     constant error of the range to transmitter i beside that of the first one [m]
+    τ, τ̇    clock offset of the follower from the leader, as a range [m], and its rate [m/s]
+    e, w    error of the broadcast position, true less broadcast, east and north [m]: what is new in
+            each message, and what walks
 
 A belief is a mixture of Gaussians. With two transmitters both sides of the leader's axis are kept
 until the data decide; each such side is a *hypothesis*. Where biases drift, each hypothesis has two

@@ -5,10 +5,11 @@ PID by pole placement with feedforward of the reference (Fossen, Handbook of Mar
 Hydrodynamics and Motion Control, 2nd ed. 2021). The bandwidth of the attitude loops is ω = 1 / (4 ×
 lag of the slowest effector that turns the hull, 0.3 s or more). All others follow:
 
-    heading, pitch    ω, relative damping 1; integral ω/10 sway              side slip is taken out
-    with ω/2, so that the vehicle goes where it points, also in turns speed             ω/2;
-    integral ω/10 depth             ω/5 through pitch, integral ω/20; ω/2 through heave, integral
-    ω/10
+    heading, pitch    ω, relative damping 1; integral ω/10
+    sway              side slip is taken out with ω/2, so that the vehicle goes where it points,
+                      also in turns
+    speed             ω/2; integral ω/10
+    depth             ω/5 through pitch, integral ω/20; ω/2 through heave, integral ω/10
 
 By pitch, the hull climbs and dives, and takes the incidence whose lift holds its depth; what it
 cannot lift, and all of it when it is slow, vertical thrusters carry, where it has them. By thrust,

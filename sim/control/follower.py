@@ -5,9 +5,9 @@ Laws that bring a follower to its moving station (`approach`); along its path al
 alike:
 
     constant bearing   v = v_st − U p̃ / √(p̃ᵀp̃ + Δ²), less the estimated current (Breivik and
-    Fossen 2007) ILOS               line of sight with an integral of the cross-track error in place
-    of the current
-                       (Børhaug, Pavlov and Pettersen 2008)
+                       Fossen 2007)
+    ILOS               line of sight with an integral of the cross-track error in place of the
+                       current (Børhaug, Pavlov and Pettersen 2008)
     ALOS               line of sight with an adaptive crab angle (Fossen 2023)
 
 It gives way to vehicles nearby: v = v_wanted − Σ w(d) r̂, w(d) = W min(max((R − d) / (R − F), 0),

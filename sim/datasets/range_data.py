@@ -3,11 +3,12 @@
 Those of Djugash, Hamner & Roth 2009, "Navigating with Ranging Radios", are five tables in MATLAB or
 text files:
 
-    DR   time, distance driven, change of heading          odometry TD   time, sender, receiver,
-    range                     ranges to the receivers TL   node, x, y
-    surveyed places of the nodes GT   time, x, y, heading                               surveyed
-    path; may be missing DRp  time, x, y, heading                               odometry summed up
-    from the start on; may be missing
+    DR   time, distance driven, change of heading          odometry
+    TD   time, sender, receiver, range                     ranges to the receivers
+    TL   node, x, y                                        surveyed places of the nodes
+    GT   time, x, y, heading                               surveyed path; may be missing
+    DRp  time, x, y, heading                               odometry summed up from the start on; may
+                                                           be missing
 
 Times are in s, places in m, headings in rad anticlockwise from east.
 """
