@@ -283,20 +283,22 @@ def _weight_errors(hull: Hull, speeds: SpeedRange) -> list[str]:
     ]
 
 
+def _is_usual(scenario: Scenario, vehicle: Vehicle) -> bool:
+    """Whether a hull of the project is as it was designed, in water for which it was."""
+    return (
+        all(getattr(vehicle, name) == Vehicle.model_fields[name].default for name in HULL_KEYS[1:])
+        # buoyancy follows the density
+        and scenario.ocean.density_kg_m3 == SEA_WATER
+        and scenario.timing.physics_step_s <= _USUAL_STEP_S
+    )
+
+
 def _control_errors(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]:
     """What the autopilot of a vehicle cannot control."""
-    usual = all(
-        getattr(vehicle, name) == Vehicle.model_fields[name].default for name in HULL_KEYS[1:]
-    )
-    # buoyancy follows the density
-    usual = usual and scenario.ocean.density_kg_m3 == SEA_WATER
     custom = vehicle.model is not None
-    waves = scenario.ocean.waves
-    if not custom and (
-        scenario.motion == "kinematic"
-        or (usual and scenario.timing.physics_step_s <= _USUAL_STEP_S)
-    ):
+    if not custom and (scenario.motion == "kinematic" or _is_usual(scenario, vehicle)):
         return []
+    waves = scenario.ocean.waves
     hull = hull_of(scenario, vehicle)
     lines = _errors_of(partial(calm_plant, hull), "hull")
     if not lines:

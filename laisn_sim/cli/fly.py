@@ -274,8 +274,15 @@ def write_flight(
     return flight, summary, film_error
 
 
-def _opened_view(console: Console, foxglove: bool) -> "LiveView":
-    """A live view with its page open, or after a while without one."""
+def _opened_view(console: Console, scenario: Scenario, foxglove: bool, live: bool) -> "LiveView":
+    """A live view with its page open, or after a while without one; LaisnError if the mission
+    cannot be shown live.
+    """
+    if scenario.motion == "kinematic":
+        raise LaisnError(
+            f'{"--live" if live else "--foxglove"}: expected motion = "physics" (points, as '
+            'motion = "kinematic" has them, are not flown step by step)'
+        )
     from laisn_sim.cli.viewing import open_address
     from laisn_sim.live import LiveView
     from sim.log.stream import PORT
@@ -316,12 +323,7 @@ def fly_and_write(
     for caution in cautions(scenario):
         print_line(console, caution, "warning:")
     replaces = (folder / SUMMARY).exists()
-    if (live or foxglove) and scenario.motion == "kinematic":
-        raise LaisnError(
-            f'{"--live" if live else "--foxglove"}: expected motion = "physics" (points, as '
-            'motion = "kinematic" has them, are not flown step by step)'
-        )
-    view = _opened_view(console, foxglove) if live or foxglove else None
+    view = _opened_view(console, scenario, foxglove, live) if live or foxglove else None
     with one_flight(folder) as work:
         flight, summary, film_error = write_flight(
             scenario,
@@ -336,11 +338,11 @@ def fly_and_write(
         print_line(console, deviation, "warning:")
     for event in stray_events(flight):
         print_line(console, f"at {event.time_s:g} s {event.text}", "warning:")
-    bug = not isinstance(film_error, LaisnError)
+    is_bug = film_error is not None and not isinstance(film_error, LaisnError)
     if film_error:
-        print_line(console, "a bug in the program" if bug else film_error, "no film:")
+        print_line(console, "a bug in the program" if is_bug else film_error, "no film:")
     earlier = " (replaces the earlier flight)" if replaces else ""
     print_line(console, f"results in {folder}{earlier}")
-    if film_error and bug:
+    if film_error and is_bug:
         raise film_error
     return flight.outcome

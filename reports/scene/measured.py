@@ -4,7 +4,7 @@ or fixed transmitters, and a surveyed path as the truth if the log has one.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -128,68 +128,121 @@ def _known(vehicle: Measured) -> float:
     return float(time[min(vehicle.estimates.unknown, time.size - 1)])
 
 
-def scene_of_measured(name: str, vehicles: Sequence[Measured]) -> Scene:
-    """The scene of a replay."""
+class _Rows(NamedTuple):
+    """The instants at which a scene has rows."""
+
+    start: float  # [s]
+    end: float
+    hz: float
+    slow_hz: float
+    grid: Floats  # shape (n,), [s]
+    slow: Floats  # of what changes slowly
+
+
+def _rows_of(vehicles: Sequence[Measured]) -> _Rows:
+    """Rows of a replay, as many in a second as its length and its vehicles allow."""
     start = min(float(vehicle.measured.time[0]) for vehicle in vehicles)
     end = max(float(vehicle.measured.time[-1]) for vehicle in vehicles)
     hz = rate_of(end - start, len(vehicles) + 1)
     slow_hz = min(SLOW_HZ, hz)
+    return _Rows(
+        start=start,
+        end=end,
+        hz=hz,
+        slow_hz=slow_hz,
+        grid=start + np.arange(int((end - start) * hz) + 2) / hz,
+        slow=start + np.arange(int((end - start) * slow_hz) + 2) / slow_hz,
+    )
+
+
+class _Way(NamedTuple):
+    """What a scene shows of the motion of one vehicle."""
+
+    vehicle: SceneVehicle
+    position: Floats  # at each row, shape (n, 3), [m]
+    quaternion: Floats  # shape (n, 4)
+    speed: Floats  # at each slow row, shape (m,), [m/s]
+
+
+def _way_of_leader(vehicles: Sequence[Measured], rows: _Rows) -> _Way | None:
+    """The leader by its messages; None if none holds where it is."""
+    leader = _leader(vehicles, rows.grid)
+    if leader is None:
+        return None
+    measured = vehicles[0].measured
+    sent = measured.time[measured.message_step - 1]
+    return _Way(*leader, _between(sent, _columns(measured, "speed"), rows.slow)[:, 0])
+
+
+def _way_of_follower(
+    vehicle: Measured, model: int, rows: _Rows, estimated: Floats, *, truth: bool
+) -> _Way:
+    """A follower on its true path, where that is known of all, or else on its estimated one."""
+    measured = vehicle.measured
+    path = estimated
+    if truth and vehicle.path is not None:
+        path = _between(vehicle.path[:, 0], vehicle.path[:, 1:3], rows.grid)
+    return _Way(
+        SceneVehicle(name=vehicle.name, role="follower", model=model),
+        np.column_stack([path, -_depth(vehicle, rows.grid)]),
+        _level(_heading(measured.time, measured.heading, rows.grid)),
+        np.interp(rows.slow, measured.time, np.nan_to_num(measured.speed)),
+    )
+
+
+def _pack(
+    packer: Packer, vehicles: Sequence[Measured], ways: Sequence[_Way], rows: _Rows, states: Floats
+) -> None:
+    """Add what moves, and estimates, shape (n, f, 2), with their covariances."""
     units = FINE if len(vehicles) <= CROWD else COARSE
-    grid = start + np.arange(int((end - start) * hz) + 2) / hz
-    slow = start + np.arange(int((end - start) * slow_hz) + 2) / slow_hz
-    truth = all(vehicle.path is not None for vehicle in vehicles)
-    beacons = beacons_of(vehicles)
-    leader = None if len(beacons) else _leader(vehicles, grid)
-    hulls, hull_of, _ = hulls_of(["leader", "follower"])
-    seen: list[SceneVehicle] = []
-    positions: list[Floats] = []
-    quaternions: list[Floats] = []
-    speeds: list[Floats] = []
-    states: list[Floats] = []
-    if leader is not None:
-        seen.append(leader[0])
-        positions.append(leader[1])
-        quaternions.append(leader[2])
-        sent = vehicles[0].measured.time[vehicles[0].measured.message_step - 1]
-        speeds.append(_between(sent, _columns(vehicles[0].measured, "speed"), slow)[:, 0])
-    for vehicle in vehicles:
-        times = vehicle.measured.time
-        state = _between(times, vehicle.estimates.state[:, :2], grid)
-        path = state
-        if truth and vehicle.path is not None:
-            path = _between(vehicle.path[:, 0], vehicle.path[:, 1:3], grid)
-        seen.append(SceneVehicle(name=vehicle.name, role="follower", model=hull_of[1]))
-        states.append(state)
-        positions.append(np.column_stack([path, -_depth(vehicle, grid)]))
-        quaternions.append(_level(_heading(times, vehicle.measured.heading, grid)))
-        speeds.append(np.interp(slow, times, np.nan_to_num(vehicle.measured.speed)))
-    packer = Packer()
-    packer.add("position", np.stack(positions, axis=1), units.position)
-    packer.add("quaternion", smooth_quaternions(np.stack(quaternions, axis=1)), units.quaternion)
-    packer.add("speed", np.stack(speeds, axis=1), 0.01, 1)
-    packer.add("estimate", np.stack(states, axis=1), units.estimate, 1)
+    quaternion = np.stack([way.quaternion for way in ways], axis=1)
+    packer.add("position", np.stack([way.position for way in ways], axis=1), units.position)
+    packer.add("quaternion", smooth_quaternions(quaternion), units.quaternion)
+    packer.add("speed", np.stack([way.speed for way in ways], axis=1), 0.01, 1)
+    packer.add("estimate", states, units.estimate, 1)
     spread = []
     for vehicle in vehicles:
-        row = np.searchsorted(vehicle.measured.time, slow).clip(0, vehicle.measured.time.size - 1)
+        time = vehicle.measured.time
+        row = np.searchsorted(time, rows.slow).clip(0, time.size - 1)
         spread.append(vehicle.estimates.covariance[row, :2, :2])
     add_spread(packer, np.stack(spread, axis=1), units.spread)
+
+
+def scene_of_measured(name: str, vehicles: Sequence[Measured]) -> Scene:
+    """The scene of a replay."""
+    rows = _rows_of(vehicles)
+    truth = all(vehicle.path is not None for vehicle in vehicles)
+    beacons = beacons_of(vehicles)
+    hulls, hull_of, _ = hulls_of(["leader", "follower"])
+    states = [
+        _between(vehicle.measured.time, vehicle.estimates.state[:, :2], rows.grid)
+        for vehicle in vehicles
+    ]
+    leader = None if len(beacons) else _way_of_leader(vehicles, rows)
+    ways = [] if leader is None else [leader]
+    ways += [
+        _way_of_follower(vehicle, hull_of[1], rows, state, truth=truth)
+        for vehicle, state in zip(vehicles, states, strict=True)
+    ]
+    packer = Packer()
+    _pack(packer, vehicles, ways, rows, np.stack(states, axis=1))
     refused: list[list[Any]] = []
     for f, vehicle in enumerate(vehicles):
         refused += add_messages(packer, f, vehicle.measured, vehicle.estimates, 0.0)
         if len(beacons):
             packer.add(f"source{f}", _sources(vehicle.measured, beacons), order=0)
-    heights = np.concatenate([*(path[:, 2] for path in positions), beacons[:, 2]])
-    received = [np.isfinite(v.measured.ranges).any(axis=0) for v in vehicles]
+    heights = np.concatenate([*(way.position[:, 2] for way in ways), beacons[:, 2]])
+    received = [np.isfinite(vehicle.measured.ranges).any(axis=0) for vehicle in vehicles]
     meta = {
         "name": name,
-        "hz": hz,
-        "slow_hz": slow_hz,
-        "start": start,
-        "end": end,
+        "hz": rows.hz,
+        "slow_hz": rows.slow_hz,
+        "start": rows.start,
+        "end": rows.end,
         "truth": truth,
         "floor": float(heights.min()) - _BELOW_M,
         "hues": hues(),
-        "vehicles": [vars(vehicle) for vehicle in seen],
+        "vehicles": [vars(way.vehicle) for way in ways],
         "models": hulls,
         "columns": 0,
         "beacons": beacons.tolist(),
@@ -200,8 +253,8 @@ def scene_of_measured(name: str, vehicles: Sequence[Measured]) -> Scene:
         "events": [],
         "messagesRefused": sorted(refused),
         "locks": [],
-        "opening": start + (end - start) / 3,
-        "follow": len(seen) - 1 if len(vehicles) == 1 else -1,
+        "opening": rows.start + (rows.end - rows.start) / 3,
+        "follow": len(ways) - 1 if len(vehicles) == 1 else -1,
         "arrays": packer.table(),
     }
     return Scene(meta=meta, data=packer.text())

@@ -205,21 +205,30 @@ def _quantity_match(words: Sequence[str], unit: str, *, leader: bool) -> Match |
     if len(quantities) != 1:
         return None
     (quantity,) = quantities
-    doubtful = [word for word in rest if word in _IN_DOUBT]
-    note = _NOTES.get(rest[-1], "is this right?") if len(doubtful) == len(rest) else ""
+    note = _doubt(rest)
     unit = unit or _implied_unit(rest[-1])
     if quantity == "speed" and slot_word in ("forward", "fwd"):
         slot = ""
-    if slot and quantity in ("east", "north", "depth"):
+    if slot:
         note = note or f"is {slot_word!r} the {slot} transmitter?"
-        return Match(f"{slot}_{quantity}", unit, note)
-    if slot or not quantity:
-        return None
-    if quantity == "timestamp" and not leader:
-        return Match("time", unit, note) if rest[-1] in TIME_NAMES else None
-    if leader:
-        return Match(f"leader_{quantity}", unit, note)
-    return None if quantity in _ONLY_LEADER else Match(quantity, unit, note)
+        of_place = quantity in ("east", "north", "depth")
+        return Match(f"{slot}_{quantity}", unit, note) if of_place else None
+    field = f"leader_{quantity}" if leader and quantity else _own_field(quantity, rest[-1])
+    return Match(field, unit, note) if field else None
+
+
+def _own_field(quantity: str, word: str) -> str:
+    """The field of the own vehicle's quantity, whose last word is given; "" for none."""
+    if quantity == "timestamp":
+        return "time" if word in TIME_NAMES else ""
+    return "" if quantity in _ONLY_LEADER else quantity
+
+
+def _doubt(words: Sequence[str]) -> str:
+    """A question about words that may have other meanings; "" if any of them has not."""
+    if any(word not in _IN_DOUBT for word in words):
+        return ""
+    return _NOTES.get(words[-1], "is this right?")
 
 
 def _implied_unit(word: str) -> str:

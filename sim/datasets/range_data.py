@@ -311,35 +311,9 @@ def read_range_tables(path: Path) -> RangeData:
             f"{path}: lacks {', '.join(missing)}; it has "
             f"{', '.join(tables) or 'none of the tables'}"
         )
-    for name, table in tables.items():
-        if (
-            not np.issubdtype(table.dtype, np.number)
-            or table.ndim != 2
-            or table.shape[1] != _COLUMNS[name]
-        ):
-            raise LaisnError(
-                f"{path}: table {name} has the shape {table.shape}, expected {_COLUMNS[name]} "
-                "columns"
-            )
-        whole = table[:, _NODES.get(name, [])]
-        usable = np.all(np.abs(table) <= LARGEST, axis=1) & np.all(whole == np.rint(whole), axis=1)
-        if not usable.all():
-            raise LaisnError(
-                f"{path}: table {name}, row {int(np.argmin(usable)) + 1}: expected numbers within "
-                f"±{LARGEST:g}, and whole ones for nodes"
-            )
-        tables[name] = np.asarray(table, dtype=np.float64)
+    tables = {name: _checked(path, name, table) for name, table in tables.items()}
     odometry, ranges, nodes = (tables[name] for name in _NEEDED)
-    start = None
-    for name in ("DRp", "GT"):
-        if start is None and name in tables:
-            earlier = tables[name][:, 0] < odometry[0, 0]
-            start = tables[name][earlier][-1] if earlier.any() else None
-    if start is None:
-        raise LaisnError(
-            f"{path}: neither DRp nor GT has a pose before the first odometry, at "
-            f"{odometry[0, 0]:.3f} s"
-        )
+    start = _start_pose(path, tables, odometry[0, 0])
     names = nodes[:, 0].astype(np.int64).tolist()
     require_unique(names, f"{path}: table TL: node")
     index = {name: i for i, name in enumerate(names)}
@@ -354,4 +328,36 @@ def read_range_tables(path: Path) -> RangeData:
         ranges=np.column_stack([ranges[:, 0], beacons, ranges[:, 3]]),
         truth=tables["GT"][:, :3].copy() if "GT" in tables else np.empty((0, 3)),
         remarks=(),
+    )
+
+
+def _checked(path: Path, name: str, table: npt.NDArray[Any]) -> Floats:
+    """A table of the data set; LaisnError if it is none of numbers, whole ones for nodes."""
+    if (
+        not np.issubdtype(table.dtype, np.number)
+        or table.ndim != 2
+        or table.shape[1] != _COLUMNS[name]
+    ):
+        raise LaisnError(
+            f"{path}: table {name} has the shape {table.shape}, expected {_COLUMNS[name]} columns"
+        )
+    whole = table[:, _NODES.get(name, [])]
+    usable = np.all(np.abs(table) <= LARGEST, axis=1) & np.all(whole == np.rint(whole), axis=1)
+    if not usable.all():
+        raise LaisnError(
+            f"{path}: table {name}, row {int(np.argmin(usable)) + 1}: expected numbers within "
+            f"±{LARGEST:g}, and whole ones for nodes"
+        )
+    return np.asarray(table, dtype=np.float64)
+
+
+def _start_pose(path: Path, tables: Mapping[str, Floats], begin: float) -> Floats:
+    """The last row of DRp, or else of GT, before the first odometry; LaisnError without one."""
+    for name in ("DRp", "GT"):
+        earlier = tables[name][:, 0] < begin if name in tables else np.zeros(0, dtype=np.bool_)
+        if earlier.any():
+            pose: Floats = tables[name][earlier][-1]
+            return pose
+    raise LaisnError(
+        f"{path}: neither DRp nor GT has a pose before the first odometry, at {begin:.3f} s"
     )

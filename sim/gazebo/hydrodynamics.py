@@ -177,27 +177,23 @@ def _drop_added_mass(added: Floats, has_coriolis: bool, remarks: Remarks) -> Non
 
 
 def _quadratic(parameters: Parameters, is_tethys: bool, remarks: Remarks) -> Floats:
-    """Q[i, j, k] of −Q |ν_k| ν_j by names such as xUabsU and xUU."""
+    """Q[i, j, k] of −Q |ν_k| ν_j by names such as xUabsU and xUU; 0 where j ≠ k."""
     damping = np.zeros((6, 6, 6))
     signed = []
     mixed = []
-    for i, force in enumerate(FORCES):
-        for j, rate in enumerate(RATES):
-            for k, other in enumerate(RATES):
-                tag = f"{force}{rate}abs{other}"
-                plain = f"{force}{rate}{other}"
-                value = parameters.number(tag, 0.0)
-                plain_value = parameters.number(plain, 0.0)
-                if i == j == k and value + plain_value > 0.0:
-                    _refuse_driving(tag if value > 0.0 else plain, value + plain_value)
-                if j != k and plain_value:
-                    mixed.append(plain)
-                    plain_value = 0.0
-                if j != k and value:
-                    mixed.append(tag)
-                if plain_value and not is_tethys:
-                    signed.append(plain)
-                damping[i, j, k] = -value - plain_value
+    for i, j, k in np.ndindex(damping.shape):
+        tag = f"{FORCES[i]}{RATES[j]}abs{RATES[k]}"
+        plain = f"{FORCES[i]}{RATES[j]}{RATES[k]}"
+        value = parameters.number(tag, 0.0)
+        plain_value = parameters.number(plain, 0.0)
+        if j != k:
+            mixed += [name for name, number in ((plain, plain_value), (tag, value)) if number]
+            continue
+        if i == j and value + plain_value > 0.0:
+            _refuse_driving(tag if value > 0.0 else plain, value + plain_value)
+        if plain_value and not is_tethys:
+            signed.append(plain)
+        damping[i, j, k] = -value - plain_value
     if signed:
         tags = ", ".join(f"<{tag}>" for tag in signed)
         remarks.add(
@@ -209,9 +205,6 @@ def _quadratic(parameters: Parameters, is_tethys: bool, remarks: Remarks) -> Flo
             f"{', '.join(f'<{tag}>' for tag in mixed)}: forces of products of two velocities are "
             "not modelled"
         )
-    for i, j, k in np.argwhere(damping):
-        if j != k:
-            damping[i, j, k] = 0.0
     return damping
 
 

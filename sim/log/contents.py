@@ -249,28 +249,27 @@ class Messages:
         for name, (*_, last) in zip(names, paths, strict=True):
             if last.is_repeated or last.message_type is not None:
                 raise ValueError(f"field {name} holds no single value")
-        # messages with a number of eight bytes in every field, as those of a flight
-        layout = fixed_layout(self.message_class)
-        if layout and {len(data) for data in self.data} == {len(layout.example)}:
-            block = np.frombuffer(b"".join(self.data), layout.dtype)
-            each = block.view(np.uint8).reshape(block.size, -1)
-            example = np.frombuffer(layout.example, np.uint8)
-            if np.all(each[:, layout.tags] == example[layout.tags]):
-                return [block[name].copy() for name in names]
-
-        def value(message: Any, path: list[tuple[str, bool]]) -> Any:
-            for name, has_presence in path:
-                if has_presence and not message.HasField(name):
-                    return None
-                message = getattr(message, name)
-            return message
-
+        block = self._block()
+        if block is not None:
+            return [block[name].copy() for name in names]
         steps = [[(field.name, field.has_presence) for field in path] for path in paths]
         columns: list[Any] = [[] for _ in names]
         for message in map(self.message_class.FromString, self.data):
             for values, path in zip(columns, steps, strict=True):
-                values.append(value(message, path))
+                values.append(_value(message, path))
         return columns
+
+    def _block(self) -> npt.NDArray[Any] | None:
+        """Messages with a number of eight bytes in every field, as those of a flight, as records,
+        shape (n,); None if some are others.
+        """
+        layout = fixed_layout(self.message_class)
+        if not layout or {len(data) for data in self.data} != {len(layout.example)}:
+            return None
+        block = np.frombuffer(b"".join(self.data), layout.dtype)
+        each = block.view(np.uint8).reshape(block.size, -1)
+        example = np.frombuffer(layout.example, np.uint8)
+        return block if np.all(each[:, layout.tags] == example[layout.tags]) else None
 
     def table(self, names: Sequence[str]) -> Floats:
         """Numbers by the names of their fields, NaN for what is absent, read-only, shape (n,
@@ -281,6 +280,15 @@ class Messages:
             result[:, k] = values
         result.flags.writeable = False
         return result
+
+
+def _value(message: Any, path: list[tuple[str, bool]]) -> Any:
+    """The value at a path of names, each with whether it may be unset; None where it is."""
+    for name, has_presence in path:
+        if has_presence and not message.HasField(name):
+            return None
+        message = getattr(message, name)
+    return message
 
 
 class Contents:
@@ -543,24 +551,27 @@ def _copy(path: Path, target: Path, remarks: list[str]) -> list[str]:
         raise LogError(
             f"{path}: holds no intact message{lacking} ({problems[0]}); there is nothing to recover"
         )
-    span_s = np.ptp(copy.times_ns) / 1e9 if copy.times_ns else 0.0
-    number = len(copy.times_ns)
     promised = salvage.summary.message_count
-    lost = promised is not None and promised > number
-    total = f" of {promised}" if lost else ""
-    remarks.append(
-        f"kept {number}{total} messages of {span_s:g} s and {copy.attachments} attachments"
-    )
-    if copy.undescribed:
-        remarks.append(
-            f"left out: {copy.undescribed} messages of channels that no intact record describes"
-        )
+    lost = promised is not None and promised > len(copy.times_ns)
+    remarks += _counts(copy, f" of {promised}" if lost else "")
     if lost and not problems:
         problems = [f"the summary promises {promised} messages"]
     remarks += [f"left out: {problem}" for problem in problems[:_NAMED]]
     if len(problems) > _NAMED:
         remarks.append(f"left out: {len(problems) - _NAMED} more places")
     return problems
+
+
+def _counts(copy: _Copy, total: str) -> list[str]:
+    """How much a copy holds, and what it lacks for want of a description."""
+    span_s = np.ptp(copy.times_ns) / 1e9 if copy.times_ns else 0.0
+    number = len(copy.times_ns)
+    lines = [f"kept {number}{total} messages of {span_s:g} s and {copy.attachments} attachments"]
+    if copy.undescribed:
+        lines.append(
+            f"left out: {copy.undescribed} messages of channels that no intact record describes"
+        )
+    return lines
 
 
 def recovered_path(path: Path) -> Path:

@@ -254,6 +254,41 @@ def _trajectory(log: Contents, grid_ns: Ints) -> Trajectory:
     )
 
 
+def _require_flight(log: Contents) -> None:
+    """LogError if a log holds no flight."""
+    missing = [f"attachment {name}" for name in (SCENARIO, VEHICLES) if name not in log.attachments]
+    if FLIGHT not in log.metadata:
+        missing.append(f"metadata {FLIGHT}")
+    if missing:
+        raise LogError(
+            f"{log.path}: holds no flight: it lacks {', '.join(missing)}; available: "
+            f"{', '.join(sorted(log.topics)) or 'no channels'}. Navigation alone needs "
+            "/FOLLOWER/motion and /FOLLOWER/reception: laisn replay LOG --scenario FILE"
+        )
+
+
+def _kind_of_estimates(facts: Mapping[str, str]) -> type[Estimates]:
+    """The class of the estimates in a log, by the facts about its flight."""
+    for kind, type_ in DETAILS.items():
+        if facts.get(type_.topic) == "True":
+            return kind
+    return Estimates
+
+
+def _require_fixes(
+    path: Path,
+    names: Sequence[str],
+    measured: Sequence[Measurements],
+    estimates: Sequence[Estimates],
+) -> None:
+    """LogError unless each follower has a fix for each reception."""
+    for name, m, e in zip(names, measured, estimates, strict=True):
+        if not np.array_equal(np.unique(e.fix_step), m.message_step):
+            raise LogError(
+                f"{path}: {name} has receptions without a fix, or fixes without a reception"
+            )
+
+
 def read(path: Path | str) -> FlightRecord:
     """The flight that `sim.log.writer.write` wrote, equal to the bit; LogError if it is damaged,
     or lacks something.
@@ -264,14 +299,7 @@ def read(path: Path | str) -> FlightRecord:
         path,
         lambda topic, _: topic.endswith(ends) or f"/{SENSOR}" in topic or f"/{LINK}" in topic,
     )
-    missing = [f"attachment {name}" for name in (SCENARIO, VEHICLES) if name not in log.attachments]
-    missing += [] if FLIGHT in log.metadata else [f"metadata {FLIGHT}"]
-    if missing:
-        raise LogError(
-            f"{path}: holds no flight: it lacks {', '.join(missing)}; available: "
-            f"{', '.join(sorted(log.topics)) or 'no channels'}. Navigation alone needs "
-            "/FOLLOWER/motion and /FOLLOWER/reception: laisn replay LOG --scenario FILE"
-        )
+    _require_flight(log)
     with log_errors(path):
         facts = log.metadata[FLIGHT]
         text = log.attachments[SCENARIO].decode()
@@ -297,9 +325,7 @@ def read(path: Path | str) -> FlightRecord:
                 f"{scenario.filter_steps} filter steps, this log has {steps}"
             )
         steps_ns = clock.ns(dt * np.arange(1, steps + 1))
-        kind = next(
-            (kind for kind, type_ in DETAILS.items() if facts.get(type_.topic) == "True"), Estimates
-        )
+        kind = _kind_of_estimates(facts)
         names = trajectory.names[1:]
         headers = _sensor_headers(log)
         measured = tuple(
@@ -313,11 +339,7 @@ def read(path: Path | str) -> FlightRecord:
             for name in names
         )
         estimates = tuple(kind(**_record(log, name, estimated(kind), steps_ns)) for name in names)
-        for name, m, e in zip(names, measured, estimates, strict=True):
-            if not np.array_equal(np.unique(e.fix_step), m.message_step):
-                raise LogError(
-                    f"{path}: {name} has receptions without a fix, or fixes without a reception"
-                )
+        _require_fixes(path, names, measured, estimates)
         return FlightRecord(
             scenario=scenario,
             trajectory=trajectory,

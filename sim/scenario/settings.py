@@ -568,32 +568,49 @@ class Scenario(Section):
             links = ", ".join([LEADER_LINK, *names])
             return [*errors, f"{key}.link = {chosen!r}: expected one of {links}"]
         link = self.links[names.index(chosen)]
+        errors += self._content_errors(key, navigation, link)
+        if link.beacons_m:
+            return errors + self._beacon_errors(key, navigation)
+        return errors + self._transmitter_errors(key, navigation, link)
+
+    def _content_errors(self, key: str, navigation: Navigation, link: LinkTable) -> list[str]:
+        """What a navigator lacks of the messages of its link."""
+        errors = []
         shipped = navigation.variant in NAVIGATORS
         if shipped and not _OF_MESSAGES.issubset(link.content):
             lacking = ", ".join(sorted(_OF_MESSAGES.difference(link.content)))
             errors.append(
-                f"{key}.link = {chosen!r} has messages without {lacking}, which variant = "
+                f"{key}.link = {link.name!r} has messages without {lacking}, which variant = "
                 f"{navigation.variant!r} needs"
             )
         if key == "leader.navigation" and (
             link.sender == "leader" or (link.receivers and "leader" not in link.receivers)
         ):
-            errors.append(f"{key}.link = {chosen!r}: the leader does not receive it")
-        if link.beacons_m and shipped and not by_beacons:
-            errors.append(
-                f"{key}.link = {chosen!r} has beacons, among which only variant = "
-                '"beacons" or an own class navigates'
-            )
-        if not link.beacons_m and by_beacons:
-            errors.append(f"{key}.link = {chosen!r} has no beacons")
-        sites = len(link.transmitters_m)
-        if not link.beacons_m and sites < navigation.transmitters:
-            errors.append(
-                f"{key}.link = {chosen!r} has {sites} transmitters, the navigator uses "
-                f"{navigation.transmitters}"
-            )
+            errors.append(f"{key}.link = {link.name!r}: the leader does not receive it")
         if navigation.transmitters_m:
             errors.append(f"{key}.transmitters_m is of the leader; a link has transmitters_m")
+        return errors
+
+    def _beacon_errors(self, key: str, navigation: Navigation) -> list[str]:
+        """What keeps a navigator from a link of beacons."""
+        if navigation.variant not in NAVIGATORS or navigation.variant == BEACON_VARIANT:
+            return []
+        return [
+            f"{key}.link = {navigation.link!r} has beacons, among which only variant = "
+            '"beacons" or an own class navigates'
+        ]
+
+    def _transmitter_errors(self, key: str, navigation: Navigation, link: LinkTable) -> list[str]:
+        """What keeps a navigator from a link of a vehicle."""
+        errors = []
+        sites = len(link.transmitters_m)
+        if navigation.variant == BEACON_VARIANT:
+            errors.append(f"{key}.link = {link.name!r} has no beacons")
+        if sites < navigation.transmitters:
+            errors.append(
+                f"{key}.link = {link.name!r} has {sites} transmitters, the navigator uses "
+                f"{navigation.transmitters}"
+            )
         return errors
 
     def _depth_errors(self, key: str, vehicle: Vehicle) -> list[str]:

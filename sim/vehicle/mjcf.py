@@ -235,25 +235,8 @@ def read_coefficients(
     records = np.zeros(len(names), RECORD)
     sizes = dict[str, int]()
     for record, name in zip(records, names, strict=True):
-        for key, (shape, _) in NUMERICS.items():
-            value = numeric(model, f"{name}/{key}")
-            fault = numeric_error(key, None if value is None else value.size)
-            if value is None or fault:
-                raise LaisnError(f"the MJCF of {name!r}: {fault}")
-            diagonal = (
-                np.diag(value.reshape(6, 6)) if key in MATRICES and value.size == 36 else value
-            )
-            if key not in ("added_mass", "strip_x") and np.any(diagonal < 0.0):
-                raise LaisnError(f"{name}: {key} must not be negative")
-            if key in ("strip_x", "strip_area"):
-                record[key][: value.size] = value
-            elif key in MATRICES and value.size == 36:
-                record[key] = diagonal
-                record[MATRICES[key]] = value.reshape(6, 6) - np.diag(diagonal)
-                record["coupled"] |= int(record[MATRICES[key]].any())
-            else:
-                record[key] = value.reshape(shape)
-            sizes[key] = value.size
+        for key in NUMERICS:
+            sizes[key] = _read_required(record, model, name, key)
         record["n_strips"] = sizes["strip_x"]
         if sizes["strip_area"] != sizes["strip_x"]:
             raise LaisnError(f"{name}: strip_x and strip_area must have the same number of values")
@@ -267,6 +250,28 @@ def read_coefficients(
     _take_roots(records)
     records.flags.writeable = False
     return records
+
+
+def _read_required(record: np.void, model: mujoco.MjModel, name: str, key: str) -> int:
+    """Fill in place, and return the number of values; LaisnError as of `read_coefficients`."""
+    value = numeric(model, f"{name}/{key}")
+    fault = numeric_error(key, None if value is None else value.size)
+    if value is None or fault:
+        raise LaisnError(f"the MJCF of {name!r}: {fault}")
+    is_matrix = key in MATRICES and value.size == 36
+    diagonal = np.diag(value.reshape(6, 6)) if is_matrix else value
+    if key not in ("added_mass", "strip_x") and np.any(diagonal < 0.0):
+        raise LaisnError(f"{name}: {key} must not be negative")
+    if key in ("strip_x", "strip_area"):
+        record[key][: value.size] = value
+    elif is_matrix:
+        record[key] = diagonal
+        record[MATRICES[key]] = value.reshape(6, 6) - np.diag(diagonal)
+        record["coupled"] |= int(record[MATRICES[key]].any())
+    else:
+        shape, _ = NUMERICS[key]
+        record[key] = value.reshape(shape)
+    return int(value.size)
 
 
 def _read_optional(record: np.void, model: mujoco.MjModel, name: str) -> None:

@@ -98,6 +98,15 @@ def answer_to(case: FuzzCase, folder: Path) -> CommandResult:
 
 def faults_of(case: FuzzCase, answer: CommandResult) -> list[str]:
     """What no answer may be, in words."""
+    faults = _faults_of_any(case, answer)
+    if answer.code == DONE:
+        missing = [name for name in case.written if name not in answer.files]
+        return faults + [f"did not write {name}" for name in missing]
+    return faults + _faults_of_refusal(case, answer)
+
+
+def _faults_of_any(case: FuzzCase, answer: CommandResult) -> list[str]:
+    """What is wrong with an answer, whether it is a result or an error."""
     codes = {DONE, REFUSED, FAILED} | ({INTERRUPTED} if case.may_interrupt else set())
     faults = []
     if answer.code not in codes:
@@ -108,11 +117,12 @@ def faults_of(case: FuzzCase, answer: CommandResult) -> list[str]:
         faults.append("silent")
     if case.wrong and answer.code == DONE:
         faults.append("accepted")
-    faults += [f"left {name}" for name in answer.files if name.endswith((".part", ".tmp"))]
-    if answer.code == DONE:
-        faults += [f"did not write {name}" for name in case.written if name not in answer.files]
-        return faults
-    faults += [f"half-written {name}" for name in sorted(answer.files)]
+    return faults + [f"left {name}" for name in answer.files if name.endswith((".part", ".tmp"))]
+
+
+def _faults_of_refusal(case: FuzzCase, answer: CommandResult) -> list[str]:
+    """What is wrong with an error: files beside it, a long text, no name of what is at fault."""
+    faults = [f"half-written {name}" for name in sorted(answer.files)]
     lines = answer.output.splitlines()
     if len(lines) > _LINES or max(map(len, lines), default=0) > _WIDEST:
         faults.append("a page of text")
