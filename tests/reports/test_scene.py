@@ -295,9 +295,9 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def write_report(flight: FlightRecord, path: Path) -> None:
-    from experiments.flight.results import FlightRecord as Reported
+    from experiments.flight.results import Flight
 
-    Reported(**vars(flight)).report(path)
+    Flight(**vars(flight)).report(path)
 
 
 @pytest.fixture(scope="module")
