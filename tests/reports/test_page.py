@@ -5,6 +5,8 @@ import json
 import re
 import sys
 import zlib
+from pathlib import Path
+from typing import get_args
 
 import mujoco
 import numba
@@ -65,6 +67,12 @@ def test_a_page_is_whole_escaped_and_always_the_same():
     assert "&lt;i&gt;text&lt;/i&gt;" in html
     assert "Title & more" in checker.text
     assert "prefers-color-scheme: dark" in html
+
+
+def test_the_template_draws_each_kind_of_block():
+    template = Path(page.__file__).with_name("templates") / "page.html"
+    drawn = re.findall(r'block.__class__.__name__ == "(\w+)"', template.read_text("utf-8"))
+    assert sorted(drawn) == sorted(kind.__name__ for kind in get_args(page.Block))
 
 
 def test_a_page_lists_its_software_versions():
