@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from importlib import resources
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, ClassVar, Literal, get_args
 
 import jinja2
 from markdown_it import MarkdownIt
@@ -46,6 +46,7 @@ _SHORT = 44
 class Text:
     """A paragraph; `code` in back quotes is set as code."""
 
+    kind: ClassVar[str] = "text"
     text: str
 
     @property
@@ -63,6 +64,7 @@ class Text:
 class Code:
     """Preformatted text, such as a scenario or a command."""
 
+    kind: ClassVar[str] = "code"
     text: str
     title: str = ""
     folded: bool = False
@@ -73,6 +75,7 @@ Tone = Literal["failure", "warning", "note"]
 
 @dataclass(frozen=True, kw_only=True)
 class Notice:
+    kind: ClassVar[str] = "notice"
     text: str
     tone: Tone = "note"
 
@@ -114,6 +117,7 @@ class TableCell:
 class PageTable:
     """A sortable table; `groups` is an optional row above the heads: (text, columns)."""
 
+    kind: ClassVar[str] = "table"
     heads: Sequence[str]
     rows: Sequence[Sequence[TableCell]]
     caption: str = ""
@@ -132,6 +136,7 @@ class PageTable:
 class Figures:
     """Panels side by side under one caption; `legend` pairs colours with texts."""
 
+    kind: ClassVar[str] = "figures"
     panels: Sequence[Panel]
     caption: str = ""
     title: str = ""
@@ -142,6 +147,7 @@ class Figures:
 class Film:
     """A film beside the page, which links it."""
 
+    kind: ClassVar[str] = "film"
     path: Path
     caption: str = ""
 
@@ -150,6 +156,7 @@ class Film:
 class Replay:
     """A mission in 3D; a page has at most one."""
 
+    kind: ClassVar[str] = "replay"
     scene: Scene
     alternative: str = "The mission in 3D"
     """What is seen, for those who do not see it."""

@@ -13,6 +13,7 @@ import numba
 import numpy as np
 import pytest
 import scipy
+from jinja2 import UndefinedError
 from plotly.graph_objects import Figure
 
 from reports import figures, page, style
@@ -71,8 +72,8 @@ def test_a_page_is_whole_escaped_and_always_the_same():
 
 def test_the_template_draws_each_kind_of_block():
     template = Path(page.__file__).with_name("templates") / "page.html"
-    drawn = re.findall(r'block.__class__.__name__ == "(\w+)"', template.read_text("utf-8"))
-    assert sorted(drawn) == sorted(kind.__name__ for kind in get_args(page.Block))
+    drawn = re.findall(r'block.kind == "(\w+)"', template.read_text("utf-8"))
+    assert sorted(drawn) == sorted(block.kind for block in get_args(page.Block))
 
 
 def test_a_page_lists_its_software_versions():
@@ -212,6 +213,23 @@ def test_ratios_are_coloured_evenly_either_way():
         "ratio-low3",
     ]
     assert page.ratio_tone(np.nan) == ""
+
+
+def test_every_kind_of_block_is_shown_and_another_one_refused():
+    class Other(Text):
+        kind = "other"
+
+    shown = page.render(sample_page())
+    for element in (
+        "<code>code &lt;b&gt;</code>",
+        "<pre>a &lt; b</pre>",
+        'role="note"',
+        "<table>",
+        'class="plot"',
+    ):
+        assert element in shown
+    with pytest.raises(UndefinedError, match="kind_that_no_branch_draws"):
+        page.render(sample_page(sections=[PageSection(title="A", blocks=[Other(text="lost")])]))
 
 
 def test_rows_must_fit_their_table():
