@@ -333,7 +333,8 @@ def effect_bars(effects: Mapping[str, Interval]) -> Figures:
         y_label="",
         width=FULL,
         height=0.9 + 0.3 * len(effects),
-        x_limits=(0.0, 1.0),
+        # whole marks at the ends
+        x_limits=(-0.01, 1.01),
         y_limits=(-0.6, len(effects) - 0.4),
         y_ticks=dict(zip(places.tolist(), words, strict=True)),
     )

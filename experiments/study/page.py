@@ -12,7 +12,14 @@ from typing import Any
 from experiments.flight.library import fly_line
 from experiments.study import charts
 from experiments.study.design import is_number
-from experiments.study.estimate import Condition, Results, digits, main_effects, shown
+from experiments.study.estimate import (
+    INTERACTIONS,
+    Condition,
+    Results,
+    digits,
+    main_effects,
+    shown,
+)
 from experiments.study.file import METRIC, Study
 from experiments.study.measure import METRICS, Metric
 from experiments.study.plan import PlanEntry, StudyPlan, many, varied
@@ -23,6 +30,7 @@ from reports.page import Code, Film, Page, Replay, TableCell, Tile, number, word
 _MOST_COMMANDS = 400
 _MOST_ANSWERS = 12  # places of the table on the terminal
 _MOST_ARMS = 3  # arms with a key figure of their own
+_DECIDES = 0.5  # least share of the variance of the factor that decides
 _MOST_ROWS = 60  # places in a table; of more, those of the lowest and highest values are listed
 _TONES = {"lower": "yes", "higher": "no", "undecided": "maybe", "same": ""}
 _COLUMNS = (
@@ -150,13 +158,20 @@ class StudyPage:
 
     @property
     def tiles(self) -> list[Tile]:
-        """Lowest and highest value of the metric, and where arms differ from the first one."""
+        """Lowest and highest value of the metric, the factor that decides, and where arms differ
+        from the first one.
+        """
         names = ("lowest", "highest") if len(self.extremes) > 1 else ("value",)
         tiles = [
             Tile(name=f"{name} {self.metric.label.partition(' [')[0]}", value=text, remark=where)
             for name, (point, text) in zip(names, self.extremes, strict=True)
             for where in (self.place_text(point),)
         ]
+        name, effect = next(iter(self.effects.items()), ("", None))
+        if effect is not None and effect.low > _DECIDES and name != INTERACTIONS:
+            words_of_factor = charts.label_of(name).partition(" [")[0]
+            remark = f"{100 * effect.value:.0f} % of the variance between places"
+            tiles.append(Tile(name="what decides", value=words_of_factor, remark=remark))
         for arm, counts in list(self.verdict_counts.items())[:_MOST_ARMS]:
             decided = f"lower at {counts['lower']}, higher at {counts['higher']}"
             total = sum(counts.values())
@@ -218,6 +233,11 @@ class StudyPage:
             condition for condition, of in self.estimates.items() if not math.isnan(of.value)
         ]
         return sorted(measured, key=lambda condition: self.estimates[condition].value)
+
+    @property
+    def has_intervals(self) -> bool:
+        """Whether any value has limits."""
+        return any(not math.isnan(estimate.low) for estimate in self.estimates.values())
 
     @property
     def extremes(self) -> list[tuple[Condition, str]]:

@@ -321,6 +321,31 @@ def test_three_factors_are_answered_by_shares_of_variance_and_many_places_by_ext
     assert [float(row[-1].sort) for row in answer.rows] == pytest.approx(values[:30] + values[-30:])
 
 
+@pytest.mark.parametrize("depth_counts", [True, False])
+def test_the_factor_that_decides_is_among_the_key_figures(depth_counts: bool) -> None:
+    """The error is the depth, or noise alone, which decides nothing."""
+    table = {
+        "scenario": "T5", "runs": 8, "set": {"duration_s": 20.0},
+        "vary": {"followers.0.depth_m": [10, 12], "leader.depth_m": [5, 6]},
+    }  # fmt: skip
+    plan = plan_of(of_table(table, "two.toml", "two"))
+    noise = np.random.default_rng(3).normal(0.0, 0.1, (len(plan.points), 8))
+    rows = []
+    for i, point in enumerate(plan.points):
+        values = noise[i] + depth_counts * point["followers.0.depth_m"]
+        row = {"point": i, "arm": plan.arms[0], "follower": "follower"}
+        row |= {"realization": 0, "seed": 1, "e_p_mean_m": float(values.mean())}
+        rows.append((row, {"run": [*range(8)], "e_p_mean_m": values.tolist()}))
+    page = page_of(plan, Results.of([row for row, _ in rows], rows), {})
+    deciding = [tile for tile in page.tiles if tile.name == "what decides"]
+    if not depth_counts:
+        assert deciding == []
+        return
+    (tile,) = deciding
+    assert tile.value == "follower 1's depth"
+    assert tile.remark == "100 % of the variance between places"
+
+
 def test_the_design_is_reported_with_its_numbers(page: Page) -> None:
     ((text, table),) = (section.blocks for section in page.sections if section.title == "Design")
     assert isinstance(text, Text)
