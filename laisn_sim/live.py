@@ -23,7 +23,7 @@ from reports.scene.stream import SceneStream, ending, text_of
 from sim.flight import FlightRecord, Termination
 from sim.log.stream import FoxgloveStream
 from sim.log.writer import Event
-from sim.scenario.settings import Scenario
+from sim.scenario.parts import MissionPlan
 
 HOST = "127.0.0.1"
 USUAL_SPEED = 10.0
@@ -76,14 +76,14 @@ class LiveView:
         """Of the page."""
         return f"http://{HOST}:{self._server.server_port}/"
 
-    def begin(self, scenario: Scenario) -> None:
+    def begin(self, plan: MissionPlan) -> None:
         """A mission sets out; pages of an earlier one are loaded anew."""
         with self.changed:
             self.generation += 1
             self.page = b""
             self.messages = []
             self.is_over = False
-            self._stream = SceneStream(scenario)
+            self._stream = SceneStream(plan)
             self._paced = None
             self._shown_at = -math.inf
             self.changed.notify_all()

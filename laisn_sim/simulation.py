@@ -43,6 +43,7 @@ from sim.custom_control import (
 from sim.flight import Termination
 from sim.leader import LeaderUnit
 from sim.log.writer import FlightLog
+from sim.scenario.parts import MissionPlan, MotionSettings
 from sim.scenario.settings import Scenario
 from sim.simulation import (
     TICK,
@@ -157,7 +158,7 @@ class Simulation:
             self._commands: dict[int, Command | Wrench | Floats] = {}
             self._reference = records(REFERENCE, 1)
             self._outcome = Termination.INTERRUPTED
-            self._bounds = bounds_of(self.scenario)
+            self._bounds = bounds_of(MotionSettings.of(self.scenario))
             self._flown = ClosedLoopFlight(self.scenario, self._mission)
             self._mission.observers = self._observers
             self._log: FlightLog | None = None
@@ -168,7 +169,7 @@ class Simulation:
                 self._at_exit = weakref.finalize(self, _end_log, self._log, self._flown)
             self._mission.advance(0)
         if self.live:
-            self.live.begin(self.scenario)
+            self.live.begin(MissionPlan.of(self.scenario))
 
     def _write_log(self, _: object) -> None:
         if self._log is not None and not self._log.ended:
@@ -293,7 +294,10 @@ class Simulation:
         ends = self.scenario.contact == "end"
         try:
             if self._mission.advance_within(end, until_contact=ends, bounds=self._bounds):
-                require_regular_end(self.scenario, self._mission.trajectory(), self._bounds)
+                ends_on_contact = self.scenario.contact == "end"
+                require_regular_end(
+                    self._mission.trajectory(), self._bounds, ends_on_contact=ends_on_contact
+                )
         except DivergedError as error:
             self._outcome = Termination.DIVERGED
             self._mission.instants = error.trajectory.time.size

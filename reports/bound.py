@@ -12,8 +12,9 @@ from laisn.settings import Assume, TightSettings
 from laisn.tight.model import model_of
 from laisn.tight.motion import CURRENT_SIGMA
 from sim.flight import FlightRecord
+from sim.scenario.parts import SensingSettings
 from sim.scenario.section import in_si
-from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.scenario.settings import CONTROL_STEP_S, Navigation
 from sim.sensing.links import navigated_motion
 from sim.sensing.observation import propagate
 from sim.sensing.sensors import navigated_errors_of
@@ -29,22 +30,23 @@ _UNIFORM = 1.0 / float(np.sqrt(12.0))
 _MANY_INSTANTS = 300_000
 
 
-def noise_of(scenario: Scenario, follower: int = 0) -> TrueNoise:
-    """What is truly random in a scenario; of biases, what `navigation.assume` states as known
-    before the mission.
+def noise_of(sensing: SensingSettings, navigation: Navigation, follower: int = 0) -> TrueNoise:
+    """What is truly random in a mission; of biases, what `navigation.assume` states as known
+    before it.
 
     Leader's compass, current, transmitters' offsets and the clock are unknown only where the
-    scenario has such errors, or has them estimated: a bound for estimators with less prior
+    mission has such errors, or has them estimated: a bound for estimators with less prior
     information would be too high. Biases that are assumed to drift, an estimated current and the
     clock walk as the navigator assumes.
     """
-    errors = navigated_errors_of(scenario, follower)
-    assumed = in_si(dict(scenario.navigation.assume))
-    estimated = scenario.navigation.settings().estimated
-    drift = scenario.navigation.assume.drift
-    turned = scenario.sensors.leader_heading_bias_deg != 0.0 or "leader_heading_bias" in estimated
+    errors = navigated_errors_of(sensing, follower)
+    assumed = in_si(dict(navigation.assume))
+    estimated = navigation.settings().estimated
+    drift = navigation.assume.drift
+    moves = sensing.sound.sea.ocean.moves
+    turned = sensing.sensors.leader_heading_bias_deg != 0.0 or "leader_heading_bias" in estimated
     clock = "clock" in estimated
-    acoustics = scenario.acoustics
+    acoustics = sensing.acoustics
     sound = (acoustics.sound_speed_m_s + acoustics.sound_speed_bias_m_s) * clock
     return TrueNoise(
         speed_sigma=errors.speed_sigma,
@@ -58,7 +60,7 @@ def noise_of(scenario: Scenario, follower: int = 0) -> TrueNoise:
             for name in ("speed_bias", "heading_bias", "range_scale_bias")
         },
         leader_heading_bias=assumed["leader_heading_bias_sigma"] if turned else 0.0,
-        current=assumed["current_sigma"] if scenario.ocean.moves or "current" in estimated else 0.0,
+        current=assumed["current_sigma"] if moves or "current" in estimated else 0.0,
         range_offset=assumed["offset_sigma"] if "range_offset" in estimated else 0.0,
         clock_offset=sound * assumed["clock_offset_sigma"],
         clock_drift=sound * assumed["clock_drift_sigma"],
@@ -71,31 +73,34 @@ def noise_of(scenario: Scenario, follower: int = 0) -> TrueNoise:
 
 
 def geometry_of(
-    trajectory: Trajectory, scenario: Scenario, follower: int = 0, received: Bools | None = None
+    trajectory: Trajectory,
+    sensing: SensingSettings,
+    follower: int = 0,
+    received: Bools | None = None,
 ) -> BoundGeometry:
     """The true geometry of a mission as one follower's sensors meet it.
 
     Args:
         trajectory: of the mission.
-        scenario: of the mission.
+        sensing: of the mission.
         follower: its index, 0 for the first.
         received: of which of the m messages each ping arrived, shape (m, 3); None: all did.
     """
-    trajectory = navigated_motion(trajectory, scenario)
-    dt = scenario.timing.filter_step_s
+    trajectory = navigated_motion(trajectory, sensing.links)
+    dt = sensing.links.filter_step_s
     stride = round(dt / CONTROL_STEP_S)
     first = round(float(trajectory.time[0]) / dt)
     n = (trajectory.time.size - 1) // stride
     at = np.arange(1, n + 1) * stride
-    many = len(scenario.followers) * trajectory.time.size >= _MANY_INSTANTS
-    sound = propagate(trajectory, scenario, follower, use_compiled=many or None)
+    many = (len(trajectory.names) - 1) * trajectory.time.size >= _MANY_INSTANTS
+    sound = propagate(trajectory, sensing, follower, use_compiled=many or None)
     arrived = sound.message_step - first
     sent = (sound.emission_step - first) * stride
     hydrophone = trajectory.site_path(
         f"{trajectory.names[follower + 1]}/hydrophone", arrived * stride
     )
     leader = trajectory.position[sent, 0, :2]
-    used = scenario.navigation.transmitters
+    used = sensing.transmitters
     arms = sound.transmitter[:, :used].copy()
     arms[..., :2] -= leader[:, None]
     arms[..., 2] = hydrophone[:, None, 2] - arms[..., 2]
@@ -126,7 +131,8 @@ def flight_bound(flight: FlightRecord, follower: int = 0, lag: float = 0.0) -> F
     With a lag [s], messages of up to so much later are used too. Ranges, log and compass are those
     of this flight, with constant biases: sideslip, drift and echoes only raise what can be reached.
     """
-    scenario = flight.scenario
+    sensing = SensingSettings.of(flight.scenario)
     received = np.isfinite(flight.measurements[follower].ranges)
-    geometry = geometry_of(flight.trajectory, scenario, follower, received)
-    return least_rms(geometry, noise_of(scenario, follower), lag)
+    geometry = geometry_of(flight.trajectory, sensing, follower, received)
+    noise = noise_of(sensing, flight.scenario.navigation, follower)
+    return least_rms(geometry, noise, lag)

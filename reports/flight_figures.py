@@ -22,6 +22,7 @@ from reports.style import (
 )
 from reports.summary import largest_sigma, true_bearing
 from sim.flight import FlightRecord
+from sim.scenario.parts import MotionSettings
 from sim.tracking import LOST_M, off_station
 
 SIGMAS = 2.0  # size of the drawn uncertainty in standard deviations of the filter
@@ -232,7 +233,7 @@ def station_errors(flight: FlightRecord, followers: Sequence[int]) -> list[Panel
     to one scale.
     """
     truth = flight.trajectory
-    off = off_station(flight.scenario, truth)[:, list(followers)]
+    off = off_station(MotionSettings.of(flight.scenario), truth)[:, list(followers)]
     top = max(min(1.1 * float(np.nanmax(off, initial=0.0)), LOST_M), 1e-3)
     return [
         panel(

@@ -42,6 +42,7 @@ from reports.summary import (
 )
 from reports.verdict import verdict
 from sim.flight import FlightRecord
+from sim.scenario.parts import MotionSettings
 from sim.sensing.proximity import sightings
 from sim.tracking import LOST_M, closest_approaches, contacts, track_errors
 
@@ -350,7 +351,7 @@ def flight_report(
         for name, estimates in zip(names, flight.estimates, strict=True)
         if np.isfinite(estimates.state[estimates.unknown :]).all()
     ]
-    spent = sightings(flight.scenario, flight.trajectory).spent_s
+    spent = sightings(MotionSettings.of(flight.scenario), flight.trajectory).spent_s
     on_station = [i for i in _drawn(flight) if flight.scenario.followers[i].station]
     stations = None
     if on_station:
@@ -364,7 +365,7 @@ def flight_report(
     accuracies = {}
     if len(finite) == len(names):
         accuracies = {name: accuracy(flight, i) for i, name in enumerate(names)}
-    judgement = verdict(flight, track_errors(flight.scenario, flight.trajectory))
+    judgement = verdict(flight, track_errors(MotionSettings.of(flight.scenario), flight.trajectory))
     segments = _segments(summary)
     values: dict[str, Any] = {
         "flight": flight,

@@ -18,9 +18,9 @@ from reports.scene.hulls import hull
 from reports.scene.mission import held, rate_of, smooth_quaternions
 from reports.scene.shapes import Triangles, diamond, triangles_of
 from reports.version import versions
-from sim.assembly import models_of
 from sim.film.film_data import ESTIMATE, LEADER, TRUTH
 from sim.flight import FlightRecord
+from sim.scenario.parts import MissionPlan
 from sim.system import atomic_write
 
 _FLOAT, _UNSIGNED = 5126, 5125  # component types
@@ -201,9 +201,9 @@ def write_gltf(flight: FlightRecord, path: Path) -> None:
     """Write a flight as a file that ends in .glb; OSError if that fails."""
     writer = _Writer(flight)
     file, truth = writer.file, flight.trajectory
-    shapes = {name: hull(name) for name in dict.fromkeys(models_of(flight.scenario))}
+    shapes = {name: hull(name) for name in dict.fromkeys(MissionPlan.of(flight.scenario).models)}
     nodes = []
-    for number, model in enumerate(models_of(flight.scenario)):
+    for number, model in enumerate(MissionPlan.of(flight.scenario).models):
         nodes.append(writer.vehicle(number, shapes[model]))
         colour = TRUTH if number else LEADER
         name = f"{truth.names[number]} path"

@@ -15,6 +15,7 @@ from laisn.arrays import Floats, Ints, freeze_arrays
 from laisn.messages import LeaderMessage
 from sim import attitude
 from sim.flight import FlightRecord, navigation_settings
+from sim.scenario.parts import SensingSettings
 from sim.sensing.acoustics import TRANSMITTERS
 from sim.sensing.links import navigated_motion
 from sim.sensing.noise import Address, seed_and_run
@@ -93,9 +94,10 @@ def _transmitters(trajectory: Trajectory, index: Ints, quaternion: Floats) -> Fl
 def range_error_budget(flight: FlightRecord, follower: int = 0) -> RangeErrorBudget:
     """The range error budget of one follower, by its index."""
     scenario = flight.scenario
-    trajectory = navigated_motion(flight.trajectory, scenario)
+    sensing = SensingSettings.of(scenario)
+    trajectory = navigated_motion(flight.trajectory, sensing.links)
     measured = flight.measurements[follower]
-    sound = propagate(trajectory, scenario, follower)
+    sound = propagate(trajectory, sensing, follower)
     # sound counts steps from the start of the mission, a flight from its own
     first = round(float(trajectory.time[0]) / measured.dt)
     _, row, pings = np.intersect1d(
@@ -110,7 +112,7 @@ def range_error_budget(flight: FlightRecord, follower: int = 0) -> RangeErrorBud
     hydrophone = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone", fix)
     depth_difference = -trajectory.position[sent, 0, 2] + hydrophone[:, 2]
 
-    errors = navigated_errors_of(scenario, follower)
+    errors = navigated_errors_of(sensing, follower)
     origin = seed_and_run(scenario.seed, scenario.run)
     drawn = [paths_taken(errors, Address(*origin, follower, step)) for step in emission.tolist()]
     path = np.array(drawn, dtype=np.int64).reshape(-1, 3)

@@ -11,6 +11,7 @@ from laisn.errors import plain
 from reports.figures import Line, panel
 from reports.page import Figures, page_of, write
 from reports.style import FOLLOWER, FRAME, INK, LEADER, MUTED, SERIES, Colour
+from sim.scenario.parts import MissionPlan, SeaSettings, SoundSettings
 from sim.scenario.settings import Scenario
 from sim.sea import PlannedPath, planned_paths, sea_report
 from sim.water.assembly import current_at, floor_of, rays_of
@@ -29,8 +30,8 @@ class _Map(NamedTuple):
     spacing: float  # of arrows [m]
 
 
-def _map_of(scenario: Scenario) -> _Map:
-    region = region_of(scenario, _MARGIN_M)
+def _map_of(plan: MissionPlan) -> _Map:
+    region = region_of(plan, _MARGIN_M)
     side = max(region.east - region.west, region.north - region.south)
     return _Map(region, side / _ARROWS)
 
@@ -63,12 +64,12 @@ def _arrows(place: Floats, velocity: Floats, scale: float) -> Line:
     return Line(x=points[:, 0], y=points[:, 1], colour=SERIES[0], width=1.2, name="current")
 
 
-def _contours(scenario: Scenario, region: Region) -> list[Line]:
+def _contours(sea: SeaSettings, region: Region) -> list[Line]:
     """Lines of equal depth of the floor, with their depths."""
     east = np.linspace(region.west, region.east, _FLOOR_POINTS)
     north = np.linspace(region.south, region.north, _FLOOR_POINTS)
     x, y = np.meshgrid(east, north)
-    depth = floor_of(scenario).depths_at(x, y)
+    depth = floor_of(sea).depths_at(x, y)
     if np.ptp(depth) < _SMALL:
         return []
     generator: Any = contourpy.contour_generator(x, y, depth)
@@ -83,17 +84,17 @@ def _contours(scenario: Scenario, region: Region) -> list[Line]:
     return lines
 
 
-def _map(scenario: Scenario, paths: list[PlannedPath]) -> tuple[Any, float]:
+def _map(sea: SeaSettings, paths: list[PlannedPath]) -> tuple[Any, float]:
     """The map, and the speed whose arrow is as long as their spacing [m/s]."""
-    region, spacing = _map_of(scenario)
+    region, spacing = _map_of(sea.plan)
     east = np.arange(region.west + 0.5 * spacing, region.east, spacing)
     north = np.arange(region.south + 0.5 * spacing, region.north, spacing)
     columns, rows = np.meshgrid(east, north)
     grid = np.stack([columns, rows], axis=-1).reshape(-1, 2)
-    depth = scenario.leader.layer_m
-    velocity = current_at(scenario, grid[:, 0], grid[:, 1], depth, np.zeros(len(grid)))
+    depth = sea.plan.leader.layer_m
+    velocity = current_at(sea, grid[:, 0], grid[:, 1], depth, np.zeros(len(grid)))
     fastest = float(np.hypot(*velocity.T).max(initial=0.0))
-    lines = _contours(scenario, region)
+    lines = _contours(sea, region)
     if fastest > _SMALL:
         lines.append(_arrows(grid, velocity, spacing / fastest))
     lines += _routes(paths)
@@ -108,8 +109,8 @@ def _way(path: PlannedPath) -> Floats:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def _section(scenario: Scenario, paths: list[PlannedPath]) -> Any:
-    floor = floor_of(scenario)
+def _section(sea: SeaSettings, paths: list[PlannedPath]) -> Any:
+    floor = floor_of(sea)
     lines = []
     for i, path in enumerate(paths):
         way = _way(path)
@@ -123,21 +124,21 @@ def _section(scenario: Scenario, paths: list[PlannedPath]) -> Any:
     return panel(lines, x_label="way [m]", y_label="height [m]", width=6.1, height=4.6)
 
 
-def _along(scenario: Scenario, paths: list[PlannedPath]) -> Any:
+def _along(sea: SeaSettings, paths: list[PlannedPath]) -> Any:
     lines = []
     for i, path in enumerate(paths):
         east, north, up = path.position.T
-        speed = np.hypot(*current_at(scenario, east, north, -up, path.time).T)
+        speed = np.hypot(*current_at(sea, east, north, -up, path.time).T)
         lines.append(Line(x=path.time, y=speed, colour=_colour(i), name=path.key))
     return panel(lines, x_label="time [s]", y_label="current [m/s]", width=4.1, height=3.0)
 
 
-def _profiles(scenario: Scenario) -> list[Any]:
-    depth = np.linspace(0.0, floor_of(scenario).deepest, _LEVELS)
+def _profiles(sound: SoundSettings) -> list[Any]:
+    depth = np.linspace(0.0, floor_of(sound.sea).deepest, _LEVELS)
     none = np.zeros(_LEVELS)
-    current = current_at(scenario, none, none, depth, none)
-    rays = rays_of(scenario)
-    sound = np.array([rays.speed(float(value)) for value in depth])
+    current = current_at(sound.sea, none, none, depth, none)
+    rays = rays_of(sound)
+    speed = np.array([rays.speed(float(value)) for value in depth])
     parts = [
         Line(x=current[:, 0], y=-depth, colour=SERIES[0], name="towards east"),
         Line(x=current[:, 1], y=-depth, colour=SERIES[1], name="towards north"),
@@ -145,15 +146,17 @@ def _profiles(scenario: Scenario) -> list[Any]:
     usual: dict[str, Any] = {"y_label": "height [m]", "width": 4.1, "height": 3.0}
     return [
         panel(parts, x_label="current at (0, 0) [m/s]", **usual),
-        panel([Line(x=sound, y=-depth, name="sound")], x_label="speed of sound [m/s]", **usual),
+        panel([Line(x=speed, y=-depth, name="sound")], x_label="speed of sound [m/s]", **usual),
     ]
 
 
 def write_sea_page(scenario: Scenario, path: Path) -> None:
     """Write the page of a scenario's sea; OSError if it cannot be written."""
-    paths = list(planned_paths(scenario))
-    chart, fastest = _map(scenario, paths)
-    floor = floor_of(scenario)
+    sound = SoundSettings.of(scenario)
+    sea = sound.sea
+    paths = list(planned_paths(sea.plan))
+    chart, fastest = _map(sea, paths)
+    floor = floor_of(sea)
     over = [
         floor.depths_at(*planned.position[:, :2].T) + planned.position[:, 2] for planned in paths
     ]
@@ -169,16 +172,16 @@ def write_sea_page(scenario: Scenario, path: Path) -> None:
         "summary": summary,
         "depth": f"{scenario.leader.layer_m:g}",
         "arrow": f"{fastest:.3g} m/s",
-        "maps": Figures(panels=[chart, _section(scenario, paths)], legend=legend),
+        "maps": Figures(panels=[chart, _section(sea, paths)], legend=legend),
         "profiles": Figures(
-            panels=[_along(scenario, paths), *_profiles(scenario)],
+            panels=[_along(sea, paths), *_profiles(sound)],
             legend=[
                 *legend[:2],
                 (SERIES[0], "towards east, and sound"),
                 (SERIES[1], "towards north"),
             ],
         ),
-        "files": [plain(line).split(": ", 1) for line in sea_report(scenario)],
+        "files": [plain(line).split(": ", 1) for line in sea_report(sound)],
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     write(page_of("reports", [("Scenario", scenario.name)], values, name="sea_page.md.j2"), path)

@@ -17,6 +17,7 @@ from sim.assembly import routes_of
 from sim.flight import FlightRecord, position_and_bearing_errors
 from sim.log.writer import Event
 from sim.scenario.formation import LEAST_LAYER_M
+from sim.scenario.parts import MissionPlan, MotionSettings, SeaSettings
 from sim.sensing.proximity import sightings
 from sim.water.assembly import floor_of
 
@@ -47,7 +48,7 @@ def _kept(flight: FlightRecord, follower: int, off: Floats) -> dict[str, Any]:
     """How a follower kept its place and depth, from its distances off it, shape (n,), [m]."""
     truth = flight.trajectory
     vehicle = follower + 1
-    planned = routes_of(flight.scenario)[vehicle].depth.at(truth.time)[0]
+    planned = routes_of(MissionPlan.of(flight.scenario))[vehicle].depth.at(truth.time)[0]
     below = truth.depth[:, vehicle] - planned
     row: dict[str, Any] = {
         "track_error_rms_m": float(np.sqrt(np.mean(off**2))),
@@ -67,7 +68,7 @@ def _nearest(flight: FlightRecord) -> dict[str, Any]:
     """
     space, level = tracking.closest_approaches(flight.trajectory)
     row = dict[str, Any]()
-    layer = tracking.closest_in_a_layer(flight.scenario, flight.trajectory)
+    layer = tracking.closest_in_a_layer(MissionPlan.of(flight.scenario), flight.trajectory)
     for name, approach in (("approach", space), ("horizontal", level), ("in_layer", layer)):
         row[f"closest_{name}_m"] = approach and approach.distance_m
         row[f"closest_{name}_pair"] = approach and list(approach.pair)
@@ -152,9 +153,9 @@ def summarise(flight: FlightRecord, bounds: list[Floats] | None = None) -> dict[
         np.concatenate([e for e, _ in errors]), np.concatenate([b for _, b in errors])
     )
     names = flight.trajectory.names[1:]
-    off = tracking.track_errors(flight.scenario, flight.trajectory)
+    off = tracking.track_errors(MotionSettings.of(flight.scenario), flight.trajectory)
     sensing = flight.scenario.formation.proximity is not None
-    spent = sightings(flight.scenario, flight.trajectory).spent_s
+    spent = sightings(MotionSettings.of(flight.scenario), flight.trajectory).spent_s
     return {
         "scenario": flight.scenario.name,
         "seed": flight.scenario.seed,
@@ -191,7 +192,7 @@ def route_events(flight: FlightRecord) -> list[Event]:
     """
     truth = flight.trajectory
     events = []
-    for v, route in enumerate(routes_of(flight.scenario)):
+    for v, route in enumerate(routes_of(MissionPlan.of(flight.scenario))):
         # stations have no route, and a controller of the user's own need not keep to it
         _, vehicle = flight.scenario.vehicles()[v]
         if getattr(vehicle, "station", None) is not None or vehicle.controller:
@@ -229,7 +230,7 @@ def contact_events(flight: FlightRecord) -> list[Event]:
 def giving_way_events(flight: FlightRecord) -> list[Event]:
     """An event where a follower first gives way to a vehicle that its sensor shows."""
     names = flight.trajectory.names
-    first = sightings(flight.scenario, flight.trajectory).first_s
+    first = sightings(MotionSettings.of(flight.scenario), flight.trajectory).first_s
     return [
         Event(float(first[i, j]), "info", f"{names[i + 1]} gives way to {names[j]}", names[i + 1])
         for i, j in np.argwhere(np.isfinite(first))
@@ -264,7 +265,7 @@ def uncertainty_events(flight: FlightRecord) -> list[Event]:
     ]
     if not pairs:
         return []
-    places = tracking.true_stations(flight.scenario, flight.trajectory)[steps]
+    places = tracking.true_stations(MotionSettings.of(flight.scenario), flight.trajectory)[steps]
     for i, j in pairs:
         distance = np.hypot(
             places.east[:, i] - places.east[:, j], places.north[:, i] - places.north[:, j]
@@ -314,7 +315,7 @@ def stray_events(flight: FlightRecord) -> list[Event]:
         *contact_events(flight),
         *uncertainty_events(flight),
     ]
-    floor = floor_of(flight.scenario)
+    floor = floor_of(SeaSettings.of(flight.scenario))
     time = flight.trajectory.time
     planned = (flight.scenario.leader, *flight.scenario.followers)
     for vehicle, (name, plan) in enumerate(zip(flight.trajectory.names, planned, strict=True)):

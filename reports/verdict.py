@@ -13,6 +13,7 @@ from laisn.arrays import Bools, Floats
 from laisn.metrics import mirror_locked_steps, nees
 from sim.cautions import assumption_cautions
 from sim.flight import FlightRecord, Termination, position_and_bearing_errors
+from sim.scenario.parts import SensingSettings
 from sim.tracking import JOINED_M, LOST_M, contacts
 
 _BEFORE_S = 120.0  # causes are sought in this time before a loss
@@ -152,7 +153,8 @@ def _cause(flight: FlightRecord, follower: int, loss_s: float, errors: Floats, o
         return _silence_text(silence)
     if _is_locked(flight, follower, time, loss_s):
         return "the estimate was locked on the mirror image of the truth in the leader's axis"
-    if cautions := assumption_cautions(flight.scenario):
+    scenario = flight.scenario
+    if cautions := assumption_cautions(SensingSettings.of(scenario), scenario.navigation):
         return "an assumption that does not hold: " + "; ".join(cautions[:2])
     squares = nees(flight.estimates[follower], flight.hydrophone(follower)[:, :2])[: at + 1]
     finite = squares[np.isfinite(squares)]

@@ -1,23 +1,14 @@
-"""A scenario made into sea, routes and vehicles."""
+"""A plan made into routes and vehicles."""
 
 import numpy as np
 
 from laisn.arrays import Floats
+from sim.scenario.parts import MissionPlan
 from sim.scenario.point_motion import SPEED_MIN
 from sim.scenario.routes import Route
-from sim.scenario.settings import Follower, Scenario
+from sim.scenario.settings import Follower, Leader
 from sim.scenario.vehicle_routes import depth_profile_of, route_of
-from sim.vehicle.mjcf import VehicleSetup
-
-
-def vehicle_names(scenario: Scenario) -> tuple[str, ...]:
-    """All vehicles, the leader first."""
-    return ("leader", *(f.name for f in scenario.followers))
-
-
-def models_of(scenario: Scenario) -> tuple[str, ...]:
-    """Models of all vehicles as `VehicleSetup` takes them, the leader's first."""
-    return (scenario.leader.model or "leader", *(f.model or "follower" for f in scenario.followers))
+from sim.vehicle.mjcf import VehicleSetup, transmitter_places
 
 
 def on_axis(sites: Floats) -> bool:
@@ -33,7 +24,7 @@ def on_axis(sites: Floats) -> bool:
     )
 
 
-def _initial_route_of_station(follower: Follower, scenario: Scenario, leader: Route) -> Route:
+def _initial_route_of_station(follower: Follower, duration_s: float, leader: Route) -> Route:
     """Where a follower on a station begins, and how: beside the leader, as if its trail had been
     straight.
     """
@@ -48,27 +39,34 @@ def _initial_route_of_station(follower: Follower, scenario: Scenario, leader: Ro
     # a route has legs; a follower that starts at rest begins to move at once
     speed = leader.start_speed if follower.start_speed_m_s is None else follower.start_speed_m_s
     speed = speed or SPEED_MIN
-    points = [start, start + max(scenario.duration_s, 1.0) * speed * ahead]
+    points = [start, start + max(duration_s, 1.0) * speed * ahead]
     return Route.at_speed(follower.name, points, speed, depth_profile_of(follower))
 
 
-def routes_of(scenario: Scenario) -> tuple[Route, ...]:
+def routes_of(plan: MissionPlan) -> tuple[Route, ...]:
     """Routes of all vehicles, the leader's first, from stations straight on; LaisnError names
     vehicle and waypoint.
     """
-    leader = route_of(scenario.leader, "leader")
+    leader = route_of(plan.leader, "leader")
     return (
         leader,
         *(
-            _initial_route_of_station(f, scenario, leader) if f.station else route_of(f, f.name)
-            for f in scenario.followers
+            _initial_route_of_station(f, plan.duration_s, leader)
+            if f.station
+            else route_of(f, f.name)
+            for f in plan.followers
         ),
     )
 
 
-def setups_of(scenario: Scenario, routes: tuple[Route, ...]) -> tuple[VehicleSetup, ...]:
-    """All vehicles at the start of their routes."""
-    vehicles = (scenario.leader, *scenario.followers)
+def setups_of(
+    plan: MissionPlan, routes: tuple[Route, ...], leader: Leader | None = None
+) -> tuple[VehicleSetup, ...]:
+    """All vehicles at the start of their routes, with transmitters where the keys of a leader place
+    them; None: where its hull has them.
+    """
+    vehicles = (plan.leader, *plan.followers)
+    places = [{} if leader is None else transmitter_places(leader), *[{}] * len(plan.followers)]
     return tuple(
         VehicleSetup(
             name=name,
@@ -81,8 +79,9 @@ def setups_of(scenario: Scenario, routes: tuple[Route, ...]) -> tuple[VehicleSet
             heading_rad=route.initial_heading,
             speed_m_s=route.start_speed,
             settings=vehicle,
+            transmitters=sites,
         )
-        for vehicle, name, model, route in zip(
-            vehicles, vehicle_names(scenario), models_of(scenario), routes, strict=True
+        for vehicle, name, model, route, sites in zip(
+            vehicles, plan.names, plan.models, routes, places, strict=True
         )
     )

@@ -14,8 +14,9 @@ from laisn.arrays import Floats
 from laisn.navigators import find
 from laisn.plugins import is_plugin_name
 from laisn.settings import Settings
-from sim.scenario.point_motion import plan
-from sim.scenario.settings import Follower, Scenario
+from sim.scenario.parts import MissionPlan, SensingSettings, SoundSettings
+from sim.scenario.point_motion import plan as planned_motion
+from sim.scenario.settings import Follower, Navigation
 from sim.scenario.vehicle_routes import route_of
 from sim.water.assembly import floor_of
 
@@ -31,62 +32,63 @@ class Rule:
     keys: tuple[str, ...]
     assumption: str
     """Key of `navigation` that would take it into account; "" if no navigator can."""
-    is_assumed: Callable[[Settings, Scenario], bool]
-    effect: Callable[[Scenario, Settings], str]
+    is_assumed: Callable[[Settings, str], bool]
+    """By the settings of a navigator, and its name."""
+    effect: Callable[[SensingSettings, Settings], str]
     """What the error does, as a sentence without its end; "" if it is not set, or too small."""
     needs: str
     """What a navigator assumes that does not have the assumption."""
 
 
-def estimates(state: str) -> Callable[[Settings, Scenario], bool]:
+def estimates(state: str) -> Callable[[Settings, str], bool]:
     """Whether a navigator has a state for something."""
     return lambda settings, _: state in settings.estimated
 
 
-def has(*fields: str) -> Callable[[Settings, Scenario], bool]:
+def has(*fields: str) -> Callable[[Settings, str], bool]:
     """Whether settings of a navigator set one of these fields, which it need not have."""
     return lambda settings, _: any(bool(getattr(settings, field, False)) for field in fields)
 
 
-def _expects_common_echoes(settings: Settings, scenario: Scenario) -> bool:
+def _expects_common_echoes(settings: Settings, variant: str) -> bool:
     """Whether the paths by surface and floor are computed from depths."""
-    return hasattr(settings, "floor_depth") and find(scenario.navigation.variant).compare_with_crlb
+    return hasattr(settings, "floor_depth") and find(variant).compare_with_crlb
 
 
-def distances(scenario: Scenario, follower: Follower) -> Floats:
+def distances(plan: MissionPlan, follower: Follower) -> Floats:
     """Planned horizontal distances of a follower from its leader over the mission, shape (n,),
     [m].
     """
     if follower.station is not None:
         return np.array([math.hypot(follower.station.behind_m, follower.station.port_m)])
-    time = np.linspace(0.0, scenario.duration_s, _LOOKS)
+    time = np.linspace(0.0, plan.duration_s, _LOOKS)
     leader, other = (
-        plan(route_of(vehicle, name)).at(time)
-        for vehicle, name in ((scenario.leader, "leader"), (follower, follower.name))
+        planned_motion(route_of(vehicle, name)).at(time)
+        for vehicle, name in ((plan.leader, "leader"), (follower, follower.name))
     )
     return np.hypot(leader.east - other.east, leader.north - other.north)
 
 
-def _planned(scenario: Scenario) -> Floats:
-    return np.concatenate([distances(scenario, follower) for follower in scenario.followers])
+def _planned(plan: MissionPlan) -> Floats:
+    return np.concatenate([distances(plan, follower) for follower in plan.followers])
 
 
-def _current(scenario: Scenario, _: Settings) -> str:
+def _current(sensing: SensingSettings, _: Settings) -> str:
     # the paper's point motion is not carried along
-    there_is = scenario.motion == "physics" and scenario.ocean.moves
+    there_is = sensing.kind == "physics" and sensing.sound.sea.ocean.moves
     return "there is a current" if there_is else ""
 
 
-def clock_error_s(scenario: Scenario) -> float:
+def clock_error_s(sensing: SensingSettings) -> float:
     """Largest difference of the clocks during the mission [s]."""
-    sound = scenario.acoustics
-    end = sound.clock_offset_s + 1e-6 * sound.clock_drift_ppm * scenario.duration_s
+    sound = sensing.acoustics
+    end = sound.clock_offset_s + 1e-6 * sound.clock_drift_ppm * sensing.sound.sea.plan.duration_s
     return max(abs(sound.clock_offset_s), abs(end))
 
 
-def _clock(scenario: Scenario, _: Settings) -> str:
-    error_s = clock_error_s(scenario)
-    metres = error_s * scenario.acoustics.sound_speed_m_s
+def _clock(sensing: SensingSettings, _: Settings) -> str:
+    error_s = clock_error_s(sensing)
+    metres = error_s * sensing.acoustics.sound_speed_m_s
     if metres < _NOTICEABLE_M:
         return ""
     return (
@@ -95,19 +97,19 @@ def _clock(scenario: Scenario, _: Settings) -> str:
     )
 
 
-def closing_speed(scenario: Scenario) -> float:
+def closing_speed(plan: MissionPlan) -> float:
     """Largest planned speed at which a follower and its leader move to each other [m/s]."""
     speeds = [0.0]
-    spacing = scenario.duration_s / (_LOOKS - 1)
-    for follower in scenario.followers:
+    spacing = plan.duration_s / (_LOOKS - 1)
+    for follower in plan.followers:
         if follower.station is None:
-            rates = np.abs(np.diff(distances(scenario, follower))) / spacing
+            rates = np.abs(np.diff(distances(plan, follower))) / spacing
             speeds.append(float(rates.max()))
     return max(speeds)
 
 
-def _slots(scenario: Scenario, settings: Settings) -> str:
-    way = scenario.acoustics.ping_slot_s * closing_speed(scenario)
+def _slots(sensing: SensingSettings, settings: Settings) -> str:
+    way = sensing.acoustics.ping_slot_s * closing_speed(sensing.sound.sea.plan)
     if way < _NOTICEABLE_SLOT_M:
         return ""
     return (
@@ -116,9 +118,11 @@ def _slots(scenario: Scenario, settings: Settings) -> str:
     )
 
 
-def _leader_compass(scenario: Scenario, _: Settings) -> str:
-    bias = math.radians(abs(scenario.sensors.leader_heading_bias_deg))
-    aside = 2.0 * math.sin(bias / 2.0) * float(_planned(scenario).max()) if bias else 0.0
+def _leader_compass(sensing: SensingSettings, _: Settings) -> str:
+    bias = math.radians(abs(sensing.sensors.leader_heading_bias_deg))
+    aside = (
+        2.0 * math.sin(bias / 2.0) * float(_planned(sensing.sound.sea.plan).max()) if bias else 0.0
+    )
     if aside < _NOTICEABLE_M:
         return ""
     return (
@@ -127,14 +131,15 @@ def _leader_compass(scenario: Scenario, _: Settings) -> str:
     )
 
 
-def echo_delay_m(scenario: Scenario) -> float:
+def echo_delay_m(settings: SoundSettings) -> float:
     """Largest excess of an echo's path over the direct path between planned places [m]."""
-    sound = scenario.acoustics
-    down = scenario.leader.layer_m
-    floor = floor_of(scenario).deepest
+    sound = settings.acoustics
+    plan = settings.sea.plan
+    down = plan.leader.layer_m
+    floor = floor_of(settings.sea).deepest
     largest = 0.0
-    for follower in scenario.followers:
-        level = float(distances(scenario, follower).min())
+    for follower in plan.followers:
+        level = float(distances(plan, follower).min())
         direct = math.hypot(level, down - follower.layer_m)
         paths = []
         if sound.surface_echo_probability:
@@ -145,9 +150,10 @@ def echo_delay_m(scenario: Scenario) -> float:
     return largest
 
 
-def _common_echoes(scenario: Scenario, settings: Settings) -> str:
+def _common_echoes(sensing: SensingSettings, settings: Settings) -> str:
     span = getattr(settings, "outlier_span", math.inf)
-    delay = echo_delay_m(scenario) if scenario.acoustics.common_echoes else 0.0
+    sound = sensing.sound
+    delay = echo_delay_m(sound) if sound.acoustics.common_echoes else 0.0
     if delay <= span:
         return ""
     return (
@@ -156,8 +162,8 @@ def _common_echoes(scenario: Scenario, settings: Settings) -> str:
     )
 
 
-def _leader_position(scenario: Scenario, _: Settings) -> str:
-    drift = scenario.sensors.leader_position_drift_m_s * scenario.duration_s
+def _leader_position(sensing: SensingSettings, _: Settings) -> str:
+    drift = sensing.sensors.leader_position_drift_m_s * sensing.sound.sea.plan.duration_s
     if drift < _NOTICEABLE_M:
         return ""
     return (
@@ -166,8 +172,8 @@ def _leader_position(scenario: Scenario, _: Settings) -> str:
     )
 
 
-def _leader_position_scatter(scenario: Scenario, _: Settings) -> str:
-    sigma = scenario.sensors.leader_position_sigma_m
+def _leader_position_scatter(sensing: SensingSettings, _: Settings) -> str:
+    sigma = sensing.sensors.leader_position_sigma_m
     if sigma < _NOTICEABLE_M:
         return ""
     return (
@@ -176,8 +182,9 @@ def _leader_position_scatter(scenario: Scenario, _: Settings) -> str:
     )
 
 
-def _leader_position_walk(scenario: Scenario, _: Settings) -> str:
-    walk = scenario.sensors.leader_position_walk_m_sqrt_s * math.sqrt(scenario.duration_s)
+def _leader_position_walk(sensing: SensingSettings, _: Settings) -> str:
+    per_root_s = sensing.sensors.leader_position_walk_m_sqrt_s
+    walk = per_root_s * math.sqrt(sensing.sound.sea.plan.duration_s)
     if walk < _NOTICEABLE_M:
         return ""
     return (
@@ -246,29 +253,29 @@ RULES = (
 )
 
 
-def _sentence(rule: Rule, effect: str, scenario: Scenario, settings: Settings) -> str:
-    variant = scenario.navigation.variant
+def _sentence(rule: Rule, effect: str, navigation: Navigation) -> str:
+    variant = navigation.variant
     navigator = f"navigator {variant!r}"
     section, _, name = rule.assumption.partition(".")
     # of those that have the assumption, some only share the section with others
     if section and find(variant).compare_with_crlb:
-        value = getattr(getattr(scenario.navigation, section), name)
+        value = getattr(getattr(navigation, section), name)
         text = str(value).lower() if isinstance(value, bool) else f"{value:g}"
         navigator = f"navigation.{rule.assumption} = {text}"
     return f"{effect}; {navigator} assumes {rule.needs}"
 
 
-def assumption_cautions(scenario: Scenario) -> list[str]:
-    """A line for each error that a scenario sets and its navigator does not assume.
+def assumption_cautions(sensing: SensingSettings, navigation: Navigation) -> list[str]:
+    """A line for each error that there is and a navigator does not assume.
 
     Of a navigator of the user's own it is not known what it assumes.
     """
-    if is_plugin_name(scenario.navigation.variant):
+    if is_plugin_name(navigation.variant):
         return []
-    settings = scenario.navigation.settings()
+    settings = navigation.settings()
     lines = []
     for rule in RULES:
-        effect = rule.effect(scenario, settings)
-        if effect and not rule.is_assumed(settings, scenario):
-            lines.append(_sentence(rule, effect, scenario, settings))
+        effect = rule.effect(sensing, settings)
+        if effect and not rule.is_assumed(settings, navigation.variant):
+            lines.append(_sentence(rule, effect, navigation))
     return lines

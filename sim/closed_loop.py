@@ -43,7 +43,8 @@ from sim.leader import LEADER, LeaderUnit, needs_unit
 from sim.link_receiver import AnswerReceiver, Fleet, Hearing, Receiver, Sender
 from sim.scenario.formation import Proximity
 from sim.scenario.links import LEADER_LINK
-from sim.scenario.settings import Scenario
+from sim.scenario.parts import MotionSettings, SensingSettings
+from sim.scenario.settings import Leader, Navigation, Scenario
 from sim.scenario.vehicles import Follower
 from sim.sensing import observation, proximity
 from sim.sensing.acoustics import Motion, site_at
@@ -115,47 +116,53 @@ def _kind(follower: Follower) -> int:
 
 
 def init_closed_loop(
-    scenario: Scenario, plant: Plant, routes: RouteControl, *, whole: bool = True
+    motion: MotionSettings,
+    sensing: SensingSettings,
+    leader: Leader,
+    navigation: Navigation,
+    plant: Plant,
+    routes: RouteControl,
+    *,
+    whole: bool = True,
 ) -> ClosedLoopState:
     """The state of a closed loop at its start; `whole` is as of `SwarmRecord.empty`."""
-    f = len(scenario.followers)
+    followers = motion.plan.followers
+    f = len(followers)
     n = routes.reference.shape[0]
-    sensors = observation.sensor_model_of(scenario)
+    message_every = sensing.links.message_every
+    sensors = observation.sensor_model_of(sensing)
     steps = (n - 1) // sensors.stride
-    link = navigated_link(scenario)
-    messages = steps // (link.every if link else scenario.message_every) + 1
-    by_estimate = scenario.leader.broadcast_position == "estimate"
-    kind = find(scenario.navigation.variant).estimates
+    link = navigated_link(sensing.links)
+    messages = steps // (link.every if link else message_every) + 1
+    by_estimate = leader.broadcast_position == "estimate"
+    kind = find(navigation.variant).estimates
     offset = {name: plant.site_offset[i] for i, name in enumerate(plant.site_names)}
-    names = [follower.name for follower in scenario.followers]
+    names = [follower.name for follower in followers]
     memory = records(steering.FOLLOWER_MEMORY, f)
     readings = records(READING, f)
-    navigation = scenario.navigation
     kinds = np.zeros(f, dtype=np.int64)
-    waypoints = scenario.leader.broadcast_waypoints
-    plan = plan_of(routes.reference[:, 0], routes_of(scenario)[0].time, waypoints, TICK)
+    waypoints = leader.broadcast_waypoints
+    plan = plan_of(routes.reference[:, 0], routes_of(motion.plan)[0].time, waypoints, TICK)
     planned = n // round(SPACING / TICK) if waypoints else 0
-    trails = records(TRAIL, f, n // scenario.message_every + planned + 2)
+    trails = records(TRAIL, f, n // message_every + planned + 2)
     counts = np.zeros((f, 1), dtype=np.int64)
     water = plant.ocean.velocity(plant.pose[:, :3], plant.time)[0]
     start = observation.first_message(sensors, plant.pose[0], plant.twist[0], water)
-    for i, follower in enumerate(scenario.followers):
+    for i, follower in enumerate(followers):
         kinds[i] = _kind(follower)
         steering.init_memory(start, trails[i], counts[i], memory[i])
         memory[i].by_thrust = routes.autopilots[i + 1]["by_pitch"] == 0.0
     return ClosedLoopState(
-        formations=formations_of(scenario),
-        proximity=(scenario.formation.proximity or Proximity()).record(),
+        formations=formations_of(motion),
+        proximity=(motion.formation.proximity or Proximity()).record(),
         sensors=sensors,
-        look_every=proximity.look_interval(scenario),
+        look_every=proximity.look_interval(motion.formation.proximity),
         kinds=kinds,
         estimates_current="current" in navigation.settings().estimated,
-        leader_on_route=not (
-            scenario.leader.controller or scenario.leader.guidance_position == "estimate"
-        ),
+        leader_on_route=not (leader.controller or leader.guidance_position == "estimate"),
         broadcast=np.full((steps + 1 if by_estimate else 0, len(LeaderMessage._fields)), np.nan),
         plan=plan,
-        stations=stations_of(scenario),
+        stations=stations_of(motion),
         sites=(
             np.array([offset[f"leader/tx_{which}"] for which in ("rear", "front", "middle")]),
             np.array([offset[f"{name}/hydrophone"] for name in names]),
@@ -164,16 +171,16 @@ def init_closed_loop(
         routes=routes,
         readings=readings,
         read=numbers_of(readings),
-        inbox=observation.new_inbox(f, scenario.message_every),
+        inbox=observation.new_inbox(f, message_every),
         arrived=np.zeros(f, dtype=np.bool_),
-        tilts=np.full((n, 2), 0.0 if scenario.leader.broadcast_attitude else np.nan),
+        tilts=np.full((n, 2), 0.0 if leader.broadcast_attitude else np.nan),
         seen=records(proximity.SIGHTING, f, f + 1),
         estimates=records(ESTIMATE, f),
         trails=trails,
         counts=counts,
         memory=memory,
         reference=records(REFERENCE, 1),
-        measured=observation.MeasurementRecord.empty(f, steps, scenario.message_every),
+        measured=observation.MeasurementRecord.empty(f, steps, message_every),
         concluded=SwarmRecord.empty(f, steps, messages, kind, whole=whole),
     )
 
@@ -606,7 +613,7 @@ def hearing_of(loop: AnyClosedLoop, truth: StateHistory | None = None) -> Hearin
     return broadcast_hearing(loop.state, truth or StateHistory.empty(0, 0, 0))
 
 
-def _fleet_of(scenario: Scenario, plant: Plant, state: ClosedLoopState) -> Fleet:
+def _fleet_of(plant: Plant, state: ClosedLoopState, *, attitude_broadcast: bool) -> Fleet:
     """Vehicles as links find them."""
     offset = dict(zip(plant.site_names, plant.site_offset, strict=True))
     of_leader = offset.get("leader/hydrophone", np.full(3, np.nan))
@@ -614,21 +621,21 @@ def _fleet_of(scenario: Scenario, plant: Plant, state: ClosedLoopState) -> Fleet
         followers=state.kinds.size,
         instants=len(state.tilts),
         hydrophones=np.array([*state.sites[1], of_leader]),
-        attitude_broadcast=scenario.leader.broadcast_attitude,
+        attitude_broadcast=attitude_broadcast,
     )
 
 
-def _receivers_of(scenario: Scenario, fleet: Fleet) -> dict[str, Receiver]:
+def _receivers_of(sensing: SensingSettings, fleet: Fleet) -> dict[str, Receiver]:
     """What is received on links beside the leader's broadcast by name."""
     receivers: dict[str, Receiver] = {}
-    links = {link.name: link for link in further_links(scenario)}
+    links = {link.name: link for link in further_links(sensing.links)}
     for name, link in links.items():
         if link.answers:
             request = links.get(link.answers)
             requester = LEADER if request is None else request.sender
-            receivers[name] = AnswerReceiver(scenario, link, fleet, requester)
+            receivers[name] = AnswerReceiver(sensing, link, fleet, requester)
         else:
-            receivers[name] = Receiver(scenario, link, fleet)
+            receivers[name] = Receiver(sensing, link, fleet)
     return receivers
 
 
@@ -645,6 +652,7 @@ def closed_loop_of(
     With `whole` all that navigators conclude is recorded, else their states alone. LaisnError if
     the followers' hydrophones are not equally high above their pressure sensors.
     """
+    sensing = SensingSettings.of(scenario)
     still = static_trajectory(plant)
     numbers = range(len(scenario.followers))
     settings = [navigation_settings(scenario, still, i) for i in numbers]
@@ -656,16 +664,24 @@ def closed_loop_of(
     starts = np.array([observation.start_of(still, i) for i in numbers])
     make = make_swarm or find(scenario.navigation.variant).new_swarm
     swarm: Swarm = make(settings[0], starts)
-    state = init_closed_loop(scenario, plant, routes, whole=whole)
+    state = init_closed_loop(
+        MotionSettings.of(scenario),
+        sensing,
+        scenario.leader,
+        scenario.navigation,
+        plant,
+        routes,
+        whole=whole,
+    )
     state.estimates.position = starts[:, :2] if settings[0].known_start else np.nan
     controlled = {i: f for i, f in enumerate(scenario.followers, 1) if f.controller}
     custom_control = CustomControl(controlled, plant, routes)
-    sensors = custom_sensors(scenario)
-    fleet = _fleet_of(scenario, plant, state)
-    receivers = _receivers_of(scenario, fleet)
+    sensors = custom_sensors(sensing)
+    fleet = _fleet_of(plant, state, attitude_broadcast=sensing.broadcast_attitude)
+    receivers = _receivers_of(sensing, fleet)
     leader = None
-    if needs_unit(scenario):
-        leader = LeaderUnit(scenario, plant, routes, receivers, fleet)
+    if needs_unit(scenario.leader, sensing.links):
+        leader = LeaderUnit(scenario.leader, sensing, plant, routes, receivers, fleet)
     in_python = custom_control or sensors or receivers or leader
     if isinstance(swarm, tuple) and not in_python:
         return ClosedLoop(state, swarm)
@@ -703,7 +719,7 @@ def simulate_closed_loop(
     `swarm.gated` counts fixes. Errors are those of `simulate_motion`.
     """
     mission = closed_loop_mission(scenario, make_swarm, whole=False)
-    trajectory = fly_mission(scenario, mission)
+    trajectory = fly_mission(MotionSettings.of(scenario), mission)
     return trajectory, cast(AnyClosedLoop, mission.controller)
 
 

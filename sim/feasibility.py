@@ -13,7 +13,7 @@ from laisn.arrays import Floats, Ints
 from laisn.errors import LaisnError
 from laisn.navigators import NAVIGATORS, find
 from laisn.plugins import find_controller, is_plugin_name
-from sim.assembly import models_of, on_axis, routes_of, setups_of, vehicle_names
+from sim.assembly import on_axis, routes_of, setups_of
 from sim.cautions import assumption_cautions
 from sim.control.allocation import HEAVE, PITCH, clip
 from sim.control.autopilot import (
@@ -34,10 +34,12 @@ from sim.hull import (
     needs_way,
 )
 from sim.log.schema import Clock
-from sim.scenario.formation import LEAST_APART_M, LEAST_LAYER_M
-from sim.scenario.point_motion import plan
+from sim.scenario.formation import LEAST_APART_M, LEAST_LAYER_M, Formation
+from sim.scenario.parts import MissionPlan, MotionSettings, SeaSettings, SensingSettings
+from sim.scenario.point_motion import Plan
+from sim.scenario.point_motion import plan as planned_motion
 from sim.scenario.routes import Route
-from sim.scenario.settings import CONTROL_STEP_S, Follower, Scenario, Vehicle, Video
+from sim.scenario.settings import CONTROL_STEP_S, Follower, Leader, Scenario, Vehicle, Video
 from sim.scenario.vehicle_routes import route_of
 from sim.sea import require_sea
 from sim.sensing.sensors import custom_sensors
@@ -69,22 +71,24 @@ def film_errors(duration_s: float, video: Video) -> list[str]:
     ]
 
 
-def _cost(scenario: Scenario) -> list[str]:
+def _cost(motion: MotionSettings) -> list[str]:
     """Missions beyond the limits of memory and time."""
-    vehicles = 1 + len(scenario.followers)
+    duration_s = motion.plan.duration_s
+    step_s = motion.physics_step_s
+    vehicles = 1 + len(motion.plan.followers)
     problems = []
-    instants = scenario.duration_s / CONTROL_STEP_S * vehicles
+    instants = duration_s / CONTROL_STEP_S * vehicles
     if instants > MOST_INSTANTS:
         problems.append(
-            f"duration_s: {scenario.duration_s:g} s of {vehicles} vehicles would take "
+            f"duration_s: {duration_s:g} s of {vehicles} vehicles would take "
             f"{instants * 1.1e-6:.3g} GB of "
             f"memory; so many vehicles may fly {MOST_INSTANTS * CONTROL_STEP_S / vehicles:.0f} s"
         )
-    steps = scenario.duration_s / scenario.timing.physics_step_s * vehicles
-    if scenario.motion == "physics" and steps > MOST_PHYSICS_STEPS:
+    steps = duration_s / step_s * vehicles
+    if motion.kind == "physics" and steps > MOST_PHYSICS_STEPS:
         problems.append(
-            f"timing.physics_step_s: {scenario.duration_s:g} s of {vehicles} vehicles in steps of "
-            f"{scenario.timing.physics_step_s:g} s are {steps:.4g} steps, there may be "
+            f"timing.physics_step_s: {duration_s:g} s of {vehicles} vehicles in steps of "
+            f"{step_s:g} s are {steps:.4g} steps, there may be "
             f"{MOST_PHYSICS_STEPS}"
         )
     return problems
@@ -101,16 +105,16 @@ def _errors_of(build: Callable[[], object], where: str) -> list[str]:
     return []
 
 
-def _through_water(scenario: Scenario, route: Route, depth: float) -> tuple[Floats, Ints]:
+def _through_water(sea: SeaSettings, route: Route, depth: float) -> tuple[Floats, Ints]:
     """Speeds through water at a depth where the current or the leg changes, shape (2, n), [m/s],
     and legs, (n,).
     """
     over_ground = np.diff(route.waypoint, axis=0) / np.diff(route.time)[:, None]
-    changes = [time for time, *_ in scenario.ocean.current_profile if time < route.time[-1]]
+    changes = [time for time, *_ in sea.ocean.current_profile if time < route.time[-1]]
     times = np.unique([*route.time, *changes])
     legs = np.searchsorted(route.time, 0.5 * (times[1:] + times[:-1])) - 1
     east, north = (np.interp(times, route.time, axis) for axis in route.waypoint.T)
-    current = current_at(scenario, east, north, depth, times)
+    current = current_at(sea, east, north, depth, times)
     ends = np.stack([over_ground[legs] - current[:-1], over_ground[legs] - current[1:]])
     return np.hypot(ends[..., 0], ends[..., 1]), legs
 
@@ -127,37 +131,37 @@ _FIELD_LEVELS = 5  # depths at which another current is looked at
 _SEGMENT_POINTS = 9  # instants at which speeds are looked at, in each segment of a plan
 
 
-def _planned_speeds(scenario: Scenario, route: Route, depths: Sequence[float]) -> SpeedRange:
+def _planned_speeds(sea: SeaSettings, route: Route, depths: Sequence[float]) -> SpeedRange:
     """Speeds through the water along the plan of a route, at depths [m]."""
-    flown = plan(route)
-    end = scenario.duration_s
+    flown = planned_motion(route)
+    end = sea.plan.duration_s
     starts = flown.start[flown.start < end]
-    changes = [time for time, *_ in scenario.ocean.current_profile if time < end]
+    changes = [time for time, *_ in sea.ocean.current_profile if time < end]
     bounds = np.unique([*starts, *changes, end])
     shares = np.linspace(0.0, 1.0, _SEGMENT_POINTS)
     times = (bounds[:-1, None] + np.diff(bounds)[:, None] * shares).ravel()
     motion = flown.at(times)
     over_ground = motion.speed * np.array([np.sin(motion.course), np.cos(motion.course)])
-    currents = [current_at(scenario, motion.east, motion.north, depth, times).T for depth in depths]
+    currents = [current_at(sea, motion.east, motion.north, depth, times).T for depth in depths]
     speeds = np.array([np.hypot(*(over_ground - current)) for current in currents])
     mean = np.trapezoid(speeds.mean(axis=0), times) / end
     return SpeedRange(float(speeds.min()), float(speeds.max()), float(mean))
 
 
-def _speeds(scenario: Scenario, vehicle: Vehicle) -> SpeedRange:
+def _speeds(sea: SeaSettings, vehicle: Vehicle) -> SpeedRange:
     """Speeds through the water of a vehicle on its route, or of the leader at its station's
     depth.
     """
     if isinstance(vehicle, Follower) and vehicle.station:
-        leader = route_of(scenario.leader, "leader")
-        return _planned_speeds(scenario, leader, [vehicle.layer_m])
+        leader = route_of(sea.plan.leader, "leader")
+        return _planned_speeds(sea, leader, [vehicle.layer_m])
     depths = [depth for _, depth in vehicle.depth_profile] or [
         vehicle.layer_m + side * vehicle.saw_tooth_amplitude_m for side in (-1.0, 1.0)
     ]
     # a current of the keys changes linearly with depth
-    levels = 2 if scenario.ocean.current is None else _FIELD_LEVELS
+    levels = 2 if sea.ocean.current is None else _FIELD_LEVELS
     between = np.linspace(min(depths), max(depths), levels).tolist()
-    return _planned_speeds(scenario, route_of(vehicle, ""), between)
+    return _planned_speeds(sea, route_of(vehicle, ""), between)
 
 
 # in physics steps up to this one the project's own hulls are stable at all speeds [s]
@@ -283,31 +287,31 @@ def _weight_errors(hull: Hull, speeds: SpeedRange) -> list[str]:
     ]
 
 
-def _is_usual(scenario: Scenario, vehicle: Vehicle) -> bool:
+def _is_usual(motion: MotionSettings, vehicle: Vehicle) -> bool:
     """Whether a hull of the project is as it was designed, in water for which it was."""
     return (
         all(getattr(vehicle, name) == Vehicle.model_fields[name].default for name in HULL_KEYS[1:])
         # buoyancy follows the density
-        and scenario.ocean.density_kg_m3 == SEA_WATER
-        and scenario.timing.physics_step_s <= _USUAL_STEP_S
+        and motion.sea.ocean.density_kg_m3 == SEA_WATER
+        and motion.physics_step_s <= _USUAL_STEP_S
     )
 
 
-def _control_errors(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]:
+def _control_errors(motion: MotionSettings, key: str, vehicle: Vehicle) -> list[str]:
     """What the autopilot of a vehicle cannot control."""
     custom = vehicle.model is not None
-    if not custom and (scenario.motion == "kinematic" or _is_usual(scenario, vehicle)):
+    if not custom and (motion.kind == "kinematic" or _is_usual(motion, vehicle)):
         return []
-    waves = scenario.ocean.waves
-    hull = hull_of(scenario, vehicle)
+    waves = motion.sea.ocean.waves
+    hull = hull_of(motion, vehicle)
     lines = _errors_of(partial(calm_plant, hull), "hull")
     if not lines:
-        speeds = _speeds(scenario, vehicle)
+        speeds = _speeds(motion.sea, vehicle)
         design = calm_plant(hull)[1][0]
         if custom:
             lines = _speed_errors(vehicle, speeds, design)
         if isinstance(vehicle, Follower) and vehicle.station:
-            speeds = _station_speeds(scenario, speeds, design)
+            speeds = _station_speeds(motion.formation, speeds, design)
         if not lines:
             lines = _weight_errors(hull, speeds)
     if not lines:
@@ -316,9 +320,8 @@ def _control_errors(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]
     return [f"{key}{'.model' if custom else ''}: {line.removeprefix('hull: ')}" for line in lines]
 
 
-def _station_speeds(scenario: Scenario, leader: SpeedRange, design: Autopilot) -> SpeedRange:
+def _station_speeds(formation: Formation, leader: SpeedRange, design: Autopilot) -> SpeedRange:
     """Speeds through the water that a follower on a station may be asked for."""
-    formation = scenario.formation
     slowest = formation.min_along_track_speed_m_s
     fastest = min(formation.max_speed_m_s, top_speed(design))
     if needs_way(design):
@@ -326,11 +329,11 @@ def _station_speeds(scenario: Scenario, leader: SpeedRange, design: Autopilot) -
     return SpeedRange(min(slowest, leader.fastest), max(fastest, leader.slowest), leader.mean)
 
 
-def _leader_too_fast(scenario: Scenario) -> list[str]:
-    fastest = scenario.formation.max_speed_m_s
-    depths = {f.layer_m for f in scenario.followers if f.station}
+def _leader_too_fast(motion: MotionSettings) -> list[str]:
+    fastest = motion.formation.max_speed_m_s
+    depths = {f.layer_m for f in motion.plan.followers if f.station}
     for depth in sorted(depths):
-        ends, legs = _through_water(scenario, route_of(scenario.leader, "leader"), depth)
+        ends, legs = _through_water(motion.sea, route_of(motion.plan.leader, "leader"), depth)
         speed = ends.max(axis=0)
         k = int(np.argmax(speed))
         if speed[k] > fastest:
@@ -341,18 +344,19 @@ def _leader_too_fast(scenario: Scenario) -> list[str]:
     return []
 
 
-def _start_overlap(scenario: Scenario) -> list[str]:
+def _start_overlap(motion: MotionSettings) -> list[str]:
     """Vehicles that start too close: followers that join stations, or all of them if contact
     ends the mission.
     """
+    plan = motion.plan
     joins = [
         isinstance(vehicle, Follower) and vehicle.start_m is not None
-        for _, vehicle in scenario.vehicles()
+        for _, vehicle in plan.vehicles()
     ]
-    if scenario.contact == "mark" and not any(joins):
+    if motion.contact == "mark" and not any(joins):
         return []
-    setups = setups_of(scenario, routes_of(scenario))
-    keys = [key for key, _ in scenario.vehicles()]
+    setups = setups_of(plan, routes_of(plan))
+    keys = [key for key, _ in plan.vehicles()]
     overlaps = []
     for i, setup in enumerate(setups):
         for j, other in enumerate(setups[:i]):
@@ -361,7 +365,7 @@ def _start_overlap(scenario: Scenario) -> list[str]:
                 (joins[i] or joins[j]) and np.hypot(x, y) < LEAST_APART_M and abs(z) < LEAST_LAYER_M
             )
             if near or (
-                scenario.contact == "end" and np.hypot(np.hypot(x, y), z) < 2.0 * HULL_RADIUS_M
+                motion.contact == "end" and np.hypot(np.hypot(x, y), z) < 2.0 * HULL_RADIUS_M
             ):
                 overlaps.append(
                     f"{keys[j]} and {keys[i]} start {np.hypot(x, y):.2g} m apart in layers "
@@ -371,11 +375,11 @@ def _start_overlap(scenario: Scenario) -> list[str]:
     return overlaps
 
 
-def _station_conflict(scenario: Scenario) -> list[str]:
+def _station_conflict(motion: MotionSettings) -> list[str]:
     """Stations of one layer that meet where the leader turns, of followers without a sensor to
     give way by.
     """
-    near = None if scenario.formation.proximity else closest_stations(scenario)
+    near = None if motion.formation.proximity else closest_stations(motion)
     if near is None or near.distance_m >= LEAST_APART_M:
         return []
     return [
@@ -386,14 +390,14 @@ def _station_conflict(scenario: Scenario) -> list[str]:
     ]
 
 
-def _transmitters_off_axis(scenario: Scenario) -> list[str]:
+def _transmitters_off_axis(plan: MissionPlan, leader: Leader) -> list[str]:
     """Transmitters of an own hull where navigators of closed loops cannot use them."""
-    closed = any(follower.station or follower.guided_by_estimate for follower in scenario.followers)
-    if scenario.leader.model is None or not closed:
+    closed = any(follower.station or follower.guided_by_estimate for follower in plan.followers)
+    if leader.model is None or not closed:
         return []
-    spec = spec_of(models_of(scenario)[0])
+    spec = spec_of(leader.model)
     places = {name: np.array(spec.site(name).pos) for name in ("tx_rear", "tx_front", "tx_middle")}
-    for name, (axis, value) in transmitter_places(scenario.leader).items():
+    for name, (axis, value) in transmitter_places(leader).items():
         places[name][axis] = value
     if on_axis(
         np.array([site - (0.0, 0.0, spec.site("depth_sensor").pos[2]) for site in places.values()])
@@ -410,7 +414,9 @@ def cautions(scenario: Scenario) -> list[str]:
     """What a flyable scenario has that its navigators or followers cannot cope with, a line
     each.
     """
-    remarks = assumption_cautions(scenario) + ray_cautions(scenario)
+    sensing = SensingSettings.of(scenario)
+    remarks = assumption_cautions(sensing, scenario.navigation)
+    remarks += ray_cautions(sensing.sound, sensing.sound_speed)
     variant = scenario.navigation.variant
     stations = any(follower.station for follower in scenario.followers)
     # how good a navigator of the user's own is, its flight shows
@@ -425,12 +431,17 @@ def cautions(scenario: Scenario) -> list[str]:
     return remarks
 
 
-def _require_readings(scenario: Scenario) -> None:
+def _planned(vehicle: Vehicle, name: str) -> Plan:
+    """The motion along the route of a vehicle; LaisnError if it has none that can be flown."""
+    return planned_motion(route_of(vehicle, name))
+
+
+def _require_readings(sensing: SensingSettings, variant: str) -> None:
     """LaisnError if a further sensor cannot be made, or the navigator needs one that is not
     there.
     """
-    names = [driver.name for driver in custom_sensors(scenario)]
-    spec = find(scenario.navigation.variant)
+    names = [driver.name for driver in custom_sensors(sensing)]
+    spec = find(variant)
     missing = [name for name in spec.needs if name not in names]
     if missing:
         raise LaisnError(
@@ -444,20 +455,23 @@ def infeasibilities(scenario: Scenario) -> list[str]:
     `Scenario.inconsistencies`.
     """
     shapes: list[str] = []
+    motion = MotionSettings.of(scenario)
+    sensing = SensingSettings.of(scenario)
+    variant = scenario.navigation.variant
     problems = [
         *_errors_of(partial(Clock, scenario.epoch), "epoch"),
         *film_errors(scenario.duration_s, scenario.video),
-        *_errors_of(partial(sea_of_keys, scenario), "ocean.waves"),
+        *_errors_of(partial(sea_of_keys, scenario.ocean, scenario.seed), "ocean.waves"),
         *_errors_of(scenario.navigation.settings, ""),
-        *_errors_of(partial(_require_readings, scenario), ""),
-        *_cost(scenario),
+        *_errors_of(partial(_require_readings, sensing, variant), ""),
+        *_cost(motion),
     ]
     if scenario.leader.navigation is not None:
         problems += _errors_of(scenario.leader.navigation.settings, "leader")
     for _, vehicle in scenario.vehicles():
         if vehicle.controller:
             problems += _errors_of(partial(find_controller, vehicle.controller), "")
-    for (key, vehicle), name in zip(scenario.vehicles(), vehicle_names(scenario), strict=True):
+    for (key, vehicle), name in zip(scenario.vehicles(), motion.plan.names, strict=True):
         role = "follower" if isinstance(vehicle, Follower) else "leader"
         shapes += [
             f"{key}.model: {line}"
@@ -467,17 +481,17 @@ def infeasibilities(scenario: Scenario) -> list[str]:
             where = f"{key}.{'waypoints' if vehicle.waypoints else 'route'}"
             # a saw-tooth that leaves the water is an error of its own
             level = vehicle.model_copy(update={"saw_tooth_amplitude_m": 0.0})
-            shapes += _errors_of(partial(lambda *of: plan(route_of(*of)), level, name), where)
-    shapes += [] if shapes else _errors_of(partial(require_sea, scenario), "ocean")
+            shapes += _errors_of(partial(_planned, level, name), where)
+    shapes += [] if shapes else _errors_of(partial(require_sea, motion.sea), "ocean")
     if shapes:
         # what follows depends on hulls, routes and the sea
         return [*problems, *shapes]
     for key, vehicle in scenario.vehicles():
-        problems += _control_errors(scenario, key, vehicle)
+        problems += _control_errors(motion, key, vehicle)
     return [
         *problems,
-        *_leader_too_fast(scenario),
-        *_start_overlap(scenario),
-        *_station_conflict(scenario),
-        *_transmitters_off_axis(scenario),
+        *_leader_too_fast(motion),
+        *_start_overlap(motion),
+        *_station_conflict(motion),
+        *_transmitters_off_axis(motion.plan, scenario.leader),
     ]

@@ -1,5 +1,6 @@
 """A mission that was flown: scenario, truth, measurements and estimates together."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, Protocol, Self, TypeVar
@@ -15,9 +16,10 @@ from laisn.navigators import NAVIGATORS, NavigatorFactory, find
 from laisn.settings import Settings
 from sim.assembly import on_axis
 from sim.scenario.navigation import Navigation
+from sim.scenario.parts import SensingSettings
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.acoustics import TRANSMITTERS
-from sim.sensing.links import navigated_motion
+from sim.sensing.links import navigated_link
 from sim.sensing.observation import measure, observe, start_of
 from sim.sensing.sensors import further_errors_of, navigated_errors_of
 from sim.trajectory import Trajectory
@@ -127,47 +129,46 @@ def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: in
     """Settings of a follower's navigator: the scenario's and its hydrophone's place; LaisnError
     if it has none such.
     """
-    trajectory = navigated_motion(trajectory, scenario)
-    return settings_of(scenario, scenario.navigation, trajectory, follower + 1)
+    sensing = SensingSettings.of(scenario)
+    link = navigated_link(sensing.links)
+    sites = trajectory.sites if link is None else link.with_sites(trajectory.sites)
+    return settings_of(sensing, scenario.navigation, sites, trajectory.names[follower + 1])
 
 
 def settings_of(
-    scenario: Scenario, navigation: Navigation, trajectory: Trajectory, vehicle: int
+    sensing: SensingSettings, navigation: Navigation, sites: Mapping[str, Floats], name: str
 ) -> Settings:
-    """Settings of a vehicle's navigator, by a table of `navigation` and a motion with the sender of
-    its link in the leader's place; errors are as of `navigation_settings`.
+    """Settings of the navigator of a vehicle by its name, by a table of `navigation` and the sites
+    of all vehicles, with those of the sender of its link in the leader's place; errors are as of
+    `navigation_settings`.
     """
-    sound = scenario.acoustics
-    name = trajectory.names[vehicle]
+    sound = sensing.acoustics
     height = navigation.hydrophone_height_m
-    if height is None and f"{name}/hydrophone" not in trajectory.site_names:
+    if height is None and f"{name}/hydrophone" not in sites:
         height = 0.0
     if height is None:
-        hydrophone, sensor = (
-            trajectory.site(f"{name}/{site}") for site in ("hydrophone", "depth_sensor")
-        )
-        height = trajectory.site_offset[hydrophone, 2] - trajectory.site_offset[sensor, 2]
-    *placed, sensor = (
-        trajectory.site_offset[trajectory.site(site)]
-        for site in (*TRANSMITTERS, "leader/depth_sensor")
-    )
+        height = sites[f"{name}/hydrophone"][2] - sites[f"{name}/depth_sensor"][2]
+    placed = np.array([sites[transmitter] for transmitter in TRANSMITTERS])
     assumed = sound.sound_speed_m_s + sound.sound_speed_bias_m_s
-    sites = np.array(placed) - np.array([0.0, 0.0, sensor[2]])
+    above_sensor = placed - np.array([0.0, 0.0, sites["leader/depth_sensor"][2]])
     # the leader's transmitters are those on its hull, unless the scenario has others
     values: dict[str, Any] = {
         "transmitter_offsets": navigation.transmitters_m,
-        "dt": scenario.timing.filter_step_s,
+        "dt": sensing.links.filter_step_s,
         "hydrophone_height": float(height),
         "use_attitude": navigation.use_attitude,
         "ping_slot": sound.ping_slot_s,
         "sound_slowness": 1.0 / assumed if sound.travel_time else 0.0,
-        "floor_depth": floor_of(scenario).deepest,
-        "slip": SLIP_M_SQRT_S if scenario.motion == "physics" else 0.0,
+        "floor_depth": floor_of(sensing.sound.sea).deepest,
+        "slip": SLIP_M_SQRT_S if sensing.kind == "physics" else 0.0,
     }
-    if on_axis(sites):
-        values |= {"baseline": 2.0 * float(sites[1, 0]), "middle_offset": float(sites[2, 1])}
+    if on_axis(above_sensor):
+        values |= {
+            "baseline": 2.0 * float(above_sensor[1, 0]),
+            "middle_offset": float(above_sensor[2, 1]),
+        }
     elif not values["transmitter_offsets"]:
-        values["transmitter_offsets"] = tuple(tuple(site) for site in sites.tolist())
+        values["transmitter_offsets"] = tuple(tuple(site) for site in above_sensor.tolist())
     return navigation.settings(values, assumed)
 
 
@@ -200,16 +201,17 @@ def navigate(
     measurements = []
     estimates = []
     make = navigator or find(scenario.navigation.variant).make
+    sensing = SensingSettings.of(scenario)
     for follower in range(len(scenario.followers)):
         settings = navigation_settings(scenario, trajectory, follower)
         measured = measure(
-            observe(trajectory, scenario, follower),
-            navigated_errors_of(scenario, follower),
-            seed=scenario.seed,
-            run=scenario.run,
+            observe(trajectory, sensing, follower),
+            navigated_errors_of(sensing, follower),
+            seed=sensing.seed,
+            run=sensing.run,
             follower=follower,
             transmitters=settings.transmitters,
-            further=further_errors_of(scenario, follower),
+            further=further_errors_of(sensing, follower),
         )
         measurements.append(measured)
         estimates.append(make(settings, start_of(trajectory, follower)).run(measured))

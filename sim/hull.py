@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 
 from sim.control.autopilot import Autopilot, design, top_speed
 from sim.control.stability import least_radius
-from sim.scenario.settings import Follower, Scenario, Vehicle
+from sim.scenario.parts import MotionSettings
+from sim.scenario.settings import Follower, Vehicle
 from sim.vehicle.effector_kinds import MIN_STEERAGE_SPEED
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
@@ -44,13 +45,13 @@ class HullLimits(NamedTuple):
     least_speed: float  # that its fins need on a station; 0: it can hover [m/s]
 
 
-def hull_of(scenario: Scenario, vehicle: Vehicle) -> Hull:
-    """The hull of a vehicle of a scenario."""
+def hull_of(motion: MotionSettings, vehicle: Vehicle) -> Hull:
+    """The hull of a vehicle of a mission."""
     model = vehicle.model or ("follower" if isinstance(vehicle, Follower) else "leader")
     settings = Vehicle.model_construct(
         model=model, **{key: getattr(vehicle, key) for key in HULL_KEYS}
     )
-    return Hull(settings, scenario.timing.physics_step_s, scenario.ocean.density_kg_m3)
+    return Hull(settings, motion.physics_step_s, motion.sea.ocean.density_kg_m3)
 
 
 @lru_cache(maxsize=8)

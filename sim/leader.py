@@ -21,9 +21,9 @@ from sim.custom_control import CustomControl, readings_of
 from sim.estimated_route import follow_route
 from sim.flight import VehicleRecord, settings_of
 from sim.link_receiver import Fleet, Receiver, Sender
-from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.scenario.parts import LinkSettings, SensingSettings
+from sim.scenario.settings import CONTROL_STEP_S, Leader
 from sim.sensing import noise, sensors
-from sim.sensing.links import links_of_leader
 from sim.sensing.observation import MeasurementRecord, leader_start
 from sim.sensing.sensors import SensorErrors
 from sim.simulation import RouteControl, static_trajectory
@@ -56,12 +56,9 @@ def _read_instruments(
     reading.turning, reading.pitching = sensors.Gyros.read(e, rates, gyro)
 
 
-def needs_unit(scenario: Scenario) -> bool:
-    """Whether the leader of a scenario senses under way, to navigate or to be controlled, or
-    receives messages.
-    """
-    receives = any("leader" in link.receivers for link in scenario.links)
-    leader = scenario.leader
+def needs_unit(leader: Leader, links: LinkSettings) -> bool:
+    """Whether the leader senses under way: to navigate, to be controlled, or as it receives."""
+    receives = any("leader" in table.receivers for table in links.tables)
     return bool(leader.controller or leader.navigation) or receives
 
 
@@ -70,7 +67,8 @@ class LeaderUnit:
 
     def __init__(
         self,
-        scenario: Scenario,
+        leader: Leader,
+        sensing: SensingSettings,
         plant: Plant,
         routes: RouteControl,
         receivers: Mapping[str, Receiver],
@@ -79,10 +77,10 @@ class LeaderUnit:
         """Set out; LaisnError if the leader has no hydrophone for what it receives, or no such
         navigator or controller.
         """
-        self._dt = scenario.timing.filter_step_s
+        self._dt = sensing.links.filter_step_s
         self._stride = round(self._dt / CONTROL_STEP_S)
-        self._errors = sensors.leader_errors_of(scenario)
-        self._address = noise.Address(*noise.seed_and_run(scenario.seed, scenario.run), LEADER, 0)
+        self._errors = sensors.leader_errors_of(sensing)
+        self._address = noise.Address(*noise.seed_and_run(sensing.seed, sensing.run), LEADER, 0)
         self._routes = routes
         self._number = fleet.followers
         self._receivers = [r for r in receivers.values() if LEADER in r.link.receivers]
@@ -101,18 +99,20 @@ class LeaderUnit:
         self._memory[0].by_thrust = routes.autopilots[LEADER]["by_pitch"] == 0.0
         steps = (fleet.instants - 1) // self._stride
         self._measured = MeasurementRecord.empty(1, steps, max(steps, 1))
-        self._main, self._further = self._links_of(scenario)
+        self._main, self._further = self._links_of(sensing.links)
         still = static_trajectory(plant)
         start = leader_start(still, self._hydrophone)
         self.swarm: SeparateNavigators | None = None
-        self._by_estimate = scenario.leader.guidance_position == "estimate"
+        self._by_estimate = leader.guidance_position == "estimate"
         self._takes_current = False
         self._taken_links: tuple[str, ...] = ()
-        if scenario.leader.navigation is not None:
-            navigation = scenario.leader.navigation
+        if leader.navigation is not None:
+            navigation = leader.navigation
             self._taken_links = navigation.further_links
-            moved = still if self._main is None else self._main.link.motion_of(still)
-            settings = settings_of(scenario, navigation, moved, LEADER)
+            sites = still.sites
+            if self._main is not None:
+                sites = self._main.link.with_sites(sites)
+            settings = settings_of(sensing, navigation, sites, "leader")
             spec = find(navigation.variant)
             self.swarm = SeparateNavigators(spec.make, settings, start[None])
             self.estimate.position[0] = start[:2] if settings.known_start else np.nan
@@ -129,16 +129,14 @@ class LeaderUnit:
             steps=self.steps,
         )
         self._control: CustomControl | None = None
-        if scenario.leader.controller:
-            self._control = CustomControl({LEADER: scenario.leader}, plant, routes)
+        if leader.controller:
+            self._control = CustomControl({LEADER: leader}, plant, routes)
 
-    def _links_of(self, scenario: Scenario) -> tuple[Receiver | None, list[Receiver]]:
+    def _links_of(self, links: LinkSettings) -> tuple[Receiver | None, list[Receiver]]:
         """The link that the navigator takes for its main one, and all others."""
         by_name = {receiver.name: receiver for receiver in self._receivers}
-        navigation = scenario.leader.navigation
-        names = links_of_leader(scenario)
-        main = names[0] if navigation is not None and navigation.link in names else ""
-        return by_name.pop(main, None), [*by_name.values()]
+        main = by_name.pop(links.main_of_leader, None)
+        return main, [*by_name.values()]
 
     def receptions(self) -> tuple[Reception | None, dict[str, Reception]]:
         """What is in at this filter step: of the main link, and of all others by name."""

@@ -15,7 +15,7 @@ import numpy as np
 from laisn.arrays import Bools, Floats, Ints
 from laisn.messages import LeaderMessage, LinkMessages, Reception
 from laisn.swarm import reception_of
-from sim.scenario.settings import Scenario
+from sim.scenario.parts import SensingSettings
 from sim.sensing import observation
 from sim.sensing.acoustics import (
     Motion,
@@ -97,10 +97,10 @@ class Sender(NamedTuple):
         return row
 
 
-def _sound_of_leader(scenario: Scenario, sound: Sound, link: Link) -> Sound:
+def _sound_of_leader(sensing: SensingSettings, sound: Sound, link: Link) -> Sound:
     """How sound gets to the leader, whose clock is that of beacons; a follower's is ahead of it."""
     ahead = 0.0 if link.sender == AT_REST else 1.0
-    clocks = sound_of(scenario)
+    clocks = sound_of(sensing)
     return sound._replace(
         clock_offset=-ahead * clocks.clock_offset, clock_drift=-ahead * clocks.clock_drift
     )
@@ -115,12 +115,12 @@ class ReadingsSource(Protocol):
 class Receiver:
     """What one link's receivers have received, whatever its schedule is."""
 
-    def __init__(self, scenario: Scenario, link: Link, fleet: Fleet) -> None:
+    def __init__(self, sensing: SensingSettings, link: Link, fleet: Fleet) -> None:
         """Nothing is received yet."""
         leader = 0 in link.receivers
         receivers = fleet.followers + leader
         vehicles = fleet.followers + 1 + leader
-        sensors = observation.sensor_model_of(scenario, link, leader_receives=leader)
+        sensors = observation.sensor_model_of(sensing, link, leader_receives=leader)
         steps = (fleet.instants - 1) // sensors.stride
         tilt = 0.0 if fleet.attitude_broadcast else np.nan
         self.link = link
@@ -139,7 +139,7 @@ class Receiver:
         self._models = [sensors] * receivers
         if leader:
             self._models[-1] = sensors._replace(
-                sound=_sound_of_leader(scenario, sensors.sound, link)
+                sound=_sound_of_leader(sensing, sensors.sound, link)
             )
         self.sender: Sender | None = None
         """Whose estimate and readings messages hold; None: its true state, with errors."""
@@ -297,9 +297,9 @@ class AnswerReceiver(Receiver):
     that ranges have.
     """
 
-    def __init__(self, scenario: Scenario, link: Link, fleet: Fleet, requester: int) -> None:
+    def __init__(self, sensing: SensingSettings, link: Link, fleet: Fleet, requester: int) -> None:
         """Nothing is answered yet; `requester` is the vehicle that sends the requests."""
-        super().__init__(scenario, link, fleet)
+        super().__init__(sensing, link, fleet)
         self._requester = receiver_number(requester, fleet.followers)
         self._answers = receiver_number(link.sender, fleet.followers)
         # a round trip is measured by one clock: what clocks add to ranges is added to these alone

@@ -10,6 +10,7 @@ from laisn.messages import Measurements
 from laisn.navigators import find
 from laisn.swarm import SwarmRecord, estimates_of
 from sim.flight import FlightRecord, Termination, navigate, navigation_settings
+from sim.scenario.parts import SensingSettings
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.observation import MeasurementRecord, start_of
 from sim.sensing.under_way import FollowerSensing, SenderMotion
@@ -40,16 +41,17 @@ class OpenLoop:
         self._truth = truth
         self._motion = motion
         self._stride = round(scenario.timing.filter_step_s / CONTROL_STEP_S)
-        self._sender = SenderMotion(scenario, still, truth)
+        sensing = SensingSettings.of(scenario)
+        self._sender = SenderMotion(sensing, still, truth)
         followers = range(len(scenario.followers))
         settings = [navigation_settings(scenario, still, i) for i in followers]
         link = self._sender.link
-        every = scenario.message_every if link is None else link.every
+        every = sensing.links.message_every if link is None else link.every
         n = len(truth.pose)
         steps = (n - 1) // self._stride
         self._measured = MeasurementRecord.empty(len(followers), steps, every)
         self._sensing = [
-            FollowerSensing(scenario, i, self._sender, settings[i].transmitters, self._measured)
+            FollowerSensing(sensing, i, self._sender, settings[i].transmitters, self._measured)
             for i in followers
         ]
         spec = find(scenario.navigation.variant)

@@ -7,9 +7,9 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
-from sim.assembly import vehicle_names
-from sim.scenario.point_motion import plan
-from sim.scenario.settings import FASTEST_CURRENT_M_S, Scenario
+from sim.scenario.parts import MissionPlan, SeaSettings, SoundSettings
+from sim.scenario.point_motion import plan as planned_motion
+from sim.scenario.settings import FASTEST_CURRENT_M_S
 from sim.scenario.vehicle_routes import route_of
 from sim.sensing.sonar import half_heard_m, sonar_of
 from sim.water.assembly import current_at, current_field, floor_field, floor_of, sound_cast
@@ -39,21 +39,21 @@ class Area(NamedTuple):
     region: Region
 
 
-def planned_paths(scenario: Scenario) -> Iterator[PlannedPath]:
+def planned_paths(plan: MissionPlan) -> Iterator[PlannedPath]:
     """Plans of all vehicles that have routes."""
-    time = np.linspace(0.0, scenario.duration_s, _LOOKS)
-    for (key, vehicle), name in zip(scenario.vehicles(), vehicle_names(scenario), strict=True):
+    time = np.linspace(0.0, plan.duration_s, _LOOKS)
+    for (key, vehicle), name in zip(plan.vehicles(), plan.names, strict=True):
         if getattr(vehicle, "station", None) is not None:
             continue
         route = route_of(vehicle, name)
-        motion = plan(route).at(time)
+        motion = planned_motion(route).at(time)
         depth = route.depth.depth_at(time)
         yield PlannedPath(key, time, np.column_stack([motion.east, motion.north, -depth]))
 
 
-def areas_of(scenario: Scenario) -> tuple[Area, ...]:
-    """Where the fields of a scenario are known, of which its vehicles may not leave any."""
-    fields = {"current": current_field(scenario), "floor": floor_field(scenario)}
+def areas_of(sea: SeaSettings) -> tuple[Area, ...]:
+    """Where the fields of a sea are known, of which vehicles may not leave any."""
+    fields = {"current": current_field(sea), "floor": floor_field(sea)}
     return tuple(
         Area(f"ocean.{key}.file", field.region)
         for key, field in fields.items()
@@ -73,15 +73,15 @@ def _require_area(area: Area, path: PlannedPath) -> None:
         )
 
 
-def _require_current(scenario: Scenario, path: PlannedPath) -> None:
-    field = current_field(scenario)
+def _require_current(sea: SeaSettings, path: PlannedPath) -> None:
+    field = current_field(sea)
     if field is not None:
         land = field.on_land(path.position[:, :2])
         if land.any():
             first = int(np.argmax(land))
             raise LaisnError(f"ocean.current.file: {path.key} runs over land {path.at(first)}")
     east, north, up = path.position.T
-    speed = np.hypot(*current_at(scenario, east, north, -up, path.time).T)
+    speed = np.hypot(*current_at(sea, east, north, -up, path.time).T)
     fastest = int(np.argmax(speed))
     if speed[fastest] > FASTEST_CURRENT_M_S:
         raise LaisnError(
@@ -90,9 +90,9 @@ def _require_current(scenario: Scenario, path: PlannedPath) -> None:
         )
 
 
-def _require_floor(scenario: Scenario, path: PlannedPath) -> None:
+def _require_floor(sea: SeaSettings, path: PlannedPath) -> None:
     east, north, up = path.position.T
-    depth = floor_of(scenario).depths_at(east, north)
+    depth = floor_of(sea).depths_at(east, north)
     shallow = depth < _CLEARANCE_M - up
     if shallow.any():
         first = int(np.argmax(shallow))
@@ -102,32 +102,32 @@ def _require_floor(scenario: Scenario, path: PlannedPath) -> None:
         )
 
 
-def require_sea(scenario: Scenario) -> None:
+def require_sea(sea: SeaSettings) -> None:
     """LaisnError where a plan leaves a field, runs over land, or meets the floor or too fast a
     current; errors of files as of `sim.water.field_files` and `sim.water.casts`.
     """
-    sound_cast(scenario)
-    if scenario.ocean.current is None and scenario.ocean.floor is None:
+    sound_cast(sea.ocean)
+    if sea.ocean.current is None and sea.ocean.floor is None:
         return
-    areas = areas_of(scenario)
-    for path in planned_paths(scenario):
+    areas = areas_of(sea)
+    for path in planned_paths(sea.plan):
         for area in areas:
             _require_area(area, path)
-        if scenario.ocean.current is not None:
-            _require_current(scenario, path)
-        if scenario.ocean.floor is not None:
-            _require_floor(scenario, path)
+        if sea.ocean.current is not None:
+            _require_current(sea, path)
+        if sea.ocean.floor is not None:
+            _require_floor(sea, path)
 
 
-def sea_report(scenario: Scenario) -> list[str]:
-    """What was read for a scenario, a line for each file, and how far its messages are heard."""
+def sea_report(sound: SoundSettings) -> list[str]:
+    """What was read of a sea, a line for each file, and how far messages are heard in it."""
     fields = {
-        "current": current_field(scenario),
-        "floor": floor_field(scenario),
-        "sound_speed": sound_cast(scenario),
+        "current": current_field(sound.sea),
+        "floor": floor_field(sound.sea),
+        "sound_speed": sound_cast(sound.sea.ocean),
     }
     lines = [f"ocean.{key}: {field.report}" for key, field in fields.items() if field is not None]
-    sonar = sonar_of(scenario.acoustics)
+    sonar = sonar_of(sound.acoustics)
     if sonar.detects:
         half = half_heard_m(sonar)
         lines.append(

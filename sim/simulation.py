@@ -7,7 +7,7 @@ other object it runs as Python.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -19,7 +19,7 @@ from laisn.compiled import compiled, copy_values, jitable
 from laisn.errors import LaisnError
 from laisn.held import Held, held_values
 from sim import attitude
-from sim.assembly import routes_of, setups_of, vehicle_names
+from sim.assembly import routes_of, setups_of
 from sim.control.autopilot import (
     AUTOPILOT_MEMORY,
     DepthControl,
@@ -37,9 +37,10 @@ from sim.control.guidance import (
     track_current,
 )
 from sim.control.stability import least_radius
+from sim.scenario.parts import MotionSettings
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
-from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.scenario.settings import CONTROL_STEP_S, Leader, Scenario
 from sim.tracking import MissionBounds, bounds_of, contacts, first_departure, first_touch
 from sim.trajectory import OF_VEHICLES, StateHistory, Trajectory
 from sim.vehicle.effectors import Kinds, kinds_of, states_are_thrust
@@ -553,29 +554,14 @@ def simulate_points(
     )
 
 
-def keys_needing_closed_loop(scenario: Scenario) -> list[str]:
-    """Keys by which vehicles move, or what they send, depends on what they have read and received:
-    stations, steering by estimates, controllers, a leader that navigates, answers.
+def plant_of(
+    motion: MotionSettings, routes: tuple[Route, ...], leader: Leader | None = None
+) -> Plant:
+    """Vehicles in their sea at the start of their routes, with transmitters as of `setups_of`;
+    LaisnError if the sea is none.
     """
-    followers = list(enumerate(scenario.followers))
-    keys = [f"followers.{i}.station" for i, follower in followers if follower.station]
-    keys += [f"followers.{i}.controller" for i, follower in followers if follower.controller]
-    keys += scenario.keys_of_roles()
-    return keys + [
-        f"followers.{i}.guidance_position = 'estimate'"
-        for i, f in followers
-        if f.guided_by_estimate
-    ]
-
-
-def plant_of(scenario: Scenario, routes: tuple[Route, ...]) -> Plant:
-    """A scenario's vehicles in its sea, at the start of their routes; LaisnError if that is
-    none.
-    """
-    setups = setups_of(scenario, routes)
-    # bodies hear nothing, and machine code for them need not be compiled anew for other rays
-    ocean = replace(ocean_of(scenario), rays=None)
-    return Plant(setups, ocean, scenario.timing.physics_step_s)
+    setups = setups_of(motion.plan, routes, leader)
+    return Plant(setups, ocean_of(motion.sea), motion.physics_step_s)
 
 
 def new_mission(scenario: Scenario, make_controller: ControllerFactory | None = None) -> Mission:
@@ -588,40 +574,49 @@ def new_mission(scenario: Scenario, make_controller: ControllerFactory | None = 
             f"scenario {scenario.name!r}: motion is {scenario.motion!r}, whose path is no mission "
             "that can be controlled; expected 'physics'"
         )
-    routes = routes_of(scenario)
-    depth_control = [vehicle.depth_control for vehicle in (scenario.leader, *scenario.followers)]
-    plant = plant_of(scenario, routes)
-    return Mission(plant, routes, scenario.duration_s, depth_control, make_controller)
+    return _mission_of(MotionSettings.of(scenario), scenario.leader, make_controller)
+
+
+def _mission_of(
+    motion: MotionSettings, leader: Leader | None, make_controller: ControllerFactory | None = None
+) -> Mission:
+    """A mission of rigid bodies before its first instant, with transmitters as of `plant_of`."""
+    routes = routes_of(motion.plan)
+    depth_control = [vehicle.depth_control for _, vehicle in motion.plan.vehicles()]
+    plant = plant_of(motion, routes, leader)
+    return Mission(plant, routes, motion.plan.duration_s, depth_control, make_controller)
 
 
 def fly_mission(
-    scenario: Scenario, mission: Mission, progress: Callable[[float], None] | None = None
+    motion: MotionSettings, mission: Mission, progress: Callable[[float], None] | None = None
 ) -> Trajectory:
-    """Fly a scenario's mission to its end; errors and `progress` are as of `simulate_motion`."""
+    """Fly a mission of such motion to its end; errors and `progress` are as of
+    `simulate_motion`.
+    """
 
     def show_time(time: float) -> None:
         if progress is not None:
-            progress(time / scenario.duration_s)
+            progress(time / motion.plan.duration_s)
 
-    bounds = bounds_of(scenario)
-    ends = scenario.contact == "end"
+    bounds = bounds_of(motion)
+    ends = motion.contact == "end"
     trajectory = mission.fly(until_contact=ends, bounds=bounds, progress=show_time)
-    return require_regular_end(scenario, trajectory, bounds)
+    return require_regular_end(trajectory, bounds, ends_on_contact=ends)
 
 
 def require_regular_end(
-    scenario: Scenario, trajectory: Trajectory, bounds: MissionBounds
+    trajectory: Trajectory, bounds: MissionBounds, *, ends_on_contact: bool
 ) -> Trajectory:
     """The motion of a mission; GroundedError, LeftFieldError, OffRouteError or ContactError if that
     ended it.
     """
     _require_within(trajectory, bounds)
-    return _require_no_contact(scenario, trajectory)
+    return _require_no_contact(trajectory) if ends_on_contact else trajectory
 
 
-def _require_no_contact(scenario: Scenario, trajectory: Trajectory) -> Trajectory:
-    """The motion; ContactError if vehicles touched in a scenario whose missions end with that."""
-    met = contacts(trajectory) if scenario.contact == "end" else []
+def _require_no_contact(trajectory: Trajectory) -> Trajectory:
+    """The motion; ContactError if vehicles touched."""
+    met = contacts(trajectory)
     if not met:
         return trajectory
     time, (first, second) = met[0]
@@ -639,23 +634,44 @@ def simulate_motion(
 
     `progress` is called now and then with the share that is done, 0 … 1. `make_controller` makes
     another controller than that of routes; that of `sim.closed_loop` is needed if there are
-    `keys_needing_closed_loop`.
+    `Scenario.keys_needing_closed_loop`.
 
     LaisnError if a route cannot be flown, the sea is impossible, or that controller is missing;
     DivergedError if the simulation left finite numbers; GroundedError or OffRouteError if a vehicle
     went below the floor or left its route (`sim.tracking.bounds_of`); ContactError if vehicles
     touched, which ends the scenario's mission.
     """
-    keys = keys_needing_closed_loop(scenario)
-    if keys and make_controller is None:
+    if make_controller is None:
+        require_open_loop(scenario)
+    motion = MotionSettings.of(scenario)
+    if scenario.motion == "kinematic":
+        return simulate_open_loop(motion, scenario.leader)
+    mission = _mission_of(motion, scenario.leader, make_controller)
+    return fly_mission(motion, mission, progress)
+
+
+def require_open_loop(scenario: Scenario) -> None:
+    """LaisnError naming a key by which the motion depends on what vehicles measure."""
+    keys = scenario.keys_needing_closed_loop()
+    if keys:
         raise LaisnError(
             f"scenario {scenario.name!r}: {keys[0]}: its path depends on the noise of the run, so "
             "that no campaign can fly it once for all runs; use `laisn fly --run N`"
         )
-    if scenario.motion == "kinematic":
-        routes = routes_of(scenario)
-        plant = plant_of(scenario, routes)
-        names = vehicle_names(scenario)
-        trajectory = simulate_points(names, routes, scenario.duration_s, plant)
-        return _require_no_contact(scenario, trajectory)
-    return fly_mission(scenario, new_mission(scenario, make_controller), progress)
+
+
+def simulate_open_loop(
+    motion: MotionSettings,
+    leader: Leader | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Trajectory:
+    """Motion that follows from these settings alone: vehicles keep to their routes by the truth.
+
+    Transmitters are as of `setups_of`; errors and `progress` are as of `simulate_motion`.
+    """
+    if motion.kind == "physics":
+        return fly_mission(motion, _mission_of(motion, leader), progress)
+    routes = routes_of(motion.plan)
+    plant = plant_of(motion, routes, leader)
+    trajectory = simulate_points(motion.plan.names, routes, motion.plan.duration_s, plant)
+    return _require_no_contact(trajectory) if motion.contact == "end" else trajectory

@@ -3,7 +3,7 @@
 import numpy as np
 
 from laisn.arrays import Floats
-from sim.scenario.settings import Scenario
+from sim.scenario.parts import SoundSettings
 from sim.water.assembly import floor_of, planned_places, sound_points
 from sim.water.rays import Path
 from sim.water.refraction import RefractedRays, traced_rays
@@ -12,11 +12,11 @@ _LOOKS = 25  # instants at which rays are traced
 _NOTICEABLE_M = 0.1  # errors of ranges below this need no caution
 
 
-def _rays(scenario: Scenario) -> RefractedRays | None:
-    points = sound_points(scenario)
-    if points is None or np.ptp(points[:, 1]) == 0.0 or scenario.acoustics.rays == "straight":
+def _rays(sound: SoundSettings) -> RefractedRays | None:
+    points = sound_points(sound)
+    if points is None or np.ptp(points[:, 1]) == 0.0 or sound.acoustics.rays == "straight":
         return None
-    return traced_rays(points, floor_of(scenario))
+    return traced_rays(points, floor_of(sound.sea))
 
 
 def _numbers(rays: RefractedRays, leader: Floats, follower: Floats) -> tuple[int, float]:
@@ -31,15 +31,19 @@ def _numbers(rays: RefractedRays, leader: Floats, follower: Floats) -> tuple[int
     return len(rays_between), rays_between[0].length - rays_between[0].time / straight
 
 
-def ray_cautions(scenario: Scenario) -> list[str]:
-    """Lines about the direct rays from the leader to its followers along their plans."""
-    rays = _rays(scenario)
+def ray_cautions(sound: SoundSettings, assumed: str) -> list[str]:
+    """Lines about the direct rays from the leader to its followers along their plans.
+
+    `assumed` is what navigators assume of rays, as of `navigation.sound_speed`.
+    """
+    rays = _rays(sound)
     if rays is None:
         return []
-    leader, *followers = planned_places(scenario)[: 1 + len(scenario.followers)]
+    plan = sound.sea.plan
+    leader, *followers = planned_places(plan)
     chosen = np.linspace(0, len(leader) - 1, _LOOKS).astype(int)
     shadowed, several, worst = [], [], 0.0
-    for follower, places in zip(scenario.followers, followers, strict=True):
+    for follower, places in zip(plan.followers, followers, strict=True):
         looks = [_numbers(rays, leader[i], places[i]) for i in chosen.tolist()]
         counts = [count for count, _ in looks]
         worst = max([worst, *(error for _, error in looks)])
@@ -58,10 +62,9 @@ def ray_cautions(scenario: Scenario) -> list[str]:
             f"acoustics.rays: several direct rays reach {', '.join(several)}; the first to arrive "
             "is measured"
         )
-    if worst > _NOTICEABLE_M and scenario.navigation.sound_speed != "profile":
+    if worst > _NOTICEABLE_M and assumed != "profile":
         lines.append(
             f"acoustics.rays: rays bend, which makes ranges up to {worst:.2g} m shorter than along "
-            f"the straight path; navigation.sound_speed = {scenario.navigation.sound_speed!r} "
-            "assumes straight ones"
+            f"the straight path; navigation.sound_speed = {assumed!r} assumes straight ones"
         )
     return lines

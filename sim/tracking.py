@@ -19,9 +19,10 @@ from sim.assembly import routes_of
 from sim.control.station import FRAME_STATE, STATION, TRAIL, extend, station_at, turn_frame
 from sim.hull import HullLimits, hull_of, limits_of
 from sim.scenario.formation import LEAST_LAYER_M
-from sim.scenario.point_motion import plan
+from sim.scenario.parts import MissionPlan, MotionSettings
+from sim.scenario.point_motion import plan as planned_motion
 from sim.scenario.routes import Route
-from sim.scenario.settings import CONTROL_STEP_S, Follower, Scenario
+from sim.scenario.settings import CONTROL_STEP_S, Follower
 from sim.scenario.vehicle_routes import route_of
 from sim.sea import Area, areas_of
 from sim.trajectory import Trajectory
@@ -59,7 +60,7 @@ def track_error(route: Route, time: Floats, position: Floats) -> Floats:
     """Distance to where the point motion along the route is, shape (n,), [m]; arguments as of
     `cross_track`.
     """
-    planned = plan(route).at(time)
+    planned = planned_motion(route).at(time)
     return np.hypot(position[:, 0] - planned.east, position[:, 1] - planned.north)
 
 
@@ -141,21 +142,22 @@ def _off_routes(
     return departures
 
 
-def bounds_of(scenario: Scenario) -> MissionBounds:
-    """Where a scenario's mission ends: at its floor and where fields end for all vehicles, far off
+def bounds_of(motion: MotionSettings) -> MissionBounds:
+    """Where a mission ends: at its floor and where fields end for all vehicles, far off
     its route for those that keep to one by the truth.
     """
-    leader = scenario.leader
+    leader = motion.plan.leader
+    followers = motion.plan.followers
     leader_elsewhere = bool(leader.controller) or leader.guidance_position == "estimate"
-    by_estimate = [leader_elsewhere, *(f.guided_by_estimate for f in scenario.followers)]
-    stations = [False, *(follower.station is not None for follower in scenario.followers)]
+    by_estimate = [leader_elsewhere, *(f.guided_by_estimate for f in followers)]
+    stations = [False, *(follower.station is not None for follower in followers)]
     routes = tuple(
         None if estimated or station else route
         for route, estimated, station in zip(
-            routes_of(scenario), by_estimate, stations, strict=True
+            routes_of(motion.plan), by_estimate, stations, strict=True
         )
     )
-    return MissionBounds(floor_of(scenario), routes, areas_of(scenario))
+    return MissionBounds(floor_of(motion.sea), routes, areas_of(motion.sea))
 
 
 class Contact(NamedTuple):
@@ -298,9 +300,9 @@ def stations_along(
     return _stations(position, through, ahead, stations, formations, dt).view(np.recarray)
 
 
-def _limits(scenario: Scenario, follower: Follower) -> HullLimits | None:
+def _limits(motion: MotionSettings, follower: Follower) -> HullLimits | None:
     """What the hull of a follower can do; None for the project's own, which keeps all stations."""
-    return limits_of(hull_of(scenario, follower)) if follower.model and follower.station else None
+    return limits_of(hull_of(motion, follower)) if follower.model and follower.station else None
 
 
 # the lookahead of an approach, over the least radius of a hull: a line of sight that bends no more
@@ -309,12 +311,13 @@ _LOOKAHEAD_RADII = 0.5
 _SPEED_RESERVE = 0.9
 
 
-def formations_of(scenario: Scenario) -> Records:
+def formations_of(motion: MotionSettings) -> Records:
     """Settings of `[formation]` within what each follower's hull can do, records of shape (f,)."""
-    settings = scenario.formation.record()
-    formations = np.array([settings] * len(scenario.followers)).view(np.recarray)
-    for f, follower in zip(formations, scenario.followers, strict=True):
-        limits = _limits(scenario, follower)
+    settings = motion.formation.record()
+    followers = motion.plan.followers
+    formations = np.array([settings] * len(followers)).view(np.recarray)
+    for f, follower in zip(formations, followers, strict=True):
+        limits = _limits(motion, follower)
         if limits is None:
             continue
         f.lookahead = max(f.lookahead, _LOOKAHEAD_RADII * limits.least_radius)
@@ -325,23 +328,24 @@ def formations_of(scenario: Scenario) -> Records:
     return formations
 
 
-def stations_of(scenario: Scenario) -> Records:
+def stations_of(motion: MotionSettings) -> Records:
     """Stations of all followers, records of STATION, shape (f,); one without has that of the
     leader itself.
     """
-    stations = records(STATION, len(scenario.followers))
-    for station, follower in zip(stations, scenario.followers, strict=True):
+    followers = motion.plan.followers
+    stations = records(STATION, len(followers))
+    for station, follower in zip(stations, followers, strict=True):
         if follower.station is None:
             continue
         station.behind = follower.station.behind_m
         station.port = follower.station.port_m
         station.depth = follower.station.depth_m
-        limits = _limits(scenario, follower)
+        limits = _limits(motion, follower)
         station.radius = 0.0 if limits is None else limits.least_radius
     return stations
 
 
-def true_stations(scenario: Scenario, trajectory: Trajectory) -> Records:
+def true_stations(motion: MotionSettings, trajectory: Trajectory) -> Records:
     """Where each follower's station, else the leader, truly was: records of STATION_PLACE, shape
     (n, f).
     """
@@ -351,8 +355,8 @@ def true_stations(scenario: Scenario, trajectory: Trajectory) -> Records:
         leader,
         speed,
         trajectory.heading[:, 0],
-        stations_of(scenario),
-        formations_of(scenario),
+        stations_of(motion),
+        formations_of(motion),
         trajectory.dt,
     )
 
@@ -371,19 +375,20 @@ class StationKeeping:
 
 
 def off_station(
-    scenario: Scenario, trajectory: Trajectory, stations: Records | None = None
+    motion: MotionSettings, trajectory: Trajectory, stations: Records | None = None
 ) -> Floats:
     """Horizontal distance of hydrophones from stations, by default `true_stations`, shape (n,
     f), [m]; NaN: none.
     """
-    off = np.full((trajectory.time.size, len(scenario.followers)), np.nan)
-    with_station = [i for i, follower in enumerate(scenario.followers) if follower.station]
+    followers = motion.plan.followers
+    off = np.full((trajectory.time.size, len(followers)), np.nan)
+    with_station = [i for i, follower in enumerate(followers) if follower.station]
     if not with_station:
         # a first flight along routes need not compile what finds stations
         return off
-    places = true_stations(scenario, trajectory) if stations is None else stations
+    places = true_stations(motion, trajectory) if stations is None else stations
     for i in with_station:
-        hydrophone = trajectory.site_path(f"{scenario.followers[i].name}/hydrophone")[:, :2]
+        hydrophone = trajectory.site_path(f"{followers[i].name}/hydrophone")[:, :2]
         off[:, i] = np.hypot(
             hydrophone[:, 0] - places.east[:, i], hydrophone[:, 1] - places.north[:, i]
         )
@@ -391,14 +396,14 @@ def off_station(
 
 
 def track_errors(
-    scenario: Scenario, trajectory: Trajectory, stations: Records | None = None
+    motion: MotionSettings, trajectory: Trajectory, stations: Records | None = None
 ) -> Floats:
     """Horizontal distance of followers from stations, or from where routes have them, shape (n,
     f), [m].
     """
-    errors = off_station(scenario, trajectory, stations)
-    routes = routes_of(scenario)
-    for i, follower in enumerate(scenario.followers):
+    errors = off_station(motion, trajectory, stations)
+    routes = routes_of(motion.plan)
+    for i, follower in enumerate(motion.plan.followers):
         if follower.station is None:
             errors[:, i] = track_error(
                 routes[i + 1], trajectory.time, trajectory.position[:, i + 1, :2]
@@ -464,9 +469,9 @@ def closest_approaches(trajectory: Trajectory) -> tuple[Approach, Approach]:
     return space, level
 
 
-def closest_in_a_layer(scenario: Scenario, trajectory: Trajectory) -> Approach | None:
+def closest_in_a_layer(plan: MissionPlan, trajectory: Trajectory) -> Approach | None:
     """The pair of one layer that came nearest horizontally; None if no layer has two vehicles."""
-    depths = np.array([vehicle.layer_m for vehicle in (scenario.leader, *scenario.followers)])
+    depths = np.array([vehicle.layer_m for _, vehicle in plan.vehicles()])
     return _nearest(
         trajectory.names, trajectory.time, trajectory.position[..., :2], _in_one_layer(depths)
     )
@@ -475,36 +480,35 @@ def closest_in_a_layer(scenario: Scenario, trajectory: Trajectory) -> Approach |
 _STEP_S = 0.5  # stations are followed in steps of this time; they move by half a metre in it [s]
 
 
-def closest_stations(scenario: Scenario) -> Approach | None:
+def closest_stations(motion: MotionSettings) -> Approach | None:
     """The stations of one layer, the leader's place included, that come nearest along its plan;
     None: none do.
     """
+    plan = motion.plan
     stationed = [
-        (f"followers[{i}].station", f.station)
-        for i, f in enumerate(scenario.followers)
-        if f.station
+        (f"followers[{i}].station", f.station) for i, f in enumerate(plan.followers) if f.station
     ]
     places = np.array(
         [
-            (0.0, 0.0, scenario.leader.layer_m),
+            (0.0, 0.0, plan.leader.layer_m),
             *((s.behind_m, s.port_m, s.depth_m) for _, s in stationed),
         ]
     )
     pairs = _in_one_layer(places[:, 2])
     if np.count_nonzero(pairs) == len(places):
         return None
-    time = np.arange(0.0, scenario.duration_s + _STEP_S, _STEP_S)
-    leader = plan(route_of(scenario.leader, "leader")).at(time)
-    depth = scenario.leader.layer_m
-    drift = current_at(scenario, leader.east, leader.north, depth, time)
+    time = np.arange(0.0, plan.duration_s + _STEP_S, _STEP_S)
+    leader = planned_motion(route_of(plan.leader, "leader")).at(time)
+    depth = plan.leader.layer_m
+    drift = current_at(motion.sea, leader.east, leader.north, depth, time)
     through = np.hypot(
         *(leader.speed * np.array([np.sin(leader.course), np.cos(leader.course)]) - drift.T)
     )
     stations = records(STATION, len(places))
     stations.behind, stations.port, stations.depth = places.T
-    kept_by = [i for i, follower in enumerate(scenario.followers) if follower.station]
-    stations.radius[1:] = stations_of(scenario).radius[kept_by]
-    settings = [scenario.formation.record(), *formations_of(scenario)[kept_by]]
+    kept_by = [i for i, follower in enumerate(plan.followers) if follower.station]
+    stations.radius[1:] = stations_of(motion).radius[kept_by]
+    settings = [motion.formation.record(), *formations_of(motion)[kept_by]]
     formations = np.array(settings).view(np.recarray)
     way = np.column_stack([leader.east, leader.north])
     placed = stations_along(way, through, leader.course, stations, formations, _STEP_S)

@@ -155,6 +155,11 @@ class Trajectory(ArrayRecord):
         """Spacing of the grid [s]."""
         return float((self.time[-1] - self.time[0]) / (self.time.size - 1))
 
+    @property
+    def sites(self) -> dict[str, Floats]:
+        """Sites by their names: offsets from the origin of their hull, shape (3,), [m]."""
+        return dict(zip(self.site_names, self.site_offset, strict=True))
+
     def site(self, name: str) -> int:
         """Index of a site "vehicle/site"; ValueError listing the sites if there is none of that
         name.

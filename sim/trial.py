@@ -6,6 +6,8 @@ The project's own hulls with their own coefficients keep all routes and stations
 and are not tried.
 """
 
+from collections.abc import Iterable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,12 +15,11 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from sim.hull import HULL_KEYS
+from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import Follower, Navigation, Scenario, Vehicle
 from sim.scenario.vehicle_routes import route_of
 from sim.simulation import (
     EndedError,
-    fly_mission,
-    keys_needing_closed_loop,
     simulate_motion,
 )
 from sim.tracking import JOINED_M, cross_track, off_station
@@ -60,12 +61,11 @@ def _deviation(quantity: str, off: Floats, time: Floats) -> TrackDeviation:
 
 
 def _deviations_of(
-    scenario: Scenario, trajectory: Trajectory, i: int, station: Floats
+    vehicle: Vehicle, trajectory: Trajectory, i: int, station: Floats
 ) -> list[TrackDeviation]:
     """Where vehicle i is off by more than is usual; `station` are its distances from its station,
     shape (n,), [m].
     """
-    vehicle = scenario.vehicles()[i][1]
     time = trajectory.time
     if isinstance(vehicle, Follower) and vehicle.station:
         joined = int(np.argmax(station < JOINED_M))
@@ -86,34 +86,34 @@ def _deviations_of(
     return deviations
 
 
-def track_deviations(scenario: Scenario, trajectory: Trajectory) -> list[str]:
+def track_deviations(motion: MotionSettings, trajectory: Trajectory) -> list[str]:
     """How far vehicles with other hulls than the project's own are off their routes, depths and
     stations, a line for each that is farther off than is usual.
     """
     lines = []
-    off = off_station(scenario, trajectory)
-    for i, (_, vehicle) in enumerate(scenario.vehicles()):
+    off = off_station(motion, trajectory)
+    for i, (_, vehicle) in enumerate(motion.plan.vehicles()):
         if not is_custom(vehicle):
             continue
-        of_vehicle = _deviations_of(scenario, trajectory, i, off[:, max(i - 1, 0)])
+        of_vehicle = _deviations_of(vehicle, trajectory, i, off[:, max(i - 1, 0)])
         if of_vehicle:
             lines.append(f"{trajectory.names[i]}: {'; '.join(map(str, of_vehicle))}")
     return lines
 
 
-def _followers_on_trial(scenario: Scenario) -> list[Follower]:
-    return [f for f in scenario.followers if is_custom(f) and not f.controller]
+def _on_trial(followers: Iterable[Follower]) -> list[Follower]:
+    return [f for f in followers if is_custom(f) and not f.controller]
 
 
-def needs_trial(scenario: Scenario) -> bool:
+def needs_trial(motion: MotionSettings) -> bool:
     """Whether a mission has rigid bodies with other hulls than the project's own."""
-    customs = is_custom(scenario.leader) or bool(_followers_on_trial(scenario))
-    return scenario.motion == "physics" and customs
+    customs = is_custom(motion.plan.leader) or bool(_on_trial(motion.plan.followers))
+    return motion.kind == "physics" and customs
 
 
 def _trial_scenario(scenario: Scenario) -> Scenario:
     """The mission of the leader and of followers to be tried, steered by the truth."""
-    followers = _followers_on_trial(scenario)
+    followers = _on_trial(scenario.followers)
     if not followers:
         # a mission has one at least, best one whose control needs no closed loop
         followers = sorted(scenario.followers, key=lambda f: f.station is not None)[:1]
@@ -138,26 +138,24 @@ def _trial_scenario(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update=changes)
 
 
-def _fly(on_trial: Scenario) -> Trajectory:
-    if not keys_needing_closed_loop(on_trial):
-        return simulate_motion(on_trial)
-    # control of formations takes long to load
-    from sim.closed_loop import closed_loop_mission
-
-    return fly_mission(on_trial, closed_loop_mission(on_trial))
-
-
 def trial(scenario: Scenario) -> list[str]:
     """What `track_deviations` says of a flight by the truth, and how that ends if it does before
     its time; nothing unless the scenario `needs_trial`.
     """
-    if not needs_trial(scenario):
+    if not needs_trial(MotionSettings.of(scenario)):
         return []
     on_trial = _trial_scenario(scenario)
+    motion = MotionSettings.of(on_trial)
+    make_controller = None
+    if on_trial.keys_needing_closed_loop():
+        # control of formations takes long to load
+        from sim.closed_loop import closed_loop_of
+
+        make_controller = partial(closed_loop_of, on_trial)
     try:
-        trajectory = _fly(on_trial)
+        trajectory = simulate_motion(on_trial, make_controller=make_controller)
     except EndedError as error:
-        return [str(error), *track_deviations(on_trial, error.trajectory)]
+        return [str(error), *track_deviations(motion, error.trajectory)]
     except (LaisnError, ArithmeticError) as error:
         return [str(error)]
-    return track_deviations(on_trial, trajectory)
+    return track_deviations(motion, trajectory)

@@ -32,7 +32,7 @@ from sim.flight import FlightRecord, excerpt, settings_as
 from sim.log.ros2 import write_measurement_bag
 from sim.log.schema import MEASURED, Clock
 from sim.log.writer import further_readings, numeric, write_channels
-from sim.scenario.settings import Scenario
+from sim.scenario.settings import Acoustics
 from sim.sensing.observation import start_of
 from sim.system import atomic_write
 
@@ -65,13 +65,13 @@ def truth_rows(flight: FlightRecord, follower: int) -> Floats:
     return np.column_stack([trajectory.time[steps], east, north, -up, heading, leader, bound])
 
 
-def _told_profile(scenario: Scenario) -> dict[str, Any]:
+def _told_profile(acoustics: Acoustics) -> dict[str, Any]:
     """The profile of the speed of sound by which rays bend, where they do."""
-    if scenario.acoustics.rays == "straight":
+    if acoustics.rays == "straight":
         return {}
-    points = scenario.acoustics.sound_speed_profile or ()
+    points = acoustics.sound_speed_profile or ()
     return {
-        "rays": scenario.acoustics.rays,
+        "rays": acoustics.rays,
         "sound_speed_profile": [list(map(float, point)) for point in points],
     }
 
@@ -115,7 +115,7 @@ def task_table(mission: BenchmarkMission, flight: FlightRecord) -> dict[str, Any
             "travel_time": sound.travel_time,
             "ping_slot_s": sound.ping_slot_s,
             "sound_speed_m_s": sound.sound_speed_m_s + sound.sound_speed_bias_m_s,
-            **_told_profile(scenario),
+            **_told_profile(sound),
         },
         "navigation": {
             "variant": "tight",
@@ -166,9 +166,7 @@ def _write_graphs(folder: Path, flight: FlightRecord) -> None:
 
 
 def _with_tight(flight: FlightRecord) -> FlightRecord:
-    navigation = flight.scenario.navigation.model_copy(update={"variant": "tight"})
-    scenario = flight.scenario.model_copy(update={"navigation": navigation})
-    return replace(flight, scenario=scenario)
+    return replace(flight, scenario=flight.scenario.with_navigation(variant="tight"))
 
 
 def write_run(

@@ -23,6 +23,7 @@ from experiments.campaign.store import Arrays, CampaignError, Record, Result, St
 from laisn.compiled import FOLDER
 from laisn.navigators import find
 from laisn.plugins import plugin_errors, plugins_version
+from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import Scenario
 from sim.system import background_process
 from sim.trajectory import Trajectory
@@ -108,34 +109,26 @@ def _batches(plans: Iterable[CellPlan], workers: int) -> list[list[CellPlan]]:
     return batches
 
 
-def _flight(scenario: Scenario, motion: str, trajectory: Trajectory) -> Result:
-    """A mission as it is stored: all scenarios that share its motion give the same bytes."""
-    return (
-        motion,
-        None,
-        montecarlo.with_transmitter_sites(trajectory, montecarlo.motion_of(scenario).leader).arrays,
-    )
-
-
 def _fly(plan: CellPlan, facts: Facts | None, batch: Sequence[CellPlan]) -> list[Result]:
     """The mission of a cell, its facts, and cells of the same mission."""
     trajectory = montecarlo.simulate_mission(plan.scenario)
-    results = [_flight(plan.scenario, plan.motion, trajectory)]
+    results: list[Result] = [(plan.motion, None, trajectory.arrays)]
     if facts:
-        results.append((key_of(facts, plan.motion), facts(plan.scenario, trajectory), {}))
+        measured = facts(MotionSettings.of(plan.scenario), trajectory)
+        results.append((key_of(facts, plan.motion), measured, {}))
     return results + compute(trajectory, batch)
 
 
 def mission(scenario: Scenario, store: Store) -> Trajectory:
-    """The stored flight of a scenario's mission, its transmitters placed; it is flown if it is
-    not there.
+    """The stored flight of a scenario's mission, with transmitters where the leader's hull has
+    them; it is flown if it is not there.
     """
-    motion = montecarlo.motion_key(scenario)
-    stored = store.get(motion)
+    key = key_of(MotionSettings.of(scenario))
+    stored = store.get(key)
     if stored is not None:
-        return montecarlo.with_transmitter_sites(Trajectory.of_arrays(stored[1]), scenario.leader)
+        return Trajectory.of_arrays(stored[1])
     trajectory = montecarlo.simulate_mission(scenario)
-    store.put(*_flight(scenario, motion, trajectory))
+    store.put(key, None, trajectory.arrays)
     return trajectory
 
 

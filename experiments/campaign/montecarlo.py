@@ -11,17 +11,17 @@ run=k)` gives a single flight.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache, partial
 from itertools import chain, islice
-from typing import Any, NamedTuple, Self, TypeVar
+from typing import Any, NamedTuple, Self
 
 import numpy as np
-from pydantic import BaseModel
 from scipy.special import chdtri
 
 from experiments.campaign import lane_flight as lane
-from experiments.campaign.store import Arrays, CampaignError, Record, key_of
+from experiments.campaign.store import Arrays, CampaignError, Record
 from laisn import lanes
 from laisn.arrays import Floats, Ints
 from laisn.errors import LaisnError
@@ -31,23 +31,16 @@ from laisn.messages import Measurements
 from laisn.navigators import MissionResult, NavigatorSpec, find, spec_of
 from laisn.settings import NavigationSettings, Settings
 from sim.flight import navigation_settings
-from sim.scenario.links import LEADER_LINK
-from sim.scenario.section import keys_per_run
-from sim.scenario.settings import Acoustics, Leader, Navigation, Scenario, Sensors
+from sim.scenario.parts import MotionSettings, SensingSettings
+from sim.scenario.settings import Navigation, Scenario
 from sim.sensing.observation import IdealMeasurements, measure, observe
-from sim.sensing.sensors import (
-    SensorErrors,
-    custom_tables,
-    further_errors_of,
-    navigated_errors_of,
-)
-from sim.simulation import EndedError, simulate_motion
+from sim.sensing.sensors import SensorErrors, further_errors_of, navigated_errors_of
+from sim.simulation import EndedError, require_open_loop, simulate_open_loop
 from sim.trajectory import Trajectory
 from sim.vehicle.mjcf import transmitter_places
 from sim.vehicle.plant import PlantError
 
 PERCENTILES = (50, 90, 95, 99)
-Section = TypeVar("Section", bound=BaseModel)
 _NO_HISTORY = np.empty((0, 4 * LANES))
 Disturbance = Any
 """Errors of the user's own: `disturb(measurements, seed, run)` gives changed measurements, by
@@ -55,137 +48,99 @@ its arguments alone.
 """
 
 
-@cache
-def _default(kind: type[BaseModel], name: str) -> Any:
-    return kind.model_fields[name].get_default(call_default_factory=True)
+@dataclass(frozen=True, kw_only=True)
+class CellSettings:
+    """What the numbers of a cell follow from, beside its runs: its key is made of these."""
+
+    motion: MotionSettings
+    transmitters: tuple[tuple[str, int, float], ...]  # sites, axes and coordinates [m]
+    sensing: SensingSettings  # of run 0
+    navigation: Navigation
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> Self:
+        """The settings of a scenario."""
+        places = transmitter_places(scenario.leader)
+        return cls(
+            motion=MotionSettings.of(scenario),
+            transmitters=tuple((name, *place) for name, place in places.items()),
+            sensing=replace(SensingSettings.of(scenario), run=0),
+            navigation=scenario.navigation,
+        )
 
 
-def _without(section: Section, *names: str, **changes: Any) -> Section:
-    """A section of a scenario with these keys at their defaults, and others changed."""
-    return section.model_copy(
-        update={name: _default(type(section), name) for name in names} | changes
-    )
-
-
-def content_of(scenario: Scenario) -> Scenario:
-    """The scenario with everything at its default that changes no number of a campaign, to
-    compute and to make keys.
-    """
-    return _without(
-        scenario, "run", "epoch", "origin_latitude_deg", "origin_longitude_deg", "video"
-    )
-
-
-def canonical_scenario(scenario: Scenario) -> Scenario:
-    return scenario.model_copy(update={"name": "mission"})
-
-
-def motion_of(scenario: Scenario) -> Scenario:
-    """The scenario with everything at its default that does not change how vehicles move, to be
-    flown.
-    """
-    of_messages = ("broadcast_attitude", "sensors")
-    leader = _without(scenario.leader, *of_messages, baseline_m=None, middle_offset_m=None)
-    timing = _without(scenario.timing, "filter_step_s", "message_interval_s")
-    return _without(
-        content_of(scenario),
-        "sensors",
-        "acoustics",
-        "navigation",
-        "links",
-        leader=leader,
-        timing=timing,
-    )
-
-
-def _observed_of(scenario: Scenario, follower: int) -> Scenario:
-    """The scenario with everything at its default, such as random errors, that does not change
-    what `observe` finds.
-    """
-    sensors = scenario.sensors_of(follower)
-    acoustics = scenario.acoustics
-    chances = ("surface_echo_probability", "bottom_echo_probability")
-    echoes = {name: float(getattr(acoustics, name) > 0.0) / 2 for name in chances}
-    navigation = scenario.navigation
-    by_leader = navigation.link == LEADER_LINK and not navigation.further_links
-    # links name their senders
-    hidden = ("sensors", "name") if by_leader else ("sensors",)
-    overrides = {
-        "seed": 1,
-        "sensors": _without(sensors, *keys_per_run(Sensors), custom=custom_tables(scenario)),
-        "followers": tuple(_without(member, *hidden) for member in scenario.followers),
-        "leader": _without(scenario.leader, "sensors"),
-        "links": () if by_leader else scenario.links,
-        "acoustics": _without(acoustics, *keys_per_run(Acoustics), **echoes),
-        "navigation": Navigation(
-            variant="tight",
-            link=navigation.link,
-            further_links=navigation.further_links,
-            sound_speed=navigation.sound_speed,
-            assume={"transmitters": scenario.navigation.transmitters},
-        ),
-    }
-    return canonical_scenario(content_of(scenario)).model_copy(update=overrides)
-
-
-def motion_key(scenario: Scenario) -> str:
-    """Key of everything that may change how the vehicles move."""
-    return key_of(canonical_scenario(motion_of(scenario)))
-
-
-def with_transmitter_sites(trajectory: Trajectory, leader: Leader) -> Trajectory:
-    """A trajectory with its motion unchanged and the transmitters where this leader's keys place
-    them.
-    """
+def with_transmitter_sites(
+    trajectory: Trajectory, transmitters: Sequence[tuple[str, int, float]]
+) -> Trajectory:
+    """A trajectory with its motion unchanged and transmitters moved, as of `CellSettings`."""
     offset = trajectory.site_offset.copy()
-    for name, (axis, value) in transmitter_places(leader).items():
+    for name, axis, value in transmitters:
         offset[trajectory.site(f"leader/{name}"), axis] = value
     return replace(trajectory, site_offset=offset)
 
 
-def simulate_mission(scenario: Scenario) -> Trajectory:
-    """Motion of a mission's vehicles; CampaignError naming it, and how it ended, if that was
-    before its time.
+@contextmanager
+def _ends_reported(name: str) -> Iterator[None]:
+    """Errors of motion as CampaignError; they carry the motion so far, which no process can hand to
+    another.
     """
     try:
-        return with_transmitter_sites(simulate_motion(motion_of(scenario)), scenario.leader)
+        yield
     except (EndedError, PlantError) as error:
-        # they carry the motion so far, which no process can hand to another
-        raise CampaignError(f"mission {scenario.name!r}: {error}") from None
+        raise CampaignError(f"mission {name!r}: {error}") from None
+
+
+def simulate_mission(scenario: Scenario) -> Trajectory:
+    """Motion of a mission's vehicles, with transmitters where the leader's hull has them.
+
+    LaisnError if the motion depends on the noise of the run; CampaignError naming the mission, and
+    how it ended, if that was before its time.
+    """
+    require_open_loop(scenario)
+    with _ends_reported(scenario.name):
+        return simulate_open_loop(MotionSettings.of(scenario))
 
 
 class CampaignMission:
-    """The motion of a scenario, or of others that move alike; what its cells share is computed
-    once.
-    """
+    """The motion of a mission; what its cells share is computed once."""
 
-    def __init__(self, scenario: Scenario, trajectory: Trajectory) -> None:
-        self._motion = canonical_scenario(motion_of(scenario))
-        self._sited = cache(partial(with_transmitter_sites, trajectory))
+    def __init__(self, motion: MotionSettings, trajectory: Trajectory) -> None:
+        """Of a trajectory that follows from these settings."""
+        self._motion = motion
+        self._placed = cache(partial(with_transmitter_sites, trajectory))
         self._observed = cache(self._observe)
 
-    def _observe(self, scenario: Scenario, follower: int) -> IdealMeasurements:
-        return observe(self._sited(scenario.leader), scenario, follower, use_compiled=True)
+    def _observe(
+        self,
+        transmitters: tuple[tuple[str, int, float], ...],
+        sensing: SensingSettings,
+        follower: int,
+    ) -> IdealMeasurements:
+        return observe(self._placed(transmitters), sensing, follower, use_compiled=True)
 
-    def seen(self, scenario: Scenario, follower: int) -> tuple[Trajectory, IdealMeasurements]:
-        """Motion with a scenario's transmitters, and what one follower sees; LaisnError if
+    def seen(self, settings: CellSettings, follower: int) -> tuple[Trajectory, IdealMeasurements]:
+        """Motion with the transmitters of a cell, and what one follower sees; LaisnError if
         vehicles move otherwise.
         """
-        if canonical_scenario(motion_of(scenario)) != self._motion:
-            raise LaisnError(
-                f"scenario {scenario.name!r} moves otherwise than the mission that was simulated"
-            )
-        return self._sited(scenario.leader), self._observed(
-            _observed_of(scenario, follower), follower
-        )
+        if settings.motion != self._motion:
+            raise LaisnError("the scenario moves otherwise than the mission that was simulated")
+        sensing = settings.sensing.without_random_errors
+        observed = self._observed(settings.transmitters, sensing, follower)
+        return self._placed(settings.transmitters), observed
 
 
 @lru_cache(maxsize=4)
-def mission_of(motion: Scenario) -> CampaignMission:
-    """A mission, simulated once for all scenarios of this motion; errors as of
+def _flown(motion: MotionSettings) -> CampaignMission:
+    return CampaignMission(motion, simulate_open_loop(motion))
+
+
+def mission_of(scenario: Scenario) -> CampaignMission:
+    """The mission of a scenario, simulated once for all that move alike; errors as of
     `simulate_mission`.
     """
-    return CampaignMission(motion, simulate_mission(motion))
+    require_open_loop(scenario)
+    with _ends_reported(scenario.name):
+        return _flown(MotionSettings.of(scenario))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,11 +187,12 @@ class Cell:
         """
         if not 0 <= follower < len(scenario.followers):
             raise LaisnError(f"follower is {follower}, the scenario has {len(scenario.followers)}")
-        trajectory, truth = (mission or mission_of(motion_of(scenario))).seen(scenario, follower)
+        cell = CellSettings.of(scenario)
+        trajectory, truth = (mission or mission_of(scenario)).seen(cell, follower)
         return cls(
             truth=truth,
-            errors=navigated_errors_of(scenario, follower),
-            further=further_errors_of(scenario, follower),
+            errors=navigated_errors_of(cell.sensing, follower),
+            further=further_errors_of(cell.sensing, follower),
             navigator=find(scenario.navigation.variant),
             settings=navigation_settings(scenario, trajectory, follower),
             seed=scenario.seed,

@@ -11,8 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from experiments.campaign import montecarlo
-from experiments.campaign.montecarlo import Cell, Disturbance, histories, simulate
+from experiments.campaign.montecarlo import (
+    CampaignMission,
+    Cell,
+    CellSettings,
+    Disturbance,
+    histories,
+    simulate,
+)
 from experiments.campaign.store import Arrays, Record, Result, key_of
 from laisn import metrics
 from laisn.errors import LaisnError
@@ -20,10 +26,11 @@ from laisn.navigators import find
 from laisn.plugins import find_class
 from reports.bound import geometry_of, least_rms, noise_of
 from sim.scenario.file import assigned, validate
+from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory, tilted
 
-Facts = Callable[[Scenario, Trajectory], list[Record]]
+Facts = Callable[[MotionSettings, Trajectory], list[Record]]
 """What is measured of a mission besides: a record for each follower."""
 
 
@@ -64,10 +71,6 @@ class CellPlan:
             )
 
     @cached_property
-    def content(self) -> Scenario:
-        return montecarlo.content_of(self.scenario)
-
-    @cached_property
     def key(self) -> str:
         """Key of its row and of its arrays over runs."""
         others: tuple[Any, ...] = (
@@ -80,7 +83,7 @@ class CellPlan:
         others += (dict(self.disturb), dict(self.measured), self.facts)
         name = self.disturb.get("use", "")
         functions = [_disturbing(name).disturb] if name.startswith(_OWN) else []
-        return key_of(montecarlo.canonical_scenario(self.content), *others, *functions)
+        return key_of(CellSettings.of(self.scenario), *others, *functions)
 
     @property
     def steps_key(self) -> str:
@@ -93,7 +96,7 @@ class CellPlan:
     @cached_property
     def motion(self) -> str:
         """Key of its mission, which others may share."""
-        return montecarlo.motion_key(self.scenario)
+        return key_of(MotionSettings.of(self.scenario))
 
     @property
     def size(self) -> int:
@@ -171,25 +174,27 @@ def compute(trajectory: Trajectory, plans: Sequence[CellPlan]) -> list[Result]:
     """Compute cells of one mission: the row and the arrays over runs of each and, on request,
     over steps.
     """
+    if not plans:
+        return []
     behind = {}
+    # alike of all cells of a mission
+    moves = MotionSettings.of(plans[0].scenario)
     for pitch in {plan.leader_pitch_deg for plan in plans}:
         motion = trajectory if pitch is None else tilted(trajectory, np.deg2rad(pitch))
-        behind[pitch] = montecarlo.CampaignMission(plans[0].scenario, motion)
+        behind[pitch] = CampaignMission(moves, motion)
     results = list[Result]()
     for plan in plans:
         runs = range(plan.first_run, plan.first_run + plan.runs)
         disturbance = disturbance_of(plan.disturb)
-        scenario = plan.content
+        scenario = plan.scenario
         mission = behind[plan.leader_pitch_deg]
         steps = Arrays()
         adjusted = scenario
         variant = scenario.navigation.variant
         if plan.measured and plan.facts:
-            facts = plan.facts(plan.scenario, trajectory)[plan.follower]
+            facts = plan.facts(moves, trajectory)[plan.follower]
             values = {key: facts.get(name) for key, name in plan.measured.items()}
-            adjusted = validate(
-                assigned(scenario.model_dump(mode="json"), values), plan.scenario.name
-            )
+            adjusted = validate(assigned(scenario.model_dump(mode="json"), values), scenario.name)
         cell = Cell.of(adjusted, plan.follower, runs, mission=mission, disturbance=disturbance)
         result = simulate(cell, threads=plan.threads)
         # without the name, as plans of others may share it
@@ -200,9 +205,10 @@ def compute(trajectory: Trajectory, plans: Sequence[CellPlan]) -> list[Result]:
             "rms_over_bound": None,
         }
         if find(variant).compare_with_crlb:
-            seen, _ = mission.seen(scenario, plan.follower)
-            geometry = geometry_of(seen, scenario, plan.follower)
-            noise = noise_of(scenario, plan.follower)
+            settings = CellSettings.of(scenario)
+            seen, _ = mission.seen(settings, plan.follower)
+            geometry = geometry_of(seen, settings.sensing, plan.follower)
+            noise = noise_of(settings.sensing, settings.navigation, plan.follower)
             least = least_rms(geometry, noise)
             bound = float(np.sqrt(np.mean(least**2)))
             rms = float(np.hypot(row["e_p_mean_m"], row["e_p_std_m"]))

@@ -12,6 +12,7 @@ from laisn.navigators import NavigatorFactory, SteppedNavigator, find
 from sim.flight import FlightRecord, FlightUnderWay, Termination, navigation_settings
 from sim.open_loop import OpenLoop
 from sim.scenario.file import ScenarioError, assigned, validate
+from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import Scenario
 from sim.sensing.observation import start_of
 from sim.simulation import (
@@ -25,7 +26,6 @@ from sim.simulation import (
     Mission,
     OffRouteError,
     fly_mission,
-    keys_needing_closed_loop,
     new_mission,
     simulate_motion,
     static_trajectory,
@@ -81,7 +81,7 @@ class MissionToFly:
         self._outcome = Termination.INTERRUPTED
         self._mission: Mission | None = None
         self._under_way: OpenLoop | ClosedLoopFlight | None = None
-        if make_controller is None and keys_needing_closed_loop(scenario):
+        if make_controller is None and scenario.keys_needing_closed_loop():
             # control of formations takes long to load
             from sim.closed_loop import ClosedLoopFlight, closed_loop_mission
 
@@ -121,7 +121,7 @@ class MissionToFly:
         if mission is None:
             return self._move_points()
         mission.observers.append(lambda _: self._follow(mission.instants - 1))
-        return fly_mission(self._scenario, mission, progress)
+        return fly_mission(MotionSettings.of(self._scenario), mission, progress)
 
     def _move_points(self) -> Trajectory:
         ended: EndedError | None = None

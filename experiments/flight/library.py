@@ -81,9 +81,8 @@ def _line_of(source: str, changes: Iterable[str]) -> Callable[[Location], str]:
     return lambda location: of_file()(location)
 
 
-def missing_extras(scenario: Scenario) -> list[str]:
-    """A line if the scenario's navigator needs a package that is not installed."""
-    variant = scenario.navigation.variant
+def missing_extras(variant: str) -> list[str]:
+    """A line if a navigator needs a package that is not installed."""
     missing = NAVIGATORS[variant].missing if variant in NAVIGATORS else ""
     return [f"navigation.variant: {variant!r} {missing}"] if missing else []
 
@@ -100,7 +99,7 @@ def _checked(
     from sim.feasibility import infeasibilities
 
     def further(scenario: Scenario) -> list[str]:
-        return [*missing_extras(scenario), *infeasibilities(scenario)]
+        return [*missing_extras(scenario.navigation.variant), *infeasibilities(scenario)]
 
     return validate(assigned(table, changes), name, further=further, where=where)
 

@@ -18,6 +18,7 @@ from sim.assembly import routes_of
 from sim.closed_loop import simulate_closed_loop
 from sim.flight import Termination
 from sim.scenario.formation import LEAST_LAYER_M
+from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.simulation import DivergedError, EndedError
 from sim.tracking import contacts, cross_track, station_keeping, track_errors, true_stations
@@ -136,33 +137,33 @@ def _station(off: Floats, turning: Bools, time: Floats) -> Record:
     }
 
 
-def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
+def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
     """What the motion of a mission shows of each of its followers: a record by columns of
     `METRICS`.
 
     Point motion has no thrusters: its powers are None. Followers without stations have no columns
     of stations.
     """
-    routes = routes_of(scenario)
+    plan = motion.plan
+    routes = routes_of(plan)
     time = trajectory.time
     position = trajectory.position
-    stations = (
-        true_stations(scenario, trajectory) if any(f.station for f in scenario.followers) else None
-    )
-    off = track_errors(scenario, trajectory, stations)
+    on_stations = any(follower.station for follower in plan.followers)
+    stations = true_stations(motion, trajectory) if on_stations else None
+    off = track_errors(motion, trajectory, stations)
     sent = np.arange(round(1.0 / CONTROL_STEP_S), time.size, round(1.0 / CONTROL_STEP_S))
-    density = scenario.ocean.density_kg_m3
+    density = motion.sea.ocean.density_kg_m3
     span = float(time[-1] - time[0])
     touching = {name for contact in contacts(trajectory) for name in contact.pair}
     pitch = np.rad2deg(trajectory.pitch)
-    layers = np.array([vehicle.layer_m for vehicle in (scenario.leader, *scenario.followers)])
+    layers = np.array([vehicle.layer_m for _, vehicle in plan.vehicles()])
 
     def depth_error(v: int) -> Floats:
         return np.asarray(trajectory.depth[:, v] - routes[v].depth.at(time)[0])
 
-    def motion(v: int) -> Record:
+    def moved(v: int) -> Record:
         mean = float(thruster_power(trajectory, v, density).mean())
-        power = mean if scenario.motion == "physics" and np.isfinite(mean) else None
+        power = mean if motion.kind == "physics" and np.isfinite(mean) else None
         return {
             "pitch_rms_deg": _rms(pitch[:, v]),
             "pitch_max_deg": float(np.abs(pitch[:, v]).max()),
@@ -171,15 +172,15 @@ def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
             "energy_j": None if power is None else power * span,
         }
 
-    leader = {f"leader_{name}": value for name, value in motion(0).items()}
+    leader = {f"leader_{name}": value for name, value in moved(0).items()}
     records = []
-    for v, follower in enumerate(scenario.followers, start=1):
+    for v, follower in enumerate(plan.followers, start=1):
         errors = off[:, v - 1]
         offsets = np.delete(position, v, axis=1) - position[:, v : v + 1]
         away = position[:, v] - position[:, 0]
         east, north, up = away[sent].T
         off_bow = np.arctan2(east, north) - trajectory.heading[sent, 0]
-        moved = pitch_fix_error(
+        fix_error = pitch_fix_error(
             trajectory.pitch[sent, 0], -up, np.maximum(np.hypot(east, north), 1e-9), off_bow
         )
         level = np.hypot(offsets[..., 0], offsets[..., 1]).min(axis=0)
@@ -195,7 +196,7 @@ def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
             "touched": float(trajectory.names[v] in touching),
             "range_mean_m": float(np.hypot(*away[:, :2].T).mean()),
             "depth_offset_rms_m": _rms(away[:, 2]),
-            "pitch_fix_error_m": float(moved.mean()) if sent.size else None,
+            "pitch_fix_error_m": float(fix_error.mean()) if sent.size else None,
         }
         if follower.station and stations is not None:
             row |= _station(errors, np.abs(stations.rate[:, v - 1]) > TURNING_RAD_S, time)
@@ -203,7 +204,7 @@ def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
             until = time <= routes[v].time[-1] + 1e-9
             aside = cross_track(routes[v], time[until], position[until, v, :2])
             row |= {"cross_track_rms_m": _rms(aside), "cross_track_max_m": float(aside.max())}
-        records.append(row | motion(v) | leader)
+        records.append(row | moved(v) | leader)
     return records
 
 
@@ -237,7 +238,7 @@ def records_of_run(scenario: Scenario, run: int) -> list[Record]:
     leader = trajectory.position[steps, 0, :2]
     heading = trajectory.heading[steps, 0]
     rows = []
-    for i, facts in enumerate(facts_of(of_run, trajectory)):
+    for i, facts in enumerate(facts_of(MotionSettings.of(of_run), trajectory)):
         estimate = estimates[:, i]
         truth = trajectory.site_path(f"{trajectory.names[i + 1]}/hydrophone")[steps, :2]
         position = metrics.position_errors(estimate, truth)

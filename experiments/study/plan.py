@@ -10,9 +10,9 @@ from functools import cache, cached_property, partial
 from itertools import product
 from typing import Any
 
-from experiments.campaign.montecarlo import motion_key
 from experiments.campaign.plans import disturbance_of
 from experiments.campaign.progress import progress
+from experiments.campaign.store import key_of
 from experiments.flight.library import missing_extras, table_of, text_of
 from experiments.study.design import follows_run, is_number, is_rule, points_of, value_at
 from experiments.study.file import ALONE, CASE, SCENARIO, Study, refusal
@@ -22,9 +22,9 @@ from laisn.errors import LaisnError
 from laisn.lanes import LANES
 from sim.feasibility import infeasibilities
 from sim.scenario.file import ScenarioError, assigned, scenario_or_errors, validate
+from sim.scenario.parts import MotionSettings
 from sim.scenario.section import Section
 from sim.scenario.settings import Scenario
-from sim.simulation import keys_needing_closed_loop
 
 FOLLOWER = "follower"
 MOST_ENTRIES = 200_000
@@ -56,7 +56,7 @@ class PlanEntry:
     @cached_property
     def closed_loop(self) -> bool:
         """Whether each of its runs is another mission."""
-        return bool(keys_needing_closed_loop(self.scenario)) or any(
+        return bool(self.scenario.keys_needing_closed_loop()) or any(
             map(follows_run, self.settings.values())
         )
 
@@ -261,7 +261,7 @@ class _Examination:
         lines += invalid + errors
         if scenario is not None and not lines:
             if motion not in self._motion_of:
-                self._motion_of[motion] = motion_key(scenario)
+                self._motion_of[motion] = key_of(MotionSettings.of(scenario))
             run = scenario.run + number * self.study.file.runs_apart
             entry = PlanEntry(
                 point=number,
@@ -269,7 +269,7 @@ class _Examination:
                 realization=realization,
                 settings=settings,
                 source=self.study.scenarios[name],
-                scenario=scenario.model_copy(update={**self._shared(scenario), "run": run}),
+                scenario=scenario.model_copy(update={**self._shared(dict(scenario)), "run": run}),
                 motion=self._motion_of[motion],
                 measured=measured,
             )
@@ -316,17 +316,17 @@ class _Examination:
     def _infeasibilities(self, motion: str, scenario: Scenario) -> list[str]:
         """Found once for all scenarios that move and are filmed alike."""
         if motion not in self._infeasibilities_of:
-            lines = [*missing_extras(scenario), *infeasibilities(scenario)]
+            lines = [*missing_extras(scenario.navigation.variant), *infeasibilities(scenario)]
             self._infeasibilities_of[motion] = lines
         return self._infeasibilities_of[motion]
 
-    def _shared(self, scenario: Scenario) -> dict[str, Section]:
-        """Sections of a scenario as others have them: ten thousand scenarios differ in few, and
-        share all others in memory.
+    def _shared(self, keys: Mapping[str, Any]) -> dict[str, Section]:
+        """Sections among the keys of a scenario as others have them: ten thousand scenarios differ
+        in few, and share all others in memory.
         """
         return {
             name: self._sections.setdefault((name, value), value)
-            for name, value in scenario
+            for name, value in keys.items()
             if isinstance(value, Section) and not getattr(value, "custom", None)
         }
 

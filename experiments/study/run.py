@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, Self, Unpack
 import numpy as np
 import pyarrow as pa
 
-from experiments.campaign import campaign, montecarlo
+from experiments.campaign import campaign
 from experiments.campaign.campaign import ExecutionOptions, Flown, Task
 from experiments.campaign.plans import CellPlan
 from experiments.campaign.store import Arrays, CampaignError, Record, Store, columns_of
@@ -26,6 +26,7 @@ from experiments.study.measure import facts_of, records_of_run
 from experiments.study.plan import PlanEntry, StudyPlan
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
+from sim.scenario.settings import Video
 from sim.trajectory import Trajectory
 
 # by which the number of runs grows at most from one look at their intervals to the next
@@ -206,7 +207,8 @@ class _EntryFlight:
         tasks: dict[Any, Task] = {}
         if entry.closed_loop:
             for run in plan.runs_of(entry):
-                scenario = montecarlo.content_of(entry.scenario_at(run))
+                # no number depends on the film
+                scenario = entry.scenario_at(run).model_copy(update={"video": Video()})
                 tasks[number, entry.place, run] = partial(records_of_run, scenario, run)
         else:
             cells = _cells(plan, entry)

@@ -34,7 +34,7 @@ def bound(
     import numpy as np
     from rich.console import Console
 
-    from experiments.campaign.montecarlo import Cell, mission_of, motion_of, simulate
+    from experiments.campaign.montecarlo import Cell, CellSettings, mission_of, simulate
     from experiments.campaign.progress import compiling_shown, print_line, show_table
     from experiments.campaign.store import write_csv
     from experiments.flight.library import load_scenario
@@ -47,10 +47,12 @@ def bound(
     lines: list[list[str]] = []
     rows: list[Record] = []
     with compiling_shown():
-        mission = mission_of(motion_of(flown))
+        mission = mission_of(flown)
+        settings = CellSettings.of(flown)
         for i, follower in enumerate(flown.followers):
-            trajectory, _ = mission.seen(flown, i)
-            least = least_rms(geometry_of(trajectory, flown, i), noise_of(flown, i))
+            trajectory, _ = mission.seen(settings, i)
+            noise = noise_of(settings.sensing, settings.navigation, i)
+            least = least_rms(geometry_of(trajectory, settings.sensing, i), noise)
             bounds = [
                 float(np.sqrt(np.mean(quarter**2)))
                 for quarter in (*np.array_split(least, _QUARTERS), least)

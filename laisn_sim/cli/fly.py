@@ -30,8 +30,9 @@ from reports.summary import flight_bounds, flight_events, stray_events, summaris
 from sim.feasibility import cautions
 from sim.flight import FlightRecord, Termination, navigate, position_and_bearing_errors
 from sim.log.contents import LogError
+from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import Scenario
-from sim.simulation import DivergedError, keys_needing_closed_loop
+from sim.simulation import DivergedError
 from sim.system import background_process, return_large_blocks
 from sim.trial import track_deviations
 
@@ -161,7 +162,7 @@ def fly_live(scenario: Scenario, view: "LiveView", progress: Update) -> FlightRe
             simulation.finish_live(simulation.flight())
         progress(simulation.time / scenario.duration_s)
     flown = simulation.flight()
-    if keys_needing_closed_loop(scenario):
+    if scenario.keys_needing_closed_loop():
         return flown
     # by the reference code, as of all missions whose followers do not steer by estimates
     return navigate(scenario, flown.trajectory, outcome=flown.outcome)
@@ -274,11 +275,11 @@ def write_flight(
     return flight, summary, film_error
 
 
-def _opened_view(console: Console, scenario: Scenario, foxglove: bool, live: bool) -> "LiveView":
+def _opened_view(console: Console, motion: str, foxglove: bool, live: bool) -> "LiveView":
     """A live view with its page open, or after a while without one; LaisnError if the mission
     cannot be shown live.
     """
-    if scenario.motion == "kinematic":
+    if motion == "kinematic":
         raise LaisnError(
             f'{"--live" if live else "--foxglove"}: expected motion = "physics" (points, as '
             'motion = "kinematic" has them, are not flown step by step)'
@@ -323,7 +324,7 @@ def fly_and_write(
     for caution in cautions(scenario):
         print_line(console, caution, "warning:")
     replaces = (folder / SUMMARY).exists()
-    view = _opened_view(console, scenario, foxglove, live) if live or foxglove else None
+    view = _opened_view(console, scenario.motion, foxglove, live) if live or foxglove else None
     with one_flight(folder) as work:
         flight, summary, film_error = write_flight(
             scenario,
@@ -334,7 +335,7 @@ def fly_and_write(
             live=view,
         )
     show(console, flight, summary)
-    for deviation in track_deviations(scenario, flight.trajectory):
+    for deviation in track_deviations(MotionSettings.of(scenario), flight.trajectory):
         print_line(console, deviation, "warning:")
     for event in stray_events(flight):
         print_line(console, f"at {event.time_s:g} s {event.text}", "warning:")

@@ -139,17 +139,18 @@ def check(
     from experiments.campaign.progress import phases
     from experiments.flight.library import load_scenario
     from sim.feasibility import cautions
+    from sim.scenario.parts import MotionSettings, SoundSettings
     from sim.sea import sea_report
     from sim.trial import needs_trial, trial
 
     checked = load_scenario(scenario, set_ or (), flyable=True)
     warnings = cautions(checked)
-    if needs_trial(checked):
+    if needs_trial(MotionSettings.of(checked)):
         with phases(Console(stderr=True)) as phase, phase("trial"):
             warnings += trial(checked)
     for warning in warnings:
         echo(f"warning: {warning}")
-    for line in sea_report(checked):
+    for line in sea_report(SoundSettings.of(checked)):
         echo(line)
     number = len(checked.followers)
     echo(

@@ -9,7 +9,6 @@ from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -33,7 +32,6 @@ from sim.flight import FlightRecord, navigation_settings, settings_as
 from sim.log.contents import Contents
 from sim.log.reader import read, read_recording
 from sim.scenario.file import values_of
-from sim.scenario.settings import Scenario
 from sim.sensing.observation import start_of
 from sim.simulation import simulate_motion
 
@@ -99,7 +97,7 @@ def replay_measurements(
     navigation = scenario.navigation
     make = _smoother(navigation.variant, smooth_s) or find(navigation.variant).make
     if "use_single_range" not in navigation.model_fields_set:
-        scenario = _with_navigation(scenario, use_single_range=True)
+        scenario = scenario.with_navigation(use_single_range=True)
     # two steps are enough for the starts of the routes
     short = {"motion": "kinematic", "duration_s": 2 * scenario.timing.filter_step_s}
     begin = simulate_motion(scenario.model_copy(update=short))
@@ -131,12 +129,6 @@ def replay_measurements(
         vehicles.append(vehicle)
     show_table(Console(), heads, rows)
     _write_replay(vehicles, path, navigation.variant, list(dict.fromkeys(remarks)), output)
-
-
-def _with_navigation(scenario: Scenario, **changes: Any) -> Scenario:
-    return scenario.model_copy(
-        update={"navigation": scenario.navigation.model_copy(update=changes)}
-    )
 
 
 def _write_replay(
@@ -178,7 +170,7 @@ def export_factor_graphs(path: Path, out: Path) -> list[Path]:
     gives the files.
     """
     flight = read(path)
-    tight = _with_navigation(flight.scenario, variant="tight")
+    tight = flight.scenario.with_navigation(variant="tight")
     out.mkdir(parents=True, exist_ok=True)
     steps = np.append(0, flight.step_index())
     files = []

@@ -14,10 +14,10 @@ from laisn.estimates import FIX_WORDS, Estimates, FixKind
 from laisn.messages import Measurements, Ranges
 from reports.scene.codec import Packer
 from reports.scene.hulls import hull
-from sim.assembly import models_of
 from sim.film import film_data
 from sim.flight import FlightRecord, position_and_bearing_errors
 from sim.log.writer import Event
+from sim.scenario.parts import MissionPlan, MotionSettings, SeaSettings
 from sim.tracking import true_stations
 from sim.water.assembly import floor_of
 
@@ -342,7 +342,7 @@ def part_of(flight: FlightRecord, hulls: SceneHulls, duration: float, sent: Sent
             packer, f, flight.measurements[f], flight.estimates[f], start, first[f]
         )
     if any(follower.station for follower in flight.scenario.followers):
-        places = true_stations(flight.scenario, truth)
+        places = true_stations(MotionSettings.of(flight.scenario), truth)
         station = np.stack([places.east[slow], places.north[slow]], axis=-1)[first_slow:]
         packer.add("station", np.nan_to_num(station), 0.01)
     if hulls.effectors and truth.thrust.shape[2]:
@@ -374,7 +374,7 @@ def meta_of(
         "start": float(truth.time[0]),
         "end": float(truth.time[-1]),
         "truth": True,
-        "floor": -floor_of(flight.scenario).deepest,
+        "floor": -floor_of(SeaSettings.of(flight.scenario)).deepest,
         "hues": hues(),
         "vehicles": [vars(vehicle) for vehicle in _vehicles(flight, hulls.of_vehicle)],
         "models": hulls.shapes,
@@ -412,7 +412,7 @@ def scene_of(
     """
     time = flight.trajectory.time
     duration = float(time[-1] - time[0])
-    hulls = hulls_of(models_of(flight.scenario))
+    hulls = hulls_of(MissionPlan.of(flight.scenario).models)
     update = part_of(flight, hulls, duration, Sent())
     meta = meta_of(flight, hulls, duration, update) | events_of(flight, events, mirror_locked)
     waves = flight.scenario.ocean.waves.kind != "none"

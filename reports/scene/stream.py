@@ -16,10 +16,9 @@ from reports.scene.mission import (
     meta_of,
     part_of,
 )
-from sim.assembly import models_of
 from sim.flight import FlightRecord
 from sim.log.writer import Event
-from sim.scenario.settings import Scenario
+from sim.scenario.parts import MissionPlan
 
 
 def text_of(message: dict[str, Any]) -> str:
@@ -32,9 +31,9 @@ class SceneStream:
     than the last.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
-        self._duration = scenario.duration_s
-        self._hulls = hulls_of(models_of(scenario))
+    def __init__(self, plan: MissionPlan) -> None:
+        self._duration = plan.duration_s
+        self._hulls = hulls_of(plan.models)
         self._sent = Sent()
 
     def beginning(self, flight: FlightRecord) -> Scene:

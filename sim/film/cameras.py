@@ -9,6 +9,7 @@ import numpy as np
 from laisn.arrays import Floats
 from sim import attitude
 from sim.film.film_data import FilmData, FilmFrame
+from sim.scenario.parts import SeaSettings
 from sim.water.assembly import floor_of
 
 _SMOOTHING_S = 0.8  # standard deviation of the smoothing of a camera's swing, in seconds of film
@@ -145,7 +146,7 @@ class CameraRig:
         follower = data.follower
         self._vehicle = follower + 1
         truth = data.flight.trajectory
-        self._floor = -floor_of(data.flight.scenario).deepest
+        self._floor = -floor_of(SeaSettings.of(data.flight.scenario)).deepest
         every = max(1, round(0.05 * data.speed_up / truth.dt))
         self._time = truth.time[::every]
         # here, for only the children that render place cameras; this import takes a fifth of a

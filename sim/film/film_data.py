@@ -15,6 +15,7 @@ from laisn.estimates import FixKind
 from laisn.messages import Ranges
 from sim import attitude
 from sim.flight import FlightRecord, position_and_bearing_errors
+from sim.scenario.parts import MotionSettings
 from sim.tracking import true_stations
 
 RGB = tuple[float, float, float]  # red, green, blue, each in [0, 1]
@@ -178,7 +179,7 @@ class FilmData:
         self.on_stations = any(follower_setup.station for follower_setup in followers)
         self._stations = np.full((truth.time.size, len(followers), 3), np.nan)
         if self.on_stations:
-            places = true_stations(flight.scenario, truth)
+            places = true_stations(MotionSettings.of(flight.scenario), truth)
             self._stations[..., 0] = places.east
             self._stations[..., 1] = places.north
             self._stations[..., 2] = [

@@ -11,11 +11,11 @@ import mujoco
 import numpy as np
 
 from laisn.arrays import Bytes, Floats
-from sim.assembly import models_of
 from sim.film.antialiasing import smooth
 from sim.film.cameras import Shot, View
 from sim.film.film_data import ESTIMATE, FilmFrame
 from sim.flight import FlightRecord
+from sim.scenario.parts import MissionPlan, SeaSettings
 from sim.scenario.settings import Video
 from sim.vehicle.effectors import MovingFins
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
@@ -71,8 +71,8 @@ def build(flight: FlightRecord, width_px: int, height_px: int) -> Any:
     """The compiled MjModel of vehicles (the leader first), sea floor and surface, for frames up
     to a size.
     """
-    hulls = zip(flight.trajectory.names, models_of(flight.scenario), strict=True)
-    depth = floor_of(flight.scenario).deepest
+    hulls = zip(flight.trajectory.names, MissionPlan.of(flight.scenario).models, strict=True)
+    depth = floor_of(SeaSettings.of(flight.scenario)).deepest
     spec = compose(
         [VehicleSetup(name=name, model=hull, position_m=(0, 0, -5)) for name, hull in hulls], depth
     )
@@ -213,7 +213,7 @@ class GlScene:
         self._ground: float | None = None
         self._floor = mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_GEOM, "seabed")
         self._options = mujoco.MjvOption()
-        self._sea = Sea(self._model, sea_of_keys(flight.scenario))
+        self._sea = Sea(self._model, sea_of_keys(flight.scenario.ocean, flight.scenario.seed))
         self._pixels = np.zeros((self.height, self.width, 3), np.uint8)
         self._smooth = np.zeros_like(self._pixels)
 

@@ -44,7 +44,8 @@ from sim.log.schema import (
     vehicle_state,
 )
 from sim.scenario import file as scenario_file
-from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.scenario.parts import LinkSettings
+from sim.scenario.settings import CONTROL_STEP_S
 from sim.sensing.links import navigated_link
 from sim.trajectory import Trajectory
 
@@ -112,9 +113,9 @@ def _record(log: Contents, name: str, types: Sequence[RecordType], grid_ns: Ints
     return arrays
 
 
-def _measured_types(scenario: Scenario) -> tuple[RecordType, ...]:
+def _measured_types(links: LinkSettings) -> tuple[RecordType, ...]:
     """Types of the channels of a follower's measurements."""
-    link = navigated_link(scenario)
+    link = navigated_link(links)
     return MEASURED if link is None or link.places is None else PLACED_MEASURED
 
 
@@ -308,6 +309,7 @@ def read(path: Path | str) -> FlightRecord:
         )
         clock = Clock(scenario.epoch)
         dt = scenario.timing.filter_step_s
+        links = LinkSettings.of(scenario)
         outcome = Termination[facts["outcome"]]
         if FIRST_GAP in facts:
             log.cut(int(facts[FIRST_GAP]))
@@ -331,7 +333,7 @@ def read(path: Path | str) -> FlightRecord:
         measured = tuple(
             Measurements(
                 dt=dt,
-                **_record(log, name, _measured_types(scenario), steps_ns),
+                **_record(log, name, _measured_types(links), steps_ns),
                 custom=_custom_readings(log, name, steps_ns, headers),
                 sensors=headers,
                 links=_links(log, name, steps_ns, headers),

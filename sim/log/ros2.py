@@ -27,7 +27,6 @@ import numpy.typing as npt
 from laisn.arrays import Floats, Ints
 from laisn.messages import Ranges
 from sim import attitude
-from sim.assembly import models_of
 from sim.flight import FlightRecord
 from sim.log.bag_folder import VIEW, require_replaceable
 from sim.log.contents import Contents, LogError
@@ -37,6 +36,7 @@ from sim.log.ros2_robot import urdf
 from sim.log.ros2_view import rviz_view
 from sim.log.schema import RECEPTION, Clock
 from sim.log.tum import estimated_poses
+from sim.scenario.parts import MissionPlan, SensingSettings
 from sim.water.waves import GRAVITY
 
 _BAG_VERSION: Literal[8] = 8  # later ones write what Humble cannot read
@@ -243,7 +243,7 @@ def _truth(flown: _Flown) -> Iterator[RosTopic]:
     yield _transforms(flown, "/tf", time_ns, frames, t.position, t.quaternion)
     yield _static_frames(flown)
     second = round(1.0 / t.dt)
-    models = models_of(flown.flight.scenario)
+    models = MissionPlan.of(flown.flight.scenario).models
     for v, name in enumerate(flown.names):
         base = f"{name}/base_link"
         yield _text(flown, f"/{name}/robot_description", urdf(name, models[v], base))
@@ -276,7 +276,7 @@ def _estimate(flown: _Flown, follower: int) -> Iterator[RosTopic]:
     e = flight.estimates[follower]
     m = flight.measurements[follower]
     name = flown.names[follower + 1]
-    errors = flight.scenario.sensors_of(follower)
+    errors = SensingSettings.of(flight.scenario).sensors_of(follower)
     position, quaternion = estimated_poses(flight, follower)
     valid = np.flatnonzero(np.isfinite(e.state).all(axis=1) & np.isfinite(position).all(axis=1))
     n = valid.size
@@ -375,7 +375,7 @@ def _fixes(flown: _Flown, follower: int) -> RosTopic:
     steps = e.fix_step[valid]
     places = np.column_stack([e.fix_position[valid], position[steps - 1, 2]])
     variance = e.fix_sigma[valid] ** 2
-    errors = flown.flight.scenario.sensors_of(follower)
+    errors = SensingSettings.of(flown.flight.scenario).sensors_of(follower)
     columns = {
         **_xyz("pose.pose.position", places),
         **_wxyz("pose.pose.orientation", quaternion[steps - 1]),
@@ -404,7 +404,7 @@ def _sensed(flown: _Flown, follower: int) -> Iterator[RosTopic]:
     flight = flown.flight
     m = flight.measurements[follower]
     name = flown.names[follower + 1]
-    errors = flight.scenario.sensors_of(follower)
+    errors = SensingSettings.of(flight.scenario).sensors_of(follower)
     n = m.speed.size
     time_ns = flown.clock.ns(m.dt * np.arange(1, n + 1))
     base = {"header": {"frame_id": f"{name}/base_link"}}

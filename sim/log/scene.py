@@ -16,10 +16,8 @@ from foxglove import messages as fg
 from laisn.arrays import Ints
 from laisn.estimates import Estimates, FixKind
 from laisn.messages import Ranges
-from sim.assembly import models_of
 from sim.flight import FlightRecord
 from sim.log.schema import pose, timestamp, vector
-from sim.scenario.settings import Scenario
 from sim.vehicle.effectors import MovingFins
 from sim.vehicle.mjcf import spec_of
 
@@ -140,11 +138,11 @@ def _ellipses(estimates: Estimates, row: int, z: float) -> Iterator[fg.SpherePri
 
 
 class VisibleHulls:
-    """What is visible of the vehicles of a scenario, and their fins."""
+    """What is visible of vehicles, and their fins."""
 
-    def __init__(self, scenario: Scenario) -> None:
-        """Compile their models."""
-        self.models = [spec_of(model).compile() for model in models_of(scenario)]
+    def __init__(self, models: Sequence[str]) -> None:
+        """Compile their models, as `VehicleSetup` takes them."""
+        self.models = [spec_of(model).compile() for model in models]
         self.fins = [MovingFins(model) for model in self.models]
 
 

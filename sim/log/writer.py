@@ -43,7 +43,8 @@ from sim.log.scene import (
     draw_vehicles,
 )
 from sim.log.schema import Clock, RecordType, pose, quaternion, timestamp, vector
-from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.scenario.parts import LinkSettings, MissionPlan, SensingSettings
+from sim.scenario.settings import CONTROL_STEP_S
 from sim.sensing.links import navigated_link
 from sim.sensing.sensors import custom_sensors
 from sim.system import signals_after
@@ -386,7 +387,7 @@ def _scene(flight: FlightRecord, clock: Clock, hulls: VisibleHulls) -> Iterator[
         ("hulls", t.time[instants], draw_all),
         ("vehicles", t.time[seconds], draw_vehicles(flight, seconds)),
     ]
-    if navigated_link(flight.scenario) is None:
+    if navigated_link(LinkSettings.of(flight.scenario)) is None:
         steps = _steps_before(flight) + received
         heard = np.asarray(steps * flight.measurements[0].dt, dtype=np.float64)
         scenes.append(("acoustics", heard, draw_acoustics(flight, received)))
@@ -433,7 +434,7 @@ def channels(
     """All channels of a flight, whose lines of `/log` are in order of time; ValueError for frames
     out of order, or an epoch before 1970.
     """
-    of_flight = _channels(flight, VisibleHulls(flight.scenario), video)
+    of_flight = _channels(flight, VisibleHulls(MissionPlan.of(flight.scenario).models), video)
     lines = sorted([*events, *_fix_lines(flight)], key=lambda line: line.time_s)
     lines.append(_ending(float(flight.trajectory.time[-1]), flight.outcome))
     whole = _lines(lines, Clock(flight.scenario.epoch))
@@ -538,7 +539,10 @@ class FlightLog:
         dt = flight.scenario.timing.filter_step_s
         if flight.navigates and flight.steps * dt - self._written_s >= _EVERY_S:
             with signals_after(), self._complete_or_kept():
-                self._append(flight.part(self._first_step(flight.scenario)), is_last=False)
+                self._append(
+                    flight.part(self._first_step(SensingSettings.of(flight.scenario))),
+                    is_last=False,
+                )
 
     def finish(
         self,
@@ -562,7 +566,7 @@ class FlightLog:
             return
         # little is left to be written
         with signals_after(), self._complete_or_kept():
-            rest = flight.part(self._first_step(flight.scenario))
+            rest = flight.part(self._first_step(SensingSettings.of(flight.scenario)))
             self._end(rest, outcome, summary, events)
 
     @contextmanager
@@ -587,16 +591,16 @@ class FlightLog:
             text = f"{self._path}: cannot be written: {error.strerror or error}{hint}"
             raise LogError(text) from error
 
-    def _first_step(self, scenario: Scenario) -> int:
+    def _first_step(self, sensing: SensingSettings) -> int:
         """Filter step at which a part begins that has all that is drawn of what is not yet written,
         also trails.
 
         Rows of every second, and of slower sensors, are the same from there as from the start.
         """
-        dt = scenario.timing.filter_step_s
+        dt = sensing.links.filter_step_s
         stride = round(dt / CONTROL_STEP_S)
         grids = [round(1.0 / CONTROL_STEP_S), stride * max(1, round(1.0 / dt))]
-        grids += [driver.every * stride for driver in custom_sensors(scenario)]
+        grids += [driver.every * stride for driver in custom_sensors(sensing)]
         grid = math.lcm(*grids)
         instants = math.floor((self._written_s - TRAIL_S - _MARGIN_S) / CONTROL_STEP_S)
         return max(instants // grid, 0) * grid // stride
@@ -605,7 +609,7 @@ class FlightLog:
         """Write what is new of a part of the flight; unless it is the last, in whole blocks."""
         clock = Clock(part.scenario.epoch)
         if self._hulls is None:
-            self._hulls = VisibleHulls(part.scenario)
+            self._hulls = VisibleHulls(MissionPlan.of(part.scenario).models)
         channels = _channels(part, self._hulls, self._video)
         if self._file is None:
             self._file = BlockFile(self._partial)

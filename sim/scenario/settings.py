@@ -44,7 +44,7 @@ from sim.scenario.section import (
     increasing,
     is_multiple,
 )
-from sim.scenario.sensors import LEADER_PREFIX, Acoustics, Sensors, VehicleSensors
+from sim.scenario.sensors import Acoustics, Sensors
 from sim.scenario.vehicles import Follower, Leader, Vehicle
 from sim.system import atomic_write
 
@@ -219,11 +219,6 @@ _OF_MESSAGES = {"position", "heading", "speed", "depth"}
 
 # a follower in place of those of an invalid shape
 _STAND_IN = {"station": {"behind_m": 10.0, "depth_m": 10.0}}
-
-
-def _errors_set_by(vehicle: Vehicle) -> dict[str, float]:
-    """Errors that the table of a vehicle's own sensors sets."""
-    return {name: value for name, value in vehicle.sensors if value is not None}
 
 
 class Scenario(Section):
@@ -536,6 +531,20 @@ class Scenario(Section):
                 keys.append(f"links[{i}].receivers")
         return keys
 
+    def keys_needing_closed_loop(self) -> list[str]:
+        """Keys by which vehicles move, or what they send, depends on what they have read and
+        received: stations, steering by estimates, controllers, a leader that navigates, answers.
+        """
+        followers = list(enumerate(self.followers))
+        keys = [f"followers.{i}.station" for i, follower in followers if follower.station]
+        keys += [f"followers.{i}.controller" for i, follower in followers if follower.controller]
+        keys += self.keys_of_roles()
+        return keys + [
+            f"followers.{i}.guidance_position = 'estimate'"
+            for i, f in followers
+            if f.guided_by_estimate
+        ]
+
     def _further_link_errors(self, key: str, navigation: Navigation) -> list[str]:
         further = navigation.further_links
         links = [LEADER_LINK, *(link.name for link in self.links)]
@@ -659,29 +668,9 @@ class Scenario(Section):
             *((f"followers[{i}]", f) for i, f in enumerate(self.followers)),
         ]
 
-    def sensors_of(self, follower: int, sender: int = 0) -> Sensors:
-        """`[sensors]` with the errors that a follower, by its index, and the vehicle that sends
-        set for their own sensors in place of those there.
-        """
-        overrides = _errors_set_by(self.followers[follower])
-        vehicles = (self.leader, *self.followers)
-        for name, value in _errors_set_by(vehicles[sender]).items():
-            broadcast = f"{LEADER_PREFIX}{name}"
-            if broadcast in Sensors.model_fields:
-                overrides[broadcast] = value
-        return self.sensors.model_copy(update=overrides)
-
-    def sensors_of_leader(self) -> Sensors:
-        """`[sensors]` with the errors of the leader's own sensors in place of a follower's."""
-        overrides = _errors_set_by(self.leader)
-        values: dict[str, Any] = {"speed_drift_m_s": 0.0, "heading_drift_deg": 0.0}
-        for name in VehicleSensors.model_fields:
-            broadcast = f"{LEADER_PREFIX}{name}"
-            if name in overrides:
-                values[name] = overrides[name]
-            elif broadcast in Sensors.model_fields:
-                values[name] = getattr(self.sensors, broadcast)
-        return self.sensors.model_copy(update=values)
+    def with_navigation(self, **changes: Any) -> Self:
+        """The scenario with keys of `[navigation]` changed, which are not checked."""
+        return self.model_copy(update={"navigation": self.navigation.model_copy(update=changes)})
 
     @property
     def message_every(self) -> int:

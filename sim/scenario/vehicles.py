@@ -2,7 +2,7 @@
 
 import difflib
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -51,6 +51,9 @@ def _vehicle_hint(model: str) -> str:
 
 class Vehicle(Section):
     """Keys of leader and followers."""
+
+    UNMOVED: ClassVar[dict[str, Any]] = {"sensors": VehicleSensors()}
+    """Keys on which the motion of a vehicle does not depend, and what they are without them."""
 
     route: Name | None = Field(None, description="library route: L, T2 … T9")
     waypoints: Annotated[tuple[TimedPoint, ...], LISTED, increasing("waypoint", "s")] = Field(
@@ -114,6 +117,13 @@ class Vehicle(Section):
     )
 
     @property
+    def as_it_moves(self) -> Self:
+        """The vehicle as far as its motion depends on its keys: all others have the values of
+        UNMOVED.
+        """
+        return self.model_copy(update=self.UNMOVED)
+
+    @property
     def without_hidden_errors(self) -> Self:
         """The vehicle as its controller may know it: keys of HIDDEN_ERRORS have their defaults."""
         fields = type(self).model_fields
@@ -166,6 +176,17 @@ class LeaderNavigation(Navigation):
 
 class Leader(Vehicle):
     """The vehicle with the transmitters."""
+
+    UNMOVED: ClassVar[dict[str, Any]] = {
+        **Vehicle.UNMOVED,
+        # the transmitters are where the hull has them
+        "baseline_m": None,
+        "middle_offset_m": None,
+        "broadcast_attitude": False,
+        "broadcast_waypoints": 0,
+        "broadcast_position": "truth",
+        "navigation": None,
+    }
 
     route: Name | None = Field("L", description="library route: L, T2 … T9")
     baseline_m: Annotated[

@@ -25,7 +25,8 @@ import numpy as np
 
 from laisn.compiled import jitable
 from sim.attitude import Vector, body_point_in_world
-from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.scenario.parts import SensingSettings
+from sim.scenario.settings import CONTROL_STEP_S
 from sim.trajectory import StateHistory, Trajectory, pose_between, row
 from sim.water.assembly import rays_of
 from sim.water.rays import Path, distance
@@ -64,9 +65,9 @@ class Sound(NamedTuple):
     clock_drift: float  # [s/s]
 
 
-def sound_of(scenario: Scenario) -> Sound:
-    """How sound gets to the followers of a scenario."""
-    a = scenario.acoustics
+def sound_of(sensing: SensingSettings) -> Sound:
+    """How sound gets to followers."""
+    a = sensing.acoustics
     assumed = a.sound_speed_m_s + a.sound_speed_bias_m_s
     return Sound(
         on_grid=not a.travel_time and a.ping_slot_s == 0.0 and a.message_length_s == 0.0,
@@ -76,9 +77,9 @@ def sound_of(scenario: Scenario) -> Sound:
         tail=a.message_length_s if a.ranging_pulse == "start" else 0.0,
         paths=(True, a.surface_echo_probability > 0.0, a.bottom_echo_probability > 0.0),
         max_range=float(a.max_range_m or np.inf),
-        transmitters=scenario.navigation.transmitters,
-        rays=rays_of(scenario),
-        assumes=ASSUMED.index(scenario.navigation.sound_speed),
+        transmitters=sensing.transmitters,
+        rays=rays_of(sensing.sound),
+        assumes=ASSUMED.index(sensing.sound_speed),
         ratio=assumed / a.sound_speed_m_s,
         assumed_speed=assumed,
         clock_offset=float(a.clock_offset_s),

@@ -8,7 +8,7 @@ further links have noise of their own. An answer to messages of another link has
 (`sim.link_receiver`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,9 +17,8 @@ import numpy as np
 from laisn.arrays import Floats, freeze_arrays
 from laisn.messages import LeaderMessage
 from sim.attitude import from_euler
-from sim.scenario.links import LEADER_LINK
-from sim.scenario.links import LinkTable as LinkTable
-from sim.scenario.settings import Scenario
+from sim.scenario.links import LEADER_LINK, LinkTable
+from sim.scenario.parts import LinkSettings
 from sim.sensing import noise
 from sim.trajectory import StateHistory, Trajectory
 
@@ -103,6 +102,13 @@ class Link:
             to.twist[span, 0] = 0.0
             to.water[span, 0] = 0.0
 
+    def with_sites(self, sites: Mapping[str, Floats]) -> dict[str, Floats]:
+        """Sites of vehicles by their names, offsets of shape (3,), [m], with those of the sender in
+        the leader's place.
+        """
+        of_sender = dict(zip(_SITES, self.sites, strict=True))
+        return {**sites, **of_sender, "leader/depth_sensor": np.zeros(3)}
+
     def motion_of(self, trajectory: Trajectory) -> Trajectory:
         """A motion with the sender in the leader's place, and with its transmitters."""
         truth = StateHistory(
@@ -119,10 +125,6 @@ class Link:
         return replace(trajectory, pose=pose, twist=twist, water_velocity=water, site_offset=offset)
 
 
-def _steps(time_s: float, scenario: Scenario) -> int:
-    return round(time_s / scenario.timing.filter_step_s)
-
-
 def _beacon_frame(places: Sequence[Sequence[float]]) -> tuple[Floats, Floats]:
     """Pose of the middle of beacons, shape (7,), and their offsets from it, shape (3, 3), [m];
     those that are not there are at the first.
@@ -134,17 +136,17 @@ def _beacon_frame(places: Sequence[Sequence[float]]) -> tuple[Floats, Floats]:
     return np.concatenate([middle, from_euler(0.0)]), np.array([*offsets, *missing])
 
 
-def _interval_s(scenario: Scenario, table: LinkTable) -> float:
+def _interval_s(links: LinkSettings, table: LinkTable) -> float:
     """From one message of a link to the next; of answers that of what is answered [s]."""
     if table.answers and table.answers != LEADER_LINK:
-        table = next(request for request in scenario.links if request.name == table.answers)
-    return table.interval_s or scenario.timing.message_interval_s
+        table = next(request for request in links.tables if request.name == table.answers)
+    return table.interval_s or links.interval_s
 
 
-def link_of(scenario: Scenario, table: LinkTable) -> Link:
-    """A link of a scenario."""
-    interval = _interval_s(scenario, table)
-    names = ["leader", *(follower.name for follower in scenario.followers)]
+def link_of(links: LinkSettings, table: LinkTable) -> Link:
+    """The link of a table."""
+    interval = _interval_s(links, table)
+    names = links.vehicles
     if table.beacons_m:
         origin, sites = _beacon_frame(table.beacons_m)
         sender = AT_REST
@@ -156,7 +158,7 @@ def link_of(scenario: Scenario, table: LinkTable) -> Link:
         sites = np.array([*offsets, *[offsets[0]] * (3 - count)])
         sender = names.index(str(table.sender))
     vehicles = {names.index(name) for name in table.receivers} or set(range(1, len(names)))
-    if not table.receivers and table.name in links_of_leader(scenario):
+    if not table.receivers and table.name in links.navigated_by_leader:
         vehicles.add(0)
     return Link(
         name=table.name,
@@ -170,60 +172,47 @@ def link_of(scenario: Scenario, table: LinkTable) -> Link:
         sites=sites,
         origin=origin,
         transmitters=count,
-        every=_steps(interval, scenario),
-        offset=_steps(table.offset_s, scenario),
+        every=links.steps(interval),
+        offset=links.steps(table.offset_s),
     )
 
 
-def links_of_leader(scenario: Scenario) -> tuple[str, ...]:
-    """Names of the links that the leader navigates on, the main one first; none: it has no
-    navigator, or that takes no messages.
-    """
-    navigation = scenario.leader.navigation
-    if navigation is None:
-        return ()
-    names = (navigation.link, *navigation.further_links)
-    return tuple(name for name in names if name != LEADER_LINK)
-
-
-def further_links(scenario: Scenario) -> tuple[Link, ...]:
-    """Links of a scenario that somebody navigates on, or that state who receives or answers."""
-    navigation = scenario.navigation
-    used = {navigation.link, *navigation.further_links, *links_of_leader(scenario)}
-    used |= {table.answers for table in scenario.links if table.answers}
+def further_links(links: LinkSettings) -> tuple[Link, ...]:
+    """Links that somebody navigates on, or that state who receives or answers."""
+    used = {*links.navigated, *links.navigated_by_leader}
+    used |= {table.answers for table in links.tables if table.answers}
     return tuple(
-        link_of(scenario, table)
-        for table in scenario.links
+        link_of(links, table)
+        for table in links.tables
         if table.name in used or table.receivers or table.answers
     )
 
 
-def named_link(scenario: Scenario, name: str) -> Link | None:
-    """A link of a scenario by its name; None: the leader's broadcast."""
+def named_link(links: LinkSettings, name: str) -> Link | None:
+    """A link by its name; None: the leader's broadcast."""
     if name == LEADER_LINK:
         return None
-    return next(link_of(scenario, table) for table in scenario.links if table.name == name)
+    return next(link_of(links, table) for table in links.tables if table.name == name)
 
 
-def noise_base(scenario: Scenario, name: str) -> int:
+def noise_base(links: LinkSettings, name: str) -> int:
     """What is added to the number of a receiver in the noise on a link, so that links that are
     received together err independently; 0 on the main link, so that such links compare in pairs.
     """
-    navigation = scenario.navigation
-    if name == navigation.link:
+    if name == links.main:
         return 0
-    if name == LEADER_LINK and LEADER_LINK not in navigation.further_links:
+    if name == LEADER_LINK and LEADER_LINK not in links.further:
         return 0
-    names = [LEADER_LINK, *(table.name for table in scenario.links)]
+    names = [LEADER_LINK, *(table.name for table in links.tables)]
     return noise.RECEIVERS * (1 + names.index(name))
 
 
-def navigated_link(scenario: Scenario) -> Link | None:
-    """The link that a scenario's followers navigate on; None: the leader's broadcast."""
-    return named_link(scenario, scenario.navigation.link)
+def navigated_link(links: LinkSettings) -> Link | None:
+    """The link that followers navigate on; None: the leader's broadcast."""
+    return named_link(links, links.main)
 
 
-def navigated_motion(trajectory: Trajectory, scenario: Scenario) -> Trajectory:
+def navigated_motion(trajectory: Trajectory, links: LinkSettings) -> Trajectory:
     """A motion with the sender of the link that is navigated on in the leader's place."""
-    link = navigated_link(scenario)
+    link = navigated_link(links)
     return trajectory if link is None else link.motion_of(trajectory)

@@ -23,7 +23,8 @@ from laisn.messages import LeaderMessage, LinkMessages, Measurements, SensorHead
 from laisn.swarm import MESSAGE
 from sim.attitude import body_point_in_world
 from sim.scenario.links import LEADER_LINK
-from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.scenario.parts import SensingSettings
+from sim.scenario.settings import CONTROL_STEP_S
 from sim.sensing import acoustics, noise, sensors
 from sim.sensing.links import (
     Link,
@@ -79,22 +80,21 @@ class SensorModel(NamedTuple):
 
 
 def sensor_model_of(
-    scenario: Scenario, link: Link | None = None, *, leader_receives: bool = False
+    sensing: SensingSettings, link: Link | None = None, *, leader_receives: bool = False
 ) -> SensorModel:
-    """Sensors and acoustics of a scenario as compiled code takes them, of the leader's broadcast or
-    another link.
+    """Sensors and acoustics as compiled code takes them, of the leader's broadcast or another
+    link.
 
     Receivers are the followers, and with `leader_receives` the leader after them.
     """
-    leader = scenario.leader
-    followers = range(len(scenario.followers))
+    followers = range(len(sensing.of_vehicles) - 1)
     name = LEADER_LINK if link is None else link.name
     numbers = [*followers]
-    errors = [sensors.errors_of(scenario, i, link) for i in followers]
+    errors = [sensors.errors_of(sensing, i, link) for i in followers]
     if leader_receives:
         numbers.append(LEADER_NUMBER)
         errors.append(errors[0])
-    sound = acoustics.sound_of(scenario)
+    sound = acoustics.sound_of(sensing)
     if link is not None:
         used = min(sound.transmitters, link.transmitters)
         sound = sound._replace(transmitters=used)
@@ -102,16 +102,16 @@ def sensor_model_of(
             # the clocks of all followers differ from the leader's alike
             sound = sound._replace(clock_offset=0.0, clock_drift=0.0)
     return SensorModel(
-        seed=np.uint64(scenario.seed),
-        run=np.uint64(scenario.run),
+        seed=np.uint64(sensing.seed),
+        run=np.uint64(sensing.run),
         errors=np.array([tuple(e) for e in errors], sensors.ERRORS).view(np.recarray),
-        numbers=np.array(numbers, dtype=np.int64) + noise_base(scenario, name),
-        senses_acceleration=leader.broadcast_attitude
-        and scenario.sensors.leader_attitude_senses_acceleration,
-        tilt_share=sensors.complementary_filter_gain(scenario.sensors),
-        dt=scenario.timing.filter_step_s,
-        stride=round(scenario.timing.filter_step_s / CONTROL_STEP_S),
-        message_every=scenario.message_every if link is None else link.every,
+        numbers=np.array(numbers, dtype=np.int64) + noise_base(sensing.links, name),
+        senses_acceleration=sensing.broadcast_attitude
+        and sensing.sensors.leader_attitude_senses_acceleration,
+        tilt_share=sensors.complementary_filter_gain(sensing.sensors),
+        dt=sensing.links.filter_step_s,
+        stride=round(sensing.links.filter_step_s / CONTROL_STEP_S),
+        message_every=sensing.links.message_every if link is None else link.every,
         message_offset=0 if link is None else link.offset,
         sound=sound,
     )
@@ -612,14 +612,14 @@ LONG = 100_000  # missions of so many instants are sensed by compiled code, unle
 
 def _sense(
     trajectory: Trajectory,
-    scenario: Scenario,
+    sensing: SensingSettings,
     follower: int,
     tilts: Floats,
     readings: Floats,
     use_compiled: bool | None,
     link: Link | None,
 ) -> Receptions:
-    s = sensor_model_of(scenario, link)
+    s = sensor_model_of(sensing, link)
     motion = acoustics.motion_of(trajectory)
     first = round(float(trajectory.time[0]) / s.dt)
     over = max(first - s.message_offset, 0) // s.message_every
@@ -638,7 +638,7 @@ def _sense(
     else:
         *places, depth_sensor = offset.tolist()
         sites = (places[:3], places[3:], depth_sensor)
-        e = sensors.errors_of(scenario, follower, link)
+        e = sensors.errors_of(sensing, follower, link)
         m = sense_steps(s, e, span, sites, motion, tilts, inbox, readings, receptions)
     if link is not None and not link.hears(follower):
         m = 0
@@ -649,7 +649,7 @@ def _sense(
 
 def propagate(
     trajectory: Trajectory,
-    scenario: Scenario,
+    sensing: SensingSettings,
     follower: int = 0,
     *,
     use_compiled: bool | None = None,
@@ -660,9 +660,9 @@ def propagate(
     Their content lacks pitch and roll. `use_compiled` is as of `observe`.
     """
     unknown = np.full((trajectory.time.size, 2), np.nan)
-    motion = navigated_motion(trajectory, scenario)
-    link = navigated_link(scenario)
-    return _sense(motion, scenario, follower, unknown, np.empty((0, 3)), use_compiled, link)
+    motion = navigated_motion(trajectory, sensing.links)
+    link = navigated_link(sensing.links)
+    return _sense(motion, sensing, follower, unknown, np.empty((0, 3)), use_compiled, link)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -738,7 +738,7 @@ def leader_start(trajectory: Trajectory, hydrophone: Floats) -> Floats:
 
 def observe(
     trajectory: Trajectory,
-    scenario: Scenario,
+    sensing: SensingSettings,
     follower: int = 0,
     *,
     use_compiled: bool | None = None,
@@ -750,7 +750,7 @@ def observe(
     for what Python takes half a second; None: for long missions. ValueError if the trajectory
     begins later, or is too short for one filter step.
     """
-    dt = scenario.timing.filter_step_s
+    dt = sensing.links.filter_step_s
     v = follower + 1
     name = trajectory.names[follower + 1]
     stride = round(dt / CONTROL_STEP_S)
@@ -768,15 +768,15 @@ def observe(
     steps = np.arange(1, n + 1)
     grid = slice(stride, n * stride + 1, stride)
     true_values = np.empty((n, 3))
-    link = navigated_link(scenario)
+    link = navigated_link(sensing.links)
     motion = trajectory if link is None else link.motion_of(trajectory)
-    tilts = _tilts_of(motion, scenario)
-    sound = _sense(motion, scenario, follower, tilts, true_values, use_compiled, link)
+    tilts = _tilts_of(motion, sensing)
+    sound = _sense(motion, sensing, follower, tilts, true_values, use_compiled, link)
     hydrophone = trajectory.site_path(f"{name}/hydrophone", steps * stride)
 
     def custom() -> Iterator[tuple[SensorDriver, Floats]]:
         """Further sensors and their true readings."""
-        drivers = sensors.custom_sensors(scenario)
+        drivers = sensors.custom_sensors(sensing)
         if not drivers:
             return
         source = np.full((n, 3, 3), np.nan)
@@ -791,7 +791,7 @@ def observe(
         states = VehicleState.of_motion(
             trajectory.time[grid], moved, depth_sensor, (hydrophone, source), follower
         )
-        environment = sensors.environment_of(scenario)
+        environment = sensors.environment_of(sensing)
         for driver in drivers:
             yield driver, driver.true(states, environment, 1)
 
@@ -813,36 +813,36 @@ def observe(
         transmitters=3 if link is None else link.transmitters,
         places=None if link is None else link.places,
         further=tuple(
-            _observe_link(trajectory, scenario, follower, name, use_compiled)
-            for name in scenario.navigation.further_links
+            _observe_link(trajectory, sensing, follower, name, use_compiled)
+            for name in sensing.links.further
         ),
     )
 
 
-def _tilts_of(motion: Trajectory, scenario: Scenario) -> Floats:
+def _tilts_of(motion: Trajectory, sensing: SensingSettings) -> Floats:
     """What accelerations add to the sender's measured pitch and roll, shape (n, 2), [rad]; NaN
     where they are not broadcast.
     """
-    if scenario.leader.broadcast_attitude:
-        return sensors.tilt_errors(motion, scenario.sensors)
+    if sensing.broadcast_attitude:
+        return sensors.tilt_errors(motion, sensing.sensors)
     return np.full((motion.time.size, 2), np.nan)
 
 
 def _observe_link(
     trajectory: Trajectory,
-    scenario: Scenario,
+    sensing: SensingSettings,
     follower: int,
     name: str,
     use_compiled: bool | None,
 ) -> IdealLink:
     """What a follower receives of a further link without random errors."""
-    link = named_link(scenario, name)
+    link = named_link(sensing.links, name)
     motion = trajectory if link is None else link.motion_of(trajectory)
-    tilts = _tilts_of(motion, scenario)
-    sound = _sense(motion, scenario, follower, tilts, np.empty((0, 3)), use_compiled, link)
+    tilts = _tilts_of(motion, sensing)
+    sound = _sense(motion, sensing, follower, tilts, np.empty((0, 3)), use_compiled, link)
     return IdealLink(
         name=name,
-        noise_base=noise_base(scenario, name),
+        noise_base=noise_base(sensing.links, name),
         message_step=sound.message_step,
         emission_step=sound.emission_step,
         content=sound.content,

@@ -13,7 +13,9 @@ from laisn.arrays import Floats, Record, Records
 from laisn.compiled import compiled
 from laisn.geometry import signed_angle
 from sim.attitude import heading_of
-from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.scenario.formation import Proximity
+from sim.scenario.parts import MotionSettings
+from sim.scenario.settings import CONTROL_STEP_S
 from sim.sensing.noise import STREAMS, Stream, two_normals, two_units, words
 from sim.trajectory import Trajectory
 
@@ -28,9 +30,8 @@ _U = np.uint64
 _NEARBY = int(Stream.NEARBY)
 
 
-def look_interval(scenario: Scenario) -> int:
+def look_interval(proximity: Proximity | None) -> int:
     """Ticks from one look of the followers to the next; 0: they have no sensor."""
-    proximity = scenario.formation.proximity
     return round(proximity.period_s / CONTROL_STEP_S) if proximity else 0
 
 
@@ -76,16 +77,17 @@ class Sightings(NamedTuple):
     spent_s: Floats  # time for which each follower detected a vehicle, shape (f,), [s]
 
 
-def sightings(scenario: Scenario, trajectory: Trajectory) -> Sightings:
+def sightings(motion: MotionSettings, trajectory: Trajectory) -> Sightings:
     """What the followers' sensors showed on the way, which they steered by; nothing where they
     have none.
     """
-    proximity = scenario.formation.proximity
-    f = len(scenario.followers)
-    every = look_interval(scenario)
+    proximity = motion.formation.proximity
+    followers = motion.plan.followers
+    f = len(followers)
+    every = look_interval(proximity)
     first = np.full((f, f + 1), np.nan)
     spent = np.zeros(f)
-    for i, follower in enumerate(scenario.followers):
+    for i, follower in enumerate(followers):
         # followers on routes have no sensor
         if proximity is None or follower.station is None:
             continue

@@ -22,7 +22,7 @@ correlation time τ, exact at whatever instants it is read (Gelb, Applied Optima
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -32,14 +32,15 @@ from laisn.compiled import DispatchedFormula, compiled, formula, jitable
 from laisn.errors import LaisnError
 from laisn.geometry import signed_angle
 from laisn.messages import LeaderMessage
-from laisn.navigators import FARTHEST, FASTEST, NAVIGATORS
+from laisn.navigators import FARTHEST, FASTEST
 from laisn.plugins import find_class
 from laisn.swarm import READING
 from sim.attitude import body_point_in_world, heading_of, pitch_of, roll_of, rotated
+from sim.scenario.parts import SensingSettings
 from sim.scenario.section import in_si
 from sim.scenario.sensors import Acoustics, Sensors
 from sim.scenario.sensors import CustomSensor as CustomSensorTable
-from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.scenario.settings import CONTROL_STEP_S
 from sim.sensing.dvl import Dvl
 from sim.sensing.links import Link, named_link, navigated_link
 from sim.sensing.noise import Address, Stream, uniforms_at
@@ -51,7 +52,7 @@ from sim.sensing.sensor import (
 )
 from sim.sensing.sonar import hearing_probability, sonar_of
 from sim.trajectory import Trajectory, speed_through_water
-from sim.water.assembly import ocean_of
+from sim.water.assembly import ocean_of, rays_of
 from sim.water.environment import Environment
 from sim.water.ocean import Ocean
 from sim.water.waves import GRAVITY
@@ -230,31 +231,33 @@ ERRORS = np.dtype(
 )
 
 
-def errors_of(scenario: Scenario, follower: int = 0, link: Link | None = None) -> SensorErrors:
+def errors_of(
+    sensing: SensingSettings, follower: int = 0, link: Link | None = None
+) -> SensorErrors:
     """The true errors of a follower's sensors and of a sender's, of the leader's by default;
     beacons, which are surveyed, have none.
     """
-    sensors = scenario.sensors_of(follower, 0 if link is None else max(link.sender, 0))
+    sensors = sensing.sensors_of(follower, 0 if link is None else max(link.sender, 0))
     if link is not None and link.places is not None:
         keys = [name for name in Sensors.model_fields if name.startswith("leader_")]
         sensors = sensors.model_copy(update={k: Sensors.model_fields[k].default for k in keys})
-    return _errors(sensors, scenario.acoustics)
+    return _errors(sensors, sensing.acoustics)
 
 
-def leader_errors_of(scenario: Scenario) -> SensorErrors:
+def leader_errors_of(sensing: SensingSettings) -> SensorErrors:
     """The true errors of the leader's own sensors, as of a follower's."""
-    return _errors(scenario.sensors_of_leader(), scenario.acoustics)
+    return _errors(sensing.sensors_of_leader(), sensing.acoustics)
 
 
-def navigated_errors_of(scenario: Scenario, follower: int = 0) -> SensorErrors:
+def navigated_errors_of(sensing: SensingSettings, follower: int = 0) -> SensorErrors:
     """The same of the link that the followers navigate on."""
-    return errors_of(scenario, follower, navigated_link(scenario))
+    return errors_of(sensing, follower, navigated_link(sensing.links))
 
 
-def further_errors_of(scenario: Scenario, follower: int = 0) -> dict[str, SensorErrors]:
+def further_errors_of(sensing: SensingSettings, follower: int = 0) -> dict[str, SensorErrors]:
     """The same of the further links that their navigators take by name."""
-    names = scenario.navigation.further_links
-    return {name: errors_of(scenario, follower, named_link(scenario, name)) for name in names}
+    links = sensing.links
+    return {name: errors_of(sensing, follower, named_link(links, name)) for name in links.further}
 
 
 class Instant(NamedTuple):
@@ -694,15 +697,6 @@ SHIPPED: dict[str, type[Sensor]] = {
 """Sensors of this project that a scenario may list, by their names there."""
 
 
-def custom_tables(scenario: Scenario) -> tuple[Any, ...]:
-    """Tables of a scenario's further sensors: its own, after the one that its navigator needs."""
-    variant = scenario.navigation.variant
-    tables = scenario.sensors.custom
-    needed = NAVIGATORS[variant].sensor if variant in NAVIGATORS else ""
-    is_listed = not needed or any(table.sensor == needed for table in tables)
-    return tables if is_listed else (CustomSensorTable(sensor=needed), *tables)
-
-
 def _made_sensor(table: Any) -> Any:
     """The sensor of a table; LaisnError if there is no such class, or it has no such key."""
     sensor_class = SHIPPED.get(table.sensor) or find_class("sensor", table.sensor)
@@ -713,15 +707,17 @@ def _made_sensor(table: Any) -> Any:
         raise LaisnError(f"sensors.custom: {table.sensor}: {error}") from None
 
 
-def custom_sensors(scenario: Scenario) -> tuple[SensorDriver, ...]:
-    """A scenario's further sensors; LaisnError if one cannot be found, does not have a key of its
-    table or is not declared as it must be, or if two have one name or one stream of noise.
+def custom_sensors(sensing: SensingSettings) -> tuple[SensorDriver, ...]:
+    """The further sensors of followers, also that which their navigators need; LaisnError if one
+    cannot be found, does not have a key of its table or is not declared as it must be, or if two
+    have one name or one stream of noise.
     """
-    dt = scenario.timing.filter_step_s
-    drivers = [SensorDriver(sensor=_made_sensor(table), dt=dt) for table in scenario.sensors.custom]
-    needed = custom_tables(scenario)[: -len(drivers) or None]
-    for table in needed:
-        driver = SensorDriver(sensor=_made_sensor(table), dt=dt)
+    dt = sensing.links.filter_step_s
+    tables = sensing.sensors.custom
+    drivers = [SensorDriver(sensor=_made_sensor(table), dt=dt) for table in tables]
+    needed = sensing.needed_sensor
+    if needed and all(table.sensor != needed for table in tables):
+        driver = SensorDriver(sensor=_made_sensor(CustomSensorTable(sensor=needed)), dt=dt)
         # a user's sensor of the same name takes its place
         if all(other.name != driver.name for other in drivers):
             drivers.insert(0, driver)
@@ -729,8 +725,9 @@ def custom_sensors(scenario: Scenario) -> tuple[SensorDriver, ...]:
     return tuple(drivers)
 
 
-def environment_of(scenario: Scenario) -> Environment:
-    """The sea of a scenario as its sensors see it; at rest where vehicles move as points."""
-    if scenario.motion == "kinematic":
-        return Ocean(floor_depth_m=scenario.ocean.floor_depth_m).environment
-    return ocean_of(scenario).environment
+def environment_of(sensing: SensingSettings) -> Environment:
+    """The sea as sensors see it; at rest where vehicles move as points."""
+    sea = sensing.sound.sea
+    if sensing.kind == "kinematic":
+        return Ocean(floor_depth_m=sea.ocean.floor_depth_m).environment
+    return replace(ocean_of(sea), rays=rays_of(sensing.sound)).environment

@@ -8,7 +8,8 @@ import numpy as np
 from laisn.arrays import Floats, Ints
 from laisn.messages import SensorHeader
 from sim.attitude import body_point_in_world
-from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.scenario.parts import SensingSettings
+from sim.scenario.settings import CONTROL_STEP_S
 from sim.sensing import acoustics, noise, sensors
 from sim.sensing.links import navigated_link
 from sim.sensing.noise import Address
@@ -34,20 +35,19 @@ class SenderMotion:
     vehicle, and where its transmitters are.
     """
 
-    def __init__(self, scenario: Scenario, still: Trajectory, truth: StateHistory) -> None:
+    def __init__(self, sensing: SensingSettings, still: Trajectory, truth: StateHistory) -> None:
         """Before its first instant; `still` has the sites of the vehicles, `truth` is the room for
         their motion.
         """
-        self.link = navigated_link(scenario)
+        self.link = navigated_link(sensing.links)
         self.still = still if self.link is None else self.link.motion_of(still)
         n, v, _ = truth.pose.shape
         self.truth = truth if self.link is None else StateHistory.empty(n, v, 0)
         self._senses_acceleration = (
-            scenario.leader.broadcast_attitude
-            and scenario.sensors.leader_attitude_senses_acceleration
+            sensing.broadcast_attitude and sensing.sensors.leader_attitude_senses_acceleration
         )
-        self._share = sensors.complementary_filter_gain(scenario.sensors)
-        self.tilts = np.full((n, 2), 0.0 if scenario.leader.broadcast_attitude else np.nan)
+        self._share = sensors.complementary_filter_gain(sensing.sensors)
+        self.tilts = np.full((n, 2), 0.0 if sensing.broadcast_attitude else np.nan)
         self._instants = 0
 
     def advance(self, truth: StateHistory, last: int) -> None:
@@ -68,7 +68,7 @@ class FollowerSensing:
 
     def __init__(
         self,
-        scenario: Scenario,
+        sensing: SensingSettings,
         follower: int,
         sender: SenderMotion,
         transmitters: int,
@@ -80,13 +80,13 @@ class FollowerSensing:
         self._follower = follower
         self._sender = sender
         self._record = record
-        self._model = sensor_model_of(scenario, link)
-        self._errors = sensors.errors_of(scenario, follower, link)
+        self._model = sensor_model_of(sensing, link)
+        self._errors = sensors.errors_of(sensing, follower, link)
         self._hidden = None if link is None else link.hidden
         self._hears = link is None or link.hears(follower)
         self._transmitters = 3 if link is None else link.transmitters
         self._navigator = (min(transmitters, self._transmitters), self._model.dt)
-        seed, run = noise.seed_and_run(scenario.seed, scenario.run)
+        seed, run = noise.seed_and_run(sensing.seed, sensing.run)
         self._address = Address(seed, run, follower, 0)
         hydrophones = [f"{name}/hydrophone" for name in still.names[1:]]
         own = f"{still.names[follower + 1]}/depth_sensor"
@@ -99,8 +99,8 @@ class FollowerSensing:
         self._read = new_inbox(1, 1)
         self._true_values = np.empty((steps, 3))
         self._receptions = new_receptions(record.message_step.shape[1])
-        self._drivers = sensors.custom_sensors(scenario)
-        self._environment = sensors.environment_of(scenario)
+        self._drivers = sensors.custom_sensors(sensing)
+        self._environment = sensors.environment_of(sensing)
         self._steps = steps
         self._done = 0
         self._messages = 0

@@ -2,7 +2,7 @@
 coefficients.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Annotated, NamedTuple
@@ -29,9 +29,11 @@ class VehicleSetup:
     heading_rad: float = 0.0  # compass, at the start
     speed_m_s: float = 0.0  # forward, over ground, at the start
     settings: vehicles.Vehicle = field(default_factory=vehicles.Vehicle.model_construct)
-    """What is changed of the MJCF: trim, true over nominal coefficients, places of a leader's
-    transmitters.
+    """What is changed of the MJCF: trim, true over nominal coefficients, the hydrophone's
+    place.
     """
+    transmitters: Mapping[str, tuple[int, float]] = field(default_factory=dict)
+    """The same of a leader's transmitters, as of `transmitter_places`."""
 
 
 class VehicleIds(NamedTuple):
@@ -84,18 +86,18 @@ def _attachable(text: str, looks: bool) -> mujoco.MjSpec:
     return spec
 
 
-def transmitter_places(settings: vehicles.Vehicle) -> dict[str, tuple[int, float]]:
-    """Axis and coordinate [m] to which transmitters' sites are moved; the others stay where the
-    MJCF has them.
+def transmitter_places(leader: vehicles.Leader) -> dict[str, tuple[int, float]]:
+    """Axis and coordinate [m] to which keys of a leader move its transmitters' sites; the others
+    stay where the MJCF has them.
     """
     moves: dict[str, tuple[int, float]] = {}
-    if isinstance(settings, vehicles.Leader) and settings.baseline_m is not None:
+    if leader.baseline_m is not None:
         moves |= {
-            "tx_rear": (0, -settings.baseline_m / 2),
-            "tx_front": (0, settings.baseline_m / 2),
+            "tx_rear": (0, -leader.baseline_m / 2),
+            "tx_front": (0, leader.baseline_m / 2),
         }
-    if isinstance(settings, vehicles.Leader) and settings.middle_offset_m is not None:
-        moves |= {"tx_middle": (1, settings.middle_offset_m)}
+    if leader.middle_offset_m is not None:
+        moves |= {"tx_middle": (1, leader.middle_offset_m)}
     return moves
 
 
@@ -109,7 +111,7 @@ def _edited(setup: VehicleSetup, looks: bool) -> mujoco.MjSpec:
     spec.site("cg").pos = hull.ipos
     spec.add_numeric(name="excess_buoyancy", size=1, data=[settings.excess_buoyancy_n])
     spec.add_numeric(name="neutral", size=1, data=[float(settings.trim == "neutral")])
-    for name, (axis, value) in transmitter_places(settings).items():
+    for name, (axis, value) in setup.transmitters.items():
         spec.site(name).pos[axis] = value
     if settings.hydrophone_m is not None:
         hydrophone = spec.site("hydrophone") or hull.add_site(name="hydrophone", group=4)

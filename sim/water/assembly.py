@@ -1,4 +1,4 @@
-"""A scenario made into a sea."""
+"""Settings made into a sea, and into the paths of sound in it."""
 
 import math
 from dataclasses import replace
@@ -9,10 +9,11 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from laisn.plugins import calling, find_class
-from sim.scenario.point_motion import plan
+from sim.scenario.parts import MissionPlan, SeaSettings, SoundSettings
+from sim.scenario.point_motion import plan as planned_motion
 from sim.scenario.sea_files import SeaFile
 from sim.scenario.section import in_si
-from sim.scenario.settings import Scenario
+from sim.scenario.settings import OceanTable
 from sim.scenario.vehicle_routes import route_of
 from sim.water.casts import Cast, read_cast
 from sim.water.custom import CustomCaller
@@ -40,28 +41,26 @@ _ROOM, _ROOM_M = 1.2, 3.0  # of tables of rays beyond what is planned
 _WAVES_KEY = 0x5EA
 
 
-def sound_points(scenario: Scenario) -> Floats | None:
-    """Depths [m] and speeds of sound [m/s] of a scenario's profile, shape (n, 2); None: there is
-    one speed.
-    """
-    cast = sound_cast(scenario)
+def sound_points(sound: SoundSettings) -> Floats | None:
+    """Depths [m] and speeds of sound [m/s] of a profile, shape (n, 2); None: there is one speed."""
+    cast = sound_cast(sound.sea.ocean)
     if cast is not None:
         return cast.points
-    profile = scenario.acoustics.sound_speed_profile
+    profile = sound.acoustics.sound_speed_profile
     return np.array(profile) if profile else None
 
 
-def rays_of(scenario: Scenario) -> StraightRays | RefractedRays:
-    """How sound gets through a scenario's sea."""
-    acoustics = scenario.acoustics
-    points = sound_points(scenario)
-    floor = floor_of(scenario)
+def rays_of(sound: SoundSettings) -> StraightRays | RefractedRays:
+    """How sound gets through a sea."""
+    acoustics = sound.acoustics
+    points = sound_points(sound)
+    floor = floor_of(sound.sea)
     bends = points is not None and len(set(points[:, 1].tolist())) > 1
     if points is not None and bends and acoustics.rays == "refracted":
         return refracted_rays(
             points,
             floor,
-            extent_of(scenario),
+            extent_of(sound),
             surface_echoes=acoustics.surface_echo_probability > 0.0,
         )
     constant = ((0.0, acoustics.sound_speed_m_s),)
@@ -72,40 +71,42 @@ def rays_of(scenario: Scenario) -> StraightRays | RefractedRays:
     )
 
 
-def planned_places(scenario: Scenario) -> list[Floats]:
-    """Where each vehicle, and each beacon, is planned to be, shapes (n, 3) or (1, 3), east, north
-    and depth [m]; stations are beside the leader.
+def planned_places(plan: MissionPlan) -> list[Floats]:
+    """Where each vehicle is planned to be, shapes (n, 3), east, north and depth [m]; stations are
+    beside the leader.
     """
-    time = np.linspace(0.0, scenario.duration_s, _LOOKS)
+    time = np.linspace(0.0, plan.duration_s, _LOOKS)
     places = []
     leader = np.zeros((_LOOKS, 3))
-    for key, vehicle in scenario.vehicles():
+    for key, vehicle in plan.vehicles():
         station = getattr(vehicle, "station", None)
         if station is not None:
             behind = leader[:, :2] - (math.hypot(station.behind_m, station.port_m), 0.0)
             places.append(np.column_stack([behind, np.full(_LOOKS, vehicle.layer_m)]))
             continue
         route = route_of(vehicle, key)
-        motion = plan(route).at(time)
+        motion = planned_motion(route).at(time)
         depth = route.depth.depth_at(time)
         places.append(np.column_stack([motion.east, motion.north, depth]))
         leader = places[0]
-    beacons = [beacon for link in scenario.links for beacon in link.beacons_m]
-    return places + [np.array([beacon]) for beacon in beacons]
+    return places
 
 
-def extent_of(scenario: Scenario) -> Extent:
-    """Depths and distances that the plans of a scenario need, with some room."""
-    places = planned_places(scenario)
-    deepest = max(float(path[:, 2].max()) for path in places)
+def extent_of(sound: SoundSettings) -> Extent:
+    """Depths and distances that the plans of vehicles need, and the places of beacons, with some
+    room.
+    """
+    places = planned_places(sound.sea.plan)
+    places += [np.array([place]) for place in sound.beacons_m]
+    deepest = max(float(place[:, 2].max()) for place in places)
     farthest = max(
         float(np.hypot(*(a[:, :2] - b[:, :2]).T).max())
         for i, a in enumerate(places)
         for b in places[:i]
     )
     reach = _ROOM * farthest + _ROOM_M
-    if scenario.acoustics.max_range_m:
-        reach = min(reach, scenario.acoustics.max_range_m)
+    if sound.acoustics.max_range_m:
+        reach = min(reach, sound.acoustics.max_range_m)
     return Extent(_ROOM * deepest + _ROOM_M, reach)
 
 
@@ -119,31 +120,31 @@ def _source(key: str, table: SeaFile) -> Source:
     return source
 
 
-def sound_cast(scenario: Scenario) -> Cast | None:
-    """The speed of sound that a scenario reads from a file; None: none. FieldError if there is none
-    in it.
+def sound_cast(ocean: OceanTable) -> Cast | None:
+    """The speed of sound that is read from a file; None: none. FieldError if there is none in
+    it.
     """
-    table = scenario.ocean.sound_speed
-    return None if table is None else read_cast(_source("sound_speed", table), _origin(scenario))
+    table = ocean.sound_speed
+    return None if table is None else read_cast(_source("sound_speed", table), _origin(ocean))
 
 
-def floor_field(scenario: Scenario) -> FloorField | None:
-    """The floor that a scenario reads from a file; None: none. FieldError if it has none."""
-    table = scenario.ocean.floor
+def floor_field(sea: SeaSettings) -> FloorField | None:
+    """The floor that is read from a file; None: none. FieldError if it has none."""
+    table = sea.ocean.floor
     if table is None:
         return None
-    return read_floor(_source("floor", table), _origin(scenario), region_of(scenario))
+    return read_floor(_source("floor", table), _origin(sea.ocean), region_of(sea.plan))
 
 
-def floor_of(scenario: Scenario) -> LevelFloor | GriddedFloor:
-    """The floor of a scenario's sea."""
-    field = floor_field(scenario)
-    return LevelFloor(float(scenario.ocean.floor_depth_m)) if field is None else field.floor
+def floor_of(sea: SeaSettings) -> LevelFloor | GriddedFloor:
+    """The floor of a sea."""
+    field = floor_field(sea)
+    return LevelFloor(float(sea.ocean.floor_depth_m)) if field is None else field.floor
 
 
-def _origin(scenario: Scenario) -> FieldOrigin:
-    """The origin of what is read; campaigns leave the keys of the top level out."""
-    origin = scenario.ocean.origin
+def _origin(ocean: OceanTable) -> FieldOrigin:
+    """The origin of what is read, as `Scenario` has completed it."""
+    origin = ocean.origin
     assert origin is not None  # the scenario's validation
     latitude, longitude, time = origin.latitude_deg, origin.longitude_deg, origin.time
     assert latitude is not None
@@ -152,19 +153,19 @@ def _origin(scenario: Scenario) -> FieldOrigin:
     return FieldOrigin(latitude, longitude, time)
 
 
-def current_field(scenario: Scenario) -> CurrentField | None:
-    """The current that a scenario reads from a file; None: none. FieldError if the file has none,
-    or is not that with which the scenario was saved.
+def current_field(sea: SeaSettings) -> CurrentField | None:
+    """The current that is read from a file; None: none. FieldError if the file has none, or is not
+    that with which the scenario was saved.
     """
-    current = scenario.ocean.current
+    current = sea.ocean.current
     if current is None or current.file is None:
         return None
-    return read_current(_source("current", current), _origin(scenario), region_of(scenario))
+    return read_current(_source("current", current), _origin(sea.ocean), region_of(sea.plan))
 
 
-def _custom_current(scenario: Scenario) -> CustomCaller | None:
+def _custom_current(ocean: OceanTable) -> CustomCaller | None:
     """The current of the user's own; LaisnError if its class is not there, or takes other keys."""
-    current = scenario.ocean.current
+    current = ocean.current
     if current is None or current.model is None:
         return None
     current_class = find_class("current", current.model, "velocity")
@@ -181,13 +182,13 @@ def _custom_current(scenario: Scenario) -> CustomCaller | None:
 
 
 def current_at(
-    scenario: Scenario, east: Floats, north: Floats, depth: Floats | float, time: Floats
+    sea: SeaSettings, east: Floats, north: Floats, depth: Floats | float, time: Floats
 ) -> Floats:
     """Current without waves at n places [m] and times [s], east and north, shape (n, 2), [m/s]."""
-    if scenario.ocean.current is None:
-        settings = scenario.ocean.current_at(depth, time)
+    if sea.ocean.current is None:
+        settings = sea.ocean.current_at(depth, time)
         return np.asarray(np.broadcast_to(settings, (np.size(time), 2)))
-    calm = replace(ocean_of(scenario), waves=Waves.none())
+    calm = replace(ocean_of(sea), waves=Waves.none())
     height = np.broadcast_to(-np.asarray(depth, dtype=np.float64), np.shape(time))
     positions = np.ascontiguousarray(np.column_stack([east, north, height]))
     velocity = np.empty(positions.shape)
@@ -196,27 +197,24 @@ def current_at(
     return velocity[:, :2]
 
 
-def ocean_of(scenario: Scenario) -> Ocean:
-    """The sea; its waves depend on the seed and not on the run. LaisnError if they would break, or
-    if a current cannot be had.
+def ocean_of(sea: SeaSettings) -> Ocean:
+    """The sea without its sound; its waves depend on the seed and not on the run. LaisnError if
+    they would break, or if a current cannot be had.
     """
-    field = current_field(scenario)
-    sea = sea_of_keys(scenario)
+    field = current_field(sea)
     return replace(
-        sea,
+        sea_of_keys(sea.ocean, sea.seed),
         current=None if field is None else field.current,
-        custom=_custom_current(scenario),
-        floor=floor_of(scenario),
-        rays=rays_of(scenario),
+        custom=_custom_current(sea.ocean),
+        floor=floor_of(sea),
     )
 
 
-def sea_of_keys(scenario: Scenario) -> Ocean:
+def sea_of_keys(water: OceanTable, seed: int) -> Ocean:
     """The sea without what is read from files, or is of the user's own. LaisnError if its waves
     would break.
     """
-    water = scenario.ocean
-    waves = scenario.ocean.waves
+    waves = water.waves
     towards = {
         "direction_rad": float(np.deg2rad(waves.direction_deg)),
         "floor_depth_m": water.floor_depth_m,
@@ -226,7 +224,7 @@ def sea_of_keys(scenario: Scenario) -> Ocean:
         components = Waves.regular(height_m=waves.height_m, period_s=waves.period_s, **towards)
     elif waves.kind == "jonswap":
         components = Waves.jonswap(
-            np.random.default_rng([_WAVES_KEY, scenario.seed]),
+            np.random.default_rng([_WAVES_KEY, seed]),
             significant_height_m=waves.height_m,
             peak_period_s=waves.period_s,
             spread_rad=float(np.deg2rad(waves.spreading_deg)),

@@ -5,8 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from laisn.arrays import Bools, Floats
+from sim.scenario.parts import MissionPlan
 from sim.scenario.routes import library_route
-from sim.scenario.settings import Scenario, Vehicle
+from sim.scenario.settings import Vehicle
 
 # vehicles may be off their routes, and draw aside in formations
 _MARGIN_M = 1000.0
@@ -54,13 +55,13 @@ def _waypoints(vehicle: Vehicle, duration: float) -> Floats:
     return np.vstack([flown, further])
 
 
-def region_of(scenario: Scenario, margin: float = _MARGIN_M) -> Region:
-    """What a scenario's mission may need: its routes and stations, and a margin [m] about them."""
+def region_of(plan: MissionPlan, margin: float = _MARGIN_M) -> Region:
+    """What a mission may need: its routes and stations, and a margin [m] about them."""
     reach = 0.0
     places = []
-    for _, vehicle in scenario.vehicles():
+    for _, vehicle in plan.vehicles():
         station = getattr(vehicle, "station", None)
-        places.append(_waypoints(vehicle, scenario.duration_s))
+        places.append(_waypoints(vehicle, plan.duration_s))
         if station is not None:
             reach = max(reach, float(np.hypot(station.behind_m, station.port_m)))
             start = getattr(vehicle, "start_m", None)
@@ -69,4 +70,4 @@ def region_of(scenario: Scenario, margin: float = _MARGIN_M) -> Region:
     every = np.vstack(places)
     west, south = every.min(axis=0) - (reach + margin)
     east, north = every.max(axis=0) + (reach + margin)
-    return Region(float(west), float(east), float(south), float(north), scenario.duration_s)
+    return Region(float(west), float(east), float(south), float(north), plan.duration_s)

@@ -22,6 +22,7 @@ from laisn_sim.cli import fly as flying
 from laisn_sim.cli.main import app
 from laisn_sim.live import LiveView
 from reports.flight_report import scene_of_flight
+from sim.scenario.parts import MissionPlan
 from tests import browser
 from tests.reports.test_scene import arrays_of, inflated, read_array
 from tests.synthetic import make_flight
@@ -35,7 +36,7 @@ SHORT = {"duration_s": 30.0}
 def view() -> Iterator[LiveView]:
     view = LiveView(math.inf)
     flight = make_flight(10.0)
-    view.begin(flight.scenario)
+    view.begin(MissionPlan.of(flight.scenario))
     view.show(flight)
     yield view
     view.close()
@@ -187,7 +188,7 @@ def test_a_page_is_told_of_pauses_and_of_another_mission(view: LiveView) -> None
     assert told() == {"paused": False, "speed": 0.0}  # as fast as possible
     view.control(True, 5.0)
     assert told() == {"paused": True, "speed": 5.0}
-    view.begin(make_flight(10.0).scenario)
+    view.begin(MissionPlan.of(make_flight(10.0).scenario))
     assert told() == {"anew": True}
     assert not reply.read().strip()
 
@@ -196,7 +197,7 @@ def test_a_view_feeds_foxglove_beside_its_page() -> None:
     flight = make_flight(5.0)
     view = LiveView(math.inf, foxglove_port=0)
     assert view.foxglove is not None
-    view.begin(flight.scenario)
+    view.begin(MissionPlan.of(flight.scenario))
     with connect(view.foxglove.address, subprotocols=[FOXGLOVE], max_size=None) as socket:
         view.show(flight)
         topics = set[str]()

@@ -10,6 +10,7 @@ from laisn_sim.cli import analyses
 from reports import flight_report
 from reports.range_budget import Cause, RangeErrorBudget, range_error_budget
 from sim.flight import FlightRecord, excerpt
+from sim.scenario.parts import SensingSettings
 from sim.scenario.settings import Acoustics, Navigation, Scenario
 from sim.sensing.observation import measure, observe, propagate
 from sim.sensing.sensors import SensorErrors, errors_of
@@ -25,8 +26,8 @@ def flight_of(
     scenario: Scenario, trajectory: Trajectory, errors: SensorErrors | None = None
 ) -> FlightRecord:
     measured = measure(
-        observe(trajectory, scenario),
-        errors or errors_of(scenario),
+        observe(trajectory, SensingSettings.of(scenario)),
+        errors or errors_of(SensingSettings.of(scenario)),
         seed=scenario.seed,
         run=scenario.run,
     )
@@ -94,8 +95,10 @@ def test_lever_arm_abeam_is_the_closed_form(slant):
     scenario = make_scenario()
     budget = range_error_budget(flight_of(scenario, trajectory, QUIET))
     slant_error = (
-        propagate(trajectory, scenario).range[..., 0]
-        - propagate(make_trajectory((0.0, -abeam, -8.0 - DEPTH_OFFSET)), scenario).range[..., 0]
+        propagate(trajectory, SensingSettings.of(scenario)).range[..., 0]
+        - propagate(
+            make_trajectory((0.0, -abeam, -8.0 - DEPTH_OFFSET)), SensingSettings.of(scenario)
+        ).range[..., 0]
     )
     # the front transmitter rises, away from a follower below: longer by Δz (L/2) sin φ / R
     closed_form = DEPTH_OFFSET * HALF * np.sin(PITCH) / slant
@@ -130,7 +133,7 @@ def test_each_acoustic_cause_alone():
         scenario = make_scenario(acoustics)
         flight = flight_of(scenario, trajectory, QUIET)
         if cause is Cause.ECHO:
-            echo = propagate(trajectory, scenario).range[..., 1]
+            echo = propagate(trajectory, SensingSettings.of(scenario)).range[..., 1]
             flight = FlightRecord(
                 scenario=scenario,
                 trajectory=trajectory,
@@ -153,7 +156,9 @@ def test_random_and_depth_errors_are_what_was_drawn():
     quiet = SensorErrors(range_tau=(0, 0, 0), range_scale_mean=0, range_scale_sigma=0, **depths)
     alone = shares_alone(range_error_budget(flight_of(scenario, trajectory, quiet)), Cause.DEPTH)
     assert np.abs(alone).max() > 1e-3
-    own = measure(observe(trajectory, scenario), SensorErrors(**depths), seed=1, run=0)
+    own = measure(
+        observe(trajectory, SensingSettings.of(scenario)), SensorErrors(**depths), seed=1, run=0
+    )
     difference = own.message[:, 5] - own.depth[own.message_step - 1]
     level = noisy.level_range
     assert_allclose(alone, np.sqrt(level**2 + 3.0**2 - difference[:, None] ** 2) - level, atol=1e-9)

@@ -14,6 +14,7 @@ from laisn.estimates import FixKind
 from reports.summary import mirror_lock_events, stray_events, summarise
 from sim.assembly import routes_of
 from sim.flight import FlightRecord
+from sim.scenario.parts import MissionPlan
 from sim.tracking import track_error
 from tests import synthetic
 from tests.synthetic import make_flight
@@ -50,7 +51,7 @@ def test_the_summary_has_the_errors_of_each_follower_and_of_all(flight: FlightRe
     whole = figures(np.concatenate(position), np.concatenate(bearing))
     assert {name: summary[name] for name in whole} == pytest.approx(whole)
     assert (summary["seed"], summary["run"], summary["flown_s"]) == (1, 0, pytest.approx(30.0))
-    routes = routes_of(flight.scenario)
+    routes = routes_of(MissionPlan.of(flight.scenario))
     for i, name in enumerate(("follower1", "follower2")):
         row = summary["followers"][name]
         own = figures(position[i], bearing[i])

@@ -15,6 +15,7 @@ from reports.flight_report import flight_report
 from reports.summary import route_events, summarise
 from reports.verdict import verdict
 from sim.flight import FlightRecord, Termination, position_and_bearing_errors
+from sim.scenario.parts import MotionSettings
 from sim.tracking import track_errors
 from tests.synthetic import make_flight
 
@@ -160,7 +161,9 @@ def test_an_outcome_comes_first(flight: FlightRecord) -> None:
 def test_page_and_summary_begin_with_it(flight: FlightRecord, tmp_path: Path) -> None:
     changed = silent(lost_at(flight, 1, 400.0), 1, 340.0, 401.0)
     summary = summarise(changed)
-    expected = verdict(changed, track_errors(changed.scenario, changed.trajectory))
+    expected = verdict(
+        changed, track_errors(MotionSettings.of(changed.scenario), changed.trajectory)
+    )
     assert summary["verdict"]["sentence"] == expected.sentence
     assert json.loads(json.dumps(summary["verdict"]))["lost"][0]["follower"] == "follower2"
     page = tmp_path / "report.html"

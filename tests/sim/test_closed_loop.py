@@ -20,6 +20,7 @@ from laisn.estimates import FixKind
 from sim.closed_loop import closed_loop_mission, guide, simulate_closed_loop
 from sim.flight import navigate
 from sim.scenario.file import validate
+from sim.scenario.parts import SensingSettings
 from sim.scenario.settings import Scenario
 from sim.sensing.observation import observe
 from sim.simulation import simulate_motion
@@ -140,7 +141,7 @@ def test_of_two_messages_that_come_in_together_the_first_is_kept() -> None:
     scenario = mission(*nearer)
     np.testing.assert_allclose(apart(scenario), 0.0, rtol=0, atol=1e-9)
     trajectory, _ = simulate_closed_loop(scenario)
-    sent = observe(trajectory, scenario).emission_step
+    sent = observe(trajectory, SensingSettings.of(scenario)).emission_step
     assert np.count_nonzero(np.diff(sent) == 2) == 1
 
 

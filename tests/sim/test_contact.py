@@ -17,6 +17,7 @@ from sim import attitude
 from sim.assembly import routes_of, setups_of
 from sim.flight import Termination
 from sim.scenario.file import validate
+from sim.scenario.parts import MissionPlan, MotionSettings, SeaSettings
 from sim.scenario.settings import Scenario
 from sim.simulation import simulate
 from sim.tracking import contacts, first_touch, hull_gap
@@ -115,8 +116,8 @@ def test_contact_ends_a_mission_where_one_that_goes_on_is_marked(changes: dict[s
 def test_a_fleet_stops_at_its_recorded_end() -> None:
     """At the instant itself, not at the end of the stretch that compiled code flies at once."""
     scenario = meeting()
-    routes = routes_of(scenario)
-    plant = Plant(setups_of(scenario, routes), ocean_of(scenario))
+    routes = routes_of(MissionPlan.of(scenario))
+    plant = Plant(setups_of(MissionPlan.of(scenario), routes), ocean_of(SeaSettings.of(scenario)))
     trajectory = simulate(plant, routes, 40.0, until_contact=True)
     assert first_touch(trajectory.pose) == trajectory.time.size - 1
     assert trajectory.time[-1] < 31.0
@@ -136,7 +137,9 @@ def test_a_campaign_names_the_mission_that_contact_ends() -> None:
 
 def test_facts_list_the_vehicles_in_contact() -> None:
     scenario = meeting()
-    assert [row["touched"] for row in facts_of(scenario, simulate_mission(scenario))] == [1.0, 1.0]
+    assert [
+        row["touched"] for row in facts_of(MotionSettings.of(scenario), simulate_mission(scenario))
+    ] == [1.0, 1.0]
 
 
 def test_a_run_that_contact_ended_is_counted_and_in_no_mean() -> None:

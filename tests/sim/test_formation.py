@@ -25,6 +25,7 @@ from sim.flight import navigate
 from sim.hull import hull_of, limits_of
 from sim.scenario.file import validate
 from sim.scenario.formation import Formation, Proximity
+from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import Scenario
 from sim.sensing.proximity import SIGHTING, sense_neighbours
 from sim.simulation import simulate_motion
@@ -150,7 +151,10 @@ def test_stations_are_kept_where_sound_takes_its_time() -> None:
             controller.state.concluded.state[i, :, :2], estimates.state[:, :2], rtol=0, atol=1e-9
         )
     # the worst station of those that receive at once is allowed as much
-    assert np.sqrt(np.mean(off_station(scenario, trajectory) ** 2, axis=0)).max() < 0.6
+    assert (
+        np.sqrt(np.mean(off_station(MotionSettings.of(scenario), trajectory) ** 2, axis=0)).max()
+        < 0.6
+    )
 
 
 def test_the_noise_of_a_run_does_not_depend_on_other_vehicles() -> None:
@@ -361,7 +365,11 @@ def largest_distances_in_a_dive(**leader: object) -> Floats:
     tables = {"leader": dive, "ocean": {"floor_depth_m": 60.0}, "navigation": {"variant": "tight"}}
     scenario = mission(duration=200.0, places=places, **tables)
     trajectory, _ = flown(scenario)
-    return off_station(scenario, trajectory, true_stations(scenario, trajectory)).max(axis=0)
+    return off_station(
+        MotionSettings.of(scenario),
+        trajectory,
+        true_stations(MotionSettings.of(scenario), trajectory),
+    ).max(axis=0)
 
 
 def test_a_formation_follows_a_leader_that_dives() -> None:
@@ -410,7 +418,9 @@ def test_followers_turn_by_waypoints_received_before_the_turn() -> None:
         )
         # from 45 s to the second message; before the first one the leader's speed is that of its
         # start
-        largest.append(off_station(scenario, flown(scenario)[0])[450:600].max(axis=0))
+        largest.append(
+            off_station(MotionSettings.of(scenario), flown(scenario)[0])[450:600].max(axis=0)
+        )
     assert (largest[0] > 5.0).all()
     assert (largest[1] < 0.6).all()
 
@@ -432,7 +442,7 @@ def test_a_follower_with_true_positions_keeps_its_station_around_the_corner() ->
         assert not row["lost"]
     # on the last leg stations stand where geometry has them: behind the leader, which goes north
     leader_at = flight.trajectory.position[-1, 0, :2]
-    station = true_stations(scenario, flight.trajectory)[-1, 1]
+    station = true_stations(MotionSettings.of(scenario), flight.trajectory)[-1, 1]
     np.testing.assert_allclose(
         [station.east, station.north], leader_at - np.array([0.0, 20.0]), atol=0.05
     )
@@ -557,7 +567,7 @@ def test_behind_a_leader_that_turns_fast_they_are_off_as_far_as_check_says() -> 
     assert len(warnings) == 10
     flight, _ = fly(scenario)
     kept = summarise(flight)["followers"]
-    radius = limits_of(hull_of(scenario, scenario.followers[0])).least_radius
+    radius = limits_of(hull_of(MotionSettings.of(scenario), scenario.followers[0])).least_radius
     for warning in warnings:
         name, _, text = warning.partition(": ")
         expected = float(text.split("up to ")[1].split(" m off its station")[0])

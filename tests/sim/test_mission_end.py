@@ -15,6 +15,7 @@ from laisn_sim.cli.main import app
 from sim.assembly import routes_of
 from sim.flight import Termination
 from sim.scenario.file import ScenarioError
+from sim.scenario.parts import MissionPlan
 from sim.scenario.routes import DepthProfile, Route
 from sim.scenario.settings import Scenario
 from sim.simulation import simulate_motion
@@ -138,7 +139,9 @@ def test_a_vehicle_that_loses_its_route_ends_the_mission(tmp_path: Path) -> None
     flight = laisn_sim.read_log(tmp_path / "a" / "flight.mcap")
     assert flight.outcome is Termination.OFF_ROUTE
     truth = flight.trajectory
-    off = distance_from_route(routes_of(flight.scenario)[1], truth.time, truth.position[:, 1])
+    off = distance_from_route(
+        routes_of(MissionPlan.of(flight.scenario))[1], truth.time, truth.position[:, 1]
+    )
     assert off[-1] > LEFT_ROUTE_M > off[:-11].max()
 
 

@@ -15,6 +15,7 @@ from laisn.errors import LaisnError
 from laisn.messages import LeaderMessage, LinkMessages, Measurements
 from laisn.plugins import register
 from laisn_sim import Command, Flight, Simulation
+from sim.scenario.parts import MotionSettings
 from sim.tracking import bounds_of
 from sim.trajectory import Trajectory
 
@@ -383,10 +384,12 @@ def test_a_leader_that_is_not_steered_by_the_truth_may_leave_its_route() -> None
         "guidance_position": "estimate",
         "navigation": {"variant": "dead-reckoning"},
     }
-    assert bounds_of(laisn_sim.load(beside(motion="physics"))).routes[0] is not None
+    assert (
+        bounds_of(MotionSettings.of(laisn_sim.load(beside(motion="physics")))).routes[0] is not None
+    )
     for leader in (controlled, by_estimate):
         scenario = laisn_sim.load(beside(motion="physics", leader=leader))
-        assert bounds_of(scenario).routes[0] is None
+        assert bounds_of(MotionSettings.of(scenario)).routes[0] is None
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from experiments.flight.fly import fly
+from sim.scenario.parts import MissionPlan
 from sim.tracking import closest_approaches, closest_in_a_layer, station_keeping
 from tests import synthetic
 from tests.sim.test_formation import mission
@@ -48,10 +49,13 @@ def test_the_nearest_pair_of_one_layer_is_found_beside_nearer_ones() -> None:
     places = [(10.0, 0.0, 12.0), (10.0, 9.0, 12.9), (10.0, 3.5, 20.0)]
     scenario = mission(places=places, duration=3.0)
     flight, _ = fly(scenario)
-    found = closest_in_a_layer(scenario, flight.trajectory)
+    found = closest_in_a_layer(MissionPlan.of(scenario), flight.trajectory)
     assert found is not None
     assert found.pair == ("follower-1", "follower-2")
     apart = flight.trajectory.position[:, 1, :2] - flight.trajectory.position[:, 2, :2]
     assert found.distance_m == pytest.approx(np.hypot(*apart.T).min())
     alone = mission(places=[(10.0, 0.0, 12.0), (10.0, 9.0, 13.0)])
-    assert closest_in_a_layer(alone, synthetic.only(flight.trajectory, [0, 1, 2])) is None
+    assert (
+        closest_in_a_layer(MissionPlan.of(alone), synthetic.only(flight.trajectory, [0, 1, 2]))
+        is None
+    )

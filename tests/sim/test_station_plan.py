@@ -10,6 +10,7 @@ import pytest
 from sim import feasibility
 from sim.closed_loop import simulate_closed_loop
 from sim.scenario.file import validate
+from sim.scenario.parts import MissionPlan, MotionSettings
 from sim.scenario.settings import Scenario
 from sim.tracking import closest_in_a_layer, closest_stations
 
@@ -48,7 +49,7 @@ def test_after_a_right_angle_stations_stand_where_the_way_behind_and_aside_put_t
     """One stands 10 m behind and 5 m to port; on the second leg they are Δy − Δs apart along it,
     and no way aside.
     """
-    found = closest_stations(mission((10.0, 5.0, 12.0), (*other, 12.0), **STIFF))
+    found = closest_stations(MotionSettings.of(mission((10.0, 5.0, 12.0), (*other, 12.0), **STIFF)))
     assert found is not None
     assert found.distance_m == pytest.approx(apart, abs=0.02)
     assert found.pair == ("followers[0].station", "followers[1].station")
@@ -59,14 +60,18 @@ def test_after_a_right_angle_stations_stand_where_the_way_behind_and_aside_put_t
 
 def test_on_a_straight_way_they_keep_their_distance() -> None:
     found = closest_stations(
-        mission((10.0, 5.0, 12.0), (20.0, 15.0, 12.5), (12.0, 5.0, 13.5), leader=STRAIGHT)
+        MotionSettings.of(
+            mission((10.0, 5.0, 12.0), (20.0, 15.0, 12.5), (12.0, 5.0, 13.5), leader=STRAIGHT)
+        )
     )
     assert found is not None
     assert found.distance_m == pytest.approx(np.hypot(10.0, 10.0), abs=1e-6)
 
 
 def test_layers_of_their_own_need_no_distance() -> None:
-    assert closest_stations(mission((10.0, 5.0, 12.0), (20.0, 15.0, 13.0))) is None
+    assert (
+        closest_stations(MotionSettings.of(mission((10.0, 5.0, 12.0), (20.0, 15.0, 13.0)))) is None
+    )
 
 
 def test_the_leader_is_in_a_layer_too() -> None:
@@ -76,7 +81,7 @@ def test_the_leader_is_in_a_layer_too() -> None:
     """
     radius = 1.0 / np.deg2rad(10.0)
     apart = np.sqrt(2.0) * (radius + 0.5 * (10.0 - 0.5 * np.pi * radius))
-    found = closest_stations(mission((10.0, 0.0, 8.5)))
+    found = closest_stations(MotionSettings.of(mission((10.0, 0.0, 8.5))))
     assert found is not None
     assert found.pair == ("the leader's place", "followers[0].station")
     assert found.distance_m == pytest.approx(apart, abs=0.1)
@@ -90,7 +95,11 @@ def test_wings_of_a_v_do_not_meet_in_a_right_angle(count: int) -> None:
     shape = {"kind": "v", "count": count, "layer_m": 0.0}
     formation = {"shape": shape, **STIFF}
     found = closest_stations(
-        validate({"name": "s", "duration_s": 180.0, "leader": LEFT, "formation": formation}, "t")
+        MotionSettings.of(
+            validate(
+                {"name": "s", "duration_s": 180.0, "leader": LEFT, "formation": formation}, "t"
+            )
+        )
     )
     assert found is not None
     assert found.distance_m == pytest.approx(
@@ -130,8 +139,11 @@ def test_followers_that_the_plan_lets_give_way_keep_two_metres_apart(
         {"formation": {"shape": GRID, "proximity": {"range_m": 6.0}}, "ocean": ocean}
     )
     scenario = with_current.model_copy(update={"duration_s": 110.0})
-    planned, (flown, _) = closest_stations(scenario), simulate_closed_loop(scenario)
-    nearest = closest_in_a_layer(scenario, flown)
+    planned, (flown, _) = (
+        closest_stations(MotionSettings.of(scenario)),
+        simulate_closed_loop(scenario),
+    )
+    nearest = closest_in_a_layer(MissionPlan.of(scenario), flown)
     assert planned is not None
     assert nearest is not None
     assert planned.distance_m < 1.0

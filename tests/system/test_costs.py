@@ -14,6 +14,7 @@ import pytest
 import laisn_sim
 import sim.sensing.acoustics
 from laisn.plugins import load_plugin
+from sim.scenario.parts import SensingSettings
 from sim.sensing.observation import propagate
 from sim.water.rays import Path as SoundPath
 
@@ -59,7 +60,7 @@ def test_a_model_of_sound_is_one_class(tmp_path: Path, monkeypatch: pytest.Monke
     }
     scenario = laisn_sim.load(table)
     flight = laisn_sim.fly(scenario)
-    received = propagate(flight.trajectory, scenario)
+    received = propagate(flight.trajectory, SensingSettings.of(scenario))
     assert len(received.message_step) == 4
     for m, sent in enumerate(received.emission_step):
         arrives = received.arrival.time[m, 0, SoundPath.DIRECT]

@@ -34,6 +34,7 @@ from laisn_sim.cli.studies import BUILT_IN
 from reports import flight_report
 from sim.film import graphics
 from sim.scenario.file import parse, validate
+from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import Scenario
 from sim.tracking import track_errors
 from tools.documents import markers, route_keeping
@@ -374,7 +375,9 @@ def test_closed_loops_match_the_record() -> None:
     mission = arms["laisn-2 estimate"]
     alone = mission.model_copy(update={"followers": mission.followers[1:2], "duration_s": 200.0})
     flight, _ = fly(alone)
-    measured = float(np.sqrt(np.mean(track_errors(flight.scenario, flight.trajectory) ** 2)))
+    measured = float(
+        np.sqrt(np.mean(track_errors(MotionSettings.of(flight.scenario), flight.trajectory) ** 2))
+    )
     assert found["lost-runs laisn-2 T3"].value == 0
     assert measured == pytest.approx(float(found["off laisn-2 T3"].value or 0.0), rel=0.5)
 

@@ -18,6 +18,7 @@ from experiments.flight.fly import fly
 from laisn_sim.cli.main import app
 from sim.flight import Termination
 from sim.scenario.file import ScenarioError
+from sim.scenario.parts import MotionSettings
 from sim.tracking import off_station, station_keeping
 from sim.trial import OFF_DEPTH_M, OFF_ROUTE_M, OFF_STATION_M, trial
 from sim.vehicle.hull_file import from_dimensions
@@ -73,7 +74,7 @@ def test_stations_that_slow_turners_cannot_keep_are_named_before_the_flight(mode
     scenario = library.as_scenario(table | {"navigation": {"variant": "tight"}})
     warnings = {line.split(":")[0]: line for line in trial(scenario)}
     flight, _ = fly(scenario)
-    off = off_station(flight.scenario, flight.trajectory)
+    off = off_station(MotionSettings.of(flight.scenario), flight.trajectory)
     for i, name in enumerate(flight.trajectory.names[1:]):
         kept = station_keeping(off[:, i], flight.trajectory.time)
         assert not kept.lost

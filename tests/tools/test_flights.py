@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.campaign.montecarlo import CampaignMission
+from experiments.campaign.montecarlo import CampaignMission, CellSettings
 from laisn.arrays import Floats
 from sim.flight import FlightRecord
 from sim.scenario.sensors import Sensors
@@ -36,7 +36,8 @@ def test_flights_are_compared_by_errors_and_positions(monkeypatch: pytest.Monkey
     for at, peak in ((469.0, 9.0), (500.0, 2.5), (591.0, 8.0)):
         error[np.argmin(np.abs(time - at))] = peak
     calls = []
-    _, seen = CampaignMission(whole.scenario, whole.trajectory).seen(whole.scenario, 0)
+    cell = CellSettings.of(whole.scenario)
+    _, seen = CampaignMission(cell.motion, whole.trajectory).seen(cell, 0)
     # leaders pitch ever more from flight to flight; that of the following sea by 0.2 rad
     pitched = {n: replace(whole, trajectory=tilted(whole.trajectory, 0.1 * n)) for n in range(1, 5)}
     shown = tilt_errors(pitched[2].trajectory, Sensors(leader_attitude_senses_acceleration=True))[

@@ -15,6 +15,7 @@ from experiments.flight.library import load_scenario
 from sim.assembly import routes_of
 from sim.film.render import FilmJob
 from sim.flight import FlightRecord
+from sim.scenario.parts import MissionPlan
 from tests import synthetic
 from tools.documents import draw
 
@@ -26,7 +27,7 @@ def test_the_whole_turn_of_the_formation_is_in_it() -> None:
     metres behind.
     """
     scenario = load_scenario("swarm", ())
-    leader = routes_of(scenario)[0]
+    leader = routes_of(MissionPlan.of(scenario))[0]
     legs = np.diff(leader.waypoint, axis=0)
     assert legs[0] @ legs[1] == pytest.approx(0.0, abs=1e-6), "a square corner"
     corner = leader.time[1]

@@ -14,6 +14,7 @@ from reports.range_budget import range_error_budget
 from sim.assembly import routes_of
 from sim.film.film_data import OtherEstimate, RayErrors
 from sim.flight import navigate
+from sim.scenario.parts import MissionPlan, SeaSettings, SensingSettings
 from sim.scenario.settings import Acoustics, Follower, OceanTable, Scenario, WavesTable
 from sim.sensing.acoustics import sound_of
 from sim.sensing.observation import observe
@@ -63,17 +64,17 @@ def records() -> dict[str, Any]:
     )
     trajectory = simulate_motion(scenario)
     flight = navigate(scenario, trajectory, Navigator)
-    route = routes_of(scenario)[1]
+    route = routes_of(MissionPlan.of(scenario))[1]
     made = (
         trajectory,
-        observe(trajectory, scenario),
+        observe(trajectory, SensingSettings.of(scenario)),
         flight.measurements[0],
         flight.estimates[0],
         range_error_budget(flight),
         route,
         route.depth,
-        ocean_of(scenario).waves,
-        sound_of(scenario).rays.profile,
+        ocean_of(SeaSettings.of(scenario)).waves,
+        sound_of(SensingSettings.of(scenario)).rays.profile,
         OtherEstimate(label="other", colour=(0.0, 0.0, 0.0), position=np.zeros((4, 2))),
         RayErrors(label="error", value=np.zeros((4, 3)), limit=1.0),
     )

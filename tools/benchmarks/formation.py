@@ -10,6 +10,7 @@ import mujoco
 from experiments.flight.library import load_scenario
 from sim.assembly import routes_of, setups_of
 from sim.closed_loop import closed_loop_of, simulate_closed_loop
+from sim.scenario.parts import MissionPlan, SeaSettings
 from sim.scenario.settings import Scenario
 from sim.simulation import simulate
 from sim.vehicle.mjcf import compose
@@ -44,7 +45,10 @@ def swarm(followers: int, duration: float, *settings: str) -> Scenario:
 
 def _bare(scenario: Scenario) -> Callable[[], object]:
     """Steps of the solver alone."""
-    spec = compose(setups_of(scenario, routes_of(scenario)), scenario.ocean.floor_depth_m)
+    spec = compose(
+        setups_of(MissionPlan.of(scenario), routes_of(MissionPlan.of(scenario))),
+        scenario.ocean.floor_depth_m,
+    )
     spec.option.timestep = scenario.timing.physics_step_s
     spec.option.disableflags |= NO_CONTACT
     model = spec.compile()
@@ -54,10 +58,10 @@ def _bare(scenario: Scenario) -> Callable[[], object]:
 
 def _closed(scenario: Scenario) -> Callable[[], object]:
     """The closed loop: sensing, navigation, guidance, autopilot, physics, recording."""
-    routes = routes_of(scenario)
-    ocean = ocean_of(scenario)
+    routes = routes_of(MissionPlan.of(scenario))
+    ocean = ocean_of(SeaSettings.of(scenario))
     plants = [
-        Plant(setups_of(scenario, routes), ocean, scenario.timing.physics_step_s)
+        Plant(setups_of(MissionPlan.of(scenario), routes), ocean, scenario.timing.physics_step_s)
         for _ in range(_REPEATS + 1)
     ]
     make_controller = partial(closed_loop_of, scenario, whole=False)

@@ -20,6 +20,7 @@ from sim.film import graphics, render
 from sim.film.render import FilmJob
 from sim.log import writer
 from sim.log.contents import Contents
+from sim.scenario.parts import MissionPlan, SeaSettings
 from sim.scenario.settings import Follower, Scenario
 from sim.simulation import simulate
 from sim.vehicle.mjcf import compose, spec_of
@@ -75,10 +76,10 @@ def physics() -> list[Row]:
     for fleet, (followers, duration) in FLEETS.items():
         kind = "remus100" if fleet.startswith("remus100") else "follower"
         scenario = _scenario(followers, duration, kind)
-        routes = routes_of(scenario)
+        routes = routes_of(MissionPlan.of(scenario))
         dt = scenario.timing.physics_step_s
-        setups = setups_of(scenario, routes)
-        ocean = ocean_of(scenario)
+        setups = setups_of(MissionPlan.of(scenario), routes)
+        ocean = ocean_of(SeaSettings.of(scenario))
         steps = round(duration / dt)
         thrust = np.zeros((followers + 1, len(spec_of(kind).actuators)))
         # N of a thruster, 1/s of a propeller

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.campaign.montecarlo import CampaignMission
+from experiments.campaign.montecarlo import CampaignMission, CellSettings
 from experiments.flight.fly import fly
 from experiments.flight.library import load_scenario
 from reports.findings import FILE, Finding, Findings, plain, record
@@ -56,7 +56,8 @@ def _tilt(flight: FlightRecord) -> dict[str, Finding]:
 
 
 def _slips(flight: FlightRecord) -> Finding:
-    _, truth = CampaignMission(flight.scenario, flight.trajectory).seen(flight.scenario, 0)
+    settings = CellSettings.of(flight.scenario)
+    _, truth = CampaignMission(settings.motion, flight.trajectory).seen(settings, 0)
     return plain(
         1e3 * slip(truth),
         "way in a second that log and compass do not see, RMS along one axis",

@@ -16,6 +16,7 @@ from laisn.arrays import Floats
 from reports.findings import FILE, Finding, Findings, plain, record
 from sim import attitude
 from sim.assembly import routes_of
+from sim.scenario.parts import MissionPlan
 from sim.scenario.routes import DepthProfile, Route
 from sim.simulation import simulate
 from sim.vehicle import mjcf
@@ -484,7 +485,9 @@ def _vehicles() -> dict[str, Finding]:
     for model in models.VEHICLES:
         for role in ("follower", "leader"):
             flight = laisn_sim.fly(mission_of(model, role))
-            report = tracking(flight.trajectory, routes_of(flight.scenario))[role == "follower"]
+            report = tracking(flight.trajectory, routes_of(MissionPlan.of(flight.scenario)))[
+                role == "follower"
+            ]
             key = f"route {model} {role}"
             findings[f"{key} off"] = plain(
                 report.cross_track_rms, f"RMS off its route: {model} as {role}", "m"
@@ -538,7 +541,9 @@ def _formation() -> dict[str, Finding]:
     flight = laisn_sim.fly(remus_formation.table(corners=18))
     stations = remus_formation.keeping(flight)
     rms = [station.station_rms_m for station in stations]
-    leader = tracking(only(flight.trajectory, [0]), routes_of(flight.scenario)[:1])[0]
+    leader = tracking(only(flight.trajectory, [0]), routes_of(MissionPlan.of(flight.scenario))[:1])[
+        0
+    ]
     return {
         "formation best": plain(min(rms), "least RMS distance from a station, ten REMUS 100", "m"),
         "formation worst": plain(

@@ -14,6 +14,7 @@ from experiments.flight.library import ROUTES
 from laisn.arrays import Floats
 from reports.findings import FILE, Finding, Findings, plain, record
 from sim.assembly import routes_of
+from sim.scenario.parts import MissionPlan
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
 from sim.scenario.settings import Follower, Scenario
@@ -121,7 +122,7 @@ def scenario(routes: tuple[str, ...] = ROUTES, duration_s: float = 1000.0) -> Sc
 
 def measure(mission: Scenario) -> tuple[TrackingReport, ...]:
     """Fly the mission and report on every vehicle, the leader first."""
-    return tracking(simulate_motion(mission), routes_of(mission))
+    return tracking(simulate_motion(mission), routes_of(MissionPlan.of(mission)))
 
 
 def _findings(report: TrackingReport, name: str) -> dict[str, Finding]:

@@ -19,6 +19,7 @@ from reports.findings import FILE, Finding, Findings, plain, record
 from sim.flight import FlightRecord, Termination
 from sim.hull import hull_of, limits_of
 from sim.scenario.file import ScenarioError
+from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import Scenario
 from sim.scenario.vehicle_routes import route_of
 from sim.tracking import cross_track, off_station
@@ -82,7 +83,7 @@ def retimed(table: dict[str, Any]) -> dict[str, Any]:
     """The advice followed: legs with as much or as little time as the vehicle needs."""
     scenario = Scenario(**table)
     vehicle = scenario.leader if scenario.leader.model else scenario.followers[0]
-    limits = limits_of(hull_of(scenario, vehicle))
+    limits = limits_of(hull_of(MotionSettings.of(scenario), vehicle))
     slowest = 0.1
     if limits.least_speed > 0.0:
         slowest = 1.2 * limits.least_speed + scenario.ocean.current_speed_m_s
@@ -135,7 +136,7 @@ def offs(flight: FlightRecord, i: int) -> tuple[float, float, float]:
     vehicle = scenario.vehicles()[i][1]
     station = getattr(vehicle, "station", None)
     if station is not None:
-        return 0.0, 0.0, float(off_station(scenario, truth)[:, i - 1].max())
+        return 0.0, 0.0, float(off_station(MotionSettings.of(scenario), truth)[:, i - 1].max())
     route = route_of(vehicle, "route")
     level = cross_track(route, truth.time, truth.position[:, i, :2])
     depth = np.abs(truth.depth[:, i] - route.depth.depth_at(truth.time))
@@ -156,7 +157,7 @@ def keeping(model: str, name: str, role: str) -> Keeping:
         outcome=flight.outcome,
         refused=refused,
         predicted=tuple(predicted),
-        flown=tuple(track_deviations(flight.scenario, flight.trajectory)),
+        flown=tuple(track_deviations(MotionSettings.of(flight.scenario), flight.trajectory)),
         route_m=float(worst[0]),
         depth_m=float(worst[1]),
         station_m=float(worst[2]),

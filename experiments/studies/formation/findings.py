@@ -4,7 +4,9 @@ need no simulation.
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache
+from typing import Self
 
 import numpy as np
 
@@ -12,7 +14,8 @@ from experiments.study.run import Cells, StudyResults
 from laisn.bound import BoundGeometry, TrueNoise, position_bound
 from reports.findings import Finding, median, of, plain, share
 from reports.intervals import mean_interval
-from sim.scenario.settings import Scenario
+from sim.scenario.formation import Station
+from sim.scenario.settings import Acoustics, Leader, Scenario
 from sim.tracking import LOST_M
 
 RATES = (80, 500, 5000)
@@ -37,41 +40,65 @@ def _bits(span: float, step: float) -> int:
     return math.ceil(math.log2(span / step))
 
 
-def message_bits(scenario: Scenario) -> int:
-    """Length of a message: its number within a day, the leader's state, its next waypoints on
-    request, a checksum.
-    """
-    position = 2 * _bits(_AREA_M, _STEP_M)
-    leader = scenario.leader
-    bits = _bits(_DAY_S, scenario.timing.message_interval_s) + position + CHECK_BITS
-    bits += _bits(2.0 * math.pi, _STEP_RAD) + _bits(_FASTEST_M_S, _STEP_M_S)
-    bits += _bits(scenario.ocean.floor_depth_m, _STEP_M) + leader.broadcast_waypoints * (
-        _bits(_DAY_S, 1.0) + position
-    )
-    return bits + (2 * _bits(_TILT_RAD, _STEP_RAD) if leader.broadcast_attitude else 0)
+@dataclass(frozen=True, kw_only=True)
+class Channel:
+    """A leader's broadcast to followers on stations, and what it takes of the channel."""
 
+    leader: Leader
+    stations: tuple[Station, ...]
+    acoustics: Acoustics
+    interval_s: float  # between messages
+    floor_depth_m: float
 
-def reach_m(scenario: Scenario) -> float:
-    """Distance from the transmitter that is farther away to the farthest station [m]."""
-    half = 0.5 * (scenario.leader.baseline_m or 0.0)
-    depth = scenario.leader.layer_m
-    stations = [follower.station for follower in scenario.followers if follower.station]
-    return max(math.hypot(abs(s.behind_m) + half, s.port_m, s.depth_m - depth) for s in stations)
+    @classmethod
+    def of(cls, scenario: Scenario) -> Self:
+        """The broadcast of a scenario's leader."""
+        return cls(
+            leader=scenario.leader,
+            stations=tuple(f.station for f in scenario.followers if f.station),
+            acoustics=scenario.acoustics,
+            interval_s=scenario.timing.message_interval_s,
+            floor_depth_m=scenario.ocean.floor_depth_m,
+        )
 
+    @property
+    def message_bits(self) -> int:
+        """Length of a message: its number within a day, the leader's state, its next waypoints on
+        request, a checksum.
+        """
+        position = 2 * _bits(_AREA_M, _STEP_M)
+        leader = self.leader
+        bits = _bits(_DAY_S, self.interval_s) + position + CHECK_BITS
+        bits += _bits(2.0 * math.pi, _STEP_RAD) + _bits(_FASTEST_M_S, _STEP_M_S)
+        bits += _bits(self.floor_depth_m, _STEP_M)
+        bits += leader.broadcast_waypoints * (_bits(_DAY_S, 1.0) + position)
+        return bits + (2 * _bits(_TILT_RAD, _STEP_RAD) if leader.broadcast_attitude else 0)
 
-def shortest_interval_s(scenario: Scenario, rate: float) -> float:
-    """Time from one broadcast to the next at a bit rate: pings, message, and its way to the
-    farthest follower [s].
-    """
-    sound = scenario.acoustics
-    way = reach_m(scenario) / sound.sound_speed_m_s
-    return 3.0 * sound.ping_slot_s + message_bits(scenario) / rate + way
+    @property
+    def reach_m(self) -> float:
+        """Distance from the transmitter that is farther away to the farthest station [m]."""
+        half = 0.5 * (self.leader.baseline_m or 0.0)
+        depth = self.leader.layer_m
+        return max(
+            math.hypot(abs(s.behind_m) + half, s.port_m, s.depth_m - depth) for s in self.stations
+        )
 
+    @property
+    def way_s(self) -> float:
+        """Time of sound to the farthest follower [s]."""
+        return self.reach_m / self.acoustics.sound_speed_m_s
 
-def asked_interval_s(scenario: Scenario, rate: float, followers: int) -> float:
-    """The same if every follower interrogates for its own range: there and back for each [s]."""
-    way = reach_m(scenario) / scenario.acoustics.sound_speed_m_s
-    return followers * (message_bits(scenario) / rate + 2.0 * way)
+    def shortest_interval_s(self, rate: float) -> float:
+        """Time from one broadcast to the next at a bit rate: pings, message, and its way to the
+        farthest follower [s].
+        """
+        return 3.0 * self.acoustics.ping_slot_s + self.message_bits / rate + self.way_s
+
+    def asked_interval_s(self, rate: float, followers: int) -> float:
+        """The same if every follower interrogates for its own range: there and back for each
+        [s].
+        """
+        return followers * (self.message_bits / rate + 2.0 * self.way_s)
 
 
 WEAVES = ((0.0, 40.0), (2.0, 40.0), (5.0, 20.0), (5.0, 40.0), (5.0, 80.0), (10.0, 40.0))

@@ -18,6 +18,7 @@ from laisn.navigators import find
 from reports.findings import Finding, median, of, plain, share
 from reports.intervals import mean_over_missions
 from sim.flight import navigation_settings
+from sim.scenario.parts import SensingSettings
 from sim.sensing.observation import measure, observe, start_of
 from sim.sensing.sensors import navigated_errors_of
 from sim.simulation import simulate_motion
@@ -94,10 +95,11 @@ def step_times_us(duration_s: float = 120.0, repeats: int = 3) -> dict[str, floa
             "T5", ["motion=kinematic", f"duration_s={duration_s}", f"navigation.variant={name}"]
         )
         motion = simulate_motion(scenario)
+        sensing = SensingSettings.of(scenario)
         settings = navigation_settings(scenario, motion, 0)
         start = start_of(motion)
         measured = measure(
-            observe(motion, scenario), navigated_errors_of(scenario, 0), seed=scenario.seed, run=0
+            observe(motion, sensing), navigated_errors_of(sensing, 0), seed=scenario.seed, run=0
         )
         taken = []
         # the first one compiles

@@ -2,6 +2,7 @@
 geometry of its mission.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from experiments.flight.library import load_scenario
 from laisn.bound import TrueNoise
 from reports.bound import geometry_of, least_rms, noise_of
+from sim.scenario.parts import SensingSettings
 from sim.scenario.settings import Acoustics, Navigation, Scenario
 from tests import straight
 
@@ -44,8 +46,13 @@ def folded(sigma_deg: float) -> float:
     )
 
 
+def noise_with(settings: Sequence[str]) -> TrueNoise:
+    scenario = load_scenario("T5", settings)
+    return noise_of(SensingSettings.of(scenario), scenario.navigation)
+
+
 def test_noise_is_that_of_the_sensors_and_biases_are_those_assumed() -> None:
-    found = noise_of(load_scenario("T5", NOISY))
+    found = noise_with(NOISY)
     expected = TrueNoise(
         # a uniform error of width τ has the variance τ²/12; the widths' mean square is 0.13²/3
         speed_sigma=0.25,
@@ -81,8 +88,8 @@ def test_what_is_not_there_or_known_is_no_unknown(
     settings: list[str], unknown: dict[str, float]
 ) -> None:
     plain, found = (
-        noise_of(load_scenario("T5", NOISY)),
-        noise_of(load_scenario("T5", [*NOISY, *settings])),
+        noise_with(NOISY),
+        noise_with([*NOISY, *settings]),
     )
     assert vars(found) == pytest.approx(vars(replace(plain, **unknown)), rel=1e-12)
 
@@ -97,7 +104,9 @@ def test_sound_that_takes_its_time_leaves_the_leader_where_it_was() -> None:
     )
     water = flown.water_velocity.copy()
     water[...] = [0.3, -0.2, 0.0]
-    found = geometry_of(replace(flown, water_velocity=water), using(scenario, 3))
+    found = geometry_of(
+        replace(flown, water_velocity=water), SensingSettings.of(using(scenario, 3))
+    )
     sent = np.arange(1.0, found.message_step.size + 1)
     assert found.message_step.tolist() == [
         10 * k + 1 for k in range(1, found.message_step.size + 1)
@@ -115,7 +124,7 @@ def test_geometry_is_that_of_straight_ways() -> None:
     flown = straight.make_trajectory(
         (0.0, 4.0, -11.0), leader_velocity=(1.0, 0.0, 0.0), follower_velocity=(1.5, 0.0, 0.0)
     )
-    found = geometry_of(flown, using(scenario, 3))
+    found = geometry_of(flown, SensingSettings.of(using(scenario, 3)))
     assert found.dt == 0.1
     assert found.speed == pytest.approx(np.full(200, 1.5))
     assert found.heading == pytest.approx(np.full(200, np.pi / 2))
@@ -128,9 +137,9 @@ def test_geometry_is_that_of_straight_ways() -> None:
     )
     arrived = np.ones((20, 3), dtype=bool)
     arrived[4, 1] = arrived[5] = False
-    some = geometry_of(flown, using(scenario, 3), received=arrived).arms
+    some = geometry_of(flown, SensingSettings.of(using(scenario, 3)), received=arrived).arms
     assert np.argwhere(np.isnan(some).all(axis=2)).tolist() == [[4, 1], [5, 0], [5, 1], [5, 2]]
-    assert geometry_of(flown, using(scenario, 2)).arms.shape == (20, 2, 3)
+    assert geometry_of(flown, SensingSettings.of(using(scenario, 2))).arms.shape == (20, 2, 3)
 
 
 def test_the_least_error_grows_as_the_root_of_two_noisy_ways_before_any_message() -> None:
@@ -139,7 +148,7 @@ def test_the_least_error_grows_as_the_root_of_two_noisy_ways_before_any_message(
     """
     scenario = straight.make_scenario()
     flown = straight.make_trajectory((0.0, 4.0, -11.0), follower_velocity=(1.0, 0.0, 0.0))
-    geometry = geometry_of(flown, using(scenario, 3))
+    geometry = geometry_of(flown, SensingSettings.of(using(scenario, 3)))
     noise = TrueNoise(speed_sigma=0.2, heading_sigma=0.05, speed_bias=0.0, heading_bias=0.0)
     steps = np.arange(1.0, 10.0)
     assert least_rms(geometry, noise)[:9] == pytest.approx(

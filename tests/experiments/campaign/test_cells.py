@@ -9,12 +9,13 @@ from hypothesis import strategies as st
 from pydantic import BaseModel, ValidationError
 
 from experiments.campaign import montecarlo
-from experiments.campaign.montecarlo import CampaignMission, Cell, histories, motion_of
+from experiments.campaign.montecarlo import CampaignMission, Cell, CellSettings, histories
 from experiments.campaign.plans import CellPlan, compute
 from laisn.errors import LaisnError
 from laisn.navigator import Navigator
 from laisn_sim import hull
 from sim.flight import navigate
+from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import (
     Acoustics,
     Follower,
@@ -143,7 +144,8 @@ PLANS = st.builds(
 def test_a_cell_depends_on_no_other_and_on_no_order(
     plans: list[CellPlan], data: st.DataObject
 ) -> None:
-    trajectory = montecarlo.mission_of(motion_of(mission()))._sited(mission().leader)
+    cell = montecarlo.CellSettings.of(mission())
+    trajectory, _ = montecarlo.mission_of(mission()).seen(cell, 0)
     alone = {plan.key: computed(trajectory, plan) for plan in plans}
     order = data.draw(st.permutations(plans))
     assert computed(trajectory, *order) == [row for plan in order for row in alone[plan.key]]
@@ -246,10 +248,10 @@ def test_what_the_keys_leave_out_changes_nothing() -> None:
             }:
                 continue
             other = changed(base, leaf)
-            if montecarlo.motion_key(other) == montecarlo.motion_key(base):
+            if MotionSettings.of(other) == MotionSettings.of(base):
                 shared.append(leaf)
                 served, direct = (
-                    montecarlo.with_transmitter_sites(moved, other.leader),
+                    montecarlo.with_transmitter_sites(moved, CellSettings.of(other).transmitters),
                     simulate_motion(other),
                 )
                 for name in ("position", "velocity", "quaternion", "site_offset"):
@@ -293,9 +295,9 @@ def test_a_cell_of_what_is_not_there_is_refused(flown: Trajectory) -> None:
     for follower in (-1, 2):
         with pytest.raises(LaisnError, match=f"follower is {follower}, the scenario has 2"):
             Cell.of(given, follower)
-    taken = CampaignMission(given, flown)
+    taken = CampaignMission(MotionSettings.of(given), flown)
     assert Cell.of(given.model_copy(update={"name": "other"}), mission=taken).runs == range(60)
     with pytest.raises(
-        LaisnError, match="'turning' moves otherwise than the mission that was simulated"
+        LaisnError, match="the scenario moves otherwise than the mission that was simulated"
     ):
         Cell.of(given.model_copy(update={"duration_s": 6.0}), mission=taken)

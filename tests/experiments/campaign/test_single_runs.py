@@ -14,6 +14,7 @@ from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from laisn.estimates import TightEstimates
 from reports.bound import geometry_of, least_rms, noise_of
+from sim.scenario.parts import SensingSettings
 from sim.scenario.settings import Scenario
 from sim.simulation import simulate_motion
 
@@ -107,7 +108,8 @@ def test_its_row_contains_the_ratio_to_the_bound(scenario: Scenario) -> None:
         trajectory, [CellPlan(scenario=scenario, runs=4, keep_steps=True)]
     )
     assert steps["time_s"].size == row["steps"]
-    least = least_rms(geometry_of(trajectory, scenario), noise_of(scenario))
+    sensing = SensingSettings.of(scenario)
+    least = least_rms(geometry_of(trajectory, sensing), noise_of(sensing, scenario.navigation))
     assert row["bound_rms_m"] == pytest.approx(np.sqrt(np.mean(least**2)))
     rms = np.hypot(row["e_p_mean_m"], row["e_p_std_m"])
     assert row["rms_over_bound"] == pytest.approx(rms / row["bound_rms_m"])

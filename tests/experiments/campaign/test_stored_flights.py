@@ -6,9 +6,16 @@ import numpy as np
 import pytest
 
 from experiments.campaign import campaign, montecarlo
-from experiments.campaign.store import DamagedResult, Store
+from experiments.campaign.montecarlo import CellSettings
+from experiments.campaign.store import DamagedResult, Store, key_of
+from sim.scenario.parts import MotionSettings
+from sim.scenario.sensors import VehicleSensors
 from sim.scenario.settings import Acoustics, Leader
+from sim.simulation import simulate_motion
+from sim.vehicle.mjcf import spec_of
 from tests.experiments.campaign.plans import scenario
+
+BIASED = VehicleSensors(speed_bias_m_s=0.4)
 
 
 @pytest.mark.parametrize("damage", ["empty", "garbage", "cut off", "another archive"])
@@ -55,15 +62,26 @@ def test_no_flipped_byte_of_a_flight_changes_a_number(tmp_path):
 
 def test_one_flight_serves_other_transmitters_and_errors():
     one = scenario()
+    noisy = [f.model_copy(update={"sensors": BIASED}) for f in one.followers]
     other = scenario(
-        leader=Leader(baseline_m=1.0, middle_offset_m=0.2),
+        leader=Leader(baseline_m=1.0, middle_offset_m=0.2, broadcast_attitude=True, sensors=BIASED),
         acoustics=Acoustics(range_scale_mean_m=0.3),
-    )
-    assert montecarlo.motion_key(one) == montecarlo.motion_key(other)
-    assert montecarlo.motion_key(one) != montecarlo.motion_key(scenario("T3"))
-    flown, moved = (
-        montecarlo.simulate_mission(other),
-        montecarlo.with_transmitter_sites(montecarlo.simulate_mission(one), other.leader),
+    ).model_copy(update={"followers": tuple(noisy)})
+    keys = [key_of(MotionSettings.of(mission)) for mission in (one, other, scenario("T3"))]
+    assert keys[0] == keys[1] != keys[2]
+    flown = simulate_motion(other)
+    moved = montecarlo.with_transmitter_sites(
+        montecarlo.simulate_mission(one), CellSettings.of(other).transmitters
     )
     np.testing.assert_array_equal(moved.site_offset, flown.site_offset)
     np.testing.assert_array_equal(moved.position, flown.position)
+
+
+def test_a_stored_flight_has_the_transmitters_of_the_hull_whoever_flew_it_first(tmp_path):
+    """A cell without keys of their places takes them from there."""
+    store = Store(tmp_path)
+    first = campaign.mission(scenario(leader=Leader(baseline_m=1.0)), store)
+    later = campaign.mission(scenario(leader=Leader(baseline_m=None)), store)
+    front = spec_of("leader").site("tx_front").pos
+    for flown in (first, later):
+        np.testing.assert_array_equal(flown.sites["leader/tx_front"], front)

@@ -17,6 +17,7 @@ from reports.summary import (
 from sim import feasibility
 from sim.scenario.file import validate
 from sim.scenario.formation import Formation
+from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import Scenario
 from sim.sensing.proximity import sightings
 from sim.tracking import STATION_PLACE
@@ -138,6 +139,8 @@ def test_avoidance_is_reported_with_first_time_and_duration() -> None:
         (pytest.approx(10.5), "info", "follower2 gives way to follower1"),
     ]
     # looks at 10.5, 11.0 … 20.0 s
-    np.testing.assert_allclose(sightings(moved.scenario, moved.trajectory).spent_s, 20 * 0.5)
+    np.testing.assert_allclose(
+        sightings(MotionSettings.of(moved.scenario), moved.trajectory).spent_s, 20 * 0.5
+    )
     blind = moved.scenario.model_copy(update={"formation": Formation()})
     assert giving_way_events(replace(moved, scenario=blind)) == []

@@ -7,6 +7,7 @@ import pytest
 
 from reports.summary import approach_events, route_events, stray_events
 from sim.assembly import routes_of
+from sim.scenario.parts import MissionPlan
 from sim.scenario.point_motion import plan
 from tests import synthetic
 from tests.synthetic import make_flight
@@ -17,7 +18,7 @@ def placed(position):
     flight = make_flight(20.0)
     truth = flight.trajectory
     there = truth.position.copy()
-    for v, route in enumerate(routes_of(flight.scenario)):
+    for v, route in enumerate(routes_of(MissionPlan.of(flight.scenario))):
         planned = plan(route).at(truth.time)
         there[:, v, :2] = np.column_stack([planned.east, planned.north])
     return replace(flight, trajectory=synthetic.moved(truth, position=position(there)))

@@ -26,6 +26,7 @@ from laisn.arrays import records
 from laisn.swarm import ESTIMATE
 from sim import tracking
 from sim.scenario.formation import Station
+from sim.scenario.parts import MotionSettings
 from sim.tracking import STATION_PLACE, track_errors
 from tests import straight
 from tests.synthetic import make_scenario, make_trajectory
@@ -157,7 +158,7 @@ def test_a_thruster_at_rest_takes_the_power_of_momentum_theory():
 
 def test_point_motion_keeps_its_place_and_depth():
     scenario = load_scenario("T3", ["motion=kinematic", "duration_s=30"])
-    (facts,) = facts_of(scenario, montecarlo.simulate_mission(scenario))
+    (facts,) = facts_of(MotionSettings.of(scenario), montecarlo.simulate_mission(scenario))
     assert facts["track_error_max_m"] < 1e-6
     assert facts["depth_error_max_m"] < 1e-9
     assert facts["energy_j"] is None
@@ -167,7 +168,7 @@ def test_point_motion_keeps_its_place_and_depth():
 def test_energy_is_mean_power_times_time_and_way_costs_it():
     scenario = load_scenario("T5", ["duration_s=40"])
     trajectory = montecarlo.simulate_mission(scenario)
-    (facts,) = facts_of(scenario, trajectory)
+    (facts,) = facts_of(MotionSettings.of(scenario), trajectory)
     assert facts["energy_j"] == pytest.approx(40 * facts["power_mean_w"])
     # no disc can push against the water for less than the work that it does there
     through = np.linalg.norm(trajectory.velocity[:, 1] - trajectory.water_velocity[:, 1], axis=1)
@@ -195,12 +196,12 @@ def test_facts_of_a_mission_are_those_of_its_motion():
     thrust = np.zeros((flown.time.size, 2, 2))
     thrust[:, 0, 0], thrust[:, 1, 1] = 16.0, -9.0
     flown = replace(flown, thrust=thrust, effector_force=ALONG_AND_ACROSS)
-    (facts,) = facts_of(scenario, flown)
+    (facts,) = facts_of(MotionSettings.of(scenario), flown)
     time, area = flown.time, math.pi * DISC_DIAMETER_M**2 / 4
     # at rest a disc takes T^1.5 / √(2ρA)
     still = math.sqrt(2 * scenario.ocean.density_kg_m3 * area)
     north, down = 40.0 + 0.03 * time, 0.01 * time
-    off = track_errors(scenario, flown)[:, 0]
+    off = track_errors(MotionSettings.of(scenario), flown)[:, 0]
     # abeam, the fix is moved along the leader by Δz sin φ and keeps its distance
     each, below = north[10::10], (depth + down - 9.0)[10::10]
     along = below * math.sin(math.radians(5.0))
@@ -238,14 +239,18 @@ def test_facts_of_a_mission_are_those_of_its_motion():
 def test_nothing_is_compiled_for_stations_where_there_are_none(monkeypatch):
     monkeypatch.setattr(tracking, "stations_along", None)
     flown = straight.make_trajectory((0.0, 40.0, -10.0))
-    assert track_errors(straight.make_scenario(), flown).shape == (flown.time.size, 1)
+    assert track_errors(MotionSettings.of(straight.make_scenario()), flown).shape == (
+        flown.time.size,
+        1,
+    )
 
 
 def test_a_follower_that_rises_is_as_far_off_its_depth_as_one_that_sinks():
     scenario = straight.make_scenario()
     start = (0.0, 40.0, -scenario.followers[0].depth_m)
     (facts,) = facts_of(
-        scenario, straight.make_trajectory(start, follower_velocity=(0.0, 0.0, 0.02))
+        MotionSettings.of(scenario),
+        straight.make_trajectory(start, follower_velocity=(0.0, 0.0, 0.02)),
     )
     assert facts["depth_error_max_m"] == pytest.approx(0.4)
 

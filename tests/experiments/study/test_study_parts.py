@@ -10,6 +10,7 @@ from experiments.campaign.montecarlo import CampaignMission, Cell, simulate, sim
 from experiments.study.file import StudyError, of_table, study_of
 from experiments.study.plan import StudyPlan, plan_of
 from experiments.study.run import Choice, StudyResults, fly_further, fly_studies
+from sim.scenario.parts import MotionSettings
 from sim.trajectory import tilted
 
 ERRORS = "experiments.studies.estimators.errors"
@@ -141,7 +142,9 @@ def test_an_arm_may_follow_a_leader_that_keeps_level_on_the_same_track(tmp_path:
     for row, (labels, lists), behind in zip(
         outcomes.rows, outcomes.runs, (motion, tilted(motion, 0.0)), strict=True
     ):
-        found = simulate(Cell.of(scenario, 0, 3, mission=CampaignMission(scenario, behind)))
+        found = simulate(
+            Cell.of(scenario, 0, 3, mission=CampaignMission(MotionSettings.of(scenario), behind))
+        )
         assert {name: row[name] for name in ("e_p_mean_m", "nees")} == {
             name: found.row[name] for name in ("e_p_mean_m", "nees")
         }

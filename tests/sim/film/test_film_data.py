@@ -5,6 +5,7 @@ import pytest
 
 from sim.film.film_data import FilmData
 from sim.film.scene import Sea
+from sim.scenario.parts import SeaSettings
 from sim.scenario.settings import WavesTable
 from sim.water.assembly import ocean_of
 from sim.water.waves import PHASE
@@ -56,7 +57,9 @@ def test_the_drawn_sea_is_the_simulated_sea():
     mission = make_flight(2.0).scenario
     waves = WavesTable(kind="regular", height_m=1.0, period_s=8.0, direction_deg=30.0)
     ocean = ocean_of(
-        mission.model_copy(update={"ocean": mission.ocean.model_copy(update={"waves": waves})})
+        SeaSettings.of(
+            mission.model_copy(update={"ocean": mission.ocean.model_copy(update={"waves": waves})})
+        )
     )
     sea = Sea.__new__(Sea)
     sea._ocean, sea._waves = ocean, ocean.environment.waves.components[: PHASE + 1].T

@@ -14,6 +14,7 @@ from laisn_sim.cli.main import app
 from sim.cautions import RULES, clock_error_s, closing_speed, distances, echo_delay_m
 from sim.feasibility import cautions
 from sim.flight import FlightRecord, position_and_bearing_errors
+from sim.scenario.parts import MissionPlan, SensingSettings, SoundSettings
 from sim.scenario.settings import Scenario
 
 QUIET = {
@@ -62,7 +63,9 @@ def test_clocks_that_differ_change_every_range_by_what_is_stated(quiet: FlightRe
     changes = {"acoustics.clock_offset_s": 1e-3, "acoustics.clock_drift_ppm": 5.0}
     line = the_caution(changes)
     error = flown(changes).measurements[0].ranges - quiet.measurements[0].ranges
-    assert clock_error_s(scenario_of(changes)) == pytest.approx(1e-3 + 5e-6 * 120.0)
+    assert clock_error_s(SensingSettings.of(scenario_of(changes))) == pytest.approx(
+        1e-3 + 5e-6 * 120.0
+    )
     assert stated(line) == pytest.approx(1500.0 * 1.6e-3)
     assert np.nanmax(np.abs(error)) == pytest.approx(2.4, rel=0.02)
     assert line.endswith("navigation.assume.clock = false assumes equal clocks")
@@ -72,7 +75,7 @@ def test_clocks_that_differ_change_every_range_by_what_is_stated(quiet: FlightRe
 def test_pings_in_slots_change_ranges_by_what_is_stated(quiet: FlightRecord) -> None:
     """The middle ping goes two slots after the rear one."""
     changes = {"acoustics.ping_slot_s": 0.2}
-    slot_m = 0.2 * closing_speed(scenario_of(changes))
+    slot_m = 0.2 * closing_speed(MissionPlan.of(scenario_of(changes)))
     in_slots = flown(changes).measurements[0].ranges
     # the last message ends after the mission
     error = np.abs(in_slots - quiet.measurements[0].ranges[: len(in_slots)])
@@ -94,7 +97,7 @@ def test_a_bias_of_the_leaders_compass_turns_fixes_about_the_leader(quiet: Fligh
     changes = {"sensors.leader_heading_bias_deg": 5.0}
     line = the_caution(changes)
     flight = flown(changes)
-    away = distances(flight.scenario, flight.scenario.followers[0])
+    away = distances(MissionPlan.of(flight.scenario), flight.scenario.followers[0])
     turned = 2.0 * math.sin(math.radians(2.5))
     assert stated(line) == pytest.approx(turned * away.max(), rel=0.05)
     expected = turned * away[away.size // 2 :].mean()
@@ -121,9 +124,11 @@ def test_common_echoes_are_longer_than_the_span_by_what_is_stated(quiet: FlightR
     direct = flown({**changes, "acoustics.surface_echo_probability": 0.0})
     delay = flown(changes).measurements[0].ranges - direct.measurements[0].ranges
     assert stated(line.replace("beyond the 4.5 m", "")) == pytest.approx(
-        echo_delay_m(scenario_of(changes)), rel=0.05
+        echo_delay_m(SoundSettings.of(scenario_of(changes))), rel=0.05
     )
-    assert np.nanmax(delay) == pytest.approx(echo_delay_m(scenario_of(changes)), rel=0.05)
+    assert np.nanmax(delay) == pytest.approx(
+        echo_delay_m(SoundSettings.of(scenario_of(changes))), rel=0.05
+    )
     assert np.nanmin(delay) > 4.5
     assert line.endswith("beyond the 4.5 m; navigator 'ekf' assumes echoes within that span")
     assert cautions(scenario_of({**changes, "navigation.assume.outlier_span_m": 40.0})) == []

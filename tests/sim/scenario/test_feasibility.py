@@ -18,6 +18,7 @@ from sim import feasibility
 from sim.assembly import routes_of, setups_of
 from sim.scenario import file as scenario_file
 from sim.scenario.file import ScenarioError
+from sim.scenario.parts import MissionPlan, SeaSettings
 from sim.scenario.settings import Scenario
 from sim.vehicle.plant import Plant
 from sim.water.assembly import ocean_of
@@ -45,8 +46,8 @@ def test_every_accepted_scenario_builds_a_plant(seed: int, wild: float) -> None:
     scenario = accepted(absurd.table(seed, wild))
     if scenario is not None:
         Plant(
-            setups_of(scenario, routes_of(scenario)),
-            ocean_of(scenario),
+            setups_of(MissionPlan.of(scenario), routes_of(MissionPlan.of(scenario))),
+            ocean_of(SeaSettings.of(scenario)),
             scenario.timing.physics_step_s,
         )
 

@@ -17,6 +17,7 @@ from sim.feasibility import cautions, infeasibilities
 from sim.flight import navigation_settings
 from sim.scenario import file as scenario_file
 from sim.scenario.file import ScenarioError
+from sim.scenario.parts import SeaSettings, SensingSettings
 from sim.scenario.section import split_unit
 from sim.scenario.settings import Follower, Leader, Scenario, Station
 from sim.sensing.sensors import SensorErrors, errors_of
@@ -42,7 +43,7 @@ def test_the_scenarios_defaults_are_those_of_sensors_and_navigator() -> None:
     scenario = scenario_file.validate(
         {**MINIMAL, "motion": "kinematic", "duration_s": 1.0}, "mine.toml"
     )
-    assert errors_of(scenario) == SensorErrors()
+    assert errors_of(SensingSettings.of(scenario)) == SensorErrors()
     chosen = navigation_settings(scenario, simulate_motion(scenario), 0)
     # where the hydrophone sits is the hull's, the depth of the floor the sea's, and no default
     assert chosen.floor_depth == scenario.ocean.floor_depth_m
@@ -261,7 +262,7 @@ def test_a_current_profile_is_that_of_the_water() -> None:
         "current_direction_deg": 0.0,
     }
     scenario = Scenario(followers=[{"route": "T5"}], ocean=ocean)
-    water = ocean_of(scenario)
+    water = ocean_of(SeaSettings.of(scenario))
     for depth, time, expected in (
         (0.0, 0.0, (0.2, 0.0)),
         (0.0, 50.0, (0.1, -0.2)),

@@ -9,13 +9,14 @@ import laisn_sim
 from sim.assembly import routes_of
 from sim.flight import Termination
 from sim.scenario.file import ScenarioError
+from sim.scenario.parts import MissionPlan
 from sim.tracking import cross_track
 
 HALF_M_S = [[0, 0, 0], [60, 30, 0], [120, 30, 30]]
 
 
 def start_speeds(table: dict[str, Any]) -> list[float]:
-    return [route.start_speed for route in routes_of(laisn_sim.load(table))]
+    return [route.start_speed for route in routes_of(MissionPlan.of(laisn_sim.load(table)))]
 
 
 def test_a_vehicle_starts_at_the_mean_speed_of_its_first_leg() -> None:
@@ -54,7 +55,7 @@ def test_a_slow_vehicle_flies_missions_at_the_speeds_that_it_reaches(role: str) 
     flight = laisn_sim.fly(table)
     i = 0 if role == "leader" else 1
     assert flight.outcome is Termination.COMPLETED
-    route = routes_of(flight.scenario)[i]
+    route = routes_of(MissionPlan.of(flight.scenario))[i]
     until = flight.trajectory.time <= route.time[-1]
     position = flight.trajectory.position[:, i, :2]
     off = cross_track(route, flight.trajectory.time[until], position[until])

@@ -15,6 +15,7 @@ from laisn.compiled import compiled
 from laisn.navigator import Navigator
 from laisn.swarm import MESSAGE
 from sim.flight import navigation_settings
+from sim.scenario.parts import SensingSettings
 from sim.scenario.settings import Acoustics, Navigation, Timing
 from sim.sensing.acoustics import TRANSMITTERS
 from sim.sensing.noise import Address, Stream, seed_and_run, uniforms
@@ -36,7 +37,7 @@ def test_without_settings_ranges_are_the_distances_of_the_sites_at_the_ping():
     trajectory = make_trajectory(
         (30.0, -12.0, -11.0), leader_velocity=(1.0, 0.2, 0.0), follower_velocity=(0.9, 0.0, 0.0)
     )
-    truth = observe(trajectory, make_scenario())
+    truth = observe(trajectory, SensingSettings.of(make_scenario()))
     at = truth.message_step
     assert_array_equal(at, np.arange(10, 201, 10))
     for i, site in enumerate(TRANSMITTERS):
@@ -50,7 +51,7 @@ def test_without_settings_ranges_are_the_distances_of_the_sites_at_the_ping():
 @pytest.mark.parametrize("speed", [-3.0, 0.0, 2.0])
 def test_travel_time_to_a_receding_hydrophone(speed):
     trajectory = make_trajectory((60.0, 0.0, -8.0), follower_velocity=(speed, 0.0, 0.0))
-    sound = propagate(trajectory, make_scenario(Acoustics(travel_time=True)))
+    sound = propagate(trajectory, SensingSettings.of(make_scenario(Acoustics(travel_time=True))))
     at_ping = 60.0 + speed * 0.1 * sound.emission_step[:, None] - np.array([-1.0, 1.0, 0.0])
     # (t_a − t_e) c = R + v (t_a − t_e), but for the 5 mm sideways of the middle transmitter's 0.1 m
     assert_allclose(sound.range[:, :2, Path.DIRECT], (at_ping * C / (C - speed))[:, :2], atol=1e-9)
@@ -58,30 +59,30 @@ def test_travel_time_to_a_receding_hydrophone(speed):
 
 def test_a_message_is_available_at_the_first_step_after_its_last_ping():
     trajectory = make_trajectory((74.0, 0.0, -8.0))
-    at_once = propagate(trajectory, make_scenario(Acoustics(travel_time=True)))
+    at_once = propagate(trajectory, SensingSettings.of(make_scenario(Acoustics(travel_time=True))))
     # 75 m take 0.05 s
     assert_array_equal(at_once.message_step, at_once.emission_step + 1)
     three = make_scenario(Acoustics(travel_time=True, ping_slot_s=0.2))
     three = three.model_copy(update={"navigation": Navigation(variant="laisn-3-1")})
-    slots = propagate(trajectory, three)
+    slots = propagate(trajectory, SensingSettings.of(three))
     assert_array_equal(slots.message_step, slots.emission_step + 5)
     assert slots.message_step[-1] <= 200
-    assert not np.any(np.isnan(observe(trajectory, three).slant_range))
+    assert not np.any(np.isnan(observe(trajectory, SensingSettings.of(three)).slant_range))
 
 
 def test_laisn_2_does_not_wait_for_the_third_ping():
     """After the end of its listening window it does not receive that ping either."""
     trajectory = make_trajectory((74.0, 0.0, -8.0))
     two = make_scenario(Acoustics(travel_time=True, ping_slot_s=0.2))
-    slots = propagate(trajectory, two)
+    slots = propagate(trajectory, SensingSettings.of(two))
     # front ping 0.2 s after the rear one, under way for 0.05 s
     assert_array_equal(slots.message_step, slots.emission_step + 3)
-    receptions = observe(trajectory, two).slant_range
+    receptions = observe(trajectory, SensingSettings.of(two)).slant_range
     assert np.all(np.isnan(receptions[:, MIDDLE]))
     assert not np.any(np.isnan(receptions[:, :MIDDLE]))
     # where it arrives in time, it is received
     at_once = make_scenario(Acoustics(travel_time=True))
-    assert not np.any(np.isnan(observe(trajectory, at_once).slant_range))
+    assert not np.any(np.isnan(observe(trajectory, SensingSettings.of(at_once)).slant_range))
 
 
 def test_of_two_messages_in_one_step_the_first_is_kept() -> None:
@@ -96,7 +97,7 @@ def test_of_two_messages_in_one_step_the_first_is_kept() -> None:
     scenario = scenario.model_copy(
         update={"timing": Timing(filter_step_s=0.1, message_interval_s=0.1)}
     )
-    sound = propagate(trajectory, scenario)
+    sound = propagate(trajectory, SensingSettings.of(scenario))
     expected = np.delete(np.arange(1, 200), 109)
     assert_array_equal(sound.emission_step, expected)
     assert_array_equal(sound.message_step, np.where(expected < 110, expected + 2, expected + 1))
@@ -107,8 +108,8 @@ def test_arrival_does_not_depend_on_the_filter_step():
         (40.0, 25.0, -12.0), leader_velocity=(1.0, 0, 0), follower_velocity=(0.3, 1.1, -0.2)
     )
     acoustics = Acoustics(travel_time=True, ping_slot_s=0.05)
-    fine = propagate(trajectory, make_scenario(acoustics, filter_step=0.1))
-    coarse = propagate(trajectory, make_scenario(acoustics, filter_step=1.0))
+    fine = propagate(trajectory, SensingSettings.of(make_scenario(acoustics, filter_step=0.1)))
+    coarse = propagate(trajectory, SensingSettings.of(make_scenario(acoustics, filter_step=1.0)))
     assert coarse.range.shape[0] == fine.range.shape[0]
     assert_allclose(coarse.range, fine.range, atol=1e-9)
 
@@ -116,7 +117,7 @@ def test_arrival_does_not_depend_on_the_filter_step():
 def test_pings_leave_from_where_the_transmitter_is_in_its_slot():
     slot, speed = 0.13, 1.7
     trajectory = make_trajectory((0.0, 20.0, -8.0), leader_velocity=(speed, 0, 0))
-    sound = propagate(trajectory, make_scenario(Acoustics(ping_slot_s=slot)))
+    sound = propagate(trajectory, SensingSettings.of(make_scenario(Acoustics(ping_slot_s=slot))))
     east = speed * sound.emission_step * 0.1
     assert_allclose(sound.transmitter[:, FRONT, 0], east + speed * slot + 1.0, atol=1e-12)
     assert_allclose(sound.transmitter[:, MIDDLE, 0], east + speed * 2 * slot, atol=1e-12)
@@ -149,12 +150,12 @@ def test_sound_has_the_speed_between_and_beyond_the_points_of_a_profile() -> Non
 def test_profile_and_bias_scale_the_range():
     trajectory = make_trajectory((20.0, 0.0, -18.0))
     profile = make_scenario(Acoustics(sound_speed_profile=((0.0, 1480.0), (20.0, 1500.0))))
-    ranges = propagate(trajectory, profile).range[:, FRONT, Path.DIRECT]
+    ranges = propagate(trajectory, SensingSettings.of(profile)).range[:, FRONT, Path.DIRECT]
     slowness = np.log(1498.0 / 1488.0) / 10.0
     assert_allclose(ranges, np.hypot(19.0, 10.0) * C * slowness, rtol=1e-12)
     biased = make_scenario(Acoustics(sound_speed_bias_m_s=15.0))
     assert_allclose(
-        propagate(trajectory, biased).range[:, FRONT, Path.DIRECT],
+        propagate(trajectory, SensingSettings.of(biased)).range[:, FRONT, Path.DIRECT],
         np.hypot(19, 10) * 1.01,
         rtol=1e-12,
     )
@@ -162,9 +163,10 @@ def test_profile_and_bias_scale_the_range():
 
 def test_clock_offset_and_drift_shift_all_ranges():
     trajectory = make_trajectory((20.0, 0.0, -8.0))
-    plain = propagate(trajectory, make_scenario()).range
+    plain = propagate(trajectory, SensingSettings.of(make_scenario())).range
     sound = propagate(
-        trajectory, make_scenario(Acoustics(clock_offset_s=1e-3, clock_drift_ppm=50.0))
+        trajectory,
+        SensingSettings.of(make_scenario(Acoustics(clock_offset_s=1e-3, clock_drift_ppm=50.0))),
     )
     shift = C * (1e-3 + 50e-6 * sound.emission_step * 0.1)
     assert_allclose(
@@ -178,7 +180,7 @@ def test_clock_offset_and_drift_shift_all_ranges():
 def test_echo_comes_from_the_image(path, height):
     trajectory = make_trajectory((15.0, 9.0, -11.0))
     scenario = make_scenario(Acoustics(surface_echo_probability=0.1, bottom_echo_probability=0.1))
-    sound = propagate(trajectory, scenario)
+    sound = propagate(trajectory, SensingSettings.of(scenario))
     assert_allclose(sound.range[:, FRONT, path], np.sqrt(14.0**2 + 9.0**2 + height**2), rtol=1e-12)
     assert np.all(sound.range[:, :, path] > sound.range[:, :, Path.DIRECT])
     profile = scenario.model_copy(
@@ -188,7 +190,7 @@ def test_echo_comes_from_the_image(path, height):
             )
         }
     )
-    refracted = propagate(trajectory, profile).arrival.ratio[0, FRONT, path] / C
+    refracted = propagate(trajectory, SensingSettings.of(profile)).arrival.ratio[0, FRONT, path] / C
     depth = (
         np.linspace(0.0, 11.0, 1_000_001)
         if path is Path.SURFACE
@@ -275,7 +277,9 @@ def test_loss_has_the_rate_and_the_bursts_of_the_chain():
 
 def test_pings_from_beyond_the_maximum_range_are_not_received():
     trajectory = make_trajectory((50.0, 0.0, -8.0))
-    ranges = observe(trajectory, make_scenario(Acoustics(max_range_m=50.0))).slant_range
+    ranges = observe(
+        trajectory, SensingSettings.of(make_scenario(Acoustics(max_range_m=50.0)))
+    ).slant_range
     assert np.isnan(ranges[:, REAR]).all()
     assert np.isfinite(ranges[:, FRONT]).all()
 
@@ -328,7 +332,10 @@ def test_a_campaign_meets_the_echoes_and_losses_of_its_flights(acoustics, varian
     scenario = make_scenario(acoustics)
     chosen = replace(navigation_settings(scenario, trajectory, 0), variant=variant)
     scenario = scenario.model_copy(update={"navigation": Navigation(variant=variant)})
-    truth, errors = observe(trajectory, scenario), errors_of(scenario)
+    truth, errors = (
+        observe(trajectory, SensingSettings.of(scenario)),
+        errors_of(SensingSettings.of(scenario)),
+    )
     states = histories(Cell(truth=truth, errors=errors, settings=chosen, runs=range(3)))
     for run in range(3):
         receptions = measure(truth, errors, seed=1, run=run, transmitters=chosen.transmitters)
@@ -340,13 +347,13 @@ def test_a_campaign_meets_the_echoes_and_losses_of_its_flights(acoustics, varian
 def test_a_reading_of_an_echo_is_the_path_of_the_echo():
     trajectory = make_trajectory((15.0, 9.0, -11.0))
     scenario = make_scenario(Acoustics(surface_echo_probability=0.4, bottom_echo_probability=0.3))
-    errors = errors_of(scenario)._replace(
+    errors = errors_of(SensingSettings.of(scenario))._replace(
         range_tau=(0.0, 0.0, 0.0), range_scale_mean=0.0, range_scale_sigma=0.0
     )
-    truth = observe(trajectory, scenario)
+    truth = observe(trajectory, SensingSettings.of(scenario))
     read = measure(truth, errors, seed=1, run=2).ranges
     path = paths(errors, 2, truth.emission_step)
-    sound = propagate(trajectory, scenario)
+    sound = propagate(trajectory, SensingSettings.of(scenario))
     assert_allclose(
         read, np.take_along_axis(sound.range, path[..., None], axis=2)[..., 0], rtol=1e-15
     )

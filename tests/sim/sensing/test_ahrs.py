@@ -11,6 +11,7 @@ import pytest
 from laisn.arrays import Floats
 from laisn.messages import LeaderMessage
 from sim import attitude
+from sim.scenario.parts import SensingSettings
 from sim.scenario.settings import Sensors
 from sim.sensing.observation import IdealMeasurements, measure, observe
 from sim.sensing.sensors import SensorErrors, errors_of, random_error, tilt_errors
@@ -203,7 +204,7 @@ def test_a_scenario_states_the_sensor_in_degrees() -> None:
         leader_gyro_time_constant_s=30.0,
     )
     scenario = straight.make_scenario(sensors=sensors)
-    errors = errors_of(scenario)
+    errors = errors_of(SensingSettings.of(scenario))
     assert errors.leader_attitude_offset_sigma == pytest.approx(np.deg2rad(0.2))
     assert errors.leader_tilt_time == 30.0
     # with γ ≪ 1: σ² = γ σ_i² / 2 + q τ / 2
@@ -215,7 +216,10 @@ def test_a_scenario_states_the_sensor_in_degrees() -> None:
     loud = scenario.model_copy(
         update={"leader": scenario.leader.model_copy(update={"broadcast_attitude": True})}
     )
-    sent, silent = observe(turning, loud).sent, observe(turning, scenario).sent
+    sent, silent = (
+        observe(turning, SensingSettings.of(loud)).sent,
+        observe(turning, SensingSettings.of(scenario)).sent,
+    )
     assert (sent.pitch, sent.roll) == (
         pytest.approx(np.full(20, 0.1)),
         pytest.approx(np.full(20, 0.05)),

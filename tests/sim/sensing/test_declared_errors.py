@@ -6,13 +6,14 @@ from dataclasses import fields
 import numpy as np
 
 from laisn import settings
+from sim.scenario.parts import SensingSettings
 from sim.scenario.settings import Navigation, Scenario
 from sim.sensing.sensors import ERRORS, SensorErrors, errors_of
 
 
 def test_a_scenario_without_keys_has_the_errors_that_are_declared() -> None:
     scenario = Scenario(followers=[{"route": "T5"}])
-    errors = errors_of(scenario)
+    errors = errors_of(SensingSettings.of(scenario))
     assert errors == SensorErrors()
     assert errors.heading_bias == np.pi / 36.0
     assert ERRORS.names == SensorErrors._fields
@@ -26,7 +27,7 @@ def test_each_key_is_in_its_unit() -> None:
         sensors={"heading_sigma_deg": 18.0, "leader_position_drift_m_s": 2.0},
         acoustics={"clock_drift_ppm": 3.0, "range_tau_m": (0.1, 0.2, 0.3)},
     )
-    errors = errors_of(scenario)
+    errors = errors_of(SensingSettings.of(scenario))
     assert np.isclose(errors.heading_sigma, np.pi / 10.0, rtol=1e-15)
     assert np.isclose(errors.clock_drift, 3e-6, rtol=1e-15)
     assert errors.range_tau == (0.1, 0.2, 0.3)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sim.scenario.parts import SensingSettings
 from sim.scenario.sensors import Sensors
 from sim.sensing.observation import observe
 from sim.sensing.sensors import SensorErrors, drift, errors_of
@@ -24,7 +25,7 @@ DRIFTING = Sensors(
 
 
 def drifting(sensors: Sensors) -> SensorErrors:
-    return errors_of(make_scenario().model_copy(update={"sensors": sensors}))
+    return errors_of(SensingSettings.of(make_scenario().model_copy(update={"sensors": sensors})))
 
 
 def biased(w: SensorErrors, follower: int, time: Any, speed: Any, heading: Any) -> tuple[Any, Any]:
@@ -65,7 +66,8 @@ def test_each_follower_is_ahead_of_the_one_before_by_the_golden_angle() -> None:
 def test_a_motion_is_read_with_the_errors_of_its_instants() -> None:
     scenario = make_scenario().model_copy(update={"sensors": DRIFTING})
     truth = observe(
-        make_trajectory((0.0, 40.0, -10.0), follower_velocity=(1.0, 0.0, 0.0)), scenario
+        make_trajectory((0.0, 40.0, -10.0), follower_velocity=(1.0, 0.0, 0.0)),
+        SensingSettings.of(scenario),
     )
     time = 0.1 * np.arange(1, truth.speed.size + 1)
     np.testing.assert_allclose(truth.speed, 1.0 + 0.3 * np.sin(np.pi / 6 + np.pi * time / 100.0))
@@ -78,7 +80,9 @@ def test_a_leader_walks_off_towards_a_compass_direction() -> None:
     """By 2 cm/s towards 30°: 1 cm/s east, 1.73 cm/s north, of the time of sending."""
     scenario = make_scenario()
     scenario = scenario.model_copy(update={"sensors": DRIFTING})
-    truth = observe(make_trajectory((0.0, 40.0, -10.0), leader=(5.0, 6.0, -9.0)), scenario)
+    truth = observe(
+        make_trajectory((0.0, 40.0, -10.0), leader=(5.0, 6.0, -9.0)), SensingSettings.of(scenario)
+    )
     off = np.column_stack([truth.sent.east, truth.sent.north]) - [5.0, 6.0]
     np.testing.assert_allclose(
         off, truth.sent.timestamp[:, None] * [0.01, 0.01 * np.sqrt(3.0)], atol=1e-12

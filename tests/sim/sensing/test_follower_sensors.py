@@ -10,6 +10,7 @@ from experiments.campaign.montecarlo import Cell
 from laisn.errors import LaisnError
 from reports.bound import noise_of
 from sim.flight import FlightRecord
+from sim.scenario.parts import SensingSettings
 from sim.scenario.settings import Scenario
 
 THREE = {
@@ -60,10 +61,11 @@ def test_a_campaign_has_the_errors_of_its_follower(
         5.0,
     ]
     noisy = laisn_sim.load("T5", {"followers.0.sensors.speed_sigma_m_s": 0.7})
-    assert (noise_of(noisy, 0).speed_sigma, noise_of(laisn_sim.load("T5"), 0).speed_sigma) == (
-        0.7,
-        0.2,
-    )
+    sigmas = []
+    for scenario in (noisy, laisn_sim.load("T5")):
+        noise = noise_of(SensingSettings.of(scenario), scenario.navigation)
+        sigmas.append(noise.speed_sigma)
+    assert sigmas == [0.7, 0.2]
 
 
 def test_files_hold_the_keys_of_one_follower(tmp_path: Path) -> None:
@@ -72,7 +74,8 @@ def test_files_hold_the_keys_of_one_follower(tmp_path: Path) -> None:
         'name = "own"\n[[followers]]\nroute = "T5"\nsensors = { heading_bias_deg = 1.5 }\n'
     )
     read = laisn_sim.load(path)
-    assert (read.sensors_of(0).heading_bias_deg, read.sensors_of(0).speed_bias_m_s) == (1.5, 0.2)
+    sensors = SensingSettings.of(read).sensors_of(0)
+    assert (sensors.heading_bias_deg, sensors.speed_bias_m_s) == (1.5, 0.2)
     assert read.sensors.heading_bias_deg == 5.0
 
 
@@ -84,4 +87,5 @@ def test_keys_of_the_leader_and_values_out_of_bounds_are_refused(wrong: dict[str
 
 def test_without_such_keys_all_followers_have_the_same_errors() -> None:
     scenario = Scenario(followers=[{"route": "T5"}, {"route": "T3"}])
-    assert scenario.sensors_of(0) == scenario.sensors_of(1) == scenario.sensors
+    sensing = SensingSettings.of(scenario)
+    assert sensing.sensors_of(0) == sensing.sensors_of(1) == scenario.sensors

@@ -8,6 +8,7 @@ import pytest
 from laisn.arrays import Floats, numbers_of, records
 from laisn.swarm import READING
 from sim import attitude
+from sim.scenario.parts import SensingSettings
 from sim.scenario.sensors import VehicleSensors
 from sim.scenario.settings import Scenario, Sensors
 from sim.sensing.acoustics import Motion
@@ -72,20 +73,20 @@ def read(sensors: SensorModel, steps: int, follower: int = 0) -> Floats:
 
 @pytest.mark.system
 def test_perfect_instruments_read_pitch_and_the_rates_of_the_hull() -> None:
-    assert read(sensor_model_of(scenario(0.0, 0.0)), 1)[0] == pytest.approx(
+    assert read(sensor_model_of(SensingSettings.of(scenario(0.0, 0.0))), 1)[0] == pytest.approx(
         [PITCH, RATES[2], RATES[1]]
     )
 
 
 def test_sensor_errors_have_the_scenarios_deviations_and_are_independent() -> None:
     n = 2000
-    found = read(sensor_model_of(scenario(0.5, 0.1)), n)
+    found = read(sensor_model_of(SensingSettings.of(scenario(0.5, 0.1))), n)
     sigma = np.deg2rad([0.5, 0.1, 0.1])
     # five standard deviations of a mean, and of a standard deviation
     assert np.all(np.abs(found.mean(axis=0) - [PITCH, RATES[2], RATES[1]]) < 5 * sigma / np.sqrt(n))
     assert found.std(axis=0) == pytest.approx(sigma, rel=5 / np.sqrt(2 * n))
     assert np.abs(np.corrcoef(found.T) - np.eye(3)).max() < 5 / np.sqrt(n)
-    other = read(sensor_model_of(scenario(0.5, 0.1)), n, follower=1)
+    other = read(sensor_model_of(SensingSettings.of(scenario(0.5, 0.1))), n, follower=1)
     assert np.abs(
         [np.corrcoef(a, b)[0, 1] for a, b in zip(found.T, other.T, strict=True)]
     ).max() < 5 / np.sqrt(n)
@@ -114,7 +115,7 @@ def test_one_follower_has_errors_of_its_own() -> None:
     for i, variant in enumerate((plain, changed)):
         for follower in range(2):
             read_instruments(
-                sensor_model_of(variant),
+                sensor_model_of(SensingSettings.of(variant)),
                 7,
                 follower,
                 (pose, twist, np.zeros(3)),
@@ -136,7 +137,9 @@ def test_each_range_has_the_error_of_its_own_ping(used: int, centre: float) -> N
     run and follower.
     """
     taus, (mean, sigma), seed, run = (0.1, 0.2, 0.4), (0.3, 0.05), 2, 5
-    sensors = sensor_model_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
+    sensors = sensor_model_of(
+        SensingSettings.of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
+    )
     sensors = with_errors(
         sensors,
         range_tau=taus,
@@ -184,7 +187,9 @@ def test_a_ping_is_received_by_echo_late_clock_and_broken_channel_as_far_as_soun
 ) -> None:
     """All that may happen to a range, written out for 60 messages in a row."""
     taus, (mean, sigma), seed, run, floor, reach = (0.1, 0.2, 0.4), (0.3, 0.05), 2, 5, 35.0, 45.2
-    sensors = sensor_model_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
+    sensors = sensor_model_of(
+        SensingSettings.of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
+    )
     sensors = with_errors(
         sensors,
         range_tau=taus,
@@ -267,7 +272,9 @@ def test_log_compass_and_pressure_err_by_equations_26_and_27() -> None:
     water along the hull.
     """
     seed, run, k = 2, 5, 30
-    sensors = sensor_model_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
+    sensors = sensor_model_of(
+        SensingSettings.of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
+    )
     errors = sensors.errors[1]
     errors.speed_bias, errors.speed_sigma, errors.heading_bias, errors.heading_sigma = (
         0.1,
@@ -316,7 +323,9 @@ def test_log_compass_and_pressure_err_by_equations_26_and_27() -> None:
 
 def test_a_leader_broadcasts_its_place_motion_and_attitude() -> None:
     seed, run, k = 2, 5, 40
-    sensors = sensor_model_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
+    sensors = sensor_model_of(
+        SensingSettings.of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
+    )
     sensors = with_errors(
         sensors,
         leader_speed_bias=0.1,

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sim.scenario.parts import SensingSettings
 from sim.scenario.settings import Acoustics, Sensors
 from sim.sensing.observation import measure, observe, start_of
 from sim.sensing.sensors import errors_of
@@ -26,7 +27,7 @@ def test_truth_is_that_of_the_motion_at_filter_steps_and_messages(
     offset = flown.site_offset.copy()
     offset[flown.site("follower2/depth_sensor")] = 0.0, 0.0, -DEEPER_M
     flown = replace(flown, site_offset=offset)
-    truth = observe(flown, scenario, 1)
+    truth = observe(flown, SensingSettings.of(scenario), 1)
     steps = np.arange(1, round(20.0 / step) + 1)
     at, rows = steps * step, steps * round(step / 0.1)
     radius = synthetic.LEADER_RADIUS_M + 2 * synthetic.LANE_M
@@ -100,7 +101,11 @@ def test_errors_are_those_of_the_scenario_in_si_units() -> None:
         burst_loss_probability=0.91,
     )
     errors = errors_of(
-        synthetic.make_scenario().model_copy(update={"sensors": sensors, "acoustics": acoustics})
+        SensingSettings.of(
+            synthetic.make_scenario().model_copy(
+                update={"sensors": sensors, "acoustics": acoustics}
+            )
+        )
     )
     expected = {
         "speed_bias": 0.11,
@@ -139,7 +144,7 @@ def test_a_motion_is_observed_from_its_start() -> None:
     over_time = ("time", *OF_VEHICLES)
     later = replace(whole, **{name: getattr(whole, name)[80:] for name in over_time})
     with pytest.raises(ValueError, match="begins at 8 s"):
-        observe(later, scenario)
+        observe(later, SensingSettings.of(scenario))
 
 
 def test_sensing_a_long_mission_takes_less_memory_than_the_mission_itself() -> None:
@@ -149,7 +154,7 @@ def test_sensing_a_long_mission_takes_less_memory_than_the_mission_itself() -> N
     held = sum(getattr(flown, name).nbytes for name in OF_VEHICLES)
     tracemalloc.start()
     try:
-        observe(flown, scenario)
+        observe(flown, SensingSettings.of(scenario))
         assert tracemalloc.get_traced_memory()[1] < held
     finally:
         tracemalloc.stop()
@@ -188,10 +193,11 @@ def test_compiled_code_senses_the_bits_that_python_does() -> None:
     )
     flown = synthetic.make_trajectory(scenario)
     alone, bulk = (
-        observe(flown, scenario, 1, use_compiled=use_compiled) for use_compiled in (False, True)
+        observe(flown, SensingSettings.of(scenario), 1, use_compiled=use_compiled)
+        for use_compiled in (False, True)
     )
     assert len(alone.message_step) > 50
-    errors = errors_of(scenario, 1)
+    errors = errors_of(SensingSettings.of(scenario), 1)
     found = [
         measure(truth, errors, seed=5, run=3, follower=1, use_compiled=truth is bulk)
         for truth in (alone, bulk)

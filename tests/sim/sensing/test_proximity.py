@@ -102,5 +102,5 @@ def test_no_range_is_negative() -> None:
 
 
 def test_who_has_no_sensor_never_looks() -> None:
-    assert look_interval(Scenario(name="s", followers=[{"route": "T5"}])) == 0
-    assert look_interval(sensor(period_s=0.5)) == 5
+    assert look_interval(None) == 0
+    assert look_interval(sensor(period_s=0.5).formation.proximity) == 5

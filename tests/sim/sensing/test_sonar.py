@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from sim.scenario.parts import SensingSettings
 from sim.scenario.settings import Acoustics
 from sim.sensing.observation import observe, propagate
 from sim.sensing.sensors import errors_of
@@ -55,7 +56,7 @@ def test_ambient_noise_falls_with_frequency_and_rises_with_wind() -> None:
 
 def test_half_of_the_messages_are_heard_where_the_mean_level_meets_the_threshold() -> None:
     acoustics = Acoustics(source_level_db=140.0, level_sigma_db=4.0)
-    errors = errors_of(make_scenario(acoustics))
+    errors = errors_of(SensingSettings.of(make_scenario(acoustics)))
     reach = half_heard_m(sonar_of(acoustics))
     assert hearing_probability(errors, reach) == pytest.approx(0.5, abs=1e-9)
     # two standard deviations nearer in level
@@ -73,8 +74,10 @@ def test_pings_at_the_end_of_a_message_show_where_the_ends_then_are() -> None:
     ranges = {}
     for pulse in ("start", "end"):
         acoustics = Acoustics(travel_time=True, message_length_s=0.3, ranging_pulse=pulse)
-        ranges[pulse] = observe(trajectory, make_scenario(acoustics)).slant_range
-        sound = propagate(trajectory, make_scenario(acoustics))
+        ranges[pulse] = observe(
+            trajectory, SensingSettings.of(make_scenario(acoustics))
+        ).slant_range
+        sound = propagate(trajectory, SensingSettings.of(make_scenario(acoustics)))
         # all of the message is in 0.3 s after its time, and the way of the sound
         last = sound.arrival.time[:, :, 0].max(axis=1) + (0.3 if pulse == "start" else 0.0)
         assert (sound.message_step * 0.1 >= last - 1e-6).all()

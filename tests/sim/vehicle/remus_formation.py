@@ -8,6 +8,7 @@ import numpy as np
 
 from laisn.arrays import Floats
 from sim.flight import FlightRecord
+from sim.scenario.parts import MotionSettings
 from sim.tracking import StationKeeping, off_station, station_keeping
 
 SPEED, RADIUS, CORNER = 1.2, 120.0, np.pi / 18.0
@@ -49,7 +50,7 @@ def table(corners: int) -> dict[str, Any]:
 
 def keeping(flight: FlightRecord) -> list[StationKeeping]:
     """How each follower kept its station."""
-    off = off_station(flight.scenario, flight.trajectory)
+    off = off_station(MotionSettings.of(flight.scenario), flight.trajectory)
     return [station_keeping(one, flight.trajectory.time) for one in off.T]
 
 

@@ -12,6 +12,7 @@ from laisn.errors import LaisnError
 from laisn_sim.cli.main import app
 from sim import attitude
 from sim.assembly import routes_of, setups_of
+from sim.scenario.parts import MissionPlan, SeaSettings
 from sim.scenario.vehicles import Vehicle
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.own_hull import hull_errors
@@ -183,7 +184,10 @@ def test_the_mission_has_the_density_and_the_trim_of_its_scenario(tmp_path: Path
         "ocean": {"density_kg_m3": 1000.0},
     }
     scenario = laisn_sim.load(table)
-    plant = Plant(setups_of(scenario, routes_of(scenario)), ocean_of(scenario))
+    plant = Plant(
+        setups_of(MissionPlan.of(scenario), routes_of(MissionPlan.of(scenario))),
+        ocean_of(SeaSettings.of(scenario)),
+    )
     assert plant.coefficients[1]["buoyancy"] == pytest.approx(296.68, abs=0.01)
     assert 31.0294 * G - plant.coefficients[1]["buoyancy"] == pytest.approx(7.7, abs=0.05)
     slow = {"followers.0.waypoints": [[0, 0, 0], [40, 40, 0]]}
@@ -191,7 +195,10 @@ def test_the_mission_has_the_density_and_the_trim_of_its_scenario(tmp_path: Path
         laisn_sim.load(table, slow)
     trimmed = laisn_sim.load(table, slow | {"followers.0.trim": "neutral"})
     assert trimmed.followers[0].trim == "neutral"
-    plant = Plant(setups_of(trimmed, routes_of(trimmed)), ocean_of(trimmed))
+    plant = Plant(
+        setups_of(MissionPlan.of(trimmed), routes_of(MissionPlan.of(trimmed))),
+        ocean_of(SeaSettings.of(trimmed)),
+    )
     assert plant.coefficients[1]["buoyancy"] == pytest.approx(31.0294 * G)
     file = tmp_path / "fresh.toml"
     file.write_text(trimmed.toml(), encoding="utf-8")

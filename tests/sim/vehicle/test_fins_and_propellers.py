@@ -18,6 +18,7 @@ from sim.control.allocation import PITCH, SURGE, YAW, allocate, at_speed, pseudo
 from sim.control.autopilot import design, top_speed
 from sim.control.guidance import reference
 from sim.control.stability import least_radius, steady_turn
+from sim.scenario.parts import MissionPlan
 from sim.scenario.routes import DepthProfile, Route, library_route
 from sim.simulation import simulate
 from sim.trial import trial
@@ -423,7 +424,9 @@ def test_ten_remus_keep_their_stations_behind_a_remus() -> None:
     assert not any(one.lost for one in kept)
     assert max(one.station_rms_m for one in kept) < 1.0
     assert remus_formation.depth_rms(flight) < 0.2
-    report = tracking(only(flight.trajectory, [0]), routes_of(flight.scenario)[:1])[0]
+    report = tracking(only(flight.trajectory, [0]), routes_of(MissionPlan.of(flight.scenario))[:1])[
+        0
+    ]
     assert report.cross_track_rms < 0.5
     assert report.depth_error_rms < 0.2
 

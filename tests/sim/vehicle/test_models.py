@@ -8,7 +8,7 @@ from scipy.integrate import quad
 import models
 from sim.scenario.vehicles import Leader
 from sim.vehicle import mjcf
-from sim.vehicle.mjcf import VehicleSetup, compose, resolve
+from sim.vehicle.mjcf import VehicleSetup, compose, resolve, transmitter_places
 from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean
 
@@ -143,17 +143,19 @@ def test_geoms_are_looks_only() -> None:
 
 
 def test_setup_edits_the_vehicle() -> None:
+    leader = Leader(
+        excess_buoyancy_n=7.0,
+        cg_offset_x_m=0.05,
+        cg_offset_z_m=-0.01,
+        baseline_m=1.0,
+        middle_offset_m=0.2,
+    )
     setup = VehicleSetup(
         name="lead",
         model="leader",
         position_m=(1, 2, -3),
-        settings=Leader(
-            excess_buoyancy_n=7.0,
-            cg_offset_x_m=0.05,
-            cg_offset_z_m=-0.01,
-            baseline_m=1.0,
-            middle_offset_m=0.2,
-        ),
+        settings=leader,
+        transmitters=transmitter_places(leader),
     )
     model = compose([setup], floor_depth_m=77.0).compile()
     np.testing.assert_array_equal(model.site("lead/tx_rear").pos, (-0.5, 0, 0))

@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 import laisn_sim
 from laisn_sim.cli.main import app
+from sim.scenario.parts import SoundSettings
 from sim.water.assembly import rays_of, sound_cast
 from sim.water.rays import speed_at
 from tests.sim.water.field_data import write, xarray
@@ -40,7 +41,7 @@ def table(file: Path, header: str, *columns: list[float], separator: str = ",") 
 def test_check_values_of_teos_10(tmp_path: Path) -> None:
     header = "pressure_dbar,conservative_temperature_degC,absolute_salinity [g/kg]"
     toml = scenario(table(tmp_path / "a.csv", header, PRESSURE, TEMPERATURE, SALINITY))
-    cast = sound_cast(laisn_sim.load(toml))
+    cast = sound_cast(laisn_sim.load(toml).ocean)
     assert cast is not None
     np.testing.assert_allclose(cast.points[:, 1], SPEED, atol=1e-9)
     # depths at 4° N of a pressure (gsw_z_from_p, the same source)
@@ -71,7 +72,7 @@ def test_temperature_and_salinity_in_their_usual_names(
     depth, temperature, salinity = [1.0, 12.0, 40.0, 90.0], [18.0, 15.0, 8.0, 6.0], [35.0] * 4
     given = [value + kelvin for value in temperature]
     file = table(tmp_path / "b.csv", header, depth, given, salinity, separator=separator)
-    cast = sound_cast(laisn_sim.load(scenario(file, 45.0, 0.0)))
+    cast = sound_cast(laisn_sim.load(scenario(file, 45.0, 0.0)).ocean)
     assert cast is not None
     expected = [mackenzie(*row) for row in zip(temperature, salinity, depth, strict=True)]
     np.testing.assert_allclose(cast.points[:, 1], expected, atol=0.15)
@@ -109,7 +110,7 @@ def test_the_nearest_column_of_a_model(tmp_path: Path) -> None:
         },
     )
     scene = laisn_sim.load(scenario(write(dataset, tmp_path / "d.nc"), 44.0, -2.0))
-    rays = rays_of(scene)
+    rays = rays_of(SoundSettings.of(scene))
     # between potential temperature and temperature there are some mK at 50 m
     assert speed_at(rays.profile, 5.0) == pytest.approx(mackenzie(15.0, 35.0, 5.0), abs=0.15)
     assert speed_at(rays.profile, 50.0) == pytest.approx(mackenzie(8.0, 35.0, 50.0), abs=0.15)

@@ -11,14 +11,15 @@ import pytest
 from typer.testing import CliRunner
 
 import laisn_sim
-from experiments.campaign.montecarlo import motion_key, motion_of
+from experiments.campaign.store import key_of
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from laisn_sim.cli.errors import MISSION_FAILED
 from laisn_sim.cli.main import app
 from sim.attitude import FLATTENING, SEMI_MAJOR_AXIS
 from sim.flight import Termination
-from sim.simulation import simulate_motion
+from sim.scenario.parts import MotionSettings, SeaSettings
+from sim.simulation import simulate_open_loop
 from sim.water.assembly import current_field, ocean_of
 from sim.water.environment import flow, sea_at
 from tests.sim.water.field_data import (
@@ -38,7 +39,7 @@ from tests.sim.water.field_data import (
 def velocity_of(file: Path, points: Floats, time: float, duration: float = 20.0) -> Floats:
     """Velocity that a mission meets in the current of a file, shape (n, 3), [m/s]."""
     scenario = laisn_sim.load(scenario_file(file, duration))
-    return ocean_of(scenario).velocity(points, time)
+    return ocean_of(SeaSettings.of(scenario)).velocity(points, time)
 
 
 @pytest.mark.system
@@ -59,7 +60,7 @@ def test_the_error_falls_with_the_square_of_the_spacing(tmp_path: Path) -> None:
 def test_rate_and_gradient_are_those_of_the_field_between_the_points(tmp_path: Path) -> None:
     """Central differences of the interpolated velocity itself: added mass feels what drag feels."""
     file = metres_field(tmp_path / "gyre.nc", 50.0, 20.0)
-    environment = ocean_of(laisn_sim.load(scenario_file(file, 60.0))).environment
+    environment = ocean_of(SeaSettings.of(laisn_sim.load(scenario_file(file, 60.0)))).environment
     rng = np.random.default_rng(4)
     h = 1e-3
     for _ in range(20):
@@ -116,7 +117,7 @@ def test_a_kilometre_at_60_degrees_north(tmp_path: Path) -> None:
     assert (scenario.origin_latitude_deg, scenario.origin_longitude_deg) == (60.0, 5.0)
     places = np.array([[1000.0, 0.0, 0.0], [0.0, 1000.0, 0.0], [-700.0, 700.0, 0.0]])
     for place, (x_deg, y_deg, _) in zip(
-        places, ocean_of(scenario).velocity(places, 0.0), strict=True
+        places, ocean_of(SeaSettings.of(scenario)).velocity(places, 0.0), strict=True
     ):
         found = enu_of(60.0 + y_deg, 5.0 + x_deg, (60.0, 5.0))
         assert np.hypot(*(found - place[:2])) < 0.3
@@ -196,10 +197,10 @@ def test_packed_numbers_land_and_the_floor(tmp_path: Path) -> None:
     file = tmp_path / "packed.nc"
     dataset.to_netcdf(file, engine="h5netcdf", encoding={"uo": packed})
     scenario = laisn_sim.load(scenario_file(file))
-    ocean = ocean_of(scenario)
+    ocean = ocean_of(SeaSettings.of(scenario))
     below = ocean.velocity(np.array([[0.0, 0.0, -30.0], [0.0, 0.0, -10.0]]), 0.0)
     assert below[0, 0] == below[1, 0] == pytest.approx(0.08, abs=1e-4)
-    field = current_field(scenario)
+    field = current_field(SeaSettings.of(scenario))
     assert field is not None
     # land begins at 0.02° east
     assert field.on_land(np.array([[0.018 * DEGREE_EAST, 0.0], [0.0, 0.0]])).tolist() == [
@@ -210,7 +211,7 @@ def test_packed_numbers_land_and_the_floor(tmp_path: Path) -> None:
 
 def test_only_what_a_mission_needs_is_read(tmp_path: Path) -> None:
     file = write(model_output(), tmp_path / "a.nc")
-    field = current_field(laisn_sim.load(scenario_file(file)))
+    field = current_field(SeaSettings.of(laisn_sim.load(scenario_file(file))))
     assert field is not None
     # of 4 times one behind the end, of 0.1° of longitude the routes and a kilometre about them
     times, depths, _, columns, _ = field.current.grid.velocity.shape
@@ -246,7 +247,7 @@ def test_water_that_rises(tmp_path: Path) -> None:
     shape = dataset.uo.shape
     dataset["wo"] = (dataset.uo.dims, np.broadcast_to(up, shape).copy(), {"units": "m s-1"})
     environment = ocean_of(
-        laisn_sim.load(scenario_file(write(dataset, tmp_path / "a.nc")))
+        SeaSettings.of(laisn_sim.load(scenario_file(write(dataset, tmp_path / "a.nc"))))
     ).environment
     place, motion = (200.0, -90.0, -15.0), (0.3, 0.2, 0.1)
     water = flow(sea_at(environment, 3.0), place, motion, (1.0, 0.0, 0.0))
@@ -265,9 +266,10 @@ def test_campaigns_fly_in_the_field_where_it_lies(tmp_path: Path) -> None:
     toml.write_text(toml.read_text().replace(f"lat = {LATITUDE}", f"lat = {LATITUDE + 5.0}"))
     scenario = laisn_sim.load(toml)
     flown = laisn_sim.fly(scenario).trajectory
-    np.testing.assert_array_equal(simulate_motion(motion_of(scenario)).pose, flown.pose)
+    motion = MotionSettings.of(scenario)
+    np.testing.assert_array_equal(simulate_open_loop(motion).pose, flown.pose)
     elsewhere = laisn_sim.load(toml, {"ocean.origin.longitude_deg": LONGITUDE + 0.01})
-    assert motion_key(elsewhere) != motion_key(scenario)
+    assert key_of(MotionSettings.of(elsewhere)) != key_of(motion)
 
 
 def test_a_flight_in_the_gyre_says_what_was_read_and_meets_it(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from laisn.arrays import Floats
 from laisn_sim.cli.errors import MISSION_FAILED
 from laisn_sim.cli.main import app
 from sim.flight import Termination
+from sim.scenario.parts import SeaSettings, SoundSettings
 from sim.water.assembly import floor_of, rays_of
 from tests.sim.water.field_data import DEGREE_EAST, DEGREE_NORTH, LATITUDE, LONGITUDE, write, xarray
 
@@ -71,7 +72,7 @@ def scenario(folder: Path, dataset: xarray.Dataset, duration: float = 20.0, more
 @pytest.mark.parametrize("dataset", [slope(), gebco()], ids=["metres", "GEBCO"])
 def test_a_slope_is_met_as_it_is(tmp_path: Path, dataset: xarray.Dataset) -> None:
     toml = scenario(tmp_path, dataset)
-    floor = floor_of(laisn_sim.load(toml))
+    floor = floor_of(SeaSettings.of(laisn_sim.load(toml)))
     places = np.random.default_rng(1).uniform(-300.0, 300.0, (50, 2))
     np.testing.assert_allclose(floor.depths_at(*places.T), sloping(*places.T), atol=1e-4)
     assert floor.depth_at(*places[0]) == floor.depths_at(*places[0])
@@ -110,7 +111,7 @@ def test_a_level_floor_of_a_file_is_that_of_the_key(tmp_path: Path) -> None:
 
 def test_echoes_come_from_where_the_floor_reflects_them(tmp_path: Path) -> None:
     """Where equal angles, at a floor that is taken for level there, meet the slope."""
-    rays = rays_of(laisn_sim.load(scenario(tmp_path, slope())))
+    rays = rays_of(SoundSettings.of(laisn_sim.load(scenario(tmp_path, slope()))))
     source, receiver = np.array([10.0, -40.0, -3.0]), np.array([150.0, 60.0, -9.0])
 
     def excess(share: float) -> float:

@@ -33,6 +33,7 @@ from experiments.studies.asymmetry.findings import (
 from experiments.studies.asymmetry.fix_map import closed_form_error
 from experiments.study.measure import facts_of
 from laisn.geometry import pitch_fix_error
+from sim.scenario.parts import MotionSettings
 from sim.trajectory import tilted
 from tests.synthetic import make_scenario, make_trajectory
 
@@ -284,7 +285,7 @@ def test_facts_of_a_pitched_leader_are_those_of_its_motion() -> None:
     """
     pitch, scenario = np.deg2rad(-5.0), make_scenario(60.0)
     flown = tilted(make_trajectory(scenario), pitch, 0.0)
-    (facts,) = facts_of(scenario, flown)
+    (facts,) = facts_of(MotionSettings.of(scenario), flown)
     apart = flown.position[:, 1] - flown.position[:, 0]
     assert facts["leader_pitch_rms_deg"] == pytest.approx(5.0)
     assert facts["leader_pitch_max_deg"] == pytest.approx(5.0)

@@ -22,6 +22,7 @@ from laisn.settings import TightSettings
 from laisn_sim.cli.main import app
 from reports.bound import noise_of
 from reports.findings import Findings, read
+from sim.scenario.parts import SensingSettings
 from sim.scenario.routes import library_route
 
 PARTS = {
@@ -176,9 +177,8 @@ def test_a_bound_leaves_open_what_is_estimated_and_lets_it_walk(
         str(built_in("estimators")["clock"]), {"scenario": "T5", "set": keys, "case": []}
     )
     (entry,) = plan_of(study).entries
-    assert asdict(noise_of(entry.scenario)) == pytest.approx(
-        asdict(TrueNoise()) | expected, rel=1e-12
-    )
+    noise = noise_of(SensingSettings.of(entry.scenario), entry.scenario.navigation)
+    assert asdict(noise) == pytest.approx(asdict(TrueNoise()) | expected, rel=1e-12)
 
 
 @pytest.mark.system

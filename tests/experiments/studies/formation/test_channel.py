@@ -4,23 +4,17 @@ import math
 
 import pytest
 
-from experiments.studies.formation.findings import (
-    asked_interval_s,
-    message_bits,
-    reach_m,
-    shortest_interval_s,
-)
+from experiments.studies.formation.findings import Channel
 from sim.scenario.file import validate
-from sim.scenario.settings import Scenario
 
 
-def formation(**tables: object) -> Scenario:
+def formation(**tables: object) -> Channel:
     stations = [
         {"station": {"behind_m": 29.0, "port_m": 40.0, "depth_m": 10.0}},
         {"station": {"behind_m": 5.0, "port_m": 0.0, "depth_m": 10.0}},
     ]
     base = {"name": "s", "followers": stations, "leader": {"depth_m": 10.0, "baseline_m": 2.0}}
-    return validate(base | {"ocean": {"floor_depth_m": 40.0}} | tables, "test")
+    return Channel.of(validate(base | {"ocean": {"floor_depth_m": 40.0}} | tables, "test"))
 
 
 def test_bits_of_a_message_are_those_of_its_quantities() -> None:
@@ -29,26 +23,26 @@ def test_bits_of_a_message_are_those_of_its_quantities() -> None:
     level = formation(
         leader={"depth_m": 10.0, "broadcast_attitude": False, "broadcast_waypoints": 0}
     )
-    assert message_bits(level) == 17 + 2 * 21 + 12 + 9 + 12 + 16
+    assert level.message_bits == 17 + 2 * 21 + 12 + 9 + 12 + 16
     # with a message every 10 s there are a tenth of the numbers; 900 tilts about two axes take 10
     # bits each
     leader = {"depth_m": 10.0, "broadcast_waypoints": 0}
     slow = formation(leader=leader, timing={"message_interval_s": 10.0})
-    assert message_bits(slow) == 14 + 2 * 21 + 12 + 9 + 12 + 16 + 20
+    assert slow.message_bits == 14 + 2 * 21 + 12 + 9 + 12 + 16 + 20
     # a waypoint is a place and one of 86400 seconds; by default there are two
     routed = formation(leader={"depth_m": 10.0, "broadcast_attitude": False})
-    assert message_bits(routed) == message_bits(level) + 2 * (2 * 21 + 17)
+    assert routed.message_bits == level.message_bits + 2 * (2 * 21 + 17)
 
 
 def test_the_farthest_station_is_measured_from_the_farther_transmitter() -> None:
-    assert reach_m(formation()) == pytest.approx(50.0)
+    assert formation().reach_m == pytest.approx(50.0)
 
 
 def test_passive_followers_share_the_channel_and_interrogating_ones_do_not() -> None:
-    scenario = formation(acoustics={"sound_speed_m_s": 1500.0})
-    bits, way = message_bits(scenario), 50.0 / 1500.0
-    assert shortest_interval_s(scenario, 80.0) == pytest.approx(bits / 80.0 + way)
-    assert asked_interval_s(scenario, 80.0, 50) == pytest.approx(50 * (bits / 80.0 + 2.0 * way))
+    channel = formation(acoustics={"sound_speed_m_s": 1500.0})
+    bits, way = channel.message_bits, 50.0 / 1500.0
+    assert channel.shortest_interval_s(80.0) == pytest.approx(bits / 80.0 + way)
+    assert channel.asked_interval_s(80.0, 50) == pytest.approx(50 * (bits / 80.0 + 2.0 * way))
     assert math.isclose(
-        asked_interval_s(scenario, 80.0, 50), 5.0 * asked_interval_s(scenario, 80.0, 10)
+        channel.asked_interval_s(80.0, 50), 5.0 * channel.asked_interval_s(80.0, 10)
     )

@@ -149,11 +149,9 @@ def test_rules_quote_the_conditions_that_they_name() -> None:
         "stations": Figures(panels=[]),
         "conditions": {},
         "found": findings,
-        "swarm": None,
+        "channel": SimpleNamespace(message_bits=1, reach_m=1.0),
     }
     none = {
-        "message_bits": lambda _: 1,
-        "reach_m": lambda _: 1.0,
         "RATES": (),
         "WEAVES": (),
         "BEHIND": (),
