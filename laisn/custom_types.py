@@ -12,7 +12,7 @@ import dataclasses
 import hashlib
 import io
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from enum import Enum
 from functools import cache
 from pathlib import Path
@@ -28,6 +28,7 @@ from types import (
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from numba import types
 from numba.core.serialize import NumbaPickler
 
@@ -82,7 +83,7 @@ class _Description:
         # so that no other object gets its identity
         self._objects: list[object] = []
 
-    def add(self, value: Any, depth: int = 0) -> None:
+    def add(self, value: object, depth: int = 0) -> None:
         """Describe a value; _UndescribedError if that cannot be done."""
         if depth > _DEEPEST:
             raise _UndescribedError
@@ -96,12 +97,12 @@ class _Description:
             self.lines.append(type(value).__qualname__)
             self._add_object(value, depth + 1)
 
-    def _add_all(self, values: Any, depth: int) -> None:
+    def _add_all(self, values: Iterable[object], depth: int) -> None:
         for value in values:
             self.add(value, depth)
         self.lines.append("end")
 
-    def _add_object(self, value: Any, depth: int) -> None:
+    def _add_object(self, value: object, depth: int) -> None:
         # a dispatcher of numba's
         value = getattr(value, "py_func", value)
         if isinstance(value, type):
@@ -125,7 +126,7 @@ class _Description:
         else:
             self._add_other(value, depth)
 
-    def _add_array(self, value: Any) -> None:
+    def _add_array(self, value: npt.NDArray[Any] | np.dtype[Any]) -> None:
         dtype = value if isinstance(value, np.dtype) else value.dtype
         if dtype.hasobject:
             raise _UndescribedError
@@ -133,7 +134,7 @@ class _Description:
         if isinstance(value, np.ndarray):
             self.lines.append(f"{value.shape} {hashlib.sha256(value.tobytes()).hexdigest()}")
 
-    def _add_other(self, value: Any, depth: int) -> None:
+    def _add_other(self, value: object, depth: int) -> None:
         kind = type(value)
         if isinstance(value, Enum):
             self._add_all([kind, value.name, value.value], depth)

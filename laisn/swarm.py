@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
+import numpy.typing as npt
 from numba import types
 from numba.extending import overload_method
 
@@ -272,7 +273,11 @@ def estimates_of(
 
 
 def _fixes_of(
-    fixes: Any, step: int, reception: Reception | None, state: Floats, covariance: Any
+    fixes: object,
+    step: int,
+    reception: Reception | None,
+    state: Floats,
+    covariance: npt.ArrayLike,
 ) -> list[FixRecord]:
     """Fixes that a navigator's `step` gave; of one that gives none, a fix at its estimate."""
     if isinstance(fixes, list) and all(isinstance(fix, FixRecord) for fix in fixes):

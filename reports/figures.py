@@ -429,7 +429,7 @@ def plotly(panel: Panel) -> Any:
     return Figure(light(panel.figure))
 
 
-def light(value: Any) -> Any:
+def light(value: object) -> Any:
     """A figure with the colours of light pages in place of CSS variables, for use outside a
     page.
     """

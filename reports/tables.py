@@ -30,7 +30,7 @@ class Table:
     `pandas.DataFrame.from_arrow(table)` accept it.
     """
 
-    def __init__(self, arrow: Any) -> None:
+    def __init__(self, arrow: pa.Table) -> None:
         self.arrow = arrow
 
     @classmethod

@@ -110,7 +110,7 @@ def forward_of(quaternion: Quaternion) -> tuple[Any, Any, Any]:
 
 
 @jitable
-def body_point_in_world(pose: Pose, offset: Floats) -> Any:
+def body_point_in_world(pose: Pose, offset: Vector | Floats) -> Any:
     """East, north, up of a point of a hull by its position and quaternion, and the point's
     `offset` in the body [m].
     """

@@ -31,7 +31,7 @@ class StateHistory(NamedTuple):
         return cls(*(np.empty((instants, vehicles, columns)) for columns in (7, 6, 3, effectors)))
 
 
-def row(array: Any, k: int, vehicle: int) -> Any:
+def row(array: Floats, k: int, vehicle: int) -> Any:
     """What an array of shape (n, v, c) holds of a vehicle at an instant, in Python as plain
     numbers.
     """

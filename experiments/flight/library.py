@@ -149,7 +149,7 @@ def as_scenario(
     return _checked(table, changes, name)
 
 
-def text_of(value: Any) -> str:
+def text_of(value: object) -> str:
     """A value as `--set` takes it."""
     if isinstance(value, bool):
         return str(value).lower()

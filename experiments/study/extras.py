@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 from experiments.study.file import Arm, Study
 from laisn.errors import LaisnError
@@ -11,7 +10,7 @@ from laisn.navigators import NAVIGATORS
 VARIANT = "navigation.variant"
 
 
-def missing_for(variant: Any) -> str:
+def missing_for(variant: object) -> str:
     """What a navigator of this project needs that is not installed, and what to do; else empty."""
     spec = NAVIGATORS.get(variant) if isinstance(variant, str) else None
     return spec.missing if spec else ""

@@ -64,7 +64,7 @@ def _factors(assignments: list[str]) -> dict[str, Any]:
     """Lists of values by key; a list is TOML, or values separated by commas."""
     from sim.scenario.file import value_of, values_of
 
-    def listed(value: Any) -> Any:
+    def listed(value: object) -> Any:
         if isinstance(value, str):
             return [value_of(item.strip()) for item in value.split(",")]
         return value if isinstance(value, list | dict) else [value]

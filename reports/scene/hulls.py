@@ -4,6 +4,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from sim import attitude
 from sim.vehicle.effectors import MovingFins, has_fin
@@ -26,11 +27,11 @@ _BLADES = 1.45  # radius of the propeller over that of the nozzle, as the film h
 _BEHIND_M = 0.015  # from the nozzle's end to the propeller
 
 
-def _numbers(values: Any, digits: int) -> list[float]:
+def _numbers(values: npt.ArrayLike, digits: int) -> list[float]:
     return [float(value) for value in np.asarray(values, dtype=np.float64).round(digits).ravel()]
 
 
-def _part(model: Any, geom: int) -> dict[str, Any] | None:
+def _part(model: mujoco.MjModel, geom: int) -> dict[str, Any] | None:
     """A geom; None for one of a kind that no hull has."""
     kind = mujoco.mjtGeom(model.geom_type[geom])
     if kind not in _KINDS:
@@ -56,7 +57,7 @@ def _part(model: Any, geom: int) -> dict[str, Any] | None:
     return geom_record
 
 
-def _propellers(model: Any) -> list[dict[str, Any]]:
+def _propellers(model: mujoco.MjModel) -> list[dict[str, Any]]:
     """Main propellers: effectors abaft that push along the hull. MJCFs show their nozzles alone."""
     nozzle = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, _NOZZLE)
     radius, half = model.geom_size[nozzle][:2] if nozzle >= 0 else _USUAL_NOZZLE_M

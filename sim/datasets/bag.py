@@ -100,9 +100,9 @@ def _text_fields(store: Any, type_name: str, prefix: str = "", depth: int = 0) -
             yield from _text_fields(store, detail, f"{prefix}{name}.", depth + 1)
 
 
-def _value(message: Any, path: Sequence[str]) -> Any:
+def _value(message: object, path: Sequence[str]) -> Any:
     """What a field holds; a number in a path counts elements of a list."""
-    value = message
+    value: Any = message
     for step in path:
         value = value[int(step)] if step.isdigit() else getattr(value, step)
     return value
@@ -169,7 +169,7 @@ def _number(value: Any, request: Request) -> Any:
     )
 
 
-def _stamp_ns(message: Any, logged_ns: int) -> int:
+def _stamp_ns(message: object, logged_ns: int) -> int:
     """Time in the header of a message, where it has one."""
     header = getattr(message, "header", None)
     stamp = getattr(header, "stamp", None)
@@ -178,7 +178,7 @@ def _stamp_ns(message: Any, logged_ns: int) -> int:
     return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
-def _holds(message: Any, where: Sequence[tuple[str, Any]]) -> bool:
+def _holds(message: object, where: Sequence[tuple[str, Any]]) -> bool:
     return all(_value(message, field.split(".")) == expected for field, expected in where)
 
 

@@ -137,7 +137,7 @@ def build(flight: FlightRecord, width_px: int, height_px: int) -> Any:
 class Sea:
     """Floor and moving surface, with the waves of an ocean, of a model made by `build`."""
 
-    def __init__(self, model: Any, ocean: Ocean) -> None:
+    def __init__(self, model: mujoco.MjModel, ocean: Ocean) -> None:
         self._model = model
         self._geom, self._floor = (
             mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, n) for n in ("sea", "seabed")
@@ -170,7 +170,13 @@ class Sea:
         return np.asarray((np.exp(1j * np.outer(y - north, ky)) @ along_x.T).real)
 
     def show(
-        self, centre: Floats, reach: float, time: float, context: Any, *, surface: bool
+        self,
+        centre: Floats,
+        reach: float,
+        time: float,
+        context: mujoco.MjrContext,
+        *,
+        surface: bool,
     ) -> None:
         """Bring floor and surface to where the camera looks, the surface, if it is drawn, as it
         is at `time`.

@@ -6,9 +6,9 @@ discs along their longest axis, so that the text holds the whole hull.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import mujoco
@@ -71,7 +71,7 @@ def _ellipsoid_profile(half: Floats, axis: int) -> tuple[Floats, Floats]:
     return -half[axis] * np.cos(angle), math.sqrt(float(np.prod(others))) * np.sin(angle)
 
 
-def _shapes_of(model: Any, geom: int) -> Iterator[RobotShape]:
+def _shapes_of(model: mujoco.MjModel, geom: int) -> Iterator[RobotShape]:
     kinds = mujoco.mjtGeom
     kind = kinds(model.geom_type[geom])
     material = model.geom_matid[geom]
@@ -113,7 +113,7 @@ def _shapes_of(model: Any, geom: int) -> Iterator[RobotShape]:
             )
 
 
-def _words(values: Any) -> str:
+def _words(values: Iterable[float]) -> str:
     return " ".join(f"{value:.6g}" for value in values)
 
 

@@ -54,17 +54,17 @@ def _line(
     )
 
 
-def _cylinder(pose: Any, size: Sequence[float], color: fg.Color) -> fg.CylinderPrimitive:
+def _cylinder(pose: fg.Pose, size: Sequence[float], color: fg.Color) -> fg.CylinderPrimitive:
     return fg.CylinderPrimitive(
         pose=pose, size=vector(size), bottom_scale=1.0, top_scale=1.0, color=color
     )
 
 
-def _sphere(pose: Any, size: Sequence[float], color: fg.Color) -> fg.SpherePrimitive:
+def _sphere(pose: fg.Pose, size: Sequence[float], color: fg.Color) -> fg.SpherePrimitive:
     return fg.SpherePrimitive(pose=pose, size=vector(size), color=color)
 
 
-def hull(model: Any) -> dict[str, list[Any]]:
+def hull(model: mujoco.MjModel) -> dict[str, list[Any]]:
     """Everything visible of a compiled vehicle, in its body frame, as fields of a SceneEntity."""
     parts: dict[str, list[Any]] = {"cylinders": [], "spheres": [], "cubes": [], "triangles": []}
     kinds = mujoco.mjtGeom

@@ -17,6 +17,7 @@ from foxglove import Schema
 from foxglove.messages import Pose, Quaternion, Timestamp, Vector3
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto as Field
+from google.protobuf.message import Message
 from mcap.well_known import SchemaEncoding
 
 from laisn.arrays import Ints
@@ -92,7 +93,7 @@ class FixedLayout(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def fixed_layout(message_class: Any) -> FixedLayout | None:
+def fixed_layout(message_class: type[Message]) -> FixedLayout | None:
     """The layout of messages of a type; None if one of its fields is no number of eight bytes."""
     fields = sorted(message_class.DESCRIPTOR.fields, key=lambda field: field.number)
     if not fields or any(field.type not in _FORMATS or field.is_repeated for field in fields):

@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from laisn.arrays import Floats
 from laisn.compiled import jitable
 from sim.attitude import Vector, body_point_in_world
 from sim.scenario.parts import SensingSettings
@@ -115,7 +116,7 @@ NO_PINGS = (((0.0, 0.0, 0.0), (NO_ARRIVAL, NO_ARRIVAL, NO_ARRIVAL)),) * 3
 
 
 @jitable
-def site_at(s: Sound, motion: Motion, vehicle: int, offset: Any, time: float) -> Vector:
+def site_at(s: Sound, motion: Motion, vehicle: int, offset: Vector | Floats, time: float) -> Vector:
     """East, north and up of a site at a time that is known; at a later one, where it is last
     known [m].
     """

@@ -9,7 +9,7 @@ follower's vehicle is the one after.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, NamedTuple, Self
@@ -118,7 +118,7 @@ def sensor_model_of(
 
 
 @jitable
-def _write_channels(values: Any, column: int, row: Floats) -> None:
+def _write_channels(values: Sequence[float], column: int, row: Floats) -> None:
     """Write the channels of a sensor from a column on."""
     for i in range(len(values)):
         row[column + i] = values[i]
@@ -134,7 +134,7 @@ def true_readings(e: sensors.SensorErrors, at: sensors.Instant, true: Floats) ->
 
 
 @jitable
-def read_own(e: sensors.SensorErrors, address: Address, true: Any, reading: Floats) -> None:
+def read_own(e: sensors.SensorErrors, address: Address, true: Floats, reading: Floats) -> None:
     """Read the own sensors at an address of the noise, by values of `true_readings`; both of
     shape (3,).
     """

@@ -35,7 +35,7 @@ from laisn.messages import LeaderMessage
 from laisn.navigators import FARTHEST, FASTEST
 from laisn.plugins import find_class
 from laisn.swarm import READING
-from sim.attitude import body_point_in_world, heading_of, pitch_of, roll_of, rotated
+from sim.attitude import Vector, body_point_in_world, heading_of, pitch_of, roll_of, rotated
 from sim.scenario.parts import SensingSettings
 from sim.scenario.section import in_si
 from sim.scenario.sensors import Acoustics, Sensors
@@ -260,6 +260,10 @@ def further_errors_of(sensing: SensingSettings, follower: int = 0) -> dict[str, 
     return {name: errors_of(sensing, follower, named_link(links, name)) for name in links.further}
 
 
+Numbers = Sequence[float] | Floats
+"""True values, or draws, of one reading."""
+
+
 class Instant(NamedTuple):
     """True state of a vehicle at an instant, as the sensors of every vehicle see it, in numbers.
 
@@ -282,7 +286,7 @@ class Instant(NamedTuple):
 def instant_of(
     clock: tuple[float, int],
     motion: tuple[Any, Any, Any],
-    depth_sensor: Any,
+    depth_sensor: Vector | Floats,
     tilt: tuple[float, float],
 ) -> Instant:
     """What the sensors of a vehicle may see.
@@ -390,12 +394,12 @@ class SpeedLog(Sensor):
     channels: ClassVar = {"speed": "m/s"}
     stream = Stream.OWN_MOTION
 
-    def true(self: Any, state: Any, environment: Any) -> tuple[float]:
+    def true(self: Any, state: Instant, environment: Environment | None) -> tuple[float]:
         """Speed through the water along the hull, and the drift of the bias."""
         swing = drift(self, self.speed_drift, self.speed_drift_phase, state.follower, state.time)
         return (state.speed + swing,)
 
-    def read(self: Any, true: Any, draws: Any) -> tuple[float]:
+    def read(self: Any, true: Numbers, draws: tuple[float, float]) -> tuple[float]:
         """As `read_speed`."""
         return (read_speed(self, true[0], draws),)
 
@@ -407,13 +411,13 @@ class Compass(Sensor):
     channels: ClassVar = {"heading": "rad"}
     stream = Stream.OWN_MOTION
 
-    def true(self: Any, state: Any, environment: Any) -> tuple[float]:
+    def true(self: Any, state: Instant, environment: Environment | None) -> tuple[float]:
         """Heading, and the drift of the bias."""
         phase = self.heading_drift_phase
         swing = drift(self, self.heading_drift, phase, state.follower, state.time)
         return (state.heading + swing,)
 
-    def read(self: Any, true: Any, draws: Any) -> tuple[float]:
+    def read(self: Any, true: Numbers, draws: tuple[float, float]) -> tuple[float]:
         """As `read_heading`."""
         return (read_heading(self, true[0], draws),)
 
@@ -425,11 +429,11 @@ class PressureSensor(Sensor):
     channels: ClassVar = {"depth": "m"}
     stream = Stream.DEPTH
 
-    def true(self: Any, state: Any, environment: Any) -> tuple[float]:
+    def true(self: Any, state: Instant, environment: Environment | None) -> tuple[float]:
         """Depth of the sensor's place in the hull."""
         return (state.depth,)
 
-    def read(self: Any, true: Any, draws: Any) -> tuple[float]:
+    def read(self: Any, true: Numbers, draws: tuple[float, float]) -> tuple[float]:
         """As `read_depth`."""
         return (read_depth(self, true[0], draws),)
 
@@ -445,11 +449,11 @@ class Inclinometer(Sensor):
     period: float = 0.0
     tilt_sigma: float = SensorErrors().tilt_sigma
 
-    def true(self, state: Any, environment: Any) -> tuple[float]:
+    def true(self, state: Instant, environment: Environment | None) -> tuple[float]:
         """Pitch, positive nose up."""
         return (state.pitch,)
 
-    def read(self, true: Any, draws: Any) -> tuple[float]:
+    def read(self, true: Numbers, draws: Numbers) -> tuple[float]:
         """Pitch with its error."""
         return (true[0] + self.tilt_sigma * draws[0],)
 
@@ -465,11 +469,11 @@ class Gyros(Sensor):
     period: float = 0.0
     gyro_sigma: float = SensorErrors().gyro_sigma
 
-    def true(self, state: Any, environment: Any) -> tuple[float, float]:
+    def true(self, state: Instant, environment: Environment | None) -> tuple[float, float]:
         """Rates about the hull's upward axis, positive to port, and its port axis, nose down."""
         return (state.angular_velocity[2], state.angular_velocity[1])
 
-    def read(self, true: Any, draws: Any) -> tuple[float, float]:
+    def read(self, true: Numbers, draws: Numbers) -> tuple[float, float]:
         """Rates with their errors."""
         return (true[0] + self.gyro_sigma * draws[0], true[1] + self.gyro_sigma * draws[1])
 
@@ -481,11 +485,11 @@ class LeaderCompass(Sensor):
     channels: ClassVar = {"heading": "rad"}
     stream = Stream.LEADER_MOTION
 
-    def true(self: Any, state: Any, environment: Any) -> tuple[float]:
+    def true(self: Any, state: Instant, environment: Environment | None) -> tuple[float]:
         """Heading."""
         return (state.heading,)
 
-    def read(self: Any, true: Any, draws: Any) -> tuple[float]:
+    def read(self: Any, true: Numbers, draws: tuple[float, float]) -> tuple[float]:
         """As `read_leader_heading`."""
         return (read_leader_heading(self, true[0], draws),)
 
@@ -497,11 +501,11 @@ class LeaderSpeedLog(Sensor):
     channels: ClassVar = {"speed": "m/s"}
     stream = Stream.LEADER_MOTION
 
-    def true(self: Any, state: Any, environment: Any) -> tuple[float]:
+    def true(self: Any, state: Instant, environment: Environment | None) -> tuple[float]:
         """Speed through the water along the hull."""
         return (state.speed,)
 
-    def read(self: Any, true: Any, draws: Any) -> tuple[float]:
+    def read(self: Any, true: Numbers, draws: tuple[float, float]) -> tuple[float]:
         """As `read_leader_speed`."""
         return (read_leader_speed(self, true[0], draws),)
 
@@ -513,11 +517,11 @@ class LeaderPressureSensor(Sensor):
     channels: ClassVar = {"depth": "m"}
     stream = Stream.LEADER_DEPTH
 
-    def true(self: Any, state: Any, environment: Any) -> tuple[float]:
+    def true(self: Any, state: Instant, environment: Environment | None) -> tuple[float]:
         """Depth."""
         return (state.depth,)
 
-    def read(self: Any, true: Any, draws: Any) -> tuple[float]:
+    def read(self: Any, true: Numbers, draws: tuple[float, float]) -> tuple[float]:
         """As `read_leader_depth`."""
         return (read_leader_depth(self, true[0], draws),)
 
@@ -533,11 +537,11 @@ class LeaderAttitude(Sensor):
     stream = Stream.LEADER_ATTITUDE
     normals = 4
 
-    def true(self: Any, state: Any, environment: Any) -> tuple[float, float]:
+    def true(self: Any, state: Instant, environment: Environment | None) -> tuple[float, float]:
         """Pitch and roll with what accelerations add; NaN where they are not measured."""
         return (state.pitch + state.tilt[0], state.roll + state.tilt[1])
 
-    def read(self: Any, true: Any, draws: Any) -> tuple[float, float]:
+    def read(self: Any, true: Numbers, draws: Numbers) -> tuple[float, float]:
         """As `read_leader_attitude`."""
         return (
             read_leader_attitude(self, true[0], (draws[0], draws[2])),
@@ -582,7 +586,7 @@ LEADER_ATTITUDE = (_compiled_sensor(LeaderAttitude, LeaderMessage._fields),)
 
 
 @formula
-def longest_range(true: Any, transmitters: int) -> Any:
+def longest_range(true: Numbers, transmitters: int) -> float:
     """Longest of the ranges to the rear, front and, of three transmitters, middle one; 0 if none
     is received.
     """

@@ -68,7 +68,7 @@ def _advice() -> str:
     return "install a release that passes: pip install 'mujoco==4.0.0'"
 
 
-def _calls_of(model: Any, data: Any) -> Calls:
+def _calls_of(model: mujoco.MjModel, data: mujoco.MjData) -> Calls:
     library = _library()
     addresses = [ctypes.cast(getattr(library, name), ctypes.c_void_p).value for name in STAGES]
     return Calls(cast(Any, tuple(addresses)), int(model._address), int(data._address))
@@ -132,7 +132,7 @@ def _require_tested() -> None:
             return
 
 
-def calls_of(model: Any, data: Any) -> Calls:
+def calls_of(model: mujoco.MjModel, data: mujoco.MjData) -> Calls:
     """Addresses for compiled steps of an MjModel and its MjData.
 
     LaisnError if this release of MuJoCo does not step as `mj_step` does by these stages.

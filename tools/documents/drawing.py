@@ -3,7 +3,7 @@ pages.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -85,7 +85,7 @@ def _draw(axes: Axes, subplot: Subplot, points: int) -> None:
             axes.plot(*ends, color=line.colour.light, linewidth=1.4)
 
 
-def _ticks(set_ticks: Any, ticks: Ticks) -> None:
+def _ticks(set_ticks: Callable[..., object], ticks: Ticks) -> None:
     if isinstance(ticks, dict):
         set_ticks(list(ticks), list(ticks.values()))
     elif ticks:

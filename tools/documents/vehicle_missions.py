@@ -22,6 +22,7 @@ from sim.scenario.file import ScenarioError
 from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import Scenario
 from sim.scenario.vehicle_routes import route_of
+from sim.scenario.vehicles import Vehicle
 from sim.tracking import cross_track, off_station
 from sim.trial import track_deviations, trial
 
@@ -88,7 +89,7 @@ def retimed(table: dict[str, Any]) -> dict[str, Any]:
     if limits.least_speed > 0.0:
         slowest = 1.2 * limits.least_speed + scenario.ocean.current_speed_m_s
 
-    def in_time(key: str, of: Any) -> dict[str, Any]:
+    def in_time(key: str, of: Vehicle) -> dict[str, Any]:
         route = route_of(of, key)
         current = scenario.ocean.current_at(vehicle.layer_m, 0.0)
         ways = np.diff(route.waypoint, axis=0) / route.leg_length[:, None]
