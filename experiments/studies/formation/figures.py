@@ -58,6 +58,6 @@ def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, 
         "interval": lambda key, digits=2: with_limits(record[key], digits),
         "share": lambda key: share_of(record[key]),
         "stations": Figures(panels=[picture(record, conditions)], legend=legend),
-        "channel": limits.Channel.of(load_scenario("swarm", ())),
+        "channel": limits.LeaderBroadcast.of(load_scenario("swarm", ())),
         "limits": limits,
     }

@@ -41,7 +41,7 @@ def _bits(span: float, step: float) -> int:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Channel:
+class LeaderBroadcast:
     """A leader's broadcast to followers on stations, and what it takes of the channel."""
 
     leader: Leader

@@ -4,17 +4,17 @@ import math
 
 import pytest
 
-from experiments.studies.formation.findings import Channel
+from experiments.studies.formation.findings import LeaderBroadcast
 from sim.scenario.file import validate
 
 
-def formation(**tables: object) -> Channel:
+def formation(**tables: object) -> LeaderBroadcast:
     stations = [
         {"station": {"behind_m": 29.0, "port_m": 40.0, "depth_m": 10.0}},
         {"station": {"behind_m": 5.0, "port_m": 0.0, "depth_m": 10.0}},
     ]
     base = {"name": "s", "followers": stations, "leader": {"depth_m": 10.0, "baseline_m": 2.0}}
-    return Channel.of(validate(base | {"ocean": {"floor_depth_m": 40.0}} | tables, "test"))
+    return LeaderBroadcast.of(validate(base | {"ocean": {"floor_depth_m": 40.0}} | tables, "test"))
 
 
 def test_bits_of_a_message_are_those_of_its_quantities() -> None:
