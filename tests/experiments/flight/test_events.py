@@ -110,7 +110,7 @@ def test_a_leader_too_fast_for_followers_is_reported() -> None:
         "followers": [{"station": {"behind_m": 10.0, "depth_m": 10.0}}],
     }
     with pytest.raises(ValueError, match=r"waypoint 3 followers at 10 m would need 5\.2 m/s"):
-        validate(table, "test", feasibility._leader_too_fast)
+        validate(table, "test", lambda s: feasibility._leader_too_fast(MotionSettings.of(s)))
 
 
 def test_avoidance_is_reported_with_first_time_and_duration() -> None:
