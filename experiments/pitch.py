@@ -103,10 +103,10 @@ class PitchGeometry:
         error = math.hypot(fix.east - position.east, fix.north - position.north)
         return PitchedFix(fix.east, fix.north, error, fix.kind == FixKind.ASTERN)
 
-    def _range(self, place: Point, front: tuple[float, float, float], sign: float) -> float:
+    def _range(self, position: Point, front: tuple[float, float, float], sign: float) -> float:
         """Slant range from the front transmitter (1) or the rear one (−1) [m]."""
         east, north, up = (sign * component for component in front)
-        return math.hypot(place.east - east, place.north - north, -self.below - up)
+        return math.hypot(position.east - east, position.north - north, -self.below - up)
 
     def at(self, bearing_deg: float) -> PitchedFix:
         """The fix at the leader's pitch."""

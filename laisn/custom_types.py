@@ -120,7 +120,7 @@ class _Description:
         elif isinstance(value, set | frozenset):
             self._add_all(sorted(value, key=repr), depth)
         elif isinstance(value, Mapping):
-            self._add_all((part for item in value.items() for part in item), depth)
+            self._add_all((entry for item in value.items() for entry in item), depth)
         elif isinstance(value, np.ndarray | np.generic | np.dtype):
             self._add_array(np.asarray(value) if not isinstance(value, np.dtype) else value)
         else:
@@ -159,7 +159,7 @@ class _Description:
         self._add_all(value.__bases__, depth)
         contents = vars(value)
         names = [name for name in sorted(contents) if not name.startswith("__")]
-        self._add_all((part for name in names for part in (name, contents[name])), depth)
+        self._add_all((entry for name in names for entry in (name, contents[name])), depth)
 
     def _add_function(self, function: FunctionType, depth: int) -> None:
         cells = [cell.cell_contents for cell in function.__closure__ or ()]
@@ -177,7 +177,7 @@ class _Description:
             if isinstance(read[name], ModuleType) and not _is_shared(read[name].__name__):
                 contents = vars(read[name])
                 inner = sorted(names & contents.keys())
-                self._add_all((part for key in inner for part in (key, contents[key])), depth)
+                self._add_all((entry for key in inner for entry in (key, contents[key])), depth)
 
     def _add_code(self, code: CodeType, depth: int) -> set[str]:
         """Describe code; the names that it and the code within read."""

@@ -259,11 +259,11 @@ class SeparateNavigators:
 def estimates_of(
     kind: type[Estimates],
     record: SwarmRecord,
-    made: tuple[int, Sequence[FixRecord]],
+    follower_fixes: tuple[int, Sequence[FixRecord]],
     steps: range,
 ) -> Estimates:
     """As `SwarmRecord.estimates`, of a follower, by its index, with the fixes that it made."""
-    follower, fixes = made
+    follower, fixes = follower_fixes
     rows = slice(steps.start, steps.stop)
     fix_step = np.array([fix.step for fix in fixes], dtype=np.int64)
     in_part = [

@@ -53,14 +53,14 @@ def _routes(paths: list[PlannedPath]) -> list[Line]:
     ]
 
 
-def _arrows(place: Floats, velocity: Floats, scale: float) -> Line:
+def _arrows(tail: Floats, velocity: Floats, scale: float) -> Line:
     """Arrows of velocities, shape (n, 2), [m/s], from places, [m]; `scale` is of m for m/s."""
     arrow = scale * velocity
     aside = np.column_stack([-arrow[:, 1], arrow[:, 0]])
-    tip = place + arrow
+    tip = tail + arrow
     barbs = [tip - 0.3 * arrow + side * aside for side in (0.15, -0.15)]
-    gap = np.full(place.shape, np.nan)
-    points = np.stack([place, tip, barbs[0], tip, barbs[1], gap], axis=1).reshape(-1, 2)
+    gap = np.full(tail.shape, np.nan)
+    points = np.stack([tail, tip, barbs[0], tip, barbs[1], gap], axis=1).reshape(-1, 2)
     return Line(x=points[:, 0], y=points[:, 1], colour=SERIES[0], width=1.2, name="current")
 
 

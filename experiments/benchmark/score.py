@@ -224,8 +224,8 @@ def runs_of(folder: Path) -> list[FollowerRun]:
     return sorted(runs, key=lambda run: (order[run.mission], run.seed, run.follower))
 
 
-def _path(folder: Path, part: str, run: FollowerRun) -> Path:
-    return folder / part / run.mission / f"{run.seed:02d}" / f"{run.follower}.csv"
+def _path(folder: Path, subfolder: str, run: FollowerRun) -> Path:
+    return folder / subfolder / run.mission / f"{run.seed:02d}" / f"{run.follower}.csv"
 
 
 def truth_of(folder: Path, run: FollowerRun) -> Truth:

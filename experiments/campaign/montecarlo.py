@@ -63,7 +63,7 @@ class CellSettings:
         places = transmitter_places(scenario.leader)
         return cls(
             motion=MotionSettings.of(scenario),
-            transmitters=tuple((name, *place) for name, place in places.items()),
+            transmitters=tuple((name, *offset) for name, offset in places.items()),
             sensing=replace(SensingSettings.of(scenario), run=0),
             navigation=scenario.navigation,
         )

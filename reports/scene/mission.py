@@ -362,7 +362,7 @@ def known_from(flight: FlightRecord) -> list[float]:
 
 
 def meta_of(
-    flight: FlightRecord, hulls: SceneHulls, duration: float, part: SceneUpdate
+    flight: FlightRecord, hulls: SceneHulls, duration: float, update: SceneUpdate
 ) -> dict[str, Any]:
     """What a page tells beside the arrays of a part, without events."""
     truth = flight.trajectory
@@ -385,11 +385,11 @@ def meta_of(
         "words": fix_words(),
         "refusedKinds": [int(kind) for kind in REFUSED],
         "events": [],
-        "messagesRefused": sorted(part.refused),
+        "messagesRefused": sorted(update.refused),
         "locks": [],
         "opening": float(truth.time[-1]),
         "follow": 1 if len(flight.estimates) == 1 else -1,
-        "arrays": part.packer.table(),
+        "arrays": update.packer.table(),
     }
 
 

@@ -111,12 +111,12 @@ def diamond(radius: float) -> Triangles:
     return mesh(radius * _TIPS, _FACES)
 
 
-def triangles_of(part: Mapping[str, Any], *, at_origin: bool = False) -> Triangles:
+def triangles_of(geom: Mapping[str, Any], *, at_origin: bool = False) -> Triangles:
     """The surface of a part of `reports.scene.hulls.hull` in the hull's axes, perhaps moved to
     its origin.
     """
-    a, b, c = part["size"]
-    match part["kind"]:
+    a, b, c = geom["size"]
+    match geom["kind"]:
         case "cylinder":
             shape = cylinder(a, b)
         case "capsule":
@@ -129,10 +129,10 @@ def triangles_of(part: Mapping[str, Any], *, at_origin: bool = False) -> Triangl
             shape = ellipsoid(np.array([a, b, c]))
         case _:
             shape = mesh(
-                np.array(part["points"]).reshape(-1, 3), np.array(part["faces"]).reshape(-1, 3)
+                np.array(geom["points"]).reshape(-1, 3), np.array(geom["faces"]).reshape(-1, 3)
             )
-    turn = np.array(part["turn"])
-    offset = np.zeros(3) if at_origin else np.array(part["at"])
+    turn = np.array(geom["turn"])
+    offset = np.zeros(3) if at_origin else np.array(geom["at"])
     return Triangles(
         attitude.rotate(turn, shape.points) + offset,
         attitude.rotate(turn, shape.normals),

@@ -185,20 +185,20 @@ def corrected_stamps(stamps: Ints, recorded: Ints) -> Stamps:
     remarks = list[str]()
     ends = [*places[1:], stamps.size][: len(places)]
     begin = 0
-    for place, end in zip(places, ends, strict=True):
-        earlier = slice(max(begin, place - _BESIDE), place)
-        later = slice(place, min(end, place + _BESIDE))
+    for index, end in zip(places, ends, strict=True):
+        earlier = slice(max(begin, index - _BESIDE), index)
+        later = slice(index, min(end, index + _BESIDE))
         difference = _delay(corrected[earlier], recorded[earlier]) - _delay(
             corrected[later], recorded[later]
         )
         if not abs(difference) > interval:
             continue
         shift = round(difference)
-        corrected[place:] += shift
-        begin = place
+        corrected[index:] += shift
+        begin = index
         direction = "back" if shift > 0 else "forward"
         remarks.append(
-            f"stamps step {direction} by {abs(shift) / 1e9:.6g} s after message {place}, by the "
+            f"stamps step {direction} by {abs(shift) / 1e9:.6g} s after message {index}, by the "
             "times of recording; later ones are shifted by as much"
         )
     return Stamps(corrected, remarks)

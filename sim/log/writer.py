@@ -132,9 +132,9 @@ def poses(topic: str, time_ns: Ints, position: Column, quaternion: Column) -> Lo
 
     encoder = TimedNumbers(pose_at)
 
-    def rows(part: slice) -> list[bytes]:
-        numbers = np.hstack([_stretch(position, part), _stretch(quaternion, part)])
-        return encoder.rows(time_ns[part], numbers)
+    def rows(block: slice) -> list[bytes]:
+        numbers = np.hstack([_stretch(position, block), _stretch(quaternion, block)])
+        return encoder.rows(time_ns[block], numbers)
 
     return LogChannel(topic, fg.PoseInFrame.get_schema(), time_ns, rows)
 
@@ -201,9 +201,11 @@ def _transforms(
 
     encoders = [encoder_of(*frames) for frames in zip(parents, children, strict=True)]
 
-    def rows(part: slice) -> Iterator[bytes]:
-        numbers = np.concatenate([position[part], attitudes[part]], axis=2)
-        columns = [encoder.rows(time_ns[part], numbers[:, c]) for c, encoder in enumerate(encoders)]
+    def rows(block: slice) -> Iterator[bytes]:
+        numbers = np.concatenate([position[block], attitudes[block]], axis=2)
+        columns = [
+            encoder.rows(time_ns[block], numbers[:, c]) for c, encoder in enumerate(encoders)
+        ]
         return (repeated(transforms) for transforms in zip(*columns, strict=True))
 
     return LogChannel(topic, fg.FrameTransforms.get_schema(), time_ns, rows)
@@ -605,36 +607,40 @@ class FlightLog:
         instants = math.floor((self._written_s - TRAIL_S - _MARGIN_S) / CONTROL_STEP_S)
         return max(instants // grid, 0) * grid // stride
 
-    def _append(self, part: FlightRecord, *, is_last: bool) -> None:
+    def _append(self, stretch: FlightRecord, *, is_last: bool) -> None:
         """Write what is new of a part of the flight; unless it is the last, in whole blocks."""
-        clock = Clock(part.scenario.epoch)
+        clock = Clock(stretch.scenario.epoch)
         if self._hulls is None:
-            self._hulls = VisibleHulls(MissionPlan.of(part.scenario).models)
-        channels = _channels(part, self._hulls, self._video)
+            self._hulls = VisibleHulls(MissionPlan.of(stretch.scenario).models)
+        channels = _channels(stretch, self._hulls, self._video)
         if self._file is None:
             self._file = BlockFile(self._partial)
-            self._file.describe(partial(_describe, part))
-        end_ns = int(clock.ns(float(part.trajectory.time[-1])))
+            self._file.describe(partial(_describe, stretch))
+        end_ns = int(clock.ns(float(stretch.trajectory.time[-1])))
         end_ns = END_NS if is_last else end_ns // BLOCK_NS * BLOCK_NS
         self._file.append(channels, self._written_ns, end_ns)
         self._written_ns = end_ns
         self._written_s = (end_ns - clock.epoch_ns) / 1e9
 
     def _end(
-        self, part: FlightRecord, outcome: Termination, summary: str | None, events: Iterable[Event]
+        self,
+        stretch: FlightRecord,
+        outcome: Termination,
+        summary: str | None,
+        events: Iterable[Event],
     ) -> None:
         """Write the last part, and what only the whole flight tells, of times before as well."""
-        self._append(part, is_last=True)
+        self._append(stretch, is_last=True)
         file = cast(BlockFile, self._file)
-        clock = Clock(part.scenario.epoch)
+        clock = Clock(stretch.scenario.epoch)
         lines = sorted(events, key=lambda line: line.time_s)
-        end_s = float(part.trajectory.time[-1])
+        end_s = float(stretch.trajectory.time[-1])
         lines.append(_ending(end_s, outcome))
         file.append_block([_lines(lines, clock)])
         if summary is not None:
             file.describe(partial(_attach, clock.epoch_ns, {SUMMARY: summary.encode()}))
         # of records with one name, the last one counts
-        facts = _facts(part, outcome)
+        facts = _facts(stretch, outcome)
         file.describe(lambda mcap: mcap.write_metadata(FLIGHT, facts))
         file.finish()
         os.replace(self._partial, self._path)

@@ -83,7 +83,7 @@ class SoundSettings:
     @classmethod
     def of(cls, scenario: Scenario) -> Self:
         """The sound in a scenario's sea."""
-        beacons = tuple(place for link in scenario.links for place in link.beacons_m)
+        beacons = tuple(beacon for link in scenario.links for beacon in link.beacons_m)
         return cls(acoustics=scenario.acoustics, sea=SeaSettings.of(scenario), beacons_m=beacons)
 
 

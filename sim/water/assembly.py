@@ -97,8 +97,8 @@ def extent_of(sound: SoundSettings) -> Extent:
     room.
     """
     places = planned_places(sound.sea.plan)
-    places += [np.array([place]) for place in sound.beacons_m]
-    deepest = max(float(place[:, 2].max()) for place in places)
+    places += [np.array([beacon]) for beacon in sound.beacons_m]
+    deepest = max(float(path[:, 2].max()) for path in places)
     farthest = max(
         float(np.hypot(*(a[:, :2] - b[:, :2]).T).max())
         for i, a in enumerate(places)

@@ -383,7 +383,7 @@ def _keep(
     left: tuple[float, float],
     right: tuple[float, float],
     count: int,
-    found: Floats,
+    candidates: Floats,
 ) -> int:
     """Add the eigenray between two angles and misses, if these have different signs."""
     if (left[1] < 0.0) == (right[1] < 0.0) or count == MOST_RAYS:
@@ -393,12 +393,14 @@ def _keep(
     if ray.time != ray.time:
         return count
     for number in range(4):
-        found[count, number] = ray[number]
+        candidates[count, number] = ray[number]
     return count + 1
 
 
 @compiled
-def roots(w: Water, places: tuple[float, float, float], fan: Fan, rays: int, found: Floats) -> int:
+def roots(
+    w: Water, places: tuple[float, float, float], fan: Fan, rays: int, candidates: Floats
+) -> int:
     """Eigenrays among the rays of a fan.
 
     Args:
@@ -406,7 +408,7 @@ def roots(w: Water, places: tuple[float, float, float], fan: Fan, rays: int, fou
         places: depths of source and receiver, and their horizontal distance [m].
         fan: rays from the source at that distance.
         rays: how many it has.
-        found: out, fields of `Eigenray`, shape (16, 4).
+        candidates: out, fields of `Eigenray`, shape (16, 4).
 
     Returns:
         How many there are, at most 16.
@@ -418,7 +420,7 @@ def roots(w: Water, places: tuple[float, float, float], fan: Fan, rays: int, fou
         right = fan.angle[j], fan.depth[j] - receiver
         if left[1] != left[1] or right[1] != right[1]:
             continue
-        count = _keep(w, places, left, right, count, found)
+        count = _keep(w, places, left, right, count, candidates)
         if j + 1 < rays and fan.depth[j + 1] == fan.depth[j + 1]:
             turn = _turning_angle(fan, j, receiver)
             if turn == turn:
@@ -426,8 +428,8 @@ def roots(w: Water, places: tuple[float, float, float], fan: Fan, rays: int, fou
                 lowest = turn, trace(w, places[0], turn, places[2], steps).depth - receiver
                 # left and right are of one sign
                 beside = fan.angle[j + 1], fan.depth[j + 1] - receiver
-                count = _keep(w, places, left, lowest, count, found)
-                count = _keep(w, places, lowest, beside, count, found)
+                count = _keep(w, places, left, lowest, count, candidates)
+                count = _keep(w, places, lowest, beside, count, candidates)
     return count
 
 
@@ -464,7 +466,7 @@ def _steep_ray(w: Water, places: tuple[float, float, float]) -> Eigenray:
 
 
 @compiled
-def eigenrays(w: Water, source: float, receiver: float, reach: float, found: Floats) -> int:
+def eigenrays(w: Water, source: float, receiver: float, reach: float, candidates: Floats) -> int:
     """All rays of a path that join two depths at a horizontal distance [m].
 
     Args:
@@ -472,7 +474,7 @@ def eigenrays(w: Water, source: float, receiver: float, reach: float, found: Flo
         source: depth between surface and floor [m].
         receiver: the same.
         reach: horizontal distance [m].
-        found: out, fields of `Eigenray`, shape (16, 4).
+        candidates: out, fields of `Eigenray`, shape (16, 4).
 
     Returns:
         How many there are, at most 16.
@@ -480,14 +482,14 @@ def eigenrays(w: Water, source: float, receiver: float, reach: float, found: Flo
     deep = drop(w, source, receiver)
     if reach == 0.0 and deep == 0.0:
         for number in range(4):
-            found[0, number] = 0.0
+            candidates[0, number] = 0.0
         return 1
     places = source, receiver, reach
     if not may_turn(w.profile, reach, deep):
         ray = _steep_ray(w, places)
         if ray.time == ray.time:
             for number in range(4):
-                found[0, number] = ray[number]
+                candidates[0, number] = ray[number]
             return 1
     last = min(steepest(w.profile, source, reach, deep) + 1e-3, 0.5 * math.pi - 1e-6)
     angles = (-last, 2.0 * last / (FAN - 1))
@@ -497,16 +499,16 @@ def eigenrays(w: Water, source: float, receiver: float, reach: float, found: Flo
         depths[j] = trace(w, source, angles[0] + j * angles[1], reach, steps).depth
     room = Fan(np.empty(3 * FAN), np.empty(3 * FAN))
     rays = add_edges(w, source, reach, angles, depths, room)
-    return roots(w, places, room, rays, found)
+    return roots(w, places, room, rays, candidates)
 
 
 @jitable
-def earliest_of(found: Floats, count: int) -> Eigenray:
+def earliest_of(candidates: Floats, count: int) -> Eigenray:
     """The ray that arrives first; `NO_RAY` if there is none."""
     best = NO_RAY
     for k in range(count):
-        if not best.time <= found[k, 0]:
-            best = Eigenray(found[k, 0], found[k, 1], found[k, 2], found[k, 3])
+        if not best.time <= candidates[k, 0]:
+            best = Eigenray(candidates[k, 0], candidates[k, 1], candidates[k, 2], candidates[k, 3])
     return best
 
 

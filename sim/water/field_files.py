@@ -154,11 +154,11 @@ class CurrentField:
     land: Bools  # columns without water, shape (j, i)
     report: str  # what was read, in a line
 
-    def on_land(self, place: Floats) -> Bools:
+    def on_land(self, position: Floats) -> Bools:
         """Whether the nearest points of the grid to places, shape (n, 2), [m], are land."""
         grid = self.current.grid
-        i = _nearest(grid.east, place[:, 0])
-        j = _nearest(grid.north, place[:, 1])
+        i = _nearest(grid.east, position[:, 0])
+        j = _nearest(grid.north, position[:, 1])
         return np.asarray(self.land[j, i])
 
 

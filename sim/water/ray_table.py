@@ -242,13 +242,13 @@ def _earliest_in_fan(
     places: tuple[float, float, float],
     fan: Fan,
     rays: int,
-    found: Floats,
+    candidates: Floats,
 ) -> Eigenray:
     """The earliest ray between places, by a fan of rays at that distance."""
     source, receiver, reach = places
     if not may_turn(w.profile, reach, drop(w, source, receiver)):
         return earliest(w, source, receiver, reach)[0]
-    return earliest_of(found, roots(w, places, fan, rays, found))
+    return earliest_of(candidates, roots(w, places, fan, rays, candidates))
 
 
 @compiled

@@ -99,14 +99,14 @@ def _kept_or_run(path: Path, folder: Path, program: str) -> Executed:
     return fresh
 
 
-def executed(kept: Path = KEPT) -> list[Executed]:
+def executed(folder: Path = KEPT) -> list[Executed]:
     """All examples by name; of those that were run before with this program, what is kept."""
     program = _program()
     first, *rest = sorted(EXAMPLES.glob("*.py"))
     # the first one alone: it stores compiled code that the others have in common
-    examples = [_kept_or_run(first, kept / first.stem, program)]
+    examples = [_kept_or_run(first, folder / first.stem, program)]
     with ThreadPoolExecutor(_AT_ONCE) as pool:
-        examples += pool.map(lambda path: _kept_or_run(path, kept / path.stem, program), rest)
+        examples += pool.map(lambda path: _kept_or_run(path, folder / path.stem, program), rest)
     return examples
 
 
