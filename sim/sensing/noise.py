@@ -233,9 +233,10 @@ def _words_at(address: Address, stream: int) -> tuple[np.uint64, np.uint64, np.u
     return words(address.seed, address.run, _U(_number(address, stream)), _U(address.step))
 
 
+# numba wants the same annotations of the outer functions, of types, and of the inner ones, of values
 @overload(normals_at)
 def _normals_at(address: Any, stream: Any) -> Any:
-    def normals_at(address: Address, stream: int) -> Any:
+    def normals_at(address: Any, stream: Any) -> Any:
         w0, w1, w2, w3 = _words_at(address, stream)
         first, second = two_units(w0, w1, w2, w3)
         return two_normals(first, second)
@@ -245,7 +246,7 @@ def _normals_at(address: Any, stream: Any) -> Any:
 
 @overload(uniforms_at)
 def _uniforms_at(address: Any, stream: Any) -> Any:
-    def uniforms_at(address: Address, stream: int) -> Any:
+    def uniforms_at(address: Any, stream: Any) -> Any:
         w0, w1, w2, _ = _words_at(address, stream)
         return uniform(w0), uniform(w1), uniform(w2)
 
