@@ -1,7 +1,7 @@
 """Flights or studies side by side on one page: `laisn compare`."""
 
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -11,7 +11,7 @@ import numpy as np
 
 from experiments.campaign.store import Record, read_table
 from experiments.flight.folder import LOG
-from experiments.study.estimate import over_runs, shown
+from experiments.study.estimate import over_runs, shown, verdict_of
 from experiments.study.file import METRIC
 from experiments.study.measure import METRICS, SHARES
 from experiments.study.study import RESULTS, RUNS, STUDY
@@ -187,7 +187,24 @@ def _mean(runs: Runs, *, shares: bool, paired: bool = False) -> Interval:
     return over_runs(values, shares=shares, paired=paired)
 
 
-def _studies(folders: Sequence[Path]) -> dict[str, Any]:
+def _answers(
+    names: Sequence[str], rows: Mapping[Place, Sequence[Interval | None]]
+) -> dict[str, Counter[str]]:
+    """How often each further study is lower, higher, undecided or the same as the first, at the
+    places with the same runs.
+    """
+    answers = dict[str, Counter[str]]()
+    for i, name in enumerate(names[1:], start=1):
+        verdicts = Counter[str]()
+        for intervals in rows.values():
+            base, difference = intervals[0], intervals[i]
+            if base is not None and difference is not None:
+                verdicts[verdict_of(difference, base.value + difference.value, base.value)] += 1
+        answers[name] = verdicts
+    return answers
+
+
+def _studies(names: Sequence[str], folders: Sequence[Path]) -> dict[str, Any]:
     """What the template shows of studies."""
     tables = [
         dotted(read_toml(folder / STUDY) | {"name": "", "question": ""}) for folder in folders
@@ -208,6 +225,7 @@ def _studies(folders: Sequence[Path]) -> dict[str, Any]:
     return {
         "metric": METRICS[metric],
         "rows": rows,
+        "answers": _answers(names, rows),
         "changed": changed,
         "nothing": nothing,
     }
@@ -233,7 +251,7 @@ def page_of(sources: Sequence[str]) -> Page:
     logs = [path if path.suffix == ".mcap" else path / LOG for path in paths]
     names = names_of(sources)
     if _are_studies(paths, logs):
-        values = _studies(paths)
+        values = _studies(names, paths)
     else:
         values = _flights(names, [read(log) for log in logs])
     tools = {"words": words, "number": number, "shown": shown, "shortened": shortened}

@@ -66,6 +66,18 @@ def shown(interval: Interval, unit: str = "") -> str:
     return text
 
 
+def verdict_of(difference: Interval, value: float, base: float) -> str:
+    """Whether a value is lower or higher than another one, by the whole interval of the
+    difference; "same" if no shown digit differs.
+    """
+    decided = difference.high < 0 or difference.low > 0
+    if digits(value) == digits(base) and (decided or difference.value == 0):
+        return "same"
+    if not decided:
+        return "undecided"
+    return "lower" if difference.value < 0 else "higher"
+
+
 def _quantile(number: float) -> float:
     return float(stdtrit(number - 1, (1 + CONFIDENCE) / 2))
 

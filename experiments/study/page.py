@@ -16,9 +16,9 @@ from experiments.study.estimate import (
     INTERACTIONS,
     Condition,
     Results,
-    digits,
     main_effects,
     shown,
+    verdict_of,
 )
 from experiments.study.file import METRIC, Study
 from experiments.study.measure import METRICS, Metric
@@ -60,18 +60,6 @@ def _place_text(plan: StudyPlan, condition: Condition) -> str:
 
 def _cell(interval: Interval) -> TableCell:
     return TableCell(text=shown(interval), sort=number(interval.value).sort)
-
-
-def _verdict(difference: Interval, value: float, base: float) -> str:
-    """Whether an arm is lower or higher than the first one, by the whole interval; "same" if no
-    shown digit differs.
-    """
-    decided = difference.high < 0 or difference.low > 0
-    if digits(value) == digits(base) and (decided or difference.value == 0):
-        return "same"
-    if not decided:
-        return "undecided"
-    return "lower" if difference.value < 0 else "higher"
 
 
 def notable(
@@ -266,7 +254,9 @@ class StudyPage:
         verdicts = {}
         for condition, difference in self.differences.items():
             base = self.estimates[condition._replace(arm=self.plan.arms[0])]
-            verdicts[condition] = _verdict(difference, self.estimates[condition].value, base.value)
+            verdicts[condition] = verdict_of(
+                difference, self.estimates[condition].value, base.value
+            )
         return verdicts
 
     def verdict(self, condition: Condition) -> TableCell:

@@ -79,6 +79,8 @@ def test_studies_are_paired_where_they_share_places_and_runs(tmp_path):
     found = paired([tmp_path / name for name in "abcd"], "e_p_mean_m")
     pages = {b: page_of([str(tmp_path / "a"), str(tmp_path / b)]).summary for b in "bcd"}
     assert "nothing to compare: the studies have the same settings" in pages["b"]
+    assert "b against a: lower at 0, higher at 0, undecided at 0, the same at 2 of 2" in pages["b"]
+    assert "against" not in pages["c"]
     assert "nothing to compare: the studies share places, but neither seeds" in pages["c"]
     assert "nothing to compare: the studies share places, but neither seeds" in pages["d"]
     assert len(found) == 2
@@ -136,6 +138,13 @@ def test_differences_are_taken_run_by_run_of_the_same_seeds(tmp_path):
         ("leader.baseline_m = 1.0",),
         ("leader.baseline_m = 2.0",),
     ]
+    # the file of a study, which `kept` does not write; differences that are equal to the bit have
+    # no interval
+    for folder in (first, more):
+        (folder / "study.toml").write_text('scenario = "T5"\n', encoding="utf-8")
+    assert page_of([str(first), str(more)]).summary.endswith(
+        "b against a: lower at 0, higher at 1, undecided at 1 of 2 places."
+    )
     for p, (mean, apart) in enumerate(found.values()):
         # realizations differ by 0.1 m: t(0.975, 2) s / √3
         half = 4.302653 * 0.1 / np.sqrt(3)
