@@ -7,10 +7,9 @@ paired. All limits are two-sided and leave the same chance on either side.
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import betaincinv, ndtri, stdtrit
 
 from laisn.arrays import Bools, Floats
 
@@ -24,6 +23,13 @@ class Interval(NamedTuple):
     value: float
     low: float
     high: float
+
+
+def _special() -> Any:
+    """Functions of SciPy, which take a fifth of a second to load; reports of flights need none."""
+    from scipy import special
+
+    return special
 
 
 def proportion(count: int, of: int, confidence: float = CONFIDENCE) -> Interval:
@@ -41,8 +47,8 @@ def proportion(count: int, of: int, confidence: float = CONFIDENCE) -> Interval:
 def exact_limits(count: float, of: float, confidence: float = CONFIDENCE) -> tuple[float, float]:
     """Limits of Clopper and Pearson for a count of trials, which need not be whole numbers."""
     tail = (1.0 - confidence) / 2.0
-    low = 0.0 if count == 0 else float(betaincinv(count, of - count + 1, tail))
-    high = 1.0 if count == of else float(betaincinv(count + 1, of - count, 1.0 - tail))
+    low = 0.0 if count == 0 else float(_special().betaincinv(count, of - count + 1, tail))
+    high = 1.0 if count == of else float(_special().betaincinv(count + 1, of - count, 1.0 - tail))
     return low, high
 
 
@@ -78,7 +84,7 @@ def ratio_intervals(above: Floats, below: Floats, confidence: float = CONFIDENCE
         skewness = np.where(
             squares > 0.0, np.sqrt(runs) * np.sum(rest**3, axis=0) / squares**1.5, 0.0
         )
-        quantile = stdtrit(runs - 1.0, (1.0 + confidence) / 2.0) / np.sqrt(runs)
+        quantile = _special().stdtrit(runs - 1.0, (1.0 + confidence) / 2.0) / np.sqrt(runs)
         low, high = (
             ratio - spread * _undo_skewness(sign * quantile, skewness, runs) for sign in (1.0, -1.0)
         )
@@ -108,7 +114,11 @@ def difference_of_shares(differences: Floats, confidence: float = CONFIDENCE) ->
     impossible.
     """
     adjusted = np.append(differences, [1.0, -1.0])
-    half = float(ndtri((1.0 + confidence) / 2.0)) * float(adjusted.std()) / math.sqrt(adjusted.size)
+    half = (
+        float(_special().ndtri((1.0 + confidence) / 2.0))
+        * float(adjusted.std())
+        / math.sqrt(adjusted.size)
+    )
     middle = float(adjusted.mean())
     return Interval(float(differences.mean()), max(middle - half, -1.0), min(middle + half, 1.0))
 
@@ -130,7 +140,7 @@ def mean_over_missions(missions: Sequence[Floats], confidence: float = CONFIDENC
     The interval is by the normal law for a sum of many runs.
     """
     total, covariance = _mean_and_covariance([mission[:, None] for mission in missions])
-    half = float(ndtri((1.0 + confidence) / 2.0)) * math.sqrt(float(covariance[0, 0]))
+    half = float(_special().ndtri((1.0 + confidence) / 2.0)) * math.sqrt(float(covariance[0, 0]))
     return Interval(*((float(total[0]) + step) / len(missions) for step in (0.0, -half, half)))
 
 
@@ -148,7 +158,7 @@ def share_removed(
     total_added, total_left = (float(v) for v in total)
     if total_added == 0.0:
         return Interval(math.nan, math.nan, math.nan)
-    z2 = float(ndtri((1.0 + confidence) / 2.0)) ** 2
+    z2 = float(_special().ndtri((1.0 + confidence) / 2.0)) ** 2
     # roots t of (left − t part)² = z² Var(left − t part)
     a = total_added * total_added - z2 * float(covariance[0, 0])
     b = total_added * total_left - z2 * float(covariance[0, 1])

@@ -30,6 +30,7 @@ from reports.scene.codec import deflated
 from reports.scene.mission import Scene
 from reports.style import Legend, css, symbols
 from reports.version import versions
+from sim.log import templates
 from sim.system import atomic_write
 
 _SHOWN_VERSIONS = {
@@ -263,12 +264,6 @@ def _template(name: str) -> str:
     return (resources.files("reports") / "templates" / name).read_text(encoding="utf-8")
 
 
-def _environment(**settings: Any) -> jinja2.Environment:
-    return jinja2.Environment(
-        trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined, **settings
-    )
-
-
 def render(page: Page) -> str:
     """The page as HTML text."""
     in_use = versions()
@@ -294,7 +289,7 @@ def render(page: Page) -> str:
         "code": deflated(_scene_file("replay.js").encode()) if replay else "",
         "licence": Markup(_scene_file("three.LICENSE")) if replay else "",
     }
-    environment = _environment(loader=jinja2.FunctionLoader(_template), autoescape=True)
+    environment = templates.environment(loader=jinja2.FunctionLoader(_template), autoescape=True)
     environment.filters["symbols"] = symbols
     return environment.get_template("page.html").render(page=page, made_with=made_with, **values)
 
@@ -491,10 +486,14 @@ def page_of(
             return value
         return "".join(f"\n\n{mark(block)}" for block in blocks) + "\n\n"
 
-    environment = _environment(finalize=place, autoescape=False)
+    def source(_: str) -> str:
+        return (resources.files(package) / name).read_text(encoding="utf-8")
+
+    loader = jinja2.FunctionLoader(source)
+    environment = templates.environment(loader=loader, finalize=place, autoescape=False)
     environment.filters["caption"] = lambda block, text: replace(block, caption=_line(text))
-    source = (resources.files(package) / name).read_text(encoding="utf-8")
-    text = _with_rules(environment.from_string(source).render({**values, "n": number}))
+    template = environment.get_template(f"{package}/{name}")
+    text = _with_rules(template.render({**values, "n": number}))
     return _Rendered(name=f"{package}: {name}", text=text, placed=placed).page(
         facts, tiles=tiles, replay=replay, question=question
     )

@@ -16,7 +16,7 @@ OWN_PACKAGES = ("models", "laisn", "sim", "reports", "experiments", "laisn_sim")
 # outside the wheel: some records of the documents are computed there
 _IN_CHECKOUT = ("tools", "tests")
 # dependencies that shape results
-PACKAGES = ("mujoco", "numpy", "scipy", "filterpy", "numba", "mcap", "av", "pyarrow")
+PACKAGES = ("mujoco", "numpy", "scipy", "numba", "mcap", "av", "pyarrow")
 
 _COMPUTING = ("experiments.campaign.campaign", "sim.scenario.file", *code_of_navigators())
 """Modules that compute the numbers of cells. Tasks and facts add modules of their own."""

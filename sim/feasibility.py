@@ -52,8 +52,8 @@ from sim.vehicle.own_hull import hull_errors
 from sim.vehicle.plant import Plant
 from sim.water.assembly import current_at, sea_of_keys
 
-# instants times vehicles: two vehicles for a day; a million takes 1.1 GB of memory
-MOST_INSTANTS = 2_000_000
+# instants times vehicles: two vehicles for a day, 201 for 1000 s; a million takes 1.1 GB of memory
+MOST_INSTANTS = 2_100_000
 MOST_PHYSICS_STEPS = 200_000_000  # physics steps times vehicles, about an hour on one core
 MOST_PIXELS = 120_000_000_000  # of a film: 72 minutes at 1280 × 720 and 30 Hz
 

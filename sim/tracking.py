@@ -197,6 +197,53 @@ def hull_gap(between: Floats, first: Floats, second: Floats, halves: tuple[float
     return np.sqrt(_dot(nearest, nearest))
 
 
+_WINDOW = 32  # instants from one look at all pairs to the next
+_ROUNDING_M = 1e-6  # bounds of distances are no better than this [m]
+
+
+class PairDistances(NamedTuple):
+    """Bounds of the least distance of each pair over a time, shapes (v, v), [m]; infinite on the
+    diagonal and above.
+    """
+
+    seen: Floats  # least distance at some instants
+    bound: Floats  # no distance is less at any instant
+
+
+def pair_distances(places: Floats) -> PairDistances:
+    """Bounds of the least distances of vehicles at places of shape (n, v, 2 or 3), [m].
+
+    Pairs are looked at in every `_WINDOW`-th instant. Until the next look two vehicles come nearer
+    by no more than they move. So the time grows with the pairs, but hardly with pairs times
+    instants.
+    """
+    n, count = places.shape[:2]
+    looks = np.arange(0, n, _WINDOW)
+    looked = places[looks]
+    moved = np.empty((looks.size, count))
+    for vehicle in range(count):
+        way = places[:, vehicle] - np.repeat(looked[:, vehicle], _WINDOW, axis=0)[:n]
+        moved[:, vehicle] = np.maximum.reduceat(np.sqrt(np.sum(way * way, axis=1)), looks)
+    seen = np.full((count, count), np.inf)
+    bound = seen.copy()
+    for i in range(1, count):
+        between = looked[:, i, None] - looked[:, :i]
+        distance = np.sqrt(np.sum(between * between, axis=2))
+        seen[i, :i] = distance.min(axis=0)
+        bound[i, :i] = (distance - moved[:, i, None] - moved[:, :i]).min(axis=0)
+    return PairDistances(seen, bound - _ROUNDING_M)
+
+
+def _pairs_within(distances: PairDistances, reach: float | Floats) -> list[list[int]]:
+    """Pairs, the later vehicle first, that may come within a reach [m], one of all or of each,
+    shape (v, v).
+    """
+    below = np.tri(len(distances.bound), k=-1, dtype=np.bool_)
+    # a distance that is not a number bounds nothing
+    pairs: list[list[int]] = np.argwhere(below & ~(distances.bound > reach)).tolist()
+    return pairs
+
+
 def _first_contacts(pose: Floats) -> Ints:
     """First instant at which the hulls of each pair touch, shape (v, v), below the diagonal; −1
     if they never do.
@@ -206,14 +253,14 @@ def _first_contacts(pose: Floats) -> Ints:
     axis = np.stack(attitude.forward_of(np.moveaxis(pose[..., 3:], -1, 0)), axis=-1)
     half = [LEADER_HALF_M, *[FOLLOWER_HALF_M] * (count - 1)]
     first = np.full((count, count), -1)
-    for i in range(count):
-        for j in range(i):
-            between = position[:, i] - position[:, j]
-            near = np.flatnonzero(
-                _dot(between, between) <= (half[i] + half[j] + 2.0 * HULL_RADIUS_M) ** 2
-            )
-            gap = hull_gap(between[near], axis[near, j], axis[near, i], (half[j], half[i]))
-            first[i, j] = next(iter(near[gap < 2.0 * HULL_RADIUS_M]), -1)
+    reach = np.add.outer(half, half) + 2.0 * HULL_RADIUS_M
+    for i, j in _pairs_within(pair_distances(position), reach):
+        between = position[:, i] - position[:, j]
+        near = np.flatnonzero(
+            _dot(between, between) <= (half[i] + half[j] + 2.0 * HULL_RADIUS_M) ** 2
+        )
+        gap = hull_gap(between[near], axis[near, j], axis[near, i], (half[j], half[i]))
+        first[i, j] = next(iter(near[gap < 2.0 * HULL_RADIUS_M]), -1)
     return first
 
 
@@ -441,14 +488,19 @@ def _nearest(
     """The pair that came nearest at places of shape (n, v, 2 or 3), of all or of some, shape (v,
     v); None: of none.
     """
+    distances = pair_distances(places)
+    if pairs is not None:
+        distances = PairDistances(*(np.where(pairs, values, np.inf) for values in distances))
+    least = distances.seen.min()
+    if least == np.inf:
+        return None
     nearest = None
-    for i, j in np.argwhere(np.tri(len(names), k=-1)).tolist():
-        if pairs is None or pairs[i, j]:
-            between = places[:, i] - places[:, j]
-            distance = np.sqrt(sum(component * component for component in between.T))
-            k = int(distance.argmin())
-            if nearest is None or distance[k] < nearest.distance_m:
-                nearest = Approach(float(distance[k]), (names[j], names[i]), float(time[k]))
+    for i, j in _pairs_within(distances, least):
+        between = places[:, i] - places[:, j]
+        distance = np.sqrt(sum(component * component for component in between.T))
+        k = int(distance.argmin())
+        if nearest is None or distance[k] < nearest.distance_m:
+            nearest = Approach(float(distance[k]), (names[j], names[i]), float(time[k]))
     return nearest
 
 

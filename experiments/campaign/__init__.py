@@ -6,5 +6,5 @@ kept under a key of everything that made it, with the version of the code. Resul
 workers nor on interruptions. It must not depend on the purpose of a study: no page, no figure, no
 claim.
 
-Imports: laisn reports sim
+Imports: experiments.result_files laisn reports sim
 """

@@ -22,6 +22,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic_core import to_jsonable_python
 
+from experiments.result_files import FLIGHT_FILE, STUDY_FILE
 from laisn.errors import LaisnError, LaisnWarning
 from laisn.plugins import plugin_digest, plugin_files, registered_tokens
 from reports.parquet import arrow_table
@@ -32,9 +33,6 @@ Record = dict[str, Any]  # a row: plain values by column
 Arrays = dict[str, npt.NDArray[Any]]  # columns of a result, shape (n,) each
 Result = tuple[str, Any, Arrays]  # key, JSON value and arrays of a result that is stored
 
-STUDY_FILE = "campaign.json"
-FLIGHT_FILE = "summary.json"
-"""A file that each folder of a study, and each folder of a flight, has."""
 _RECORD = "record"
 _COLUMNS = "columns"
 

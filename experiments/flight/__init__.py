@@ -1,4 +1,4 @@
 """One flight: the scenario behind a name, its simulation, its summary and tables, and its folder.
 
-Imports: experiments.campaign laisn models reports sim
+Imports: experiments.campaign experiments.result_files laisn models reports sim
 """

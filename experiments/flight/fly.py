@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -38,15 +39,29 @@ if TYPE_CHECKING:
 
 
 class Stopwatch(dict[str, float]):
-    """Seconds that each phase took, all times together."""
+    """Seconds that each phase took, all times together: NAME_s by the wall clock, and
+    NAME_processor_s of processors, by this process and its children that have ended.
+    """
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
-        start = time.perf_counter()
+        wall_s = time.perf_counter()
+        processor_s = processor_time()
         try:
             yield
         finally:
-            self[name] = self.get(name, 0.0) + time.perf_counter() - start
+            self.add(name, time.perf_counter() - wall_s, processor_time() - processor_s)
+
+    def add(self, name: str, wall_s: float, processor_s: float) -> None:
+        """Add times to those of a phase."""
+        for key, seconds in ((f"{name}_s", wall_s), (f"{name}_processor_s", processor_s)):
+            self[key] = self.get(key, 0.0) + seconds
+
+
+def processor_time() -> float:
+    """Processor time of this process and of its children that have ended [s]."""
+    usages = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
 
 
 OUTCOMES: dict[type[EndedError], Termination] = {
@@ -104,16 +119,20 @@ class MissionToFly:
         What its followers measure and estimate meanwhile is written into the log.
         """
         self._log = log
-        start = time.perf_counter()
+        whole = Stopwatch()
         try:
-            trajectory = self._move(progress)
+            with whole.phase("simulate"):
+                trajectory = self._move(progress)
             self._outcome = Termination.COMPLETED
         except EndedError as error:
             trajectory = error.trajectory
             self._outcome = OUTCOMES[type(error)]
         finally:
-            elapsed = time.perf_counter() - start
-            self.watch["simulate_s"] = elapsed - sum(self.watch.values())
+            # navigation and log, which go on meanwhile, have their own times
+            for name in ("navigate", "log"):
+                meanwhile = (self.watch.get(f"{name}{end}", 0.0) for end in ("_s", "_processor_s"))
+                whole.add("simulate", *(-seconds for seconds in meanwhile))
+            self.watch |= whole
         return trajectory, self._outcome
 
     def _move(self, progress: Callable[[float], None] | None) -> Trajectory:
@@ -148,16 +167,16 @@ class MissionToFly:
     def _follow(self, last: int) -> None:
         """Sense, navigate and log until an instant of the motion."""
         if isinstance(self._under_way, OpenLoop):
-            with self.watch.phase("navigate_s"):
+            with self.watch.phase("navigate"):
                 self._under_way.advance(last)
         if self._log is not None and self._under_way is not None:
-            with self.watch.phase("log_s"):
+            with self.watch.phase("log"):
                 self._log.update(self._under_way)
 
     def flight(self, trajectory: Trajectory, outcome: Termination) -> FlightRecord:
         """The flight of a motion and an outcome of `simulate`."""
         assert self._under_way is not None
-        with self.watch.phase("navigate_s"):
+        with self.watch.phase("navigate"):
             return self._under_way.flight(trajectory, outcome)
 
     def rest_of(self, flight: FlightRecord) -> FlightRecord | FlightUnderWay:

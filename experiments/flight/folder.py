@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from experiments.campaign.store import FLIGHT_FILE, STUDY_FILE
+from experiments.result_files import FLIGHT_FILE, STUDY_FILE
 from laisn.errors import LaisnError
 from sim.log.bag_folder import require_replaceable
 from sim.log.contents import partial_path

@@ -6,6 +6,7 @@ from contextlib import contextmanager, nullcontext
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from time import process_time
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -121,10 +122,13 @@ def _show_avoidance(console: Console, summary: dict[str, Any]) -> None:
         print_line(console, text, "avoidance:", "")
 
 
-def _draw_report(*arguments: Any) -> None:
+def _draw_report(*arguments: Any) -> float:
+    """Draw a report; the processor time that it took in this process [s]."""
     from reports.flight_report import flight_report
 
+    before = process_time()
     flight_report(*arguments)
+    return process_time() - before
 
 
 def _film(
@@ -209,6 +213,10 @@ def write_flight(
     if scenario.duration_s > _LONG_S:
         return_large_blocks()
     imports = partial(import_module, "reports.flight_report")
+    with phases(console) as show_phase, watch.phase("prepare"), show_phase("prepare"):
+        # two messages, so that compiling on first use counts neither as simulation nor as
+        # navigation, and the other process has the compiled code
+        fly(scenario.first_messages)
     with (
         background_process(imports) if beside else nullcontext() as background,
         phases(console) as show_phase,
@@ -216,13 +224,9 @@ def write_flight(
 
         @contextmanager
         def phase(name: str) -> Iterator[Update]:
-            with watch.phase(f"{name}_s"), show_phase(name) as update:
+            with watch.phase(name), show_phase(name) as update:
                 yield update
 
-        with phase("prepare"):
-            # two messages, so that compiling on first use counts neither as simulation nor as
-            # navigation
-            fly(scenario.first_messages)
         log = writer.FlightLog(folder / LOG)
         mission = MissionToFly(scenario) if live is None else None
         with ended_log(mission, log):
@@ -241,34 +245,47 @@ def write_flight(
             summary = summarise(flight, bounds)
             summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
             report = partial(_draw_report, flight, errors, summary, folder / REPORT)
+            reference = writer.film_reference(FILM, scenario.video) if with_video else None
             drawn = background.submit(report, None, bounds) if background else None
             # the log first, so that it is kept if the film fails
             with phase("log"):
                 rest = flight if mission is None else mission.rest_of(flight)
-                log.finish(rest, flight.outcome, summary=summary_text, events=events)
+                log.finish(
+                    rest, flight.outcome, summary=summary_text, events=events, film=reference
+                )
         film = folder / FILM
         film_error: Exception | None = None
         if with_video:
             rewrite = partial(
-                writer.write, flight, folder / LOG, summary=summary_text, events=events
+                writer.write,
+                flight,
+                folder / LOG,
+                summary=summary_text,
+                events=events,
+                film=reference,
             )
             with phase("video") as update:
                 film_error = _film(flight, film, update, rewrite)
         with phase("report"):
             if drawn is not None:
-                drawn.result()
+                watch.add("report", 0.0, drawn.result())
             else:
                 report(film if with_video and film_error is None else None, bounds)
         if with_bag:
             with phase("bag"):
                 write_bag(folder / LOG, folder / BAG)
-    factor = float(flight.trajectory.time[-1]) / watch["simulate_s"]
-    timing_text = json.dumps(watch | {"real_time_factor": factor}, indent=2) + "\n"
+    flown_s = float(flight.trajectory.time[-1])
+    factors = {
+        "real_time_factor": flown_s / watch["simulate_s"],
+        "real_time_factor_processor": flown_s / max(watch["simulate_processor_s"], 1e-6),
+    }
+    timing_text = json.dumps(watch | factors, indent=2) + "\n"
+    camera = with_video and film_error is None and scenario.video.in_log
     texts = {
         SUMMARY: summary_text,
         SCENARIO: scenario.toml(),
         TIMING: timing_text,
-        LAYOUT: layout(flight.trajectory.names),
+        LAYOUT: layout(flight.trajectory.names, camera=camera),
     }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")

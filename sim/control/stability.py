@@ -10,7 +10,6 @@ out.
 from collections.abc import Iterable
 
 import numpy as np
-from scipy.optimize import fsolve
 
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
@@ -122,6 +121,9 @@ def steady_turn(plant: Plant, i: int, d: Autopilot, speed: float) -> tuple[float
     Sway and yaw balance the effectors; without a balance the rate is infinite. `d` is its
     autopilot, a record of DESIGN.
     """
+    # takes half a second to load, and hulls without fins need none of it
+    from scipy.optimize import fsolve
+
     rigid, centre = _body(plant, i)
     c = plant.coefficients.view(np.recarray)[i]
     effectors = plant.effectors[i, : len(plant.effector_names[i])]

@@ -48,6 +48,8 @@ _X264 = {
     "x264-params": f"repeat-headers=1:annexb=1:scenecut=0:keyint={GROUP}:min-keyint={GROUP}",
 }
 _BT709 = _LIMITED = 1
+LOG_WIDTH_PX = 640
+"""Most width of the film that a log holds."""
 Background = Literal["sea", "white", "transparent"]
 
 
@@ -140,34 +142,75 @@ def cut_out(white: Bytes, black: Bytes) -> Bytes:
     return picture
 
 
-def encode(frames: Iterable[Bytes], video: Video) -> Iterator[bytes]:
-    """H.264 access units of frames, shape (height, width, 4): Annex B, no B-frames, ITU-R BT.709
-    in limited range.
-    """
-    # codecs take a tenth of a second to load, and the parent of children needs none
-    import av
-    from av.video.reformatter import VideoReformatter
+class _Encoder:
+    """Frames into H.264 access units: Annex B, no B-frames, ITU-R BT.709 in limited range."""
 
-    codec: Any = av.CodecContext.create("libx264", "w")
-    codec.width = video.width_px
-    codec.height = video.height_px
-    codec.pix_fmt = "yuv420p"
-    codec.framerate = Fraction(video.frame_rate_hz)
-    codec.time_base = 1 / codec.framerate
-    codec.colorspace = codec.color_primaries = codec.color_trc = _BT709
-    codec.color_range = _LIMITED
-    codec.options = _X264
-    # one for all frames: a new one costs a millisecond
-    reformatter = VideoReformatter()
-    for number, pixels in enumerate(frames):
-        frame = av.VideoFrame.from_ndarray(pixels, format="rgba")
-        picture = reformatter.reformat(
-            frame, format="yuv420p", dst_colorspace=_BT709, dst_color_range=_LIMITED
+    def __init__(self, width: int, height: int, rate_hz: int) -> None:
+        """Of pictures of a size [px], to which frames are scaled."""
+        # codecs take a tenth of a second to load, and the parent of children needs none
+        import av
+        from av.video.reformatter import VideoReformatter
+
+        self._codec: Any = av.CodecContext.create("libx264", "w")
+        self._codec.width = width
+        self._codec.height = height
+        self._codec.pix_fmt = "yuv420p"
+        self._codec.framerate = Fraction(rate_hz)
+        self._codec.time_base = 1 / self._codec.framerate
+        self._codec.colorspace = self._codec.color_primaries = self._codec.color_trc = _BT709
+        self._codec.color_range = _LIMITED
+        self._codec.options = _X264
+        # one for all frames: a new one costs a millisecond
+        self._reformatter = VideoReformatter()
+        self._count = 0
+        self.units = list[bytes]()
+        """Of the frames until now."""
+
+    def add(self, frame: Any) -> None:
+        """Encode an `av.VideoFrame`."""
+        picture = self._reformatter.reformat(
+            frame,
+            width=self._codec.width,
+            height=self._codec.height,
+            format="yuv420p",
+            dst_colorspace=_BT709,
+            dst_color_range=_LIMITED,
         )
-        picture.pts = number
-        picture.time_base = codec.time_base
-        yield from (bytes(packet) for packet in codec.encode(picture))
-    yield from (bytes(packet) for packet in codec.encode(None))
+        picture.pts = self._count
+        picture.time_base = self._codec.time_base
+        self._count += 1
+        self.units += [bytes(packet) for packet in self._codec.encode(picture)]
+
+    def end(self) -> None:
+        """Encode what is still held back."""
+        self.units += [bytes(packet) for packet in self._codec.encode(None)]
+
+
+def log_size(video: Video) -> tuple[int, int]:
+    """Width and height of the film that a log holds [px]."""
+    width = min(video.width_px, LOG_WIDTH_PX)
+    return width, max(2, 2 * round(0.5 * width * video.height_px / video.width_px))
+
+
+def encode(frames: Iterable[Bytes], video: Video) -> list[list[bytes]]:
+    """H.264 access units of frames, shape (height, width, 4), and, if the log is to hold a film,
+    of the same frames in the size of `log_size`.
+    """
+    # as in `_Encoder`
+    import av
+
+    sizes = [(video.width_px, video.height_px)]
+    if video.in_log:
+        sizes.append(log_size(video))
+    encoders = [_Encoder(*size, video.frame_rate_hz) for size in sizes]
+    for pixels in frames:
+        # the frame itself and no copy: encoders take it over before the next one is drawn
+        frame = av.VideoFrame.from_numpy_buffer(pixels, format="rgba")
+        for encoder in encoders:
+            encoder.add(frame)
+    for encoder in encoders:
+        encoder.end()
+    return [encoder.units for encoder in encoders]
 
 
 def _send(results: Callable[[FilmJob, Callable[[float], Bytes]], Iterable[object]]) -> None:
@@ -185,13 +228,15 @@ def _send(results: Callable[[FilmJob, Callable[[float], Bytes]], Iterable[object
 
 def main(worker: int, workers: int) -> None:
     """Render and encode the groups worker, worker + workers … of the job; results are (group,
-    access units).
+    access units as of `encode`).
     """
 
-    def groups(job: FilmJob, frame: Callable[[float], Bytes]) -> Iterator[tuple[int, list[bytes]]]:
+    def groups(
+        job: FilmJob, frame: Callable[[float], Bytes]
+    ) -> Iterator[tuple[int, list[list[bytes]]]]:
         for group in range(worker, job.groups, workers):
             times = job.times[group * GROUP : (group + 1) * GROUP].tolist()
-            yield group, list(encode(map(frame, times), job.video))
+            yield group, encode(map(frame, times), job.video)
 
     _send(groups)
 
@@ -283,7 +328,8 @@ def render(
         progress: called with the share done, in [0, 1].
 
     Returns:
-        The film as a log takes it: mission time [s] and H.264 access unit of each frame.
+        The film as a log takes it: mission time [s] and H.264 access unit of each frame, in the
+        size of `log_size` if the log is to hold a film, else as in the file.
 
     Raises:
         RenderError: a setting is impossible, or nothing renders here.
@@ -293,7 +339,7 @@ def render(
     if job.background == "transparent":
         raise RenderError("a film cannot be transparent: expected sea or white, or a picture")
     workers = min(workers, job.groups)
-    groups: dict[int, list[bytes]] = {}
+    groups: dict[int, list[list[bytes]]] = {}
     with closing(
         _results(job, [f"main({worker}, {workers})" for worker in range(workers)])
     ) as results:
@@ -301,10 +347,13 @@ def render(
             groups[group] = packets
             if progress:
                 progress(len(groups) / job.groups)
-    units = [unit for group in range(job.groups) for unit in groups[group]]
+    film, *small = (
+        [unit for group in range(job.groups) for unit in groups[group][size]]
+        for size in range(len(groups[0]))
+    )
     with atomic_write(path) as temporary:
-        _write_mp4(temporary, units, job.video)
-    return list(zip(job.times.tolist(), units, strict=True))
+        _write_mp4(temporary, film, job.video)
+    return list(zip(job.times.tolist(), small[0] if small else film, strict=True))
 
 
 def _write_mp4(path: Path, units: Sequence[bytes], video: Video) -> None:

@@ -184,13 +184,17 @@ class Sea:
         model = self._model
         model.geom_rgba[self._geom, 3] = float(surface)
         x, y = self.grid(centre, reach)
+        # a floor beyond the fog would cost a third of a frame
+        half = (x[-1] - x[0]) / 2
+        model.geom_size[self._floor, :2] = half
+        model.geom_pos[[self._geom, self._floor], :2] = x.mean(), y.mean()
+        if not surface:
+            return
         heights = 0.5 - self.elevation(x, y, time)[::-1] / _CREST_M
         field = int(model.geom_dataid[self._geom])
         first = model.hfield_adr[field]
         model.hfield_data[first : first + heights.size] = heights.ravel()
-        # a floor beyond the fog would cost a third of a frame
-        model.hfield_size[field, :2] = model.geom_size[self._floor, :2] = (x[-1] - x[0]) / 2
-        model.geom_pos[[self._geom, self._floor], :2] = x.mean(), y.mean()
+        model.hfield_size[field, :2] = half
         mujoco.mjr_uploadHField(model, context, field)
 
 
@@ -203,7 +207,7 @@ class GlScene:
         self.width, self.height = size = video.width_px, video.height_px
         self._model = build(flight, *size)
         self._data = mujoco.MjData(self._model)
-        self._vehicles = [resolve(self._model, name) for name in flight.trajectory.names]
+        self._vehicles = resolve(self._model, flight.trajectory.names)
         self._fins = [MovingFins(self._model, f"{name}/") for name in flight.trajectory.names]
         parts = [self._model.geom(g).name.split("/")[-1] for g in range(self._model.ngeom)]
         self._inside = {g for g, part_name in enumerate(parts) if part_name.startswith(_INSIDE)}

@@ -17,6 +17,7 @@ from laisn.arrays import Ints
 from laisn.estimates import Estimates, FixKind
 from laisn.messages import Ranges
 from sim.flight import FlightRecord
+from sim.log import templates
 from sim.log.schema import pose, timestamp, vector
 from sim.vehicle.effectors import MovingFins
 from sim.vehicle.mjcf import spec_of
@@ -24,7 +25,9 @@ from sim.vehicle.mjcf import spec_of
 Draw = Callable[[int, int], fg.SceneUpdate]
 """Draws the instant of a time since 1970 [ns] and an index on its own time grid."""
 
-TRAIL_S = 100  # a point every second
+TRAIL_S = 100  # length of trails
+_TRAIL_POINTS = 500  # of all trails together, beyond which they have fewer than one a second
+_LONGEST_STEP_S = 10
 _CONFIDENCE = math.sqrt(-2.0 * math.log(0.05))  # 95 % of a Rayleigh distribution
 _DISC_M = 0.02  # thickness of discs and ellipses
 _FIX_M = 0.4  # diameter of a fix
@@ -173,6 +176,11 @@ def draw_hulls(flight: FlightRecord, index: Ints, hulls: VisibleHulls) -> tuple[
     return index if move else index[:1], draw
 
 
+def trail_step(trails: int) -> int:
+    """Time from one point of a trail to the next [s]: each update has all of them again."""
+    return min(max(1, math.ceil(trails * TRAIL_S / _TRAIL_POINTS)), _LONGEST_STEP_S)
+
+
 def draw_vehicles(flight: FlightRecord, index: Ints) -> Draw:
     """Complete updates of trails and 95 % ellipses at points of the trajectory a second apart,
     shape (n,).
@@ -181,6 +189,17 @@ def draw_vehicles(flight: FlightRecord, index: Ints) -> Draw:
     trails = [_points(flight.trajectory.position[index, v].tolist()) for v in range(len(names))]
     # the last filter step at or before each point; the state of step k stands in row k − 1
     rows = [np.minimum(index // flight.stride, e.state.shape[0]) - 1 for e in flight.estimates]
+    lacking = [int(np.count_nonzero(row < 0)) for row in rows]
+    step = trail_step(len(names) + len(flight.estimates))
+    # points stand at whole steps of the mission, wherever this part of it begins
+    begin = round(float(flight.trajectory.time[index[0]])) if index.size else 0
+
+    def recent(points: list[fg.Point3], last: int, without: int = 0) -> list[fg.Point3]:
+        """Points of a trail until `last`, which begins `without` so many."""
+        first = max(without, last - TRAIL_S)
+        first += -(begin + first) % step
+        return [*points[first - without : last - without : step], points[last - without]]
+
     estimated = [
         _points(np.column_stack([e.state[row, :2], -m.depth[row]])[row >= 0].tolist())
         for e, m, row in zip(flight.estimates, flight.measurements, rows, strict=True)
@@ -197,15 +216,14 @@ def draw_vehicles(flight: FlightRecord, index: Ints) -> Draw:
             return fg.SceneEntity(timestamp=stamp, id=name, frame_id="world", lines=lines, **more)
 
         for name, points in zip(names, trails, strict=True):
-            entities.append(trail(f"{name}/trail", TRUTH, points[max(0, i - TRAIL_S) : i + 1]))
-        for name, e, m, row, points in zip(
-            names[1:], flight.estimates, flight.measurements, rows, estimated, strict=True
+            entities.append(trail(f"{name}/trail", TRUTH, recent(points, i)))
+        for name, e, m, row, points, without in zip(
+            names[1:], flight.estimates, flight.measurements, rows, estimated, lacking, strict=True
         ):
             if row[i] >= 0:
                 spheres = list(_ellipses(e, int(row[i]), -float(m.depth[row[i]])))
-                last = i + 1 - int(np.count_nonzero(row < 0))
-                recent = points[max(0, last - TRAIL_S - 1) : last]
-                entities.append(trail(f"{name}/estimate", ESTIMATE, recent, spheres=spheres))
+                way = recent(points, i, without)
+                entities.append(trail(f"{name}/estimate", ESTIMATE, way, spheres=spheres))
         return fg.SceneUpdate(entities=entities)
 
     return draw
@@ -280,14 +298,17 @@ def draw_acoustics(flight: FlightRecord, steps: Ints) -> Draw:
     return draw
 
 
-def layout(names: Sequence[str]) -> str:
-    """A layout for Foxglove, as JSON, for vehicles of these names, the leader first."""
-    template = resources.files("sim.log").joinpath("foxglove.json.j2").read_text("utf-8")
-    environment = jinja2.Environment(
-        trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
-    )
+def layout(names: Sequence[str], *, camera: bool = True) -> str:
+    """A layout for Foxglove, as JSON, for vehicles of these names, the leader first, and a log with
+    a film or without.
+    """
+
+    def source(name: str) -> str:
+        return resources.files("sim.log").joinpath(name).read_text("utf-8")
+
+    environment = templates.environment(loader=jinja2.FunctionLoader(source))
     hues = {"leader": LEADER_HUE, "follower": FOLLOWER_HUE, "estimate": ESTIMATE_HUE}
-    text = environment.from_string(template).render(
-        leader=names[0], followers=list(names[1:]), hues=hues
+    text = environment.get_template("foxglove.json.j2").render(
+        leader=names[0], followers=list(names[1:]), hues=hues, camera=camera
     )
     return json.dumps(json.loads(text)) + "\n"

@@ -44,7 +44,7 @@ from sim.log.scene import (
 )
 from sim.log.schema import Clock, RecordType, pose, quaternion, timestamp, vector
 from sim.scenario.parts import LinkSettings, MissionPlan, SensingSettings
-from sim.scenario.settings import CONTROL_STEP_S
+from sim.scenario.settings import CONTROL_STEP_S, Video
 from sim.sensing.links import navigated_link
 from sim.sensing.sensors import custom_sensors
 from sim.system import signals_after
@@ -52,7 +52,7 @@ from sim.trajectory import Trajectory
 
 _EVERY_S = 100.0  # a flight under way is logged after so much of it [s]
 _MARGIN_S = 5.0  # a part begins by so much before the trails that it draws [s]
-_PACKAGES = ("laisn-sim", "mujoco", "numpy", "scipy", "numba", "filterpy", "mcap", "foxglove-sdk")
+_PACKAGES = ("laisn-sim", "mujoco", "numpy", "scipy", "numba", "mcap", "foxglove-sdk")
 _CONVENTIONS: dict[str, str] = json.loads(
     (Path(__file__).parent / "conventions.json").read_text(encoding="utf-8")
 )
@@ -60,6 +60,8 @@ Frame = tuple[float, bytes]
 """Time since the start [s] and H.264 access unit (Annex B, no B-frames, parameter sets with
 every key frame).
 """
+FILM = "film"
+"""Metadata record of the film beside a log."""
 Level = Literal["debug", "info", "warning", "error"]
 
 _FIX_LEVELS: dict[FixKind, Level] = {
@@ -70,6 +72,14 @@ _OUTCOME_LEVELS: dict[Termination, Level] = {
     Termination.COMPLETED: "info",
     Termination.CONTACT: "warning",
 }
+
+
+def film_reference(file: str, video: Video) -> dict[str, str]:
+    """What a log tells of the film beside it: its file, and its pace. Frame k shows the mission at
+    k × `speed_up` / `frame_rate_hz` [s].
+    """
+    pace = {"frame_rate_hz": str(video.frame_rate_hz), "speed_up": repr(video.speed_up)}
+    return {"file": file, **pace}
 
 
 class Event(NamedTuple):
@@ -553,10 +563,12 @@ class FlightLog:
         *,
         summary: str | None = None,
         events: Iterable[Event] = (),
+        film: Mapping[str, str] | None = None,
     ) -> None:
         """Write the rest of a flight, whole or under way, its outcome, and its summary, JSON text.
 
-        `events` are lines for `/log` besides those about fixes.
+        `events` are lines for `/log` besides those about fixes; `film` is a `film_reference` to
+        that beside the log.
 
         Raises:
             LogError: the file cannot be written.
@@ -564,12 +576,12 @@ class FlightLog:
         """
         if isinstance(flight, FlightRecord):
             with self._complete_or_kept():
-                self._end(flight, outcome, summary, events)
+                self._end(flight, outcome, summary, events, film)
             return
         # little is left to be written
         with signals_after(), self._complete_or_kept():
             rest = flight.part(self._first_step(SensingSettings.of(flight.scenario)))
-            self._end(rest, outcome, summary, events)
+            self._end(rest, outcome, summary, events, film)
 
     @contextmanager
     def _complete_or_kept(self) -> Iterator[None]:
@@ -628,6 +640,7 @@ class FlightLog:
         outcome: Termination,
         summary: str | None,
         events: Iterable[Event],
+        film: Mapping[str, str] | None,
     ) -> None:
         """Write the last part, and what only the whole flight tells, of times before as well."""
         self._append(stretch, is_last=True)
@@ -642,6 +655,8 @@ class FlightLog:
         # of records with one name, the last one counts
         facts = _facts(stretch, outcome)
         file.describe(lambda mcap: mcap.write_metadata(FLIGHT, facts))
+        if film is not None:
+            file.describe(lambda mcap: mcap.write_metadata(FILM, dict(film)))
         file.finish()
         os.replace(self._partial, self._path)
         self.ended = True
@@ -654,6 +669,7 @@ def write(
     summary: str = "{}",
     events: Iterable[Event] = (),
     video: Sequence[Frame] = (),
+    film: Mapping[str, str] | None = None,
 ) -> None:
     """Write a flight from the start of its mission; the same arguments give the same bytes, those
     that a `FlightLog` of it has.
@@ -667,4 +683,5 @@ def write(
             f"{path}: a log begins with its mission; this flight at {flight.trajectory.time[0]:g} "
             "s of it"
         )
-    FlightLog(path, video).finish(flight, flight.outcome, summary=summary, events=events)
+    log = FlightLog(path, video)
+    log.finish(flight, flight.outcome, summary=summary, events=events, film=film)

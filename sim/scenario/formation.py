@@ -12,6 +12,9 @@ from pydantic import Field, model_validator
 
 from sim.scenario.section import CONTROL_STEP_S, NonNegative, Positive, Section, Speed, is_multiple
 
+MOST_FOLLOWERS = 200
+"""Followers of a mission. Each is checked beside all others, and its log and report hold them."""
+
 Metres = Annotated[float, Field(ge=-1000, le=1000)]
 
 LEAST_APART_M = 3.0
@@ -54,7 +57,7 @@ class ShapeTable(Section):
     kind: Literal["line", "v", "column", "grid", "ring"] = Field(
         ..., description="line abreast, V of wings, column, grid four wide, or ring"
     )
-    count: Annotated[int, Field(ge=1, le=50)]
+    count: Annotated[int, Field(ge=1, le=MOST_FOLLOWERS)]
     spacing_m: Annotated[float, Field(ge=3, le=200)] = 10.0
     behind_m: Annotated[float, Field(ge=0, le=500)] = Field(
         10.0, description="from the leader to the formation"
@@ -63,7 +66,7 @@ class ShapeTable(Section):
     layer_m: Annotated[float, Field(ge=0, le=20)] = Field(
         1.0, description="depth increment per follower"
     )
-    layers: Annotated[int, Field(ge=1, le=50)] | None = Field(
+    layers: Annotated[int, Field(ge=1, le=MOST_FOLLOWERS)] | None = Field(
         None, description="assigned cyclically; default: count"
     )
     model: str | None = Field(None, description="model of the followers, as of `[[followers]]`")
@@ -111,7 +114,7 @@ def followers_of(shape: ShapeTable) -> list[dict[str, Any]]:
 class Scatter(Section):
     """Where followers of a drawn formation may have their stations."""
 
-    count: Annotated[int, Field(ge=1, le=50)] = Field(..., description="number of followers")
+    count: int = Field(..., ge=1, le=MOST_FOLLOWERS, description="number of followers")
     spacing_m: Annotated[float, Field(ge=3, le=200)] = Field(
         6.0, description="least horizontal distance of stations"
     )

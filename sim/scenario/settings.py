@@ -22,6 +22,7 @@ from laisn.arrays import Floats
 from laisn.navigators import BEACON_VARIANT, NAVIGATORS
 from laisn.settings import VARIANTS
 from sim.scenario.formation import (
+    MOST_FOLLOWERS,
     Formation,
     ShapeTable,
     Station,
@@ -198,7 +199,9 @@ class Video(Section):
     height_px: Annotated[int, Field(ge=120, le=2160, multiple_of=2)] = 720
     frame_rate_hz: Annotated[int, Field(ge=1, le=60)] = 30
     speed_up: Positive = Field(30.0, description="mission seconds per film second")
-    in_log: bool = Field(True, description="store a film in the log, too")
+    in_log: bool = Field(
+        False, description="store the film in the log, too, at most 640 pixels wide"
+    )
 
 
 # context of a validation without `Scenario.inconsistencies`
@@ -244,7 +247,9 @@ class Scenario(Section):
     origin_longitude_deg: Annotated[float, Field(ge=-180, le=180)] = 18.55
     timing: Timing = Timing()
     leader: Leader = Leader()
-    followers: Annotated[tuple[Follower, ...], LISTED, Field(min_length=1, max_length=50)]
+    followers: Annotated[
+        tuple[Follower, ...], LISTED, Field(min_length=1, max_length=MOST_FOLLOWERS)
+    ]
     formation: Formation = Formation()
     ocean: OceanTable = OceanTable()
     sensors: Sensors = Sensors()

@@ -2,9 +2,10 @@
 coefficients.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import groupby
 from typing import Annotated, NamedTuple
 
 import mujoco
@@ -57,11 +58,49 @@ def compose(
     if floor_depth_m is not None:
         # crests of the relief reach up to the floor's depth, so that what is above it is clear
         spec.geom("floor").pos[2] = -floor_depth_m - spec.hfield("floor").size[2]
-    for setup in setups:
-        spec.attach(
-            _edited(setup, looks), frame=spec.worldbody.add_frame(), prefix=f"{setup.name}/"
-        )
+    for group in _groups(setups):
+        if len(group) == 1:
+            hull = _edited(group[0], looks)
+            spec.attach(hull, frame=spec.worldbody.add_frame(), prefix=f"{group[0].name}/")
+        else:
+            initial = group[0].name[0]
+            fleet = _fleet(group, spec, looks)
+            spec.attach(fleet, frame=spec.worldbody.add_frame(), prefix=initial)
     return spec
+
+
+_GROUP = 16  # vehicles that are attached together
+
+
+def _groups(setups: Sequence[VehicleSetup]) -> Iterator[list[VehicleSetup]]:
+    """Vehicles in their order, in groups of one initial letter."""
+    for _, alike in groupby(setups, key=lambda setup: setup.name[0]):
+        yield from _batched([*alike])
+
+
+def _batched(setups: Sequence[VehicleSetup]) -> Iterator[list[VehicleSetup]]:
+    for first in range(0, len(setups), _GROUP):
+        yield [*setups[first : first + _GROUP]]
+
+
+def _fleet(group: Sequence[VehicleSetup], ocean: mujoco.MjSpec, looks: bool) -> mujoco.MjSpec:
+    """Vehicles attached together, without the initial of their names, in a model with the options
+    of the ocean.
+
+    Attaching one costs time in proportion to the vehicles that are there. So many of them are
+    attached to a small model first, and this to the ocean.
+    """
+    fleet = mujoco.MjSpec()
+    for name in _OPTIONS:
+        setattr(fleet.option, name, getattr(ocean.option, name))
+    for setup in group:
+        hull = _edited(setup, looks)
+        fleet.attach(hull, frame=fleet.worldbody.add_frame(), prefix=f"{setup.name[1:]}/")
+    return fleet
+
+
+_OPTIONS = ("timestep", "integrator", "density", "viscosity", "gravity")
+"""What the MJCF of the ocean sets; MuJoCo warns of models that are attached with others."""
 
 
 def spec_of(model: str, looks: bool = True) -> mujoco.MjSpec:
@@ -141,13 +180,23 @@ def inertia_tensor(model: mujoco.MjModel, body: int) -> Floats:
     return np.asarray((to_body * model.body_inertia[body]) @ to_body.T)
 
 
-def resolve(model: mujoco.MjModel, name: str) -> VehicleIds:
-    """Ids of the vehicle `name`."""
-    body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"{name}/hull")
-    names = [model.actuator(i).name.partition("/") for i in range(model.nu)]
-    actuators = tuple(i for i, (vehicle, _, _) in enumerate(names) if vehicle == name)
-    first = int(model.jnt_qposadr[model.body_jntadr[body]])
-    return VehicleIds(name, body, first, actuators, tuple(names[i][2] for i in actuators))
+def resolve(model: mujoco.MjModel, names: Sequence[str]) -> list[VehicleIds]:
+    """Ids of vehicles by their names."""
+    actuators: dict[str, list[int]] = {name: [] for name in names}
+    effectors: dict[str, list[str]] = {name: [] for name in names}
+    for i in range(model.nu):
+        vehicle, _, effector = model.actuator(i).name.partition("/")
+        if vehicle in actuators:
+            actuators[vehicle].append(i)
+            effectors[vehicle].append(effector)
+    vehicles = []
+    for name in names:
+        body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"{name}/hull")
+        first = int(model.jnt_qposadr[model.body_jntadr[body]])
+        vehicles.append(
+            VehicleIds(name, body, first, tuple(actuators[name]), tuple(effectors[name]))
+        )
+    return vehicles
 
 
 MAX_STRIPS = 32

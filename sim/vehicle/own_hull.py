@@ -187,7 +187,7 @@ def _compiled(text: str) -> Iterator[str]:
             [VehicleSetup(name="hull", model=text, position_m=(0.0, 0.0, -10.0))]
         ).compile()
         mjcf.read_coefficients(model, ["hull"], 1026.0)
-        vehicles = [resolve(model, "hull")]
+        vehicles = resolve(model, ["hull"])
         effectors.read(model, vehicles)
         effectors.read_fixed(model, vehicles)
     except ValueError as error:

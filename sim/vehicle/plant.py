@@ -128,7 +128,7 @@ class Plant:
         self.data = data = mujoco.MjData(model)
 
         n = len(setups)
-        vehicles = [resolve(model, name) for name in self.names]
+        vehicles = resolve(model, self.names)
         self.pose: Floats = data.qpos.reshape(n, 7)
         self.twist: Floats = data.qvel.reshape(n, 6)
         self.effectors = effectors.read(model, vehicles)

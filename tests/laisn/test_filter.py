@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from filterpy.kalman import KalmanFilter
 
 from laisn.navigator import Filter
 
@@ -81,3 +82,31 @@ def test_position_gain_is_about_one_with_the_papers_settings() -> None:
     variance = (60 * 0.1**2 / 2) ** 2
     kalman.update_position((1.0, 0.0), 0.01)
     assert kalman.state[0] == pytest.approx(variance / (variance + 1e-4))
+
+
+def test_a_hundred_steps_are_those_of_filterpy() -> None:
+    """Steps of varying length, with a position every fifth of them."""
+    rng = np.random.default_rng(5)
+    start = np.array([3.0, -2.0, 0.4, 0.9])
+    sigma0 = np.array([0.5, 0.5, 0.1, 0.1])
+    kalman = Filter(0.1, start, sigma0)
+    other = KalmanFilter(dim_x=4, dim_z=2)
+    other.x = start.copy()
+    other.P = np.diag(sigma0**2)
+    for k in range(100):
+        sigma_a, dt = rng.uniform(0.01, 2.0), rng.uniform(0.05, 0.5)
+        gain = np.kron([[0.5 * dt * dt], [dt]], np.eye(2))
+        kalman.predict(sigma_a, dt)
+        other.predict(F=np.eye(4) + dt * np.eye(4, k=2), Q=sigma_a**2 * gain @ gain.T)
+        if k % 5 == 0:
+            place, sigma = rng.normal(0.0, 3.0, 2), rng.uniform(0.05, 1.0)
+            kalman.update_position(tuple(place), sigma)
+            other.update(place, R=sigma**2 * np.eye(2), H=H_POSITION)
+        speed, heading = rng.uniform(0.3, 2.0), rng.uniform(-np.pi, np.pi)
+        along = np.array([np.sin(heading), np.cos(heading)])
+        across = np.array([np.cos(heading), -np.sin(heading)])
+        noise = 0.1**2 * np.outer(along, along) + (0.03 * speed) ** 2 * np.outer(across, across)
+        kalman.update_speed(speed, heading, 0.1, 0.03)
+        other.update(speed * along, R=noise, H=H_VELOCITY)
+        np.testing.assert_allclose(kalman.state, other.x, rtol=1e-11, atol=1e-12)
+        np.testing.assert_allclose(kalman.covariance, other.P, rtol=1e-11, atol=1e-14)

@@ -5,7 +5,13 @@ import pytest
 
 from experiments.flight.fly import fly
 from sim.scenario.parts import MissionPlan
-from sim.tracking import closest_approaches, closest_in_a_layer, station_keeping
+from sim.tracking import (
+    closest_approaches,
+    closest_in_a_layer,
+    contacts,
+    pair_distances,
+    station_keeping,
+)
 from tests import synthetic
 from tests.sim.test_formation import mission
 
@@ -59,3 +65,51 @@ def test_the_nearest_pair_of_one_layer_is_found_beside_nearer_ones() -> None:
         closest_in_a_layer(MissionPlan.of(alone), synthetic.only(flight.trajectory, [0, 1, 2]))
         is None
     )
+
+
+@pytest.mark.parametrize("instants", [1, 31, 32, 33, 401])
+def test_no_pair_is_ever_nearer_than_its_bound(instants: int) -> None:
+    """Twelve random walks, looked at in every 32nd instant."""
+    steps = np.random.default_rng(instants).normal(0.0, 0.3, (instants, 12, 3))
+    places = np.cumsum(steps, axis=0) + 5.0 * np.arange(12)[:, None]
+    seen, bound = pair_distances(places)
+    for i in range(12):
+        for j in range(12):
+            if j >= i:
+                assert seen[i, j] == bound[i, j] == np.inf
+                continue
+            least = np.linalg.norm(places[:, i] - places[:, j], axis=1).min()
+            assert bound[i, j] <= least <= seen[i, j]
+
+
+def test_of_many_vehicles_the_nearest_pair_and_all_contacts_are_those_of_every_instant() -> None:
+    """Twenty vehicles 6 m apart that wander; two of them pass within reach of their hulls, between
+    two looks.
+    """
+    flight = synthetic.make_flight(40.0, 19)
+    trajectory = flight.trajectory
+    n = trajectory.time.size
+    rng = np.random.default_rng(3)
+    grid = np.stack([6.0 * (np.arange(20) % 5), 6.0 * (np.arange(20) // 5), np.full(20, -9.0)], 1)
+    position = grid + np.cumsum(rng.normal(0.0, 0.02, (n, 20, 3)), axis=0)
+    meeting = 205  # looks are at 192 and 224
+    position[:, 17] = position[:, 4] + [0.0, 0.0, 0.05]
+    position[:, 17, 0] += 0.5 * np.abs(np.arange(n) - meeting)
+    moved = synthetic.moved(trajectory, position=position)
+    space, level = closest_approaches(moved)
+    names = moved.names
+    for approach, axes in ((space, 3), (level, 2)):
+        distances = {
+            (names[j], names[i]): np.linalg.norm(
+                position[:, i, :axes] - position[:, j, :axes], axis=1
+            )
+            for i in range(20)
+            for j in range(i)
+        }
+        nearest = min(distances, key=lambda pair: distances[pair].min())
+        assert approach.pair == nearest == (names[4], names[17])
+        assert approach.distance_m == pytest.approx(distances[nearest].min(), abs=1e-12)
+        assert approach.time_s == moved.time[meeting]
+    (contact,) = contacts(moved)
+    assert contact.pair == (names[4], names[17])
+    assert abs(contact.time_s - moved.time[meeting]) < 0.5

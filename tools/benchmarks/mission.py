@@ -1,9 +1,8 @@
-"""What a mission costs: physics with autopilot beside the bare solver, the log, the film, and
-the whole command.
+"""What a mission costs: physics with autopilot beside the bare solver, in calm water and in waves,
+the log, and the film beside a bare renderer.
 """
 
-import subprocess
-import sys
+import resource
 import tempfile
 import time
 from functools import partial
@@ -18,7 +17,7 @@ from laisn.compiled import call_address, compiled
 from sim.assembly import routes_of, setups_of
 from sim.film import graphics, render
 from sim.film.render import FilmJob
-from sim.log import writer
+from sim.log import reader, writer
 from sim.log.contents import Contents
 from sim.scenario.parts import MissionPlan, SeaSettings
 from sim.scenario.settings import Follower, Scenario
@@ -27,19 +26,22 @@ from sim.vehicle.mjcf import compose, spec_of
 from sim.vehicle.mujoco_calls import NO_CONTACT, Calls, calls_of
 from sim.vehicle.plant import Plant
 from sim.water.assembly import ocean_of
-from tools.benchmarks.row import Row, least_time
+from tools.benchmarks.row import Goal, Row, least_time, time_of_command
 
 FLEETS = {
     "leader + 1": (1, 1000.0),
     "leader + 10": (10, 400.0),
     "leader + 50": (50, 200.0),
+    "leader + 200": (200, 60.0),
     "remus100 + 1": (1, 1000.0),
 }
 """Followers, and how long they are flown [s]; in the last both vehicles have a propeller and
 four fins.
 """
-AIMS = {"leader + 1": 4500.0, "leader + 10": 1500.0, "leader + 50": 350.0}
+GOALS = {"leader + 1": 4500.0, "leader + 10": 1500.0, "leader + 50": 350.0, "leader + 200": 60.0}
 """Real-time factors that they are to reach on one core."""
+LINEAR = 5.0
+"""A model of four times as many vehicles is to be made in at most so many times the time."""
 
 
 def _scenario(followers: int, duration: float, model: str = "follower") -> Scenario:
@@ -118,21 +120,52 @@ def physics() -> list[Row]:
                 floor,
             ),
         ]
-        if fleet in AIMS:
-            rows.append(
-                Row(
-                    f"{fleet}: real-time factor",
-                    duration / flown,
-                    "x",
-                    duration / flown / AIMS[fleet],
-                    "aim",
-                )
-            )
+        if fleet in GOALS:
+            goal = Goal(GOALS[fleet], at_least=True)
+            rows.append(Row(f"{fleet}: real-time factor", duration / flown, "x", goal=goal))
+    return rows
+
+
+def plant() -> list[Row]:
+    """Making the model of a fleet, from its files to the first step."""
+    times = {}
+    for followers in (50, 200):
+        scenario = _scenario(followers, 1.0)
+        mission = MissionPlan.of(scenario)
+        setups = setups_of(mission, routes_of(mission))
+        ocean = ocean_of(SeaSettings.of(scenario))
+        make = partial(Plant, setups, ocean, scenario.timing.physics_step_s)
+        times[followers] = least_time(make, 3)
+    ratio = times[200] / times[50]
+    return [
+        *(Row(f"leader + {n}: model", seconds * 1e3, "ms") for n, seconds in times.items()),
+        Row("leader + 200: model, over that of 50", ratio, "x", goal=Goal(LINEAR)),
+    ]
+
+
+def waves() -> list[Row]:
+    """A physics step of leader and one follower with autopilot and recording, by the sea."""
+    rows = []
+    for kind in ("none", "regular", "jonswap"):
+        scenario = load_scenario("T5", (f"ocean.waves.kind={kind}",))
+        mission = MissionPlan.of(scenario)
+        routes = routes_of(mission)
+        ocean = ocean_of(SeaSettings.of(scenario))
+        step_s = scenario.timing.physics_step_s
+        fleets = [Plant(setups_of(mission, routes), ocean, step_s) for _ in range(4)]
+        duration = scenario.duration_s
+        seconds = least_time(lambda f=fleets, r=routes, d=duration: simulate(f.pop(), r, d), 3)  # type: ignore[misc]
+        per_step = seconds / round(duration / step_s) * 1e6
+        name = "calm" if kind == "none" else kind
+        rows += [
+            Row(f"leader + 1, {name}", per_step, "µs/step"),
+            Row(f"leader + 1, {name}: real-time factor", duration / seconds, "x"),
+        ]
     return rows
 
 
 def log() -> list[Row]:
-    """Writing the log of a mission of 1000 s."""
+    """Writing and reading the log of a mission of 1000 s."""
     flight, _ = fly(load_scenario("T5", ()))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "flight.mcap"
@@ -141,59 +174,101 @@ def log() -> list[Row]:
             len(channel.times) for channel in Contents(path, lambda topic, _: False).topics.values()
         )
         size = path.stat().st_size
+        reading = least_time(partial(reader.read, path), 3)
     return [
         Row("messages", messages / 1000, "k"),
-        Row("writing", messages / seconds / 1000, "k/s", messages / seconds / 50_000, "50 k/s"),
+        Row("writing", messages / seconds / 1000, "k/s", goal=Goal(50.0, at_least=True)),
+        Row("reading, to a flight", messages / reading / 1000, "k/s"),
         Row("size", size / 1e6, "MB"),
     ]
 
 
+_BARE = """
+import sys
+from tools.benchmarks.mission import render_bare
+
+render_bare(int(sys.argv[1]))
+"""
+BARE_FRAMES = (30, 90)
+"""Frames of two children: their difference is free of what each costs by itself."""
+
+
+def render_bare(frames: int) -> None:
+    """Render a leader and a follower, above the floor of the ocean, as MuJoCo does without any of
+    the film's own: what a camera 4 m away sees.
+    """
+    scenario = load_scenario("T5", ())
+    video = scenario.video
+    mission = MissionPlan.of(scenario)
+    spec = compose(setups_of(mission, routes_of(mission)), scenario.ocean.floor_depth_m)
+    spec.visual.global_.offwidth = video.width_px
+    spec.visual.global_.offheight = video.height_px
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    camera = mujoco.MjvCamera()
+    camera.distance = 4.0
+    with mujoco.Renderer(model, video.height_px, video.width_px) as renderer:
+        for frame in range(frames):
+            data.qpos[0] += 0.1
+            mujoco.mj_forward(model, data)
+            camera.lookat[:] = data.qpos[:3]
+            camera.azimuth = float(frame)
+            renderer.update_scene(data, camera=camera)
+            renderer.render()
+
+
+def _bare_frame_s(backend: str) -> float:
+    """Processor time of a frame of `render_bare` [s]."""
+    times = []
+    for frames in BARE_FRAMES:
+        (_, *program), environment = graphics.child(_BARE, backend)
+        times.append(time_of_command((*program, str(frames)), environment).processor_s)
+    return (times[1] - times[0]) / (BARE_FRAMES[1] - BARE_FRAMES[0])
+
+
+def _processor_s() -> float:
+    """Processor time of all children that have ended [s]."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
+
+
 def film() -> list[Row]:
-    """Rendering and encoding at 1280×720, by wall clock, on all cores."""
-    if graphics.working() is None:
+    """Rendering and encoding at 1280×720, on all cores, beside a bare `mujoco.Renderer`."""
+    backend = graphics.working()
+    if backend is None:
         return [Row(f"not measured: {graphics.INSTALL}", np.nan, "")]
     flight, _ = fly(load_scenario("T5", ()))
-    # 300 frames spread over the whole mission
-    frames = 300
-    video = flight.scenario.video
-    length = float(flight.trajectory.time[-1] - flight.trajectory.time[0])
-    paced = video.model_copy(update={"speed_up": length * video.frame_rate_hz / frames})
-    marks: list[tuple[float, float]] = []
-    begin = time.perf_counter()
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "film.mp4"
-        job = FilmJob(flight=flight, video=paced)
-        render.render(job, path, progress=lambda done: marks.append((time.perf_counter(), done)))
+    # frames spread over the whole mission
+    frames = {}
+    for number in (90, 390):
+        video = flight.scenario.video
+        length = float(flight.trajectory.time[-1] - flight.trajectory.time[0])
+        paced = video.model_copy(update={"speed_up": length * video.frame_rate_hz / number})
+        marks: list[tuple[float, float]] = []
+        before = _processor_s()
+        begin = time.perf_counter()
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "film.mp4"
+            job = FilmJob(flight=flight, video=paced)
+            render.render(
+                job,
+                path,
+                progress=lambda done, m=marks: m.append((time.perf_counter(), done)),  # type: ignore[misc]
+            )
+            size = path.stat().st_size
+        frames[number] = _processor_s() - before
     seconds = time.perf_counter() - begin
     first, already = marks[0]
     last, _ = marks[-1]
-    rate = frames * (1.0 - already) / max(last - first, 1e-9)
+    rate = number * (1.0 - already) / max(last - first, 1e-9)
+    frame_s = (frames[390] - frames[90]) / 300
+    bare_s = _bare_frame_s(backend.name)
     return [
-        Row("frames a second, once running", rate, "1/s", rate / 20, "20/s"),
+        Row("frames a second, once running", rate, "1/s", goal=Goal(20.0, at_least=True)),
         Row("until the first group of frames", first - begin, "s"),
-        Row(f"{frames} frames in all", seconds, "s"),
+        Row(f"{number} frames in all", seconds, "s"),
+        Row("processor time of a frame", frame_s * 1e3, "ms"),
+        Row("processor time of a frame of a bare renderer", bare_s * 1e3, "ms"),
+        Row("a frame, over that of a bare renderer", frame_s / bare_s, "x", goal=Goal(2.0)),
+        Row("size of a frame", size / number / 1e3, "kB"),
     ]
-
-
-def command() -> list[Row]:
-    """`laisn fly T5 --no-video` from its start to its end, by wall clock, on all cores, with
-    compiled code at hand.
-    """
-    with tempfile.TemporaryDirectory() as folder:
-        call = [
-            sys.executable,
-            "-m",
-            "laisn_sim.cli.main",
-            "fly",
-            "T5",
-            "--no-video",
-            "--out",
-            folder,
-        ]
-        durations = []
-        for _ in range(4):
-            begin = time.perf_counter()
-            subprocess.run(call, check=True, stdout=subprocess.DEVNULL)
-            durations.append(time.perf_counter() - begin)
-    # the first one compiles what is missing
-    return [Row("laisn fly T5 --no-video", min(durations[1:]), "s")]

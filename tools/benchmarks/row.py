@@ -1,10 +1,29 @@
-"""A line of a benchmark's table, and how time is taken."""
+"""A line of a benchmark's table, its goal, and how time is taken."""
 
+import os
+import subprocess
+import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+
+
+class Goal(NamedTuple):
+    """What a row is to reach."""
+
+    value: float
+    at_least: bool = False  # else at most
+
+    def is_met(self, value: float) -> bool:
+        """Whether a value reaches it; what was not measured does not miss it."""
+        if np.isnan(value):
+            return True
+        return value >= self.value if self.at_least else value <= self.value
+
+    def __str__(self) -> str:
+        return f"{'≥' if self.at_least else '≤'} {self.value:g}"
 
 
 class Row(NamedTuple):
@@ -18,6 +37,8 @@ class Row(NamedTuple):
     against: str = ""
     floor: float = np.nan
     """What the machine could do at best, in the same unit."""
+    goal: Goal | None = None
+    """What the value is to reach, in the same unit; None: it only informs."""
 
 
 def least_time(work: Callable[[], object], repeats: int = 7) -> float:
@@ -40,3 +61,36 @@ def least_times(works: Sequence[Callable[[], object]], repeats: int) -> list[flo
             work()
             least[i] = min(least[i], time.process_time() - begin)
     return least
+
+
+class CommandTime(NamedTuple):
+    """What a command took [s]."""
+
+    processor_s: float  # of it and of its child processes, on all cores
+    wall_s: float
+
+
+def time_of_command(
+    arguments: Sequence[str], environment: Mapping[str, str] | None = None
+) -> CommandTime:
+    """Time of a Python program with arguments, without its output; CalledProcessError: it fails."""
+    call = [sys.executable, *arguments]
+    begin = time.perf_counter()
+    with subprocess.Popen(
+        call,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env={**os.environ, **(environment or {})},
+    ) as process:
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, call)
+    return CommandTime(usage.ru_utime + usage.ru_stime, time.perf_counter() - begin)
+
+
+def least_time_of_command(arguments: Sequence[str], repeats: int) -> CommandTime:
+    """The least of several of each, after one that compiles what is missing."""
+    time_of_command(arguments)
+    times = [time_of_command(arguments) for _ in range(repeats)]
+    return CommandTime(*(min(values) for values in zip(*times, strict=True)))

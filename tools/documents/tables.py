@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from experiments.flight.library import ROUTES
 from experiments.studies.rivals.findings import CONDITIONS, INTERVALS, NAVIGATORS, USUAL, WITH_TWO
 from experiments.study.file import built_in, study_of
-from reports.findings import Finding, Findings
+from reports.findings import Finding
 from tools.documents.coverage import LAWS, RUNS
 from tools.documents.hull_trials import (
     PUBLISHED_HULLS,
@@ -13,10 +13,10 @@ from tools.documents.hull_trials import (
     PUBLISHED_SPEED,
     PUBLISHED_TURN,
 )
+from tools.documents.speed import peers, speed, waiting
+from tools.documents.table_text import Records, markdown
 from tools.documents.tight_limits import RIVALS
 from tools.documents.vehicle_missions import ROLES
-
-Records = Mapping[str, Findings]
 
 STEERING = {
     "laisn-2": "LAISN-2",
@@ -59,12 +59,6 @@ AMONG_BEACONS = {
     "exact-beacons": "the same without beacons' own errors",
 }
 """Rows of the table of real ranges: navigators of the record, and words."""
-
-
-def markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table in Markdown."""
-    lines = [heads, ["---"] * len(heads), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
 
 
 def _ratio(finding: Finding) -> str:
@@ -199,73 +193,6 @@ def benchmark(records: Records) -> str:
         "step [µs]",
     ]
     return markdown(heads, rows)
-
-
-FLEETS = {
-    1: "physics of leader and one follower with autopilot, 0.02 s step",
-    10: "the same with ten followers",
-    50: "the same with fifty followers",
-}
-"""Rows of the table of speeds, by the number of followers."""
-
-
-def speed(records: Records) -> str:
-    """What `make bench` measured: median, least and largest of its rounds."""
-    record = records["benchmarks"]
-    rows = []
-    for followers, words in FLEETS.items():
-        fleet = f"physics: leader + {followers}"
-        whole = f"{fleet}: with autopilot and recording"
-        bare = record[f"{fleet}: mj_step alone, no water"]
-        floor = record[f"{whole}, floor"]
-        measured = (
-            f"{record[whole]:.1f i} µs a step, {record[f'{fleet}: real-time factor']:,.0f} "
-            "times real time"
-        )
-        rows.append(
-            [words, measured, f"bare `mj_step` {bare:.1f} µs, its needed part {floor:.1f} µs"]
-        )
-    alone = "navigation: lanes, LAISN-2 filter only"
-    filterpy = record[f"{alone}, than filterpy"]
-    vectorised = record[f"{alone}, than NumPy"]
-    peers = (
-        f"{filterpy:,.0f} times as fast as filterpy, {vectorised:.0f} times as NumPy over 60 runs"
-    )
-    floor_ns = record[f"{alone}, floor"]
-    rows.append(
-        [
-            "LAISN-2, filter alone, 60 runs side by side",
-            f"{record[alone]:.1f i} ns a step",
-            f"{peers}; floor by flops {floor_ns:.1f} ns",
-        ]
-    )
-    for variant in ("LAISN-2", "LAISN-3(2)"):
-        key = f"navigation: lanes, {variant.replace('(', '-').rstrip(')')} with noise and metrics"
-        rows.append([f"{variant}, with noise and metrics", f"{record[key]:.1f i} ns a step", ""])
-    tight = "tight: tight, 3 transmitters, messages every 1 s"
-    if tight in record.findings:
-        against = f"{record[f'{tight}, than LAISN-2']:.2f} times as fast as LAISN-2 alone"
-        measured = f"{record[tight]:.1f i} ns a step"
-        beside = f"{against}; floor by flops {record[f'{tight}, floor']:.1f} ns"
-        rows.append(
-            ["tightly coupled with three transmitters, one run after another", measured, beside]
-        )
-    messages = record["log: writing"]
-    size = record["log: size"]
-    rows.append(
-        ["log", f"{messages:.0f i} thousand messages/s", f"{size:.1f} MB for 1000 s without film"]
-    )
-    film = "film: frames a second, once running"
-    if film in record.findings:
-        rows.append(
-            ["film at 1280×720, rendered and encoded", f"{record[film]:.0f i} frames/s", ""]
-        )
-    command = "command: laisn fly T5 --no-video"
-    if command in record.findings:
-        rows.append(
-            ["`laisn fly T5 --no-video` as a whole", f"{record[command]:.1f i} s by the clock", ""]
-        )
-    return markdown(["what", "measured (least to largest)", "for comparison"], rows)
 
 
 def _cases(records: Records, keys: Sequence[tuple[str, str]]) -> str:
@@ -625,6 +552,8 @@ TABLES: dict[str, Callable[[Records], str]] = {
     "real-ranges": real_ranges,
     "benchmark": benchmark,
     "speed": speed,
+    "peers": peers,
+    "waiting": waiting,
     "estimators": estimators,
     "estimators-at-sea": estimators_at_sea,
     "tight-limits": tight_limits,

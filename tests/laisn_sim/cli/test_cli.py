@@ -32,7 +32,15 @@ def test_fly_writes_all_its_evidence(flown: Path) -> None:
         assert summary[figure] >= 0
     assert summary["flown_s"] == 20
     timing = json.loads((flown / "first" / "timing.json").read_text())
-    assert {"simulate_s", "navigate_s", "log_s", "report_s", "real_time_factor"} <= set(timing)
+    phases = ("prepare", "simulate", "navigate", "log", "report")
+    assert set(timing) == {
+        *(f"{phase}{clock}" for phase in phases for clock in ("_s", "_processor_s")),
+        "real_time_factor",
+        "real_time_factor_processor",
+    }
+    assert timing["real_time_factor"] == pytest.approx(20 / timing["simulate_s"])
+    by_processor = timing["real_time_factor_processor"]
+    assert by_processor == pytest.approx(20 / timing["simulate_processor_s"])
 
 
 @pytest.mark.system

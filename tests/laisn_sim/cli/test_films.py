@@ -3,12 +3,15 @@
 from pathlib import Path
 from typing import Any
 
+import av
 import pytest
 from typer.testing import CliRunner
 
 from laisn_sim.cli.main import app
 from sim.film import graphics
 from sim.film.render import RendererDiedError
+from sim.log.contents import Contents
+from sim.log.schema import message_class_of
 from tests.laisn_sim.cli.flights import WITHOUT_FILM, without_notice
 
 pytestmark = pytest.mark.system
@@ -56,6 +59,42 @@ def test_a_renderer_that_dies_costs_the_film_alone_and_gives_exit_code_1(
     assert "Traceback" not in result.output
     assert "ZeroDivisionError: of the child" in fault.read_text()
     assert {path.name for path in (tmp_path / "o").iterdir()} == WITHOUT_FILM
+
+
+@pytest.mark.skipif(graphics.working() is None, reason=graphics.MISSING)
+@pytest.mark.usefixtures("without_report")
+@pytest.mark.parametrize("in_log", [False, True])
+def test_a_log_refers_to_the_film_beside_it_and_holds_a_small_one_by_choice(
+    tmp_path: Path, in_log: bool
+) -> None:
+    """6 s at 30 times real time and 25 Hz: five frames of 800 × 450 pixels."""
+    keys = {
+        "duration_s": 6,
+        "video.width_px": 800,
+        "video.height_px": 450,
+        "video.frame_rate_hz": 25,
+        "video.in_log": str(in_log).lower(),
+    }
+    settings = [word for key, value in keys.items() for word in ("--set", f"{key}={value}")]
+    result = CliRunner().invoke(app, ["fly", "T5", *settings, "--out", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    with av.open(str(tmp_path / "flight.mp4")) as film:
+        (stream,) = film.streams
+        assert (stream.width, stream.height, stream.frames) == (800, 450, 5)
+    log = Contents(tmp_path / "flight.mcap")
+    reference = {"file": "flight.mp4", "frame_rate_hz": "25", "speed_up": "30.0"}
+    assert log.metadata["film"] == reference
+    assert ("/camera" in log.topics) == in_log
+    panels = (tmp_path / "foxglove.json").read_text()
+    assert ('"/camera"' in panels) == in_log
+    if in_log:
+        decoder = av.CodecContext.create("h264", "r")
+        camera = log.topics["/camera"]
+        kind = message_class_of(camera.schema)
+        units = [kind.FromString(data).data for data in camera.data]
+        pictures = [p for unit in units for p in decoder.decode(av.Packet(unit))]
+        pictures += decoder.decode(None)
+        assert [(p.width, p.height) for p in pictures] == [(640, 360)] * 5
 
 
 @pytest.mark.parametrize("backend", [graphics.Backend("egl", True, "a renderer"), None])

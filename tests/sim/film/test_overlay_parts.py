@@ -108,7 +108,7 @@ def test_colours_are_converted_to_bt709() -> None:
     rgba = np.zeros((128, 160, 4), np.uint8)
     for i, colour in enumerate(colours):
         rgba[:, 32 * i : 32 * i + 32] = (*colour, 255)
-    (unit,) = render.encode([rgba], Video(width_px=160, height_px=128))
+    ((unit,),) = render.encode([rgba], Video(width_px=160, height_px=128))
     (picture,) = av.CodecContext.create("h264", "r").decode(av.Packet(unit)) or [None]
     assert picture is not None
     assert (picture.colorspace, picture.color_range) == (1, 1)

@@ -203,6 +203,8 @@ def test_layout_names_channels_and_fields_of_the_flights_own_vehicles(
     assert topics | {configs["Log"]["topicToRender"]} <= set(there.topics)
     assert {f"/{name}/estimate" for name in names[1:]} <= topics
     assert configs["Image"]["imageMode"]["imageTopic"] == "/camera"
+    without = panels_in(json.loads(layout(names, camera=False))["content"])
+    assert [p for p in panels if p["panelType"] != "Image"] == without
     paths = [
         path["value"].removesuffix(".@rad2deg")
         for p in panels

@@ -323,8 +323,8 @@ def test_a_day_of_one_follower_is_accepted_and_of_fifty_is_not() -> None:
     table: dict[str, Any] = {"name": "a", "duration_s": 86400.0, "followers": [{"route": "T5"}]}
     assert scenario_file.validate(table, "a.toml", feasibility.infeasibilities)
     swarm = {**table, "followers": [{"route": "T5"} for _ in range(50)]}
-    # 864 000 instants of 51 vehicles at 1.1 kB; 2 000 000 instants are 3922 s of 51
+    # 864 000 instants of 51 vehicles at 1.1 kB; 2 100 000 instants are 4118 s of 51
     with pytest.raises(
-        ScenarioError, match=r"would take 48.5 GB of memory; so many vehicles may fly 3922 s"
+        ScenarioError, match=r"would take 48.5 GB of memory; so many vehicles may fly 4118 s"
     ):
         scenario_file.validate(swarm, "a.toml", feasibility.infeasibilities)

@@ -102,8 +102,8 @@ def test_layers_are_taken_in_turn() -> None:
     ("shape", "fault"),
     [
         (
-            {"kind": "grid", "count": 51},
-            "formation.shape.count: Input should be less than or equal to 50 (given: 51)",
+            {"kind": "grid", "count": 201},
+            "formation.shape.count: Input should be less than or equal to 200 (given: 201)",
         ),
         ({"kind": "grid", "count": 4, "spacing": 9.0}, "formation.shape.spacing: unknown key"),
     ],

@@ -101,7 +101,7 @@ def test_hull_is_neutral_and_its_added_mass_that_of_the_spheroid(name: str) -> N
     record = mjcf.read_coefficients(model, ["v"], 1026.0)[0]
     np.testing.assert_allclose(record["added_mass"], np.diag(expected), rtol=2e-4, atol=1e-12)
     assert np.linalg.eigvalsh(record["added_mass"])[0] > 0
-    body = resolve(model, "v").body
+    body = resolve(model, ["v"])[0].body
     np.testing.assert_allclose(model.body_mass[body], mass, rtol=1e-5)
     np.testing.assert_allclose(
         np.sort(model.body_inertia[body]),
@@ -132,6 +132,31 @@ def test_sites_lie_where_the_navigation_expects_them() -> None:
     for m in (model, follower):
         np.testing.assert_array_equal(m.site("cg").pos, m.body("hull").ipos)
         assert m.ncam >= 2
+
+
+def test_vehicles_attached_in_groups_make_the_model_of_those_attached_one_by_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A fleet with names of one letter, of one initial and of others, of three hulls; to the
+    byte.
+    """
+    names = ["leader", "a", "b", *(f"auv-{i}" for i in range(20)), "sub", *"xyz", "x2", "last"]
+    hulls = ["leader", *["follower", "remus100"] * len(names)]
+    setups = [
+        VehicleSetup(name=name, model=hull, position_m=(5.0 * i, 0.0, -10.0), heading_rad=0.1 * i)
+        for i, (name, hull) in enumerate(zip(names, hulls, strict=False))
+    ]
+
+    def contents() -> bytes:
+        model = compose(setups, 50.0).compile()
+        content = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+        mujoco.mj_saveModel(model, None, content)
+        assert [v.name for v in resolve(model, names)] == names
+        return content.tobytes()
+
+    in_groups = contents()
+    monkeypatch.setattr(mjcf, "_groups", lambda setups: [[setup] for setup in setups])
+    assert in_groups == contents()
 
 
 def test_geoms_are_looks_only() -> None:

@@ -168,9 +168,7 @@ def test_moments_of_thrusters_are_those_of_mujoco() -> None:
     mujoco.mju_sparse2dense(
         expected, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
     )
-    moments = effectors.unit_wrenches(
-        effectors.read(model, [resolve(model, name) for name in plant.names])
-    )
+    moments = effectors.unit_wrenches(effectors.read(model, resolve(model, plant.names)))
     moments[..., :3] = attitude.rotate(pose[:, None, 3:], moments[..., :3])
     np.testing.assert_allclose(moments[0], expected[:5, :6], atol=1e-12)
     np.testing.assert_allclose(moments[1], expected[5:, 6:], atol=1e-12)
@@ -179,7 +177,7 @@ def test_moments_of_thrusters_are_those_of_mujoco() -> None:
 
 def test_thruster_elsewhere_than_at_its_hull_is_refused() -> None:
     plant = Plant(setups(), Ocean())
-    vehicles = [resolve(plant.model, name) for name in plant.names]
+    vehicles = resolve(plant.model, plant.names)
     plant.model.actuator_trnid[6, 0] = plant.model.actuator_trnid[0, 0]
     with pytest.raises(
         ValueError,

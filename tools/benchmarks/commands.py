@@ -1,0 +1,76 @@
+"""What a user waits for: whole commands, with compiled code at hand and on a fresh installation."""
+
+import tempfile
+from pathlib import Path
+
+from tools.benchmarks.row import Goal, Row, least_time_of_command, time_of_command
+
+LAISN = ("-m", "laisn_sim.cli.main")
+FLIGHT_GOALS_S = {"T5": 2.4, "swarm": 5.0}
+"""Processor time of a flight without its film, compiled code at hand [s]."""
+COLD_GOALS_S = {"T5": 14.0, "swarm": 55.0}
+"""Processor time of compiling for the same flights."""
+OTHERS = {"laisn check T5": ("check", "T5"), "laisn --help": ("--help",)}
+_REPEATS = 5
+# flies, and writes how many functions were compiled for that
+_COUNTED = """
+import sys
+from laisn_sim.cli.main import main
+
+sys.argv = ["laisn", *sys.argv[2:]]
+try:
+    main()
+except SystemExit as ended:
+    code = ended.code
+else:
+    code = 0
+from laisn.compiled import count_compiled
+
+with open({count!r}, "w") as file:
+    file.write(str(count_compiled()))
+sys.exit(code)
+"""
+
+
+def commands() -> list[Row]:
+    """Commands from their start to their end, with compiled code at hand: processor time on all
+    cores, and wall clock.
+    """
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for scenario, goal in FLIGHT_GOALS_S.items():
+            call = (*LAISN, "fly", scenario, "--no-video", "--out", f"{folder}/{scenario}")
+            taken = least_time_of_command(call, _REPEATS)
+            name = f"laisn fly {scenario} --no-video"
+            rows += [
+                Row(name, taken.processor_s, "s", goal=Goal(goal)),
+                Row(f"{name}, by the clock", taken.wall_s, "s"),
+            ]
+        for name, arguments in OTHERS.items():
+            taken = least_time_of_command((*LAISN, *arguments), _REPEATS)
+            rows.append(Row(name, taken.processor_s, "s"))
+    return rows
+
+
+def cold() -> list[Row]:
+    """The first flight of an installation, in a home of its own: functions that are compiled, and
+    the processor time that it takes over one with compiled code at hand.
+    """
+    rows = []
+    for scenario, goal in COLD_GOALS_S.items():
+        with tempfile.TemporaryDirectory() as folder:
+            home = {"XDG_CACHE_HOME": str(Path(folder) / "cache")}
+            count = Path(folder) / "count"
+            flight = ("fly", scenario, "--no-video", "--out", f"{folder}/flight")
+            program = ("-c", _COUNTED.format(count=str(count)), "laisn", *flight)
+            first = time_of_command(program, home)
+            functions = int(count.read_text())
+            again = time_of_command((*LAISN, *flight), home)
+        name = f"{scenario}: first flight of an installation"
+        compiling = first.processor_s - again.processor_s
+        rows += [
+            Row(f"{name}, compiled functions", functions, ""),
+            Row(f"{name}, compiling", compiling, "s", goal=Goal(goal)),
+            Row(f"{name}, whole, by the clock", first.wall_s, "s"),
+        ]
+    return rows
