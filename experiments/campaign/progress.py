@@ -84,7 +84,7 @@ class _Bars(Progress):
         self._count = count
         self._before = count()
         self._began = time.monotonic()
-        self._told = self._began  # when a log had its last line
+        self._last_line_s = self._began  # when a log had its last line
         self._ended = threading.Event()
         super().__init__(
             TextColumn("{task.description:<9}"),
@@ -113,7 +113,7 @@ class _Bars(Progress):
     def start(self) -> None:
         super().start()
         if self.disable:
-            threading.Thread(target=self._tell, daemon=True).start()
+            threading.Thread(target=self._write_progress, daemon=True).start()
 
     def stop(self) -> None:
         self._ended.set()
@@ -124,14 +124,14 @@ class _Bars(Progress):
     @property
     def silent_s(self) -> float:
         """How long a log had no line."""
-        return time.monotonic() - self._told
+        return time.monotonic() - self._last_line_s
 
     def tell(self, line: str) -> None:
         """Write a line into a log."""
-        self._told = time.monotonic()
+        self._last_line_s = time.monotonic()
         self.console.print(line, highlight=False, soft_wrap=True)
 
-    def _tell(self) -> None:
+    def _write_progress(self) -> None:
         """Write how far all is, where a log had nothing for ten seconds."""
         while not self._ended.wait(_LINE_EVERY_S / 4):
             if self.silent_s < _LINE_EVERY_S:

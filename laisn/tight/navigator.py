@@ -530,7 +530,7 @@ def fly(settings: TightSettings, measurements: Measurements, start: Floats) -> M
 
 # Two hypotheses are two places, and not the halves of a wide one, where intervals of 95 % about
 # each do not meet.
-_APART = 2.0
+_SEPARATION = 2.0
 
 
 @compiled
@@ -566,7 +566,7 @@ def _offset_to_likelier_hypothesis(
     if distance == 0.0:
         return 0.0, 0.0
     east, north = east / distance, north / distance
-    if distance < _APART * (_spread(b, i, east, north) + _spread(b, j, east, north)):
+    if distance < _SEPARATION * (_spread(b, i, east, north) + _spread(b, j, east, north)):
         return 0.0, 0.0
     return b.state[i, X] - x, b.state[i, Y] - y
 

@@ -34,7 +34,7 @@ _RECORD = "data set"  # metadata record by which such a log is known
 _STATED = ("range_sigma", "slip", "heading_walk", "track_slip", "track_heading_walk")
 _SLOTS = Ranges._fields
 _nanoseconds = Clock("1970-01-01T00:00:00Z").ns
-_APART = 1e-6  # between ranges of one instant that one reception cannot hold [s]
+_SEPARATION = 1e-6  # between ranges of one instant that one reception cannot hold [s]
 
 
 def read_data_set(path: Path) -> RangeData:
@@ -103,7 +103,7 @@ def _slots(data: RangeData) -> tuple[Floats, Ints]:
         slot = beacon if has_own_slots else robots.get(beacon, free)
         last = max(at, last)
         if slot in taken or (moved and beacon in robots):
-            last = last + _APART
+            last = last + _SEPARATION
             taken = set()
             moved = False
         taken.add(slot)

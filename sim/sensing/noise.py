@@ -233,7 +233,7 @@ def _words_at(address: Address, stream: int) -> tuple[np.uint64, np.uint64, np.u
     return words(address.seed, address.run, _U(_number(address, stream)), _U(address.step))
 
 
-# numba wants the same annotations of the outer functions, of types, and of the inner ones, of values
+# numba compares the annotations of the outer functions, of types, and of the inner ones, of values
 @overload(normals_at)
 def _normals_at(address: Any, stream: Any) -> Any:
     def normals_at(address: Any, stream: Any) -> Any:

@@ -112,7 +112,7 @@ class RayState(NamedTuple):
     interval: int  # of the profile
 
 
-LOST = RayState(math.nan, math.nan, math.nan, 0)
+NO_STATE = RayState(math.nan, math.nan, math.nan, 0)
 """A ray that meets surface or floor otherwise than wanted."""
 
 
@@ -197,10 +197,10 @@ def trace(w: Water, source: float, angle: float, reach: float, steps: int) -> Ra
         if not 0.0 <= ahead.depth <= w.floor:
             ahead, hits = _reflect(w, horizontal, state, h, hits)
             if hits[0] > w.by_surface or hits[1] > w.by_floor:
-                return LOST
+                return NO_STATE
         state = ahead
     if hits[0] < w.by_surface or hits[1] < w.by_floor:
-        return LOST
+        return NO_STATE
     return state
 
 
@@ -287,7 +287,7 @@ def _between(
     a, miss_a = left
     b, miss_b = right
     angle = a
-    end = LOST
+    end = NO_STATE
     for k in range(80):
         if k % 8 == 7:
             angle = 0.5 * (a + b)
