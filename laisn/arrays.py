@@ -18,6 +18,8 @@ from typing import (
 import numpy as np
 import numpy.typing as npt
 
+from laisn.spilled import is_spilled, room
+
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
@@ -33,7 +35,7 @@ Records: TypeAlias = Any
 
 def records(dtype: npt.DTypeLike, *shape: int) -> Records:
     """Records of a structured dtype, all zero."""
-    return np.zeros(shape, dtype).view(np.recarray)
+    return room(shape, dtype).view(np.recarray)
 
 
 class RecordFields:
@@ -160,7 +162,7 @@ def _is_read_only(array: npt.NDArray[Any]) -> bool:
     whole: Any = array
     while isinstance(whole, np.ndarray) and not whole.flags.writeable:
         whole = whole.base
-    return whole is None and array.flags.forc
+    return (whole is None or is_spilled(whole)) and array.flags.forc
 
 
 def freeze_arrays(record: "DataclassInstance") -> None:

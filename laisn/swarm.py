@@ -20,6 +20,7 @@ from laisn.compiled import compiled
 from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
 from laisn.settings import Settings
+from laisn.spilled import room
 
 ESTIMATE = np.dtype(
     [
@@ -68,9 +69,13 @@ class SwarmRecord(NamedTuple):
         cls, followers: int, steps: int, messages: int, kind: type[Estimates], *, whole: bool
     ) -> Self:
         """Room for a mission; with `whole` for covariances and fixes, up to three of a message."""
+        state = room((followers, steps, 4))
+        covariance = room((followers, steps if whole else 0, 4, 4))
+        for numbers in (state, covariance):
+            numbers[:] = np.nan
         return cls(
-            state=np.full((followers, steps, 4), np.nan),
-            covariance=np.full((followers, steps if whole else 0, 4, 4), np.nan),
+            state=state,
+            covariance=covariance,
             fix=records(kind.fix_dtype(), followers, 3 * messages if whole else 0),
             fix_count=np.zeros(followers, dtype=np.int64),
         )

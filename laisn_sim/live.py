@@ -117,7 +117,7 @@ class LiveView:
             f"Live from this machine, seed {flight.scenario.seed}, run {flight.scenario.run}. "
             "Pause and speed are those of the mission itself; the slider goes back in time."
         )
-        facts = [("Scenario", name), ("Navigator", flight.scenario.navigation.variant)]
+        facts = [("Scenario", name), ("Navigator", flight.scenario.variants)]
         page = Page(title=name, summary=summary, facts=facts, sections=[], replay=replay)
         with self.changed:
             self.page = render(page).encode()

@@ -28,7 +28,6 @@ from sim.closed_loop import (
     ClosedLoopFlight,
     PythonClosedLoop,
     closed_loop_mission,
-    hearing_of,
 )
 from sim.control.guidance import REFERENCE
 from sim.custom_control import (
@@ -394,7 +393,7 @@ class Simulation:
         if not (self._is_filter_step and isinstance(self._loop, PythonClosedLoop)):
             return {}
         received = self._loop.receptions(follower)
-        received.pop(self.scenario.navigation.link, None)
+        received.pop(self.scenario.navigation_of(follower).link, None)
         return received
 
     @property
@@ -402,7 +401,7 @@ class Simulation:
         """What each vehicle has received at this instant of the link that it navigates on by name;
         None: nothing. The leader is among them if it senses under way.
         """
-        hearing = hearing_of(self._loop)
+        state = self._loop.state
         due = self._is_filter_step
         receptions: dict[str, Reception | None] = {}
         if self._leader is not None:
@@ -410,10 +409,10 @@ class Simulation:
         for i, name in enumerate(self.names[1:]):
             receptions[name] = None
             if due and isinstance(self._loop, PythonClosedLoop):
-                main = self.scenario.navigation.link
+                main = self.scenario.navigation_of(i).link
                 receptions[name] = self._loop.receptions(i).get(main)
-            elif due and hearing.arrived[i]:
-                inbox = hearing.inbox
+            elif due and state.arrived[i]:
+                inbox = state.inbox
                 receptions[name] = reception_of(inbox.message[i], inbox.ranges[i], {})
         return receptions
 
@@ -428,7 +427,10 @@ class Simulation:
         if leader is not None:
             further = leader.receptions()[1] if self._is_filter_step else {}
             received = receptions["leader"]
-            readings["leader"] = readings_of(self.time, leader.reading[0], received, {}, further)
+            custom = dict(leader.latest_custom)
+            readings["leader"] = readings_of(
+                self.time, leader.reading[0], received, custom, further
+            )
         for i, name in enumerate(self.names[1:]):
             row = self._loop.state.readings[i]
             custom = self._custom(i)

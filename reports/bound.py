@@ -131,8 +131,9 @@ def flight_bound(flight: FlightRecord, follower: int = 0, lag: float = 0.0) -> F
     With a lag [s], messages of up to so much later are used too. Ranges, log and compass are those
     of this flight, with constant biases: sideslip, drift and echoes only raise what can be reached.
     """
-    sensing = SensingSettings.of(flight.scenario)
+    scenario = flight.scenario.navigated_as(follower)
+    sensing = SensingSettings.of(scenario)
     received = np.isfinite(flight.measurements[follower].ranges)
     geometry = geometry_of(flight.trajectory, sensing, follower, received)
-    noise = noise_of(sensing, flight.scenario.navigation, follower)
+    noise = noise_of(sensing, scenario.navigation, follower)
     return least_rms(geometry, noise, lag)

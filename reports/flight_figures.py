@@ -21,7 +21,7 @@ from reports.style import (
     TRANSMITTERS,
 )
 from reports.summary import largest_sigma, true_bearing
-from sim.flight import FlightRecord
+from sim.flight import FlightRecord, leader_errors
 from sim.scenario.parts import MotionSettings
 from sim.tracking import LOST_M, off_station
 
@@ -128,6 +128,23 @@ def over_time(
         link=f"follower{follower}",
         points=DRAWN_POINTS if len(flight.estimates) == 1 else _FEW_POINTS,
     )
+
+
+def leader_error(flight: FlightRecord) -> Panel | None:
+    """E_P of the leader's own estimate with its filter's 2σ over time; None: it has no
+    navigator.
+    """
+    position = leader_errors(flight)
+    if flight.leader is None or flight.leader.estimates is None or position is None:
+        return None
+    time = flight.trajectory.time[flight.step_index()]
+    two_sigma = SIGMAS * largest_sigma(flight.leader.estimates.covariance)
+    top = 3.0 * max(float(np.nanmax(position, initial=0.0)), 1e-3)
+    lines = [
+        Line(x=time, y=np.minimum(two_sigma, top), colour=INK, width=0.7, name="2σ by the filter"),
+        Line(x=time, y=position, colour=LEADER, name="E_P of the leader"),
+    ]
+    return panel(lines, x_label="time [s]", y_label="E_P [m]", width=FULL)
 
 
 def fitted_height(lines: Sequence[Line], width: float) -> float:
@@ -281,7 +298,7 @@ def ranges_part(flight: FlightRecord, follower: int) -> Subplot:
     time = np.asarray(
         flight.trajectory.time[0] + measured.message_step * measured.dt, dtype=np.float64
     )
-    used = reversed(range(flight.scenario.navigation.transmitters))
+    used = reversed(range(flight.scenario.navigation_of(follower).transmitters))
     lines = [
         Line(
             x=time,

@@ -17,7 +17,7 @@ from laisn.navigators import find
 from reports import flight_figures, style
 from reports.figures import Line, Panel, panel
 from reports.flight_figures import ON_AXIS_DEG, SIGMAS
-from reports.headline import OUTSIDE, headline, on_stations, tiles
+from reports.headline import OUTSIDE, headline, navigators, on_stations, tiles
 from reports.page import (
     Code,
     Figures,
@@ -123,7 +123,6 @@ def legend_of(causes: Sequence[Cause]) -> list[tuple[style.Colour, str]]:
 def range_budget(flight: FlightRecord) -> dict[str, Any]:
     """Range error budgets for the template: followers without a ping, figure and tables."""
     names = flight.trajectory.names[1:]
-    used = flight.scenario.navigation.transmitters
     silent = list[str]()
     drawn = set[Cause]()
     panels = list[Panel]()
@@ -142,6 +141,7 @@ def range_budget(flight: FlightRecord) -> dict[str, Any]:
         }
         drawn |= set(shares)
         panels.append(asymmetry_over_time(budget.time, shares, title, width))
+        used = flight.scenario.navigation_of(i).transmitters
         tables.append(share_table(budget, f"{name}. " if len(names) > 1 else "", used))
     legend = legend_of([cause for cause in COLOUR if cause in drawn])
     return {
@@ -228,7 +228,7 @@ def follower_curves(
     """Curves of a follower over time; of one among several with estimate minus truth beside
     them.
     """
-    used = range(flight.scenario.navigation.transmitters)
+    used = range(flight.scenario.navigation_of(follower).transmitters)
     panels = [flight_figures.over_time(flight, follower, errors, bound)]
     if len(flight.estimates) > 1:
         panels.append(flight_figures.difference(flight, follower))
@@ -273,13 +273,10 @@ def mirror_locks(flight: FlightRecord, names: Sequence[str]) -> dict[str, float]
 def _facts(flight: FlightRecord, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     scenario = flight.scenario
     timing = f"{scenario.timing.filter_step_s:g} s, {scenario.timing.message_interval_s:g} s"
-    transmitters = scenario.navigation.transmitters
-    variant = scenario.navigation.variant
     followers = len(scenario.followers)
-    navigator = find(variant).title or variant.upper()
     return [
         ("Vehicles", f"a leader and {followers} follower{'s' if followers > 1 else ''}"),
-        ("Navigator", f"{navigator} on {transmitters} transmitters"),
+        ("Navigator", navigators(flight)),
         ("Seed, run", f"{scenario.seed}, {scenario.run}"),
         ("Motion", scenario.motion),
         ("Flown", f"{flight.trajectory.time[-1]:g} s"),
@@ -290,6 +287,20 @@ def _facts(flight: FlightRecord, summary: Mapping[str, Any]) -> list[tuple[str, 
         ),
         ("Repeat with", "laisn fly scenario.toml"),
     ]
+
+
+def leader_values(flight: FlightRecord, summary: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The leader's own estimate for the template; None: it has no navigator."""
+    figure = flight_figures.leader_error(flight)
+    navigation = flight.scenario.leader.navigation
+    if figure is None or navigation is None:
+        return None
+    legend = [(style.LEADER, "E_P of the leader"), (style.INK, "2σ by the filter")]
+    return {
+        "figure": Figures(panels=[figure], legend=legend),
+        "navigator": find(navigation.variant).title or navigation.variant.upper(),
+        "row": summary["leader"],
+    }
 
 
 def _overview(flight: FlightRecord, errors: Errors) -> Figures:
@@ -396,6 +407,7 @@ def flight_report(
         "on_axis_deg": f"{ON_AXIS_DEG:g}",
         "rows": [follower_curves(flight, i, errors[i], least[i]) for i in _drawn(flight)],
         "states": final_states(flight),
+        "leader": leader_values(flight, summary),
         "budget": range_budget(flight),
         "map": tracks,
         "stations": stations,

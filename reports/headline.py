@@ -51,10 +51,16 @@ def figure(value: float, unit: str = "") -> str:
     return f"{value:.{digits}f}{unit}"
 
 
-def _navigator(flight: FlightRecord) -> str:
-    variant = flight.scenario.navigation.variant
-    title = find(variant).title or variant.upper()
-    return f"{title} on {flight.scenario.navigation.transmitters} transmitters"
+def navigators(flight: FlightRecord) -> str:
+    """The navigators of a flight's followers, each once, in words."""
+    scenario = flight.scenario
+    words = []
+    for i in range(len(scenario.followers)):
+        navigation = scenario.navigation_of(i)
+        title = find(navigation.variant).title or navigation.variant.upper()
+        words.append(f"{title} on {navigation.transmitters} transmitters")
+    distinct = list(dict.fromkeys(words))
+    return " and ".join(filter(None, [", ".join(distinct[:-1]), distinct[-1]]))
 
 
 def subject(flight: FlightRecord) -> str:
@@ -67,15 +73,17 @@ def subject(flight: FlightRecord) -> str:
     else:
         does = f"{'swims' if is_single else 'swim'} with a leader"
     duration = f"{float(flight.trajectory.time[-1]):,.0f} s"
-    return f"{who} {does} for {duration}, navigating by {_navigator(flight)}."
+    return f"{who} {does} for {duration}, navigating by {navigators(flight)}."
 
 
-def cause(flight: FlightRecord, errors: Mapping[str, float], nees: float | None) -> str:
-    """Why a follower's estimate is as far off as it is; empty: nothing stands out."""
+def cause(transmitters: int, errors: Mapping[str, float], nees: float | None) -> str:
+    """Why the estimate of a follower that uses so many transmitters is as far off as it is; empty:
+    nothing stands out.
+    """
     near = errors["near_axis"]
     elsewhere = errors["mean_elsewhere"]
     if near >= _NEAR_SHARE and not errors["mean_near"] < _NEAR_RATIO * elsewhere:
-        few = flight.scenario.navigation.transmitters <= _TWO
+        few = transmitters <= _TWO
         reason = (
             "two transmitters cannot tell the side" if few else "ranges hardly tell the direction"
         )
@@ -122,7 +130,9 @@ def headline(
     elif quiet and accuracies:
         worst = max(accuracies, key=lambda name: accuracies[name]["mean"])
         nees = summary["followers"].get(worst, {}).get("nees")
-        reason = cause(flight, accuracies[worst], nees)
+        follower = flight.trajectory.names.index(worst) - 1
+        transmitters = flight.scenario.navigation_of(follower).transmitters
+        reason = cause(transmitters, accuracies[worst], nees)
         if reason:
             whose = "" if len(accuracies) == 1 else f"of {worst}, "
             told = f"{told.removesuffix('.')}: {whose}{reason}."

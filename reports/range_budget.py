@@ -94,7 +94,7 @@ def _transmitters(trajectory: Trajectory, index: Ints, quaternion: Floats) -> Fl
 def range_error_budget(flight: FlightRecord, follower: int = 0) -> RangeErrorBudget:
     """The range error budget of one follower, by its index."""
     scenario = flight.scenario
-    sensing = SensingSettings.of(scenario)
+    sensing = SensingSettings.of(scenario.navigated_as(follower))
     trajectory = navigated_motion(flight.trajectory, sensing.links)
     measured = flight.measurements[follower]
     sound = propagate(trajectory, sensing, follower)

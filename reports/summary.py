@@ -14,7 +14,7 @@ from reports.verdict import verdict
 from reports.version import versions
 from sim import tracking
 from sim.assembly import routes_of
-from sim.flight import FlightRecord, position_and_bearing_errors
+from sim.flight import FlightRecord, leader_errors, position_and_bearing_errors
 from sim.log.writer import Event
 from sim.scenario.formation import LEAST_LAYER_M
 from sim.scenario.parts import MissionPlan, MotionSettings, SeaSettings
@@ -133,6 +133,37 @@ def relative_error(flight: FlightRecord, follower: int) -> list[dict[str, float]
     return rows
 
 
+def _own_variant(flight: FlightRecord, follower: int) -> dict[str, str]:
+    """The navigator of a follower, where followers have different ones."""
+    scenario = flight.scenario
+    if all(member.navigation is None for member in scenario.followers):
+        return {}
+    return {"variant": scenario.navigation_of(follower).variant}
+
+
+def leader_row(flight: FlightRecord) -> dict[str, Any]:
+    """Errors of the leader's own estimate from the first one on; empty if it has no navigator."""
+    position = leader_errors(flight)
+    if flight.leader is None or flight.leader.estimates is None or position is None:
+        return {}
+    navigation = flight.scenario.leader.navigation
+    estimates = flight.leader.estimates
+    time = flight.trajectory.time[flight.step_index()]
+    known = np.isfinite(position)
+    errors = position[known]
+    normalised = metrics.nees(estimates, flight.leader_position()[:, :2])
+    normalised = normalised[np.isfinite(normalised)]
+    return {
+        "variant": None if navigation is None else navigation.variant,
+        "e_p_mean_m": float(errors.mean()) if errors.size else None,
+        "e_p_std_m": float(errors.std()) if errors.size else None,
+        "e_p_max_m": float(errors.max()) if errors.size else None,
+        "e_p_max_s": float(time[known][errors.argmax()]) if errors.size else None,
+        "nees": float(normalised.mean()) if normalised.size else None,
+        "fixes": metrics.fix_counts(estimates),
+    }
+
+
 def flight_bounds(flight: FlightRecord) -> list[Floats]:
     return [flight_bound(flight, i) for i in range(len(flight.estimates))]
 
@@ -156,16 +187,18 @@ def summarise(flight: FlightRecord, bounds: list[Floats] | None = None) -> dict[
     off = tracking.track_errors(MotionSettings.of(flight.scenario), flight.trajectory)
     sensing = flight.scenario.formation.proximity is not None
     spent = sightings(MotionSettings.of(flight.scenario), flight.trajectory).spent_s
+    leader = leader_row(flight)
     return {
         "scenario": flight.scenario.name,
         "seed": flight.scenario.seed,
         "run": flight.scenario.run,
         "outcome": flight.outcome.value,
         "flown_s": float(flight.trajectory.time[-1]),
-        "variant": flight.scenario.navigation.variant,
+        "variant": flight.scenario.variants,
         "verdict": verdict(flight, off).table(),
         **pooled._asdict(),
         **_nearest(flight),
+        **({"leader": leader} if leader else {}),
         "followers": {
             name: metrics.summarise(*errors[i])._asdict()
             | consistency(flight, i, bounds[i])
@@ -173,6 +206,7 @@ def summarise(flight: FlightRecord, bounds: list[Floats] | None = None) -> dict[
             | ({"gave_way_s": float(spent[i])} if sensing else {})
             | {"relative_errors": relative_error(flight, i)}
             | {"fixes": metrics.fix_counts(flight.estimates[i])}
+            | _own_variant(flight, i)
             for i, name in enumerate(names)
         },
         "versions": versions(),

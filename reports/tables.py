@@ -205,4 +205,5 @@ def measurements_table(flight: FlightRecord) -> Table:
         for column, values in _custom_columns(measured):
             columns[column] = pa.array(values, from_pandas=True)
         parts.append(pa.table(columns))
-    return Table(pa.concat_tables(parts))
+    # vehicles may carry different sensors
+    return Table(pa.concat_tables(parts, promote_options="default"))

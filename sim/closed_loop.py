@@ -9,15 +9,17 @@ controller of the user's own, whose Python code computes its commands from these
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import pairwise
 from typing import NamedTuple, cast
 
 import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints, Record, Records, numbers_of, records
 from laisn.compiled import compiled, compiled_apart, copy_values
-from laisn.errors import LaisnError
-from laisn.messages import LeaderMessage, LinkMessages, Reception, SensorHeader
+from laisn.estimates import Estimates
+from laisn.messages import LeaderMessage, LinkMessages, Reception
 from laisn.navigators import find
+from laisn.settings import Settings
 from laisn.swarm import (
     ESTIMATE,
     READING,
@@ -37,19 +39,19 @@ from sim.control.guidance import (
 )
 from sim.control.station import SPACING, TRAIL, LeaderPlan, extend_as_planned, plan_of
 from sim.custom_control import CustomControl, readings_of
+from sim.custom_sensing import Carrier, CustomSensing
 from sim.estimated_route import follow_route
 from sim.flight import FlightRecord, Termination, navigation_settings
 from sim.leader import LEADER, LeaderUnit, needs_unit
 from sim.link_receiver import AnswerReceiver, Fleet, Hearing, Receiver, Sender
 from sim.scenario.formation import Proximity
 from sim.scenario.links import LEADER_LINK
-from sim.scenario.parts import MotionSettings, SensingSettings
+from sim.scenario.parts import LinkSettings, MotionSettings, SensingSettings, sensing_of_each
 from sim.scenario.settings import Leader, Navigation, Scenario
 from sim.scenario.vehicles import Follower
 from sim.sensing import observation, proximity
-from sim.sensing.acoustics import Motion, site_at
+from sim.sensing.acoustics import TRANSMITTERS, Motion, Sites
 from sim.sensing.links import further_links, navigated_link
-from sim.sensing.sensor import SensorDriver, VehicleState
 from sim.sensing.sensors import custom_sensors, update_tilt_error
 from sim.simulation import (
     TICK,
@@ -63,7 +65,6 @@ from sim.simulation import (
 from sim.tracking import formations_of, stations_of
 from sim.trajectory import StateHistory, Trajectory, speed_through_water
 from sim.vehicle.plant import Plant
-from sim.water.environment import Environment
 
 # kinds of followers
 ON_ROUTE, ON_ROUTE_BY_ESTIMATE, BY_OWN_CONTROL, ON_STATION_BY_TRUTH, ON_STATION = range(5)
@@ -77,15 +78,15 @@ class ClosedLoopState(NamedTuple):
     sensors: observation.SensorModel
     look_every: int  # ticks from one look around to the next; 0: there is none
     kinds: Ints  # ON_ROUTE … ON_STATION of each follower, shape (f,)
-    estimates_current: bool  # whether the navigators estimate a current
+    estimates_current: Bools  # whether the navigator of each follower estimates a current, (f,)
     leader_on_route: bool  # whether the leader keeps to its route by the truth
     # what messages of the leader hold that left at each filter step, where that is not its true
     # state with errors, shape (n + 1, 10); else (0, 10)
     broadcast: Floats
     plan: LeaderPlan  # the leader's, as far as its messages carry it
     stations: Records  # of STATION, shape (f,)
-    # of transmitters, shape (3, 3), hydrophones and pressure sensors, (f, 3) [m]
-    sites: tuple[Floats, Floats, Floats]
+    sites: Sites
+    depth_sensors: Floats  # offsets of the followers' pressure sensors, shape (f, 3), [m]
     # control of the leader and of followers that steer by the truth; it holds all commands
     routes: RouteControl
     readings: Records  # readings of each follower's sensors, of `laisn.swarm.READING`, shape (f,)
@@ -117,9 +118,9 @@ def _kind(follower: Follower) -> int:
 
 def init_closed_loop(
     motion: MotionSettings,
-    sensing: SensingSettings,
+    navigated: Sequence[SensingSettings],
     leader: Leader,
-    navigation: Navigation,
+    navigations: Sequence[Navigation],
     plant: Plant,
     routes: RouteControl,
     *,
@@ -129,13 +130,14 @@ def init_closed_loop(
     followers = motion.plan.followers
     f = len(followers)
     n = routes.reference.shape[0]
+    sensing = navigated[0]
     message_every = sensing.links.message_every
-    sensors = observation.sensor_model_of(sensing)
+    sensors = observation.sensor_model_of(sensing, navigated=navigated)
     steps = (n - 1) // sensors.stride
     link = navigated_link(sensing.links)
     messages = steps // (link.every if link else message_every) + 1
     by_estimate = leader.broadcast_position == "estimate"
-    kind = find(navigation.variant).estimates
+    kind = find(navigations[0].variant).estimates
     offset = {name: plant.site_offset[i] for i, name in enumerate(plant.site_names)}
     names = [follower.name for follower in followers]
     memory = records(steering.FOLLOWER_MEMORY, f)
@@ -158,16 +160,18 @@ def init_closed_loop(
         sensors=sensors,
         look_every=proximity.look_interval(motion.formation.proximity),
         kinds=kinds,
-        estimates_current="current" in navigation.settings().estimated,
+        estimates_current=np.array(
+            ["current" in navigation.settings().estimated for navigation in navigations]
+        ),
         leader_on_route=not (leader.controller or leader.guidance_position == "estimate"),
         broadcast=np.full((steps + 1 if by_estimate else 0, len(LeaderMessage._fields)), np.nan),
         plan=plan,
         stations=stations_of(motion),
-        sites=(
-            np.array([offset[f"leader/tx_{which}"] for which in ("rear", "front", "middle")]),
-            np.array([offset[f"{name}/hydrophone"] for name in names]),
-            np.array([offset[f"{name}/depth_sensor"] for name in names]),
+        sites=Sites(
+            transmitters=np.array([offset[name] for name in TRANSMITTERS]),
+            hydrophones=np.array([offset[f"{name}/hydrophone"] for name in names]),
         ),
+        depth_sensors=np.array([offset[f"{name}/depth_sensor"] for name in names]),
         routes=routes,
         readings=readings,
         read=numbers_of(readings),
@@ -202,7 +206,7 @@ def sense(k: int, truth: StateHistory, a: ClosedLoopState) -> bool:
     step = k // stride
     for i in range(a.kinds.size):
         body = truth.pose[k, i + 1], truth.twist[k, i + 1], truth.water[k, i + 1]
-        observation.read_instruments(a.sensors, step, i, body, a.sites[2][i], a.read[i])
+        observation.read_instruments(a.sensors, step, i, body, a.depth_sensors[i], a.read[i])
         on_station = a.kinds[i] >= ON_STATION_BY_TRUTH
         if k > 0 and a.look_every > 0 and k % a.look_every == 0 and on_station:
             proximity.sense_neighbours(
@@ -217,7 +221,7 @@ def sense(k: int, truth: StateHistory, a: ClosedLoopState) -> bool:
                 a.sensors,
                 step,
                 i,
-                (a.sites[0], a.sites[1]),
+                a.sites,
                 Motion(truth, 0.0, k),
                 a.tilts,
                 a.inbox,
@@ -293,7 +297,7 @@ def guide(k: int, truth: StateHistory, a: ClosedLoopState) -> None:
             steer_along_route(k, truth, i, routes)
         elif a.kinds[f] == ON_ROUTE_BY_ESTIMATE:
             senses = (reading, estimate)
-            navigation = (a.sensors.stride, a.estimates_current)
+            navigation = (a.sensors.stride, a.estimates_current[f])
             follow_route(k, i, senses, a.memory[f], routes, navigation)
         if a.kinds[f] < ON_STATION_BY_TRUTH:
             continue
@@ -303,7 +307,7 @@ def guide(k: int, truth: StateHistory, a: ClosedLoopState) -> None:
             if k == 0:
                 guidance.current[0] = body[2][0]
                 guidance.current[1] = body[2][1]
-            _true_estimate(body, a.sites[1][f], guidance, reading, estimate)
+            _true_estimate(body, a.sites.hydrophones[f], guidance, reading, estimate)
         trail = (a.trails[f], a.counts[f, 0])
         clock = (k * TICK, TICK)
         station_senses = (reading, estimate)
@@ -336,6 +340,11 @@ class ClosedLoop(NamedTuple):
     state: ClosedLoopState
     swarm: Swarm  # the followers' navigators, with a compiled `navigate`
 
+    @property
+    def gated(self) -> Ints:
+        """As of `Swarm`, of all followers."""
+        return self.swarm.gated
+
     @compiled
     def control(self, k: int, truth: StateHistory) -> int:
         """Sense, navigate and find the commands of all vehicles; see
@@ -360,45 +369,69 @@ class ClosedLoop(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LoopParts:
-    """What Python calls in a closed loop beside the followers' navigators."""
+class NavigatorGroup:
+    """Consecutive followers that navigate alike, by one swarm."""
 
+    followers: range
+    swarm: Swarm
+    link: str  # whose messages they navigate on
+    further_links: tuple[str, ...]  # that their navigators get beside
+    estimates: type[Estimates]
+    record: SwarmRecord  # of these followers alone, in the memory of that of all but for fixes
+
+    @property
+    def rows(self) -> slice:
+        """Of these followers in arrays of all."""
+        return slice(self.followers.start, self.followers.stop)
+
+    def estimates_of(self, follower: int, steps: range) -> Estimates:
+        """What was estimated for a follower, by its index, as of `SwarmRecord.estimates`."""
+        i = follower - self.followers.start
+        if isinstance(self.swarm, SeparateNavigators):
+            return self.swarm.estimates(self.record, i, steps)
+        return self.record.estimates(i, steps, self.estimates)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopParts:
+    """What is called from Python in a closed loop."""
+
+    groups: Sequence[NavigatorGroup]  # of all followers, in order
     custom_control: CustomControl
-    sensors: Sequence[SensorDriver] = ()  # beside the built-in ones, of each follower
-    environment: Environment
+    sensing: Sequence[CustomSensing]  # of further sensors, of each follower
     # what is received on links beside the leader's broadcast, by name
     receivers: Mapping[str, Receiver] = field(default_factory=dict)
-    main_link: str = LEADER_LINK  # that the followers navigate on
-    further_links: tuple[str, ...] = ()  # that their navigators get beside
     leader: LeaderUnit | None = None  # None: it keeps to its route by the truth
 
 
 class PythonClosedLoop:
     """The same controller with navigators, further sensors, links or controllers that Python
-    calls, and a leader that senses under way.
+    calls, followers that navigate differently, and a leader that senses under way.
     """
 
-    def __init__(self, state: ClosedLoopState, swarm: Swarm, parts: LoopParts) -> None:
+    def __init__(self, state: ClosedLoopState, parts: LoopParts) -> None:
         """Begin a mission."""
         self.state = state
-        self.swarm = swarm
-        self._parts = parts
+        self.groups = parts.groups
+        self._group_of = [group for group in parts.groups for _ in group.followers]
         self._own = parts.custom_control
-        self._sensors = parts.sensors
-        self._environment = parts.environment
+        self.sensing = parts.sensing
         self.receivers = parts.receivers
-        self.receiver = parts.receivers.get(parts.main_link)
-        """Of the link that the followers navigate on; None: that is the leader's broadcast."""
         self.leader = parts.leader
-        followers = state.kinds.size
-        self.latest_custom: list[dict[str, Floats]] = [{} for _ in range(followers)]
-        self.custom: dict[str, list[list[Floats]]] = {
-            sensor.name: [[] for _ in range(followers)] for sensor in self._sensors
-        }
-        """Readings of further sensors by name, follower and filter step, each of shape (c,)."""
+        self.latest_custom: list[dict[str, Floats]] = [{} for _ in parts.sensing]
+        """Readings of further sensors at the last filter step, of each follower."""
         self._steps = np.zeros(1, dtype=np.int64)
         for receiver in self.receivers.values():
             self._set_content(receiver)
+
+    @property
+    def gated(self) -> Ints:
+        """As of `Swarm`, of all followers."""
+        return np.concatenate([group.swarm.gated for group in self.groups])
+
+    def group_of(self, follower: int) -> NavigatorGroup:
+        """The followers that navigate as one does, by its index."""
+        return self._group_of[follower]
 
     def _set_content(self, receiver: Receiver) -> None:
         """Let the messages of a link hold what its sender knows, where they are to."""
@@ -413,7 +446,7 @@ class PythonClosedLoop:
                 state=self.state.concluded.state[f],
                 covariance=covariance[f],
                 start=self._start(f),
-                hydrophone=self.state.sites[1][f],
+                hydrophone=self.state.sites.hydrophones[f],
                 steps=self._steps,
             )
         if receiver.link.readings:
@@ -424,9 +457,10 @@ class PythonClosedLoop:
         return np.concatenate([estimate.position, estimate.velocity])
 
     def _readings_at(self, vehicle: int, step: int) -> dict[str, Floats]:
-        """Readings of a follower's further sensors at a filter step, or the last one before."""
-        rows = {name: of_followers[vehicle - 1] for name, of_followers in self.custom.items()}
-        return {name: of_steps[min(step, len(of_steps)) - 1] for name, of_steps in rows.items()}
+        """Readings of a vehicle's further sensors at a filter step, or the last one before."""
+        if vehicle != LEADER:
+            return self.sensing[vehicle - 1].at(step)
+        return {} if self.leader is None else self.leader.sensing.at(step)
 
     def _receive(self, k: int) -> None:
         """Receive further links at instant k, a filter step."""
@@ -440,9 +474,7 @@ class PythonClosedLoop:
         """Let vehicles answer what has come to them at instant k, a filter step."""
         for receiver in self.receivers.values():
             if isinstance(receiver, AnswerReceiver):
-                requests = self.receivers.get(receiver.link.answers)
-                broadcast = broadcast_hearing(self.state, truth)
-                receiver.take_request(k, broadcast if requests is None else requests.hearing)
+                receiver.take_request(k, self.hearing_on(receiver.link.answers, truth))
 
     def control(self, k: int, truth: StateHistory) -> int:
         """As `ClosedLoop.control`."""
@@ -460,21 +492,10 @@ class PythonClosedLoop:
         if k % stride == 0:
             self._receive(k)
             self._answer(k, truth)
-        hearing = hearing_of(self, truth)
-        inbox = hearing.inbox
         if is_due:
             self._read_custom(k, truth)
-            if isinstance(self.swarm, SeparateNavigators):
-                self._hand_over(self.swarm, hearing)
-            failed = self.swarm.navigate(
-                k // stride,
-                state.readings,
-                hearing.arrived,
-                inbox.message,
-                inbox.ranges,
-                state.estimates,
-                state.concluded,
-            )
+            for group in self.groups:
+                failed = failed or self._navigate(k // stride, group, truth)
             self._steps[0] = k // stride
         guide(k, truth, state)
         if self.leader is not None:
@@ -482,24 +503,44 @@ class PythonClosedLoop:
         for i in self._own.due:
             f = i - 1
             received = self.receptions(f) if is_due else {}
-            main = received.pop(self._parts.main_link, None)
+            main = received.pop(self.group_of(f).link, None)
             custom = self.latest_custom[f]
             reading = state.readings[f]
             readings = readings_of(k * TICK, reading, main, custom, received)
             self._own.command(k, i, readings, (reading, state.estimates[f]), state.memory[f])
         return failed
 
-    def _hand_over(self, swarm: SeparateNavigators, hearing: Hearing) -> None:
+    def _navigate(self, step: int, group: NavigatorGroup, truth: StateHistory) -> int:
+        """Advance a group by one filter step; gives a failure as `Swarm.navigate` does."""
+        state = self.state
+        rows = group.rows
+        hearing = self.hearing_on(group.link, truth)
+        if isinstance(group.swarm, SeparateNavigators):
+            self._hand_over(group, group.swarm, hearing)
+        failed = group.swarm.navigate(
+            step,
+            state.readings[rows],
+            hearing.arrived[rows],
+            hearing.inbox.message[rows],
+            hearing.inbox.ranges[rows],
+            state.estimates[rows],
+            group.record,
+        )
+        return group.followers.start + failed if failed else 0
+
+    def _hand_over(
+        self, group: NavigatorGroup, swarm: SeparateNavigators, hearing: Hearing
+    ) -> None:
         """Hand to navigators what is no number of a record."""
-        swarm.custom = self.latest_custom
+        swarm.custom = self.latest_custom[group.rows]
         swarm.places = hearing.places
-        if self.receiver is not None:
-            swarm.content = self.receiver.content
-        if self._parts.further_links:
-            for f in range(len(swarm.receptions)):
+        if group.link in self.receivers:
+            swarm.content = self.receivers[group.link].content[group.rows]
+        if group.further_links:
+            for i, f in enumerate(group.followers):
                 received = self.receptions(f)
-                swarm.receptions[f] = {
-                    name: received[name] for name in self._parts.further_links if name in received
+                swarm.receptions[i] = {
+                    name: received[name] for name in group.further_links if name in received
                 }
 
     def receptions(self, f: int) -> dict[str, Reception]:
@@ -520,12 +561,13 @@ class PythonClosedLoop:
         """What a follower has received of further links in filter steps `steps.start` + 1 …
         `steps.stop` by name.
         """
+        group = self.group_of(follower)
         messages = {
             name: receiver.messages(follower, steps.stop)
             for name, receiver in self.receivers.items()
-            if name != self._parts.main_link and follower in receiver.receives
+            if name != group.link and follower in receiver.receives
         }
-        if LEADER_LINK in self._parts.further_links:
+        if LEADER_LINK in group.further_links:
             messages[LEADER_LINK] = self.state.measured.messages_of(follower, steps.stop)
         return {name: record.part(steps.start, steps.stop) for name, record in messages.items()}
 
@@ -533,57 +575,17 @@ class PythonClosedLoop:
         """Read the further sensors of all followers at instant k, a filter step, and record
         them.
         """
-        if not self._sensors:
-            return
-        for f in range(len(self.latest_custom)):
-            state = self._vehicle_state(k, truth, f)
-            readings = {sensor.name: self._read(sensor, state, k, f) for sensor in self._sensors}
-            self.latest_custom[f] = readings
-            for name, reading in readings.items():
-                self.custom[name][f].append(reading)
+        for f, sensing in enumerate(self.sensing):
+            if sensing:
+                hearing = self.hearing_on(self.group_of(f).link, truth)
+                self.latest_custom[f] = sensing.read(k, truth, hearing)
 
-    def _read(self, sensor: SensorDriver, state: VehicleState, k: int, f: int) -> Floats:
-        s = self.state.sensors
-        step = k // s.stride
-        true = sensor.true(state, self._environment, step)
-        draws = sensor.draws(int(s.seed), int(s.run), f, np.array([step]))
-        reading: Floats = sensor.read(true, draws)[0]
-        heard = hearing_of(self).inbox.outcome[f] == observation.RECEIVED
-        if sensor.acoustic and not heard:
-            reading[:] = np.nan
-        return reading
-
-    def _vehicle_state(self, k: int, truth: StateHistory, f: int) -> VehicleState:
-        """True state of a follower at instant k, with the sources of a message that is in."""
-        state = self.state
-        instant = slice(k, k + 1)
-        v = f + 1
-        motion = (truth.pose[instant, v], truth.twist[instant, v], truth.water[instant, v])
-        hydrophone = np.array([body_point_in_world(motion[0][0], state.sites[1][f])])
-        source = np.full((1, 3, 3), np.nan)
-        hearing = hearing_of(self, truth)
-        if hearing.inbox.outcome[f] == observation.RECEIVED:
-            s = hearing.sensors
-            leaves = hearing.inbox.last_sent[f] * s.dt + s.sound.slot * np.arange(3)
-            motion_so_far = Motion(hearing.motion, 0.0, k)
-            for i, (site, time) in enumerate(zip(hearing.sites[0], leaves, strict=True)):
-                source[0, i] = site_at(s.sound, motion_so_far, 0, site, time)
-        time = np.array([k * TICK])
-        return VehicleState.of_motion(time, motion, state.sites[2][f], (hydrophone, source), f)
-
-    @property
-    def headers(self) -> dict[str, SensorHeader]:
-        """Channels and rates of further sensors by their names."""
-        return {sensor.name: sensor.header for sensor in self._sensors}
-
-    def custom_readings(self, follower: int, steps: range) -> dict[str, Floats]:
-        """Readings of further sensors of a follower in filter steps `steps.start` + 1 …
-        `steps.stop` by name, shape (n, c).
-        """
-        return {
-            name: np.array(rows[follower][steps.start : steps.stop])
-            for name, rows in self.custom.items()
-        }
+    def hearing_on(self, link: str, truth: StateHistory | None = None) -> Hearing:
+        """What followers receive on a link; `truth` is its motion where that is the leader's."""
+        receiver = self.receivers.get(link)
+        if receiver is not None:
+            return receiver.hearing
+        return broadcast_hearing(self.state, truth or StateHistory.empty(0, 0, 0))
 
 
 AnyClosedLoop = ClosedLoop | PythonClosedLoop
@@ -594,7 +596,7 @@ def broadcast_hearing(state: ClosedLoopState, truth: StateHistory) -> Hearing:
     return Hearing(
         sensors=state.sensors,
         motion=truth,
-        sites=(state.sites[0], state.sites[1]),
+        sites=state.sites,
         tilts=state.tilts,
         inbox=state.inbox,
         arrived=state.arrived,
@@ -603,25 +605,22 @@ def broadcast_hearing(state: ClosedLoopState, truth: StateHistory) -> Hearing:
     )
 
 
-def hearing_of(loop: AnyClosedLoop, truth: StateHistory | None = None) -> Hearing:
-    """What followers receive on the link that they navigate on; `truth` is its motion where that is
-    the leader's.
-    """
-    receiver = loop.receiver if isinstance(loop, PythonClosedLoop) else None
-    if receiver is not None:
-        return receiver.hearing
-    return broadcast_hearing(loop.state, truth or StateHistory.empty(0, 0, 0))
-
-
-def _fleet_of(plant: Plant, state: ClosedLoopState, *, attitude_broadcast: bool) -> Fleet:
+def _fleet_of(
+    plant: Plant,
+    state: ClosedLoopState,
+    navigated: Sequence[SensingSettings],
+    *,
+    attitude_broadcast: bool,
+) -> Fleet:
     """Vehicles as links find them."""
     offset = dict(zip(plant.site_names, plant.site_offset, strict=True))
     of_leader = offset.get("leader/hydrophone", np.full(3, np.nan))
     return Fleet(
         followers=state.kinds.size,
         instants=len(state.tilts),
-        hydrophones=np.array([*state.sites[1], of_leader]),
+        hydrophones=np.array([*state.sites.hydrophones, of_leader]),
         attitude_broadcast=attitude_broadcast,
+        navigated=navigated,
     )
 
 
@@ -639,6 +638,57 @@ def _receivers_of(sensing: SensingSettings, fleet: Fleet) -> dict[str, Receiver]
     return receivers
 
 
+class _Way(NamedTuple):
+    """How a follower navigates."""
+
+    variant: str
+    settings: Settings
+    link: str
+    further_links: tuple[str, ...]
+
+
+def _alike(ways: Sequence[_Way]) -> list[range]:
+    """Consecutive followers that navigate alike."""
+    begins = [i for i in range(len(ways)) if i == 0 or ways[i] != ways[i - 1]]
+    return [range(first, end) for first, end in pairwise([*begins, len(ways)])]
+
+
+def _record_of(
+    links: LinkSettings, concluded: SwarmRecord, followers: range, kind: type[Estimates]
+) -> SwarmRecord:
+    """The record of some followers that navigate on these links: states and covariances in that of
+    all, and room for fixes.
+    """
+    rows = slice(followers.start, followers.stop)
+    steps = concluded.state.shape[1]
+    link = navigated_link(links)
+    messages = steps // (link.every if link else links.message_every) + 1
+    whole = concluded.covariance.shape[1] > 0
+    own = SwarmRecord.empty(len(followers), 0, messages, kind, whole=whole)
+    return own._replace(state=concluded.state[rows], covariance=concluded.covariance[rows])
+
+
+def _sensing_of(
+    navigated: Sequence[SensingSettings], plant: Plant, state: ClosedLoopState
+) -> tuple[CustomSensing, ...]:
+    """Further sensors of each follower."""
+    return tuple(
+        CustomSensing(
+            custom_sensors(sensing, f),
+            Carrier(
+                vehicle=f + 1,
+                receiver=f,
+                number=f,
+                hydrophone=state.sites.hydrophones[f],
+                depth_sensor=state.depth_sensors[f],
+            ),
+            plant.ocean.environment,
+            state.sensors,
+        )
+        for f, sensing in enumerate(navigated)
+    )
+
+
 def closed_loop_of(
     scenario: Scenario,
     plant: Plant,
@@ -647,54 +697,71 @@ def closed_loop_of(
     *,
     whole: bool = True,
 ) -> AnyClosedLoop:
-    """The closed loop of a scenario at its start, with the swarm's navigators, by default its own.
+    """The closed loop of a scenario at its start, with the navigators of swarms, by default its
+    own: a swarm for consecutive followers that navigate alike.
 
-    With `whole` all that navigators conclude is recorded, else their states alone. LaisnError if
-    the followers' hydrophones are not equally high above their pressure sensors.
+    With `whole` all that navigators conclude is recorded, else their states alone.
     """
     sensing = SensingSettings.of(scenario)
     still = static_trajectory(plant)
-    numbers = range(len(scenario.followers))
-    settings = [navigation_settings(scenario, still, i) for i in numbers]
-    if any(of_follower != settings[0] for of_follower in settings):
-        raise LaisnError(
-            f"scenario {scenario.name!r}: followers that navigate under way need hydrophones of "
-            "one height above their depth sensors"
-        )
-    starts = np.array([observation.start_of(still, i) for i in numbers])
-    make = make_swarm or find(scenario.navigation.variant).new_swarm
-    swarm: Swarm = make(settings[0], starts)
+    navigated = sensing_of_each(scenario)
+    navigations = [scenario.navigation_of(i) for i in range(len(scenario.followers))]
+    settings = [navigation_settings(scenario, still, i) for i in range(len(navigations))]
+    ways = [
+        _Way(navigation.variant, of_follower, navigation.link, navigation.further_links)
+        for navigation, of_follower in zip(navigations, settings, strict=True)
+    ]
+    starts = np.array([observation.start_of(still, i) for i in range(len(ways))])
     state = init_closed_loop(
         MotionSettings.of(scenario),
-        sensing,
+        navigated,
         scenario.leader,
-        scenario.navigation,
+        navigations,
         plant,
         routes,
         whole=whole,
     )
-    state.estimates.position = starts[:, :2] if settings[0].known_start else np.nan
+    spans = _alike(ways)
+    groups = []
+    for followers in spans:
+        way = ways[followers.start]
+        spec = find(way.variant)
+        make = make_swarm or spec.new_swarm
+        record = state.concluded
+        if len(spans) > 1:
+            links = navigated[followers.start].links
+            record = _record_of(links, state.concluded, followers, spec.estimates)
+        group = NavigatorGroup(
+            followers=followers,
+            swarm=make(way.settings, starts[followers.start : followers.stop]),
+            link=way.link,
+            further_links=way.further_links,
+            estimates=spec.estimates,
+            record=record,
+        )
+        state.estimates.position[group.rows] = (
+            starts[group.rows, :2] if way.settings.known_start else np.nan
+        )
+        groups.append(group)
     controlled = {i: f for i, f in enumerate(scenario.followers, 1) if f.controller}
     custom_control = CustomControl(controlled, plant, routes)
-    sensors = custom_sensors(sensing)
-    fleet = _fleet_of(plant, state, attitude_broadcast=sensing.broadcast_attitude)
+    custom_sensing = _sensing_of(navigated, plant, state)
+    fleet = _fleet_of(plant, state, navigated, attitude_broadcast=sensing.broadcast_attitude)
     receivers = _receivers_of(sensing, fleet)
     leader = None
     if needs_unit(scenario.leader, sensing.links):
         leader = LeaderUnit(scenario.leader, sensing, plant, routes, receivers, fleet)
-    in_python = custom_control or sensors or receivers or leader
-    if isinstance(swarm, tuple) and not in_python:
-        return ClosedLoop(state, swarm)
+    in_python = custom_control or any(custom_sensing) or receivers or leader or len(groups) > 1
+    if isinstance(groups[0].swarm, tuple) and not in_python:
+        return ClosedLoop(state, groups[0].swarm)
     parts = LoopParts(
+        groups=groups,
         custom_control=custom_control,
-        sensors=sensors,
-        environment=plant.ocean.environment,
+        sensing=custom_sensing,
         receivers=receivers,
-        main_link=scenario.navigation.link,
-        further_links=scenario.navigation.further_links,
         leader=leader,
     )
-    return PythonClosedLoop(state, swarm, parts)
+    return PythonClosedLoop(state, parts)
 
 
 def closed_loop_mission(
@@ -716,7 +783,7 @@ def simulate_closed_loop(
     """Fly a mission of `closed_loop_mission` that records the states of estimates alone.
 
     Gives the motion, and the closed loop at its end: `state.concluded.state` holds the estimates,
-    `swarm.gated` counts fixes. Errors are those of `simulate_motion`.
+    `gated` counts fixes. Errors are those of `simulate_motion`.
     """
     mission = closed_loop_mission(scenario, make_swarm, whole=False)
     trajectory = fly_mission(MotionSettings.of(scenario), mission)
@@ -746,6 +813,11 @@ class ClosedLoopFlight:
 
     def flight(self, trajectory: Trajectory, outcome: Termination) -> FlightRecord:
         """The flight of the part of the motion that counts, from the start."""
+        if outcome is not Termination.INTERRUPTED:
+            concluded = self._loop.state.concluded
+            for array in (concluded.state, concluded.covariance):
+                # so that estimates need not copy them
+                array.flags.writeable = False
         return self._flight(0, trajectory, outcome)
 
     def _flight(self, first: int, trajectory: Trajectory, outcome: Termination) -> FlightRecord:
@@ -753,26 +825,30 @@ class ClosedLoopFlight:
         concluded = loop.state.concluded
         steps = range(first, first + (trajectory.time.size - 1) // loop.state.sensors.stride)
         dt = self.scenario.timing.filter_step_s
-        kind = find(self.scenario.navigation.variant).estimates
-        hearing = hearing_of(loop)
-        leader = loop.leader if isinstance(loop, PythonClosedLoop) else None
         measurements = []
         estimates = []
+        leader = None
         for i in range(len(self.scenario.followers)):
-            custom: dict[str, Floats] = {}
-            headers: dict[str, SensorHeader] = {}
-            links: dict[str, LinkMessages] = {}
-            if isinstance(loop, PythonClosedLoop):
-                custom = loop.custom_readings(i, steps)
-                headers = loop.headers
-                links = loop.link_messages(i, steps)
-            measurements.append(
-                hearing.measured.measurements(i, steps, dt, custom, headers, hearing.places, links)
-            )
-            if isinstance(loop.swarm, SeparateNavigators):
-                estimates.append(loop.swarm.estimates(concluded, i, steps))
-            else:
+            if isinstance(loop, ClosedLoop):
+                kind = find(self.scenario.navigation_of(i).variant).estimates
+                measurements.append(loop.state.measured.measurements(i, steps, dt, {}, {}))
                 estimates.append(concluded.estimates(i, steps, kind))
+                continue
+            leader = loop.leader
+            group = loop.group_of(i)
+            sensing = loop.sensing[i]
+            hearing = loop.hearing_on(group.link)
+            measured = hearing.measured.measurements(
+                i,
+                steps,
+                dt,
+                sensing.readings(steps),
+                sensing.headers,
+                hearing.places,
+                loop.link_messages(i, steps),
+            )
+            measurements.append(measured)
+            estimates.append(group.estimates_of(i, steps))
         return FlightRecord(
             scenario=self.scenario,
             trajectory=trajectory,

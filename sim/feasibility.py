@@ -35,14 +35,28 @@ from sim.hull import (
 )
 from sim.log.schema import Clock
 from sim.scenario.formation import LEAST_APART_M, LEAST_LAYER_M, Formation
-from sim.scenario.parts import MissionPlan, MotionSettings, SeaSettings, SensingSettings
+from sim.scenario.parts import (
+    MissionPlan,
+    MotionSettings,
+    SeaSettings,
+    SensingSettings,
+    sensing_of_each,
+)
 from sim.scenario.point_motion import Plan
 from sim.scenario.point_motion import plan as planned_motion
 from sim.scenario.routes import Route
-from sim.scenario.settings import CONTROL_STEP_S, Follower, Leader, Scenario, Vehicle, Video
+from sim.scenario.settings import (
+    CONTROL_STEP_S,
+    Follower,
+    Leader,
+    Navigation,
+    Scenario,
+    Vehicle,
+    Video,
+)
 from sim.scenario.vehicle_routes import route_of
 from sim.sea import require_sea
-from sim.sensing.sensors import custom_sensors
+from sim.sensing.sensors import custom_sensors, leader_custom_sensors, sensors_of_all
 from sim.sound_cautions import ray_cautions
 from sim.tracking import HULL_RADIUS_M, closest_stations
 from sim.vehicle.effector_kinds import MIN_STEERAGE_SPEED
@@ -414,13 +428,22 @@ def cautions(scenario: Scenario) -> list[str]:
     """What a flyable scenario has that its navigators or followers cannot cope with, a line
     each.
     """
-    sensing = SensingSettings.of(scenario)
-    remarks = assumption_cautions(sensing, scenario.navigation)
-    remarks += ray_cautions(sensing.sound, sensing.sound_speed)
-    variant = scenario.navigation.variant
-    stations = any(follower.station for follower in scenario.followers)
-    # how good a navigator of the user's own is, its flight shows
-    if stations and not (find(variant).compare_with_crlb or is_plugin_name(variant)):
+    navigated = sensing_of_each(scenario)
+    remarks: list[str] = []
+    for i, sensing in enumerate(navigated):
+        if i == 0 or sensing is not navigated[0]:
+            remarks += assumption_cautions(sensing, scenario.navigation_of(i))
+            remarks += ray_cautions(sensing.sound, sensing.sound_speed)
+    remarks = [*dict.fromkeys(remarks)]
+    keeping = [
+        scenario.navigation_of(i).variant
+        for i, follower in enumerate(scenario.followers)
+        if follower.station
+    ]
+    for variant in dict.fromkeys(keeping):
+        # how good a navigator of the user's own is, its flight shows
+        if find(variant).compare_with_crlb or is_plugin_name(variant):
+            continue
         better = ", ".join(
             repr(name) for name, spec in NAVIGATORS.items() if spec.compare_with_crlb
         )
@@ -436,18 +459,41 @@ def _planned(vehicle: Vehicle, name: str) -> Plan:
     return planned_motion(route_of(vehicle, name))
 
 
-def _require_readings(sensing: SensingSettings, variant: str) -> None:
-    """LaisnError if a further sensor cannot be made, or the navigator needs one that is not
-    there.
+def _require_readings(
+    navigated: Sequence[SensingSettings], variants: Sequence[str], of_leader: Navigation | None
+) -> None:
+    """LaisnError if a further sensor cannot be made, or the navigator of a follower, by its
+    variant, or of the leader needs one that is not there.
     """
-    names = [driver.name for driver in custom_sensors(sensing)]
-    spec = find(variant)
-    missing = [name for name in spec.needs if name not in names]
-    if missing:
-        raise LaisnError(
-            f"navigator {spec.title} needs readings {', '.join(map(repr, missing))}; "
-            f"sensors.custom gives {', '.join(map(repr, names)) or 'none'}"
-        )
+    sensors_of_all(navigated)
+    carriers = [
+        (variant, custom_sensors(sensing, i))
+        for i, (variant, sensing) in enumerate(zip(variants, navigated, strict=True))
+    ]
+    if of_leader is not None:
+        carriers.append((of_leader.variant, leader_custom_sensors(navigated[0])))
+    for variant, drivers in carriers:
+        names = [driver.name for driver in drivers]
+        spec = find(variant)
+        missing = [name for name in spec.needs if name not in names]
+        if missing:
+            raise LaisnError(
+                f"navigator {spec.title} needs readings {', '.join(map(repr, missing))}; "
+                f"sensors.custom gives {', '.join(map(repr, names)) or 'none'}"
+            )
+
+
+def _navigator_errors(
+    navigations: Sequence[tuple[str, Navigation]], of_leader: Navigation | None
+) -> list[str]:
+    """What keeps the navigators of followers, by their keys, and of the leader from being made."""
+    problems = []
+    for key, navigation in navigations:
+        where = key.removesuffix("navigation").removesuffix(".")
+        problems += _errors_of(navigation.settings, where)
+    if of_leader is not None:
+        problems += _errors_of(of_leader.settings, "leader")
+    return problems
 
 
 def infeasibilities(scenario: Scenario) -> list[str]:
@@ -456,18 +502,17 @@ def infeasibilities(scenario: Scenario) -> list[str]:
     """
     shapes: list[str] = []
     motion = MotionSettings.of(scenario)
-    sensing = SensingSettings.of(scenario)
-    variant = scenario.navigation.variant
+    navigated = sensing_of_each(scenario)
+    variants = [scenario.navigation_of(i).variant for i in range(len(navigated))]
+    of_leader = scenario.leader.navigation
     problems = [
         *_errors_of(partial(Clock, scenario.epoch), "epoch"),
         *film_errors(scenario.duration_s, scenario.video),
         *_errors_of(partial(sea_of_keys, scenario.ocean, scenario.seed), "ocean.waves"),
-        *_errors_of(scenario.navigation.settings, ""),
-        *_errors_of(partial(_require_readings, sensing, variant), ""),
+        *_navigator_errors(scenario.navigations(), of_leader),
+        *_errors_of(partial(_require_readings, navigated, variants, of_leader), ""),
         *_cost(motion),
     ]
-    if scenario.leader.navigation is not None:
-        problems += _errors_of(scenario.leader.navigation.settings, "leader")
     for _, vehicle in scenario.vehicles():
         if vehicle.controller:
             problems += _errors_of(partial(find_controller, vehicle.controller), "")

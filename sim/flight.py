@@ -16,7 +16,7 @@ from laisn.navigators import NAVIGATORS, NavigatorFactory, find
 from laisn.settings import Settings
 from sim.assembly import on_axis
 from sim.scenario.navigation import Navigation
-from sim.scenario.parts import SensingSettings
+from sim.scenario.parts import SensingSettings, sensing_of_each
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.acoustics import TRANSMITTERS
 from sim.sensing.links import navigated_link
@@ -93,7 +93,7 @@ class FlightRecord:
     def __repr__(self) -> str:
         followers = len(self.scenario.followers)
         duration = self.trajectory.time[-1]
-        navigator = self.scenario.navigation.variant
+        navigator = self.scenario.variants
         outcome = self.outcome.name.lower()
         return (
             f"<Flight {self.scenario.name!r}: {duration:g} s, followers: {followers}, "
@@ -106,6 +106,15 @@ class FlightRecord:
         """
         name = self.trajectory.names[follower + 1]
         return self.trajectory.site_path(f"{name}/hydrophone", self.step_index())
+
+    def leader_position(self) -> Floats:
+        """True position of what a leader estimates that navigates at filter steps: its hydrophone,
+        or the origin of its hull if it has none; shape (n, 3), [m].
+        """
+        steps = self.step_index()
+        if "leader/hydrophone" in self.trajectory.site_names:
+            return self.trajectory.site_path("leader/hydrophone", steps)
+        return np.asarray(self.trajectory.position[steps, 0])
 
 
 class FlightUnderWay(Protocol):
@@ -129,10 +138,11 @@ def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: in
     """Settings of a follower's navigator: the scenario's and its hydrophone's place; LaisnError
     if it has none such.
     """
-    sensing = SensingSettings.of(scenario)
+    sensing = SensingSettings.of(scenario.navigated_as(follower))
     link = navigated_link(sensing.links)
     sites = trajectory.sites if link is None else link.with_sites(trajectory.sites)
-    return settings_of(sensing, scenario.navigation, sites, trajectory.names[follower + 1])
+    navigation = scenario.navigation_of(follower)
+    return settings_of(sensing, navigation, sites, trajectory.names[follower + 1])
 
 
 def settings_of(
@@ -180,8 +190,8 @@ def settings_as(
     if not isinstance(settings, kind):
         expected = ", ".join(name for name, spec in NAVIGATORS.items() if spec.settings is kind)
         raise LaisnError(
-            f"scenario {scenario.name!r} navigates by {scenario.navigation.variant!r}; expected "
-            f"one of {expected}"
+            f"scenario {scenario.name!r}: {scenario.followers[follower].name} navigates by "
+            f"{scenario.navigation_of(follower).variant!r}; expected one of {expected}"
         )
     return settings
 
@@ -200,9 +210,10 @@ def navigate(
     """
     measurements = []
     estimates = []
-    make = navigator or find(scenario.navigation.variant).make
-    sensing = SensingSettings.of(scenario)
+    navigated = sensing_of_each(scenario)
     for follower in range(len(scenario.followers)):
+        make = navigator or find(scenario.navigation_of(follower).variant).make
+        sensing = navigated[follower]
         settings = navigation_settings(scenario, trajectory, follower)
         measured = measure(
             observe(trajectory, sensing, follower),
@@ -256,3 +267,13 @@ def position_and_bearing_errors(flight: FlightRecord) -> list[tuple[Floats, Floa
         truth = flight.hydrophone(i)[:, :2]
         result.append((position_errors(position, truth), bearing_errors(position, truth, leader)))
     return result
+
+
+def leader_errors(flight: FlightRecord) -> Floats | None:
+    """E_P [m] of the leader's own estimate at filter steps k = 1 … n, shape (n,); None: it has no
+    navigator.
+    """
+    if flight.leader is None or flight.leader.estimates is None:
+        return None
+    truth = flight.leader_position()[:, :2]
+    return position_errors(flight.leader.estimates.state[:, :2], truth)

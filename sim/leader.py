@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from laisn.arrays import Record, records
+from laisn.arrays import Floats, Record, records
 from laisn.errors import LaisnError
 from laisn.estimates import Estimates
 from laisn.messages import Reception
@@ -18,13 +18,19 @@ from laisn.navigators import find
 from laisn.swarm import ESTIMATE, READING, SeparateNavigators, SwarmRecord
 from sim.control import follower as steering
 from sim.custom_control import CustomControl, readings_of
+from sim.custom_sensing import Carrier, CustomSensing
 from sim.estimated_route import follow_route
 from sim.flight import VehicleRecord, settings_of
 from sim.link_receiver import Fleet, Receiver, Sender
 from sim.scenario.parts import LinkSettings, SensingSettings
 from sim.scenario.settings import CONTROL_STEP_S, Leader
 from sim.sensing import noise, sensors
-from sim.sensing.observation import MeasurementRecord, leader_start
+from sim.sensing.observation import (
+    LEADER_NUMBER,
+    MeasurementRecord,
+    leader_start,
+    sensor_model_of,
+)
 from sim.sensing.sensors import SensorErrors
 from sim.simulation import RouteControl, static_trajectory
 from sim.trajectory import StateHistory
@@ -57,9 +63,11 @@ def _read_instruments(
 
 
 def needs_unit(leader: Leader, links: LinkSettings) -> bool:
-    """Whether the leader senses under way: to navigate, to be controlled, or as it receives."""
+    """Whether the leader senses under way: to navigate, to be controlled, as it receives, or as it
+    carries further sensors.
+    """
     receives = any("leader" in table.receivers for table in links.tables)
-    return bool(leader.controller or leader.navigation) or receives
+    return bool(leader.controller or leader.navigation or leader.sensors.custom) or receives
 
 
 class LeaderUnit:
@@ -100,6 +108,20 @@ class LeaderUnit:
         steps = (fleet.instants - 1) // self._stride
         self._measured = MeasurementRecord.empty(1, steps, max(steps, 1))
         self._main, self._further = self._links_of(sensing.links)
+        self.sensing = CustomSensing(
+            sensors.leader_custom_sensors(sensing),
+            Carrier(
+                vehicle=LEADER,
+                receiver=self._number,
+                number=LEADER_NUMBER,
+                hydrophone=self._hydrophone,
+                depth_sensor=self._depth_sensor,
+            ),
+            plant.ocean.environment,
+            sensor_model_of(sensing),
+        )
+        self.latest_custom: dict[str, Floats] = {}
+        """Readings of further sensors at the last filter step by their names."""
         still = static_trajectory(plant)
         start = leader_start(still, self._hydrophone)
         self.swarm: SeparateNavigators | None = None
@@ -142,10 +164,12 @@ class LeaderUnit:
         """What is in at this filter step: of the main link, and of all others by name."""
         further = {}
         for receiver in self._further:
-            reception = receiver.reception(self._number, {})
+            reception = receiver.reception(self._number, self.latest_custom)
             if reception is not None:
                 further[receiver.name] = reception
-        main = self._main.reception(self._number, {}) if self._main is not None else None
+        main = None
+        if self._main is not None:
+            main = self._main.reception(self._number, self.latest_custom)
         return main, further
 
     def advance(self, k: int, truth: StateHistory) -> None:
@@ -162,6 +186,8 @@ class LeaderUnit:
             if step > 0:
                 row = self.reading[0]
                 self._measured.own[0, step - 1] = row.speed, row.heading, row.depth
+                hearing = None if self._main is None else self._main.hearing
+                self.latest_custom = self.sensing.read(k, truth, hearing)
                 self._navigate(step)
                 self.steps[0] = step
         if self.swarm is None:
@@ -179,6 +205,7 @@ class LeaderUnit:
         main, further = self.receptions()
         taken = {name: further[name] for name in self._taken_links if name in further}
         self.swarm.receptions = [taken]
+        self.swarm.custom = [self.latest_custom]
         self.swarm.advance(0, step, self.reading[0], main, self.estimate, self.concluded)
 
     def steer(self, k: int) -> None:
@@ -190,7 +217,8 @@ class LeaderUnit:
         if self._control is not None:
             due = k > 0 and k % self._stride == 0
             main, further = self.receptions() if due else (None, {})
-            readings = readings_of(k * CONTROL_STEP_S, self.reading[0], main, {}, further)
+            time = k * CONTROL_STEP_S
+            readings = readings_of(time, self.reading[0], main, self.latest_custom, further)
             senses = (self.reading[0], self.estimate[0])
             self._control.command(k, LEADER, readings, senses, self._memory[0])
         elif self._by_estimate:
@@ -213,7 +241,11 @@ class LeaderUnit:
         """The same of the first steps."""
         number = self._number
         links = {receiver.name: receiver.messages(number, steps) for receiver in self._further}
-        measured = self._measured.measurements(0, range(steps), self._dt, {}, {}, None, links)
+        custom = self.sensing.readings(range(steps))
+        headers = self.sensing.headers
+        measured = self._measured.measurements(
+            0, range(steps), self._dt, custom, headers, None, links
+        )
         if self._main is not None:
             main = self._main.messages(number, steps)
             places = main.places

@@ -20,6 +20,7 @@ from sim.sensing import observation
 from sim.sensing.acoustics import (
     Motion,
     Ping,
+    Sites,
     Sound,
     follow,
     reception_step,
@@ -28,6 +29,7 @@ from sim.sensing.acoustics import (
 )
 from sim.sensing.links import AT_REST, Link
 from sim.sensing.noise import Address
+from sim.sensing.observation import listener_of
 from sim.sensing.sensors import update_tilt_error
 from sim.trajectory import StateHistory
 from sim.water.rays import Path
@@ -42,7 +44,7 @@ class Hearing(NamedTuple):
 
     sensors: observation.SensorModel
     motion: StateHistory  # of all vehicles, the sender first
-    sites: tuple[Floats, Floats]  # of transmitters, shape (3, 3), and hydrophones, (f, 3) [m]
+    sites: Sites
     # what accelerations add to the sender's measured pitch and roll, shape (n + 1, 2), [rad]
     tilts: Floats
     inbox: observation.Inbox
@@ -59,6 +61,8 @@ class Fleet:
     instants: int  # that there is room for
     hydrophones: Floats  # of the followers, then of the leader; NaN if it has none, (f + 1, 3) [m]
     attitude_broadcast: bool
+    # settings by the navigation of each follower; none: all navigate alike
+    navigated: Sequence[SensingSettings] = ()
 
 
 class Sender(NamedTuple):
@@ -120,7 +124,9 @@ class Receiver:
         leader = 0 in link.receivers
         receivers = fleet.followers + leader
         vehicles = fleet.followers + 1 + leader
-        sensors = observation.sensor_model_of(sensing, link, leader_receives=leader)
+        sensors = observation.sensor_model_of(
+            sensing, link, leader_receives=leader, navigated=fleet.navigated
+        )
         steps = (fleet.instants - 1) // sensors.stride
         tilt = 0.0 if fleet.attitude_broadcast else np.nan
         self.link = link
@@ -129,7 +135,7 @@ class Receiver:
         self.hearing = Hearing(
             sensors=sensors,
             motion=StateHistory.empty(fleet.instants, vehicles, 0),
-            sites=(link.sites, fleet.hydrophones[:receivers]),
+            sites=Sites(link.sites, fleet.hydrophones[:receivers]),
             tilts=np.full((fleet.instants, 2), tilt),
             inbox=observation.new_inbox(receivers, link.every),
             arrived=np.zeros(receivers, dtype=np.bool_),
@@ -274,8 +280,9 @@ def _request_arrival(requests: Hearing, i: int, k: int) -> _Request | None:
         return None
     s = requests.sensors
     sent = float(inbox.last_sent[i] * s.dt)
-    sites = (requests.sites[0].tolist(), requests.sites[1][i].tolist())
-    _, pings = follow(s.sound, Motion(requests.motion, 0.0, k), sites, i + 1, sent)
+    listener = listener_of(s, i, requests.sites.hydrophones[i].tolist())
+    motion = Motion(requests.motion, 0.0, k)
+    _, pings = follow(s.sound, motion, requests.sites.transmitters.tolist(), listener, sent)
     direct = pings[0][1][Path.DIRECT]
     true = direct.length * direct.ratio + direct.clock_range
     return _Request(sent, direct.time, (inbox.ranges[i, 0] - true) / s.sound.assumed_speed)
@@ -337,9 +344,11 @@ class AnswerReceiver(Receiver):
         motion = Motion(hearing.motion, 0.0, k)
         if answer.leaves > step * s.dt:
             return False
-        sites = (hearing.sites[0].tolist(), hearing.sites[1][i].tolist())
+        listener = listener_of(s, i, hearing.sites.hydrophones[i].tolist())
         sound = self._models[i].sound
-        complete, pings = follow(sound, motion, sites, i + 1, answer.leaves)
+        complete, pings = follow(
+            sound, motion, hearing.sites.transmitters.tolist(), listener, answer.leaves
+        )
         if reception_step(complete, s.dt) > step:
             return False
         self._next[i] += 1
@@ -368,7 +377,7 @@ class AnswerReceiver(Receiver):
         inbox = hearing.inbox
         observation.read_reception(
             e,
-            (s.sound.transmitters, s.dt),
+            (int(s.transmitters[i]), s.dt),
             (sent, sent._replace(step=step)),
             (content.tolist(), true.tolist()),
             inbox,

@@ -10,7 +10,7 @@ from laisn.messages import Measurements
 from laisn.navigators import find
 from laisn.swarm import SwarmRecord, estimates_of
 from sim.flight import FlightRecord, Termination, navigate, navigation_settings
-from sim.scenario.parts import SensingSettings
+from sim.scenario.parts import sensing_of_each
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.observation import MeasurementRecord, start_of
 from sim.sensing.under_way import FollowerSensing, SenderMotion
@@ -41,29 +41,39 @@ class OpenLoop:
         self._truth = truth
         self._motion = motion
         self._stride = round(scenario.timing.filter_step_s / CONTROL_STEP_S)
-        sensing = SensingSettings.of(scenario)
-        self._sender = SenderMotion(sensing, still, truth)
+        navigated = sensing_of_each(scenario)
         followers = range(len(scenario.followers))
+        navigations = [scenario.navigation_of(i) for i in followers]
+        names = [sensing.links.main for sensing in navigated]
+        # of each link that somebody navigates on, by its name
+        self._senders = {
+            sensing.links.main: SenderMotion(sensing, still, truth) for sensing in navigated
+        }
+        self._sender_of = [self._senders[name] for name in names]
         settings = [navigation_settings(scenario, still, i) for i in followers]
-        link = self._sender.link
-        every = sensing.links.message_every if link is None else link.every
+        links = [sender.link for sender in self._senders.values()]
+        interval = navigated[0].links.message_every
+        every = min(interval if link is None else link.every for link in links)
         n = len(truth.pose)
         steps = (n - 1) // self._stride
         self._measured = MeasurementRecord.empty(len(followers), steps, every)
         self._sensing = [
-            FollowerSensing(sensing, i, self._sender, settings[i].transmitters, self._measured)
+            FollowerSensing(
+                navigated[i], i, self._sender_of[i], settings[i].transmitters, self._measured
+            )
             for i in followers
         ]
-        spec = find(scenario.navigation.variant)
-        self._navigators = [spec.make(settings[i], start_of(still, i)) for i in followers]
+        self._navigators = [
+            find(navigations[i].variant).make(settings[i], start_of(still, i)) for i in followers
+        ]
         # messages of further links are sensed of the finished mission
-        self._further = bool(scenario.navigation.further_links)
+        self._further = any(navigation.further_links for navigation in navigations)
         self.navigates = not self._further and all(
             getattr(navigator, "runs_by_steps", False) for navigator in self._navigators
         )
         """Whether estimates are there as soon as the steps are over; else at the end."""
         self._concluded = SwarmRecord.empty(
-            len(followers), steps if self.navigates else 0, 0, spec.estimates, whole=True
+            len(followers), steps if self.navigates else 0, 0, Estimates, whole=True
         )
         self._fixes: list[list[FixRecord]] = [[] for _ in followers]
         self._failed = False
@@ -83,7 +93,8 @@ class OpenLoop:
             self._failed = False
 
     def _advance(self, last: int) -> None:
-        self._sender.advance(self._truth, last)
+        for sender in self._senders.values():
+            sender.advance(self._truth, last)
         span = range(self.steps, last // self._stride)
         if not span:
             return
@@ -96,7 +107,7 @@ class OpenLoop:
 
     def _measurements(self, follower: int, steps: range) -> Measurements:
         sensing = self._sensing[follower]
-        link = self._sender.link
+        link = self._sender_of[follower].link
         custom = {name: rows[steps.start : steps.stop] for name, rows in sensing.custom.items()}
         return self._measured.measurements(
             follower,

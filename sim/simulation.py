@@ -8,7 +8,7 @@ other object it runs as Python.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numba import types
@@ -44,7 +44,7 @@ from sim.scenario.settings import CONTROL_STEP_S, Leader, Scenario
 from sim.tracking import MissionBounds, bounds_of, contacts, first_departure, first_touch
 from sim.trajectory import OF_VEHICLES, StateHistory, Trajectory
 from sim.vehicle.effectors import Kinds, kinds_of, states_are_thrust
-from sim.vehicle.plant import OK, Fault, Plant, PlantError, advance
+from sim.vehicle.plant import OK, Fault, Plant, PlantError, PlantState, StepHandles, advance
 from sim.water.assembly import ocean_of
 from sim.water.environment import Environment, water_velocity
 
@@ -123,16 +123,13 @@ ControllerFactory = Callable[[Plant, RouteControl], Controller]
 
 
 @compiled
-def record_state(
-    k: int, state: tuple[Floats, Floats, Floats], environment: Environment, truth: StateHistory
-) -> None:
-    """Record instant k: pose, twist and thrust of a plant, and its water."""
-    pose, twist, thrust = state
-    water_velocity(environment, pose[:, :3], k * TICK, truth.water[k])
-    for i in range(pose.shape[0]):
-        copy_values(pose[i], truth.pose[k, i])
-        copy_values(twist[i], truth.twist[k, i])
-        copy_values(thrust[i], truth.thrust[k, i])
+def record_state(k: int, state: PlantState, environment: Environment, truth: StateHistory) -> None:
+    """Record instant k: the state of a plant, and its water."""
+    water_velocity(environment, state.pose[:, :3], k * TICK, truth.water[k])
+    for i in range(state.pose.shape[0]):
+        copy_values(state.pose[i], truth.pose[k, i])
+        copy_values(state.twist[i], truth.twist[k, i])
+        copy_values(state.thrust[i], truth.thrust[k, i])
 
 
 @compiled
@@ -210,8 +207,8 @@ def take_over(k: int, truth: StateHistory, i: int, routes: RouteControl) -> None
 class LoopState(NamedTuple):
     """All that the loop of a mission works on."""
 
-    handles: Any  # of the plant, as of `Plant.step_handles`
-    state: tuple[Floats, Floats, Floats]  # its poses, twists and thrusts
+    handles: StepHandles  # of the plant
+    state: PlantState  # its own
     environment: Environment
     controller: Controller
     command: Floats  # of the effectors, shape (v, m)

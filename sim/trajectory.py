@@ -11,6 +11,7 @@ from numba.extending import overload
 
 from laisn.arrays import ArrayRecord, Floats, Ints, freeze_arrays, require_shapes
 from laisn.compiled import compiled, jitable
+from laisn.spilled import room
 from sim import attitude
 
 
@@ -28,7 +29,7 @@ class StateHistory(NamedTuple):
     @classmethod
     def empty(cls, instants: int, vehicles: int, effectors: int) -> Self:
         """Room for a number of instants."""
-        return cls(*(np.empty((instants, vehicles, columns)) for columns in (7, 6, 3, effectors)))
+        return cls(*(room((instants, vehicles, columns)) for columns in (7, 6, 3, effectors)))
 
 
 def row(array: Floats, k: int, vehicle: int) -> Any:

@@ -187,6 +187,7 @@ class Cell:
         """
         if not 0 <= follower < len(scenario.followers):
             raise LaisnError(f"follower is {follower}, the scenario has {len(scenario.followers)}")
+        scenario = scenario.navigated_as(follower)
         cell = CellSettings.of(scenario)
         trajectory, truth = (mission or mission_of(scenario)).seen(cell, follower)
         return cls(

@@ -69,6 +69,8 @@ class CellPlan:
             raise LaisnError(
                 f"follower is {self.follower}, the scenario has {len(self.scenario.followers)}"
             )
+        # frozen: it is the scenario as this follower navigates
+        object.__setattr__(self, "scenario", self.scenario.navigated_as(self.follower))
 
     @cached_property
     def key(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import resource
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -10,6 +11,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from laisn.navigators import NavigatorFactory, SteppedNavigator, find
+from laisn.spilled import release
 from sim.flight import FlightRecord, FlightUnderWay, Termination, navigation_settings
 from sim.open_loop import OpenLoop
 from sim.scenario.file import ScenarioError, assigned, validate
@@ -36,6 +38,10 @@ from sim.trajectory import Trajectory, history_of
 if TYPE_CHECKING:
     from sim.closed_loop import ClosedLoopFlight
     from sim.log.writer import FlightLog
+
+
+_KEY_OF_NAVIGATION = re.compile(r"(followers\.(\d+|\*)\.)?navigation\.")
+"""Beginning of a key that a replay can change."""
 
 
 class Stopwatch(dict[str, float]):
@@ -172,6 +178,7 @@ class MissionToFly:
         if self._log is not None and self._under_way is not None:
             with self.watch.phase("log"):
                 self._log.update(self._under_way)
+        release()
 
     def flight(self, trajectory: Trajectory, outcome: Termination) -> FlightRecord:
         """The flight of a motion and an outcome of `simulate`."""
@@ -220,7 +227,8 @@ def navigate_again(
     """Navigate once more on the very measurements of a flight; how it moved and what was measured
     stay as they were.
 
-    `changes` are of its navigation by dotted key: {"navigation.variant": "laisn-3-2"}. `navigator`
+    `changes` are of its navigation by dotted key: {"navigation.variant": "laisn-3-2"}, of all
+    followers, or of one: {"followers.0.navigation.variant": "tight"}. `navigator`
     makes that of a follower from its settings and its start [x, y, vx, vy]: whatever has
     `run(measurements) -> Estimates`, or `step`. ScenarioError if changes are invalid, or touch more
     than navigation.
@@ -230,21 +238,28 @@ def navigate_again(
         raise ScenarioError(
             f"changes: expected a table of values by dotted key (given: {changes!r:.80})"
         )
-    outside = [key for key in changes if not key.startswith("navigation.")]
+    outside = [key for key in changes if not _KEY_OF_NAVIGATION.match(key)]
     if outside:
         raise ScenarioError(
             f"{outside[0]}: a replay can change navigation only; what was measured is fixed"
         )
-    table = assigned(flight.scenario.model_dump(mode="json", exclude_none=True), changes)
+    of_all = {key: value for key, value in changes.items() if key.startswith("navigation.")}
+    table = assigned(flight.scenario.model_dump(mode="json", exclude_none=True), of_all)
+    for i, follower in enumerate(flight.scenario.followers):
+        if follower.navigation is not None:
+            own = {f"followers.{i}.{key}": value for key, value in of_all.items()}
+            table = assigned(table, own)
+    table = assigned(table, {key: changes[key] for key in changes if key not in of_all})
     scenario = validate(
         table, ", ".join([flight.scenario.name, *(f"{k} = {v}" for k, v in changes.items())])
     )
-    make = navigator or find(scenario.navigation.variant).make
     estimates = []
     for i, measured in enumerate(flight.measurements):
+        navigation = scenario.navigation_of(i)
+        make = navigator or find(navigation.variant).make
         settings = navigation_settings(scenario, flight.trajectory, i)
         instance = make(settings, start_of(flight.trajectory, i))
         if not hasattr(instance, "run"):
             instance = SteppedNavigator(instance, settings)
-        estimates.append(instance.run(measured.with_links(scenario.navigation.further_links)))
+        estimates.append(instance.run(measured.with_links(navigation.further_links)))
     return replace(flight, scenario=scenario, estimates=tuple(estimates))

@@ -23,7 +23,7 @@ from sim.scenario.file import (
     values_of,
     with_file_paths,
 )
-from sim.scenario.settings import Scenario
+from sim.scenario.settings import Navigation, Scenario
 from sim.system import read_text
 
 FOLDER = Path(__file__).parents[1] / "scenarios"
@@ -81,10 +81,14 @@ def _line_of(source: str, changes: Iterable[str]) -> Callable[[Location], str]:
     return lambda location: of_file()(location)
 
 
-def missing_extras(variant: str) -> list[str]:
-    """A line if a navigator needs a package that is not installed."""
-    missing = NAVIGATORS[variant].missing if variant in NAVIGATORS else ""
-    return [f"navigation.variant: {variant!r} {missing}"] if missing else []
+def missing_extras(navigations: Iterable[tuple[str, Navigation]]) -> list[str]:
+    """A line for each navigator, by its key, that needs a package that is not installed."""
+    lines = []
+    for key, navigation in navigations:
+        variant = navigation.variant
+        missing = NAVIGATORS[variant].missing if variant in NAVIGATORS else ""
+        lines += [f"{key}.variant: {variant!r} {missing}"] if missing else []
+    return lines
 
 
 def _checked(
@@ -99,7 +103,7 @@ def _checked(
     from sim.feasibility import infeasibilities
 
     def further(scenario: Scenario) -> list[str]:
-        return [*missing_extras(scenario.navigation.variant), *infeasibilities(scenario)]
+        return [*missing_extras(scenario.navigations()), *infeasibilities(scenario)]
 
     return validate(assigned(table, changes), name, further=further, where=where)
 

@@ -225,7 +225,7 @@ def records_of_run(scenario: Scenario, run: int) -> list[Record]:
         trajectory, loop = simulate_closed_loop(of_run)
         flown = (trajectory.time.size - 1) // stride
         estimates = np.moveaxis(loop.state.concluded.state[:, :flown, :2], 0, 1)
-        gated = loop.swarm.gated.tolist()
+        gated = loop.gated.tolist()
     except DivergedError:
         raise CampaignError(f"run {run}: {Termination.DIVERGED.value}") from None
     except EndedError as error:

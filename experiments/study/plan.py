@@ -316,7 +316,7 @@ class _Examination:
     def _infeasibilities(self, motion: str, scenario: Scenario) -> list[str]:
         """Found once for all scenarios that move and are filmed alike."""
         if motion not in self._infeasibilities_of:
-            lines = [*missing_extras(scenario.navigation.variant), *infeasibilities(scenario)]
+            lines = [*missing_extras(scenario.navigations()), *infeasibilities(scenario)]
             self._infeasibilities_of[motion] = lines
         return self._infeasibilities_of[motion]
 

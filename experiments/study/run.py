@@ -107,7 +107,7 @@ def _of_runs(
     """Row and lists over runs of a follower of a closed loop."""
     lists = columns_of([records[follower] for records in runs])
     row: Record = {
-        "variant": entry.scenario.navigation.variant,
+        "variant": entry.scenario.navigation_of(follower).variant,
         "seed": entry.scenario.seed,
         "runs": len(runs),
     }

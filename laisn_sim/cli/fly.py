@@ -27,6 +27,7 @@ from experiments.flight.folder import (
     require_safe,
 )
 from laisn.errors import LaisnError
+from laisn.spilled import release
 from reports.summary import flight_bounds, flight_events, stray_events, summarise
 from sim.feasibility import cautions
 from sim.flight import FlightRecord, Termination, navigate, position_and_bearing_errors
@@ -85,6 +86,8 @@ def show(console: Console, flight: FlightRecord, summary: dict[str, Any]) -> Non
     else:
         _show_errors(console, summary)
     _show_avoidance(console, summary)
+    _show_navigators(console, summary)
+    _show_leader(console, summary)
     if summary["verdict"]["lost"]:
         print_line(console, summary["verdict"]["sentence"], "lost:", "red")
     if flight.outcome is not Termination.COMPLETED:
@@ -107,6 +110,30 @@ def _show_errors(console: Console, summary: dict[str, Any]) -> None:
         rows.append(cells)
     show_table(console, heads, rows)
     console.print(_LEGEND, style="dim", highlight=False)
+
+
+def _show_navigators(console: Console, summary: dict[str, Any]) -> None:
+    """Print who navigates by what, where followers have different navigators."""
+    names: dict[str, list[str]] = {}
+    for name, row in summary["followers"].items():
+        if "variant" in row:
+            names.setdefault(row["variant"], []).append(name)
+    if names:
+        parts = [f"{variant} ({', '.join(names[variant])})" for variant in names]
+        print_line(console, ", ".join(parts), "navigators:", "")
+
+
+def _show_leader(console: Console, summary: dict[str, Any]) -> None:
+    """Print errors of the leader's own estimate, if it has a navigator."""
+    row = summary.get("leader")
+    if row is None or row["e_p_max_m"] is None:
+        return
+    nees = "–" if row["nees"] is None else f"{row['nees']:.3g}"
+    text = (
+        f"its own estimate, by {row['variant']}, is {row['e_p_max_m']:.2f} m off at most, "
+        f"{row['e_p_mean_m']:.2f} m on average, with a NEES of {nees}"
+    )
+    print_line(console, text, "leader:")
 
 
 def _show_avoidance(console: Console, summary: dict[str, Any]) -> None:
@@ -226,6 +253,7 @@ def write_flight(
         def phase(name: str) -> Iterator[Update]:
             with watch.phase(name), show_phase(name) as update:
                 yield update
+            release()
 
         log = writer.FlightLog(folder / LOG)
         mission = MissionToFly(scenario) if live is None else None

@@ -64,7 +64,7 @@ def replay(
     smoothed = again if smoothing is None else navigate_again(flown, changes, smoothing)
     console = Console()
     for title, flight in (
-        (f"as flown, {flown.scenario.navigation.variant}", flown),
+        (f"as flown, {flown.scenario.variants}", flown),
         (f"replayed, {variant}", again),
     ):
         console.print(literal(title, "bold"))
@@ -94,9 +94,8 @@ def replay_measurements(
     """
     output = optional_output(out, [".csv"], [path])
     scenario = load_scenario(source, assignments, flyable=True)
-    navigation = scenario.navigation
-    make = _smoother(navigation.variant, smooth_s) or find(navigation.variant).make
-    if "use_single_range" not in navigation.model_fields_set:
+    navigations = [scenario.navigation, *(f.navigation for f in scenario.followers)]
+    if all(n is None or "use_single_range" not in n.model_fields_set for n in navigations):
         scenario = scenario.with_navigation(use_single_range=True)
     # two steps are enough for the starts of the routes
     short = {"motion": "kinematic", "duration_s": 2 * scenario.timing.filter_step_s}
@@ -106,6 +105,8 @@ def replay_measurements(
     remarks = list[str]()
     vehicles = list[Replayed]()
     for i, name in enumerate(begin.names[1:]):
+        variant = scenario.navigation_of(i).variant
+        make = _smoother(variant, smooth_s) or find(variant).make
         measured, recorded = read_recording(path, name, longest_gap_s)
         remarks += recorded
         settings = replace(navigation_settings(scenario, begin, i), dt=measured.dt)
@@ -128,7 +129,7 @@ def replay_measurements(
         )
         vehicles.append(vehicle)
     show_table(Console(), heads, rows)
-    _write_replay(vehicles, path, navigation.variant, list(dict.fromkeys(remarks)), output)
+    _write_replay(vehicles, path, scenario.variants, list(dict.fromkeys(remarks)), output)
 
 
 def _write_replay(

@@ -380,7 +380,7 @@ def meta_of(
         "models": hulls.shapes,
         "columns": len(hulls.effectors) if truth.thrust.shape[2] else 0,
         "beacons": [],
-        "used": flight.scenario.navigation.transmitters,
+        "used": max(n.transmitters for _, n in flight.scenario.navigations()),
         "known": known_from(flight),
         "words": fix_words(),
         "refusedKinds": [int(kind) for kind in REFUSED],

@@ -85,8 +85,12 @@ HOLD_SPEED = 0.3
 
 def _mean(value: Callable[[Floats], Floats], time: Floats, width: float) -> Floats:
     """Mean of a function over an interval about each instant."""
-    nodes = (np.arange(12)[:, None] + 0.5) / 12 - 0.5
-    return np.asarray(value(time + nodes * width).sum(axis=0) / 12)
+    first, *others = ((np.arange(12) + 0.5) / 12 - 0.5).tolist()
+    total = value(time + first * width)
+    # one after the other: all at once they take much memory over a day
+    for node in others:
+        total += value(time + node * width)
+    return total / 12
 
 
 def _rate(value: Callable[[Floats], Floats], time: Floats, width: float) -> Floats:

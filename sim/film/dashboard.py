@@ -391,7 +391,7 @@ class Dashboard:
     def _range_rows(self, state: FilmFrame) -> list[Row]:
         """Names of the transmitters in the colours of their rays, as their legend, and ranges."""
         f = self._follower
-        count = self._data.flight.scenario.navigation.transmitters
+        count = self._data.flight.scenario.navigation_of(f).transmitters
         colours = self._added.ray_colours(state.message[f])
         right = [-12.0 - 65.0 * (count - 1 - i) for i in range(count)]
         ranges = ["–" if np.isnan(r) else f"{r:.2f}" for r in state.ranges[f, :count]]

@@ -71,7 +71,8 @@ class Overlay:
         self._follower = data.follower
         self.canvas = Canvas(video.width_px, video.height_px)
         self._box: Box = (0, 0, video.width_px, video.height_px)
-        self._transmitters = range(data.flight.scenario.navigation.transmitters)
+        navigation = data.flight.scenario.navigation_of(data.follower)
+        self._transmitters = range(navigation.transmitters)
         # that camera is for the leader's pitch: a line shows its axis as it would lie in a level
         # hull
         self._level_axis = video.camera == "profile"
@@ -137,7 +138,7 @@ class Overlay:
         scenario = self._data.flight.scenario
         words = f"LAISN-Sim  ·  {scenario.name}  ·  seed {scenario.seed}, run {scenario.run}"
         if board:
-            words += f"  ·  {scenario.navigation.variant}  ·  {self._data.speed_up:g}× real time"
+            words += f"  ·  {scenario.variants}  ·  {self._data.speed_up:g}× real time"
         c.text((c.width / 2, c.height - 8 * c.scale), words, (0.85, 0.95, 1.0, 0.85), 12, "ms")
 
     def _draw_view(self, state: FilmFrame, view: View, box: Box, trails: list[Trail]) -> None:

@@ -44,7 +44,7 @@ from sim.log.schema import (
     vehicle_state,
 )
 from sim.scenario import file as scenario_file
-from sim.scenario.parts import LinkSettings
+from sim.scenario.parts import LinkSettings, sensing_of_each
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.sensing.links import navigated_link
 from sim.trajectory import Trajectory
@@ -119,10 +119,26 @@ def _measured_types(links: LinkSettings) -> tuple[RecordType, ...]:
     return MEASURED if link is None or link.places is None else PLACED_MEASURED
 
 
+def _kind_of_estimates(facts: Mapping[str, str], name: str) -> type[Estimates]:
+    """The kind of a follower's estimates, by what the log says of the flight."""
+    for kind, type_ in DETAILS.items():
+        named = facts.get(type_.topic, "False")
+        if named == "True" or name in named.split(", "):
+            return kind
+    return Estimates
+
+
 def _sensor_headers(log: Contents) -> dict[str, SensorHeader]:
     """Channels and rates of further sensors by their names, as far as the log holds them."""
     texts = log.metadata.get(SENSORS, {})
     return {name: header_of_text(text) for name, text in texts.items()}
+
+
+def _headers_of(
+    custom: Mapping[str, Floats], headers: Mapping[str, SensorHeader]
+) -> dict[str, SensorHeader]:
+    """Channels and rates of the sensors that a vehicle carries, as far as the log holds them."""
+    return {name: header for name, header in headers.items() if name in custom}
 
 
 def _custom_tables(log: Contents, name: str) -> Iterator[tuple[str, Messages, Floats]]:
@@ -201,11 +217,13 @@ def _leader_of(
         return None
     reception = log.topics.get(f"/leader/{_RECEIVED.topic}")
     placed = reception is not None and reception.path(PLACES.names[0])
+    custom = _custom_readings(log, "leader", steps_ns, headers)
     measured = Measurements(
         dt=dt,
         **_record(log, "leader", PLACED_MEASURED if placed else MEASURED, steps_ns),
         links=_links(log, "leader", steps_ns, headers),
-        sensors=headers,
+        custom=custom,
+        sensors=_headers_of(custom, headers),
     )
     estimates = None
     if f"/leader/{estimated(Estimates)[0].topic}" in log.topics:
@@ -268,14 +286,6 @@ def _require_flight(log: Contents) -> None:
         )
 
 
-def _kind_of_estimates(facts: Mapping[str, str]) -> type[Estimates]:
-    """The class of the estimates in a log, by the facts about its flight."""
-    for kind, type_ in DETAILS.items():
-        if facts.get(type_.topic) == "True":
-            return kind
-    return Estimates
-
-
 def _require_fixes(
     path: Path,
     names: Sequence[str],
@@ -309,7 +319,7 @@ def read(path: Path | str) -> FlightRecord:
         )
         clock = Clock(scenario.epoch)
         dt = scenario.timing.filter_step_s
-        links = LinkSettings.of(scenario)
+        links = [sensing.links for sensing in sensing_of_each(scenario)]
         outcome = Termination[facts["outcome"]]
         if FIRST_GAP in facts:
             log.cut(int(facts[FIRST_GAP]))
@@ -327,20 +337,24 @@ def read(path: Path | str) -> FlightRecord:
                 f"{scenario.filter_steps} filter steps, this log has {steps}"
             )
         steps_ns = clock.ns(dt * np.arange(1, steps + 1))
-        kind = _kind_of_estimates(facts)
         names = trajectory.names[1:]
+        kinds = [_kind_of_estimates(facts, name) for name in names]
         headers = _sensor_headers(log)
+        custom = [_custom_readings(log, name, steps_ns, headers) for name in names]
         measured = tuple(
             Measurements(
                 dt=dt,
-                **_record(log, name, _measured_types(links), steps_ns),
-                custom=_custom_readings(log, name, steps_ns, headers),
-                sensors=headers,
+                **_record(log, name, _measured_types(links[i]), steps_ns),
+                custom=custom[i],
+                sensors=_headers_of(custom[i], headers),
                 links=_links(log, name, steps_ns, headers),
             )
-            for name in names
+            for i, name in enumerate(names)
         )
-        estimates = tuple(kind(**_record(log, name, estimated(kind), steps_ns)) for name in names)
+        estimates = tuple(
+            kind(**_record(log, name, estimated(kind), steps_ns))
+            for name, kind in zip(names, kinds, strict=True)
+        )
         _require_fixes(path, names, measured, estimates)
         return FlightRecord(
             scenario=scenario,

@@ -262,6 +262,8 @@ DETAILS = {
 }
 """What navigators log of each message beside the fix, by the class of their estimates."""
 ERROR = RecordType(name="Error", topic="error", columns=_numbers("position_error", "bearing_error"))
+POSITION_ERROR = RecordType(name="PositionError", topic="error", columns=_numbers("position_error"))
+"""Of the leader's own estimate: it has no bearing from itself."""
 MEASURED = (OWN_MOTION, RECEPTION)
 """Channels of a follower's measurements; the first has a message at every filter step."""
 PLACED_MEASURED = (OWN_MOTION, BEACON_RECEPTION)

@@ -19,7 +19,13 @@ from laisn.estimates import FIX_WORDS, Estimates, FixKind
 from laisn.messages import Measurements, SensorHeader
 from sim import attitude
 from sim.attitude import geodetic
-from sim.flight import FlightRecord, FlightUnderWay, Termination, position_and_bearing_errors
+from sim.flight import (
+    FlightRecord,
+    FlightUnderWay,
+    Termination,
+    leader_errors,
+    position_and_bearing_errors,
+)
 from sim.log import schema
 from sim.log.blocks import BLOCK_NS, END_NS, BlockFile, LogChannel
 from sim.log.contents import (
@@ -43,10 +49,10 @@ from sim.log.scene import (
     draw_vehicles,
 )
 from sim.log.schema import Clock, RecordType, pose, quaternion, timestamp, vector
-from sim.scenario.parts import LinkSettings, MissionPlan, SensingSettings
+from sim.scenario.links import LEADER_LINK
+from sim.scenario.parts import MissionPlan, SensingSettings, sensing_of_each
 from sim.scenario.settings import CONTROL_STEP_S, Video
-from sim.sensing.links import navigated_link
-from sim.sensing.sensors import custom_sensors
+from sim.sensing.sensors import sensors_of_all
 from sim.system import signals_after
 from sim.trajectory import Trajectory
 
@@ -270,9 +276,19 @@ def _step_times(flight: FlightRecord, m: Measurements, clock: Clock) -> Ints:
     return clock.ns(m.dt * np.arange(before + 1, before + m.speed.size + 1))
 
 
+def _headers_of(flight: FlightRecord) -> dict[str, SensorHeader]:
+    """Channels and rates of the further sensors of all vehicles by their names."""
+    headers: dict[str, SensorHeader] = {}
+    if flight.leader is not None:
+        headers |= flight.leader.measurements.sensors
+    for measurements in flight.measurements:
+        headers |= measurements.sensors
+    return headers
+
+
 def _links(flight: FlightRecord, name: str, m: Measurements, time_ns: Ints) -> Iterator[LogChannel]:
     """Messages of further links that a vehicle has received."""
-    headers = flight.measurements[0].sensors
+    headers = _headers_of(flight)
     for link, messages in m.links.items():
         arrays: dict[str, Column] = {"message": messages.message, "ranges": messages.ranges}
         if messages.places is not None:
@@ -311,14 +327,34 @@ def _of_vehicle(
                 at = clock.ns(m.dt * (before + getattr(arrays, type_.steps)))
             yield numeric(f"/{name}", type_, at, vars(arrays))
     yield from _links(flight, name, m, time_ns)
+    yield from further_readings(name, m, time_ns)
 
 
 def _leader(flight: FlightRecord, clock: Clock) -> Iterator[LogChannel]:
     """What the leader has measured and concluded, if it has sensed under way."""
     if flight.leader is None:
         return
-    record = (flight.leader.measurements, flight.leader.estimates)
-    yield from _of_vehicle(flight, "leader", record, clock)
+    m = flight.leader.measurements
+    e = flight.leader.estimates
+    yield from _of_vehicle(flight, "leader", (m, e), clock)
+    errors = leader_errors(flight)
+    if e is None or errors is None:
+        return
+    time_ns = _step_times(flight, m, clock)
+    columns: dict[str, Column] = {"position_error": errors}
+    yield numeric("/leader", schema.POSITION_ERROR, time_ns, columns)
+    yield _estimate("leader", m, e, time_ns)
+
+
+def _estimate(name: str, m: Measurements, e: Estimates, time_ns: Ints) -> LogChannel:
+    """Estimated poses of a vehicle: position of its navigator, depth and heading as measured."""
+
+    def position(block: slice) -> Floats:
+        return np.column_stack([e.state[block, :2], -m.depth[block]])
+
+    return poses(
+        f"/{name}/estimate", time_ns, position, lambda block: attitude.from_euler(m.heading[block])
+    )
 
 
 def further_readings(name: str, m: Measurements, time_ns: Ints) -> Iterator[LogChannel]:
@@ -342,21 +378,16 @@ def _follower(
     name = flight.trajectory.names[f + 1]
     time_ns = _step_times(flight, m, clock)
     yield from _of_vehicle(flight, name, (m, e), clock)
-    yield from further_readings(name, m, time_ns)
     yield numeric(
         f"/{name}", schema.ERROR, time_ns, dict(zip(schema.ERROR.fields, errors, strict=True))
     )
 
-    def position(block: slice) -> Floats:
-        return np.column_stack([e.state[block, :2], -m.depth[block]])
-
-    yield poses(
-        f"/{name}/estimate", time_ns, position, lambda block: attitude.from_euler(m.heading[block])
-    )
+    yield _estimate(name, m, e, time_ns)
     second = max(1, round(1.0 / m.dt))
     each = slice(second - 1, None, second)
+    place = np.column_stack([e.state[each, :2], -m.depth[each]])
     yield _locations(
-        flight, f"/{name}/estimate/fix", time_ns[each], position(each), e.covariance[each, :2, :2]
+        flight, f"/{name}/estimate/fix", time_ns[each], place, e.covariance[each, :2, :2]
     )
 
 
@@ -399,7 +430,7 @@ def _scene(flight: FlightRecord, clock: Clock, hulls: VisibleHulls) -> Iterator[
         ("hulls", t.time[instants], draw_all),
         ("vehicles", t.time[seconds], draw_vehicles(flight, seconds)),
     ]
-    if navigated_link(LinkSettings.of(flight.scenario)) is None:
+    if all(sensing.links.main == LEADER_LINK for sensing in sensing_of_each(flight.scenario)):
         steps = _steps_before(flight) + received
         heard = np.asarray(steps * flight.measurements[0].dt, dtype=np.float64)
         scenes.append(("acoustics", heard, draw_acoustics(flight, received)))
@@ -493,10 +524,16 @@ def _attach(at: int, files: Mapping[str, bytes], mcap: MCAPWriter) -> None:
 def _facts(flight: FlightRecord, outcome: Termination) -> dict[str, str]:
     facts = {"outcome": outcome.name, "filter_step_s": repr(flight.measurements[0].dt)}
     facts |= {"seed": str(flight.scenario.seed), "run": str(flight.scenario.run)}
-    return facts | {
-        type_.topic: str(type(flight.estimates[0]) is kind)
-        for kind, type_ in schema.DETAILS.items()
-    }
+    for kind, type_ in schema.DETAILS.items():
+        names = [
+            name
+            for name, estimates in zip(flight.trajectory.names[1:], flight.estimates, strict=True)
+            if type(estimates) is kind
+        ]
+        of_all = len(names) == len(flight.estimates)
+        # names where followers navigate differently
+        facts[type_.topic] = ", ".join(names) if names and not of_all else str(of_all)
+    return facts
 
 
 def _describe(flight: FlightRecord, mcap: MCAPWriter) -> None:
@@ -509,7 +546,7 @@ def _describe(flight: FlightRecord, mcap: MCAPWriter) -> None:
     }
     _attach(at, files, mcap)
     mcap.write_metadata("conventions", _CONVENTIONS)
-    headers = flight.measurements[0].sensors
+    headers = _headers_of(flight)
     declared = {name: header for name, header in headers.items() if header.channels}
     if declared:
         texts = {name: schema.header_text(header) for name, header in declared.items()}
@@ -552,7 +589,7 @@ class FlightLog:
         if flight.navigates and flight.steps * dt - self._written_s >= _EVERY_S:
             with signals_after(), self._complete_or_kept():
                 self._append(
-                    flight.part(self._first_step(SensingSettings.of(flight.scenario))),
+                    flight.part(self._first_step(sensing_of_each(flight.scenario))),
                     is_last=False,
                 )
 
@@ -580,7 +617,7 @@ class FlightLog:
             return
         # little is left to be written
         with signals_after(), self._complete_or_kept():
-            rest = flight.part(self._first_step(SensingSettings.of(flight.scenario)))
+            rest = flight.part(self._first_step(sensing_of_each(flight.scenario)))
             self._end(rest, outcome, summary, events, film)
 
     @contextmanager
@@ -605,16 +642,16 @@ class FlightLog:
             text = f"{self._path}: cannot be written: {error.strerror or error}{hint}"
             raise LogError(text) from error
 
-    def _first_step(self, sensing: SensingSettings) -> int:
+    def _first_step(self, navigated: Sequence[SensingSettings]) -> int:
         """Filter step at which a part begins that has all that is drawn of what is not yet written,
         also trails.
 
         Rows of every second, and of slower sensors, are the same from there as from the start.
         """
-        dt = sensing.links.filter_step_s
+        dt = navigated[0].links.filter_step_s
         stride = round(dt / CONTROL_STEP_S)
         grids = [round(1.0 / CONTROL_STEP_S), stride * max(1, round(1.0 / dt))]
-        grids += [driver.every * stride for driver in custom_sensors(sensing)]
+        grids += [driver.every * stride for driver in sensors_of_all(navigated)]
         grid = math.lcm(*grids)
         instants = math.floor((self._written_s - TRAIL_S - _MARGIN_S) / CONTROL_STEP_S)
         return max(instants // grid, 0) * grid // stride

@@ -240,3 +240,26 @@ class Navigation(FurtherKeys):
                 "needs a rear and a front transmitter, one before, behind or beside the other"
             )
         return offsets
+
+
+class FollowerNavigation(Navigation):
+    """Navigator of this follower: keys of `[navigation]` whose values are others for it alone."""
+
+
+def navigation_with(common: Navigation, changes: Navigation) -> Navigation:
+    """A navigation with the keys that another one sets in place of its own, also within tables.
+
+    Keys of `custom` are those of one class: with another `variant` none of them is taken over.
+    """
+    values: dict[str, Any] = {key: getattr(changes, key) for key in changes.model_fields_set}
+    for key in values.keys() & {"assume", "rival", "beacons"}:
+        section = getattr(changes, key)
+        set_keys = {name: getattr(section, name) for name in section.model_fields_set}
+        values[key] = getattr(common, key).model_copy(update=set_keys)
+    is_same = values.get("variant", common.variant) == common.variant
+    if is_same and common.custom is not None and values.get("custom") is not None:
+        extra = {**common.custom.model_dump(), **values["custom"].model_dump()}
+        values["custom"] = Custom(**extra)
+    elif not is_same:
+        values.setdefault("custom", None)
+    return common.model_copy(update=values)

@@ -125,6 +125,8 @@ class LinkSettings:
     navigated: tuple[str, ...]  # links that followers navigate on, the main one first
     navigated_by_leader: tuple[str, ...] = ()  # the same of the leader, in any order
     main_of_leader: str = ""  # that which its navigator takes for its main one; or none
+    # those that any follower navigates on, where followers navigate differently
+    navigated_by_any: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, scenario: Scenario) -> Self:
@@ -144,6 +146,15 @@ class LinkSettings:
             navigated=(scenario.navigation.link, *scenario.navigation.further_links),
             navigated_by_leader=tuple(name for name in by_leader if name != LEADER_LINK),
             main_of_leader=main_of_leader,
+            navigated_by_any=tuple(
+                sorted(
+                    {
+                        name
+                        for _, navigation in scenario.navigations()
+                        for name in (navigation.link, *navigation.further_links)
+                    }
+                )
+            ),
         )
 
     @property
@@ -181,6 +192,12 @@ def _without_random_errors(section: Kind) -> Kind:
     return section.model_copy(update={key: fields[key].default for key in PER_RUN & fields.keys()})
 
 
+def _needed_sensor(variant: str) -> str:
+    """The further sensor that a navigator needs; empty if it needs none."""
+    shipped = NAVIGATORS.get(variant)
+    return "" if shipped is None else shipped.sensor
+
+
 @dataclass(frozen=True, kw_only=True)
 class SensingSettings:
     """What all that vehicles measure and receive of a motion follows from."""
@@ -189,6 +206,7 @@ class SensingSettings:
     run: int
     sensors: Sensors
     needed_sensor: str  # a further sensor that navigators need, as `sensors.custom` lists it; or ""
+    needed_by_leader: str  # the same of the leader's navigator
     of_vehicles: tuple[VehicleSensors, ...]  # errors that each sets for its own, the leader first
     broadcast_attitude: bool
     sound: SoundSettings
@@ -201,13 +219,14 @@ class SensingSettings:
     def of(cls, scenario: Scenario) -> Self:
         """The sensing of a scenario."""
         navigation = scenario.navigation
-        shipped = NAVIGATORS.get(navigation.variant)
+        of_leader = scenario.leader.navigation
         vehicles = (scenario.leader, *scenario.followers)
         return cls(
             seed=scenario.seed,
             run=scenario.run,
             sensors=scenario.sensors,
-            needed_sensor="" if shipped is None else shipped.sensor,
+            needed_sensor=_needed_sensor(navigation.variant),
+            needed_by_leader="" if of_leader is None else _needed_sensor(of_leader.variant),
             of_vehicles=tuple(vehicle.sensors for vehicle in vehicles),
             broadcast_attitude=scenario.leader.broadcast_attitude,
             sound=SoundSettings.of(scenario),
@@ -253,7 +272,7 @@ class SensingSettings:
     def sensors_of_leader(self) -> Sensors:
         """`[sensors]` with the errors of the leader's own sensors in place of a follower's."""
         of_leader = _errors_set_by(self.of_vehicles[0])
-        values: dict[str, Any] = {"speed_drift_m_s": 0.0, "heading_drift_deg": 0.0}
+        values: dict[str, Any] = {"speed_drift_m_s": 0.0, "heading_drift_deg": 0.0, "custom": ()}
         for name in VehicleSensors.model_fields:
             broadcast = f"{LEADER_PREFIX}{name}"
             if name in of_leader:
@@ -261,3 +280,11 @@ class SensingSettings:
             elif broadcast in Sensors.model_fields:
                 values[name] = getattr(self.sensors, broadcast)
         return self.sensors.model_copy(update=values)
+
+
+def sensing_of_each(scenario: Scenario) -> tuple[SensingSettings, ...]:
+    """The sensing of a scenario by the navigation of each follower."""
+    followers = scenario.followers
+    if all(follower.navigation is None for follower in followers):
+        return (SensingSettings.of(scenario),) * len(followers)
+    return tuple(SensingSettings.of(scenario.navigated_as(i)) for i in range(len(followers)))

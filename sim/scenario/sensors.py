@@ -100,14 +100,21 @@ LEADER_PREFIX = "leader_"
 """Of the keys of `[sensors]` that are of what the leader broadcasts."""
 
 if TYPE_CHECKING:
-    VehicleSensors = OwnSensors
+
+    class VehicleSensors(OwnSensors):
+        custom: tuple[CustomSensor, ...] | None = None
+
 else:
     VehicleSensors = create_model(
         "VehicleSensors",
         __base__=Section,
         __doc__="Errors of one vehicle's own sensors. Keys and defaults of a follower: `[sensors]` "
-        "without `custom` and `leader_…`; of the leader: `sensors.leader_…` where there is such a "
-        "key, and no drift.",
+        "without `leader_…`; of the leader: `sensors.leader_…` where there is such a key, no drift "
+        "and no `custom`.",
+        custom=(
+            Annotated[tuple[CustomSensor, ...], LISTED] | None,
+            Field(None, description="further sensors of this vehicle"),
+        ),
         **{
             name: (
                 Annotated[field.annotation, *field.metadata] | None,

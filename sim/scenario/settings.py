@@ -30,7 +30,7 @@ from sim.scenario.formation import (
     station_inconsistencies,
 )
 from sim.scenario.links import LEADER_LINK, LinkTable
-from sim.scenario.navigation import AssumeTable, Navigation
+from sim.scenario.navigation import AssumeTable, Navigation, navigation_with
 from sim.scenario.sea_files import CurrentSource, FloorSource, MapOrigin, SoundSource
 from sim.scenario.section import (
     CONTROL_STEP_S,
@@ -378,7 +378,11 @@ class Scenario(Section):
         """What vehicles on the paper's point motion cannot do."""
         errors = []
         if self.motion != "physics":
-            errors += [f"{key} needs motion = 'physics'" for key in self.keys_of_roles()]
+            errors += [
+                f"{key} needs motion = 'physics'; the paper's point motion is planned whole before "
+                "anything is sensed"
+                for key in self.keys_of_roles()
+            ]
         for i, follower in enumerate(self.followers if self.motion != "physics" else ()):
             if follower.station or follower.controller:
                 key = "station" if follower.station else "controller"
@@ -404,25 +408,27 @@ class Scenario(Section):
             where = (
                 "must keep its default where followers are on stations or steer by their estimates"
             )
-            if self.navigation.use_single_range and self.navigation.variant in VARIANTS:
-                errors.append(f"navigation.use_single_range {where}")
-            if self.navigation.transmitters_m:
-                errors.append(f"navigation.transmitters_m {where}")
+            for key, navigation in self.navigations():
+                if navigation.use_single_range and navigation.variant in VARIANTS:
+                    errors.append(f"{key}.use_single_range {where}")
+                if navigation.transmitters_m:
+                    errors.append(f"{key}.transmitters_m {where}")
         return errors
 
     def _navigation_errors(self) -> list[str]:
         errors = []
         if self.ocean.sound_speed is not None and self.acoustics.sound_speed_profile:
             errors.append("ocean.sound_speed replaces acoustics.sound_speed_profile; give one")
-        if self.navigation.use_attitude and not self.leader.broadcast_attitude:
-            errors.append("navigation.use_attitude needs leader.broadcast_attitude = true")
-        places = len(self.navigation.transmitters_m)
-        used = self.navigation.transmitters
-        if 0 < places < used:
-            errors.append(
-                f"navigation.transmitters_m has {places} places, the navigator uses {used} "
-                "transmitters"
-            )
+        for key, navigation in self.navigations():
+            if navigation.use_attitude and not self.leader.broadcast_attitude:
+                errors.append(f"{key}.use_attitude needs leader.broadcast_attitude = true")
+            places = len(navigation.transmitters_m)
+            used = navigation.transmitters
+            if 0 < places < used:
+                errors.append(
+                    f"{key}.transmitters_m has {places} places, the navigator uses {used} "
+                    "transmitters"
+                )
         return errors
 
     def _link_errors(self) -> list[str]:
@@ -456,7 +462,8 @@ class Scenario(Section):
                     f"{key}.beacons_m: {deep[0]:g} m is below the floor at "
                     f"{self.ocean.floor_depth_m:g} m"
                 )
-        errors += self._navigated_link_errors("navigation", self.navigation)
+        for key, navigation in self.navigations():
+            errors += self._navigated_link_errors(key, navigation)
         if self.leader.navigation is not None:
             errors += self._navigated_link_errors("leader.navigation", self.leader.navigation)
         return errors
@@ -472,8 +479,8 @@ class Scenario(Section):
             errors.append(f"{key}.receivers: {link.sender!r} is the sender")
         if link.position == "estimate" and link.sender == "leader" and not self.leader.navigation:
             errors.append(f"{key}.position = 'estimate' needs a table leader.navigation")
-        if link.readings and link.sender == "leader":
-            errors.append(f"{key}.readings: further sensors are those of followers")
+        if link.readings and link.sender == "leader" and not self.leader.sensors.custom:
+            errors.append(f"{key}.readings needs a table leader.sensors.custom")
         return errors
 
     def _answer_errors(self, key: str, link: LinkTable) -> list[str]:
@@ -525,6 +532,8 @@ class Scenario(Section):
         keys = [
             f"leader.{key}" for key in ("controller", "navigation") if getattr(self.leader, key)
         ]
+        if self.leader.sensors.custom:
+            keys.append("leader.sensors.custom")
         for i, link in enumerate(self.links):
             if link.answers:
                 keys.append(f"links[{i}].answers")
@@ -673,9 +682,53 @@ class Scenario(Section):
             *((f"followers[{i}]", f) for i, f in enumerate(self.followers)),
         ]
 
-    def with_navigation(self, **changes: Any) -> Self:
-        """The scenario with keys of `[navigation]` changed, which are not checked."""
-        return self.model_copy(update={"navigation": self.navigation.model_copy(update=changes)})
+    def navigation_of(self, follower: int) -> Navigation:
+        """`[navigation]` with the keys that a follower, by its index, sets for its own navigator in
+        place of those there.
+        """
+        changes = self.followers[follower].navigation
+        return self.navigation if changes is None else navigation_with(self.navigation, changes)
+
+    def navigated_as(self, follower: int) -> "Scenario":
+        """The scenario in which all followers navigate as this one, by its index, does."""
+        if all(member.navigation is None for member in self.followers):
+            return self
+        members = tuple(
+            member if member.navigation is None else member.model_copy(update={"navigation": None})
+            for member in self.followers
+        )
+        changes = {"navigation": self.navigation_of(follower), "followers": members}
+        return self.model_copy(update=changes)
+
+    def with_navigation(self, **keys: Any) -> "Scenario":
+        """The scenario in which these keys of navigation are those of all followers."""
+        members = []
+        for member in self.followers:
+            own = member.navigation
+            changed = None if own is None else own.model_copy(update=keys)
+            members.append(member.model_copy(update={"navigation": changed}))
+        navigation = self.navigation.model_copy(update=keys)
+        changes = {"navigation": navigation, "followers": tuple(members)}
+        return self.model_copy(update=changes)
+
+    @property
+    def variants(self) -> str:
+        """Variants of navigation of the followers, each once, in words."""
+        names = [self.navigation_of(i).variant for i in range(len(self.followers))]
+        return ", ".join(dict.fromkeys(names))
+
+    def navigations(self) -> list[tuple[str, Navigation]]:
+        """Navigations of the followers with their keys, each once: that of all, where a follower
+        has no own one, and own ones.
+        """
+        followers = list(enumerate(self.followers))
+        own = [
+            (f"followers[{i}].navigation", self.navigation_of(i))
+            for i, follower in followers
+            if follower.navigation is not None
+        ]
+        is_used = len(own) < len(followers)
+        return [("navigation", self.navigation), *own] if is_used else own
 
     @property
     def message_every(self) -> int:

@@ -4,12 +4,12 @@ import difflib
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, PlainSerializer, field_validator, model_validator
 
 import models
 from laisn.errors import LaisnError
 from sim.scenario.formation import Station
-from sim.scenario.navigation import Navigation
+from sim.scenario.navigation import FollowerNavigation, Navigation
 from sim.scenario.routes import FOLLOWER_DEPTH, LEADER_DEPTH
 from sim.scenario.section import (
     LISTED,
@@ -228,8 +228,17 @@ class Leader(Vehicle):
         return {"baseline_m": None, "middle_offset_m": None, **data} if has_hull_file else data
 
 
+def _keys_set(section: Section | None) -> dict[str, Any] | None:
+    """The keys of a table that are set, as a file has them."""
+    if section is None:
+        return None
+    return section.model_dump(mode="json", exclude_unset=True, exclude_none=True)
+
+
 class Follower(Vehicle):
     """A vehicle with one hydrophone, on a route or on a station."""
+
+    UNMOVED: ClassVar[dict[str, Any]] = {**Vehicle.UNMOVED, "navigation": None}
 
     name: Name = "follower"
     depth_m: NonNegative = FOLLOWER_DEPTH
@@ -244,6 +253,9 @@ class Follower(Vehicle):
     guidance_position: Literal["truth", "estimate"] | None = Field(
         None,
         description="position used for guidance; default: truth on a route, estimate on a station",
+    )
+    navigation: Annotated[FollowerNavigation | None, PlainSerializer(_keys_set)] = Field(
+        None, description="its own navigator: keys of [navigation] that differ for it"
     )
 
     @property

@@ -57,13 +57,27 @@ class Sound(NamedTuple):
     tail: float  # from its last ping until all of the message is in [s]
     paths: tuple[bool, bool, bool]  # whether each `Path` has a chance to be taken
     max_range: float  # [m]
-    transmitters: int  # how many pings of a message a follower waits for
     rays: Any  # as `sim.water.rays.StraightRays`
-    assumes: int  # of the speed of sound: MEAN, STRAIGHT or PROFILE
     ratio: float  # range that the follower computes for a metre of path, where it has not
     assumed_speed: float  # speed of sound that the follower assumes, c_b [m/s]
     clock_offset: float  # [s]
     clock_drift: float  # [s/s]
+
+
+class Sites(NamedTuple):
+    """Acoustic devices in their hulls: offsets as arrays, or as lists where Python senses."""
+
+    transmitters: Any  # rear, front and middle, shape (3, 3), [m]
+    hydrophones: Any  # of the receivers, shape (f, 3), [m]
+
+
+class Listener(NamedTuple):
+    """A receiver of messages, for compiled code too."""
+
+    vehicle: int  # its index
+    hydrophone: Any  # its offset, shape (3,), [m]
+    transmitters: int  # how many pings of a message it waits for
+    assumes: int  # of the speed of sound: MEAN, STRAIGHT or PROFILE
 
 
 def sound_of(sensing: SensingSettings) -> Sound:
@@ -78,9 +92,7 @@ def sound_of(sensing: SensingSettings) -> Sound:
         tail=a.message_length_s if a.ranging_pulse == "start" else 0.0,
         paths=(True, a.surface_echo_probability > 0.0, a.bottom_echo_probability > 0.0),
         max_range=float(a.max_range_m or np.inf),
-        transmitters=sensing.transmitters,
         rays=rays_of(sensing.sound),
-        assumes=ASSUMED.index(sensing.sound_speed),
         ratio=assumed / a.sound_speed_m_s,
         assumed_speed=assumed,
         clock_offset=float(a.clock_offset_s),
@@ -133,12 +145,13 @@ def site_at(s: Sound, motion: Motion, vehicle: int, offset: Vector | Floats, tim
 
 @jitable
 def _arrive(
-    s: Sound, motion: Motion, receiver: tuple[int, Any], path: int, leaves: float, source: Vector
+    s: Sound, motion: Motion, listener: Listener, path: int, leaves: float, source: Vector
 ) -> Arrival:
     """How a ping arrives by one `Path` at a vehicle's hydrophone."""
     if not s.paths[path]:
         return NO_ARRIVAL
-    vehicle, hydrophone = receiver
+    vehicle = listener.vehicle
+    hydrophone = listener.hydrophone
     arrival_point = site_at(s, motion, vehicle, hydrophone, leaves)
     apparent = s.rays.apparent_source(path, source, arrival_point)
     time = leaves
@@ -160,9 +173,9 @@ def _arrive(
         slowness = s.rays.slowness(path, source, arrival_point)
         if s.travels and s.rays.bends:
             time = leaves + distance(apparent, arrival_point) * slowness
-        if s.assumes == MEAN:
+        if listener.assumes == MEAN:
             ratio = s.assumed_speed * slowness
-        elif s.assumes == STRAIGHT:
+        elif listener.assumes == STRAIGHT:
             ratio = s.ratio * slowness / s.rays.straight_slowness(_DIRECT, source, arrival_point)
         elif path != _DIRECT:
             # an echo is taken for the direct ray
@@ -177,41 +190,39 @@ def _arrive(
 
 @jitable
 def _follow_ping(
-    s: Sound, motion: Motion, transmitter: Any, receiver: tuple[int, Any], leaves: float
+    s: Sound, motion: Motion, transmitter: Any, listener: Listener, leaves: float
 ) -> Ping:
     source = site_at(s, motion, 0, transmitter, leaves)
-    direct = _arrive(s, motion, receiver, _DIRECT, leaves, source)
-    surface = _arrive(s, motion, receiver, _SURFACE, leaves, source)
-    bottom = _arrive(s, motion, receiver, _BOTTOM, leaves, source)
+    direct = _arrive(s, motion, listener, _DIRECT, leaves, source)
+    surface = _arrive(s, motion, listener, _SURFACE, leaves, source)
+    bottom = _arrive(s, motion, listener, _BOTTOM, leaves, source)
     return source, (direct, surface, bottom)
 
 
 @jitable
 def follow(
-    s: Sound, motion: Motion, sites: tuple[Any, Any], vehicle: int, sent: float
+    s: Sound, motion: Motion, transmitters: Any, listener: Listener, sent: float
 ) -> tuple[float, Pings]:
     """Follow the pings of a message to a vehicle, as far as the motion is known.
 
     Args:
         s: how sound gets to the followers.
-        known: motion of all vehicles.
-        sites: offsets of the transmitters, shape (3, 3), and of the hydrophone, shape (3,), [m].
-        vehicle: index of the receiver's.
+        motion: of all vehicles.
+        transmitters: their offsets, shape (3, 3), [m].
+        listener: who receives the message.
         sent: when the message is sent [s].
 
     Returns:
         When the last ping that is waited for is in [s], right as soon as that is not later than
         what is known; and the pings of the rear, front and middle transmitter.
     """
-    transmitters = sites[0]
-    receiver = (vehicle, sites[1])
     first = sent + s.lead
-    rear = _follow_ping(s, motion, transmitters[0], receiver, first)
-    front = _follow_ping(s, motion, transmitters[1], receiver, first + s.slot)
-    middle = _follow_ping(s, motion, transmitters[2], receiver, first + s.slot * 2)
+    rear = _follow_ping(s, motion, transmitters[0], listener, first)
+    front = _follow_ping(s, motion, transmitters[1], listener, first + s.slot)
+    middle = _follow_ping(s, motion, transmitters[2], listener, first + s.slot * 2)
     complete = sent
     pings = (rear, front, middle)
-    for i in range(s.transmitters):
+    for i in range(listener.transmitters):
         for arrival in pings[i][1]:
             # false for NaN
             if arrival.time > complete:

@@ -179,7 +179,7 @@ def link_of(links: LinkSettings, table: LinkTable) -> Link:
 
 def further_links(links: LinkSettings) -> tuple[Link, ...]:
     """Links that somebody navigates on, or that state who receives or answers."""
-    used = {*links.navigated, *links.navigated_by_leader}
+    used = {*links.navigated_by_any, *links.navigated_by_leader}
     used |= {table.answers for table in links.tables if table.answers}
     return tuple(
         link_of(links, table)

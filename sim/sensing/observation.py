@@ -20,6 +20,7 @@ from numba import literal_unroll
 from laisn.arrays import Bools, Floats, Ints, Record, Records, freeze_arrays, numbers_of, records
 from laisn.compiled import compiled, copy_values, jitable
 from laisn.messages import LeaderMessage, LinkMessages, Measurements, SensorHeader
+from laisn.spilled import room
 from laisn.swarm import MESSAGE
 from sim.attitude import body_point_in_world
 from sim.scenario.links import LEADER_LINK
@@ -77,27 +78,37 @@ class SensorModel(NamedTuple):
     message_every: int  # filter steps from one message to the next
     message_offset: int  # filter steps by which all messages are later than multiples of that
     sound: acoustics.Sound
+    transmitters: Ints  # how many pings of a message each receiver waits for, shape (f,)
+    assumes: Ints  # of the speed of sound, as of `acoustics.Listener`, shape (f,)
 
 
 def sensor_model_of(
-    sensing: SensingSettings, link: Link | None = None, *, leader_receives: bool = False
+    sensing: SensingSettings,
+    link: Link | None = None,
+    *,
+    leader_receives: bool = False,
+    navigated: Sequence[SensingSettings] = (),
 ) -> SensorModel:
     """Sensors and acoustics as compiled code takes them, of the leader's broadcast or another
     link.
 
-    Receivers are the followers, and with `leader_receives` the leader after them.
+    Receivers are the followers, and with `leader_receives` the leader after them. `navigated` are
+    the settings by the navigation of each follower; none: all navigate as `sensing` has it.
     """
-    followers = range(len(sensing.of_vehicles) - 1)
     name = LEADER_LINK if link is None else link.name
-    numbers = [*followers]
+    followers = range(len(sensing.of_vehicles) - 1)
+    receivers = [navigated[i] if navigated else sensing for i in followers]
+    numbers = [i + noise_base(receivers[i].links, name) for i in followers]
     errors = [sensors.errors_of(sensing, i, link) for i in followers]
     if leader_receives:
-        numbers.append(LEADER_NUMBER)
+        receivers.append(sensing)
+        numbers.append(LEADER_NUMBER + noise_base(sensing.links, name))
         errors.append(errors[0])
+    used = [receiver.transmitters for receiver in receivers]
+    assumes = [acoustics.ASSUMED.index(receiver.sound_speed) for receiver in receivers]
     sound = acoustics.sound_of(sensing)
     if link is not None:
-        used = min(sound.transmitters, link.transmitters)
-        sound = sound._replace(transmitters=used)
+        used = [min(transmitters, link.transmitters) for transmitters in used]
         if link.sender > 0:
             # the clocks of all followers differ from the leader's alike
             sound = sound._replace(clock_offset=0.0, clock_drift=0.0)
@@ -105,7 +116,7 @@ def sensor_model_of(
         seed=np.uint64(sensing.seed),
         run=np.uint64(sensing.run),
         errors=np.array([tuple(e) for e in errors], sensors.ERRORS).view(np.recarray),
-        numbers=np.array(numbers, dtype=np.int64) + noise_base(sensing.links, name),
+        numbers=np.array(numbers, dtype=np.int64),
         senses_acceleration=sensing.broadcast_attitude
         and sensing.sensors.leader_attitude_senses_acceleration,
         tilt_share=sensors.complementary_filter_gain(sensing.sensors),
@@ -114,6 +125,16 @@ def sensor_model_of(
         message_every=sensing.links.message_every if link is None else link.every,
         message_offset=0 if link is None else link.offset,
         sound=sound,
+        transmitters=np.array(used, dtype=np.int64),
+        assumes=np.array(assumes, dtype=np.int64),
+    )
+
+
+@jitable
+def listener_of(s: SensorModel, receiver: int, hydrophone: Any) -> acoustics.Listener:
+    """A receiver by its index, and the offset of its hydrophone, shape (3,), [m]."""
+    return acoustics.Listener(
+        receiver + 1, hydrophone, s.transmitters[receiver], s.assumes[receiver]
     )
 
 
@@ -208,7 +229,7 @@ class MeasurementRecord(NamedTuple):
         """Room for a mission of so many filter steps, with a message every so many of them."""
         q = steps // message_every + 1
         return cls(
-            own=np.empty((followers, steps, 3)),
+            own=room((followers, steps, 3)),
             message_step=np.zeros((followers, q), dtype=np.int64),
             message=np.empty((followers, q, len(LeaderMessage._fields))),
             ranges=np.empty((followers, q, 3)),
@@ -287,22 +308,20 @@ def poll_reception(
     s: SensorModel,
     k: int,
     follower: int,
-    sites: tuple[Any, Any],
+    sites: acoustics.Sites,
     motion: acoustics.Motion,
     inbox: Inbox,
 ) -> tuple[int, acoustics.Pings]:
     """Filter step at which the message was sent that is in at step k, and its pings; 0: there is
     none.
-
-    `sites` are offsets of the transmitters, shape (3, 3), and of the followers' hydrophones, shape
-    (f, 3), [m].
     """
     taken = 0
     pings = acoustics.NO_PINGS
     while inbox.earliest_step[follower] <= k:
         sent = (inbox.messages_done[follower] + 1) * s.message_every + s.message_offset
+        listener = listener_of(s, follower, sites.hydrophones[follower])
         complete, candidate_pings = acoustics.follow(
-            s.sound, motion, (sites[0], sites[1][follower]), follower + 1, sent * s.dt
+            s.sound, motion, sites.transmitters, listener, sent * s.dt
         )
         step = acoustics.reception_step(complete, s.dt)
         if step > k:
@@ -459,14 +478,14 @@ def receive(
     s: SensorModel,
     k: int,
     follower: int,
-    sites: tuple[Floats, Floats],
+    sites: acoustics.Sites,
     motion: acoustics.Motion,
     tilts: Floats,
     inbox: Inbox,
 ) -> None:
     """Take up and read the message that is in at filter step k, if there is one.
 
-    `sites` are as of `poll_reception`, `tilts` what accelerations add to the leader's measured
+    `tilts` are what accelerations add to the leader's measured
     pitch and roll at each instant, shape (n, 2), [rad].
     """
     inbox.outcome[follower] = NO_MESSAGE
@@ -487,7 +506,7 @@ def receive(
         number = s.numbers[follower]
         addresses = Address(s.seed, s.run, number, sent), Address(s.seed, s.run, number, k)
         read_reception(
-            e, (s.sound.transmitters, s.dt), addresses, (content, ranges), inbox, follower
+            e, (s.transmitters[follower], s.dt), addresses, (content, ranges), inbox, follower
         )
 
 
@@ -560,7 +579,8 @@ def sense_steps(  # noqa: PLR0913 - compiled: a record of them would be packed f
     s: SensorModel,
     e: sensors.SensorErrors,
     span: Span,
-    sites: tuple[Any, Any, Any],
+    sites: acoustics.Sites,
+    depth_sensor: Any,
     motion_of_vehicles: acoustics.Motion,
     tilts: Floats,
     inbox: Inbox,
@@ -570,8 +590,8 @@ def sense_steps(  # noqa: PLR0913 - compiled: a record of them would be packed f
     """Sense a motion as far as it is known, without random errors: own sensors at each step, and
     messages; gives how many messages are in now.
 
-    `sites` are those of `poll_reception` and the place of the follower's pressure sensor.
-    `readings`, out, has shape (n, 3), or is empty where it is not asked for.
+    `depth_sensor` is the place of the follower's pressure sensor, shape (3,), [m]. `readings`, out,
+    has shape (n, 3), or is empty where it is not asked for.
     """
     follower = span.follower
     first = span.first
@@ -585,11 +605,9 @@ def sense_steps(  # noqa: PLR0913 - compiled: a record of them would be packed f
             twist = row(truth.twist, i, v)
             water = row(truth.water, i, v)
             motion = (pose, twist, water)
-            at = sensors.instant_of((k * s.dt, follower), motion, sites[2], (0.0, 0.0))
+            at = sensors.instant_of((k * s.dt, follower), motion, depth_sensor, (0.0, 0.0))
             true_readings(e, at, readings[k - first - 1])
-        sent, pings = poll_reception(
-            s, k, follower, (sites[0], sites[1]), motion_of_vehicles, inbox
-        )
+        sent, pings = poll_reception(s, k, follower, sites, motion_of_vehicles, inbox)
         if sent == 0:
             continue
         receptions.emission_step[m] = sent
@@ -631,15 +649,16 @@ def _sense(
     inbox = new_inbox(follower + 1, s.message_every, over)
     span = Span(follower, first, first, 0)
     if use_compiled or (use_compiled is None and trajectory.time.size > LONG):
-        sites: Any = offset[:3], offset[3:-1], offset[-1]
+        sites = acoustics.Sites(offset[:3], offset[3:-1])
+        e = s.errors[follower]
         m = sense_steps_compiled(
-            s, s.errors[follower], span, sites, motion, tilts, inbox, readings, receptions
+            s, e, span, sites, offset[-1], motion, tilts, inbox, readings, receptions
         )
     else:
         *places, depth_sensor = offset.tolist()
-        sites = (places[:3], places[3:], depth_sensor)
+        sites = acoustics.Sites(places[:3], places[3:])
         e = sensors.errors_of(sensing, follower, link)
-        m = sense_steps(s, e, span, sites, motion, tilts, inbox, readings, receptions)
+        m = sense_steps(s, e, span, sites, depth_sensor, motion, tilts, inbox, readings, receptions)
     if link is not None and not link.hears(follower):
         m = 0
     if link is not None:
@@ -776,7 +795,7 @@ def observe(
 
     def custom() -> Iterator[tuple[SensorDriver, Floats]]:
         """Further sensors and their true readings."""
-        drivers = sensors.custom_sensors(sensing)
+        drivers = sensors.custom_sensors(sensing, follower)
         if not drivers:
             return
         source = np.full((n, 3, 3), np.nan)

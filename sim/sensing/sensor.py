@@ -60,7 +60,7 @@ class VehicleState(NamedTuple):
         cls,
         time: Floats,
         motion: tuple[Floats, Floats, Floats],
-        depth_sensor: Sequence[float],
+        depth_sensor: Sequence[float] | Floats,
         places: tuple[Floats, Floats],
         follower: int,
     ) -> "VehicleState":

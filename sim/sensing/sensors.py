@@ -711,15 +711,42 @@ def _made_sensor(table: Any) -> Any:
         raise LaisnError(f"sensors.custom: {table.sensor}: {error}") from None
 
 
-def custom_sensors(sensing: SensingSettings) -> tuple[SensorDriver, ...]:
-    """The further sensors of followers, also that which their navigators need; LaisnError if one
+def custom_sensors(sensing: SensingSettings, follower: int) -> tuple[SensorDriver, ...]:
+    """The further sensors of a follower, also that which its navigator needs; LaisnError if one
     cannot be found, does not have a key of its table or is not declared as it must be, or if two
     have one name or one stream of noise.
     """
-    dt = sensing.links.filter_step_s
-    tables = sensing.sensors.custom
+    tables = sensing.sensors_of(follower).custom
+    return _drivers(tables, sensing.needed_sensor, sensing.links.filter_step_s)
+
+
+def leader_custom_sensors(sensing: SensingSettings) -> tuple[SensorDriver, ...]:
+    """Further sensors of the leader; errors are as of `custom_sensors`."""
+    tables = sensing.sensors_of_leader().custom
+    return _drivers(tables, sensing.needed_by_leader, sensing.links.filter_step_s)
+
+
+def sensors_of_all(navigated: Sequence[SensingSettings]) -> tuple[SensorDriver, ...]:
+    """Further sensors of all vehicles, those of one declaration once, by the settings for each
+    follower; LaisnError also if two vehicles have sensors of one name with other channels.
+    """
+    drivers = [*leader_custom_sensors(navigated[0])]
+    for follower, sensing in enumerate(navigated):
+        drivers += custom_sensors(sensing, follower)
+    distinct: dict[str, SensorDriver] = {}
+    for driver in drivers:
+        other = distinct.setdefault(driver.name, driver)
+        if other.header != driver.header:
+            raise LaisnError(
+                f"sensors.custom: {other.kind} and {driver.kind}, of different vehicles, are both "
+                f"named {driver.name!r}; expected the same channels and period, or another name"
+            )
+    return tuple(distinct.values())
+
+
+def _drivers(tables: Sequence[Any], needed: str, dt: float) -> tuple[SensorDriver, ...]:
+    """Drivers of the sensors of tables, after the one that a navigator needs."""
     drivers = [SensorDriver(sensor=_made_sensor(table), dt=dt) for table in tables]
-    needed = sensing.needed_sensor
     if needed and all(table.sensor != needed for table in tables):
         driver = SensorDriver(sensor=_made_sensor(CustomSensorTable(sensor=needed)), dt=dt)
         # a user's sensor of the same name takes its place

@@ -7,6 +7,7 @@ import numpy as np
 
 from laisn.arrays import Floats, Ints
 from laisn.messages import SensorHeader
+from laisn.spilled import room
 from sim.attitude import body_point_in_world
 from sim.scenario.parts import SensingSettings
 from sim.scenario.settings import CONTROL_STEP_S
@@ -31,13 +32,13 @@ from sim.water.rays import Path
 
 
 class SenderMotion:
-    """The motion of a mission with the sender of the link that is navigated on as its first
-    vehicle, and where its transmitters are.
+    """The motion of a mission with the sender of a link as its first vehicle, and where its
+    transmitters are.
     """
 
     def __init__(self, sensing: SensingSettings, still: Trajectory, truth: StateHistory) -> None:
-        """Before its first instant; `still` has the sites of the vehicles, `truth` is the room for
-        their motion.
+        """Before its first instant, of the link that `sensing` navigates on; `still` has the sites
+        of the vehicles, `truth` is the room for their motion.
         """
         self.link = navigated_link(sensing.links)
         self.still = still if self.link is None else self.link.motion_of(still)
@@ -97,9 +98,9 @@ class FollowerSensing:
         self._compiled = n > LONG
         self._sent = new_inbox(follower + 1, self._model.message_every)
         self._read = new_inbox(1, 1)
-        self._true_values = np.empty((steps, 3))
+        self._true_values = room((steps, 3))
         self._receptions = new_receptions(record.message_step.shape[1])
-        self._drivers = sensors.custom_sensors(sensing)
+        self._drivers = sensors.custom_sensors(sensing, follower)
         self._environment = sensors.environment_of(sensing)
         self._steps = steps
         self._done = 0
@@ -139,16 +140,33 @@ class FollowerSensing:
         true_values = self._true_values
         receptions = self._receptions
         if self._compiled:
-            sites = (self._offset[:3], self._offset[3:-1], self._offset[-1])
+            sites = acoustics.Sites(self._offset[:3], self._offset[3:-1])
             errors = model.errors[self._follower]
             messages = sense_steps_compiled(
-                model, errors, span, sites, motion, tilts, inbox, true_values, receptions
+                model,
+                errors,
+                span,
+                sites,
+                self._offset[-1],
+                motion,
+                tilts,
+                inbox,
+                true_values,
+                receptions,
             )
         else:
             *places, depth_sensor = self._offset.tolist()
-            lists = (places[:3], places[3:], depth_sensor)
             messages = sense_steps(
-                model, self._errors, span, lists, motion, tilts, inbox, true_values, receptions
+                model,
+                self._errors,
+                span,
+                acoustics.Sites(places[:3], places[3:]),
+                depth_sensor,
+                motion,
+                tilts,
+                inbox,
+                true_values,
+                receptions,
             )
         if self._hidden is not None:
             receptions.content[span.messages : messages, self._hidden] = np.nan

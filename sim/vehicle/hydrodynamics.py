@@ -16,6 +16,8 @@ relative to the water, in the body [m/s], [rad/s]; they give force [N] and momen
 [N m].
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from laisn.arrays import Floats, Records
@@ -134,8 +136,12 @@ def viscous(c: Coefficients, v: Vector, w: Vector) -> tuple[tuple[Vector, Vector
 
 DIVERGED = 1e3  # a speed [m/s] or rate [rad/s] that no vehicle has: the integration has failed
 
-# lower triangles of the vehicles' blocks of `M`, row by row, (v, 21); `qfrc_applied`
-Solver = tuple[Floats, Floats]
+
+class Solver(NamedTuple):
+    """What MuJoCo solves for the accelerations."""
+
+    mass: Floats  # lower triangles of the vehicles' blocks of `M`, row by row, shape (v, 21)
+    applied: Floats  # `qfrc_applied`, shape (v, 6)
 
 
 @compiled
@@ -361,7 +367,8 @@ def apply_water_forces(
     """Give all vehicles wrenches and added mass; the index of the first that is lost (not
     finite, > DIVERGED), or -1.
     """
-    mass, applied = solver
+    mass = solver.mass
+    applied = solver.applied
     sea = sea_at(environment, time)
     diverged = first_row_exceeding(twist, DIVERGED)
     # one way out, and numbers in place of rows: compiled code would count references to arrays for

@@ -12,18 +12,21 @@ further evaluation of a force.
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
-from laisn.arrays import Floats, Ints
+from laisn.arrays import Floats, Ints, Records
 from laisn.compiled import call_address, compiled, copy_values
 from laisn.errors import LaisnError
 from sim import attitude
 from sim.vehicle import effectors, hydrodynamics, mjcf
+from sim.vehicle.effectors import Fitted
+from sim.vehicle.hydrodynamics import Solver
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
-from sim.vehicle.mujoco_calls import NO_CONTACT, NO_FORCES, calls_of
+from sim.vehicle.mujoco_calls import NO_CONTACT, NO_FORCES, Calls, calls_of
+from sim.water.environment import Environment
 from sim.water.ocean import Ocean
 
 # what ended a step, one of FINE … WARNED, and the index of the vehicle, or of MuJoCo's warning
@@ -39,15 +42,47 @@ def _shift(twist: Floats, acceleration: Floats, time: float) -> None:
             twist[i, j] += time * acceleration[i, j]
 
 
+class PlantState(NamedTuple):
+    """State of v vehicles."""
+
+    pose: Floats  # position [m] and quaternion (w, x, y, z), shape (v, 7)
+    # velocity in the world [m/s] and angular velocity in the body [rad/s], shape (v, 6)
+    twist: Floats
+    thrust: Floats  # states of the effectors, shape (v, m)
+
+
+class StepHandles(NamedTuple):
+    """What a step works on: MuJoCo's calls, its state, and all that loads the hulls."""
+
+    calls: Calls
+    clock: Floats  # time and physics step [s], shape (2,)
+    pose: Floats  # as of `PlantState`, in MuJoCo's memory, as the next
+    twist: Floats
+    acceleration: Floats  # of `twist`, shape (v, 6)
+    response: Floats  # share of the way to its command that an effector goes in a step, (v, m)
+    last_pose: Floats  # the last ones that were valid
+    last_twist: Floats
+    warnings: Ints  # how often MuJoCo has warned, by the kind of warning
+    coefficients: Records  # of the hulls, as of `Plant`
+    environment: Environment
+    solver: Solver
+    fitted: Fitted
+
+
 @compiled
-def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
+def advance(handles: StepHandles, command: Floats, n_substeps: int) -> Fault:
     """Advance a plant as `Plant.step` does, by its `step_handles`, after `set_clock`.
 
     Returns the argument of `Plant.finish_step`, to be called from Python.
     """
-    (stages, model, data), clock, body, (records, environment, solver, fitted) = handles
-    kinematics, centres, inertia, velocity, factor, finish = stages
-    (pose, twist, acceleration), response, good, warnings = body
+    h = handles
+    pose = h.pose
+    twist = h.twist
+    acceleration = h.acceleration
+    clock = h.clock
+    model = h.calls.model
+    data = h.calls.data
+    kinematics, centres, inertia, velocity, factor, finish = h.calls.stages
     half_step = 0.5 * clock[1]
     bad = hydrodynamics.first_row_exceeding(command, np.inf)
     if bad >= 0:
@@ -60,7 +95,7 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
         # forces are those of the instant, velocities those of the middle of the last step
         _shift(twist, acceleration, half_step)
         lost = hydrodynamics.apply_water_forces(
-            records, pose, twist, clock[0], environment, solver, fitted
+            h.coefficients, pose, twist, clock[0], h.environment, h.solver, h.fitted
         )
         if lost >= 0:
             return DIVERGED, lost
@@ -68,7 +103,7 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
         call_address(factor, model, data)
         _shift(twist, acceleration, -half_step)
         call_address(finish, model, data)
-        effectors.update_states(fitted, command, response, clock[1])
+        effectors.update_states(h.fitted, command, h.response, clock[1])
         clock[0] += clock[1]
     _shift(twist, acceleration, half_step)
     lost = max(
@@ -77,12 +112,12 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
     )
     if lost >= 0:
         return DIVERGED, lost
-    for i in range(warnings.size):
-        if warnings[i] > 0:
+    for i in range(h.warnings.size):
+        if h.warnings[i] > 0:
             return MUJOCO_WARNING, i
     for i in range(twist.shape[0]):
-        copy_values(pose[i], good[0][i])
-        copy_values(twist[i], good[1][i])
+        copy_values(pose[i], h.last_pose[i])
+        copy_values(twist[i], h.last_twist[i])
     return OK, -1
 
 
@@ -136,8 +171,7 @@ class Plant:
         self.effectors.flags.writeable = self.fixed_fins.flags.writeable = False
         self.effector_names = tuple(v.effectors for v in vehicles)
         self.thrust: Floats = np.zeros(self.effectors.shape)
-        self.state = self.pose, self.twist, self.thrust
-        solver: hydrodynamics.Solver = data.M.reshape(n, 21), data.qfrc_applied.reshape(n, 6)
+        self.state = PlantState(self.pose, self.twist, self.thrust)
         self._acceleration: Floats = data.qacc.reshape(n, 6)
         self._last_pose = np.empty((n, 7))
         self._last_twist = np.empty((n, 6))
@@ -148,15 +182,7 @@ class Plant:
         self.kinds = effectors.kinds_of(every)
         # records that pad a vehicle have no lag
         response = -np.expm1(-dt / np.maximum(self.effectors["lag"], 1e-9))
-        self._loads: Any = (
-            self.true_coefficients,
-            ocean.environment,
-            solver,
-            effectors.Fitted(self.kinds, self.true_effectors, self.thrust),
-        )
-        moving = (self.pose, self.twist, self._acceleration)
-        good = (self._last_pose, self._last_twist)
-        self._body = moving, response, good, data.warning.number
+        self._response: Floats = response
         self._clock = np.array([0.0, dt])
 
         self.site_names = tuple(model.site(i).name for i in range(model.nsite))
@@ -204,9 +230,25 @@ class Plant:
         """Let `advance` go on from the present time."""
         self._clock[0] = self.data.time
 
-    def step_handles(self) -> Any:
+    def step_handles(self) -> StepHandles:
         """What `advance` works on."""
-        return self._calls, self._clock, self._body, self._loads
+        n = len(self.names)
+        data = self.data
+        return StepHandles(
+            calls=self._calls,
+            clock=self._clock,
+            pose=self.pose,
+            twist=self.twist,
+            acceleration=self._acceleration,
+            response=self._response,
+            last_pose=self._last_pose,
+            last_twist=self._last_twist,
+            warnings=data.warning.number,
+            coefficients=self.true_coefficients,
+            environment=self.ocean.environment,
+            solver=Solver(mass=data.M.reshape(n, 21), applied=data.qfrc_applied.reshape(n, 6)),
+            fitted=Fitted(self.kinds, self.true_effectors, self.thrust),
+        )
 
     def finish_step(self, fault: Fault) -> None:
         """PlantError if an error ended `advance`."""

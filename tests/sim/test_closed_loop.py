@@ -53,7 +53,7 @@ def apart(scenario: Scenario, follower: int = 0) -> Floats:
     measured, estimates = flight.measurements[follower], flight.estimates[follower]
     assert measured.message_step.size > 5
     if scenario.navigation.variant != "tight":
-        assert loop.swarm.gated[follower] == np.count_nonzero(estimates.fix_kind == FixKind.GATED)
+        assert loop.gated[follower] == np.count_nonzero(estimates.fix_kind == FixKind.GATED)
     steered = loop.state.concluded.state[follower, :, :2]
     return np.asarray(steered - estimates.state[:, :2])
 
@@ -394,8 +394,8 @@ def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatc
         ]
         beliefs = [path[1:] + np.array([3.0, -4.0]) * (i + 1) for i, path in enumerate(hydrophones)]
         concluded = SimpleNamespace(state=np.stack(beliefs))
-        swarm = SimpleNamespace(gated=np.zeros(len(beliefs), dtype=np.int64))
-        return moved, SimpleNamespace(state=SimpleNamespace(concluded=concluded), swarm=swarm)
+        gated = np.zeros(len(beliefs), dtype=np.int64)
+        return moved, SimpleNamespace(state=SimpleNamespace(concluded=concluded), gated=gated)
 
     monkeypatch.setattr(study_measure, "simulate_closed_loop", flown)
     one, other, *_ = (

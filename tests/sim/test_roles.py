@@ -2,12 +2,15 @@
 together, answers, and what messages hold.
 """
 
-from typing import Any
+import json
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
+from typer.testing import CliRunner
 
 import laisn_sim
 from laisn.arrays import Floats
@@ -15,7 +18,10 @@ from laisn.errors import LaisnError
 from laisn.messages import LeaderMessage, LinkMessages, Measurements
 from laisn.plugins import register
 from laisn_sim import Command, Flight, Simulation
+from laisn_sim.cli.main import app
+from sim.log.contents import Contents
 from sim.scenario.parts import MotionSettings
+from sim.sensing.sensor import Sensor
 from sim.tracking import bounds_of
 from sim.trajectory import Trajectory
 
@@ -395,7 +401,17 @@ def test_a_leader_that_is_not_steered_by_the_truth_may_leave_its_route() -> None
 @pytest.mark.parametrize(
     ("changes", "expected"),
     {
-        "kinematic": ({"leader.controller": "a:B"}, "leader.controller needs motion = 'physics'"),
+        "kinematic": (
+            {"leader.controller": "a:B"},
+            "leader.controller needs motion = 'physics'; the paper's point motion is planned whole",
+        ),
+        "readings of the leader": (
+            {
+                "links.0": {"name": "lbl", "sender": "leader", "readings": ["gps"]},
+                "motion": "physics",
+            },
+            "links[0].readings needs a table leader.sensors.custom",
+        ),
         "no navigator": (
             {"leader.broadcast_position": "estimate", "motion": "physics"},
             "leader.broadcast_position = 'estimate' needs a table leader.navigation",
@@ -429,3 +445,81 @@ def test_answers_that_cannot_be_are_refused(link: dict[str, Any], expected: str)
     with pytest.raises(LaisnError) as error:
         laisn_sim.load(beside(links=links, motion="physics"))
     assert expected in str(error.value)
+
+
+class Surfaced(Sensor):
+    """Reads where the vehicle is, without errors, as a receiver of satellites would."""
+
+    name = "gps"
+    channels: ClassVar = {"east": "m", "north": "m"}
+    stream = 20
+
+    def true(self, state: Any, environment: Any) -> tuple[float, float]:
+        return float(state.position[0]), float(state.position[1])
+
+    def read(self, true: Floats, draws: Floats) -> Floats:
+        return true
+
+
+class BySatellites:
+    """Believes its receiver, 2 m to the east of it."""
+
+    needs = ("gps",)
+
+    def __init__(self, settings: Any, start: Floats) -> None:
+        self.state, self.covariance = np.array(start, float), np.eye(4)
+
+    def step(self, own: Any, reception: Any, dt: float) -> None:
+        self.state[:2] = own.custom["gps"] + np.array([2.0, 0.0])
+
+
+@pytest.mark.system
+def test_a_leader_reads_sensors_of_its_own_and_its_error_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    table: dict[str, Any] = {
+        "duration_s": 6.0,
+        "leader": {
+            "sensors": {"custom": [{"sensor": register(Surfaced)}]},
+            "navigation": {"variant": register(BySatellites)},
+            "hydrophone_m": [0.0, 0.0, 0.0],
+        },
+        "links": [
+            {
+                "name": "status",
+                "sender": "leader",
+                "transmitters_m": [[0.0, 0.0, 0.0]],
+                "readings": ["gps"],
+                "receivers": ["follower"],
+            }
+        ],
+        "navigation": {"variant": "ekf"},
+        "followers": [{"name": "follower", "route": "T5"}],
+    }
+    scenario = laisn_sim.load(table)
+    scenario.save("leader.toml")
+    result = CliRunner().invoke(app, ["fly", "leader.toml", "--no-video", "--out", "out"])
+    assert result.exit_code == 0, result.output
+    assert "is 2.00 m off at most, 2.00 m on average" in result.output
+    flight = laisn_sim.read_log("out/flight.mcap")
+    leader = flight.leader
+    assert leader is not None
+    place = flight.trajectory.position[flight.step_index(), 0, :2]
+    np.testing.assert_array_equal(leader.measurements.custom["gps"], place)
+    assert leader.measurements.sensors["gps"].channels[0] == ("east", "m")
+    # the follower has no such sensor, but is told what the leader's reads
+    measured = flight.measurements[0]
+    assert not measured.custom
+    status = measured.links["status"]
+    sent = np.round(status.message[:, TIME] / 0.1).astype(int)
+    assert len(sent) == 6
+    np.testing.assert_array_equal(status.content["gps"], place[sent - 1])
+    # 2 m off, in the summary, the log and the page
+    summary = json.loads(Path("out/summary.json").read_text("utf-8"))["leader"]
+    assert summary["e_p_mean_m"] == pytest.approx(2.0, abs=1e-9)
+    assert summary["nees"] == pytest.approx(4.0, abs=1e-9)
+    errors = Contents(Path("out/flight.mcap")).require("/leader/error", ())
+    np.testing.assert_allclose(errors.table(["position_error"]), 2.0, rtol=0, atol=1e-9)
+    page = Path("out/report.html").read_text("utf-8")
+    assert "The leader&#39;s own estimate" in page

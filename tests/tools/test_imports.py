@@ -23,6 +23,7 @@ VOCABULARY = {
     "laisn.estimates",
     "laisn.held",
     "laisn.settings",
+    "laisn.spilled",
     "laisn.geometry",
     "laisn.compiled",
     "laisn.vector_math",

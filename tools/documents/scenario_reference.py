@@ -9,6 +9,7 @@ from typing import Any, get_origin
 
 from pydantic import BaseModel
 
+from sim.scenario.navigation import FollowerNavigation
 from sim.scenario.section import UNITS
 from sim.scenario.sensors import VehicleSensors
 from sim.scenario.settings import Scenario
@@ -70,6 +71,10 @@ def _default(schema: dict[str, Any]) -> str:
     return "…" if value in (None, []) else json.dumps(value)
 
 
+_AS_NAVIGATION = (LeaderNavigation, FollowerNavigation)
+"""Sections with the keys of `[navigation]`."""
+
+
 def _is_section(field: dict[str, Any]) -> bool:
     return any(
         "$ref" in schema_part
@@ -91,7 +96,7 @@ def _table(title: str, model: type[BaseModel]) -> list[str]:
     fields = {
         k: f for k, f in schema["properties"].items() if not _is_section(f) and common.get(k) != f
     }
-    if not fields or model in (VehicleSensors, LeaderNavigation):
+    if not fields or model in (VehicleSensors, *_AS_NAVIGATION):
         return rows
     rows.append("")
     for key, field in fields.items():
@@ -110,7 +115,7 @@ def _sections(model: type[BaseModel], path: str = "") -> list[tuple[str, type[Ba
                 name = f"{path}{key}"
                 title = f"[[{name}]]" if get_origin(field.annotation) is tuple else f"[{name}]"
                 sections.append((title, candidate))
-                if candidate is not LeaderNavigation:
+                if candidate not in _AS_NAVIGATION:
                     sections += _sections(candidate, f"{name}.")
     return sections
 

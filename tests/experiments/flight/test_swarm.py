@@ -28,7 +28,7 @@ def test_what_steered_a_swarm_is_what_navigators_make_of_its_measurements(varian
     scenario = validate(table, "test")
     trajectory, loop = simulate_closed_loop(scenario)
     steered = loop.state.concluded.state
-    gated = loop.swarm.gated
+    gated = loop.gated
     flight = navigate(scenario, trajectory)
     assert trajectory.time[-1] == pytest.approx(12.0)
     for i, estimates in enumerate(flight.estimates):

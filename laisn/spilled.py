@@ -1,0 +1,72 @@
+"""Large arrays in files of their own, so that a long mission needs disk in place of memory.
+
+Such an array is mapped from a file that has no name any more, and is gone with the process. The
+process has in its memory what it has touched since the last `release`.
+"""
+
+import mmap
+import os
+import tempfile
+import weakref
+from collections.abc import Sequence
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import numpy.typing as npt
+
+LEAST_BYTES = 1 << 24
+"""Arrays from so many bytes on are in files."""
+_LASTING = Path("/var/tmp")
+"""Folder of temporary files that is on a disk, while that of others may be in memory."""
+
+
+class _Mapping(mmap.mmap):
+    """Memory of one array."""
+
+
+_MAPPINGS: "weakref.WeakSet[_Mapping]" = weakref.WeakSet()
+
+
+def _new_file() -> IO[bytes]:
+    """A file without a name; OSError if there can be none."""
+    chosen = any(name in os.environ for name in ("TMPDIR", "TEMP", "TMP"))
+    folder = _LASTING if not chosen and os.access(_LASTING, os.W_OK) else None
+    return tempfile.TemporaryFile(dir=folder)
+
+
+def _mapping(size: int) -> _Mapping | None:
+    """Memory in a file of so many bytes, all zero; None: the disk has no room, or the system cannot
+    reserve it.
+    """
+    if not (hasattr(os, "posix_fallocate") and hasattr(mmap, "MADV_DONTNEED")):
+        return None
+    try:
+        with _new_file() as file:
+            # a hole that cannot be filled later would end the process
+            os.posix_fallocate(file.fileno(), 0, size)
+            return _Mapping(file.fileno(), size)
+    except OSError:
+        return None
+
+
+def room(shape: Sequence[int], dtype: npt.DTypeLike = np.float64) -> npt.NDArray[Any]:
+    """An array of zeros, in a file if it is large."""
+    layout = np.dtype(dtype)
+    size = int(np.prod(shape, dtype=np.int64)) * layout.itemsize
+    mapping = _mapping(size) if size >= LEAST_BYTES else None
+    if mapping is None:
+        return np.zeros(shape, layout)
+    _MAPPINGS.add(mapping)
+    return np.ndarray(shape, layout, buffer=mapping)
+
+
+def is_spilled(owner: object) -> bool:
+    """Whether what an array gives as its base is such a file."""
+    return isinstance(owner, _Mapping)
+
+
+def release() -> None:
+    """Leave to the system the memory of all arrays in files; their numbers stay."""
+    for mapping in list(_MAPPINGS):
+        mapping.madvise(mmap.MADV_DONTNEED)

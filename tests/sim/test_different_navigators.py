@@ -1,0 +1,196 @@
+"""Followers of one mission that navigate differently: each as in a mission of its own kind."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import laisn_sim
+from laisn.errors import LaisnError
+from laisn.estimates import Estimates, TightEstimates
+from laisn_sim import Simulation
+from laisn_sim.cli.main import app
+from sim.closed_loop import PythonClosedLoop
+
+pytestmark = pytest.mark.usefixtures("no_plugins")
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "links.md"
+BEACONS = [[-50.0, -50.0, 5.0], [150.0, -50.0, 25.0], [50.0, 120.0, 12.0]]
+LINE = [[0.0, 0.0, -20.0], [100.0, 80.0, 40.0]]
+OWN: dict[str, dict[str, Any]] = {
+    "sure": {},
+    "surer": {},
+    "two": {"assume": {"transmitters": 2}, "sound_speed": "straight"},
+    "paper": {"variant": "laisn-2", "gate": "off"},
+    "surveyed": {"variant": "beacons", "link": "lbl"},
+    "usbl": {"variant": "inverted-usbl", "further_links": []},
+}
+"""Keys of each follower's own navigation by its name."""
+COMMON: dict[str, Any] = {"variant": "tight", "assume": {"range_scale_sigma_m": 0.07}}
+
+
+def mission(**changes: Any) -> dict[str, Any]:
+    """Followers that differ in how they navigate, behind a leader, among beacons."""
+    followers = []
+    for i, (name, navigation) in enumerate(OWN.items()):
+        follower: dict[str, Any] = {"name": name, "waypoints": LINE, "depth_m": 8.0 + 2.0 * i}
+        followers.append({**follower, "navigation": navigation} if navigation else follower)
+    return {
+        "duration_s": 20.0,
+        "motion": "kinematic",
+        "ocean": {"floor_depth_m": 60.0},
+        "acoustics": {
+            "travel_time": True,
+            "ping_slot_s": 0.2,
+            "sound_speed_profile": [[0.0, 1490.0], [30.0, 1510.0]],
+        },
+        "links": [{"name": "lbl", "beacons_m": BEACONS, "interval_s": 2.0}],
+        "navigation": COMMON,
+        "followers": followers,
+        **changes,
+    }
+
+
+def alike(table: dict[str, Any], name: str) -> dict[str, Any]:
+    """The mission in which all followers navigate as this one."""
+    navigation = {**COMMON, **OWN[name]}
+    navigation["assume"] = {**COMMON["assume"], **OWN[name].get("assume", {})}
+    followers = [
+        {key: value for key, value in follower.items() if key != "navigation"}
+        for follower in table["followers"]
+    ]
+    return {**table, "navigation": navigation, "followers": followers}
+
+
+def require_same(mixed: laisn_sim.Flight, alone: laisn_sim.Flight, follower: int) -> None:
+    """One follower of two flights has measured and concluded the same, to the bit."""
+    first = mixed.measurements[follower]
+    second = alone.measurements[follower]
+    for name in ("speed", "heading", "depth", "message_step", "message", "ranges"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+    assert list(first.custom) == list(second.custom)
+    for sensor, readings in first.custom.items():
+        np.testing.assert_array_equal(readings, second.custom[sensor])
+    one = mixed.estimates[follower]
+    other = alone.estimates[follower]
+    assert type(one) is type(other)
+    for name, values in vars(one).items():
+        np.testing.assert_array_equal(values, getattr(other, name), err_msg=name)
+
+
+def test_followers_navigate_as_in_missions_of_their_kinds() -> None:
+    mixed = laisn_sim.fly(mission())
+    for i, name in enumerate(OWN):
+        require_same(mixed, laisn_sim.fly(alike(mission(), name)), i)
+    kinds = [type(estimates) for estimates in mixed.estimates]
+    assert kinds[:4] == [TightEstimates, TightEstimates, TightEstimates, Estimates]
+    # the followers do not hear the same: one waits for two pings, one for beacons every 2 s
+    received = [len(measured.message) for measured in mixed.measurements]
+    assert received[4] < 0.6 * received[0]
+    assert list(mixed.measurements[5].custom) == ["bearing"]
+    assert not mixed.measurements[0].custom
+
+
+@pytest.mark.system
+def test_followers_steer_by_their_own_navigators_in_a_closed_loop() -> None:
+    steering = {"motion": "physics", "duration_s": 8.0}
+    table = mission(**steering)
+    for follower in table["followers"]:
+        follower["guidance_position"] = "estimate"
+    sim = Simulation(table)
+    loop = sim._loop
+    assert isinstance(loop, PythonClosedLoop)
+    spans = [[*group.followers] for group in loop.groups]
+    assert spans == [[0, 1], [2], [3], [4], [5]]
+    sim.step(8.0)
+    mixed = sim.flight()
+    for name in ("surer", "two", "paper", "surveyed"):
+        i = [*OWN].index(name)
+        alone = laisn_sim.fly(alike(table, name))
+        require_same(mixed, alone, i)
+        np.testing.assert_array_equal(
+            mixed.trajectory.pose[:, i + 1], alone.trajectory.pose[:, i + 1]
+        )
+
+
+def test_a_scenario_with_own_navigations_is_read_back_equal(tmp_path: Path) -> None:
+    scenario = laisn_sim.load(mission())
+    scenario.save(tmp_path / "mission.toml")
+    again = laisn_sim.load(tmp_path / "mission.toml", {"name": scenario.name})
+    assert again == scenario
+    # keys that a follower does not set are those of all, also once these are changed
+    changed = laisn_sim.load(scenario, {"navigation.assume.range_scale_sigma_m": 0.2})
+    assert [changed.navigation_of(i).assume.range_scale_sigma_m for i in (0, 2)] == [0.2, 0.2]
+    assert [changed.navigation_of(i).transmitters for i in (0, 2)] == [3, 2]
+
+
+@pytest.mark.parametrize(
+    ("follower", "expected"),
+    [
+        ({"variant": "kalman"}, "followers[3].navigation.variant"),
+        ({"link": "sonar"}, "followers[3].navigation.link = 'sonar': expected one of leader, lbl"),
+        ({"variant": "beacons"}, 'followers[3].navigation.variant = "beacons" needs a'),
+        ({"assume": {"sigma": 1.0}}, "followers[3].navigation.assume.sigma"),
+    ],
+)
+def test_own_navigations_that_cannot_be_are_refused(
+    follower: dict[str, Any], expected: str
+) -> None:
+    table = mission()
+    table["followers"][3]["navigation"] = follower
+    with pytest.raises(LaisnError) as error:
+        laisn_sim.load(table)
+    assert expected in str(error.value).replace("followers.3", "followers[3]")
+
+
+def rivals(folder: Path) -> Path:
+    """The scenario of the page."""
+    (text,) = re.findall(r"```toml\n(# rivals\.toml\n.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    path = folder / "rivals.toml"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.system
+def test_the_page_flies_followers_that_navigate_differently(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = rivals(tmp_path)
+    command = f"fly {path} --no-video --out out/rivals --set duration_s=20"
+    result = CliRunner().invoke(app, command.split())
+    assert result.exit_code == 0, result.output
+    told = " ".join(result.output.split())
+    assert "navigators: tight (sure, two), laisn-2 (paper), beacons (surveyed)" in told
+    summary = json.loads((tmp_path / "out/rivals/summary.json").read_text())
+    assert summary["variant"] == "tight, laisn-2, beacons"
+    assert [row["variant"] for row in summary["followers"].values()] == [
+        *["tight"] * 2,
+        "laisn-2",
+        "beacons",
+    ]
+    page = (tmp_path / "out/rivals/report.html").read_text()
+    assert "tightly coupled navigator on 2 transmitters" in page
+    log = tmp_path / "out/rivals/flight.mcap"
+    flight = laisn_sim.read_log(log)
+    assert [type(estimates).__name__ for estimates in flight.estimates[:3]] == [
+        "TightEstimates",
+        "TightEstimates",
+        "Estimates",
+    ]
+    # a replay with the same navigators gives the same estimates
+    again = laisn_sim.navigate(flight, {})
+    for recorded, replayed in zip(flight.estimates, again.estimates, strict=True):
+        np.testing.assert_allclose(replayed.state, recorded.state, rtol=0, atol=1e-9)
+    other = f"replay {log} --variant ekf --set followers.3.navigation.variant=beacons"
+    result = CliRunner().invoke(app, other.split())
+    assert result.exit_code == 0, result.output
+    assert "as flown, tight, laisn-2, beacons" in result.output
+    replayed = laisn_sim.navigate(
+        flight, {"navigation.variant": "ekf", "followers.3.navigation.variant": "beacons"}
+    )
+    assert replayed.scenario.variants == "ekf, beacons"
