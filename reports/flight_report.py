@@ -4,7 +4,7 @@ in its template.
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,6 +43,7 @@ from reports.summary import (
 from reports.verdict import verdict
 from sim.flight import FlightRecord
 from sim.scenario.parts import MotionSettings
+from sim.scenario.section import split_unit
 from sim.sensing.proximity import sightings
 from sim.tracking import LOST_M, closest_approaches, contacts, track_errors
 
@@ -248,16 +249,56 @@ def follower_curves(
     )
 
 
-def final_states(flight: FlightRecord) -> list[list[TableCell]]:
-    """Final estimates of biases, current and offsets with their σ, where a navigator has them."""
-    rows = list[list[TableCell]]()
+class FinalState(NamedTuple):
+    """A bias, current or offset as a navigator has it after the last message."""
+
+    value: float
+    sigma: float
+
+    @property
+    def cell(self) -> TableCell:
+        """Both, for a table of several followers."""
+        return TableCell(
+            text=f"{number(self.value).text} ± {number(self.sigma).text}", sort=self.value
+        )
+
+
+def final_states(flight: FlightRecord) -> dict[str, dict[str, FinalState]]:
+    """Final estimates of biases, current and offsets by followers and by their names with units,
+    where a navigator has them.
+    """
+    states = dict[str, dict[str, FinalState]]()
     for i in _drawn(flight):
+        of_follower = dict[str, FinalState]()
         for name, value, sigma in flight.estimates[i].further_states():
             if np.isfinite(value):
                 per = 180.0 / np.pi if name in _IN_DEGREES else 1.0
-                cells = [words(flight.trajectory.names[i + 1]), words(_IN_DEGREES.get(name, name))]
-                rows.append([*cells, number(per * value), number(per * sigma)])
-    return rows
+                quantity, unit, _ = split_unit(_IN_DEGREES.get(name, name))
+                label = f"{quantity.replace('_', ' ')} [{unit}]"
+                of_follower[label] = FinalState(per * value, per * sigma)
+        if of_follower:
+            states[flight.trajectory.names[i + 1]] = of_follower
+    return states
+
+
+def states_table(states: Mapping[str, Mapping[str, FinalState]]) -> PageTable:
+    """Final states: of one follower a row each, of several a column each."""
+    caption = "Estimates of sensor errors and current after the last message, with their σ."
+    if len(states) == 1:
+        (of_follower,) = states.values()
+        rows = [
+            [words(label), number(state.value), number(state.sigma)]
+            for label, state in of_follower.items()
+        ]
+        return PageTable(heads=["state", "estimate", "σ"], rows=rows, caption=caption)
+    labels = [*dict.fromkeys(label for of_follower in states.values() for label in of_follower)]
+    rows = list[list[TableCell]]()
+    for name, of_follower in states.items():
+        cells = [
+            of_follower[label].cell if label in of_follower else number(None) for label in labels
+        ]
+        rows.append([words(name), *cells])
+    return PageTable(heads=["follower", *labels], rows=rows, caption=caption)
 
 
 def mirror_locks(flight: FlightRecord, names: Sequence[str]) -> dict[str, float]:
@@ -378,6 +419,7 @@ def flight_report(
         accuracies = {name: accuracy(flight, i) for i, name in enumerate(names)}
     judgement = verdict(flight, track_errors(MotionSettings.of(flight.scenario), flight.trajectory))
     segments = _segments(summary)
+    states = final_states(flight)
     values: dict[str, Any] = {
         "flight": flight,
         "headline": headline(flight, judgement, summary, accuracies),
@@ -406,7 +448,7 @@ def flight_report(
         "words": words,
         "on_axis_deg": f"{ON_AXIS_DEG:g}",
         "rows": [follower_curves(flight, i, errors[i], least[i]) for i in _drawn(flight)],
-        "states": final_states(flight),
+        "states": states_table(states) if states else None,
         "leader": leader_values(flight, summary),
         "budget": range_budget(flight),
         "map": tracks,

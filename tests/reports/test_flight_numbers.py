@@ -14,7 +14,13 @@ from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, FixKind, TightEstimates
 from reports import flight_figures, flight_report
 from reports.figures import Subplot
-from reports.flight_report import _facts, final_states, follower_curves, mirror_locks
+from reports.flight_report import (
+    _facts,
+    final_states,
+    follower_curves,
+    mirror_locks,
+    states_table,
+)
 from reports.range_budget import Cause, RangeErrorBudget
 from sim.flight import FlightRecord
 from tests.synthetic import make_flight
@@ -146,9 +152,18 @@ def test_assumed_sensor_angles_are_reported_in_degrees(flight: FlightRecord) -> 
     for name, value in facts.items():
         object.__setattr__(found, name, value)
     known = dataclasses.replace(flight, estimates=(found,))
-    assert [texts(row) for row in final_states(known)] == [
-        ["follower", "log_bias_m_s", "0.30", "0.03"],
-        ["follower", "compass_bias_deg", "4.00", "0.50"],
+    states = final_states(known)
+    assert [texts(row) for row in states_table(states).rows] == [
+        ["log bias [m/s]", "0.30", "0.03"],
+        ["compass bias [°]", "4.00", "0.50"],
+    ]
+    # of several followers a column each
+    of_other = {"compass bias [°]": states["follower"]["compass bias [°]"]}
+    table = states_table({**states, "other": of_other})
+    assert list(table.heads) == ["follower", "log bias [m/s]", "compass bias [°]"]
+    assert [texts(row) for row in table.rows] == [
+        ["follower", "0.30 ± 0.03", "4.00 ± 0.50"],
+        ["other", "–", "4.00 ± 0.50"],
     ]
 
 

@@ -222,7 +222,7 @@ def test_the_report_draws_bound_and_weights_and_prints_results(
     flight: FlightRecord, errors: list[Any]
 ) -> None:
     assert _parts(flight, errors)[-2:] == ["fixes", "weights"]
-    names = [row[1].text for row in final_states(flight)]
-    assert names == ["log_bias_m_s", "compass_bias_deg", "range_scale_m"]
+    (states,) = final_states(flight).values()
+    assert [*states] == ["log bias [m/s]", "compass bias [°]", "range scale [m]"]
     laisn = fly(load_scenario("T2", ["duration_s=20", "motion=kinematic"]))[0]
     assert _parts(laisn, position_and_bearing_errors(laisn))[-1] == "fixes"
