@@ -20,6 +20,7 @@ correlation time τ, exact at whatever instants it is read (Gelb, Applied Optima
     x(t_i) = a_i x(t_{i−1}) + √(1 − a_i²) n_i,    a_i = exp(−(t_i − t_{i−1}) / τ).
 """
 
+import difflib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -705,8 +706,17 @@ def _made_sensor(table: Any) -> Any:
     """The sensor of a table; LaisnError if there is no such class, or it has no such key."""
     sensor_class = SHIPPED.get(table.sensor) or find_class("sensor", table.sensor)
     fields = getattr(sensor_class, "__dataclass_fields__", ())
+    keys = in_si(table.model_extra or {}, fields)
+    unknown = [key for key in keys if fields and key not in fields]
+    if unknown:
+        close = difflib.get_close_matches(unknown[0], fields, n=1)
+        hint = f"did you mean {close[0]!r}? " if close else ""
+        raise LaisnError(
+            f"sensors.custom: {table.sensor} has no key {unknown[0]!r}; {hint}it has: "
+            f"{', '.join(fields)}"
+        )
     try:
-        return sensor_class(**in_si(table.model_extra or {}, fields))
+        return sensor_class(**keys)
     except TypeError as error:
         raise LaisnError(f"sensors.custom: {table.sensor}: {error}") from None
 

@@ -295,7 +295,7 @@ def test_the_key_of_a_result_holds_the_source_of_its_sensors(folder: Path) -> No
         ),
         (
             {"sensor": "inverted_usbl:InvertedUsbl", "range_sigma_m": 1.0},
-            "unexpected keyword argument 'range_sigma'",
+            "has no key 'range_sigma'; did you mean 'angle_sigma'",
         ),
         ({"sensor": "inverted_usbl"}, r"sensors.custom\[0\].sensor"),
     ],

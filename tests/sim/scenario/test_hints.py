@@ -30,6 +30,8 @@ def refusal(*arguments: str) -> str:
         ("leader.model=remus_100", "did you mean 'remus100'? vehicles: leader, follower,"),
         ("leader.model=zzz", "vehicles: leader, follower,"),
         ("sensors.custom=[{sensor='inverted_usbl'}]", "did you mean 'inverted-usbl'?"),
+        ("sensors.custom=[{sensor='DVL'}]", '"dvl", "inverted-usbl"'),
+        ("sensors.custom=[{sensor='dvl',lok_m=3}]", "no key 'lok'; did you mean 'lock'? it has:"),
         ("followers.0.controller=a-b", "expected the class of a plugin, module:Class"),
         ("name='a b'", "expected 1 to 64 letters"),
         ("leader.baseline_m=3", "equal to 2.4 (given: 3); the transmitters are on the leader's"),
