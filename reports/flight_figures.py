@@ -37,6 +37,10 @@ _TRACK_POINTS = 4000
 _DOTS = 1200
 _FEW_POINTS = 240  # points of a line of a follower among several, so that the page stays small
 _LEAST_WEIGHT = 1e-3
+_ARROWS = 14  # of the current, along each track
+_ARROW_VEHICLES = 4  # with such arrows
+_LONGEST_ARROW = 0.1  # of the map
+_COMPASS = (0, 90, 180, 270, 360)
 
 
 def without_wraps(angle_deg: Floats) -> Floats:
@@ -59,8 +63,9 @@ def bearing_part(time: Floats, bearing: Floats) -> Subplot:
     ]
     angle = without_wraps(np.rad2deg(np.mod(bearing, 2 * np.pi)))
     lines = [Line(x=time, y=angle, colour=FOLLOWER, width=1.2, name="bearing")]
-    ticks = (0, 90, 180, 270, 360)
-    return Subplot(lines=lines, y_label="B [°]", y_limits=(0.0, 360.0), ticks=ticks, shaded=shaded)
+    return Subplot(
+        lines=lines, y_label="B [°]", y_limits=(0.0, 360.0), ticks=_COMPASS, shaded=shaded
+    )
 
 
 def error_parts(
@@ -183,6 +188,58 @@ def position_errors(flight: FlightRecord, errors: Sequence[Floats], worst: int) 
     )
 
 
+def current_arrows(place: Floats, velocity: Floats, scale: float) -> Line:
+    """Arrows of velocities, shape (n, 2), [m/s], from places, [m]; `scale` is of m for m/s."""
+    along = scale * velocity
+    aside = np.column_stack([-along[:, 1], along[:, 0]])
+    tip = place + along
+    barbs = [tip - 0.3 * along + side * aside for side in (0.15, -0.15)]
+    gap = np.full(place.shape, np.nan)
+    points = np.stack([place, tip, barbs[0], tip, barbs[1], gap], axis=1).reshape(-1, 2)
+    return Line(x=points[:, 0], y=points[:, 1], colour=SERIES[0], width=1.2, name="current")
+
+
+def has_current(flight: FlightRecord) -> bool:
+    """Whether vehicles flew in a current that is read from a file, of a class of the user's, or
+    not the same everywhere and always.
+    """
+    ocean = flight.scenario.ocean
+    varies = bool(ocean.current_profile) or ocean.current_shear_per_s != 0.0
+    moves = ocean.current is not None or varies
+    return moves and flight.scenario.motion == "physics"
+
+
+def _arrows_along(flight: FlightRecord, vehicles: Sequence[int]) -> Line:
+    """The current that vehicles met, at some of their places; the longest arrow is a tenth of the
+    map.
+    """
+    truth = flight.trajectory
+    at = np.linspace(0, truth.time.size - 1, _ARROWS).astype(int)
+    place = np.concatenate([truth.position[at, v, :2] for v in vehicles])
+    velocity = np.concatenate([truth.water_velocity[at, v, :2] for v in vehicles])
+    fastest = float(np.hypot(*velocity.T).max())
+    extent = float(np.ptp(truth.position[:, vehicles, :2], axis=(0, 1)).max())
+    return current_arrows(place, velocity, _LONGEST_ARROW * extent / max(fastest, 1e-9))
+
+
+def current(flight: FlightRecord, vehicles: Sequence[int]) -> Panel:
+    """Speed and direction of the water at vehicles over time."""
+    truth = flight.trajectory
+    lines: tuple[list[Line], list[Line]] = ([], [])
+    for v in (*(v for v in vehicles if v), 0):
+        east, north = truth.water_velocity[:, v, :2].T
+        towards = without_wraps(np.rad2deg(np.arctan2(east, north)) % 360.0)
+        looks: dict[str, Any] = {"colour": FOLLOWER if v else LEADER, "width": 0.9}
+        looks |= {"x": truth.time, "name": truth.names[v]}
+        lines[0].append(Line(y=np.hypot(east, north), **looks))
+        lines[1].append(Line(y=towards, **looks))
+    parts = [
+        Subplot(lines=lines[0], y_label="current [m/s]", y_limits=(0.0, None)),
+        Subplot(lines=lines[1], y_label="towards [°]", y_limits=(0.0, 360.0), ticks=_COMPASS),
+    ]
+    return Panel(parts=parts, x_label="time [s]", width=FULL, height=3.4, link="follower0")
+
+
 def track_map(
     flight: FlightRecord,
     followers: Sequence[int],
@@ -210,6 +267,8 @@ def track_map(
         Line(x=t[-1:, 0], y=t[-1:, 1], colour=colour, marker="o", size=4.5)
         for t, colour, *_ in tracks
     ]
+    if has_current(flight):
+        lines.append(_arrows_along(flight, [0, *(i + 1 for i in followers)][:_ARROW_VEHICLES]))
     size: dict[str, Any] = {"width": width, "height": fitted_height(lines, width), "link": link}
     return panel(lines, x_label="east [m]", y_label="north [m]", title="Routes", equal=True, **size)
 

@@ -378,6 +378,14 @@ def _fix_kinds(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
+def _current(flight: FlightRecord) -> Figures | None:
+    """The current along the tracks, where it is not the same everywhere and always."""
+    if not flight_figures.has_current(flight):
+        return None
+    vehicles = [0, *(i + 1 for i in _drawn(flight))]
+    return Figures(panels=[flight_figures.current(flight, vehicles)], legend=VEHICLES[:2])
+
+
 def scene_of_flight(flight: FlightRecord) -> Scene:
     """The flight in 3D with its events."""
     mirror_locked = [mirror_locked_steps(flight, i) for i in range(len(flight.estimates))]
@@ -413,7 +421,8 @@ def flight_report(
     maps = [flight_figures.track_map(flight, everyone, link="follower0")]
     if len(everyone) == 1:
         maps.append(flight_figures.difference(flight, 0, maps[0].height))
-    tracks = Figures(panels=maps, legend=VEHICLES)
+    arrows = [(style.SERIES[0], "current")] if flight_figures.has_current(flight) else []
+    tracks = Figures(panels=maps, legend=[*VEHICLES, *arrows])
     accuracies = {}
     if len(finite) == len(names):
         accuracies = {name: accuracy(flight, i) for i, name in enumerate(names)}
@@ -454,6 +463,8 @@ def flight_report(
         "map": tracks,
         "stations": stations,
         "motion": Figures(panels=[flight_figures.motion(flight)], legend=VEHICLES[:2]),
+        "current": _current(flight),
+        "has_waves": flight.scenario.ocean.waves.kind != "none",
         "scenario": Code(text=flight.scenario.toml(), title="scenario.toml", folded=True),
     }
     facts = _facts(flight, summary)

@@ -9,6 +9,7 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.errors import plain
 from reports.figures import Line, panel
+from reports.flight_figures import current_arrows
 from reports.page import Figures, page_of, write
 from reports.style import FOLLOWER, FRAME, INK, LEADER, MUTED, SERIES, Colour
 from sim.scenario.parts import MissionPlan, SeaSettings, SoundSettings
@@ -53,17 +54,6 @@ def _routes(paths: list[PlannedPath]) -> list[Line]:
     ]
 
 
-def _arrows(tail: Floats, velocity: Floats, scale: float) -> Line:
-    """Arrows of velocities, shape (n, 2), [m/s], from places, [m]; `scale` is of m for m/s."""
-    arrow = scale * velocity
-    aside = np.column_stack([-arrow[:, 1], arrow[:, 0]])
-    tip = tail + arrow
-    barbs = [tip - 0.3 * arrow + side * aside for side in (0.15, -0.15)]
-    gap = np.full(tail.shape, np.nan)
-    points = np.stack([tail, tip, barbs[0], tip, barbs[1], gap], axis=1).reshape(-1, 2)
-    return Line(x=points[:, 0], y=points[:, 1], colour=SERIES[0], width=1.2, name="current")
-
-
 def _contours(sea: SeaSettings, region: Region) -> list[Line]:
     """Lines of equal depth of the floor, with their depths."""
     east = np.linspace(region.west, region.east, _FLOOR_POINTS)
@@ -96,7 +86,7 @@ def _map(sea: SeaSettings, paths: list[PlannedPath]) -> tuple[Any, float]:
     fastest = float(np.hypot(*velocity.T).max(initial=0.0))
     lines = _contours(sea, region)
     if fastest > _SMALL:
-        lines.append(_arrows(grid, velocity, spacing / fastest))
+        lines.append(current_arrows(grid, velocity, spacing / fastest))
     lines += _routes(paths)
     figure = panel(
         lines, x_label="east [m]", y_label="north [m]", equal=True, width=6.1, height=4.6

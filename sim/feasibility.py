@@ -54,7 +54,7 @@ from sim.scenario.settings import (
     Vehicle,
     Video,
 )
-from sim.scenario.vehicle_routes import route_of
+from sim.scenario.vehicle_routes import depth_profile_of, route_of
 from sim.sea import require_sea
 from sim.sensing.sensors import custom_sensors, leader_custom_sensors, sensors_of_all
 from sim.sound_cautions import ray_cautions
@@ -64,7 +64,7 @@ from sim.vehicle.effectors import fins_of
 from sim.vehicle.mjcf import SEA_WATER, spec_of, transmitter_places
 from sim.vehicle.own_hull import hull_errors
 from sim.vehicle.plant import Plant
-from sim.water.assembly import current_at, sea_of_keys
+from sim.water.assembly import current_at, density_of, sea_of_keys, trim_density
 
 # instants times vehicles: two vehicles for a day, 201 for 1000 s; a million takes 1.1 GB of memory
 MOST_INSTANTS = 2_100_000
@@ -272,12 +272,47 @@ def _greatest(design: Autopilot, speed: float, axis: int, side: float) -> float:
 _LIFT_RESERVE = 0.3
 
 
-def _weight_errors(hull: Hull, speeds: SpeedRange) -> list[str]:
+class DensityRange(NamedTuple):
+    """Densities at the planned depths of a vehicle, by that in which its buoyancy holds."""
+
+    least: float
+    greatest: float
+
+
+def _densities(sea: SeaSettings, vehicle: Vehicle) -> DensityRange:
+    if sea.ocean.density is None:
+        return DensityRange(1.0, 1.0)
+    water = density_of(sea.ocean)
+    reference = trim_density(sea.ocean, vehicle)
+    planned = depth_profile_of(vehicle).depth_at(
+        np.linspace(0.0, sea.plan.duration_s, _DENSITY_LOOKS)
+    )
+    depths = np.linspace(planned.min(), planned.max(), _DENSITY_LOOKS)
+    shares = [water.share_at(depth, reference) for depth in depths.tolist()]
+    return DensityRange(min(shares), max(shares))
+
+
+_DENSITY_LOOKS = 200  # instants and depths of a plan at which densities are looked at
+
+
+def _weight_errors(hull: Hull, speeds: SpeedRange, densities: DensityRange) -> list[str]:
     """A vehicle that is heavier or lighter than it can hold at the mean of its speeds."""
+    for share in sorted(set(densities)):
+        lines = _weight_errors_in(hull, speeds, share)
+        if lines and share != 1.0:
+            dense = f"in water {share:.4f} times as dense as that of its trim"
+            lines = [f"{dense} {line}" for line in lines]
+        if lines:
+            return lines
+    return []
+
+
+def _weight_errors_in(hull: Hull, speeds: SpeedRange, share: float) -> list[str]:
+    """The same in water of a density, as a share of that in which its buoyancy holds."""
     plant, designs = calm_plant(hull)
     body = plant.model.body("hull/hull")
     coefficients = plant.true_coefficients[0]
-    excess = float(coefficients["buoyancy"] - body.mass[0] * coefficients["gravity"])
+    excess = float(share * coefficients["buoyancy"] - body.mass[0] * coefficients["gravity"])
     held = _vertical_forces(plant, designs[0], speeds.mean)
     if -held.up <= excess <= held.down:
         return []
@@ -306,6 +341,7 @@ def _is_usual(motion: MotionSettings, vehicle: Vehicle) -> bool:
     return (
         all(getattr(vehicle, name) == Vehicle.model_fields[name].default for name in HULL_KEYS[1:])
         # buoyancy follows the density
+        and motion.sea.ocean.density is None
         and motion.sea.ocean.density_kg_m3 == SEA_WATER
         and motion.physics_step_s <= _USUAL_STEP_S
     )
@@ -327,7 +363,7 @@ def _control_errors(motion: MotionSettings, key: str, vehicle: Vehicle) -> list[
         if isinstance(vehicle, Follower) and vehicle.station:
             speeds = _station_speeds(motion.formation, speeds, design)
         if not lines:
-            lines = _weight_errors(hull, speeds)
+            lines = _weight_errors(hull, speeds, _densities(motion.sea, vehicle))
     if not lines:
         orbital = 0.0 if waves.kind == "none" else np.pi * waves.height_m / waves.period_s
         lines = _stability_errors(hull, speeds, float(orbital))

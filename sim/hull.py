@@ -12,6 +12,7 @@ from sim.scenario.settings import Follower, Vehicle
 from sim.vehicle.effector_kinds import MIN_STEERAGE_SPEED
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
+from sim.water.assembly import trim_density
 from sim.water.ocean import Ocean
 
 HULL_KEYS = (  # keys of a vehicle, beside its model, on which its motion depends
@@ -34,7 +35,7 @@ class Hull(NamedTuple):
 
     settings: Vehicle  # its model, and what is changed of that
     physics_step_s: float
-    density_kg_m3: float
+    density_kg_m3: float  # in which its buoyancy holds
 
 
 class HullLimits(NamedTuple):
@@ -51,7 +52,8 @@ def hull_of(motion: MotionSettings, vehicle: Vehicle) -> Hull:
     settings = Vehicle.model_construct(
         model=model, **{key: getattr(vehicle, key) for key in HULL_KEYS}
     )
-    return Hull(settings, motion.physics_step_s, motion.sea.ocean.density_kg_m3)
+    density = trim_density(motion.sea.ocean, vehicle)
+    return Hull(settings, motion.physics_step_s, density)
 
 
 @lru_cache(maxsize=8)

@@ -12,7 +12,14 @@ from sim.scenario.point_motion import plan as planned_motion
 from sim.scenario.settings import FASTEST_CURRENT_M_S
 from sim.scenario.vehicle_routes import route_of
 from sim.sensing.sonar import half_heard_m, sonar_of
-from sim.water.assembly import current_at, current_field, floor_field, floor_of, sound_cast
+from sim.water.assembly import (
+    current_at,
+    current_field,
+    density_cast,
+    floor_field,
+    floor_of,
+    sound_cast,
+)
 from sim.water.region import Region
 
 _CLEARANCE_M = 1.0  # between a plan and the floor
@@ -107,6 +114,7 @@ def require_sea(sea: SeaSettings) -> None:
     current; errors of files as of `sim.water.field_files` and `sim.water.casts`.
     """
     sound_cast(sea.ocean)
+    density_cast(sea.ocean)
     if sea.ocean.current is None and sea.ocean.floor is None:
         return
     areas = areas_of(sea)
@@ -125,8 +133,14 @@ def sea_report(sound: SoundSettings) -> list[str]:
         "current": current_field(sound.sea),
         "floor": floor_field(sound.sea),
         "sound_speed": sound_cast(sound.sea.ocean),
+        "density": density_cast(sound.sea.ocean),
     }
     lines = [f"ocean.{key}: {field.report}" for key, field in fields.items() if field is not None]
+    density = sound.sea.ocean.density
+    if density is not None:
+        trim = density.trim_depth_m
+        where = "where each starts" if trim is None else f"at {trim:g} m"
+        lines.append(f"ocean.density: hulls have their trim {where}, and follow the density")
     sonar = sonar_of(sound.acoustics)
     if sonar.detects:
         half = half_heard_m(sonar)

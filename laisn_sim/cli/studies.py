@@ -171,6 +171,7 @@ BUILT_IN = {
     "drawn-routes": "Study position errors on random routes of the paper's eight classes.",
     "estimators": "Compare LAISN-2, the tightly coupled navigator and the Cramér–Rao bound.",
     "formation": "Study ten followers in formation: currents, waves, losses and navigators.",
+    "front": "Study a formation that crosses a front of the current.",
     "gate": "Study LAISN-2's gate rules on pings replaced by echoes.",
     "leader-errors": "Study a leader that errs about its position, and pings one after another.",
     "loss": "Study current and lost messages that each variant tolerates.",

@@ -20,6 +20,8 @@ from sim.log.writer import Event
 from sim.scenario.parts import MissionPlan, MotionSettings, SeaSettings
 from sim.tracking import true_stations
 from sim.water.assembly import floor_of
+from sim.water.floors import LevelFloor
+from sim.water.region import region_of
 
 CROWD = 12
 """Followers beyond which numbers are rounded more coarsely, as the page would be too large."""
@@ -31,6 +33,9 @@ _TURN_DEG = 25.0  # least change of the leader's heading within `_TURN_S` that i
 _STRAIGHT_DEG = 8.0  # change of heading at which a turn begins
 _TURN_S = 20
 _INTO_TURN_S = 12.0  # from the beginning of a formation's turn to what its page opens with
+_SEABED_MARGIN_M = 250.0  # of the floor about the routes
+_SEABED_POINTS = 64  # along each side
+_SEABED_UNIT_M = 0.05
 REFUSED = (FixKind.GATED, FixKind.LOST)
 
 
@@ -323,6 +328,9 @@ def part_of(flight: FlightRecord, hulls: SceneHulls, duration: float, sent: Sent
     slow = np.arange(0, truth.time.size, _every(min(SLOW_HZ, hz), truth.dt))
     first_row, first_slow = sent.rows, sent.slow_rows
     packer = Packer()
+    seabed = None if first_row else seabed_of(flight)
+    if seabed is not None:
+        packer.add("seabed", seabed.height, _SEABED_UNIT_M, 1)
     packer.add("position", truth.position[grid[first_row:]], units.position)
     quaternion = smooth_quaternions(truth.quaternion[grid])[first_row:]
     packer.add("quaternion", quaternion, units.quaternion)
@@ -355,6 +363,26 @@ def part_of(flight: FlightRecord, hulls: SceneHulls, duration: float, sent: Sent
     )
 
 
+class Seabed(NamedTuple):
+    """A floor that is not level, about a mission."""
+
+    layout: dict[str, float]  # bounds [m], and points along each side
+    height: Floats  # by north and east, shape (n, n), [m]
+
+
+def seabed_of(flight: FlightRecord) -> Seabed | None:
+    """The floor that a mission has read from a file; None: it is level."""
+    floor = floor_of(SeaSettings.of(flight.scenario))
+    if isinstance(floor, LevelFloor):
+        return None
+    area = region_of(MissionPlan.of(flight.scenario), _SEABED_MARGIN_M)
+    east = np.linspace(area.west, area.east, _SEABED_POINTS)
+    north = np.linspace(area.south, area.north, _SEABED_POINTS)
+    height = -floor.depths_at(*np.meshgrid(east, north))
+    bounds = {"west": area.west, "south": area.south, "east": area.east, "north": area.north}
+    return Seabed({**bounds, "points": _SEABED_POINTS}, height)
+
+
 def known_from(flight: FlightRecord) -> list[float]:
     """When each follower has its first estimate [s]."""
     start = float(flight.trajectory.time[0])
@@ -375,6 +403,7 @@ def meta_of(
         "end": float(truth.time[-1]),
         "truth": True,
         "floor": -floor_of(SeaSettings.of(flight.scenario)).deepest,
+        "seabed": seabed.layout if (seabed := seabed_of(flight)) else None,
         "hues": hues(),
         "vehicles": [vars(vehicle) for vehicle in _vehicles(flight, hulls.of_vehicle)],
         "models": hulls.shapes,

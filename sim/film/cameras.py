@@ -146,7 +146,7 @@ class CameraRig:
         follower = data.follower
         self._vehicle = follower + 1
         truth = data.flight.trajectory
-        self._floor = -floor_of(SeaSettings.of(data.flight.scenario)).deepest
+        self._floor = floor_of(SeaSettings.of(data.flight.scenario))
         every = max(1, round(0.05 * data.speed_up / truth.dt))
         self._time = truth.time[::every]
         # here, for only the children that render place cameras; this import takes a fifth of a
@@ -190,9 +190,8 @@ class CameraRig:
 
     def _in_water(self, position: Floats) -> Floats:
         """A camera's position, kept between surface and floor."""
-        return np.append(
-            position[:2], np.clip(position[2], self._floor + _CLEARANCE_M, -_CLEARANCE_M)
-        )
+        floor = -self._floor.depth_at(float(position[0]), float(position[1]))
+        return np.append(position[:2], np.clip(position[2], floor + _CLEARANCE_M, -_CLEARANCE_M))
 
     def _towards_leader(self, time: float) -> Floats:
         flat = self._value_at(self._separation, time) * [1.0, 1.0, 0.0]

@@ -1,6 +1,7 @@
 """The three-dimensional part of a frame: sea, hulls with smoothed edges, and ghosts of estimates.
 
-The sea is a floor and a height field of the surface that travel with the camera, in fog and light.
+The sea is a floor, level or a height field as it was read, and a height field of the surface; both
+travel with the camera, in fog and light.
 Nothing here acts on a vehicle. The surface is the simulated one (`elevation_at` in
 `sim.water.environment`).
 """
@@ -20,6 +21,8 @@ from sim.scenario.settings import Video
 from sim.vehicle.effectors import MovingFins
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 from sim.water.assembly import floor_of, sea_of_keys
+from sim.water.floors import LevelFloor
+from sim.water.grids import GriddedFloor
 from sim.water.ocean import Ocean
 from sim.water.waves import PHASE
 
@@ -67,12 +70,18 @@ def _network(wavelength: float, seed: int) -> Floats:
     return np.asarray(np.exp(-4.0 * np.abs(_tile(wavelength, seed))))
 
 
+def relief_of(floor: GriddedFloor) -> float:
+    """Height of the highest place of a floor above the deepest [m]."""
+    return max(float(np.ptp(floor.depth)), 0.01)
+
+
 def build(flight: FlightRecord, width_px: int, height_px: int) -> Any:
     """The compiled MjModel of vehicles (the leader first), sea floor and surface, for frames up
     to a size.
     """
     hulls = zip(flight.trajectory.names, MissionPlan.of(flight.scenario).models, strict=True)
-    depth = floor_of(SeaSettings.of(flight.scenario)).deepest
+    floor = floor_of(SeaSettings.of(flight.scenario))
+    depth = floor.deepest
     spec = compose(
         [VehicleSetup(name=name, model=hull, position_m=(0, 0, -5)) for name, hull in hulls], depth
     )
@@ -100,8 +109,14 @@ def build(flight: FlightRecord, width_px: int, height_px: int) -> Any:
         "type": mujoco.mjtGeom.mjGEOM_PLANE,
         "material": "seabed_look",
     }
-    spec.worldbody.add_geom(**seabed, size=[200, 200, 20], pos=[0, 0, -depth], **looks_only)
     heights = np.zeros(_CELLS**2)
+    if isinstance(floor, GriddedFloor):
+        size = [200, 200, relief_of(floor), 0.001]
+        spec.add_hfield(name="seabed", nrow=_CELLS, ncol=_CELLS, size=size, userdata=heights)
+        seabed |= {"type": mujoco.mjtGeom.mjGEOM_HFIELD, "hfieldname": "seabed"}
+    else:
+        seabed["size"] = [200, 200, 20]
+    spec.worldbody.add_geom(**seabed, pos=[0, 0, -depth], **looks_only)
     spec.add_hfield(
         name="sea", nrow=_CELLS, ncol=_CELLS, size=[200, 200, _CREST_M, 0.001], userdata=heights
     )
@@ -137,11 +152,15 @@ def build(flight: FlightRecord, width_px: int, height_px: int) -> Any:
 class Sea:
     """Floor and moving surface, with the waves of an ocean, of a model made by `build`."""
 
-    def __init__(self, model: mujoco.MjModel, ocean: Ocean) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, ocean: Ocean, floor: LevelFloor | GriddedFloor
+    ) -> None:
         self._model = model
         self._geom, self._floor = (
             mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, n) for n in ("sea", "seabed")
         )
+        self._ground = floor if isinstance(floor, GriddedFloor) else None
+        self._shown: tuple[float, ...] = ()  # grid of the floor in the graphics context
         self._ocean = ocean
         self._waves = ocean.environment.waves.components[: PHASE + 1].T
         self._steepness = np.hypot(self._waves[:, 1], self._waves[:, 2])
@@ -196,6 +215,27 @@ class Sea:
         model.hfield_data[first : first + heights.size] = heights.ravel()
         model.hfield_size[field, :2] = half
         mujoco.mjr_uploadHField(model, context, field)
+        if self._ground is not None:
+            self._show_floor(self._ground, x, y, context)
+
+    def _show_floor(self, floor: GriddedFloor, x: Floats, y: Floats, context: Any) -> None:
+        """Bring the relief of the floor to a grid."""
+        grid = (float(x[0]), float(x[-1]), float(y[0]))
+        if grid != self._shown:
+            self._shown = grid
+            mujoco.mjr_uploadHField(self._model, context, self.place_floor(floor, x, y))
+
+    def place_floor(self, floor: GriddedFloor, x: Floats, y: Floats) -> int:
+        """Give the model the relief of the floor over the grid x by y; returns the id of its height
+        field.
+        """
+        model = self._model
+        field = int(model.geom_dataid[self._floor])
+        model.hfield_size[field, :2] = (x[-1] - x[0]) / 2
+        heights = (floor.deepest - floor.depths_at(*np.meshgrid(x, y))) / relief_of(floor)
+        first = model.hfield_adr[field]
+        model.hfield_data[first : first + heights.size] = heights.ravel()
+        return field
 
 
 class GlScene:
@@ -223,7 +263,8 @@ class GlScene:
         self._ground: float | None = None
         self._floor = mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_GEOM, "seabed")
         self._options = mujoco.MjvOption()
-        self._sea = Sea(self._model, sea_of_keys(flight.scenario.ocean, flight.scenario.seed))
+        sea = SeaSettings.of(flight.scenario)
+        self._sea = Sea(self._model, sea_of_keys(sea.ocean, sea.seed), floor_of(sea))
         self._pixels = np.zeros((self.height, self.width, 3), np.uint8)
         self._smooth = np.zeros_like(self._pixels)
 

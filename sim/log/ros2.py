@@ -37,6 +37,7 @@ from sim.log.ros2_view import rviz_view
 from sim.log.schema import RECEPTION, Clock
 from sim.log.tum import estimated_poses
 from sim.scenario.parts import MissionPlan, SensingSettings
+from sim.water.assembly import density_of
 from sim.water.waves import GRAVITY
 
 _BAG_VERSION: Literal[8] = 8  # later ones write what Humble cannot read
@@ -441,10 +442,11 @@ def _sensed(flown: _Flown, follower: int) -> Iterator[RosTopic]:
         base,
         speed,
     )
+    water = density_of(flight.scenario.ocean)
     weight = flight.scenario.ocean.density_kg_m3 * GRAVITY
     read_at = np.flatnonzero(np.isfinite(m.depth))
     pressure = {
-        "fluid_pressure": SURFACE_PRESSURE_PA + weight * m.depth[read_at],
+        "fluid_pressure": SURFACE_PRESSURE_PA + water.pressures_at(m.depth[read_at]),
         "variance": np.full(read_at.size, (weight * errors.depth_sigma_m) ** 2),
     }
     yield _numbers(

@@ -322,7 +322,8 @@ def plain_values(table: object) -> Any:
 def is_model_key(key: str) -> bool:
     """Whether a dotted key of a scenario names a file: of a hull, or of a field of the sea."""
     hulls = r"(leader|followers\.(\d+|\*)|formation\.shape)\.model"
-    return re.fullmatch(rf"{hulls}|ocean\.(current|floor|sound_speed)\.file", key) is not None
+    fields = r"ocean\.(current|floor|sound_speed|density)\.file"
+    return re.fullmatch(rf"{hulls}|{fields}", key) is not None
 
 
 def path_from_folder(model: Any, folder: Path) -> Any:

@@ -10,6 +10,10 @@ from sim.scenario.section import OWN_CLASS, Section
 from sim.system import file_digest
 
 _SHA256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+CastNumber = Annotated[int, Field(ge=1, le=10_000_000)] | None
+CAST_NUMBER: Any = Field(
+    None, description="number of the cast in a file of several; default: the nearest to the origin"
+)
 
 
 class MapOrigin(Section):
@@ -108,4 +112,20 @@ class SoundSource(SeaFile):
     file: str = Field(
         description="cast, CSV or NetCDF, of temperature, salinity and pressure or depth, or of "
         "the speed; path relative to this file"
+    )
+    profile: CastNumber = CAST_NUMBER
+
+
+class DensitySource(SeaFile):
+    """A density by depth from a file, which buoyancy follows, in place of `density_kg_m3`."""
+
+    file: str = Field(
+        description="cast, CSV or NetCDF, of temperature, salinity and pressure or depth, or of "
+        "the density; path relative to this file"
+    )
+    profile: CastNumber = CAST_NUMBER
+    trim_depth_m: Annotated[float, Field(ge=0, le=11000)] | None = Field(
+        None,
+        description="where the buoyancy of all hulls is that of their files, or of their trim; "
+        "default: of each where it starts",
     )

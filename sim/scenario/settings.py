@@ -31,7 +31,13 @@ from sim.scenario.formation import (
 )
 from sim.scenario.links import LEADER_LINK, LinkTable
 from sim.scenario.navigation import AssumeTable, Navigation, navigation_with
-from sim.scenario.sea_files import CurrentSource, FloorSource, MapOrigin, SoundSource
+from sim.scenario.sea_files import (
+    CurrentSource,
+    DensitySource,
+    FloorSource,
+    MapOrigin,
+    SoundSource,
+)
 from sim.scenario.section import (
     CONTROL_STEP_S,
     LISTED,
@@ -49,6 +55,7 @@ from sim.scenario.sensors import Acoustics, Sensors
 from sim.scenario.vehicles import Follower, Leader, Vehicle
 from sim.system import atomic_write
 
+SEA_WATER_KG_M3 = 1026.0
 FASTEST_CURRENT_M_S = 3.0  # faster water would carry away vehicles with 3 m/s
 CurrentSpeed = Annotated[float, Field(ge=0, le=FASTEST_CURRENT_M_S)]
 TimedCurrent = Annotated[tuple[NonNegative, CurrentSpeed, Angle], LISTED]
@@ -75,7 +82,7 @@ class WavesTable(Section):
 class OceanTable(Section):
     """Water and sea floor."""
 
-    density_kg_m3: Annotated[float, Field(ge=950, le=1100)] = 1026.0
+    density_kg_m3: Annotated[float, Field(ge=950, le=1100)] = SEA_WATER_KG_M3
     floor_depth_m: Annotated[float, Field(ge=2, le=11000)] = Field(
         30.0, description="of a level floor; with a floor from a file, what waves feel of it"
     )
@@ -100,6 +107,13 @@ class OceanTable(Section):
     current: CurrentSource | None = None
     floor: FloorSource | None = None
     sound_speed: SoundSource | None = None
+    density: DensitySource | None = None
+
+    @model_validator(mode="after")
+    def _one_density(self) -> Self:
+        if self.density is not None and self.density_kg_m3 != SEA_WATER_KG_M3:
+            raise ValueError("the table `density` replaces density_kg_m3; give one of them")
+        return self
 
     @model_validator(mode="after")
     def _one_current(self) -> Self:
@@ -112,7 +126,7 @@ class OceanTable(Section):
     @property
     def reads_files(self) -> bool:
         """Whether a part of it is read from a file."""
-        tables = (self.current, self.floor, self.sound_speed)
+        tables = (self.current, self.floor, self.sound_speed, self.density)
         return any(table is not None and table.file is not None for table in tables)
 
     @property

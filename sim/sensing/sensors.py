@@ -53,9 +53,10 @@ from sim.sensing.sensor import (
 )
 from sim.sensing.sonar import hearing_probability, sonar_of
 from sim.trajectory import Trajectory, speed_through_water
-from sim.water.assembly import ocean_of, rays_of
+from sim.water.assembly import floor_of, ocean_of, rays_of
 from sim.water.environment import Environment
 from sim.water.ocean import Ocean
+from sim.water.rays import Path
 from sim.water.waves import GRAVITY
 
 _ECHO = int(Stream.ECHO)  # compiled code needs numbers, not the members of an enum
@@ -683,8 +684,13 @@ class InvertedUsblSensor(Sensor):
     elevation_sigma: float = float(np.deg2rad(1.0))
 
     def true(self, state: VehicleState, environment: Environment) -> tuple[float, float]:
-        """Direction without errors."""
-        forward, port, up = state.in_hull(state.source[1] - state.hydrophone)
+        """Direction without errors, from which the direct ray arrives."""
+        towards = state.source[1] - state.hydrophone
+        if environment.rays.bends:
+            source = tuple(state.source[1].tolist())
+            ray = environment.rays.ray(int(Path.DIRECT), source, tuple(state.hydrophone.tolist()))
+            towards[2] = np.hypot(towards[0], towards[1]) * np.tan(ray.elevation)
+        forward, port, up = state.in_hull(towards)
         return np.arctan2(-port, forward), np.arctan2(up, np.hypot(forward, port))
 
     def read(self, true: Floats, draws: Floats) -> Floats:
@@ -770,5 +776,7 @@ def environment_of(sensing: SensingSettings) -> Environment:
     """The sea as sensors see it; at rest where vehicles move as points."""
     sea = sensing.sound.sea
     if sensing.kind == "kinematic":
-        return Ocean(floor_depth_m=sea.ocean.floor_depth_m).environment
-    return replace(ocean_of(sea), rays=rays_of(sensing.sound)).environment
+        water = Ocean(floor_depth_m=sea.ocean.floor_depth_m, floor=floor_of(sea))
+    else:
+        water = ocean_of(sea)
+    return replace(water, rays=rays_of(sensing.sound)).environment

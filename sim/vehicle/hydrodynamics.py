@@ -248,7 +248,7 @@ def wrench(
         pose: position [m] and quaternion, seven numbers.
         twist: velocity of the origin in the world [m/s], angular velocity in the body [rad/s], six
             numbers.
-        sea: current and waves at the time.
+        sea: current, waves and density at the time.
         fitted, i: effectors of all vehicles, and the number of this one.
 
     Returns:
@@ -302,18 +302,20 @@ def wrench(
     terms = _inertia_times(c.added_mass, relative_rate[0], relative_rate[1])
     force = plus(force, terms[0])
     moment = plus(moment, terms[1])
+    # B ρ(z)/ρ_0: a hull that dives into denser water becomes lighter there
+    buoyancy = c.buoyancy * sea.water.share_at(-position[2], c.density)
     # Froude-Krylov, ρ V Du/Dt with Du/Dt = du/dt − ∇u (ẋ − u): the pressure that accelerates the
     # water particles acts on the hull in their place, along their own path, not along the hull's
     particle = minus(water.rate, matvec(gradient, minus(velocity, water.velocity)))
-    displaced = scaled(c.buoyancy / c.gravity, matvec(to_body, particle))
+    displaced = scaled(buoyancy / c.gravity, matvec(to_body, particle))
     force = plus(force, displaced)
     squeeze = cross(axis, water.axis_acceleration_gradient)
     moment = plus(moment, scaled(c.displaced_inertia, matvec(to_body, squeeze)))
 
     # f = R (s f + thrust) + s B z, and m less the moment of the buoyancy that dry strips lack
     share, dry_arm = immersion(c, position, axis, sea)
-    lift = (0.0, 0.0, share * c.buoyancy)
-    lost_buoyancy_moment = cross((dry_arm, 0.0, 0.0), matvec(to_body, (0.0, 0.0, -c.buoyancy)))
+    lift = (0.0, 0.0, share * buoyancy)
+    lost_buoyancy_moment = cross((dry_arm, 0.0, 0.0), matvec(to_body, (0.0, 0.0, -buoyancy)))
     if c.off_centre:
         centre = (c.buoyancy_centre[0], c.buoyancy_centre[1], c.buoyancy_centre[2])
         moment = plus(moment, cross(centre, displaced))

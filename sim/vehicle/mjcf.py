@@ -207,7 +207,8 @@ SEA_WATER = 1026.0  # density at which a hull's buoyancy holds unless its file s
 class Coefficients(RecordFields):
     """What the water does to one vehicle; units are those of NUMERICS and OPTIONAL.
 
-    Buoyancy and inertia of the displaced water are those in the world's density.
+    Buoyancy and inertia of the displaced water are those in the world's density, where that depends
+    on depth, in that at one depth; `density` is the same.
     """
 
     # numerics of its MJCF, damping as its diagonal
@@ -275,17 +276,18 @@ off the diagonal go.
 
 
 def read_coefficients(
-    model: mujoco.MjModel, names: Sequence[str], density: float
+    model: mujoco.MjModel, names: Sequence[str], density: float | Sequence[float]
 ) -> npt.NDArray[np.void]:
-    """Hydrodynamic coefficients of vehicles by name in a compiled model, in water of a density
-    [kg/m³].
+    """Hydrodynamic coefficients of vehicles by name in a compiled model, in water of a density, or
+    of one for each [kg/m³].
 
     Records of RECORD, shape (v,), read-only. LaisnError if a numeric is missing, of the wrong size
     or negative, or the added mass is not symmetric positive semidefinite.
     """
     records = np.zeros(len(names), RECORD)
     sizes = dict[str, int]()
-    for record, name in zip(records, names, strict=True):
+    densities = np.broadcast_to(np.asarray(density, dtype=np.float64), len(names)).tolist()
+    for record, name, reference in zip(records, names, densities, strict=True):
         for key in NUMERICS:
             sizes[key] = _read_required(record, model, name, key)
         record["n_strips"] = sizes["strip_x"]
@@ -296,7 +298,7 @@ def read_coefficients(
             raise LaisnError(f"{name}: added_mass must be symmetric and positive semidefinite")
         _read_optional(record, model, name)
         record["gravity"] = -model.opt.gravity[2]
-        record["density"] = density
+        record["density"] = reference
         _displace(record, model, name)
     _take_roots(records)
     records.flags.writeable = False

@@ -175,7 +175,9 @@ class Plant:
         self._acceleration: Floats = data.qacc.reshape(n, 6)
         self._last_pose = np.empty((n, 7))
         self._last_twist = np.empty((n, 6))
-        self.coefficients = mjcf.read_coefficients(model, self.names, ocean.density_kg_m3)
+        self.coefficients = mjcf.read_coefficients(
+            model, self.names, [ocean.trim_density(-setup.position_m[2]) for setup in setups]
+        )
         self.true_coefficients = mjcf.scaled_coefficients(self.coefficients, setups)
         every = np.concatenate([self.effectors, self.fixed_fins], axis=1)
         self.true_effectors = effectors.scaled_records(every, setups)

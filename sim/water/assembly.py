@@ -13,10 +13,11 @@ from sim.scenario.parts import MissionPlan, SeaSettings, SoundSettings
 from sim.scenario.point_motion import plan as planned_motion
 from sim.scenario.sea_files import SeaFile
 from sim.scenario.section import in_si
-from sim.scenario.settings import OceanTable
-from sim.scenario.vehicle_routes import route_of
-from sim.water.casts import Cast, read_cast
+from sim.scenario.settings import OceanTable, Vehicle
+from sim.scenario.vehicle_routes import depth_profile_of, route_of
+from sim.water.casts import Cast, read_cast, read_density
 from sim.water.custom import CustomCaller
+from sim.water.densities import DensityProfile, UniformDensity
 from sim.water.environment import velocities_at
 from sim.water.field_files import (
     CurrentField,
@@ -125,7 +126,35 @@ def sound_cast(ocean: OceanTable) -> Cast | None:
     it.
     """
     table = ocean.sound_speed
-    return None if table is None else read_cast(_source("sound_speed", table), _origin(ocean))
+    if table is None:
+        return None
+    return read_cast(_source("sound_speed", table), _origin(ocean), table.profile)
+
+
+def density_cast(ocean: OceanTable) -> Cast | None:
+    """The density that is read from a file; None: none. FieldError if there is none in it."""
+    table = ocean.density
+    if table is None:
+        return None
+    return read_density(_source("density", table), _origin(ocean), table.profile)
+
+
+def density_of(ocean: OceanTable) -> UniformDensity | DensityProfile:
+    """The density of a sea."""
+    cast = density_cast(ocean)
+    if cast is None:
+        return UniformDensity(float(ocean.density_kg_m3))
+    return DensityProfile.through(cast.points)
+
+
+def trim_density(ocean: OceanTable, vehicle: Vehicle) -> float:
+    """Density in which the buoyancy of a vehicle's hull holds [kg/m³]."""
+    table = ocean.density
+    if table is None:
+        return ocean.density_kg_m3
+    start = float(depth_profile_of(vehicle).depth[0])
+    depth = start if table.trim_depth_m is None else table.trim_depth_m
+    return density_of(ocean).density_at(depth)
 
 
 def floor_field(sea: SeaSettings) -> FloorField | None:
@@ -202,8 +231,12 @@ def ocean_of(sea: SeaSettings) -> Ocean:
     they would break, or if a current cannot be had.
     """
     field = current_field(sea)
+    density = density_of(sea.ocean)
+    table = sea.ocean.density
     return replace(
         sea_of_keys(sea.ocean, sea.seed),
+        density=density if isinstance(density, DensityProfile) else None,
+        trim_depth_m=None if table is None else table.trim_depth_m,
         current=None if field is None else field.current,
         custom=_custom_current(sea.ocean),
         floor=floor_of(sea),

@@ -2,29 +2,16 @@
 
 Velocity of the water at place x and time t: the current there, and waves that ride on it. The parts
 of an `Environment` are of any class with the methods of their kind (`sim.water.currents`, `floors`,
-`rays`); compiled code chooses these by type.
+`densities`, `rays`); compiled code chooses these by type.
 """
 
 from typing import Any, NamedTuple
 
 from laisn.arrays import Floats
-from laisn.compiled import compiled, inlined, jitable, method_by_type
+from laisn.compiled import compiled, inlined
 from sim.attitude import Vector
 from sim.water.rays import Ray
 from sim.water.waves import Flow, WaveTrain, add_waves, wave_elevation
-
-method_by_type("density_at")
-
-
-class UniformDensity(NamedTuple):
-    """Water of one density."""
-
-    density: float  # [kg/m³]
-
-    @jitable
-    def density_at(self, depth: float) -> float:
-        """Density at a depth [kg/m³]."""
-        return self.density
 
 
 class Environment(NamedTuple):
@@ -34,7 +21,7 @@ class Environment(NamedTuple):
     waves: WaveTrain
     floor: Any  # as `sim.water.floors.LevelFloor`
     rays: Any  # as `sim.water.rays.StraightRays`
-    water: Any  # as `UniformDensity`
+    water: Any  # as `sim.water.densities.UniformDensity`
 
     def flow(self, position: Vector, time: float) -> Vector:
         """Velocity of the water at a place [m] and time [s], in the world [m/s]."""
@@ -61,19 +48,20 @@ class Environment(NamedTuple):
 
 
 class SeaInstant(NamedTuple):
-    """Current and waves at one time."""
+    """Current, waves and density at one time."""
 
     time: float  # [s]
     current: Any  # as `sim.water.currents.ShearedInstant`
     waves: WaveTrain
+    water: Any  # as `sim.water.densities.UniformDensity`
 
 
 @compiled
 def sea_at(environment: Environment, time: float) -> SeaInstant:
-    """Current and waves of an environment at a time [s]: the first argument of `flow` and
-    `elevation_at`.
+    """Current, waves and density of an environment at a time [s]: the first argument of `flow`
+    and `elevation_at`.
     """
-    return SeaInstant(time, environment.current.at_time(time), environment.waves)
+    return SeaInstant(time, environment.current.at_time(time), environment.waves, environment.water)
 
 
 @compiled

@@ -386,7 +386,7 @@ def _time_axis(source: Source, axes: dict[str, Any], origin: FieldOrigin, until:
     if "T" not in axes or axes["T"].size == 1:
         return _Axis(np.zeros(1), np.zeros(1, dtype=np.int64))
     axis = axes["T"]
-    time = _sorted(source, str(axis.name), _seconds(source, axis, origin))
+    time = _sorted(source, str(axis.name), seconds_from_start(source, axis, origin))
     first, last = time.value[0], time.value[-1]
     if first > 0.0 or last < until:
         raise source.error(
@@ -396,7 +396,8 @@ def _time_axis(source: Source, axes: dict[str, Any], origin: FieldOrigin, until:
     return time
 
 
-def _seconds(source: Source, axis: Any, origin: FieldOrigin) -> Floats:
+def seconds_from_start(source: Source, axis: Any, origin: FieldOrigin) -> Floats:
+    """Times of an axis since the start of the mission [s]; FieldError if it does not tell them."""
     units = units_of(axis)
     value = np.asarray(axis.values, dtype=np.float64)
     if units in _TIMES:

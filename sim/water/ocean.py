@@ -9,7 +9,8 @@ import numpy as np
 from laisn.arrays import Floats, freeze_arrays
 from sim.water.currents import ACCELERATION, RUN, SET, START, ShearedCurrent
 from sim.water.custom import CustomCaller
-from sim.water.environment import Environment, UniformDensity, water_velocity
+from sim.water.densities import DensityProfile, UniformDensity
+from sim.water.environment import Environment, water_velocity
 from sim.water.floors import LevelFloor
 from sim.water.grids import GriddedFloor
 from sim.water.rays import SoundProfile, StraightRays
@@ -32,6 +33,9 @@ class Ocean:
     current: Any = None  # another current in place of that of these fields
     custom: CustomCaller | None = None  # or one of the user's own
     density_kg_m3: float = 1026.0
+    density: DensityProfile | None = None  # by depth, in place of that
+    trim_depth_m: float | None = None
+    """Depth at whose density the buoyancy of hulls holds; None: of each where it starts."""
     floor_depth_m: float = FLOOR_DEPTH_M  # that waves feel
     floor: LevelFloor | GriddedFloor | None = None  # None: a level one of this depth
     waves: Waves = field(default_factory=Waves.none)  # made for the same depth
@@ -73,8 +77,14 @@ class Ocean:
             waves=WaveTrain.on(self.waves, steady, self.floor_depth_m),
             floor=floor,
             rays=rays,
-            water=UniformDensity(float(self.density_kg_m3)),
+            water=self.density or UniformDensity(float(self.density_kg_m3)),
         )
+
+    def trim_density(self, depth: float) -> float:
+        """Density in which the buoyancy of a hull that starts at a depth [m] holds [kg/m³]."""
+        if self.density is None:
+            return self.density_kg_m3
+        return self.density.density_at(depth if self.trim_depth_m is None else self.trim_depth_m)
 
     def velocity(self, position: Floats, time: float) -> Floats:
         """Velocity of the water in the world at points of shape (n, 3), [m]; the answer

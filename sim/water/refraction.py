@@ -30,6 +30,7 @@ from sim.water.eigenrays import (
 from sim.water.ray_table import RayTable, ray_slowness, table_of
 from sim.water.rays import Path, Ray, image
 from sim.water.smooth_profile import SmoothProfile, speed_and_gradient
+from sim.water.table_store import stored_table
 
 # compiled code holds numbers, not the members of an enum
 _DIRECT, _SURFACE, _BOTTOM = map(int, Path)
@@ -148,7 +149,10 @@ def _table(
     depth: float,
     reach: float,
 ) -> RayTable:
-    return table_of(Water(SmoothProfile.through(points), floor, by_surface, 0), depth, reach)
+    def compute() -> RayTable:
+        return table_of(Water(SmoothProfile.through(points), floor, by_surface, 0), depth, reach)
+
+    return stored_table([points, floor, by_surface, depth, reach], compute)
 
 
 class Extent(NamedTuple):
@@ -175,8 +179,8 @@ def refracted_rays(
 ) -> RefractedRays:
     """Rays in a speed of sound through points [[depth, speed], …], shape (n, 2), [m] and [m/s].
 
-    `floor` is as `sim.water.floors.LevelFloor`. Tables are computed once for the same numbers,
-    that of surface echoes if they are wanted.
+    `floor` is as `sim.water.floors.LevelFloor`. Tables are computed once for the same numbers, and
+    stored for later processes; that of surface echoes if they are wanted.
     """
     numbers = np.array(points, dtype=np.float64)
     key = tuple(map(tuple, numbers.tolist()))

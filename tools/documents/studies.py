@@ -47,6 +47,7 @@ STUDIES: dict[str, Callable[[Path], object]] = {
     "benchmark": benchmark_navigators.run,
     "bending": bending.run,
     "thermocline": partial(run, "thermocline", {}),
+    "front": partial(run, "front", {}),
 }
 """How each is flown into a folder."""
 

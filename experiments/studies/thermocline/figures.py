@@ -87,7 +87,10 @@ def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, 
         "legs": [
             season
             for season in study.SEASONS
-            if f"error tight {season} 8-20 100" in record.findings
+            if f"error tight {season} 8-20 100 2" in record.findings
+        ],
+        "flown": [
+            season for season in study.BENT if f"off tight {season} straight" in record.findings
         ],
         "interval": lambda key, digits=2: with_limits(record[key], digits),
         "rays": Figures(panels=[ray_picture("strong")]),

@@ -8,6 +8,8 @@ from importlib import resources
 from itertools import product
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from experiments.study.run import Cells, StudyResults
 from laisn.fix import SINGLE, Pair, circles, pair_fix
 from laisn.geometry import Arms, Point, Turn
@@ -24,6 +26,8 @@ BENT = ("weak", "moderate", "strong")
 NAVIGATORS = {"laisn-2": "LAISN-2", "laisn-3-2": "LAISN-3(2)", "tight": "tightly coupled"}
 FIXED: tuple[Variant, ...] = ("laisn-2", "laisn-3-2")
 """Navigators that make fixes of single messages."""
+SIZES = {"near": "within 43 m", "wide": "within 107 m"}
+"""Cases of the formation."""
 PAIRS = ((8.0, 20.0), (16.0, 16.0), (20.0, 20.0))
 RANGES_M = (50.0, 100.0, 200.0)
 BASELINES_M = (1.0, 2.0)
@@ -150,37 +154,90 @@ def fix_findings() -> Iterator[tuple[str, Finding]]:
         )
 
 
+class Arm(NamedTuple):
+    """A navigator, and what its receiver knows of the speed of sound."""
+
+    navigator: str
+    sound: str  # as `navigation.sound_speed`
+
+    @classmethod
+    def named(cls, name: str) -> "Arm":
+        """That of an arm of the study files."""
+        return cls(*name.split(" "))
+
+
+def _pairs_of_arms(cells: Cells, *columns: str) -> Iterator[tuple[str, Mapping[str, Cells]]]:
+    """Cells of the receivers of each navigator and place, by what they know of sound; the place is
+    named by these columns.
+    """
+    places: dict[str, dict[str, Cells]] = {}
+    for arm_name, of_arm in cells.by("arm").items():
+        arm = Arm.named(arm_name)
+        for place, of_place in of_arm.by(*columns).items():
+            name = f"{arm.navigator} {place}".replace(".toml", "")
+            places.setdefault(name, {})[arm.sound] = of_place
+    yield from places.items()
+
+
 def leg_findings(cells: Cells) -> Iterator[tuple[str, Finding]]:
     """Mean errors of navigators on a leg, and what bending adds to them, paired by run."""
-    arms = cells.by("arm", "scenario", "case")
-    for name, by_profile in arms.items():
-        navigator, sound, scenario = name.split(" ", 2)
-        if sound != "profile":
-            continue
-        scenario = scenario.replace(".toml", "")
-        by_rays = by_profile.runs("e_p_mean_m")[:, 0]
-        mean = arms[name.replace(" profile ", " straight ", 1)].runs("e_p_mean_m")[:, 0]
-        key = f"{navigator} {scenario}"
-        yield f"error {key}", of(mean_interval(mean), "mean E_P by the mean speed, 95 %", "m")
-        yield f"known {key}", of(mean_interval(by_rays), "mean E_P by the profile, 95 %", "m")
-        added = of(
-            mean_interval(mean - by_rays), "what the mean speed adds, paired by run, 95 %", "m"
-        )
-        yield f"added {key}", added
+    for place, by_sound in _pairs_of_arms(cells, "scenario", "case", "leader.baseline_m"):
+        errors = {sound: of_arm.runs("e_p_mean_m")[:, 0] for sound, of_arm in by_sound.items()}
+        known = errors["profile"]
+        titles = {
+            "mean": "by one speed",
+            "straight": "by the mean speed",
+            "profile": "by the profile",
+        }
+        names = {"mean": "single", "straight": "error", "profile": "known"}
+        for sound, error in errors.items():
+            of_arm = of(mean_interval(error), f"mean E_P {titles[sound]}, 95 %", "m")
+            yield f"{names[sound]} {place}", of_arm
+        added = mean_interval(errors["straight"] - known)
+        yield f"added {place}", of(added, "what the mean speed adds, paired by run, 95 %", "m")
 
 
 def closed_findings(cells: Cells) -> Iterator[tuple[str, Finding]]:
     """Distances from its place of a follower that steers by its estimate."""
-    for name, followers in cells.by("arm").items():
-        off = mean_interval(followers.runs("track_error_rms_m")[:, 0])
-        yield f"off {name}", of(off, "RMS off its place, steering by its estimate, 95 %", "m")
+    for place, by_sound in _pairs_of_arms(cells, "scenario"):
+        off = {s: of_arm.runs("track_error_rms_m")[:, 0] for s, of_arm in by_sound.items()}
+        for sound, distance in off.items():
+            rms = of(mean_interval(distance), "RMS off its place, by its estimate, 95 %", "m")
+            yield f"off {place} {sound}", rms
+        added = mean_interval(off["straight"] - off["profile"])
+        yield f"off-added {place}", of(added, "what the mean speed adds, paired by run, 95 %", "m")
+
+
+def formation_findings(cells: Cells) -> Iterator[tuple[str, Finding]]:
+    """Distances from their stations of a formation, median of its followers."""
+    for place, by_sound in _pairs_of_arms(cells, "scenario", "case"):
+        off = {s: np.median(of_arm.runs("station_rms_m"), axis=1) for s, of_arm in by_sound.items()}
+        for sound, distance in off.items():
+            rms = of(mean_interval(distance), "RMS off stations, median of followers, 95 %", "m")
+            yield f"station {place} {sound}", rms
+        added = mean_interval(off["straight"] - off["profile"])
+        yield (
+            f"station-added {place}",
+            of(added, "what the mean speed adds, paired by run, 95 %", "m"),
+        )
+        lost = int(sum(of_arm.runs("lost").sum() for of_arm in by_sound.values()))
+        yield f"station-lost {place}", plain(lost, "followers lost in all runs")
+
+
+def _runs_of(cells: Cells) -> int:
+    return max(len(lists["run"]) for lists in cells.lists)
 
 
 def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     """All findings."""
+    legs, closed, formation = (outcomes[name].cells for name in ("legs", "closed", "formation"))
     return {
         "matters": plain(MATTERS_M, "shift of a fix that spoils it", "m"),
+        "runs": plain(_runs_of(legs), "runs of each leg"),
+        "closed-runs": plain(_runs_of(closed), "runs of each closed loop"),
+        "formation-runs": plain(_runs_of(formation), "runs of each formation"),
         **dict(fix_findings()),
-        **dict(leg_findings(outcomes["legs"].cells)),
-        **dict(closed_findings(outcomes["closed"].cells)),
+        **dict(leg_findings(legs)),
+        **dict(closed_findings(closed)),
+        **dict(formation_findings(formation)),
     }

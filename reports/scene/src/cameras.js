@@ -164,7 +164,7 @@ export class Cameras {
       if (w >= 1) this.glide = null;
     }
     camera.position.copy(controls.target).add(offset);
-    const lowest = this.mission.floor + FLOOR_CLEARANCE_M;
+    const lowest = this.mission.floorAt(camera.position.x, camera.position.y) + FLOOR_CLEARANCE_M;
     if (camera.position.z < lowest) camera.position.z = lowest;
     this.last.target.copy(target);
     this.last.yaw = yaw;

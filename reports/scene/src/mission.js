@@ -63,6 +63,23 @@ export class Mission {
     this.errors = this.truth ? this.vehicleOf.map((_, f) => this.array[`error${f}`]) : [];
   }
 
+  /** Height of the floor at a place; beyond the known part, that of its edge [m]. */
+  floorAt(x, y) {
+    const bed = this.seabed;
+    if (!bed) return this.floor;
+    const last = bed.points - 1;
+    const across = clamp(((x - bed.west) / (bed.east - bed.west)) * last, 0, last);
+    const up = clamp(((y - bed.south) / (bed.north - bed.south)) * last, 0, last);
+    const i = Math.min(Math.floor(across), last - 1);
+    const j = Math.min(Math.floor(up), last - 1);
+    const u = across - i;
+    const v = up - j;
+    const height = (row, column) => this.array.seabed[row * bed.points + column];
+    const south = height(j, i) * (1 - u) + height(j, i + 1) * u;
+    const north = height(j + 1, i) * (1 - u) + height(j + 1, i + 1) * u;
+    return south * (1 - v) + north * v;
+  }
+
   /** Take what a mission under way has added. */
   grow({ arrays, end, known, refused }, bytes) {
     const added = {};

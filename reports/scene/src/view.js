@@ -18,6 +18,7 @@ const TRAIL_S = 60; // time constant of a trail's fading
 const SIGMAS = 2;
 const LATEST_PIECES = 6; // of a route since trails were drawn
 const CROWD = 12; // followers beyond which only the followed one's estimate is drawn, and rays are faint
+const BEYOND_M = 8000; // of a floor, behind its edge
 const REST_MS = 900; // after which software renderers draw a sharper picture
 const SHARPNESS = [0.7, 1, 2]; // most pixels of the picture per pixel of the page, by quality
 
@@ -28,6 +29,24 @@ const spot = new Vector3();
 
 function shader(source, uniforms, settings = {}) {
   return new ShaderMaterial({ ...source, uniforms, ...settings });
+}
+
+/** A floor that is not level, and goes on level beyond what is known of it. */
+function relief(mission) {
+  const { west, east, south, north, points } = mission.seabed;
+  const ticks = (low, high) => [
+    low - BEYOND_M, ...Array.from({ length: points }, (_, i) => low + ((high - low) * i) / (points - 1)), high + BEYOND_M,
+  ];
+  const xs = ticks(west, east);
+  const ys = ticks(south, north);
+  const geometry = new PlaneGeometry(1, 1, xs.length - 1, ys.length - 1);
+  const place = geometry.attributes.position;
+  // rows of a plane run from north to south
+  ys.reverse().forEach((y, row) => xs.forEach((x, column) => {
+    place.setXYZ(row * xs.length + column, x, y, mission.floorAt(x, y));
+  }));
+  geometry.computeVertexNormals();
+  return geometry;
 }
 
 /** The name of the graphics card; throws where there is no WebGL 2. */
@@ -132,7 +151,9 @@ export class View {
     const plane = new PlaneGeometry(2, 2);
     const screen = new BufferGeometry();
     screen.setAttribute("position", new BufferAttribute(new Float32Array([-1, -1, 0, 3, -1, 0, -1, 3, 0]), 3));
-    this.floor = add(new Mesh(plane, shader(FLOOR, uniforms, rich ? { defines: { RICH: 1 } } : {})), 1);
+    const defines = { ...(rich && { RICH: 1 }), ...(this.mission.seabed && { RELIEF: 1 }) };
+    const ground = this.mission.seabed ? relief(this.mission) : plane;
+    this.floor = add(new Mesh(ground, shader(FLOOR, uniforms, { defines })), 1);
     this.surface = add(new Mesh(plane, shader(SURFACE, uniforms, { side: DoubleSide })), 1);
     add(new Mesh(screen, shader(BACKDROP, uniforms, { depthWrite: false })), 2);
     const light = shader(SHAFTS, uniforms, { ...overlay, blending: AdditiveBlending, depthTest: false });
@@ -242,8 +263,10 @@ export class View {
     uniforms.grid.value = [2, 10, 20, 100].find((grid) => grid > squares) ?? 200;
     uniforms.fade.value = Math.max(TRAIL_S, 3 * speed);
     const span = 1.3 * uniforms.sight.value.y;
-    this.floor.position.set(eye.x, eye.y, mission.floor);
-    this.floor.scale.setScalar(span);
+    if (!mission.seabed) {
+      this.floor.position.set(eye.x, eye.y, mission.floor);
+      this.floor.scale.setScalar(span);
+    }
     this.surface.position.set(eye.x, eye.y, 0);
     this.surface.scale.setScalar(span);
     const below = eye.z < -0.05;
@@ -278,7 +301,7 @@ export class View {
     mission.beacons.forEach((beacon, b) => {
       spot.fromArray(beacon);
       marks.add(spot, mission.hues.leader, 1, DIAMOND, 12);
-      pen.line(spot, new Vector3(spot.x, spot.y, mission.floor), mission.hues.leader, 0.35, 4);
+      pen.line(spot, new Vector3(spot.x, spot.y, mission.floorAt(spot.x, spot.y)), mission.hues.leader, 0.35, 4);
       this.labels.push({ key: `b${b}`, v: -2, at: spot.clone(), words: `transmitter ${b + 1}`, colour: mission.hues.leader });
     });
     if (this.metres < 0.06) for (const at of transmitters) marks.add(at, TRANSMITTER, 1, DISC, 8);
@@ -291,13 +314,14 @@ export class View {
     const { mission } = this;
     const fleet = this.fleets.find((candidate) => candidate.members.includes(v));
     const { position } = this.poses[v];
-    const high = position.z - mission.floor;
+    const ground = mission.floorAt(position.x, position.y);
+    const high = position.z - ground;
     const shape = {
       major: this.size * (0.5 * fleet.length + 0.05 * high),
       minor: this.size * (0.14 + 0.05 * high),
       angle: Math.PI / 2 - mission.heading(v, this.time),
     };
-    this.discs.add(position.x, position.y, mission.floor + 0.02, shape, SHADOW, -0.62 / (1 + 0.02 * high));
+    this.discs.add(position.x, position.y, ground + 0.02, shape, SHADOW, -0.62 / (1 + 0.02 * high));
   }
 
   drawFollower(f, transmitters, speed) {

@@ -140,3 +140,167 @@ def test_a_malformed_cast_is_refused_in_a_sentence(
     assert "ocean.sound_speed.file: " in result.output
     assert "e.csv: " in result.output
     assert expected in result.output
+
+
+def atlas() -> xarray.Dataset:
+    """Columns of an ocean atlas: longitudes from 0 to 360° that begin in the middle, latitudes in
+    "degrees", kelvin, salinity in "1e-3", a scalar time.
+    """
+    depth = np.array([5.0, 15.0, 100.0, 3000.0], dtype=np.float32)
+    latitude = np.array([-9.83, -8.17, -6.5, -4.83, -3.17, -1.5], dtype=np.float32)
+    longitude = np.array([0.5, 325.5, 330.5, 335.5, 340.5, 345.5, 350.5, 355.5], dtype=np.float32)
+    z, y, x = np.meshgrid(depth, latitude, longitude, indexing="ij")
+    # colder by depth and by the number of the column, so that each is known by its temperature
+    theta = 273.15 + 24.0 - 0.004 * z + 0.1 * y + 0.01 * ((x + 180.0) % 360.0 - 180.0)
+    salinity = np.full(theta.shape, 35.0)
+    axes = ("depth", "lat", "lon")
+    names = ("sea_water_practical_salinity", "sea_water_potential_temperature")
+    since = "days since 1800-01-01 00:00:0.0"
+    return xarray.Dataset(
+        {
+            "salinity": (axes, salinity, {"standard_name": names[0], "units": "1e-3"}),
+            "theta": (axes, theta, {"standard_name": names[1], "units": "K"}),
+        },
+        {
+            "depth": ("depth", depth, {"axis": "Z", "units": "m", "positive": "down"}),
+            "lat": ("lat", latitude, {"standard_name": "latitude", "units": "degrees"}),
+            "lon": ("lon", longitude, {"standard_name": "longitude", "units": "degrees"}),
+            "time": ((), 67539.0, {"standard_name": "time", "units": since}),
+        },
+    )
+
+
+def surface_temperature(latitude: float, longitude: float) -> float:
+    return 24.0 - 0.02 + 0.1 * latitude + 0.01 * longitude
+
+
+def first_speed(file: Path, place: tuple[float, float], more: str = "") -> float:
+    toml = scenario(file, *place)
+    text = toml.read_text().replace(f'"{file.name}"', f'"{file.name}"\n{more}')
+    toml.write_text(text)
+    cast = sound_cast(laisn_sim.load(toml).ocean)
+    assert cast is not None
+    return float(cast.points[0, 1])
+
+
+def test_the_column_of_an_atlas_nearest_to_the_origin_is_taken_and_told(tmp_path: Path) -> None:
+    file = write(atlas(), tmp_path / "atlas.nc")
+    expected = mackenzie(surface_temperature(-4.83, -19.5), 35.0, 5.0)
+    assert first_speed(file, (-5.0, -20.0)) == pytest.approx(expected, abs=0.1)
+    expected = mackenzie(surface_temperature(-1.5, 0.5), 35.0, 5.0)
+    assert first_speed(file, (-1.0, 1.0)) == pytest.approx(expected, abs=0.1)
+    toml = scenario(file, -5.0, -20.0)
+    result = CliRunner().invoke(app, ["check", str(toml)], env={"COLUMNS": "300"})
+    assert "cast 29 of 48, 58.5 km from the origin, the nearest with values" in result.stdout
+
+
+def test_a_column_on_land_gives_way_to_the_next_one(tmp_path: Path) -> None:
+    dataset = atlas()
+    dataset["theta"][:, 3, 4] = np.nan
+    file = write(dataset, tmp_path / "land.nc")
+    # the next latitude is nearer than the next longitude
+    expected = mackenzie(surface_temperature(-6.5, -19.5), 35.0, 5.0)
+    assert first_speed(file, (-5.0, -20.0)) == pytest.approx(expected, abs=0.1)
+
+
+def floats() -> xarray.Dataset:
+    """Profiles as floats send them: a list, each at a place and with pressures of its own."""
+    pressure = np.array([[5.0, 50.0, np.nan], [4.0, 40.0, 90.0], [6.0, 60.0, 95.0]])
+    temperature = np.array([[8.0, 6.0, np.nan], [12.0, 9.0, 7.0], [16.0, 10.0, 8.0]])
+    axes = ("N_PROF", "N_LEVELS")
+    return xarray.Dataset(
+        {
+            "PRES": (axes, pressure, {"standard_name": "sea_water_pressure", "units": "decibar"}),
+            "TEMP": (
+                axes,
+                temperature,
+                {"standard_name": "sea_water_temperature", "units": "degree_Celsius"},
+            ),
+            "PSAL": (
+                axes,
+                0.0 * temperature + 35.0,
+                {"standard_name": "sea_water_salinity", "units": "psu"},
+            ),
+            "LATITUDE": ("N_PROF", [60.0, 61.0, 62.0], {"units": "degree_north", "axis": "Y"}),
+            "LONGITUDE": ("N_PROF", [2.0, 3.0, 4.0], {"units": "degree_east", "axis": "X"}),
+        }
+    )
+
+
+@pytest.mark.parametrize(
+    ("place", "more", "temperature"),
+    [
+        ((60.9, 3.1), "", 12.0),
+        ((62.5, 4.0), "", 16.0),
+        ((60.9, 3.1), "profile = 1", 8.0),
+        ((60.9, 3.1), "profile = 3", 16.0),
+    ],
+)
+def test_one_of_several_profiles(
+    tmp_path: Path, place: tuple[float, float], more: str, temperature: float
+) -> None:
+    file = write(floats(), tmp_path / "floats.nc")
+    speed = first_speed(file, place, more)
+    assert speed == pytest.approx(mackenzie(temperature, 35.0, 5.0), abs=0.15)
+
+
+STATIONS = """\
+station,lat,lon,depth,sound_speed
+A,54.0,18.0,0,1450
+A,54.0,18.0,10,1449
+B,54.6,18.6,0,1460
+B,54.6,18.6,10,1459
+"""
+WITHOUT_PLACES = "\n".join(
+    ",".join(row.split(",")[i] for i in (0, 3, 4)) for row in STATIONS.splitlines()
+)
+
+
+def test_casts_of_a_table_by_their_stations(tmp_path: Path) -> None:
+    file = tmp_path / "stations.csv"
+    file.write_text(STATIONS)
+    assert first_speed(file, (54.5, 18.5)) == 1460.0
+    assert first_speed(file, (54.1, 18.0)) == 1450.0
+    assert first_speed(file, (54.5, 18.5), "profile = 1") == 1450.0
+    # without names of stations, by their places
+    file.write_text("\n".join(row.partition(",")[2] for row in STATIONS.splitlines()))
+    assert first_speed(file, (54.5, 18.5)) == 1460.0
+
+
+@pytest.mark.parametrize(
+    ("more", "expected"),
+    [
+        ("", "it has 2 casts, and does not say where they were taken; choose one with profile"),
+        ("profile = 3", "profile = 3; it has 2 casts"),
+    ],
+)
+def test_a_cast_that_is_not_clear_is_asked_for(tmp_path: Path, more: str, expected: str) -> None:
+    file = tmp_path / "stations.csv"
+    file.write_text(WITHOUT_PLACES)
+    toml = scenario(file)
+    toml.write_text(toml.read_text().replace('.csv"', f'.csv"\n{more}'))
+    result = CliRunner().invoke(app, ["check", str(toml)], env={"COLUMNS": "300"})
+    assert result.exit_code == 2, result.output
+    assert expected in result.output
+
+
+def test_a_cast_that_is_asked_for_is_told(tmp_path: Path) -> None:
+    file = tmp_path / "stations.csv"
+    file.write_text(WITHOUT_PLACES)
+    assert first_speed(file, (54.5, 18.5), "profile = 2") == 1460.0
+    result = CliRunner().invoke(app, ["check", str(tmp_path / "cast.toml")])
+    assert "cast 2 of 2" in result.stdout
+
+
+def test_profiles_of_a_model_at_the_time_nearest_to_the_start(tmp_path: Path) -> None:
+    depth, time = [5.0, 50.0], [0.0, 10.0, 20.0]
+    speed = 1450.0 + np.array([[0.0, 1.0], [10.0, 11.0], [20.0, 21.0]])
+    dataset = xarray.Dataset(
+        {"speed": (("time", "depth"), speed, {"standard_name": "speed_of_sound_in_sea_water"})},
+        {
+            "time": ("time", time, {"units": "days since 2025-12-20"}),
+            "depth": ("depth", depth, {"units": "m", "positive": "down"}),
+        },
+    )
+    # missions begin on 1 January unless a key says otherwise
+    assert first_speed(write(dataset, tmp_path / "t.nc"), (54.0, 18.0)) == 1460.0

@@ -2,6 +2,8 @@
 commands that read them.
 """
 
+import math
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from laisn_sim.cli.errors import MISSION_FAILED
 from laisn_sim.cli.main import app
+from reports import flight_figures
 from sim.attitude import FLATTENING, SEMI_MAJOR_AXIS
 from sim.flight import Termination
 from sim.scenario.parts import MotionSettings, SeaSettings
@@ -34,6 +37,8 @@ from tests.sim.water.field_data import (
     write,
     xarray,
 )
+
+h5netcdf = pytest.importorskip("h5netcdf")
 
 
 def velocity_of(file: Path, points: Floats, time: float, duration: float = 20.0) -> Floats:
@@ -434,3 +439,65 @@ def test_contradictions_of_keys(tmp_path: Path) -> None:
         assert result.exit_code == 2, result.output
         assert expected in result.output
     assert (LATITUDE, LONGITUDE) == (54.52, 18.55)
+
+
+def test_a_field_of_gigabytes_is_read_as_far_as_it_is_needed(tmp_path: Path) -> None:
+    """Nine gigabytes of numbers, of which the file on disk holds those about the mission alone."""
+    shape = (24, 40, 800, 1500)
+    file = tmp_path / "ocean.nc"
+    latitude = LATITUDE + np.linspace(-4.0, 4.0, shape[2])
+    longitude = LONGITUDE + np.linspace(-8.0, 8.0, shape[3])
+    with h5netcdf.File(file, "w") as whole:
+        whole.dimensions = dict(zip(("time", "depth", "lat", "lon"), shape, strict=True))
+        axes = {
+            "time": (np.arange(24.0), "hours since 2026-07-01"),
+            "depth": (np.linspace(0.0, 100.0, shape[1]), "m"),
+            "lat": (latitude, "degrees_north"),
+            "lon": (longitude, "degrees_east"),
+        }
+        for name, (values, units) in axes.items():
+            axis = whole.create_variable(name, (name,), data=values)
+            axis.attrs["units"] = units
+        for name in ("uo", "vo"):
+            field = whole.create_variable(
+                name, tuple(axes), "f8", chunks=(1, 40, 40, 40), fillvalue=np.nan
+            )
+            field.attrs["units"] = "m s-1"
+            rows = slice(shape[2] // 2 - 40, shape[2] // 2 + 40)
+            columns = slice(shape[3] // 2 - 40, shape[3] // 2 + 40)
+            field[0:2, :, rows, columns] = 0.1
+    assert 2 * 8 * math.prod(shape) > 9e9
+    assert file.stat().st_size < 50e6
+    scenario = laisn_sim.load(scenario_file(file))
+    tracemalloc.start()
+    field = current_field(SeaSettings.of(scenario))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert field is not None
+    assert field.current.grid.velocity.shape[:2] == (2, 40)
+    assert peak < 60e6
+
+
+@pytest.mark.system
+def test_the_page_of_a_flight_shows_the_current_along_the_tracks(tmp_path: Path) -> None:
+    file = metres_field(tmp_path / "gyre.nc", 25.0, 10.0)
+    flight = laisn_sim.fly(scenario_file(file, 60.0))
+    speed, towards = flight_figures.current(flight, [0, 1]).parts
+    truth = flight.trajectory
+    for line, vehicle in zip((speed.lines[1], speed.lines[0]), (0, 1), strict=True):
+        east, north, up = truth.position[:, vehicle].T
+        u, v = gyre_velocity(east, north, truth.time)
+        # it falls to half at 40 m
+        expected = np.hypot(u, v) * (1.0 + up / 80.0)
+        np.testing.assert_allclose(line.y, expected, atol=0.01)
+        assert line.name == truth.names[vehicle]
+    east, north, _ = truth.position[0, 0]
+    u, v = gyre_velocity(east, north, 0.0)
+    assert towards.lines[1].y[0] == pytest.approx(np.rad2deg(np.arctan2(u, v)) % 360.0, abs=3.0)
+    arrows = flight_figures.track_map(flight, [0]).parts[0].lines[-1]
+    assert arrows.name == "current"
+    page = flight.report(tmp_path / "gyre.html").read_text(encoding="utf-8")
+    assert "Speed of the water at each vehicle" in page
+    uniform = laisn_sim.fly("T5", {"duration_s": 10.0, "ocean.current_speed_m_s": 0.2})
+    page = uniform.report(tmp_path / "uniform.html").read_text(encoding="utf-8")
+    assert "Speed of the water at each vehicle" not in page

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -11,10 +12,17 @@ import laisn_sim
 from laisn.arrays import Floats
 from laisn_sim.cli.errors import MISSION_FAILED
 from laisn_sim.cli.main import app
-from sim.flight import Termination
+from reports.flight_report import scene_of_flight
+from sim.film.cameras import CameraRig
+from sim.film.film_data import FilmData
+from sim.film.scene import Sea, build
+from sim.flight import FlightRecord, Termination
 from sim.scenario.parts import SeaSettings, SoundSettings
-from sim.water.assembly import floor_of, rays_of
+from sim.water.assembly import floor_of, rays_of, sea_of_keys
+from sim.water.grids import GriddedFloor
+from tests.reports.test_scene import arrays_of
 from tests.sim.water.field_data import DEGREE_EAST, DEGREE_NORTH, LATITUDE, LONGITUDE, write, xarray
+from tests.synthetic import make_flight
 
 SCENARIO = f"""\
 duration_s = {{duration}}
@@ -154,3 +162,60 @@ def test_other_floors_are_refused(tmp_path: Path, change, expected: str) -> None
     assert result.exit_code == 2, result.output
     assert "ocean.floor.file: " in result.output
     assert expected in result.output
+
+
+def hills() -> xarray.Dataset:
+    axis = np.arange(-2000.0, 2000.1, 50.0)
+    y, x = np.meshgrid(axis, axis, indexing="ij")
+    return metres_floor(60.0 + 10.0 * np.sin(x / 150.0) - 8.0 * np.cos(y / 120.0), axis, axis)
+
+
+def over_hills(folder: Path) -> FlightRecord:
+    return laisn_sim.fly(scenario(folder, hills()), {"motion": "kinematic"})
+
+
+def test_the_page_in_3d_holds_the_floor_as_read(tmp_path: Path) -> None:
+    flight = over_hills(tmp_path)
+    scene = scene_of_flight(flight)
+    bed = scene.meta["seabed"]
+    heights = arrays_of(scene)["seabed"]
+    n = bed["points"]
+    east = np.linspace(bed["west"], bed["east"], n)
+    north = np.linspace(bed["south"], bed["north"], n)
+    assert east[0] < flight.trajectory.position[..., 0].min() - 100.0
+    assert north[-1] > flight.trajectory.position[..., 1].max() + 100.0
+    for row, column in ((0, 0), (10, 40), (n - 1, 3)):
+        # linear between the points of the file, 50 m apart
+        expected = 60.0 + 10.0 * np.sin(east[column] / 150.0) - 8.0 * np.cos(north[row] / 120.0)
+        assert heights[row, column] == pytest.approx(-expected, abs=0.3)
+    assert scene_of_flight(make_flight(20.0)).meta["seabed"] is None
+
+
+def test_the_film_shows_the_floor_as_read(tmp_path: Path) -> None:
+    flight = over_hills(tmp_path)
+    floor = floor_of(SeaSettings.of(flight.scenario))
+    assert isinstance(floor, GriddedFloor)
+    model = build(flight, 64, 48)
+    sea = Sea(model, sea_of_keys(flight.scenario.ocean, flight.scenario.seed), floor)
+    x, y = sea.grid(np.array([130.0, -70.0]), 100.0)
+    field = sea.place_floor(floor, x, y)
+    assert field == model.geom_dataid[model.geom("seabed").id]
+    model.geom_pos[model.geom("seabed").id, :2] = x.mean(), y.mean()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    for east, north in ((x[10], y[30]), (x[20], y[5]), (x[40], y[40])):
+        geom = np.zeros(1, np.int32)
+        start = np.array([east + 1e-3, north + 1e-3, -30.0])
+        down = np.array([0.0, 0.0, -1.0])
+        way = mujoco.mj_ray(model, data, start, down, None, 1, -1, geom)
+        assert geom[0] == model.geom("seabed").id
+        assert 30.0 + way == pytest.approx(floor.depth_at(east, north), abs=0.05)
+
+
+def test_a_camera_keeps_above_a_hill(tmp_path: Path) -> None:
+    flight = over_hills(tmp_path)
+    rig = CameraRig(FilmData(flight, 20.0), 16 / 9)
+    for place in ((235.0, 377.0), (-235.0, 0.0)):
+        position = rig._in_water(np.array([*place, -200.0]))
+        depth = floor_of(SeaSettings.of(flight.scenario)).depth_at(*place)
+        assert -depth < position[2] < -depth + 3.0

@@ -302,3 +302,42 @@ def test_check_warns_of_shadows(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["check", str(file)])
     assert result.exit_code == 0, result.output
     assert "no direct ray" in result.output
+
+
+def arrival_where_linear(first: float, second: float, gradient: float, reach: float) -> float:
+    """Angle at which the ray arrives at the second depth, positive from above, where the speed is
+    1484 m/s and changes by `gradient`: it is an arc about a point at the depth where the speed
+    would be 0.
+    """
+    deep = -1484.0 / gradient
+    # of the circle's middle, as far from both ends
+    middle = 0.5 * (reach + ((second - deep) ** 2 - (first - deep) ** 2) / reach)
+    # along the ray, across the radius: downwards for each metre towards the receiver
+    return math.atan(-(reach - middle) / (second - deep))
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("rays", ["refracted", "straight"])
+def test_an_inverted_usbl_sees_the_leader_where_the_ray_comes_from(
+    tmp_path: Path, rays: str
+) -> None:
+    file = tmp_path / "summer.toml"
+    text = TOML.format(assumed="mean").replace('rays = "refracted"', f'rays = "{rays}"')
+    exact = "azimuth_sigma_deg = 0.0\nelevation_sigma_deg = 0.0\n"
+    file.write_text(f'{text}[[sensors.custom]]\nsensor = "inverted-usbl"\n{exact}')
+    flight = laisn_sim.fly(file)
+    measured = flight.measurements[0]
+    azimuth, elevation = measured.custom["bearing"][measured.message_step - 1].T
+    sites = flight.trajectory
+    front = sites.site_offset[sites.site("leader/tx_front")]
+    hydrophone = sites.site_offset[sites.site("follower/hydrophone")]
+    # both go north side by side, level: forward and port are north and west
+    reach = math.hypot(90.0 + front[1] - hydrophone[1], front[0] - hydrophone[0])
+    first, second = 8.0 - front[2], 20.0 - hydrophone[2]
+    bent = arrival_where_linear(first, second, -1.0, reach)
+    straight = math.atan2(second - first, reach)
+    assert abs(bent - straight) > 0.01
+    expected = bent if rays == "refracted" else straight
+    np.testing.assert_allclose(elevation, expected, atol=1e-5)
+    aside = math.atan2(-(90.0 + front[1] - hydrophone[1]), front[0] - hydrophone[0])
+    np.testing.assert_allclose(azimuth, aside, atol=1e-6)

@@ -1,0 +1,51 @@
+"""What the study found: how far followers are off their stations, by what they steer and by the
+current.
+"""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from experiments.study.run import Cells, StudyResults
+from reports.findings import Finding, of, plain
+from reports.intervals import mean_interval
+
+ARMS = {
+    "tight": "tightly coupled, estimates a current",
+    "tight-still": "tightly coupled, knows of no current",
+    "laisn-2": "LAISN-2",
+    "laisn-3-2": "LAISN-3(2)",
+    "truth": "the truth",
+}
+CASES = {"still": "still water", "uniform": "0.4 m/s everywhere", "front": "front"}
+
+
+def _of_place(name: str, cells: Cells) -> Iterator[tuple[str, Finding]]:
+    """Findings of an arm in a case, of six followers in each run."""
+    off = np.median(cells.runs("station_rms_m"), axis=1)
+    error = cells.runs("e_p_mean_m").mean(axis=1)
+    largest = float(cells.runs("station_max_m").max())
+    lost = int(cells.runs("lost").sum())
+    closest = float(cells.runs("closest_horizontal_m").min())
+    station = of(mean_interval(off), "RMS off the station, median of followers, 95 %", "m")
+    yield f"station {name}", station
+    yield f"error {name}", of(mean_interval(error), "mean E_P, mean of followers, 95 %", "m")
+    yield f"largest {name}", plain(largest, "largest distance from a station", "m")
+    yield f"lost {name}", plain(lost, "followers lost in all runs")
+    yield f"closest {name}", plain(closest, "least horizontal distance of two vehicles", "m")
+
+
+def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
+    """Findings of all arms and cases."""
+    cells = outcomes["study"].cells
+    findings = {"runs": plain(max(len(lists["run"]) for lists in cells.lists), "runs of each case")}
+    for name, of_place in cells.by("arm", "case").items():
+        findings |= dict(_of_place(name, of_place))
+    for arm in ARMS:
+        crossed, still = (cells.where(arm=arm, case=case) for case in ("front", "still"))
+        if crossed.rows and still.rows:
+            added = np.median(crossed.runs("station_rms_m"), axis=1)
+            added = added - np.median(still.runs("station_rms_m"), axis=1)
+            what = "what the front adds to the distance from the station, paired by run, 95 %"
+            findings[f"added {arm}"] = of(mean_interval(added), what, "m")
+    return findings
