@@ -1,6 +1,6 @@
 """The current of the built-in study `front`: `python -m tools.documents.front_field`.
 
-Towards east it grows from 0 to 0.4 m/s across a line 100 m north of the start, as 1 + tanh, within
+Towards east it grows from 0 to 0.4 m/s across a line 60 m north of the start, as 1 + tanh, within
 some 20 m; it is the same at all depths and times.
 """
 
@@ -13,7 +13,7 @@ from experiments.study.file import FOLDER
 
 FILE = FOLDER / "front" / "front.nc"
 SPEED = 0.4  # behind the front [m/s]
-LINE_M = 100.0
+LINE_M = 60.0
 WIDTH_M = 10.0
 _SPACING_M = 2.0  # about the front
 _FAR_M = 2000.0

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 
 from experiments.flight.library import ROUTES
-from experiments.studies.front.findings import ARMS as FRONT_ARMS
 from experiments.studies.rivals.findings import CONDITIONS, INTERVALS, NAVIGATORS, USUAL, WITH_TWO
 from experiments.study.file import built_in, study_of
 from reports.findings import Finding
@@ -522,7 +521,7 @@ def thermocline_legs(records: Records) -> str:
         [
             f"{title}, {label}",
             *(
-                f"{findings[f'{key} {name} strong {depths} {reach} 2']:.2f}"
+                f"{findings[f'{key} {name} strong {depths} {reach}']:.2f}"
                 for reach in _REACHES
                 for key in ("error", "added")
             ),
@@ -534,85 +533,14 @@ def thermocline_legs(records: Records) -> str:
     return markdown(["navigator, depths", *heads], rows)
 
 
-_SEASONS = ("weak", "moderate", "strong")
-
-
-def thermocline_seasons(records: Records) -> str:
-    """What the mean speed adds to errors at 100 m, by thermocline."""
-    findings = records["thermocline"].findings
-    rows = [
-        [
-            f"{title}, {label}",
-            *(
-                f"{findings[f'added {name} {season} {depths} 100 {baseline}']:.3f i}"
-                for baseline in ("1", "2")
-                for season in _SEASONS
-            ),
-        ]
-        for name, title in _NAVIGATORS.items()
-        for depths, label in _DEPTHS.items()
-    ]
-    heads = [f"{season}, baseline {b} m [m]" for b in ("1", "2") for season in _SEASONS]
-    return markdown(["navigator, depths", *heads], rows)
-
-
 def thermocline_closed(records: Records) -> str:
     """Distances of a follower that steers by its estimate."""
     findings = records["thermocline"].findings
     rows = [
-        [
-            f"{title}, {season}",
-            *(
-                f"{findings[f'off {name} {season} {sound}']:.2f}"
-                for sound in ("straight", "profile")
-            ),
-            f"{findings[f'off-added {name} {season}']:.2f i}",
-        ]
+        [title, *(f"{findings[f'off {name} {sound}']:.2f}" for sound in ("straight", "profile"))]
         for name, title in _NAVIGATORS.items()
-        for season in _SEASONS
     ]
-    heads = ["by the mean speed [m]", "by the profile [m]", "difference [m]"]
-    return markdown(["navigator, thermocline", *heads], rows)
-
-
-def thermocline_formation(records: Records) -> str:
-    """Distances of followers from their stations."""
-    findings = records["thermocline"].findings
-    rows = [
-        [
-            f"{title}, {season}",
-            *(
-                cell
-                for size in ("near", "wide")
-                for cell in (
-                    f"{findings[f'station {name} {season} {size} straight']:.2f}",
-                    f"{findings[f'station-added {name} {season} {size}']:.2f i}",
-                )
-            ),
-        ]
-        for name, title in _NAVIGATORS.items()
-        for season in _SEASONS
-    ]
-    heads = ["within 43 m [m]", "added [m]", "within 107 m [m]", "added [m] "]
-    return markdown(["navigator, thermocline", *heads], rows)
-
-
-def front(records: Records) -> str:
-    """A formation in still water, in a current and through a front."""
-    findings = records["front"].findings
-    rows = [
-        [
-            title,
-            *(
-                f"{findings[f'station {name} {case}']:.2f i}"
-                for case in ("still", "uniform", "front")
-            ),
-            f"{findings[f'largest {name} front']:.1f}",
-        ]
-        for name, title in FRONT_ARMS.items()
-    ]
-    heads = ["still water [m]", "current everywhere [m]", "front [m]", "largest at the front [m]"]
-    return markdown(["steered by", *heads], rows)
+    return markdown(["navigator", "by the mean speed [m]", "by the profile [m]"], rows)
 
 
 TABLES: dict[str, Callable[[Records], str]] = {
@@ -632,10 +560,7 @@ TABLES: dict[str, Callable[[Records], str]] = {
     "rivals": rivals,
     "thermocline-fixes": thermocline_fixes,
     "thermocline-legs": thermocline_legs,
-    "thermocline-seasons": thermocline_seasons,
     "thermocline-closed": thermocline_closed,
-    "thermocline-formation": thermocline_formation,
-    "front": front,
     "rivals-two": rivals_two,
     "rivals-conditions": rivals_conditions,
     "rivals-closed": rivals_closed,

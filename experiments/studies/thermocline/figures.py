@@ -79,6 +79,12 @@ def profile_picture() -> Panel:
     )
 
 
+def _off(navigator: str, season: str, sound: str = "straight") -> str:
+    """The finding of a follower that steers by its estimate."""
+    name = f"off {navigator} {season}".removesuffix(" strong")
+    return f"{name} {sound}"
+
+
 def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
     """What the page's template names."""
     legend = [(SERIES[i], title) for i, title in enumerate(study.SEASONS.values())]
@@ -87,11 +93,10 @@ def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, 
         "legs": [
             season
             for season in study.SEASONS
-            if f"error tight {season} 8-20 100 2" in record.findings
+            if f"error tight {season} 8-20 100" in record.findings
         ],
-        "flown": [
-            season for season in study.BENT if f"off tight {season} straight" in record.findings
-        ],
+        "flown": [season for season in study.BENT if _off("tight", season) in record.findings],
+        "off": _off,
         "interval": lambda key, digits=2: with_limits(record[key], digits),
         "rays": Figures(panels=[ray_picture("strong")]),
         "profiles": Figures(panels=[profile_picture()], legend=legend),

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from experiments.study.run import Cells, StudyResults
+from laisn.arrays import Floats
 from laisn.fix import SINGLE, Pair, circles, pair_fix
 from laisn.geometry import Arms, Point, Turn
 from laisn.messages import Ranges
@@ -166,62 +167,67 @@ class Arm(NamedTuple):
         return cls(*name.split(" "))
 
 
-def _pairs_of_arms(cells: Cells, *columns: str) -> Iterator[tuple[str, Mapping[str, Cells]]]:
-    """Cells of the receivers of each navigator and place, by what they know of sound; the place is
-    named by these columns.
+def _receivers(cells: Cells, *columns: str) -> Iterator[tuple[str, Mapping[str, Cells]]]:
+    """Cells of the receivers of each navigator and condition, by what they know of sound; values of
+    these columns name the condition.
     """
-    places: dict[str, dict[str, Cells]] = {}
+    conditions: dict[str, dict[str, Cells]] = {}
     for arm_name, of_arm in cells.by("arm").items():
         arm = Arm.named(arm_name)
-        for place, of_place in of_arm.by(*columns).items():
-            name = f"{arm.navigator} {place}".replace(".toml", "")
-            places.setdefault(name, {})[arm.sound] = of_place
-    yield from places.items()
+        for condition, of_condition in of_arm.by(*columns).items():
+            name = f"{arm.navigator} {condition}".replace(".toml", "")
+            conditions.setdefault(name, {})[arm.sound] = of_condition
+    yield from conditions.items()
+
+
+_KNOWLEDGE = {"mean": ("single", "one speed"), "straight": ("error", "the mean speed")} | {
+    "profile": ("known", "the profile")
+}
+"""Names of findings, and words, by what a receiver knows of sound."""
 
 
 def leg_findings(cells: Cells) -> Iterator[tuple[str, Finding]]:
-    """Mean errors of navigators on a leg, and what bending adds to them, paired by run."""
-    for place, by_sound in _pairs_of_arms(cells, "scenario", "case", "leader.baseline_m"):
+    """Mean errors of navigators on a leg, and what bending adds to them, paired by run; a baseline
+    is named if it is not the last one.
+    """
+    usual = f" {BASELINES_M[-1]:g}"
+    for condition, by_sound in _receivers(cells, "scenario", "case", "leader.baseline_m"):
+        key = condition.removesuffix(usual)
         errors = {sound: of_arm.runs("e_p_mean_m")[:, 0] for sound, of_arm in by_sound.items()}
-        known = errors["profile"]
-        titles = {
-            "mean": "by one speed",
-            "straight": "by the mean speed",
-            "profile": "by the profile",
-        }
-        names = {"mean": "single", "straight": "error", "profile": "known"}
         for sound, error in errors.items():
-            of_arm = of(mean_interval(error), f"mean E_P {titles[sound]}, 95 %", "m")
-            yield f"{names[sound]} {place}", of_arm
-        added = mean_interval(errors["straight"] - known)
-        yield f"added {place}", of(added, "what the mean speed adds, paired by run, 95 %", "m")
+            name, words = _KNOWLEDGE[sound]
+            yield f"{name} {key}", of(mean_interval(error), f"mean E_P by {words}, 95 %", "m")
+        added = mean_interval(errors["straight"] - errors["profile"])
+        yield f"added {key}", of(added, "what the mean speed adds, paired by run, 95 %", "m")
+
+
+def _off_findings(
+    name: str, words: str, off: Mapping[str, Floats]
+) -> Iterator[tuple[str, Finding]]:
+    """Distances of each run by what the receiver knows, shapes (R,), [m], and their difference."""
+    for sound, distance in off.items():
+        yield f"{name} {sound}", of(mean_interval(distance), f"RMS off {words}, 95 %", "m")
+    added = mean_interval(off["straight"] - off["profile"])
+    yield f"{name} added", of(added, "what the mean speed adds, paired by run, 95 %", "m")
 
 
 def closed_findings(cells: Cells) -> Iterator[tuple[str, Finding]]:
-    """Distances from its place of a follower that steers by its estimate."""
-    for place, by_sound in _pairs_of_arms(cells, "scenario"):
+    """Distances from its place of a follower that steers by its estimate; the thermocline is named
+    where it is not the strong one.
+    """
+    for condition, by_sound in _receivers(cells, "scenario"):
         off = {s: of_arm.runs("track_error_rms_m")[:, 0] for s, of_arm in by_sound.items()}
-        for sound, distance in off.items():
-            rms = of(mean_interval(distance), "RMS off its place, by its estimate, 95 %", "m")
-            yield f"off {place} {sound}", rms
-        added = mean_interval(off["straight"] - off["profile"])
-        yield f"off-added {place}", of(added, "what the mean speed adds, paired by run, 95 %", "m")
+        name = f"off {condition}".removesuffix(" strong")
+        yield from _off_findings(name, "its place, by its estimate", off)
 
 
 def formation_findings(cells: Cells) -> Iterator[tuple[str, Finding]]:
     """Distances from their stations of a formation, median of its followers."""
-    for place, by_sound in _pairs_of_arms(cells, "scenario", "case"):
+    for condition, by_sound in _receivers(cells, "scenario", "case"):
         off = {s: np.median(of_arm.runs("station_rms_m"), axis=1) for s, of_arm in by_sound.items()}
-        for sound, distance in off.items():
-            rms = of(mean_interval(distance), "RMS off stations, median of followers, 95 %", "m")
-            yield f"station {place} {sound}", rms
-        added = mean_interval(off["straight"] - off["profile"])
-        yield (
-            f"station-added {place}",
-            of(added, "what the mean speed adds, paired by run, 95 %", "m"),
-        )
+        yield from _off_findings(f"station {condition}", "stations, median of followers", off)
         lost = int(sum(of_arm.runs("lost").sum() for of_arm in by_sound.values()))
-        yield f"station-lost {place}", plain(lost, "followers lost in all runs")
+        yield f"station {condition} lost", plain(lost, "followers lost in all runs")
 
 
 def _runs_of(cells: Cells) -> int:

@@ -3,16 +3,21 @@
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from experiments.studies.thermocline.findings import (
     QuarterGeometry,
     fix_error,
+    leg_findings,
     range_error,
     range_where_it_matters,
 )
+from experiments.study.run import Cells
 from laisn_sim.cli.main import app
+
+BASELINE = "leader.baseline_m"
 
 
 def test_nothing_shifts_a_fix_in_mixed_water() -> None:
@@ -48,6 +53,39 @@ def test_bending_matters_from_nearer_on_the_stronger_the_thermocline() -> None:
         for pair in ((8.0, 20.0), (16.0, 16.0), (20.0, 20.0))
     )
     assert at == pytest.approx(0.5, abs=0.05)
+
+
+def cells_of(errors: dict[str, list[float]], metric: str, **columns: object) -> Cells:
+    rows = [{"arm": arm, **columns} for arm in errors]
+    lists = [{"run": [0] * len(runs), metric: runs} for runs in errors.values()]
+    return Cells(rows, lists)
+
+
+def test_what_bending_adds_is_paired_by_run() -> None:
+    runs = 25
+    noise = np.random.default_rng(3).normal(size=runs)
+    known = 10.0 + noise
+    added = 0.3 + 0.01 * np.random.default_rng(4).normal(size=runs)
+    errors = {"tight profile": known.tolist(), "tight straight": (known + added).tolist()}
+    errors["tight mean"] = (known + 1.0).tolist()
+    place = {"scenario": "strong.toml", "case": "16-16 100"}
+    findings = dict(leg_findings(cells_of(errors, "e_p_mean_m", **place, **{BASELINE: 2.0})))
+    assert findings["known tight strong 16-16 100"].number == pytest.approx(known.mean())
+    single = findings["single tight strong 16-16 100"].number
+    assert single == pytest.approx(known.mean() + 1.0)
+    difference = findings["added tight strong 16-16 100"]
+    assert difference.number == pytest.approx(added.mean())
+    assert difference.high is not None
+    assert difference.low is not None
+    # of the difference alone, a hundredth of what the runs scatter
+    assert difference.high - difference.low < 0.02
+    other = dict(leg_findings(cells_of(errors, "e_p_mean_m", **place, **{BASELINE: 1.0})))
+    assert set(other) == {f"{name} 1" for name in findings}
+    closed = {arm: values for arm, values in errors.items() if arm != "tight mean"}
+    for season, name in (("strong", "off tight"), ("weak", "off tight weak")):
+        cells = cells_of(closed, "track_error_rms_m", scenario=f"{season}.toml")
+        finding = dict(closed_findings(cells))[f"{name} added"]
+        assert finding.number == pytest.approx(added.mean())
 
 
 @pytest.mark.typed
