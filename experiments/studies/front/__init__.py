@@ -1,4 +1,4 @@
 """A formation that crosses a front, where the current changes within some metres.
 
-Imports: experiments.study laisn reports sim
+Imports: experiments.study reports
 """
