@@ -2,7 +2,7 @@
 vehicle as it is.
 
 The linear Kalman filter with its process noise, its gate, and the navigator (paper, Sections 2.1
-and 2.4).
+and 2.4). The only module that uses filterpy.
 """
 
 import math
@@ -23,8 +23,8 @@ from laisn.messages import LeaderMessage, OwnMotion, Reception
 from laisn.navigators import OnlineNavigator
 from laisn.settings import GATE_MEASURED, GATE_OFF, NavigationSettings, Tuning
 
-_VELOCITY = slice(2, 4)
-_STATES = np.eye(4)
+_H_POSITION = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0]])
+_H_VELOCITY = np.array([[0, 0, 1.0, 0], [0, 0, 0, 1.0]])
 
 _PER_PI = 1.0 / math.pi
 
@@ -87,40 +87,30 @@ class Filter:
         """Start at a known state and its standard deviations, shapes (4,); `dt` is the filter
         step [s].
         """
-        self._x: Floats = np.array(start, dtype=np.float64)
-        self._P: Floats = np.diag(np.square(sigma0))
+        from filterpy.kalman import KalmanFilter
+
+        self._kalman = KalmanFilter(dim_x=4, dim_z=2)
+        # one-dimensional: a column would broadcast against the rows of z without an error
+        self._kalman.x = np.array(start, dtype=np.float64)
+        self._kalman.P = np.diag(np.square(sigma0))
         self._dt = dt
 
     @property
     def state(self) -> Floats:
         """State x, y, vx, vy, shape (4,); a copy."""
-        return self._x.copy()
+        return np.array(self._kalman.x)
 
     @property
     def covariance(self) -> Floats:
         """Covariance of `state`, shape (4, 4); a copy."""
-        return self._P.copy()
+        return np.array(self._kalman.P)
 
     def predict(self, sigma_a: float, duration: float | None = None) -> None:
         """One step, of another `duration` than Δt [s] if given, under accelerations of standard
         deviation σa [m/s²].
         """
-        A, noise = _motion(self._dt if duration is None else duration)
-        self._x = A @ self._x
-        self._P = A @ self._P @ A.T + sigma_a**2 * noise
-
-    def _update(self, z: Floats, states: slice, R: Floats) -> None:
-        """Update by a measurement of some states, with noise of covariance R, in Joseph form.
-
-        With H, which takes these states out of all: K = P Hᵀ (H P Hᵀ + R)⁻¹, x ← x + K (z − H x),
-        P ← (I − K H) P (I − K H)ᵀ + K R Kᵀ.
-        """
-        PHT = self._P[:, states]
-        K = PHT @ np.linalg.inv(PHT[states] + R)
-        rest = _STATES.copy()
-        rest[:, states] -= K
-        self._x = self._x + K @ (z - self._x[states])
-        self._P = rest @ self._P @ rest.T + K @ R @ K.T
+        transition, noise = _motion(self._dt if duration is None else duration)
+        self._kalman.predict(F=transition, Q=sigma_a**2 * noise)
 
     def update_position(self, position: Two, sigma: float, axis: Two | None = None) -> Innovation:
         """Position update in Joseph form; skipped where the filter is already exact and σp = 0.
@@ -129,16 +119,17 @@ class Filter:
         is along it.
         """
         z = np.array(position)
-        residual = z - self._x[POSITION]
-        H = _STATES[POSITION] if axis is None else np.array([[*axis, 0.0, 0.0]])
+        x = self._kalman.x
+        P = self._kalman.P
+        residual = z - x[POSITION]
+        H = _H_POSITION if axis is None else np.array([[*axis, 0.0, 0.0]])
         R = sigma**2 * np.eye(len(H))
-        S = H @ self._P @ H.T + R
+        S = H @ P @ H.T + R
         applied = not is_singular(S[0, 0], S[-1, -1])
         if applied and axis is None:
-            self._update(z, POSITION, R)
+            self._kalman.update(z, R=R, H=H)
         elif applied:
-            along = H[:, POSITION] @ residual
-            self._x, self._P = kalman_update(self._x, self._P, H, along, R)
+            self._kalman.x, self._kalman.P = kalman_update(x, P, H, H[:, POSITION] @ residual, R)
         return Innovation(residual, S * np.eye(2) if axis else S, applied)
 
     def update_speed(
@@ -148,7 +139,7 @@ class Filter:
         sine, cosine = np.sin(heading), np.cos(heading)
         jacobian = np.array([[sine, speed * cosine], [cosine, -speed * sine]])
         noise = (jacobian * (sigma_speed**2, sigma_heading**2)) @ jacobian.T
-        self._update(np.array([speed * sine, speed * cosine]), _VELOCITY, noise)
+        self._kalman.update(np.array([speed * sine, speed * cosine]), R=noise, H=_H_VELOCITY)
 
 
 @formula

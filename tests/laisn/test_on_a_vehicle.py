@@ -1,4 +1,4 @@
-"""`laisn` runs on a vehicle: without MuJoCo, without the simulator, on three packages."""
+"""`laisn` runs on a vehicle: without MuJoCo, without the simulator, on four packages."""
 
 import json
 import subprocess
@@ -11,7 +11,7 @@ from laisn.messages import LeaderMessage, Measurements
 from laisn.navigators import find
 from laisn.settings import NavigationSettings, Settings, TightSettings
 
-NEEDED = ("numpy", "numba", "llvmlite", "scipy")
+NEEDED = ("numpy", "numba", "llvmlite", "scipy", "filterpy")
 """What docs/onboard.md says; llvmlite comes with numba."""
 
 ONBOARD = f"""
