@@ -75,8 +75,8 @@ def _planned(plan: MissionPlan) -> Floats:
 
 def _current(sensing: SensingSettings, _: Settings) -> str:
     # the paper's point motion is not carried along
-    there_is = sensing.kind == "physics" and sensing.sound.sea.ocean.moves
-    return "there is a current" if there_is else ""
+    carries = sensing.kind == "physics" and sensing.sound.sea.ocean.moves
+    return "there is a current" if carries else ""
 
 
 def clock_error_s(sensing: SensingSettings) -> float:

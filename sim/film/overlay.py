@@ -67,7 +67,7 @@ class Overlay:
     def __init__(self, data: FilmData, video: Video, *, plain: bool = False) -> None:
         self._data = data
         self._plain = plain
-        self._added = data.annotations
+        self._annotations = data.annotations
         self._follower = data.follower
         self.canvas = Canvas(video.width_px, video.height_px)
         self._box: Box = (0, 0, video.width_px, video.height_px)
@@ -174,7 +174,9 @@ class Overlay:
             if i in self._transmitters:
                 filmed = f == self._follower
                 colours = (
-                    self._added.ray_colours(state.message[f]) if filmed else TRANSMITTER_COLOURS
+                    self._annotations.ray_colours(state.message[f])
+                    if filmed
+                    else TRANSMITTER_COLOURS
                 )
                 clear = float(state.ray[f, i]) * (0.7 if filmed else 0.3)
                 for pixels, _ in self._lines(
@@ -189,7 +191,12 @@ class Overlay:
         """
         trails = self._data.trails(state)
         f = len(state.estimate)
-        colours = [LEADER, *[TRUTH] * f, *(other.colour for other in self._added.others), ESTIMATE]
+        colours = [
+            LEADER,
+            *[TRUTH] * f,
+            *(other.colour for other in self._annotations.others),
+            ESTIMATE,
+        ]
         return list(
             zip(
                 [*trails[: f + 1], *trails[2 * f + 1 :], trails[f + 1 + self._follower]],
@@ -224,12 +231,12 @@ class Overlay:
         shapes = list[Polygon]()
         links = [level_axis(state)] if self._level_axis else []
         links += [nearest(state.position)] if self._data.on_stations else []
-        colours = self._added.ray_colours(state.message[self._follower])
+        colours = self._annotations.ray_colours(state.message[self._follower])
         hydrophone_followed = state.hydrophone[self._follower]
         hydrophones = state.hydrophone
         others = [
             (hydrophone_followed, o, other.colour)
-            for o, other in zip(state.others, self._added.others, strict=True)
+            for o, other in zip(state.others, self._annotations.others, strict=True)
         ]
         others += [
             (hydrophone, e, ESTIMATE)
@@ -282,14 +289,14 @@ class Overlay:
         candidates: list[tuple[Floats, str, Colour, int]] = [
             (leader, f"{names[0]}{pitch}, {distance_to_leader:.0f} m away", LEADER, -1),
             (truth, names[f + 1], TRUTH, -1),
-            (state.estimate[f], off(self._added.label, state.estimate[f]), ESTIMATE, 1),
+            (state.estimate[f], off(self._annotations.label, state.estimate[f]), ESTIMATE, 1),
             (state.station[f], off("station", state.station[f]), STATION, 1),
         ]
         if self._data.on_stations:
             pair = nearest(state.position)
             distance = f"{float(np.linalg.norm(pair[1] - pair[0])):.1f} m apart, the nearest"
             candidates.append((pair.mean(axis=0), distance, (1.0, 1.0, 1.0), 1))
-        for other, position in zip(self._added.others, state.others, strict=True):
+        for other, position in zip(self._annotations.others, state.others, strict=True):
             candidates.append((position, off(other.label, position), other.colour, 1))
         rest = [i for i in range(len(state.hydrophone)) if i != f][: _LABELS - 1]
         candidates += [(state.hydrophone[i], names[i + 1], TRUTH, -1) for i in rest]
