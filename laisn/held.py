@@ -7,10 +7,11 @@ handed over once; compiled functions get its address, and read it by `held_value
 # mypy: allow-untyped-calls
 
 import sys
-from typing import Any, cast
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, cast
 
 import numba
-from llvmlite import ir  # type: ignore[import-untyped]
+from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.core.datamodel.models import PrimitiveModel
@@ -18,11 +19,18 @@ from numba.extending import NativeValue, intrinsic, register_model, typeof_impl,
 
 from laisn.compiled import compiled
 
+if TYPE_CHECKING:
+    from llvmlite.ir import IRBuilder, Value
+    from numba.core.base import BaseContext
+    from numba.core.datamodel.manager import DataModelManager
+    from numba.core.pythonapi import _UnboxContext
+    from numba.core.typing.templates import Signature
+
 
 class HeldType(types.Type):
     """The type of held values of a type."""
 
-    def __init__(self, values: Any) -> None:
+    def __init__(self, values: types.Type) -> None:
         self.values = values
         super().__init__(name=f"Held({values})")
 
@@ -36,24 +44,31 @@ class HeldType(types.Type):
 class _HeldModel(PrimitiveModel):
     """In compiled code it is the address of the values."""
 
-    def __init__(self, manager: Any, held: Any) -> None:
+    def __init__(self, manager: "DataModelManager", held: HeldType) -> None:
         super().__init__(manager, held, cgutils.intp_t)
 
 
 @unbox(HeldType)
-def _unbox(_: Any, held: Any, c: Any) -> Any:
+def _unbox(_: HeldType, held: "Value", c: "_UnboxContext") -> NativeValue:
     address = c.pyapi.object_getattr_string(held, "address")
     value = c.pyapi.number_as_ssize_t(address)
     c.pyapi.decref(address)
     return NativeValue(value)
 
 
-def _pointer(context: Any, builder: Any, kind: Any, address: Any) -> Any:
+def _pointer(
+    context: "BaseContext", builder: "IRBuilder", kind: types.Type, address: "Value"
+) -> "Value":
     return builder.inttoptr(address, ir.PointerType(context.get_value_type(kind)))
 
 
-def _emit_store(_: Any, values: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+def _emit_store(_: object, values: types.Type) -> Any:
+    def generate(
+        context: "BaseContext",
+        builder: "IRBuilder",
+        signature: "Signature",
+        args: Sequence["Value"],
+    ) -> "Value":
         (kind,) = signature.args
         context.nrt.incref(builder, kind, args[0])
         size = context.get_abi_sizeof(context.get_value_type(kind))
@@ -65,11 +80,16 @@ def _emit_store(_: Any, values: Any) -> Any:
     return types.intp(values), generate
 
 
-def _emit_load(_: Any, held: Any) -> Any:
+def _emit_load(_: object, held: types.Type) -> Any:
     if not isinstance(held, HeldType):
         return None
 
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    def generate(
+        context: "BaseContext",
+        builder: "IRBuilder",
+        signature: "Signature",
+        args: Sequence["Value"],
+    ) -> "Value":
         kind = signature.return_type
         values = builder.load(_pointer(context, builder, kind, args[0]))
         context.nrt.incref(builder, kind, values)
@@ -78,8 +98,13 @@ def _emit_load(_: Any, held: Any) -> Any:
     return held.values(held), generate
 
 
-def _emit_release(_: Any, held: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+def _emit_release(_: object, held: HeldType) -> Any:
+    def generate(
+        context: "BaseContext",
+        builder: "IRBuilder",
+        signature: "Signature",
+        args: Sequence["Value"],
+    ) -> "Value":
         kind = signature.args[0].values
         pointer = _pointer(context, builder, kind, args[0])
         context.nrt.decref(builder, kind, builder.load(pointer))
@@ -96,7 +121,7 @@ _release: Any = cast(Any, intrinsic(_emit_release))
 
 
 @compiled
-def _store_values(values: Any) -> int:
+def _store_values(values: object) -> int:
     return int(_store(values))
 
 
@@ -111,7 +136,7 @@ class Held:
     # the last name is numba's
     __slots__ = ("_numba_type_", "_values", "address")
 
-    def __init__(self, values: Any) -> None:
+    def __init__(self, values: object) -> None:
         # records are views of the memory of these objects
         self._values = values
         self._numba_type_ = HeldType(numba.typeof(values))
@@ -119,7 +144,11 @@ class Held:
         # an object may go at any time, also while something else is compiled
         cast(Any, _release_values).compile((self._numba_type_,))
 
-    def __del__(self, release: Any = _release_values, ends: Any = sys.is_finalizing) -> None:
+    def __del__(
+        self,
+        release: Callable[["Held"], None] = _release_values,
+        ends: Callable[[], bool] = sys.is_finalizing,
+    ) -> None:
         """Give the memory back."""
         if hasattr(self, "address") and not ends():
             release(self)

@@ -8,14 +8,19 @@ here. To be called from compiled code only.
 """
 
 import math
-from collections.abc import Callable
-from typing import Any, cast
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
 from laisn.compiled import inlined
+
+if TYPE_CHECKING:
+    from llvmlite.ir import IRBuilder, Value
+    from numba.core.base import BaseContext
+    from numba.core.typing.templates import Signature
 
 _U = np.uint64
 _ONE_BIT = _U(1)
@@ -56,15 +61,20 @@ _A0, _A1, _A2, _A3, _A4, _A5, _A6, _A7, _A8, _A9, _A10 = _FIT.convert(
 ).coef.tolist()
 
 
-def _emit_fma(_: Any, a: Any, b: Any, c: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+def _emit_fma(_: object, a: types.Type, b: types.Type, c: types.Type) -> Any:
+    def generate(
+        context: "BaseContext",
+        builder: "IRBuilder",
+        signature: "Signature",
+        args: Sequence["Value"],
+    ) -> "Value":
         return builder.fma(*args)
 
     return types.float64(types.float64, types.float64, types.float64), generate
 
 
-def _bitcast(source: Any, target: Any) -> Any:
-    def emit(_: Any, value: Any) -> Any:
+def _bitcast(source: types.Type, target: types.Type) -> Any:
+    def emit(_: object, value: types.Type) -> Any:
         signature = target(source)
         return signature, lambda context, builder, _, args: builder.bitcast(
             args[0], context.get_value_type(target)
