@@ -155,7 +155,7 @@ def fix_findings() -> Iterator[tuple[str, Finding]]:
         )
 
 
-class Arm(NamedTuple):
+class LegArm(NamedTuple):
     """A navigator, and what its receiver knows of the speed of sound."""
 
     navigator: str
@@ -173,7 +173,7 @@ def _receivers(cells: Cells, *columns: str) -> Iterator[tuple[str, Mapping[str, 
     """
     conditions: dict[str, dict[str, Cells]] = {}
     for arm_name, of_arm in cells.by("arm").items():
-        arm = Arm.named(arm_name)
+        arm = LegArm.named(arm_name)
         for condition, of_condition in of_arm.by(*columns).items():
             name = f"{arm.navigator} {condition}".replace(".toml", "")
             conditions.setdefault(name, {})[arm.sound] = of_condition
