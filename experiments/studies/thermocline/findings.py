@@ -162,7 +162,7 @@ class LegArm(NamedTuple):
     sound: str  # as `navigation.sound_speed`
 
     @classmethod
-    def named(cls, name: str) -> "Arm":
+    def named(cls, name: str) -> "LegArm":
         """That of an arm of the study files."""
         return cls(*name.split(" "))
 
