@@ -175,7 +175,7 @@ def _receivers(cells: Cells, *columns: str) -> Iterator[tuple[str, Mapping[str, 
     for arm_name, of_arm in cells.by("arm").items():
         arm = LegArm.named(arm_name)
         for condition, of_condition in of_arm.by(*columns).items():
-            name = f"{arm.navigator} {condition}".replace(".toml", "")
+            name = f"{arm.navigator} {condition.removeprefix('formation-')}".replace(".toml", "")
             conditions.setdefault(name, {})[arm.sound] = of_condition
     yield from conditions.items()
 
