@@ -190,10 +190,10 @@ def position_errors(flight: FlightRecord, errors: Sequence[Floats], worst: int) 
 
 def current_arrows(place: Floats, velocity: Floats, scale: float) -> Line:
     """Arrows of velocities, shape (n, 2), [m/s], from places, [m]; `scale` is of m for m/s."""
-    along = scale * velocity
-    aside = np.column_stack([-along[:, 1], along[:, 0]])
-    tip = place + along
-    barbs = [tip - 0.3 * along + side * aside for side in (0.15, -0.15)]
+    arrow = scale * velocity
+    aside = np.column_stack([-arrow[:, 1], arrow[:, 0]])
+    tip = place + arrow
+    barbs = [tip - 0.3 * arrow + side * aside for side in (0.15, -0.15)]
     gap = np.full(place.shape, np.nan)
     points = np.stack([place, tip, barbs[0], tip, barbs[1], gap], axis=1).reshape(-1, 2)
     return Line(x=points[:, 0], y=points[:, 1], colour=SERIES[0], width=1.2, name="current")
@@ -215,11 +215,11 @@ def _arrows_along(flight: FlightRecord, vehicles: Sequence[int]) -> Line:
     """
     truth = flight.trajectory
     at = np.linspace(0, truth.time.size - 1, _ARROWS).astype(int)
-    place = np.concatenate([truth.position[at, v, :2] for v in vehicles])
+    tails = np.concatenate([truth.position[at, v, :2] for v in vehicles])
     velocity = np.concatenate([truth.water_velocity[at, v, :2] for v in vehicles])
     fastest = float(np.hypot(*velocity.T).max())
     extent = float(np.ptp(truth.position[:, vehicles, :2], axis=(0, 1)).max())
-    return current_arrows(place, velocity, _LONGEST_ARROW * extent / max(fastest, 1e-9))
+    return current_arrows(tails, velocity, _LONGEST_ARROW * extent / max(fastest, 1e-9))
 
 
 def current(flight: FlightRecord, vehicles: Sequence[int]) -> Panel:

@@ -386,6 +386,24 @@ def _current(flight: FlightRecord) -> Figures | None:
     return Figures(panels=[flight_figures.current(flight, vehicles)], legend=VEHICLES[:2])
 
 
+def _tracks(flight: FlightRecord) -> Figures:
+    """The map of the mission; of one follower beside it the way of the estimate from the truth."""
+    everyone = range(len(flight.estimates))
+    maps = [flight_figures.track_map(flight, everyone, link="follower0")]
+    if len(everyone) == 1:
+        maps.append(flight_figures.difference(flight, 0, maps[0].height))
+    arrows = [(style.SERIES[0], "current")] if flight_figures.has_current(flight) else []
+    return Figures(panels=maps, legend=[*VEHICLES, *arrows])
+
+
+def _stations(flight: FlightRecord, on_station: Sequence[int]) -> Figures | None:
+    """Distances of followers, by index, from their stations; None without any."""
+    if not on_station:
+        return None
+    panels = flight_figures.station_errors(flight, on_station)
+    return Figures(panels=panels, legend=VEHICLES[1:2])
+
+
 def scene_of_flight(flight: FlightRecord) -> Scene:
     """The flight in 3D with its events."""
     mirror_locked = [mirror_locked_steps(flight, i) for i in range(len(flight.estimates))]
@@ -404,7 +422,6 @@ def flight_report(
     OSError if that fails.
     """
     least = bounds or flight_bounds(flight)
-    everyone = range(len(flight.estimates))
     names = flight.trajectory.names[1:]
     finite = [
         name
@@ -413,16 +430,7 @@ def flight_report(
     ]
     spent = sightings(MotionSettings.of(flight.scenario), flight.trajectory).spent_s
     on_station = [i for i in _drawn(flight) if flight.scenario.followers[i].station]
-    stations = None
-    if on_station:
-        panels = flight_figures.station_errors(flight, on_station)
-        stations = Figures(panels=panels, legend=VEHICLES[1:2])
-    overview = _overview(flight, errors) if len(everyone) > 1 else None
-    maps = [flight_figures.track_map(flight, everyone, link="follower0")]
-    if len(everyone) == 1:
-        maps.append(flight_figures.difference(flight, 0, maps[0].height))
-    arrows = [(style.SERIES[0], "current")] if flight_figures.has_current(flight) else []
-    tracks = Figures(panels=maps, legend=[*VEHICLES, *arrows])
+    overview = _overview(flight, errors) if len(names) > 1 else None
     accuracies = {}
     if len(finite) == len(names):
         accuracies = {name: accuracy(flight, i) for i, name in enumerate(names)}
@@ -460,8 +468,8 @@ def flight_report(
         "states": states_table(states) if states else None,
         "leader": leader_values(flight, summary),
         "budget": range_budget(flight),
-        "map": tracks,
-        "stations": stations,
+        "map": _tracks(flight),
+        "stations": _stations(flight, on_station),
         "motion": Figures(panels=[flight_figures.motion(flight)], legend=VEHICLES[:2]),
         "current": _current(flight),
         "has_waves": flight.scenario.ocean.waves.kind != "none",

@@ -149,8 +149,8 @@ def leader_row(flight: FlightRecord) -> dict[str, Any]:
     navigation = flight.scenario.leader.navigation
     estimates = flight.leader.estimates
     time = flight.trajectory.time[flight.step_index()]
-    known = np.isfinite(position)
-    errors = position[known]
+    has_estimate = np.isfinite(position)
+    errors = position[has_estimate]
     normalised = metrics.nees(estimates, flight.leader_position()[:, :2])
     normalised = normalised[np.isfinite(normalised)]
     return {
@@ -158,7 +158,7 @@ def leader_row(flight: FlightRecord) -> dict[str, Any]:
         "e_p_mean_m": float(errors.mean()) if errors.size else None,
         "e_p_std_m": float(errors.std()) if errors.size else None,
         "e_p_max_m": float(errors.max()) if errors.size else None,
-        "e_p_max_s": float(time[known][errors.argmax()]) if errors.size else None,
+        "e_p_max_s": float(time[has_estimate][errors.argmax()]) if errors.size else None,
         "nees": float(normalised.mean()) if normalised.size else None,
         "fixes": metrics.fix_counts(estimates),
     }

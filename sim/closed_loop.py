@@ -664,8 +664,8 @@ def _record_of(
     link = navigated_link(links)
     messages = steps // (link.every if link else links.message_every) + 1
     whole = concluded.covariance.shape[1] > 0
-    own = SwarmRecord.empty(len(followers), 0, messages, kind, whole=whole)
-    return own._replace(state=concluded.state[rows], covariance=concluded.covariance[rows])
+    fixes_only = SwarmRecord.empty(len(followers), 0, messages, kind, whole=whole)
+    return fixes_only._replace(state=concluded.state[rows], covariance=concluded.covariance[rows])
 
 
 def _sensing_of(

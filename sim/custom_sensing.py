@@ -37,9 +37,9 @@ def _sources(hearing: Hearing | None, receiver: int, k: int) -> Floats:
         return source
     s = hearing.sensors
     leaves = hearing.inbox.last_sent[receiver] * s.dt + s.sound.slot * np.arange(3)
-    known = Motion(hearing.motion, 0.0, k)
+    motion = Motion(hearing.motion, 0.0, k)
     for i, (site, time) in enumerate(zip(hearing.sites.transmitters, leaves, strict=True)):
-        source[0, i] = site_at(s.sound, known, 0, site, time)
+        source[0, i] = site_at(s.sound, motion, 0, site, time)
     return source
 
 

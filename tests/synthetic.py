@@ -295,7 +295,7 @@ def only(trajectory: Trajectory, vehicles: Sequence[int]) -> Trajectory:
     )
 
 
-def record(dtype: np.dtype[np.void], *values: object) -> Record:
+def record(dtype: np.dtype[np.void], *values: Any) -> Record:
     """One record with these values, or of zeros without any."""
     return np.rec.array([values], dtype)[0] if values else records(dtype, 1)[0]
 

@@ -385,9 +385,9 @@ def _follower(
     yield _estimate(name, m, e, time_ns)
     second = max(1, round(1.0 / m.dt))
     each = slice(second - 1, None, second)
-    place = np.column_stack([e.state[each, :2], -m.depth[each]])
+    position = np.column_stack([e.state[each, :2], -m.depth[each]])
     yield _locations(
-        flight, f"/{name}/estimate/fix", time_ns[each], place, e.covariance[each, :2, :2]
+        flight, f"/{name}/estimate/fix", time_ns[each], position, e.covariance[each, :2, :2]
     )
 
 

@@ -227,13 +227,13 @@ def _plain_header(header: str) -> str:
 def _column_of(header: str) -> tuple[str, str] | None:
     """The quantity and unit of a header, as `temperature_degC`, `Temperature [°C]` or `temp`."""
     text = header.strip().lower().replace("(", "[").rstrip(")]").strip()
-    _, bracket, units = (part.strip() for part in text.partition("["))
+    _, bracket, units = (piece.strip() for piece in text.partition("["))
     name = _plain_header(header)
     for key, column in COLUMNS.items():
-        for known in (*column.quantity.standard_names, *column.quantity.names):
-            if name == known:
+        for quantity_name in (*column.quantity.standard_names, *column.quantity.names):
+            if name == quantity_name:
                 return key, units if bracket else ""
-            suffix = name.removeprefix(f"{known}_")
+            suffix = name.removeprefix(f"{quantity_name}_")
             if not bracket and suffix != name and suffix in column.units:
                 return key, suffix
     return None
@@ -300,11 +300,11 @@ def _casts_of_table(
     else:
         first: tuple[float, ...] = ()
         for row in rows:
-            place = place_of(row)
-            moved = [abs(a - b) > _SAME_PLACE_DEG for a, b in zip(place, first, strict=False)]
+            position = place_of(row)
+            moved = [abs(a - b) > _SAME_PLACE_DEG for a, b in zip(position, first, strict=False)]
             if not casts or any(moved):
                 casts.append([])
-                first = place
+                first = position
             casts[-1].append(row)
     places = np.array([place_of(cast[0]) for cast in casts])
     return casts, _Places(latitude=places[:, 0], longitude=places[:, 1])
@@ -317,10 +317,10 @@ def _of_table(source: Source, origin: FieldOrigin, profile: int | None) -> CastC
     values: dict[str, Floats] = {}
     names = []
     for index, text in enumerate(header):
-        known = _column_of(text)
-        if known is None or known[0] in values:
+        quantity = _column_of(text)
+        if quantity is None or quantity[0] in values:
             continue
-        key, units = known
+        key, units = quantity
         numbers = np.array([_number(source, row, index) for row in casts[column]])
         values[key] = _scaled(source, f"column {text!r}", numbers, COLUMNS[key], units)
         names.append(text.strip())
@@ -347,13 +347,13 @@ class _Layout:
         """A variable along its one axis of depth in a column."""
         index = np.unravel_index(column, self.sizes) if self.across else ()
         chosen = self.fixed | dict(zip(self.across, map(int, index), strict=True))
-        part = variable.isel({d: i for d, i in chosen.items() if d in variable.dims})
-        if part.ndim > 1:
+        cut = variable.isel({d: i for d, i in chosen.items() if d in variable.dims})
+        if cut.ndim > 1:
             raise source.error(
-                f"{variable.name} has axes {', '.join(map(str, part.dims))}; expected depth alone, "
+                f"{variable.name} has axes {', '.join(map(str, cut.dims))}; expected depth alone, "
                 "beside longitude, latitude, time and the number of the cast"
             )
-        return np.atleast_1d(np.asarray(part.values, dtype=np.float64))
+        return np.atleast_1d(np.asarray(cut.values, dtype=np.float64))
 
 
 def _along(dataset: Any, dimension: str, kind: str) -> Floats | None:

@@ -136,8 +136,8 @@ def _salinity_and_temperature(
         practical = values.get("salinity")
         if practical is None:
             raise source.error(f"it has no salinity, and no {wanted.title}; expected 'salinity'")
-        place = (origin.longitude_deg, origin.latitude_deg)
-        salinity = gsw.SA_from_SP(practical, pressure, *place)
+        longitude_latitude = (origin.longitude_deg, origin.latitude_deg)
+        salinity = gsw.SA_from_SP(practical, pressure, *longitude_latitude)
     if "conservative" in values:
         temperature = values["conservative"]
     elif "temperature" in values:

@@ -17,13 +17,13 @@ def _fossen_loop(vehicle: Any, attitude_euler: Callable[..., Any]) -> Callable[[
     """Autopilot, dynamics and attitude of the simulator's own loop, without its growing table."""
 
     def steps() -> None:
-        place = np.zeros(6)
+        pose = np.zeros(6)
         velocity = vehicle.nu
         actuators = vehicle.u_actual
         for _ in range(_STEPS):
-            command = vehicle.depthHeadingAutopilot(place, velocity, _STEP_S)
-            velocity, actuators = vehicle.dynamics(place, velocity, actuators, command, _STEP_S)
-            place = attitude_euler(place, velocity, _STEP_S)
+            command = vehicle.depthHeadingAutopilot(pose, velocity, _STEP_S)
+            velocity, actuators = vehicle.dynamics(pose, velocity, actuators, command, _STEP_S)
+            pose = attitude_euler(pose, velocity, _STEP_S)
 
     return steps
 

@@ -102,18 +102,18 @@ def filterpy_loop(mission: Measurements, start: Floats, settings: NavigationSett
     A = np.eye(4) + DT * np.eye(4, k=2)
     G = np.kron(np.array([[DT * DT / 2], [DT]]), np.eye(2))
     Q = settings.sigma_a0**2 * G @ G.T
-    place, velocity = np.eye(4)[:2], np.eye(4)[2:]
-    place_noise = settings.beta**2 * np.eye(2)
+    H_position, H_velocity = np.eye(4)[:2], np.eye(4)[2:]
+    position_noise = settings.beta**2 * np.eye(2)
     for k in range(1, mission.speed.size + 1):
         kalman.predict(F=A, Q=Q)
         if k % MESSAGE_EVERY == 0:
-            kalman.update(start[:2], R=place_noise, H=place)
+            kalman.update(start[:2], R=position_noise, H=H_position)
         speed = mission.speed[k - 1]
         heading = mission.heading[k - 1]
         sine, cosine = np.sin(heading), np.cos(heading)
         jacobian = np.array([[sine, speed * cosine], [cosine, -speed * sine]])
         noise = (jacobian * (settings.sigma_speed**2, settings.sigma_heading**2)) @ jacobian.T
-        kalman.update(np.array([speed * sine, speed * cosine]), R=noise, H=velocity)
+        kalman.update(np.array([speed * sine, speed * cosine]), R=noise, H=H_velocity)
     return np.asarray(kalman.x)
 
 

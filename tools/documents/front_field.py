@@ -24,8 +24,8 @@ def write(file: Path) -> None:
     near = np.arange(LINE_M - 50.0, LINE_M + 50.1, _SPACING_M)
     north = np.concatenate([[LINE_M - _FAR_M], near, [LINE_M + _FAR_M]])
     east = np.array([-_FAR_M, _FAR_M])
-    along = 0.5 * SPEED * (1.0 + np.tanh((north - LINE_M) / WIDTH_M))
-    components = {"u": np.outer(along, [1.0, 1.0]), "v": np.zeros((north.size, 2))}
+    eastward = 0.5 * SPEED * (1.0 + np.tanh((north - LINE_M) / WIDTH_M))
+    components = {"u": np.outer(eastward, [1.0, 1.0]), "v": np.zeros((north.size, 2))}
     names = {"u": "eastward_sea_water_velocity", "v": "northward_sea_water_velocity"}
     variables = {
         key: (("y", "x"), values, {"standard_name": names[key], "units": "m s-1"})

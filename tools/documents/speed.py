@@ -209,19 +209,19 @@ def peers(records: Records) -> str:
     filterpy = record["navigation: filterpy: predict and updates only"]
     numpy = record["navigation: NumPy vectorised over 60 runs: predict and updates only"]
     lanes = record["navigation: lanes, LAISN-2 filter only"]
-    here = f"LAISN-2 in lanes {lanes:.1f} ns"
+    in_lanes = f"LAISN-2 in lanes {lanes:.1f} ns"
     step = "a step of a linear filter"
     rows = [
-        ["filterpy 2.0, Kalman filter", step, f"{filterpy.number / 1e3:.1f} µs", here],
-        ["NumPy over 60 runs at once", step, f"{numpy.number / 1e3:.2f} µs", here],
+        ["filterpy 2.0, Kalman filter", step, f"{filterpy.number / 1e3:.1f} µs", in_lanes],
+        ["NumPy over 60 runs at once", step, f"{numpy.number / 1e3:.2f} µs", in_lanes],
     ]
     for peer in MEASURED_ONCE:
         cost = peer.cost
         if fossen is not None and peer.name.startswith("Python Vehicle Simulator"):
             cost = f"{fossen:.0f} µs"
-        own = record[peer.beside]
-        unit = own.unit.partition("/")[0]
-        rows.append([peer.name, peer.work, cost, f"{_TITLES[peer.beside]} {own:.1f} {unit}"])
+        measured = record[peer.beside]
+        unit = measured.unit.partition("/")[0]
+        rows.append([peer.name, peer.work, cost, f"{_TITLES[peer.beside]} {measured:.1f} {unit}"])
     return markdown(["program", "work", "it takes", "beside, in `make bench`"], rows)
 
 

@@ -46,6 +46,6 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
         if crossed.rows and still.rows:
             added = np.median(crossed.runs("station_rms_m"), axis=1)
             added = added - np.median(still.runs("station_rms_m"), axis=1)
-            what = "what the front adds to the distance from the station, paired by run, 95 %"
-            findings[f"added {arm}"] = of(mean_interval(added), what, "m")
+            meaning = "what the front adds to the distance from the station, paired by run, 95 %"
+            findings[f"added {arm}"] = of(mean_interval(added), meaning, "m")
     return findings
