@@ -291,14 +291,12 @@ def guide(k: int, truth: StateHistory, a: ClosedLoopState) -> None:
         i = f + 1
         if routes.outside[i]:
             continue
-        reading = a.readings[f]
-        estimate = a.estimates[f]
+        senses = steering.Senses(a.readings[f], a.estimates[f])
         if a.kinds[f] == ON_ROUTE:
             steer_along_route(k, truth, i, routes)
         elif a.kinds[f] == ON_ROUTE_BY_ESTIMATE:
-            senses = (reading, estimate)
-            navigation = (a.sensors.stride, a.estimates_current[f])
-            follow_route(k, i, senses, a.memory[f], routes, navigation)
+            stride = a.sensors.stride
+            follow_route(k, i, senses, a.memory[f], routes, stride, a.estimates_current[f])
         if a.kinds[f] < ON_STATION_BY_TRUTH:
             continue
         if a.kinds[f] == ON_STATION_BY_TRUTH:
@@ -307,15 +305,14 @@ def guide(k: int, truth: StateHistory, a: ClosedLoopState) -> None:
             if k == 0:
                 guidance.current[0] = body[2][0]
                 guidance.current[1] = body[2][1]
-            _true_estimate(body, a.sites.hydrophones[f], guidance, reading, estimate)
+            _true_estimate(body, a.sites.hydrophones[f], guidance, senses.reading, senses.estimate)
         trail = (a.trails[f], a.counts[f, 0])
         clock = (k * TICK, TICK)
-        station_senses = (reading, estimate)
         memory = a.memory[f]
         station_command, motion = steering.keep_station(
             a.formations[f],
             a.stations[f],
-            station_senses,
+            senses,
             trail,
             clock,
             memory,
@@ -507,7 +504,9 @@ class PythonClosedLoop:
             custom = self.latest_custom[f]
             reading = state.readings[f]
             readings = readings_of(k * TICK, reading, main, custom, received)
-            self._own.command(k, i, readings, (reading, state.estimates[f]), state.memory[f])
+            self._own.command(
+                k, i, readings, steering.Senses(reading, state.estimates[f]), state.memory[f]
+            )
         return failed
 
     def _navigate(self, step: int, group: NavigatorGroup, truth: StateHistory) -> int:

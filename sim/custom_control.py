@@ -166,13 +166,10 @@ class CustomControl:
         return [i for i in self._controllers if not self._routes.outside[i]]
 
     def command(
-        self, k: int, i: int, readings: Readings, senses: tuple[Record, Record], memory: Record
+        self, k: int, i: int, readings: Readings, senses: steering.Senses, memory: Record
     ) -> None:
-        """Write the command of vehicle i from instant k on.
-
-        `senses` are records of READING and ESTIMATE, `memory` is of FOLLOWER_MEMORY.
-        """
-        reading, estimate = senses
+        """Write the command of vehicle i from instant k on; `memory` is of FOLLOWER_MEMORY."""
+        estimate = senses.estimate
         controller = self._controllers[i]
         kind = type(controller).__name__
         with calling(f"controller {kind}: control"):
@@ -180,7 +177,7 @@ class CustomControl:
         where = f" (class {kind}, at {readings.time:g} s)"
         whose = f"controller of {self._names[i]} returned"
         require_command(answer, self._effectors[i], whose, where)
-        motion = steering.measured_motion(reading, estimate, CONTROL_STEP_S, memory)
+        motion = steering.measured_motion(senses.reading, estimate, CONTROL_STEP_S, memory)
         command = self._routes.command[i]
         autopilot = self._routes.autopilot[i]
         if isinstance(answer, Wrench):

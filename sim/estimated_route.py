@@ -12,26 +12,27 @@ from sim.simulation import TICK, RouteControl
 def follow_route(
     k: int,
     i: int,
-    senses: tuple[Record, Record],
+    senses: steering.Senses,
     memory: Record,
     routes: RouteControl,
-    navigation: tuple[int, bool],
+    stride: int,
+    estimates_current: bool,
 ) -> None:
     """Find the command of vehicle i that keeps it to its route by its readings and estimates.
 
     Args:
         k: instant from which on the command holds.
         i: index of the vehicle.
-        senses: records of `laisn.swarm.READING` and `laisn.swarm.ESTIMATE`.
+        senses: what the vehicle knows of itself.
         memory: its memory, of `sim.control.follower.FOLLOWER_MEMORY`.
         routes: control of all vehicles, which holds the command.
-        navigation: instants from one filter step to the next, and whether a current is estimated.
+        stride: instants from one filter step to the next.
+        estimates_current: whether its navigator estimates a current.
     """
-    reading, estimate = senses
-    stride, estimates_current = navigation
+    estimate = senses.estimate
     reference = routes.reference[k, i]
     guidance = routes.guidance[i]
-    motion = steering.measured_motion(reading, estimate, TICK, memory)
+    motion = steering.measured_motion(senses.reading, estimate, TICK, memory)
     if k == 0:
         begin(reference, motion.heading, motion.surge, (0.0, 0.0), guidance)
     position = estimate.position[0], estimate.position[1]

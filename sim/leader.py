@@ -219,12 +219,13 @@ class LeaderUnit:
             main, further = self.receptions() if due else (None, {})
             time = k * CONTROL_STEP_S
             readings = readings_of(time, self.reading[0], main, self.latest_custom, further)
-            senses = (self.reading[0], self.estimate[0])
+            senses = steering.Senses(self.reading[0], self.estimate[0])
             self._control.command(k, LEADER, readings, senses, self._memory[0])
         elif self._by_estimate:
-            senses = (self.reading[0], self.estimate[0])
-            navigation = (self._stride, self._takes_current)
-            follow_route(k, LEADER, senses, self._memory[0], self._routes, navigation)
+            senses = steering.Senses(self.reading[0], self.estimate[0])
+            memory = self._memory[0]
+            current = self._takes_current
+            follow_route(k, LEADER, senses, memory, self._routes, self._stride, current)
 
     def record(self, steps: range) -> VehicleRecord:
         """What the leader has measured and concluded in filter steps `steps.start` + 1 …

@@ -19,7 +19,7 @@ Functions take `formation` and `proximity`, records of these sections, of STATIO
 of FOLLOWER_MEMORY, which they bring forward.
 """
 
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -351,11 +351,18 @@ def plan_detour(
     return stations.Target(place_east, place_north, east, north, t.way_east, t.way_north)
 
 
+class Senses(NamedTuple):
+    """What a vehicle knows of itself at an instant."""
+
+    reading: Record  # of its sensors, of `laisn.swarm.READING`
+    estimate: Record  # of its navigator, of `laisn.swarm.ESTIMATE`
+
+
 @compiled
 def keep_station(
     formation: Record,
     station: stations.StationGeometry,
-    senses: tuple[Record, Record],
+    senses: Senses,
     trail: tuple[Records, int],
     clock: tuple[float, float],
     memory: FollowerMemory,
@@ -366,17 +373,17 @@ def keep_station(
     measured motion.
 
     Args:
-        senses: records of `laisn.swarm.READING` and `laisn.swarm.ESTIMATE`.
+        senses: what the follower knows of itself.
         trail: the leader's trail as received, records of TRAIL, and how many points it has, at
             least one.
         clock: time, and time since the last call [s].
         reference: out: of the autopilot, record of REFERENCE; the place is not written.
         plan: the leader's, as far as its messages carry it.
     """
-    reading, estimate = senses
+    estimate = senses.estimate
     now, dt = clock
     starts = memory.log != memory.log
-    motion = measured_motion(reading, estimate, dt, memory)
+    motion = measured_motion(senses.reading, estimate, dt, memory)
     if starts:
         memory.heading_wanted = motion.heading
         memory.speed_wanted = motion.surge

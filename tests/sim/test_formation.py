@@ -14,6 +14,7 @@ from reports.summary import summarise
 from sim.closed_loop import ClosedLoop, PythonClosedLoop, simulate_closed_loop
 from sim.control.follower import (
     FOLLOWER_MEMORY,
+    Senses,
     extend_trail,
     init_memory,
     keep_station,
@@ -244,7 +245,7 @@ def test_the_controller_does_not_use_the_truth() -> None:
             wanted, motion = keep_station(
                 law,
                 station,
-                (reading, estimate),
+                Senses(reading, estimate),
                 (trail, count[0]),
                 (now, 0.1),
                 memory,
@@ -276,7 +277,14 @@ def test_the_controller_does_not_use_the_truth() -> None:
         "memory",
     }
     wanted, _ = keep_station(
-        law, station, (reading, estimate), (trail, count[0]), (now, 0.1), memory, reference, NO_PLAN
+        law,
+        station,
+        Senses(reading, estimate),
+        (trail, count[0]),
+        (now, 0.1),
+        memory,
+        reference,
+        NO_PLAN,
     )
     assert wanted[2] < 1.0
 
@@ -311,7 +319,7 @@ def quiet_for(seconds: float, formation: Formation, spread: float = 0.0) -> tupl
         wanted, _ = keep_station(
             law,
             station,
-            (reading, estimate),
+            Senses(reading, estimate),
             (trail, count[0]),
             (now, 0.1),
             memory,

@@ -11,7 +11,7 @@ from laisn.arrays import Floats, Record, records
 from laisn.swarm import ESTIMATE, READING
 from sim.control import follower
 from sim.control.autopilot import HullMotion
-from sim.control.follower import extend_trail, init_memory, keep_station
+from sim.control.follower import Senses, extend_trail, init_memory, keep_station
 from sim.control.guidance import REFERENCE
 from sim.control.station import NO_PLAN, STATION, TRAIL
 from sim.scenario.formation import Formation
@@ -47,7 +47,7 @@ class Deck:
 
     def tick(self, now: float = 30.0) -> tuple[tuple[float, float, float], HullMotion]:
         known = self.trail, self.count[0]
-        senses = self.reading, self.estimate
+        senses = Senses(self.reading, self.estimate)
         return keep_station(
             self.formation,
             self.station,
