@@ -122,7 +122,7 @@ def range_error_budget(flight: FlightRecord, follower: int = 0) -> RangeErrorBud
 
     length = taken(sound.arrival.length)
     message = dict(zip(LeaderMessage._fields, measured.message[pings].T, strict=True))
-    height = navigation_settings(scenario, trajectory, follower).hydrophone_height
+    height = navigation_settings(scenario, trajectory.sites, follower).hydrophone_height
     measured_difference = message["depth"] - (
         measured.depth[measured.message_step[pings] - 1] - height
     )

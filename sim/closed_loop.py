@@ -138,7 +138,7 @@ def init_closed_loop(
     messages = steps // (link.every if link else message_every) + 1
     by_estimate = leader.broadcast_position == "estimate"
     kind = find(navigations[0].variant).estimates
-    offset = {name: plant.site_offset[i] for i, name in enumerate(plant.site_names)}
+    offset = plant.sites
     names = [follower.name for follower in followers]
     memory = records(steering.FOLLOWER_MEMORY, f)
     readings = records(READING, f)
@@ -612,7 +612,7 @@ def _fleet_of(
     attitude_broadcast: bool,
 ) -> Fleet:
     """Vehicles as links find them."""
-    offset = dict(zip(plant.site_names, plant.site_offset, strict=True))
+    offset = plant.sites
     of_leader = offset.get("leader/hydrophone", np.full(3, np.nan))
     return Fleet(
         followers=state.kinds.size,
@@ -705,7 +705,7 @@ def closed_loop_of(
     still = static_trajectory(plant)
     navigated = sensing_of_each(scenario)
     navigations = [scenario.navigation_of(i) for i in range(len(scenario.followers))]
-    settings = [navigation_settings(scenario, still, i) for i in range(len(navigations))]
+    settings = [navigation_settings(scenario, plant.sites, i) for i in range(len(navigations))]
     ways = [
         _Way(navigation.variant, of_follower, navigation.link, navigation.further_links)
         for navigation, of_follower in zip(navigations, settings, strict=True)

@@ -134,15 +134,16 @@ class FlightUnderWay(Protocol):
         """The flight from a filter step on until now, with the fixes that hold there."""
 
 
-def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: int) -> Settings:
-    """Settings of a follower's navigator: the scenario's and its hydrophone's place; LaisnError
-    if it has none such.
+def navigation_settings(scenario: Scenario, sites: Mapping[str, Floats], follower: int) -> Settings:
+    """Settings of a follower's navigator, by the scenario and the sites of all vehicles, as of
+    `Trajectory.sites`; LaisnError if it has none such.
     """
     sensing = SensingSettings.of(scenario.navigated_as(follower))
     link = navigated_link(sensing.links)
-    sites = trajectory.sites if link is None else link.with_sites(trajectory.sites)
+    if link is not None:
+        sites = link.with_sites(sites)
     navigation = scenario.navigation_of(follower)
-    return settings_of(sensing, navigation, sites, trajectory.names[follower + 1])
+    return settings_of(sensing, navigation, sites, scenario.followers[follower].name)
 
 
 def settings_of(
@@ -183,10 +184,10 @@ def settings_of(
 
 
 def settings_as(
-    kind: type[Kind], scenario: Scenario, trajectory: Trajectory, follower: int
+    kind: type[Kind], scenario: Scenario, sites: Mapping[str, Floats], follower: int
 ) -> Kind:
     """`navigation_settings` of one kind; LaisnError if the scenario navigates by something else."""
-    settings = navigation_settings(scenario, trajectory, follower)
+    settings = navigation_settings(scenario, sites, follower)
     if not isinstance(settings, kind):
         expected = ", ".join(name for name, spec in NAVIGATORS.items() if spec.settings is kind)
         raise LaisnError(
@@ -214,7 +215,7 @@ def navigate(
     for follower in range(len(scenario.followers)):
         make = navigator or find(scenario.navigation_of(follower).variant).make
         sensing = navigated[follower]
-        settings = navigation_settings(scenario, trajectory, follower)
+        settings = navigation_settings(scenario, trajectory.sites, follower)
         measured = measure(
             observe(trajectory, sensing, follower),
             navigated_errors_of(sensing, follower),

@@ -98,7 +98,7 @@ class LeaderUnit:
                 "the leader's hull has no hydrophone for what it receives; expected a key "
                 "leader.hydrophone_m or a site hydrophone"
             )
-        self._depth_sensor = plant.site_offset[plant.site_names.index("leader/depth_sensor")]
+        self._depth_sensor = plant.sites["leader/depth_sensor"]
         self._hydrophone = np.nan_to_num(hydrophone)
         self.reading: Any = records(READING, 1)
         self.estimate: Any = records(ESTIMATE, 1)
@@ -131,7 +131,7 @@ class LeaderUnit:
         if leader.navigation is not None:
             navigation = leader.navigation
             self._taken_links = navigation.further_links
-            sites = still.sites
+            sites = plant.sites
             if self._main is not None:
                 sites = self._main.link.with_sites(sites)
             settings = settings_of(sensing, navigation, sites, "leader")

@@ -50,7 +50,7 @@ class OpenLoop:
             sensing.links.main: SenderMotion(sensing, still, truth) for sensing in navigated
         }
         self._sender_of = [self._senders[name] for name in names]
-        settings = [navigation_settings(scenario, still, i) for i in followers]
+        settings = [navigation_settings(scenario, still.sites, i) for i in followers]
         links = [sender.link for sender in self._senders.values()]
         interval = navigated[0].links.message_every
         every = min(interval if link is None else link.every for link in links)

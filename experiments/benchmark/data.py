@@ -160,7 +160,9 @@ def _write_graphs(folder: Path, flight: FlightRecord) -> None:
         time = np.append(0.0, m.time)
         way = speed[1:, None] * m.dt * np.column_stack([np.sin(heading), np.cos(heading)])[1:]
         reckoned = start[:2] + np.vstack([np.zeros(2), np.cumsum(way, axis=0)])
-        settings = settings_as(TightSettings, _with_tight(flight).scenario, flight.trajectory, i)
+        settings = settings_as(
+            TightSettings, _with_tight(flight).scenario, flight.trajectory.sites, i
+        )
         poses = np.column_stack([time, reckoned, heading])
         write_factor_graph(m, settings, start, poses, folder / f"{name}.pyfg")
 

@@ -332,7 +332,7 @@ def navigate(
         begin = simulate_motion(scenario.model_copy(update=short))
         follower = begin.names[1:].index(run.follower)
         measured = read_measurements(_path(folder, MEASUREMENTS, run))
-        settings = replace(navigation_settings(scenario, begin, follower), dt=measured.dt)
+        settings = replace(navigation_settings(scenario, begin.sites, follower), dt=measured.dt)
         instance = find(navigator).make(settings, start_of(begin, follower))
         yield run, _timed(instance, measured)
 

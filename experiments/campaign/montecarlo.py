@@ -195,7 +195,7 @@ class Cell:
             errors=navigated_errors_of(cell.sensing, follower),
             further=further_errors_of(cell.sensing, follower),
             navigator=find(scenario.navigation.variant),
-            settings=navigation_settings(scenario, trajectory, follower),
+            settings=navigation_settings(scenario, trajectory.sites, follower),
             seed=scenario.seed,
             follower=follower,
             runs=range(runs) if isinstance(runs, int) else runs,

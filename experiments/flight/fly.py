@@ -257,7 +257,7 @@ def navigate_again(
     for i, measured in enumerate(flight.measurements):
         navigation = scenario.navigation_of(i)
         make = navigator or find(navigation.variant).make
-        settings = navigation_settings(scenario, flight.trajectory, i)
+        settings = navigation_settings(scenario, flight.trajectory.sites, i)
         instance = make(settings, start_of(flight.trajectory, i))
         if not hasattr(instance, "run"):
             instance = SteppedNavigator(instance, settings)

@@ -109,7 +109,7 @@ def replay_measurements(
         make = _smoother(variant, smooth_s) or find(variant).make
         measured, recorded = read_recording(path, name, longest_gap_s)
         remarks += recorded
-        settings = replace(navigation_settings(scenario, begin, i), dt=measured.dt)
+        settings = replace(navigation_settings(scenario, begin.sites, i), dt=measured.dt)
         try:
             estimates = make(settings, start_of(begin, i)).run(measured)
         except ArithmeticError as error:
@@ -184,7 +184,7 @@ def export_factor_graphs(path: Path, out: Path) -> list[Path]:
                 flight.trajectory.heading[steps, i + 1],
             ]
         )
-        settings = settings_as(TightSettings, tight, flight.trajectory, i)
+        settings = settings_as(TightSettings, tight, flight.trajectory.sites, i)
         start = start_of(flight.trajectory, i)
         files.append(
             write_factor_graph(flight.measurements[i], settings, start, truth, out / f"{name}.pyfg")
@@ -290,7 +290,7 @@ def replay_data_set(
         ]
         scenario = load_scenario("T5", [*changes, "motion=kinematic", "duration_s=2"], flyable=True)
         motion = simulate_motion(scenario)
-        estimates = by_laisn(recorded, settings_as(NavigationSettings, scenario, motion, 0))
+        estimates = by_laisn(recorded, settings_as(NavigationSettings, scenario, motion.sites, 0))
         title = variant
     measured = recorded.measurements
     heads = ("", "mean error [m]", "RMS [m]", "95 % [m]", "NEES", "ends at x, y [m]")

@@ -23,7 +23,7 @@ def estimated_poses(flight: FlightRecord, follower: int) -> tuple[Floats, Floats
     The depth is measured, too.
     """
     measured = flight.measurements[follower]
-    settings = navigation_settings(flight.scenario, flight.trajectory, follower)
+    settings = navigation_settings(flight.scenario, flight.trajectory.sites, follower)
     height = settings.hydrophone_height - measured.last_depth
     position = np.column_stack([flight.estimates[follower].state[:, :2], height])
     return position, attitude.from_euler(measured.heading)

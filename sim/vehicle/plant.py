@@ -209,6 +209,11 @@ class Plant:
         self._last_pose[:], self._last_twist[:] = self.pose, self.twist
 
     @property
+    def sites(self) -> dict[str, Floats]:
+        """Sites by their names: offsets from the origin of their hull, shape (3,), [m]."""
+        return dict(zip(self.site_names, self.site_offset, strict=True))
+
+    @property
     def time(self) -> float:
         """Time of the simulation [s]."""
         return float(self.data.time)

@@ -96,7 +96,7 @@ def step_times_us(duration_s: float = 120.0, repeats: int = 3) -> dict[str, floa
         )
         motion = simulate_motion(scenario)
         sensing = SensingSettings.of(scenario)
-        settings = navigation_settings(scenario, motion, 0)
+        settings = navigation_settings(scenario, motion.sites, 0)
         start = start_of(motion)
         measured = measure(
             observe(motion, sensing), navigated_errors_of(sensing, 0), seed=scenario.seed, run=0

@@ -60,7 +60,7 @@ def estimates_of(flight: FlightRecord) -> TightEstimates:
 def test_a_scenario_has_the_defaults_of_the_settings() -> None:
     """The scenario's σ of everything, in its units, are those of `TightSettings`."""
     one, flown = scenario(), fly(scenario())[0]
-    made = navigation_settings(one, flown.trajectory, 0)
+    made = navigation_settings(one, flown.trajectory.sites, 0)
     assert isinstance(made, TightSettings)
     plain = TightSettings(
         hydrophone_height=made.hydrophone_height,
@@ -100,7 +100,9 @@ def test_a_scenario_has_the_defaults_of_the_settings() -> None:
 def test_every_key_reaches_its_setting(
     key: str, value: str, field: str, expected: float, flight: FlightRecord
 ) -> None:
-    made = navigation_settings(scenario(f"navigation.assume.{key}={value}"), flight.trajectory, 0)
+    made = navigation_settings(
+        scenario(f"navigation.assume.{key}={value}"), flight.trajectory.sites, 0
+    )
     assert getattr(made, field) == pytest.approx(expected)
 
 
@@ -108,7 +110,7 @@ def test_every_key_reaches_its_setting(
 def test_every_assumption_reaches_its_setting(flag: str, flight: FlightRecord) -> None:
     other = not getattr(AssumeTable(), flag)
     made = navigation_settings(
-        scenario(f"navigation.assume.{flag}={str(other).lower()}"), flight.trajectory, 0
+        scenario(f"navigation.assume.{flag}={str(other).lower()}"), flight.trajectory.sites, 0
     )
     assert isinstance(made, TightSettings)
     usual = TightSettings().assume
@@ -117,7 +119,7 @@ def test_every_assumption_reaches_its_setting(flag: str, flight: FlightRecord) -
 
 def test_physical_vehicles_slip_and_points_do_not(flight: FlightRecord) -> None:
     def slip(*assignments: str) -> float:
-        made = navigation_settings(scenario(*assignments), flight.trajectory, 0)
+        made = navigation_settings(scenario(*assignments), flight.trajectory.sites, 0)
         assert isinstance(made, TightSettings)
         return made.slip
 
@@ -128,8 +130,8 @@ def test_physical_vehicles_slip_and_points_do_not(flight: FlightRecord) -> None:
 
 def test_studies_of_laisn_are_given_its_settings_alone(flight: FlightRecord) -> None:
     with pytest.raises(LaisnError, match=r"navigates by 'tight'; expected one of laisn-2, "):
-        settings_as(NavigationSettings, flight.scenario, flight.trajectory, 0)
-    laisn = navigation_settings(load_scenario("T2", []), flight.trajectory, 0)
+        settings_as(NavigationSettings, flight.scenario, flight.trajectory.sites, 0)
+    laisn = navigation_settings(load_scenario("T2", []), flight.trajectory.sites, 0)
     assert isinstance(laisn, NavigationSettings)
 
 

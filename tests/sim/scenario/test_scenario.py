@@ -44,7 +44,7 @@ def test_the_scenarios_defaults_are_those_of_sensors_and_navigator() -> None:
         {**MINIMAL, "motion": "kinematic", "duration_s": 1.0}, "mine.toml"
     )
     assert errors_of(SensingSettings.of(scenario)) == SensorErrors()
-    chosen = navigation_settings(scenario, simulate_motion(scenario), 0)
+    chosen = navigation_settings(scenario, simulate_motion(scenario).sites, 0)
     # where the hydrophone sits is the hull's, the depth of the floor the sea's, and no default
     assert chosen.floor_depth == scenario.ocean.floor_depth_m
     assert replace(chosen, hydrophone_height=0.0, floor_depth=0.0) == NavigationSettings()
@@ -52,7 +52,7 @@ def test_the_scenarios_defaults_are_those_of_sensors_and_navigator() -> None:
         {**MINIMAL, "motion": "kinematic", "duration_s": 1.0, "navigation": {"variant": "tight"}},
         "mine.toml",
     )
-    settings = navigation_settings(tight, simulate_motion(tight), 0)
+    settings = navigation_settings(tight, simulate_motion(tight).sites, 0)
     assert replace(settings, hydrophone_height=0.0, floor_depth=0.0) == TightSettings()
 
 

@@ -330,7 +330,7 @@ def test_a_campaign_meets_the_echoes_and_losses_of_its_flights(acoustics, varian
         heading_pitch_roll=(1.5, 0.05, 0.02),
     )
     scenario = make_scenario(acoustics)
-    chosen = replace(navigation_settings(scenario, trajectory, 0), variant=variant)
+    chosen = replace(navigation_settings(scenario, trajectory.sites, 0), variant=variant)
     scenario = scenario.model_copy(update={"navigation": Navigation(variant=variant)})
     truth, errors = (
         observe(trajectory, SensingSettings.of(scenario)),

@@ -359,7 +359,7 @@ def test_transmitters_are_where_the_own_hull_has_them() -> None:
     assert [
         t.site_offset[t.site(f"leader/tx_{name}")].tolist() for name in ("rear", "front", "middle")
     ] == [[-0.7, 0, 0], [0.7, 0, 0], [0, 0.2, 0]]
-    expected = navigation_settings(flight.scenario, t, 0)
+    expected = navigation_settings(flight.scenario, t.sites, 0)
     assert (expected.baseline, expected.middle_offset, expected.transmitter_offsets) == (
         1.4,
         0.2,
@@ -385,7 +385,7 @@ def test_transmitters_on_a_towed_beam_are_navigated_by(variant: str) -> None:
     10 m.
     """
     flight = flown(moved_leader(**TOWED), {}, navigation={"variant": variant}, duration_s=100.0)
-    expected = navigation_settings(flight.scenario, flight.trajectory, 0)
+    expected = navigation_settings(flight.scenario, flight.trajectory.sites, 0)
     assert expected.transmitter_offsets == (
         (-12.0, 0.5, -2.0),
         (-9.0, -0.5, -2.5),
