@@ -373,4 +373,7 @@ def select(condition: bool | Bools, chosen: float | Floats, other: float | Float
 
 @overload(select, strict=False)
 def _select(condition: types.Type, chosen: types.Type, other: types.Type) -> Any:
+    # `laisn.simd` has that of lanes
+    if not isinstance(condition, types.Boolean):
+        return None
     return lambda condition, chosen, other: chosen if condition else other

@@ -16,6 +16,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from laisn.compiled import inlined
+from laisn.simd import LaneType, fma_of_lanes
 
 if TYPE_CHECKING:
     from llvmlite.ir import IRBuilder, Value
@@ -62,6 +63,9 @@ _A0, _A1, _A2, _A3, _A4, _A5, _A6, _A7, _A8, _A9, _A10 = _FIT.convert(
 
 
 def _emit_fma(_: object, a: types.Type, b: types.Type, c: types.Type) -> Any:
+    if any(isinstance(kind, LaneType) for kind in (a, b, c)):
+        return fma_of_lanes(a, b, c)
+
     def generate(
         context: "BaseContext",
         builder: "IRBuilder",

@@ -64,6 +64,7 @@ from sim.vehicle.effectors import fins_of
 from sim.vehicle.mjcf import SEA_WATER, spec_of, transmitter_places
 from sim.vehicle.own_hull import hull_errors
 from sim.vehicle.plant import Plant
+from sim.vehicle.solvers import direct_solver_error
 from sim.water.assembly import current_at, density_of, sea_of_keys, trim_density
 
 # instants times vehicles: two vehicles for a day, 201 for 1000 s; a million takes 1.1 GB of memory
@@ -532,6 +533,17 @@ def _navigator_errors(
     return problems
 
 
+def engine_errors(motion: MotionSettings) -> list[str]:
+    """A line for each hull that `timing.engine` cannot solve for."""
+    if motion.engine != "direct":
+        return []
+    reasons = [
+        (key, direct_solver_error(model))
+        for (key, _), model in zip(motion.plan.vehicles(), motion.plan.models, strict=True)
+    ]
+    return [f"timing.engine: {key}: {reason}" for key, reason in reasons if reason]
+
+
 def infeasibilities(scenario: Scenario) -> list[str]:
     """Everything that keeps a scenario from being flown, filmed and logged, beyond
     `Scenario.inconsistencies`.
@@ -569,6 +581,7 @@ def infeasibilities(scenario: Scenario) -> list[str]:
         return [*problems, *shapes]
     for key, vehicle in scenario.vehicles():
         problems += _control_errors(motion, key, vehicle)
+    problems += engine_errors(motion)
     return [
         *problems,
         *_leader_too_fast(motion),

@@ -1,4 +1,4 @@
-"""The simulation loop: controllers, MuJoCo and the water make a Trajectory; or the paper's point
+"""The simulation loop: controllers, a solver and the water make a Trajectory; or the paper's point
 motion makes it.
 
 A controller is a NamedTuple whose `control` is compiled, or any other object with such a method.
@@ -445,6 +445,16 @@ class Mission:
                 progress(end // PROGRESS_TICKS * PROGRESS_TICKS * TICK)
         return self.trajectory()
 
+    def end_flight(
+        self, *, until_contact: bool = False, bounds: MissionBounds | None = None
+    ) -> Trajectory:
+        """The motion of a mission that was flown to its end elsewhere, until hulls touch or a
+        vehicle leaves the bounds.
+        """
+        self.instants = self.last + 1
+        self._end_within(0, until_contact, bounds)
+        return self.trajectory()
+
     def trajectory(self) -> Trajectory:
         """The motion until now, of two instants or more; a copy where the mission goes on."""
         truth = self.truth
@@ -552,13 +562,18 @@ def simulate_points(
 
 
 def plant_of(
-    motion: MotionSettings, routes: tuple[Route, ...], leader: Leader | None = None
+    motion: MotionSettings,
+    routes: tuple[Route, ...],
+    leader: Leader | None = None,
+    *,
+    settled: bool = True,
 ) -> Plant:
-    """Vehicles in their sea at the start of their routes, with transmitters as of `setups_of`;
-    LaisnError if the sea is none.
+    """Vehicles in their sea at the start of their routes, with transmitters as of `setups_of`, and
+    `settled` as of `Plant`; LaisnError if the sea is none.
     """
     setups = setups_of(motion.plan, routes, leader)
-    return Plant(setups, ocean_of(motion.sea), motion.physics_step_s)
+    ocean = ocean_of(motion.sea)
+    return Plant(setups, ocean, motion.physics_step_s, motion.engine, settled=settled)
 
 
 def new_mission(scenario: Scenario, make_controller: ControllerFactory | None = None) -> Mission:
@@ -582,6 +597,24 @@ def _mission_of(
     depth_control = [vehicle.depth_control for _, vehicle in motion.plan.vehicles()]
     plant = plant_of(motion, routes, leader)
     return Mission(plant, routes, motion.plan.duration_s, depth_control, make_controller)
+
+
+def mission_for_lanes(motion: MotionSettings) -> Mission:
+    """A mission of rigid bodies before its first instant, to be flown by `sim.side_by_side`."""
+    routes = routes_of(motion.plan)
+    depth_control = [vehicle.depth_control for _, vehicle in motion.plan.vehicles()]
+    plant = plant_of(motion, routes, settled=False)
+    return Mission(plant, routes, motion.plan.duration_s, depth_control)
+
+
+def end_mission(motion: MotionSettings, mission: Mission) -> Trajectory:
+    """The motion of a mission that was flown to its end elsewhere; errors as of
+    `simulate_motion`.
+    """
+    bounds = bounds_of(motion)
+    ends = motion.contact == "end"
+    trajectory = mission.end_flight(until_contact=ends, bounds=bounds)
+    return require_regular_end(trajectory, bounds, ends_on_contact=ends)
 
 
 def fly_mission(

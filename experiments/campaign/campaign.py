@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Self, TypedDict, Unpack
 
 from experiments.campaign import montecarlo
-from experiments.campaign.jobs import Job, run_jobs
+from experiments.campaign.jobs import Job, Work, run_jobs
 from experiments.campaign.plans import CellPlan, Facts, compute
 from experiments.campaign.pool import Pool
 from experiments.campaign.progress import compiling_shown
@@ -23,8 +23,10 @@ from experiments.campaign.store import Arrays, CampaignError, Record, Result, St
 from laisn.compiled import FOLDER
 from laisn.navigators import find
 from laisn.plugins import plugin_errors, plugins_version
+from laisn.simd import LANES
 from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import Scenario
+from sim.side_by_side import groups_for_lanes
 from sim.system import background_process
 from sim.trajectory import Trajectory
 
@@ -111,7 +113,27 @@ def _batches(plans: Iterable[CellPlan], workers: int) -> list[list[CellPlan]]:
 
 def _fly(plan: CellPlan, facts: Facts | None, batch: Sequence[CellPlan]) -> list[Result]:
     """The mission of a cell, its facts, and cells of the same mission."""
-    trajectory = montecarlo.simulate_mission(plan.scenario)
+    return _flown(montecarlo.simulate_mission(plan.scenario), plan, facts, batch)
+
+
+def _fly_side_by_side(
+    plans: Sequence[CellPlan], facts: Facts | None, batches: Sequence[Sequence[CellPlan]]
+) -> list[Result]:
+    """The same of missions in lanes, with cells of each; what ends early is left out, and tells why
+    when it is flown alone.
+    """
+    motions = montecarlo.simulate_missions([plan.scenario for plan in plans])
+    results = list[Result]()
+    for motion, plan, batch in zip(motions, plans, batches, strict=True):
+        if motion is not None:
+            results += _flown(motion, plan, facts, batch)
+    return results
+
+
+def _flown(
+    trajectory: Trajectory, plan: CellPlan, facts: Facts | None, batch: Sequence[CellPlan]
+) -> list[Result]:
+    """A mission that was flown, its facts, and cells."""
     results: list[Result] = [(plan.motion, None, trajectory.arrays)]
     if facts:
         measured = facts(MotionSettings.of(plan.scenario), trajectory)
@@ -132,13 +154,15 @@ def mission(scenario: Scenario, store: Store) -> Trajectory:
     return trajectory
 
 
-def compile_ahead(plan: CellPlan) -> None:
+def compile_ahead(plan: CellPlan, *, in_lanes: bool = False) -> None:
     """Compile here, with a notice, what each process would else compile for itself before its
     first result.
     """
     short = plan.scenario.first_messages
     with compiling_shown(), plugin_errors():
-        compute(montecarlo.simulate_mission(short), [replace(plan, scenario=short, runs=1)])
+        motion = montecarlo.simulate_missions([short])[0] if in_lanes else None
+        motion = montecarlo.simulate_mission(short) if motion is None else motion
+        compute(motion, [replace(plan, scenario=short, runs=1)])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,11 +243,7 @@ class _Campaign:
             cells = [replace(plan, threads=threads) for plan in cells]
         batches = _batches(cells, pool.size)
         missions = self.missing_missions
-        flown_with = dict[str, list[CellPlan]]()
-        if len(missions) > FEW_MISSIONS * pool.size:
-            for batch in batches:
-                if batch[0].motion in missions:
-                    flown_with.setdefault(batch[0].motion, batch)
+        flown_with = self._flown_with(batches, pool)
         jobs = [
             self._mission_job(plan, flown_with.get(motion, [])) for motion, plan in missions.items()
         ]
@@ -231,6 +251,51 @@ class _Campaign:
         for batch in batches:
             if batch is not flown_with.get(batch[0].motion):
                 jobs.append(_cells_job(batch, depends_on_mission=batch[0].motion in missions))
+        return jobs
+
+    def _flown_with(
+        self, batches: Sequence[list[CellPlan]], pool: Pool
+    ) -> dict[str, list[CellPlan]]:
+        """The first cells of each of many missions, by the keys of their motions."""
+        flown_with = dict[str, list[CellPlan]]()
+        if len(self.missing_missions) > FEW_MISSIONS * pool.size:
+            for batch in batches:
+                if batch[0].motion in self.missing_missions:
+                    flown_with.setdefault(batch[0].motion, batch)
+        return flown_with
+
+    def lane_groups(self, workers: int) -> list[list[CellPlan]]:
+        """Missions that are missing and may be flown side by side."""
+        missions = [
+            plan
+            for plan in self.missing_missions.values()
+            if not plan.scenario.keys_needing_closed_loop()
+        ]
+        most = min(LANES, -(-len(missions) // workers))
+        motions = [MotionSettings.of(plan.scenario) for plan in missions]
+        return [[missions[i] for i in group] for group in groups_for_lanes(motions, most)]
+
+    def lane_jobs(self, pool: Pool) -> list[Job]:
+        """Jobs for missions side by side, with first cells where these are flown with missions."""
+        flown_with = self._flown_with(_batches(self.missing_cells, pool.size), pool)
+        jobs = list[Job]()
+        for group in self.lane_groups(pool.size):
+            batches = [flown_with.get(plan.motion, []) for plan in group]
+            keys = [
+                key
+                for plan, batch in zip(group, batches, strict=True)
+                for key in (plan.motion, *self.facts_keys(plan.motion), *_result_keys(batch))
+            ]
+            work = partial(_fly_side_by_side, group, self.facts, batches)
+            jobs.append(
+                Job(
+                    key=("lanes", group[0].motion),
+                    kind="missions",
+                    results=keys,
+                    run=partial(_given, work),
+                    size=len(group),
+                )
+            )
         return jobs
 
     def _mission_job(self, plan: CellPlan, batch: Sequence[CellPlan]) -> Job:
@@ -249,6 +314,11 @@ class _Campaign:
             results=[key],
             run=lambda _: partial(_rows, key, self.tasks[name]),
         )
+
+
+def _given(work: Work, _: Store) -> Work:
+    """Work that needs nothing of the store."""
+    return work
 
 
 def _rows(key: str, task: Task) -> list[Result]:
@@ -272,13 +342,18 @@ def _cells_job(batch: Sequence[CellPlan], *, depends_on_mission: bool) -> Job:
     )
 
 
-def _compile_before(campaign: _Campaign, compile_tasks: Callable[[], object] | None) -> None:
+def _compile_before(
+    campaign: _Campaign, workers: int, compile_tasks: Callable[[], object] | None
+) -> None:
     """Compile once what each worker would else compile for itself."""
     if campaign.missing_cells and FOLDER:
+        groups = campaign.lane_groups(workers)
+        first = groups[0][0] if groups else campaign.missing_cells[0]
+        compile_first = partial(compile_ahead, first, in_lanes=bool(groups))
         # The compiler's memory goes with its process. Where that dies, the results are computed all
         # the same, and what is at fault with them is told there.
         with suppress(BrokenProcessPool), background_process() as process:
-            process.submit(compile_ahead, campaign.missing_cells[0]).result()
+            process.submit(compile_first).result()
     if campaign.missing_tasks and compile_tasks:
         with compiling_shown():
             compile_tasks()
@@ -329,8 +404,13 @@ def fly(
     missing = campaign.missing_cells, campaign.missing_missions, campaign.missing_tasks
     pool.size = min(pool.size, max(1, *map(len, missing)))
     if cluster is None and not quiet:
-        _compile_before(campaign, ahead)
+        _compile_before(campaign, pool.size, ahead)
     with pool:
+        lanes = campaign.lane_jobs(pool)
+        if lanes:
+            # what cannot be flown side by side is left, and flown alone below
+            run_jobs(lanes, store, pool, tolerant=True, quiet=quiet)
+            campaign = _Campaign.of(cells, tasks, facts, store)
         jobs = campaign.jobs(pool, threads)
         failures = run_jobs(jobs, store, pool, tolerant=tolerant, quiet=quiet)
     results = {name: store.get(key) for name, key in campaign.task_keys.items()}

@@ -35,6 +35,7 @@ from sim.scenario.parts import MotionSettings, SensingSettings
 from sim.scenario.settings import Navigation, Scenario
 from sim.sensing.observation import IdealMeasurements, measure, observe
 from sim.sensing.sensors import SensorErrors, further_errors_of, navigated_errors_of
+from sim.side_by_side import simulate_side_by_side
 from sim.simulation import EndedError, require_open_loop, simulate_open_loop
 from sim.trajectory import Trajectory
 from sim.vehicle.mjcf import transmitter_places
@@ -99,6 +100,13 @@ def simulate_mission(scenario: Scenario) -> Trajectory:
     require_open_loop(scenario)
     with _ends_reported(scenario.name):
         return simulate_open_loop(MotionSettings.of(scenario))
+
+
+def simulate_missions(scenarios: Sequence[Scenario]) -> list[Trajectory | None]:
+    """The same of missions side by side, as of `sim.side_by_side.groups_for_lanes`; None:
+    `simulate_mission` raises an error.
+    """
+    return simulate_side_by_side([MotionSettings.of(scenario) for scenario in scenarios])
 
 
 class CampaignMission:

@@ -8,7 +8,7 @@ from functools import partial
 from itertools import combinations
 from os.path import relpath
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 from pydantic import ConfigDict, Discriminator, Field, Tag, ValidationError
 
@@ -144,6 +144,10 @@ class StudyFile(Section):
     draw: dict[str, Any] = Field(default_factory=dict)
     arm: list[Arm] = Field(default_factory=list)
     steps: bool = False
+    engine: Literal["direct", "mujoco"] | None = None
+    """Solver of the vehicles' motion, in place of the scenario's; None: the scenario's if it sets
+    one, else "direct" where it solves for all hulls.
+    """
     bound_lag_s: Annotated[float, Field(ge=0, le=1e4)] = 0.0
     """Of messages that the bound of smoothing uses [s]; 0: it is not computed."""
     report: Report = Report()

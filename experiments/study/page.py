@@ -22,7 +22,7 @@ from experiments.study.estimate import (
 )
 from experiments.study.file import METRIC, Study
 from experiments.study.measure import METRICS, Metric
-from experiments.study.plan import PlanEntry, StudyPlan, many, varied
+from experiments.study.plan import PlanEntry, StudyPlan, engines_of, many, varied
 from reports import page as pages
 from reports.intervals import Interval
 from reports.page import Code, Film, Page, Replay, TableCell, Tile, number, words
@@ -325,6 +325,7 @@ class StudyPage:
             ("seed", str(min(seeds))),
             ("runs", str(self.study.runs)),
             ("realizations", str(self.study.file.realizations)),
+            ("engine", ", ".join(engines_of(self.plan))),
             ("repeat it", "laisn study study.toml, the file in this folder"),
         ]
 

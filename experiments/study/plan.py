@@ -20,7 +20,7 @@ from experiments.study.file import ARM as ARM
 from experiments.study.measure import METRICS, MISSION
 from laisn.errors import LaisnError
 from laisn.lanes import LANES
-from sim.feasibility import infeasibilities
+from sim.feasibility import engine_errors, infeasibilities
 from sim.scenario.file import ScenarioError, assigned, scenario_or_errors, validate
 from sim.scenario.parts import MotionSettings
 from sim.scenario.section import Section
@@ -112,6 +112,13 @@ class StudyPlan:
     def part(self, entries: Sequence[PlanEntry], runs: int) -> "StudyPlan":
         """The plan of some of the entries with another number of runs."""
         return replace(self, study=replace(self.study, runs=runs), entries=[*entries])
+
+
+def engines_of(plan: StudyPlan) -> list[str]:
+    """Solvers of the motion of a plan's missions, by their names in scenarios."""
+    physics = {e.scenario.timing.engine for e in plan.entries if e.scenario.motion == "physics"}
+    points = any(entry.scenario.motion != "physics" for entry in plan.entries)
+    return [*sorted(physics), *(["point motion"] if points else [])]
 
 
 def levels(plan: StudyPlan, name: str) -> list[Any]:
@@ -260,6 +267,12 @@ class _Examination:
         scenario, errors = scenario_or_errors(changed, partial(self._infeasibilities, motion))
         lines += invalid + errors
         if scenario is not None and not lines:
+            solved = self._solved(scenario, name, settings)
+            lines += engine_errors(MotionSettings.of(solved))
+            if solved is not scenario:
+                settings["timing.engine"] = solved.timing.engine
+            scenario = solved
+        if scenario is not None and not lines:
             if motion not in self._motion_of:
                 self._motion_of[motion] = key_of(MotionSettings.of(scenario))
             run = scenario.run + number * self.study.file.runs_apart
@@ -279,6 +292,24 @@ class _Examination:
             where = self._where(point, arm, realization)
             for line in lines:
                 self._places_of.setdefault(line, []).append(where)
+
+    def _solved(self, scenario: Scenario, name: str, settings: Mapping[str, Any]) -> Scenario:
+        """A scenario with the solver that the study chooses for it, by its name and settings."""
+        engine = self.study.file.engine
+        chosen = "timing.engine" in settings or "timing" in settings
+        if engine is None:
+            timing = self.tables[name].get("timing", {})
+            chosen = chosen or "engine" in timing
+        if chosen or scenario.motion != "physics":
+            return scenario
+        timing = scenario.timing.model_copy(update={"engine": engine or "direct"})
+        solved = scenario.model_copy(update={"timing": timing})
+        unchanged = solved.timing.engine == scenario.timing.engine
+        return (
+            scenario
+            if unchanged or (engine is None and engine_errors(MotionSettings.of(solved)))
+            else solved
+        )
 
     def error_lines(self) -> list[str]:
         """A line for each error, and where it is unless all scenarios have it."""

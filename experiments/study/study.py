@@ -24,7 +24,7 @@ from experiments.study.estimate import Results, main_effects
 from experiments.study.extras import arms_left_out, installed
 from experiments.study.file import FOLDER, Study, built_in, study_of, table_in
 from experiments.study.measure import METRICS
-from experiments.study.plan import PlanEntry, StudyPlan, many, plan_of
+from experiments.study.plan import PlanEntry, StudyPlan, engines_of, many, plan_of
 from experiments.study.run import (
     StudyResults,
     fly_further,
@@ -345,8 +345,12 @@ def _write_own_page(
     for table, columns in values.pop("tables", {}).items():
         write_table(folder / f"{table}.parquet", columns)
     runs = dict.fromkeys(f"{of_part.plan.study.runs:,}" for of_part in outcomes.values())
+    engines = dict.fromkeys(
+        engine for of_part in outcomes.values() for engine in engines_of(of_part.plan)
+    )
     facts = [
         ("runs", ", ".join(runs)),
+        ("engine", ", ".join(engines)),
         ("version", findings.version),
         ("repeat it", findings.command),
         *(("left out", remark) for remark in remarks),

@@ -117,6 +117,12 @@ def study(  # noqa: PLR0913 - an argument for each option of the command
         bool,
         typer.Option("--scene/--no-scene", help="fly the worst run alone, and show it in 3D"),
     ] = True,
+    engine: Annotated[
+        str | None,
+        typer.Option(
+            metavar="direct|mujoco", help="solver of the motion (default: direct where it can)"
+        ),
+    ] = None,
     workers: Annotated[
         int | None,
         typer.Option(min=1, max=1024, help="local processes (default: one for each core)"),
@@ -132,7 +138,12 @@ def study(  # noqa: PLR0913 - an argument for each option of the command
     from sim.film import graphics
     from sim.scenario.file import values_of
 
-    keys: dict[str, Any] = {"runs": runs, "realizations": realizations, "seed": seed}
+    keys: dict[str, Any] = {
+        "runs": runs,
+        "realizations": realizations,
+        "seed": seed,
+        "engine": engine,
+    }
     keys |= {
         "vary": _factors(vary or []),
         "draw": values_of(draw or (), "--draw"),

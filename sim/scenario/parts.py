@@ -95,6 +95,7 @@ class MotionSettings:
     sea: SeaSettings
     formation: Formation
     physics_step_s: float
+    engine: Literal["mujoco", "direct"]
     contact: Literal["mark", "end"]
 
     @classmethod
@@ -105,6 +106,7 @@ class MotionSettings:
             sea=SeaSettings.of(scenario),
             formation=scenario.formation,
             physics_step_s=scenario.timing.physics_step_s,
+            engine=scenario.timing.engine,
             contact=scenario.contact,
         )
 

@@ -7,7 +7,17 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, fields
 from functools import cache
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar, cast, get_args, get_type_hints
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    Literal,
+    Self,
+    TypeVar,
+    cast,
+    get_args,
+    get_type_hints,
+)
 
 import numpy as np
 from pydantic import (
@@ -236,6 +246,11 @@ class Timing(Section):
 
     physics_step_s: float = Field(
         0.02, ge=1e-4, le=0.1, description="rigid-body solver step; must divide 0.1 s"
+    )
+    engine: Literal["mujoco", "direct"] = Field(
+        "mujoco",
+        description="rigid-body solver: MuJoCo, or each hull's equations of motion alone, the "
+        "same motion to 1e-9 m; studies take the latter unless told otherwise",
     )
     filter_step_s: Positive = Field(0.1, description="filter step Δt; multiple of 0.1 s")
     message_interval_s: Positive = Field(

@@ -11,8 +11,9 @@ from typing import Annotated, ClassVar, NamedTuple
 import numpy as np
 
 from laisn.arrays import Floats, RecordFields, row_dtype
-from laisn.compiled import compiled, inlined
+from laisn.compiled import compiled, inlined, select
 from laisn.errors import LaisnError
+from laisn.simd import any_lane
 from sim.attitude import Vector, cross, plus, scaled
 
 MAX_EFFECTORS = 16  # largest number of effectors of a vehicle
@@ -190,13 +191,12 @@ def thrust_on_curve(record: Effector, state: float) -> float:
     """Thrust of a curve [N], linear between its points and constant beyond them."""
     curve = record.curve
     last = record.points - 1
-    if state <= curve[0, 0]:
-        return float(curve[0, 1])
+    thrust = select(state <= curve[0, 0], curve[0, 1], curve[last, 1])
     for i in range(last):
-        if state <= curve[i + 1, 0]:
-            share = (state - curve[i, 0]) / (curve[i + 1, 0] - curve[i, 0])
-            return float(curve[i, 1] + share * (curve[i + 1, 1] - curve[i, 1]))
-    return float(curve[last, 1])
+        share = (state - curve[i, 0]) / (curve[i + 1, 0] - curve[i, 0])
+        between = (curve[i, 0] < state) & (state <= curve[i + 1, 0])
+        thrust = select(between, curve[i, 1] + share * (curve[i + 1, 1] - curve[i, 1]), thrust)
+    return float(thrust)
 
 
 class CurveThruster(EffectorKind):
@@ -255,9 +255,9 @@ def propeller_load(p: Floats, density: float, rate: float, inflow: float) -> tup
     speed of the propeller along its axis [m/s]. Astern, and in water from behind, they are those of
     J = 0. `p` are its parameters.
     """
-    size = density * p[0] ** 3 * abs(rate)
+    size = density * (p[0] * p[0] * p[0]) * abs(rate)
     rotation = rate * p[0]
-    advance = (1.0 - p[5]) * max(inflow, 0.0) if rate > 0.0 else 0.0
+    advance = select(rate > 0.0, (1.0 - p[5]) * max(inflow, 0.0), 0.0)
     return (1.0 - p[6]) * size * (p[1] * rotation + p[2] * advance), p[7] * size * p[0] * (
         p[3] * rotation + p[4] * advance
     )
@@ -328,23 +328,24 @@ def fin_force(record: Effector, density: float, deflection: float, local: Vector
     u = local[0]
     across = local[0] * e[0] + local[1] * e[1] + local[2] * e[2]
     square = u * u + across * across
-    if square < 1e-12:
-        return 0.0, 0.0, 0.0
-    speed = np.sqrt(square)
+    flows = square >= 1e-12
+    # without flow there is no force, and no speed to divide by
+    speed = np.sqrt(select(flows, square, 1.0))
     sine = 0.0
     cosine = 1.0
     limit = 1.0
     # fixed fins, which are met at every step, need no sine
-    if deflection != 0.0:
+    if any_lane(deflection != 0.0):
         sine, cosine = np.sin(deflection), np.cos(deflection)
-    if p[2] < 0.5 * np.pi:
-        limit = np.sin(p[2])
+    if any_lane(p[2] < 0.5 * np.pi):
+        limit = select(p[2] < 0.5 * np.pi, np.sin(p[2]), 1.0)
     incidence = min(max((u * sine - across * cosine) / speed, -limit), limit)
     scale = 0.5 * density * p[0]
     normal = scale * p[1] * square * incidence * np.sqrt(1.0 - incidence * incidence)
     drag = scale * p[3] * speed
-    aside = normal * cosine - drag * across
-    return -normal * sine - drag * u, aside * e[1], aside * e[2]
+    aside = select(flows, normal * cosine - drag * across, 0.0)
+    ahead = select(flows, -normal * sine - drag * u, 0.0)
+    return ahead, aside * e[1], aside * e[2]
 
 
 @compiled
@@ -362,19 +363,22 @@ def foil_force(record: Effector, density: float, deflection: float, local: Vecto
     total = local[0] * local[0] + local[1] * local[1] + local[2] * local[2]
     square = ahead_speed * ahead_speed + across * across
     ahead = ahead_speed * np.cos(deflection) + across * np.sin(deflection)
-    if total <= MIN_FLOW * MIN_FLOW or square == 0.0 or (ahead <= 0.0 and p[7] == 0.0):
-        return 0.0, 0.0, 0.0
+    # in water at rest, and from behind, there may be no force
+    acts = (total > MIN_FLOW * MIN_FLOW) & (square != 0.0) & ((ahead > 0.0) | (p[7] != 0.0))
     incidence = p[4] + deflection + np.arctan2(-across, ahead_speed)
-    while abs(incidence) > 0.5 * np.pi:
-        incidence -= np.copysign(np.pi, incidence)
+    while any_lane(abs(incidence) > 0.5 * np.pi):
+        turned = incidence - np.copysign(np.pi, incidence)
+        incidence = select(abs(incidence) > 0.5 * np.pi, turned, incidence)
     beyond_stall = max(abs(incidence) - p[2], 0.0)
     below_stall = min(abs(incidence), p[2])
     lift = np.copysign(max(p[1] * below_stall + p[3] * beyond_stall, 0.0), incidence)
     drag = abs(p[5] * below_stall + p[6] * beyond_stall)
     # dynamic pressure times area and the squared cosine of the sweep, over the speed in the plane
-    scale = 0.5 * density * p[0] * np.sqrt(square) * (square / total)
-    aside = scale * (lift * ahead_speed - drag * across)
-    return -scale * (lift * across + drag * ahead_speed), aside * e[1], aside * e[2]
+    sweep = square / select(acts, total, 1.0)
+    scale = 0.5 * density * p[0] * np.sqrt(square) * sweep
+    aside = select(acts, scale * (lift * ahead_speed - drag * across), 0.0)
+    along = select(acts, -scale * (lift * across + drag * ahead_speed), 0.0)
+    return along, aside * e[1], aside * e[2]
 
 
 @compiled

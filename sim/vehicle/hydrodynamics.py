@@ -8,20 +8,21 @@ differently from place to place: Taylor, Proc. R. Soc. A 120, 1928; Auton, Hunt 
 Fluid Mech. 197, 1988. The flow is taken as linear over the hull about the origin of the body frame,
 which is the centre of buoyancy unless the MJCF has a `buoyancy_centre`.
 
-`apply_water_forces` writes the wrench to `qfrc_applied` and adds the added mass to `M` between
-`mj_step1` and `mj_factorM`, so that it acts on accelerations that MuJoCo has yet to solve for.
+`apply_water_forces` gives the wrench of each vehicle, and the share of its added mass, to the
+solver of its motion (`sim.vehicle.solvers`).
 
 Functions take `c`, the coefficients of a vehicle; `v` and `w`, velocity and rate of turn
 relative to the water, in the body [m/s], [rad/s]; they give force [N] and moment about the origin
 [N m].
 """
 
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
 from laisn.arrays import Floats, Records
-from laisn.compiled import compiled, inlined
+from laisn.compiled import compiled, inlined, select
+from laisn.simd import all_lanes, any_lane
 from sim.attitude import (
     Matrix,
     Pose,
@@ -38,6 +39,7 @@ from sim.attitude import (
 from sim.vehicle.effector_kinds import HullFlow
 from sim.vehicle.effectors import Fitted, effector_wrench
 from sim.vehicle.mjcf import Coefficients
+from sim.vehicle.solvers import Load, matrix_times
 from sim.water.environment import Environment, SeaInstant, elevation_at, flow, sea_at
 
 
@@ -47,11 +49,11 @@ def _damp(c: Coefficients, i: int, speed: float, rate: float, left: float) -> tu
     the axis before.
     """
     fade = c.linear_damping_fade
-    # mostly that of the axis before
-    if fade[i] == 0.0:
+    # mostly that of the axis before, or none
+    if i == 0 or any_lane(fade[i] != fade[i - 1]):
         left = 1.0
-    elif i == 0 or fade[i] != fade[i - 1]:
-        left = np.exp(-fade[i] * speed)
+        if any_lane(fade[i] != 0.0):
+            left = np.exp(-fade[i] * speed)
     return -(c.linear_damping[i] * left + c.quadratic_damping[i] * abs(rate)) * rate, left
 
 
@@ -71,15 +73,24 @@ def damping(c: Coefficients, v: Vector, w: Vector) -> tuple[Vector, Vector]:
 
 
 @compiled
+def _coupled_term(c: Coefficients, i: int, j: int, rate: float) -> float:
+    return float((c.linear_coupling[i, j] + c.quadratic_coupling[i, j] * abs(rate)) * rate)
+
+
+@compiled
+def _coupled(c: Coefficients, i: int, v: Vector, w: Vector) -> float:
+    """f_i = −Σ_j (D_ij + D_q,ij |ν_j|) ν_j."""
+    by_velocity = _coupled_term(c, i, 0, v[0]) + _coupled_term(c, i, 1, v[1])
+    by_velocity += _coupled_term(c, i, 2, v[2])
+    with_roll = by_velocity + _coupled_term(c, i, 3, w[0])
+    return -(with_roll + _coupled_term(c, i, 4, w[1]) + _coupled_term(c, i, 5, w[2]))
+
+
+@compiled
 def coupled_damping(c: Coefficients, v: Vector, w: Vector) -> tuple[Vector, Vector]:
     """Damping off the diagonals, −(D + D_q |ν_j|) ν_j, which does not fade."""
-    # f_i = −Σ_j (D_ij + D_q,ij |ν_j|) ν_j
-    nu = (v[0], v[1], v[2], w[0], w[1], w[2])
-    out = np.zeros(6)
-    for i in range(6):
-        for j in range(6):
-            out[i] -= (c.linear_coupling[i, j] + c.quadratic_coupling[i, j] * abs(nu[j])) * nu[j]
-    return (out[0], out[1], out[2]), (out[3], out[4], out[5])
+    force = _coupled(c, 0, v, w), _coupled(c, 1, v, w), _coupled(c, 2, v, w)
+    return force, (_coupled(c, 3, v, w), _coupled(c, 4, v, w), _coupled(c, 5, v, w))
 
 
 @compiled
@@ -97,10 +108,10 @@ def hull_lift(c: Coefficients, v: Vector) -> Vector:
     side = c.hull_lift_planes[0] * v[1]
     up = c.hull_lift_planes[1] * v[2]
     in_plane = v[0] * v[0] + side * side + up * up
-    if in_plane == 0.0:
-        return 0.0, 0.0, 0.0
     total = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-    scale = -0.5 * c.density * area * abs(v[0]) * (total / in_plane)
+    # where nothing flows in these planes, nothing acts
+    ratio = select(in_plane == 0.0, 0.0, total / select(in_plane == 0.0, 1.0, in_plane))
+    scale = -0.5 * c.density * area * abs(v[0]) * ratio
     normal = scale * (drag + slope)
     return scale * drag * v[0], normal * side, normal * up
 
@@ -135,32 +146,6 @@ def viscous(c: Coefficients, v: Vector, w: Vector) -> tuple[tuple[Vector, Vector
 
 
 DIVERGED = 1e3  # a speed [m/s] or rate [rad/s] that no vehicle has: the integration has failed
-
-
-class Solver(NamedTuple):
-    """What MuJoCo solves for the accelerations."""
-
-    mass: Floats  # lower triangles of the vehicles' blocks of `M`, row by row, shape (v, 21)
-    applied: Floats  # `qfrc_applied`, shape (v, 6)
-
-
-@compiled
-def _row_times(a: Floats, i: int, v: Vector, w: Vector) -> float:
-    return float(
-        a[i, 0] * v[0]
-        + a[i, 1] * v[1]
-        + a[i, 2] * v[2]
-        + a[i, 3] * w[0]
-        + a[i, 4] * w[1]
-        + a[i, 5] * w[2]
-    )
-
-
-@compiled
-def _inertia_times(a: Floats, v: Vector, w: Vector) -> tuple[Vector, Vector]:
-    """6×6 matrix times (v, w)."""
-    force = _row_times(a, 0, v, w), _row_times(a, 1, v, w), _row_times(a, 2, v, w)
-    return force, (_row_times(a, 3, v, w), _row_times(a, 4, v, w), _row_times(a, 5, v, w))
 
 
 @compiled
@@ -221,7 +206,8 @@ def immersion(
     is a radius below its middle; strips count by their side area.
     """
     ends = max(abs(c.strip_x[0]), abs(c.strip_x[c.n_strips - 1]))
-    deep = position[2] + abs(axis[2]) * ends + c.hull_radius <= -sea.waves.highest
+    top = position[2] + abs(axis[2]) * ends + c.hull_radius
+    deep = all_lanes(top <= -sea.waves.highest)
     area = wet = arm = 0.0
     for i in range(0 if deep else c.n_strips):
         p = plus(position, scaled(c.strip_x[i], axis))
@@ -278,14 +264,15 @@ def wrench(
         minus(matvec(to_body, turning_rate), cross(spin, turning)),
     )
 
-    momentum, angular = _inertia_times(c.added_mass, v, w)
+    momentum, angular = matrix_times(c.added_mass, v, w)
     force, moment = kirchhoff(c.munk_factor, v, spin, momentum, angular)
     terms = gradient_force(gradient, axis, matvec(to_world, momentum), matvec(to_world, angular))
     force = plus(force, matvec(to_body, terms[0]))
     moment = plus(moment, matvec(to_body, terms[1]))
-    for terms in viscous(c, v, w):
-        force = plus(force, terms[0])
-        moment = plus(moment, terms[1])
+    damped = damping(c, v, w)
+    across = cross_flow(c, v, w)
+    force = plus(plus(plus(force, damped[0]), across[0]), hull_lift(c, v))
+    moment = plus(plus(moment, damped[1]), across[1])
     if c.coupled:
         terms = coupled_damping(c, v, w)
         force = plus(force, terms[0])
@@ -299,7 +286,7 @@ def wrench(
 
     # M_A d/dt (Rᵀ u, Rᵀ (e × ∇u e)): the solver applies added mass to the body's own acceleration;
     # what the water brings of it is added here
-    terms = _inertia_times(c.added_mass, relative_rate[0], relative_rate[1])
+    terms = matrix_times(c.added_mass, relative_rate[0], relative_rate[1])
     force = plus(force, terms[0])
     moment = plus(moment, terms[1])
     # B ρ(z)/ρ_0: a hull that dives into denser water becomes lighter there
@@ -326,32 +313,13 @@ def wrench(
 
 
 @compiled
-def _add_to_inertia(mass: Floats, vehicle: int, added: Floats, share: float, r: Matrix) -> None:
-    """Add rotated added mass to the lower triangle of a body's block of `M`: R A R', B R', C of
-    [[A, B'], [B, C]].
-    """
-    m = added
-    a = (m[0, 0], m[0, 1], m[0, 2]), (m[1, 0], m[1, 1], m[1, 2]), (m[2, 0], m[2, 1], m[2, 2])
-    b = (m[3, 0], m[3, 1], m[3, 2]), (m[4, 0], m[4, 1], m[4, 2]), (m[5, 0], m[5, 1], m[5, 2])
-    for j in range(3):
-        carried = matvec(r, matvec(a, r[j]))
-        coupled = matvec(b, r[j])
-        for i in range(3):
-            lower = (i + 3) * (i + 4) // 2  # start of row i + 3
-            mass[vehicle, lower + j] += share * coupled[i]
-            if i >= j:
-                mass[vehicle, i * (i + 1) // 2 + j] += share * carried[i]
-                mass[vehicle, lower + 3 + j] += share * added[i + 3, j + 3]
-
-
-@compiled
 def first_row_exceeding(values: Floats, bound: float) -> int:
     """First row of a matrix with a value that is NaN or whose size is not below `bound`; -1 if
     there is none.
     """
     for i in range(values.shape[0]):
         for j in range(values.shape[1]):
-            if not abs(values[i, j]) < bound:
+            if not all_lanes(abs(values[i, j]) < bound):
                 return i
     return -1
 
@@ -363,14 +331,12 @@ def apply_water_forces(
     twist: Floats,
     time: float,
     environment: Environment,
-    solver: Solver,
+    solver: Any,
     fitted: Fitted,
 ) -> int:
-    """Give all vehicles wrenches and added mass; the index of the first that is lost (not
-    finite, > DIVERGED), or -1.
+    """Give the loads of all vehicles to a solver; the index of the first that is lost (not finite,
+    > DIVERGED), or -1.
     """
-    mass = solver.mass
-    applied = solver.applied
     sea = sea_at(environment, time)
     diverged = first_row_exceeding(twist, DIVERGED)
     # one way out, and numbers in place of rows: compiled code would count references to arrays for
@@ -379,13 +345,10 @@ def apply_water_forces(
         at = (pose[i, 0], pose[i, 1], pose[i, 2], pose[i, 3], pose[i, 4], pose[i, 5], pose[i, 6])
         motion = (twist[i, 0], twist[i, 1], twist[i, 2], twist[i, 3], twist[i, 4], twist[i, 5])
         c = coefficients[i]
-        total = 0.0
         force, moment, share = wrench(c, at, motion, sea, fitted, i)
-        for j in range(3):
-            applied[i, j] = force[j]
-            applied[i, 3 + j] = moment[j]
-            total += abs(force[j]) + abs(moment[j])
-        if diverged < 0 and not total < np.inf:
+        total = abs(force[0]) + abs(force[1]) + abs(force[2])
+        total = total + abs(moment[0]) + abs(moment[1]) + abs(moment[2])
+        if diverged < 0 and not all_lanes(total < np.inf):
             diverged = i
-        _add_to_inertia(mass, i, c.added_mass, share, rotation(at[3:7]))
+        solver.take_load(i, c, at, motion, Load(force, moment, share))
     return diverged

@@ -1,31 +1,32 @@
-"""The plant: vehicles in the ocean, stepped by MuJoCo with the water's forces. Users see vehicles,
-not qpos.
+"""The plant: vehicles in the ocean, stepped by MuJoCo, or by another solver of their equations of
+motion, with the water's forces. Users see vehicles, not qpos.
 
 A physics step is compiled code, which calls MuJoCo's C functions by their addresses in the library
 of the `mujoco` package, with the water's forces in their middle; from Python a call costs more than
-its work on two hulls.
+its work on two hulls. `sim.vehicle.solvers` has these calls, and the solver in their place.
 
-MuJoCo's semi-implicit Euler is a leapfrog: its velocities belong to the middles of the steps.
+Semi-implicit Euler is a leapfrog: its velocities belong to the middles of the steps.
 Forces need those of the instant, half a step later, to which the acceleration of the step before
 brings them: for the velocities the rule of Adams and Bashforth, v += dt (3 a - a_before) / 2, at no
 further evaluation of a force.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from laisn.arrays import Floats, Ints, Records
-from laisn.compiled import call_address, compiled, copy_values
+from laisn.compiled import compiled, copy_values
 from laisn.errors import LaisnError
 from sim import attitude
 from sim.vehicle import effectors, hydrodynamics, mjcf
 from sim.vehicle.effectors import Fitted
-from sim.vehicle.hydrodynamics import Solver
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
-from sim.vehicle.mujoco_calls import NO_CONTACT, NO_FORCES, Calls, calls_of
+from sim.vehicle.mujoco_calls import NO_CONTACT, NO_FORCES, calls_of
+from sim.vehicle.solvers import DirectSolver, Engine, MujocoSolver, Room, bodies_of
 from sim.water.environment import Environment
 from sim.water.ocean import Ocean
 
@@ -52,11 +53,10 @@ class PlantState(NamedTuple):
 
 
 class StepHandles(NamedTuple):
-    """What a step works on: MuJoCo's calls, its state, and all that loads the hulls."""
+    """What a step works on: the state, and all that loads and moves the hulls."""
 
-    calls: Calls
     clock: Floats  # time and physics step [s], shape (2,)
-    pose: Floats  # as of `PlantState`, in MuJoCo's memory, as the next
+    pose: Floats  # as of `PlantState`, in MuJoCo's memory, as the next, or in that of lanes
     twist: Floats
     acceleration: Floats  # of `twist`, shape (v, 6)
     response: Floats  # share of the way to its command that an effector goes in a step, (v, m)
@@ -65,7 +65,7 @@ class StepHandles(NamedTuple):
     warnings: Ints  # how often MuJoCo has warned, by the kind of warning
     coefficients: Records  # of the hulls, as of `Plant`
     environment: Environment
-    solver: Solver
+    solver: Any  # as `sim.vehicle.solvers.MujocoSolver`
     fitted: Fitted
 
 
@@ -80,18 +80,13 @@ def advance(handles: StepHandles, command: Floats, n_substeps: int) -> Fault:
     twist = h.twist
     acceleration = h.acceleration
     clock = h.clock
-    model = h.calls.model
-    data = h.calls.data
-    kinematics, centres, inertia, velocity, factor, finish = h.calls.stages
     half_step = 0.5 * clock[1]
     bad = hydrodynamics.first_row_exceeding(command, np.inf)
     if bad >= 0:
         return NONFINITE_COMMAND, bad
     _shift(twist, acceleration, -half_step)
     for _ in range(n_substeps):
-        call_address(kinematics, model, data)
-        call_address(centres, model, data)
-        call_address(inertia, model, data)
+        h.solver.begin_solving()
         # forces are those of the instant, velocities those of the middle of the last step
         _shift(twist, acceleration, half_step)
         lost = hydrodynamics.apply_water_forces(
@@ -99,10 +94,9 @@ def advance(handles: StepHandles, command: Floats, n_substeps: int) -> Fault:
         )
         if lost >= 0:
             return DIVERGED, lost
-        call_address(velocity, model, data)
-        call_address(factor, model, data)
+        h.solver.end_forces()
         _shift(twist, acceleration, -half_step)
-        call_address(finish, model, data)
+        h.solver.move_bodies()
         effectors.update_states(h.fitted, command, h.response, clock[1])
         clock[0] += clock[1]
     _shift(twist, acceleration, half_step)
@@ -145,12 +139,23 @@ class Plant:
         effector_names: names of each vehicle's own.
         site_names, site_vehicle, site_offset: "vehicle/site" of all sites, shape (s,), index of the
             vehicle that carries it, and place in its body frame, shape (s, 3), [m].
+        response: share of the effectors' lags that passes in a step, shape (v, m).
         model, data: MuJoCo's own, without geoms of the vehicles.
     """
 
-    def __init__(self, setups: Sequence[VehicleSetup], ocean: Ocean, dt: float = 0.02) -> None:
+    def __init__(
+        self,
+        setups: Sequence[VehicleSetup],
+        ocean: Ocean,
+        dt: float = 0.02,
+        engine: Engine = "mujoco",
+        *,
+        settled: bool = True,
+    ) -> None:
         """Compose and compile the model; LaisnError if the setups or the models' coefficients
-        are invalid.
+        are invalid, or the engine "direct" cannot solve for their motion.
+
+        A plant that is not `settled` lacks the accelerations of its start, and cannot be stepped.
         """
         spec = compose(setups, ocean.floor_depth_m, looks=False)
         spec.option.timestep = dt
@@ -184,7 +189,7 @@ class Plant:
         self.kinds = effectors.kinds_of(every)
         # records that pad a vehicle have no lag
         response = -np.expm1(-dt / np.maximum(self.effectors["lag"], 1e-9))
-        self._response: Floats = response
+        self.response: Floats = response
         self._clock = np.array([0.0, dt])
 
         self.site_names = tuple(model.site(i).name for i in range(model.nsite))
@@ -198,15 +203,42 @@ class Plant:
             forward = attitude.rotate(self.pose[i, 3:], np.array([1.0, 0.0, 0.0]))
             self.twist[i, :3] = setup.speed_m_s * forward
         mujoco.mj_forward(model, data)
-        self._calls = calls_of(model, data)
+        self._solver = self._solver_of(engine)
         # the first step takes the accelerations of the start for those of a step before
         self._acceleration[:] = 0.0
         start = data.qpos.copy(), data.qvel.copy()
         self._last_pose[:], self._last_twist[:] = self.pose, self.twist
+        if not settled:
+            return
         self.step(np.zeros(self.thrust.shape))
         data.qpos[:], data.qvel[:] = start
         data.time = self.thrust[:] = 0.0
         self._last_pose[:], self._last_twist[:] = self.pose, self.twist
+
+    def _solver_of(self, engine: Engine) -> MujocoSolver | DirectSolver:
+        n = len(self.names)
+        if engine == "direct":
+            return DirectSolver(
+                bodies=self.bodies,
+                pose=self.pose,
+                twist=self.twist,
+                acceleration=self._acceleration,
+                solved=np.zeros((n, 6)),
+                room=Room(np.zeros((6, 6)), np.zeros(6)),
+                dt=self.dt,
+            )
+        return MujocoSolver(
+            calls=calls_of(self.model, self.data),
+            mass=self.data.M.reshape(n, 21),
+            applied=self.data.qfrc_applied.reshape(n, 6),
+        )
+
+    @property
+    def bodies(self) -> npt.NDArray[np.void]:
+        """Inertia of the vehicles as the solver "direct" takes it, records of
+        `sim.vehicle.solvers.BODY`, shape (v,).
+        """
+        return bodies_of(self.model, self.names, self.true_coefficients)
 
     @property
     def sites(self) -> dict[str, Floats]:
@@ -239,26 +271,24 @@ class Plant:
 
     def step_handles(self) -> StepHandles:
         """What `advance` works on."""
-        n = len(self.names)
-        data = self.data
         return StepHandles(
-            calls=self._calls,
             clock=self._clock,
             pose=self.pose,
             twist=self.twist,
             acceleration=self._acceleration,
-            response=self._response,
+            response=self.response,
             last_pose=self._last_pose,
             last_twist=self._last_twist,
-            warnings=data.warning.number,
+            warnings=self.data.warning.number,
             coefficients=self.true_coefficients,
             environment=self.ocean.environment,
-            solver=Solver(mass=data.M.reshape(n, 21), applied=data.qfrc_applied.reshape(n, 6)),
+            solver=self._solver,
             fitted=Fitted(self.kinds, self.true_effectors, self.thrust),
         )
 
     def finish_step(self, fault: Fault) -> None:
-        """PlantError if an error ended `advance`."""
+        """Take over the time that `advance` has reached; PlantError if an error ended it."""
+        self.data.time = self._clock[0]
         kind, which = fault
         if kind == OK:
             return

@@ -11,14 +11,14 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled, inlined
 from sim.attitude import Vector
 from sim.water.rays import Ray
-from sim.water.waves import Flow, WaveTrain, add_waves, wave_elevation
+from sim.water.waves import Flow
 
 
 class Environment(NamedTuple):
     """Current, waves, floor, density and sound of a sea."""
 
     current: Any  # as `sim.water.currents.ShearedCurrent`
-    waves: WaveTrain
+    waves: Any  # as `sim.water.waves.WaveTrain`
     floor: Any  # as `sim.water.floors.LevelFloor`
     rays: Any  # as `sim.water.rays.StraightRays`
     water: Any  # as `sim.water.densities.UniformDensity`
@@ -52,7 +52,7 @@ class SeaInstant(NamedTuple):
 
     time: float  # [s]
     current: Any  # as `sim.water.currents.ShearedInstant`
-    waves: WaveTrain
+    waves: Any  # as `sim.water.waves.WaveTrain`
     water: Any  # as `sim.water.densities.UniformDensity`
 
 
@@ -67,7 +67,7 @@ def sea_at(environment: Environment, time: float) -> SeaInstant:
 @compiled
 def elevation_at(sea: SeaInstant, x: float, y: float) -> float:
     """Height of the surface above z = 0 at one place [m]."""
-    return wave_elevation(sea.waves, x, y, sea.time, sea.current.drift)
+    return float(sea.waves.elevation_at(x, y, sea.time, sea.current.drift))
 
 
 @inlined
@@ -80,12 +80,7 @@ def flow(sea: SeaInstant, position: Vector, velocity: Vector, axis: Vector) -> F
     drifted_position = position[0] - drift.run[0], position[1] - drift.run[1], position[2]
     relative = velocity[0] - drift.velocity[0], velocity[1] - drift.velocity[1], velocity[2]
     current = sea.current.flow(drifted_position, relative)
-    if sea.waves.components.shape[1] > 0:
-        water = add_waves(sea.waves, current, drifted_position, relative, axis, sea.time)
-    else:
-        # most seas are calm, and need neither sums over waves nor room for them
-        none = (0.0, 0.0, 0.0)
-        water = Flow(current.velocity, current.rate, current.gradient, none, none)
+    water = sea.waves.flow_over(current, drifted_position, relative, axis, sea.time)
     u = water.velocity
     rate = water.rate
     return Flow(

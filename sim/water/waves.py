@@ -16,11 +16,14 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats, Two, freeze_arrays
-from laisn.compiled import compiled
+from laisn.compiled import compiled, method_by_type
 from laisn.errors import LaisnError
 from laisn.vector_math import exp, sin_cos
 from sim.attitude import Matrix, Vector
 from sim.water.currents import CurrentFlow, Drift
+
+method_by_type("flow_over")
+method_by_type("elevation_at")
 
 # gravity, which pulls on the surface here as it pulls on bodies in models/ocean.xml [m/s²]
 GRAVITY = 9.81
@@ -191,6 +194,39 @@ class WaveTrain(NamedTuple):
         components = np.ascontiguousarray(np.column_stack(rows).T)
         return cls(components, float(floor_depth_m), float(np.abs(amplitude).sum()))
 
+    @compiled
+    def flow_over(
+        self, current: CurrentFlow, position: Vector, velocity: Vector, axis: Vector, time: float
+    ) -> "Flow":
+        """A current and these waves on it, as of `add_waves`."""
+        if self.components.shape[1] > 0:
+            return add_waves(self, current, position, velocity, axis, time)
+        # most seas are calm, and need neither sums over waves nor room for them
+        return flow_without_waves(current)
+
+    @compiled
+    def elevation_at(self, x: float, y: float, time: float, drift: Drift) -> float:
+        """Height of the surface above z = 0 at one place [m], time [s]."""
+        return wave_elevation(self, x, y, time, drift)
+
+
+class CalmSurface(NamedTuple):
+    """No waves, and no code for any."""
+
+    highest: float = 0.0  # bound of the elevation [m]
+
+    @compiled
+    def flow_over(
+        self, current: CurrentFlow, position: Vector, velocity: Vector, axis: Vector, time: float
+    ) -> "Flow":
+        """A current alone."""
+        return flow_without_waves(current)
+
+    @compiled
+    def elevation_at(self, x: float, y: float, time: float, drift: Drift) -> float:
+        """Height of the surface."""
+        return 0.0
+
 
 class Flow(NamedTuple):
     """The water about a point that moves, all in the world."""
@@ -202,6 +238,13 @@ class Flow(NamedTuple):
     # particles' (linear) acceleration [1/s²]
     axis_gradient_rate: Vector
     axis_acceleration_gradient: Vector
+
+
+@compiled
+def flow_without_waves(current: CurrentFlow) -> Flow:
+    """A current alone."""
+    none = (0.0, 0.0, 0.0)
+    return Flow(current.velocity, current.rate, current.gradient, none, none)
 
 
 @compiled

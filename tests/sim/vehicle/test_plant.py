@@ -14,7 +14,9 @@ from sim.scenario.vehicles import Vehicle
 from sim.vehicle import effectors, hydrodynamics, mjcf
 from sim.vehicle.effectors import Fitted
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
+from sim.vehicle.mujoco_calls import calls_of
 from sim.vehicle.plant import Plant, PlantError
+from sim.vehicle.solvers import MujocoSolver
 from sim.water.ocean import Ocean
 from sim.water.waves import Waves
 
@@ -85,7 +87,9 @@ def test_a_step_is_mujocos_own_with_the_water_in_its_middle() -> None:
     pose, twist = data.qpos.reshape(2, 7), data.qvel.reshape(2, 6)
     pose[:], twist[:] = plant.pose, plant.twist
     records = mjcf.read_coefficients(model, plant.names, plant.ocean.density_kg_m3)
-    solver = hydrodynamics.Solver(data.M.reshape(2, 21), data.qfrc_applied.reshape(2, 6))
+    solver = MujocoSolver(
+        calls_of(model, data), data.M.reshape(2, 21), data.qfrc_applied.reshape(2, 6)
+    )
     fitted = Fitted(plant.kinds, plant.true_effectors, np.zeros(plant.effectors.shape))
     command = np.array([[30.0, 8, -6, 3, -5], [12, -5, 6, -2, 3]])
     data.ctrl[:] = command.ravel()
@@ -135,7 +139,7 @@ def test_a_wrench_beyond_all_numbers_is_found() -> None:
     records = mjcf.read_coefficients(plant.model, plant.names, 1026.0).copy()
     pose, twist = plant.pose.copy(), np.tile([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], (2, 1))
     pose[1, 3:] = [1.0, 0.0, 0.0, 0.0]
-    solver = hydrodynamics.Solver(np.zeros((2, 21)), np.zeros((2, 6)))
+    solver = MujocoSolver(calls_of(plant.model, plant.data), np.zeros((2, 21)), np.zeros((2, 6)))
     fitted = Fitted(plant.kinds, plant.true_effectors, np.zeros(plant.effectors.shape))
     assert (
         hydrodynamics.apply_water_forces(

@@ -1,0 +1,288 @@
+"""Missions side by side: up to eight whose motion depends on no noise, each in a lane of its own.
+
+The physics is that of `sim.vehicle.plant.advance`, compiled for lanes (`laisn.simd`), the control
+that of `sim.simulation.RouteControl`, mission by mission. A mission moves in a lane as it does
+alone with the solver "direct", to the bit, whatever flies beside it.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from laisn.arrays import Floats, Ints, Records
+from laisn.compiled import compiled
+from laisn.errors import LaisnError
+from laisn.simd import LANES, in_lanes, lanes_of
+from sim.scenario.parts import MotionSettings
+from sim.simulation import (
+    TICK,
+    Mission,
+    RouteControl,
+    end_mission,
+    mission_for_lanes,
+    simulate_open_loop,
+)
+from sim.trajectory import StateHistory, Trajectory
+from sim.vehicle.effectors import Fitted, Kinds
+from sim.vehicle.plant import OK, Fault, Plant, advance
+from sim.vehicle.solvers import DirectSolver, Room
+from sim.water.currents import ShearedCurrent
+from sim.water.environment import Environment, flow, sea_at
+from sim.water.waves import CalmSurface
+
+FEW = 2  # missions that move faster one after the other
+
+
+class LaneMemory(NamedTuple):
+    """States and parameters of v vehicles of each mission, the lanes along the last axis; records
+    are of lanes.
+    """
+
+    pose: Floats  # as of `Plant`, shape (v, 7, LANES), as are the next by their sizes
+    twist: Floats
+    states: Floats  # of the effectors
+    acceleration: Floats
+    solved: Floats
+    last_pose: Floats  # valid ones
+    last_twist: Floats
+    water: Floats  # velocity of the water at the vehicles, shape (v, 3, LANES), [m/s]
+    command: Floats
+    response: Floats
+    coefficients: Records
+    effectors: Records
+    bodies: Records
+    lower: Floats  # room of the solver, shapes (6, 6, LANES) and (6, LANES)
+    load: Floats
+    surface: Floats  # current at the surface, and its change with z, shape (2, LANES)
+    shear: Floats
+    change: Floats  # of the current, the same in all lanes
+    clock: Floats
+    warnings: Ints
+
+
+def _memory_of(plants: Sequence[Plant], currents: Sequence[ShearedCurrent]) -> LaneMemory:
+    """States of plants that are not settled, side by side; ValueError if they differ in more than
+    numbers.
+    """
+    v, m = plants[0].thrust.shape
+    change = currents[0].change
+    if any(not np.array_equal(current.change, change) for current in currents):
+        raise ValueError("currents change otherwise")
+
+    def numbers(rows: int, columns: int) -> Floats:
+        return np.zeros((rows, columns, LANES))
+
+    return LaneMemory(
+        pose=in_lanes([plant.pose for plant in plants]),
+        twist=in_lanes([plant.twist for plant in plants]),
+        states=numbers(v, m),
+        acceleration=numbers(v, 6),
+        solved=numbers(v, 6),
+        last_pose=numbers(v, 7),
+        last_twist=numbers(v, 6),
+        water=numbers(v, 3),
+        command=numbers(v, m),
+        response=in_lanes([plant.response for plant in plants]),
+        coefficients=in_lanes([plant.true_coefficients for plant in plants]),
+        effectors=in_lanes([plant.true_effectors for plant in plants]),
+        bodies=in_lanes([plant.bodies for plant in plants]),
+        lower=numbers(6, 6),
+        load=np.zeros((6, LANES)),
+        surface=in_lanes([np.array(current.surface) for current in currents]),
+        shear=in_lanes([np.array(current.shear) for current in currents]),
+        change=change,
+        clock=np.array([0.0, plants[0].dt]),
+        warnings=np.zeros(0, dtype=np.int64),
+    )
+
+
+@compiled
+def _handles_of(memory: LaneMemory, kinds: Kinds) -> Any:
+    """What `advance` works on, in lanes."""
+    pose = lanes_of(memory.pose)
+    twist = lanes_of(memory.twist)
+    acceleration = lanes_of(memory.acceleration)
+    surface = lanes_of(memory.surface)
+    shear = lanes_of(memory.shear)
+    solver = DirectSolver(
+        lanes_of(memory.bodies),
+        pose,
+        twist,
+        acceleration,
+        lanes_of(memory.solved),
+        Room(lanes_of(memory.lower), lanes_of(memory.load)),
+        memory.clock[1],
+    )
+    current = ShearedCurrent((surface[0], surface[1]), (shear[0], shear[1]), memory.change)
+    environment = Environment(current, CalmSurface(0.0), 0.0, 0.0, 0.0)
+    fitted = Fitted(kinds, lanes_of(memory.effectors), lanes_of(memory.states))
+    good = (lanes_of(memory.last_pose), lanes_of(memory.last_twist))
+    body = (pose, twist, acceleration), lanes_of(memory.response), good, memory.warnings
+    return memory.clock, body, (lanes_of(memory.coefficients), environment, solver, fitted)
+
+
+@compiled
+def _record_water(k: int, memory: LaneMemory, environment: Environment) -> None:
+    """Find the water at all vehicles at instant k."""
+    pose = lanes_of(memory.pose)
+    out = lanes_of(memory.water)
+    sea = sea_at(environment, k * TICK)
+    for i in range(pose.shape[0]):
+        point = (pose[i, 0], pose[i, 1], pose[i, 2])
+        u = flow(sea, point, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)).velocity
+        out[i, 0] = u[0]
+        out[i, 1] = u[1]
+        out[i, 2] = u[2]
+
+
+@compiled
+def _copy_lane(values: Floats, lane: int, out: Floats) -> None:
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[i, j] = values[i, j, lane]
+
+
+@compiled
+def _copy_all(source: Floats, target: Floats) -> None:
+    for i in range(target.shape[0]):
+        for j in range(target.shape[1]):
+            for lane in range(LANES):
+                target[i, j, lane] = source[i, j, lane]
+
+
+@compiled
+def _settle(memory: LaneMemory, handles: Any) -> Fault:
+    """Take the accelerations of the start, as `Plant` does for its own."""
+    pose = memory.pose.copy()
+    twist = memory.twist.copy()
+    fault = advance(handles, lanes_of(memory.command), 1)
+    _copy_all(pose, memory.pose)
+    _copy_all(twist, memory.twist)
+    _copy_all(np.zeros(memory.states.shape), memory.states)
+    memory.clock[0] = 0.0
+    return fault
+
+
+@compiled
+def _fly(
+    used: int,
+    substeps: int,
+    memory: LaneMemory,
+    kinds: Kinds,
+    controls: tuple[RouteControl, ...],
+    truths: tuple[StateHistory, ...],
+) -> Fault:
+    """Fly missions to their end; what ended that."""
+    handles = _handles_of(memory, kinds)
+    environment = handles[2][1]
+    fault = _settle(memory, handles)
+    if fault[0] != OK:
+        return fault
+    command = lanes_of(memory.command)
+    for k in range(truths[0].pose.shape[0]):
+        if k > 0:
+            fault = advance(handles, command, substeps)
+            if fault[0] != OK:
+                return fault
+        _record_water(k, memory, environment)
+        for lane in range(LANES):
+            mission = lane if lane < used else 0
+            truth = truths[mission]
+            control = controls[mission]
+            if lane < used:
+                _copy_lane(memory.pose, lane, truth.pose[k])
+                _copy_lane(memory.twist, lane, truth.twist[k])
+                _copy_lane(memory.water, lane, truth.water[k])
+                _copy_lane(memory.states, lane, truth.thrust[k])
+                control.control(k, truth)
+            for i in range(control.command.shape[0]):
+                for j in range(control.command.shape[1]):
+                    memory.command[i, j, lane] = control.command[i, j]
+    return OK, -1
+
+
+def _fly_group(missions: Sequence[Mission]) -> bool:
+    """Fly missions to their end; False, with motions of no use, if they differ in more than
+    numbers, or one of them diverges.
+    """
+    plants = [mission.plant for mission in missions]
+    currents = [plant.ocean.environment.current for plant in plants]
+    calm = all(plant.ocean.environment.waves.components.shape[1] == 0 for plant in plants)
+    if not calm or not all(isinstance(current, ShearedCurrent) for current in currents):
+        return False
+    try:
+        memory = _memory_of(plants, currents)
+    except ValueError:
+        return False
+    shapes = {mission.truth.pose.shape for mission in missions}
+    kinds = {type(mission.controller) for mission in missions}
+    steps = {plant.dt for plant in plants}
+    if len(shapes) > 1 or kinds != {RouteControl} or len(steps) > 1:
+        return False
+    padded = [*missions, *[missions[0]] * (LANES - len(missions))]
+    fault = _fly(
+        len(missions),
+        round(TICK / plants[0].dt),
+        memory,
+        plants[0].kinds,
+        tuple(mission.routes for mission in padded),
+        tuple(mission.truth for mission in padded),
+    )
+    return fault[0] == OK
+
+
+def _is_for_lanes(motion: MotionSettings) -> bool:
+    """Whether vehicles may move in a lane."""
+    calm = motion.sea.ocean.waves.kind == "none"
+    return motion.engine == "direct" and motion.kind == "physics" and calm
+
+
+def _shape_of(motion: MotionSettings) -> str:
+    """What missions side by side have in common, beside the physics."""
+    numbers = {"current_speed_m_s", "current_direction_deg", "current_shear_per_s"}
+    numbers |= {"density_kg_m3"}
+    sea = motion.sea.ocean.model_dump(mode="json", exclude=numbers)
+    return repr((motion.plan.duration_s, motion.physics_step_s, motion.plan.models, sea))
+
+
+def groups_for_lanes(motions: Sequence[MotionSettings], most: int = LANES) -> list[list[int]]:
+    """Numbers of the missions that may move side by side, in groups of up to `most`; of a group of
+    two each moves faster alone, so that it is left out.
+    """
+    by_shape: dict[str, list[int]] = {}
+    for i, motion in enumerate(motions):
+        if _is_for_lanes(motion):
+            by_shape.setdefault(_shape_of(motion), []).append(i)
+    groups = [
+        numbers[first : first + most]
+        for numbers in by_shape.values()
+        for first in range(0, len(numbers), most)
+    ]
+    return [group for group in groups if len(group) > FEW]
+
+
+Made = TypeVar("Made")
+
+
+def _or_none(make: Callable[[], Made]) -> Made | None:
+    """What a function makes; None if it raises a LaisnError."""
+    try:
+        return make()
+    except LaisnError:
+        return None
+
+
+def simulate_side_by_side(motions: Sequence[MotionSettings]) -> list[Trajectory | None]:
+    """Motions of up to eight missions of a group; None: `simulate_open_loop` raises an error."""
+    if len(motions) > LANES:
+        raise ValueError(f"{len(motions)} missions, at most {LANES} lie side by side")
+    missions = [_or_none(partial(mission_for_lanes, motion)) for motion in motions]
+    ready = [mission for mission in missions if mission is not None]
+    if not ready or not _fly_group(ready):
+        return [_or_none(partial(simulate_open_loop, motion)) for motion in motions]
+    return [
+        None if mission is None else _or_none(partial(end_mission, motion, mission))
+        for motion, mission in zip(motions, missions, strict=True)
+    ]
