@@ -1,0 +1,135 @@
+"""Missions side by side: each moves as it does alone, to the bit."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from experiments.campaign import campaign
+from experiments.flight.library import load_scenario
+from experiments.study.file import study_of
+from experiments.study.plan import engines_of, plan_of
+from experiments.study.run import StudyResults, fly_studies
+from sim import side_by_side
+from sim.scenario.parts import MotionSettings
+from sim.side_by_side import groups_for_lanes, simulate_side_by_side
+from sim.simulation import simulate_open_loop
+from sim.trajectory import Trajectory
+
+RECORDED = ("pose", "twist", "thrust", "water_velocity")
+
+
+def motion(*settings: str, engine: str = "direct") -> MotionSettings:
+    keys = (f"timing.engine={engine}", "duration_s=20", *settings)
+    return MotionSettings.of(load_scenario("T5", keys))
+
+
+def require_equal(aside: Trajectory | None, alone: Trajectory) -> None:
+    assert aside is not None
+    for name in RECORDED:
+        np.testing.assert_array_equal(getattr(aside, name), getattr(alone, name), err_msg=name)
+
+
+def varied(model: str = "follower") -> list[MotionSettings]:
+    """Missions that differ in numbers of every kind."""
+    return [
+        motion(
+            f"followers.0.model={model}",
+            f"followers.0.drag_scale={1.0 + 0.1 * i}",
+            f"followers.0.thrust_scale={1.0 - 0.05 * i}",
+            f"leader.added_mass_scale={1.0 + 0.05 * i}",
+            f"leader.excess_buoyancy_n={i}",
+            f"followers.0.depth_m={8 + i}",
+            f"ocean.current_speed_m_s={0.05 * i}",
+            f"ocean.current_direction_deg={40 * i}",
+            f"ocean.current_shear_per_s={0.002 * i}",
+        )
+        for i in range(3)
+    ]
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("model", ["follower", "remus100", "lauv", "bluerov2_heavy"])
+def test_missions_move_as_each_does_alone(model: str) -> None:
+    motions = varied(model)
+    alone = [simulate_open_loop(each) for each in motions]
+    assert len({trajectory.pose[-1].tobytes() for trajectory in alone}) == 3
+    for aside, expected in zip(simulate_side_by_side(motions), alone, strict=True):
+        require_equal(aside, expected)
+
+
+@pytest.mark.system
+def test_a_hull_that_leaves_the_water_moves_as_it_does_alone() -> None:
+    """Beside one that does not: its added mass is that of the immersed share."""
+    motions = [motion(f"followers.0.depth_m={depth}") for depth in (0.05, 0.1, 9.0)]
+    for aside, each in zip(simulate_side_by_side(motions), motions, strict=True):
+        require_equal(aside, simulate_open_loop(each))
+
+
+def test_one_that_ends_early_takes_no_other_with_it() -> None:
+    """It goes below the floor: the others fly on."""
+    sound = motion("ocean.floor_depth_m=12")
+    heavy = motion("ocean.floor_depth_m=12", "leader.excess_buoyancy_n=-100", "leader.depth_m=11")
+    first, grounded, second = simulate_side_by_side([sound, heavy, sound])
+    assert grounded is None
+    require_equal(first, simulate_open_loop(sound))
+    require_equal(second, simulate_open_loop(sound))
+
+
+def test_missions_of_one_shape_lie_in_groups() -> None:
+    still = [motion(f"followers.0.drag_scale={1 + 0.01 * i}") for i in range(9)]
+    longer = [motion("duration_s=30") for _ in range(3)]
+    others: Sequence[MotionSettings] = [
+        motion(engine="mujoco"),
+        motion("ocean.waves.kind=regular"),
+        motion("motion=kinematic"),
+        motion("followers.0.model=remus100"),
+    ]
+    groups = groups_for_lanes([*still, *longer, *others])
+    # the ninth of the first is left alone
+    assert groups == [[*range(8)], [9, 10, 11]]
+    assert groups_for_lanes(still, most=3) == [[0, 1, 2], [3, 4, 5], [6, 7, 8]]
+
+
+def drawn(folder: object, **keys: object) -> StudyResults:
+    study = study_of(
+        "T5",
+        {
+            "runs": 2,
+            "realizations": 5,
+            "draw": {"followers.0.drag_scale": {"uniform": [0.8, 1.2]}},
+            "set": {"duration_s": 20.0},
+            **keys,
+        },
+    )
+    (results,) = fly_studies([plan_of(study)], folder, workers=1, quiet=True)  # type: ignore[arg-type]
+    return results
+
+
+@pytest.mark.system
+def test_a_study_gives_the_same_in_lanes_and_alone(
+    tmp_path: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flown: list[int] = []
+    simulate = side_by_side.simulate_side_by_side
+
+    def noted(motions: Sequence[MotionSettings]) -> list[Trajectory | None]:
+        flown.append(len(motions))
+        return simulate(motions)
+
+    monkeypatch.setattr(campaign.montecarlo, "simulate_side_by_side", noted)
+    in_lanes = drawn(tmp_path / "lanes")  # type: ignore[operator]
+    assert flown == [5]
+    assert engines_of(in_lanes.plan) == ["direct"]
+    monkeypatch.setattr(side_by_side, "FEW", 8)
+    alone = drawn(tmp_path / "alone")  # type: ignore[operator]
+    assert flown == [5]
+    assert in_lanes.rows == alone.rows
+
+    by_mujoco = drawn(tmp_path / "mujoco", engine="mujoco")  # type: ignore[operator]
+    assert engines_of(by_mujoco.plan) == ["mujoco"]
+    errors, expected = (
+        np.array([row["e_p_mean_m"] for row in results.rows]) for results in (alone, by_mujoco)
+    )
+    assert not np.array_equal(errors, expected)
+    np.testing.assert_allclose(errors, expected, rtol=0, atol=1e-9)
