@@ -26,6 +26,7 @@ VOCABULARY = {
     "laisn.spilled",
     "laisn.geometry",
     "laisn.compiled",
+    "laisn.simd",
     "laisn.vector_math",
     "laisn.errors",
     "laisn.metrics",
