@@ -7,7 +7,7 @@ alone with the solver "direct", to the bit, whatever flies beside it.
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from sim.simulation import (
 )
 from sim.trajectory import StateHistory, Trajectory
 from sim.vehicle.effectors import Fitted, Kinds
-from sim.vehicle.plant import OK, Fault, Plant, advance
+from sim.vehicle.plant import OK, Fault, Plant, StepHandles, advance
 from sim.vehicle.solvers import DirectSolver, Room
 from sim.water.currents import ShearedCurrent
 from sim.water.environment import Environment, flow, sea_at
@@ -99,7 +99,7 @@ def _memory_of(plants: Sequence[Plant], currents: Sequence[ShearedCurrent]) -> L
 
 
 @compiled
-def _handles_of(memory: LaneMemory, kinds: Kinds) -> Any:
+def _handles_of(memory: LaneMemory, kinds: Kinds) -> StepHandles:
     """What `advance` works on, in lanes."""
     pose = lanes_of(memory.pose)
     twist = lanes_of(memory.twist)
@@ -118,9 +118,20 @@ def _handles_of(memory: LaneMemory, kinds: Kinds) -> Any:
     current = ShearedCurrent((surface[0], surface[1]), (shear[0], shear[1]), memory.change)
     environment = Environment(current, CalmSurface(0.0), 0.0, 0.0, 0.0)
     fitted = Fitted(kinds, lanes_of(memory.effectors), lanes_of(memory.states))
-    good = (lanes_of(memory.last_pose), lanes_of(memory.last_twist))
-    body = (pose, twist, acceleration), lanes_of(memory.response), good, memory.warnings
-    return memory.clock, body, (lanes_of(memory.coefficients), environment, solver, fitted)
+    return StepHandles(
+        memory.clock,
+        pose,
+        twist,
+        acceleration,
+        lanes_of(memory.response),
+        lanes_of(memory.last_pose),
+        lanes_of(memory.last_twist),
+        memory.warnings,
+        lanes_of(memory.coefficients),
+        environment,
+        solver,
+        fitted,
+    )
 
 
 @compiled
@@ -153,7 +164,7 @@ def _copy_all(source: Floats, target: Floats) -> None:
 
 
 @compiled
-def _settle(memory: LaneMemory, handles: Any) -> Fault:
+def _settle(memory: LaneMemory, handles: StepHandles) -> Fault:
     """Take the accelerations of the start, as `Plant` does for its own."""
     pose = memory.pose.copy()
     twist = memory.twist.copy()
@@ -176,7 +187,6 @@ def _fly(
 ) -> Fault:
     """Fly missions to their end; what ended that."""
     handles = _handles_of(memory, kinds)
-    environment = handles[2][1]
     fault = _settle(memory, handles)
     if fault[0] != OK:
         return fault
@@ -186,7 +196,7 @@ def _fly(
             fault = advance(handles, command, substeps)
             if fault[0] != OK:
                 return fault
-        _record_water(k, memory, environment)
+        _record_water(k, memory, handles.environment)
         for lane in range(LANES):
             mission = lane if lane < used else 0
             truth = truths[mission]
