@@ -145,9 +145,7 @@ class StudyFile(Section):
     arm: list[Arm] = Field(default_factory=list)
     steps: bool = False
     engine: Literal["direct", "mujoco"] | None = None
-    """Solver of the vehicles' motion, in place of the scenario's; None: the scenario's if it sets
-    one, else "direct" where it solves for all hulls.
-    """
+    """Solver of the vehicles' motion, in place of the scenario's `timing.engine`."""
     bound_lag_s: Annotated[float, Field(ge=0, le=1e4)] = 0.0
     """Of messages that the bound of smoothing uses [s]; 0: it is not computed."""
     report: Report = Report()

@@ -267,7 +267,7 @@ class _Examination:
         scenario, errors = scenario_or_errors(changed, partial(self._infeasibilities, motion))
         lines += invalid + errors
         if scenario is not None and not lines:
-            solved = self._solved(scenario, name, settings)
+            solved = self._solved(scenario, settings)
             lines += engine_errors(MotionSettings.of(solved))
             if solved is not scenario:
                 settings["timing.engine"] = solved.timing.engine
@@ -293,23 +293,14 @@ class _Examination:
             for line in lines:
                 self._places_of.setdefault(line, []).append(where)
 
-    def _solved(self, scenario: Scenario, name: str, settings: Mapping[str, Any]) -> Scenario:
-        """A scenario with the solver that the study chooses for it, by its name and settings."""
+    def _solved(self, scenario: Scenario, settings: Mapping[str, Any]) -> Scenario:
+        """A scenario with the solver that the study chooses, unless its settings do."""
         engine = self.study.file.engine
         chosen = "timing.engine" in settings or "timing" in settings
-        if engine is None:
-            timing = self.tables[name].get("timing", {})
-            chosen = chosen or "engine" in timing
-        if chosen or scenario.motion != "physics":
+        if engine in (None, scenario.timing.engine) or chosen or scenario.motion != "physics":
             return scenario
-        timing = scenario.timing.model_copy(update={"engine": engine or "direct"})
-        solved = scenario.model_copy(update={"timing": timing})
-        unchanged = solved.timing.engine == scenario.timing.engine
-        return (
-            scenario
-            if unchanged or (engine is None and engine_errors(MotionSettings.of(solved)))
-            else solved
-        )
+        timing = scenario.timing.model_copy(update={"engine": engine})
+        return scenario.model_copy(update={"timing": timing})
 
     def error_lines(self) -> list[str]:
         """A line for each error, and where it is unless all scenarios have it."""

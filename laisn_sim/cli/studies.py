@@ -120,7 +120,7 @@ def study(  # noqa: PLR0913 - an argument for each option of the command
     engine: Annotated[
         str | None,
         typer.Option(
-            metavar="direct|mujoco", help="solver of the motion (default: direct where it can)"
+            metavar="direct|mujoco", help="solver of the motion (default: the scenario's)"
         ),
     ] = None,
     workers: Annotated[

@@ -250,7 +250,7 @@ class Timing(Section):
     engine: Literal["mujoco", "direct"] = Field(
         "mujoco",
         description="rigid-body solver: MuJoCo, or each hull's equations of motion alone, the "
-        "same motion to 1e-9 m; studies take the latter unless told otherwise",
+        "same motion to 1e-9 m (docs/speed.md)",
     )
     filter_step_s: Positive = Field(0.1, description="filter step Δt; multiple of 0.1 s")
     message_interval_s: Positive = Field(

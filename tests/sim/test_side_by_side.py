@@ -99,6 +99,7 @@ def drawn(folder: object, **keys: object) -> StudyResults:
             "realizations": 5,
             "draw": {"followers.0.drag_scale": {"uniform": [0.8, 1.2]}},
             "set": {"duration_s": 20.0},
+            "engine": "direct",
             **keys,
         },
     )
