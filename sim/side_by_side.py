@@ -29,6 +29,7 @@ from sim.vehicle.effectors import Fitted, Kinds
 from sim.vehicle.plant import OK, Fault, Plant, StepHandles, advance
 from sim.vehicle.solvers import DirectSolver, Room
 from sim.water.currents import ShearedCurrent
+from sim.water.densities import UniformDensity
 from sim.water.environment import Environment, flow, sea_at
 from sim.water.waves import CalmSurface
 
@@ -116,7 +117,7 @@ def _handles_of(memory: LaneMemory, kinds: Kinds) -> StepHandles:
         memory.clock[1],
     )
     current = ShearedCurrent((surface[0], surface[1]), (shear[0], shear[1]), memory.change)
-    environment = Environment(current, CalmSurface(0.0), 0.0, 0.0, 0.0)
+    environment = Environment(current, CalmSurface(0.0), 0.0, 0.0, UniformDensity(0.0))
     fitted = Fitted(kinds, lanes_of(memory.effectors), lanes_of(memory.states))
     return StepHandles(
         memory.clock,
@@ -218,9 +219,14 @@ def _fly_group(missions: Sequence[Mission]) -> bool:
     numbers, or one of them diverges.
     """
     plants = [mission.plant for mission in missions]
-    currents = [plant.ocean.environment.current for plant in plants]
-    calm = all(plant.ocean.environment.waves.components.shape[1] == 0 for plant in plants)
-    if not calm or not all(isinstance(current, ShearedCurrent) for current in currents):
+    seas = [plant.ocean.environment for plant in plants]
+    currents = [sea.current for sea in seas]
+    if not all(
+        isinstance(sea.current, ShearedCurrent)
+        and isinstance(sea.water, UniformDensity)
+        and sea.waves.components.shape[1] == 0
+        for sea in seas
+    ):
         return False
     try:
         memory = _memory_of(plants, currents)
