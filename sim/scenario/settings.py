@@ -450,7 +450,6 @@ class Scenario(Section):
         errors = []
         vehicles = ["leader", *(follower.name for follower in self.followers)]
         names = [link.name for link in self.links]
-        step = self.timing.filter_step_s
         for i, link in enumerate(self.links):
             key = f"links[{i}]"
             if names.index(link.name) < i:
@@ -461,15 +460,7 @@ class Scenario(Section):
                 )
             errors += self._receiver_errors(key, link)
             errors += self._answer_errors(key, link)
-            interval = link.interval_s or self.timing.message_interval_s
-            if not is_multiple(interval, step):
-                errors.append(f"{key}.interval_s is no multiple of filter_step_s = {step:g}")
-            delayed = link.offset_s > 0.0 and not is_multiple(link.offset_s, step)
-            if delayed or link.offset_s >= interval:
-                errors.append(
-                    f"{key}.offset_s must be shorter than the interval of {interval:g} s, and a "
-                    f"multiple of filter_step_s = {step:g}"
-                )
+            errors += self._schedule_errors(key, link)
             deep = [beacon[2] for beacon in link.beacons_m if beacon[2] > self.ocean.floor_depth_m]
             if deep:
                 errors.append(
@@ -480,6 +471,21 @@ class Scenario(Section):
             errors += self._navigated_link_errors(key, navigation)
         if self.leader.navigation is not None:
             errors += self._navigated_link_errors("leader.navigation", self.leader.navigation)
+        return errors
+
+    def _schedule_errors(self, key: str, link: LinkTable) -> list[str]:
+        """What contradicts the filter's steps in the times of a link."""
+        errors = []
+        step = self.timing.filter_step_s
+        interval = link.interval_s or self.timing.message_interval_s
+        if not is_multiple(interval, step):
+            errors.append(f"{key}.interval_s is no multiple of filter_step_s = {step:g}")
+        delayed = link.offset_s > 0.0 and not is_multiple(link.offset_s, step)
+        if delayed or link.offset_s >= interval:
+            errors.append(
+                f"{key}.offset_s must be shorter than the interval of {interval:g} s, and a "
+                f"multiple of filter_step_s = {step:g}"
+            )
         return errors
 
     def _receiver_errors(self, key: str, link: LinkTable) -> list[str]:

@@ -298,32 +298,38 @@ def record(rounds: Mapping[str, Sequence[list[Row]]]) -> Findings:
             once = row.unit == "MB" and name == "navigation"
             rows = repeated[:1] if once else repeated
             key = f"{name}: {row.name}"
-            key = f"{key}, than {row.against}" if key in findings else key
-            findings[key] = _spread(
+            value_key = f"{key}, than {row.against}" if key in findings else key
+            findings[value_key] = _spread(
                 [r.value for r in rows], row.unit, "median, least and largest of the rounds"
             )
-            if row.against:
-                meaning = (
-                    f"how many times faster than {row.against}; median, least and largest of "
-                    "the rounds"
-                )
-                findings[f"{name}: {row.name}, than {row.against}"] = _spread(
-                    [r.ratio for r in rows], "", meaning
-                )
-            if not np.isnan(row.floor):
-                findings[f"{name}: {row.name}, floor"] = _spread(
-                    [r.floor for r in rows], row.unit, "of the machine"
-                )
-            if row.goal is not None:
-                value = float(np.median([r.value for r in rows]))
-                verdict = "met" if row.goal.is_met(value) else "missed"
-                bound = "at least" if row.goal.at_least else "at most"
-                findings[f"{name}: {row.name}, goal"] = plain(
-                    row.goal.value, f"{bound}; {verdict} by the median", row.unit
-                )
+            findings |= _beside(key, rows)
     return make_record(
         "benchmarks", "make bench BENCH_ARGS=--record", ("tools.benchmarks.run",), findings
     )
+
+
+def _beside(key: str, rows: Sequence[Row]) -> dict[str, Finding]:
+    """What stands beside the value of a row, measured in several rounds: its ratio to another
+    program, the machine's floor, and its goal.
+    """
+    row = rows[0]
+    findings = {}
+    if row.against:
+        findings[f"{key}, than {row.against}"] = _spread(
+            [r.ratio for r in rows],
+            "",
+            f"how many times faster than {row.against}; median, least and largest of the rounds",
+        )
+    if not np.isnan(row.floor):
+        findings[f"{key}, floor"] = _spread([r.floor for r in rows], row.unit, "of the machine")
+    if row.goal is not None:
+        value = float(np.median([r.value for r in rows]))
+        verdict = "met" if row.goal.is_met(value) else "missed"
+        bound = "at least" if row.goal.at_least else "at most"
+        findings[f"{key}, goal"] = plain(
+            row.goal.value, f"{bound}; {verdict} by the median", row.unit
+        )
+    return findings
 
 
 def _spread(values: Sequence[float], unit: str, description: str) -> Finding:
