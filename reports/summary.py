@@ -18,6 +18,7 @@ from sim.flight import FlightRecord, leader_errors, position_and_bearing_errors
 from sim.log.writer import Event
 from sim.scenario.formation import LEAST_LAYER_M
 from sim.scenario.parts import MissionPlan, MotionSettings, SeaSettings
+from sim.scenario.routes import Route
 from sim.sensing.proximity import sightings
 from sim.water.assembly import floor_of
 
@@ -44,11 +45,13 @@ def mirror_locked_steps(flight: FlightRecord, follower: int) -> Bools:
     )
 
 
-def _kept(flight: FlightRecord, follower: int, off: Floats) -> dict[str, Any]:
-    """How a follower kept its place and depth, from its distances off it, shape (n,), [m]."""
+def _kept(flight: FlightRecord, follower: int, route: Route, off: Floats) -> dict[str, Any]:
+    """How a follower kept its place and depth by its route, from its distances off it, shape (n,),
+    [m].
+    """
     truth = flight.trajectory
     vehicle = follower + 1
-    planned = routes_of(MissionPlan.of(flight.scenario))[vehicle].depth.at(truth.time)[0]
+    planned = route.depth.at(truth.time)[0]
     below = truth.depth[:, vehicle] - planned
     row: dict[str, Any] = {
         "track_error_rms_m": float(np.sqrt(np.mean(off**2))),
@@ -185,6 +188,7 @@ def summarise(flight: FlightRecord, bounds: list[Floats] | None = None) -> dict[
     )
     names = flight.trajectory.names[1:]
     off = tracking.track_errors(MotionSettings.of(flight.scenario), flight.trajectory)
+    routes = routes_of(MissionPlan.of(flight.scenario))
     sensing = flight.scenario.formation.proximity is not None
     spent = sightings(MotionSettings.of(flight.scenario), flight.trajectory).spent_s
     leader = leader_row(flight)
@@ -202,7 +206,7 @@ def summarise(flight: FlightRecord, bounds: list[Floats] | None = None) -> dict[
         "followers": {
             name: metrics.summarise(*errors[i])._asdict()
             | consistency(flight, i, bounds[i])
-            | _kept(flight, i, off[:, i])
+            | _kept(flight, i, routes[i + 1], off[:, i])
             | ({"gave_way_s": float(spent[i])} if sensing else {})
             | {"relative_errors": relative_error(flight, i)}
             | {"fixes": metrics.fix_counts(flight.estimates[i])}

@@ -263,6 +263,29 @@ def test_two_processes_that_compile_at_once_lose_no_code_of_each_other(tmp_path:
     assert len(files(Path(place))) == 3
 
 
+def test_nothing_grows_with_the_number_of_processes(tmp_path: Path) -> None:
+    """Eight processes begin with an empty cache, and compile the same function at once; then two
+    load it.
+    """
+    crowd = [child(ADDS.format(kind="float", wait=True), tmp_path) for _ in range(8)]
+    places = {process.stdout.readline().split()[0] for process in crowd if process.stdout}
+    (place,) = map(Path, places)
+    for process in crowd:
+        assert process.stdin
+        process.stdin.write("\n")
+        process.stdin.flush()
+    for process in crowd:
+        out, errors = process.communicate(timeout=240)
+        assert not errors
+        assert out.split()[1] == "4.0"
+    assert [path.suffix for path in sorted(files(place))] == [".nbc", ".nbi"]
+    assert [path.name for path in place.parent.iterdir()] == [place.name]
+    for _ in range(2):
+        out, _ = child(ADDS.format(kind="float", wait=False), tmp_path).communicate(timeout=120)
+        assert out.split() == [str(place), "4.0", "1"]
+    assert len(files(place)) == 2
+
+
 def test_an_index_that_another_process_has_written_meanwhile_keeps_its_entry(
     folder: Path,
 ) -> None:
