@@ -24,7 +24,7 @@ from sim.feasibility import engine_errors, infeasibilities
 from sim.scenario.file import ScenarioError, assigned, scenario_or_errors, validate
 from sim.scenario.parts import MotionSettings
 from sim.scenario.section import Section
-from sim.scenario.settings import Scenario
+from sim.scenario.settings import Scenario, Timing
 
 FOLLOWER = "follower"
 MOST_ENTRIES = 200_000
@@ -267,11 +267,11 @@ class _Examination:
         scenario, errors = scenario_or_errors(changed, partial(self._infeasibilities, motion))
         lines += invalid + errors
         if scenario is not None and not lines:
-            solved = self._solved(scenario, settings)
-            lines += engine_errors(MotionSettings.of(solved))
-            if solved is not scenario:
-                settings["timing.engine"] = solved.timing.engine
-            scenario = solved
+            timing = self._timing(scenario.timing, scenario.motion, settings)
+            if timing is not scenario.timing:
+                settings["timing.engine"] = timing.engine
+                scenario = scenario.model_copy(update={"timing": timing})
+            lines += engine_errors(MotionSettings.of(scenario))
         if scenario is not None and not lines:
             if motion not in self._motion_of:
                 self._motion_of[motion] = key_of(MotionSettings.of(scenario))
@@ -293,14 +293,15 @@ class _Examination:
             for line in lines:
                 self._places_of.setdefault(line, []).append(where)
 
-    def _solved(self, scenario: Scenario, settings: Mapping[str, Any]) -> Scenario:
-        """A scenario with the solver that the study chooses, unless its settings do."""
+    def _timing(self, timing: Timing, motion: str, settings: Mapping[str, Any]) -> Timing:
+        """The timing of a scenario with the solver that the study chooses, unless its settings
+        do, or vehicles move as points.
+        """
         engine = self.study.file.engine
         chosen = "timing.engine" in settings or "timing" in settings
-        if engine in (None, scenario.timing.engine) or chosen or scenario.motion != "physics":
-            return scenario
-        timing = scenario.timing.model_copy(update={"engine": engine})
-        return scenario.model_copy(update={"timing": timing})
+        if engine in (None, timing.engine) or chosen or motion != "physics":
+            return timing
+        return timing.model_copy(update={"engine": engine})
 
     def error_lines(self) -> list[str]:
         """A line for each error, and where it is unless all scenarios have it."""
