@@ -1,4 +1,4 @@
-"""Large arrays in files of their own, so that a long mission needs disk in place of memory.
+"""Arrays of long missions in files of their own, which take disk in place of memory.
 
 Such an array is mapped from a file that has no name any more, and is gone with the process. The
 process has in its memory what it has touched since the last `release`.
@@ -15,8 +15,8 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-LEAST_BYTES = 1 << 24
-"""Arrays from so many bytes on are in files."""
+LONG = 100_000
+"""Arrays of so many instants or steps are in files."""
 _LASTING = Path("/var/tmp")
 """Folder of temporary files that is on a disk, while that of others may be in memory."""
 
@@ -51,10 +51,11 @@ def _mapping(size: int) -> _Mapping | None:
 
 
 def room(shape: Sequence[int], dtype: npt.DTypeLike = np.float64) -> npt.NDArray[Any]:
-    """An array of zeros, in a file if it is large."""
+    """An array of zeros, in a file if an axis is long."""
     layout = np.dtype(dtype)
     size = int(np.prod(shape, dtype=np.int64)) * layout.itemsize
-    mapping = _mapping(size) if size >= LEAST_BYTES else None
+    is_long = size > 0 and max(shape, default=0) >= LONG
+    mapping = _mapping(size) if is_long else None
     if mapping is None:
         return np.zeros(shape, layout)
     _MAPPINGS.add(mapping)

@@ -7,7 +7,7 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 from time import process_time
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 from rich.console import Console
@@ -41,6 +41,8 @@ from sim.trial import track_deviations
 if TYPE_CHECKING:
     from laisn_sim.live import LiveView
     from sim.log.writer import FlightLog
+
+Result = TypeVar("Result")
 
 _LONG_S = 7200.0
 _STRETCH_S = 10.0  # of a live mission between two steps of its bar
@@ -213,6 +215,13 @@ def ended_log(mission: MissionToFly | None, log: "FlightLog") -> Iterator[None]:
         raise
 
 
+def _released(compute: Callable[..., Result], *arguments: Any) -> Result:
+    """What a function computes of arguments; the memory of arrays in files is released after it."""
+    result = compute(*arguments)
+    release()
+    return result
+
+
 def write_flight(
     scenario: Scenario,
     folder: Path,
@@ -267,10 +276,10 @@ def write_flight(
                 with show_phase("navigate"):
                     flight = mission.flight(trajectory, outcome)
                 watch |= mission.watch
-            errors = position_and_bearing_errors(flight)
-            events = flight_events(flight)
-            bounds = flight_bounds(flight)
-            summary = summarise(flight, bounds)
+            errors = _released(position_and_bearing_errors, flight)
+            events = _released(flight_events, flight)
+            bounds = _released(flight_bounds, flight)
+            summary = _released(summarise, flight, bounds)
             summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
             report = partial(_draw_report, flight, errors, summary, folder / REPORT)
             reference = writer.film_reference(FILM, scenario.video) if with_video else None
