@@ -14,6 +14,7 @@ from laisn.estimates import FIX_WORDS, FixKind
 from laisn.messages import Ranges
 from laisn.metrics import nees
 from laisn.navigators import find
+from laisn.spilled import release
 from reports import flight_figures, style
 from reports.figures import Line, Panel, panel
 from reports.flight_figures import ON_AXIS_DEG, SIGMAS
@@ -249,6 +250,15 @@ def follower_curves(
     )
 
 
+def _curves(
+    flight: FlightRecord, follower: int, errors: tuple[Floats, Floats], bound: Floats
+) -> Figures:
+    """`follower_curves`; the memory of arrays in files is released after it."""
+    curves = follower_curves(flight, follower, errors, bound)
+    release()
+    return curves
+
+
 class FinalState(NamedTuple):
     """A bias, current or offset as a navigator has it after the last message."""
 
@@ -431,9 +441,11 @@ def flight_report(
     spent = sightings(MotionSettings.of(flight.scenario), flight.trajectory).spent_s
     on_station = [i for i in _drawn(flight) if flight.scenario.followers[i].station]
     overview = _overview(flight, errors) if len(names) > 1 else None
+    release()
     accuracies = {}
     if len(finite) == len(names):
         accuracies = {name: accuracy(flight, i) for i, name in enumerate(names)}
+    release()
     judgement = verdict(flight, track_errors(MotionSettings.of(flight.scenario), flight.trajectory))
     segments = _segments(summary)
     states = final_states(flight)
@@ -464,7 +476,7 @@ def flight_report(
         "number": number,
         "words": words,
         "on_axis_deg": f"{ON_AXIS_DEG:g}",
-        "rows": [follower_curves(flight, i, errors[i], least[i]) for i in _drawn(flight)],
+        "rows": [_curves(flight, i, errors[i], least[i]) for i in _drawn(flight)],
         "states": states_table(states) if states else None,
         "leader": leader_values(flight, summary),
         "budget": range_budget(flight),
@@ -475,6 +487,7 @@ def flight_report(
         "has_waves": flight.scenario.ocean.waves.kind != "none",
         "scenario": Code(text=flight.scenario.toml(), title="scenario.toml", folded=True),
     }
+    release()
     facts = _facts(flight, summary)
     replay = Replay(scene=scene_of_flight(flight), alternative=f"Mission {flight.scenario.name}")
     page = page_of(
