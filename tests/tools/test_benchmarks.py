@@ -30,7 +30,9 @@ from tools.benchmarks.row import (
     time_of_command,
 )
 from tools.benchmarks.run import BENCHMARKS, misses, record, steady_mission, table
-from tools.documents.tables import speed
+from tools.documents.markers import RECORDS
+from tools.documents.speed import Cost
+from tools.documents.tables import speed, waiting
 
 
 def test_peers_come_to_the_same_state() -> None:
@@ -355,3 +357,39 @@ def test_the_least_of_several_times_counts_of_each_that_take_turns() -> None:
     assert turns == ["one", "other"] * 4
     seconds["one"] = [0.05, 0.02, 0.03]
     assert 0.02 <= least_time(partial(work, "one"), 2) < 0.03
+
+
+def test_the_formula_of_waiting_comes_near_what_was_measured_as_a_whole() -> None:
+    """Rows that enter the formula are steps; those that it is held against are whole missions and
+    studies, as far as the record has them.
+    """
+    measured = read(RECORDS / "benchmarks.json")
+    cost = Cost.of(measured)
+    swarm = measured["formation: leader + 10: a run of 1000 s, whole"].number
+    assert cost.motion_s(11, 1000.0, closed_loop=True) == pytest.approx(swarm, rel=0.3)
+    mission = measured.findings.get("study: T5 by mujoco, another mission with one run")
+    if mission is not None:
+        whole_ms = cost.motion_s(2, 1000.0) * 1e3 + cost.mission_ms
+        assert whole_ms == pytest.approx(mission.number, rel=0.3)
+    run = measured.findings.get("study: T5, another run of the same mission")
+    if run is not None:
+        assert cost.run_s(1, 1000.0) * 1e6 == pytest.approx(run.number, rel=0.3)
+
+
+def test_experiments_are_priced_by_vehicles_steps_and_runs() -> None:
+    """One microsecond a vehicle and step, 50 ns a run and filter step, 100 ms more a mission."""
+    cost = Cost(
+        start_s=3.0,
+        vehicle_step_us=1.0,
+        station_step_us=2.0,
+        run_step_ns=50.0,
+        tight_step_ns=100.0,
+        mission_ms=100.0,
+    )
+    assert cost.motion_s(2, 1000.0) == pytest.approx(0.1)
+    assert cost.motion_s(11, 100.0, closed_loop=True) == pytest.approx(0.11)
+    assert cost.run_s(3, 1000.0) == pytest.approx(1.5e-3)
+    assert cost.run_s(1, 1000.0, tight=True) == pytest.approx(1e-3)
+    assert "| one flight of T5 with report and log |" in waiting(
+        {"benchmarks": read(RECORDS / "benchmarks.json")}
+    )

@@ -1,12 +1,16 @@
-"""What studies cost: missions that differ, and runs of one mission, by the command itself."""
+"""What studies cost: missions that differ, by each engine, and runs of one mission, by the command
+itself.
+"""
 
 import tempfile
 from pathlib import Path
 
 from tools.benchmarks.commands import LAISN
-from tools.benchmarks.row import Row, time_of_command
+from tools.benchmarks.row import Goal, Row, time_of_command
 
-MISSIONS = (8, 72)
+MISSIONS = {"mujoco": (8, 72), "direct": (16, 336)}
+DIRECT_GOAL = 15.0
+"""How many times as many missions of calm water the direct engine is to fly."""
 RUNS = (1_000, 101_000)
 """Of the smaller and of the larger study: their difference is free of what each study costs."""
 _STUDY = """name = "speed"
@@ -19,26 +23,35 @@ realizations = {missions}
 """
 
 
-def _seconds(folder: Path, name: str, runs: int, missions: int) -> float:
+def _seconds(folder: Path, name: str, runs: int, missions: int, engine: str = "mujoco") -> float:
     """Processor time of a study in one process [s]."""
     path = folder / f"{name}.toml"
     path.write_text(_STUDY.format(runs=runs, missions=missions), encoding="utf-8")
-    call = (*LAISN, "study", str(path), "--workers", "1", "--out", str(folder / name))
-    return time_of_command(call).processor_s
+    how = ("--workers", "1", "--engine", engine, "--out", str(folder / name))
+    return time_of_command((*LAISN, "study", str(path), *how)).processor_s
 
 
 def studies() -> list[Row]:
     """A mission of T5 whose coefficients are drawn, with one run, and a further run of it."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        _seconds(folder, "first", 1, 2)
-        few, many = (_seconds(folder, f"missions {n}", 1, n) for n in MISSIONS)
+        mission = {}
+        for engine, (least, most) in MISSIONS.items():
+            # what is missing of compiled code
+            _seconds(folder, f"first {engine}", 1, 2, engine)
+            few = _seconds(folder, f"{engine} {least}", 1, least, engine)
+            many = _seconds(folder, f"{engine} {most}", 1, most, engine)
+            mission[engine] = (many - few) / (most - least)
         short, long = (_seconds(folder, f"runs {n}", n, 1) for n in RUNS)
-    mission = (many - few) / (MISSIONS[1] - MISSIONS[0])
     run = (long - short) / (RUNS[1] - RUNS[0])
+    ratio = mission["mujoco"] / mission["direct"]
     return [
-        Row("T5, another mission with one run", mission * 1e3, "ms"),
-        Row("T5, missions a second of one core", 1.0 / mission, "1/s"),
+        *(
+            Row(f"T5 by {engine}, another mission with one run", seconds * 1e3, "ms")
+            for engine, seconds in mission.items()
+        ),
+        Row(
+            "T5, missions by direct over mujoco", ratio, "x", goal=Goal(DIRECT_GOAL, at_least=True)
+        ),
         Row("T5, another run of the same mission", run * 1e6, "µs"),
-        Row(f"T5, {MISSIONS[0]} missions with one run, whole", few, "s"),
     ]
