@@ -6,9 +6,11 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import models
 from laisn.arrays import Floats
+from laisn_sim.cli.main import app
 from sim import feasibility
 from sim.scenario.file import validate, with_file_paths
 from sim.scenario.formation import ShapeTable, followers_of
@@ -113,3 +115,21 @@ def test_an_invalid_shape_is_the_only_error(shape: dict[str, object], fault: str
     with pytest.raises(ValueError, match="1 error\n") as error:
         validate(table, "many.toml", feasibility.infeasibilities)
     assert fault in str(error.value)
+
+
+def test_two_hundred_followers_are_checked_by_the_command_and_one_more_is_refused() -> None:
+    """For the 1000 s of the swarm, on a grid in fifteen layers."""
+    keys = {"kind": "grid", "spacing_m": 10.0, "layer_m": 1.0, "layers": 15}
+    text = ", ".join(f"{key} = {value!r}" for key, value in keys.items()).replace("'", '"')
+
+    def check(count: int) -> Any:
+        shape = f"formation.shape={{ count = {count}, {text} }}"
+        arguments = ["check", "swarm", "--set", "followers=[]", "--set", shape]
+        return CliRunner().invoke(app, arguments)
+
+    most = check(200)
+    assert most.exit_code == 0, most.output
+    assert "swarm: valid: 1000 s, 200 followers" in most.output
+    refused = check(201)
+    assert refused.exit_code == 2
+    assert "formation.shape.count: Input should be less than or equal to 200" in refused.output
