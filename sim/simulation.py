@@ -672,7 +672,7 @@ def simulate_motion(
     touched, which ends the scenario's mission.
     """
     if make_controller is None:
-        require_open_loop(scenario)
+        require_open_loop(scenario.name, scenario.keys_needing_closed_loop())
     motion = MotionSettings.of(scenario)
     if scenario.motion == "kinematic":
         return simulate_open_loop(motion, scenario.leader)
@@ -680,12 +680,11 @@ def simulate_motion(
     return fly_mission(motion, mission, progress)
 
 
-def require_open_loop(scenario: Scenario) -> None:
-    """LaisnError naming a key by which the motion depends on what vehicles measure."""
-    keys = scenario.keys_needing_closed_loop()
+def require_open_loop(name: str, keys: Sequence[str]) -> None:
+    """LaisnError naming a scenario and the first of its keys that need a closed loop, if any."""
     if keys:
         raise LaisnError(
-            f"scenario {scenario.name!r}: {keys[0]}: its path depends on the noise of the run, so "
+            f"scenario {name!r}: {keys[0]}: its path depends on the noise of the run, so "
             "that no campaign can fly it once for all runs; use `laisn fly --run N`"
         )
 

@@ -97,7 +97,7 @@ def simulate_mission(scenario: Scenario) -> Trajectory:
     LaisnError if the motion depends on the noise of the run; CampaignError naming the mission, and
     how it ended, if that was before its time.
     """
-    require_open_loop(scenario)
+    require_open_loop(scenario.name, scenario.keys_needing_closed_loop())
     with _ends_reported(scenario.name):
         return simulate_open_loop(MotionSettings.of(scenario))
 
@@ -146,7 +146,7 @@ def mission_of(scenario: Scenario) -> CampaignMission:
     """The mission of a scenario, simulated once for all that move alike; errors as of
     `simulate_mission`.
     """
-    require_open_loop(scenario)
+    require_open_loop(scenario.name, scenario.keys_needing_closed_loop())
     with _ends_reported(scenario.name):
         return _flown(MotionSettings.of(scenario))
 
