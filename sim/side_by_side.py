@@ -214,9 +214,9 @@ def _fly(
     return OK, -1
 
 
-def _fly_group(missions: Sequence[Mission]) -> bool:
-    """Fly missions to their end; False, with motions of no use, if they differ in more than
-    numbers, or one of them diverges.
+def fly_group(missions: Sequence[Mission]) -> bool:
+    """Fly up to eight missions of `mission_for_lanes` to their end; False, with motions of no use,
+    if they differ in more than numbers, or one of them diverges.
     """
     plants = [mission.plant for mission in missions]
     seas = [plant.ocean.environment for plant in plants]
@@ -296,7 +296,7 @@ def simulate_side_by_side(motions: Sequence[MotionSettings]) -> list[Trajectory 
         raise ValueError(f"{len(motions)} missions, at most {LANES} lie side by side")
     missions = [_or_none(partial(mission_for_lanes, motion)) for motion in motions]
     ready = [mission for mission in missions if mission is not None]
-    if not ready or not _fly_group(ready):
+    if not ready or not fly_group(ready):
         return [_or_none(partial(simulate_open_loop, motion)) for motion in motions]
     return [
         None if mission is None else _or_none(partial(end_mission, motion, mission))

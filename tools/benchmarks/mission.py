@@ -14,19 +14,21 @@ import numpy as np
 from experiments.flight.fly import fly
 from experiments.flight.library import load_scenario
 from laisn.compiled import call_address, compiled
+from laisn.simd import LANES
 from sim.assembly import routes_of, setups_of
 from sim.film import graphics, render
 from sim.film.render import FilmJob
 from sim.log import reader, writer
 from sim.log.contents import Contents
-from sim.scenario.parts import MissionPlan, SeaSettings
+from sim.scenario.parts import MissionPlan, MotionSettings, SeaSettings
 from sim.scenario.settings import Follower, Scenario
-from sim.simulation import simulate
+from sim.side_by_side import fly_group
+from sim.simulation import mission_for_lanes, new_mission, simulate
 from sim.vehicle.mjcf import compose, spec_of
 from sim.vehicle.mujoco_calls import NO_CONTACT, Calls, calls_of
 from sim.vehicle.plant import Plant
 from sim.water.assembly import ocean_of
-from tools.benchmarks.row import Goal, Row, least_time, time_of_command
+from tools.benchmarks.row import Goal, Row, least_time, least_times, time_of_command
 
 FLEETS = {
     "leader + 1": (1, 1000.0),
@@ -40,6 +42,8 @@ four fins.
 """
 GOALS = {"leader + 1": 4500.0, "leader + 10": 1500.0, "leader + 50": 350.0, "leader + 200": 60.0}
 """Real-time factors that they are to reach on one core."""
+_ENGINES_S = 200.0
+_REPEATS = 3
 LINEAR = 5.0
 """A model of four times as many vehicles is to be made in at most so many times the time."""
 
@@ -124,6 +128,41 @@ def physics() -> list[Row]:
             goal = Goal(GOALS[fleet], at_least=True)
             rows.append(Row(f"{fleet}: real-time factor", duration / flown, "x", goal=goal))
     return rows
+
+
+def engines() -> list[Row]:
+    """A physics step of one vehicle of T5, with autopilot and recording, by each solver, and of
+    missions side by side.
+    """
+    scenario = _scenario(1, _ENGINES_S)
+    steps = round(_ENGINES_S / scenario.timing.physics_step_s) * 2
+    timing = scenario.timing.model_copy(update={"engine": "direct"})
+    by_direct = scenario.model_copy(update={"timing": timing})
+    motion = MotionSettings.of(by_direct)
+    rounds = range(_REPEATS + 1)
+    of_mujoco = [new_mission(scenario) for _ in rounds]
+    of_direct = [new_mission(by_direct) for _ in rounds]
+    groups = [[mission_for_lanes(motion) for _ in range(LANES)] for _ in rounds]
+    mujoco, direct, lanes = least_times(
+        [
+            lambda: of_mujoco.pop().fly(),
+            lambda: of_direct.pop().fly(),
+            lambda: fly_group(groups.pop()),
+        ],
+        _REPEATS,
+    )
+    lanes /= LANES
+    return [
+        Row("a vehicle, by MuJoCo", mujoco / steps * 1e9, "ns/step"),
+        Row("a vehicle, direct", direct / steps * 1e9, "ns/step", mujoco / direct, "MuJoCo"),
+        Row(
+            "a vehicle, side by side in lanes",
+            lanes / steps * 1e9,
+            "ns/step",
+            mujoco / lanes,
+            "MuJoCo",
+        ),
+    ]
 
 
 def plant() -> list[Row]:

@@ -232,6 +232,7 @@ BENCHMARKS: dict[str, Callable[[], list[Row]]] = {
     "navigation": navigation,
     "tight": tight,
     "physics": benchmarks_mission.physics,
+    "engines": benchmarks_mission.engines,
     "plant": benchmarks_mission.plant,
     "waves": benchmarks_mission.waves,
     "formation": formation,
