@@ -11,6 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from foxglove import messages as fg
 
 import laisn_sim
 import models
@@ -19,7 +20,15 @@ from sim.attitude import FLATTENING, SEMI_MAJOR_AXIS, geodetic
 from sim.film import film_data as film
 from sim.flight import FlightRecord
 from sim.log.contents import Contents
-from sim.log.scene import ESTIMATE_HUE, FOLLOWER_HUE, LEADER_HUE, layout
+from sim.log.scene import (
+    ESTIMATE_HUE,
+    FOLLOWER_HUE,
+    LEADER_HUE,
+    draw_vehicles,
+    layout,
+    trail_step,
+)
+from sim.log.schema import message_class_of
 from tests.synthetic import make_flight, messages, short_flight, write_log
 
 
@@ -225,3 +234,49 @@ def test_the_layout_has_the_colours_of_the_film() -> None:
         np.testing.assert_allclose(
             [int(written[i : i + 2], 16) for i in (1, 3, 5)], 255 * np.array([r, g, b]), atol=1
         )
+
+
+def test_trails_of_many_vehicles_have_fewer_points_the_same_wherever_a_part_begins() -> None:
+    """25 trails of 100 s share 500 points: one every 5 s, and the present place."""
+    flight = make_flight(300.0, 12)
+    n = flight.trajectory.time.size
+    first = 1470
+    step = first // flight.stride
+    estimates = []
+    for whole in flight.estimates:
+        after = whole.fix_step > step
+        of_fixes = {
+            name: getattr(whole, name)[after]
+            for name in (
+                "fix_position",
+                "fix_sigma",
+                "fix_kind",
+                "innovation",
+                "innovation_covariance",
+            )
+        }
+        rest = {"state": whole.state[step:], "covariance": whole.covariance[step:]}
+        fix_step = whole.fix_step[after] - step
+        estimates.append(replace(whole, **rest, fix_step=fix_step, **of_fixes))
+    later = replace(
+        flight,
+        trajectory=flight.trajectory.part(first, n - 1),
+        measurements=tuple(m.part(step, m.speed.size) for m in flight.measurements),
+        estimates=tuple(estimates),
+    )
+    draw = draw_vehicles(flight, np.arange(0, n, 10))
+    draw_later = draw_vehicles(later, np.arange(0, later.trajectory.time.size, 10))
+    for second in range(110, 153):
+        update = draw(10**9, 147 + second).encode()
+        assert update == draw_later(10**9, second).encode()
+    trails = (
+        message_class_of(fg.SceneUpdate.get_schema()).FromString(draw(10**9, 283).encode()).entities
+    )
+    points = trails[0].lines[0].points
+    # at 185, 190 … 280 s, and now
+    assert len(points) == 21
+    np.testing.assert_allclose(
+        [points[0].x, points[-1].x], flight.trajectory.position[[1850, 2830], 0, 0]
+    )
+    assert trail_step(3) == 1
+    assert trail_step(401) == 10
