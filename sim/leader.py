@@ -26,7 +26,6 @@ from sim.scenario.parts import LinkSettings, SensingSettings
 from sim.scenario.settings import CONTROL_STEP_S, Leader
 from sim.sensing import noise, sensors
 from sim.sensing.observation import (
-    LEADER_NUMBER,
     MeasurementRecord,
     leader_start,
     sensor_model_of,
@@ -113,7 +112,7 @@ class LeaderUnit:
             Carrier(
                 vehicle=LEADER,
                 receiver=self._number,
-                number=LEADER_NUMBER,
+                number=noise.LEADER_NUMBER,
                 hydrophone=self._hydrophone,
                 depth_sensor=self._depth_sensor,
             ),

@@ -23,8 +23,12 @@ from laisn.vector_math import fma, from_bits, integer, log, sin_cos_quarter, to_
 
 LEADER_STREAMS = 128  # streams from here on belong to the leader and are the same for all followers
 STREAMS = 256  # room for streams of one follower; follower f uses numbers f STREAMS + stream
-RECEIVERS = 64
+RECEIVERS = 256
 """Room for receivers of one link: number l RECEIVERS + f is of receiver f on further link l."""
+LEADER_NUMBER = RECEIVERS - 1
+"""Of the leader among the receivers of a link."""
+MOST_LINKS = 16  # room for links
+_LOOKS = 64  # room for looks at vehicles among the streams of one number
 
 _U = np.uint64
 _MULTIPLIER_0 = _U(0xD2511F53)
@@ -54,7 +58,7 @@ class Stream(IntEnum):
     GYRO = 6  # normals at every step: rates of turn about the hull's up and port axes
     TILT = 7  # normal at every step: the follower's inclinometer
     DVL = 8  # normals at a reading: the follower's Doppler velocity log, where it has one
-    # normals at a look at a vehicle: of vehicle v on stream 64 + v, the leader being vehicle 0
+    # normals at a look at a vehicle, the leader being vehicle 0; see `number_of_look`
     NEARBY = 64
     LEADER_MOTION = LEADER_STREAMS  # normals at an emission: the leader's speed log, compass
     LEADER_DEPTH = LEADER_STREAMS + 1  # normal at an emission: the leader's pressure sensor
@@ -67,6 +71,18 @@ class Stream(IntEnum):
     def number(self, follower: int = 0) -> int:
         """Number of the stream for a follower (0, 1, …); the leader's streams have one for all."""
         return int(self) if self >= LEADER_STREAMS else int(self) + STREAMS * follower
+
+
+_NEARBY = int(Stream.NEARBY)
+
+
+@formula
+def number_of_look(follower: int, vehicle: int) -> int:
+    """Number of the stream of what a follower sees of a vehicle: 64 + v of the follower's own, and
+    for vehicles from 64 on of numbers that no receiver has.
+    """
+    owner = follower + vehicle // _LOOKS * RECEIVERS * MOST_LINKS
+    return STREAMS * owner + _NEARBY + vehicle % _LOOKS
 
 
 @inlined

@@ -54,9 +54,6 @@ _COLUMNS = (
 _TIME, _EAST, _NORTH, _SIGMA, _POSITION_SIGMA = _COLUMNS
 _CONTENT = len(LeaderMessage._fields)
 
-LEADER_NUMBER = 50
-"""Of the leader among receivers in the noise: there are at most 50 followers."""
-
 # outcome of a filter step; NO_RANGES: a message without a ping is in
 NO_MESSAGE, NO_RANGES, RECEIVED = range(3)
 
@@ -70,7 +67,9 @@ class SensorModel(NamedTuple):
     seed: np.uint64
     run: np.uint64
     errors: Records  # of each receiver, of ERRORS, shape (f,)
-    numbers: Ints  # of each receiver in the noise, shape (f,): a follower's index, LEADER_NUMBER
+    numbers: (
+        Ints  # of each receiver in the noise, shape (f,): a follower's index, noise.LEADER_NUMBER
+    )
     senses_acceleration: bool  # the leader takes accelerations for tilt
     tilt_share: float  # `sim.sensing.sensors.complementary_filter_gain` of the leader
     dt: float
@@ -102,7 +101,7 @@ def sensor_model_of(
     errors = [sensors.errors_of(sensing, i, link) for i in followers]
     if leader_receives:
         receivers.append(sensing)
-        numbers.append(LEADER_NUMBER + noise_base(sensing.links, name))
+        numbers.append(noise.LEADER_NUMBER + noise_base(sensing.links, name))
         errors.append(errors[0])
     used = [receiver.transmitters for receiver in receivers]
     assumes = [acoustics.ASSUMED.index(receiver.sound_speed) for receiver in receivers]

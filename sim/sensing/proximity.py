@@ -16,7 +16,7 @@ from sim.attitude import heading_of
 from sim.scenario.formation import Proximity
 from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import CONTROL_STEP_S
-from sim.sensing.noise import STREAMS, Stream, two_normals, two_units, words
+from sim.sensing.noise import number_of_look, two_normals, two_units, words
 from sim.trajectory import Trajectory
 
 SIGHTING = np.dtype(  # what a look shows of one vehicle
@@ -27,7 +27,6 @@ SIGHTING = np.dtype(  # what a look shows of one vehicle
 )
 
 _U = np.uint64
-_NEARBY = int(Stream.NEARBY)
 
 
 def look_interval(proximity: Proximity | None) -> int:
@@ -63,7 +62,8 @@ def sense_neighbours(
         distance = np.sqrt(x * x + y * y + z * z)
         if j == observer or distance > p.range or abs(z) > steepest * distance:
             continue
-        w0, w1, w2, w3 = words(address[0], address[1], _U(STREAMS * follower + _NEARBY + j), _U(k))
+        stream = _U(number_of_look(follower, j))
+        w0, w1, w2, w3 = words(address[0], address[1], stream, _U(k))
         first, second = two_units(w0, w1, w2, w3)
         long, aside = two_normals(first, second)
         seen[j].range = max(distance + p.range_sigma * long, 0.0)

@@ -9,8 +9,9 @@ import pytest
 from scipy import stats
 
 from laisn.compiled import compiled
+from sim.scenario.formation import MOST_FOLLOWERS
 from sim.sensing import noise
-from sim.sensing.noise import Stream, normals, uniforms
+from sim.sensing.noise import Address, Stream, normals, uniforms
 
 DRAWS = 200_000
 STEPS = np.arange(DRAWS)
@@ -150,3 +151,28 @@ def test_no_two_draws_share_a_stream() -> None:
     assert (
         len({int(stream) for stream in Stream.__members__.values()}) == len(Stream.__members__) > 8
     )
+
+
+def test_no_two_receivers_share_a_number_and_all_hear_the_same_leader() -> None:
+    """Of 200 followers and the leader, on as many links as a scenario may have."""
+    links = range(1 + 1 + 8)  # the main one, the leader's broadcast beside it, and those of tables
+    receivers = [*range(MOST_FOLLOWERS), noise.LEADER_NUMBER]
+    assert len(links) <= noise.MOST_LINKS
+    numbers = [link * noise.RECEIVERS + receiver for link in links for receiver in receivers]
+    looks = [
+        noise.number_of_look(follower, vehicle)
+        for follower in range(MOST_FOLLOWERS)
+        for vehicle in range(MOST_FOLLOWERS + 1)
+    ]
+    own = [noise.STREAMS * number + stream for number in numbers for stream in range(Stream.NEARBY)]
+    assert len(set(own)) == len(own)
+    assert len(set(looks)) == len(looks)
+    assert set(own).isdisjoint(looks)
+    assert noise.number_of_look(3, 5) == noise.STREAMS * 3 + Stream.NEARBY + 5
+    for link in links:
+        addresses = [
+            Address(np.uint64(1), np.uint64(0), link * noise.RECEIVERS + receiver, 7)
+            for receiver in receivers
+        ]
+        assert len({noise.normals_at(at, Stream.LEADER_MOTION) for at in addresses}) == 1
+        assert len({noise.normals_at(at, Stream.DEPTH) for at in addresses}) == len(receivers)
