@@ -117,8 +117,10 @@ class StudyPlan:
 def engines_of(plan: StudyPlan) -> list[str]:
     """Solvers of the motion of a plan's missions, by their names in scenarios."""
     physics = {e.scenario.timing.engine for e in plan.entries if e.scenario.motion == "physics"}
-    points = any(entry.scenario.motion != "physics" for entry in plan.entries)
-    return [*sorted(physics), *(["point motion"] if points else [])]
+    engines: list[str] = sorted(physics)
+    if any(entry.scenario.motion != "physics" for entry in plan.entries):
+        engines.append("point motion")
+    return engines
 
 
 def levels(plan: StudyPlan, name: str) -> list[Any]:

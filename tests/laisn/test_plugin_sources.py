@@ -208,7 +208,7 @@ def test_a_fault_of_a_plugin_names_file_line_and_calls(
     assert any(line.endswith("in run") for line in lines)
 
 
-def die(_: object) -> None:
+def die(_: object, **__: object) -> None:
     os._exit(1)
 
 

@@ -532,7 +532,7 @@ def test_a_follower_on_a_route_is_independent_of_others_on_stations() -> None:
         ),
         ({"timing": {"filter_step_s": 0.5}}, "timing.filter_step_s must keep its default"),
         ({"followers": [{"station": {"behind_m": 9.0, "depth_m": 40.0}}]}, "would dive to 40 m"),
-        ({"followers": [{"route": "T5"}] * 51}, "at most 50"),
+        ({"followers": [{"route": "T5"}] * 201}, "at most 200"),
     ],
 )
 def test_impossible_settings_are_reported_before_the_simulation(

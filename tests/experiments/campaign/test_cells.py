@@ -193,7 +193,7 @@ def changed(scenario: Scenario, leaf: tuple[str, ...]) -> Scenario:
         int: [3, 2, 320, 240, 24],
         float: [0.2, 2.5, 0.05, 3.0, 1.25, 40.0, 1490.0, 1020.0],
         tuple: points,
-        str: [*words, "kinematic", "L", "ilos", "surface", "end", "refracted", "profile"],
+        str: [*words, "kinematic", "L", "ilos", "surface", "end", "refracted", "profile", "direct"],
         type(None): ["T4", 0.3, hull("follower"), "thrust"],
     }[type(was)]
     for other in others:

@@ -30,7 +30,7 @@ def lost_flight(_):
         raise PlantError("t = 3 s: the state is lost")
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(montecarlo, "simulate_motion", lost)
+        patch.setattr(montecarlo, "simulate_open_loop", lost)
         return montecarlo.simulate_mission(Scenario(name="T6", followers=(Follower(route="T6"),)))
 
 

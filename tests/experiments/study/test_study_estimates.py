@@ -311,7 +311,7 @@ def test_a_run_is_measured_by_its_stations_errors_and_powers(
         state=SimpleNamespace(
             concluded=SimpleNamespace(state=np.moveaxis(estimates.position[1:], 0, 1))
         ),
-        swarm=SimpleNamespace(gated=np.zeros(10, int)),
+        gated=np.zeros(10, int),
     )
     monkeypatch.setattr(measure, "simulate_closed_loop", lambda *_: (trajectory, loop))
     monkeypatch.setattr(measure, "track_errors", lambda *_: far)

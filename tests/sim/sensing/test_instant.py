@@ -11,7 +11,7 @@ from sim import attitude
 from sim.scenario.parts import SensingSettings
 from sim.scenario.sensors import VehicleSensors
 from sim.scenario.settings import Scenario, Sensors
-from sim.sensing.acoustics import Motion
+from sim.sensing.acoustics import Motion, Sites
 from sim.sensing.noise import Stream, normals, uniforms
 from sim.sensing.observation import (
     NO_RANGES,
@@ -147,7 +147,7 @@ def test_each_range_has_the_error_of_its_own_ping(used: int, centre: float) -> N
         range_scale_mean=mean,
         range_scale_sigma=sigma,
     )
-    sensors = sensors._replace(sound=sensors.sound._replace(transmitters=used))
+    sensors = sensors._replace(transmitters=np.full(2, used))
     transmitters = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.1, 0.0]])
     hydrophones = np.full((2, 3), [0.0, 0.0, 0.1])
     # the leader heads east, the second follower north
@@ -166,7 +166,7 @@ def test_each_range_has_the_error_of_its_own_ping(used: int, centre: float) -> N
             sensors,
             k,
             1,
-            (transmitters, hydrophones),
+            Sites(transmitters, hydrophones),
             Motion(truth, 0.0, k),
             np.zeros((21, 2)),
             inbox,
@@ -203,8 +203,8 @@ def test_a_ping_is_received_by_echo_late_clock_and_broken_channel_as_far_as_soun
         burst_mean_messages=3.0,
         burst_loss_probability=0.8,
     )._replace(
+        transmitters=np.full(1, 3),
         sound=sensors.sound._replace(
-            transmitters=3,
             paths=(True, True, True),
             rays=sensors.sound.rays._replace(floor=LevelFloor(floor)),
             max_range=reach,
@@ -231,7 +231,7 @@ def test_a_ping_is_received_by_echo_late_clock_and_broken_channel_as_far_as_soun
             sensors,
             k,
             0,
-            (transmitters, np.array([[0.0, 0.0, 0.1]])),
+            Sites(transmitters, np.array([[0.0, 0.0, 0.1]])),
             Motion(truth, 0.0, k),
             np.zeros((601, 2)),
             inbox,
@@ -346,7 +346,7 @@ def test_a_leader_broadcasts_its_place_motion_and_attitude() -> None:
     truth, inbox, sites = (
         standing(poses, k + 1),
         new_inbox(1, 10, over=3),
-        (np.zeros((3, 3)), np.zeros((1, 3))),
+        Sites(np.zeros((3, 3)), np.zeros((1, 3))),
     )
     truth.twist[k, 0] = 0.9, 0.7, 0.2, *RATES
     receive(sensors, k, 0, sites, Motion(truth, 0.0, k), np.full((k + 1, 2), (0.02, -0.03)), inbox)
