@@ -123,21 +123,40 @@ def _along(sea: SeaSettings, paths: list[PlannedPath]) -> Any:
     return panel(lines, x_label="time [s]", y_label="current [m/s]", width=4.1, height=3.0)
 
 
-def _profiles(sound: SoundSettings) -> list[Any]:
-    depth = np.linspace(0.0, floor_of(sound.sea).deepest, _LEVELS)
+def _current_profile(sea: SeaSettings) -> Any:
+    depth = np.linspace(0.0, floor_of(sea).deepest, _LEVELS)
     none = np.zeros(_LEVELS)
-    current = current_at(sound.sea, none, none, depth, none)
-    rays = rays_of(sound)
-    speed = np.array([rays.speed(float(value)) for value in depth])
-    parts = [
+    current = current_at(sea, none, none, depth, none)
+    lines = [
         Line(x=current[:, 0], y=-depth, colour=SERIES[0], name="towards east"),
         Line(x=current[:, 1], y=-depth, colour=SERIES[1], name="towards north"),
     ]
-    usual: dict[str, Any] = {"y_label": "height [m]", "width": 4.1, "height": 3.0}
-    return [
-        panel(parts, x_label="current at (0, 0) [m/s]", **usual),
-        panel([Line(x=speed, y=-depth, name="sound")], x_label="speed of sound [m/s]", **usual),
-    ]
+    return panel(
+        lines, x_label="current at (0, 0) [m/s]", y_label="height [m]", width=4.1, height=3.0
+    )
+
+
+def _sound_profile(sound: SoundSettings) -> Any:
+    depth = np.linspace(0.0, floor_of(sound.sea).deepest, _LEVELS)
+    rays = rays_of(sound)
+    speed = np.array([rays.speed(float(value)) for value in depth])
+    lines = [Line(x=speed, y=-depth, name="sound")]
+    return panel(lines, x_label="speed of sound [m/s]", y_label="height [m]", width=4.1, height=3.0)
+
+
+def _profiles(sound: SoundSettings, paths: list[PlannedPath], *, flows: bool) -> Figures:
+    """Currents, where water flows, and speed of sound."""
+    if not flows:
+        return Figures(panels=[_sound_profile(sound)])
+    return Figures(
+        panels=[_along(sound.sea, paths), _current_profile(sound.sea), _sound_profile(sound)],
+        legend=[
+            (LEADER, "leader"),
+            (FOLLOWER, "followers"),
+            (SERIES[0], "towards east, and sound"),
+            (SERIES[1], "towards north"),
+        ],
+    )
 
 
 def write_sea_page(scenario: Scenario, path: Path) -> None:
@@ -151,26 +170,21 @@ def write_sea_page(scenario: Scenario, path: Path) -> None:
         floor.depths_at(*planned.position[:, :2].T) + planned.position[:, 2] for planned in paths
     ]
     least = min(float(height.min()) for height in over)
+    flows = fastest > _SMALL
     moves = f"The current runs at up to {fastest:.3g} m/s at {scenario.leader.layer_m:g} m"
     still = "There is no current"
-    summary = (
-        f"{moves if fastest > _SMALL else still}; the plans keep {least:.3g} m above the floor."
-    )
-    legend = [(LEADER, "leader"), (FOLLOWER, "followers"), (SERIES[0], "current")]
+    summary = f"{moves if flows else still}; the plans keep {least:.3g} m above the floor."
+    legend = [(LEADER, "leader"), (FOLLOWER, "followers")]
+    if flows:
+        legend.append((SERIES[0], "current"))
     values = {
         "name": plain(scenario.name),
         "summary": summary,
         "depth": f"{scenario.leader.layer_m:g}",
         "arrow": f"{fastest:.3g} m/s",
         "maps": Figures(panels=[chart, _section(sea, paths)], legend=legend),
-        "profiles": Figures(
-            panels=[_along(sea, paths), *_profiles(sound)],
-            legend=[
-                *legend[:2],
-                (SERIES[0], "towards east, and sound"),
-                (SERIES[1], "towards north"),
-            ],
-        ),
+        "flows": flows,
+        "profiles": _profiles(sound, paths, flows=flows),
         "files": [plain(line).split(": ", 1) for line in sea_report(sound)],
     }
     path.parent.mkdir(parents=True, exist_ok=True)
