@@ -622,21 +622,16 @@ document.addEventListener("mission:time", (event) => {
   for (const drawing of Drawing.all) if (drawing.seen) drawing.point(event.detail);
 });
 addEventListener("beforeprint", () => figures.length && boxes.forEach(draw));
-const MARGIN = 300; // figures are drawn before they come into view [px]
 const seen = new IntersectionObserver((entries) => entries.forEach(({ target, isIntersecting }) => {
   if (isIntersecting) draw(target);
   const drawing = drawings.get(target);
   if (!drawing) return;
   drawing.seen = isIntersecting;
   if (isIntersecting) drawing.point(Drawing.time);
-}), { rootMargin: `${MARGIN}px` });
+}), { rootMargin: "300px" });
 (async () => {
   const packed = Uint8Array.from(atob(document.getElementById("figure-data").textContent), (letter) => letter.charCodeAt(0));
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate-raw"));
   figures = JSON.parse(await new Response(stream).text());
-  for (const box of boxes) {
-    // a browser that prints the page draws no frame, of which the observer would tell
-    if (box.getBoundingClientRect().top < innerHeight + MARGIN) draw(box);
-    seen.observe(box);
-  }
+  boxes.forEach((box) => seen.observe(box));
 })();
