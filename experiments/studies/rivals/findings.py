@@ -2,6 +2,7 @@
 of each method.
 """
 
+import json
 import math
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -40,8 +41,12 @@ CONDITIONS = _titles(_ROUTES["case"])
 """Titles by the names of the registry, and of what is simulated."""
 TWO = "two"
 """Condition with two transmitters."""
+IN_WATER = (*CONDITIONS, TWO)
+"""All conditions, that with two transmitters last."""
 WITH_TWO = _titles(_TWO["arm"])
-OURS = ("laisn-2", "laisn-3-1", "laisn-3-2", "tight")
+STEADY = "tight-steady"
+"""The tightly coupled navigator with the speed through the water as a state."""
+OURS = ("laisn-2", "laisn-3-1", "laisn-3-2", "tight", STEADY)
 SLOW = "factor-graph"  # simulated in fewer runs
 INTERVAL = "timing.message_interval_s"
 INTERVALS, FURTHER = (tuple(study["vary"][INTERVAL]) for study in (_ROUTES, _SHARED))
@@ -88,12 +93,15 @@ def step_times_us(duration_s: float = 120.0, repeats: int = 3) -> dict[str, floa
     least of some runs [µs].
     """
     times = {}
-    for name in NAVIGATORS:
-        if find(name).missing:
+    mission = ["motion=kinematic", f"duration_s={duration_s}"]
+    for arm in _CLOSED["arm"]:
+        name = arm["name"]
+        chosen = {key: value for key, value in arm.items() if key.startswith("navigation.")}
+        navigator = find(chosen["navigation.variant"])
+        if navigator.missing:
             continue
-        scenario = load_scenario(
-            "T5", ["motion=kinematic", f"duration_s={duration_s}", f"navigation.variant={name}"]
-        )
+        overrides = [f"{key}={json.dumps(value)}" for key, value in chosen.items()]
+        scenario = load_scenario("T5", mission + overrides)
         motion = simulate_motion(scenario)
         sensing = SensingSettings.of(scenario)
         settings = navigation_settings(scenario, motion.sites, 0)
@@ -105,7 +113,7 @@ def step_times_us(duration_s: float = 120.0, repeats: int = 3) -> dict[str, floa
         # the first one compiles
         for _ in range(repeats + 1):
             begin = process_time()
-            find(name).fly(settings, measured, start)
+            navigator.fly(settings, measured, start)
             taken.append(process_time() - begin)
         times[name] = 1e6 * min(taken[1:]) / measured.speed.size
     return times
@@ -150,7 +158,7 @@ def compared(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
     rivals = [name for name in NAVIGATORS if name not in OURS]
     for ours, rival in product(("laisn-3-2", "tight"), rivals):
         better = total = 0
-        for condition, interval in product((*CONDITIONS, TWO), INTERVALS):
+        for condition, interval in product(IN_WATER, INTERVALS):
             name_of_rival, other = (case_name(name, condition, interval) for name in (rival, ours))
             if name_of_rival not in cells or other not in cells:
                 continue
@@ -165,6 +173,26 @@ def compared(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
             plain(better, "cases with a smaller mean E_P, the whole interval below 0"),
         )
         yield f"cases {ours} {rival}", plain(total, "cases of condition and message interval")
+
+
+def with_speed_as_state(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
+    """Differences of the tightly coupled navigator that has the speed as a state from the one
+    that has not, over all routes and on the routes where it gains and loses most.
+    """
+    for condition, interval in product(IN_WATER, INTERVALS):
+        name, other = (case_name(arm, condition, interval) for arm in (STEADY, "tight"))
+        if name not in cells or other not in cells:
+            continue
+        yield f"less tight {name}", difference(cells[name], cells[other], f"{STEADY} less tight")
+        by_route = cells[name].runs("e_p_mean_m") - cells[other].runs("e_p_mean_m")
+        for end, route in (
+            ("least", int(by_route.mean(axis=0).argmin())),
+            ("most", int(by_route.mean(axis=0).argmax())),
+        ):
+            yield (
+                f"{end} tight {name}",
+                of(mean_over_missions([by_route[:, route]]), f"the {end} of all routes, 95 %", "m"),
+            )
 
 
 def steered(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
@@ -239,7 +267,13 @@ def findings_of_rows(
     findings = {
         name: finding for arm, runs in routes.items() for name, finding in of_arm(arm, runs)
     }
-    for more in (compared(routes), steered(closed), mapped(points), shared(routes)):
+    for more in (
+        compared(routes),
+        with_speed_as_state(routes),
+        steered(closed),
+        mapped(points),
+        shared(routes),
+    ):
         findings |= dict(more)
     calm = {name: findings[key_of_error(name)] for name in navigators_in(findings)}
     best = min((name for name in calm if name not in OURS), key=lambda name: calm[name].number)
