@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from importlib import import_module
@@ -69,6 +70,9 @@ class Pool:
             # joblib starts new processes where the arguments differ from those before
             begin = os.getpid(), (VARIABLE, os.environ.get(VARIABLE, ""))
             options = {"backend": "loky", "initializer": exit_with_parent, "initargs": begin}
+            # a process that has compiled holds the compiler's memory, which loky takes for a leak;
+            # it gives the process's further calls to a new one, so that none is lost
+            warnings.filterwarnings("ignore", message="A worker stopped while some jobs")
         calls = (joblib.delayed(_with_version)(function, *values) for values in arguments)
         with joblib.parallel_config(n_jobs=self.size, **options):
             parallel = joblib.Parallel(
