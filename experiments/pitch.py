@@ -97,8 +97,8 @@ class PitchGeometry:
         )
         # the follower takes the leader for level
         level = Arms(fore_offset(0.5 * self.baseline, _LEVEL, _LEVEL), (0.0, 0.0, 0.0))
-        about = circles(_NOWHERE, level, ranges, self.below)
-        pair = Pair(about.rear, about.front, False)
+        fixes = circles(_NOWHERE, level, ranges, self.below)
+        pair = Pair(fixes.rear, fixes.front, False)
         fix = pair_fix(pair, _LEVEL, position, self._tuning)
         error = math.hypot(fix.east - position.east, fix.north - position.north)
         return PitchedFix(fix.east, fix.north, error, fix.kind == FixKind.ASTERN)

@@ -136,10 +136,10 @@ def require_numbers(
         value = getattr(record, field.name)
         if not isinstance(value, float):
             continue
-        enough = (
+        has_space = (
             field.name in signed or value > 0.0 or (value == 0.0 and field.name not in positive)
         )
-        if not np.isfinite(value) or not enough:
+        if not np.isfinite(value) or not has_space:
             if field.name in signed:
                 bound = ""
             elif field.name in positive:

@@ -517,13 +517,13 @@ def with_beacon(
     """BeaconBelief with fresh states of one more beacon, which may move by odometry of its own."""
     counts = np.diff(belief.first, append=belief.states)
     extended = _allocate(settings, np.append(counts == MOVING, moves))
-    before = belief.states
+    states = belief.states
     # what is not alive stays untouched, and takes no memory
     alive = slice(int(belief.alive[0]))
-    added = np.arange(before, extended.states)
-    extended.state[alive, :before] = belief.state[alive]
-    extended.covariance[alive, :before, :before] = belief.covariance[alive]
-    extended.covariance[alive, added, added] = extended.fresh[before:]
+    added = np.arange(states, extended.states)
+    extended.state[alive, :states] = belief.state[alive]
+    extended.covariance[alive, :states, :states] = belief.covariance[alive]
+    extended.covariance[alive, added, added] = extended.fresh[states:]
     extended.variance[:-1] = belief.variance
     extended.rejected[:-1] = belief.rejected
     return extended._replace(

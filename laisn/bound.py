@@ -106,16 +106,18 @@ _MAX_INTERVALS = 256  # between messages that are computed at once
 _ANY_SPEED = 10.0  # standard deviation of the speed before the first reading of the log [m/s]
 
 
-def _range_information(away: Floats, arms: Floats, received: Ints, noise: TrueNoise) -> Floats:
-    """Fisher information of ranges to followers `away` from the leader, shape (q, 2), shape
+def _range_information(
+    from_leader: Floats, arms: Floats, received: Ints, noise: TrueNoise
+) -> Floats:
+    """Fisher information of ranges to followers `from_leader` from the leader, shape (q, 2), shape
     (q, s, s).
 
     `arms` are those of the transmitters `received`, of each follower or of all, shape (q, r, 3) or
     (1, r, 3).
     """
     if not received.size:
-        return np.zeros((len(away), _STATES, _STATES))
-    flat = away[:, None, :] - arms[..., :2]
+        return np.zeros((len(from_leader), _STATES, _STATES))
+    flat = from_leader[:, None, :] - arms[..., :2]
     distance = np.sqrt(np.sum(flat**2, axis=2) + arms[..., 2] ** 2)
     share = distance / distance.max(axis=1, keepdims=True)
     rows = np.zeros((*distance.shape, _STATES))
@@ -138,14 +140,16 @@ def _range_information(away: Floats, arms: Floats, received: Ints, noise: TrueNo
     return np.asarray(rows.swapaxes(1, 2) @ np.linalg.solve(covariance, rows))
 
 
-def _expected_information(away: Floats, spread: Floats, arms: Floats, noise: TrueNoise) -> Floats:
+def _expected_information(
+    from_leader: Floats, spread: Floats, arms: Floats, noise: TrueNoise
+) -> Floats:
     """Mean of the information of one message over positions N(away, spread), by Gauss–Hermite
     quadrature, shape (s, s).
     """
     values, vectors = np.linalg.eigh(spread)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     received = np.flatnonzero(np.isfinite(arms[:, 2]))
-    places = away + _NODES @ root.T
+    places = from_leader + _NODES @ root.T
     informations = _range_information(places, arms[None, received], received, noise)
     return np.asarray(np.einsum("q,qij->ij", _WEIGHTS, informations))
 
@@ -171,15 +175,15 @@ def _informations_at_truth(geometry: BoundGeometry, noise: TrueNoise, i: slice) 
     """Information of the ranges of each message of a slice at the true positions, shape
     (b, s, s).
     """
-    away = geometry.from_leader[i]
+    from_leader = geometry.from_leader[i]
     arms = geometry.arms[i]
-    informations = np.zeros((len(away), _STATES, _STATES))
+    informations = np.zeros((len(from_leader), _STATES, _STATES))
     present = np.isfinite(arms[..., 2])
     for pattern in np.unique(present, axis=0):
-        alike = np.flatnonzero((present == pattern).all(axis=1))
+        messages = np.flatnonzero((present == pattern).all(axis=1))
         received = np.flatnonzero(pattern)
-        informations[alike] = _range_information(
-            away[alike], arms[np.ix_(alike, received)], received, noise
+        informations[messages] = _range_information(
+            from_leader[messages], arms[np.ix_(messages, received)], received, noise
         )
     return informations
 
@@ -251,8 +255,8 @@ def _unknown_states(noise: TrueNoise) -> tuple[Floats, Ints]:
     pairs = [noise.current] * 2 + [noise.range_offset] * 2
     speed = _ANY_SPEED if noise.speed_change > 0.0 else 0.0
     variances = np.square([noise.start, noise.start, *biases, *pairs, *clock, speed])
-    always = [0, 1, _CLOCK, _DRIFT] if any((*clock, noise.clock_walk)) else [0, 1]
-    return variances, np.union1d(np.flatnonzero(variances), always)
+    states = [0, 1, _CLOCK, _DRIFT] if any((*clock, noise.clock_walk)) else [0, 1]
+    return variances, np.union1d(np.flatnonzero(variances), states)
 
 
 def _message_information(
@@ -263,8 +267,8 @@ def _message_information(
     """
     message = slice(i, i + 1)
     if mean:
-        away = geometry.from_leader[i]
-        gained = _expected_information(away, covariance[:2, :2], geometry.arms[i], noise)
+        from_leader = geometry.from_leader[i]
+        gained = _expected_information(from_leader, covariance[:2, :2], geometry.arms[i], noise)
     else:
         gained = _informations_at_truth(geometry, noise, message)[0]
     return np.asarray(gained + _leader_way_information(geometry, noise, message, steps)[0])
@@ -283,7 +287,7 @@ def _steady_speed_bound(geometry: BoundGeometry, noise: TrueNoise, averaged: boo
     """
     n = geometry.speed.size
     variances, unknown = _unknown_states(noise)
-    both = np.ix_(unknown, unknown)
+    block = np.ix_(unknown, unknown)
     mean = averaged if averaged is not None else geometry.arms.shape[1] < 3
     dt = geometry.dt
     walks = np.zeros(_STATES)
@@ -292,7 +296,7 @@ def _steady_speed_bound(geometry: BoundGeometry, noise: TrueNoise, averaged: boo
     walks[_DRIFT] = noise.clock_walk
     log = np.zeros((_STATES, _STATES))
     log[np.ix_([_SPEED, _LOG], [_SPEED, _LOG])] = 1.0 / noise.speed_sigma**2
-    log = log[both]
+    log = log[block]
     # a reading before the first step, as the speed there must be known
     covariance = _informed(np.diag(variances[unknown]), log)
     bound = np.empty((n, 2, 2))
@@ -307,13 +311,13 @@ def _steady_speed_bound(geometry: BoundGeometry, noise: TrueNoise, averaged: boo
         F[0, _EAST] = F[1, _NORTH] = F[_CLOCK, _DRIFT] = dt
         Q = np.diag(walks**2 * dt)
         Q[:2, :2] = (geometry.speed[k] * noise.heading_sigma * dt) ** 2 * np.outer(across, across)
-        step = F[both]
-        covariance = _informed(step @ covariance @ step.T + Q[both], log)
+        step = F[block]
+        covariance = _informed(step @ covariance @ step.T + Q[block], log)
         if k + 1 in messages:
             gained = _message_information(
                 geometry, noise, messages[k + 1], covariance, mean, k + 1 - last
             )
-            covariance = _informed(covariance, gained[both])
+            covariance = _informed(covariance, gained[block])
             last = k + 1
         bound[k] = covariance[:2, :2]
     return bound
@@ -348,8 +352,8 @@ def _runs(geometry: BoundGeometry) -> Iterator[tuple[int, int, int, int]]:
     lengths = lengths[lengths > 0]
     first = 0
     while first < lengths.size:
-        alike = lengths[first : first + _MAX_INTERVALS] == lengths[first]
-        count = alike.size if alike.all() else int(np.argmin(alike))
+        equal = lengths[first : first + _MAX_INTERVALS] == lengths[first]
+        count = equal.size if equal.all() else int(np.argmin(equal))
         begin = int(ends[first] - lengths[first])
         yield first, count, begin, int(lengths[first])
         first += count
@@ -374,7 +378,7 @@ def _dead_reckoning_bound(
     onward = np.zeros((n if smoothed else 0, 2, unknown.size))
     predicted = [covariance]
     after = [covariance]
-    between = list[Floats]()
+    crosses = list[Floats]()
     ahead = geometry.dt * np.stack([np.sin(geometry.heading), np.cos(geometry.heading)], axis=1)
     for first, count, begin, length in _runs(geometry):
         span = slice(begin, begin + count * length)
@@ -395,8 +399,8 @@ def _dead_reckoning_bound(
         informed = np.empty((len(informations), 2, 2))
         for j in range(count):
             before[j] = covariance
-            between.append(covariance @ step[j].T)
-            covariance = step[j] @ between[-1] + gained[j]
+            crosses.append(covariance @ step[j].T)
+            covariance = step[j] @ crosses[-1] + gained[j]
             if j < len(informations):
                 information = informations[j]
                 if mean:
@@ -415,11 +419,11 @@ def _dead_reckoning_bound(
         if smoothed:
             moved = spread @ step.swapaxes(1, 2)[:, None] + way.onward[..., unknown]
             onward[span] = moved.reshape(-1, 2, unknown.size)
-            earlier = lasts - length
-            later = [moved_on[:2] for moved_on in between[-count:]]
-            for index, rest in zip(earlier, later, strict=True):
+            last_messages = lasts - length
+            inner_crosses = [moved_on[:2] for moved_on in crosses[-count:]]
+            for index, cross in zip(last_messages, inner_crosses, strict=True):
                 if index >= 0:
-                    onward[index] = rest
+                    onward[index] = cross
     if not smoothed:
         return bound
     links = len(after)
@@ -429,7 +433,7 @@ def _dead_reckoning_bound(
         np.array(after),
         nothing,
         np.array(predicted),
-        np.array([*between, between[-1]])[:links],
+        np.array([*crosses, crosses[-1]])[:links],
     )
     messages = geometry.message_step
     steps = np.arange(1, n + 1)

@@ -73,8 +73,10 @@ def _imported(node: ast.AST, package: str) -> Iterator[str]:
     if isinstance(node, ast.Import):
         yield from (alias.name for alias in node.names)
     elif isinstance(node, ast.ImportFrom):
-        above = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
-        base = ".".join(filter(None, (*above, node.module)))
+        parents = (
+            package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
+        )
+        base = ".".join(filter(None, (*parents, node.module)))
         yield base
         yield from (f"{base}.{alias.name}" for alias in node.names)
     elif isinstance(node, ast.Call) and node.args:

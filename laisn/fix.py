@@ -109,16 +109,16 @@ def pair_fix(pair: Pair, heading: Turn, predicted: Point, t: Tuning) -> Fix:
 
     x, y = predicted.east - pair.rear.centre.east, predicted.north - pair.rear.centre.north
     side = half if y * east >= x * north else -half
-    behind = d - front if pair.from_front else -rear
+    along_chord = d - front if pair.from_front else -rear
     ahead = t.predicted_side and x * east + y * north > 0.5 * d
-    on_axis = d + front if ahead else behind
+    on_axis = d + front if ahead else along_chord
     axial = chord.offset if clear or tangent else on_axis
-    aside = side if clear else 0.0
+    side_offset = side if clear else 0.0
     kind = TANGENT if tangent else ASTERN
     kind = TWO_POINTS if clear else kind
     return Fix(
-        pair.rear.centre.east + axial * east - aside * north,
-        pair.rear.centre.north + axial * north + aside * east,
+        pair.rear.centre.east + axial * east - side_offset * north,
+        pair.rear.centre.north + axial * north + side_offset * east,
         t.beta / separation if clear else 0.0,
         kind if received else LOST,
         separation if two else -1.0,

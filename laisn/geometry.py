@@ -108,9 +108,9 @@ def side_offset(width: float, heading: Turn, pitch: Turn, roll: Turn) -> Triple:
     """Offset (east, north, up) of a point so far to port of a hull's origin [m]."""
     raised = width * roll.sine
     ahead = -raised * pitch.sine
-    aside = width * roll.cosine
-    east = ahead * heading.sine - aside * heading.cosine
-    north = ahead * heading.cosine + aside * heading.sine
+    lateral = width * roll.cosine
+    east = ahead * heading.sine - lateral * heading.cosine
+    north = ahead * heading.cosine + lateral * heading.sine
     return east, north, raised * pitch.cosine
 
 

@@ -625,13 +625,13 @@ def _record_fixes(
         row.fix_sigma = np.sqrt(r)
         if fix.kind != GATED:
             # z − H x̂ and S = H P Hᵀ + R, with the rows x, y, Pxx, Pxy, Pyy
-            before = prior[update]
-            row.innovation[0] = fix.east - before[0, i]
-            row.innovation[1] = fix.north - before[1, i]
-            row.innovation_covariance[0, 0] = before[2, i] + r
-            row.innovation_covariance[0, 1] = before[3, i]
-            row.innovation_covariance[1, 0] = before[3, i]
-            row.innovation_covariance[1, 1] = before[4, i] + r
+            predicted = prior[update]
+            row.innovation[0] = fix.east - predicted[0, i]
+            row.innovation[1] = fix.north - predicted[1, i]
+            row.innovation_covariance[0, 0] = predicted[2, i] + r
+            row.innovation_covariance[0, 1] = predicted[3, i]
+            row.innovation_covariance[1, 0] = predicted[3, i]
+            row.innovation_covariance[1, 1] = predicted[4, i] + r
     if n_fixes == 0:
         new_fix(record, i, step, int(LOST))
 

@@ -117,10 +117,10 @@ def relative_errors(estimate: Floats, truth: Floats, length: float) -> Floats:
     travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(truth, axis=0).T))])
     last = travelled.size - 1
     after = np.minimum(np.searchsorted(travelled, travelled + length), last)
-    before = np.maximum(after - 1, 0)
-    shortfall = np.abs(travelled[before] - travelled - length)
+    last_index = np.maximum(after - 1, 0)
+    shortfall = np.abs(travelled[last_index] - travelled - length)
     excess = np.abs(travelled[after] - travelled - length)
-    end = np.where(shortfall <= excess, before, after)
+    end = np.where(shortfall <= excess, last_index, after)
     within = np.abs(travelled[end] - travelled - length) <= SEGMENT_TOLERANCE * length
     first = np.flatnonzero(within)
     end = end[first]

@@ -339,16 +339,16 @@ def smooth(
     gain = chain.onward[:-1] @ inverse[1:]
     shift = chain.mean - chain.predicted
     change = chain.covariance - chain.predicted_covariance
-    which = np.flatnonzero(last > latest)
-    message = latest[which] + 1
-    back = onward[which] @ inverse[message]
-    while which.size:
-        mean[which] += np.einsum("nrs,ns->nr", back, shift[message])
-        covariance[which] += back @ change[message] @ back.swapaxes(1, 2)
-        more = last[which] > message
-        which = which[more]
-        message = message[more]
-        back = back[more]
+    rows = np.flatnonzero(last > latest)
+    message = latest[rows] + 1
+    back = onward[rows] @ inverse[message]
+    while rows.size:
+        mean[rows] += np.einsum("nrs,ns->nr", back, shift[message])
+        covariance[rows] += back @ change[message] @ back.swapaxes(1, 2)
+        continues = last[rows] > message
+        rows = rows[continues]
+        message = message[continues]
+        back = back[continues]
         back = back @ gain[message]
         message = message + 1
     return mean, covariance

@@ -237,14 +237,14 @@ class Navigator(OnlineNavigator[Estimates]):
             speed_change = speed_share(self._own.speed, own.speed, t.follower_speed_max)
             turn = turn_share(self._own.heading, own.heading)
         if reception is not None and not np.all(np.isnan(reception.ranges)):
-            before = self._message
-            now = reception.message
-            if before is not None:
+            last_message = self._message
+            message = reception.message
+            if last_message is not None:
                 speed_change = max(
-                    speed_share(before.speed, now.speed, t.leader_speed_max), speed_change
+                    speed_share(last_message.speed, message.speed, t.leader_speed_max), speed_change
                 )
-                turn = max(turn_share(before.heading, now.heading), turn)
-            self._message = now
+                turn = max(turn_share(last_message.heading, message.heading), turn)
+            self._message = message
         return expected_acceleration(speed_change, turn, t)
 
     def _displacement_since_pings(self, own: OwnMotion, reception: Reception) -> Floats | None:

@@ -145,24 +145,24 @@ def nest(jit: Any, *, apart: bool) -> None:
                 return existing.entry_point
             # for a call from Python
             del jit.overloads[kinds]
-        before = list(stack)
+        outer_stack = list(stack)
         stack[:] = [jit] if apart else [*stack, jit]
         try:
             return compile_for(signature)
         finally:
-            stack[:] = before
+            stack[:] = outer_stack
 
     def compile_called(*arguments: Any, **named: Any) -> Any:
         """Python's call has no caller in compiled code, also where it happens while a function is
         compiled, as when the memory of a value is given back.
         """
         stack = _compiling.stack
-        before = list(stack)
+        outer_stack = list(stack)
         stack.clear()
         try:
             return compile_for_python(*arguments, **named)
         finally:
-            stack[:] = before
+            stack[:] = outer_stack
 
     def add(result: Any) -> None:
         if isinstance(result.library, NestedLibrary):

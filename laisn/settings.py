@@ -224,9 +224,9 @@ class Tuning(NamedTuple):
     def of(cls, settings: NavigationSettings) -> Self:
         """Settings as numbers."""
         names = {field.name for field in fields(NavigationSettings)}.intersection(cls._fields)
-        alike = {name: getattr(settings, name) for name in names - {"variant", "gate"}}
+        shared_settings = {name: getattr(settings, name) for name in names - {"variant", "gate"}}
         return cls(
-            **alike,
+            **shared_settings,
             variant=VARIANTS.index(settings.variant),
             gate=GATES.index(settings.gate),
             predicted_side=settings.side_rule == "predicted",

@@ -177,13 +177,13 @@ def half_turn_angle(cross: float, dot: float) -> float:
     shallow = a <= _TAN_PI_8 * b
     steep = b <= _TAN_PI_8 * a
     # tangent above / below of the angle from `start`: 0, π/2, or else π/4
-    above = -b if steep else a - b
-    below = a if steep else a + b
+    numerator = -b if steep else a - b
+    denominator = a if steep else a + b
     start = _HALF_PI if steep else _QUARTER_PI
-    above = a if shallow else above
-    below = b if shallow else below
+    numerator = a if shallow else numerator
+    denominator = b if shallow else denominator
     start = 0.0 if shallow else start
-    t = above / (below if below > 0.0 else 1.0)
+    t = numerator / (denominator if denominator > 0.0 else 1.0)
     q = t * t
     p = fma(fma(fma(fma(fma(fma(_A10, q, _A9), q, _A8), q, _A7), q, _A6), q, _A5), q, _A4)
     angle = fma(fma(fma(fma(fma(p, q, _A3), q, _A2), q, _A1), q, _A0), t, start)

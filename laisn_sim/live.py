@@ -138,16 +138,16 @@ class LiveView:
                     self._paced = None
                     self.changed.wait(_HEARTBEAT_S)
                     continue
-                now = time.monotonic()
+                clock = time.monotonic()
                 if self._paced is None or math.isinf(self.speed):
-                    self._paced = (now, mission_time)
+                    self._paced = (clock, mission_time)
                     return
-                begun, at = self._paced
-                left = begun + (mission_time - at) / self.speed - now
+                start_clock, start_mission = self._paced
+                left = start_clock + (mission_time - start_mission) / self.speed - clock
                 if left <= 0.0:
                     # a machine that is too slow for the speed does not make up for it later
                     if left < -1.0:
-                        self._paced = (now, mission_time)
+                        self._paced = (clock, mission_time)
                     return
                 self.changed.wait(left)
 

@@ -402,16 +402,16 @@ class Simulation:
         None: nothing. The leader is among them if it senses under way.
         """
         state = self._loop.state
-        due = self._is_filter_step
+        is_due = self._is_filter_step
         receptions: dict[str, Reception | None] = {}
         if self._leader is not None:
-            receptions["leader"] = self._leader.receptions()[0] if due else None
+            receptions["leader"] = self._leader.receptions()[0] if is_due else None
         for i, name in enumerate(self.names[1:]):
             receptions[name] = None
-            if due and isinstance(self._loop, PythonClosedLoop):
+            if is_due and isinstance(self._loop, PythonClosedLoop):
                 main = self.scenario.navigation_of(i).link
                 receptions[name] = self._loop.receptions(i).get(main)
-            elif due and state.arrived[i]:
+            elif is_due and state.arrived[i]:
                 inbox = state.inbox
                 receptions[name] = reception_of(inbox.message[i], inbox.ranges[i], {})
         return receptions

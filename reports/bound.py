@@ -91,7 +91,7 @@ def geometry_of(
     stride = round(dt / CONTROL_STEP_S)
     first = round(float(trajectory.time[0]) / dt)
     n = (trajectory.time.size - 1) // stride
-    at = np.arange(1, n + 1) * stride
+    instants = np.arange(1, n + 1) * stride
     many = (len(trajectory.names) - 1) * trajectory.time.size >= _MANY_INSTANTS
     sound = propagate(trajectory, sensing, follower, use_compiled=many or None)
     arrived = sound.message_step - first
@@ -108,8 +108,8 @@ def geometry_of(
         arms[~received[:, :used]] = np.nan
     return BoundGeometry(
         dt=dt,
-        speed=trajectory.forward_speed[at, follower + 1],
-        heading=trajectory.heading[at, follower + 1],
+        speed=trajectory.forward_speed[instants, follower + 1],
+        heading=trajectory.heading[instants, follower + 1],
         message_step=arrived,
         from_leader=hydrophone[:, :2] - leader,
         arms=arms,

@@ -115,12 +115,12 @@ class Findings:
     def __getitem__(self, key: str) -> Finding:
         """A finding by its name; LaisnError naming those that are alike if there is none."""
         if key not in self.findings:
-            alike = [
+            similar_names = [
                 name for name in self.findings if name.partition(" ")[0] == key.partition(" ")[0]
             ]
             raise LaisnError(
                 f"the study {self.study!r} found no {key!r}; it found "
-                f"{', '.join(alike or self.findings)}"
+                f"{', '.join(similar_names or self.findings)}"
             )
         return self.findings[key]
 

@@ -191,9 +191,9 @@ def position_errors(flight: FlightRecord, errors: Sequence[Floats], worst: int) 
 def current_arrows(place: Floats, velocity: Floats, scale: float) -> Line:
     """Arrows of velocities, shape (n, 2), [m/s], from places, [m]; `scale` is of m for m/s."""
     arrow = scale * velocity
-    aside = np.column_stack([-arrow[:, 1], arrow[:, 0]])
+    normal = np.column_stack([-arrow[:, 1], arrow[:, 0]])
     tip = place + arrow
-    barbs = [tip - 0.3 * arrow + side * aside for side in (0.15, -0.15)]
+    barbs = [tip - 0.3 * arrow + side * normal for side in (0.15, -0.15)]
     gap = np.full(place.shape, np.nan)
     points = np.stack([place, tip, barbs[0], tip, barbs[1], gap], axis=1).reshape(-1, 2)
     return Line(x=points[:, 0], y=points[:, 1], colour=SERIES[0], width=1.2, name="current")
@@ -214,9 +214,9 @@ def _arrows_along(flight: FlightRecord, vehicles: Sequence[int]) -> Line:
     map.
     """
     truth = flight.trajectory
-    at = np.linspace(0, truth.time.size - 1, _ARROWS).astype(int)
-    tails = np.concatenate([truth.position[at, v, :2] for v in vehicles])
-    velocity = np.concatenate([truth.water_velocity[at, v, :2] for v in vehicles])
+    instants = np.linspace(0, truth.time.size - 1, _ARROWS).astype(int)
+    tails = np.concatenate([truth.position[instants, v, :2] for v in vehicles])
+    velocity = np.concatenate([truth.water_velocity[instants, v, :2] for v in vehicles])
     fastest = float(np.hypot(*velocity.T).max())
     extent = float(np.ptp(truth.position[:, vehicles, :2], axis=(0, 1)).max())
     return current_arrows(tails, velocity, _LONGEST_ARROW * extent / max(fastest, 1e-9))
@@ -250,13 +250,13 @@ def track_map(
     that they fill.
     """
     steps = flight.step_index()
-    every = slice(None, None, max(1, steps.size * (len(flight.estimates) + 2) // _TRACK_POINTS))
-    time = flight.trajectory.time[steps[every]]
+    thinned = slice(None, None, max(1, steps.size * (len(flight.estimates) + 2) // _TRACK_POINTS))
+    time = flight.trajectory.time[steps[thinned]]
     names = flight.trajectory.names[1:]
-    tracks = [(flight.trajectory.position[steps[every], 0, :2], LEADER, 1.4, "leader")]
-    tracks += [(flight.hydrophone(i)[every, :2], FOLLOWER, 1.8, names[i]) for i in followers]
+    tracks = [(flight.trajectory.position[steps[thinned], 0, :2], LEADER, 1.4, "leader")]
+    tracks += [(flight.hydrophone(i)[thinned, :2], FOLLOWER, 1.8, names[i]) for i in followers]
     estimates = [
-        (flight.estimates[i].state[every, :2], ESTIMATE, 0.7, f"estimate of {names[i]}")
+        (flight.estimates[i].state[thinned, :2], ESTIMATE, 0.7, f"estimate of {names[i]}")
         for i in followers
     ]
     lines = [
@@ -275,11 +275,11 @@ def track_map(
 
 def difference(flight: FlightRecord, follower: int, height: float = ROW_HEIGHT) -> Panel:
     """Estimate minus truth, east and north, as dots; the cross in the middle is the truth."""
-    away = flight.estimates[follower].state[:, :2] - flight.hydrophone(follower)[:, :2]
-    every = slice(None, None, max(1, len(away) * len(flight.estimates) // _DOTS))
+    errors = flight.estimates[follower].state[:, :2] - flight.hydrophone(follower)[:, :2]
+    thinned = slice(None, None, max(1, len(errors) * len(flight.estimates) // _DOTS))
     origin = np.zeros(1)
-    dots = away[every]
-    time = flight.trajectory.time[flight.step_index()[every]]
+    dots = errors[thinned]
+    time = flight.trajectory.time[flight.step_index()[thinned]]
     lines = [
         Line(
             x=dots[:, 0],
@@ -376,11 +376,11 @@ def fixes_part(flight: FlightRecord, follower: int) -> Subplot:
     estimates = flight.estimates[follower]
     dt = flight.measurements[follower].dt
     kinds = [FixKind(kind) for kind in sorted(set(estimates.fix_kind.tolist()))]
-    at = np.asarray(flight.trajectory.time[0] + estimates.fix_step * dt, dtype=np.float64)
+    time = np.asarray(flight.trajectory.time[0] + estimates.fix_step * dt, dtype=np.float64)
     marks = []
     for row, kind in enumerate(kinds):
         failed = kind in (FixKind.GATED, FixKind.SINGULAR, FixKind.LOST)
-        times = at[estimates.fix_kind == kind]
+        times = time[estimates.fix_kind == kind]
         colour = MUTED if failed else SERIES[row % len(SERIES)]
         y = np.full(times.size, float(row))
         marks.append(Line(x=times, y=y, colour=colour, marker="|"))

@@ -116,9 +116,9 @@ class _Writer:
     def __init__(self, flight: FlightRecord) -> None:
         truth = flight.trajectory
         duration = float(truth.time[-1] - truth.time[0])
-        every = max(1, round(1.0 / (rate_of(duration, len(truth.names)) * truth.dt)))
+        stride = max(1, round(1.0 / (rate_of(duration, len(truth.names)) * truth.dt)))
         self.flight = flight
-        self.rows = np.arange(0, truth.time.size, every)
+        self.rows = np.arange(0, truth.time.size, stride)
         self.file = _File()
         self.time = self.file.accessor(truth.time[self.rows] - truth.time[0])
         self.samplers: list[dict[str, Any]] = []

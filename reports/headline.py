@@ -80,16 +80,18 @@ def cause(transmitters: int, errors: Mapping[str, float], nees: float | None) ->
     """Why the estimate of a follower that uses so many transmitters is as far off as it is; empty:
     nothing stands out.
     """
-    near = errors["near_axis"]
-    elsewhere = errors["mean_elsewhere"]
-    if near >= _NEAR_SHARE and not errors["mean_near"] < _NEAR_RATIO * elsewhere:
-        few = transmitters <= _TWO
+    near_axis = errors["near_axis"]
+    off_axis = errors["mean_elsewhere"]
+    if near_axis >= _NEAR_SHARE and not errors["mean_near"] < _NEAR_RATIO * off_axis:
+        is_two = transmitters <= _TWO
         reason = (
-            "two transmitters cannot tell the side" if few else "ranges hardly tell the direction"
+            "two transmitters cannot tell the side"
+            if is_two
+            else "ranges hardly tell the direction"
         )
         return (
-            f"{100 * near:.0f} % of the time it is within {ON_AXIS_DEG:g}° of the leader's axis, "
-            f"where {reason}"
+            f"{100 * near_axis:.0f} % of the time it is within {ON_AXIS_DEG:g}° of the leader's "
+            f"axis, where {reason}"
         )
     if errors["wrong_side"] >= _LOCKED_SHARE:
         return f"{100 * errors['wrong_side']:.0f} % of the time it is on the wrong side of the axis"
@@ -208,7 +210,7 @@ def tiles(summary: Mapping[str, Any], accuracies: Accuracies) -> list[Tile]:
     several = len(accuracies) > 1
     mean = float(np.mean([errors["mean"] for errors in accuracies.values()]))
     high = max(errors["high"] for errors in accuracies.values())
-    at = f"at {accuracies[worst]['largest_s']:.0f} s"
+    time = f"at {accuracies[worst]['largest_s']:.0f} s"
     shown_tiles.append(
         Tile(
             name="mean error",
@@ -217,6 +219,6 @@ def tiles(summary: Mapping[str, Any], accuracies: Accuracies) -> list[Tile]:
         )
     )
     largest = figure(accuracies[worst]["largest"], " m")
-    remark = f"{worst}, {at}" if several else at
+    remark = f"{worst}, {time}" if several else time
     shown_tiles.append(Tile(name="largest error", value=largest, remark=remark))
     return [*shown_tiles, *_consistency(rows, accuracies)]

@@ -63,7 +63,9 @@ def _undo_skewness(y: Floats, skewness: Floats, runs: Floats) -> Floats:
     return np.asarray(np.where(np.abs(third) < 1e-6, y, bent))
 
 
-def ratio_intervals(above: Floats, below: Floats, confidence: float = CONFIDENCE) -> list[Interval]:
+def ratio_intervals(
+    numerators: Floats, denominators: Floats, confidence: float = CONFIDENCE
+) -> list[Interval]:
     """Ratios of sums over runs, Σ above / Σ below, with t intervals that account for skewness.
 
     Hall's cubic transformation removes the skewness γ; its quantiles are those of t with n − 1
@@ -75,21 +77,21 @@ def ratio_intervals(above: Floats, below: Floats, confidence: float = CONFIDENCE
         below: likewise, not negative; 0: the run does not count.
         confidence: of the intervals; limits are NaN where fewer than `FEWEST_RUNS` count.
     """
-    runs = np.count_nonzero(below, axis=0).astype(np.float64)
+    runs = np.count_nonzero(denominators, axis=0).astype(np.float64)
     with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = above.sum(axis=0) / below.sum(axis=0)
-        rest = above - ratio * below
-        squares = np.sum(rest**2, axis=0)
-        spread = np.sqrt(squares / (runs - 1.0)) * runs / below.sum(axis=0)
+        ratio = numerators.sum(axis=0) / denominators.sum(axis=0)
+        residual = numerators - ratio * denominators
+        squares = np.sum(residual**2, axis=0)
+        spread = np.sqrt(squares / (runs - 1.0)) * runs / denominators.sum(axis=0)
         skewness = np.where(
-            squares > 0.0, np.sqrt(runs) * np.sum(rest**3, axis=0) / squares**1.5, 0.0
+            squares > 0.0, np.sqrt(runs) * np.sum(residual**3, axis=0) / squares**1.5, 0.0
         )
         quantile = _special().stdtrit(runs - 1.0, (1.0 + confidence) / 2.0) / np.sqrt(runs)
         low, high = (
             ratio - spread * _undo_skewness(sign * quantile, skewness, runs) for sign in (1.0, -1.0)
         )
-    few = runs < FEWEST_RUNS
-    limits = (np.where(few, math.nan, limit).tolist() for limit in (low, high))
+    is_small = runs < FEWEST_RUNS
+    limits = (np.where(is_small, math.nan, limit).tolist() for limit in (low, high))
     return [Interval(*row) for row in zip(ratio.tolist(), *limits, strict=True)]
 
 

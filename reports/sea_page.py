@@ -105,8 +105,8 @@ def _section(sea: SeaSettings, paths: list[PlannedPath]) -> Any:
     for i, path in enumerate(paths):
         way = _way(path)
         depth = floor.depths_at(*path.position[:, :2].T)
-        below = f"floor below {path.key}"
-        lines.append(Line(x=way, y=-depth, colour=FRAME if i else INK, name=below))
+        name = f"floor below {path.key}"
+        lines.append(Line(x=way, y=-depth, colour=FRAME if i else INK, name=name))
         lines.append(
             Line(x=way, y=path.position[:, 2], colour=_colour(i), width=2.0, name=path.key)
         )

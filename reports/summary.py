@@ -26,9 +26,12 @@ from sim.water.assembly import floor_of
 def true_bearing(flight: FlightRecord, follower: int) -> Floats:
     """B of a follower's hydrophone from the leader's true pose, in [0, 2π), shape (n,), [rad]."""
     steps = flight.step_index()
-    away = flight.hydrophone(follower)[:, :2] - flight.trajectory.position[steps, 0, :2]
+    separation = flight.hydrophone(follower)[:, :2] - flight.trajectory.position[steps, 0, :2]
     return np.asarray(
-        np.mod(np.arctan2(away[:, 0], away[:, 1]) - flight.trajectory.heading[steps, 0], 2 * np.pi)
+        np.mod(
+            np.arctan2(separation[:, 0], separation[:, 1]) - flight.trajectory.heading[steps, 0],
+            2 * np.pi,
+        )
     )
 
 
@@ -52,10 +55,10 @@ def _kept(flight: FlightRecord, follower: int, route: Route, off: Floats) -> dic
     truth = flight.trajectory
     vehicle = follower + 1
     planned = route.depth.at(truth.time)[0]
-    below = truth.depth[:, vehicle] - planned
+    depth_error = truth.depth[:, vehicle] - planned
     row: dict[str, Any] = {
         "track_error_rms_m": float(np.sqrt(np.mean(off**2))),
-        "depth_error_rms_m": float(np.sqrt(np.mean(below**2))),
+        "depth_error_rms_m": float(np.sqrt(np.mean(depth_error**2))),
     }
     keeping = flight.scenario.followers[follower].station and asdict(
         tracking.station_keeping(off, flight.trajectory.time)
@@ -358,10 +361,10 @@ def stray_events(flight: FlightRecord) -> list[Event]:
     planned = (flight.scenario.leader, *flight.scenario.followers)
     for vehicle, (name, plan) in enumerate(zip(flight.trajectory.names, planned, strict=True)):
         depth = flight.trajectory.depth[:, vehicle]
-        below = floor.depths_at(*flight.trajectory.position[:, vehicle, :2].T)
+        floor_depth = floor.depths_at(*flight.trajectory.position[:, vehicle, :2].T)
         surfaced = (depth < 0) & (plan.layer_m > 1)
         for outside, text in (
-            (depth > below, "goes below the sea floor"),
+            (depth > floor_depth, "goes below the sea floor"),
             (surfaced, "breaks the surface"),
         ):
             if outside.any():

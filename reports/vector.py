@@ -176,9 +176,9 @@ def _scatter(axes: Axes, trace: Mapping[str, Any]) -> None:
             width = _POINTS * bars["thickness"]
             error: dict[str, Any] = {f"{direction}err": ends}
             axes.errorbar(x, y, fmt="none", ecolor=bars["color"], elinewidth=width, **error)
-    for at, text in enumerate(trace.get("text", ())):
+    for index, text in enumerate(trace.get("text", ())):
         if text:
-            axes.annotate(formula(text), (x[at], y[at]), (3, 0), textcoords="offset points")
+            axes.annotate(formula(text), (x[index], y[index]), (3, 0), textcoords="offset points")
 
 
 def _colours(figure: Figure, axes: Axes, trace: Mapping[str, Any]) -> None:

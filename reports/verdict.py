@@ -100,8 +100,8 @@ def _is_locked(flight: FlightRecord, follower: int, time: Floats, loss_s: float)
         truth.position[steps, 0, :2],
         truth.heading[steps, 0],
     )
-    around = np.abs(time - loss_s) <= _LOCKED_S
-    return bool(locked[around].mean() > _LOCKED_SHARE)
+    near_loss = np.abs(time - loss_s) <= _LOCKED_S
+    return bool(locked[near_loss].mean() > _LOCKED_SHARE)
 
 
 def _first_true(condition: Bools) -> int | None:
@@ -124,9 +124,9 @@ def _loss(
         target = "station" if plan.station is not None else "route"
         if near is None:
             return float(time[-1]), f"never reached its {target}"
-        away = _first_true(off[near:] > LOST_M)
-        if away is not None:
-            return float(time[near + away]), f"more than {LOST_M:g} m off its {target}"
+        left_step = _first_true(off[near:] > LOST_M)
+        if left_step is not None:
+            return float(time[near + left_step]), f"more than {LOST_M:g} m off its {target}"
     wrong = _first_true(errors > LOST_M)
     if wrong is None:
         return None
@@ -137,12 +137,12 @@ def _cause(flight: FlightRecord, follower: int, loss_s: float, errors: Floats, o
     """The likeliest cause of a loss that the record shows."""
     steps = flight.step_index()
     time = flight.trajectory.time[steps]
-    at = min(int(np.searchsorted(time, loss_s)), time.size - 1)
-    error = float(errors[at])
+    step = min(int(np.searchsorted(time, loss_s)), time.size - 1)
+    error = float(errors[step])
     plan = flight.scenario.followers[follower]
-    away = float(off[min(int(steps[at]), off.size - 1)])
-    if plan.guided_by_estimate and error < _RIGHT_SHARE * away:
-        speed = float(flight.trajectory.forward_speed[steps[at], follower + 1])
+    station_error = float(off[min(int(steps[step]), off.size - 1)])
+    if plan.guided_by_estimate and error < _RIGHT_SHARE * station_error:
+        speed = float(flight.trajectory.forward_speed[steps[step], follower + 1])
         return (
             f"not its estimate, which was {error:.1f} m off, but its motion, at {speed:.2g} m/s "
             "through the water"
@@ -156,7 +156,7 @@ def _cause(flight: FlightRecord, follower: int, loss_s: float, errors: Floats, o
     scenario = flight.scenario
     if cautions := assumption_cautions(SensingSettings.of(scenario), scenario.navigation):
         return "an assumption that does not hold: " + "; ".join(cautions[:2])
-    squares = nees(flight.estimates[follower], flight.hydrophone(follower)[:, :2])[: at + 1]
+    squares = nees(flight.estimates[follower], flight.hydrophone(follower)[:, :2])[: step + 1]
     finite = squares[np.isfinite(squares)]
     if finite.size and finite.mean() > _CONSISTENT_NEES:
         return (
@@ -223,17 +223,17 @@ def _errors_text(flight: FlightRecord) -> str:
     means = [float(p[k].mean()) for p, k in zip(errors, finite_masks, strict=True)]
     largest = [float(np.nanmax(position)) for position in errors]
     worst = int(np.argmax(largest))
-    at = float(time[int(np.nanargmax(errors[worst]))])
+    time_s = float(time[int(np.nanargmax(errors[worst]))])
     if len(names) == 1:
         return (
             f"The mean position error is {means[0]:.2f} m; the largest is {largest[0]:.2f} m, at "
-            f"{at:.0f} s."
+            f"{time_s:.0f} s."
         )
     low, high = int(np.argmin(means)), int(np.argmax(means))
     return (
         f"The mean position errors of {len(names)} followers lie between {means[low]:.2f} m "
         f"({names[low]}) and {means[high]:.2f} m ({names[high]}); the largest error is "
-        f"{largest[worst]:.2f} m ({names[worst]}, at {at:.0f} s)."
+        f"{largest[worst]:.2f} m ({names[worst]}, at {time_s:.0f} s)."
     )
 
 

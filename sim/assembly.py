@@ -16,11 +16,11 @@ def on_axis(sites: Floats) -> bool:
     offset put them.
     """
     half = sites[1, 0]
-    aside = sites[2, 1]
+    port_offset = sites[2, 1]
     return bool(
         half > 0
-        and aside > 0
-        and np.array_equal(sites, [[-half, 0, 0], [half, 0, 0], [0, aside, 0]])
+        and port_offset > 0
+        and np.array_equal(sites, [[-half, 0, 0], [half, 0, 0], [0, port_offset, 0]])
     )
 
 

@@ -120,14 +120,14 @@ def _slots(sensing: SensingSettings, settings: Settings) -> str:
 
 def _leader_compass(sensing: SensingSettings, _: Settings) -> str:
     bias = math.radians(abs(sensing.sensors.leader_heading_bias_deg))
-    aside = (
+    error = (
         2.0 * math.sin(bias / 2.0) * float(_planned(sensing.sound.sea.plan).max()) if bias else 0.0
     )
-    if aside < _NOTICEABLE_M:
+    if error < _NOTICEABLE_M:
         return ""
     return (
         f"the leader's compass is off by {math.degrees(bias):.3g}°, which turns fixes about the "
-        f"leader, by up to {aside:.2g} m"
+        f"leader, by up to {error:.2g} m"
     )
 
 

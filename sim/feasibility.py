@@ -175,8 +175,8 @@ def _speeds(sea: SeaSettings, vehicle: Vehicle) -> SpeedRange:
     ]
     # a current of the keys changes linearly with depth
     levels = 2 if sea.ocean.current is None else _FIELD_LEVELS
-    between = np.linspace(min(depths), max(depths), levels).tolist()
-    return _planned_speeds(sea, route_of(vehicle, ""), between)
+    depth_levels = np.linspace(min(depths), max(depths), levels).tolist()
+    return _planned_speeds(sea, route_of(vehicle, ""), depth_levels)
 
 
 # in physics steps up to this one the project's own hulls are stable at all speeds [s]

@@ -40,7 +40,7 @@ LEADER = 0
 
 
 def _read_instruments(
-    errors: SensorErrors, address: noise.Address, at: sensors.Instant, reading: Record
+    errors: SensorErrors, address: noise.Address, instant: sensors.Instant, reading: Record
 ) -> None:
     """Read the leader's own sensors at a filter step; log, compass and pressure sensor have the
     noise that they have in what it broadcasts.
@@ -51,13 +51,13 @@ def _read_instruments(
     depth = noise.normals_at(address, noise.Stream.LEADER_DEPTH)
     gyro = noise.normals_at(address, noise.Stream.LEADER_GYRO)
     tilt = noise.normals_at(address, noise.Stream.LEADER_TILT)
-    (reading.speed,) = sensors.SpeedLog.read(e, sensors.SpeedLog.true(e, at, None), motion)
-    (reading.heading,) = sensors.Compass.read(e, sensors.Compass.true(e, at, None), motion)
+    (reading.speed,) = sensors.SpeedLog.read(e, sensors.SpeedLog.true(e, instant, None), motion)
+    (reading.heading,) = sensors.Compass.read(e, sensors.Compass.true(e, instant, None), motion)
     (reading.depth,) = sensors.PressureSensor.read(
-        e, sensors.PressureSensor.true(e, at, None), depth
+        e, sensors.PressureSensor.true(e, instant, None), depth
     )
-    (reading.pitch,) = sensors.Inclinometer.read(e, (at.pitch,), tilt)
-    rates = (at.angular_velocity[2], at.angular_velocity[1])
+    (reading.pitch,) = sensors.Inclinometer.read(e, (instant.pitch,), tilt)
+    rates = (instant.angular_velocity[2], instant.angular_velocity[1])
     reading.turning, reading.pitching = sensors.Gyros.read(e, rates, gyro)
 
 
@@ -178,8 +178,12 @@ class LeaderUnit:
         else:
             step = k // self._stride
             motion = (truth.pose[k, LEADER], truth.twist[k, LEADER], truth.water[k, LEADER])
-            at = sensors.instant_of((step * self._dt, 0), motion, self._depth_sensor, (0.0, 0.0))
-            _read_instruments(self._errors, self._address._replace(step=step), at, self.reading[0])
+            instant = sensors.instant_of(
+                (step * self._dt, 0), motion, self._depth_sensor, (0.0, 0.0)
+            )
+            _read_instruments(
+                self._errors, self._address._replace(step=step), instant, self.reading[0]
+            )
             for receiver in self._receivers:
                 receiver.receive(k, [self._number])
             if step > 0:
@@ -214,8 +218,8 @@ class LeaderUnit:
         if self._routes.outside[LEADER]:
             return
         if self._control is not None:
-            due = k > 0 and k % self._stride == 0
-            main, further = self.receptions() if due else (None, {})
+            is_due = k > 0 and k % self._stride == 0
+            main, further = self.receptions() if is_due else (None, {})
             time = k * CONTROL_STEP_S
             readings = readings_of(time, self.reading[0], main, self.latest_custom, further)
             senses = steering.Senses(self.reading[0], self.estimate[0])

@@ -53,10 +53,10 @@ class OpenLoop:
         settings = [navigation_settings(scenario, still.sites, i) for i in followers]
         links = [sender.link for sender in self._senders.values()]
         interval = navigated[0].links.message_every
-        every = min(interval if link is None else link.every for link in links)
+        stride = min(interval if link is None else link.every for link in links)
         n = len(truth.pose)
         steps = (n - 1) // self._stride
-        self._measured = MeasurementRecord.empty(len(followers), steps, every)
+        self._measured = MeasurementRecord.empty(len(followers), steps, stride)
         self._sensing = [
             FollowerSensing(
                 navigated[i], i, self._sender_of[i], settings[i].transmitters, self._measured

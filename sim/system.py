@@ -119,17 +119,17 @@ def exit_with_parent(parent: int, *environment: tuple[str, str]) -> None:
 def signals_after() -> Iterator[None]:
     """Ctrl-C and signals to end reach their handlers after the block."""
     came = list[int]()
-    before = dict[int, Any]()
+    handlers = dict[int, Any]()
     if threading.current_thread() is threading.main_thread():
         numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-        before = {
+        handlers = {
             number: signal.signal(number, lambda received, _: came.append(received))
             for number in numbers
         }
     try:
         yield
     finally:
-        for number, handler in before.items():
+        for number, handler in handlers.items():
             signal.signal(number, handler)
         for number in came:
             signal.raise_signal(number)

@@ -176,24 +176,26 @@ def _dot(first: Floats, second: Floats) -> Floats:
     )
 
 
-def hull_gap(between: Floats, first: Floats, second: Floats, halves: tuple[float, float]) -> Floats:
+def hull_gap(
+    offsets: Floats, first: Floats, second: Floats, half_lengths: tuple[float, float]
+) -> Floats:
     """Distances of two straight hulls' axes at n instants, shape (n,), [m].
 
     `slerp` leads from the middle of the first to that of the second, shape (n, 3), [m]; `first` and
-    `second` are unit vectors along them, shape (n, 3), and `halves` half their lengths [m].
+    `second` are unit vectors along them, shape (n, 3), and `half_lengths` half their lengths [m].
     """
     cosine = _dot(first, second)
-    ahead = _dot(first, between)
-    across = _dot(second, between)
+    ahead = _dot(first, offsets)
+    across = _dot(second, offsets)
     # nearest points s and t along the axes, each within its hull (Ericson, Real-Time Collision
     # Detection, 2005)
     sine_squared = 1.0 - cosine * cosine
     crossed = sine_squared > 1e-9
     s = np.where(crossed, (ahead - cosine * across) / np.where(crossed, sine_squared, 1.0), 0.0)
-    s = np.clip(s, -halves[0], halves[0])
-    t = np.clip(cosine * s - across, -halves[1], halves[1])
-    s = np.clip(cosine * t + ahead, -halves[0], halves[0])
-    nearest = between + t[..., None] * second - s[..., None] * first
+    s = np.clip(s, -half_lengths[0], half_lengths[0])
+    t = np.clip(cosine * s - across, -half_lengths[1], half_lengths[1])
+    s = np.clip(cosine * t + ahead, -half_lengths[0], half_lengths[0])
+    nearest = offsets + t[..., None] * second - s[..., None] * first
     return np.sqrt(_dot(nearest, nearest))
 
 
@@ -222,13 +224,13 @@ def pair_distances(places: Floats) -> PairDistances:
     looked = places[looks]
     moved = np.empty((looks.size, count))
     for vehicle in range(count):
-        way = places[:, vehicle] - np.repeat(looked[:, vehicle], _WINDOW, axis=0)[:n]
-        moved[:, vehicle] = np.maximum.reduceat(np.sqrt(np.sum(way * way, axis=1)), looks)
+        moves = places[:, vehicle] - np.repeat(looked[:, vehicle], _WINDOW, axis=0)[:n]
+        moved[:, vehicle] = np.maximum.reduceat(np.sqrt(np.sum(moves * moves, axis=1)), looks)
     seen = np.full((count, count), np.inf)
     bound = seen.copy()
     for i in range(1, count):
-        between = looked[:, i, None] - looked[:, :i]
-        distance = np.sqrt(np.sum(between * between, axis=2))
+        offsets = looked[:, i, None] - looked[:, :i]
+        distance = np.sqrt(np.sum(offsets * offsets, axis=2))
         seen[i, :i] = distance.min(axis=0)
         bound[i, :i] = (distance - moved[:, i, None] - moved[:, :i]).min(axis=0)
     return PairDistances(seen, bound - _ROUNDING_M)
@@ -238,9 +240,9 @@ def _pairs_within(distances: PairDistances, reach: float | Floats) -> list[list[
     """Pairs, the later vehicle first, that may come within a reach [m], one of all or of each,
     shape (v, v).
     """
-    below = np.tri(len(distances.bound), k=-1, dtype=np.bool_)
+    lower_triangle = np.tri(len(distances.bound), k=-1, dtype=np.bool_)
     # a distance that is not a number bounds nothing
-    pairs: list[list[int]] = np.argwhere(below & ~(distances.bound > reach)).tolist()
+    pairs: list[list[int]] = np.argwhere(lower_triangle & ~(distances.bound > reach)).tolist()
     return pairs
 
 
@@ -251,15 +253,17 @@ def _first_contacts(pose: Floats) -> Ints:
     position = pose[..., :3]
     count = pose.shape[1]
     axis = np.stack(attitude.forward_of(np.moveaxis(pose[..., 3:], -1, 0)), axis=-1)
-    half = [LEADER_HALF_M, *[FOLLOWER_HALF_M] * (count - 1)]
+    half_lengths = [LEADER_HALF_M, *[FOLLOWER_HALF_M] * (count - 1)]
     first = np.full((count, count), -1)
-    reach = np.add.outer(half, half) + 2.0 * HULL_RADIUS_M
+    reach = np.add.outer(half_lengths, half_lengths) + 2.0 * HULL_RADIUS_M
     for i, j in _pairs_within(pair_distances(position), reach):
-        between = position[:, i] - position[:, j]
+        offsets = position[:, i] - position[:, j]
         near = np.flatnonzero(
-            _dot(between, between) <= (half[i] + half[j] + 2.0 * HULL_RADIUS_M) ** 2
+            _dot(offsets, offsets) <= (half_lengths[i] + half_lengths[j] + 2.0 * HULL_RADIUS_M) ** 2
         )
-        gap = hull_gap(between[near], axis[near, j], axis[near, i], (half[j], half[i]))
+        gap = hull_gap(
+            offsets[near], axis[near, j], axis[near, i], (half_lengths[j], half_lengths[i])
+        )
         first[i, j] = next(iter(near[gap < 2.0 * HULL_RADIUS_M]), -1)
     return first
 
@@ -491,13 +495,13 @@ def _nearest(
     distances = pair_distances(places)
     if pairs is not None:
         distances = PairDistances(*(np.where(pairs, values, np.inf) for values in distances))
-    least = distances.seen.min()
-    if least == np.inf:
+    smallest = distances.seen.min()
+    if smallest == np.inf:
         return None
     nearest = None
-    for i, j in _pairs_within(distances, least):
-        between = places[:, i] - places[:, j]
-        distance = np.sqrt(sum(component * component for component in between.T))
+    for i, j in _pairs_within(distances, smallest):
+        offsets = places[:, i] - places[:, j]
+        distance = np.sqrt(sum(component * component for component in offsets.T))
         k = int(distance.argmin())
         if nearest is None or distance[k] < nearest.distance_m:
             nearest = Approach(float(distance[k]), (names[j], names[i]), float(time[k]))

@@ -216,9 +216,9 @@ class Trajectory(ArrayRecord):
         """
         speed = np.empty(self.position.shape[:2])
         for first in range(0, len(speed), _BLOCK):
-            some = slice(first, first + _BLOCK)
-            arrays = self.pose[some], self.twist[some], self.water_velocity[some]
-            speed[some] = speed_through_water(*(np.moveaxis(array, 2, 0) for array in arrays))
+            block = slice(first, first + _BLOCK)
+            arrays = self.pose[block], self.twist[block], self.water_velocity[block]
+            speed[block] = speed_through_water(*(np.moveaxis(array, 2, 0) for array in arrays))
         return speed
 
     @property
@@ -234,10 +234,10 @@ class Trajectory(ArrayRecord):
         v = self.site_vehicle[s]
         path = np.empty((self.time.size if index is None else len(index), 3))
         for first in range(0, len(path), _BLOCK):
-            some = slice(first, first + _BLOCK)
-            at = some if index is None else index[some]
-            path[some] = np.column_stack(
-                attitude.body_point_in_world(self.pose[at, v].T, self.site_offset[s])
+            block = slice(first, first + _BLOCK)
+            instants = block if index is None else index[block]
+            path[block] = np.column_stack(
+                attitude.body_point_in_world(self.pose[instants, v].T, self.site_offset[s])
             )
         return path
 

@@ -90,11 +90,11 @@ def package_of(module: str) -> str:
 
 def package_imports(graph: Mapping[str, Iterable[str]]) -> Imports:
     """Which packages each package imports."""
-    between: Imports = {}
+    of_packages: Imports = {}
     for module, names in graph.items():
-        targets = between.setdefault(package_of(module), set())
+        targets = of_packages.setdefault(package_of(module), set())
         targets |= {package_of(name) for name in names} - {package_of(module)}
-    return between
+    return of_packages
 
 
 def cycle(graph: Mapping[str, Iterable[str]]) -> list[str]:
@@ -119,8 +119,8 @@ def layers(graph: Mapping[str, Iterable[str]]) -> dict[str, int]:
     """
     level: dict[str, int] = {}
     for package in sorted(TopologicalSorter(graph).static_order(), key=_room):
-        below = {*graph.get(package, ())}
+        imported = {*graph.get(package, ())}
         if _room(package) > 0:
-            below |= {name for name in level if _room(name) < _room(package)}
-        level[package] = max((level[name] + 1 for name in below), default=0)
+            imported |= {name for name in level if _room(name) < _room(package)}
+        level[package] = max((level[name] + 1 for name in imported), default=0)
     return level

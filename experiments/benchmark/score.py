@@ -121,10 +121,10 @@ def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(np.square(values)))) if values.size else math.nan
 
 
-def _nearest(times: Floats, at: Floats) -> tuple[Ints, Ints]:
+def _nearest(times: Floats, queries: Floats) -> tuple[Ints, Ints]:
     """Indices of the neighbours of each time: the last not after it, and the first not before."""
-    after = np.searchsorted(times, at - 1e-6)
-    before = np.searchsorted(times, at + 1e-6) - 1
+    after = np.searchsorted(times, queries - 1e-6)
+    before = np.searchsorted(times, queries + 1e-6) - 1
     return before, after
 
 
@@ -144,8 +144,8 @@ def score_run(run: FollowerRun, truth: Truth, track: Track) -> RunScore:
     covered[covered] = times[after[covered]] - times[first] <= LONGEST_GAP_S
     if not covered.any():
         return RunScore(run=run, step_us=track.step_us)
-    at = truth.time[covered]
-    estimate = np.column_stack([np.interp(at, times, column) for column in position.T])
+    time = truth.time[covered]
+    estimate = np.column_stack([np.interp(time, times, column) for column in position.T])
     true = truth.position[covered]
     errors = position_errors(estimate, true)
     bearing = bearing_errors(estimate, true, truth.leader[covered])

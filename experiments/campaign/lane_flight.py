@@ -168,12 +168,12 @@ def percentile(histogram: Ints, lowest: float, share: float, largest: float) -> 
     `largest` at most.
     """
     total = np.cumsum(histogram)
-    below = share * total[-1]
-    i = int(np.searchsorted(total, below))
+    target = share * total[-1]
+    i = int(np.searchsorted(total, target))
     edges = bin_edges(lowest)
     lower, upper = edges[i], min(edges[i + 1], largest)
-    inside = (below - (total[i] - histogram[i])) / histogram[i]
-    return float(min(lower + inside * (upper - lower), largest))
+    bin_share = (target - (total[i] - histogram[i])) / histogram[i]
+    return float(min(lower + bin_share * (upper - lower), largest))
 
 
 # Rows of draws.

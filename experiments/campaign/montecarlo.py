@@ -304,11 +304,11 @@ def _summed(cell: Cell, flown: Iterator[_Block]) -> CellResult:
         ("nis", lane.SUM_NIS, lane.COUNT_NIS),
     ):
         number = of_runs(count)
-        every = of_runs(count).sum()
+        count_of_all = of_runs(count).sum()
         runs[name] = np.divide(
             of_runs(total), number, out=np.full(size, np.nan), where=number > 0.0
         )
-        means[name] = float(of_runs(total).sum() / every) if every else math.nan
+        means[name] = float(of_runs(total).sum() / count_of_all) if count_of_all else math.nan
     low, high = chdtri(2.0 * size, np.array([0.975, 0.025]))
     finite = nees[np.isfinite(nees)]
     fixes = tally[lane.KINDS // LANES :].sum(axis=1)

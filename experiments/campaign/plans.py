@@ -155,9 +155,9 @@ def steps_of(cell: Cell) -> Arrays:
             )
             total = total + errors
             largest = np.maximum(largest, errors)
-    away = truth.hydrophone - leader
+    separation = truth.hydrophone - leader
     mean = total / len(cell.runs)
-    direction = np.arctan2(away[:, 0], away[:, 1]) - truth.leader_heading
+    direction = np.arctan2(separation[:, 0], separation[:, 1]) - truth.leader_heading
     columns = {
         "time_s": truth.dt * np.arange(1, truth.speed.size + 1),
         "e_p_mean_m": mean[0],
@@ -165,7 +165,7 @@ def steps_of(cell: Cell) -> Arrays:
         "e_b_mean_deg": mean[1],
         "e_b_max_deg": largest[1],
         "bearing_deg": np.rad2deg(np.mod(direction, 2 * np.pi)),
-        "distance_m": np.hypot(*away.T),
+        "distance_m": np.hypot(*separation.T),
         "speed_m_s": truth.speed,
     }
     # micrometres here, in half the room
@@ -178,18 +178,18 @@ def compute(trajectory: Trajectory, plans: Sequence[CellPlan]) -> list[Result]:
     """
     if not plans:
         return []
-    behind = {}
+    trial_facts = {}
     # alike of all cells of a mission
     moves = MotionSettings.of(plans[0].scenario)
     for pitch in {plan.leader_pitch_deg for plan in plans}:
         motion = trajectory if pitch is None else tilted(trajectory, np.deg2rad(pitch))
-        behind[pitch] = CampaignMission(moves, motion)
+        trial_facts[pitch] = CampaignMission(moves, motion)
     results = list[Result]()
     for plan in plans:
         runs = range(plan.first_run, plan.first_run + plan.runs)
         disturbance = disturbance_of(plan.disturb)
         scenario = plan.scenario
-        mission = behind[plan.leader_pitch_deg]
+        mission = trial_facts[plan.leader_pitch_deg]
         steps = Arrays()
         adjusted = scenario
         variant = scenario.navigation.variant

@@ -185,11 +185,11 @@ def fly_line(source: str, settings: Mapping[str, Any], run: int) -> str:
 def descriptions() -> dict[str, str]:
     """What happens in each built-in scenario, by name."""
     toml = {name: FOLDER / f"{name}.toml" for name in names() if name not in ROUTES}
-    about = {
+    first_lines = {
         name: path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ")
         for name, path in toml.items()
     }
-    return _DESCRIPTIONS | about
+    return _DESCRIPTIONS | first_lines
 
 
 def vehicle_rows() -> list[tuple[str, str, str, str]]:

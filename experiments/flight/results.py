@@ -110,9 +110,9 @@ class Flight(simulated.FlightRecord):
             texts = (f"{error.mean():.2f} m", f"{error.max():.2f} m") if error.size else ("–", "–")
             body += f"<tr>{''.join(f'<td>{cell}</td>' for cell in (escape(name), *texts))}</tr>"
         heads = "<th>follower</th><th>mean E_P</th><th>largest E_P</th>"
-        about = escape(f"{self!r}"[1:-1])
+        summary = escape(f"{self!r}"[1:-1])
         return (
-            f"<table><caption>{about}</caption><thead><tr>{heads}</tr></thead>"
+            f"<table><caption>{summary}</caption><thead><tr>{heads}</tr></thead>"
             f"<tbody>{body}</tbody></table>"
         )
 

@@ -112,10 +112,10 @@ def layout_of(plan: StudyPlan) -> ChartLayout:
         return name
 
     others = [n for n in free if n not in (report.lines, report.panels)]
-    against = taken(report.against, *(n for n in others if axis_of(plan, n).numeric), *others)
+    x_factor = taken(report.against, *(n for n in others if axis_of(plan, n).numeric), *others)
     few = [n for n in free if n != report.panels and len(levels(plan, n)) <= MOST_LINES]
     lines = taken(report.lines, *(n for n in few if n == ARM), *few)
-    return ChartLayout(against, lines, tuple(sorted(free, key=lambda n: n != report.panels)))
+    return ChartLayout(x_factor, lines, tuple(sorted(free, key=lambda n: n != report.panels)))
 
 
 def _legend(values: Sequence[object]) -> Legend:
@@ -236,8 +236,8 @@ def over_factor(plan: StudyPlan, results: Results, layout: ChartLayout, base: st
 
 def differences(plan: StudyPlan, results: Results) -> Figures:
     """Paired differences of all arms from the first one over a factor."""
-    against, lines, panels = layout_of(plan)
-    names = [name for name in (against, lines, *panels) if name not in ("", ARM)]
+    x_factor, lines, panels = layout_of(plan)
+    names = [name for name in (x_factor, lines, *panels) if name not in ("", ARM)]
     return over_factor(
         plan, results, ChartLayout("".join(names[:1]), ARM, tuple(names[1:])), plan.arms[0]
     )
@@ -275,8 +275,8 @@ def heat_maps(plan: StudyPlan, results: Results, names: Sequence[str]) -> Figure
             values[row[repr(factors[up.name])], column[repr(factors[across.name])]] = estimate.value
     x, y = [*map(value_text, across.values)], [*map(value_text, up.values)]
     labels = (label_of(across.name), label_of(up.name))
-    every = np.array([*drawn.values()])
-    finite = every[~np.isnan(every)]
+    all_values = np.array([*drawn.values()])
+    finite = all_values[~np.isnan(all_values)]
     scale = {
         "type": "heatmap",
         "zmin": float(finite.min(initial=np.inf)),
@@ -412,7 +412,9 @@ def arms_over(table: Table, x: str, y: str) -> Any:
     lines = []
     for name, colour in zip(dict.fromkeys(arm), itertools.cycle(SERIES)):
         places = np.unique(across[arm == name])
-        means = np.array([np.nanmean(metric[(arm == name) & (across == at)]) for at in places])
+        means = np.array(
+            [np.nanmean(metric[(arm == name) & (across == position)]) for position in places]
+        )
         lines.append(Line(x=places, y=means, colour=colour, name=name))
     label = METRICS[y].label if y in METRICS else y
     return plotly(panel(lines, x_label=label_of(x), y_label=label, width=FULL / 2, height=3.6))

@@ -114,12 +114,12 @@ def over_runs(
     if count > 1 and shares and not paired:
         runs = float(sum(values.size for values in realizations))
         share = float(means.mean())
-        alike = float(count)
+        effective_runs = float(count)
         if 0.0 < share < 1.0:
-            most = share * (1.0 - share) * (_quantile(runs) / _quantile(count)) ** 2
+            binomial_variance = share * (1.0 - share) * (_quantile(runs) / _quantile(count)) ** 2
             scatter = float(means.var(ddof=1))
-            alike = min(most * count / scatter, runs) if scatter > 0 else runs
-        return Interval(share, *intervals.exact_limits(share * alike, alike))
+            effective_runs = min(binomial_variance * count / scatter, runs) if scatter > 0 else runs
+        return Interval(share, *intervals.exact_limits(share * effective_runs, effective_runs))
     if count > 1:
         # realizations that all differ by nothing do not make a difference impossible
         if shares and np.ptp(means) == 0:

@@ -177,8 +177,8 @@ def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
     for v, follower in enumerate(plan.followers, start=1):
         errors = off[:, v - 1]
         offsets = np.delete(position, v, axis=1) - position[:, v : v + 1]
-        away = position[:, v] - position[:, 0]
-        east, north, up = away[sent].T
+        separation = position[:, v] - position[:, 0]
+        east, north, up = separation[sent].T
         off_bow = np.arctan2(east, north) - trajectory.heading[sent, 0]
         fix_error = pitch_fix_error(
             trajectory.pitch[sent, 0], -up, np.maximum(np.hypot(east, north), 1e-9), off_bow
@@ -194,8 +194,8 @@ def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
             "closest_horizontal_m": float(level.min()),
             "closest_in_layer_m": float(layer.min()) if layer.size else None,
             "touched": float(trajectory.names[v] in touching),
-            "range_mean_m": float(np.hypot(*away[:, :2].T).mean()),
-            "depth_offset_rms_m": _rms(away[:, 2]),
+            "range_mean_m": float(np.hypot(*separation[:, :2].T).mean()),
+            "depth_offset_rms_m": _rms(separation[:, 2]),
             "pitch_fix_error_m": float(fix_error.mean()) if sent.size else None,
         }
         if follower.station and stations is not None:

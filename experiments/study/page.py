@@ -74,14 +74,14 @@ def notable(
         or []
     )
     # a run that contact ended has no value, and is the first to look at
-    every = sorted(
+    conditions = sorted(
         (math.inf if math.isnan(value) else value, row["realization"], int(run))
         for row, lists, values in zip(
             results.rows[condition], results.runs[condition], runs, strict=True
         )
         for run, value in zip(lists["run"], values.tolist(), strict=True)
     )
-    return every[-1][1:], every[(len(every) - 1) // 2][1:]
+    return conditions[-1][1:], conditions[(len(conditions) - 1) // 2][1:]
 
 
 def worst_entry(plan: StudyPlan, results: Results) -> tuple[PlanEntry, int, str]:

@@ -136,12 +136,14 @@ class FactorGraph(DeadReckoning):
     def _sigma(self, sigma: float) -> Any:
         return self._gtsam.noiseModel.Isotropic.Sigma(1, max(float(sigma), 1e-6))
 
-    def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
+    def _update(
+        self, transmitters: Floats, ranges: Floats, own: OwnMotion, reception: Reception
+    ) -> bool:
         gtsam = self._gtsam
         settings = self.settings
         way, path, noise, since = self._odometry()
         self._messages, self._time = self._messages + 1, self._time + since
-        before = self._pose
+        last_pose = self._pose
         self._pose = gtsam.symbol("x", self._messages)
         graph = gtsam.NonlinearFactorGraph()
         values = gtsam.Values()
@@ -151,7 +153,7 @@ class FactorGraph(DeadReckoning):
         model = gtsam.noiseModel.Gaussian.Covariance(covariance)
         error = partial(_odometry_error, way, path, since)
         graph.add(
-            gtsam.CustomFactor(model, [before, self._pose, self._log_bias, self._current], error)
+            gtsam.CustomFactor(model, [last_pose, self._pose, self._log_bias, self._current], error)
         )
         values.insert(self._pose, gtsam.Pose2(*self.x[:2], self.x[3]))
         graph.add(
@@ -175,7 +177,7 @@ class FactorGraph(DeadReckoning):
         for i in received.tolist():
             delays = float(self._delays.lag[i]), float(self._delays.age[i])
             water = self._mean.speed * ahead
-            ping = _Ping(below[i], float(ranges[i]), longest, *delays, water, ahead)
+            ping = _Ping(transmitters[i], float(ranges[i]), longest, *delays, water, ahead)
             graph.add(gtsam.CustomFactor(range_noise, keys, partial(_range_error, ping)))
         try:
             self._smoother.update(

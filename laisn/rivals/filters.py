@@ -191,8 +191,8 @@ class DeadReckoning(OnlineNavigator[Estimates]):
             if dt > 0.0:
                 self._mean.advance(speed, dt)
         if n:
-            before = self._reading if self._reading.size else readings[:1]
-            steps = np.vstack([before, readings])
+            last_reading = self._reading if self._reading.size else readings[:1]
+            steps = np.vstack([last_reading, readings])
             self.P = propagate(self.x, self.P, steps, durations, self._noise, (states, covariances))
             if self.KEEPS_READINGS and durations.any():
                 self._kept.append((steps, durations))
@@ -208,7 +208,7 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         shows the current.
         """
         places = place_transmitters(reception, self.settings)
-        below = places - (0.0, 0.0, own.depth - self.settings.hydrophone_height)
+        transmitters = places - (0.0, 0.0, own.depth - self.settings.hydrophone_height)
         if self.settings.compensate_motion:
             self._delays = delays_of(
                 reception.message, reception.ranges, self._mean.clock, self.settings
@@ -216,12 +216,14 @@ class DeadReckoning(OnlineNavigator[Estimates]):
             if self.MOVES_TRANSMITTERS:
                 # as if each ping had left so much farther on, and had been received here and now
                 lag, age = self._delays
-                below[:, :2] += np.outer(lag, self._velocity_over_pings(own)) + np.outer(
+                transmitters[:, :2] += np.outer(lag, self._velocity_over_pings(own)) + np.outer(
                     age, self.x[5:7]
                 )
-        ranges = np.where(np.isfinite(below).all(axis=1), reception.ranges, np.nan)
+        ranges = np.where(np.isfinite(transmitters).all(axis=1), reception.ranges, np.nan)
         ranges[self.settings.transmitters :] = np.nan
-        used = bool(np.isfinite(ranges).any()) and self._update(below, ranges, own, reception)
+        used = bool(np.isfinite(ranges).any()) and self._update(
+            transmitters, ranges, own, reception
+        )
         seen = self._track.receive(reception.message) if sends_as_leader else None
         if seen is not None and self.settings.assume.current:
             self._update_current(seen)
@@ -240,12 +242,14 @@ class DeadReckoning(OnlineNavigator[Estimates]):
     def _leader_position_variance(self, reception: Reception) -> float:
         return leader_position_variance(self.settings, reception.message)
 
-    def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
+    def _update(
+        self, transmitters: Floats, ranges: Floats, own: OwnMotion, reception: Reception
+    ) -> bool:
         """Update `x` and `P` with the readings and the message of this step; whether the ranges
         were used.
 
-        `below` has the transmitters: east, north, depth below the hydrophone, shape (3, 3), [m];
-        some ranges are NaN.
+        `transmitters` are their positions: east, north, depth below the hydrophone, shape (3, 3),
+        [m]; some ranges are NaN.
         """
         return False
 
@@ -301,9 +305,9 @@ def single_transmitter(ranges: Floats) -> int:
 
 def slant(x: Floats, transmitter: Floats) -> tuple[float, Floats]:
     """Slant range [m] and the direction from a transmitter to the state's position, shape (2,)."""
-    away = x[:2] - transmitter[:2]
-    rho = math.sqrt(float(away @ away) + float(transmitter[2]) ** 2)
-    return rho, away / rho
+    separation = x[:2] - transmitter[:2]
+    rho = math.sqrt(float(separation @ separation) + float(transmitter[2]) ** 2)
+    return rho, separation / rho
 
 
 def leader_position_variance(settings: TightSettings, message: LeaderMessage) -> float:
@@ -313,18 +317,19 @@ def leader_position_variance(settings: TightSettings, message: LeaderMessage) ->
 
 
 def range_measurement(
-    settings: TightSettings, x: Floats, below: Floats, ranges: Floats
+    settings: TightSettings, x: Floats, transmitters: Floats, ranges: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """H, shape (r, n), innovation, shape (r,), and R of the r ranges that are not NaN, for a state
-    of n numbers that begins with [x, y, b_v, b_θ, b_r]; `below` as of `DeadReckoning._update`.
+    of n numbers that begins with [x, y, b_v, b_θ, b_r]; `transmitters` as of
+    `DeadReckoning._update`.
     """
     received = np.flatnonzero(np.isfinite(ranges))
     z = ranges[received]
-    away = np.column_stack([x[:2] - below[received, :2], below[received, 2]])
-    rho = np.linalg.norm(away, axis=1)
+    separation = np.column_stack([x[:2] - transmitters[received, :2], transmitters[received, 2]])
+    rho = np.linalg.norm(separation, axis=1)
     share = rho / z.max()
     H = np.zeros((z.size, x.size))
-    H[:, :2] = away[:, :2] / rho[:, None]
+    H[:, :2] = separation[:, :2] / rho[:, None]
     H[:, 4] = share
     common = settings.range_scale_sigma**2 * np.outer(share, share)
     R = settings.range_sigma**2 * np.eye(z.size) + common
@@ -344,8 +349,10 @@ class RangeFilter(DeadReckoning):
     def _receive_further(self, own: OwnMotion, reception: Reception) -> None:
         self._receive(own, reception, sends_as_leader=False)
 
-    def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
-        H, innovation, R = range_measurement(self.settings, self.x, below, ranges)
+    def _update(
+        self, transmitters: Floats, ranges: Floats, own: OwnMotion, reception: Reception
+    ) -> bool:
+        H, innovation, R = range_measurement(self.settings, self.x, transmitters, ranges)
         directions = H[:, :2].copy()
         R += self._leader_position_variance(reception) * directions @ directions.T
         if self.settings.compensate_motion:
@@ -385,11 +392,13 @@ class OneWayTravelTime(RangeFilter):
     client without the server's states).
     """
 
-    def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
+    def _update(
+        self, transmitters: Floats, ranges: Floats, own: OwnMotion, reception: Reception
+    ) -> bool:
         single_range = ranges.copy()
         single_range[np.arange(3) != single_transmitter(ranges)] = np.nan
         return bool(np.isfinite(single_range).any()) and super()._update(
-            below, single_range, own, reception
+            transmitters, single_range, own, reception
         )
 
 
@@ -410,11 +419,13 @@ class GeodeticAdjustment(DeadReckoning):
         super().__init__(settings, start)
         self._biases = self.P[2:, 2:].copy()
 
-    def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
+    def _update(
+        self, transmitters: Floats, ranges: Floats, own: OwnMotion, reception: Reception
+    ) -> bool:
         i = single_transmitter(ranges)
         if math.isnan(ranges[i]):
             return False
-        transmitter = below[i]
+        transmitter = transmitters[i]
         z = float(ranges[i])
         reckoned = self.x[:2].copy()
         weight = np.linalg.inv(self.P[:2, :2])
@@ -450,7 +461,9 @@ class InvertedUsbl(DeadReckoning):
     Technol. 22(1), 2014).
     """
 
-    def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
+    def _update(
+        self, transmitters: Floats, ranges: Floats, own: OwnMotion, reception: Reception
+    ) -> bool:
         settings = self.settings
         reading = reception.custom.get(_USBL)
         if reading is None or np.shape(reading) != (2,):
@@ -459,7 +472,7 @@ class InvertedUsbl(DeadReckoning):
                 'flights with sensors.custom = [{ sensor = "inverted-usbl" }] measure them'
             )
         azimuth, elevation = map(float, reading)
-        transmitter = below[1]
+        transmitter = transmitters[1]
         z = ranges[1]
         if not np.isfinite([azimuth, elevation, z]).all():
             return False
@@ -534,19 +547,21 @@ class ParticleFilter(DeadReckoning):
         walks = np.sqrt(time) * np.array([LOG_WALK, COMPASS_WALK, self._noise[3], self._noise[3]])
         p[:, [2, 3, 5, 6]] += walks * normals[:, 2:]
 
-    def _likelihood(self, below: Floats, ranges: Floats, leader_position_variance: float) -> Floats:
+    def _likelihood(
+        self, transmitters: Floats, ranges: Floats, leader_position_variance: float
+    ) -> Floats:
         """log N(z; h, σ² I + σ_s² s sᵀ + σ_L² u uᵀ) of all ranges, but for a constant, shape
         (N,); u are directions from the transmitters.
         """
         settings = self.settings
         received = np.flatnonzero(np.isfinite(ranges))
         z = ranges[received]
-        away = self.particles[:, None, :2] - below[received, :2]
-        rho = np.sqrt((away**2).sum(axis=2) + below[received, 2] ** 2)
+        separation = self.particles[:, None, :2] - transmitters[received, :2]
+        rho = np.sqrt((separation**2).sum(axis=2) + transmitters[received, 2] ** 2)
         share = rho / z.max()
         residual = z - rho - share * self.particles[:, 4:5]
         if leader_position_variance > 0.0:
-            directions = away / rho[..., None]
+            directions = separation / rho[..., None]
             S = settings.range_sigma**2 * np.eye(z.size)
             S = S + settings.range_scale_sigma**2 * share[:, :, None] * share[:, None, :]
             S = S + leader_position_variance * directions @ directions.swapaxes(1, 2)
@@ -569,14 +584,14 @@ class ParticleFilter(DeadReckoning):
         """
         random = self._random(self._step, float(seen.current[0]))
         mean = self.weights @ self.particles
-        away = self.particles - mean
-        P = (self.weights[:, None] * away).T @ away
+        deviation = self.particles - mean
+        P = (self.weights[:, None] * deviation).T @ deviation
         gain = np.linalg.solve(P[5:, 5:] + seen.variance * np.eye(2), P[5:]).T
         noise = math.sqrt(seen.variance) * random.standard_normal((self.weights.size, 2))
         self.particles = self.particles + (seen.current + noise - self.particles[:, 5:]) @ gain.T
         self.x = self.weights @ self.particles
-        away = self.particles - self.x
-        self.P = (self.weights[:, None] * away).T @ away
+        deviation = self.particles - self.x
+        self.P = (self.weights[:, None] * deviation).T @ deviation
 
     def _resample(self, random: np.random.Generator, first: int) -> None:
         """Systematic resampling, and new states from `first` on from the kernel of Liu and West."""
@@ -592,7 +607,9 @@ class ParticleFilter(DeadReckoning):
         fresh = (random.standard_normal(states.shape) * root) @ axes.T
         self.particles[:, first:] = KEPT * states + (1.0 - KEPT) * mean + fresh
 
-    def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
+    def _update(
+        self, transmitters: Floats, ranges: Floats, own: OwnMotion, reception: Reception
+    ) -> bool:
         random = self._random(self._step, own.heading)
         n = self.weights.size
         rest = 1.0
@@ -600,7 +617,9 @@ class ParticleFilter(DeadReckoning):
         while True:
             # a power of the likelihood that leaves enough particles, as long as the rest of it is
             # not small
-            likelihood = self._likelihood(below, ranges, self._leader_position_variance(reception))
+            likelihood = self._likelihood(
+                transmitters, ranges, self._leader_position_variance(reception)
+            )
             power = rest
             weights = _weighted(self.weights, power * likelihood)
             while 1.0 / np.sum(weights**2) < LEAST_SHARE * n and power > SMALLEST_POWER:
@@ -612,8 +631,8 @@ class ParticleFilter(DeadReckoning):
                 break
             self._resample(random, first=0)
         self.x = self.weights @ self.particles
-        away = self.particles - self.x
-        self.P = (self.weights[:, None] * away).T @ away
+        deviation = self.particles - self.x
+        self.P = (self.weights[:, None] * deviation).T @ deviation
         if 1.0 / np.sum(self.weights**2) < 0.5 * n:
             self._resample(random, first=2)
         return True

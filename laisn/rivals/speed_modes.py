@@ -195,8 +195,8 @@ class SpeedModes(OnlineNavigator[Estimates]):
 
     def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
         self._clock += dt
-        before = own.heading if self._heading is None else self._heading
-        middle = before + 0.5 * signed_angle(own.heading - before)
+        last_heading = own.heading if self._heading is None else self._heading
+        middle = last_heading + 0.5 * signed_angle(own.heading - last_heading)
         self._heading = own.heading
         predict(self.x, self.P, np.array(WALKS), self._noise, middle, dt)
         update_log(self.x, self.P, self.weights, own.speed, self.settings.speed_sigma)
@@ -218,8 +218,8 @@ class SpeedModes(OnlineNavigator[Estimates]):
         """
         settings = self.settings
         places = place_transmitters(reception, settings)
-        below = places - (0.0, 0.0, own.depth - settings.hydrophone_height)
-        ranges = np.where(np.isfinite(below).all(axis=1), reception.ranges, np.nan)
+        transmitters = places - (0.0, 0.0, own.depth - settings.hydrophone_height)
+        ranges = np.where(np.isfinite(transmitters).all(axis=1), reception.ranges, np.nan)
         ranges[settings.transmitters :] = np.nan
         used = bool(np.isfinite(ranges).any())
         if used:
@@ -227,7 +227,7 @@ class SpeedModes(OnlineNavigator[Estimates]):
             delays = Delays(np.zeros(3), np.zeros(3))
             if settings.compensate_motion:
                 delays = delays_of(reception.message, reception.ranges, self._clock, settings)
-            measured = below, ranges, variance
+            measured = transmitters, ranges, variance
             log_likelihoods = [
                 self._update_ranges(mode, own.heading, delays, measured)
                 for mode in range(len(WALKS))
@@ -249,14 +249,15 @@ class SpeedModes(OnlineNavigator[Estimates]):
     def _update_ranges(
         self, mode: int, heading: float, delays: Delays, measured: tuple[Floats, Floats, float]
     ) -> float:
-        """Update a filter with ranges, NaN where none came, to the transmitters below and with the
-        variance of the leader's place; their log likelihood.
+        """Update a filter with ranges, NaN where none came, to transmitters as of
+        `DeadReckoning._update`, and with the variance of the leader's position; their log
+        likelihood.
         """
-        below, ranges, variance = measured
+        transmitters, ranges, variance = measured
         x = self.x[mode]
         course = heading - x[COMPASS]
         ahead = np.array([math.sin(course), math.cos(course)])
-        moved = below.copy()
+        moved = transmitters.copy()
         moved[:, :2] += np.outer(delays.lag, x[SPEED] * ahead)
         moved[:, :2] += np.outer(delays.age, x[EAST:])
         H, innovation, R = range_measurement(self.settings, x, moved, ranges)

@@ -92,16 +92,16 @@ def _write_hypothesis(b: GaussianMixture, m: Model, h: int, rank: int, fix: Reco
 
 
 @compiled
-def _heaviest_below(b: GaussianMixture, m: Model, before: int) -> int:
+def _heaviest_below(b: GaussianMixture, m: Model, heavier: int) -> int:
     """The hypothesis that follows another one by weight, the earlier one among equals; −1: the
     first.
     """
-    bound = np.inf if before < 0 else hypothesis_weight(b, m.modes, before)
+    bound = np.inf if heavier < 0 else hypothesis_weight(b, m.modes, heavier)
     chosen = -1
     most = -np.inf
     for h in range(b.alive):
         weight = hypothesis_weight(b, m.modes, h)
-        follows = weight < bound or (weight == bound and h > before)
+        follows = weight < bound or (weight == bound and h > heavier)
         if follows and weight > most:
             chosen = h
             most = weight

@@ -217,10 +217,10 @@ def new_belief(
     record["leader_position_variance"] = leader_position_variance
     record["fresh"] = fresh
     record["motion"]["speed"] = np.nan
-    about = record["leader"]
-    about["window_time"] = about["at_x"] = about["track"] = np.nan
-    about["scatter"] = leader_variance
-    about["other_variance"] = leader_variance / 16.0
+    track = record["leader"]
+    track["window_time"] = track["at_x"] = track["track"] = np.nan
+    track["scatter"] = leader_variance
+    track["other_variance"] = leader_variance / 16.0
     if start is not None:
         record["state"][0, :modes, :LOG] = start
         record["covariance"][0, :modes] = np.diag(fresh)

@@ -50,9 +50,9 @@ def preintegrate_direction(
         o.cos = cosine
         b.turn.sin, b.turn.cos = sine, cosine
     half = 0.5 * dt
-    before = o.speed
-    o.ax += half * (before * o.sin + speed * sine)
-    o.ay += half * (before * o.cos + speed * cosine)
+    last_speed = o.speed
+    o.ax += half * (last_speed * o.sin + speed * sine)
+    o.ay += half * (last_speed * o.cos + speed * cosine)
     o.bx += half * (o.sin + sine)
     o.by += half * (o.cos + cosine)
     # N += (σ_v² u uᵀ + σ_θ² v² (I − u uᵀ)) Δt²
@@ -464,11 +464,11 @@ def average_leader_heading(b: GaussianMixture, m: Model, signal: Signal) -> None
     reading_variance = m.leader_variance
     dx = signal.east - o.at_x
     dy = signal.north - o.at_y
-    before = o.track
+    last_track = o.track
     o.at_x, o.at_y = signal.east, signal.north
     o.track = math.atan2(dx, dy) if dx * dx + dy * dy > _LEAST_WAY * _LEAST_WAY else math.nan
     # by which the leader's way turned at the last message; NaN if that is unknown
-    bend = wrap_angle(o.track - before)
+    bend = wrap_angle(o.track - last_track)
     straight = abs(bend) < _STRAIGHT
     signal.shift = signal.added_variance = 0.0
     error = wrap_angle(signal.heading - o.leg_heading - bend)

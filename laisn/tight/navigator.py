@@ -251,7 +251,7 @@ class _Leg:
         self._n = int(m.states)
         count = int(m.modes)
         self._records = (b, scalar_record(m))
-        before = b[0]
+        belief = b[0]
         # views of the belief, which is room to move components from here on
         self._state = b["state"][0, :, : self._n]
         self._motion = b["motion"]
@@ -261,15 +261,15 @@ class _Leg:
         )
         self._moments = b["now"][0], b["now_covariance"][0]
         self._whole = self._motion.copy()
-        self.mean, self.covariance = _merged(before, m)
-        mix_modes(before, m)
-        modes = before.weight[: int(before.alive) * count].reshape(-1, count).sum(axis=0)
+        self.mean, self.covariance = _merged(belief, m)
+        mix_modes(belief, m)
+        modes = belief.weight[: int(belief.alive) * count].reshape(-1, count).sum(axis=0)
         self._modes = modes / modes.sum()
-        before.alive = 1
-        before.weight[:count] = self._modes
+        belief.alive = 1
+        belief.weight[:count] = self._modes
         self.onward = self.covariance @ self._matrix().T
         self._begin()
-        inflate_bias_covariance(before, m, signal[0])
+        inflate_bias_covariance(belief, m, signal[0])
         self.predicted, self.predicted_covariance = self._predicted()
 
     def _begin(self) -> None:
@@ -344,13 +344,13 @@ class SmoothingNavigator(TightNavigator):
         return fixes
 
     def _receive(self, own: OwnMotion, reception: Reception) -> FixRecord:
-        before = self._records[0].copy()
+        prior = self._records[0].copy()
         fix = super()._receive(own, reception)
         # the preintegration is reset after a message that was used
         if self._records[0]["motion"]["time"][0] == 0.0:
             self._steps.append(self._step)
-            if before["alive"][0]:
-                self._before.append((before, self._signal.copy()))
+            if prior["alive"][0]:
+                self._before.append((prior, self._signal.copy()))
         return fix
 
     def run(self, measurements: Measurements) -> TightEstimates:

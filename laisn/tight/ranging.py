@@ -153,10 +153,10 @@ def _delay_covariance(
     along_variance = m.speed_variance * share + _UNSTEADY * _UNSTEADY
     across_variance = m.heading_variance * (vx * vx + vy * vy)
     # + lag_i lag_g h_i (σ_v² u uᵀ + σ_θ² s̄² n nᵀ) h_gᵀ
-    both = signal.lag[i] * signal.lag[g]
+    lags = signal.lag[i] * signal.lag[g]
     a = (w.row_x[i] * ux + w.row_y[i] * uy) * (w.row_x[g] * ux + w.row_y[g] * uy)
     c = (w.row_x[i] * uy - w.row_y[i] * ux) * (w.row_x[g] * uy - w.row_y[g] * ux)
-    value += both * (along_variance * a + across_variance * c)
+    value += lags * (along_variance * a + across_variance * c)
     return value
 
 
@@ -559,11 +559,11 @@ def _select_ranges(
     how many these are.
     """
     w = b.work
-    everything = (1 << received) - 1
+    all_ranges = (1 << received) - 1
     best = density + received * m.log_accepted
-    w.mask = everything
+    w.mask = all_ranges
     excess, _, _ = _marginalise_common_echo(b, received)
-    for mask in range(everything):
+    for mask in range(all_ranges):
         total = 0.0
         for j in range(received):
             if not (mask >> j) & 1:
@@ -576,7 +576,7 @@ def _select_ranges(
             w.mask = mask
     span = max(m.outlier_span, signal.echo_span)
     if received > 1 and 0.0 < excess < span:
-        _use_subset(b, received, everything)
+        _use_subset(b, received, all_ranges)
         for i in range(w.spread.shape[0]):
             copy_values(w.spread[i], w.direct_spread[i])
         w.share = (excess / max(_mean_range(b, signal, received) - excess, _SHORTEST)) ** 2
@@ -591,7 +591,7 @@ def _select_ranges(
         )
         if total > best:
             best = total
-            w.mask = everything
+            w.mask = all_ranges
             w.shared = 1
         else:
             for i in range(w.spread.shape[0]):
@@ -646,18 +646,18 @@ def update(b: GaussianMixture, m: Model, k: int, signal: Signal) -> int:
     outcome.normalised_innovation = (squared + echo_cost) / received
     turn = 0.0
     left = v
-    again = False
+    is_revised = False
     if m.leader != ABSENT and used > 0:
         estimate, remaining = _leader_turn(b, used)
         b.turn_excess[k] = estimate * estimate + remaining - v
         if remaining < _INFORMATIVE * v:
             turn = estimate
             left = remaining
-            again = True
+            is_revised = True
     if not w.shared and _is_near(b, m, k, signal, used):
         _linearise_at_update(b, used)
-        again = True
-    if again:
+        is_revised = True
+    if is_revised:
         predict_ranges(b, m, k, signal, turn, left)
         _use_subset(b, received, w.mask)
         if w.shared:

@@ -155,9 +155,9 @@ def _draw_report(*arguments: Any) -> float:
     """Draw a report; the processor time that it took in this process [s]."""
     from reports.flight_report import flight_report
 
-    before = process_time()
+    start_s = process_time()
     flight_report(*arguments)
-    return process_time() - before
+    return process_time() - start_s
 
 
 def _film(
@@ -245,7 +245,7 @@ def write_flight(
     # a report without a film is drawn beside the log, by a process that imports libraries during
     # the simulation; not that of a long mission: the process would need the memory of a second
     # flight
-    beside = not with_video and scenario.duration_s <= _LONG_S
+    writes_meanwhile = not with_video and scenario.duration_s <= _LONG_S
     if scenario.duration_s > _LONG_S:
         return_large_blocks()
     imports = partial(import_module, "reports.flight_report")
@@ -254,7 +254,7 @@ def write_flight(
         # navigation, and the other process has the compiled code
         fly(scenario.first_messages)
     with (
-        background_process(imports) if beside else nullcontext() as background,
+        background_process(imports) if writes_meanwhile else nullcontext() as background,
         phases(console) as show_phase,
     ):
 
@@ -396,8 +396,8 @@ def fly_and_write(
     is_bug = film_error is not None and not isinstance(film_error, LaisnError)
     if film_error:
         print_line(console, "a bug in the program" if is_bug else film_error, "no film:")
-    earlier = " (replaces the earlier flight)" if replaces else ""
-    print_line(console, f"results in {folder}{earlier}")
+    note = " (replaces the earlier flight)" if replaces else ""
+    print_line(console, f"results in {folder}{note}")
     if film_error and is_bug:
         raise film_error
     return flight.outcome

@@ -399,7 +399,7 @@ def log_export(
     if len(chosen) > 1:
         raise LaisnError(f"{' and '.join(chosen)}: expected one of them at a time")
     folder = out or Path("out") / "export" / (f"{log.stem}-ros2" if ros2 else log.stem)
-    before = [*folder.glob("*")] if folder.is_dir() else []
+    existing = [*folder.glob("*")] if folder.is_dir() else []
     if pyfg:
         from laisn_sim.cli.replaying import export_factor_graphs
 
@@ -425,7 +425,7 @@ def log_export(
         files = [write_recording(log, folder / f"{log.stem}.rrd")]
     else:
         files = export(log, folder, format_)
-    for file in written_files(files, before):
+    for file in written_files(files, existing):
         echo(file)
 
 

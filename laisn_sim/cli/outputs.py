@@ -57,7 +57,7 @@ def optional_output(
     return None if path is None else output_file(path, suffixes, sources)
 
 
-def written_files(files: Iterable[Path], before: Iterable[Path]) -> list[OutputFile]:
+def written_files(files: Iterable[Path], existing: Iterable[Path]) -> list[OutputFile]:
     """Files that were written into a folder that held others before."""
-    earlier = set(before)
-    return [OutputFile(path=file, replaces=file in earlier) for file in files]
+    existing_paths = set(existing)
+    return [OutputFile(path=file, replaces=file in existing_paths) for file in files]

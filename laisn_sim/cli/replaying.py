@@ -60,17 +60,17 @@ def replay(
     smoothing = _smoother(variant, smooth_s)
     flown = read(path)
     changes = values_of([f"navigation.variant={variant}", *assignments])
-    again = navigate_again(flown, changes)
-    smoothed = again if smoothing is None else navigate_again(flown, changes, smoothing)
+    replayed = navigate_again(flown, changes)
+    smoothed = replayed if smoothing is None else navigate_again(flown, changes, smoothing)
     console = Console()
     for title, flight in (
         (f"as flown, {flown.scenario.variants}", flown),
-        (f"replayed, {variant}", again),
+        (f"replayed, {variant}", replayed),
     ):
         console.print(literal(title, "bold"))
         show(console, flight, summarise(flight))
     if smooth_s is not None:
-        _show_smoothing(console, again, smoothed, smooth_s)
+        _show_smoothing(console, replayed, smoothed, smooth_s)
     if output is not None:
         log_flight(smoothed, output.path)
         print_line(console, f"log in {output}")
@@ -196,7 +196,7 @@ def show_info(path: Path) -> None:
     """Print what a log holds; LogError if it cannot be read."""
     log = Contents(path, lambda topic, _: False)
     console = Console()
-    times = [at for messages in log.topics.values() for at in messages.times]
+    times = [time for messages in log.topics.values() for time in messages.times]
     begin = min(times, default=0)
     end = max(times, default=0)
     start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=begin // 1000)
@@ -268,16 +268,16 @@ def replay_data_set(
     from experiments.beacon_replay import among_beacons, beacons_of, by_laisn, dead_reckoning, score
 
     output = optional_output(out, [".csv"], [path])
-    among = find(variant).beacons
+    takes_beacons = find(variant).beacons
     values = values_of(assignments)
     recorded = read_data_set_log(path, longest_gap_s)
-    section = "beacons." if among else "navigation."
+    section = "beacons." if takes_beacons else "navigation."
     for key in values:
         if not key.startswith(section):
             raise LaisnError(
                 f"--set: expected {section}… for the variant {variant} in a data set (given: {key})"
             )
-    if among:
+    if takes_beacons:
         settings = beacons_of({key.removeprefix(section): value for key, value in values.items()})
         estimates, medium = among_beacons(recorded, settings)
         title = f"{variant}, in {medium}"

@@ -61,8 +61,8 @@ def figure(
     selection = vector.chosen(figures, names)
     name = page.resolve().name if page.is_dir() else page.stem
     folder = out or Path("out") / "figures" / name
-    before = [*folder.glob("*")] if folder.is_dir() else []
-    for file in written_files(vector.write_figures(selection, folder, format_, width), before):
+    existing = [*folder.glob("*")] if folder.is_dir() else []
+    for file in written_files(vector.write_figures(selection, folder, format_, width), existing):
         echo(file)
 
 

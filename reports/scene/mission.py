@@ -233,8 +233,8 @@ def turns(flight: FlightRecord) -> list[tuple[float, float]]:
     turning = np.diff((change > np.radians(_TURN_DEG)).astype(int), prepend=0) == 1
     begins = []
     for k in np.flatnonzero(turning).tolist():
-        back = np.abs(second[k + _TURN_S : k : -1] - second[k])
-        begin = k + _TURN_S - int(np.argmax(back < np.radians(_STRAIGHT_DEG)))
+        returns = np.abs(second[k + _TURN_S : k : -1] - second[k])
+        begin = k + _TURN_S - int(np.argmax(returns < np.radians(_STRAIGHT_DEG)))
         after = second[min(k + 2 * _TURN_S, second.size - 1)]
         begins.append((float(truth.time[0]) + begin, float(np.degrees(after)) % 360.0))
     return begins

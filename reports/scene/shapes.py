@@ -23,9 +23,10 @@ class Triangles(NamedTuple):
 def _grid(rows: int, columns: int) -> Ints:
     """Corners of a net of points, row by row, that is closed in itself along its rows."""
     first = np.arange((rows - 1) * columns).reshape(rows - 1, columns)
-    beside = np.roll(first, -1, axis=1)
+    neighbour = np.roll(first, -1, axis=1)
     squares = np.stack(
-        [first, beside, first + columns, first + columns, beside, beside + columns], axis=-1
+        [first, neighbour, first + columns, first + columns, neighbour, neighbour + columns],
+        axis=-1,
     )
     return squares.reshape(-1, 3)
 
@@ -33,12 +34,12 @@ def _grid(rows: int, columns: int) -> Ints:
 def _directions(rows: int) -> Floats:
     """Points of a sphere of radius 1, from its lower pole up, shape (rows, _ROUND, 3)."""
     height = np.linspace(-np.pi / 2, np.pi / 2, rows)[:, None]
-    around = np.linspace(0.0, 2.0 * np.pi, _ROUND, endpoint=False)
+    angles = np.linspace(0.0, 2.0 * np.pi, _ROUND, endpoint=False)
     return np.stack(
         [
-            np.cos(height) * np.cos(around),
-            np.cos(height) * np.sin(around),
-            np.sin(height) * np.ones_like(around),
+            np.cos(height) * np.cos(angles),
+            np.cos(height) * np.sin(angles),
+            np.sin(height) * np.ones_like(angles),
         ],
         axis=-1,
     )
@@ -67,8 +68,8 @@ def capsule(radius: float, half: float) -> Triangles:
 
 def cylinder(radius: float, half: float) -> Triangles:
     """A cylinder along z; half of its length [m]."""
-    around = np.linspace(0.0, 2.0 * np.pi, _ROUND, endpoint=False)
-    ring = np.stack([np.cos(around), np.sin(around), np.zeros(_ROUND)], axis=-1)
+    angles = np.linspace(0.0, 2.0 * np.pi, _ROUND, endpoint=False)
+    ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(_ROUND)], axis=-1)
     up = np.array([0.0, 0.0, 1.0])
     points = [radius * ring - half * up, radius * ring + half * up]
     normals = [ring, ring]

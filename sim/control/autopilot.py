@@ -281,9 +281,9 @@ def _hold_depth(
     slow = d.omega / 5.0
     sink = reference.sinking + slow * high
     climb = -np.arcsin(clip(sink, -steepest, steepest) / speed)
-    before = memory.pitch_command
+    last_command = memory.pitch_command
     step = PITCH_RATE_MAX * dt
-    memory.pitch_command += clip(by_pitch * climb + incidence - before, -step, step)
+    memory.pitch_command += clip(by_pitch * climb + incidence - last_command, -step, step)
 
     # through heave: a level hull that sinks is held back by its lift
     fast = d.omega / 2.0
@@ -297,7 +297,7 @@ def _hold_depth(
     )
     # a depth far away is a matter of climbing, not of lift
     rate = -rate * high * dt if by_pitch * abs(sink) < steepest else 0.0
-    return memory.pitch_command, (memory.pitch_command - before) / dt, force, rate
+    return memory.pitch_command, (memory.pitch_command - last_command) / dt, force, rate
 
 
 class HullMotion(NamedTuple):

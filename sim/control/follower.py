@@ -197,7 +197,7 @@ def extend_trail(
     """
     now, dt = clock
     time = message.timestamp
-    before = memory.last_received
+    last_received = memory.last_received
     received = memory.received_points
     stations.correct_planned(trail, count, received, (message.east, message.north, time))
     stations.extend(
@@ -206,7 +206,9 @@ def extend_trail(
     memory.last_received = time
     memory.received_points = count[0]
     memory.frame.heading, memory.frame.rate = memory.kept_frame.heading, memory.kept_frame.rate
-    stations.turn_frame(formation, station, (trail, count[0]), (before, time), dt, memory.frame)
+    stations.turn_frame(
+        formation, station, (trail, count[0]), (last_received, time), dt, memory.frame
+    )
     memory.kept_frame.heading, memory.kept_frame.rate = memory.frame.heading, memory.frame.rate
     # a message that was long under way; `keep_station` makes the last step
     stations.turn_frame(
@@ -337,13 +339,13 @@ def plan_detour(
     turned = np.arctan2(planned_velocity[0], planned_velocity[1]) - np.arctan2(
         t.velocity_east, t.velocity_north
     )
-    back = 0.0
+    correction = 0.0
     if abs(wrap_angle(turned)) < _ON_COURSE:
         x, y = memory.detour[0], memory.detour[1]
         pace = np.sqrt(t.way_east * t.way_east + t.way_north * t.way_north)
-        back = _RETURN * pace / np.sqrt(x * x + y * y + lookahead * lookahead)
-    east = planned_velocity[0] - back * memory.detour[0]
-    north = planned_velocity[1] - back * memory.detour[1]
+        correction = _RETURN * pace / np.sqrt(x * x + y * y + lookahead * lookahead)
+    east = planned_velocity[0] - correction * memory.detour[0]
+    north = planned_velocity[1] - correction * memory.detour[1]
     memory.detour[0] += dt * (east - t.velocity_east)
     memory.detour[1] += dt * (north - t.velocity_north)
     place_east = t.east + memory.detour[0]

@@ -206,11 +206,11 @@ def limit_command(
     """Heading, its rate and speed as of `steer`, brought towards what is wanted within the
     limits.
     """
-    before = memory.heading
-    turn = signed_angle(heading - before)
+    last_heading = memory.heading
+    turn = signed_angle(heading - last_heading)
     memory.heading += clip(turn, -TURN_RATE * dt, TURN_RATE * dt)
     memory.speed += clip(speed - memory.speed, -ACCELERATION * dt, ACCELERATION * dt)
-    return memory.heading, (memory.heading - before) / dt, memory.speed
+    return memory.heading, (memory.heading - last_heading) / dt, memory.speed
 
 
 @compiled

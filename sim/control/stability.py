@@ -155,7 +155,7 @@ def least_radius(plant: Plant, i: int, d: Autopilot) -> float:
     return 0.0 if rate > TURN_RATE else min(radius / TURN_RESERVE, 1e4)
 
 
-def _motion(plant: Plant, i: int, d: Autopilot, about: Floats) -> Floats:
+def _motion(plant: Plant, i: int, d: Autopilot, equilibrium: Floats) -> Floats:
     """Matrix of the motion of vehicle i about 6 velocities and 3 angles: these, height and
     lagging wrench, (16, 16).
     """
@@ -163,13 +163,13 @@ def _motion(plant: Plant, i: int, d: Autopilot, about: Floats) -> Floats:
     c = plant.true_coefficients.view(np.recarray)[i]
     effectors = plant.effectors[i]
     settings = plant.setups[i].settings
-    speed = float(about[0])
+    speed = float(equilibrium[0])
     steps = _STEP * np.eye(9)
     fitted = Fitted(plant.kinds, plant.true_effectors[i : i + 1], np.zeros((1, effectors.size)))
     sea = sea_at(plant.ocean.environment, 0.0)
     rates = [
-        _forces(c, rigid, centre, about + step, sea, fitted)
-        - _forces(c, rigid, centre, about - step, sea, fitted)
+        _forces(c, rigid, centre, equilibrium + step, sea, fitted)
+        - _forces(c, rigid, centre, equilibrium - step, sea, fitted)
         for step in steps
     ]
     allocation = np.empty((effectors.size, 6))
@@ -213,8 +213,8 @@ def _growth(plant: Plant, i: int, d: Autopilot, speed: float) -> tuple[float, st
     rates, modes = np.linalg.eig(_motion(plant, i, d, np.append(speed, np.zeros(8))))
     worst = int(np.argmax(rates.real))
     if rates[worst].real > _GROWTH and abs(rates[worst].imag) > _SWINGING * rates[worst].real:
-        about = np.array([speed, 0.0, 0.0, *_SWING_RAD_S, 0.0, 0.0, 0.0])
-        rates, modes = np.linalg.eig(_motion(plant, i, d, about))
+        equilibrium = np.array([speed, 0.0, 0.0, *_SWING_RAD_S, 0.0, 0.0, 0.0])
+        rates, modes = np.linalg.eig(_motion(plant, i, d, equilibrium))
         worst = int(np.argmax(rates.real))
     size = np.abs(modes[:10, worst])
     plane = max(_PLANES, key=lambda name: size[list(_PLANES[name])].max())

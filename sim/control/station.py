@@ -213,12 +213,12 @@ def at(trail: Records, count: int, arc: float) -> Place:
         end = 0 if begins else last
         ahead_east = trail[0].slope_east
         ahead_north = trail[0].slope_north
-        beyond = arc - trail[end].arc
+        excess = arc - trail[end].arc
         if not begins:
             # a point too near to the one before it has no useful slope
             i = last - 1 if trail[last].arc - trail[last - 1].arc < SHORTEST and count > 2 else last
             ahead_east, ahead_north = _unit(trail[i].slope_east, trail[i].slope_north)
-        east, north = trail[end].east + beyond * ahead_east, trail[end].north + beyond * ahead_north
+        east, north = trail[end].east + excess * ahead_east, trail[end].north + excess * ahead_north
         return east, north, ahead_east, ahead_north, trail[end].through
     low = _before(trail, count, arc)
     high = low + 1
@@ -423,9 +423,9 @@ def _inner_room(trail: tuple[Records, int], arc: float, speed: float, radius: fl
     bend = 0.0
     for i in range(1, _CHORDS + 1):
         _, _, east, north, _ = at(points, count, first + i * chord)
-        before = course
+        last_course = course
         course = np.arctan2(east, north)
-        bend = max(bend, abs(wrap_angle(course - before)) / chord)
+        bend = max(bend, abs(wrap_angle(course - last_course)) / chord)
     return float(speed * max(1.0 - np.sqrt(bend * radius), _LEAST_ROOM))
 
 

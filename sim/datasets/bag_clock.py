@@ -132,11 +132,11 @@ class RecorderClock:
         for step in steps:
             last, first = positions[step - 1 : step + 1].tolist()
             shift = int(shifted[last]) + interval - int(shifted[first])
-            between = np.arange(last + 1, first)
+            skipped = np.arange(last + 1, first)
             # of the old clock or of the new one
-            distance = np.abs(times[between, None] - times[[last, first]])
+            distance = np.abs(times[skipped, None] - times[[last, first]])
             is_later = distance[:, 1] < distance[:, 0]
-            shifted[between[is_later]] += shift
+            shifted[skipped[is_later]] += shift
             shifted[first:] += shift
             self.remarks.append(
                 f"the recorder's clock steps back by {shift / 1e9:.6g} s after message {step} of "

@@ -206,20 +206,21 @@ def _receptions(mapped: _Mapped, fields: list[str], window_s: float) -> tuple[In
         positive = np.isfinite(series.values) & (series.values > 0.0)
         times = series.time_ns[positive].tolist()
         ranges_received += [
-            (at, slot, value) for at, value in zip(times, series.values[positive], strict=True)
+            (time_ns, slot, value)
+            for time_ns, value in zip(times, series.values[positive], strict=True)
         ]
     ranges_received.sort(key=lambda entry: entry[:2])
     times_ns = list[int]()
     rows = list[list[float]]()
     first_ns = 0
-    for at, slot, value in ranges_received:
-        new = not rows or at - first_ns > 1e9 * window_s or np.isfinite(rows[-1][slot])
+    for reception_ns, slot, value in ranges_received:
+        new = not rows or reception_ns - first_ns > 1e9 * window_s or np.isfinite(rows[-1][slot])
         if new:
-            first_ns = at
-            times_ns.append(at)
+            first_ns = reception_ns
+            times_ns.append(reception_ns)
             rows.append([np.nan] * len(fields))
         rows[-1][slot] = value
-        times_ns[-1] = at
+        times_ns[-1] = reception_ns
     table = np.array(rows, dtype=np.float64).reshape(len(rows), len(fields))
     return np.array(times_ns, dtype=np.int64), table
 

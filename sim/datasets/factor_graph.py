@@ -407,17 +407,17 @@ def write_factor_graph(
     sigma = np.linalg.norm(
         [settings.range_sigma, settings.range_scale_sigma, settings.range_scale_bias_sigma]
     )
-    for i, (before, k) in enumerate(pairwise(steps)):
+    for i, (last_step, k) in enumerate(pairwise(steps)):
         time = float(truth[k, 0])
-        s, c = (np.sin(turned[before]), np.cos(turned[before]))
-        ahead, port = np.array([[c, s], [-s, c]]) @ (way[k] - way[before])
-        durations = dt[before:k]
-        n = k - before
+        s, c = (np.sin(turned[last_step]), np.cos(turned[last_step]))
+        ahead, port = np.array([[c, s], [-s, c]]) @ (way[k] - way[last_step])
+        durations = dt[last_step:k]
+        n = k - last_step
         along_variance = (settings.speed_sigma**2 * np.sum(durations**2)) + (
             settings.speed_bias_sigma * np.sum(durations)
         ) ** 2
         across_variance = (
-            settings.heading_sigma * np.mean(speed[before + 1 : k + 1])
+            settings.heading_sigma * np.mean(speed[last_step + 1 : k + 1])
         ) ** 2 * np.sum(durations**2)
         spread = _triangle(
             float(along_variance),
@@ -425,7 +425,7 @@ def write_factor_graph(
             2.0 * settings.heading_sigma**2 / n + 1e-8,
         )
         turn = float(
-            np.arctan2(np.sin(turned[k] - turned[before]), np.cos(turned[k] - turned[before]))
+            np.arctan2(np.sin(turned[k] - turned[last_step]), np.cos(turned[k] - turned[last_step]))
         )
         lines.append(
             _line("EDGE_SE2", time, f"A{i}", f"A{i + 1}", float(ahead), float(port), turn, *spread)

@@ -93,15 +93,15 @@ def _slots(data: RangeData) -> tuple[Floats, Ints]:
     taken = set[int]()
     moved = False
     last = -1.0
-    for i, (at, beacon) in enumerate(
+    for i, (time, beacon) in enumerate(
         zip(data.range_time.tolist(), data.range_beacon.tolist(), strict=True)
     ):
-        if at > last:
+        if time > last:
             taken = set()
             moved = False
         free = next((s for s in range(len(_SLOTS)) if s not in taken), 0)
         slot = beacon if has_own_slots else robots.get(beacon, free)
-        last = max(at, last)
+        last = max(time, last)
         if slot in taken or (moved and beacon in robots):
             last = last + _SEPARATION
             taken = set()

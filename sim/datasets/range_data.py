@@ -59,9 +59,9 @@ def numbers(words: Iterable[str], where: str, largest: float = LARGEST) -> Float
         values = np.array([float(word) if word.strip() else np.nan for word in words])
     except ValueError as error:
         raise LaisnError(f"{where}: {error}") from None
-    beyond = values[np.abs(values) > largest]
-    if beyond.size:
-        raise LaisnError(f"{where}: {beyond[0]:g} is not within ±{largest:g}")
+    too_large = values[np.abs(values) > largest]
+    if too_large.size:
+        raise LaisnError(f"{where}: {too_large[0]:g} is not within ±{largest:g}")
     return values
 
 
@@ -354,9 +354,9 @@ def _checked(path: Path, name: str, table: npt.NDArray[Any]) -> Floats:
 def _start_pose(path: Path, tables: Mapping[str, Floats], begin: float) -> Floats:
     """The last row of DRp, or else of GT, before the first odometry; LaisnError without one."""
     for name in ("DRp", "GT"):
-        earlier = tables[name][:, 0] < begin if name in tables else np.zeros(0, dtype=np.bool_)
-        if earlier.any():
-            pose: Floats = tables[name][earlier][-1]
+        is_early = tables[name][:, 0] < begin if name in tables else np.zeros(0, dtype=np.bool_)
+        if is_early.any():
+            pose: Floats = tables[name][is_early][-1]
             return pose
     raise LaisnError(
         f"{path}: neither DRp nor GT has a pose before the first odometry, at {begin:.3f} s"

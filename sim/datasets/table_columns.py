@@ -215,8 +215,13 @@ def read_columns(path: Path) -> Columns:
     def words(i: int) -> list[str]:
         return [row[i] for row in rows]
 
-    at = index.pop("time")
-    time, dates = times_of(words(at), headers[at], named[at][1], f"{path}, column {headers[at]}")
+    time_column = index.pop("time")
+    time, dates = times_of(
+        words(time_column),
+        headers[time_column],
+        named[time_column][1],
+        f"{path}, column {headers[time_column]}",
+    )
     fields = dict[str, Column]()
     for field, i in index.items():
         where = f"{path}, column {headers[i]}"

@@ -27,7 +27,7 @@ def _edge_end(
     row: int,
     column: int,
     step: tuple[int, int],
-    over: tuple[int, int],
+    step_across: tuple[int, int],
     mean: float,
     limit: float,
 ) -> tuple[int, float]:
@@ -43,7 +43,7 @@ def _edge_end(
         if not (0 <= i < height and 0 <= j < width):
             return n, 0.0
         inner = _brightness(source, i, j)
-        outer = _brightness(source, i + over[0], j + over[1])
+        outer = _brightness(source, i + step_across[0], j + step_across[1])
         difference = (inner + outer) / 2.0 - mean
         if abs(difference) >= limit:
             return n, difference
@@ -79,13 +79,13 @@ def smooth(source: Bytes, target: Bytes, left: int, top: int, width: int, height
             # the edge runs between this pixel and that of its two neighbours which differs more
             side = -1 if abs(before - m) >= abs(after - m) else 1
             beyond = before if side < 0 else after
-            over = (side, 0) if level >= upright else (0, side)
+            step_across = (side, 0) if level >= upright else (0, side)
             mean = (m + beyond) / 2.0
             limit = abs(beyond - m) / 4.0
             step = (0, 1) if level >= upright else (1, 0)
-            back = (-step[0], -step[1])
-            first, at_first = _edge_end(source, i, j, back, over, mean, limit)
-            last, at_last = _edge_end(source, i, j, step, over, mean, limit)
+            backward = (-step[0], -step[1])
+            first, at_first = _edge_end(source, i, j, backward, step_across, mean, limit)
+            last, at_last = _edge_end(source, i, j, step, step_across, mean, limit)
             nearest, at_nearest = (first, at_first) if first < last else (last, at_last)
             # towards the nearer end the other side takes over, or this side does, which then is
             # left as it is
@@ -94,5 +94,5 @@ def smooth(source: Bytes, target: Bytes, left: int, top: int, width: int, height
             share = 0.5 - nearest / (first + last)
             for channel in range(3):
                 value = float(source[i, j, channel])
-                other = float(source[i + over[0], j + over[1], channel])
+                other = float(source[i + step_across[0], j + step_across[1], channel])
                 target[i, j, channel] = np.uint8((1 - share) * value + share * other + 0.5)

@@ -82,9 +82,9 @@ class View:
         Each has pixels, shape (m, 2), and places along the line, shape (m,), in [0, 1].
         """
         depth = (points - self.position) @ self.axes[2]
-        before = depth >= _NEAR_M
+        in_front = depth >= _NEAR_M
         position = np.linspace(0.0, 1.0, len(points))
-        crossing = np.flatnonzero(before[1:] != before[:-1])
+        crossing = np.flatnonzero(in_front[1:] != in_front[:-1])
         if crossing.size:
             share = (_NEAR_M - depth[crossing]) / (depth[crossing + 1] - depth[crossing])
             cut = points[crossing] + share[:, None] * (points[crossing + 1] - points[crossing])
@@ -94,9 +94,11 @@ class View:
                 crossing + 1,
                 position[crossing] + share * (position[crossing + 1] - position[crossing]),
             )
-            before = np.insert(before, crossing + 1, True)
+            in_front = np.insert(in_front, crossing + 1, True)
         pixels, _ = self.project(points, width, height)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], before, [False]]).astype(np.int8)))
+        edges = np.flatnonzero(
+            np.diff(np.concatenate([[False], in_front, [False]]).astype(np.int8))
+        )
         runs = [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]
         return [(pixels[r], position[r]) for r in runs]
 
@@ -147,33 +149,33 @@ class CameraRig:
         self._vehicle = follower + 1
         truth = data.flight.trajectory
         self._floor = floor_of(SeaSettings.of(data.flight.scenario))
-        every = max(1, round(0.05 * data.speed_up / truth.dt))
-        self._time = truth.time[::every]
+        stride = max(1, round(0.05 * data.speed_up / truth.dt))
+        self._time = truth.time[::stride]
         # here, for only the children that render place cameras; this import takes a fifth of a
         # second
         from scipy.ndimage import gaussian_filter1d
 
-        sigma = _SMOOTHING_S * data.speed_up / (truth.dt * every)
+        sigma = _SMOOTHING_S * data.speed_up / (truth.dt * stride)
 
         def smooth(values: Floats, sigma: float = sigma) -> Floats:
             return np.asarray(gaussian_filter1d(values, sigma, axis=0, mode="nearest"))
 
-        position = truth.position[::every]
+        position = truth.position[::stride]
         self._separation = smooth(position[:, 0] - position[:, self._vehicle])
-        self._leader = smooth(position[:, 0], _STEADY_S / (truth.dt * every))
+        self._leader = smooth(position[:, 0], _STEADY_S / (truth.dt * stride))
         low, high = position.min(axis=1), position.max(axis=1)
         self._centre = (low + high) / 2
         self._half = smooth((high - low) / 2)
-        heading = np.unwrap(truth.heading[::every], axis=0)
+        heading = np.unwrap(truth.heading[::stride], axis=0)
         self._heading = smooth(heading)
         ahead = np.stack([np.sin(heading[:, 0]), np.cos(heading[:, 0])], axis=1)
         starboard = ahead[:, 1] * self._separation[:, 0] - ahead[:, 0] * self._separation[:, 1] < 0
         self._side = 1.0 if starboard.mean() >= 0.5 else -1.0
         # how far the estimate lies to the right of the follower, seen towards the leader
-        away = (
+        errors = (
             data.flight.estimates[follower].state[:, :2] - data.flight.hydrophone(follower)[:, :2]
         )
-        values = np.nan_to_num(np.column_stack([data.position_error[follower], away]))
+        values = np.nan_to_num(np.column_stack([data.position_error[follower], errors]))
         error, east, north = data.interpolated(values, self._time).T
         self._error = smooth(error)
         towards = (
@@ -202,21 +204,23 @@ class CameraRig:
         """A vehicle from its quarter, turning with its heading."""
         heading = float(self._value_at(self._heading, state.time)[vehicle])
         side = np.array([np.sin(heading + 2.2), np.cos(heading + 2.2), 0.28])
-        at = state.position[vehicle]
-        return View(position=self._in_water(at + distance * side), target=at, fovy_deg=40.0)
+        position = state.position[vehicle]
+        return View(
+            position=self._in_water(position + distance * side), target=position, fovy_deg=40.0
+        )
 
     def _profile(self, state: FilmFrame) -> View:
         """The leader from the bow quarter away from the follower; steady, so that waves move the
         hull in the frame.
         """
         leader = self._value_at(self._leader, state.time)
-        back = -self._value_at(self._separation, state.time)
-        bearing = np.arctan2(back[0], back[1]) + self._side * _PROFILE_TURN
+        distance = -self._value_at(self._separation, state.time)
+        bearing = np.arctan2(distance[0], distance[1]) + self._side * _PROFILE_TURN
         eye = self._in_water(leader + 6.6 * np.array([np.sin(bearing), np.cos(bearing), 0.0]))
         look = bearing + np.pi + self._side * _PROFILE_LEADER
         # rather more than half-way down to the follower: the leader keeps room to heave, the
         # follower to drift off
-        down = 0.58 * np.arctan2(back[2], np.hypot(back[0], back[1]))
+        down = 0.58 * np.arctan2(distance[2], np.hypot(distance[0], distance[1]))
         forward = np.array([np.sin(look), np.cos(look), np.tan(down)])
         return View(position=eye, target=eye + forward, fovy_deg=45.0)
 
@@ -235,8 +239,8 @@ class CameraRig:
         left, right, _ = _FREE
         slope = np.tan(np.radians(fovy_deg) / 2)
         across = wide / ((right - left) * slope * self._aspect)
-        far = max(float(np.hypot(across, deep)), high / (0.25 * slope) + deep, 6.0)
-        eye = self._in_water(target + far * direction)
+        distance = max(float(np.hypot(across, deep)), high / (0.25 * slope) + deep, 6.0)
+        eye = self._in_water(target + distance * direction)
         # close below the surface, that would end in a line
         eye[2] = min(eye[2], 0.5 * target[2])
         view = View(position=eye, target=target, fovy_deg=fovy_deg)
@@ -254,8 +258,8 @@ class CameraRig:
         across = (right - left) * self._aspect
         down = bottom - top
         frame = max(1.25 * 2 * half[0] / across, 1.25 * 2 * half[1] / down, 14.0) + 3.0
-        aside = np.array([0.5 - (left + right) / 2, (top + bottom) / 2 - 0.5, 0.0])
-        target = centre + frame * aside * [self._aspect, 1.0, 0.0]
+        shift = np.array([0.5 - (left + right) / 2, (top + bottom) / 2 - 0.5, 0.0])
+        target = centre + frame * shift * [self._aspect, 1.0, 0.0]
         height = frame / 2 / np.tan(np.radians(45.0) / 2)
         view = View(
             position=target + np.array([0.0, 0.0, height]),
@@ -272,7 +276,7 @@ class CameraRig:
         close_leader = (self._close(state, leader), leader)
         close_follower = (self._close(state, follower, 2.9), follower)
         near_fog = (3.0, 150.0)
-        at = state.position[follower]
+        position = state.position[follower]
         if camera == "chase":
             ahead = self._towards_leader(state.time)
             side = np.array([ahead[1], -ahead[0], 0.0])
@@ -280,12 +284,12 @@ class CameraRig:
             back = 5.0 + 1.2 * min(float(self._value_at(self._error, state.time)), 12.0)
             # and aside, so that follower and estimate both stand clear of the panels, most of which
             # are at the left
-            aside = float(np.clip(self._value_at(self._aside, state.time), -10.0, 10.0))
-            between = at + (0.5 if aside > 0 else 0.9) * aside * side
+            error = float(np.clip(self._value_at(self._aside, state.time), -10.0, 10.0))
+            target = position + (0.5 if error > 0 else 0.9) * error * side
             eye = self._in_water(
-                between - back * ahead + 0.25 * back * side + [0.0, 0.0, 0.3 * back]
+                target - back * ahead + 0.25 * back * side + [0.0, 0.0, 0.3 * back]
             )
-            view = View(position=eye, target=between + 9.0 * ahead - 0.6 * side + [0, 0, 0.2])
+            view = View(position=eye, target=target + 9.0 * ahead - 0.6 * side + [0, 0, 0.2])
             return Shot(view, (close_leader,), near_fog, True)
         if camera in ("top", "pip"):
             view, fog = self._top(state, 0.66 if camera == "pip" else 0.95)
@@ -293,7 +297,7 @@ class CameraRig:
         if camera == "follower":
             offsets = np.array([[-1.1, 0.0, 0.55], [6.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
             eye, ahead, up = attitude.rotate(state.quaternion[follower][None], offsets)
-            view = View(position=at + eye, target=at + ahead, up=up, fovy_deg=55.0)
+            view = View(position=position + eye, target=position + ahead, up=up, fovy_deg=55.0)
             return Shot(view, (close_leader,), near_fog, True)
         if camera == "profile":
             # the inset shows the follower and its estimate from above, north up

@@ -127,15 +127,17 @@ class Canvas:
         collection.set_clip_box(Bbox.from_bounds(left, self.height - top - height, width, height))
         collection.draw(self._renderer)
 
-    def disc(self, at: Floats, radius: float, fill: Colour, edge: Colour | None = None) -> Polygon:
-        """A disc about `at`, shape (2,)."""
-        return Polygon(at + radius * self.scale * _CIRCLE, fill, edge)
+    def disc(
+        self, centre: Floats, radius: float, fill: Colour, edge: Colour | None = None
+    ) -> Polygon:
+        """A disc about `centre`, shape (2,)."""
+        return Polygon(centre + radius * self.scale * _CIRCLE, fill, edge)
 
     def diamond(
-        self, at: Floats, radius: float, fill: Colour, edge: Colour | None = None
+        self, centre: Floats, radius: float, fill: Colour, edge: Colour | None = None
     ) -> Polygon:
-        """A square on its corner about `at`, shape (2,)."""
-        return Polygon(at + radius * self.scale * _DIAMOND, fill, edge)
+        """A square on its corner about `centre`, shape (2,)."""
+        return Polygon(centre + radius * self.scale * _DIAMOND, fill, edge)
 
     def image(self, rgba: Bytes, left: int, top: int) -> None:
         """Lay an image with straight alpha over the frame, bottom row first, shape (h, w, 4)."""
@@ -145,7 +147,7 @@ class Canvas:
 
     def text(
         self,
-        at: tuple[float, float],
+        position: tuple[float, float],
         words: str,
         colour: Colour = (1, 1, 1),
         size: float = 14,
@@ -157,16 +159,16 @@ class Canvas:
         if not words:
             return
         mask, dx, dy = _mask(words, self.text_size(size), size < 0, anchor)
-        left = round(at[0]) + dx
-        top = round(at[1]) + dy
+        left = round(position[0]) + dx
+        top = round(position[1]) + dy
         mask = mask[
             max(0, -top) : max(0, self.height - top), max(0, -left) : max(0, self.width - left)
         ]
         top = max(0, top)
         left = max(0, left)
-        below = self.pixels[top : top + mask.shape[0], left : left + mask.shape[1], :3]
+        background = self.pixels[top : top + mask.shape[0], left : left + mask.shape[1], :3]
         share = (mask * (*colour, 1.0)[3])[..., None]
-        below[:] = below + share * (255.0 * np.array(colour[:3]) - below) + 0.5
+        background[:] = background + share * (255.0 * np.array(colour[:3]) - background) + 0.5
 
     def extent(self, words: str, size: float = 14) -> tuple[float, float]:
         """Width of text and height of its line [px]; a size below zero means bold."""

@@ -104,8 +104,8 @@ class Dashboard:
         corner = canvas.width - side - left
         self._map: Area = (corner, top, side, side)
         bar: Area = (corner, top + side + gap, side, 72 * t)
-        beside = left + width + gap
-        caption: Area = (beside, top, corner - gap - beside, 60 * s)
+        left_edge = left + width + gap
+        caption: Area = (left_edge, top, corner - gap - left_edge, 60 * s)
         self.scale: Area = (left, canvas.height - 26 * s - 32 * t, 240 * s, 36 * t)
         """Where the scale of the picture stands."""
         lefts = [self._numbers, *curves]
@@ -165,11 +165,17 @@ class Dashboard:
         return images
 
     def _write(
-        self, at: tuple[float, float], words: str, colour: Colour, size: float, ha: str, va: str
+        self,
+        position: tuple[float, float],
+        words: str,
+        colour: Colour,
+        size: float,
+        ha: str,
+        va: str,
     ) -> None:
         """Static text at an anchor, with matplotlib's names of alignments; bold if size < 0."""
-        x = at[0] / self._size[0]
-        y = 1 - at[1] / self._size[1]
+        x = position[0] / self._size[0]
+        y = 1 - position[1] / self._size[1]
         weight = "bold" if size < 0 else "normal"
         self.figure.text(
             x, y, words, color=colour, fontsize=abs(size) * self._t, fontweight=weight, ha=ha, va=va
@@ -335,8 +341,8 @@ class Dashboard:
         for height, texts in self._rows(state):
             baseline += height * self._t
             for x, words, colour, size in texts:
-                at = left + x * self._t + (0.0 if x > 0 else width)
-                canvas.text((at, baseline), words, colour, size, "ls" if x > 0 else "rs")
+                position = left + x * self._t + (0.0 if x > 0 else width)
+                canvas.text((position, baseline), words, colour, size, "ls" if x > 0 else "rs")
 
     def _rows(self, state: FilmFrame) -> list[Row]:
         """Lines of the panel of numbers."""
@@ -444,6 +450,6 @@ class Dashboard:
             for colour, now in [*estimates, (ESTIMATE, state.estimate[self._follower])]
         ]
         marks += [
-            canvas.disc(at, 3.4, TRUTH if v else LEADER) for v, at in enumerate(pixels(fleet))
+            canvas.disc(pixel, 3.4, TRUTH if v else LEADER) for v, pixel in enumerate(pixels(fleet))
         ]
         canvas.shapes(marks, self._map)

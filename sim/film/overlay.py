@@ -258,9 +258,9 @@ class Overlay:
             *((c.disc, hydrophone, 4.5, TRUTH, _DARK, []) for hydrophone in hydrophones),
         ]
         for make, point, radius, fill, outline, link in marks:
-            at = self._pixel(view, box, point)
-            if at is not None:
-                shapes.append(make(at, radius, fill, outline))
+            pixel = self._pixel(view, box, point)
+            if pixel is not None:
+                shapes.append(make(pixel, radius, fill, outline))
                 links += [np.array(link)] if link else []
         lines = [line for ends in links for line in self._lines(view, box, ends)]
         return [Stroke(pixels, _WHITE, 1.3, dashed=True) for pixels, _ in lines], shapes
@@ -282,8 +282,8 @@ class Overlay:
         pitch = f", pitch {np.degrees(state.pitch[0]):+.1f}°" if self._level_axis else ""
         distance_to_leader = float(np.linalg.norm(leader - state.position[f + 1]))
 
-        def off(name: str, at: Floats) -> str:
-            return f"{name}, off by {float(np.hypot(*(at - truth)[:2])):.1f} m"
+        def off(name: str, pixel: Floats) -> str:
+            return f"{name}, off by {float(np.hypot(*(pixel - truth)[:2])):.1f} m"
 
         # side of the label: above the point if negative
         candidates: list[tuple[Floats, str, Colour, int]] = [
@@ -315,11 +315,11 @@ class Overlay:
         return labels
 
     def _scale_bar(
-        self, view: View, box: Box, at: tuple[float, float], share: float, words: str = ""
+        self, view: View, box: Box, pixel: tuple[float, float], share: float, words: str = ""
     ) -> None:
         """A bar of a round length, at most a share of the box's width, where one scale holds."""
         if view.plane_m:
-            x, y = at
+            x, y = pixel
             s = self.canvas.scale
             pixels_per_m = view.focal(box[3]) / view.plane_m
             length = round_length(share * box[2] / pixels_per_m)
@@ -360,10 +360,12 @@ def metres_per_pixel(view: View, point: Floats) -> float:
 def _places(label: Label, width: float, height: float, scale: float) -> list[tuple[Area, Floats]]:
     """Places for the words, the most wanted first, with the end of the line that leads there."""
     candidates = []
-    for aside, side, n, way in product(_LABEL_ASIDE, (1, -1), range(_LABEL_ROWS), (1.0, -1.0)):
+    for distance, side, n, direction in product(
+        _LABEL_ASIDE, (1, -1), range(_LABEL_ROWS), (1.0, -1.0)
+    ):
         rise = side * label.rise + np.sign(side * label.rise) * _LABEL_STEP * scale * n
-        end = label.at + np.array([aside * scale * way, rise])
-        left = end[0] + 2 * scale if way > 0 else end[0] - 2 * scale - width
+        end = label.at + np.array([distance * scale * direction, rise])
+        left = end[0] + 2 * scale if direction > 0 else end[0] - 2 * scale - width
         candidates.append(((float(left), float(end[1] - height / 2), width, height), end))
     return candidates
 

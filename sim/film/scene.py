@@ -369,8 +369,8 @@ class GlScene:
         model = self._model
         model.vis.global_.fovy = view.fovy_deg
         camera = mujoco.MjvCamera()
-        everything = mujoco.mjtCatBit.mjCAT_ALL.value
-        mujoco.mjv_updateScene(model, self._data, self._options, None, camera, everything, scene)
+        categories = mujoco.mjtCatBit.mjCAT_ALL.value
+        mujoco.mjv_updateScene(model, self._data, self._options, None, camera, categories, scene)
         # a free camera cannot roll, and rounds its place: put it where the overlay has it
         _, up, forward = view.axes
         for eye in scene.camera:
@@ -384,13 +384,15 @@ class GlScene:
         )
 
     def _add(
-        self, shape: int, size: Floats, at: Floats, turn: Floats, rgba: tuple[float, ...]
+        self, shape: int, size: Floats, position: Floats, turn: Floats, rgba: tuple[float, ...]
     ) -> Any:
         scene = self._scene
         if scene.ngeom >= scene.maxgeom:
             return None
         geom = scene.geoms[scene.ngeom]
-        mujoco.mjv_initGeom(geom, shape, size, at, turn.ravel(), np.array(rgba, dtype=np.float32))
+        mujoco.mjv_initGeom(
+            geom, shape, size, position, turn.ravel(), np.array(rgba, dtype=np.float32)
+        )
         # MuJoCo leaves these as the memory had them: taken for part of a hull, the backdrop would
         # get a ghost
         geom.objtype = mujoco.mjtObj.mjOBJ_UNKNOWN.value

@@ -65,18 +65,18 @@ def hull_of(model: SdfModel, water: FileWater, remarks: Remarks) -> SdfHull:
             displaces = water.displaces(scope, name)
             for collision in link.findall("collision"):
                 solid = solid_of(collision)
-                at = frame @ local_pose(collision)
+                pose = frame @ local_pose(collision)
                 if solid is None:
                     has_mesh = True
                     remarks.of("link", name, _unread_shape(collision))
                     # Gazebo takes the pose of a mesh for the centre of its volume
-                    centres.append(at[:3, 3])
+                    centres.append(pose[:3, 3])
                     volumes.append(0.0)
                     continue
-                reach = np.abs(at[:3, :3]) @ solid.half_extents
-                centres.append(at[:3, 3])
+                reach = np.abs(pose[:3, :3]) @ solid.half_extents
+                centres.append(pose[:3, 3])
                 volumes.append(solid.volume * displaces)
-                corners.append(np.array([at[:3, 3] - reach, at[:3, 3] + reach]))
+                corners.append(np.array([pose[:3, 3] - reach, pose[:3, 3] + reach]))
     return _joined(shares, volumes, centres, corners, has_mesh)
 
 
@@ -204,10 +204,10 @@ def _automatic(
         if solid is None:
             remarks.of("link", name, "<inertial auto> leaves out a collision that is not read")
             continue
-        at = frame @ local_pose(collision)
+        pose = frame @ local_pose(collision)
         masses.append(child_number(collision, "density", default) * solid.volume)
-        centres.append(at[:3, 3])
-        tensors.append(masses[-1] * at[:3, :3] @ solid.unit_inertia @ at[:3, :3].T)
+        centres.append(pose[:3, 3])
+        tensors.append(masses[-1] * pose[:3, :3] @ solid.unit_inertia @ pose[:3, :3].T)
     total = float(np.sum(masses))
     if not total > 0.0:
         raise LaisnError(

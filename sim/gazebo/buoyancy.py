@@ -77,10 +77,10 @@ def _of_plugin(plugin: Element, remarks: Remarks) -> FileWater:
         density = child_number(graded, "default_density", DEFAULT_DENSITY)
         source = "default_density"
         for change in graded.findall("density_change"):
-            above = child_number(change, "above_depth", 0.0)
+            lowest = child_number(change, "above_depth", 0.0)
             other = child_number(change, "density", 0.0)
             remarks.add(
-                f"Buoyancy: density of {other:g} kg/m³ above z = {above:g} m is not used, the "
+                f"Buoyancy: density of {other:g} kg/m³ above z = {lowest:g} m is not used, the "
                 f"water has {density:g} kg/m³ up to its surface"
             )
     parameters.text("enable")

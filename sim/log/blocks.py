@@ -117,7 +117,8 @@ class BlockFile:
             rows, times = _between(channel, *span)
             log = self._channels[channel.topic].base.log
             messages += [
-                (at, log, data) for at, data in zip(times.tolist(), channel.rows(rows), strict=True)
+                (time_ns, log, data)
+                for time_ns, data in zip(times.tolist(), channel.rows(rows), strict=True)
             ]
         # messages of equal times stay in the order of channels
         messages.sort(key=itemgetter(0))

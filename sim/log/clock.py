@@ -78,10 +78,10 @@ class _Crossing:
 def _crossing(recording: RecordedRows, row: int) -> _Crossing | None:
     """Messages beside the step before a row; None without."""
     messages = np.flatnonzero(recording.received)
-    at = int(np.searchsorted(messages, row))
-    if at in (0, messages.size):
+    index = int(np.searchsorted(messages, row))
+    if index in (0, messages.size):
         return None
-    pair = messages[at - 1 : at + 1]
+    pair = messages[index - 1 : index + 1]
     east, north, speed, heading = (
         recording.columns[f"leader_{name}"][pair] for name in ("east", "north", "speed", "heading")
     )
@@ -156,12 +156,12 @@ def correct_steps_back(recording: RecordedRows) -> None:
 
 def _require_receptions_in_order(recording: RecordedRows) -> None:
     """LaisnError if rows that hold receptions alone step back among themselves."""
-    alone = np.flatnonzero(recording.received & ~recording.moving)
-    steps = steps_back(recording.time[alone], 2 * recording.interval_ns)
+    rows = np.flatnonzero(recording.received & ~recording.moving)
+    steps = steps_back(recording.time[rows], 2 * recording.interval_ns)
     if steps:
         raise LaisnError(
             f"{recording.source}: {recording.name}: the time of receptions steps back after "
-            f"{recording.item} {alone[steps[0] - 1] + 1}, and that of own measurements does not; "
+            f"{recording.item} {rows[steps[0] - 1] + 1}, and that of own measurements does not; "
             f"{recording.item}s are expected in order of recording"
         )
 
@@ -175,13 +175,13 @@ def _steps_forward(recording: RecordedRows, row: int, last: int) -> tuple[int, b
         return None
     time = recording.time
     gap = int(time[row] - time[last])
-    between = int(time[crossing.after] - time[crossing.before])
+    gap_ns = int(time[crossing.after] - time[crossing.before])
     clock_s = crossing.clock_s
-    if math.isfinite(clock_s) and 0.0 < clock_s < 0.5e-9 * between:
-        passed = round(1e9 * clock_s) - (between - gap)
+    if math.isfinite(clock_s) and 0.0 < clock_s < 0.5e-9 * gap_ns:
+        passed = round(1e9 * clock_s) - (gap_ns - gap)
         return max(passed, recording.interval_ns), False
-    if crossing.way_s < 0.5e-9 * between:
-        passed = round(1e9 * crossing.way_s) - (between - gap)
+    if crossing.way_s < 0.5e-9 * gap_ns:
+        passed = round(1e9 * crossing.way_s) - (gap_ns - gap)
         return max(passed, recording.interval_ns), math.isfinite(clock_s)
     return None
 

@@ -68,17 +68,17 @@ class TimedNumbers:
         # a bit for each number that is zero
         patterns = zero @ (1 << np.arange(numbers.shape[1]))
         for pattern in set(patterns.tolist()):
-            alike = np.flatnonzero(patterns == pattern)
-            is_zero = zero[alike[0]]
+            rows = np.flatnonzero(patterns == pattern)
+            is_zero = zero[rows[0]]
             example, offsets = self._example(tuple(is_zero.tolist()))
-            block = np.tile(np.frombuffer(example, dtype=np.uint8), (alike.size, 1))
-            columns = np.ascontiguousarray(numbers[np.ix_(alike, np.flatnonzero(~is_zero))], "<f8")
-            as_bytes = columns.view(np.uint8).reshape(alike.size, -1, 8)
+            block = np.tile(np.frombuffer(example, dtype=np.uint8), (rows.size, 1))
+            columns = np.ascontiguousarray(numbers[np.ix_(rows, np.flatnonzero(~is_zero))], "<f8")
+            as_bytes = columns.view(np.uint8).reshape(rows.size, -1, 8)
             for k, offset in enumerate(offsets):
                 block[:, offset : offset + 8] = as_bytes[:, k]
             whole = block.tobytes()
             size = len(example)
-            for k, row in enumerate(alike.tolist()):
+            for k, row in enumerate(rows.tolist()):
                 rests[row] = whole[k * size : (k + 1) * size]
         return [
             _time_field(time) + rest

@@ -188,8 +188,8 @@ def write_recording(log_path: Path, path: Path) -> Path:
         # of a flight without a message no acoustics are drawn
         for scene in filter(log.topics.get, _SCENES):
             messages = log.require(scene, ["entities"])
-            for at, data in zip(messages.time_ns.tolist(), messages.data, strict=True):
-                stream.set_time(_TIMELINE, duration=(at - start_ns) / 1e9)
+            for time_ns, data in zip(messages.time_ns.tolist(), messages.data, strict=True):
+                stream.set_time(_TIMELINE, duration=(time_ns - start_ns) / 1e9)
                 for entity in messages.message_class.FromString(data).entities:
                     # entities that move with a vehicle are children of its transform, logged once
                     fixed = entity.frame_locked

@@ -105,17 +105,17 @@ def records_of(chunk: Chunk, most: int) -> list[McapRecord]:
     """Schemas, channels and messages of a chunk; errors as of `chunk_data`, and of the library."""
     data = chunk_data(chunk, most)
     records = list[McapRecord]()
-    at = 0
-    while at < len(data):
-        if at + _HEAD.size > len(data):
+    offset = 0
+    while offset < len(data):
+        if offset + _HEAD.size > len(data):
             raise ValueError("a chunk ends within a record")
-        kind, length = _HEAD.unpack_from(data, at)
-        begin = at + _HEAD.size
-        at = begin + length
-        if at > len(data):
+        kind, length = _HEAD.unpack_from(data, offset)
+        begin = offset + _HEAD.size
+        offset = begin + length
+        if offset > len(data):
             raise ValueError("a record is longer than its chunk")
         if kind in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
-            record = parsed(kind, data[begin:at])
+            record = parsed(kind, data[begin:offset])
             assert record is not None
             records.append(record)
     return records
@@ -204,22 +204,22 @@ def summary_of(data: Bytes) -> SummarySection:
 
 
 def _framed(data: bytes) -> Iterator[McapRecord | None]:
-    at = 0
-    while at + _HEAD.size <= len(data):
-        kind, length = _HEAD.unpack_from(data, at)
-        yield parsed(kind, data[at + _HEAD.size : at + _HEAD.size + length])
-        at += _HEAD.size + length
+    offset = 0
+    while offset + _HEAD.size <= len(data):
+        kind, length = _HEAD.unpack_from(data, offset)
+        yield parsed(kind, data[offset + _HEAD.size : offset + _HEAD.size + length])
+        offset += _HEAD.size + length
 
 
-def _chunk_frame(data: Bytes, at: int) -> bool:
+def _chunk_frame(data: Bytes, offset: int) -> bool:
     """Whether a chunk of consistent lengths begins at a byte."""
-    if at < 0 or at + _HEAD.size + _CHUNK_FIELDS > len(data):
+    if offset < 0 or offset + _HEAD.size + _CHUNK_FIELDS > len(data):
         return False
-    kind, length = _HEAD.unpack_from(data, at)
-    if kind != Opcode.CHUNK or at + _HEAD.size + length > len(data):
+    kind, length = _HEAD.unpack_from(data, offset)
+    if kind != Opcode.CHUNK or offset + _HEAD.size + length > len(data):
         return False
-    (name,) = struct.unpack_from("<I", data, at + _COMPRESSION_AT)
-    data_at = at + _COMPRESSION_AT + 4 + name
+    (name,) = struct.unpack_from("<I", data, offset + _COMPRESSION_AT)
+    data_at = offset + _COMPRESSION_AT + 4 + name
     if name > 16 or data_at + 8 > len(data):
         return False
     (stored,) = struct.unpack_from("<Q", data, data_at)
@@ -228,7 +228,7 @@ def _chunk_frame(data: Bytes, at: int) -> bool:
 
 def _next_record(data: Bytes, after: int, summary: SummarySection) -> int | None:
     """Byte of the next record that can be found behind a broken one."""
-    indexed = next((at for at in summary.offsets if at > after), None)
+    indexed = next((offset for offset in summary.offsets if offset > after), None)
     limit = len(data) if indexed is None else min(len(data), indexed + _COMPRESSION_AT)
     for match in _COMPRESSION.finditer(data, after, limit):
         at = match.start() - _COMPRESSION_AT
@@ -245,19 +245,19 @@ class _Frame:
     content: bytes
 
 
-def _frame(data: Bytes, at: int) -> _Frame | str:
+def _frame(data: Bytes, offset: int) -> _Frame | str:
     """The frame that begins at a byte, or why there is none."""
-    if at + _HEAD.size > len(data):
+    if offset + _HEAD.size > len(data):
         return "the file ends within a record"
-    kind, length = _HEAD.unpack_from(data, at)
-    end = at + _HEAD.size + length
+    kind, length = _HEAD.unpack_from(data, offset)
+    end = offset + _HEAD.size + length
     if kind not in _KINDS and kind < _PRIVATE:
         return "a record is of no known kind"
     if end > len(data):
         return "the file ends within a record"
-    if kind == Opcode.CHUNK and not _chunk_frame(data, at):
+    if kind == Opcode.CHUNK and not _chunk_frame(data, offset):
         return "the lengths in a chunk do not match"
-    return _Frame(at, end, kind, data[at + _HEAD.size : end])
+    return _Frame(offset, end, kind, data[offset + _HEAD.size : end])
 
 
 def _checksum(data: Bytes, end: int) -> int:
@@ -280,16 +280,16 @@ class Salvage:
         self._left = most
         self._damaged = False
 
-    def _damage(self, at: int, end: int, reason: str) -> Damage:
+    def _damage(self, offset: int, end: int, reason: str) -> Damage:
         self._damaged = True
         chunks = self.summary.of(ChunkIndex)
-        lost = [chunk for chunk in chunks if at <= chunk.chunk_start_offset < end]
+        lost = [chunk for chunk in chunks if offset <= chunk.chunk_start_offset < end]
         if lost:
             start = min(chunk.message_start_time for chunk in chunks)
             first = (min(chunk.message_start_time for chunk in lost) - start) / 1e9
             last = (max(chunk.message_end_time for chunk in lost) - start) / 1e9
             reason = f"{reason} (messages from {first:g} s to {last:g} s)"
-        return Damage(at, reason, bool(lost) or not chunks)
+        return Damage(offset, reason, bool(lost) or not chunks)
 
     def _contents(self, frame: _Frame) -> list[McapRecord | Damage | DamagedAttachment]:
         """What a frame holds; errors of the library if that is malformed."""
@@ -308,38 +308,38 @@ class Salvage:
         return [] if record is None else [record]
 
     def __iter__(self) -> Iterator[McapRecord | Damage | DamagedAttachment]:
-        at = len(MAGIC)
+        offset = len(MAGIC)
         while True:
-            frame = _frame(self._data, at)
+            frame = _frame(self._data, offset)
             if isinstance(frame, str):
-                following = _next_record(self._data, at, self.summary)
-                yield self._damage(at, following or len(self._data), frame)
+                following = _next_record(self._data, offset, self.summary)
+                yield self._damage(offset, following or len(self._data), frame)
                 if following is None:
                     return
-                at = following
+                offset = following
                 continue
             try:
                 items = self._contents(frame)
             except Exception as error:
                 # foreign bytes make decompressors and decoders fail in many ways
-                items = [self._damage(at, frame.end, str(error) or "a record is malformed")]
+                items = [self._damage(offset, frame.end, str(error) or "a record is malformed")]
             yield from items
-            at = frame.end
+            offset = frame.end
             if frame.kind == Opcode.DATA_END:
-                yield from self._tail(at)
+                yield from self._tail(offset)
                 return
 
-    def _tail(self, at: int) -> Iterator[Damage]:
+    def _tail(self, offset: int) -> Iterator[Damage]:
         """What is wrong behind the data section."""
         while True:
-            frame = _frame(self._data, at)
+            frame = _frame(self._data, offset)
             if isinstance(frame, str):
-                yield Damage(at, frame, False)
+                yield Damage(offset, frame, False)
                 return
-            at = frame.end
+            offset = frame.end
             if frame.kind == Opcode.FOOTER:
                 break
-        if self._data[at : at + len(MAGIC)] != MAGIC:
-            yield Damage(at, "the file ends within a record", False)
-        elif at + len(MAGIC) < len(self._data):
-            yield Damage(at + len(MAGIC), "bytes follow the end of the log", False)
+        if self._data[offset : offset + len(MAGIC)] != MAGIC:
+            yield Damage(offset, "the file ends within a record", False)
+        elif offset + len(MAGIC) < len(self._data):
+            yield Damage(offset + len(MAGIC), "bytes follow the end of the log", False)

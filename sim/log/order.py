@@ -13,17 +13,17 @@ def _late(times: Ints, first: int, interval: float) -> int:
     recorded times again.
     """
     before = np.sort(times[:first])
-    below = times[first:] < before[-1]
-    number = int(np.argmin(below)) if not below.all() else below.size
+    steps_back = times[first:] < before[-1]
+    number = int(np.argmin(steps_back)) if not steps_back.all() else steps_back.size
     late = times[first : first + number]
-    at = np.searchsorted(before, late)
+    indices = np.searchsorted(before, late)
     distance = np.minimum(
-        np.abs(late - before[np.maximum(at - 1, 0)]),
-        np.abs(before[np.minimum(at, before.size - 1)] - late),
+        np.abs(late - before[np.maximum(indices - 1, 0)]),
+        np.abs(before[np.minimum(indices, before.size - 1)] - late),
     )
     # times recorded again lie within half an interval of those before, or before the recording
-    again = np.any(distance < _FREE * interval)
-    return 0 if again or late.min() < before[0] - _AHEAD * interval else number
+    are_recorded = np.any(distance < _FREE * interval)
+    return 0 if are_recorded or late.min() < before[0] - _AHEAD * interval else number
 
 
 def steps_back(times: Ints, interval: float) -> list[int]:

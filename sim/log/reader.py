@@ -159,14 +159,14 @@ def _custom_readings(
     readings = {}
     dt = 1e-9 * float(grid_ns[1] - grid_ns[0]) if grid_ns.size > 1 else 1.0
     for sensor, messages, numbers in _custom_tables(log, name):
-        every = headers.get(sensor, SensorHeader()).steps(dt)
-        if not np.array_equal(grid_ns[every - 1 :: every], messages.time_ns):
+        stride = headers.get(sensor, SensorHeader()).steps(dt)
+        if not np.array_equal(grid_ns[stride - 1 :: stride], messages.time_ns):
             raise LogError(
                 f"{log.path}: the messages of /{name}/{SENSOR}{sensor} are not at the times of a "
                 "flight, without a gap"
             )
         rows = np.full((grid_ns.size, numbers.shape[1]), np.nan)
-        rows[every - 1 :: every] = numbers
+        rows[stride - 1 :: stride] = numbers
         readings[sensor] = rows
     return readings
 
@@ -256,11 +256,11 @@ def _trajectory(log: Contents, grid_ns: Ints) -> Trajectory:
         ("pose", ("position", "quaternion")),
         ("twist", ("velocity", "angular_velocity")),
     ):
-        both = (
+        overlap = (
             np.concatenate([arrays.pop(component) for component in parts], axis=1)
             for arrays in vehicles
         )
-        state[name] = np.stack([*both], axis=1)
+        state[name] = np.stack([*overlap], axis=1)
     return Trajectory(
         names=tuple(table["names"]),
         time=vehicles[0]["time"],
@@ -437,8 +437,8 @@ def _correct_clock(
     leader_shift_s = np.nan_to_num(recorded.columns[TIMESTAMP] - leader_s)
     for messages in log.topics.values():
         if messages.ordinals:
-            at = np.searchsorted(ordinals, messages.ordinals, side="right") - 1
-            messages.shift(shift_ns[np.maximum(at, 0)])
+            indices = np.searchsorted(ordinals, messages.ordinals, side="right") - 1
+            messages.shift(shift_ns[np.maximum(indices, 0)])
     heard = np.searchsorted(ordinals, reception.ordinals)
     return _ClockCorrection(tuple(recorded.remarks), leader_shift_s[heard])
 

@@ -559,8 +559,8 @@ def _film(flown: _Flown, log: Contents) -> Iterator[RosTopic]:
     pictures = _pictures([messages.message_class.FromString(data).data for data in messages.data])
     make = flown.store.types
 
-    def encode(at: int, picture: bytes) -> bytes:
-        seconds, nanoseconds = divmod(at, 10**9)
+    def encode(time_ns: int, picture: bytes) -> bytes:
+        seconds, nanoseconds = divmod(time_ns, 10**9)
         stamp = make["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
         message = make[type_name](
             header=make["std_msgs/msg/Header"](stamp=stamp, frame_id="camera"),
@@ -571,7 +571,7 @@ def _film(flown: _Flown, log: Contents) -> Iterator[RosTopic]:
 
     def rows(block: slice) -> list[bytes]:
         # parts follow one another, and so do pictures
-        return [encode(at, next(pictures)) for at in times[block].tolist()]
+        return [encode(time_ns, next(pictures)) for time_ns in times[block].tolist()]
 
     yield RosTopic(name="/camera/compressed", type_name=type_name, time_ns=times, rows=rows)
 
@@ -626,7 +626,9 @@ def _block(topics: Sequence[tuple[Any, RosTopic]], number: int) -> list[tuple[in
         times = topic.time_ns[block].tolist()
         if times:
             rows = topic.rows(block)
-            messages += [(at, connection, row) for at, row in zip(times, rows, strict=True)]
+            messages += [
+                (time_ns, connection, row) for time_ns, row in zip(times, rows, strict=True)
+            ]
     messages.sort(key=itemgetter(0))
     return messages
 
@@ -655,8 +657,8 @@ def _write(folder: Path, topics: Sequence[RosTopic], store: Any) -> None:
             }
         )
         for number in blocks:
-            for at, connection, data in _block(pairs, number):
-                writer.write(connection, at, data)
+            for time_ns, connection, data in _block(pairs, number):
+                writer.write(connection, time_ns, data)
 
 
 def _replace_bag(folder: Path, topics: Sequence[RosTopic], store: Any, view: str) -> list[Path]:

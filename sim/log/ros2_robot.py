@@ -49,9 +49,9 @@ def _profile(points: Floats, axis: int) -> tuple[Floats, Floats]:
     the place; points have shape (n, 3), [m].
     """
     coordinate = np.round(points[:, axis], 6)
-    away = np.hypot(*np.delete(points, axis, axis=1).T)
+    radius = np.hypot(*np.delete(points, axis, axis=1).T)
     places = np.unique(coordinate)
-    return places, np.array([away[coordinate == station].max() for station in places])
+    return places, np.array([radius[coordinate == station].max() for station in places])
 
 
 def _discs(places: Floats, radii: Floats) -> Iterator[tuple[float, float, float]]:

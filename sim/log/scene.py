@@ -136,8 +136,10 @@ def _ellipses(estimates: Estimates, row: int, z: float) -> Iterator[fg.SpherePri
                 for value in (mean + half_difference, mean - half_difference)
             )
             half_turn = math.atan2(2 * xy, xx - yy) / 4
-            at = pose((*centre.tolist(), z), (math.cos(half_turn), 0.0, 0.0, math.sin(half_turn)))
-            yield _sphere(at, (major, minor, _DISC_M), _UNCERTAINTY)
+            ellipse_pose = pose(
+                (*centre.tolist(), z), (math.cos(half_turn), 0.0, 0.0, math.sin(half_turn))
+            )
+            yield _sphere(ellipse_pose, (major, minor, _DISC_M), _UNCERTAINTY)
 
 
 class VisibleHulls:

@@ -67,7 +67,9 @@ class FoxgloveStream:
             log = self._writer(channel).log
             rows = slice(first, count)
             times = channel.time_ns[rows].tolist()
-            messages += [(at, log, row) for at, row in zip(times, channel.rows(rows), strict=True)]
+            messages += [
+                (time_ns, log, row) for time_ns, row in zip(times, channel.rows(rows), strict=True)
+            ]
         messages.sort(key=lambda message: message[0])
         for at, log, row in messages:
             log(row, at)

@@ -32,11 +32,11 @@ def estimated_poses(flight: FlightRecord, follower: int) -> tuple[Floats, Floats
 def _write(path: Path, time_ns: Ints, position: Floats, quaternion: Floats) -> Path:
     lines = ["# time [s] east north up [m] qx qy qz qw\n"]
     xyzw = np.roll(quaternion, -1, axis=1)
-    for at, east_north_up, turn in zip(
+    for time_s, east_north_up, turn in zip(
         time_ns.tolist(), position.tolist(), xyzw.tolist(), strict=True
     ):
         numbers = " ".join(f"{value:.9f}" for value in (*east_north_up, *turn))
-        lines.append(f"{at // 10**9}.{at % 10**9:09d} {numbers}\n")
+        lines.append(f"{time_s // 10**9}.{time_s % 10**9:09d} {numbers}\n")
     with atomic_write(path) as temporary:
         temporary.write_text("".join(lines), encoding="utf-8")
     return path

@@ -142,9 +142,9 @@ def _channel(
 def poses(topic: str, time_ns: Ints, position: Column, quaternion: Column) -> LogChannel:
     """Positions, shape (n, 3), [m], and quaternions (w, x, y, z), shape (n, 4), in the world."""
 
-    def pose_at(at: int, numbers: Sequence[float]) -> bytes:
+    def pose_at(time_ns: int, numbers: Sequence[float]) -> bytes:
         message = pose(numbers[:3], numbers[3:])
-        return fg.PoseInFrame(timestamp=timestamp(at), frame_id="world", pose=message).encode()
+        return fg.PoseInFrame(timestamp=timestamp(time_ns), frame_id="world", pose=message).encode()
 
     encoder = TimedNumbers(pose_at)
 
@@ -170,11 +170,11 @@ def _locations(
     kind, color = (kinds.Unknown, TRUTH) if covariance is None else (kinds.Known, ESTIMATE)
 
     def fix_at(
-        at: int, geodetic_position: Sequence[float], spread: Sequence[Sequence[float]]
+        time_ns: int, geodetic_position: Sequence[float], spread: Sequence[Sequence[float]]
     ) -> fg.LocationFix:
         latitude, longitude, altitude = geodetic_position
         return fg.LocationFix(
-            timestamp=timestamp(at),
+            timestamp=timestamp(time_ns),
             frame_id="world",
             color=color,
             position_covariance_type=kind,
@@ -204,9 +204,9 @@ def _transforms(
     """
 
     def encoder_of(parent: str, child: str) -> TimedNumbers:
-        def transform_at(at: int, numbers: Sequence[float]) -> bytes:
+        def transform_at(time_ns: int, numbers: Sequence[float]) -> bytes:
             return fg.FrameTransform(
-                timestamp=timestamp(at),
+                timestamp=timestamp(time_ns),
                 parent_frame_id=parent,
                 child_frame_id=child,
                 translation=vector(numbers[:3]),
@@ -322,10 +322,10 @@ def _of_vehicle(
         records.append((e, schema.estimated(type(e))))
     for arrays, types in records:
         for type_ in types:
-            at = time_ns
+            log_time_ns = time_ns
             if type_.steps:
-                at = clock.ns(m.dt * (before + getattr(arrays, type_.steps)))
-            yield numeric(f"/{name}", type_, at, vars(arrays))
+                log_time_ns = clock.ns(m.dt * (before + getattr(arrays, type_.steps)))
+            yield numeric(f"/{name}", type_, log_time_ns, vars(arrays))
     yield from _links(flight, name, m, time_ns)
     yield from further_readings(name, m, time_ns)
 
@@ -365,9 +365,9 @@ def further_readings(name: str, m: Measurements, time_ns: Ints) -> Iterator[LogC
         rows = readings.reshape(len(readings), -1)
         header = m.sensors.get(sensor, SensorHeader())
         type_ = schema.custom_reading(sensor, header.names(rows.shape[1]))
-        every = header.steps(m.dt)
-        due = slice(every - 1, None, every)
-        yield numeric(f"/{name}", type_, time_ns[due], {"reading": rows[due]})
+        stride = header.steps(m.dt)
+        steps = slice(stride - 1, None, stride)
+        yield numeric(f"/{name}", type_, time_ns[steps], {"reading": rows[steps]})
 
 
 def _follower(
@@ -394,10 +394,10 @@ def _follower(
 def _lines(lines: Sequence[Event], clock: Clock) -> LogChannel:
     """Lines of `/log`, in order of time."""
 
-    def line_at(at: int, i: int) -> fg.Log:
+    def line_at(time_ns: int, i: int) -> fg.Log:
         level = getattr(fg.LogLevel, lines[i].level.capitalize())
         return fg.Log(
-            timestamp=timestamp(at), level=level, message=lines[i].text, name=lines[i].source
+            timestamp=timestamp(time_ns), level=level, message=lines[i].text, name=lines[i].source
         )
 
     time_ns = clock.ns([line.time_s for line in lines])
@@ -445,9 +445,9 @@ def _camera(video: Sequence[Frame], clock: Clock) -> LogChannel:
     if np.any(np.diff(time_ns) < 0):
         raise ValueError("video frames must be in order of time")
 
-    def frame_at(at: int, i: int) -> fg.CompressedVideo:
+    def frame_at(time_ns: int, i: int) -> fg.CompressedVideo:
         return fg.CompressedVideo(
-            timestamp=timestamp(at), frame_id="camera", data=video[i][1], format="h264"
+            timestamp=timestamp(time_ns), frame_id="camera", data=video[i][1], format="h264"
         )
 
     return _channel("/camera", fg.CompressedVideo, time_ns, frame_at, np.arange(time_ns.size))
@@ -515,10 +515,10 @@ def _json(value: object) -> bytes:
     ).encode()
 
 
-def _attach(at: int, files: Mapping[str, bytes], mcap: MCAPWriter) -> None:
+def _attach(time_ns: int, files: Mapping[str, bytes], mcap: MCAPWriter) -> None:
     for name, data in files.items():
         media = f"application/{name.rpartition('.')[2]}"
-        mcap.attach(log_time=at, create_time=at, name=name, media_type=media, data=data)
+        mcap.attach(log_time=time_ns, create_time=time_ns, name=name, media_type=media, data=data)
 
 
 def _facts(flight: FlightRecord, outcome: Termination) -> dict[str, str]:
@@ -538,13 +538,13 @@ def _facts(flight: FlightRecord, outcome: Termination) -> dict[str, str]:
 
 def _describe(flight: FlightRecord, mcap: MCAPWriter) -> None:
     """Write what is known before the end of a flight, which is an interrupted one until then."""
-    at = Clock(flight.scenario.epoch).epoch_ns
+    epoch_ns = Clock(flight.scenario.epoch).epoch_ns
     files = {
         SCENARIO: flight.scenario.toml().encode(),
         VEHICLES: _json({name: getattr(flight.trajectory, name) for name in schema.FIXED}),
         VERSIONS: _json({package: version(package) for package in _PACKAGES}),
     }
-    _attach(at, files, mcap)
+    _attach(epoch_ns, files, mcap)
     mcap.write_metadata("conventions", _CONVENTIONS)
     headers = _headers_of(flight)
     declared = {name: header for name, header in headers.items() if header.channels}

@@ -98,12 +98,12 @@ def _hint(location: Location) -> str:
     """What an unknown key may have meant."""
     name = shortened(str(location[-1]), 80)
     names = _keys(location[:-1])
-    elsewhere = sorted(_all_keys().get(name, []), key=lambda key: key.count("."))
-    section = [key for key in elsewhere if key.partition(".")[0] == str(location[0])]
+    other_keys = sorted(_all_keys().get(name, []), key=lambda key: key.count("."))
+    section = [key for key in other_keys if key.partition(".")[0] == str(location[0])]
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     closest = difflib.get_close_matches(name, names, n=1, cutoff=0.75)
-    if section or (elsewhere and not closest):
-        return f"did you mean {' or '.join((section or elsewhere)[:3])}?"
+    if section or (other_keys and not closest):
+        return f"did you mean {' or '.join((section or other_keys)[:3])}?"
     if close:
         return f"did you mean {close[0]!r}?"
     distant = difflib.get_close_matches(name, _all_keys(), n=1, cutoff=0.8)

@@ -91,10 +91,10 @@ def _offset(kind: str, i: int, count: int) -> tuple[float, float]:
     return radius * (1.0 - math.cos(angle)), radius * math.sin(angle)
 
 
-def _table(i: int, behind: float, port: float, depth: float) -> dict[str, Any]:
+def _table(i: int, behind_m: float, port: float, depth: float) -> dict[str, Any]:
     return {
         "name": f"follower-{i + 1}",
-        "station": {"behind_m": behind, "port_m": port, "depth_m": depth},
+        "station": {"behind_m": behind_m, "port_m": port, "depth_m": depth},
     }
 
 
@@ -102,12 +102,12 @@ def followers_of(shape: ShapeTable) -> list[dict[str, Any]]:
     """Tables of the followers of a shape: names and stations, each in its layer."""
     tables = []
     for i in range(shape.count):
-        behind, port = _offset(shape.kind, i, shape.count)
+        behind_m, port = _offset(shape.kind, i, shape.count)
         depth = shape.depth_m + i % (shape.layers or shape.count) * shape.layer_m
-        behind = shape.behind_m + behind * shape.spacing_m
+        behind_m = shape.behind_m + behind_m * shape.spacing_m
         port = port * shape.spacing_m
         hull = {"model": shape.model} if shape.model else {}
-        tables.append(_table(i, round(behind, 6), round(port, 6), depth) | hull)
+        tables.append(_table(i, round(behind_m, 6), round(port, 6), depth) | hull)
     return tables
 
 

@@ -332,11 +332,16 @@ def random_route(
     points = [start]
     failed = 0
     for _ in range(_TRIES):
-        due = points[-1][0] + rng.uniform(*route_class.leg_time)
+        arrival = points[-1][0] + rng.uniform(*route_class.leg_time)
         # whole seconds lie on the grid of the check; what would leave a short last leg goes to the
         # end
-        due = duration if due > duration - route_class.leg_time[0] else float(round(due))
-        candidate = (due, *_about(moving, int(np.searchsorted(time, due - 1e-9)), rng, route_class))
+        arrival = (
+            duration if arrival > duration - route_class.leg_time[0] else float(round(arrival))
+        )
+        candidate = (
+            arrival,
+            *_about(moving, int(np.searchsorted(time, arrival - 1e-9)), rng, route_class),
+        )
         if _acceptable([*points, candidate], route_class, time, moving):
             points.append(candidate)
             failed = 0

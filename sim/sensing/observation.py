@@ -145,12 +145,12 @@ def _write_channels(values: Sequence[float], column: int, row: Floats) -> None:
 
 
 @jitable
-def true_readings(e: sensors.SensorErrors, at: sensors.Instant, true: Floats) -> None:
+def true_readings(e: sensors.SensorErrors, instant: sensors.Instant, true: Floats) -> None:
     """Write what a follower's own sensors would read without random errors and biases: speed,
     heading, depth, (3,).
     """
     for sensor in literal_unroll(sensors.OWN):
-        _write_channels(sensor.true(e, at, None), sensor.column, true)
+        _write_channels(sensor.true(e, instant, None), sensor.column, true)
 
 
 @jitable
@@ -172,10 +172,12 @@ def read_instruments(
     """
     e = s.errors[follower]
     address = Address(s.seed, s.run, follower, k)
-    at = sensors.instant_of((k * s.dt, follower), state, depth_sensor, (0.0, 0.0))
+    instant = sensors.instant_of((k * s.dt, follower), state, depth_sensor, (0.0, 0.0))
     for sensor in literal_unroll(sensors.INSTRUMENTS):
         draws = noise.normals_at(address, sensor.stream)
-        _write_channels(sensor.read(e, sensor.true(e, at, None), draws), sensor.column, reading)
+        _write_channels(
+            sensor.read(e, sensor.true(e, instant, None), draws), sensor.column, reading
+        )
 
 
 class Inbox(NamedTuple):
@@ -355,14 +357,14 @@ def true_reception(
     `leader` are east and north of the leader [m], and what its sensors see; `content` is in the
     order of `LeaderMessage`, shape (10,), `ranges` slant ranges, shape (3 transmitters, 3 paths).
     """
-    leader_position, at = leader
-    content[_TIME] = at.time
+    leader_position, instant = leader
+    content[_TIME] = instant.time
     content[_SIGMA] = np.nan
     content[_POSITION_SIGMA] = np.nan
-    content[_EAST] = leader_position[0] + e.leader_drift_east * at.time
-    content[_NORTH] = leader_position[1] + e.leader_drift_north * at.time
+    content[_EAST] = leader_position[0] + e.leader_drift_east * instant.time
+    content[_NORTH] = leader_position[1] + e.leader_drift_north * instant.time
     for sensor in literal_unroll(_BROADCAST):
-        _write_channels(sensor.true(e, at, None), sensor.column, content)
+        _write_channels(sensor.true(e, instant, None), sensor.column, content)
     for i in range(3):
         for path in range(3):
             ranges[i, path] = acoustics.received_range(s.sound, pings[i][1], path, k, s.dt)
@@ -379,14 +381,14 @@ def first_message(s: SensorModel, pose: Floats, twist: Floats, water: Floats) ->
     content = numbers_of(message)[0]
     content[:] = np.nan
     content[_TIME] = 0.0
-    at = sensors.instant_of((0.0, 0), (pose, twist, water), np.zeros(3), (0.0, 0.0))
+    instant = sensors.instant_of((0.0, 0), (pose, twist, water), np.zeros(3), (0.0, 0.0))
     address = Address(s.seed, s.run, 0, 0)
     drawn = noise.normals_at(address, _POSITION)
     content[_EAST] = sensors.read_leader_position(e, pose[0], drawn[0], 0.0)
     content[_NORTH] = sensors.read_leader_position(e, pose[1], drawn[1], 0.0)
     for sensor in sensors.LEADER:
         drawn = noise.normals_at(address, sensor.stream)
-        (content[sensor.column],) = sensor.read(e, sensor.true(e, at, None), drawn)
+        (content[sensor.column],) = sensor.read(e, sensor.true(e, instant, None), drawn)
     return message[0]
 
 
@@ -521,8 +523,8 @@ def sender_at(
     pose = row(truth.pose, i, 0)
     twist = row(truth.twist, i, 0)
     water = row(truth.water, i, 0)
-    at = sensors.instant_of((step * s.dt, 0), (pose, twist, water), origin, tilt)
-    return (pose[0], pose[1]), at
+    instant = sensors.instant_of((step * s.dt, 0), (pose, twist, water), origin, tilt)
+    return (pose[0], pose[1]), instant
 
 
 _ARRIVAL = np.dtype([(name, np.float64) for name in acoustics.Arrival._fields])
@@ -604,8 +606,8 @@ def sense_steps(  # noqa: PLR0913 - compiled: a record of them would be packed f
             twist = row(truth.twist, i, v)
             water = row(truth.water, i, v)
             motion = (pose, twist, water)
-            at = sensors.instant_of((k * s.dt, follower), motion, depth_sensor, (0.0, 0.0))
-            true_readings(e, at, readings[k - first - 1])
+            instant = sensors.instant_of((k * s.dt, follower), motion, depth_sensor, (0.0, 0.0))
+            true_readings(e, instant, readings[k - first - 1])
         sent, pings = poll_reception(s, k, follower, sites, motion_of_vehicles, inbox)
         if sent == 0:
             continue

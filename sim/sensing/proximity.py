@@ -65,9 +65,11 @@ def sense_neighbours(
         stream = _U(number_of_look(follower, j))
         w0, w1, w2, w3 = words(address[0], address[1], stream, _U(k))
         first, second = two_units(w0, w1, w2, w3)
-        long, aside = two_normals(first, second)
-        seen[j].range = max(distance + p.range_sigma * long, 0.0)
-        seen[j].bearing = signed_angle(np.arctan2(x, y) - heading + p.bearing_sigma * aside)
+        range_normal, bearing_normal = two_normals(first, second)
+        seen[j].range = max(distance + p.range_sigma * range_normal, 0.0)
+        seen[j].bearing = signed_angle(
+            np.arctan2(x, y) - heading + p.bearing_sigma * bearing_normal
+        )
 
 
 class Sightings(NamedTuple):
@@ -84,20 +86,23 @@ def sightings(motion: MotionSettings, trajectory: Trajectory) -> Sightings:
     proximity = motion.formation.proximity
     followers = motion.plan.followers
     f = len(followers)
-    every = look_interval(proximity)
+    ticks_per_look = look_interval(proximity)
     first = np.full((f, f + 1), np.nan)
     spent = np.zeros(f)
     for i, follower in enumerate(followers):
         # followers on routes have no sensor
         if proximity is None or follower.station is None:
             continue
-        offset = trajectory.position[every::every] - trajectory.position[every::every, [i + 1]]
+        offset = (
+            trajectory.position[ticks_per_look::ticks_per_look]
+            - trajectory.position[ticks_per_look::ticks_per_look, [i + 1]]
+        )
         distance = np.sqrt(offset[..., 0] ** 2 + offset[..., 1] ** 2 + offset[..., 2] ** 2)
         steepest = np.sin(0.5 * np.deg2rad(proximity.aperture_deg))
         seen = (distance <= proximity.range_m) & (np.abs(offset[..., 2]) <= steepest * distance)
         seen[:, i + 1] = False
         first[i, seen.any(axis=0)] = (
-            (seen.argmax(axis=0)[seen.any(axis=0)] + 1) * every * CONTROL_STEP_S
+            (seen.argmax(axis=0)[seen.any(axis=0)] + 1) * ticks_per_look * CONTROL_STEP_S
         )
-        spent[i] = np.count_nonzero(seen.any(axis=1)) * every * CONTROL_STEP_S
+        spent[i] = np.count_nonzero(seen.any(axis=1)) * ticks_per_look * CONTROL_STEP_S
     return Sightings(first, spent)

@@ -194,8 +194,8 @@ def thrust_on_curve(record: Effector, state: float) -> float:
     thrust = select(state <= curve[0, 0], curve[0, 1], curve[last, 1])
     for i in range(last):
         share = (state - curve[i, 0]) / (curve[i + 1, 0] - curve[i, 0])
-        between = (curve[i, 0] < state) & (state <= curve[i + 1, 0])
-        thrust = select(between, curve[i, 1] + share * (curve[i + 1, 1] - curve[i, 1]), thrust)
+        in_segment = (curve[i, 0] < state) & (state <= curve[i + 1, 0])
+        thrust = select(in_segment, curve[i, 1] + share * (curve[i + 1, 1] - curve[i, 1]), thrust)
     return float(thrust)
 
 
@@ -343,9 +343,9 @@ def fin_force(record: Effector, density: float, deflection: float, local: Vector
     scale = 0.5 * density * p[0]
     normal = scale * p[1] * square * incidence * np.sqrt(1.0 - incidence * incidence)
     drag = scale * p[3] * speed
-    aside = select(flows, normal * cosine - drag * across, 0.0)
-    ahead = select(flows, -normal * sine - drag * u, 0.0)
-    return ahead, aside * e[1], aside * e[2]
+    force_across = select(flows, normal * cosine - drag * across, 0.0)
+    force_forward = select(flows, -normal * sine - drag * u, 0.0)
+    return force_forward, force_across * e[1], force_across * e[2]
 
 
 @compiled
@@ -376,9 +376,9 @@ def foil_force(record: Effector, density: float, deflection: float, local: Vecto
     # dynamic pressure times area and the squared cosine of the sweep, over the speed in the plane
     sweep = square / select(acts, total, 1.0)
     scale = 0.5 * density * p[0] * np.sqrt(square) * sweep
-    aside = select(acts, scale * (lift * ahead_speed - drag * across), 0.0)
-    along = select(acts, -scale * (lift * across + drag * ahead_speed), 0.0)
-    return along, aside * e[1], aside * e[2]
+    force_across = select(acts, scale * (lift * ahead_speed - drag * across), 0.0)
+    force_forward = select(acts, -scale * (lift * across + drag * ahead_speed), 0.0)
+    return force_forward, force_across * e[1], force_across * e[2]
 
 
 @compiled

@@ -434,8 +434,8 @@ def as_allocated(records: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
 
 def fins_of(*records: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
     """The fins among records of one vehicle, moving and fixed ones."""
-    every = np.concatenate(records)
-    return every[every["lift_area"] > 0.0]
+    all_records = np.concatenate(records)
+    return all_records[all_records["lift_area"] > 0.0]
 
 
 def unit_wrenches(records: npt.NDArray[np.void]) -> Floats:

@@ -176,8 +176,8 @@ def _transverse_share(fullness: float) -> float:
     """Transverse inertia over m (a² + b²): 1/5 of a spheroid, which fills 2/3 of its cylinder, to
     1/3 of the cylinder.
     """
-    beyond = max(fullness - 2.0 / 3.0, 0.0) * 3.0
-    return 0.2 + (1.0 / 3.0 - 0.2) * beyond
+    excess = max(fullness - 2.0 / 3.0, 0.0) * 3.0
+    return 0.2 + (1.0 / 3.0 - 0.2) * excess
 
 
 def from_dimensions(

@@ -211,8 +211,8 @@ def immersion(
     area = wet = arm = 0.0
     for i in range(0 if deep else c.n_strips):
         p = plus(position, scaled(c.strip_x[i], axis))
-        below = elevation_at(sea, p[0], p[1]) - p[2]
-        share = min(max(0.5 + 0.5 * below / c.hull_radius, 0.0), 1.0)
+        depth = elevation_at(sea, p[0], p[1]) - p[2]
+        share = min(max(0.5 + 0.5 * depth / c.hull_radius, 0.0), 1.0)
         area += c.strip_area[i]
         wet += share * c.strip_area[i]
         arm += (1.0 - share) * c.strip_area[i] * c.strip_x[i]
@@ -342,13 +342,21 @@ def apply_water_forces(
     # one way out, and numbers in place of rows: compiled code would count references to arrays for
     # each vehicle
     for i in range(0 if diverged >= 0 else pose.shape[0]):
-        at = (pose[i, 0], pose[i, 1], pose[i, 2], pose[i, 3], pose[i, 4], pose[i, 5], pose[i, 6])
+        vehicle_pose = (
+            pose[i, 0],
+            pose[i, 1],
+            pose[i, 2],
+            pose[i, 3],
+            pose[i, 4],
+            pose[i, 5],
+            pose[i, 6],
+        )
         motion = (twist[i, 0], twist[i, 1], twist[i, 2], twist[i, 3], twist[i, 4], twist[i, 5])
         c = coefficients[i]
-        force, moment, share = wrench(c, at, motion, sea, fitted, i)
+        force, moment, share = wrench(c, vehicle_pose, motion, sea, fitted, i)
         total = abs(force[0]) + abs(force[1]) + abs(force[2])
         total = total + abs(moment[0]) + abs(moment[1]) + abs(moment[2])
         if diverged < 0 and not all_lanes(total < np.inf):
             diverged = i
-        solver.take_load(i, c, at, motion, Load(force, moment, share))
+        solver.take_load(i, c, vehicle_pose, motion, Load(force, moment, share))
     return diverged

@@ -74,8 +74,8 @@ _GROUP = 16  # vehicles that are attached together
 
 def _groups(setups: Sequence[VehicleSetup]) -> Iterator[list[VehicleSetup]]:
     """Vehicles in their order, in groups of one initial letter."""
-    for _, alike in groupby(setups, key=lambda setup: setup.name[0]):
-        yield from _batched([*alike])
+    for _, group in groupby(setups, key=lambda setup: setup.name[0]):
+        yield from _batched([*group])
 
 
 def _batched(setups: Sequence[VehicleSetup]) -> Iterator[list[VehicleSetup]]:

@@ -184,9 +184,9 @@ class Plant:
             model, self.names, [ocean.trim_density(-setup.position_m[2]) for setup in setups]
         )
         self.true_coefficients = mjcf.scaled_coefficients(self.coefficients, setups)
-        every = np.concatenate([self.effectors, self.fixed_fins], axis=1)
-        self.true_effectors = effectors.scaled_records(every, setups)
-        self.kinds = effectors.kinds_of(every)
+        all_effectors = np.concatenate([self.effectors, self.fixed_fins], axis=1)
+        self.true_effectors = effectors.scaled_records(all_effectors, setups)
+        self.kinds = effectors.kinds_of(all_effectors)
         # records that pad a vehicle have no lag
         response = -np.expm1(-dt / np.maximum(self.effectors["lag"], 1e-9))
         self.response: Floats = response

@@ -82,8 +82,8 @@ def planned_places(plan: MissionPlan) -> list[Floats]:
     for key, vehicle in plan.vehicles():
         station = getattr(vehicle, "station", None)
         if station is not None:
-            behind = leader[:, :2] - (math.hypot(station.behind_m, station.port_m), 0.0)
-            places.append(np.column_stack([behind, np.full(_LOOKS, vehicle.layer_m)]))
+            farthest_behind = leader[:, :2] - (math.hypot(station.behind_m, station.port_m), 0.0)
+            places.append(np.column_stack([farthest_behind, np.full(_LOOKS, vehicle.layer_m)]))
             continue
         route = route_of(vehicle, key)
         motion = planned_motion(route).at(time)

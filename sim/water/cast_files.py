@@ -160,9 +160,9 @@ class _Places:
         text = f"cast {column + 1} of {count}"
         if not self.are_known:
             return text
-        away = float(self.distances(origin)[column])
-        if math.isfinite(away):
-            text += f", {away / 1e3:.3g} km from the origin"
+        distance = float(self.distances(origin)[column])
+        if math.isfinite(distance):
+            text += f", {distance / 1e3:.3g} km from the origin"
         return text + (", the nearest with values" if is_nearest else "")
 
 

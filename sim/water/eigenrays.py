@@ -427,9 +427,9 @@ def roots(
                 steps = _steps(places[2], drop(w, places[0], receiver))
                 lowest = turn, trace(w, places[0], turn, places[2], steps).depth - receiver
                 # left and right are of one sign
-                beside = fan.angle[j + 1], fan.depth[j + 1] - receiver
+                following = fan.angle[j + 1], fan.depth[j + 1] - receiver
                 count = _keep(w, places, left, lowest, count, candidates)
-                count = _keep(w, places, lowest, beside, count, candidates)
+                count = _keep(w, places, lowest, following, count, candidates)
     return count
 
 

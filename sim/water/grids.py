@@ -166,9 +166,9 @@ class GriddedFloor(NamedTuple):
             east = source[0] + share * (receiver[0] - source[0])
             north = source[1] + share * (receiver[1] - source[1])
             depth = self.depth_at(east, north)
-            above = max(depth + source[2], 0.0)
-            both = above + max(depth + receiver[2], 0.0)
-            share = above / both if both > 0.0 else 0.5
+            source_height = max(depth + source[2], 0.0)
+            total_height = source_height + max(depth + receiver[2], 0.0)
+            share = source_height / total_height if total_height > 0.0 else 0.5
         return depth
 
     @property

@@ -67,7 +67,7 @@ def region_of(plan: MissionPlan, margin: float = _MARGIN_M) -> Region:
             start = getattr(vehicle, "start_m", None)
             if start is not None:
                 places.append(np.array([start]))
-    every = np.vstack(places)
-    west, south = every.min(axis=0) - (reach + margin)
-    east, north = every.max(axis=0) + (reach + margin)
+    all_positions = np.vstack(places)
+    west, south = all_positions.min(axis=0) - (reach + margin)
+    east, north = all_positions.max(axis=0) + (reach + margin)
     return Region(float(west), float(east), float(south), float(north), plan.duration_s)

@@ -261,7 +261,7 @@ def wave_elevation(waves: WaveTrain, x: float, y: float, time: float, drift: Dri
 
 
 @compiled
-def _orbits(rows: Floats, x: float, y: float, below: float, time: float) -> Floats:
+def _orbits(rows: Floats, x: float, y: float, depth: float, time: float) -> Floats:
     """Level velocity of each component times cosine and sine of its phase, upward velocity
     likewise, shape (4, n).
     """
@@ -270,7 +270,7 @@ def _orbits(rows: Floats, x: float, y: float, below: float, time: float) -> Floa
         phase = rows[KX, i] * x + rows[KY, i] * y - rows[FIXED_OMEGA, i] * time + rows[PHASE, i]
         sin, cos = sin_cos(phase)
         # cosh(k(z+h))/sinh(kh) and sinh(k(z+h))/sinh(kh) without overflow in deep water
-        decay = exp(max(rows[K, i] * below, _LEAST_EXPONENT))
+        decay = exp(max(rows[K, i] * depth, _LEAST_EXPONENT))
         mirrored = rows[MIRROR, i] / decay
         level = rows[ORBITAL, i] * (decay + mirrored)
         upward = rows[ORBITAL, i] * (decay - mirrored)
@@ -302,13 +302,13 @@ def add_waves(
     gxx = gxy = gyy = gxz = gyz = gzz = 0.0
     bx = by = bz = 0.0
     cx = cy = cz = 0.0
-    below = max(min(z, 0.0), -waves.floor_depth)
+    height = max(min(z, 0.0), -waves.floor_depth)
     # where waves do not change with height any more, neither does climbing count, nor what of an
     # axis points up
-    varies = 1.0 if z == below else 0.0
+    varies = 1.0 if z == height else 0.0
     vz = varies * vz
     az = varies * az
-    orbits = _orbits(rows, x, y, below, time)
+    orbits = _orbits(rows, x, y, height, time)
     for i in range(rows.shape[1]):
         omega = rows[OMEGA, i]
         k = rows[K, i]

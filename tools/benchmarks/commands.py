@@ -65,9 +65,9 @@ def cold() -> list[Row]:
             program = ("-c", _COUNTED.format(count=str(count)), "laisn", *flight)
             first = time_of_command(program, home)
             functions = int(count.read_text())
-            again = time_of_command((*LAISN, *flight), home)
+            warm = time_of_command((*LAISN, *flight), home)
         name = f"{scenario}: first flight of an installation"
-        compiling = first.processor_s - again.processor_s
+        compiling = first.processor_s - warm.processor_s
         rows += [
             Row(f"{name}, compiled functions", functions, ""),
             Row(f"{name}, compiling", compiling, "s", goal=Goal(goal)),

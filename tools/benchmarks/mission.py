@@ -284,7 +284,7 @@ def film() -> list[Row]:
         length = float(flight.trajectory.time[-1] - flight.trajectory.time[0])
         paced = video.model_copy(update={"speed_up": length * video.frame_rate_hz / number})
         marks: list[tuple[float, float]] = []
-        before = _processor_s()
+        start_s = _processor_s()
         begin = time.perf_counter()
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "film.mp4"
@@ -295,11 +295,11 @@ def film() -> list[Row]:
                 progress=lambda done, m=marks: m.append((time.perf_counter(), done)),  # type: ignore[misc]
             )
             size = path.stat().st_size
-        frames[number] = _processor_s() - before
+        frames[number] = _processor_s() - start_s
     seconds = time.perf_counter() - begin
-    first, already = marks[0]
+    first, fixed_kib = marks[0]
     last, _ = marks[-1]
-    rate = number * (1.0 - already) / max(last - first, 1e-9)
+    rate = number * (1.0 - fixed_kib) / max(last - first, 1e-9)
     frame_s = (frames[390] - frames[90]) / 300
     bare_s = _bare_frame_s(backend.name)
     return [

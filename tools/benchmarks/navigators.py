@@ -75,7 +75,7 @@ def _rows(interval: float) -> Iterator[Row]:
     truth = cell.truth
     missions = [measure(cell.truth, cell.errors, seed=1, run=run) for run in range(RUNS)]
     per = 1e9 / (RUNS * truth.speed.size)
-    every = f"messages every {interval:g} s"
+    interval_text = f"messages every {interval:g} s"
     readings, messages = lanes.stacked(missions)
     start = truth.start[None]
     tuned = row.tuning(NavigationSettings())
@@ -89,10 +89,10 @@ def _rows(interval: float) -> Iterator[Row]:
     ]
     # in turns, so that a machine that slows down changes no ratio
     laisn, *others = (per * least for least in least_times(works, 7))
-    yield Row(f"LAISN-2 in lanes, filter only, {every}", laisn, "ns/step")
+    yield Row(f"LAISN-2 in lanes, filter only, {interval_text}", laisn, "ns/step")
     floor = (FLOPS_PER_STEP + FLOPS_PER_MESSAGE * truth.dt / interval) / peak_flops() * 1e9
     for (count, words, _), value in zip(cases, others, strict=True):
-        name = f"tight, {count} transmitters{words}, {every}"
+        name = f"tight, {count} transmitters{words}, {interval_text}"
         counted = count == 3 and not words
         goal = None if words else Goal(GOALS_NS[count])
         least = floor if counted else np.nan

@@ -211,10 +211,10 @@ def navigation() -> list[Row]:
     )
     few_runs, many_runs = (Cell(truth=truth, runs=range(runs)) for runs in (RUNS, 100 * RUNS))
     simulate(few_runs)
-    before = _peak_memory()
+    start_kib = _peak_memory()
     simulate(many_runs)
     rows.append(
-        Row(f"memory of {100 * RUNS} runs beyond that of {RUNS}", _peak_memory() - before, "MB")
+        Row(f"memory of {100 * RUNS} runs beyond that of {RUNS}", _peak_memory() - start_kib, "MB")
     )
     for variant in ("laisn-2", "laisn-3-1", "laisn-3-2"):
         cell = Cell(

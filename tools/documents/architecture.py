@@ -26,29 +26,33 @@ _COLOURS = {
 }
 
 
-def transitive_reduction(between: Mapping[str, set[str]]) -> dict[str, set[str]]:
+def transitive_reduction(imports: Mapping[str, set[str]]) -> dict[str, set[str]]:
     """The imports between packages, without those that a path over other packages implies."""
     reach: dict[str, set[str]] = {}
-    for package in sorted(between, key=import_graph.layers(between).__getitem__):
-        reach[package] = set(between[package]).union(*(reach[below] for below in between[package]))
+    for package in sorted(imports, key=import_graph.layers(imports).__getitem__):
+        reach[package] = set(imports[package]).union(
+            *(reach[imported] for imported in imports[package])
+        )
     return {
-        package: {b for b in below if not any(b in reach[other] for other in below if other != b)}
-        for package, below in between.items()
+        package: {
+            b for b in imported if not any(b in reach[other] for other in imported if other != b)
+        }
+        for package, imported in imports.items()
     }
 
 
-def positions(between: Mapping[str, set[str]]) -> dict[str, tuple[float, float]]:
+def positions(imports: Mapping[str, set[str]]) -> dict[str, tuple[float, float]]:
     """Where each package is drawn: its layer upwards, and near the mean position of the packages
     that it imports.
     """
-    level = import_graph.layers(between)
+    level = import_graph.layers(imports)
     placed: dict[str, tuple[float, float]] = {}
     widest = max(list(level.values()).count(layer) for layer in set(level.values()))
     for layer in sorted(set(level.values())):
         middle = {}
         for package in sorted(package for package, of in level.items() if of == layer):
-            below = [placed[name][0] for name in between[package]]
-            middle[package] = sum(below) / len(below) if below else widest / 2
+            heights = [placed[name][0] for name in imports[package]]
+            middle[package] = sum(heights) / len(heights) if heights else widest / 2
         start = (widest - len(middle)) / 2
         placed |= {
             name: (start + i, float(layer))
@@ -85,13 +89,15 @@ def _packages(imports: import_graph.Imports) -> dict[str, set[str]]:
     """The imports of each package that is drawn: `sim` and `experiments` by what is in them, the
     others as one.
     """
-    between: dict[str, set[str]] = {}
-    for package, below in import_graph.package_imports(imports).items():
+    package_imports: dict[str, set[str]] = {}
+    for package, imported in import_graph.package_imports(imports).items():
         if package in _PARENTS:
             continue
         name = _drawn(package)
-        between[name] = between.get(name, set()) | {_drawn(other) for other in below - _PARENTS}
-    return {name: below - {name} for name, below in between.items()}
+        package_imports[name] = package_imports.get(name, set()) | {
+            _drawn(other) for other in imported - _PARENTS
+        }
+    return {name: imported - {name} for name, imported in package_imports.items()}
 
 
 def _drawn(package: str) -> str:
@@ -104,13 +110,13 @@ def picture() -> Figure:
     import, and all of them point down.
     """
     imports = import_graph.imports()
-    between = _packages(imports)
-    placed = positions(between)
+    package_imports = _packages(imports)
+    placed = positions(package_imports)
     figure = Figure(figsize=(_WIDTH, _HEIGHT))
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set_axis_off()
-    for package, below in transitive_reduction(between).items():
-        for other in below:
+    for package, imported in transitive_reduction(package_imports).items():
+        for other in imported:
             x, y = placed[package]
             u, v = placed[other]
             axes.annotate(

@@ -35,9 +35,9 @@ def findings_of(verdicts: Mapping[int, Sequence[Verdict]]) -> Findings:
         named[f"verdict {claim.number}"] = plain(
             together[i], f"commonest verdict on claim {claim.number}"
         )
-        alike = sum(of_seed[i] == together[i] for of_seed in verdicts.values())
+        agreements = sum(of_seed[i] == together[i] for of_seed in verdicts.values())
         named[f"same {claim.number}"] = plain(
-            alike, f"seeds with this verdict on claim {claim.number}"
+            agreements, f"seeds with this verdict on claim {claim.number}"
         )
     return record("claim-seeds", "python -m tools.documents.studies claim-seeds", MODULES, named)
 

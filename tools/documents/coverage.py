@@ -40,8 +40,8 @@ def _mirror(rng: np.random.Generator, shape: tuple[int, int]) -> tuple[Floats, F
 
 
 def _ratio(rng: np.random.Generator, shape: tuple[int, int]) -> tuple[Floats, Floats]:
-    both = rng.gamma(2.0, 1.0, shape)
-    return both * rng.gamma(4.0, 0.25, shape), both + rng.gamma(2.0, 1.0, shape)
+    errors = rng.gamma(2.0, 1.0, shape)
+    return errors * rng.gamma(4.0, 0.25, shape), errors + rng.gamma(2.0, 1.0, shape)
 
 
 LAWS: Mapping[str, tuple[str, float, Draw]] = {

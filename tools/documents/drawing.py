@@ -147,10 +147,10 @@ def heat(bearing_deg: Floats, range_m: Floats, error: Floats, title: str) -> Fig
         [], x_label="bearing B of the follower [°]", y_label="range [m]", title=title, height=2.6
     )
     (axes,) = figure.axes
-    around = np.append(bearing_deg, bearing_deg[0] + 360.0)
+    angles_deg = np.append(bearing_deg, bearing_deg[0] + 360.0)
     closed = np.concatenate([error, error[:, :1]], axis=1)
     drawn = axes.contourf(
-        around, range_m, closed, levels=ERROR_LEVELS_M, colors=ERROR_COLOURS, extend="max"
+        angles_deg, range_m, closed, levels=ERROR_LEVELS_M, colors=ERROR_COLOURS, extend="max"
     )
     axes.set_yscale("log")
     axes.set_ylim(float(range_m[0]), float(range_m[-1]))

@@ -71,9 +71,9 @@ def findings() -> Findings:
     time = flight.trajectory.time[flight.step_index()]
     error = position_and_bearing_errors(flight)[0][0]
     off_axis = (time >= OFF_AXIS_S[0]) & (time <= OFF_AXIS_S[1])
-    at = int(np.searchsorted(flight.trajectory.time, ASTERN_FROM_S))
-    east, north = (flight.trajectory.position[at, 1] - flight.trajectory.position[at, 0])[:2]
-    heading = float(flight.trajectory.heading[at, 0])
+    index = int(np.searchsorted(flight.trajectory.time, ASTERN_FROM_S))
+    east, north = (flight.trajectory.position[index, 1] - flight.trajectory.position[index, 0])[:2]
+    heading = float(flight.trajectory.heading[index, 0])
     named: dict[str, Finding] = {
         "T5 off-axis": plain(float(error[off_axis].max()), "largest E_P, 470 … 590 s, run 0", "m"),
         "T5 behind": plain(

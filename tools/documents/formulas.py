@@ -25,11 +25,11 @@ def with_formulas(markdown: str) -> str:
         lambda match: f'<div class="formula">{mathml(match[1], display=True)}</div>', markdown
     )
     parts: list[str] = []
-    at = 0
+    position = 0
     for fence in _FENCE.finditer(blocks):
-        parts += [_inline(blocks[at : fence.start()]), fence[0]]
-        at = fence.end()
-    return "".join([*parts, _inline(blocks[at:])])
+        parts += [_inline(blocks[position : fence.start()]), fence[0]]
+        position = fence.end()
+    return "".join([*parts, _inline(blocks[position:])])
 
 
 def _inline(text: str) -> str:

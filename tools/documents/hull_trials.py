@@ -120,13 +120,13 @@ def _righting(dt: float) -> Finding:
     )
     tank.place(quaternion=attitude.from_euler(0.0, np.radians(1)))
     crossings: list[float] = []
-    before = 1.0
+    last_pitch = 1.0
     while len(crossings) < 3:
         tank.step()
         pitch = float(attitude.heading_pitch_roll(tank.pose[3:])[1])
-        if before > 0.0 >= pitch:
-            crossings.append(tank.data.time - dt * pitch / (pitch - before))
-        before = pitch
+        if last_pitch > 0.0 >= pitch:
+            crossings.append(tank.data.time - dt * pitch / (pitch - last_pitch))
+        last_pitch = pitch
     return plain(float(np.diff(crossings).mean()), f"righting period at a step of {dt:g} s", "s")
 
 

@@ -112,7 +112,7 @@ def findings_of(name: str, scores: dict[str, dict[tuple[str, ...], Score]]) -> d
     result: dict[str, Finding] = {}
     for navigator, each in scores.items():
         pairs = np.array([errors for beacons, errors in each.items() if len(beacons) == 2])
-        every = next(errors for beacons, errors in each.items() if len(beacons) > 2)
+        all_errors = next(errors for beacons, errors in each.items() if len(beacons) > 2)
         mean, _, high, nees = pairs.T
         values = {
             "pairs": (
@@ -124,9 +124,9 @@ def findings_of(name: str, scores: dict[str, dict[tuple[str, ...], Score]]) -> d
             "high": (float(high.max()), "95 % of errors are smaller, with the worst pair", "m"),
             "nees-least": (float(nees.min()), "of all pairs", ""),
             "nees-most": (float(nees.max()), "of all pairs", ""),
-            "all": (every.mean, "mean error with all beacons", "m"),
-            "all-high": (every.high, "95 % of errors are smaller, with all beacons", "m"),
-            "all-nees": (every.nees, "with all beacons", ""),
+            "all": (all_errors.mean, "mean error with all beacons", "m"),
+            "all-high": (all_errors.high, "95 % of errors are smaller, with all beacons", "m"),
+            "all-nees": (all_errors.nees, "with all beacons", ""),
         }
         for key, (value, meaning, unit) in values.items():
             result[f"{key} {navigator} {name}"] = plain(value, meaning, unit)

@@ -67,15 +67,15 @@ def arrival_errors(route: Route, time: Floats, position: Floats) -> Floats:
     errors = []
     rests = route.leg_length == 0
     stops = np.append(rests, False) | np.append(False, rests)
-    for due, waypoint, first, until, is_stop in zip(
+    for arrival, waypoint, first, until, is_stop in zip(
         route.time, route.waypoint, begin, end, stops, strict=True
     ):
-        if due > time[-1] + 1e-9:
+        if arrival > time[-1] + 1e-9:
             break
         if is_stop:
             continue
         window = np.flatnonzero((time >= first) & (time <= until))
-        errors.append(time[window[np.hypot(*(position[window] - waypoint).T).argmin()]] - due)
+        errors.append(time[window[np.hypot(*(position[window] - waypoint).T).argmin()]] - arrival)
     return np.array(errors)
 
 

@@ -188,9 +188,9 @@ def build(folder: Path = FOLDER) -> list[str]:
 
 
 if __name__ == "__main__":
-    began = time.monotonic()
+    start_s = time.monotonic()
     problems = build()
-    seconds = time.monotonic() - began
+    seconds = time.monotonic() - start_s
     print(
         *problems, f"{FOLDER / 'index.html'}: {len(problems)} problems, {seconds:.0f} s", sep="\n"
     )

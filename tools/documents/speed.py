@@ -61,23 +61,23 @@ def _physics(record: Findings) -> list[list[str]]:
         measured = f"{factor_of:,.0f} times real time"
         if step is not None:
             measured = f"{step:.1f i} µs a step, {measured}"
-        beside = "" if bare_of is None else f"bare `mj_step` {bare_of:.1f} µs"
-        rows.append([words, measured, beside])
+        comparison = "" if bare_of is None else f"bare `mj_step` {bare_of:.1f} µs"
+        rows.append([words, measured, comparison])
     return rows
 
 
 def _navigation(record: Findings) -> list[list[str]]:
-    alone = "navigation: lanes, LAISN-2 filter only"
-    filterpy = record[f"{alone}, than filterpy"]
-    vectorised = record[f"{alone}, than NumPy"]
+    filter_row = "navigation: lanes, LAISN-2 filter only"
+    filterpy = record[f"{filter_row}, than filterpy"]
+    vectorised = record[f"{filter_row}, than NumPy"]
     others = (
         f"{filterpy:,.0f} times as fast as filterpy, {vectorised:.0f} times as NumPy over 60 runs"
     )
-    floor_ns = record[f"{alone}, floor"]
+    floor_ns = record[f"{filter_row}, floor"]
     rows = [
         [
             "LAISN-2, filter alone, 60 runs side by side",
-            f"{record[alone]:.1f i} ns a step",
+            f"{record[filter_row]:.1f i} ns a step",
             f"{others}; floor by flops {floor_ns:.1f} ns",
         ]
     ]
@@ -86,11 +86,15 @@ def _navigation(record: Findings) -> list[list[str]]:
         rows.append([f"{variant}, with noise and metrics", f"{record[key]:.1f i} ns a step", ""])
     tight = "tight: tight, 3 transmitters, messages every 1 s"
     if tight in record.findings:
-        against = f"{record[f'{tight}, than LAISN-2']:.2f} times as fast as LAISN-2 alone"
+        comparison = f"{record[f'{tight}, than LAISN-2']:.2f} times as fast as LAISN-2 alone"
         measured = f"{record[tight]:.1f i} ns a step"
-        beside = f"{against}; floor by flops {record[f'{tight}, floor']:.1f} ns"
+        comparison_text = f"{comparison}; floor by flops {record[f'{tight}, floor']:.1f} ns"
         rows.append(
-            ["tightly coupled with three transmitters, one run after another", measured, beside]
+            [
+                "tightly coupled with three transmitters, one run after another",
+                measured,
+                comparison_text,
+            ]
         )
     return rows
 
@@ -109,11 +113,11 @@ def _files(record: Findings) -> list[list[str]]:
         frame = _held(record, "film: processor time of a frame")
         bare = _held(record, "film: processor time of a frame of a bare renderer")
         measured = f"{film:.0f i} frames/s"
-        beside = ""
+        comparison = ""
         if frame is not None and bare is not None:
             measured += f", {frame:.0f} ms of the processor a frame"
-            beside = f"a bare `mujoco.Renderer` {bare:.0f} ms"
-        rows.append(["film at 1280×720, rendered and encoded", measured, beside])
+            comparison = f"a bare `mujoco.Renderer` {bare:.0f} ms"
+        rows.append(["film at 1280×720, rendered and encoded", measured, comparison])
     return rows
 
 

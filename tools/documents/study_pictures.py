@@ -62,9 +62,11 @@ def closed_loop() -> Drawn:
             (flight.hydrophone(0)[:, :2], "-"),
             (flight.estimates[0].state[:, :2], ":"),
         ):
-            aside = np.einsum("ni,ni->n", position - leader, starboard)
+            lateral = np.einsum("ni,ni->n", position - leader, starboard)
             lines.append(
-                Line(x=flight.trajectory.time[steps], y=aside, colour=colour, dash=dash, width=1.4)
+                Line(
+                    x=flight.trajectory.time[steps], y=lateral, colour=colour, dash=dash, width=1.4
+                )
             )
     figure = panel(
         lines, x_label="time [s]", y_label="to starboard of the leader's axis [m]", height=3.0

@@ -58,8 +58,8 @@ def abreast(
     1 m/s, with the paper's errors; it starts at the origin, which the leader passes at that place.
     """
     rng = np.random.default_rng([run, int(10 * distance), int(bearing_deg)])
-    every = round(interval / DT)
-    step = np.arange(every, STEPS + 1, every)
+    stride = round(interval / DT)
+    step = np.arange(stride, STEPS + 1, stride)
     bearing = np.pi / 2 + np.deg2rad(bearing_deg)
     offset = distance * np.array([np.sin(bearing), np.cos(bearing)])
     true = np.sqrt(np.sum((offset - _HULL) ** 2, axis=1) + deeper**2)
@@ -105,20 +105,20 @@ def map_of_nees(runs: int = RUNS) -> Iterator[tuple[str, Finding]]:
     locked runs.
     """
     for interval in INTERVALS_S:
-        everywhere = list[Floats]()
+        all_errors = list[Floats]()
         for deeper in DEEPER_M:
             for bearing in BEARINGS_DEG:
                 for distance in DISTANCES_M:
                     nees = normalised_errors(bearing, distance, deeper, interval, runs)
-                    everywhere.append(nees)
+                    all_errors.append(nees)
                     yield (
                         f"nees {bearing:g} {distance:g} {deeper:g} {interval:g}",
                         plain(float(np.median(nees)), "NEES, median of runs"),
                     )
-        medians = np.median(everywhere, axis=1)
+        medians = np.median(all_errors, axis=1)
         yield f"nees-least {interval:g}", plain(float(medians.min()), "of all places")
         yield f"nees-most {interval:g}", plain(float(medians.max()), "of all places")
-        locked = np.array(everywhere).ravel() > LOCKED_NEES
+        locked = np.array(all_errors).ravel() > LOCKED_NEES
         yield f"nees-locked {interval:g}", share(locked, "share of runs that lock, 95 %")
 
 

@@ -57,13 +57,13 @@ def _limited() -> Iterator[None]:
     def end(_: int, __: FrameType | None) -> None:
         raise _TooLongError
 
-    before = signal.signal(signal.SIGPROF, end)
+    handler = signal.signal(signal.SIGPROF, end)
     signal.setitimer(signal.ITIMER_PROF, LONGEST_S)
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
-        signal.signal(signal.SIGPROF, before)
+        signal.signal(signal.SIGPROF, handler)
 
 
 @dataclass(frozen=True)

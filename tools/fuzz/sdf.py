@@ -37,8 +37,8 @@ def _change_number(text: str, random: Random) -> str:
 
 def _change_lines(text: str, random: Random) -> str:
     lines = text.splitlines(keepends=True)
-    at = random.randrange(len(lines))
-    lines[at : at + 1] = random.choice(([], [lines[at]] * 2))
+    index = random.randrange(len(lines))
+    lines[index : index + 1] = random.choice(([], [lines[index]] * 2))
     return "".join(lines)
 
 
@@ -53,13 +53,13 @@ def _rename(text: str, random: Random) -> str:
 
 
 def _change_letter(text: str, random: Random) -> str:
-    at = random.randrange(len(text))
-    return text[:at] + random.choice("<>&\"'\x01é ") + text[at + 1 :]
+    position = random.randrange(len(text))
+    return text[:position] + random.choice("<>&\"'\x01é ") + text[position + 1 :]
 
 
 def _cut(text: str, random: Random) -> str:
-    at = random.randrange(len(text))
-    return text[:at] + text[at + random.randrange(200) :]
+    position = random.randrange(len(text))
+    return text[:position] + text[position + random.randrange(200) :]
 
 
 def _change_block(text: str, random: Random) -> str:
@@ -74,8 +74,8 @@ def _change_block(text: str, random: Random) -> str:
 
 
 def _expand_entities(text: str, random: Random) -> str:
-    at = random.choice([match.end() for match in re.finditer(">", text)])
-    return _ENTITIES + re.sub(r"<\?xml[^>]*>", "", text[:at]) + "&c;" + text[at:]
+    position = random.choice([match.end() for match in re.finditer(">", text)])
+    return _ENTITIES + re.sub(r"<\?xml[^>]*>", "", text[:position]) + "&c;" + text[position:]
 
 
 def _change_names(text: str, random: Random) -> str:

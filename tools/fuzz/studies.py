@@ -105,21 +105,21 @@ def _settings(random: Random) -> FuzzCase:
 def _changed(text: str, random: Random) -> str:
     """A file with one line changed."""
     lines = text.splitlines(keepends=True)
-    at = random.randrange(len(lines))
+    index = random.randrange(len(lines))
     match random.randrange(6):
         case 0:
-            lines.pop(at)
+            lines.pop(index)
         case 1:
-            lines.insert(at, random.choice(lines))
+            lines.insert(index, random.choice(lines))
         case 2:
-            lines = lines[: at + 1]
+            lines = lines[: index + 1]
         case 3:
-            lines.insert(at, f"{random.choice(_keys())} = {_value(random)}\n")
+            lines.insert(index, f"{random.choice(_keys())} = {_value(random)}\n")
         case 4:
-            lines.insert(at, f"{random.choice(_TABLES)}\n")
+            lines.insert(index, f"{random.choice(_TABLES)}\n")
         case _:
-            key = lines[at].partition("=")[0]
-            lines[at] = f"{key}= {random.choice((_value, _draw))(random)}\n"
+            key = lines[index].partition("=")[0]
+            lines[index] = f"{key}= {random.choice((_value, _draw))(random)}\n"
     return "".join(lines) or "\n"
 
 

@@ -93,8 +93,8 @@ def _swap(columns: list[FuzzColumn], random: Random) -> None:
 
 def _step_clock(columns: list[FuzzColumn], random: Random) -> None:
     shift = random.choice((-30.0, 30.0, -1.0, -1000.0, 1e6, -1e10))
-    at = random.randrange(len(columns[0].cells))
-    for i, cell in enumerate(columns[0].cells[at:], start=at):
+    row = random.randrange(len(columns[0].cells))
+    for i, cell in enumerate(columns[0].cells[row:], start=row):
         if cell.replace(".", "").isdigit():
             columns[0].cells[i] = f"{float(cell) + shift:.12g}"
 

@@ -47,20 +47,20 @@ def damaged(content: bytes, random: Random, changes: int) -> bytes:
     for _ in range(changes):
         if not data:
             break
-        at = random.randrange(len(data))
+        position = random.randrange(len(data))
         match random.randrange(7):
             case 0:
-                data[at] ^= 1 << random.randrange(8)
+                data[position] ^= 1 << random.randrange(8)
             case 1:
-                del data[at:]
+                del data[position:]
             case 2:
-                data[at : at + 500] = bytes(len(data[at : at + 500]))
+                data[position : position + 500] = bytes(len(data[position : position + 500]))
             case 3:
-                data[at:at] = data[at : at + 1000]
+                data[position:position] = data[position : position + 1000]
             case 4:
-                del data[at : at + random.choice((1, 8, 300))]
+                del data[position : position + random.choice((1, 8, 300))]
             case 5:
-                data[at : at + 8] = b"\xff" * len(data[at : at + 8])
+                data[position : position + 8] = b"\xff" * len(data[position : position + 8])
             case _:
-                data[at:at] = random.randbytes(50)
+                data[position:position] = random.randbytes(50)
     return bytes(data)

@@ -40,7 +40,7 @@ def distances() -> dict[str, dict[str, int]]:
         distance = 1
         while front:
             reached |= dict.fromkeys(front, distance)
-            front = {below for name in front for below in imports[name]} - reached.keys()
+            front = {imported for name in front for imported in imports[name]} - reached.keys()
             distance += 1
         distance_of[str(path.relative_to(ROOT))] = reached
     return distance_of

@@ -189,13 +189,13 @@ def message_top(message: Message) -> Panel:
     sides = (
         ("middle left", "middle right") if fix[0] < truth[0] else ("middle right", "middle left")
     )
-    for text, at, side, colour, mark in (
+    for text, position, side, colour, mark in (
         (f"fix, {error:.2f} m off", fix, sides[0], REAL_COLOUR, "X"),
         ("truth", truth, sides[1], LEVEL_COLOUR, "s"),
     ):
         lines += [
-            _path(np.stack([np.zeros(2), at]), colour, "--"),
-            _path(at[None], colour, "", mark, text=text, side=side),
+            _path(np.stack([np.zeros(2), position]), colour, "--"),
+            _path(position[None], colour, "", mark, text=text, side=side),
         ]
     points = np.array([truth, fix, (-1.5, 0.0), (1.5, 0.0)])
     pad = reach * np.array([0.3, 0.12])
@@ -214,10 +214,10 @@ def around_leader(chart: Chart, depth_offset: float) -> Panel:
     range_m = np.unique(chart["range_m"][rows])
     bearing_deg = np.unique(chart["bearing_deg"][rows])
     error = chart["error_laisn-2_m"][rows].reshape(range_m.size, bearing_deg.size)
-    around = np.append(bearing_deg, bearing_deg[0] + 360.0)
+    angles_deg = np.append(bearing_deg, bearing_deg[0] + 360.0)
     closed = np.concatenate([error, error[:, :1]], axis=1)
     hover = "%{x}°, %{y} m: %{customdata:.2f} m"
-    contours = error_bands(around, range_m, closed, ERROR_LEVELS_M, hover)
+    contours = error_bands(angles_deg, range_m, closed, ERROR_LEVELS_M, hover)
     return panel(
         [],
         x_label="bearing B of the follower [°]",
@@ -328,20 +328,22 @@ def fly_example(plan: StudyPlan) -> Example:
         EVERYTHING,
         plan.study.arm(f"{AHRS} laisn-2").settings,
     )
-    example, everything, aware = (
-        validate(assigned(table_of(ROUTE), {**settings, **more}), EXAMPLE) for more in changes
+    example, all_causes, aware = (
+        validate(assigned(table_of(ROUTE), {**settings, **changed}), EXAMPLE) for changed in changes
     )
     trajectory = simulate_motion(example)
     flight = navigate(example, trajectory)
-    away = trajectory.position[:, 1, :2] - trajectory.position[:, 0, :2]
+    separation = trajectory.position[:, 1, :2] - trajectory.position[:, 0, :2]
     pings = flight.measurements[0].message_step * flight.stride
-    step = int(pings[np.argmax(np.abs(trajectory.pitch[pings, 0]) / np.hypot(*away[pings].T))])
+    step = int(
+        pings[np.argmax(np.abs(trajectory.pitch[pings, 0]) / np.hypot(*separation[pings].T))]
+    )
     return Example(
         title=plan.study.title("case", EXAMPLE),
         command=fly_line(ROUTE, settings, 0),
         flight=flight,
         aware=aware,
-        budget=range_error_budget(navigate(everything, trajectory)),
+        budget=range_error_budget(navigate(all_causes, trajectory)),
         step=step,
     )
 
@@ -353,8 +355,8 @@ def pitch_errors(flight: FlightRecord) -> Floats:
     budget = range_error_budget(flight)
     received = flight.measurements[0].message_step
     errors = np.full((received.size, 3), np.nan)
-    at = np.searchsorted(flight.trajectory.time[received * flight.stride], budget.time)
-    errors[at] = budget.share[..., Cause.FORESHORTENING] + budget.share[..., Cause.LEVER_ARM]
+    indices = np.searchsorted(flight.trajectory.time[received * flight.stride], budget.time)
+    errors[indices] = budget.share[..., Cause.FORESHORTENING] + budget.share[..., Cause.LEVER_ARM]
     return errors
 
 

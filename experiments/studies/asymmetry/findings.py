@@ -487,11 +487,11 @@ def _verdicts(chosen: Missions, arm: str, name: str, looks: Sequence[int]) -> di
         undecided = [
             m for m, verdict in zip(chosen, verdicts, strict=True) if verdict == RemedyVerdict.OPEN
         ]
-        beyond = sum(m.judge(question, arm, looks).needed > SETTLING_RUNS for m in undecided)
+        unsettled = sum(m.judge(question, arm, looks).needed > SETTLING_RUNS for m in undecided)
         meaning = (
             f"of the open ones, missions that would take more than {SETTLING_RUNS:,} runs to settle"
         )
-        findings[f"{question} beyond {name}"] = plain(beyond, meaning)
+        findings[f"{question} beyond {name}"] = plain(unsettled, meaning)
         harmed = len(verdicts) - verdicts.count(RemedyVerdict.NO_HARM)
         findings[f"{question} harmed {name}"] = plain(harmed, f"{judged} on which harm is shown")
     return findings
@@ -502,11 +502,11 @@ def _remedies(
 ) -> dict[str, Finding]:
     """What each arm does on the missions of a variant, of one cause or of all."""
     group = f"{variant} {cause or 'all'}"
-    everywhere = select(missions, variant=variant, cause=cause)
-    chosen = select(everywhere, judged=True)
+    all_routes = select(missions, variant=variant, cause=cause)
+    chosen = select(all_routes, judged=True)
     findings = {f"judged {group}": plain(len(chosen), "missions on which remedies are judged")}
-    for arm in (a for a in ARMS if everywhere and a in everywhere[0].arms):
-        rows = [m.arms[arm] for m in everywhere]
+    for arm in (a for a in ARMS if all_routes and a in all_routes[0].arms):
+        rows = [m.arms[arm] for m in all_routes]
         name = f"{arm} {group}"
         locked = proportion(
             sum(row["mirror_locked_runs"] for row in rows), sum(row["runs"] for row in rows)
@@ -519,7 +519,7 @@ def _remedies(
             findings[f"removed {name}"] = of(removed_in_all(chosen, arm), meaning)
             meaning = "share removed of the mirror locks that pitch adds, 95 %"
             findings[f"mirror-locks-removed {name}"] = of(
-                removed_in_all(everywhere, arm, "mirror_lock"), meaning
+                removed_in_all(all_routes, arm, "mirror_lock"), meaning
             )
             findings |= _verdicts(chosen, arm, name, looks)
     return findings

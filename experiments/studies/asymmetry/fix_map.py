@@ -79,12 +79,12 @@ def sweep(points: Floats, settings: NavigationSettings) -> Floats:
     """Position errors of noiseless fixes east and north, shape (n, 2), [m]; the leader heads
     north.
     """
-    alone = replace(settings, gate="off", position_sigma0=_PREDICTION_SIGMA_M)
+    ungated = replace(settings, gate="off", position_sigma0=_PREDICTION_SIGMA_M)
     error = np.empty((points.shape[0], 2))
     _sweep(
         points,
-        slant_ranges(points, (alone.baseline, alone.middle_offset)),
-        row.tuning(alone),
+        slant_ranges(points, (ungated.baseline, ungated.middle_offset)),
+        row.tuning(ungated),
         error,
     )
     return error

@@ -21,15 +21,15 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
         by_truth, by_estimate, swept = (
             arms[f"{name} {by}"] for by in ("truth", "estimate", "current")
         )
-        far = by_estimate.runs("track_error_end_m") > FAR_OFF_M
+        is_far_off = by_estimate.runs("track_error_end_m") > FAR_OFF_M
         adrift = swept.runs("track_error_end_m") > FAR_OFF_M
         error, off, typical = (
             by_truth.runs("e_p_mean_m"),
             *(c.runs("track_error_rms_m") for c in (by_estimate, swept)),
         )
         named |= {
-            "runs": plain(len(far), "runs of each route"),
-            "missions": plain(far.size, "missions of each navigator"),
+            "runs": plain(len(is_far_off), "runs of each route"),
+            "missions": plain(is_far_off.size, "missions of each navigator"),
         }
         for i, route in enumerate(ROUTES):
             named |= {
@@ -39,10 +39,13 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
                 f"off {name} {route}": median(
                     off[:, i], "RMS off its place, by its estimate; median of runs", "m"
                 ),
-                f"lost {name} {route}": share(far[:, i], "share of runs lost, 95 %"),
-                f"lost-runs {name} {route}": plain(int(far[:, i].sum()), "runs lost"),
+                f"lost {name} {route}": share(is_far_off[:, i], "share of runs lost, 95 %"),
+                f"lost-runs {name} {route}": plain(int(is_far_off[:, i].sum()), "runs lost"),
             }
-        for key, lost, words in ((name, far, ""), (f"current {name}", adrift, " in currents")):
+        for key, lost, words in (
+            (name, is_far_off, ""),
+            (f"current {name}", adrift, " in currents"),
+        ):
             named[f"lost {key}"] = share(lost, f"share of missions lost{words}, 95 %")
             named[f"lost-runs {key}"] = plain(int(lost.sum()), f"missions lost{words}")
         named[f"off current {name}"] = median(

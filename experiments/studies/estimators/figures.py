@@ -21,11 +21,11 @@ def picture(findings: Findings, cases: Collection[str]) -> Panel:
     interval.
     """
     lines = []
-    for name, (colour, title), aside in zip(
+    for name, (colour, title), shift in zip(
         ("laisn-2", "error"), LEGEND, (-0.08, 0.08), strict=True
     ):
         shares = [findings[f"{name} {case} 5"] for case in cases]
-        places = np.arange(float(len(cases))) + aside
+        places = np.arange(float(len(cases))) + shift
         lines.append(marks(shares, places, colour=colour, marker="o", name=title))
     drawn = np.concatenate(
         [[*line.y, *line.interval[0], *line.interval[1]] for line in lines if line.interval]

@@ -114,9 +114,9 @@ _STEP = 0.1
 _SECONDS = 300
 
 
-def geometry(amplitude_deg: float, period_s: float, behind: float) -> BoundGeometry:
+def geometry(amplitude_deg: float, period_s: float, behind_m: float) -> BoundGeometry:
     """The mission of a follower so far behind a leader that weaves [m], a message each second."""
-    late = round(behind / _SPEED / _STEP)
+    late = round(behind_m / _SPEED / _STEP)
     time = _STEP * np.arange(-late, round(_SECONDS / _STEP) + 1)
     heading = np.deg2rad(amplitude_deg) * np.sin(2.0 * np.pi * time / period_s)
     ahead = np.stack([np.sin(heading), np.cos(heading)], axis=1)
@@ -130,14 +130,14 @@ def geometry(amplitude_deg: float, period_s: float, behind: float) -> BoundGeome
     arms = np.stack(
         [np.column_stack([end * axis, np.full(step.size, -_DEEPER)]) for end in (-1.0, 1.0)], axis=1
     )
-    away = follower[step] - leader[step]
+    separation = follower[step] - leader[step]
     speed = np.full(n, _SPEED)
     return BoundGeometry(
         dt=_STEP,
         speed=speed,
         heading=heading[1 : n + 1],
         message_step=step,
-        from_leader=away,
+        from_leader=separation,
         arms=arms,
     )
 
@@ -149,11 +149,11 @@ def longer(amplitude_deg: float) -> float:
 
 
 @cache
-def least_error(amplitude_deg: float, period_s: float, behind: float) -> float:
+def least_error(amplitude_deg: float, period_s: float, behind_m: float) -> float:
     """Root of the mean square error that no estimator of these ranges can undercut, over a
     mission [m].
     """
-    bound = position_bound(geometry(amplitude_deg, period_s, behind), TrueNoise(start=0.01))
+    bound = position_bound(geometry(amplitude_deg, period_s, behind_m), TrueNoise(start=0.01))
     return float(np.sqrt(np.mean(np.trace(bound, axis1=1, axis2=2))))
 
 

@@ -211,12 +211,12 @@ def page_values(
     judgements: Sequence[tuple[Claim, ClaimJudgement, ClaimJudgement]],
 ) -> dict[str, Any]:
     """What the template names of tables and claims; `titles` are those of settings by name."""
-    off = {
+    ratios = {
         key: rows[key]["e_p_mean_m"] / published[key]["e_p_mean_m"]
         for key in rows
         if key in published
     }
-    far = [key for key, ratio in off.items() if not 1 / FAR < ratio < FAR]
+    far_off = [key for key, ratio in ratios.items() if not 1 / FAR < ratio < FAR]
     settings: dict[str, dict[str, Any]] = {}
     for (name, _, variant), row in rows.items():
         setting = {
@@ -239,8 +239,8 @@ def page_values(
         "rows": rows,
         "published": published,
         "judgements": judgements,
-        "far": [key for key in far if key[0] not in SLOW],
-        "slow": sum(key[0] in SLOW for key in far),
+        "far": [key for key in far_off if key[0] not in SLOW],
+        "slow": sum(key[0] in SLOW for key in far_off),
         "cells": TableCells(rows, published),
         "limits": {
             "far": FAR,

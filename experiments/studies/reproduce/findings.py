@@ -103,14 +103,14 @@ def over_time(steps: Arrays) -> dict[str, float]:
         for sector in sectors
     )
     fastest = time[steps["speed_m_s"] >= 0.95 * steps["speed_m_s"].max()]
-    away = np.min(np.abs(time[np.argmax(steps["e_b_max_deg"])] - fastest))
-    return dict(zip(TIMED, (*means, float(away <= NEAR_BURST_S)), strict=True))
+    time_apart = np.min(np.abs(time[np.argmax(steps["e_b_max_deg"])] - fastest))
+    return dict(zip(TIMED, (*means, float(time_apart <= NEAR_BURST_S)), strict=True))
 
 
 def mean_distance(flight: Trajectory) -> float:
     """Mean distance of the first follower's hydrophone and the leader [m]."""
-    away = flight.site_path(f"{flight.names[1]}/hydrophone") - flight.position[:, 0]
-    return float(np.hypot(*away[:, :2].T).mean())
+    separation = flight.site_path(f"{flight.names[1]}/hydrophone") - flight.position[:, 0]
+    return float(np.hypot(*separation[:, :2].T).mean())
 
 
 Kind = Literal["ratio", "share", "replications"]
@@ -315,20 +315,22 @@ def _statistic(name: str, ratio: Floats) -> Floats:
     return np.exp(quantiles) if name.endswith("change") else quantiles
 
 
-def _median_over_others(values: Floats, at: Bools) -> Floats:
-    return _statistic("median", values[:, at]) / _statistic("median", values[:, ~at])
+def _median_over_others(values: Floats, routes: Bools) -> Floats:
+    return _statistic("median", values[:, routes]) / _statistic("median", values[:, ~routes])
 
 
 def _of_ratios(claim: "Claim", figures: MetricValues) -> list[Judged]:
     ratios = []
     for ratio in claim.ratios:
-        at = np.isin(ROUTES, ratio.get("missions", ROUTES))
+        routes = np.isin(ROUTES, ratio.get("missions", ROUTES))
         metric = ratio.get("metric", "e_p_mean_m")
-        above, below = (
-            np.concatenate([figures.means(cell, metric)[:, at] for cell in ratio[side]], axis=-1)
+        numerator_above, below = (
+            np.concatenate(
+                [figures.means(cell, metric)[:, routes] for cell in ratio[side]], axis=-1
+            )
             for side in ("of", "over")
         )
-        ratios.append(above / below)
+        ratios.append(numerator_above / below)
     return [
         figures.judge(
             criterion,
@@ -344,17 +346,17 @@ def _of_ratios(claim: "Claim", figures: MetricValues) -> list[Judged]:
 def _lateral(figures: MetricValues) -> list[Judged]:
     error = figures.means(BASE, "e_p_max_m")
     largest = figures.each[BASE, "e_p_max_m"]
-    below = largest[:, LATERAL].max(axis=1) < largest[:, ~LATERAL].min(axis=1)
+    is_below = largest[:, LATERAL].max(axis=1) < largest[:, ~LATERAL].min(axis=1)
     meaning = "share of replications with E_P max abeam below each other"
     criteria = [
         figures.judge(
             "median E_P max, abeam over the others", _median_over_others(error, LATERAL), "<", 1.0
         ),
-        figures.judge(meaning, np.mean(below, keepdims=True), ">", 0.5, "replications"),
+        figures.judge(meaning, np.mean(is_below, keepdims=True), ">", 0.5, "replications"),
     ]
     abeam, astern = (figures.known(BASE, f"e_p_{where}_m") for where in ("abeam", "astern"))
-    both = np.isfinite(abeam + astern).all(axis=0)
-    better = np.mean((astern / abeam)[:, both] > 1.0, axis=1) if both.any() else None
+    finite = np.isfinite(abeam + astern).all(axis=0)
+    better = np.mean((astern / abeam)[:, finite] > 1.0, axis=1) if finite.any() else None
     meaning = "share of missions better abeam than astern"
     return (
         criteria
@@ -367,13 +369,15 @@ def _heading(figures: MetricValues) -> list[Judged]:
     error = figures.means(HEADING)
     distance = figures.means(BASE, "distance_m")
     growth = error / figures.means(BASE)
-    grown, elsewhere = (_statistic("median", growth[:, at]) for at in (LATERAL, ~LATERAL))
+    growth_there, growth_elsewhere = (
+        _statistic("median", growth[:, at]) for at in (LATERAL, ~LATERAL)
+    )
     slope = np.sum(error * distance, axis=1) / np.sum(distance**2, axis=1)
     # of a line through the origin: what it leaves over the spread about the mean
     left = np.sum((error - slope[:, None] * distance) ** 2, axis=1)
     spread = np.sum((error - error.mean(axis=1, keepdims=True)) ** 2, axis=1)
     fit = 1.0 - np.divide(left, spread, out=np.ones_like(left), where=spread > 0.0)
-    least = np.minimum(grown / elsewhere, grown / 5.0)
+    least = np.minimum(growth_there / growth_elsewhere, growth_there / 5.0)
     return [
         figures.judge("growth abeam, over that elsewhere and over 5", least, ">", 1.0),
         figures.judge("variance that the line explains", fit, "≥", 0.8, "share"),

@@ -84,8 +84,8 @@ class QuarterGeometry(NamedTuple):
     @property
     def follower(self) -> Point:
         """East and north of the leader [m]."""
-        aside = self.reach * math.sqrt(0.5)
-        return Point(aside, -aside)
+        offset = self.reach * math.sqrt(0.5)
+        return Point(offset, -offset)
 
 
 def fix_error(season: str, variant: Variant, g: QuarterGeometry) -> float:
