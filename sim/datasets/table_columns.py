@@ -128,7 +128,7 @@ def cells_of(path: Path) -> tuple[list[str], list[list[str]]]:
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     if len(lines) < 3:
         raise LaisnError(f"{path}: {len(lines)} lines; a header and two rows are needed at least")
-    delimiter = max(",;\t", key=lines[0].count)
+    delimiter = max(",;\t|", key=lines[0].count)
     try:
         (headers,) = csv.reader(lines[:1], delimiter=delimiter, strict=True)
     except csv.Error as error:

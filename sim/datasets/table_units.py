@@ -3,14 +3,17 @@ where these state none by physics.
 
 A reading gives every bare quantity a unit. It is refuted where the leader's course over ground, its
 way at its speed, its clock, or the vehicle's ranges along its own course fit another reading far
-better. What then remains open is settled by the header of another column of the quantity, or by
-what is usual; otherwise the table is refused with the header that would settle it.
+far better. What then remains open is settled by the header of another column of the quantity, or by
+what is usual; otherwise the table is refused with the header that would settle it. So is a table
+that fits only if columns without a unit were in one that was not considered: speeds in km/h,
+lengths in feet.
 """
 
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import product
+from types import MappingProxyType
 
 import numpy as np
 
@@ -33,11 +36,15 @@ from sim.log.clock import TIMESTAMP
 _LARGEST_ANGLE = 4.0 * math.pi  # no angle in radians is larger [rad]
 _SMALL_ANGLE = math.radians(1.0)
 """Angles below this as radians are below 1 degree either way, and the unit hardly matters [rad]."""
-# a time beyond these is counted from 1970 in this unit
-_EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
+# times since 1970 of the years 2000 to 2100 [s]
+_FIRST_DATE_S = 946_684_800.0
+_LAST_DATE_S = 4_102_444_800.0
 # intervals between rows that are usual [s]
 _SHORTEST_S = 2e-3
 _LONGEST_S = 60.0
+# intervals between rows that are possible [s]
+_LEAST_INTERVAL_S = 1e-5
+_MOST_INTERVAL_S = 900.0
 _SEGMENT_M = 2.0  # length of the way of the leader that gives a course
 _LEAST_WAY_M = 5.0
 _LEAST_SPEED_M_S = 0.05
@@ -45,6 +52,9 @@ _LEAST_NUMBER = 4  # of courses, or of ranges beyond the unknowns
 _MOST_RANGES = 200  # that the start is fitted to
 _ITERATIONS = 12
 _TIMES_WORSE = 3.0
+_SPEED_MARGIN = 0.3
+_LEAST_FACTOR = 2.5
+"""Between units that motion tells from each other; a current may double a speed."""
 
 Reading = dict[str, str]
 """A unit for each quantity with bare columns, by its name."""
@@ -80,8 +90,8 @@ def _course_error(trial: Trial) -> float:
     return float(np.median(errors)) if len(errors) >= _LEAST_NUMBER else math.nan
 
 
-def _speed_error(trial: Trial) -> float:
-    """Logarithm of the leader's way over that at its speed, absolute; NaN if it hardly moves."""
+def _way_ratio(trial: Trial) -> float:
+    """The leader's way over that at its speed; NaN if it hardly moves."""
     names = ("leader_east", "leader_north", "leader_speed")
     leader = np.column_stack([trial.time, *(trial.columns[name] for name in names)])
     leader = leader[np.isfinite(leader).all(axis=1)]
@@ -94,7 +104,12 @@ def _speed_error(trial: Trial) -> float:
     at_speed = float(np.sum(0.5 * (speed[1:] + speed[:-1]) * spans))
     if way < _LEAST_WAY_M or np.median(speed) < _LEAST_SPEED_M_S or at_speed <= 0.0:
         return math.nan
-    return abs(math.log(way / at_speed))
+    return way / at_speed
+
+
+def _speed_error(trial: Trial) -> float:
+    """Logarithm of the leader's way over that at its speed, absolute; NaN if it hardly moves."""
+    return abs(math.log(_way_ratio(trial)))
 
 
 def _clock_error(trial: Trial) -> float:
@@ -186,14 +201,24 @@ class Evidence:
     error: Callable[[Trial], float]
     margin: float  # differences below this may have other causes: current, sideslip, noise
 
+    def fits(self, trial: Trial) -> bool:
+        return self.error(trial) <= self.margin
 
+    def prefers(self, trial: Trial, other: Trial) -> bool:
+        """Whether the other trial fits far worse."""
+        return self.error(other) > _TIMES_WORSE * self.error(trial) + self.margin
+
+
+WAY_AT_SPEED = Evidence(
+    words="the leader's way at its speed", error=_speed_error, margin=_SPEED_MARGIN
+)
 EVIDENCE = (
     Evidence(
         words="the leader's course over ground",
         error=_course_error,
         margin=math.radians(3.0),
     ),
-    Evidence(words="the leader's way at its speed", error=_speed_error, margin=0.3),
+    WAY_AT_SPEED,
     Evidence(words="the leader's clock", error=_clock_error, margin=1.0),
     Evidence(words="the ranges along the vehicle's course", error=_range_error, margin=1.0),
 )
@@ -232,24 +257,54 @@ def _largest(bare: list[Column]) -> float:
 def _candidates(columns: Columns, quantity: Quantity, bare: list[Column]) -> list[str]:
     """Units that bare columns of a quantity may have."""
     if quantity is TIME:
-        largest = _largest(bare)
-        return [unit for unit, scale in TIME.units.items() if largest * scale <= LARGEST]
+        return _time_candidates(bare[0].values)
     if quantity is ANGLE:
         return ["deg"] if _largest(bare) > _LARGEST_ANGLE else ["rad", "deg"]
     stated = [column.unit for column in _stated(columns, quantity).values()]
     return list(dict.fromkeys([quantity.si, *stated]))
 
 
+def _interval(values: Floats) -> float:
+    """Median interval between times, as they stand in the file."""
+    steps = np.diff(np.unique(values))
+    return float(np.median(steps)) if steps.size else 1.0
+
+
+def _time_candidates(values: Floats) -> list[str]:
+    """Units in which bare times are within the bound, at intervals that are possible."""
+    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    bounded = [unit for unit, scale in TIME.units.items() if largest * scale <= LARGEST]
+    interval = _interval(values)
+    possible = [
+        unit
+        for unit in bounded
+        if _LEAST_INTERVAL_S <= interval * TIME.units[unit] <= _MOST_INTERVAL_S
+    ]
+    return possible or bounded
+
+
+def _date_unit(time: float) -> str | None:
+    """The unit in which a time since 1970 is a date of this century; None if it is in none."""
+    for unit, scale in TIME.units.items():
+        if _FIRST_DATE_S <= time * scale <= _LAST_DATE_S:
+            return unit
+    return None
+
+
+def _usual_units(values: Floats, candidates: list[str]) -> list[str]:
+    """Those of the units of time in which intervals between rows are usual."""
+    interval = _interval(values)
+    return [u for u in candidates if _SHORTEST_S <= interval * TIME.units[u] <= _LONGEST_S]
+
+
 def _usual_time_unit(values: Floats) -> str | None:
     """The unit of bare times by their size since 1970, or by the interval between rows; None if
     several are usual.
     """
-    for least, unit in _EPOCHS:
-        if values.max() > least:
-            return unit
-    steps = np.diff(np.unique(values))
-    interval = float(np.median(steps)) if steps.size else 1.0
-    usual = [u for u, scale in TIME.units.items() if _SHORTEST_S <= interval * scale <= _LONGEST_S]
+    since_1970 = _date_unit(float(values.max()))
+    if since_1970 is not None:
+        return since_1970
+    usual = _usual_units(values, list(TIME.units))
     return usual[0] if len(usual) == 1 else None
 
 
@@ -273,16 +328,21 @@ def _preferred(columns: Columns, quantity: Quantity, bare: list[Column]) -> str 
     return quantity.si
 
 
-def _trial(columns: Columns, reading: Reading) -> Trial:
+def _trial(
+    columns: Columns, reading: Reading, others: Mapping[str, str] = MappingProxyType({})
+) -> Trial:
+    """A table by a reading, and by other units of single fields."""
+
     def si(column: Column) -> Floats:
-        unit = column.unit or reading[column.quantity.name]
+        unit = others.get(column.field) or column.unit or reading[column.quantity.name]
         return column.values * column.quantity.units[unit]
 
-    others = {f: si(column) for f, column in columns.fields.items() if f != TIMESTAMP}
+    fields = {f: si(column) for f, column in columns.fields.items() if f != TIMESTAMP}
     timestamp = columns.fields.get(TIMESTAMP)
     stated = None if timestamp is None or not timestamp.unit else si(timestamp)
-    time = si(columns.time)
-    return Trial(time - time[0], others, stated)
+    unit = others.get(TIME.name) or columns.time.unit or reading[TIME.name]
+    time = columns.time.values * TIME.units[unit]
+    return Trial(time - time[0], fields, stated)
 
 
 def _unrefuted(columns: Columns, readings: list[Reading]) -> tuple[list[Reading], list[str]]:
@@ -327,12 +387,131 @@ def _settled(
         )
     if len(units) == 1:
         return units[0]
+    if not units and len(candidates) > 1:
+        raise LaisnError(
+            f"{columns.path}: {headers} without a unit: in none of {', '.join(candidates)} they "
+            f"fit {why}; {advice}"
+        )
     if preferred is not None and (preferred in units or not units):
         return preferred
     raise LaisnError(
         f"{columns.path}: {headers} without a unit may be in {' or '.join(candidates)}, and "
         f"nothing in the table tells which; {advice}"
     )
+
+
+@dataclass(frozen=True)
+class _Alternative:
+    """Another unit that columns without one might be in, at a unit of time."""
+
+    columns: list[Column]
+    unit: str
+    time_unit: str
+
+    @property
+    def evidence(self) -> tuple[Evidence, ...]:
+        """What tells of it; residuals of ranges are small in any small unit of length."""
+        is_length = self.columns[0].quantity is LENGTH
+        return (WAY_AT_SPEED,) if is_length else EVIDENCE
+
+    def trial(self, columns: Columns, reading: Reading) -> Trial:
+        units = {column.field: self.unit for column in self.columns}
+        return _trial(columns, reading, {TIME.name: self.time_unit, **units})
+
+
+def _alternatives(columns: Columns, reading: Reading) -> list[_Alternative]:
+    """Columns of a quantity without a unit in another one, together and each alone, at the unit of
+    time that was taken; and all of them, at others that are usual.
+    """
+    taken_time = columns.time.unit or reading[TIME.name]
+    times = [] if columns.time.unit else _time_candidates(columns.time.values)
+    others = [u for u in _usual_units(columns.time.values, times) if u != taken_time]
+    found = list[_Alternative]()
+    for quantity in (SPEED, ANGLE, LENGTH):
+        bare = _bare(columns, quantity)
+        if not bare:
+            continue
+        taken = quantity.units[reading[quantity.name]]
+        sizes = {size: unit for unit, size in reversed(list(quantity.units.items()))}
+        units = [
+            unit
+            for size, unit in sizes.items()
+            if abs(math.log(size / taken)) > math.log(_LEAST_FACTOR)
+        ]
+        groups = [bare]
+        if len(bare) > 1 and quantity is not LENGTH:
+            groups += [[column] for column in bare]
+        found += [_Alternative(group, unit, taken_time) for group in groups for unit in units]
+        found += [_Alternative(bare, unit, time) for time in others for unit in units]
+    return found
+
+
+@dataclass(frozen=True)
+class _Doubt:
+    """Another unit that fits far better, and by what."""
+
+    other: _Alternative
+    words: str
+    fits_all: bool  # whether nothing contradicts it
+
+
+def _require_fit(columns: Columns, reading: Reading) -> None:
+    """LaisnError, with the header that settles it, if the evidence contradicts a unit that no
+    header states and fits another one, or if rows at usual intervals fit another one.
+    """
+    taken_time = columns.time.unit or reading[TIME.name]
+    usual = _usual_units(columns.time.values, list(TIME.units))
+    taken = _trial(columns, reading)
+    unusual = not columns.time.unit and taken_time not in usual
+    if _fits_all(taken) and not unusual:
+        return
+    doubts = list[_Doubt]()
+    for other in _alternatives(columns, reading):
+        trial = other.trial(columns, reading)
+        same_time = other.time_unit == taken_time
+        words = [
+            evidence.words
+            for evidence in other.evidence
+            if evidence.fits(trial)
+            and (evidence.prefers(trial, taken) or (unusual and not same_time))
+        ]
+        if words and (same_time or _fits_all(trial)):
+            doubts.append(_Doubt(other, words[0], _fits_all(trial)))
+    if doubts:
+        doubt = max(doubts, key=lambda one: one.fits_all)
+        raise LaisnError(_refusal(columns, reading, doubt.other, doubt.words))
+
+
+def _refusal(columns: Columns, reading: Reading, other: _Alternative, words: str) -> str:
+    """Why a reading is in doubt, and the header that settles it."""
+    headers = ", ".join(column.header.strip() for column in other.columns)
+    unit = reading[other.columns[0].quantity.name]
+    first = other.columns[0].header.strip()
+    taken, instead = unit, other.unit
+    if not columns.time.unit and other.time_unit != reading[TIME.name]:
+        time = columns.time.header.strip()
+        taken = f"{unit} and {time} in {reading[TIME.name]}"
+        instead = f"{other.unit} and {time} in {other.time_unit}"
+    return (
+        f"{columns.path}: {headers} without a unit would be in {taken}, but in {instead} they fit "
+        f"{words}; name the header '{first} [{other.unit}]' or '{first} [{unit}]'"
+    )
+
+
+def _fits_all(trial: Trial) -> bool:
+    """Whether no evidence contradicts."""
+    return not any(evidence.error(trial) > evidence.margin for evidence in EVIDENCE)
+
+
+def _way_remark(columns: Columns, reading: Reading) -> list[str]:
+    """That the leader's way is not that at its speed."""
+    ratio = _way_ratio(_trial(columns, reading))
+    if not abs(math.log(ratio)) > _SPEED_MARGIN:
+        return []
+    return [
+        f"the leader's way is {ratio:.2g} times that at leader_speed: a current, or another unit "
+        "of speeds, lengths or times"
+    ]
 
 
 def decide_units(columns: Columns) -> tuple[Reading, list[str]]:
@@ -346,20 +525,22 @@ def decide_units(columns: Columns) -> tuple[Reading, list[str]]:
     names = [quantity.name for quantity in open_]
     readings = [dict(zip(names, units, strict=True)) for units in product(*open_.values())]
     if len(readings) == 1:
-        return readings[0], []
+        _require_fit(columns, readings[0])
+        return readings[0], _way_remark(columns, readings[0])
     left, reasons = _unrefuted(columns, readings)
     why = " and ".join(reasons)
     reading = {
         quantity.name: _settled(columns, quantity, candidates, left, why)
         for quantity, candidates in open_.items()
     }
+    _require_fit(columns, reading)
     remarks = [
         f"{', '.join(c.header.strip() for c in bare[quantity.name])}: without a unit, in "
         f"{reading[quantity.name]} by {why}"
         for quantity, candidates in open_.items()
         if len(candidates) > 1 and why and quantity in (TIME, ANGLE, SPEED)
     ]
-    return reading, remarks
+    return reading, remarks + _way_remark(columns, reading)
 
 
 def timestamp_unit(columns: Columns, time_s: Floats, time_unit: str) -> str:
@@ -376,8 +557,7 @@ def timestamp_unit(columns: Columns, time_s: Floats, time_unit: str) -> str:
     )
     if ticks is None or ticks == expected:
         largest = float(np.nanmax(np.abs(column.values), initial=0.0))
-        epoch = next((unit for least, unit in _EPOCHS if largest > least), expected)
-        return epoch if ticks is None else expected
+        return (_date_unit(largest) or expected) if ticks is None else expected
     if columns.dates or np.nanmax(np.abs(column.values)) * TIME.units[expected] > LARGEST:
         return ticks
     header = column.header.strip()

@@ -45,10 +45,15 @@ class VehicleTable(NamedTuple):
     remarks: tuple[str, ...]
 
 
-def _time_ns(columns: Columns, unit: str) -> Ints:
-    """Times of the rows; LaisnError if they lie before 1970, or are too large for their unit."""
+def _require_bounded(columns: Columns, unit: str) -> None:
+    """LaisnError if times are too large for their unit."""
     if np.abs(columns.time.values).max() * TIME.units[unit] > LARGEST:
         raise LaisnError(f"{columns.time.where}: in {unit}, times are not within ±{LARGEST:g} s")
+
+
+def _time_ns(columns: Columns, unit: str) -> Ints:
+    """Times of the rows; LaisnError if they lie before 1970, or are too large for their unit."""
+    _require_bounded(columns, unit)
     nanoseconds = round(1e9 * TIME.units[unit])
     times = np.rint(columns.time.values * nanoseconds).astype(np.int64)
     if times.min() < 0:
@@ -89,6 +94,8 @@ def read_vehicle_table(path: Path, field_map: FieldMap | None = None) -> Vehicle
     column, has one twice, a cell is no number, or a unit or the clock remains in doubt.
     """
     columns = read_columns(path) if field_map is None else read_mapped_columns(path, field_map)
+    if columns.time.unit:
+        _require_bounded(columns, columns.time.unit)
     reading, reasons = decide_units(columns)
     unit = columns.time.unit or reading[TIME.name]
     time_ns = _time_ns(columns, unit)

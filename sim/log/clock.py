@@ -250,6 +250,11 @@ def reception_times(recording: RecordedRows) -> Ints:
         )
         return recording.time.copy()
     if not late.any():
+        if typical > _SHORTEST_DELAY_S:
+            recording.remarks.append(
+                f"receptions are older than sound needs by {typical:.3g} s (median), less than "
+                f"rows lie apart: they have the times of their rows"
+            )
         return recording.time.copy()
     recording.remarks.append(
         f"{int(late.sum())} of {int(valid.sum())} receptions are older than sound needs, by "

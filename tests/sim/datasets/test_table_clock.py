@@ -151,6 +151,17 @@ def test_receptions_that_were_written_late_are_dated_by_the_leaders_clock(tmp_pa
     assert measured.message_step.tolist() == [1, *range(11, 982, 10)]
 
 
+def test_receptions_that_are_older_than_sound_needs_between_slow_rows_are_remarked_on(
+    tmp_path: Path,
+) -> None:
+    """Rows every 5 s, written up to 5 s after what they hold."""
+    slow = rows(lambda time: time + 10.0, lambda time: time + 8.0)[49::50]
+    table = read(tmp_path, slow)
+    assert table.reception_ns.tolist() == table.time_ns.tolist()
+    words = "receptions are older than sound needs by 1.99 s (median), less than rows lie apart"
+    assert any(remark.startswith(words) for remark in table.remarks), table.remarks
+
+
 @pytest.mark.parametrize("difference", [-3.0, 500.0, 1.7e9])
 def test_another_clock_of_the_leader_is_reported_and_not_used(
     tmp_path: Path, difference: float

@@ -164,6 +164,57 @@ def test_bare_times_are_in_the_unit_that_speeds_fit(
     assert sent == pytest.approx(read.time_ns[received] / 1e9)
 
 
+def test_a_clock_since_the_start_of_a_computer_is_no_date(tmp_path: Path) -> None:
+    """Three days in nanoseconds are as large a number as 1978 in microseconds."""
+    scales = {"time": 1e9, "leader_timestamp": 1e9}
+    path = table(tmp_path, CLOCKS, scales, offset_s=259_200.0, speed=0.0)
+    assert np.ptp(read_vehicle_table(path).time_ns) == pytest.approx(59.9e9)
+
+
+def test_a_time_that_fits_in_no_unit_is_refused(tmp_path: Path) -> None:
+    """The leader's way says seconds, its clock milliseconds."""
+    headers = {"time": "time", "leader_timestamp": "leader_timestamp [ms]"}
+    path = table(tmp_path, headers, {})
+    with pytest.raises(LaisnError, match=r"time without a unit: in none of s, ms they fit .*clock"):
+        read_vehicle_table(path)
+
+
+BARE_SPEEDS = {"speed": "speed", "leader_speed": "leader_speed"}
+LENGTHS = ("depth", "leader_east", "leader_north", "leader_depth", "range_rear")
+OTHERS = {
+    "both speeds in km/h": (BARE_SPEEDS, dict.fromkeys(BARE_SPEEDS, 3.6), r"'speed \[km/h\]'"),
+    "own speed in cm/s": (BARE_SPEEDS, {"speed": 100.0}, r"'speed \[cm/s\]' or 'speed \[m/s\]'"),
+    "lengths in feet": ({}, dict.fromkeys(LENGTHS, 1.0 / 0.3048), r"'depth \[ft\]'"),
+    "lengths in millimetres beside bare milliseconds": (
+        CLOCKS,
+        dict.fromkeys(LENGTHS, 1e3) | dict.fromkeys(CLOCKS, 1e3),
+        r"in m and time in s, but in mm and time in ms .*'depth \[mm\]'",
+    ),
+    "one heading in degrees, one in radians": (
+        BARE_ANGLES,
+        {"heading": DEGREES},
+        r"'leader_heading \[rad\]'",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", OTHERS)
+def test_units_that_are_not_those_of_columns_without_are_refused(tmp_path: Path, case: str) -> None:
+    """What headers without a unit mean is contradicted by the leader's way, or by the ranges."""
+    headers, scales, words = OTHERS[case]
+    with pytest.raises(LaisnError, match=words):
+        read_vehicle_table(table(tmp_path, headers, scales, course_deg=40.0))
+
+
+def test_knots_without_a_unit_are_remarked_on(tmp_path: Path) -> None:
+    """A current explains them as well."""
+    scales = dict.fromkeys(BARE_SPEEDS, 3600.0 / 1852.0)
+    read = read_vehicle_table(table(tmp_path, BARE_SPEEDS, scales))
+    assert any("way is 0.51 times that at leader_speed" in remark for remark in read.remarks)
+    read = read_vehicle_table(table(tmp_path, BARE_SPEEDS, {}))
+    assert not any("leader_speed: a current" in remark for remark in read.remarks)
+
+
 def test_rows_every_six_seconds_of_a_vehicle_at_rest_are_refused(tmp_path: Path) -> None:
     path = table(tmp_path, CLOCKS, {}, interval_s=6.0, rows=50, speed=0.0)
     with pytest.raises(LaisnError, match=r"time without a unit .*'time \[s\]'"):

@@ -43,6 +43,7 @@ def table(
         ({}, "s"),
         ({"delimiter": ";"}, "s"),
         ({"delimiter": "\t"}, "s"),
+        ({"delimiter": "|"}, "s"),
         ({"unit": "_ms", "scale": 1e3}, "ms"),
         ({"scale": 1e3}, "ms"),
         ({"start": 1.7e9, "scale": 1e3}, "ms"),
