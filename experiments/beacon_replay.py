@@ -23,7 +23,7 @@ from sim.datasets.log import Replayable
 from sim.scenario.section import FurtherKeys, in_si, with_fields_of
 
 
-@with_fields_of(BeaconSettings, without={"dt", "hydrophone_height"}, optional=True)
+@with_fields_of(BeaconSettings, excluded={"dt", "hydrophone_height"}, optional=True)
 class BeaconReplaySettings(FurtherKeys):
     """What is known of odometry and ranges; keys that are not given follow the medium."""
 
@@ -87,9 +87,9 @@ def score(
         [np.interp(path[:, 0], time[estimated], estimates.state[estimated, k]) for k in range(2)]
     )
     covariance = estimates.covariance[np.searchsorted(time, path[:, 0]), :2, :2]
-    off = positions - path[:, 1:]
-    distance = np.hypot(*off.T)
-    squared = normalised_square(off[:, 0], off[:, 1], *covariance[:, [0, 0, 1], [0, 1, 1]].T)
+    errors = positions - path[:, 1:]
+    distance = np.hypot(*errors.T)
+    squared = normalised_square(errors[:, 0], errors[:, 1], *covariance[:, [0, 0, 1], [0, 1, 1]].T)
     # single ranges and a known start leave singular covariances
     squared = squared[np.isfinite(squared)]
     return Score(
@@ -102,12 +102,12 @@ def score(
 
 def dead_reckoning(recorded: Replayable) -> Estimates:
     """Estimates of odometry alone."""
-    none = {
+    no_values = {
         name: getattr(recorded.measurements, name)[:0]
         for name in ("message_step", "message", "ranges")
     }
     return BeaconNavigator(MEDIA["air"], recorded.start).run(
-        replace(recorded.measurements, **none, transmitters=None)
+        replace(recorded.measurements, **no_values, transmitters=None)
     )
 
 

@@ -183,7 +183,7 @@ def rows_by_bearing(geometry: PitchGeometry) -> list[tuple[float, PitchedFix, fl
 def summary(geometry: PitchGeometry) -> str:
     """The answer in three sentences."""
     worst_at, worst = geometry.worst()
-    _, off = geometry.worst(_OFF_AXIS_DEG)
+    _, worst_off_axis = geometry.worst(_OFF_AXIS_DEG)
     abeam = geometry.at(90.0)
     sectors = geometry.on_axis_deg()
     if sectors:
@@ -195,8 +195,8 @@ def summary(geometry: PitchGeometry) -> str:
     else:
         axis = "The circles meet at all bearings."
     return (
-        f"Abeam the fix is {abeam.error:.2f} m off, and at most {off.error:.2f} m where the "
-        f"follower is {_OFF_AXIS_DEG:g}° or more off the leader's axis. "
+        f"Abeam the fix is {abeam.error:.2f} m off, and at most {worst_off_axis.error:.2f} m where "
+        f"the follower is {_OFF_AXIS_DEG:g}° or more off the leader's axis. "
         f"The largest error is {worst.error:.2f} m, at {worst_at:.1f}° off the bow. {axis}"
     )
 
@@ -241,13 +241,19 @@ def from_above(geometry: PitchGeometry) -> Panel:
     fixes = np.array([geometry.fix(b, geometry.pitch)[:2] for b in bearings.tolist()])
     gap = np.full_like(truth, np.nan)
     way = np.stack([truth, fixes, gap], axis=1).reshape(-1, 2)
-    half = 0.5 * geometry.baseline
+    half_baseline = 0.5 * geometry.baseline
     return panel(
         [
             Line(x=way[:, 0], y=way[:, 1], colour=ESTIMATE, width=1.2),
             Line(x=truth[:, 0], y=truth[:, 1], colour=FOLLOWER, marker="o", size=4.0, name="truth"),
             Line(x=fixes[:, 0], y=fixes[:, 1], colour=ESTIMATE, marker="D", size=4.0, name="fix"),
-            Line(x=np.zeros(2), y=np.array([-half, half]), colour=LEADER, width=3.0, name="leader"),
+            Line(
+                x=np.zeros(2),
+                y=np.array([-half_baseline, half_baseline]),
+                colour=LEADER,
+                width=3.0,
+                name="leader",
+            ),
         ],
         x_label="to starboard [m]",
         y_label="ahead [m]",

@@ -159,10 +159,10 @@ def _is_read_only(array: npt.NDArray[Any]) -> bool:
     """Whether an array is contiguous, and neither it nor an array that it is a view of can be
     written.
     """
-    whole: Any = array
-    while isinstance(whole, np.ndarray) and not whole.flags.writeable:
-        whole = whole.base
-    return (whole is None or is_spilled(whole)) and array.flags.forc
+    owner: Any = array
+    while isinstance(owner, np.ndarray) and not owner.flags.writeable:
+        owner = owner.base
+    return (owner is None or is_spilled(owner)) and array.flags.forc
 
 
 def freeze_arrays(record: "DataclassInstance") -> None:

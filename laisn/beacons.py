@@ -134,12 +134,12 @@ def predict_track(
     north = b.first[beacon] + _PLACE_NORTH
     turn = b.first[beacon] + _TURN
     rate = b.first[beacon] + _TURN_RATE
-    half = 0.5 * time
+    half_time = 0.5 * time
     walked = heading_walk * heading_walk * time
     for k in range(b.alive[0]):
         x = b.state[k]
         P = b.covariance[k]
-        angle = x[turn] + half * x[rate]
+        angle = x[turn] + half_time * x[rate]
         s, c = math.sin(angle), math.cos(angle)
         true_east, true_north = c * way[0] - s * way[1], s * way[0] + c * way[1]
         x[east] += true_east - way[0]
@@ -147,12 +147,12 @@ def predict_track(
         x[turn] += time * x[rate]
         # F P Fᵀ with ∂δ/∂ψ = (−Δ_n, Δ_e) of the true way, ∂δ/∂ψ̇ half the time of that, ∂ψ/∂ψ̇ = T
         for j in range(n):
-            turned = P[turn, j] + half * P[rate, j]
+            turned = P[turn, j] + half_time * P[rate, j]
             P[east, j] -= true_north * turned
             P[north, j] += true_east * turned
             P[turn, j] += time * P[rate, j]
         for j in range(n):
-            turned = P[j, turn] + half * P[j, rate]
+            turned = P[j, turn] + half_time * P[j, rate]
             P[j, east] -= true_north * turned
             P[j, north] += true_east * turned
             P[j, turn] += time * P[j, rate]
@@ -427,11 +427,11 @@ def receive(b: BeaconBelief, z: RangeMeasurement, starter: int) -> bool:
             # adapt the beacon's variance to what the heaviest component makes of the range, before
             # it is updated
             residual, expected, _ = predict_range(b, 0, z)
-            now = b.variance[z.beacon]
-            now += _ADAPTATION_GAIN * (
-                min(max(residual * residual - expected, 0.0), _LARGEST * now) - now
+            variance = b.variance[z.beacon]
+            variance += _ADAPTATION_GAIN * (
+                min(max(residual * residual - expected, 0.0), _LARGEST * variance) - variance
             )
-            b.variance[z.beacon] = min(max(now, _LEAST * z.variance), _MOST * z.variance)
+            b.variance[z.beacon] = min(max(variance, _LEAST * z.variance), _MOST * z.variance)
         for k in range(b.alive[0]):
             b.weight[k] *= math.exp(update(b, k, z) - z.wrong)
         used = b.outcome[0].used
@@ -480,8 +480,8 @@ def _variances(s: BeaconSettings, moving: Bools) -> Floats:
 
 def _allocate(s: BeaconSettings, moving: Bools) -> BeaconBelief:
     """A mixture without components, over the states of beacons some of which move."""
-    fresh = _variances(s, moving)
-    n = fresh.size
+    prior_variance = _variances(s, moving)
+    n = prior_variance.size
     beacons = moving.size
     counts = np.where(moving, MOVING, AT_REST)
     return BeaconBelief(
@@ -492,7 +492,7 @@ def _allocate(s: BeaconSettings, moving: Bools) -> BeaconBelief:
         states=n,
         alive=np.zeros(1, dtype=np.int64),
         evidence=np.zeros(1),
-        fresh=fresh,
+        fresh=prior_variance,
         first=(SHARED + np.cumsum(counts) - counts).astype(np.int64),
         variance=np.full(beacons, s.range_sigma**2),
         rejected=np.zeros(beacons, dtype=np.int64),

@@ -375,7 +375,7 @@ def _dead_reckoning_bound(
     mean = averaged if averaged is not None else geometry.arms.shape[1] < 3
     # of smoothing alone, and as large as the bounds of a whole mission
     bound = np.empty((n, 2, 2))
-    onward = np.zeros((n if smoothed else 0, 2, unknown.size))
+    cross_to_next = np.zeros((n if smoothed else 0, 2, unknown.size))
     predicted = [covariance]
     after = [covariance]
     crosses = list[Floats]()
@@ -418,20 +418,20 @@ def _dead_reckoning_bound(
         bound[lasts[: len(informed)]] = informed
         if smoothed:
             moved = spread @ step.swapaxes(1, 2)[:, None] + way.onward[..., unknown]
-            onward[span] = moved.reshape(-1, 2, unknown.size)
+            cross_to_next[span] = moved.reshape(-1, 2, unknown.size)
             last_messages = lasts - length
             inner_crosses = [moved_on[:2] for moved_on in crosses[-count:]]
             for index, cross in zip(last_messages, inner_crosses, strict=True):
                 if index >= 0:
-                    onward[index] = cross
+                    cross_to_next[index] = cross
     if not smoothed:
         return bound
     links = len(after)
-    nothing = np.zeros((links, unknown.size))
+    zeros = np.zeros((links, unknown.size))
     chain = Chain(
-        nothing,
+        zeros,
         np.array(after),
-        nothing,
+        zeros,
         np.array(predicted),
         np.array([*crosses, crosses[-1]])[:links],
     )
@@ -439,4 +439,4 @@ def _dead_reckoning_bound(
     steps = np.arange(1, n + 1)
     latest = np.searchsorted(messages, steps, side="right")
     last = np.searchsorted(messages, steps + round(lag / geometry.dt), side="right")
-    return smooth(chain, latest, last, (np.zeros((n, 2)), bound), onward)[1]
+    return smooth(chain, latest, last, (np.zeros((n, 2)), bound), cross_to_next)[1]

@@ -210,13 +210,13 @@ class Sources:
         # before their contents, so that a later change is seen
         stamps = tuple(_stamp(path) for _, path in names)
         contents = {path: _digest(path) for _, path in names}
-        whole = hashlib.sha256()
+        digest = hashlib.sha256()
         for name, path in names:
-            whole.update(f"{name} {contents[path]} ".encode())
+            digest.update(f"{name} {contents[path]} ".encode())
         return cls(
             files=frozenset(contents),
             modules={name: path for name, path in names if path.suffix == ".py"},
-            digest=whole.hexdigest()[:24],
+            digest=digest.hexdigest()[:24],
             contents=contents,
             stamps=stamps,
         )

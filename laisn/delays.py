@@ -38,10 +38,10 @@ def delays_of(message: LeaderMessage, ranges: Ranges, clock: float, settings: Se
     leaves = settings.ping_slot * np.arange(3)
     way = settings.sound_slowness * np.array(ranges)
     last = float(np.nanmax(leaves + way, initial=0.0))
-    since = clock - message.timestamp
-    if message.timestamp == 0.0 or not last <= since <= LONGEST_DELAY:
-        since = last
-    return Delays(np.maximum(since - leaves - way, 0.0), np.maximum(since - way, 0.0))
+    elapsed = clock - message.timestamp
+    if message.timestamp == 0.0 or not last <= elapsed <= LONGEST_DELAY:
+        elapsed = last
+    return Delays(np.maximum(elapsed - leaves - way, 0.0), np.maximum(elapsed - way, 0.0))
 
 
 def leader_way(message: LeaderMessage, settings: Settings) -> Floats:

@@ -101,14 +101,14 @@ def pair_fix(pair: Pair, heading: Turn, predicted: Point, t: Tuning) -> Fix:
     # one transmitter upon the other: the axis is the hull's
     east = chord.way.east if distinct else heading.sine
     north = chord.way.north if distinct else heading.cosine
-    two = distinct and chord.half_squared > 0.0
-    half = math.sqrt(chord.half_squared if two else 0.0)
-    separation = 2.0 * half
-    clear = two and separation >= t.threshold
+    intersect = distinct and chord.half_squared > 0.0
+    half_chord = math.sqrt(chord.half_squared if intersect else 0.0)
+    separation = 2.0 * half_chord
+    clear = intersect and separation >= t.threshold
     tangent = distinct and chord.half_squared == 0.0
 
     x, y = predicted.east - pair.rear.centre.east, predicted.north - pair.rear.centre.north
-    side = half if y * east >= x * north else -half
+    side = half_chord if y * east >= x * north else -half_chord
     along_chord = d - front if pair.from_front else -rear
     ahead = t.predicted_side and x * east + y * north > 0.5 * d
     on_axis = d + front if ahead else along_chord
@@ -121,7 +121,7 @@ def pair_fix(pair: Pair, heading: Turn, predicted: Point, t: Tuning) -> Fix:
         pair.rear.centre.north + axial * north + side_offset * east,
         t.beta / separation if clear else 0.0,
         kind if received else LOST,
-        separation if two else -1.0,
+        separation if intersect else -1.0,
     )
 
 
@@ -131,8 +131,8 @@ def fix_variance(sigma: float, depth_difference: float, t: Tuning) -> float:
     is expected.
     """
     vertical = depth_difference * t.sine_of_pitch
-    least = t.sigma_floor if sigma < t.sigma_floor else sigma
-    return vertical * vertical + least * least
+    floored = t.sigma_floor if sigma < t.sigma_floor else sigma
+    return vertical * vertical + floored * floored
 
 
 def _on_line(pair: Pair, kind: float) -> Fix:
@@ -280,21 +280,21 @@ def laisn_3_2(pairs: Pairs, predicted: Point) -> Fix:
     w_a = _weight(a)
     w_b = _weight(b)
     w_c = _weight(c)
-    none = w_a + w_b + w_c == 0.0
-    several = (w_a > 0.0 and w_b + w_c > 0.0) or (w_b > 0.0 and w_c > 0.0)
-    w_a = 1.0 if none and a.kind != LOST else w_a
-    w_b = 1.0 if none and w_a == 0.0 and b.kind != LOST else w_b
-    w_c = 1.0 if none and w_a + w_b == 0.0 and c.kind != LOST else w_c
+    has_none = w_a + w_b + w_c == 0.0
+    has_several = (w_a > 0.0 and w_b + w_c > 0.0) or (w_b > 0.0 and w_c > 0.0)
+    w_a = 1.0 if has_none and a.kind != LOST else w_a
+    w_b = 1.0 if has_none and w_a == 0.0 and b.kind != LOST else w_b
+    w_c = 1.0 if has_none and w_a + w_b == 0.0 and c.kind != LOST else w_c
     total = w_a + w_b + w_c
     per_total = 1.0 / (total if total > 0.0 else np.nan)
-    only = c.kind if w_c > 0.0 else LOST
-    only = b.kind if w_b > 0.0 else only
-    only = a.kind if w_a > 0.0 else only
+    only_kind = c.kind if w_c > 0.0 else LOST
+    only_kind = b.kind if w_b > 0.0 else only_kind
+    only_kind = a.kind if w_a > 0.0 else only_kind
     return Fix(
         (_weighted(w_a, a.east) + _weighted(w_b, b.east) + _weighted(w_c, c.east)) * per_total,
         (_weighted(w_a, a.north) + _weighted(w_b, b.north) + _weighted(w_c, c.north)) * per_total,
         (a.sigma + b.sigma + c.sigma) * (1.0 / 3.0),
-        FUSED if several else only,
+        FUSED if has_several else only_kind,
         -1.0,
     )
 

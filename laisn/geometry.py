@@ -174,8 +174,12 @@ def place_transmitters(reception: Reception, settings: Settings) -> Floats:
     NaN for none.
     """
     places = given_transmitters(reception, settings)
-    half = 0.5 * settings.baseline
-    on_hull = (-half, 0.0, 0.0), (half, 0.0, 0.0), (0.0, settings.middle_offset, 0.0)
+    half_baseline = 0.5 * settings.baseline
+    on_hull = (
+        (-half_baseline, 0.0, 0.0),
+        (half_baseline, 0.0, 0.0),
+        (0.0, settings.middle_offset, 0.0),
+    )
     return _placed(reception.message, settings, on_hull) if places is None else places
 
 

@@ -398,7 +398,7 @@ def _choice(otherwise: Pass, variant: Variant) -> Pass:
     functions.
     """
     number = VARIANTS.index(variant)
-    single = SINGLE[variant]
+    single_fix = SINGLE[variant]
 
     @compiled
     def choose(block: Floats, t: Tuning) -> None:
@@ -411,7 +411,7 @@ def _choice(otherwise: Pass, variant: Variant) -> Pass:
                     fix_at(block, ZX13, lane),
                     fix_at(block, ZX23, lane),
                 )
-                put_fix(block, ZX, lane, single(pairs, point_at(block, X, lane)))
+                put_fix(block, ZX, lane, single_fix(pairs, point_at(block, X, lane)))
 
     return choose
 

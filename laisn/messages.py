@@ -138,14 +138,14 @@ class LinkMessages(ArrayRecord):
 
     def part(self, first: int, last: int) -> Self:
         """Messages of steps `first` + 1 … `last`, which become 1 … `last` − `first`."""
-        within = (self.message_step > first) & (self.message_step <= last)
+        in_span = (self.message_step > first) & (self.message_step <= last)
         return replace(
             self,
-            message_step=self.message_step[within] - first,
-            message=self.message[within],
-            ranges=self.ranges[within],
-            round_trip=None if self.round_trip is None else self.round_trip[within],
-            content={name: rows[within] for name, rows in self.content.items()},
+            message_step=self.message_step[in_span] - first,
+            message=self.message[in_span],
+            ranges=self.ranges[in_span],
+            round_trip=None if self.round_trip is None else self.round_trip[in_span],
+            content={name: rows[in_span] for name, rows in self.content.items()},
         )
 
     def reception(self, i: int, custom: Mapping[str, Floats]) -> Reception:

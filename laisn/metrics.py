@@ -121,8 +121,8 @@ def relative_errors(estimate: Floats, truth: Floats, length: float) -> Floats:
     shortfall = np.abs(travelled[last_index] - travelled - length)
     excess = np.abs(travelled[after] - travelled - length)
     end = np.where(shortfall <= excess, last_index, after)
-    within = np.abs(travelled[end] - travelled - length) <= SEGMENT_TOLERANCE * length
-    first = np.flatnonzero(within)
+    has_length = np.abs(travelled[end] - travelled - length) <= SEGMENT_TOLERANCE * length
+    first = np.flatnonzero(has_length)
     end = end[first]
     drift = (estimate[end] - estimate[first]) - (truth[end] - truth[first])
     return np.asarray(np.hypot(drift[:, 0], drift[:, 1]))

@@ -59,8 +59,8 @@ def blend(mean: Floats, covariance: Floats, first: int, second: int, share: floa
         difference = mean[second, i] - mean[first, i]
         # both halves of the symmetric covariance, so that the loop is vectorised
         for j in range(n):
-            within = remainder * covariance[first, i, j] + share * covariance[second, i, j]
-            covariance[first, i, j] = within + remainder * share * (
+            blended = remainder * covariance[first, i, j] + share * covariance[second, i, j]
+            covariance[first, i, j] = blended + remainder * share * (
                 difference * (mean[second, j] - mean[first, j])
             )
     for i in range(n):
@@ -163,8 +163,8 @@ def merge_components(b: Mixture, i: int, j: int) -> None:
 
 
 @compiled
-def _is_same(b: Mixture, modes: int, g: int, h: int, further: int, same: float) -> bool:
-    """Whether the heaviest components of two hypotheses are nearer than `same`, a squared
+def _is_same(b: Mixture, modes: int, g: int, h: int, further: int, same_radius: float) -> bool:
+    """Whether the heaviest components of two hypotheses are nearer than `same_radius`, a squared
     Mahalanobis distance by their mean covariance; in `further` too.
     """
     i = heaviest(b, modes, g)
@@ -174,20 +174,28 @@ def _is_same(b: Mixture, modes: int, g: int, h: int, further: int, same: float) 
     if further >= 0:
         difference = x[i, further] - x[j, further]
         variance = 0.5 * (P[i, further, further] + P[j, further, further])
-        if not difference * difference <= same * variance:
+        if not difference * difference <= same_radius * variance:
             return False
     # dᵀ adj(P̄) d < same · det(P̄), so that nothing is divided by a vanishing determinant
     dx, dy = x[i, 0] - x[j, 0], x[i, 1] - x[j, 1]
     xx, xy = 0.5 * (P[i, 0, 0] + P[j, 0, 0]), 0.5 * (P[i, 0, 1] + P[j, 0, 1])
     yy = 0.5 * (P[i, 1, 1] + P[j, 1, 1])
-    return bool(dx * dx * yy - 2.0 * dx * dy * xy + dy * dy * xx < same * (xx * yy - xy * xy))
+    return bool(
+        dx * dx * yy - 2.0 * dx * dy * xy + dy * dy * xx < same_radius * (xx * yy - xy * xy)
+    )
 
 
 @compiled
 def prune_and_merge(
-    b: Mixture, modes: int, count: int, least_weight: float, most: int, further: int, same: float
+    b: Mixture,
+    modes: int,
+    count: int,
+    least_weight: float,
+    max_count: int,
+    further: int,
+    same_radius: float,
 ) -> int:
-    """Prune hypotheses lighter than `least_weight`, merge those nearer than `same` (as of
+    """Prune hypotheses lighter than `least_weight`, merge those nearer than `same_radius` (as of
     `_is_same`) in position and in the state `further` (−1: none), and keep the heaviest; how many
     are left. Weights are not scaled to a sum of 1; the last hypothesis fills a gap.
     """
@@ -202,7 +210,7 @@ def prune_and_merge(
     while g < count:
         h = g + 1
         while h < count:
-            if _is_same(b, modes, g, h, further, same):
+            if _is_same(b, modes, g, h, further, same_radius):
                 for mode in range(modes):
                     merge_components(b, g * modes + mode, h * modes + mode)
                 count -= 1
@@ -210,7 +218,7 @@ def prune_and_merge(
             else:
                 h += 1
         g += 1
-    while count > most:
+    while count > max_count:
         lightest = 0
         for h in range(1, count):
             if hypothesis_weight(b, modes, h) < hypothesis_weight(b, modes, lightest):
@@ -223,8 +231,10 @@ def prune_and_merge(
 def mixture_moments(weight: Floats, mean: Floats, covariance: Floats) -> tuple[Floats, Floats]:
     """Mean and covariance, shapes (n,) and (n, n), of k Gaussians of weights with the sum 1."""
     centre = weight @ mean
-    off = mean - centre
-    return centre, np.einsum("k,kij->ij", weight, covariance + off[:, :, None] * off[:, None, :])
+    deviation = mean - centre
+    return centre, np.einsum(
+        "k,kij->ij", weight, covariance + deviation[:, :, None] * deviation[:, None, :]
+    )
 
 
 @compiled
@@ -323,15 +333,15 @@ def _inverse(covariance: Floats) -> Floats:
 
 
 def smooth(
-    chain: Chain, latest: Ints, last: Ints, filtered: tuple[Floats, Floats], onward: Floats
+    chain: Chain, latest: Ints, last: Ints, filtered: tuple[Floats, Floats], cross_to_next: Floats
 ) -> tuple[Floats, Floats]:
     """Smooth n quantities y, of r numbers each, with later messages; mean and covariance as of
     `filtered`.
 
     `latest` is the index of the last message at or before y, `last` of the last one to use, shapes
     (n,); y stays where that is no later one. `filtered` are mean and covariance of y so far, shapes
-    (n, r) and (n, r, r), `onward` its covariance with x just before the next message, shape (n, r,
-    s), read only where that is used.
+    (n, r) and (n, r, r), `cross_to_next` its covariance with x just before the next message, shape
+    (n, r, s), read only where that is used.
     """
     mean = filtered[0].copy()
     covariance = filtered[1].copy()
@@ -341,7 +351,7 @@ def smooth(
     change = chain.covariance - chain.predicted_covariance
     rows = np.flatnonzero(last > latest)
     message = latest[rows] + 1
-    back = onward[rows] @ inverse[message]
+    back = cross_to_next[rows] @ inverse[message]
     while rows.size:
         mean[rows] += np.einsum("nrs,ns->nr", back, shift[message])
         covariance[rows] += back @ change[message] @ back.swapaxes(1, 2)

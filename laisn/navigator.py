@@ -30,16 +30,16 @@ _PER_PI = 1.0 / math.pi
 
 
 @formula
-def speed_share(before: float, now: float, speed_max: float) -> float:
+def speed_share(last_speed: float, speed: float, speed_max: float) -> float:
     """γv: change of speed as a share of the top speed; 0 if the first is NaN."""
-    share = abs(now - before) * (1.0 / speed_max)
+    share = abs(speed - last_speed) * (1.0 / speed_max)
     return share if share > 0.0 else 0.0
 
 
 @formula
-def turn_share(before: float, now: float) -> float:
+def turn_share(last_heading: float, heading: float) -> float:
     """γθ: smallest angle between two headings as a share of π; 0 if the first is NaN."""
-    share = angle_between(now, before) * _PER_PI
+    share = angle_between(heading, last_heading) * _PER_PI
     return share if share > 0.0 else 0.0
 
 
@@ -65,8 +65,8 @@ def kalman_update(
     """
     HP = H @ P
     K = np.linalg.solve(HP @ H.T + R, HP).T
-    rest = np.eye(x.size) - K @ H
-    return x + K @ innovation, rest @ P @ rest.T + K @ R @ K.T
+    complement = np.eye(x.size) - K @ H
+    return x + K @ innovation, complement @ P @ complement.T + K @ R @ K.T
 
 
 @lru_cache(maxsize=8)
@@ -299,16 +299,16 @@ class Navigator(OnlineNavigator[Estimates]):
         sigma_p = fix.sigma
         kind = FixKind(int(fix.kind))
         if kind is FixKind.LOST:
-            single = (
+            gain_and_complement = (
                 one_range(circles.circles, self._position())
                 if self.settings.use_single_range
                 else None
             )
-            if single is None:
+            if gain_and_complement is None:
                 return FixRecord(
                     step=self._step, position=np.full(2, np.nan), sigma=np.nan, kind=kind
                 )
-            position, axis = single
+            position, axis = gain_and_complement
             sigma_p = 0.0
             kind = FixKind.ONE_RANGE
         sigma = math.sqrt(fix_variance(sigma_p, circles.depth_difference, self._tuning))

@@ -52,16 +52,16 @@ def _all_needed(libraries: list[Any]) -> list[Any]:
     """Libraries, and those that the nested ones among them need, each once and after all that need
     it: the linker leaves out a function that nothing before it has called.
     """
-    met = set[Any]()
+    visited = set[Any]()
     finished = list[Any]()
 
     def visit(library: Any) -> None:
-        if library in met:
+        if library in visited:
             return
-        met.add(library)
+        visited.add(library)
         if isinstance(library, NestedLibrary):
-            for needed in reversed(library._linking_libraries):
-                visit(needed)
+            for dependency in reversed(library._linking_libraries):
+                visit(dependency)
         finished.append(library)
 
     for library in reversed(libraries):

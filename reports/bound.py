@@ -92,8 +92,8 @@ def geometry_of(
     first = round(float(trajectory.time[0]) / dt)
     n = (trajectory.time.size - 1) // stride
     instants = np.arange(1, n + 1) * stride
-    many = (len(trajectory.names) - 1) * trajectory.time.size >= _MANY_INSTANTS
-    sound = propagate(trajectory, sensing, follower, use_compiled=many or None)
+    is_large = (len(trajectory.names) - 1) * trajectory.time.size >= _MANY_INSTANTS
+    sound = propagate(trajectory, sensing, follower, use_compiled=is_large or None)
     arrived = sound.message_step - first
     sent = (sound.emission_step - first) * stride
     hydrophone = trajectory.site_path(

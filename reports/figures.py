@@ -126,8 +126,8 @@ class Panel:
         data = list[dict[str, Any]]()
         layout = self._layout()
         lines = sum(len(subplot.lines) for subplot in self.parts)
-        wide = min(max(1.0, self.width / WIDTH), _MOST_LINES / max(lines, 1))
-        points = max(round(self.points * wide), _FEWEST_POINTS)
+        stretch = min(max(1.0, self.width / WIDTH), _MOST_LINES / max(lines, 1))
+        points = max(round(self.points * stretch), _FEWEST_POINTS)
         for number, subplot in enumerate(self.parts):
             axis = {"yaxis": f"y{number + 1}"} if number else {}
             data += [
@@ -146,7 +146,7 @@ class Panel:
     def _layout(self) -> dict[str, Any]:
         count = len(self.parts)
         gap = 0.03
-        whole = sum(subplot.height for subplot in self.parts)
+        total_height = sum(subplot.height for subplot in self.parts)
         low = 1.0
         values = [line.x for subplot in self.parts for line in subplot.lines]
         across = _axis(self.x_label, self.x_limits, self.x_log, self.x_ticks, values)
@@ -165,7 +165,7 @@ class Panel:
         for number, subplot in enumerate(self.parts):
             name = str(number + 1) if number else ""
             top = low - (gap if number else 0.0)
-            low = max(top - (1.0 - gap * (count - 1)) * subplot.height / whole, 0.0)
+            low = max(top - (1.0 - gap * (count - 1)) * subplot.height / total_height, 0.0)
             axis = _axis(
                 subplot.y_label,
                 subplot.y_limits,

@@ -56,8 +56,8 @@ class Finding:
             raise ValueError(
                 f"{spec!r} is no format of a finding, such as '.2f', 'low .0%' or '.1f i'"
             )
-        which, inner, added = match.groups()
-        number = getattr(self, which) if which else self.value
+        key, inner, added = match.groups()
+        number = getattr(self, key) if key else self.value
         value, low, high = (_set(v, inner) for v in (number, self.low, self.high))
         if added == " i":
             return f"{value} ({low.removesuffix(' %')} to {high})"

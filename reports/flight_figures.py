@@ -82,8 +82,10 @@ def error_parts(
     position, bearing = errors
     two_sigma = SIGMAS * largest_sigma(covariance)
     # beside a very large uncertainty the errors would be a flat line
-    largest, widest = (float(np.nanmax(values, initial=0.0)) for values in (position, two_sigma))
-    top = max(1.1 * largest, min(1.1 * widest, 3.0 * largest), 1e-3)
+    largest, widest_sigma = (
+        float(np.nanmax(values, initial=0.0)) for values in (position, two_sigma)
+    )
+    top = max(1.1 * largest, min(1.1 * widest_sigma, 3.0 * largest), 1e-3)
     lines = [
         Line(
             x=time, y=np.minimum(two_sigma, 2 * top), colour=INK, width=0.7, name="2σ by the filter"
@@ -309,8 +311,8 @@ def station_errors(flight: FlightRecord, followers: Sequence[int]) -> list[Panel
     to one scale.
     """
     truth = flight.trajectory
-    off = off_station(MotionSettings.of(flight.scenario), truth)[:, list(followers)]
-    top = max(min(1.1 * float(np.nanmax(off, initial=0.0)), LOST_M), 1e-3)
+    station_errors = off_station(MotionSettings.of(flight.scenario), truth)[:, list(followers)]
+    top = max(min(1.1 * float(np.nanmax(station_errors, initial=0.0)), LOST_M), 1e-3)
     return [
         panel(
             [Line(x=truth.time, y=column, colour=FOLLOWER, width=1.2, name=truth.names[i + 1])],
@@ -320,7 +322,7 @@ def station_errors(flight: FlightRecord, followers: Sequence[int]) -> list[Panel
             y_limits=(0.0, top),
             height=1.9,
         )
-        for i, column in zip(followers, off.T, strict=True)
+        for i, column in zip(followers, station_errors.T, strict=True)
     ]
 
 

@@ -183,7 +183,7 @@ def accuracy(flight: FlightRecord, follower: int) -> dict[str, float]:
     )
     wrong = (np.minimum(np.abs(side), np.abs(estimated)) >= SIDE_M) & (side * estimated < 0)
     folded = np.mod(true_bearing(flight, follower), np.pi)
-    near = np.minimum(folded, np.pi - folded) < np.radians(ON_AXIS_DEG)
+    near_axis = np.minimum(folded, np.pi - folded) < np.radians(ON_AXIS_DEG)
     square = nees(estimates, truth)
     error = np.hypot(*(estimate - truth).T)
     # with a singular covariance any error is outside
@@ -191,7 +191,7 @@ def accuracy(flight: FlightRecord, follower: int) -> dict[str, float]:
     # with an unknown start there is no estimate before the first messages
     finite = np.isfinite(error)
     error = error[finite]
-    near = near[finite]
+    near_axis = near_axis[finite]
     wrong = wrong[finite]
     outside = outside[finite]
     k = int(error.argmax())
@@ -202,9 +202,9 @@ def accuracy(flight: FlightRecord, follower: int) -> dict[str, float]:
         "largest": float(error[k]),
         "largest_s": float(flight.trajectory.time[steps][finite][k]),
         "outside": float(outside.mean()),
-        "near_axis": float(near.mean()),
-        "mean_near": float(error[near].mean()) if near.any() else np.nan,
-        "mean_elsewhere": float(error[~near].mean()) if not near.all() else np.nan,
+        "near_axis": float(near_axis.mean()),
+        "mean_near": float(error[near_axis].mean()) if near_axis.any() else np.nan,
+        "mean_elsewhere": float(error[~near_axis].mean()) if not near_axis.all() else np.nan,
         "wrong_side": float(wrong.mean()),
     }
 
@@ -431,7 +431,7 @@ def flight_report(
     """Write the report of a flight beside its film (MP4) and log; `bounds` as of `summarise`;
     OSError if that fails.
     """
-    least = bounds or flight_bounds(flight)
+    flight_bound = bounds or flight_bounds(flight)
     names = flight.trajectory.names[1:]
     finite = [
         name
@@ -476,7 +476,7 @@ def flight_report(
         "number": number,
         "words": words,
         "on_axis_deg": f"{ON_AXIS_DEG:g}",
-        "rows": [_curves(flight, i, errors[i], least[i]) for i in _drawn(flight)],
+        "rows": [_curves(flight, i, errors[i], flight_bound[i]) for i in _drawn(flight)],
         "states": states_table(states) if states else None,
         "leader": leader_values(flight, summary),
         "budget": range_budget(flight),

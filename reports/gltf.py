@@ -172,9 +172,11 @@ class _Writer:
             )
             if truth.thrust.shape[2]:
                 angle = truth.thrust[self.rows, number, fin["effector"]]
-                half = 0.5 * angle[:, None]
+                half_angle = 0.5 * angle[:, None]
                 axis = np.array(fin["axis"]) / np.linalg.norm(fin["axis"])
-                self.animate(node, "rotation", np.hstack([np.cos(half), np.sin(half) * axis]))
+                self.animate(
+                    node, "rotation", np.hstack([np.cos(half_angle), np.sin(half_angle) * axis])
+                )
             fins.append(node)
         children = {"children": fins} if fins else {}
         node = file.add("nodes", name=truth.names[number], mesh=hull_mesh, **children)

@@ -66,14 +66,14 @@ def navigators(flight: FlightRecord) -> str:
 def subject(flight: FlightRecord) -> str:
     """Who did what, for how long, and by which navigator."""
     followers = flight.scenario.followers
-    who = "One follower" if len(followers) == 1 else f"{len(followers)} followers"
+    subject = "One follower" if len(followers) == 1 else f"{len(followers)} followers"
     is_single = len(followers) == 1
     if all(follower.station for follower in followers):
         does = f"{'holds its station' if is_single else 'hold their stations'} on a leader"
     else:
         does = f"{'swims' if is_single else 'swim'} with a leader"
     duration = f"{float(flight.trajectory.time[-1]):,.0f} s"
-    return f"{who} {does} for {duration}, navigating by {navigators(flight)}."
+    return f"{subject} {does} for {duration}, navigating by {navigators(flight)}."
 
 
 def cause(transmitters: int, errors: Mapping[str, float], nees: float | None) -> str:
@@ -136,8 +136,8 @@ def headline(
         transmitters = flight.scenario.navigation_of(follower).transmitters
         reason = cause(transmitters, accuracies[worst], nees)
         if reason:
-            whose = "" if len(accuracies) == 1 else f"of {worst}, "
-            told = f"{told.removesuffix('.')}: {whose}{reason}."
+            owner = "" if len(accuracies) == 1 else f"of {worst}, "
+            told = f"{told.removesuffix('.')}: {owner}{reason}."
     # no number is parted from its unit
     return f"{subject(flight)} {told}".replace(" %", "\u00a0%")
 
@@ -150,17 +150,17 @@ def _worst(values: Sequence[float | None]) -> float | None:
 
 def _consistency(rows: Mapping[str, Any], accuracies: Accuracies) -> list[Tile]:
     """NEES, share outside 2σ and ratio to the bound, of all followers."""
-    several = "all, " if len(accuracies) > 1 else ""
+    prefix = "all, " if len(accuracies) > 1 else ""
     nees = [row["nees"] for row in rows.values() if row.get("nees") is not None]
     tiles = []
     if nees:
         mean = float(np.mean(nees))
         tone = judged(mean, _GOOD_NEES, _BAD_NEES)
-        expected = f"{several}{NEES:g} expected"
+        expected = f"{prefix}{NEES:g} expected"
         tiles.append(Tile(name="NEES", value=figure(mean), remark=expected, tone=tone))
     outside = float(np.mean([errors["outside"] for errors in accuracies.values()]))
     tone = judged(outside, _GOOD_OUTSIDE, _BAD_OUTSIDE)
-    remark = f"{several}{100 * OUTSIDE:.0f} % expected"
+    remark = f"{prefix}{100 * OUTSIDE:.0f} % expected"
     tiles.append(
         Tile(name="outside its 2σ", value=f"{100 * outside:.0f} %", remark=remark, tone=tone)
     )
@@ -168,7 +168,7 @@ def _consistency(rows: Mapping[str, Any], accuracies: Accuracies) -> list[Tile]:
     if ratio is not None:
         tone = judged(ratio, _GOOD_BOUND, _BAD_BOUND)
         # a single flight may be luckier than the least error on average
-        remark = "1 at best on average" + (", the worst" if several else "")
+        remark = "1 at best on average" + (", the worst" if prefix else "")
         tiles.append(Tile(name="× bound", value=figure(ratio), remark=remark, tone=tone))
     return tiles
 
@@ -182,13 +182,13 @@ def _station_tiles(rows: Mapping[str, Any]) -> list[Tile]:
     ]
     worst = max(rows, key=lambda name: rows[name]["station_max_m"])
     rms = math.sqrt(float(np.mean([row["station_rms_m"] ** 2 for row in rows.values()])))
-    whole = len(held) == len(rows)
+    all_held = len(held) == len(rows)
     return [
         Tile(
             name="keep station",
             value=f"{len(held)} of {len(rows)}",
-            remark="none lost" if whole else f"{len(rows) - len(held)} lost or never joined",
-            tone="good" if whole else "bad",
+            remark="none lost" if all_held else f"{len(rows) - len(held)} lost or never joined",
+            tone="good" if all_held else "bad",
         ),
         Tile(name="off station", value=figure(rms, " m"), remark="RMS of all"),
         Tile(
@@ -207,7 +207,7 @@ def tiles(summary: Mapping[str, Any], accuracies: Accuracies) -> list[Tile]:
     if not accuracies:
         return shown_tiles
     worst = max(accuracies, key=lambda name: accuracies[name]["largest"])
-    several = len(accuracies) > 1
+    has_several = len(accuracies) > 1
     mean = float(np.mean([errors["mean"] for errors in accuracies.values()]))
     high = max(errors["high"] for errors in accuracies.values())
     time = f"at {accuracies[worst]['largest_s']:.0f} s"
@@ -215,10 +215,10 @@ def tiles(summary: Mapping[str, Any], accuracies: Accuracies) -> list[Tile]:
         Tile(
             name="mean error",
             value=figure(mean, " m"),
-            remark=f"95 % below {figure(high, ' m')}" + (", worst follower" if several else ""),
+            remark=f"95 % below {figure(high, ' m')}" + (", worst follower" if has_several else ""),
         )
     )
     largest = figure(accuracies[worst]["largest"], " m")
-    remark = f"{worst}, {time}" if several else time
+    remark = f"{worst}, {time}" if has_several else time
     shown_tiles.append(Tile(name="largest error", value=largest, remark=remark))
     return [*shown_tiles, *_consistency(rows, accuracies)]

@@ -116,13 +116,15 @@ def difference_of_shares(differences: Floats, confidence: float = CONFIDENCE) ->
     impossible.
     """
     adjusted = np.append(differences, [1.0, -1.0])
-    half = (
+    half_width = (
         float(_special().ndtri((1.0 + confidence) / 2.0))
         * float(adjusted.std())
         / math.sqrt(adjusted.size)
     )
     middle = float(adjusted.mean())
-    return Interval(float(differences.mean()), max(middle - half, -1.0), min(middle + half, 1.0))
+    return Interval(
+        float(differences.mean()), max(middle - half_width, -1.0), min(middle + half_width, 1.0)
+    )
 
 
 def _mean_and_covariance(missions: Sequence[Floats]) -> tuple[Floats, Floats]:
@@ -142,8 +144,12 @@ def mean_over_missions(missions: Sequence[Floats], confidence: float = CONFIDENC
     The interval is by the normal law for a sum of many runs.
     """
     total, covariance = _mean_and_covariance([mission[:, None] for mission in missions])
-    half = float(_special().ndtri((1.0 + confidence) / 2.0)) * math.sqrt(float(covariance[0, 0]))
-    return Interval(*((float(total[0]) + step) / len(missions) for step in (0.0, -half, half)))
+    half_width = float(_special().ndtri((1.0 + confidence) / 2.0)) * math.sqrt(
+        float(covariance[0, 0])
+    )
+    return Interval(
+        *((float(total[0]) + step) / len(missions) for step in (0.0, -half_width, half_width))
+    )
 
 
 def share_removed(

@@ -16,7 +16,7 @@ def arrow_table(path: Path) -> Any:
     except (ValueError, OSError) as error:
         if isinstance(error, OSError) and error.errno is not None:
             raise
-        why = " ".join(str(error).split())
+        reason = " ".join(str(error).split())
         raise LaisnError(
-            f"{path}: it is damaged: {why}; the command that wrote it writes it again"
+            f"{path}: it is damaged: {reason}; the command that wrote it writes it again"
         ) from None

@@ -231,32 +231,32 @@ def nis_judgement(value: float) -> str:
         return ""
     if tone == "good":
         return "the filter is as sure as it should be"
-    much = "far " if tone == "bad" else ""
+    adverb = "far " if tone == "bad" else ""
     if value > 1.0:
-        return f"the filter is {much}surer than its measurements agree with"
-    return f"the filter is {much}less sure than its measurements allow"
+        return f"the filter is {adverb}surer than its measurements agree with"
+    return f"the filter is {adverb}less sure than its measurements allow"
 
 
 def _tiles(replayed: Sequence[Replayed]) -> list[Tile]:
     """Key figures of the vehicle with the largest NIS, or of the only one."""
     worst = max(replayed, key=lambda vehicle: np.nan_to_num(_mean_nis(vehicle), nan=-1.0))
-    whose = f"{worst.name}, " if len(replayed) > 1 else ""
+    owner = f"{worst.name}, " if len(replayed) > 1 else ""
     two_sigma = 2.0 * worst.sigma
     value = _mean_nis(worst)
     tiles = [
         Tile(
             name="2σ of position",
             value=figure(float(np.median(two_sigma)), " m"),
-            remark=f"{whose}median; {figure(float(two_sigma.max()), ' m')} at most",
+            remark=f"{owner}median; {figure(float(two_sigma.max()), ' m')} at most",
         ),
     ]
     if np.isfinite(value):
         tone = judged(value, GOOD_NIS, BAD_NIS)
-        remark = f"{whose}1 expected"
+        remark = f"{owner}1 expected"
         tiles.append(Tile(name="NIS per quantity", value=figure(value), remark=remark, tone=tone))
     if np.isfinite(worst.mean_error):
         error = figure(worst.mean_error, " m")
-        tiles.insert(0, Tile(name="mean error", value=error, remark=f"{whose}from the path"))
+        tiles.insert(0, Tile(name="mean error", value=error, remark=f"{owner}from the path"))
     kinds = worst.estimates.fix_kind
     rejected = float(np.mean(np.isin(kinds, (FixKind.GATED, FixKind.LOST)))) if kinds.size else 0.0
     share = f"{100 * rejected:.0f} %"

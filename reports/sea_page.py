@@ -125,8 +125,8 @@ def _along(sea: SeaSettings, paths: list[PlannedPath]) -> Any:
 
 def _current_profile(sea: SeaSettings) -> Any:
     depth = np.linspace(0.0, floor_of(sea).deepest, _LEVELS)
-    none = np.zeros(_LEVELS)
-    current = current_at(sea, none, none, depth, none)
+    zero = np.zeros(_LEVELS)
+    current = current_at(sea, zero, zero, depth, zero)
     lines = [
         Line(x=current[:, 0], y=-depth, colour=SERIES[0], name="towards east"),
         Line(x=current[:, 1], y=-depth, colour=SERIES[1], name="towards north"),
@@ -166,14 +166,14 @@ def write_sea_page(scenario: Scenario, path: Path) -> None:
     paths = list(planned_paths(sea.plan))
     chart, fastest = _map(sea, paths)
     floor = floor_of(sea)
-    over = [
+    heights = [
         floor.depths_at(*planned.position[:, :2].T) + planned.position[:, 2] for planned in paths
     ]
-    least = min(float(height.min()) for height in over)
+    lowest = min(float(height.min()) for height in heights)
     flows = fastest > _SMALL
     moves = f"The current runs at up to {fastest:.3g} m/s at {scenario.leader.layer_m:g} m"
-    still = "There is no current"
-    summary = f"{moves if flows else still}; the plans keep {least:.3g} m above the floor."
+    sentence = "There is no current"
+    summary = f"{moves if flows else sentence}; the plans keep {lowest:.3g} m above the floor."
     legend = [(LEADER, "leader"), (FOLLOWER, "followers")]
     if flows:
         legend.append((SERIES[0], "current"))

@@ -48,7 +48,9 @@ def mirror_locked_steps(flight: FlightRecord, follower: int) -> Bools:
     )
 
 
-def _kept(flight: FlightRecord, follower: int, route: Route, off: Floats) -> dict[str, Any]:
+def _kept(
+    flight: FlightRecord, follower: int, route: Route, track_errors: Floats
+) -> dict[str, Any]:
     """How a follower kept its place and depth by its route, from its distances off it, shape (n,),
     [m].
     """
@@ -57,11 +59,11 @@ def _kept(flight: FlightRecord, follower: int, route: Route, off: Floats) -> dic
     planned = route.depth.at(truth.time)[0]
     depth_error = truth.depth[:, vehicle] - planned
     row: dict[str, Any] = {
-        "track_error_rms_m": float(np.sqrt(np.mean(off**2))),
+        "track_error_rms_m": float(np.sqrt(np.mean(track_errors**2))),
         "depth_error_rms_m": float(np.sqrt(np.mean(depth_error**2))),
     }
     keeping = flight.scenario.followers[follower].station and asdict(
-        tracking.station_keeping(off, flight.trajectory.time)
+        tracking.station_keeping(track_errors, flight.trajectory.time)
     )
     return row | {
         name: None if value != value else value for name, value in (keeping or {}).items()
@@ -99,13 +101,13 @@ def consistency(flight: FlightRecord, follower: int, bound: Floats) -> dict[str,
     squares = np.sum((estimates.state[:, :2] - truth) ** 2, axis=1)
     normalised = metrics.nees(estimates, truth)
     is_finite = np.isfinite(squares)
-    least = float(np.mean(bound[is_finite] ** 2)) if is_finite.any() else 0.0
+    bound_square = float(np.mean(bound[is_finite] ** 2)) if is_finite.any() else 0.0
     finite = np.isfinite(normalised)
     return {
         "nees": float(normalised[finite].mean()) if finite.any() else None,
-        "bound_rms_m": least**0.5,
-        "rms_over_bound": float(np.mean(squares[is_finite]) / least) ** 0.5
-        if least > 0.0
+        "bound_rms_m": bound_square**0.5,
+        "rms_over_bound": float(np.mean(squares[is_finite]) / bound_square) ** 0.5
+        if bound_square > 0.0
         else None,
     }
 
@@ -190,7 +192,7 @@ def summarise(flight: FlightRecord, bounds: list[Floats] | None = None) -> dict[
         np.concatenate([e for e, _ in errors]), np.concatenate([b for _, b in errors])
     )
     names = flight.trajectory.names[1:]
-    off = tracking.track_errors(MotionSettings.of(flight.scenario), flight.trajectory)
+    track_errors = tracking.track_errors(MotionSettings.of(flight.scenario), flight.trajectory)
     routes = routes_of(MissionPlan.of(flight.scenario))
     sensing = flight.scenario.formation.proximity is not None
     spent = sightings(MotionSettings.of(flight.scenario), flight.trajectory).spent_s
@@ -202,14 +204,14 @@ def summarise(flight: FlightRecord, bounds: list[Floats] | None = None) -> dict[
         "outcome": flight.outcome.value,
         "flown_s": float(flight.trajectory.time[-1]),
         "variant": flight.scenario.variants,
-        "verdict": verdict(flight, off).table(),
+        "verdict": verdict(flight, track_errors).table(),
         **pooled._asdict(),
         **_nearest(flight),
         **({"leader": leader} if leader else {}),
         "followers": {
             name: metrics.summarise(*errors[i])._asdict()
             | consistency(flight, i, bounds[i])
-            | _kept(flight, i, routes[i + 1], off[:, i])
+            | _kept(flight, i, routes[i + 1], track_errors[:, i])
             | ({"gave_way_s": float(spent[i])} if sensing else {})
             | {"relative_errors": relative_error(flight, i)}
             | {"fixes": metrics.fix_counts(flight.estimates[i])}
@@ -238,12 +240,12 @@ def route_events(flight: FlightRecord) -> list[Event]:
         _, vehicle = flight.scenario.vehicles()[v]
         if getattr(vehicle, "station", None) is not None or vehicle.controller:
             continue
-        off = tracking.track_error(route, truth.time, truth.position[:, v, :2])
-        k = int(np.argmax(off))
-        if off[k] > OFF_ROUTE_M:
+        track_error = tracking.track_error(route, truth.time, truth.position[:, v, :2])
+        k = int(np.argmax(track_error))
+        if track_error[k] > OFF_ROUTE_M:
             text = (
-                f"{truth.names[v]} is {off[k]:.0f} m off its route (maximum), and {off[-1]:.0f} "
-                "m at the end"
+                f"{truth.names[v]} is {track_error[k]:.0f} m off its route (maximum), and "
+                f"{track_error[-1]:.0f} m at the end"
             )
             events.append(Event(float(truth.time[k]), "warning", text, truth.names[v]))
     return events
@@ -311,11 +313,11 @@ def uncertainty_events(flight: FlightRecord) -> list[Event]:
         distance = np.hypot(
             places.east[:, i] - places.east[:, j], places.north[:, i] - places.north[:, j]
         )
-        near = distance < SIGMAS * largest_sigma(
+        is_near = distance < SIGMAS * largest_sigma(
             flight.estimates[i].covariance + flight.estimates[j].covariance
         )
-        if near.any():
-            k = int(np.argmax(near))
+        if is_near.any():
+            k = int(np.argmax(is_near))
             text = (
                 f"stations of {followers[i].name} and {followers[j].name}, {distance[k]:.1f} m "
                 "apart, are nearer"

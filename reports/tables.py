@@ -194,14 +194,15 @@ def measurements_table(flight: FlightRecord) -> Table:
         columns |= {"heading_deg": np.rad2deg(measured.heading) % 360.0, "depth_m": measured.depth}
         received = {f"leader_{column}": measured.message[:, i] for i, column in enumerate(_LEADER)}
         received |= {
-            f"range_{which}_m": measured.ranges[:, i] for i, which in enumerate(Ranges._fields)
+            f"range_{transmitter}_m": measured.ranges[:, i]
+            for i, transmitter in enumerate(Ranges._fields)
         }
         for column, values in received.items():
-            whole = np.full(measured.speed.size, np.nan)
-            whole[measured.message_step - 1] = (
+            column_values = np.full(measured.speed.size, np.nan)
+            column_values[measured.message_step - 1] = (
                 np.rad2deg(values) if column.endswith("_deg") else values
             )
-            columns[column] = pa.array(whole, from_pandas=True)
+            columns[column] = pa.array(column_values, from_pandas=True)
         for column, values in _custom_columns(measured):
             columns[column] = pa.array(values, from_pandas=True)
         parts.append(pa.table(columns))

@@ -217,14 +217,14 @@ def _dress(axes: Axes, direction: Literal["x", "y"], axis: Mapping[str, Any]) ->
         axes.set(**{f"{direction}lim": ends})
     if "tickvals" in axis:
         limits = axes.get_xlim() if direction == "x" else axes.get_ylim()
-        inside = [
+        visible = [
             (value, text)
             for value, text in zip(axis["tickvals"], axis["ticktext"], strict=True)
             if min(limits) <= value <= max(limits)
         ]
-        axes.set(**{f"{direction}ticks": [value for value, _ in inside]})
-        axes.set(**{f"{direction}ticklabels": [formula(text) for _, text in inside]})
-        if direction == "y" and len(inside) > _MOST_WORDS and inside[0][1][:1].isalpha():
+        axes.set(**{f"{direction}ticks": [value for value, _ in visible]})
+        axes.set(**{f"{direction}ticklabels": [formula(text) for _, text in visible]})
+        if direction == "y" and len(visible) > _MOST_WORDS and visible[0][1][:1].isalpha():
             axes.tick_params(axis="y", labelsize=_SMALL_WORDS)
         axes.tick_params(
             axis=direction, which="minor", length=0, labelleft=False, labelbottom=False

@@ -109,7 +109,7 @@ def _first_true(condition: Bools) -> int | None:
 
 
 def _loss(
-    flight: FlightRecord, follower: int, errors: Floats, off: Floats
+    flight: FlightRecord, follower: int, errors: Floats, track_error: Floats
 ) -> tuple[float, str] | None:
     """When a follower was first lost, and in what respect; None if it was not.
 
@@ -120,27 +120,29 @@ def _loss(
     # a controller of the user's own has its own idea of where to go
     by_estimate = plan.guided_by_estimate and not plan.controller
     if plan.station is not None or by_estimate:
-        near = _first_true(off < JOINED_M) if plan.station is not None else 0
+        joined_step = _first_true(track_error < JOINED_M) if plan.station is not None else 0
         target = "station" if plan.station is not None else "route"
-        if near is None:
+        if joined_step is None:
             return float(time[-1]), f"never reached its {target}"
-        left_step = _first_true(off[near:] > LOST_M)
+        left_step = _first_true(track_error[joined_step:] > LOST_M)
         if left_step is not None:
-            return float(time[near + left_step]), f"more than {LOST_M:g} m off its {target}"
+            return float(time[joined_step + left_step]), f"more than {LOST_M:g} m off its {target}"
     wrong = _first_true(errors > LOST_M)
     if wrong is None:
         return None
     return float(time[flight.step_index()][wrong]), f"its estimate more than {LOST_M:g} m off"
 
 
-def _cause(flight: FlightRecord, follower: int, loss_s: float, errors: Floats, off: Floats) -> str:
+def _cause(
+    flight: FlightRecord, follower: int, loss_s: float, errors: Floats, track_error: Floats
+) -> str:
     """The likeliest cause of a loss that the record shows."""
     steps = flight.step_index()
     time = flight.trajectory.time[steps]
     step = min(int(np.searchsorted(time, loss_s)), time.size - 1)
     error = float(errors[step])
     plan = flight.scenario.followers[follower]
-    station_error = float(off[min(int(steps[step]), off.size - 1)])
+    station_error = float(track_error[min(int(steps[step]), track_error.size - 1)])
     if plan.guided_by_estimate and error < _RIGHT_SHARE * station_error:
         speed = float(flight.trajectory.forward_speed[steps[step], follower + 1])
         return (
@@ -166,8 +168,8 @@ def _cause(flight: FlightRecord, follower: int, loss_s: float, errors: Floats, o
     return _NO_CAUSE
 
 
-def losses(flight: FlightRecord, off: Floats) -> tuple[Loss, ...]:
-    """Lost followers in order of time; `off` are distances from routes and stations, shape
+def losses(flight: FlightRecord, track_errors: Floats) -> tuple[Loss, ...]:
+    """Lost followers in order of time; `track_errors` are distances from routes and stations, shape
     (n, f), [m].
     """
     lost = list[Loss]()
@@ -175,7 +177,7 @@ def losses(flight: FlightRecord, off: Floats) -> tuple[Loss, ...]:
         zip(position_and_bearing_errors(flight), flight.trajectory.names[1:], strict=True)
     ):
         finite_errors = np.nan_to_num(errors, nan=0.0)
-        loss = _loss(flight, i, finite_errors, off[:, i])
+        loss = _loss(flight, i, finite_errors, track_errors[:, i])
         if loss is None:
             continue
         time_s, respect = loss
@@ -185,15 +187,15 @@ def losses(flight: FlightRecord, off: Floats) -> tuple[Loss, ...]:
                 follower=name,
                 time_s=time_s,
                 what=respect,
-                cause=_cause(flight, i, time_s, finite_errors, off[:, i]),
+                cause=_cause(flight, i, time_s, finite_errors, track_errors[:, i]),
                 silence_s=silence.length_s,
             )
         )
     return tuple(sorted(lost, key=lambda loss: loss.time_s))
 
 
-def _because(which: str, cause: str) -> str:
-    return cause if cause == _NO_CAUSE else f"{which}: {cause}"
+def _because(subject: str, cause: str) -> str:
+    return cause if cause == _NO_CAUSE else f"{subject}: {cause}"
 
 
 def _lost_text(lost: Sequence[Loss], followers: int) -> str:
@@ -206,8 +208,8 @@ def _lost_text(lost: Sequence[Loss], followers: int) -> str:
     if followers == 1:
         cause = _because("likeliest cause", first.cause)
         return f"{number} was lost at {first.time_s:.0f} s ({first.what}); {cause}."
-    which = f"likeliest cause of the first ({first.what})"
-    return f"{number} {verb} lost: {', '.join(named)}; {_because(which, first.cause)}."
+    subject = f"likeliest cause of the first ({first.what})"
+    return f"{number} {verb} lost: {', '.join(named)}; {_because(subject, first.cause)}."
 
 
 def _errors_text(flight: FlightRecord) -> str:
@@ -237,9 +239,9 @@ def _errors_text(flight: FlightRecord) -> str:
     )
 
 
-def verdict(flight: FlightRecord, off: Floats) -> Verdict:
-    """What matters most of a flight; `off` as of `losses`."""
-    lost = losses(flight, off)
+def verdict(flight: FlightRecord, track_errors: Floats) -> Verdict:
+    """What matters most of a flight; `track_errors` as of `losses`."""
+    lost = losses(flight, track_errors)
     parts = list[str]()
     if flight.outcome is not Termination.COMPLETED:
         text = flight.outcome.value

@@ -15,12 +15,14 @@ def on_axis(sites: Floats) -> bool:
     """Whether rear, front and middle transmitter, shape (3, 3), [m], are where a baseline and an
     offset put them.
     """
-    half = sites[1, 0]
+    half_baseline = sites[1, 0]
     port_offset = sites[2, 1]
     return bool(
-        half > 0
+        half_baseline > 0
         and port_offset > 0
-        and np.array_equal(sites, [[-half, 0, 0], [half, 0, 0], [0, port_offset, 0]])
+        and np.array_equal(
+            sites, [[-half_baseline, 0, 0], [half_baseline, 0, 0], [0, port_offset, 0]]
+        )
     )
 
 

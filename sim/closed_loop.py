@@ -662,8 +662,8 @@ def _record_of(
     steps = concluded.state.shape[1]
     link = navigated_link(links)
     messages = steps // (link.every if link else links.message_every) + 1
-    whole = concluded.covariance.shape[1] > 0
-    fixes_only = SwarmRecord.empty(len(followers), 0, messages, kind, whole=whole)
+    with_covariance = concluded.covariance.shape[1] > 0
+    fixes_only = SwarmRecord.empty(len(followers), 0, messages, kind, whole=with_covariance)
     return fixes_only._replace(state=concluded.state[rows], covariance=concluded.covariance[rows])
 
 

@@ -78,11 +78,11 @@ def film_errors(duration_s: float, video: Video) -> list[str]:
     count = max(1, round(duration_s / video.speed_up * video.frame_rate_hz))
     if count * video.width_px * video.height_px <= MOST_PIXELS:
         return []
-    most = MOST_PIXELS // (video.width_px * video.height_px)
+    max_frames = MOST_PIXELS // (video.width_px * video.height_px)
     return [
         f"video: a film of {duration_s:g} s at speed_up = {video.speed_up:g} and "
         f"{video.frame_rate_hz} Hz has "
-        f"{count:.4g} frames, at {video.width_px} × {video.height_px} there may be {most}"
+        f"{count:.4g} frames, at {video.width_px} × {video.height_px} there may be {max_frames}"
     ]
 
 
@@ -329,10 +329,10 @@ def _weight_errors_in(hull: Hull, speeds: SpeedRange, share: float) -> list[str]
             advice += f", or go at {speed + 0.05:.2g} m/s or more through the water"
             break
     kind = "heavier" if excess < 0.0 else "lighter"
-    most = held.up if excess < 0.0 else held.down
+    largest_force = held.up if excess < 0.0 else held.down
     return [
         f"it is {abs(excess):.3g} N {kind} than the water that it displaces; hull lift, fins and "
-        f"thrusters hold {most:.3g} N at {speeds.mean:.3g} m/s, the mean of its mission; "
+        f"thrusters hold {largest_force:.3g} N at {speeds.mean:.3g} m/s, the mean of its mission; "
         f"{advice}"
     ]
 
@@ -412,10 +412,10 @@ def _start_overlap(motion: MotionSettings) -> list[str]:
     for i, setup in enumerate(setups):
         for j, other in enumerate(setups[:i]):
             x, y, z = np.subtract(setup.position_m, other.position_m)
-            near = (
+            overlaps_other = (
                 (joins[i] or joins[j]) and np.hypot(x, y) < LEAST_APART_M and abs(z) < LEAST_LAYER_M
             )
-            if near or (
+            if overlaps_other or (
                 motion.contact == "end" and np.hypot(np.hypot(x, y), z) < 2.0 * HULL_RADIUS_M
             ):
                 overlaps.append(
@@ -430,14 +430,14 @@ def _station_conflict(motion: MotionSettings) -> list[str]:
     """Stations of one layer that meet where the leader turns, of followers without a sensor to
     give way by.
     """
-    near = None if motion.formation.proximity else closest_stations(motion)
-    if near is None or near.distance_m >= LEAST_APART_M:
+    closest = None if motion.formation.proximity else closest_stations(motion)
+    if closest is None or closest.distance_m >= LEAST_APART_M:
         return []
     return [
-        f"{' and '.join(near.pair)}, in one layer, come within {near.distance_m:.2g} m of each "
-        f"other at {near.time_s:g} s of the leader's route; at least {LEAST_APART_M:g} m are "
-        f"needed: give them layers {LEAST_LAYER_M:g} m apart, other places, or formation.proximity "
-        "to give way by"
+        f"{' and '.join(closest.pair)}, in one layer, come within {closest.distance_m:.2g} m of "
+        f"each other at {closest.time_s:g} s of the leader's route; at least {LEAST_APART_M:g} m "
+        f"are needed: give them layers {LEAST_LAYER_M:g} m apart, other places, or "
+        "formation.proximity to give way by"
     ]
 
 

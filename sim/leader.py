@@ -234,9 +234,9 @@ class LeaderUnit:
         """What the leader has measured and concluded in filter steps `steps.start` + 1 …
         `steps.stop`.
         """
-        whole = self._record_until(steps.stop)
-        measured = whole.measurements.part(steps.start, steps.stop)
-        estimates = whole.estimates
+        record = self._record_until(steps.stop)
+        measured = record.measurements.part(steps.start, steps.stop)
+        estimates = record.estimates
         if estimates is not None:
             estimates = estimates.part(steps.start, steps.stop)
         return VehicleRecord(measurements=measured, estimates=estimates)

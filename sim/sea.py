@@ -143,9 +143,9 @@ def sea_report(sound: SoundSettings) -> list[str]:
         lines.append(f"ocean.density: hulls have their trim {where}, and follow the density")
     sonar = sonar_of(sound.acoustics)
     if sonar.detects:
-        half = half_heard_m(sonar)
+        half_heard = half_heard_m(sonar)
         lines.append(
-            f"acoustics.source_level_db: half of the messages are heard at {half:.0f} m; "
+            f"acoustics.source_level_db: half of the messages are heard at {half_heard:.0f} m; "
             f"absorption {1e3 * sonar.absorption:.2f} dB/km"
         )
     return lines

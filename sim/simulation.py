@@ -646,10 +646,10 @@ def require_regular_end(
 
 def _require_no_contact(trajectory: Trajectory) -> Trajectory:
     """The motion; ContactError if vehicles touched."""
-    met = contacts(trajectory)
-    if not met:
+    collisions = contacts(trajectory)
+    if not collisions:
         return trajectory
-    time, (first, second) = met[0]
+    time, (first, second) = collisions[0]
     touched = f"at {time:g} s {first} and {second} touched, which ended the mission"
     raise ContactError(touched, trajectory.part(0, max(round(time / trajectory.dt), 1)))
 

@@ -42,7 +42,7 @@ def ray_cautions(sound: SoundSettings, assumed: str) -> list[str]:
     plan = sound.sea.plan
     leader, *followers = planned_places(plan)
     chosen = np.linspace(0, len(leader) - 1, _LOOKS).astype(int)
-    shadowed, several, worst = [], [], 0.0
+    shadowed, multipath, worst = [], [], 0.0
     for follower, places in zip(plan.followers, followers, strict=True):
         looks = [_numbers(rays, leader[i], places[i]) for i in chosen.tolist()]
         counts = [count for count, _ in looks]
@@ -50,17 +50,17 @@ def ray_cautions(sound: SoundSettings, assumed: str) -> list[str]:
         if 0 in counts:
             shadowed.append(f"{follower.name} ({counts.count(0) / _LOOKS:.0%} of the plan)")
         if max(counts) > 1:
-            several.append(follower.name)
+            multipath.append(follower.name)
     lines = []
     if shadowed:
         lines.append(
             f"acoustics.rays: no direct ray reaches {', '.join(shadowed)}, which receives nothing "
             "there"
         )
-    if several:
+    if multipath:
         lines.append(
-            f"acoustics.rays: several direct rays reach {', '.join(several)}; the first to arrive "
-            "is measured"
+            f"acoustics.rays: several direct rays reach {', '.join(multipath)}; the first to "
+            "arrive is measured"
         )
     if worst > _NOTICEABLE_M and assumed != "profile":
         lines.append(

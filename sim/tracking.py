@@ -41,12 +41,12 @@ def cross_track(route: Route, time: Floats, position: Floats) -> Floats:
     neighbour, the nearest, [m].
     """
     last = route.time.size - 2
-    due = np.clip(np.searchsorted(route.time, time, side="right") - 1, 0, last)
+    planned_leg = np.clip(np.searchsorted(route.time, time, side="right") - 1, 0, last)
     start = route.waypoint[:-1]
     legs = np.diff(route.waypoint, axis=0)
     nearest = np.full(time.size, np.inf)
     for shift in (-1, 0, 1):
-        leg = np.clip(due + shift, 0, last)
+        leg = np.clip(planned_leg + shift, 0, last)
         offset = position - start[leg]
         squared = np.einsum("ni,ni->n", legs[leg], legs[leg])
         # where the vehicle stops, the leg is a point
@@ -99,8 +99,8 @@ def distance_from_route(route: Route, time: Floats, position: Floats) -> Floats:
     offset = position[:, None, :2] - points[:-1]
     squared = np.einsum("li,li->l", legs, legs)
     share = np.einsum("nli,li->nl", offset, legs) / np.where(squared > 0.0, squared, 1.0)
-    off = offset - np.clip(share, 0.0, 1.0)[..., None] * legs
-    level = np.hypot(off[..., 0], off[..., 1]).min(axis=1)
+    separation = offset - np.clip(share, 0.0, 1.0)[..., None] * legs
+    level = np.hypot(separation[..., 0], separation[..., 1]).min(axis=1)
     return np.asarray(np.hypot(level, position[:, 2] + route.depth.depth_at(time)))
 
 
@@ -118,8 +118,8 @@ def first_departure(time: Floats, pose: Floats, bounds: MissionBounds) -> Depart
     for area in bounds.areas:
         for vehicle in range(pose.shape[1]):
             if not area.region.holds(pose[:, vehicle, :2]):
-                within = area.region.within(pose[:, vehicle, :2])
-                departures.append(Departure(int(np.argmin(within)), vehicle, None, area.key))
+                in_area = area.region.within(pose[:, vehicle, :2])
+                departures.append(Departure(int(np.argmin(in_area)), vehicle, None, area.key))
     # of the mission, not of these instants, so that a mission ends alike in steps of any length
     looks = np.flatnonzero(np.rint(time / CONTROL_STEP_S).astype(np.int64) % _LOOK_EVERY == 0)
     if looks.size:
@@ -135,10 +135,10 @@ def _off_routes(
     for vehicle, route in enumerate(routes):
         if route is None:
             continue
-        off = distance_from_route(route, time[looks], pose[looks, vehicle, :3])
-        if off.max() > LEFT_ROUTE_M:
-            first = int(np.argmax(off > LEFT_ROUTE_M))
-            departures.append(Departure(int(looks[first]), vehicle, float(off[first])))
+        distance = distance_from_route(route, time[looks], pose[looks, vehicle, :3])
+        if distance.max() > LEFT_ROUTE_M:
+            first = int(np.argmax(distance > LEFT_ROUTE_M))
+            departures.append(Departure(int(looks[first]), vehicle, float(distance[first])))
     return departures
 
 
@@ -258,13 +258,16 @@ def _first_contacts(pose: Floats) -> Ints:
     reach = np.add.outer(half_lengths, half_lengths) + 2.0 * HULL_RADIUS_M
     for i, j in _pairs_within(pair_distances(position), reach):
         offsets = position[:, i] - position[:, j]
-        near = np.flatnonzero(
+        close_instants = np.flatnonzero(
             _dot(offsets, offsets) <= (half_lengths[i] + half_lengths[j] + 2.0 * HULL_RADIUS_M) ** 2
         )
         gap = hull_gap(
-            offsets[near], axis[near, j], axis[near, i], (half_lengths[j], half_lengths[i])
+            offsets[close_instants],
+            axis[close_instants, j],
+            axis[close_instants, i],
+            (half_lengths[j], half_lengths[i]),
         )
-        first[i, j] = next(iter(near[gap < 2.0 * HULL_RADIUS_M]), -1)
+        first[i, j] = next(iter(close_instants[gap < 2.0 * HULL_RADIUS_M]), -1)
     return first
 
 
@@ -432,18 +435,18 @@ def off_station(
     f), [m]; NaN: none.
     """
     followers = motion.plan.followers
-    off = np.full((trajectory.time.size, len(followers)), np.nan)
+    errors = np.full((trajectory.time.size, len(followers)), np.nan)
     with_station = [i for i, follower in enumerate(followers) if follower.station]
     if not with_station:
         # a first flight along routes need not compile what finds stations
-        return off
+        return errors
     places = true_stations(motion, trajectory) if stations is None else stations
     for i in with_station:
         hydrophone = trajectory.site_path(f"{followers[i].name}/hydrophone")[:, :2]
-        off[:, i] = np.hypot(
+        errors[:, i] = np.hypot(
             hydrophone[:, 0] - places.east[:, i], hydrophone[:, 1] - places.north[:, i]
         )
-    return off
+    return errors
 
 
 def track_errors(
@@ -462,13 +465,13 @@ def track_errors(
     return errors
 
 
-def station_keeping(off: Floats, time: Floats) -> StationKeeping:
+def station_keeping(errors: Floats, time: Floats) -> StationKeeping:
     """Figures of one follower; both arguments of shape (n,), distances from its station [m] at
     times [s].
     """
-    near = off < JOINED_M
-    joined = int(np.argmax(near)) if near.any() else None
-    counted = off[joined or 0 :]
+    is_joined = errors < JOINED_M
+    joined = int(np.argmax(is_joined)) if is_joined.any() else None
+    counted = errors[joined or 0 :]
     return StationKeeping(
         joined_s=float("nan") if joined is None else float(time[joined]),
         station_rms_m=float(np.sqrt(np.mean(counted**2))),

@@ -53,10 +53,10 @@ def is_custom(vehicle: Vehicle) -> bool:
     return changed or vehicle.model is not None
 
 
-def _deviation(quantity: str, off: Floats, time: Floats) -> TrackDeviation:
-    worst = int(np.argmax(off))
+def _deviation(quantity: str, errors: Floats, time: Floats) -> TrackDeviation:
+    worst = int(np.argmax(errors))
     return TrackDeviation(
-        quantity, float(np.sqrt(np.mean(off**2))), float(off[worst]), float(time[worst])
+        quantity, float(np.sqrt(np.mean(errors**2))), float(errors[worst]), float(time[worst])
     )
 
 
@@ -72,16 +72,16 @@ def _deviations_of(
         deviation = _deviation("its station", station[joined:], time[joined:])
         return [deviation] if deviation.largest_m > OFF_STATION_M else []
     route = route_of(vehicle, trajectory.names[i])
-    until = time <= route.time[-1] + 1e-9
-    level = cross_track(route, time[until], trajectory.position[until, i, :2])
+    on_route = time <= route.time[-1] + 1e-9
+    level = cross_track(route, time[on_route], trajectory.position[on_route, i, :2])
     depth = np.abs(trajectory.depth[:, i] - route.depth.depth_at(time))
     deviations = []
-    for off, most, quantity in (
+    for errors, bound, quantity in (
         (level, OFF_ROUTE_M, "its route"),
         (depth, OFF_DEPTH_M, "its depth"),
     ):
-        deviation = _deviation(quantity, off, time)
-        if deviation.largest_m > most:
+        deviation = _deviation(quantity, errors, time)
+        if deviation.largest_m > bound:
             deviations.append(deviation)
     return deviations
 
@@ -91,11 +91,11 @@ def track_deviations(motion: MotionSettings, trajectory: Trajectory) -> list[str
     stations, a line for each that is farther off than is usual.
     """
     lines = []
-    off = off_station(motion, trajectory)
+    station_errors = off_station(motion, trajectory)
     for i, (_, vehicle) in enumerate(motion.plan.vehicles()):
         if not is_custom(vehicle):
             continue
-        of_vehicle = _deviations_of(vehicle, trajectory, i, off[:, max(i - 1, 0)])
+        of_vehicle = _deviations_of(vehicle, trajectory, i, station_errors[:, max(i - 1, 0)])
         if of_vehicle:
             lines.append(f"{trajectory.names[i]}: {'; '.join(map(str, of_vehicle))}")
     return lines

@@ -42,9 +42,9 @@ def import_statements(path: Path) -> tuple[tuple[ast.Import | ast.ImportFrom, bo
     """All imports of a source, as of the first call, and whether each stands within a function."""
     tree = ast.parse(path.read_bytes()).body
     functions = [node for node in statements(tree) if isinstance(node, ast.FunctionDef)]
-    late = {id(node) for function in functions for node in statements(function.body)}
+    in_functions = {id(node) for function in functions for node in statements(function.body)}
     nodes = (node for node in statements(tree) if isinstance(node, ast.Import | ast.ImportFrom))
-    return tuple((node, id(node) in late) for node in nodes)
+    return tuple((node, id(node) in in_functions) for node in nodes)
 
 
 def named(path: Path, module: str) -> Iterator[str]:

@@ -184,12 +184,12 @@ def score_mission(mission: str, scores: Sequence[RunScore]) -> MissionScore:
     rms = _rms(column("rms_m"))
     largest = column("largest_m")
     step = column("step_us")
-    nothing = Interval(math.nan, math.nan, math.nan)
+    undefined = Interval(math.nan, math.nan, math.nan)
     return MissionScore(
         mission=mission,
         runs=len(scores),
         incomplete=len(scores) - len(complete),
-        mean_m=mean_interval(np.array(means)) if means else nothing,
+        mean_m=mean_interval(np.array(means)) if means else undefined,
         rms_m=rms,
         largest_m=float(largest.max(initial=-math.inf)) if complete else math.nan,
         times_bound=rms / _rms(column("bound_m")) if complete else math.nan,
@@ -247,9 +247,9 @@ def _track(path: Path, columns: Mapping[str, Any]) -> Track:
 def _of_run(path: Path, track: Track, rows: Ints) -> Track:
     """The estimates of one run; LaisnError if their times do not increase."""
     time = track.time[rows]
-    late = np.flatnonzero(~(np.diff(time) > 0.0))
-    if late.size:
-        before, after = time[late[0] : late[0] + 2]
+    unordered = np.flatnonzero(~(np.diff(time) > 0.0))
+    if unordered.size:
+        before, after = time[unordered[0] : unordered[0] + 2]
         raise LaisnError(
             f"{path}: the time goes from {before:g} to {after:g} s; times of a run must increase"
         )

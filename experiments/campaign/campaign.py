@@ -211,10 +211,10 @@ class _Campaign:
         missions = {plan.motion: plan for plan in self.plans}
         missing = {}
         for motion, plan in missions.items():
-            needed = self.facts_keys(motion)
+            facts_keys = self.facts_keys(motion)
             if motion in of_cells:
-                needed.append(motion)
-            if not self.store.has(*needed):
+                facts_keys.append(motion)
+            if not self.store.has(*facts_keys):
                 missing[motion] = plan
         return missing
 
@@ -271,9 +271,9 @@ class _Campaign:
             for plan in self.missing_missions.values()
             if not plan.scenario.keys_needing_closed_loop()
         ]
-        most = min(LANES, -(-len(missions) // workers))
+        batch = min(LANES, -(-len(missions) // workers))
         motions = [MotionSettings.of(plan.scenario) for plan in missions]
-        return [[missions[i] for i in group] for group in groups_for_lanes(motions, most)]
+        return [[missions[i] for i in group] for group in groups_for_lanes(motions, batch)]
 
     def lane_jobs(self, pool: Pool) -> list[Job]:
         """Jobs for missions side by side, with first cells where these are flown with missions."""

@@ -269,11 +269,11 @@ def new_noise(address: Address, dt: float) -> Noise:
 
 
 @compiled
-def _draw_if(needed: bool, noise: Noise, stream: int, step: int) -> None:
+def _draw_if(is_needed: bool, noise: Noise, stream: int, step: int) -> None:
     """Draw normals as `_draw_normals` does, or set them to zero where the errors make no use of
     them.
     """
-    if needed:
+    if is_needed:
         _draw_normals(noise, stream, step)
     else:
         noise.draws[:] = 0.0
@@ -334,16 +334,18 @@ def _read_position(
 
 @compiled
 def _read_attitude(
-    block: Floats, noise: Noise, errors: SensorErrors, sent: Floats, emitted: int, since: int
+    block: Floats, noise: Noise, errors: SensorErrors, sent: Floats, emitted: int, steps_since: int
 ) -> None:
     """Read the leader's pitch and roll."""
     draws = noise.draws
     fluctuation = noise.fluctuation
     offset = noise.offset
-    weight, fresh = sensors.gauss_markov_weights(since, noise.dt, errors.leader_tilt_time)
+    weight, spread_weight = sensors.gauss_markov_weights(
+        steps_since, noise.dt, errors.leader_tilt_time
+    )
     _draw_if(errors.leader_tilt_sigma > 0.0, noise, _LEADER_ATTITUDE, emitted)
     for i in range(2 * LANES):
-        fluctuation[i] = sensors.gauss_markov_step(fluctuation[i], weight, fresh, draws[i])
+        fluctuation[i] = sensors.gauss_markov_step(fluctuation[i], weight, spread_weight, draws[i])
     for lane in range(LANES):
         i = _FIRST + lane
         j = _SECOND + lane
@@ -421,7 +423,7 @@ def sense_message(
     """
     draws = noise.draws
     errors, transmitters = receiver
-    received, emitted, since = steps
+    received, emitted, steps_since = steps
     east = sent[0]
     north = sent[1]
     heading = sent[2]
@@ -444,8 +446,10 @@ def sense_message(
             errors, leader_depth, (draws[_FIRST + lane], 0.0)
         )
     if sensors.position_errs(errors):
-        _read_position(block, noise, errors, sent, emitted, emitted - since if since else 0)
-    _read_attitude(block, noise, errors, sent, emitted, since)
+        _read_position(
+            block, noise, errors, sent, emitted, emitted - steps_since if steps_since else 0
+        )
+    _read_attitude(block, noise, errors, sent, emitted, steps_since)
     _read_ranges(block, noise, errors, transmitters, sent, (received, emitted))
 
 
@@ -515,7 +519,7 @@ def fly_block(
     prior = lanes.no_prior()
     i = 0
     for k in range(1, n + 1):
-        now = truth.own[k - 1]
+        readings = truth.own[k - 1]
         received = i < m and truth.message_step[i] == k
         if prepared.states.shape[0] > 0:
             for j, first in enumerate((lanes.X, lanes.Y, lanes.PXX, lanes.PXY, lanes.PYY)):
@@ -526,18 +530,25 @@ def fly_block(
                 if received:
                     copy_values(prepared.messages[i], block[lanes.EAST : lanes.X1])
             else:
-                sense_own(block, noise, errors, now[0], now[1], k)
+                sense_own(block, noise, errors, readings[0], readings[1], k)
                 if received:
                     emitted = truth.emission_step[i]
                     steps = k, emitted, emitted - truth.emission_step[i - 1] if i > 0 else 0
                     sense_message(
-                        block, noise, (errors, int(t.transmitters)), truth.sent[i], now[2], steps
+                        block,
+                        noise,
+                        (errors, int(t.transmitters)),
+                        truth.sent[i],
+                        readings[2],
+                        steps,
                     )
             lanes.advance(block, t, k, received, prior)
             if received:
                 tally_fixes(block, tally, fixes)
         i += received
-        tally_step(block, tally, bins, (now[3], now[4]), (now[5], now[6], now[7]))
+        tally_step(
+            block, tally, bins, (readings[3], readings[4]), (readings[5], readings[6], readings[7])
+        )
         nees[k - 1] = sum_nees(tally, used)
         fill_histograms(bins, histograms, used)
         if history.size > 0:

@@ -312,7 +312,7 @@ def _summed(cell: Cell, flown: Iterator[_Block]) -> CellResult:
     low, high = chdtri(2.0 * size, np.array([0.975, 0.025]))
     finite = nees[np.isfinite(nees)]
     fixes = tally[lane.KINDS // LANES :].sum(axis=1)
-    whole: Record = {
+    series: Record = {
         "nees": means["nees"],
         "nees_inside": float(np.mean((finite >= low) & (finite <= high))) if finite.size else None,
         "nis": means["nis"],
@@ -323,7 +323,7 @@ def _summed(cell: Cell, flown: Iterator[_Block]) -> CellResult:
         if mirror_locked.all()
         else float(runs["e_p_mean_m"][~mirror_locked].mean()),
     }
-    return CellResult(errors | percentiles | whole, runs)
+    return CellResult(errors | percentiles | series, runs)
 
 
 def _measured(cell: Cell, runs: Sequence[int]) -> list[Measurements]:
@@ -332,13 +332,13 @@ def _measured(cell: Cell, runs: Sequence[int]) -> list[Measurements]:
     """
     truth = cell.truth
     seed = cell.seed
-    which: dict[str, Any] = {
+    series: dict[str, Any] = {
         "follower": cell.follower,
         "transmitters": cell.settings.transmitters,
         "further": cell.further,
     }
     measured = [
-        measure(truth, cell.errors, seed=seed, run=run, use_compiled=True, **which) for run in runs
+        measure(truth, cell.errors, seed=seed, run=run, use_compiled=True, **series) for run in runs
     ]
     if cell.disturbance is not None:
         disturb = cell.disturbance.disturb
@@ -372,17 +372,17 @@ def _fly(cell: Cell, truth: lane.TruthRecord, runs: range, history: Floats = _NO
     """
     settings = cell.settings
     prepared = lane.Given()
-    single = list[MissionResult]()
+    results = list[MissionResult]()
     steps = cell.truth.speed.size
     if not cell.spec.lanes:
         if not settings.known_start:
             raise LaisnError(
                 "navigation.assume.known_start = false is for single flights: cells need all errors"
             )
-        single = single_runs(cell, runs)
+        results = single_runs(cell, runs)
         settings = NavigationSettings()
         prepared = lane.Given(states=np.ones((steps, 5, LANES)))
-        for i, estimates in enumerate(single):
+        for i, estimates in enumerate(results):
             prepared.states[:, :2, i] = estimates.state[:, :2]
             prepared.states[:, 2:, i] = estimates.covariance
     elif cell.disturbance:
@@ -391,7 +391,7 @@ def _fly(cell: Cell, truth: lane.TruthRecord, runs: range, history: Floats = _NO
     block = lane.fly_block(
         truth, cell.errors, lanes.tuning(settings), address, len(runs), prepared, history
     )
-    for i, estimates in enumerate(single):
+    for i, estimates in enumerate(results):
         of_run = block[0][i::LANES]
         of_run[lane.SUM_NIS // LANES] = estimates.squared
         of_run[lane.COUNT_NIS // LANES] = 0.5 * estimates.numbers
@@ -409,7 +409,7 @@ def simulate(cell: Cell, *, threads: int = 1) -> CellResult:
     with ThreadPoolExecutor(threads) as pool:
         # the number of tallies that wait is bounded, and with it the memory
         batches = iter(lambda: [*islice(blocks, 4 * threads)], [])
-        return _summed(cell, chain.from_iterable(pool.map(fly, some) for some in batches))
+        return _summed(cell, chain.from_iterable(pool.map(fly, batch) for batch in batches))
 
 
 def histories(cell: Cell) -> Floats:

@@ -211,15 +211,15 @@ def compute(trajectory: Trajectory, plans: Sequence[CellPlan]) -> list[Result]:
             seen, _ = mission.seen(settings, plan.follower)
             geometry = geometry_of(seen, settings.sensing, plan.follower)
             noise = noise_of(settings.sensing, settings.navigation, plan.follower)
-            least = least_rms(geometry, noise)
-            bound = float(np.sqrt(np.mean(least**2)))
+            bound_rms = least_rms(geometry, noise)
+            bound = float(np.sqrt(np.mean(bound_rms**2)))
             rms = float(np.hypot(row["e_p_mean_m"], row["e_p_std_m"]))
             row |= {"bound_rms_m": bound, "rms_over_bound": rms / bound if bound > 0.0 else None}
             if plan.lag_s:
                 row["bound_smoothed_rms_m"] = float(
                     np.sqrt(np.mean(least_rms(geometry, noise, plan.lag_s) ** 2))
                 )
-            steps = {"bound_m": least.astype(np.float32)}
+            steps = {"bound_m": bound_rms.astype(np.float32)}
         results.append((plan.key, row, result.runs))
         if plan.keep_steps:
             results.append((plan.steps_key, None, steps_of(cell) | steps))

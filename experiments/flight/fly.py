@@ -125,9 +125,9 @@ class MissionToFly:
         What its followers measure and estimate meanwhile is written into the log.
         """
         self._log = log
-        whole = Stopwatch()
+        total = Stopwatch()
         try:
-            with whole.phase("simulate"):
+            with total.phase("simulate"):
                 trajectory = self._move(progress)
             self._outcome = Termination.COMPLETED
         except EndedError as error:
@@ -137,8 +137,8 @@ class MissionToFly:
             # navigation and log, which go on meanwhile, have their own times
             for name in ("navigate", "log"):
                 meanwhile = (self.watch.get(f"{name}{end}", 0.0) for end in ("_s", "_processor_s"))
-                whole.add("simulate", *(-seconds for seconds in meanwhile))
-            self.watch |= whole
+                total.add("simulate", *(-seconds for seconds in meanwhile))
+            self.watch |= total
         return trajectory, self._outcome
 
     def _move(self, progress: Callable[[float], None] | None) -> Trajectory:

@@ -211,9 +211,9 @@ def vehicle_rows() -> list[tuple[str, str, str, str]]:
         mujoco.mj_kinematics(looks, data)
         # boxes about the visible parts, turned into the hull's frame
         turn = data.geom_xmat.reshape(-1, 3, 3)
-        centre, half = np.moveaxis(looks.geom_aabb.reshape(-1, 2, 3), 1, 0)
+        centre, half_size = np.moveaxis(looks.geom_aabb.reshape(-1, 2, 3), 1, 0)
         middle = data.geom_xpos + np.einsum("gij,gj->gi", turn, centre)
-        reach = np.einsum("gij,gj->gi", abs(turn), half)
+        reach = np.einsum("gij,gj->gi", abs(turn), half_size)
         sides = np.max(middle + reach, axis=0) - np.min(middle - reach, axis=0)
         size = " × ".join(f"{side:.2f}" for side in sides) + " m"
         groups = Counter[str]()

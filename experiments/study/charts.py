@@ -36,12 +36,12 @@ def _words(name: str) -> tuple[str, str]:
         return words, unit
     number = owner[2]
     if number is None:
-        whose = "leader's"
+        owner_text = "leader's"
     elif number == "*":
-        whose = "followers'"
+        owner_text = "followers'"
     else:
-        whose = f"follower {int(number) + 1}'s"
-    return f"{whose} {words}", unit
+        owner_text = f"follower {int(number) + 1}'s"
+    return f"{owner_text} {words}", unit
 
 
 def label_of(name: str) -> str:
@@ -113,8 +113,8 @@ def layout_of(plan: StudyPlan) -> ChartLayout:
 
     others = [n for n in free if n not in (report.lines, report.panels)]
     x_factor = taken(report.against, *(n for n in others if axis_of(plan, n).numeric), *others)
-    few = [n for n in free if n != report.panels and len(levels(plan, n)) <= MOST_LINES]
-    lines = taken(report.lines, *(n for n in few if n == ARM), *few)
+    line_candidates = [n for n in free if n != report.panels and len(levels(plan, n)) <= MOST_LINES]
+    lines = taken(report.lines, *(n for n in line_candidates if n == ARM), *line_candidates)
     return ChartLayout(x_factor, lines, tuple(sorted(free, key=lambda n: n != report.panels)))
 
 
@@ -362,10 +362,10 @@ def over_realizations(plan: StudyPlan, results: Results) -> Figures:
             for arm, m, colour in zip(plan.arms, means, SERIES, strict=False)
             if m.size > 1 and not np.isnan(m).any()
         ]
-        whose = [point_text(plan.points[point])] if plan.points[point] else []
-        whose += [follower] if len(plan.followers) > 1 else []
+        owners = [point_text(plan.points[point])] if plan.points[point] else []
+        owners += [follower] if len(plan.followers) > 1 else []
         if lines and len(drawn) < MOST_PANELS:
-            drawn[", ".join(whose)] = lines
+            drawn[", ".join(owners)] = lines
     ends = [end for lines in drawn.values() for line in lines for end in (line.x[0], line.x[-1])]
     margin = 0.04 * (max(ends, default=1.0) - min(ends, default=0.0)) or 1.0
     limits = (min(ends, default=0.0) - margin, max(ends, default=1.0) + margin)

@@ -74,14 +74,14 @@ def _flights(names: Sequence[str], flights: Sequence[FlightRecord]) -> dict[str,
     figures = Figures(panels=[curves], legend=[*zip(SERIES, names, strict=False)])
     changed = differing(flights)
     equal = all(e.shape == first.shape and np.array_equal(e, first) for e, _ in errors)
-    nothing = ""
+    no_difference = ""
     if equal and not changed:
-        nothing = "the flights have the same settings and the same errors"
+        no_difference = "the flights have the same settings and the same errors"
     return {
         "errors": figures,
         "rows": [*zip(names, summaries, differences, strict=True)],
         "changed": changed,
-        "nothing": nothing,
+        "nothing": no_difference,
     }
 
 
@@ -91,8 +91,8 @@ Place = tuple[str, ...]
 
 def _points_text(points: Iterable[Place]) -> str:
     texts = [", ".join(point) or "the only one" for point in points]
-    more = f" and {len(texts) - _NAMED} more" if len(texts) > _NAMED else ""
-    return f"{'; '.join(texts[:_NAMED]) or 'none with a value'}{more}"
+    omitted = f" and {len(texts) - _NAMED} more" if len(texts) > _NAMED else ""
+    return f"{'; '.join(texts[:_NAMED]) or 'none with a value'}{omitted}"
 
 
 def _require_common_points(folders: Sequence[Path], values: Sequence[Mapping[Place, Any]]) -> None:
@@ -215,19 +215,19 @@ def _studies(names: Sequence[str], folders: Sequence[Path]) -> dict[str, Any]:
     changed = _differing(tables)
     differences = [interval for intervals in rows.values() for interval in intervals[1:]]
     comparable = [interval for interval in differences if interval is not None]
-    nothing = ""
+    no_difference = ""
     if not comparable:
-        nothing = "the studies share places, but neither seeds nor numbers of runs"
+        no_difference = "the studies share places, but neither seeds nor numbers of runs"
     elif (
         not changed and len(comparable) == len(differences) and not any(i.value for i in comparable)
     ):
-        nothing = "the studies have the same settings and the same results"
+        no_difference = "the studies have the same settings and the same results"
     return {
         "metric": METRICS[metric],
         "rows": rows,
         "answers": _answers(names, rows),
         "changed": changed,
-        "nothing": nothing,
+        "nothing": no_difference,
     }
 
 

@@ -63,13 +63,15 @@ class Factor:
             if len({repr(value) for value in values}) < len(values):
                 raise ValueError("a value stands in the list twice")
             return cls(key=key, values=tuple(values))
-        whole = cls._of_range(key, values)
+        factor = cls._of_range(key, values)
         if sampled:
-            return whole
+            return factor
         steps = values.get("steps") if isinstance(values, dict) else None
         if not isinstance(steps, int) or isinstance(steps, bool) or not 2 <= steps <= 10_000:
             raise ValueError(f"steps must be a whole number, 2 to 10000 (given: {steps!r})")
-        return replace(whole, values=tuple(_tidy(whole.at(i / (steps - 1))) for i in range(steps)))
+        return replace(
+            factor, values=tuple(_tidy(factor.at(i / (steps - 1))) for i in range(steps))
+        )
 
     @classmethod
     def _of_range(cls, key: str, table: object) -> "Factor":
@@ -106,20 +108,22 @@ class Factor:
 
 
 def points_of(
-    factors: Sequence[Factor], design: Design, number: int | None, seed: int, most: int
+    factors: Sequence[Factor], design: Design, number: int | None, seed: int, max_points: int
 ) -> list[dict[str, Any]]:
     """The points of a design, values by key: every combination, or `number` points that fill the
     ranges evenly.
 
-    `most` is compared before any point is made. ValueError: the number does not suit the design, or
-    is larger.
+    `max_points` is compared before any point is made. ValueError: the number does not suit the
+    design, or is larger.
     """
     if design == "factorial":
         count = math.prod(len(factor.values) for factor in factors)
     else:
         count = number or 0
-    if count > most:
-        raise ValueError(f"{count:,} points, at most {most:,} with these arms and realizations")
+    if count > max_points:
+        raise ValueError(
+            f"{count:,} points, at most {max_points:,} with these arms and realizations"
+        )
     if design != "factorial":
         return _sampled_points(factors, design, number, seed)
     if number is not None:
@@ -137,9 +141,9 @@ def _sampled_points(
     if number is None or number < 2:
         raise ValueError(f"a {design} design needs points, at least 2 (given: {number})")
     if design == "sobol" and number & (number - 1):
-        near = 2 ** round(math.log2(number))
+        power_of_two = 2 ** round(math.log2(number))
         raise ValueError(
-            f"a sobol design has a power of two points, such as {near} (given: {number})"
+            f"a sobol design has a power of two points, such as {power_of_two} (given: {number})"
         )
     # as in `_of_distribution`
     from scipy.stats import qmc

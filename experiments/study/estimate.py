@@ -95,8 +95,8 @@ def over_realizations(means: Floats) -> Interval:
         return Interval(mean, math.nan, math.nan)
     if means.size >= FEWEST_RUNS:
         return mean_interval(means)
-    half = _quantile(means.size) * float(means.std(ddof=1)) / math.sqrt(means.size)
-    return Interval(mean, mean - half, mean + half)
+    half_width = _quantile(means.size) * float(means.std(ddof=1)) / math.sqrt(means.size)
+    return Interval(mean, mean - half_width, mean + half_width)
 
 
 def over_runs(
@@ -149,10 +149,10 @@ def _interval(
         if not realizations.size or np.isnan(realizations).any():
             return NOTHING
         return over_realizations(realizations)
-    whole = [_whole(values) for values in runs]
-    if not whole or not all(values.size for values in whole):
+    finite_runs = [_whole(values) for values in runs]
+    if not finite_runs or not all(values.size for values in finite_runs):
         return NOTHING
-    return over_runs(whole, shares=metric in SHARES, paired=paired)
+    return over_runs(finite_runs, shares=metric in SHARES, paired=paired)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,8 +193,8 @@ class Results:
         """
         runs = self.by_run(condition, metric)
         if runs is not None:
-            whole = [_whole(values) for values in runs]
-            return np.array([values.mean() if values.size else math.nan for values in whole])
+            finite_runs = [_whole(values) for values in runs]
+            return np.array([values.mean() if values.size else math.nan for values in finite_runs])
         return np.array([row.get(metric) for row in self.rows.get(condition, [])], dtype=np.float64)
 
     def estimate(self, condition: Condition, metric: str) -> Interval:

@@ -121,17 +121,17 @@ def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _station(off: Floats, turning: Bools, time: Floats) -> Record:
+def _station(errors: Floats, turning: Bools, time: Floats) -> Record:
     """How a follower kept its station: distances from it [m] and where its frame turns, all of
     shape (n,).
     """
-    keeping = station_keeping(off, time)
-    leg = off[~turning]
+    keeping = station_keeping(errors, time)
+    leg = errors[~turning]
     return {
         "station_rms_m": keeping.station_rms_m,
         "station_p95_m": keeping.station_p95_m,
         "station_max_m": keeping.station_max_m,
-        "station_turn_max_m": float(off[turning].max(initial=0.0)),
+        "station_turn_max_m": float(errors[turning].max(initial=0.0)),
         "station_leg_rms_m": _rms(leg) if leg.size else None,
         "lost": float(keeping.lost),
     }
@@ -150,7 +150,7 @@ def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
     position = trajectory.position
     on_stations = any(follower.station for follower in plan.followers)
     stations = true_stations(motion, trajectory) if on_stations else None
-    off = track_errors(motion, trajectory, stations)
+    errors_of_tracks = track_errors(motion, trajectory, stations)
     sent = np.arange(round(1.0 / CONTROL_STEP_S), time.size, round(1.0 / CONTROL_STEP_S))
     density = motion.sea.ocean.density_kg_m3
     span = float(time[-1] - time[0])
@@ -175,7 +175,7 @@ def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
     leader = {f"leader_{name}": value for name, value in moved(0).items()}
     records = []
     for v, follower in enumerate(plan.followers, start=1):
-        errors = off[:, v - 1]
+        errors = errors_of_tracks[:, v - 1]
         offsets = np.delete(position, v, axis=1) - position[:, v : v + 1]
         separation = position[:, v] - position[:, 0]
         east, north, up = separation[sent].T
@@ -201,9 +201,12 @@ def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
         if follower.station and stations is not None:
             row |= _station(errors, np.abs(stations.rate[:, v - 1]) > TURNING_RAD_S, time)
         else:
-            until = time <= routes[v].time[-1] + 1e-9
-            aside = cross_track(routes[v], time[until], position[until, v, :2])
-            row |= {"cross_track_rms_m": _rms(aside), "cross_track_max_m": float(aside.max())}
+            on_route = time <= routes[v].time[-1] + 1e-9
+            lateral_offsets = cross_track(routes[v], time[on_route], position[on_route, v, :2])
+            row |= {
+                "cross_track_rms_m": _rms(lateral_offsets),
+                "cross_track_max_m": float(lateral_offsets.max()),
+            }
         records.append(row | moved(v) | leader)
     return records
 

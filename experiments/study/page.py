@@ -100,13 +100,15 @@ def commands(plan: StudyPlan, results: Results) -> str:
     """For every place the commands that fly its worst and its median run alone."""
     lines = []
     for condition in list(results.rows)[:_MOST_COMMANDS]:
-        for which, (realization, run) in zip(
+        for extreme, (realization, run) in zip(
             ("worst", "median"), notable(plan, results, condition), strict=True
         ):
             realization_text = (
                 f" of realization {realization}" if plan.study.file.realizations > 1 else ""
             )
-            lines.append(f"# {_place_text(plan, condition)}: {which} run, {run}{realization_text}")
+            lines.append(
+                f"# {_place_text(plan, condition)}: {extreme} run, {run}{realization_text}"
+            )
             entry = plan.by_place[condition.point, condition.arm, realization]
             measured = {key: results.rows[condition][0][key] for key in entry.measured}
             lines.append(fly_line(entry.source, entry.settings_at(run) | measured, run))
@@ -240,8 +242,8 @@ class StudyPage:
         """Places of the table: all, or of too many the lowest and the highest."""
         if len(self.results.rows) <= _MOST_ROWS:
             return list(self.results.rows)
-        half = _MOST_ROWS // 2
-        return self.ranked[:half] + self.ranked[-half:]
+        half_rows = _MOST_ROWS // 2
+        return self.ranked[:half_rows] + self.ranked[-half_rows:]
 
     @cached_property
     def differences(self) -> dict[Condition, Interval]:
@@ -347,8 +349,8 @@ def answer(plan: StudyPlan, results: Results) -> Answer:
     page = StudyPage(plan=plan, results=results, failures={})
     places = list(results.rows)
     if len(places) > _MOST_ANSWERS:
-        half = _MOST_ANSWERS // 2
-        places = page.ranked[:half] + page.ranked[-half:]
+        half_answers = _MOST_ANSWERS // 2
+        places = page.ranked[:half_answers] + page.ranked[-half_answers:]
     heads = ["where", page.metric.label]
     if page.several_arms:
         heads += [f"less {plan.arms[0]}", "verdict"]

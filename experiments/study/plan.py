@@ -207,9 +207,10 @@ def _report_errors(study: Study) -> list[str]:
     )
     for key, metric in asked.items():
         if metric not in METRICS:
-            near = difflib.get_close_matches(metric, METRICS, n=3, cutoff=0.4)
+            similar = difflib.get_close_matches(metric, METRICS, n=3, cutoff=0.4)
             lines.append(
-                f"  {key}: unknown metric {metric!r:.60}; available: {', '.join(near or METRICS)}"
+                f"  {key}: unknown metric {metric!r:.60}; "
+                f"available: {', '.join(similar or METRICS)}"
             )
     names = [*(factor.key for factor in study.factors), ARM, FOLLOWER]
     for name in ("against", "lines", "panels"):

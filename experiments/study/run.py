@@ -112,18 +112,18 @@ def _of_runs(
         "runs": len(runs),
     }
     for name, values in lists.items():
-        whole = np.array(values, dtype=np.float64)
-        whole = whole[np.isfinite(whole)]
-        if not whole.size:
+        finite = np.array(values, dtype=np.float64)
+        finite = finite[np.isfinite(finite)]
+        if not finite.size:
             row[name] = None
         elif name.endswith(("_max_m", "_max_deg")):
-            row[name] = float(whole.max())
+            row[name] = float(finite.max())
         elif name.startswith("closest_"):
-            row[name] = float(whole.min())
+            row[name] = float(finite.min())
         elif "_rms_" in name:
-            row[name] = float(np.sqrt(np.mean(whole**2)))
+            row[name] = float(np.sqrt(np.mean(finite**2)))
         elif name not in ("run", "mirror_locked", "gated"):
-            row[name] = float(whole.mean())
+            row[name] = float(finite.mean())
     for count, name in (
         ("mirror_locked_runs", "mirror_locked"),
         ("fixes_gated", "gated"),
@@ -250,7 +250,7 @@ def _widest(results: Results, metric: str) -> float:
     """Half of the widest interval of a metric of runs; infinite where too few runs have it for
     an interval.
     """
-    widest = 0.0
+    half_width = 0.0
     for condition in results.rows:
         runs = results.by_run(condition, metric)
         interval = results.estimate(condition, metric)
@@ -258,22 +258,22 @@ def _widest(results: Results, metric: str) -> float:
             raise LaisnError(f"runs.until.metric: {metric!r} is not a metric of single runs")
         # runs that are all alike have no limits either, and more would not give them any
         if not math.isnan(interval.low):
-            widest = max(widest, (interval.high - interval.low) / 2)
+            half_width = max(half_width, (interval.high - interval.low) / 2)
         elif np.unique(runs[0][~np.isnan(runs[0])]).size > 1:
-            widest = math.inf
-    return widest
+            half_width = math.inf
+    return half_width
 
 
-def runs_wanted(runs: int, widest: float, until: Until, batch: int) -> int:
+def runs_wanted(runs: int, half_width: float, until: Until, batch: int) -> int:
     """Runs after the next look at intervals, half of the widest of which is known; as many as there
     are: no more.
 
     Intervals narrow with the square root of their number (Stein, Ann. Math. Stat. 16, 1945).
     `tools.documents.coverage` measures how often the intervals then hold the truth.
     """
-    if widest <= until.half_width or runs >= until.most:
+    if half_width <= until.half_width or runs >= until.most:
         return runs
-    batches = math.ceil(runs * min((widest / until.half_width) ** 2, _MOST_GROWTH) / batch)
+    batches = math.ceil(runs * min((half_width / until.half_width) ** 2, _MOST_GROWTH) / batch)
     return min(batches * batch, until.most)
 
 
@@ -282,8 +282,8 @@ def _next_runs(outcomes: StudyResults) -> int:
     study = outcomes.plan.study
     if study.until is None:
         return study.runs
-    widest = _widest(outcomes.results, study.until.metric)
-    return runs_wanted(study.runs, widest, study.until, study.file.batch)
+    half_width = _widest(outcomes.results, study.until.metric)
+    return runs_wanted(study.runs, half_width, study.until, study.file.batch)
 
 
 def fly_until_narrow(
@@ -367,9 +367,9 @@ def run_tables(runs: Sequence[tuple[Record, Record]]) -> Iterator[pa.Table]:
     labels = pa.table(of_one_type(columns_of([of_rows for of_rows, _ in runs])))
     kinds = {name: values for _, lists in reversed(runs) for name, values in lists.items()}
     names = dict.fromkeys(name for _, lists in runs for name in lists)
-    whole = not all(isinstance(values, np.ndarray) for values in kinds.values())
+    is_partial = not all(isinstance(values, np.ndarray) for values in kinds.values())
     sizes = np.array([len(next(iter(lists.values()))) for _, lists in runs])
-    group = np.zeros_like(sizes) if whole else (sizes.cumsum() - sizes) // _TABLE_ROWS
+    group = np.zeros_like(sizes) if is_partial else (sizes.cumsum() - sizes) // _TABLE_ROWS
     for number in np.unique(group):
         (chosen,) = np.nonzero(group == number)
         columns: dict[str, Any] = {}
@@ -380,7 +380,7 @@ def run_tables(runs: Sequence[tuple[Record, Record]]) -> Iterator[pa.Table]:
                 values = np.concatenate(parts)
             else:
                 values = of_one_type({name: [*chain(*parts)]})[name]
-            kind = None if whole else pa.from_numpy_dtype(kinds[name].dtype)
+            kind = None if is_partial else pa.from_numpy_dtype(kinds[name].dtype)
             columns[name] = pa.array(values, type=kind)
         of_rows = labels.take(np.repeat(chosen, sizes[chosen]))
         yield pa.table(dict(zip(of_rows.column_names, of_rows.columns, strict=True)) | columns)

@@ -141,17 +141,17 @@ class FactorGraph(DeadReckoning):
     ) -> bool:
         gtsam = self._gtsam
         settings = self.settings
-        way, path, noise, since = self._odometry()
-        self._messages, self._time = self._messages + 1, self._time + since
+        way, path, noise, elapsed = self._odometry()
+        self._messages, self._time = self._messages + 1, self._time + elapsed
         last_pose = self._pose
         self._pose = gtsam.symbol("x", self._messages)
         graph = gtsam.NonlinearFactorGraph()
         values = gtsam.Values()
         common = gtsam.symbol("c", self._messages)
-        covariance = np.diag([0.0, 0.0, COMPASS_WALK**2 * since])
+        covariance = np.diag([0.0, 0.0, COMPASS_WALK**2 * elapsed])
         covariance[:2, :2] = noise
         model = gtsam.noiseModel.Gaussian.Covariance(covariance)
-        error = partial(_odometry_error, way, path, since)
+        error = partial(_odometry_error, way, path, elapsed)
         graph.add(
             gtsam.CustomFactor(model, [last_pose, self._pose, self._log_bias, self._current], error)
         )

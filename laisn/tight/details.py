@@ -65,8 +65,8 @@ def _write_states(b: GaussianMixture, m: Model, places: Ints, fix: Record) -> No
             mean += b.weight[k] * b.state[k, i]
         variance = 0.0
         for k in range(b.alive * m.modes):
-            off = b.state[k, i] - mean
-            variance += b.weight[k] * (b.covariance[k, i, i] + off * off)
+            deviation = b.state[k, i] - mean
+            variance += b.weight[k] * (b.covariance[k, i, i] + deviation * deviation)
         fix.full_state[places[i]] = mean
         fix.full_sigma[places[i]] = math.sqrt(variance)
 
@@ -98,13 +98,13 @@ def _heaviest_below(b: GaussianMixture, m: Model, heavier: int) -> int:
     """
     bound = np.inf if heavier < 0 else hypothesis_weight(b, m.modes, heavier)
     chosen = -1
-    most = -np.inf
+    largest = -np.inf
     for h in range(b.alive):
         weight = hypothesis_weight(b, m.modes, h)
         follows = weight < bound or (weight == bound and h > heavier)
-        if follows and weight > most:
+        if follows and weight > largest:
             chosen = h
-            most = weight
+            largest = weight
     return chosen
 
 

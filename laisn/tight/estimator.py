@@ -119,9 +119,9 @@ def split(b: GaussianMixture, m: Model, signal: Signal) -> None:
     """
     for h in range(b.alive):
         lateral, variance, critical = _lateral_offset(b, m, mixture.heaviest(b, m.modes, h), signal)
-        least = min(_SPLIT * critical, _WIDEST)
-        across = variance > least * least and abs(lateral) < _REACH * math.sqrt(variance)
-        if b.alive < CAPACITY and across:
+        threshold = min(_SPLIT * critical, _WIDEST)
+        is_wide = variance > threshold * threshold and abs(lateral) < _REACH * math.sqrt(variance)
+        if b.alive < CAPACITY and is_wide:
             other = b.alive
             b.alive += 1
             mixture.copy_hypothesis(b, m.modes, h, other)
@@ -135,9 +135,9 @@ def prune_and_merge(b: GaussianMixture, m: Model) -> None:
     """Prune and merge hypotheses, and keep the heaviest few; those with different leader
     headings are not merged.
     """
-    same = _SAME if m.leader_position == ABSENT else _SAME_BESIDE_ERRORS
+    same_radius = _SAME if m.leader_position == ABSENT else _SAME_BESIDE_ERRORS
     b.alive = mixture.prune_and_merge(
-        b, m.modes, b.alive, _LEAST_WEIGHT, HYPOTHESES, m.leader, same
+        b, m.modes, b.alive, _LEAST_WEIGHT, HYPOTHESES, m.leader, same_radius
     )
     mixture.normalise(b.weight, b.alive * m.modes)
 
@@ -356,10 +356,10 @@ def mix_modes(b: GaussianMixture, m: Model) -> None:
 
 @compiled
 def _turn_growth(
-    turn: CompassTurn, direction: tuple[float, float], least: float, time: float
+    turn: CompassTurn, direction: tuple[float, float], min_variance: float, time: float
 ) -> float:
-    """Growth of the squared angle of a turn of at least `least` [rad²], `time` seconds after the
-    last call.
+    """Growth of the squared angle of a turn of at least `min_variance` [rad²], `time` seconds after
+    the last call.
     """
     sine, cosine = direction
     started = turn.sin != 0.0 or turn.cos != 0.0
@@ -367,7 +367,7 @@ def _turn_growth(
         sine * turn.cos - cosine * turn.sin, sine * turn.sin + cosine * turn.cos
     )
     turn.still += time
-    if started and angle > max(turn.angle, least):
+    if started and angle > max(turn.angle, min_variance):
         gained: float = angle * angle - turn.angle * turn.angle
         turn.angle = angle
         turn.still = 0.0
@@ -484,16 +484,16 @@ def _time_pings(b: GaussianMixture, m: Model, signal: Signal) -> None:
     for i in range(m.transmitters):
         if signal.ranges[i] == signal.ranges[i]:
             last = max(last, i * m.ping_slot + m.sound_slowness * signal.ranges[i])
-    since = b.motion.clock - signal.time
+    elapsed = b.motion.clock - signal.time
     # zero states no time
-    if signal.time == 0.0 or not last <= since <= _LONGEST_DELAY:
-        since = last
+    if signal.time == 0.0 or not last <= elapsed <= _LONGEST_DELAY:
+        elapsed = last
     for i in range(m.transmitters):
         signal.lag[i] = signal.age[i] = 0.0
         if signal.ranges[i] == signal.ranges[i]:
             way = m.sound_slowness * signal.ranges[i]
-            signal.lag[i] = max(since - i * m.ping_slot - way, 0.0)
-            signal.age[i] = max(since - way, 0.0)
+            signal.lag[i] = max(elapsed - i * m.ping_slot - way, 0.0)
+            signal.age[i] = max(elapsed - way, 0.0)
             if signal.age[i] > _PROMPT:
                 signal.late = 1
 
@@ -525,13 +525,13 @@ def _update_components(b: GaussianMixture, m: Model, signal: Signal) -> int:
     """Update all components; the most ranges that one used, −1 if a covariance was not positive
     definite.
     """
-    most = 0
+    most_ranges = 0
     for k in range(b.alive * m.modes):
         used = update(b, m, k, signal)
         if used < 0:
             return -1
-        most = max(most, used)
-    return most
+        most_ranges = max(most_ranges, used)
+    return most_ranges
 
 
 @compiled
@@ -560,8 +560,8 @@ def receive(b: GaussianMixture, m: Model, signal: Signal) -> int:
             return -1
     if not math.isnan(signal.ranges[0] + signal.ranges[1]):
         split(b, m, signal)
-    most = _update_components(b, m, signal)
-    if most < 0:
+    most_ranges = _update_components(b, m, signal)
+    if most_ranges < 0:
         return -1
     if b.alive * m.modes > 1 and not motion.update_weights(b, m):
         return -1
@@ -569,11 +569,11 @@ def receive(b: GaussianMixture, m: Model, signal: Signal) -> int:
         update_leader_variance(b, m)
     if b.alive > 1:
         prune_and_merge(b, m)
-    if not _check_consistency(b, m, signal, received, most):
+    if not _check_consistency(b, m, signal, received, most_ranges):
         return -1
     if m.current != ABSENT or m.leader != ABSENT:
         motion.update_current_from_leader_track(b, m, signal)
     motion.reset_preintegration(b)
     b.motion.elapsed = 0.0
     refresh_output(b, m)
-    return most
+    return most_ranges

@@ -73,14 +73,14 @@ def prior_sigmas(settings: TightSettings) -> dict[int, float]:
     """
     s = settings
     assume = settings.assume
-    always = (
+    sigmas_always = (
         s.start_sigma,
         s.start_sigma,
         s.speed_bias_sigma,
         s.heading_bias_sigma,
         s.range_scale_bias_sigma,
     )
-    sigmas = dict(enumerate(always))
+    sigmas = dict(enumerate(sigmas_always))
     if not assume.exact_leader:
         sigmas[5] = s.leader_heading_bias_sigma
     if assume.current:
@@ -207,15 +207,15 @@ def new_belief(
     # by key, as attributes of a record are slow outside of compiled code
     names = ["states", "modes", "leader_variance", "leader_position_variance"]
     states, modes, leader_variance, leader_position_variance = m[names].item()
-    fresh = np.zeros(MOST_STATES)
-    fresh[:states] = np.square(list(prior_sigmas(settings).values()))
+    prior_variance = np.zeros(MOST_STATES)
+    prior_variance[:states] = np.square(list(prior_sigmas(settings).values()))
     record = np.zeros(1, dtype=BELIEF)
     record["states"] = states
     record["alive"] = start is not None
     record["smoothed_nis"] = 1.0
     record["leader_variance"] = leader_variance
     record["leader_position_variance"] = leader_position_variance
-    record["fresh"] = fresh
+    record["fresh"] = prior_variance
     record["motion"]["speed"] = np.nan
     track = record["leader"]
     track["window_time"] = track["at_x"] = track["track"] = np.nan
@@ -223,7 +223,7 @@ def new_belief(
     track["other_variance"] = leader_variance / 16.0
     if start is not None:
         record["state"][0, :modes, :LOG] = start
-        record["covariance"][0, :modes] = np.diag(fresh)
+        record["covariance"][0, :modes] = np.diag(prior_variance)
         record["weight"][0, :modes] = 1.0 / modes
     belief = cast(GaussianMixture, record[0])
     refresh_output(belief, m)

@@ -49,20 +49,20 @@ def preintegrate_direction(
         o.sin = sine
         o.cos = cosine
         b.turn.sin, b.turn.cos = sine, cosine
-    half = 0.5 * dt
+    half_dt = 0.5 * dt
     last_speed = o.speed
-    o.ax += half * (last_speed * o.sin + speed * sine)
-    o.ay += half * (last_speed * o.cos + speed * cosine)
-    o.bx += half * (o.sin + sine)
-    o.by += half * (o.cos + cosine)
+    o.ax += half_dt * (last_speed * o.sin + speed * sine)
+    o.ay += half_dt * (last_speed * o.cos + speed * cosine)
+    o.bx += half_dt * (o.sin + sine)
+    o.by += half_dt * (o.cos + cosine)
     # N += (σ_v² u uᵀ + σ_θ² v² (I − u uᵀ)) Δt²
-    across = m.heading_variance * speed * speed * dt * dt
+    across_variance = m.heading_variance * speed * speed * dt * dt
     # the error along the way is larger by so much than that across it; no reading has it where the
     # speed is a state
-    more = (m.speed_variance if m.speed == ABSENT else 0.0) * dt * dt - across
-    o.nxx += across + more * sine * sine
-    o.nxy += more * sine * cosine
-    o.nyy += across + more * cosine * cosine
+    along_less_across = (m.speed_variance if m.speed == ABSENT else 0.0) * dt * dt - across_variance
+    o.nxx += across_variance + along_less_across * sine * sine
+    o.nxy += along_less_across * sine * cosine
+    o.nyy += across_variance + along_less_across * cosine * cosine
     o.time += dt
     o.clock += dt
     o.mean_speed += dt * max(_PER_SMOOTHING, 1.0 / o.clock) * (speed - o.mean_speed)
@@ -302,11 +302,11 @@ def predict_component(
     q_log = m.log_walk[mode]
     q_speed = q_log if m.speed == ABSENT else m.speed_walk[mode]
     q_compass = m.compass_walk[mode]
-    half = time / 2.0
-    P[k, X, speed_index] += half * q_speed * by_speed_x
-    P[k, Y, speed_index] += half * q_speed * by_speed_y
-    P[k, X, COMPASS] += half * q_compass * by_compass_x
-    P[k, Y, COMPASS] += half * q_compass * by_compass_y
+    half_time = time / 2.0
+    P[k, X, speed_index] += half_time * q_speed * by_speed_x
+    P[k, Y, speed_index] += half_time * q_speed * by_speed_y
+    P[k, X, COMPASS] += half_time * q_compass * by_compass_x
+    P[k, Y, COMPASS] += half_time * q_compass * by_compass_y
     P[k, LOG, LOG] += q_log * time
     if m.speed != ABSENT:
         P[k, speed_index, speed_index] += q_speed * time
@@ -323,12 +323,12 @@ def predict_component(
         for j in range(n):
             P[k, j, clock] += time * P[k, j, rate]
         P[k, clock, clock] += m.clock_walk * time * time * time / 3.0
-        P[k, clock, rate] += m.clock_walk * time * half
-        P[k, rate, clock] += m.clock_walk * time * half
+        P[k, clock, rate] += m.clock_walk * time * half_time
+        P[k, rate, clock] += m.clock_walk * time * half_time
         P[k, rate, rate] += m.clock_walk * time
     if drifting:
         for state in (east, north):
-            P[k, state - east, state] += m.current_walk * time * half
+            P[k, state - east, state] += m.current_walk * time * half_time
             P[k, state, state] += m.current_walk * time
     P[k, X, X] = px
     P[k, X, Y] = pxy
@@ -433,12 +433,12 @@ def moments(b: GaussianMixture, m: Model) -> None:
     """Put mean and covariance of (x, y, vx, vy) over the mixture into `b.now`; NaN if there is
     no hypothesis yet.
     """
-    nothing = 0.0 if b.alive else np.nan
+    zero_or_nan = 0.0 if b.alive else np.nan
     origin = position(b)
     for i in range(4):
-        b.now[i] = nothing
+        b.now[i] = zero_or_nan
         for j in range(4):
-            b.now_covariance[i, j] = nothing
+            b.now_covariance[i, j] = zero_or_nan
     for k in range(b.alive * m.modes):
         _add_component(b, m, k, origin)
     centre_moments(b.now, b.now_covariance)

@@ -298,7 +298,7 @@ class _Leg:
         """
         for name in _SUMS:
             self._motion[name] = self._whole[name] - motion[name]
-        rest = self._matrix()
+        noise_gain = self._matrix()
         self._motion[:] = motion
         self._begin()
         _moments(*self._records)
@@ -311,7 +311,7 @@ class _Leg:
         mean[:2] = moved[:2]
         covariance = rows @ spread @ rows.T
         covariance[2:, 2:] += reading
-        return mean, covariance, rows @ spread @ rest.T
+        return mean, covariance, rows @ spread @ noise_gain.T
 
 
 class SmoothingNavigator(TightNavigator):
@@ -371,11 +371,11 @@ class SmoothingNavigator(TightNavigator):
         )
         mean = estimates.state.copy()
         covariance = estimates.covariance.copy()
-        onward = np.zeros((latest.size, 4, self._model.states))
+        cross_to_next = np.zeros((latest.size, 4, self._model.states))
         last[latest < 0] = latest[latest < 0]
         for i in np.flatnonzero(last > latest).tolist():
-            mean[i], covariance[i], onward[i] = legs[latest[i]].at(self._motions[i])
-        state, spread = smooth(chain, latest, last, (mean, covariance), onward)
+            mean[i], covariance[i], cross_to_next[i] = legs[latest[i]].at(self._motions[i])
+        state, spread = smooth(chain, latest, last, (mean, covariance), cross_to_next)
         return replace(estimates, state=state, covariance=spread)
 
     def _chain(self) -> tuple[list[_Leg], Chain]:
@@ -551,12 +551,12 @@ def _offset_to_likelier_hypothesis(
     """
     first = heaviest_hypothesis(b, m.modes, b.alive)
     second = -1
-    most = -1.0
+    largest = -1.0
     for h in range(b.alive):
         weight = hypothesis_weight(b, m.modes, h)
-        if h != first and weight > most:
+        if h != first and weight > largest:
             second = h
-            most = weight
+            largest = weight
     if second < 0:
         return 0.0, 0.0
     i = heaviest(b, m.modes, first)
@@ -590,13 +590,15 @@ def _write_outputs(b: GaussianMixture, m: Model, out: Record) -> None:
         xx += w * (b.covariance[k, X, X] + dx * dx)
         xy += w * (b.covariance[k, X, Y] + dx * dy)
         yy += w * (b.covariance[k, Y, Y] + dy * dy)
-    half = 0.5 * (xx + yy)
-    across = 0.5 * (xx - yy)
+    mean_variance = 0.5 * (xx + yy)
+    half_difference = 0.5 * (xx - yy)
     out.log_bias = log_bias
     out.compass_bias = compass_bias
     out.current[0] = b.output.v_x
     out.current[1] = b.output.v_y
-    out.position_sigma = math.sqrt(half + math.sqrt(across * across + xy * xy))
+    out.position_sigma = math.sqrt(
+        mean_variance + math.sqrt(half_difference * half_difference + xy * xy)
+    )
     out.offset_to_map[0], out.offset_to_map[1] = _offset_to_likelier_hypothesis(b, m, x, y)
 
 

@@ -582,12 +582,12 @@ def _select_ranges(
         w.share = (excess / max(_mean_range(b, signal, received) - excess, _SHORTEST)) ** 2
         _add_common_echo(b, signal, received, w.share)
         density, _ = _likelihood(b, received)
-        _, less, log_size = _marginalise_common_echo(b, received)
+        _, log_density, log_size = _marginalise_common_echo(b, received)
         total = (
             density
             + (m.log_outlier - log(span))
             + received * m.log_accepted
-            + 0.5 * (less + _LOG_TURN - log_size)
+            + 0.5 * (log_density + _LOG_TURN - log_size)
         )
         if total > best:
             best = total

@@ -52,10 +52,10 @@ def bound(
         for i, follower in enumerate(flown.followers):
             trajectory, _ = mission.seen(settings, i)
             noise = noise_of(settings.sensing, settings.navigation, i)
-            least = least_rms(geometry_of(trajectory, settings.sensing, i), noise)
+            bound = least_rms(geometry_of(trajectory, settings.sensing, i), noise)
             bounds = [
                 float(np.sqrt(np.mean(quarter**2)))
-                for quarter in (*np.array_split(least, _QUARTERS), least)
+                for quarter in (*np.array_split(bound, _QUARTERS), bound)
             ]
             cells = [f"{value:.3f}" for value in bounds]
             if runs:
@@ -65,10 +65,10 @@ def bound(
                 rms = float(np.hypot(flight["e_p_mean_m"], flight["e_p_std_m"]))
                 cells += [f"{rms:.3f}", f"{rms / bounds[-1]:.2f}", f"{flight['nees']:.3g}"]
             lines.append([follower.name, *cells])
-            time = flown.timing.filter_step_s * np.arange(1, least.size + 1)
+            time = flown.timing.filter_step_s * np.arange(1, bound.size + 1)
             rows += [
                 {"follower": follower.name, "time_s": t, "bound_m": value}
-                for t, value in zip(time.tolist(), least.tolist(), strict=True)
+                for t, value in zip(time.tolist(), bound.tolist(), strict=True)
             ]
     show_table(Console(), heads, lines, "least RMS position error [m]")
     if output is not None:

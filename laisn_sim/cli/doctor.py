@@ -65,9 +65,9 @@ def examine() -> int:
     backends = graphics.probe()
     renders = any(backend.works for backend in backends)
     for backend in backends:
-        needed = backend.works or not renders
-        detail = backend.detail if needed else "not available, not needed"
-        row(backend.works if needed else None, f"rendering with {backend.name}", detail)
+        is_needed = backend.works or not renders
+        detail = backend.detail if is_needed else "not available, not needed"
+        row(backend.works if is_needed else None, f"rendering with {backend.name}", detail)
     if not renders:
         table.add_row("", "", graphics.INSTALL)
     no_flight, no_film = _try_to_fly()

@@ -56,10 +56,18 @@ def _show_stations(console: Console, flight: FlightRecord, summary: dict[str, An
     rows = []
     for name, row in summary["followers"].items():
         if "station_rms_m" in row:
-            off = (f"{row[f'station_{statistic}_m']:.2f} m" for statistic in ("rms", "p95", "max"))
+            distances = (
+                f"{row[f'station_{statistic}_m']:.2f} m" for statistic in ("rms", "p95", "max")
+            )
             joined = "never" if row["joined_s"] is None else f"{row['joined_s']:.0f} s"
             rows.append(
-                [name, *off, f"{row['e_p_mean_m']:.2f} m", joined, "lost" if row["lost"] else ""]
+                [
+                    name,
+                    *distances,
+                    f"{row['e_p_mean_m']:.2f} m",
+                    joined,
+                    "lost" if row["lost"] else "",
+                ]
             )
     heads = ("follower", "station error: RMS", "95 %", "max", "E_P: mean", "joined at", "")
     show_table(console, heads, rows)
@@ -286,9 +294,9 @@ def write_flight(
             drawn = background.submit(report, None, bounds) if background else None
             # the log first, so that it is kept if the film fails
             with phase("log"):
-                rest = flight if mission is None else mission.rest_of(flight)
+                remaining = flight if mission is None else mission.rest_of(flight)
                 log.finish(
-                    rest, flight.outcome, summary=summary_text, events=events, film=reference
+                    remaining, flight.outcome, summary=summary_text, events=events, film=reference
                 )
         film = folder / FILM
         film_error: Exception | None = None

@@ -34,8 +34,8 @@ def varints(values: npt.NDArray[np.int64]) -> bytes:
     )
     count = np.arange(1, _GROUPS + 1)
     length = np.max(np.where(groups > 0, count, 1), axis=1)
-    more = np.where(count < length[:, None], 128, 0).astype(np.uint64)
-    text: bytes = (groups | more)[count <= length[:, None]].astype(np.uint8).tobytes()
+    continuation = np.where(count < length[:, None], 128, 0).astype(np.uint64)
+    text: bytes = (groups | continuation)[count <= length[:, None]].astype(np.uint8).tobytes()
     return text
 
 
@@ -60,9 +60,9 @@ class Packer:
         table = table.reshape(len(table), math.prod(table.shape[1:]))
         if not np.isfinite(table).all():
             raise ValueError(f"array {name!r} of a scene is not finite")
-        whole = np.rint(table / unit).astype(np.int64)
+        rounded = np.rint(table / unit).astype(np.int64)
         for _ in range(order):
-            whole = np.diff(whole, axis=0, prepend=np.zeros((1, whole.shape[1]), np.int64))
+            rounded = np.diff(rounded, axis=0, prepend=np.zeros((1, rounded.shape[1]), np.int64))
         self.layouts[name] = ArrayLayout(
             at=len(self._bytes),
             rows=table.shape[0],
@@ -70,7 +70,7 @@ class Packer:
             order=order,
             unit=unit,
         )
-        self._bytes += varints(whole.T.ravel())
+        self._bytes += varints(rounded.T.ravel())
 
     def table(self) -> dict[str, dict[str, float]]:
         """The layouts, for JSON."""

@@ -60,7 +60,7 @@ def _part(model: mujoco.MjModel, geom: int) -> dict[str, Any] | None:
 def _propellers(model: mujoco.MjModel) -> list[dict[str, Any]]:
     """Main propellers: effectors abaft that push along the hull. MJCFs show their nozzles alone."""
     nozzle = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, _NOZZLE)
-    radius, half = model.geom_size[nozzle][:2] if nozzle >= 0 else _USUAL_NOZZLE_M
+    radius, half_length = model.geom_size[nozzle][:2] if nozzle >= 0 else _USUAL_NOZZLE_M
     propellers = []
     for i in range(model.nu):
         name = model.actuator(i).name
@@ -72,7 +72,7 @@ def _propellers(model: mujoco.MjModel) -> list[dict[str, Any]]:
         propellers.append(
             {
                 "effector": i,
-                "at": _numbers(model.site_pos[site] - [half + _BEHIND_M, 0.0, 0.0], 4),
+                "at": _numbers(model.site_pos[site] - [half_length + _BEHIND_M, 0.0, 0.0], 4),
                 "radius": round(_BLADES * float(radius), 4),
                 # its state is revolutions per second, else thrust [N]
                 "spins": numeric(model, f"{name}.propeller") is not None,

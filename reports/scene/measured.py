@@ -96,8 +96,8 @@ def _sources(measured: Measurements, beacons: Floats) -> Floats:
     if places is None:
         return sources
     for number, (east, north, _) in enumerate(beacons.tolist(), start=1):
-        same = np.hypot(places[..., 0] - east, places[..., 1] - north) < 0.02
-        sources[same] = number
+        is_same = np.hypot(places[..., 0] - east, places[..., 1] - north) < 0.02
+        sources[is_same] = number
     return sources
 
 
@@ -114,8 +114,12 @@ def _leader(
         sent = vehicle.measured.time[vehicle.measured.message_step - 1]
         east_north = _between(sent, pose_columns[:, :2], grid)
         depth = np.interp(grid, sent, np.nan_to_num(pose_columns[:, 3], nan=_SHOWN_DEPTH_M))
-        half = 0.5 * vehicle.baseline
-        transmitters = [[-half, 0.0, 0.0], [half, 0.0, 0.0]] if np.isfinite(half) else []
+        half_baseline = 0.5 * vehicle.baseline
+        transmitters = (
+            [[-half_baseline, 0.0, 0.0], [half_baseline, 0.0, 0.0]]
+            if np.isfinite(half_baseline)
+            else []
+        )
         leader = SceneVehicle(name="leader", role="leader", model=0, transmitters=transmitters)
         quaternion = _level(_heading(sent, pose_columns[:, 2], grid))
         return leader, np.column_stack([east_north, -depth]), quaternion

@@ -124,8 +124,8 @@ def kinds_of_messages(measured: Measurements, estimates: Estimates) -> Ints:
     fix_index = np.searchsorted(estimates.fix_step, measured.message_step, side="right") - 1
     kinds = np.full(measured.message_step.size, -1)
     if estimates.fix_step.size:
-        same = (fix_index >= 0) & (estimates.fix_step[fix_index] == measured.message_step)
-        kinds[same] = estimates.fix_kind[fix_index[same]]
+        is_same = (fix_index >= 0) & (estimates.fix_step[fix_index] == measured.message_step)
+        kinds[is_same] = estimates.fix_kind[fix_index[is_same]]
     return kinds
 
 
@@ -161,10 +161,10 @@ def _branches(measured: Measurements, estimates: Estimates) -> Floats:
     message, weight, place [m], half axes [m] and direction of the 1σ ellipse [rad].
     """
     weight, position, covariance = estimates.hypotheses
-    several = np.flatnonzero(np.count_nonzero(weight > _LEAST_WEIGHT, axis=1) > 1)
-    message = np.searchsorted(measured.message_step, estimates.fix_step[several])
+    ambiguous = np.flatnonzero(np.count_nonzero(weight > _LEAST_WEIGHT, axis=1) > 1)
+    message = np.searchsorted(measured.message_step, estimates.fix_step[ambiguous])
     rows = []
-    for index, fix in zip(message.tolist(), several.tolist(), strict=True):
+    for index, fix in zip(message.tolist(), ambiguous.tolist(), strict=True):
         for h in np.flatnonzero(weight[fix] > _LEAST_WEIGHT).tolist():
             (xx, xy), (_, yy) = covariance[fix, h].tolist()
             mean = (xx + yy) / 2
@@ -209,7 +209,7 @@ def _vehicles(flight: FlightRecord, hulls: Sequence[int]) -> list[SceneVehicle]:
             if site.startswith(f"{name}/")
         }
         station = flight.scenario.followers[v - 1].station if v else None
-        transmitters = [f"tx_{which}" for which in Ranges._fields]
+        transmitters = [f"tx_{transmitter}" for transmitter in Ranges._fields]
         vehicles.append(
             SceneVehicle(
                 name=name,

@@ -53,31 +53,31 @@ def ellipsoid(radii: Floats) -> Triangles:
     return Triangles(sphere * radii, normals, _grid(_ROWS, _ROUND))
 
 
-def capsule(radius: float, half: float) -> Triangles:
+def capsule(radius: float, half_length: float) -> Triangles:
     """A cylinder along z with half a sphere at each end; half of the cylinder's length [m]."""
     rows = _ROWS + 1 + _ROWS % 2
     sphere = _directions(rows - 1)
     middle = (rows - 1) // 2
     # the equator stands twice: at the end of each half
     normals = np.concatenate([sphere[: middle + 1], sphere[middle:]])
-    shift = np.where(np.arange(rows) <= middle, -half, half)
+    shift = np.where(np.arange(rows) <= middle, -half_length, half_length)
     points = radius * normals
     points[..., 2] += shift[:, None]
     return Triangles(points.reshape(-1, 3), normals.reshape(-1, 3), _grid(rows, _ROUND))
 
 
-def cylinder(radius: float, half: float) -> Triangles:
+def cylinder(radius: float, half_length: float) -> Triangles:
     """A cylinder along z; half of its length [m]."""
     angles = np.linspace(0.0, 2.0 * np.pi, _ROUND, endpoint=False)
     ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(_ROUND)], axis=-1)
     up = np.array([0.0, 0.0, 1.0])
-    points = [radius * ring - half * up, radius * ring + half * up]
+    points = [radius * ring - half_length * up, radius * ring + half_length * up]
     normals = [ring, ring]
     corners = [_grid(2, _ROUND)]
     fan = np.stack([np.zeros(_ROUND - 2), np.arange(1, _ROUND - 1), np.arange(2, _ROUND)], axis=-1)
     for end, order in ((-1.0, (0, 2, 1)), (1.0, (0, 1, 2))):
         corners.append(fan[:, order].astype(np.int64) + _ROUND * len(points))
-        points.append(radius * ring + end * half * up)
+        points.append(radius * ring + end * half_length * up)
         normals.append(np.tile(end * up, (_ROUND, 1)))
     return Triangles(np.concatenate(points), np.concatenate(normals), np.concatenate(corners))
 

@@ -43,10 +43,10 @@ def pseudo_inverse(records: npt.NDArray[np.void], limits: Floats) -> Floats:
     """
     unit = unit_wrenches(records)  # Bᵀ
     reach = np.abs(limits).max(axis=1)
-    most = np.array(
+    largest = np.array(
         [np.abs(unit[:, :3]).max(), max(float(np.abs(unit[:, 3:]).max()), 1e-3)]
     ).repeat(3)
-    scaled = unit * reach[:, None] / (most * max(float(reach.max()), 1e-300))
+    scaled = unit * reach[:, None] / (largest * max(float(reach.max()), 1e-300))
     independent: list[int] = []
     for axis in _WANTED:
         values = np.linalg.svd(scaled[:, [*independent, axis]], compute_uv=False)
@@ -66,8 +66,8 @@ def at_speed(slow: Floats, fast: Floats, speed: float, out: Floats) -> None:
     """Write P at a speed along the hull, between those of `MIN_STEERAGE_SPEED` and `FAST`, with the
     same B, shape (M, 6).
     """
-    least = MIN_STEERAGE_SPEED**2
-    share = clip((speed * abs(speed) - least) / (FAST**2 - least), 0.0, 1.0)
+    slowest_square = MIN_STEERAGE_SPEED**2
+    share = clip((speed * abs(speed) - slowest_square) / (FAST**2 - slowest_square), 0.0, 1.0)
     for i in range(slow.shape[0]):
         for axis in range(6):
             out[i, axis] = slow[i, axis] + share * (fast[i, axis] - slow[i, axis])
@@ -84,13 +84,13 @@ def allocate(inverse: Floats, limits: Floats, wrench: Floats, command: Floats) -
         command: out: forces, shape (m,), m ≤ M, [N].
     """
     m = command.size
-    within = True
+    is_feasible = True
     for i in range(m):
         command[i] = 0.0
         for axis in range(6):
             command[i] += inverse[i, axis] * wrench[axis]
-        within = within and limits[i, 0] <= command[i] <= limits[i, 1]
-    if within:
+        is_feasible = is_feasible and limits[i, 0] <= command[i] <= limits[i, 1]
+    if is_feasible:
         for axis in range(6):
             wrench[axis] *= _is_given(inverse, axis, m)
         return

@@ -192,16 +192,16 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
 
 def _require_control(name: str, record: np.void, mode: DepthControl) -> None:
     """LaisnError naming the demands of the autopilot that a vehicle cannot meet."""
-    needed = {"surge": SURGE, "yaw": YAW} | (
+    demands = {"surge": SURGE, "yaw": YAW} | (
         {"pitch": PITCH} if mode == "pitch" else {"heave": HEAVE}
     )
     lacking = [
-        axis for axis, column in needed.items() if not record["slow_allocation"][:, column].any()
+        axis for axis, column in demands.items() if not record["slow_allocation"][:, column].any()
     ]
     if lacking:
         raise LaisnError(
             f"{name}: the effectors cannot give {' and '.join(lacking)} independently of the other "
-            f"components that depth_control = {mode!r} needs ({', '.join(needed)})"
+            f"components that depth_control = {mode!r} needs ({', '.join(demands)})"
         )
     if mode == "pitch" and not record["lift"] > 0.0:
         raise LaisnError(
@@ -379,11 +379,13 @@ def control(
     # Drag, here and below, is that of when the thrusters will have followed
     level = max(np.cos(pitch), 0.5)
     speed_error = speed_wanted / level - surge
-    soon = speed_wanted / level + lag * reference.acceleration
+    speed_after_lag = speed_wanted / level + lag * reference.acceleration
     thrust = (
         d.surge_mass * (reference.acceleration + 0.5 * omega * speed_error) + memory.speed_integral
     )
-    thrust += (d.drag_linear * np.exp(-d.drag_fade * abs(soon)) + d.drag * abs(soon)) * soon
+    thrust += (
+        d.drag_linear * np.exp(-d.drag_fade * abs(speed_after_lag)) + d.drag * abs(speed_after_lag)
+    ) * speed_after_lag
 
     # heading and sway; moments to port are positive, turns to port are negative
     turn_soon = turn_wanted + lag * reference.turn_acceleration

@@ -37,7 +37,7 @@ CONSTANT_BEARING, ILOS, ALOS = range(3)  # values of `formation.law`
 
 @compiled
 def _line_of_sight(
-    a: Record, t: stations.Target, off: tuple[float, float], dt: float, integral: float
+    a: Record, t: stations.Target, offset: tuple[float, float], dt: float, integral: float
 ) -> tuple[float, float, float]:
     """Velocity through the water, east and north, and the integral brought forward."""
     speed = np.hypot(t.velocity_east, t.velocity_north)
@@ -47,8 +47,8 @@ def _line_of_sight(
         else np.arctan2(t.way_east, t.way_north)
     )
     sine, cosine = np.sin(course), np.cos(course)
-    along_track = off[0] * sine + off[1] * cosine
-    across = off[0] * cosine - off[1] * sine
+    along_track = offset[0] * sine + offset[1] * cosine
+    across = offset[0] * cosine - offset[1] * sine
     along_track_speed = speed - a.approach_speed * along_track / np.sqrt(
         along_track * along_track + a.lookahead * a.lookahead
     )
@@ -195,7 +195,7 @@ def extend_trail(
         message: of `laisn.swarm.MESSAGE`.
         clock: time, no earlier than that of the message, and step of the frame [s].
     """
-    now, dt = clock
+    current_time, dt = clock
     time = message.timestamp
     last_received = memory.last_received
     received = memory.received_points
@@ -212,7 +212,12 @@ def extend_trail(
     memory.kept_frame.heading, memory.kept_frame.rate = memory.frame.heading, memory.frame.rate
     # a message that was long under way; `keep_station` makes the last step
     stations.turn_frame(
-        formation, station, (trail, count[0]), (time, max(now - dt, time)), dt, memory.frame
+        formation,
+        station,
+        (trail, count[0]),
+        (time, max(current_time - dt, time)),
+        dt,
+        memory.frame,
     )
 
 
@@ -249,9 +254,9 @@ def _followed_sinking(depth: float, dt: float, memory: FollowerMemory) -> float:
     """
     fading = np.exp(-dt / _SINKING_TIME)
     memory.depth += memory.sinking * dt
-    off = depth - memory.depth
-    memory.depth += (1.0 - fading * fading) * off
-    memory.sinking += (1.0 - fading) ** 2 * off / dt
+    depth_error = depth - memory.depth
+    memory.depth += (1.0 - fading * fading) * depth_error
+    memory.sinking += (1.0 - fading) ** 2 * depth_error / dt
     return float(memory.sinking)
 
 
@@ -291,9 +296,9 @@ def _to_station(
     """Velocity through the water towards the station, by the standard deviation of the place in
     the trail [m/s].
     """
-    at = estimate.position
+    estimated_position = estimate.position
     likelier = estimate.offset_to_map
-    position = at[0] + likelier[0], at[1] + likelier[1]
+    position = estimated_position[0] + likelier[0], estimated_position[1] + likelier[1]
     current = estimate.current[0], estimate.current[1]
     if position[0] != position[0]:
         # nothing is known of it yet
@@ -383,7 +388,7 @@ def keep_station(
         plan: the leader's, as far as its messages carry it.
     """
     estimate = senses.estimate
-    now, dt = clock
+    current_time, dt = clock
     starts = memory.log != memory.log
     motion = measured_motion(senses.reading, estimate, dt, memory)
     if starts:
@@ -393,7 +398,7 @@ def keep_station(
     depth = station.depth
     heading = memory.heading_wanted
     speed = memory.speed_wanted
-    silent = now - memory.last_received
+    silent = current_time - memory.last_received
     if silent > formation.message_timeout and formation.timeout_action != CONTINUE:
         speed = formation.timeout_speed
         if formation.timeout_action == CIRCLE:
@@ -402,14 +407,22 @@ def keep_station(
             depth = min(depth, _SURFACE)
     else:
         if silent > 0.5 * dt:
-            stations.turn_frame(formation, station, trail, (now - dt, now), dt, memory.frame)
-        t = stations.station_at(station, trail, now, memory.frame)
+            stations.turn_frame(
+                formation, station, trail, (current_time - dt, current_time), dt, memory.frame
+            )
+        t = stations.station_at(station, trail, current_time, memory.frame)
         current = (0.0, 0.0)
         if formation.law == CONSTANT_BEARING:
             # laws with an integral have that in place of the current
             current = estimate.current[0], estimate.current[1]
         planned_velocity = stations.rate_limited_velocity(
-            formation, station, trail, now, current, memory.frame, (plan, memory.last_received)
+            formation,
+            station,
+            trail,
+            current_time,
+            current,
+            memory.frame,
+            (plan, memory.last_received),
         )
         target = stations.Target(
             t.east, t.north, planned_velocity[0], planned_velocity[1], t.way_east, t.way_north

@@ -138,14 +138,14 @@ def extend(
         return
     step = np.hypot(east - trail[n - 1].east, north - trail[n - 1].north)
     # a way that bends evenly is longer than its chord
-    half = 0.5 * abs(wrap_angle(heading - trail[n - 1].heading))
-    if 1e-3 < half < 1.5:
-        step *= half / np.sin(half)
+    half_turn = 0.5 * abs(wrap_angle(heading - trail[n - 1].heading))
+    if 1e-3 < half_turn < 1.5:
+        step *= half_turn / np.sin(half_turn)
     trail[n].arc = trail[n - 1].arc + step
-    since = n - 1
-    while since > 0 and time - trail[since].time < PACE_TIME - 1e-6:
-        since -= 1
-    trail[n].pace = (trail[n].arc - trail[since].arc) / (time - trail[since].time)
+    index = n - 1
+    while index > 0 and time - trail[index].time < PACE_TIME - 1e-6:
+        index -= 1
+    trail[n].pace = (trail[n].arc - trail[index].arc) / (time - trail[index].time)
     # the slope at the head hangs on three points, that at the tail on the first stretch
     first = n - 1 if trail[n - 1].arc >= TAIL else 0
     for i in range(first, n + 1):
@@ -198,8 +198,8 @@ def turned_since(trail: Records, count: int, arc: float) -> float:
     last = count - 1
     if arc <= 0.0 or trail[last].arc <= 0.0:
         return float(trail[last].turned)
-    since = last - 1 if arc >= trail[last].arc else _before(trail, count, arc)
-    return float(trail[last].turned - trail[since].turned)
+    index = last - 1 if arc >= trail[last].arc else _before(trail, count, arc)
+    return float(trail[last].turned - trail[index].turned)
 
 
 @compiled
@@ -303,12 +303,12 @@ def extend_as_planned(
         return
     # of a leader that stands still, planned points take the place of the one that was received
     head = points - 1
-    since = round(trail[head].time / dt)
-    if k <= since:
+    first_step = round(trail[head].time / dt)
+    if k <= first_step:
         return
-    east = trail[head].east + plan.track[k].east - plan.track[since].east
-    north = trail[head].north + plan.track[k].north - plan.track[since].north
-    heading = trail[head].heading + plan.track[k].course - plan.track[since].course
+    east = trail[head].east + plan.track[k].east - plan.track[first_step].east
+    north = trail[head].north + plan.track[k].north - plan.track[first_step].north
+    heading = trail[head].heading + plan.track[k].course - plan.track[first_step].course
     extend(trail, count, east, north, k * dt, (trail[head].through, heading))
 
 
@@ -442,18 +442,18 @@ def turn_frame(
     points, count = trail
     over_ground = points[count - 1].pace
     width = max(abs(station.port), _NEAREST)
-    most = f.max_station_acceleration / width
+    max_rate = f.max_station_acceleration / width
     if station.radius > 0.0:
         across = max(over_ground * over_ground / station.radius, 1e-3)
-        most = min(most, _SIDEWAYS * across / width)
+        max_rate = min(max_rate, _SIDEWAYS * across / width)
     for i in range(round((span[1] - span[0]) / dt)):
         arc = arc_at(points, count, span[0] + (i + 1) * dt) - station.behind
         _, _, east, north, through = at(points, count, arc)
         ahead = clip(station.behind, 0.0, f.frame_lookahead)
         if ahead > 0.0:
             _, _, east, north, _ = at(points, count, arc + ahead)
-        off = wrap_angle(np.arctan2(east, north) - state.heading)
-        rate = off / f.frame_time_constant
+        heading_error = wrap_angle(np.arctan2(east, north) - state.heading)
+        rate = heading_error / f.frame_time_constant
         if rate * station.port > 0.0:
             room = min(f.outer_speedup * over_ground, max(f.outer_max_speed - through, 0.1))
         else:
@@ -461,9 +461,11 @@ def turn_frame(
             if station.radius > 0.0:
                 room = min(room, _inner_room(trail, arc, over_ground, station.radius))
         # what is turned has to be stopped again
-        limit = min(room / width, np.sqrt(most * abs(off)))
+        limit = min(room / width, np.sqrt(max_rate * abs(heading_error)))
         rate = clip(rate, -limit, limit)
-        state.rate += dt * clip((rate - state.rate) / f.frame_rate_time_constant, -most, most)
+        state.rate += dt * clip(
+            (rate - state.rate) / f.frame_rate_time_constant, -max_rate, max_rate
+        )
         state.heading += dt * state.rate
 
 
@@ -511,7 +513,7 @@ def _through_water(
     station: StationGeometry,
     trail: tuple[Records, int],
     arc: float,
-    later: float,
+    preview: float,
     current: tuple[float, float],
     state: StationFrame,
     foreseen: tuple[LeaderPlan, float],
@@ -523,13 +525,13 @@ def _through_water(
     """
     points, count = trail
     over_ground = points[count - 1].pace
-    later_arc = arc + later * over_ground
+    later_arc = arc + preview * over_ground
     _, _, ahead_east, ahead_north, _ = at(points, count, later_arc)
     if station.radius > 0.0:
         course = _planned_course(foreseen[0], trail, later_arc, foreseen[1])
         if course == course:
             ahead_east, ahead_north = np.sin(course), np.cos(course)
-    frame = state.heading + later * state.rate
+    frame = state.heading + preview * state.rate
     swept = station.port * state.rate
     east = over_ground * ahead_east + swept * np.sin(frame)
     north = over_ground * ahead_north + swept * np.cos(frame)
@@ -568,17 +570,17 @@ def rate_limited_velocity(
     # on straight legs, headings nearby surely differ by less than a hull turns in a step; what is
     # foreseen of a leader's plan is in no trail yet
     if station.radius > 0.0 or not changes < _LITTLE * speed:
-        needed = np.arctan2(east, north)
-        upper = lower = needed
+        required_heading = np.arctan2(east, north)
+        upper = lower = required_heading
         for side in (-1.0, 1.0):
-            then = needed
+            neighbour_heading = required_heading
             for j in range(1, STEPS + 1):
                 x, y = _through_water(
                     station, trail, arc, f.preview + side * j * step, current, state, foreseen
                 )
-                then += wrap_angle(np.arctan2(x, y) - then)
-                upper = max(upper, then - agility * j * step)
-                lower = min(lower, then + agility * j * step)
+                neighbour_heading += wrap_angle(np.arctan2(x, y) - neighbour_heading)
+                upper = max(upper, neighbour_heading - agility * j * step)
+                lower = min(lower, neighbour_heading + agility * j * step)
         heading = 0.5 * (upper + lower)
         east, north = speed * np.sin(heading), speed * np.cos(heading)
     return east + current[0], north + current[1]

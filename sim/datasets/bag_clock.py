@@ -186,10 +186,10 @@ def corrected_stamps(stamps: Ints, recorded: Ints) -> Stamps:
     ends = [*places[1:], stamps.size][: len(places)]
     begin = 0
     for index, end in zip(places, ends, strict=True):
-        earlier = slice(max(begin, index - _BESIDE), index)
-        later = slice(index, min(end, index + _BESIDE))
-        difference = _delay(corrected[earlier], recorded[earlier]) - _delay(
-            corrected[later], recorded[later]
+        preceding = slice(max(begin, index - _BESIDE), index)
+        following = slice(index, min(end, index + _BESIDE))
+        difference = _delay(corrected[preceding], recorded[preceding]) - _delay(
+            corrected[following], recorded[following]
         )
         if not abs(difference) > interval:
             continue

@@ -81,7 +81,7 @@ def _interpolated(series: Series, time_ns: Ints, *, is_angle: bool) -> Floats:
         return np.full(time_ns.size, np.nan)
     after = np.searchsorted(times, time_ns)
     before = np.clip(np.searchsorted(times, time_ns, side="right") - 1, 0, times.size - 1)
-    inside = (after < times.size) & (time_ns >= times[0])
+    is_covered = (after < times.size) & (time_ns >= times[0])
     after = np.minimum(after, times.size - 1)
     span = times[after] - times[before]
     interval = float(np.median(np.diff(times))) if times.size > 1 else 0.0
@@ -94,7 +94,7 @@ def _interpolated(series: Series, time_ns: Ints, *, is_angle: bool) -> Floats:
     result = np.where(share > 0.0, values[before] + share * change, values[before])
     if is_angle:
         result = np.where(share > 0.0, np.remainder(result, 2.0 * np.pi), result)
-    return np.where(inside & (span <= longest), result, np.nan)
+    return np.where(is_covered & (span <= longest), result, np.nan)
 
 
 def _origin(
@@ -266,8 +266,8 @@ def read_bag_table(path: Path, field_map: FieldMap) -> VehicleTable:
     received = {field: mapped.at(field, heard_ns) for field in others}
     received |= {field: ranges[:, i] for i, field in enumerate(range_fields)}
     received.setdefault(TIMESTAMP, _leader_times(mapped, heard_ns) / 1e9)
-    whole = np.all([np.isfinite(values) for values in own_motion.values()], axis=0)
-    if not whole.any():
+    is_complete = np.all([np.isfinite(values) for values in own_motion.values()], axis=0)
+    if not is_complete.any():
         raise LaisnError(
             f"{path}: at no message of {steps} there are speed, heading and depth at once; do the "
             'topics overlap in time? stamps = "log" takes the times of recording'
@@ -275,14 +275,17 @@ def read_bag_table(path: Path, field_map: FieldMap) -> VehicleTable:
     for name, values in (own_motion | received).items():
         if "depth" in name:
             require_depths(f"{path}, {name}", values)
-    left = int(np.count_nonzero(~whole))
+    left = int(np.count_nonzero(~is_complete))
     remarks += [f"{left} messages of {steps} outside of the other topics left out"] if left else []
-    remarks.append(f"filter steps: {int(whole.sum())} messages of {steps}")
+    remarks.append(f"filter steps: {int(is_complete.sum())} messages of {steps}")
     remarks.append(f"receptions: {heard_ns.size}, of {np.isfinite(ranges).sum()} ranges")
-    time_ns = np.concatenate([steps_ns[whole], heard_ns])
-    gone = np.full(heard_ns.size, np.nan)
-    absent = np.full(int(whole.sum()), np.nan)
-    columns = {field: np.concatenate([values[whole], gone]) for field, values in own_motion.items()}
+    time_ns = np.concatenate([steps_ns[is_complete], heard_ns])
+    distance = np.full(heard_ns.size, np.nan)
+    absent = np.full(int(is_complete.sum()), np.nan)
+    columns = {
+        field: np.concatenate([values[is_complete], distance])
+        for field, values in own_motion.items()
+    }
     columns |= {field: np.concatenate([absent, values]) for field, values in received.items()}
     order = np.argsort(time_ns, kind="stable")
     return VehicleTable(

@@ -85,8 +85,8 @@ def _parsed(text: str, source: str) -> dict[str, list[_Line]]:
     if max((abs(line.time) for kind in lines.values() for line in kind), default=0.0) <= LARGEST:
         return lines
     return {
-        kind: [line._replace(time=1e-9 * line.time) for line in some]
-        for kind, some in lines.items()
+        kind: [line._replace(time=1e-9 * line.time) for line in lines_of_kind]
+        for kind, lines_of_kind in lines.items()
     }
 
 
@@ -171,7 +171,7 @@ def _heard(lines: dict[str, list[_Line]], robot: str) -> set[str]:
         letters = {name[0] for name in line.names if _POSE.fullmatch(name)}
         if len(letters) == 2 and robot in letters:
             heard |= letters - {robot}
-    whole = set[str]()
+    complete = set[str]()
     for other in heard:
         poses = _poses_of(lines["VERTEX_SE2"], other)
         order = {line.names[0]: k for k, line in enumerate(poses)}
@@ -181,8 +181,8 @@ def _heard(lines: dict[str, list[_Line]], robot: str) -> set[str]:
             if line.names[0] in order and order.get(line.names[1]) == order[line.names[0]] + 1
         }
         if len(poses) > 1 and len(joined) == len(poses) - 1:
-            whole.add(other)
-    return whole
+            complete.add(other)
+    return complete
 
 
 def _ranges(

@@ -225,10 +225,10 @@ def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
         truth = np.empty((0, 3))
         if pose in log.topics:
             # the first step of Δt ends where the data set begins
-            since = (
+            start_ns = (
                 log.topics[pose].time_ns - log.topics[motion].time_ns.min()
             ) / 1e9 + measured.dt
-            truth = np.column_stack([since, log.topics[pose].table(POSE_FIELDS[:2])])
+            truth = np.column_stack([start_ns, log.topics[pose].table(POSE_FIELDS[:2])])
         start = np.array([float(facts["start_east"]), float(facts["start_north"]), 0.0, 0.0])
         stated = {name: float(facts[name]) for name in _STATED if facts.get(name)}
     return Replayable(measured, start, stated, truth, remarks)

@@ -169,10 +169,12 @@ def _quantity_of(word: str) -> str:
 
 
 def _range_match(words: Sequence[str], unit: str) -> Match | None:
-    rest = [word for word in words if word not in (_RANGE | _OWN | _LEADER | _TRANSMITTER | {"to"})]
-    slot, word = _slot_of(rest)
-    others = [other for other in rest if other != word]
-    if others or len(rest) > 1 or not _RANGE & set(words):
+    other_words = [
+        word for word in words if word not in (_RANGE | _OWN | _LEADER | _TRANSMITTER | {"to"})
+    ]
+    slot, word = _slot_of(other_words)
+    others = [other for other in other_words if other != word]
+    if others or len(other_words) > 1 or not _RANGE & set(words):
         return None
     if not slot:
         return Match("range_rear", unit, "of which transmitter is this range?")
@@ -197,23 +199,23 @@ def match(name: str, *, of_leader: bool = False) -> Match | None:
 
 def _quantity_match(words: Sequence[str], unit: str, *, leader: bool) -> Match | None:
     """A quantity of the own vehicle, of the leader, or a place of a transmitter."""
-    rest = [word for word in words if word not in (_LEADER | _OWN | _TRANSMITTER)]
-    slot, slot_word = _slot_of(rest[:-1])
-    rest = [word for word in rest if word != slot_word]
+    other_words = [word for word in words if word not in (_LEADER | _OWN | _TRANSMITTER)]
+    slot, slot_word = _slot_of(other_words[:-1])
+    other_words = [word for word in other_words if word != slot_word]
     # "compass heading" says one thing twice
-    quantities = {_quantity_of(word) for word in rest}
+    quantities = {_quantity_of(word) for word in other_words}
     if len(quantities) != 1:
         return None
     (quantity,) = quantities
-    note = _doubt(rest)
-    unit = unit or _implied_unit(rest[-1])
+    note = _doubt(other_words)
+    unit = unit or _implied_unit(other_words[-1])
     if quantity == "speed" and slot_word in ("forward", "fwd"):
         slot = ""
     if slot:
         note = note or f"is {slot_word!r} the {slot} transmitter?"
         of_place = quantity in ("east", "north", "depth")
         return Match(f"{slot}_{quantity}", unit, note) if of_place else None
-    field = f"leader_{quantity}" if leader and quantity else _own_field(quantity, rest[-1])
+    field = f"leader_{quantity}" if leader and quantity else _own_field(quantity, other_words[-1])
     return Match(field, unit, note) if field else None
 
 
@@ -353,7 +355,7 @@ def _ranges(topic: BagTopic, entry: dict[str, Any]) -> Iterator[_Candidate]:
 def _named(topic: BagTopic) -> Iterator[_Candidate]:
     """What fields of a topic of another type hold, by their names and that of the topic."""
     leader = bool(_LEADER & set(_words(topic.name)))
-    whole = sum(match(field) is not None for field in topic.fields) > 2
+    is_fleet = sum(match(field) is not None for field in topic.fields) > 2
     for field in topic.fields:
         words = _words(field)
         if _DEFINITION_WORDS & set(words):
@@ -369,7 +371,7 @@ def _named(topic: BagTopic) -> Iterator[_Candidate]:
         note = matched.note
         if not matched.unit and matched.field.endswith(("heading", "pitch", "roll")):
             note = note or 'is this in radians? unit = "deg" otherwise'
-        yield _Candidate(matched.field, -1 if whole else 1, entry, note)
+        yield _Candidate(matched.field, -1 if is_fleet else 1, entry, note)
 
 
 def _own_type(topic: BagTopic) -> Iterator[_Candidate]:

@@ -190,5 +190,5 @@ def read_mapped_columns(path: Path, field_map: FieldMap) -> Columns:
             fields[field] = Column(header=header, field=field, unit=si, values=values, where=where)
     unused = tuple(header for header in headers if header.strip() not in position)
     columns = Columns(path=path, time=time, fields=fields, dates=dates, unused=unused)
-    some = any(entry.where for entry in field_map.entries.values())
-    return _merged(columns, times) if some else columns
+    has_conditions = any(entry.where for entry in field_map.entries.values())
+    return _merged(columns, times) if has_conditions else columns

@@ -125,12 +125,12 @@ class RangeData:
             raise LaisnError(
                 f"{self.source}: {self.time.size} poses; odometry needs three at least"
             )
-        late = np.flatnonzero(np.diff(self.time) <= 0.0)
-        if late.size:
+        unordered = np.flatnonzero(np.diff(self.time) <= 0.0)
+        if unordered.size:
             raise LaisnError(
-                f"{self.source}: the time goes from {self.time[late[0]]:.6f} s to "
-                f"{self.time[late[0] + 1]:.6f} s "
-                f"between poses {late[0]} and {late[0] + 1}; times must increase"
+                f"{self.source}: the time goes from {self.time[unordered[0]]:.6f} s to "
+                f"{self.time[unordered[0] + 1]:.6f} s "
+                f"between poses {unordered[0]} and {unordered[0] + 1}; times must increase"
             )
         if self.time[0] < 0.0:
             raise LaisnError(
@@ -151,7 +151,7 @@ class RangeData:
         odometry: Floats,
         ranges: npt.ArrayLike,
         remarks: Sequence[str],
-        **more: Any,
+        **settings: Any,
     ) -> Self:
         """Data from poses of which some may be at one time, and ranges in any order to beacons of
         which some may lack.
@@ -159,7 +159,7 @@ class RangeData:
         Poses at the `time` of the one before, shape (n + 1,), [s], are joined to it; `odometry` are
         the steps between them, shape (n, 3). Of `ranges`, rows of time [s], beacon and range [m],
         perhaps with those of `range_track`, those to beacon −1 and those not positive are left out.
-        `more` are other fields.
+        `settings` are other fields.
         """
         is_first = np.append(True, np.diff(time) != 0.0)
         last = np.flatnonzero(is_first[1:])
@@ -200,7 +200,7 @@ class RangeData:
             ranges=received[:, 2],
             range_track=received[:, 3:] if received.shape[1] > 3 else np.empty((0, 4)),
             remarks=tuple(remarks),
-            **more,
+            **settings,
         )
 
     def among(self, names: Sequence[str]) -> Self:
@@ -249,8 +249,8 @@ class RangeData:
         facing = self.start[2] - np.concatenate([[0.0], np.cumsum(turn)])[:-1]
         speed = np.hypot(ahead, port) / np.diff(self.time)
         heading = facing - np.arctan2(port, ahead)
-        within = (self.range_time > self.time[0]) & (self.range_time <= self.time[-1])
-        end = np.union1d(self._cuts(), self.range_time[within])
+        in_time = (self.range_time > self.time[0]) & (self.range_time <= self.time[-1])
+        end = np.union1d(self._cuts(), self.range_time[in_time])
         step = np.searchsorted(self.time, end) - 1
         return end, speed[step], heading[step]
 
@@ -341,8 +341,10 @@ def _checked(path: Path, name: str, table: npt.NDArray[Any]) -> Floats:
         raise LaisnError(
             f"{path}: table {name} has the shape {table.shape}, expected {_COLUMNS[name]} columns"
         )
-    whole = table[:, _NODES.get(name, [])]
-    usable = np.all(np.abs(table) <= LARGEST, axis=1) & np.all(whole == np.rint(whole), axis=1)
+    node_columns = table[:, _NODES.get(name, [])]
+    usable = np.all(np.abs(table) <= LARGEST, axis=1) & np.all(
+        node_columns == np.rint(node_columns), axis=1
+    )
     if not usable.all():
         raise LaisnError(
             f"{path}: table {name}, row {int(np.argmin(usable)) + 1}: expected numbers within "

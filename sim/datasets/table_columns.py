@@ -173,8 +173,8 @@ def _dates(words: Sequence[str]) -> Floats | None:
         dates = [datetime.fromisoformat(word.strip()) for word in words]
     except ValueError:
         return None
-    since = [date.replace(tzinfo=date.tzinfo or UTC) - epoch for date in dates]
-    return np.array([round(span.total_seconds() * 1e6) for span in since], dtype=np.float64)
+    elapsed = [date.replace(tzinfo=date.tzinfo or UTC) - epoch for date in dates]
+    return np.array([round(span.total_seconds() * 1e6) for span in elapsed], dtype=np.float64)
 
 
 def times_of(words: Sequence[str], header: str, unit: str, where: str) -> tuple[Column, bool]:

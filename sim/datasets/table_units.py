@@ -187,8 +187,8 @@ def _range_error(trial: Trial) -> float:
         limit = 3.0 * np.median(np.abs(residuals), axis=1, keepdims=True) + 1e-9
         weights = np.minimum(1.0, limit / np.maximum(np.abs(residuals), 1e-12))
         normal = np.einsum("smi,sm,smj->sij", slopes, weights, slopes) + 1e-6 * np.eye(2)
-        right = np.einsum("smi,sm,sm->si", slopes, weights, residuals)
-        starts = starts + np.linalg.solve(normal, right[..., None])[..., 0]
+        gradient = np.einsum("smi,sm,sm->si", slopes, weights, residuals)
+        starts = starts + np.linalg.solve(normal, gradient[..., None])[..., 0]
     lengths = np.linalg.norm(starts[:, None] - offsets, axis=2)
     return float(np.median(np.abs(ranges - lengths), axis=1).min())
 
@@ -354,11 +354,14 @@ def _unrefuted(columns: Columns, readings: list[Reading]) -> tuple[list[Reading]
         errors = np.array([evidence.error(trial) for trial in trials])
         if np.isnan(errors).any():
             continue
-        worse = errors > _TIMES_WORSE * errors.min() + evidence.margin
-        if worse.any():
+        is_worse_than_best = errors > _TIMES_WORSE * errors.min() + evidence.margin
+        if is_worse_than_best.any():
             reasons.append(evidence.words)
-        refuted = [before or bool(now) for before, now in zip(refuted, worse, strict=True)]
-    return [r for r, gone in zip(readings, refuted, strict=True) if not gone], reasons
+        refuted = [
+            was_refuted or bool(is_worse)
+            for was_refuted, is_worse in zip(refuted, is_worse_than_best, strict=True)
+        ]
+    return [r for r, is_refuted in zip(readings, refuted, strict=True) if not is_refuted], reasons
 
 
 def _names(quantity: Quantity, bare: list[Column], units: list[str]) -> str:
@@ -368,7 +371,7 @@ def _names(quantity: Quantity, bare: list[Column], units: list[str]) -> str:
 
 
 def _settled(
-    columns: Columns, quantity: Quantity, candidates: list[str], left: list[Reading], why: str
+    columns: Columns, quantity: Quantity, candidates: list[str], left: list[Reading], reason: str
 ) -> str:
     """The unit of the bare columns of a quantity; LaisnError with the header that settles it."""
     bare = _bare(columns, quantity)
@@ -382,7 +385,7 @@ def _settled(
             f"{c.header.strip()} is in {c.unit}" for c in stated.values() if c.unit != units[0]
         )
         raise LaisnError(
-            f"{columns.path}: {headers} without a unit fits {units[0]} by {why}, but {others}; "
+            f"{columns.path}: {headers} without a unit fits {units[0]} by {reason}, but {others}; "
             f"{advice}"
         )
     if len(units) == 1:
@@ -528,17 +531,17 @@ def decide_units(columns: Columns) -> tuple[Reading, list[str]]:
         _require_fit(columns, readings[0])
         return readings[0], _way_remark(columns, readings[0])
     left, reasons = _unrefuted(columns, readings)
-    why = " and ".join(reasons)
+    reason = " and ".join(reasons)
     reading = {
-        quantity.name: _settled(columns, quantity, candidates, left, why)
+        quantity.name: _settled(columns, quantity, candidates, left, reason)
         for quantity, candidates in open_.items()
     }
     _require_fit(columns, reading)
     remarks = [
         f"{', '.join(c.header.strip() for c in bare[quantity.name])}: without a unit, in "
-        f"{reading[quantity.name]} by {why}"
+        f"{reading[quantity.name]} by {reason}"
         for quantity, candidates in open_.items()
-        if len(candidates) > 1 and why and quantity in (TIME, ANGLE, SPEED)
+        if len(candidates) > 1 and reason and quantity in (TIME, ANGLE, SPEED)
     ]
     return reading, remarks + _way_remark(columns, reading)
 

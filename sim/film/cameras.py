@@ -229,16 +229,16 @@ class CameraRig:
         target: Floats,
         direction: Floats,
         fovy_deg: float,
-        wide: float,
+        width: float,
         high: float,
         deep: float,
     ) -> View:
-        """A view of vehicles between the panels: `wide` across, `high` up and `deep` along the
+        """A view of vehicles between the panels: `width` across, `high` up and `deep` along the
         line of sight [m].
         """
         left, right, _ = _FREE
         slope = np.tan(np.radians(fovy_deg) / 2)
-        across = wide / ((right - left) * slope * self._aspect)
+        across = width / ((right - left) * slope * self._aspect)
         distance = max(float(np.hypot(across, deep)), high / (0.25 * slope) + deep, 6.0)
         eye = self._in_water(target + distance * direction)
         # close below the surface, that would end in a line
@@ -254,10 +254,12 @@ class CameraRig:
         """
         left, right, top = _FREE
         centre = self._value_at(self._centre, state.time)
-        half = self._value_at(self._half, state.time)
+        half_extent = self._value_at(self._half, state.time)
         across = (right - left) * self._aspect
         down = bottom - top
-        frame = max(1.25 * 2 * half[0] / across, 1.25 * 2 * half[1] / down, 14.0) + 3.0
+        frame = (
+            max(1.25 * 2 * half_extent[0] / across, 1.25 * 2 * half_extent[1] / down, 14.0) + 3.0
+        )
         shift = np.array([0.5 - (left + right) / 2, (top + bottom) / 2 - 0.5, 0.0])
         target = centre + frame * shift * [self._aspect, 1.0, 0.0]
         height = frame / 2 / np.tan(np.radians(45.0) / 2)
@@ -281,13 +283,16 @@ class CameraRig:
             ahead = self._towards_leader(state.time)
             side = np.array([ahead[1], -ahead[0], 0.0])
             # far enough back to keep the estimate in the picture
-            back = 5.0 + 1.2 * min(float(self._value_at(self._error, state.time)), 12.0)
+            distance_behind = 5.0 + 1.2 * min(float(self._value_at(self._error, state.time)), 12.0)
             # and aside, so that follower and estimate both stand clear of the panels, most of which
             # are at the left
             error = float(np.clip(self._value_at(self._aside, state.time), -10.0, 10.0))
             target = position + (0.5 if error > 0 else 0.9) * error * side
             eye = self._in_water(
-                target - back * ahead + 0.25 * back * side + [0.0, 0.0, 0.3 * back]
+                target
+                - distance_behind * ahead
+                + 0.25 * distance_behind * side
+                + [0.0, 0.0, 0.3 * distance_behind]
             )
             view = View(position=eye, target=target + 9.0 * ahead - 0.6 * side + [0, 0, 0.2])
             return Shot(view, (close_leader,), near_fog, True)
@@ -304,7 +309,7 @@ class CameraRig:
             mark = state.hydrophone[follower - 1]
             reach = 1.5 + 1.6 * float(np.clip(self._value_at(self._error, state.time), 1.0, 8.0))
             eye = self._in_water(mark + np.array([0.0, 0.0, reach / np.tan(np.radians(60.0) / 2)]))
-            above = View(
+            from_above = View(
                 position=eye,
                 target=mark,
                 up=_NORTH_UP,
@@ -313,7 +318,7 @@ class CameraRig:
             )
             return Shot(
                 self._profile(state),
-                ((above, follower),),
+                ((from_above, follower),),
                 near_fog,
                 True,
                 insets_left=self._side > 0,
@@ -321,10 +326,10 @@ class CameraRig:
         if camera == "leader":
             return Shot(self._close(state, leader, 4.6), (close_follower,), near_fog, True)
         centre = self._value_at(self._centre, state.time)
-        half = self._value_at(self._half, state.time)
+        half_extent = self._value_at(self._half, state.time)
         # to the ends of the hulls
-        radius = float(np.hypot(half[0], half[1])) + 1.0
-        high = float(half[2])
+        radius = float(np.hypot(half_extent[0], half_extent[1])) + 1.0
+        high = float(half_extent[2])
         if side_view := camera == "side":
             ahead = self._towards_leader(state.time)
             view = self._beside(

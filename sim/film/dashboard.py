@@ -54,9 +54,9 @@ _MARGIN_PX = 2
 
 def clock(seconds: float) -> str:
     """Time as [hours:]minutes:seconds."""
-    whole = int(seconds + 1e-9)
-    hours = f"{whole // 3600}:" if whole >= 3600 else ""
-    return f"{hours}{whole % 3600 // 60:02d}:{whole % 60:02d}"
+    full_seconds = int(seconds + 1e-9)
+    hours = f"{full_seconds // 3600}:" if full_seconds >= 3600 else ""
+    return f"{hours}{full_seconds % 3600 // 60:02d}:{full_seconds % 60:02d}"
 
 
 def format_half_axes(*half_axes: float) -> str:
@@ -65,7 +65,7 @@ def format_half_axes(*half_axes: float) -> str:
     if longest < 0.0005:
         return "below 1 mm"
     unit, scale, digits = ("mm", 1e3, 0) if longest < 0.9995 else ("m", 1.0, 2)
-    return f"{' by '.join(f'±{scale * half:.{digits}f}' for half in half_axes)} {unit}"
+    return f"{' by '.join(f'±{scale * half_axis:.{digits}f}' for half_axis in half_axes)} {unit}"
 
 
 def round_length(longest_m: float) -> float:
@@ -108,14 +108,14 @@ class Dashboard:
         caption: Area = (left_edge, top, corner - gap - left_edge, 60 * s)
         self.scale: Area = (left, canvas.height - 26 * s - 32 * t, 240 * s, 36 * t)
         """Where the scale of the picture stands."""
-        lefts = [self._numbers, *curves]
+        left_edges = [self._numbers, *curves]
         rights = [self._map]
         if self._added.rays:
             rights.append(bar)
         words = [caption] if self._added.caption else []
-        self.places: list[Area] = [*lefts, *rights, *words]  # places of all panels
+        self.places: list[Area] = [*left_edges, *rights, *words]  # places of all panels
         lower_left, lower_right = (
-            max(y + h for _, y, _, h in column) for column in (lefts, rights)
+            max(y + h for _, y, _, h in column) for column in (left_edges, rights)
         )
         self.covered: list[Area] = [
             (0.0, 0.0, left + width, lower_left),
@@ -156,11 +156,11 @@ class Dashboard:
         """
         agg: Any = FigureCanvasAgg(self.figure)
         agg.draw()
-        whole = np.asarray(agg.buffer_rgba())
+        pixels = np.asarray(agg.buffer_rgba())
         images = []
         for x, y, width, height in self.places:
             left, top = (max(0, int(v) - _MARGIN_PX) for v in (x, y))
-            panel = whole[top : int(y + height) + _MARGIN_PX, left : int(x + width) + _MARGIN_PX]
+            panel = pixels[top : int(y + height) + _MARGIN_PX, left : int(x + width) + _MARGIN_PX]
             images.append((left, top, np.ascontiguousarray(panel[::-1])))
         return images
 
@@ -421,8 +421,10 @@ class Dashboard:
             strokes.append(Stroke(self._downward(ends), (*PALE, 0.8), 1.5))
             for colour, values in curves:
                 if step and np.isfinite(values[step - 1]):
-                    now = axes.transData.transform([(self._data.steps[step - 1], values[step - 1])])
-                    dots.append(canvas.disc(self._downward(now)[0], 3.5, colour, PALE))
+                    latest = axes.transData.transform(
+                        [(self._data.steps[step - 1], values[step - 1])]
+                    )
+                    dots.append(canvas.disc(self._downward(latest)[0], 3.5, colour, PALE))
         canvas.strokes(strokes)
         canvas.shapes(dots)
 
@@ -443,7 +445,8 @@ class Dashboard:
             lines = [Stroke(pixels(points), (*colour[:3], 0.5), 1.2) for points, colour in trails]
             canvas.strokes(lines, self._map)
         estimates = [
-            (o.colour, now) for o, now in zip(self._added.others, state.others, strict=True)
+            (o.colour, position)
+            for o, position in zip(self._added.others, state.others, strict=True)
         ]
         marks = [
             canvas.diamond(pixels(now), 4.5, colour)

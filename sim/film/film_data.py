@@ -173,7 +173,9 @@ class FilmData:
         self.steps = self.start + self.dt * np.arange(1, self.position_error.shape[1] + 1)
         """Times of the filter steps, shape (n,), [s]."""
         names = truth.names
-        self._transmitters = [truth.site(f"{names[0]}/tx_{which}") for which in Ranges._fields]
+        self._transmitters = [
+            truth.site(f"{names[0]}/tx_{transmitter}") for transmitter in Ranges._fields
+        ]
         self._hydrophones = [truth.site(f"{name}/hydrophone") for name in names[1:]]
         followers = flight.scenario.followers
         self.on_stations = any(follower_setup.station for follower_setup in followers)
@@ -257,8 +259,10 @@ class FilmData:
         """
         if self.flight.scenario.followers[follower].station is None:
             return None
-        off = self.flight.hydrophone(follower) - self._stations[self.flight.step_index(), follower]
-        return np.asarray(np.hypot(off[:, 0], off[:, 1]))
+        offsets = (
+            self.flight.hydrophone(follower) - self._stations[self.flight.step_index(), follower]
+        )
+        return np.asarray(np.hypot(offsets[:, 0], offsets[:, 1]))
 
     def interpolated(self, values: Floats, times: Floats | Sequence[float]) -> Floats:
         """Values at filter steps, shape (n, c), at p other times, shape (p, c); constant beyond
@@ -266,22 +270,22 @@ class FilmData:
         """
         return np.column_stack([np.interp(times, self.steps, column) for column in values.T])
 
-    def _hypotheses(self, follower: int, k: int, now: Floats) -> tuple[Hypothesis, ...]:
+    def _hypotheses(self, follower: int, k: int, state: Floats) -> tuple[Hypothesis, ...]:
         """Hypotheses after the last message before step k, moved as the estimate has moved
-        since, to `now`.
+        since, to `state`.
         """
         estimates = self.flight.estimates[follower]
         last = int(np.searchsorted(estimates.fix_step, k, side="right")) - 1
         if last >= 0:
             weight, position, covariance = (values[last] for values in estimates.hypotheses)
-            centre = position + now[:2] - estimates.fix_position[last]
+            centre = position + state[:2] - estimates.fix_position[last]
             visible = np.flatnonzero(weight > _LEAST_WEIGHT)
             if visible.size > 1:
                 return tuple(
-                    Hypothesis(float(weight[h]), np.array([*centre[h], now[2]]), covariance[h])
+                    Hypothesis(float(weight[h]), np.array([*centre[h], state[2]]), covariance[h])
                     for h in visible
                 )
-        return (Hypothesis(1.0, now, estimates.covariance[k - 1, :2, :2]),)
+        return (Hypothesis(1.0, state, estimates.covariance[k - 1, :2, :2]),)
 
     def _reception(
         self, follower: int, k: int, time: float
@@ -325,5 +329,5 @@ class FilmData:
         """
         grid, points = self._trails
         recent = (grid <= state.time) & (grid >= state.time - _TRAIL_S * self.speed_up)
-        now = np.vstack([state.position[:1], state.hydrophone, state.estimate, state.others])
-        return np.concatenate([points[:, recent], now[:, None]], axis=1)
+        latest = np.vstack([state.position[:1], state.hydrophone, state.estimate, state.others])
+        return np.concatenate([points[:, recent], latest[:, None]], axis=1)

@@ -90,9 +90,9 @@ class Overlay:
         top = c.height - height - round(30 * c.scale)
         gap = round(12 * c.scale)
         edge = round(16 * c.scale)
-        lefts = [edge + i * (width + gap) for i in range(len(shot.insets))]
+        left_edges = [edge + i * (width + gap) for i in range(len(shot.insets))]
         return tuple(
-            (x if shot.insets_left else c.width - width - x, top, width, height) for x in lefts
+            (x if shot.insets_left else c.width - width - x, top, width, height) for x in left_edges
         )
 
     def draw(self, state: FilmFrame, shot: Shot) -> None:
@@ -214,8 +214,8 @@ class Overlay:
                 continue
             variance, axes = np.linalg.eigh(covariance)
             radii = SIGMAS * np.sqrt(np.maximum(variance, 0.0))
-            least = _ELLIPSE_PX * self.canvas.height / box[3] * metres_per_pixel(view, centre)
-            if radii.max() >= least:
+            smallest = _ELLIPSE_PX * self.canvas.height / box[3] * metres_per_pixel(view, centre)
+            if radii.max() >= smallest:
                 flat = (np.column_stack([np.cos(_ELLIPSE), np.sin(_ELLIPSE)]) * radii) @ axes.T
                 ring = centre + np.column_stack([flat, np.zeros(len(flat))])
                 for pixels, _ in self._lines(view, box, ring):
@@ -269,8 +269,8 @@ class Overlay:
         """Where a point appears inside a box, shape (2,), or None; None for a point of NaN."""
         left, top, width, height = box
         (pixel,), (ahead,) = view.project(point, width, height)
-        inside = ahead > 0.15 and 0 <= pixel[0] < width and 0 <= pixel[1] < height
-        return np.add(pixel, (left, top)) if inside else None
+        is_visible = ahead > 0.15 and 0 <= pixel[0] < width and 0 <= pixel[1] < height
+        return np.add(pixel, (left, top)) if is_visible else None
 
     def _labels(self, state: FilmFrame, view: View) -> list[Label]:
         """Labels of the picture, the most important first."""
@@ -298,8 +298,8 @@ class Overlay:
             candidates.append((pair.mean(axis=0), distance, (1.0, 1.0, 1.0), 1))
         for other, position in zip(self._annotations.others, state.others, strict=True):
             candidates.append((position, off(other.label, position), other.colour, 1))
-        rest = [i for i in range(len(state.hydrophone)) if i != f][: _LABELS - 1]
-        candidates += [(state.hydrophone[i], names[i + 1], TRUTH, -1) for i in rest]
+        other_followers = [i for i in range(len(state.hydrophone)) if i != f][: _LABELS - 1]
+        candidates += [(state.hydrophone[i], names[i + 1], TRUTH, -1) for i in other_followers]
         if self._level_axis:
             candidates.append((level_axis(state)[0], "level", (1.0, 1.0, 1.0), 0))
         labels = []
@@ -383,8 +383,16 @@ def place_labels(
     labels = list(labels)
     full = list(taken)
     full.append((0.0, canvas.height - _FOOT * s, float(canvas.width), _FOOT * s))
-    half = _MARKER * s
-    markers = [(float(m.at[0]) - half, float(m.at[1]) - half, 2 * half, 2 * half) for m in labels]
+    half_marker = _MARKER * s
+    markers = [
+        (
+            float(m.at[0]) - half_marker,
+            float(m.at[1]) - half_marker,
+            2 * half_marker,
+            2 * half_marker,
+        )
+        for m in labels
+    ]
     placed = []
     for label in labels:
         width, height = canvas.extent(label.words, -_LABEL_SIZE)
@@ -395,8 +403,8 @@ def place_labels(
             right = left + width
             bottom = top + height
             others = [*full, *markers]
-            inside = left >= 0 and top >= 0 and right <= canvas.width and bottom <= canvas.height
-            if inside and all(
+            fits = left >= 0 and top >= 0 and right <= canvas.width and bottom <= canvas.height
+            if fits and all(
                 left >= x + w or x >= right or top >= y + h or y >= bottom for x, y, w, h in others
             ):
                 full.append(area)

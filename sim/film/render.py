@@ -309,8 +309,8 @@ def _read(child: Any, log: IO[bytes], content: bytes, results: SimpleQueue[Any])
         code = child.wait()
         log.seek(0)
         words = log.read().decode(errors="replace").strip().splitlines()[-_LAST_WORDS:]
-        how = f"was killed by signal {-code}" if code < 0 else f"ended with code {code}"
-        message = "\n".join([f"a process that renders frames {how}", *words])
+        ending = f"was killed by signal {-code}" if code < 0 else f"ended with code {code}"
+        message = "\n".join([f"a process that renders frames {ending}", *words])
         results.put(RendererDiedError(message) if code else None)
 
 

@@ -169,12 +169,12 @@ class Sea:
         """East and north of the height field's points, at least `reach` about `centre`, shape
         (_CELLS,) each, [m].
         """
-        half = (_CELLS - 1) / 2
-        cell = next((c for c in _SPACINGS_M if half * c >= reach), _SPACINGS_M[-1])
+        half_cells = (_CELLS - 1) / 2
+        cell = next((c for c in _SPACINGS_M if half_cells * c >= reach), _SPACINGS_M[-1])
         # points of one spacing always lie on the same lattice, or the surface would change shape
         # with the camera
         x, y = _TILE_M * np.round(np.asarray(centre[:2]) / _TILE_M)
-        offset = cell * (np.arange(_CELLS) - half)
+        offset = cell * (np.arange(_CELLS) - half_cells)
         return x + offset, y + offset
 
     def elevation(self, x: Floats, y: Floats, time: float) -> Floats:
@@ -182,9 +182,9 @@ class Sea:
         (len(y), len(x)), [m].
         """
         cell = float(x[1] - x[0])
-        long = self._steepness * cell < 2.0
+        is_resolved = self._steepness * cell < 2.0
         east, north = self._ocean.environment.current.at_time(time).drift.run
-        amplitude, kx, ky, omega, phase = self._waves[long][:, [0, 1, 2, 4, 5]].T
+        amplitude, kx, ky, omega, phase = self._waves[is_resolved][:, [0, 1, 2, 4, 5]].T
         along_x = amplitude * np.exp(1j * (np.outer(x - east, kx) + phase - omega * time))
         return np.asarray((np.exp(1j * np.outer(y - north, ky)) @ along_x.T).real)
 
@@ -204,8 +204,8 @@ class Sea:
         model.geom_rgba[self._geom, 3] = float(surface)
         x, y = self.grid(centre, reach)
         # a floor beyond the fog would cost a third of a frame
-        half = (x[-1] - x[0]) / 2
-        model.geom_size[self._floor, :2] = half
+        half_width = (x[-1] - x[0]) / 2
+        model.geom_size[self._floor, :2] = half_width
         model.geom_pos[[self._geom, self._floor], :2] = x.mean(), y.mean()
         if not surface:
             return
@@ -213,7 +213,7 @@ class Sea:
         field = int(model.geom_dataid[self._geom])
         first = model.hfield_adr[field]
         model.hfield_data[first : first + heights.size] = heights.ravel()
-        model.hfield_size[field, :2] = half
+        model.hfield_size[field, :2] = half_width
         mujoco.mjr_uploadHField(model, context, field)
         if self._ground is not None:
             self._show_floor(self._ground, x, y, context)
@@ -305,18 +305,18 @@ class GlScene:
         )
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
-        whole: Box = (0, 0, self.width, self.height)
-        self._render(state, shot.view, whole)
+        full_box: Box = (0, 0, self.width, self.height)
+        self._render(state, shot.view, full_box)
         self._fog(*_INSET_FOG)
         for (view, _), box in zip(shot.insets, insets, strict=True):
             # insets look at a hull from above, or from close by
             self._sea.show(view.target, _INSET_FOG[1], state.time, self._context, surface=False)
             mujoco.mj_kinematics(self._model, self._data)  # the sea has moved
             self._render(state, view, box)
-        mujoco.mjr_readPixels(self._pixels, None, mujoco.MjrRect(*whole), self._context)
+        mujoco.mjr_readPixels(self._pixels, None, mujoco.MjrRect(*full_box), self._context)
         self._smooth[:] = self._pixels
         for view, box in zip(
-            (shot.view, *(view for view, _ in shot.insets)), (whole, *insets), strict=True
+            (shot.view, *(view for view, _ in shot.insets)), (full_box, *insets), strict=True
         ):
             self._smooth_hulls(state, view, box)
         return self._smooth
@@ -329,9 +329,11 @@ class GlScene:
             if distance < -_HULL_REACH_M:
                 continue
             # a hull about the lens may be anywhere in the frame
-            near = distance < 1.2 * _HULL_REACH_M
+            is_near = distance < 1.2 * _HULL_REACH_M
             reach = (
-                np.inf if near else view.focal(height) * _HULL_REACH_M / (distance - _HULL_REACH_M)
+                np.inf
+                if is_near
+                else view.focal(height) * _HULL_REACH_M / (distance - _HULL_REACH_M)
             )
             x0, x1 = (int(np.clip(v, 0, width)) for v in (x - reach, x + reach))
             y0, y1 = (int(np.clip(v, 0, height)) for v in (y - reach, y + reach))

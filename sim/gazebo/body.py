@@ -139,8 +139,8 @@ def solid_of(collision: Element) -> Solid | None:
     if shape.tag == "cone":
         transverse_moment = 3.0 / 20.0 * radius**2
         squares = np.array([transverse_moment, transverse_moment, 3.0 / 80.0 * length**2])
-        half = np.array([radius, radius, length / 2.0])
-        return Solid(np.pi * radius**2 * length / 3.0, half, _moments(squares))
+        half_size = np.array([radius, radius, length / 2.0])
+        return Solid(np.pi * radius**2 * length / 3.0, half_size, _moments(squares))
     cylinder = np.pi * radius**2 * length
     ends = 4.0 / 3.0 * np.pi * radius**3 if shape.tag == "capsule" else 0.0
     volume = cylinder + ends
@@ -149,8 +149,8 @@ def solid_of(collision: Element) -> Solid | None:
     axial_moment += ends * (length**2 / 4.0 + 3.0 / 8.0 * length * radius + radius**2 / 5.0)
     transverse_moment = cylinder * radius**2 / 4.0 + ends * radius**2 / 5.0
     squares = np.array([transverse_moment, transverse_moment, axial_moment]) / max(volume, 1e-300)
-    half = np.array([radius, radius, length / 2.0 + (radius if ends else 0.0)])
-    return Solid(volume, half, _moments(squares))
+    half_size = np.array([radius, radius, length / 2.0 + (radius if ends else 0.0)])
+    return Solid(volume, half_size, _moments(squares))
 
 
 def _moments(squares: Floats) -> Floats:

@@ -229,12 +229,12 @@ def _remark_on_moved(
         is_turned = not np.allclose(axes, np.round(axes), atol=1e-6)
         if arm < 1e-9 and not is_turned:
             continue
-        how = []
+        changes = []
         if arm >= 1e-9:
-            how.append(f"moved by {arm:.3g} m")
+            changes.append(f"moved by {arm:.3g} m")
         if is_turned:
-            how.append("turned")
-        text = f"coefficients of a link are {' and '.join(how)} to the axes of the hull"
+            changes.append("turned")
+        text = f"coefficients of a link are {' and '.join(changes)} to the axes of the hull"
         if link.quadratic.any():
             text += ": quadratic damping holds along or about one axis, between axes nearly"
         remarks.add(text)
@@ -348,9 +348,9 @@ def _semidefinite(matrix: Floats) -> Floats:
     Where an eigenvalue is zero, a diagonal makes up for the rounding.
     """
     rounded = np.vectorize(lambda value: float(f"{value:.{DIGITS}g}"))(matrix)
-    least = float(np.linalg.eigvalsh(rounded)[0])
+    smallest = float(np.linalg.eigvalsh(rounded)[0])
     bound = 1e-6 * float(np.abs(matrix).max())
-    return rounded + 2.0 * abs(least) * np.eye(6) if -bound < least < 0.0 else matrix
+    return rounded + 2.0 * abs(smallest) * np.eye(6) if -bound < smallest < 0.0 else matrix
 
 
 def _thruster_parts(

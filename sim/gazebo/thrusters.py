@@ -43,7 +43,7 @@ def _read(scope: SdfModel, parameters: Parameters, remarks: Remarks) -> GazeboTh
     if target is None:
         raise LaisnError(f"Thruster: there is no <joint name={name!r}> with a child link")
     inner, link = target
-    least, largest = _limits(name, parameters, remarks)
+    lowest, largest = _limits(name, parameters, remarks)
     band = parameters.number("deadband", 0.0)
     if band:
         remarks.of(
@@ -60,7 +60,7 @@ def _read(scope: SdfModel, parameters: Parameters, remarks: Remarks) -> GazeboTh
     )
     parameters.set_aside(["battery_name", "power_load"], "there is no battery")
     parameters.close()
-    return GazeboThruster(name, inner.pose_of(link)[:3, 3], scope.joint_axis(name), least, largest)
+    return GazeboThruster(name, inner.pose_of(link)[:3, 3], scope.joint_axis(name), lowest, largest)
 
 
 def _limits(
@@ -90,9 +90,9 @@ def _limits(
         f"commanded in Gazebo by its rate of rotation, {scale:.4g} N per (rad/s)², here by its "
         "thrust",
     )
-    least = scale * low * abs(low) if has_low else None
+    lowest = scale * low * abs(low) if has_low else None
     largest = scale * high * abs(high) if has_high else None
-    return (largest, least) if scale < 0.0 else (least, largest)
+    return (largest, lowest) if scale < 0.0 else (lowest, largest)
 
 
 def with_limits(
@@ -101,15 +101,15 @@ def with_limits(
     """Limits [N], where the file has none those of the other direction, or the default."""
     limits = []
     for thruster in thrusters:
-        least = thruster.least
+        lowest = thruster.least
         largest = thruster.largest
         assumed = []
         if largest is None:
-            largest = -least if least is not None and least < 0.0 else default
+            largest = -lowest if lowest is not None and lowest < 0.0 else default
             assumed.append(f"max_thrust_cmd {largest:.3g} N")
-        if least is None:
-            least = -largest if largest > 0.0 else -default
-            assumed.append(f"min_thrust_cmd {least:.3g} N")
+        if lowest is None:
+            lowest = -largest if largest > 0.0 else -default
+            assumed.append(f"min_thrust_cmd {lowest:.3g} N")
         if assumed:
             remarks.of(
                 "thruster",
@@ -117,12 +117,12 @@ def with_limits(
                 f"no limit in the file, assumed {' and '.join(assumed)} (Gazebo: "
                 f"±{GAZEBO_LIMIT:g})",
             )
-        if not least < largest:
+        if not lowest < largest:
             raise LaisnError(
                 f"thruster {thruster.joint!r}: max_thrust_cmd must be above min_thrust_cmd (given: "
-                f"{least:g} and {largest:g})"
+                f"{lowest:g} and {largest:g})"
             )
-        limits.append((least, largest))
+        limits.append((lowest, largest))
     return limits
 
 

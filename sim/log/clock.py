@@ -146,11 +146,11 @@ def correct_steps_back(recording: RecordedRows) -> None:
             f"{recording.item}s are shifted by as much, so that {passed_ns / 1e9:g} s lie between"
         )
     _require_receptions_in_order(recording)
-    late = int(np.count_nonzero(np.diff(recording.time[rows]) < 0))
-    if late:
+    backward_count = int(np.count_nonzero(np.diff(recording.time[rows]) < 0))
+    if backward_count:
         recording.remarks.append(
-            f"{recording.name}: {recording.item}s out of order in {late} "
-            f"place{'s' if late > 1 else ''}, sorted"
+            f"{recording.name}: {recording.item}s out of order in {backward_count} "
+            f"place{'s' if backward_count > 1 else ''}, sorted"
         )
 
 
@@ -211,9 +211,9 @@ def correct_steps_forward(recording: RecordedRows) -> None:
             f"{last + 1} by the leader's {by}; later rows are shifted back"
         )
     if gaps:
-        more = f" and {len(gaps) - _NAMED} others" if len(gaps) > _NAMED else ""
+        omitted = f" and {len(gaps) - _NAMED} others" if len(gaps) > _NAMED else ""
         recording.remarks.append(
-            f"{recording.name}: gaps without own measurements: {', '.join(gaps[:_NAMED])}{more}"
+            f"{recording.name}: gaps without own measurements: {', '.join(gaps[:_NAMED])}{omitted}"
         )
 
 
@@ -242,14 +242,14 @@ def reception_times(recording: RecordedRows) -> Ints:
     tolerance = max(_SHORTEST_DELAY_S, 1.5 * recording.interval_ns / 1e9)
     typical = float(np.median(delay[valid]))
     other_clock = typical < -tolerance or typical > _LONGEST_DELAY_S
-    late = valid & (delay > tolerance) & (delay <= _LONGEST_DELAY_S)
+    is_late = valid & (delay > tolerance) & (delay <= _LONGEST_DELAY_S)
     if other_clock or (recording.stepped and typical > tolerance):
         recording.remarks.append(
             f"{TIMESTAMP} differs from {recording.name} by {typical:.6g} s: another clock; "
             "receptions have the times of their rows"
         )
         return recording.time.copy()
-    if not late.any():
+    if not is_late.any():
         if typical > _SHORTEST_DELAY_S:
             recording.remarks.append(
                 f"receptions are older than sound needs by {typical:.3g} s (median), less than "
@@ -257,10 +257,10 @@ def reception_times(recording: RecordedRows) -> Ints:
             )
         return recording.time.copy()
     recording.remarks.append(
-        f"{int(late.sum())} of {int(valid.sum())} receptions are older than sound needs, by "
-        f"{float(np.median(delay[late])):.3g} s (median): they are taken at {TIMESTAMP} and the "
+        f"{int(is_late.sum())} of {int(valid.sum())} receptions are older than sound needs, by "
+        f"{float(np.median(delay[is_late])):.3g} s (median): they are taken at {TIMESTAMP} and the "
         f"travel time; without the column {TIMESTAMP} they have the times of their rows"
     )
-    return np.where(late, np.rint(np.where(late, arrival, 0.0) * 1e9), recording.time).astype(
+    return np.where(is_late, np.rint(np.where(is_late, arrival, 0.0) * 1e9), recording.time).astype(
         np.int64
     )

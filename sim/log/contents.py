@@ -495,9 +495,9 @@ class _Copy:
             self.times_ns.append(m.log_time)
         self._instant.clear()
 
-    def finish(self, whole: bool, remarks: Sequence[str]) -> None:
-        """`whole` tells whether the data section is there to its end."""
-        if FLIGHT in self.metadata and (not whole or self.first_gap_ns is not None):
+    def finish(self, is_complete: bool, remarks: Sequence[str]) -> None:
+        """`is_complete` tells whether the data section is there to its end."""
+        if FLIGHT in self.metadata and (not is_complete or self.first_gap_ns is not None):
             # of records with one name, the last one counts
             facts = self.metadata[FLIGHT] | {"outcome": _INTERRUPTED}
             if self.first_gap_ns is not None:
@@ -513,18 +513,18 @@ class _Copy:
 def _salvage(salvage: Salvage, copy: _Copy, remarks: list[str]) -> tuple[list[Damage], bool]:
     """Copy all that is intact; the damage, and whether the end of the data section was found."""
     damages = list[Damage]()
-    whole = False
+    is_complete = False
     for item in salvage:
         if isinstance(item, DamagedAttachment):
             remarks.append(f"attachment {item.name!r} is damaged and is left out")
         elif isinstance(item, Damage):
             damages.append(item)
-            if item.loses_messages and not whole:
+            if item.loses_messages and not is_complete:
                 copy.break_off()
         else:
-            whole = isinstance(item, DataEnd)
+            is_complete = isinstance(item, DataEnd)
             copy.add(item)
-    return damages, whole
+    return damages, is_complete
 
 
 def _copy(path: Path, target: Path, remarks: list[str]) -> list[str]:
@@ -539,13 +539,13 @@ def _copy(path: Path, target: Path, remarks: list[str]) -> list[str]:
         ):
             salvage = Salvage(data, _ALLOWANCE + _RATIO * size)
             copy = _Copy(stream, salvage.summary)
-            damages, whole = _salvage(salvage, copy, remarks)
+            damages, is_complete = _salvage(salvage, copy, remarks)
             problems = [f"damaged or cut off at byte {d.at}: {d.reason}" for d in damages]
-            if copy.metadata and not whole:
+            if copy.metadata and not is_complete:
                 remarks.append(
                     f"metadata {', '.join(copy.metadata)}: no checksum, damage cannot be detected"
                 )
-            copy.finish(whole, remarks)
+            copy.finish(is_complete, remarks)
     if problems and not copy.times_ns:
         lacking = " whose channel is described" if copy.undescribed else ""
         raise LogError(

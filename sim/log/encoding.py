@@ -76,11 +76,11 @@ class TimedNumbers:
             as_bytes = columns.view(np.uint8).reshape(rows.size, -1, 8)
             for k, offset in enumerate(offsets):
                 block[:, offset : offset + 8] = as_bytes[:, k]
-            whole = block.tobytes()
+            encoded = block.tobytes()
             size = len(example)
             for k, row in enumerate(rows.tolist()):
-                rests[row] = whole[k * size : (k + 1) * size]
+                rests[row] = encoded[k * size : (k + 1) * size]
         return [
-            _time_field(time) + rest
-            for time, rest in zip(time_ns.tolist(), rests.tolist(), strict=True)
+            _time_field(time) + fields
+            for time, fields in zip(time_ns.tolist(), rests.tolist(), strict=True)
         ]

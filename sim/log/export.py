@@ -134,15 +134,15 @@ def _entities(rr: Any, entity: Any) -> Iterator[tuple[str, Any]]:
             "fill_mode": "solid",
         }
 
-    half = {
+    half_size = {
         kind: _numbers(getattr(entity, kind), "xyz", "size.") / 2
         for kind in ("cylinders", "spheres", "cubes")
     }
-    length = 2 * half["cylinders"][:, 2]
-    radius = half["cylinders"][:, 0]
+    length = 2 * half_size["cylinders"][:, 2]
+    radius = half_size["cylinders"][:, 0]
     yield "cylinders", rr.Cylinders3D(**look(entity.cylinders), lengths=length, radii=radius)
-    yield "spheres", rr.Ellipsoids3D(**look(entity.spheres), half_sizes=half["spheres"])
-    yield "boxes", rr.Boxes3D(**look(entity.cubes), half_sizes=half["cubes"])
+    yield "spheres", rr.Ellipsoids3D(**look(entity.spheres), half_sizes=half_size["spheres"])
+    yield "boxes", rr.Boxes3D(**look(entity.cubes), half_sizes=half_size["cubes"])
     strips = list[Any]()
     for line in entity.lines:
         points = _numbers(line.points, "xyz")

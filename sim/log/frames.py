@@ -77,14 +77,14 @@ def parsed(kind: int, content: bytes) -> McapRecord | None:
     return record
 
 
-def chunk_data(chunk: Chunk, most: int) -> bytes:
+def chunk_data(chunk: Chunk, max_size: int) -> bytes:
     """What a chunk holds, of at most so many bytes, after its checksum was verified; ValueError.
 
     It is decompressed as a stream: at once, any size that the chunk states would be allocated.
     """
     size = chunk.uncompressed_size
     data = chunk.data
-    if size > most:
+    if size > max_size:
         raise ValueError(f"a chunk of {len(data)} bytes would decompress to {size}, too many")
     if chunk.compression == "zstd":
         data = zstandard.ZstdDecompressor().stream_reader(data).read(size + 1)
@@ -101,9 +101,9 @@ def chunk_data(chunk: Chunk, most: int) -> bytes:
     return data
 
 
-def records_of(chunk: Chunk, most: int) -> list[McapRecord]:
+def records_of(chunk: Chunk, max_size: int) -> list[McapRecord]:
     """Schemas, channels and messages of a chunk; errors as of `chunk_data`, and of the library."""
-    data = chunk_data(chunk, most)
+    data = chunk_data(chunk, max_size)
     records = list[McapRecord]()
     offset = 0
     while offset < len(data):
@@ -231,9 +231,9 @@ def _next_record(data: Bytes, after: int, summary: SummarySection) -> int | None
     indexed = next((offset for offset in summary.offsets if offset > after), None)
     limit = len(data) if indexed is None else min(len(data), indexed + _COMPRESSION_AT)
     for match in _COMPRESSION.finditer(data, after, limit):
-        at = match.start() - _COMPRESSION_AT
-        if at > after and _chunk_frame(data, at):
-            return at
+        chunk_offset = match.start() - _COMPRESSION_AT
+        if chunk_offset > after and _chunk_frame(data, chunk_offset):
+            return chunk_offset
     return indexed
 
 
@@ -274,10 +274,10 @@ class Salvage:
     `most` is what all chunks may decompress to [bytes].
     """
 
-    def __init__(self, data: Bytes, most: int) -> None:
+    def __init__(self, data: Bytes, max_size: int) -> None:
         self.summary = summary_of(data)
         self._data = data
-        self._left = most
+        self._left = max_size
         self._damaged = False
 
     def _damage(self, offset: int, end: int, reason: str) -> Damage:

@@ -15,15 +15,15 @@ def _late(times: Ints, first: int, interval: float) -> int:
     before = np.sort(times[:first])
     steps_back = times[first:] < before[-1]
     number = int(np.argmin(steps_back)) if not steps_back.all() else steps_back.size
-    late = times[first : first + number]
-    indices = np.searchsorted(before, late)
+    late_times = times[first : first + number]
+    indices = np.searchsorted(before, late_times)
     distance = np.minimum(
-        np.abs(late - before[np.maximum(indices - 1, 0)]),
-        np.abs(before[np.minimum(indices, before.size - 1)] - late),
+        np.abs(late_times - before[np.maximum(indices - 1, 0)]),
+        np.abs(before[np.minimum(indices, before.size - 1)] - late_times),
     )
     # times recorded again lie within half an interval of those before, or before the recording
     are_recorded = np.any(distance < _FREE * interval)
-    return 0 if are_recorded or late.min() < before[0] - _AHEAD * interval else number
+    return 0 if are_recorded or late_times.min() < before[0] - _AHEAD * interval else number
 
 
 def steps_back(times: Ints, interval: float) -> list[int]:
@@ -36,9 +36,9 @@ def steps_back(times: Ints, interval: float) -> list[int]:
     for position in (np.flatnonzero(np.diff(times) < 0) + 1).tolist():
         if position < skip:
             continue
-        late = _late(times[begin:], position - begin, interval)
-        if late:
-            skip = position + late
+        late_count = _late(times[begin:], position - begin, interval)
+        if late_count:
+            skip = position + late_count
         else:
             steps.append(position)
             begin = position

@@ -518,8 +518,8 @@ def _at_steps(time_ns: Ints, at_ns: Ints, numbers: Floats) -> Floats:
     """
     rows = np.full((time_ns.size, numbers.shape[1]), np.nan)
     step = np.searchsorted(time_ns, at_ns)
-    within = step < time_ns.size
-    rows[step[within]] = numbers[within]
+    exists = step < time_ns.size
+    rows[step[exists]] = numbers[exists]
     return rows
 
 
@@ -550,9 +550,9 @@ def _read_channels(log: Contents, motion_topic: str, reception_topic: str) -> _C
     """
     follower = motion_topic.split("/")[1]
     motion = log.require(motion_topic, _OWN.fields)
-    needed = [name for name in _RECEIVED.fields if name not in _OPTIONAL]
+    required = [name for name in _RECEIVED.fields if name not in _OPTIONAL]
     reception = log.require(
-        reception_topic, needed, _RECEIVED.schema if FLIGHT in log.metadata else None
+        reception_topic, required, _RECEIVED.schema if FLIGHT in log.metadata else None
     )
     clock = _correct_clock(log, motion_topic, motion, reception)
     message, ranges = (_optional(reception, array.names) for array in _RECEIVED.columns)
@@ -610,9 +610,9 @@ class _Steps(NamedTuple):
         return np.append(float(self.dt_ns), self.spacing_ns) / 1e9
 
 
-def _left_out(which: Bools, topic: str, reason: str) -> list[str]:
+def _left_out(is_left_out: Bools, topic: str, reason: str) -> list[str]:
     """A remark on messages of a topic, if there are such."""
-    number = int(np.count_nonzero(which))
+    number = int(np.count_nonzero(is_left_out))
     return [f"{_count(number, 'message')} of {topic} left out: {reason}"] if number else []
 
 
@@ -648,13 +648,13 @@ def _receptions_of(channels: _Channels, steps: _Steps, topic: str) -> _Reception
     """The last reception of each filter step with a finite pose of the leader."""
     heard_ns = channels.heard_ns
     step = np.searchsorted(steps.time_ns, heard_ns).astype(np.int64) + 1
-    within = (heard_ns > steps.time_ns[0] - steps.dt_ns) & (step <= steps.time_ns.size)
-    heeded = within & np.all(np.isfinite(channels.message[:, _POSE]), axis=1)
+    in_time = (heard_ns > steps.time_ns[0] - steps.dt_ns) & (step <= steps.time_ns.size)
+    heeded = in_time & np.all(np.isfinite(channels.message[:, _POSE]), axis=1)
     rows = np.flatnonzero(heeded)
     latest = _last_of_equals(step[rows])
     remarks = [
-        *_left_out(~within, topic, "before the first or after the last filter step"),
-        *_left_out(within & ~heeded, topic, "without a finite pose of the leader"),
+        *_left_out(~in_time, topic, "before the first or after the last filter step"),
+        *_left_out(in_time & ~heeded, topic, "without a finite pose of the leader"),
         *_left_out(~latest, topic, "followed by another in the same filter step"),
     ]
     if channels.absurd_ranges:

@@ -125,8 +125,8 @@ def _numbers(
     arrays = {path: np.asarray(values) for path, values in columns.items()}
 
     def rows(block: slice) -> list[bytes]:
-        some = {path: values[block] for path, values in arrays.items()}
-        return template.rows(time_ns[block], some, stamped)
+        block_arrays = {path: values[block] for path, values in arrays.items()}
+        return template.rows(time_ns[block], block_arrays, stamped)
 
     return RosTopic(name=name, type_name=type_name, time_ns=time_ns, rows=rows, latched=latched)
 

@@ -168,8 +168,8 @@ class Template:
         """
         message = build(self.store, self.type_name, self.example)
         leaves = leaves_of(self.store, self.type_name, message)
-        whole = bytes(self.store.serialize_cdr(message, self.type_name))
-        block = np.tile(np.frombuffer(whole, np.uint8), (time_ns.size, 1))
+        encoded = bytes(self.store.serialize_cdr(message, self.type_name))
+        block = np.tile(np.frombuffer(encoded, np.uint8), (time_ns.size, 1))
         seconds, nanoseconds = stamps(time_ns)
         filled: dict[str, npt.ArrayLike] = dict(columns)
         for path in stamped:
@@ -183,5 +183,5 @@ class Template:
             )
             block[:, leaf.offset : leaf.offset + size] = numbers.view(np.uint8)
         data = block.tobytes()
-        length = len(whole)
+        length = len(encoded)
         return [data[i : i + length] for i in range(0, len(data), length)]

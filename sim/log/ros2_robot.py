@@ -62,13 +62,13 @@ def _discs(places: Floats, radii: Floats) -> Iterator[tuple[float, float, float]
         yield float(np.interp(middle, places, radii)), end - begin, middle
 
 
-def _ellipsoid_profile(half: Floats, axis: int) -> tuple[Floats, Floats]:
+def _ellipsoid_profile(half_size: Floats, axis: int) -> tuple[Floats, Floats]:
     """As `_profile` of an ellipsoid with half axes, shape (3,), [m]; of two that differ the mean
     area counts.
     """
-    others = np.delete(half, axis)
+    others = np.delete(half_size, axis)
     angle = np.linspace(0.0, np.pi, 10 * _DISCS)
-    return -half[axis] * np.cos(angle), math.sqrt(float(np.prod(others))) * np.sin(angle)
+    return -half_size[axis] * np.cos(angle), math.sqrt(float(np.prod(others))) * np.sin(angle)
 
 
 def _shapes_of(model: mujoco.MjModel, geom: int) -> Iterator[RobotShape]:
@@ -88,9 +88,9 @@ def _shapes_of(model: mujoco.MjModel, geom: int) -> Iterator[RobotShape]:
         yield RobotShape("sphere", (float(size[0]),), position, turn, rgba)
     elif kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
         radius = float(size[0])
-        half = float(size[1])
-        yield RobotShape("cylinder", (radius, 2.0 * half), position, turn, rgba)
-        ends = (-half, half) if kind == kinds.mjGEOM_CAPSULE else ()
+        half_length = float(size[1])
+        yield RobotShape("cylinder", (radius, 2.0 * half_length), position, turn, rgba)
+        ends = (-half_length, half_length) if kind == kinds.mjGEOM_CAPSULE else ()
         for end in ends:
             yield RobotShape("sphere", (radius,), position + end * turn[:, 2], turn, rgba)
     elif kind in (kinds.mjGEOM_ELLIPSOID, kinds.mjGEOM_MESH):

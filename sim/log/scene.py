@@ -166,13 +166,13 @@ def draw_hulls(flight: FlightRecord, index: Ints, hulls: VisibleHulls) -> tuple[
         for v, name in enumerate(names):
             if move:
                 fins[v].turn(states[i, v])
-            whole: dict[str, Any] = {
+            options: dict[str, Any] = {
                 "id": f"{name}/hull",
                 "frame_id": name,
                 "frame_locked": True,
                 **hull(compiled[v]),
             }
-            entities.append(fg.SceneEntity(timestamp=timestamp(time_ns), **whole))
+            entities.append(fg.SceneEntity(timestamp=timestamp(time_ns), **options))
         return fg.SceneUpdate(entities=entities)
 
     return index if move else index[:1], draw
@@ -196,11 +196,11 @@ def draw_vehicles(flight: FlightRecord, index: Ints) -> Draw:
     # points stand at whole steps of the mission, wherever this part of it begins
     begin = round(float(flight.trajectory.time[index[0]])) if index.size else 0
 
-    def recent(points: list[fg.Point3], last: int, without: int = 0) -> list[fg.Point3]:
-        """Points of a trail until `last`, which begins `without` so many."""
-        first = max(without, last - TRAIL_S)
+    def recent(points: list[fg.Point3], last: int, omitted: int = 0) -> list[fg.Point3]:
+        """Points of a trail until `last`, which begins `omitted` so many."""
+        first = max(omitted, last - TRAIL_S)
         first += -(begin + first) % step
-        return [*points[first - without : last - without : step], points[last - without]]
+        return [*points[first - omitted : last - omitted : step], points[last - omitted]]
 
     estimated = [
         _points(np.column_stack([e.state[row, :2], -m.depth[row]])[row >= 0].tolist())
@@ -212,19 +212,21 @@ def draw_vehicles(flight: FlightRecord, index: Ints) -> Draw:
         entities = []
 
         def trail(
-            name: str, color: fg.Color, points: list[fg.Point3], **more: Any
+            name: str, color: fg.Color, points: list[fg.Point3], **options: Any
         ) -> fg.SceneEntity:
             lines = [_line(fg.LinePrimitiveLineType.LineStrip, color, points)]
-            return fg.SceneEntity(timestamp=stamp, id=name, frame_id="world", lines=lines, **more)
+            return fg.SceneEntity(
+                timestamp=stamp, id=name, frame_id="world", lines=lines, **options
+            )
 
         for name, points in zip(names, trails, strict=True):
             entities.append(trail(f"{name}/trail", TRUTH, recent(points, i)))
-        for name, e, m, row, points, without in zip(
+        for name, e, m, row, points, omitted in zip(
             names[1:], flight.estimates, flight.measurements, rows, estimated, lacking, strict=True
         ):
             if row[i] >= 0:
                 spheres = list(_ellipses(e, int(row[i]), -float(m.depth[row[i]])))
-                way = recent(points, i, without)
+                way = recent(points, i, omitted)
                 entities.append(trail(f"{name}/estimate", ESTIMATE, way, spheres=spheres))
         return fg.SceneUpdate(entities=entities)
 

@@ -162,9 +162,9 @@ class RecordType:
             table = arrays[array.attribute].reshape(n, len(array.names))
             for k, name in enumerate(array.names):
                 block[name] = table[:, k]
-        whole = block.tobytes()
+        encoded = block.tobytes()
         length = block.itemsize
-        return [whole[i : i + length] for i in range(0, len(whole), length)]
+        return [encoded[i : i + length] for i in range(0, len(encoded), length)]
 
 
 def _array(attribute: str, prefix: str, *axes: Sequence[str]) -> LogColumns:

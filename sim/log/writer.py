@@ -480,8 +480,8 @@ def channels(
     of_flight = _channels(flight, VisibleHulls(MissionPlan.of(flight.scenario).models), video)
     lines = sorted([*events, *_fix_lines(flight)], key=lambda line: line.time_s)
     lines.append(_ending(float(flight.trajectory.time[-1]), flight.outcome))
-    whole = _lines(lines, Clock(flight.scenario.epoch))
-    return [whole if channel.topic == whole.topic else channel for channel in of_flight]
+    all_lines = _lines(lines, Clock(flight.scenario.epoch))
+    return [all_lines if channel.topic == all_lines.topic else channel for channel in of_flight]
 
 
 def _ending(time_s: float, outcome: Termination) -> Event:
@@ -617,8 +617,8 @@ class FlightLog:
             return
         # little is left to be written
         with signals_after(), self._complete_or_kept():
-            rest = flight.part(self._first_step(sensing_of_each(flight.scenario)))
-            self._end(rest, outcome, summary, events, film)
+            remaining = flight.part(self._first_step(sensing_of_each(flight.scenario)))
+            self._end(remaining, outcome, summary, events, film)
 
     @contextmanager
     def _complete_or_kept(self) -> Iterator[None]:

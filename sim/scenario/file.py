@@ -83,12 +83,12 @@ def _all_keys() -> dict[str, list[str]]:
     """Dotted keys of a scenario by their last names."""
     keys: dict[str, list[str]] = {}
 
-    def add(model: type[BaseModel], above: str) -> None:
+    def add(model: type[BaseModel], parent: str) -> None:
         for name, field in model.model_fields.items():
-            keys.setdefault(name, []).append(f"{above}{name}")
+            keys.setdefault(name, []).append(f"{parent}{name}")
             table = _table_in(field)
             if table is not None:
-                add(table, f"{above}{name}.{'*.' if _is_list_of_tables(field) else ''}")
+                add(table, f"{parent}{name}.{'*.' if _is_list_of_tables(field) else ''}")
 
     add(Scenario, "")
     return keys
@@ -507,8 +507,10 @@ def _list_hint(target: object, parts: list[int | str], n: int) -> str:
     name = ".".join(map(str, parts[:n]))
     if isinstance(parts[n], int):
         return f"; {name} has {len(target)}, of which the last is {name}.{len(target) - 1}"
-    rest = ".".join(map(str, parts[n:]))
-    return f"; did you mean {name}.0.{rest} of the first, or {name}.*.{rest} of all?"
+    key_in_table = ".".join(map(str, parts[n:]))
+    return (
+        f"; did you mean {name}.0.{key_in_table} of the first, or {name}.*.{key_in_table} of all?"
+    )
 
 
 def dotted(
@@ -531,18 +533,18 @@ def dotted(
 
 def _each(table: Mapping[str, Any], key: str) -> list[str]:
     """A dotted key with each number in place of "*", of a list that is there."""
-    before, every, rest = key.partition(".*.")
+    table_key, every, rest = key.partition(".*.")
     if not every:
         return [key]
     target: Any = table
-    for name in _parts_of(before):
+    for name in _parts_of(table_key):
         if isinstance(target, list) and isinstance(name, int) and name < len(target):
             target = target[name]
         else:
             target = target.get(str(name)) if isinstance(target, Mapping) else None
     if not isinstance(target, list):
-        raise ScenarioError(f"{shortened(plain(key), 100)}: the scenario has no list {before}")
-    numbered = (f"{before}.{i}.{rest}" for i in range(len(target)))
+        raise ScenarioError(f"{shortened(plain(key), 100)}: the scenario has no list {table_key}")
+    numbered = (f"{table_key}.{i}.{rest}" for i in range(len(target)))
     return [expanded for number in numbered for expanded in _each(table, number)]
 
 

@@ -238,11 +238,11 @@ def station_inconsistencies(
     """
     key = "formation.proximity"
     problems = list[str]()
-    needed = f"at least {LEAST_APART_M:g} m"
+    expected = f"at least {LEAST_APART_M:g} m"
     for name, a in stations:
         if (near := math.hypot(a.behind_m, a.port_m)) < LEAST_APART_M:
             problems.append(
-                f"{name}.station is {near:.3g} m from the leader's place; stations are {needed} "
+                f"{name}.station is {near:.3g} m from the leader's place; stations are {expected} "
                 "from it"
             )
     for (other, b), (name, a) in combinations(stations, 2):
@@ -251,7 +251,7 @@ def station_inconsistencies(
         names = f"{name}.station and {other}.station"
         if distance < LEAST_APART_M and layers < LEAST_LAYER_M:
             text = f"{names} are {distance:.3g} m apart in layers {layers:.3g} m apart"
-            problems.append(f"{text}; {needed} or {LEAST_LAYER_M:g} m are needed")
+            problems.append(f"{text}; {expected} or {LEAST_LAYER_M:g} m are needed")
         if proximity and distance < proximity.range_m and layers < LEAST_LAYER_M:
             problems.append(
                 f"{names} are {distance:.3g} m apart in one layer, within {key}.range_m = "

@@ -78,7 +78,7 @@ class AssumeTable(FurtherKeys):
     )
 
 
-@with_fields_of(RivalSettings, without={field.name for field in fields(TightSettings)})
+@with_fields_of(RivalSettings, excluded={field.name for field in fields(TightSettings)})
 class Rival(FurtherKeys):
     """Settings of the rival methods beside the standard deviations of `[navigation.assume]`."""
 
@@ -87,8 +87,8 @@ class Rival(FurtherKeys):
     )
 
 
-@with_fields_of(BeaconSettings, without={"dt", "hydrophone_height", "known_start"})
-@with_fields_of(WaterBeaconSettings, without={"known_start"})
+@with_fields_of(BeaconSettings, excluded={"dt", "hydrophone_height", "known_start"})
+@with_fields_of(WaterBeaconSettings, excluded={"known_start"})
 class BeaconsTable(FurtherKeys):
     """Settings of the navigator among beacons, `variant = "beacons"`."""
 

@@ -44,11 +44,11 @@ def _later(begin: PlannedMotion, dt: Floats | float) -> PlannedMotion:
     """Motion a time dt [s] after the beginning of a segment; numbers or arrays of one shape."""
     speed = begin.speed + begin.acceleration * dt
     # on an arc the chord points along the mean course and is sin(half)/half of the arc long
-    half = 0.5 * begin.turn_rate * dt
-    chord = 0.5 * (begin.speed + speed) * dt * np.sinc(half / np.pi)
+    half_turn = 0.5 * begin.turn_rate * dt
+    chord = 0.5 * (begin.speed + speed) * dt * np.sinc(half_turn / np.pi)
     return begin._replace(
-        east=begin.east + chord * np.sin(begin.course + half),
-        north=begin.north + chord * np.cos(begin.course + half),
+        east=begin.east + chord * np.sin(begin.course + half_turn),
+        north=begin.north + chord * np.cos(begin.course + half_turn),
         course=begin.course + begin.turn_rate * dt,
         speed=speed,
     )
@@ -143,9 +143,9 @@ def _leg_speed_to_rest(distance: float, time: float, speed: float) -> float:
         spare = time - speed / ACCELERATION
         return (distance - 0.5 * speed**2 / ACCELERATION) / spare if spare > 0 else float("nan")
     # 2 v² − 2 (speed + acceleration time) v + speed² + 2 acceleration distance = 0
-    half = 0.5 * (speed + ACCELERATION * time)
-    root = half**2 - 0.5 * speed**2 - ACCELERATION * distance
-    return half - float(np.sqrt(root)) if root >= 0 else float("nan")
+    half_change = 0.5 * (speed + ACCELERATION * time)
+    root = half_change**2 - 0.5 * speed**2 - ACCELERATION * distance
+    return half_change - float(np.sqrt(root)) if root >= 0 else float("nan")
 
 
 def _leg(route: Route, k: int, planner: _Planner, cut: float) -> tuple[float, float]:
@@ -304,8 +304,8 @@ def _acceptable(
         return False
     leg = np.arctan2(*(route.waypoint[-1] - route.waypoint[-2]))
     ends = np.searchsorted(time, route.time[-2:] - 1e-9)
-    off = np.abs(signed_angle(leader.course[ends] - leg))
-    if off.min() > route_class.heading_difference_max:
+    angle = np.abs(signed_angle(leader.course[ends] - leg))
+    if angle.min() > route_class.heading_difference_max:
         return False
     try:
         motion = plan(route).at(time[: ends[1] + 1])

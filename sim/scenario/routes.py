@@ -62,9 +62,9 @@ class DepthProfile:
 
     def at(self, time: Floats) -> tuple[Floats, Floats]:
         """Depth [m] and its rate [m/s], positive down, at instants of shape (n,), [s]."""
-        within = time if self.period is None else time % self.period
+        period_time = time if self.period is None else time % self.period
         slope = np.concatenate([[0.0], np.diff(self.depth) / np.diff(self.time), [0.0]])
-        return self.depth_at(time), slope[np.searchsorted(self.time, within, side="right")]
+        return self.depth_at(time), slope[np.searchsorted(self.time, period_time, side="right")]
 
 
 def _profile(depth: float | DepthProfile) -> DepthProfile:

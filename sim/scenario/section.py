@@ -186,22 +186,23 @@ def with_fields_of(
     kind: Any,
     *,
     positive: Collection[str] = (),
-    without: Collection[str] = (),
+    excluded: Collection[str] = (),
     optional: bool = False,
 ) -> Callable[[type[Kind]], type[Kind]]:
     """Give a section a key for each field of a navigator's settings, a dataclass, which declares
     them.
 
     A key is the field's name with its unit, degrees in place of radians. Only fields of the class
-    itself that are a `laisn.settings.setting` have one, less those in `without` and those for which
-    the section has a key. Numbers are not negative, and those in POSITIVE and `positive` not zero;
+    itself that are a `laisn.settings.setting` have one, less those in `excluded` and those for
+    which the section has a key. Numbers are not negative, and those in POSITIVE and `positive` not
+    zero;
     `optional`: all defaults are None.
     """
     types = get_type_hints(kind)
     declared_here = inspect.get_annotations(kind)
     keys: dict[str, Any] = {}
     for field in fields(kind):
-        if field.name not in declared_here or not field.metadata or field.name in without:
+        if field.name not in declared_here or not field.metadata or field.name in excluded:
             continue
         unit = field.metadata["unit"]
         description = _beside_key(field.metadata["description"])
@@ -235,9 +236,9 @@ def keys_per_run(section: type[Section]) -> list[str]:
     return [key for key, field in section.model_fields.items() if PerRun in field.metadata]
 
 
-def is_multiple(whole: float, unit: float) -> bool:
+def is_multiple(value: float, unit: float) -> bool:
     """Whether one time is a whole number of another, one at least, but for rounding."""
-    ratio = whole / unit
+    ratio = value / unit
     return abs(ratio - round(ratio)) < 1e-9 and round(ratio) >= 1
 
 

@@ -272,8 +272,8 @@ class Follower(Vehicle):
     @model_validator(mode="after")
     def _one_route(self) -> Self:
         if not self.route and len(self.waypoints) < 2 and not self.station:
-            needed = "a route of the library, waypoints of its own or a station"
-            raise ValueError(f"a follower needs {needed}; waypoints are two at least")
+            expected = "a route of the library, waypoints of its own or a station"
+            raise ValueError(f"a follower needs {expected}; waypoints are two at least")
         if self.station and (
             self.route or self.waypoints or self.depth_profile or self.saw_tooth_amplitude_m
         ):

@@ -412,7 +412,7 @@ def _read_message(
         root = math.sqrt(dt)
         content[_EAST] = sensors.read_leader_position(e, true[_EAST], drawn[0], root * walk[0])
         content[_NORTH] = sensors.read_leader_position(e, true[_NORTH], drawn[1], root * walk[1])
-    persistence, fresh = sensors.gauss_markov_weights(
+    persistence, spread_weight = sensors.gauss_markov_weights(
         sent.step - last if last > 0 else 0, dt, e.leader_tilt_time
     )
     # step 0, at which nothing is measured, addresses errors that a run keeps
@@ -420,7 +420,9 @@ def _read_message(
     offset = noise.normals_at(kept_address, _ATTITUDE)
     drawn = noise.normals_at(sent, _ATTITUDE)
     for i in range(2):
-        fluctuation[i] = sensors.gauss_markov_step(fluctuation[i], persistence, fresh, drawn[i])
+        fluctuation[i] = sensors.gauss_markov_step(
+            fluctuation[i], persistence, spread_weight, drawn[i]
+        )
     tilt_draws = (offset[0], offset[1], fluctuation[0], fluctuation[1])
     for sensor in literal_unroll(sensors.LEADER_ATTITUDE):
         _write_channels(sensor.read(e, true[sensor.column :], tilt_draws), sensor.column, content)
@@ -923,10 +925,13 @@ def read_steps(
     own_read, content_read, ranges_read = readings
     i = span.messages
     for k in range(span.done + 1, true_values.shape[0] + 1):
-        now = Address(address.seed, address.run, address.follower, k)
-        read_own(e, now, true_values[k - 1], own_read[k - 1])
+        step_address = Address(address.seed, address.run, address.follower, k)
+        read_own(e, step_address, true_values[k - 1], own_read[k - 1])
         if i < taken_up.size and taken_up[i] == k:
-            addresses = Address(address.seed, address.run, address.follower, emitted[i]), now
+            addresses = (
+                Address(address.seed, address.run, address.follower, emitted[i]),
+                step_address,
+            )
             read_reception(e, navigator, addresses, (content[i], ranges[i]), inbox, 0)
             for j in range(_CONTENT):
                 content_read[i, j] = inbox.message_values[0, j]

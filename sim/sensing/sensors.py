@@ -131,18 +131,20 @@ def tilt_errors(trajectory: Trajectory, sensors: Sensors) -> Floats:
 
 
 @formula
-def gauss_markov_weights(since: int, dt: float, time: float) -> tuple[float, float]:
-    """Weights a and √(1 − a²) of a Gauss–Markov value `since` steps dt [s] ago (0: none), and of
+def gauss_markov_weights(steps: int, dt: float, time: float) -> tuple[float, float]:
+    """Weights a and √(1 − a²) of a Gauss–Markov value `steps` steps dt [s] ago (0: none), and of
     a fresh normal.
     """
-    persistence = math.exp(-since * (dt / time)) if since > 0 and time > 0.0 else 0.0
+    persistence = math.exp(-steps * (dt / time)) if steps > 0 and time > 0.0 else 0.0
     return persistence, math.sqrt(1.0 - persistence * persistence)
 
 
 @formula
-def gauss_markov_step(last: float, persistence: float, fresh: float, normal: float) -> float:
+def gauss_markov_step(
+    last: float, persistence: float, spread_weight: float, normal: float
+) -> float:
     """Next value of the process."""
-    return persistence * last + fresh * normal
+    return persistence * last + spread_weight * normal
 
 
 _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))  # the next follower's drift is ahead by it [rad]
@@ -760,11 +762,11 @@ def sensors_of_all(navigated: Sequence[SensingSettings]) -> tuple[SensorDriver, 
     return tuple(distinct.values())
 
 
-def _drivers(tables: Sequence[Any], needed: str, dt: float) -> tuple[SensorDriver, ...]:
+def _drivers(tables: Sequence[Any], required_name: str, dt: float) -> tuple[SensorDriver, ...]:
     """Drivers of the sensors of tables, after the one that a navigator needs."""
     drivers = [SensorDriver(sensor=_made_sensor(table), dt=dt) for table in tables]
-    if needed and all(table.sensor != needed for table in tables):
-        driver = SensorDriver(sensor=_made_sensor(CustomSensorTable(sensor=needed)), dt=dt)
+    if required_name and all(table.sensor != required_name for table in tables):
+        driver = SensorDriver(sensor=_made_sensor(CustomSensorTable(sensor=required_name)), dt=dt)
         # a user's sensor of the same name takes its place
         if all(other.name != driver.name for other in drivers):
             drivers.insert(0, driver)

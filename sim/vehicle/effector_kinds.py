@@ -305,9 +305,9 @@ class Propeller(EffectorKind):
         p = effector.parameters
         size = (1.0 - p[6]) * density * p[0] ** 3
         square = size * p[1] * p[0]
-        half = 0.5 * size * p[2] * (1.0 - p[5]) * max(speed * effector.force[0], 0.0)
-        if half * half + square * force >= 0.0:
-            return float((-half + np.sqrt(half * half + square * force)) / square)
+        half_slope = 0.5 * size * p[2] * (1.0 - p[5]) * max(speed * effector.force[0], 0.0)
+        if half_slope * half_slope + square * force >= 0.0:
+            return float((-half_slope + np.sqrt(half_slope * half_slope + square * force)) / square)
         return float(-np.sqrt(-force / square))
 
     def scale(self, record: Effector, thrust: float, lift: float) -> None:

@@ -195,8 +195,8 @@ def read(model: mujoco.MjModel, vehicles: Sequence[VehicleIds]) -> npt.NDArray[n
             _place(record, model, site, model.actuator_gear[actuator])
             suffixes = [suffix for owner, suffix in numerics if owner == name]
             if len(suffixes) > 1:
-                several = ", ".join(f".{suffix}" for suffix in suffixes)
-                raise LaisnError(f"actuator {name!r} has several of the numerics {several}")
+                suffixes_text = ", ".join(f".{suffix}" for suffix in suffixes)
+                raise LaisnError(f"actuator {name!r} has several of the numerics {suffixes_text}")
             _fill(record, model, name, suffixes[0] if suffixes else "")
     return records
 
@@ -297,8 +297,8 @@ class MovingFins:
                     model.site_quat[model.actuator_trnid[i, 0]], model.actuator_gear[i, :3]
                 )
                 axis = np.cross((1.0, 0.0, 0.0), push)
-                still = model.geom_quat[geom].copy()
-                self.hinges.append(Hinge(effector=number, geom=geom, axis=axis, still=still))
+                orientation = model.geom_quat[geom].copy()
+                self.hinges.append(Hinge(effector=number, geom=geom, axis=axis, still=orientation))
 
     def __bool__(self) -> bool:
         return bool(self.hinges)

@@ -65,11 +65,11 @@ class HullFile:
     def xml(self) -> str:
         """Text of the file."""
         radius = 0.5 * self.diameter
-        half = 0.5 * self.length
+        half_length = 0.5 * self.length
         x, y, z = np.asarray(self.middle, dtype=np.float64)
         sites = {
-            "tx_rear": (x - half, y, z),
-            "tx_front": (x + half, y, z),
+            "tx_rear": (x - half_length, y, z),
+            "tx_front": (x + half_length, y, z),
             "tx_middle": (x, y + radius, z),
             "hydrophone": (x, y, z + radius),
             "depth_sensor": (x, y, z),
@@ -83,7 +83,7 @@ class HullFile:
             "numbers": partial(numbers, digits=self.digits),
             "comment": lambda text: escape(text).replace("--", "‐‐"),
         }
-        capsule = radius, max(half - radius, 0.01)
+        capsule = radius, max(half_length - radius, 0.01)
         return environment.from_string(template).render(hull=self, sites=sites, capsule=capsule)
 
 
@@ -147,8 +147,8 @@ def _require_dimensions(length: float, diameter: float, mass: float, screw: floa
         raise LaisnError(
             f"length {length:g} m: the formulas are those of hulls of {shortest:g} to {longest:g} m"
         )
-    least, largest = SLENDERNESS
-    if not least * diameter <= length <= largest * diameter:
+    shortest_ratio, largest = SLENDERNESS
+    if not shortest_ratio * diameter <= length <= largest * diameter:
         raise LaisnError(
             f"length {length:g} m, diameter {diameter:g} m: the formulas are those of slender "
             f"hulls, at least three times as long as thick, and at most {largest:g} times"
@@ -220,10 +220,17 @@ def from_dimensions(
     drop = 0.1 * diameter
     area = 0.7 * length * diameter
     rigid = [mass, mass, mass, roll_inertia + mass * drop**2, inertia + mass * drop**2, inertia]
-    whole = added + np.array(rigid)
+    total_inertia = added + np.array(rigid)
     weight = mass * GRAVITY
-    roll_rate, pitch_rate = np.sqrt(weight * drop / whole[3:5])
-    linear = whole * [1 / 20, 1 / 20, 1 / 20, 2 * 0.3 * roll_rate, 2 * 0.8 * pitch_rate, 1.0]
+    roll_rate, pitch_rate = np.sqrt(weight * drop / total_inertia[3:5])
+    linear = total_inertia * [
+        1 / 20,
+        1 / 20,
+        1 / 20,
+        2 * 0.3 * roll_rate,
+        2 * 0.8 * pitch_rate,
+        1.0,
+    ]
     frontal = _DRAG * np.pi * b**2 / area
     aspect = diameter**2 / area
     lift = np.pi * aspect / (1.0 + np.sqrt(1.0 + (aspect / 2.0) ** 2))

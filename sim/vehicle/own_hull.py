@@ -67,12 +67,12 @@ _INSTRUMENTS = {
 }
 
 
-def _within(text: str, most: float) -> bool:
+def _within(text: str, largest: float) -> bool:
     """Whether all numbers in the value of an attribute are finite and not beyond a bound."""
     for word in text.split():
         with suppress(ValueError):
             # C also reads nan(1)
-            if not abs(float(re.sub(r"\(\w*\)$", "", word))) <= most:
+            if not abs(float(re.sub(r"\(\w*\)$", "", word))) <= largest:
                 return False
     return True
 
@@ -101,9 +101,9 @@ def _unexpected(text: str) -> Iterator[str]:
     for element in elements:
         for name, value in element.items():
             quoted = f"<{element.tag} {name}={value[:40]!r}>"
-            most = _MOST.get((element.tag, name), _LARGEST)
-            if not _within(value, most):
-                yield f"{quoted} must be finite and within ±{most:g}"
+            bound = _MOST.get((element.tag, name), _LARGEST)
+            if not _within(value, bound):
+                yield f"{quoted} must be finite and within ±{bound:g}"
             if element.tag == "option" and value.split() != sea.get(name, "").split():
                 yield f"{quoted} is a property of the sea: {sea.get(name, 'leave it out')}"
 

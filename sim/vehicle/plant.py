@@ -289,15 +289,15 @@ class Plant:
     def finish_step(self, fault: Fault) -> None:
         """Take over the time that `advance` has reached; PlantError if an error ended it."""
         self.data.time = self._clock[0]
-        kind, which = fault
+        kind, vehicle = fault
         if kind == OK:
             return
         if kind == MUJOCO_WARNING:
-            reason = f"MuJoCo warns: {mujoco.mjtWarning(which).name}"
+            reason = f"MuJoCo warns: {mujoco.mjtWarning(vehicle).name}"
         elif kind == NONFINITE_COMMAND:
-            reason = f"the command of {self.names[which]} is not finite"
+            reason = f"the command of {self.names[vehicle]} is not finite"
         else:
-            reason = f"the state of {self.names[which]} is lost"
+            reason = f"the state of {self.names[vehicle]} is lost"
         message = f"t = {self.time:.3f} s: {reason}; last good pose and twist by vehicle:"
         for name, pose, twist in zip(self.names, self._last_pose, self._last_twist, strict=True):
             message += (

@@ -382,8 +382,8 @@ def _kinds(dataset: Any, variable: Any) -> dict[str, str]:
 
 def _places(dataset: Any, kinds: dict[str, str], across: tuple[str, ...]) -> _Places:
     sizes = tuple(dataset.sizes[dimension] for dimension in across)
-    none = np.full(sizes, np.nan)
-    latitude = longitude = none
+    missing = np.full(sizes, np.nan)
+    latitude = longitude = missing
     for axis, dimension in enumerate(across):
         shape = [1] * len(sizes)
         shape[axis] = -1

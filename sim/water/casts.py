@@ -74,18 +74,18 @@ def _read(
     # rows of one depth are averaged
     means = np.add.reduceat(value, distinct) / np.diff([*distinct, depth.size])
     points = np.column_stack([depth[distinct], means])
-    least = points[:, 1].min()
-    most = points[:, 1].max()
-    if least < wanted.least or most > wanted.most:
+    slowest = points[:, 1].min()
+    fastest = points[:, 1].max()
+    if slowest < wanted.least or fastest > wanted.most:
         raise source.error(
-            f"its {wanted.plural} are {least:.4g} to {most:.4g} {wanted.unit}; expected "
+            f"its {wanted.plural} are {slowest:.4g} to {fastest:.4g} {wanted.unit}; expected "
             f"{wanted.least:g} to {wanted.most:g} {wanted.unit}: are units of temperature, "
             "salinity and depth right?"
         )
     report = (
         f"{source.file.name}: {', '.join(columns.names)}; {len(points)} depths, "
-        f"{points[0, 0]:.4g} to {points[-1, 0]:.4g} m, {least:.{wanted.digits}f} to "
-        f"{most:.{wanted.digits}f} {wanted.unit}"
+        f"{points[0, 0]:.4g} to {points[-1, 0]:.4g} m, {slowest:.{wanted.digits}f} to "
+        f"{fastest:.{wanted.digits}f} {wanted.unit}"
     )
     if columns.place:
         report += f"; {columns.place}"

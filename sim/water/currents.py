@@ -75,11 +75,11 @@ class ShearedInstant(NamedTuple):
         sx, sy = self.shear
         z = position[2]
         vz = velocity[2]
-        none = (0.0, 0.0, 0.0)
+        zero = (0.0, 0.0, 0.0)
         return CurrentFlow(
             (self.surface[0] + sx * z, self.surface[1] + sy * z, 0.0),
             (sx * vz, sy * vz, 0.0),
-            ((0.0, 0.0, sx), (0.0, 0.0, sy), none),
+            ((0.0, 0.0, sx), (0.0, 0.0, sy), zero),
         )
 
 

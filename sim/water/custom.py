@@ -120,9 +120,9 @@ class CustomCaller:
             self._error = error
             memory[_VELOCITY] = np.nan
 
-    def _difference(self, position: Floats, time: float, step: Floats, later: float) -> Floats:
-        after = self._velocity(position + step, time + later)
-        return after - self._velocity(position - step, time - later)
+    def _difference(self, position: Floats, time: float, step: Floats, dt: float) -> Floats:
+        after = self._velocity(position + step, time + dt)
+        return after - self._velocity(position - step, time - dt)
 
     def raise_error(self) -> None:
         """Raise what the user's code has raised, if it has."""

@@ -76,13 +76,15 @@ class DensityProfile(NamedTuple):
     def pressures_at(self, depth: Floats) -> Floats:
         """What water weighs above depths, any shape, [Pa]."""
         deepest = max(float(np.max(depth, initial=0.0)), 0.0)
-        within = self.depth[(self.depth > 0.0) & (self.depth < deepest)]
-        nodes = np.concatenate([[0.0], within, [deepest + 1.0]])
+        layer_depths = self.depth[(self.depth > 0.0) & (self.depth < deepest)]
+        nodes = np.concatenate([[0.0], layer_depths, [deepest + 1.0]])
         density = np.array([self.density_at(node) for node in nodes.tolist()])
         layers = 0.5 * (density[1:] + density[:-1]) * np.diff(nodes)
         column = np.concatenate([[0.0], np.cumsum(layers)])
         # within a layer the density is linear, and the column of water is a parabola
         low = np.clip(np.searchsorted(nodes, depth, side="right") - 1, 0, nodes.size - 2)
-        into = depth - nodes[low]
+        depth_in_layer = depth - nodes[low]
         slope = (density[low + 1] - density[low]) / (nodes[low + 1] - nodes[low])
-        return np.asarray(GRAVITY * (column[low] + (density[low] + 0.5 * slope * into) * into))
+        return np.asarray(
+            GRAVITY * (column[low] + (density[low] + 0.5 * slope * depth_in_layer) * depth_in_layer)
+        )

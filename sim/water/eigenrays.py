@@ -125,9 +125,9 @@ def _advance(
     q = state.vertical
     first, k1, i = _medium(depths, cubic, z, state.interval)
     # n² = p² + q² keeps what steps over kinks of the gradient would lose
-    rest = first - horizontal * horizontal
-    if rest > _STEEP_SQUARE:
-        q = math.copysign(math.sqrt(rest), q)
+    vertical_squared = first - horizontal * horizontal
+    if vertical_squared > _STEEP_SQUARE:
+        q = math.copysign(math.sqrt(vertical_squared), q)
     middle, k2, i = _medium(depths, cubic, z + 0.5 * h * q + 0.125 * h * h * k1, i)
     last, k3, i = _medium(depths, cubic, z + h * q + 0.5 * h * h * k2, i)
     return RayState(
@@ -146,9 +146,9 @@ def _reflect(
     depths = w.profile.depth
     cubic = w.profile.cubic
     surface, bottom = hits
-    rest = h
+    remaining = h
     while True:
-        ahead = _advance(depths, cubic, horizontal, state, rest)
+        ahead = _advance(depths, cubic, horizontal, state, remaining)
         if 0.0 <= ahead.depth <= w.floor:
             return ahead, (surface, bottom)
         boundary = 0.0 if ahead.depth < 0.0 else w.floor
@@ -159,16 +159,16 @@ def _reflect(
         if surface > w.by_surface or bottom > w.by_floor:
             return state, (surface, bottom)
         # Newton for the part of the step at which the boundary is met
-        step = rest * (state.depth - boundary) / (state.depth - ahead.depth)
-        met = state
+        step = remaining * (state.depth - boundary) / (state.depth - ahead.depth)
+        reached = state
         for _ in range(6):
-            met = _advance(depths, cubic, horizontal, state, step)
-            if met.vertical == 0.0:
+            reached = _advance(depths, cubic, horizontal, state, step)
+            if reached.vertical == 0.0:
                 break
-            step = min(max(step - (met.depth - boundary) / met.vertical, 0.0), rest)
-        met = _advance(depths, cubic, horizontal, state, step)
-        state = RayState(boundary, -met.vertical, met.time, met.interval)
-        rest -= step
+            step = min(max(step - (reached.depth - boundary) / reached.vertical, 0.0), remaining)
+        reached = _advance(depths, cubic, horizontal, state, step)
+        state = RayState(boundary, -reached.vertical, reached.time, reached.interval)
+        remaining -= step
 
 
 @jitable
@@ -215,10 +215,10 @@ def trace_fan(
         horizontal, vertical = _launch(w.profile, source, first + j * spacing)
         state = RayState(source, vertical, 0.0, 0)
         hits = (0, 0)
-        before = 0.0
+        last_range = 0.0
         for k in range(ranges.size):
-            steps = max(1, math.ceil((ranges[k] - before) / _LEVEL_STEP_M))
-            h = (ranges[k] - before) / (steps * horizontal)
+            steps = max(1, math.ceil((ranges[k] - last_range) / _LEVEL_STEP_M))
+            h = (ranges[k] - last_range) / (steps * horizontal)
             if hits[0] > w.by_surface or hits[1] > w.by_floor:
                 depths[j, k] = math.nan
                 continue
@@ -231,7 +231,7 @@ def trace_fan(
                 state = ahead
             is_wanted = hits[0] == w.by_surface and hits[1] == w.by_floor
             depths[j, k] = state.depth if is_wanted else math.nan
-            before = ranges[k]
+            last_range = ranges[k]
 
 
 @jitable
@@ -347,11 +347,11 @@ def add_edges(
         angle = angles[0] + j * angles[1]
         is_lost = depths[j] != depths[j]
         if j > 0 and is_lost != (depths[j - 1] != depths[j - 1]):
-            before = angle - angles[1]
+            last_angle = angle - angles[1]
             if is_lost:
-                edge = _edge(w, source, reach, before, angle)
+                edge = _edge(w, source, reach, last_angle, angle)
             else:
-                edge = _edge(w, source, reach, angle, before)
+                edge = _edge(w, source, reach, angle, last_angle)
             fan.angle[count] = edge
             fan.depth[count] = trace(w, source, edge, reach, _steps(reach, 0.0)).depth
             count += 1
@@ -370,8 +370,8 @@ def _turning_angle(fan: Fan, j: int, receiver: float) -> float:
     spacing = fan.angle[j + 1] - fan.angle[j]
     is_even = abs(fan.angle[j] - fan.angle[j - 1] - spacing) < 1e-9
     curve = a - 2.0 * b + c
-    same = (a > 0.0) == (b > 0.0) and (c > 0.0) == (b > 0.0)
-    if is_even and same and abs(b) <= abs(a) and abs(b) <= abs(c) and curve * b > 0.0:
+    same_signs = (a > 0.0) == (b > 0.0) and (c > 0.0) == (b > 0.0)
+    if is_even and same_signs and abs(b) <= abs(a) and abs(b) <= abs(c) and curve * b > 0.0:
         return float(fan.angle[j] - 0.5 * spacing * (c - a) / curve)
     return math.nan
 

@@ -273,8 +273,8 @@ def units_of(variable: Any) -> str:
     return str(variable.attrs.get("units", "")).strip().lower()
 
 
-def _axes(source: Source, dataset: Any, variable: Any, most: str) -> dict[str, Any]:
-    """Coordinates of a variable's axes by kind, of those in `most`, "TZYX" or "YX"."""
+def _axes(source: Source, dataset: Any, variable: Any, dimensions: str) -> dict[str, Any]:
+    """Coordinates of a variable's axes by kind, of those in `dimensions`, "TZYX" or "YX"."""
     text = " ".join(
         [*map(str, dataset.variables), *(str(v.attrs) for v in dataset.variables.values())]
     )
@@ -293,12 +293,12 @@ def _axes(source: Source, dataset: Any, variable: Any, most: str) -> dict[str, A
                 "expected longitude, latitude, depth and time as axes of one dimension each"
             )
         kind = axis_kind(dataset[dimension])
-        if kind == "" or kind not in most:
+        if kind == "" or kind not in dimensions:
             if variable.sizes[dimension] == 1:
                 continue
             raise source.error(
                 f"{variable.name}: its dimension {dimension!r} is not understood; expected "
-                f"{', '.join(_AXES[key].title for key in most)}"
+                f"{', '.join(_AXES[key].title for key in dimensions)}"
             )
         if kind in axes:
             raise source.error(
@@ -325,8 +325,8 @@ class _Axis(NamedTuple):
         """The points from one before `low` to one behind `high`."""
         first = max(int(np.searchsorted(self.value, low, "right")) - 1, 0)
         last = min(int(np.searchsorted(self.value, high, "left")), self.value.size - 1)
-        some = slice(first, max(last, first) + 1)
-        return _Axis(self.value[some], self.order[some])
+        covered = slice(first, max(last, first) + 1)
+        return _Axis(self.value[covered], self.order[covered])
 
 
 def _sorted(source: Source, name: str, value: Floats) -> _Axis:
@@ -402,9 +402,9 @@ def seconds_from_start(source: Source, axis: Any, origin: FieldOrigin) -> Floats
     value = np.asarray(axis.values, dtype=np.float64)
     if units in _TIMES:
         return value * _TIMES[units]
-    step, since, reference = units.partition(" since ")
+    step, separator, reference = units.partition(" since ")
     calendar = str(axis.attrs.get("calendar", "standard")).lower()
-    if not since or step not in _TIMES:
+    if not separator or step not in _TIMES:
         raise source.error(
             f"{axis.name} has units {units!r}; expected such as 'hours since 2026-01-01', or 's' "
             "from the start of the mission"
@@ -426,14 +426,14 @@ def _moment(source: Source, name: str, text: str) -> datetime:
     except ValueError:
         raise source.error(f"{name}: {text!r} is no date such as 2026-01-01 00:00:00") from None
     east = timedelta(hours=int(match["zone_h"] or 0), minutes=int(match["zone_min"] or 0))
-    later = timedelta(seconds=float(match["second"] or 0.0))
-    return moment + later - (-east if match["sign"] == "-" else east)
+    seconds = timedelta(seconds=float(match["second"] or 0.0))
+    return moment + seconds - (-east if match["sign"] == "-" else east)
 
 
 def _values(source: Source, variable: Any, axes: dict[str, _Axis], names: dict[str, str]) -> Floats:
     """Values of a variable on parts of its axes, shape (t, k, j, i); NaN where there are none."""
     chosen = {names[kind]: axis.order for kind, axis in axes.items() if kind in names}
-    rest = {d: 0 for d in variable.dims if d not in chosen}
+    first_indices = {d: 0 for d in variable.dims if d not in chosen}
     count = int(np.prod([axis.value.size for axis in axes.values()]))
     if 8 * count > _MOST_BYTES:
         raise source.error(
@@ -442,7 +442,7 @@ def _values(source: Source, variable: Any, axes: dict[str, _Axis], names: dict[s
         )
     try:
         # in the file's own order, which it reads fast, and then in that of the axes
-        cut = variable.isel(rest).isel({d: np.sort(order) for d, order in chosen.items()})
+        cut = variable.isel(first_indices).isel({d: np.sort(order) for d, order in chosen.items()})
         cut = cut.isel({d: np.argsort(np.argsort(order)) for d, order in chosen.items()})
         cut = cut.transpose(*[names[kind] for kind in axes if kind in names])
         values = np.asarray(cut.values, dtype=np.float64)

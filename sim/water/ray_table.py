@@ -229,8 +229,8 @@ def _write_node(w: Water, places: tuple[float, float, float], ray: Eigenray, out
     )
     for number in range(2):
         of_source = number == 0
-        longer = _side(w, source, receiver, of_source) * size / length
-        slope = (by_depth[number] - slowness * longer) / length
+        per_metre = _side(w, source, receiver, of_source) * size / length
+        slope = (by_depth[number] - slowness * per_metre) / length
         out[1 + number] = (slope - _straight_slope(w, source, receiver, of_source)) / square
     slope = (ray.horizontal - slowness * reach / length) / length
     out[3] = slope / square - 2.0 * out[0] / reach
@@ -348,10 +348,10 @@ def _check_cells(w: Water, table: RayTable, x: float, y: float, z: float) -> Non
                 length = math.hypot(ranges[k], drop(w, source, receivers[j]))
                 straight = straight_slowness(w, source, receivers[j])
                 bent = ranges[k] * ranges[k] * bending(table, _Cell(i, j, k, x, y, z))
-                miss = abs((straight + bent) * length - time) * REFERENCE_M_S
+                error = abs((straight + bent) * length - time) * REFERENCE_M_S
                 if time != time and _is_dark(table, i, j, k):
                     table.kind[i, j, k] = DARK
-                elif not miss <= _TOLERANCE_M:
+                elif not error <= _TOLERANCE_M:
                     table.kind[i, j, k] = MARKED
                 table.kind[j, i, k] = table.kind[i, j, k]
 

@@ -50,8 +50,8 @@ def _waypoints(vehicle: Vehicle, duration: float) -> Floats:
     flown = positions[: int(np.searchsorted(time, duration)) + 1]
     if duration <= time[-1] or len(positions) < 2:
         return np.asarray(flown)
-    onward = positions[-1] - positions[-2]
-    further = positions[-1] + onward * (duration - time[-1]) / (time[-1] - time[-2])
+    step = positions[-1] - positions[-2]
+    further = positions[-1] + step * (duration - time[-1]) / (time[-1] - time[-2])
     return np.vstack([flown, further])
 
 

@@ -81,12 +81,15 @@ def _slopes(depth: Floats, speed: Floats) -> Floats:
     rise = np.diff(speed) / width
     if depth.size == 2:
         return np.full(2, rise[0])
-    before = 2.0 * width[1:] + width[:-1]
-    after = width[1:] + 2.0 * width[:-1]
+    weight_before = 2.0 * width[1:] + width[:-1]
+    weight_after = width[1:] + 2.0 * width[:-1]
     slopes = np.zeros(depth.size)
-    same = rise[1:] * rise[:-1] > 0.0
-    weights = before[same] / rise[:-1][same] + after[same] / rise[1:][same]
-    slopes[1:-1][same] = (before + after)[same] / weights
+    is_monotonic = rise[1:] * rise[:-1] > 0.0
+    weights = (
+        weight_before[is_monotonic] / rise[:-1][is_monotonic]
+        + weight_after[is_monotonic] / rise[1:][is_monotonic]
+    )
+    slopes[1:-1][is_monotonic] = (weight_before + weight_after)[is_monotonic] / weights
     slopes[0] = _end_slope(width, rise)
     slopes[-1] = _end_slope(width[::-1], rise[::-1])
     return slopes
@@ -106,12 +109,12 @@ def _coefficients(knots: Floats) -> Floats:
 
 
 @jitable
-def interval_of(p: SmoothProfile, depth: float, near: int) -> int:
+def interval_of(p: SmoothProfile, depth: float, index: int) -> int:
     """Index of the last depth of the profile that is not below another one, perhaps a near one's;
     0, if that is above all.
     """
-    if p.depth[near] <= depth and (near + 1 == p.depth.size or depth < p.depth[near + 1]):
-        return near
+    if p.depth[index] <= depth and (index + 1 == p.depth.size or depth < p.depth[index + 1]):
+        return index
     low = 0
     high = p.depth.size
     while high - low > 1:
@@ -124,9 +127,9 @@ def interval_of(p: SmoothProfile, depth: float, near: int) -> int:
 
 
 @jitable
-def speed_and_gradient(p: SmoothProfile, depth: float, near: int) -> tuple[float, float, int]:
+def speed_and_gradient(p: SmoothProfile, depth: float, index: int) -> tuple[float, float, int]:
     """Speed of sound at a depth [m/s], its gradient [1/s], and the index of the interval."""
-    i = interval_of(p, depth, near)
+    i = interval_of(p, depth, index)
     x = max(depth - p.depth[i], 0.0)
     if depth < p.depth[0]:
         return p.cubic[0, 0], 0.0, 0

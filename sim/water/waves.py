@@ -243,8 +243,8 @@ class Flow(NamedTuple):
 @compiled
 def flow_without_waves(current: CurrentFlow) -> Flow:
     """A current alone."""
-    none = (0.0, 0.0, 0.0)
-    return Flow(current.velocity, current.rate, current.gradient, none, none)
+    zero = (0.0, 0.0, 0.0)
+    return Flow(current.velocity, current.rate, current.gradient, zero, zero)
 
 
 @compiled

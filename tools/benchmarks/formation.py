@@ -118,11 +118,11 @@ def formation() -> list[Row]:
             goal=Goal(LARGEST_GOAL, at_least=True),
         )
     )
-    whole = load_scenario("swarm", (f"duration_s={_WHOLE_S}",))
+    scenario = load_scenario("swarm", (f"duration_s={_WHOLE_S}",))
     rows.append(
         Row(
             f"leader + 10: a run of {_WHOLE_S:g} s, whole",
-            least_time(partial(simulate_closed_loop, whole), 2),
+            least_time(partial(simulate_closed_loop, scenario), 2),
             "s",
         )
     )

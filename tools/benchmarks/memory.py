@@ -94,8 +94,8 @@ def memory() -> list[Row]:
             (work / f"{hours}.toml").write_text(mission_of(hours))
             out = str(work / f"{hours} h")
             peaks.append(peak_of("fly", str(work / f"{hours}.toml"), "--no-video", "--out", out))
-        many = ("study", str(work / "study.toml"), "--workers", str(WORKERS))
-        study = [peak_of(*many, "--out", str(work / name)) for name in ("study", "again")][1]
+        command = ("study", str(work / "study.toml"), "--workers", str(WORKERS))
+        study = [peak_of(*command, "--out", str(work / name)) for name in ("study", "again")][1]
     growth = (peaks[1] - peaks[0]) / (HOURS[1] - HOURS[0])
     return [
         Row(f"laisn fly, a mission of {HOURS[0]} h", peaks[0], "MB"),

@@ -88,15 +88,15 @@ def _rows(interval: float) -> Iterator[Row]:
         for count, _, model in cases
     ]
     # in turns, so that a machine that slows down changes no ratio
-    laisn, *others = (per * least for least in least_times(works, 7))
+    laisn, *others = (per * least_time for least_time in least_times(works, 7))
     yield Row(f"LAISN-2 in lanes, filter only, {interval_text}", laisn, "ns/step")
     floor = (FLOPS_PER_STEP + FLOPS_PER_MESSAGE * truth.dt / interval) / peak_flops() * 1e9
     for (count, words, _), value in zip(cases, others, strict=True):
         name = f"tight, {count} transmitters{words}, {interval_text}"
         counted = count == 3 and not words
         goal = None if words else Goal(GOALS_NS[count])
-        least = floor if counted else np.nan
-        yield Row(name, value, "ns/step", laisn / value, "LAISN-2", least, goal)
+        floor_shown = floor if counted else np.nan
+        yield Row(name, value, "ns/step", laisn / value, "LAISN-2", floor_shown, goal)
 
 
 def tight() -> list[Row]:

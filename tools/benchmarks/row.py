@@ -54,13 +54,13 @@ def least_times(works: Sequence[Callable[[], object]], repeats: int) -> list[flo
     """
     for work in works:
         work()
-    least = [np.inf] * len(works)
+    times = [np.inf] * len(works)
     for _ in range(repeats):
         for i, work in enumerate(works):
             begin = time.process_time()
             work()
-            least[i] = min(least[i], time.process_time() - begin)
-    return least
+            times[i] = min(times[i], time.process_time() - begin)
+    return times
 
 
 class CommandTime(NamedTuple):

@@ -180,10 +180,10 @@ def navigation() -> list[Row]:
     peak = peak_flops()
     floor = FLOPS_PER_STEP / peak * 1e9
 
-    few = 300
-    short = measure(steady_mission(few), SensorErrors(), seed=1, run=0)
-    navigator = least_time(lambda: Navigator(settings, truth.start).run(short), 3) / few * 1e9
-    filterpy = least_time(lambda: filterpy_loop(short, truth.start, settings), 3) / few * 1e9
+    few_steps = 300
+    short = measure(steady_mission(few_steps), SensorErrors(), seed=1, run=0)
+    navigator = least_time(lambda: Navigator(settings, truth.start).run(short), 3) / few_steps * 1e9
+    filterpy = least_time(lambda: filterpy_loop(short, truth.start, settings), 3) / few_steps * 1e9
     log_and_compass = readings.reshape(n, 3, -1)[:, :2, :RUNS]
     fixes = messages.reshape(m, 10, -1)[:, :2, :RUNS]
     numpy_time = least_time(
@@ -288,16 +288,18 @@ def record(rounds: Mapping[str, Sequence[list[Row]]]) -> Findings:
         f"{platform.python_version()}"
     )
     findings = {"machine": plain(machine, "where"), "date": plain(str(date.today()), "when")}
-    most = max(map(len, rounds.values()))
-    findings["rounds"] = plain(most, "of a benchmark; limits are the least and the largest of them")
+    max_rounds = max(map(len, rounds.values()))
+    findings["rounds"] = plain(
+        max_rounds, "of a benchmark; limits are the least and the largest of them"
+    )
     for name, measured in rounds.items():
-        if len(measured) < most:
+        if len(measured) < max_rounds:
             findings[f"{name}: rounds"] = plain(len(measured), "of this benchmark")
         for repeated in zip(*measured, strict=True):
             row = repeated[0]
             # the most memory that a process ever had grows in the first round alone
-            once = row.unit == "MB" and name == "navigation"
-            rows = repeated[:1] if once else repeated
+            measured_once = row.unit == "MB" and name == "navigation"
+            rows = repeated[:1] if measured_once else repeated
             key = f"{name}: {row.name}"
             value_key = f"{key}, than {row.against}" if key in findings else key
             findings[value_key] = _spread(

@@ -27,8 +27,8 @@ def _seconds(folder: Path, name: str, runs: int, missions: int, engine: str = "m
     """Processor time of a study in one process [s]."""
     path = folder / f"{name}.toml"
     path.write_text(_STUDY.format(runs=runs, missions=missions), encoding="utf-8")
-    how = ("--workers", "1", "--engine", engine, "--out", str(folder / name))
-    return time_of_command((*LAISN, "study", str(path), *how)).processor_s
+    options = ("--workers", "1", "--engine", engine, "--out", str(folder / name))
+    return time_of_command((*LAISN, "study", str(path), *options)).processor_s
 
 
 def studies() -> list[Row]:
@@ -36,14 +36,14 @@ def studies() -> list[Row]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         mission = {}
-        for engine, (least, most) in MISSIONS.items():
+        for engine, (fewest, most) in MISSIONS.items():
             # what is missing of compiled code
             _seconds(folder, f"first {engine}", 1, 2, engine)
-            few = _seconds(folder, f"{engine} {least}", 1, least, engine)
-            many = _seconds(folder, f"{engine} {most}", 1, most, engine)
-            mission[engine] = (many - few) / (most - least)
-        short, long = (_seconds(folder, f"runs {n}", n, 1) for n in RUNS)
-    run = (long - short) / (RUNS[1] - RUNS[0])
+            few = _seconds(folder, f"{engine} {fewest}", 1, fewest, engine)
+            long_s = _seconds(folder, f"{engine} {most}", 1, most, engine)
+            mission[engine] = (long_s - few) / (most - fewest)
+        short_s, long_run_s = (_seconds(folder, f"runs {n}", n, 1) for n in RUNS)
+    run = (long_run_s - short_s) / (RUNS[1] - RUNS[0])
     ratio = mission["mujoco"] / mission["direct"]
     return [
         *(

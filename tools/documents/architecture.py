@@ -47,13 +47,13 @@ def positions(imports: Mapping[str, set[str]]) -> dict[str, tuple[float, float]]
     """
     level = import_graph.layers(imports)
     placed: dict[str, tuple[float, float]] = {}
-    widest = max(list(level.values()).count(layer) for layer in set(level.values()))
+    max_count = max(list(level.values()).count(layer) for layer in set(level.values()))
     for layer in sorted(set(level.values())):
         middle = {}
         for package in sorted(package for package, of in level.items() if of == layer):
             heights = [placed[name][0] for name in imports[package]]
-            middle[package] = sum(heights) / len(heights) if heights else widest / 2
-        start = (widest - len(middle)) / 2
+            middle[package] = sum(heights) / len(heights) if heights else max_count / 2
+        start = (max_count - len(middle)) / 2
         placed |= {
             name: (start + i, float(layer))
             for i, name in enumerate(sorted(middle, key=middle.__getitem__))
@@ -64,12 +64,12 @@ def positions(imports: Mapping[str, set[str]]) -> dict[str, tuple[float, float]]
 def _draw_package(axes: Axes, package: str, position: tuple[float, float], count: int) -> None:
     x, y = position
     colour = _COLOURS[package.partition(".")[0]].light
-    wide, high = _BOX
+    box_width, box_height = _BOX
     axes.add_patch(
         FancyBboxPatch(
-            (x - wide / 2, y - high / 2),
-            wide,
-            high,
+            (x - box_width / 2, y - box_height / 2),
+            box_width,
+            box_height,
             boxstyle="round,pad=0,rounding_size=0.06",
             facecolor="white",
             edgecolor=colour,

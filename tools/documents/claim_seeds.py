@@ -25,17 +25,19 @@ by.
 
 def findings_of(verdicts: Mapping[int, Sequence[Verdict]]) -> Findings:
     """The record of the verdicts on all claims, by seed."""
-    together, same = Counter(tuple(of_seed) for of_seed in verdicts.values()).most_common(1)[0]
+    commonest, seeds_alike = Counter(tuple(of_seed) for of_seed in verdicts.values()).most_common(
+        1
+    )[0]
     named: dict[str, Finding] = {
         "seeds": plain(len(verdicts), "seeds"),
-        "same": plain(same, "seeds whose verdicts on all claims are the commonest ones"),
-        "same share": of(proportion(same, len(verdicts)), "their share of all seeds, 95 %"),
+        "same": plain(seeds_alike, "seeds whose verdicts on all claims are the commonest ones"),
+        "same share": of(proportion(seeds_alike, len(verdicts)), "their share of all seeds, 95 %"),
     }
     for i, claim in enumerate(CLAIMS):
         named[f"verdict {claim.number}"] = plain(
-            together[i], f"commonest verdict on claim {claim.number}"
+            commonest[i], f"commonest verdict on claim {claim.number}"
         )
-        agreements = sum(of_seed[i] == together[i] for of_seed in verdicts.values())
+        agreements = sum(of_seed[i] == commonest[i] for of_seed in verdicts.values())
         named[f"same {claim.number}"] = plain(
             agreements, f"seeds with this verdict on claim {claim.number}"
         )
@@ -62,13 +64,13 @@ def run(
             study_part: plan_of(study_of(str(file), settings))
             for study_part, file in built_in("reproduce").items()
         }
-        whole = plans["tables"]
+        table_plan = plans["tables"]
         judged = [
             entry
-            for entry in whole.entries
-            if f"{whole.points[entry.point]['case']} {entry.arm}" in JUDGED
+            for entry in table_plan.entries
+            if f"{table_plan.points[entry.point]['case']} {entry.arm}" in JUDGED
         ]
-        plans["tables"] = whole.part(judged, runs)
+        plans["tables"] = table_plan.part(judged, runs)
         outcomes = dict(zip(plans, fly_studies([*plans.values()], folder, **options), strict=True))
         fly_further(outcomes, claims.further_runs, folder, **options)
         values = MetricValues.of(outcomes)

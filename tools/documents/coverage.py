@@ -109,8 +109,8 @@ def stopped(law: str, rng: np.random.Generator) -> Interval:
     interval = Interval(mean, math.nan, math.nan)
     while runs < count:
         runs = count
-        some = values[:count]
-        interval = mean_interval(some) if law == "normal" else proportion(int(some.sum()), runs)
+        sample = values[:count]
+        interval = mean_interval(sample) if law == "normal" else proportion(int(sample.sum()), runs)
         count = runs_wanted(runs, (interval.high - interval.low) / 2.0, until, _BATCH)
     return interval
 

@@ -54,11 +54,11 @@ def with_subscripts(text: str) -> str:
 
 def _axes(figure: Figure, bottom: float, height: float) -> Axes:
     """Axes over the width of a figure, with room for numbers at the left; places in inches."""
-    wide, high = figure.get_size_inches()
+    width_in, high = figure.get_size_inches()
     left = 0.595
     right = 0.09
     return figure.add_axes(
-        (left / wide, bottom / high, (wide - left - right) / wide, height / high)
+        (left / width_in, bottom / high, (width_in - left - right) / width_in, height / high)
     )
 
 
@@ -99,12 +99,12 @@ def draw(panel: Panel) -> Figure:
     points = round(DRAWN_POINTS * max(1.0, panel.width / WIDTH))
     gap = 0.14
     room = panel.height - 0.72 - gap * (len(panel.parts) - 1)
-    whole = sum(subplot.height for subplot in panel.parts)
+    total_height = sum(subplot.height for subplot in panel.parts)
     bottom = 0.44
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(panel.width, panel.height))
         for subplot in reversed(panel.parts):
-            each = room * subplot.height / whole
+            each = room * subplot.height / total_height
             axes = _axes(figure, bottom, each)
             bottom += each + gap
             _draw(axes, subplot, 10**9 if panel.equal else points)

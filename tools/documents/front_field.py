@@ -21,8 +21,8 @@ _FAR_M = 2000.0
 
 def write(file: Path) -> None:
     """Write the field as a classic NetCDF file."""
-    near = np.arange(LINE_M - 50.0, LINE_M + 50.1, _SPACING_M)
-    north = np.concatenate([[LINE_M - _FAR_M], near, [LINE_M + _FAR_M]])
+    front_east = np.arange(LINE_M - 50.0, LINE_M + 50.1, _SPACING_M)
+    north = np.concatenate([[LINE_M - _FAR_M], front_east, [LINE_M + _FAR_M]])
     east = np.array([-_FAR_M, _FAR_M])
     eastward = 0.5 * SPEED * (1.0 + np.tanh((north - LINE_M) / WIDTH_M))
     components = {"u": np.outer(eastward, [1.0, 1.0]), "v": np.zeros((north.size, 2))}

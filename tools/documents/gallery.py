@@ -92,21 +92,21 @@ def _kept_or_run(path: Path, folder: Path, program: str) -> Executed:
             pictures = [folder / name for name in result["pictures"]]
             return Executed(name=path.stem, code=code, output=result["output"], pictures=pictures)
     print(f"running {path}", flush=True)
-    fresh = execute(path, folder)
-    names = [picture.name for picture in fresh.pictures]
-    result = {"key": key, "output": fresh.output, "pictures": names}
+    outputs = execute(path, folder)
+    names = [picture.name for picture in outputs.pictures]
+    result = {"key": key, "output": outputs.output, "pictures": names}
     record.write_text(json.dumps(result), encoding="utf-8")
-    return fresh
+    return outputs
 
 
 def executed(folder: Path = KEPT) -> list[Executed]:
     """All examples by name; of those that were run before with this program, what is kept."""
     program = _program()
-    first, *rest = sorted(EXAMPLES.glob("*.py"))
+    first, *others = sorted(EXAMPLES.glob("*.py"))
     # the first one alone: it stores compiled code that the others have in common
     examples = [_kept_or_run(first, folder / first.stem, program)]
     with ThreadPoolExecutor(_AT_ONCE) as pool:
-        examples += pool.map(lambda path: _kept_or_run(path, folder / path.stem, program), rest)
+        examples += pool.map(lambda path: _kept_or_run(path, folder / path.stem, program), others)
     return examples
 
 

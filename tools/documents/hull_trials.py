@@ -363,13 +363,13 @@ def coefficients_of(model: str) -> dict[str, float]:
     c = np.array([record], record.dtype).view(np.recarray)[0]
     inertia = mjcf.inertia_tensor(plant.model, plant.model.body("v/hull").id)
     effectors = plant.effectors[0, : len(plant.effector_names[0])]
-    rest = np.array([0.0, 0.0, -200.0, 1.0, 0.0, 0.0, 0.0])
+    pose = np.array([0.0, 0.0, -200.0, 1.0, 0.0, 0.0, 0.0])
     sea = sea_at(plant.ocean.environment, 0.0)
 
     def load(axis: int, size: float) -> float:
         force, moment, _ = wrench(
             c,
-            rest,
+            pose,
             size * np.eye(6)[axis],
             sea,
             Fitted(plant.kinds, effectors[None], np.zeros((1, effectors.size))),
@@ -478,9 +478,9 @@ def _vehicles() -> dict[str, Finding]:
     )
     plant = _plant("bluerov2_heavy", heading=np.pi / 2, depth=10.0, current=0.3)
     motion = simulate(plant, [hover], 290.0, [None])
-    off = np.hypot(*motion.position[600:, 0, :2].T)
+    distance = np.hypot(*motion.position[600:, 0, :2].T)
     findings["bluerov hover"] = plain(
-        float(np.sqrt(np.mean(off**2))), "RMS from a station in 0.3 m/s, 60 to 290 s", "m"
+        float(np.sqrt(np.mean(distance**2))), "RMS from a station in 0.3 m/s, 60 to 290 s", "m"
     )
     for model in models.VEHICLES:
         for role in ("follower", "leader"):

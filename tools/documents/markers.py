@@ -76,7 +76,7 @@ def filled(
         wrong = [
             m
             for m in _ANY.findall(text)
-            if not any(m in whole[0] for whole in _NUMBER.finditer(text))
+            if not any(m in match[0] for match in _NUMBER.finditer(text))
         ]
         raise LaisnError(f"a marker is not closed or not understood, one of: {'; '.join(wrong)}")
     first = re.search(r"^[\s>*-]*<!--=.*", text, flags=re.MULTILINE)

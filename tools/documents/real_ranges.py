@@ -99,10 +99,10 @@ def scores(
     scores_of: dict[str, dict[tuple[str, ...], Score]] = {navigator: {} for navigator in navigators}
     for beacons, recorded in recordings(name):
         for navigator in navigators:
-            since = SETTLED_S if navigator == "unknown-start" else 0.0
+            start_s = SETTLED_S if navigator == "unknown-start" else 0.0
             estimates = NAVIGATORS[navigator](recorded)
             scores_of[navigator][beacons] = score(
-                estimates, recorded.measurements, recorded.truth, since
+                estimates, recorded.measurements, recorded.truth, start_s
             )
     return scores_of
 

@@ -86,8 +86,8 @@ def tracking(trajectory: Trajectory, routes: Sequence[Route]) -> tuple[TrackingR
         n = int(np.searchsorted(trajectory.time, route.time[-1] + 1e-9, side="right"))
         time = trajectory.time[:n]
         position = trajectory.position[:n, i, :2]
-        off = cross_track(route, time, position)
-        late = arrival_errors(route, trajectory.time, trajectory.position[:, i, :2])
+        errors = cross_track(route, time, position)
+        delays = arrival_errors(route, trajectory.time, trajectory.position[:, i, :2])
         intended = plan(route).at(time)
         speed_error = np.hypot(*trajectory.velocity[:n, i, :2].T) - intended.speed
         depth_error = trajectory.depth[:n, i] - route.depth.at(time)[0]
@@ -96,9 +96,9 @@ def tracking(trajectory: Trajectory, routes: Sequence[Route]) -> tuple[TrackingR
         reports.append(
             TrackingReport(
                 name=name,
-                cross_track_rms=float(np.sqrt(np.mean(off**2))),
-                cross_track_max=float(off.max()),
-                arrival_error_max=float(np.abs(late).max(initial=0.0)),
+                cross_track_rms=float(np.sqrt(np.mean(errors**2))),
+                cross_track_max=float(errors.max()),
+                arrival_error_max=float(np.abs(delays).max(initial=0.0)),
                 speed_error_rms=float(np.sqrt(np.mean(speed_error**2))),
                 depth_error_rms=float(np.sqrt(np.mean(depth_error**2))),
                 depth_error_max=float(np.abs(depth_error).max()),

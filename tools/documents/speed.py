@@ -34,16 +34,16 @@ def _physics(record: Findings) -> list[list[str]]:
     rows = []
     for followers, words in FLEETS.items():
         fleet = f"physics: leader + {followers}"
-        whole = f"{fleet}: with autopilot and recording"
-        if whole not in record.findings:
+        row_name = f"{fleet}: with autopilot and recording"
+        if row_name not in record.findings:
             continue
         bare = record[f"{fleet}: mj_step alone, no water"]
-        floor = record[f"{whole}, floor"]
+        floor = record[f"{row_name}, floor"]
         factor = record[f"{fleet}: real-time factor"]
         rows.append(
             [
                 words,
-                f"{record[whole]:.1f i} µs a step, {factor:,.0f} times real time",
+                f"{record[row_name]:.1f i} µs a step, {factor:,.0f} times real time",
                 f"bare `mj_step` {bare:.1f} µs, its needed part {floor:.1f} µs",
             ]
         )

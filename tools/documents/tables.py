@@ -108,9 +108,9 @@ def closed_loop_current(records: Records) -> str:
     for name, words in STEERING.items():
         if f"off current {name}" not in record.findings:
             continue  # newer than the record
-        off = [f"{record[f'{kind} current {name}']:.2f}" for kind in ("off", "worst")]
+        errors = [f"{record[f'{kind} current {name}']:.2f}" for kind in ("off", "worst")]
         lost = f"{record[f'lost current {name}']:.0% i}", f"{record[f'lost-runs current {name}']:d}"
-        rows.append([words, *off, *lost])
+        rows.append([words, *errors, *lost])
     heads = [
         "in currents",
         "off its place, RMS [m]: median mission",
@@ -278,14 +278,14 @@ def tight_limits(records: Records) -> str:
             errors = [
                 f"{findings[f'error {arm} {case}']:.2f}" for arm in (ours, plain_filter, laisn)
             ]
-            least, most = (findings[f"nees-{end} {ours} {case}"] for end in ("least", "most"))
+            lowest, highest = (findings[f"nees-{end} {ours} {case}"] for end in ("least", "most"))
             rows.append(
                 [
                     f"{study.title('case', case)}; {transmitters} transmitters",
                     *errors,
                     f"{findings[f'worst {ours} {case}']:.2f}",
                     f"{findings[f'least {plain_filter} {case}']:.3f i}",
-                    f"{least:.1f} … {most:.1f}",
+                    f"{lowest:.1f} … {highest:.1f}",
                 ]
             )
     heads = ["mean E_P [m]", "tight", "EKF", "LAISN-3(2), LAISN-2", "tight, worst route"]
@@ -298,7 +298,7 @@ def rivals(records: Records) -> str:
         f"mean E_P [m], every {t:g} s": (f"error NAME calm {t:g}", ".2f i" if t == USUAL else ".2f")
         for t in INTERVALS
     }
-    more = {
+    rows_of_columns = {
         "worst route [m]": ("worst NAME calm 5", ".2f"),
         "less tightly coupled, every 5 s [m]": ("less tight NAME calm 5", ".3f i"),
         "95 % below [m]": ("high NAME calm 5", ".2f"),
@@ -307,7 +307,7 @@ def rivals(records: Records) -> str:
         "lost": ("lost NAME calm 5", ".0%"),
         "µs per step": ("step NAME", ".1f"),
     }
-    return _rivals(records, columns | more)
+    return _rivals(records, columns | rows_of_columns)
 
 
 def rivals_two(records: Records) -> str:
@@ -394,7 +394,7 @@ def remus_figures(records: Records) -> str:
         figures["pitch"] = ("pitch, −5° of stern plane [°]", PUBLISHED_PITCH[rpm], ".2f")
         for key, (words, published, spec) in figures.items():
             name = key.format(rpm) if "{}" in key else f"{key} {rpm}"
-            cells = (format(record[whose + name], spec) for whose in ("", "shipped "))
+            cells = (format(record[prefix + name], spec) for prefix in ("", "shipped "))
             rows.append([f"{words} at {rpm} /min", format(published, spec), *cells])
     return markdown(
         ["", "Fossen's code", "his hull, propeller and fins, here", "shipped `remus100`"], rows
@@ -482,7 +482,7 @@ def bluerov_speeds(records: Records) -> str:
     rows = [
         [
             label,
-            *(f"{record[f'bluerov {trial} {whose}']:.3f}" for whose in ("published", "ours")),
+            *(f"{record[f'bluerov {trial} {source}']:.3f}" for source in ("published", "ours")),
             record.findings[f"bluerov {trial} ours"].unit,
         ]
         for trial, label in trials.items()

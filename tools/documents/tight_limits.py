@@ -93,9 +93,11 @@ def normalised_errors(
     for run in range(runs):
         measured = abreast(bearing_deg, distance, deeper, run, interval)
         estimates = run_mission(TightSettings(transmitters=2), measured, START)
-        off = estimates.state[:, :2] - truth
+        errors = estimates.state[:, :2] - truth
         xx, xy, yy = estimates.covariance.T
-        squared = off[:, 0] ** 2 * yy - 2.0 * off[:, 0] * off[:, 1] * xy + off[:, 1] ** 2 * xx
+        squared = (
+            errors[:, 0] ** 2 * yy - 2.0 * errors[:, 0] * errors[:, 1] * xy + errors[:, 1] ** 2 * xx
+        )
         means[run] = np.mean(squared / (xx * yy - xy**2))
     return means
 
@@ -138,11 +140,11 @@ def of_case(case: str, arms: Mapping[str, Cells]) -> Iterator[tuple[str, Finding
     for ours, rivals in RIVALS.items():
         better = 0
         for rival in rivals:
-            less = arms[rival].runs("e_p_mean_m") - arms[ours].runs("e_p_mean_m")
+            advantage = arms[rival].runs("e_p_mean_m") - arms[ours].runs("e_p_mean_m")
             name = f"{rival} {case}"
             meaning = f"paired difference of mean E_P: {rival} less {ours}"
-            yield f"less {name}", of(mean_over_missions([*less.T]), f"{meaning}, 95 %", "m")
-            each = [mean_interval(of_route) for of_route in less.T]
+            yield f"less {name}", of(mean_over_missions([*advantage.T]), f"{meaning}, 95 %", "m")
+            each = [mean_interval(of_route) for of_route in advantage.T]
             nearest = min(each, key=lambda interval: interval.value)
             yield f"least {name}", of(nearest, f"{meaning}, on the route of the least, 95 %", "m")
             better += sum(interval.high < 0.0 for interval in each)

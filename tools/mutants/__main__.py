@@ -65,9 +65,10 @@ def summary(package: str, tried: list[Tried], of: int) -> str:
     if len(tried) < of:
         limits = binomtest(killed, len(tried)).proportion_ci(method="wilson")
         text += f" (95 %: {limits.low:.0%} to {limits.high:.0%}), drawn from {of}"
-    late = sum(t.timed_out for t in tried)
-    same = sum(bool(t.equivalent) and not t.killed for t in tried)
-    return f"{text}; of the others {late} timed out and {same} are equivalent to the original"
+    timed_out = sum(t.timed_out for t in tried)
+    equivalent = sum(bool(t.equivalent) and not t.killed for t in tried)
+    others = f"{timed_out} timed out and {equivalent} are equivalent to the original"
+    return f"{text}; of the others {others}"
 
 
 def record(
@@ -177,9 +178,12 @@ def main() -> None:
                     if trial.killed:
                         print(".", end="", flush=True)
                     else:
-                        why = trial.equivalent or ("TIMED OUT" if trial.timed_out else "SURVIVED")
+                        ending = trial.equivalent or (
+                            "TIMED OUT" if trial.timed_out else "SURVIVED"
+                        )
                         print(
-                            f"\n{trial.location}\n  - {trial.before}\n  + {trial.after}\n  {why}",
+                            f"\n{trial.location}\n  - {trial.before}\n  + {trial.after}\n"
+                            f"  {ending}",
                             flush=True,
                         )
                 results[package] = tried, of

@@ -65,8 +65,9 @@ def covering(file: str) -> list[str]:
         for home in homes
     )
     contexts = next(filter(None, at_home), {})
-    least = min((contexts or reach).values(), default=0)
-    near = {t: n for t, n in (contexts or reach).items() if n <= least + bool(contexts)}
+    smallest = min((contexts or reach).values(), default=0)
+    nearest = {t: n for t, n in (contexts or reach).items() if n <= smallest + bool(contexts)}
     return sorted(
-        near, key=lambda test: (Path(test).stem != f"test_{Path(file).stem}", near[test], test)
+        nearest,
+        key=lambda test: (Path(test).stem != f"test_{Path(file).stem}", nearest[test], test),
     )

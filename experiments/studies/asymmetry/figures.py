@@ -433,13 +433,13 @@ def of_map(chart: fix_map.Chart) -> dict[str, Any]:
     drawn = [around_leader(chart, offset) for offset in (0.0, 5.0)]
     closed_form = chart["error_closed_form_m"]
     two = chart["error_laisn-2_m"]
-    met = closed_form > 0.0
+    is_known = closed_form > 0.0
     return {
         "maps": Figures(panels=drawn),
         "abeam": two[chosen(chart, pitch_deg=5.0, depth_offset_m=10.0, bearing_deg=90.0)],
         "points": two.size,
-        "closed_form_m": np.abs(two - closed_form)[met].max(),
-        "third_m": np.quantile(np.abs(chart["error_laisn-3-2_m"] - two)[met], (0.5, 0.95)),
+        "closed_form_m": np.abs(two - closed_form)[is_known].max(),
+        "third_m": np.quantile(np.abs(chart["error_laisn-3-2_m"] - two)[is_known], (0.5, 0.95)),
     }
 
 

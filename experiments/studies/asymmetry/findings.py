@@ -116,22 +116,28 @@ def judge(
     judgement = RemedyJudgement(RemedyVerdict.OPEN, looks[0])
     slack = _REACH / float(ndtri((1.0 + confidence) / 2.0))
     for runs in (look for look in looks if look <= added.size):
-        rest = interval(remaining - (1.0 - share) * added, runs, confidence)
-        if rest.high <= 0.0 or rest.low > 0.0:
+        remaining_harm = interval(remaining - (1.0 - share) * added, runs, confidence)
+        if remaining_harm.high <= 0.0 or remaining_harm.low > 0.0:
             return RemedyJudgement(
-                RemedyVerdict.MET if rest.high <= 0.0 else RemedyVerdict.MISSED, runs
+                RemedyVerdict.MET if remaining_harm.high <= 0.0 else RemedyVerdict.MISSED, runs
             )
         # whether the last run would settle it
-        still = math.sqrt(runs / looks[-1])
-        up = rest.high - rest.value
-        down = rest.value - rest.low
-        met = rest.value - slack * down + still * up <= 0.0
-        missed = rest.value + slack * up - still * down > 0.0
-        promising = runs < looks[-1] and (met or missed)
+        remaining_share = math.sqrt(runs / looks[-1])
+        half_width_up = remaining_harm.high - remaining_harm.value
+        half_width_down = remaining_harm.value - remaining_harm.low
+        is_met = (
+            remaining_harm.value - slack * half_width_down + remaining_share * half_width_up <= 0.0
+        )
+        missed = (
+            remaining_harm.value + slack * half_width_up - remaining_share * half_width_down > 0.0
+        )
+        promising = runs < looks[-1] and (is_met or missed)
         # an interval of many runs is symmetric about the mean, and shrinks with the square root of
         # their number
         needed = (
-            runs * ((rest.high - rest.low) / (2.0 * rest.value)) ** 2 if rest.value else math.inf
+            runs * ((remaining_harm.high - remaining_harm.low) / (2.0 * remaining_harm.value)) ** 2
+            if remaining_harm.value
+            else math.inf
         )
         judgement = RemedyJudgement(RemedyVerdict.OPEN, runs, promising, needed)
     return judgement
@@ -349,10 +355,10 @@ class Curve:
 
     def excess_at(self, value: float) -> Interval:
         """The excess at one of the values that were flown, with its interval [m]."""
-        excess, half = (
+        excess, half_width = (
             float(each[self.value.index(value)]) for each in (self.excess, self.excess_half_m)
         )
-        return Interval(excess, excess - half, excess + half)
+        return Interval(excess, excess - half_width, excess + half_width)
 
     def equivalent(self, excess: float) -> float:
         """Size of the value at which the curve has that excess; NaN below zero and beyond the
@@ -459,11 +465,11 @@ def _on_routes(missions: Missions, cause: str) -> dict[str, Finding]:
     """
     findings = {}
     routes = dict.fromkeys(m.real["route"] for m in missions)
-    together = 1.0 - (1.0 - CONFIDENCE) / (len(routes) * len(CAUSES))
+    confidence = 1.0 - (1.0 - CONFIDENCE) / (len(routes) * len(CAUSES))
     by_route = [select(missions, variant="laisn-2", cause=cause, route=route) for route in routes]
     for arm in BROADCASTS:
         flown = [chosen for chosen in by_route if chosen and arm in chosen[0].arms]
-        shares = [removed_in_all(chosen, arm, confidence=together) for chosen in flown]
+        shares = [removed_in_all(chosen, arm, confidence=confidence) for chosen in flown]
         for name, extreme in (("least", min), ("largest", max)) if shares else ():
             meaning = (
                 f"{name} share removed of what pitch adds on a route, limits that hold for all "

@@ -46,9 +46,9 @@ def slant_ranges(points: Floats, hull: tuple[float, float]) -> Floats:
     """
     pitch, depth_offset, reach, bearing = points.T
     zero = np.zeros_like(pitch)
-    half = 0.5 * hull[0]
+    half_length = 0.5 * hull[0]
     # east, north, depth
-    front = np.stack([zero, half * np.cos(pitch), -half * np.sin(pitch)], axis=1)
+    front = np.stack([zero, half_length * np.cos(pitch), -half_length * np.sin(pitch)], axis=1)
     middle = np.stack([zero - hull[1], zero, zero], axis=1)
     follower = np.stack([reach * np.sin(bearing), reach * np.cos(bearing), depth_offset], axis=1)
     return np.asarray(

@@ -23,7 +23,7 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
         )
         is_far_off = by_estimate.runs("track_error_end_m") > FAR_OFF_M
         adrift = swept.runs("track_error_end_m") > FAR_OFF_M
-        error, off, typical = (
+        error, track_error, typical = (
             by_truth.runs("e_p_mean_m"),
             *(c.runs("track_error_rms_m") for c in (by_estimate, swept)),
         )
@@ -37,7 +37,7 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
                     error[:, i], "mean E_P, steering by the truth; median of runs", "m"
                 ),
                 f"off {name} {route}": median(
-                    off[:, i], "RMS off its place, by its estimate; median of runs", "m"
+                    track_error[:, i], "RMS off its place, by its estimate; median of runs", "m"
                 ),
                 f"lost {name} {route}": share(is_far_off[:, i], "share of runs lost, 95 %"),
                 f"lost-runs {name} {route}": plain(int(is_far_off[:, i].sum()), "runs lost"),

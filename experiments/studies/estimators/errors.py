@@ -51,17 +51,19 @@ class Errors:
             )
         if "deviation" in self.errors:
             turned = np.random.default_rng([seed, run, 1]).uniform(0.0, 2.0 * np.pi)
-            off = DEVIATION * np.sin(measurements.heading + turned)
-            measurements = replace(measurements, heading=measurements.heading + off)
+            deviation = DEVIATION * np.sin(measurements.heading + turned)
+            measurements = replace(measurements, heading=measurements.heading + deviation)
         ranges = measurements.ranges.copy()
         if "clock" in self.errors:
             ranges += (
                 CLOCK_OFFSET + CLOCK_DRIFT * measurements.dt * measurements.message_step[:, None]
             )
         if "common" in self.errors:
-            late = np.random.default_rng([seed, run, 2])
-            excess = late.uniform(*ECHO_EXCESS, (ranges.shape[0], 1))
-            ranges += np.where(late.random((ranges.shape[0], 1)) < COMMON_CHANCE, excess, 0.0)
+            lateness_rng = np.random.default_rng([seed, run, 2])
+            excess = lateness_rng.uniform(*ECHO_EXCESS, (ranges.shape[0], 1))
+            ranges += np.where(
+                lateness_rng.random((ranges.shape[0], 1)) < COMMON_CHANCE, excess, 0.0
+            )
         if "late" in self.errors:
             ranges[:, 1] += LATE
         # drawn in any case, so that an error alone is the same as among others

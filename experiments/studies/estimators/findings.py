@@ -92,27 +92,33 @@ def of_missions(key: str, missions: Cells) -> dict[str, Finding]:
     """Findings of some missions together, their names ending in `key`."""
     each = figures_of(missions)
     tight, other = (missions.where(arm=arm) for arm in ("tight", "laisn-2"))
-    several = f"{len(each)} missions"
+    missions_text = f"{len(each)} missions"
     runs = tight.runs("run").size
     column = {name: [mission[name] for mission in each] for name in each[0]}
-    inside = "share of instants whose mean eᵀP⁻¹e is within its 95 % χ² interval"
+    meaning = "share of instants whose mean eᵀP⁻¹e is within its 95 % χ² interval"
     locked = "locked on the mirror image"
     findings = {
-        "ratio": of(median_ratio(missions), f"mean E_P over LAISN-2's, median of {several}, 95 %"),
-        "worst": plain(max(column["ratio"]), f"the same, largest of {several}"),
-        "error": of(mean_of(tight.runs("e_p_mean_m")), f"mean E_P, mean of {several}, 95 %", "m"),
-        "laisn-2": of(
-            mean_of(other.runs("e_p_mean_m")), f"of LAISN-2, mean of {several}, 95 %", "m"
+        "ratio": of(
+            median_ratio(missions), f"mean E_P over LAISN-2's, median of {missions_text}, 95 %"
         ),
-        "largest": plain(max(column["largest"]), f"largest E_P of {several}", "m"),
-        "nees": of(mean_of(tight.runs("nees")), f"mean eᵀP⁻¹e, mean of {several}, 95 %; right: 2"),
-        "nees-least": plain(min(column["nees"]), f"smallest of {several}"),
-        "nees-most": plain(max(column["nees"]), f"largest of {several}"),
-        "inside": plain(float(np.mean(column["inside"])), inside),
+        "worst": plain(max(column["ratio"]), f"the same, largest of {missions_text}"),
+        "error": of(
+            mean_of(tight.runs("e_p_mean_m")), f"mean E_P, mean of {missions_text}, 95 %", "m"
+        ),
+        "laisn-2": of(
+            mean_of(other.runs("e_p_mean_m")), f"of LAISN-2, mean of {missions_text}, 95 %", "m"
+        ),
+        "largest": plain(max(column["largest"]), f"largest E_P of {missions_text}", "m"),
+        "nees": of(
+            mean_of(tight.runs("nees")), f"mean eᵀP⁻¹e, mean of {missions_text}, 95 %; right: 2"
+        ),
+        "nees-least": plain(min(column["nees"]), f"smallest of {missions_text}"),
+        "nees-most": plain(max(column["nees"]), f"largest of {missions_text}"),
+        "inside": plain(float(np.mean(column["inside"])), meaning),
         # of a range, where the engine counts pairs
         "nis": of(
             mean_of(0.5 * tight.runs("nis")),
-            f"squared residual of a range, mean of {several}; right: 1",
+            f"squared residual of a range, mean of {missions_text}; right: 1",
         ),
         "mirror-locked": share(tight.runs("mirror_locked"), f"share of runs {locked}, 95 %"),
         "mirror-locked-runs": plain(sum(column["mirror_locked"]), f"runs {locked} of {runs}"),
@@ -122,19 +128,22 @@ def of_missions(key: str, missions: Cells) -> dict[str, Finding]:
     }
     smoothed = [row.get("bound_smoothed_rms_m") for row in tight.rows]
     if None not in smoothed:
-        over = [least / row["bound_rms_m"] for least, row in zip(smoothed, tight.rows, strict=True)]
+        ratios = [
+            bound / row["bound_rms_m"] for bound, row in zip(smoothed, tight.rows, strict=True)
+        ]
         findings["smoothing"] = median(
-            over, f"bound of smoothing over that of filtering, median of {several}"
+            ratios, f"bound of smoothing over that of filtering, median of {missions_text}"
         )
     if None not in column["over_bound"]:
         findings["bound"] = median(
-            column["over_bound"], f"RMS E_P over the bound, median of {several}"
+            column["over_bound"], f"RMS E_P over the bound, median of {missions_text}"
         )
         findings["least"] = median(
-            column["bound_over_laisn"], f"the bound over LAISN-2's RMS E_P, median of {several}"
+            column["bound_over_laisn"],
+            f"the bound over LAISN-2's RMS E_P, median of {missions_text}",
         )
         findings["bound-worst"] = plain(
-            max(column["over_bound"]), f"the same, largest of {several}"
+            max(column["over_bound"]), f"the same, largest of {missions_text}"
         )
     return {f"{name} {key}": finding for name, finding in findings.items()}
 
@@ -149,15 +158,15 @@ def of_clocks(missions: Cells) -> dict[str, Finding]:
         [missions.where(scenario=route, case=case).steps[0] for case in ("unknown", "exact")]
         for route in dict.fromkeys(row["scenario"] for row in missions.rows)
     ]
-    several = f"{len(pairs)} missions"
+    missions_text = f"{len(pairs)} missions"
     for phase, first, last in (("before", 0.0, turn), ("after", turn + SETTLED_S, np.inf)):
         ratios: dict[str, list[float]] = {"e_p_mean_m": [], "bound_m": []}
         for pair in pairs:
-            (inside,) = np.nonzero(
+            (consistent,) = np.nonzero(
                 (pair[0]["time_s"] > first + 0.01) & (pair[0]["time_s"] < last + 0.01)
             )
             for name, values in ratios.items():
-                of_steps = [steps[name][inside].astype(np.float64) for steps in pair]
+                of_steps = [steps[name][consistent].astype(np.float64) for steps in pair]
                 unknown, exact = (
                     np.sqrt(np.mean(x**2)) if name == "bound_m" else np.mean(x) for x in of_steps
                 )
@@ -167,13 +176,15 @@ def of_clocks(missions: Cells) -> dict[str, Finding]:
             f"mean E_P with an unknown clock over that with exact ones, {phase} the leader's "
             "first turn"
         )
-        findings[f"clock {phase}"] = median(errors, f"{meaning}, median of {several}")
-        findings[f"clock-worst {phase}"] = plain(max(errors), f"the same, largest of {several}")
+        findings[f"clock {phase}"] = median(errors, f"{meaning}, median of {missions_text}")
+        findings[f"clock-worst {phase}"] = plain(
+            max(errors), f"the same, largest of {missions_text}"
+        )
         findings[f"clock-bound {phase}"] = median(
-            bounds, f"RMS of the bound likewise, median of {several}"
+            bounds, f"RMS of the bound likewise, median of {missions_text}"
         )
         findings[f"clock-bound-worst {phase}"] = plain(
-            max(bounds), f"the same, largest of {several}"
+            max(bounds), f"the same, largest of {missions_text}"
         )
     return findings
 
@@ -183,24 +194,29 @@ def of_plain_filter(key: str, missions: Cells) -> dict[str, Finding]:
     same noise.
     """
     ekf, tight = (missions.where(arm=arm) for arm in ("ekf", "tight"))
-    several = f"{len(ekf.rows)} missions"
-    over = "mean E_P of the tightly coupled navigator over a plain EKF's"
+    missions_text = f"{len(ekf.rows)} missions"
+    meaning = "mean E_P of the tightly coupled navigator over a plain EKF's"
     theirs = tight.runs("e_p_mean_m")
     means = ekf.runs("e_p_mean_m")
     lost = ekf.runs("mirror_locked")
-    whole = ratio_intervals(theirs.sum(axis=1, keepdims=True), means.sum(axis=1, keepdims=True))[0]
+    total_ratio = ratio_intervals(
+        theirs.sum(axis=1, keepdims=True), means.sum(axis=1, keepdims=True)
+    )[0]
     findings = {
-        f"ekf {key}": of(mean_of(means), f"mean E_P of a plain EKF, mean of {several}, 95 %", "m"),
-        f"over-ekf {key}": of(whole, f"{over}, {several}, 95 %"),
+        f"ekf {key}": of(
+            mean_of(means), f"mean E_P of a plain EKF, mean of {missions_text}, 95 %", "m"
+        ),
+        f"over-ekf {key}": of(total_ratio, f"{meaning}, {missions_text}, 95 %"),
         f"ekf-nees {key}": of(
-            mean_of(ekf.runs("nees")), f"mean eᵀP⁻¹e of a plain EKF, {several}, 95 %; right: 2"
+            mean_of(ekf.runs("nees")),
+            f"mean eᵀP⁻¹e of a plain EKF, {missions_text}, 95 %; right: 2",
         ),
         f"ekf-mirror-locked {key}": share(
             lost, "share of a plain EKF's runs locked on the mirror image, 95 %"
         ),
     }
     for row, mean, ratio in zip(ekf.rows, means.T, ratio_intervals(theirs, means), strict=True):
-        findings[f"over-ekf {key} {row['scenario']}"] = of(ratio, f"{over}, 95 %")
+        findings[f"over-ekf {key} {row['scenario']}"] = of(ratio, f"{meaning}, 95 %")
         findings[f"ekf {key} {row['scenario']}"] = of(
             mean_interval(mean), "mean E_P of a plain EKF, 95 %", "m"
         )
@@ -235,13 +251,13 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
         if missions.where(arm="ekf").rows:
             named |= of_plain_filter(key, missions)
     # the bound is that of the sensors, which stay as they are
-    least = {
+    smallest = {
         row["scenario"]: row["bound"]
         for row in parts["cases"].where(case="G1", **{INTERVAL: 5.0}).rows
     }
     sigma = parts["sigma"]
     parts["sigma"] = sigma._replace(
-        rows=[row | {"bound": least[row["scenario"]]} for row in sigma.rows]
+        rows=[row | {"bound": smallest[row["scenario"]]} for row in sigma.rows]
     )
     for study_part, name in (
         ("sea", "case"),

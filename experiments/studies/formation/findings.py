@@ -77,10 +77,11 @@ class LeaderBroadcast:
     @property
     def reach_m(self) -> float:
         """Distance from the transmitter that is farther away to the farthest station [m]."""
-        half = 0.5 * (self.leader.baseline_m or 0.0)
+        half_baseline = 0.5 * (self.leader.baseline_m or 0.0)
         depth = self.leader.layer_m
         return max(
-            math.hypot(abs(s.behind_m) + half, s.port_m, s.depth_m - depth) for s in self.stations
+            math.hypot(abs(s.behind_m) + half_baseline, s.port_m, s.depth_m - depth)
+            for s in self.stations
         )
 
     @property
@@ -116,17 +117,17 @@ _SECONDS = 300
 
 def geometry(amplitude_deg: float, period_s: float, behind_m: float) -> BoundGeometry:
     """The mission of a follower so far behind a leader that weaves [m], a message each second."""
-    late = round(behind_m / _SPEED / _STEP)
-    time = _STEP * np.arange(-late, round(_SECONDS / _STEP) + 1)
+    delay_steps = round(behind_m / _SPEED / _STEP)
+    time = _STEP * np.arange(-delay_steps, round(_SECONDS / _STEP) + 1)
     heading = np.deg2rad(amplitude_deg) * np.sin(2.0 * np.pi * time / period_s)
     ahead = np.stack([np.sin(heading), np.cos(heading)], axis=1)
     way = np.concatenate([np.zeros((1, 2)), np.cumsum(_SPEED * _STEP * ahead[1:], axis=0)])
-    n = time.size - late - 1
+    n = time.size - delay_steps - 1
     step = np.arange(10, n + 1, 10)
     # vehicles that at the last instant are where the leader was `late` steps before
-    leader = way[late:]
+    leader = way[delay_steps:]
     follower = way[: n + 1]
-    axis = _HALF * ahead[late + step]
+    axis = _HALF * ahead[delay_steps + step]
     arms = np.stack(
         [np.column_stack([end * axis, np.full(step.size, -_DEEPER)]) for end in (-1.0, 1.0)], axis=1
     )

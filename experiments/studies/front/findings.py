@@ -22,12 +22,14 @@ CASES = {"still": "still water", "uniform": "0.4 m/s everywhere", "front": "fron
 
 def _of_place(name: str, cells: Cells) -> Iterator[tuple[str, Finding]]:
     """Findings of an arm in a case, of six followers in each run."""
-    off = np.median(cells.runs("station_rms_m"), axis=1)
+    station_errors = np.median(cells.runs("station_rms_m"), axis=1)
     error = cells.runs("e_p_mean_m").mean(axis=1)
     largest = float(cells.runs("station_max_m").max())
     lost = int(cells.runs("lost").sum())
     closest = float(cells.runs("closest_horizontal_m").min())
-    station = of(mean_interval(off), "RMS off the station, median of followers, 95 %", "m")
+    station = of(
+        mean_interval(station_errors), "RMS off the station, median of followers, 95 %", "m"
+    )
     yield f"station {name}", station
     yield f"error {name}", of(mean_interval(error), "mean E_P, mean of followers, 95 %", "m")
     yield f"largest {name}", plain(largest, "largest distance from a station", "m")

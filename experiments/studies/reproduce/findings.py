@@ -261,11 +261,11 @@ class MetricValues:
         if kind == "replications":
             return proportion(round(value * count), count, VERDICT_CONFIDENCE)
         quantile = float(stdtrit(count - 1, (1.0 + VERDICT_CONFIDENCE) / 2.0))
-        wide = quantile * math.sqrt(count / (count - 1))
+        width_factor = quantile * math.sqrt(count / (count - 1))
         if kind == "share":
-            half = wide * float(drawn.std())
-            return Interval(value, value - half, value + half)
-        factor = math.exp(wide * float(np.log(drawn).std()))
+            half_width = width_factor * float(drawn.std())
+            return Interval(value, value - half_width, value + half_width)
+        factor = math.exp(width_factor * float(np.log(drawn).std()))
         return Interval(value, value / factor, value * factor)
 
     def judge(
@@ -377,9 +377,9 @@ def _heading(figures: MetricValues) -> list[Judged]:
     left = np.sum((error - slope[:, None] * distance) ** 2, axis=1)
     spread = np.sum((error - error.mean(axis=1, keepdims=True)) ** 2, axis=1)
     fit = 1.0 - np.divide(left, spread, out=np.ones_like(left), where=spread > 0.0)
-    least = np.minimum(growth_there / growth_elsewhere, growth_there / 5.0)
+    margin = np.minimum(growth_there / growth_elsewhere, growth_there / 5.0)
     return [
-        figures.judge("growth abeam, over that elsewhere and over 5", least, ">", 1.0),
+        figures.judge("growth abeam, over that elsewhere and over 5", margin, ">", 1.0),
         figures.judge("variance that the line explains", fit, "≥", 0.8, "share"),
     ]
 
@@ -387,15 +387,15 @@ def _heading(figures: MetricValues) -> list[Judged]:
 def _burst(figures: MetricValues) -> list[Judged]:
     error = figures.means(BASE, "e_b_max_deg")
     largest = figures.each[BASE, "e_b_max_deg"]
-    most = largest[:, BURST].max(axis=1) > largest[:, ~BURST].max(axis=1)
-    shares = {"with the largest E_B in a burst": np.mean(most, keepdims=True)}
-    near = figures.known(BASE, "e_b_peaks_at_burst")[:, BURST]
-    if np.isfinite(near).all():
-        shares[f"with the peak within {NEAR_BURST_S:.0f} s of the burst"] = near.mean(axis=1)
-    over = _median_over_others(error, BURST)
+    is_largest = largest[:, BURST].max(axis=1) > largest[:, ~BURST].max(axis=1)
+    shares = {"with the largest E_B in a burst": np.mean(is_largest, keepdims=True)}
+    peaks = figures.known(BASE, "e_b_peaks_at_burst")[:, BURST]
+    if np.isfinite(peaks).all():
+        shares[f"with the peak within {NEAR_BURST_S:.0f} s of the burst"] = peaks.mean(axis=1)
+    error_ratio = _median_over_others(error, BURST)
     meaning = "largest E_B, median of the bursts over the others'"
     return [
-        figures.judge(meaning, over, ">", 1.0),
+        figures.judge(meaning, error_ratio, ">", 1.0),
         *(
             figures.judge(f"share of replications {w}", v, ">", 0.5, "replications")
             for w, v in shares.items()
@@ -531,12 +531,12 @@ def findings_of_rows(
     """All findings, from rows and verdicts."""
     runs = next(iter(rows.values()))["runs"]
     findings = {"cells": plain(len(rows), "cells flown"), "runs": plain(runs, "runs of each cell")}
-    for i, whose in ((1, "our"), (2, "the paper's")):
+    for i, owner in ((1, "our"), (2, "the paper's")):
         for verdict in VERDICTS:
             numbers = [judged[0].number for judged in judgements if judged[i].verdict == verdict]  # type: ignore[union-attr]
-            meaning = f"claims of the paper, judged on {whose} figures: {verdict}"
-            findings[f"{whose} {verdict} number"] = plain(len(numbers), meaning)
-            findings[f"{whose} {verdict}"] = plain(listed(numbers), meaning)
+            meaning = f"claims of the paper, judged on {owner} figures: {verdict}"
+            findings[f"{owner} {verdict} number"] = plain(len(numbers), meaning)
+            findings[f"{owner} {verdict}"] = plain(listed(numbers), meaning)
     for claim, ours, _ in judgements:
         for number, criterion in enumerate(ours.criteria, start=1):
             meaning = (

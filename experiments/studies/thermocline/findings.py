@@ -91,11 +91,15 @@ class QuarterGeometry(NamedTuple):
 def fix_error(season: str, variant: Variant, g: QuarterGeometry) -> float:
     """Error of a fix without noise by ranges of the mean speed [m]."""
     leader, follower = g.depths
-    half = 0.5 * g.baseline
+    half_baseline = 0.5 * g.baseline
     receiver = (*g.follower, -follower)
-    places = ((0.0, -half, -leader), (0.0, half, -leader), (-_MIDDLE_M, 0.0, -leader))
+    places = (
+        (0.0, -half_baseline, -leader),
+        (0.0, half_baseline, -leader),
+        (-_MIDDLE_M, 0.0, -leader),
+    )
     ranges = Ranges(*(measured_range(season, source, receiver) for source in places))
-    arms = Arms((0.0, half, 0.0), (-_MIDDLE_M, 0.0, 0.0))
+    arms = Arms((0.0, half_baseline, 0.0), (-_MIDDLE_M, 0.0, 0.0))
     rear, front, middle = circles(Point(0.0, 0.0), arms, ranges, follower - leader)
     north = Turn(0.0, 1.0)
     tuning = Tuning.of(NavigationSettings(variant=variant))
@@ -202,12 +206,12 @@ def leg_findings(cells: Cells) -> Iterator[tuple[str, Finding]]:
 
 
 def _off_findings(
-    name: str, words: str, off: Mapping[str, Floats]
+    name: str, words: str, errors: Mapping[str, Floats]
 ) -> Iterator[tuple[str, Finding]]:
     """Distances of each run by what the receiver knows, shapes (R,), [m], and their difference."""
-    for sound, distance in off.items():
+    for sound, distance in errors.items():
         yield f"{name} {sound}", of(mean_interval(distance), f"RMS off {words}, 95 %", "m")
-    added = mean_interval(off["straight"] - off["profile"])
+    added = mean_interval(errors["straight"] - errors["profile"])
     yield f"{name} added", of(added, "what the mean speed adds, paired by run, 95 %", "m")
 
 
@@ -216,16 +220,20 @@ def closed_findings(cells: Cells) -> Iterator[tuple[str, Finding]]:
     where it is not the strong one.
     """
     for condition, by_sound in _receivers(cells, "scenario"):
-        off = {s: of_arm.runs("track_error_rms_m")[:, 0] for s, of_arm in by_sound.items()}
+        track_errors = {s: of_arm.runs("track_error_rms_m")[:, 0] for s, of_arm in by_sound.items()}
         name = f"off {condition}".removesuffix(" strong")
-        yield from _off_findings(name, "its place, by its estimate", off)
+        yield from _off_findings(name, "its place, by its estimate", track_errors)
 
 
 def formation_findings(cells: Cells) -> Iterator[tuple[str, Finding]]:
     """Distances from their stations of a formation, median of its followers."""
     for condition, by_sound in _receivers(cells, "scenario", "case"):
-        off = {s: np.median(of_arm.runs("station_rms_m"), axis=1) for s, of_arm in by_sound.items()}
-        yield from _off_findings(f"station {condition}", "stations, median of followers", off)
+        station_errors = {
+            s: np.median(of_arm.runs("station_rms_m"), axis=1) for s, of_arm in by_sound.items()
+        }
+        yield from _off_findings(
+            f"station {condition}", "stations, median of followers", station_errors
+        )
         lost = int(sum(of_arm.runs("lost").sum() for of_arm in by_sound.values()))
         yield f"station {condition} lost", plain(lost, "followers lost in all runs")
 

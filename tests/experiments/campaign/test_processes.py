@@ -12,7 +12,6 @@ from experiments.campaign.store import CampaignError
 from sim.scenario.settings import Follower, Scenario
 from sim.vehicle.plant import PlantError
 
-
 _KEPT: list[bytearray] = []
 
 
