@@ -393,7 +393,7 @@ def _settled(
     if not units and len(candidates) > 1:
         raise LaisnError(
             f"{columns.path}: {headers} without a unit: in none of {', '.join(candidates)} they "
-            f"fit {why}; {advice}"
+            f"fit {reason}; {advice}"
         )
     if preferred is not None and (preferred in units or not units):
         return preferred
