@@ -25,7 +25,7 @@ from reports.style import ERROR_LEVELS_M, ESTIMATE, FOLLOWER, FULL, INK, LEADER,
 
 BEARINGS_DEG = tuple(float(value) for value in range(0, 181, 15))
 """Bearings of the table."""
-_LEAST_SPAN_DEG = 15.0  # of pitches on the map, up and down
+_MIN_SPAN_DEG = 15.0  # of pitches on the map, up and down
 _STEEPEST_DEG = 85.0
 _MAP_PITCHES = 61
 _MAP_BEARINGS = 181
@@ -141,7 +141,7 @@ class PitchGeometry:
     @property
     def pitches(self) -> Floats:
         """Pitches of the map, nose down to nose up [°]."""
-        span = min(max(_LEAST_SPAN_DEG, 1.5 * abs(self.pitch_deg)), _STEEPEST_DEG)
+        span = min(max(_MIN_SPAN_DEG, 1.5 * abs(self.pitch_deg)), _STEEPEST_DEG)
         return np.linspace(-span, span, _MAP_PITCHES)
 
     @property

@@ -63,9 +63,9 @@ class BeaconBelief(NamedTuple):
     weight: Floats  # shape (CAPACITY,); sum 1 over those alive
     outcome: Records  # whether it used the last range: field `used`, shape (CAPACITY,)
     states: int
-    alive: Ints  # number of components, shape (1,)
+    n_hypotheses: Ints  # number of components, shape (1,)
     evidence: Floats  # logarithm of the probability density of all ranges so far, shape (1,)
-    fresh: Floats  # variances of the states before the mission, shape (n,)
+    prior_variance: Floats  # variances of the states before the mission, shape (n,)
     first: Ints  # index of each beacon's first state, shape (B,)
     variance: Floats  # of each beacon's random error, as estimated so far, shape (B,), [m²]
     rejected: Ints  # ranges of each beacon rejected in a row, shape (B,)
@@ -84,10 +84,10 @@ def predict(
     """
     n = b.states
     slip, heading_walk = errors
-    for k in range(b.alive[0]):
+    for k in range(b.n_hypotheses[0]):
         x = b.state[k]
         P = b.covariance[k]
-        if b.fresh[GYRO] > 0.0:
+        if b.prior_variance[GYRO] > 0.0:
             x[HEADING] += time * x[GYRO]
             for j in range(n):
                 P[HEADING, j] += time * P[GYRO, j]
@@ -108,9 +108,9 @@ def predict(
         P[X, X] += slip * slip * time
         P[Y, Y] += slip * slip * time
         P[HEADING, HEADING] += heading_walk * heading_walk * time
-        if b.fresh[SPEED] > 0.0:
+        if b.prior_variance[SPEED] > 0.0:
             P[SPEED, SPEED] += _SPEED_WALK * time
-        if b.fresh[EAST] > 0.0:
+        if b.prior_variance[EAST] > 0.0:
             P[EAST, EAST] += _CURRENT_WALK * time
             P[NORTH, NORTH] += _CURRENT_WALK * time
 
@@ -136,7 +136,7 @@ def predict_track(
     rate = b.first[beacon] + _TURN_RATE
     half_time = 0.5 * time
     walked = heading_walk * heading_walk * time
-    for k in range(b.alive[0]):
+    for k in range(b.n_hypotheses[0]):
         x = b.state[k]
         P = b.covariance[k]
         angle = x[turn] + half_time * x[rate]
@@ -167,7 +167,7 @@ def predict_track(
         P[turn, east] = P[east, turn]
         P[turn, north] = P[north, turn]
         P[turn, turn] += walked
-        if b.fresh[rate] > 0.0:
+        if b.prior_variance[rate] > 0.0:
             P[rate, rate] += time * _GYRO_WALK
 
 
@@ -179,13 +179,13 @@ def moments(b: BeaconBelief, speed: float, heading: float) -> tuple[Floats, Floa
     mean = np.zeros(4)
     covariance = np.zeros((4, 4))
     rows = np.zeros((5, b.states))
-    if b.alive[0] == 0:
+    if b.n_hypotheses[0] == 0:
         return mean + np.nan, covariance + np.nan
     east = north = 0.0
-    for k in range(b.alive[0]):
+    for k in range(b.n_hypotheses[0]):
         east += b.weight[k] * b.state[k, X]
         north += b.weight[k] * b.state[k, Y]
-    for k in range(b.alive[0]):
+    for k in range(b.n_hypotheses[0]):
         x = b.state[k]
         s = speed * np.exp(x[SPEED])
         vx, vy = s * np.sin(heading - x[HEADING]), s * np.cos(heading - x[HEADING])
@@ -205,8 +205,8 @@ _SHORTEST = 0.1  # nearer to a beacon than this the direction to it means nothin
 _ADAPTATION_GAIN = 0.02  # share of a range in the estimated variance of its beacon
 _LARGEST = 16.0  # a range adds at most this times the variance to it
 # bounds of the estimated variance, as multiples of the settings'
-_LEAST = 0.25
-_MOST = 16.0
+_MIN_VARIANCE_FACTOR = 0.25
+_MAX_VARIANCE_FACTOR = 16.0
 
 
 class RangeMeasurement(NamedTuple):
@@ -215,11 +215,13 @@ class RangeMeasurement(NamedTuple):
     beacon: int  # counted from 0
     east: float  # its surveyed place [m]
     north: float
-    deeper: float  # how much deeper it is than the receiver [m]
+    depth_difference: float  # how much deeper it is than the receiver [m]
     range: float
     variance: float  # of the settings' random error [m²]
-    accepted: float  # logarithm of the chance that the range is right
-    wrong: float  # logarithm of the probability density of a range that is wrong [1/m]
+    log_p_inlier: float  # logarithm of the chance that the range is right
+    log_density_outlier: (
+        float  # logarithm of the probability density of a range that is wrong [1/m]
+    )
 
 
 @compiled
@@ -236,7 +238,9 @@ def predict_range(b: BeaconBelief, k: int, z: RangeMeasurement) -> tuple[float, 
     n = b.states
     offset = b.first[z.beacon]
     dx, dy = x[X] - z.east - x[offset + 1], x[Y] - z.north - x[offset + 2]
-    distance = max(math.sqrt(dx * dx + dy * dy + z.deeper * z.deeper), _SHORTEST)
+    distance = max(
+        math.sqrt(dx * dx + dy * dy + z.depth_difference * z.depth_difference), _SHORTEST
+    )
     flat = max(math.sqrt(dx * dx + dy * dy), _SHORTEST)
     scale = 1.0 + x[SCALE]
     hx, hy = scale * dx / distance, scale * dy / distance
@@ -277,12 +281,12 @@ def update(b: BeaconBelief, k: int, z: RangeMeasurement) -> float:
     """
     residual, expected, _ = predict_range(b, k, z)
     variance = expected + b.variance[z.beacon]
-    density: float = z.accepted - 0.5 * (
+    density: float = z.log_p_inlier - 0.5 * (
         residual * residual / variance + math.log(2.0 * math.pi * variance)
     )
-    b.outcome[k].used = not density < z.wrong
-    if density < z.wrong:
-        return z.wrong
+    b.outcome[k].used = not density < z.log_density_outlier
+    if density < z.log_density_outlier:
+        return z.log_density_outlier
     mixture.update_scalar(b.state[k], b.covariance[k], b.gain, residual, variance, b.states)
     return density
 
@@ -290,14 +294,14 @@ def update(b: BeaconBelief, k: int, z: RangeMeasurement) -> float:
 # a component is split where a circle bends away from its tangent by more than this share of its
 # error
 _BEND = 0.7
-_LEAST_WEIGHT = 1e-8
+_MIN_WEIGHT = 1e-8
 _SAME = 0.3  # squared Mahalanobis distance of positions, below which they are one
 BEARINGS = 48  # Gaussians of a ring
 STARTERS = 8  # first ranges, each of which may be the one that gives an unknown start
 # errors of ranges are estimated where one component has more weight than this
 _DOMINANT_WEIGHT = 0.9
-_MOST_MISSED = 8  # ranges of one beacon rejected in a row after which a ring about it is added
-_MOST_MISSED_OF_ONE = 24  # the same where the last range of another one was used
+_MAX_MISSED = 8  # ranges of one beacon rejected in a row after which a ring about it is added
+_MAX_MISSED_OF_ONE = 24  # the same where the last range of another one was used
 _RING_WEIGHT = 0.01  # of the ring that is added
 
 
@@ -325,21 +329,21 @@ def _split_component(b: BeaconBelief, k: int, z: RangeMeasurement) -> None:
             P[i, j] -= 0.5 * column[i] * column[j]
     b.weight[k] *= 0.5
     for side in (-1.0, 1.0):
-        other = b.alive[0]
+        other = b.n_hypotheses[0]
         mixture.copy_component(b, k, other)
         b.weight[other] *= 0.5
         for j in range(n):
             b.state[other, j] += side * column[j]
-        b.alive[0] += 1
+        b.n_hypotheses[0] += 1
 
 
 @compiled
 def split(b: BeaconBelief, z: RangeMeasurement) -> None:
     """Split every component that is too wide for the circle of a range to be straight."""
     k = 0
-    while k < b.alive[0]:
+    while k < b.n_hypotheses[0]:
         _, _, bend = predict_range(b, k, z)
-        if bend > _BEND * math.sqrt(b.variance[z.beacon]) and b.alive[0] + 2 <= CAPACITY:
+        if bend > _BEND * math.sqrt(b.variance[z.beacon]) and b.n_hypotheses[0] + 2 <= CAPACITY:
             _split_component(b, k, z)
         else:
             k += 1
@@ -348,7 +352,7 @@ def split(b: BeaconBelief, z: RangeMeasurement) -> None:
 @compiled
 def prune_and_merge(b: BeaconBelief) -> None:
     """Prune and merge components, keep the heaviest ones, and put the heaviest of all first."""
-    count = mixture.prune_and_merge(b, 1, b.alive[0], _LEAST_WEIGHT, KEPT, -1, _SAME)
+    count = mixture.prune_and_merge(b, 1, b.n_hypotheses[0], _MIN_WEIGHT, KEPT, -1, _SAME)
     top = mixture.heaviest_hypothesis(b, 1, count)
     if top > 0:
         spare = CAPACITY - 1
@@ -356,7 +360,7 @@ def prune_and_merge(b: BeaconBelief) -> None:
         mixture.copy_component(b, top, 0)
         mixture.copy_component(b, spare, top)
     mixture.normalise(b.weight, count)
-    b.alive[0] = count
+    b.n_hypotheses[0] = count
 
 
 @compiled
@@ -368,34 +372,36 @@ def add_ring(b: BeaconBelief, z: RangeMeasurement, weight: float, lost: bool) ->
     otherwise all are fresh.
     """
     offset = b.first[z.beacon]
-    if b.alive[0] + BEARINGS >= CAPACITY:
+    if b.n_hypotheses[0] + BEARINGS >= CAPACITY:
         return
-    distance = max(math.sqrt(max(z.range * z.range - z.deeper * z.deeper, 1.0)), 1.0)
+    distance = max(
+        math.sqrt(max(z.range * z.range - z.depth_difference * z.depth_difference, 1.0)), 1.0
+    )
     # wide beside all errors of a range, the update with which follows
     radial_variance = 4.0 * (
         b.variance[z.beacon]
-        + b.fresh[offset]
-        + b.fresh[offset + 1]
-        + b.fresh[SCALE] * distance * distance
+        + b.prior_variance[offset]
+        + b.prior_variance[offset + 1]
+        + b.prior_variance[SCALE] * distance * distance
     )
     for i in range(BEARINGS):
-        k = b.alive[0]
+        k = b.n_hypotheses[0]
         ux, uy = math.sin(2.0 * math.pi * i / BEARINGS), math.cos(2.0 * math.pi * i / BEARINGS)
         P = b.covariance[k]
         if lost:
             mixture.copy_component(b, 0, k)
             for j in range(b.states):
                 P[X, j] = P[Y, j] = P[j, X] = P[j, Y] = 0.0
-            P[HEADING, HEADING] += b.fresh[HEADING]
+            P[HEADING, HEADING] += b.prior_variance[HEADING]
         else:
-            mixture.reset_component(b, k, b.fresh)
+            mixture.reset_component(b, k, b.prior_variance)
         mixture.place_on_ring(
             b, k, (z.east, z.north), distance, (ux, uy), (radial_variance, BEARINGS)
         )
         b.weight[k] = weight / BEARINGS
         update(b, k, z)
-        b.alive[0] += 1
-    mixture.normalise(b.weight, b.alive[0])
+        b.n_hypotheses[0] += 1
+    mixture.normalise(b.weight, b.n_hypotheses[0])
 
 
 @compiled
@@ -404,11 +410,11 @@ def _has_lost_place(b: BeaconBelief, beacon: int) -> bool:
     where the last range of another one was used, rather those ranges are wrong.
     """
     rejected = b.rejected[beacon]
-    if rejected < _MOST_MISSED:
+    if rejected < _MAX_MISSED:
         return False
     for i in range(b.rejected.shape[0]):
         if i != beacon and b.rejected[i] == 0:
-            return bool(rejected >= _MOST_MISSED_OF_ONE)
+            return bool(rejected >= _MAX_MISSED_OF_ONE)
     return True
 
 
@@ -421,7 +427,7 @@ def receive(b: BeaconBelief, z: RangeMeasurement, starter: int) -> bool:
     `starter` is the number m, from 0; −1 with a known start, or after `STARTERS`.
     """
     used = False
-    if b.alive[0] > 0:
+    if b.n_hypotheses[0] > 0:
         split(b, z)
         if b.weight[0] > _DOMINANT_WEIGHT:
             # adapt the beacon's variance to what the heaviest component makes of the range, before
@@ -431,23 +437,29 @@ def receive(b: BeaconBelief, z: RangeMeasurement, starter: int) -> bool:
             variance += _ADAPTATION_GAIN * (
                 min(max(residual * residual - expected, 0.0), _LARGEST * variance) - variance
             )
-            b.variance[z.beacon] = min(max(variance, _LEAST * z.variance), _MOST * z.variance)
-        for k in range(b.alive[0]):
-            b.weight[k] *= math.exp(update(b, k, z) - z.wrong)
+            b.variance[z.beacon] = min(
+                max(variance, _MIN_VARIANCE_FACTOR * z.variance), _MAX_VARIANCE_FACTOR * z.variance
+            )
+        for k in range(b.n_hypotheses[0]):
+            b.weight[k] *= math.exp(update(b, k, z) - z.log_density_outlier)
         used = b.outcome[0].used
-        b.evidence[0] += math.log(mixture.normalise(b.weight, b.alive[0])) + z.wrong
+        b.evidence[0] += (
+            math.log(mixture.normalise(b.weight, b.n_hypotheses[0])) + z.log_density_outlier
+        )
         b.rejected[z.beacon] = 0 if used else b.rejected[z.beacon] + 1
     if starter >= 0:
-        add_ring(b, z, math.exp(min((starter + 1) * z.wrong - b.evidence[0], 700.0)), False)
+        add_ring(
+            b, z, math.exp(min((starter + 1) * z.log_density_outlier - b.evidence[0], 700.0)), False
+        )
     elif _has_lost_place(b, z.beacon):
         b.rejected[z.beacon] = 0
         add_ring(b, z, _RING_WEIGHT, True)
-    if b.alive[0] > 1:
+    if b.n_hypotheses[0] > 1:
         prune_and_merge(b)
     return used
 
 
-MOST_BEACONS = 64  # more places are not those of beacons at rest
+MAX_BEACONS = 64  # more places are not those of beacons at rest
 
 
 MEDIA: dict[str, BeaconSettings] = {
@@ -490,9 +502,9 @@ def _allocate(s: BeaconSettings, moving: Bools) -> BeaconBelief:
         weight=np.zeros(CAPACITY),
         outcome=np.zeros(CAPACITY, dtype=[("used", np.bool_)]),
         states=n,
-        alive=np.zeros(1, dtype=np.int64),
+        n_hypotheses=np.zeros(1, dtype=np.int64),
         evidence=np.zeros(1),
-        fresh=prior_variance,
+        prior_variance=prior_variance,
         first=(SHARED + np.cumsum(counts) - counts).astype(np.int64),
         variance=np.full(beacons, s.range_sigma**2),
         rejected=np.zeros(beacons, dtype=np.int64),
@@ -505,9 +517,9 @@ def new_belief(settings: BeaconSettings, start: tuple[float, float] | None) -> B
     belief = _allocate(settings, np.zeros(0, dtype=bool))
     if start is not None:
         belief.state[0, :2] = start
-        belief.covariance[0] = np.diag(belief.fresh)
+        belief.covariance[0] = np.diag(belief.prior_variance)
         belief.weight[0] = 1.0
-        belief.alive[0] = 1
+        belief.n_hypotheses[0] = 1
     return belief
 
 
@@ -519,15 +531,18 @@ def with_beacon(
     extended = _allocate(settings, np.append(counts == MOVING, moves))
     states = belief.states
     # what is not alive stays untouched, and takes no memory
-    alive = slice(int(belief.alive[0]))
+    alive = slice(int(belief.n_hypotheses[0]))
     added = np.arange(states, extended.states)
     extended.state[alive, :states] = belief.state[alive]
     extended.covariance[alive, :states, :states] = belief.covariance[alive]
-    extended.covariance[alive, added, added] = extended.fresh[states:]
+    extended.covariance[alive, added, added] = extended.prior_variance[states:]
     extended.variance[:-1] = belief.variance
     extended.rejected[:-1] = belief.rejected
     return extended._replace(
-        weight=belief.weight, outcome=belief.outcome, alive=belief.alive, evidence=belief.evidence
+        weight=belief.weight,
+        outcome=belief.outcome,
+        n_hypotheses=belief.n_hypotheses,
+        evidence=belief.evidence,
     )
 
 
@@ -606,7 +621,7 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
                 if np.isfinite(r + transmitter.sum())
             ]
         self._state, self._covariance = moments(self._belief, own.speed, own.heading)
-        if self._belief.alive[0] and not np.isfinite(self._covariance).all():
+        if self._belief.n_hypotheses[0] and not np.isfinite(self._covariance).all():
             raise ArithmeticError(
                 f"step {self._step}: the covariance is not finite after {reception}"
             )
@@ -652,9 +667,9 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
         """Take one range; whether the heaviest component used it."""
         east, north, deep = map(float, transmitter)
         if key not in self._beacons:
-            if len(self._beacons) == MOST_BEACONS:
+            if len(self._beacons) == MAX_BEACONS:
                 raise LaisnError(
-                    f"step {self._step}: ranges to more than {MOST_BEACONS} places; a beacon must "
+                    f"step {self._step}: ranges to more than {MAX_BEACONS} places; a beacon must "
                     "lie still, or send where it is and at what speed it moves"
                 )
             self._beacons[key] = len(self._beacons)

@@ -42,8 +42,8 @@ class MissionResult(NamedTuple):
     state: Floats  # x, y [m], vx, vy [m/s] after each step, shape (n, 4)
     covariance: Floats  # of the position: xx, xy, yy, shape (n, 3), [m²]
     kinds: Sequence[int]
-    squared: float  # squared innovations of all updates, in units of S
-    numbers: float  # how many numbers these are of: the mean of `squared`, if S is right
+    nis_sum: float  # squared innovations of all updates, in units of S
+    nis_dof: float  # its degrees of freedom, and its mean if S is right
 
 
 class Extra(NamedTuple):

@@ -29,9 +29,9 @@ from laisn.errors import LaisnError
 
 VARIABLE = "LAISN_PLUGINS"
 # of the user's own code in the message of an error
-_MOST_FRAMES = 5
+_MAX_FRAMES = 5
 # imports of a plugin whose files change meanwhile
-_MOST_IMPORTS = 5
+_MAX_IMPORTS = 5
 
 
 class PluginError(LaisnError):
@@ -128,7 +128,7 @@ def _load(file: Path) -> _Loaded:
     _require_free_name(file)
     if str(file.parent) not in sys.path:
         sys.path.append(str(file.parent))
-    for _ in range(_MOST_IMPORTS):
+    for _ in range(_MAX_IMPORTS):
         sources = Sources.of(file)
         _forget_changed(sources, before)
         # without them if the import fails
@@ -307,9 +307,9 @@ def _lines_of(error: BaseException, sources: set[str]) -> list[str]:
     if not frames:
         return [head]
     lines = []
-    if len(frames) > _MOST_FRAMES:
-        lines.append(f"  … {len(frames) - _MOST_FRAMES} calls before")
-    for frame in frames[-_MOST_FRAMES:]:
+    if len(frames) > _MAX_FRAMES:
+        lines.append(f"  … {len(frames) - _MAX_FRAMES} calls before")
+    for frame in frames[-_MAX_FRAMES:]:
         lines.append(f'  File "{frame.filename}", line {frame.lineno}, in {frame.name}')
         if frame.line:
             lines.append(f"    {frame.line}")

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 DRAWN_POINTS = 600
 PIXELS_PER_INCH = 96
 _KEPT_POINTS = 20_000  # most points that a line keeps; panels take fewer of them
-_MOST_LINES = 14
+_MAX_LINES = 14
 _FEWEST_POINTS = 200
 """Lines of a panel with all their points; of more, each has fewer, so that a page of many
 vehicles stays small.
@@ -126,7 +126,7 @@ class Panel:
         data = list[dict[str, Any]]()
         layout = self._layout()
         lines = sum(len(subplot.lines) for subplot in self.parts)
-        stretch = min(max(1.0, self.width / WIDTH), _MOST_LINES / max(lines, 1))
+        stretch = min(max(1.0, self.width / WIDTH), _MAX_LINES / max(lines, 1))
         points = max(round(self.points * stretch), _FEWEST_POINTS)
         for number, subplot in enumerate(self.parts):
             axis = {"yaxis": f"y{number + 1}"} if number else {}

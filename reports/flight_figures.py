@@ -36,7 +36,7 @@ _MARGINS = (0.65, 0.6)  # of a map's axes, across and up [inch]
 _TRACK_POINTS = 4000
 _DOTS = 1200
 _FEW_POINTS = 240  # points of a line of a follower among several, so that the page stays small
-_LEAST_WEIGHT = 1e-3
+_MIN_WEIGHT = 1e-3
 _ARROWS = 14  # of the current, along each track
 _ARROW_VEHICLES = 4  # with such arrows
 _LONGEST_ARROW = 0.1  # of the map
@@ -402,10 +402,10 @@ def weights_part(flight: FlightRecord, follower: int) -> Subplot | None:
     """
     estimates = flight.estimates[follower]
     weight, _, _ = estimates.hypotheses
-    if np.all(weight[:, 1:] < _LEAST_WEIGHT):
+    if np.all(weight[:, 1:] < _MIN_WEIGHT):
         return None
     time = np.asarray(estimates.fix_step * flight.measurements[follower].dt, dtype=np.float64)
-    weighty = [h for h in range(weight.shape[1]) if weight[:, h].max() >= _LEAST_WEIGHT]
+    weighty = [h for h in range(weight.shape[1]) if weight[:, h].max() >= _MIN_WEIGHT]
     lines = [
         Line(
             x=time,

@@ -16,7 +16,7 @@ from sim import tracking
 from sim.assembly import routes_of
 from sim.flight import FlightRecord, leader_errors, position_and_bearing_errors
 from sim.log.writer import Event
-from sim.scenario.formation import LEAST_LAYER_M
+from sim.scenario.formation import MIN_LAYER_SPACING_M
 from sim.scenario.parts import MissionPlan, MotionSettings, SeaSettings
 from sim.scenario.routes import Route
 from sim.sensing.proximity import sightings
@@ -304,7 +304,7 @@ def uncertainty_events(flight: FlightRecord) -> list[Event]:
         for j, other in enumerate(followers[:i])
         if follower.station
         and other.station
-        and abs(follower.layer_m - other.layer_m) < LEAST_LAYER_M
+        and abs(follower.layer_m - other.layer_m) < MIN_LAYER_SPACING_M
     ]
     if not pairs:
         return []

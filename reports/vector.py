@@ -40,7 +40,7 @@ _POINTS = 0.75  # points to a pixel of the page
 _PART_INCH = 1.15  # height of one of several axes
 _ALONE_INCH = 2.3  # and of one that stands alone, of the usual width
 _USUAL_INCH = 3.5
-_MOST_WORDS = 4  # up an axis in letters of the usual size
+_MAX_WORDS = 4  # up an axis in letters of the usual size
 _SMALL_WORDS = 5.5
 _TITLE_INCH = 0.75  # of axis, legend and margins
 _STYLE: dict[Any, Any] = {
@@ -224,7 +224,7 @@ def _dress(axes: Axes, direction: Literal["x", "y"], axis: Mapping[str, Any]) ->
         ]
         axes.set(**{f"{direction}ticks": [value for value, _ in visible]})
         axes.set(**{f"{direction}ticklabels": [formula(text) for _, text in visible]})
-        if direction == "y" and len(visible) > _MOST_WORDS and visible[0][1][:1].isalpha():
+        if direction == "y" and len(visible) > _MAX_WORDS and visible[0][1][:1].isalpha():
             axes.tick_params(axis="y", labelsize=_SMALL_WORDS)
         axes.tick_params(
             axis=direction, which="minor", length=0, labelleft=False, labelbottom=False

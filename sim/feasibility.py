@@ -34,7 +34,7 @@ from sim.hull import (
     needs_way,
 )
 from sim.log.schema import Clock
-from sim.scenario.formation import LEAST_APART_M, LEAST_LAYER_M, Formation
+from sim.scenario.formation import MIN_LAYER_SPACING_M, MIN_SEPARATION_M, Formation
 from sim.scenario.parts import (
     MissionPlan,
     MotionSettings,
@@ -68,17 +68,17 @@ from sim.vehicle.solvers import direct_solver_error
 from sim.water.assembly import current_at, density_of, sea_of_keys, trim_density
 
 # instants times vehicles: two vehicles for a day, 201 for 1000 s; a million takes 1.1 GB of memory
-MOST_INSTANTS = 2_100_000
-MOST_PHYSICS_STEPS = 200_000_000  # physics steps times vehicles, about an hour on one core
-MOST_PIXELS = 120_000_000_000  # of a film: 72 minutes at 1280 × 720 and 30 Hz
+MAX_INSTANTS = 2_100_000
+MAX_PHYSICS_STEPS = 200_000_000  # physics steps times vehicles, about an hour on one core
+MAX_PIXELS = 120_000_000_000  # of a film: 72 minutes at 1280 × 720 and 30 Hz
 
 
 def film_errors(duration_s: float, video: Video) -> list[str]:
     """Errors of the film: too many pixels."""
     count = max(1, round(duration_s / video.speed_up * video.frame_rate_hz))
-    if count * video.width_px * video.height_px <= MOST_PIXELS:
+    if count * video.width_px * video.height_px <= MAX_PIXELS:
         return []
-    max_frames = MOST_PIXELS // (video.width_px * video.height_px)
+    max_frames = MAX_PIXELS // (video.width_px * video.height_px)
     return [
         f"video: a film of {duration_s:g} s at speed_up = {video.speed_up:g} and "
         f"{video.frame_rate_hz} Hz has "
@@ -93,18 +93,18 @@ def _cost(motion: MotionSettings) -> list[str]:
     vehicles = 1 + len(motion.plan.followers)
     problems = []
     instants = duration_s / CONTROL_STEP_S * vehicles
-    if instants > MOST_INSTANTS:
+    if instants > MAX_INSTANTS:
         problems.append(
             f"duration_s: {duration_s:g} s of {vehicles} vehicles would take "
             f"{instants * 1.1e-6:.3g} GB of "
-            f"memory; so many vehicles may fly {MOST_INSTANTS * CONTROL_STEP_S / vehicles:.0f} s"
+            f"memory; so many vehicles may fly {MAX_INSTANTS * CONTROL_STEP_S / vehicles:.0f} s"
         )
     steps = duration_s / step_s * vehicles
-    if motion.kind == "physics" and steps > MOST_PHYSICS_STEPS:
+    if motion.kind == "physics" and steps > MAX_PHYSICS_STEPS:
         problems.append(
             f"timing.physics_step_s: {duration_s:g} s of {vehicles} vehicles in steps of "
             f"{step_s:g} s are {steps:.4g} steps, there may be "
-            f"{MOST_PHYSICS_STEPS}"
+            f"{MAX_PHYSICS_STEPS}"
         )
     return problems
 
@@ -413,7 +413,9 @@ def _start_overlap(motion: MotionSettings) -> list[str]:
         for j, other in enumerate(setups[:i]):
             x, y, z = np.subtract(setup.position_m, other.position_m)
             overlaps_other = (
-                (joins[i] or joins[j]) and np.hypot(x, y) < LEAST_APART_M and abs(z) < LEAST_LAYER_M
+                (joins[i] or joins[j])
+                and np.hypot(x, y) < MIN_SEPARATION_M
+                and abs(z) < MIN_LAYER_SPACING_M
             )
             if overlaps_other or (
                 motion.contact == "end" and np.hypot(np.hypot(x, y), z) < 2.0 * HULL_RADIUS_M
@@ -421,7 +423,7 @@ def _start_overlap(motion: MotionSettings) -> list[str]:
                 overlaps.append(
                     f"{keys[j]} and {keys[i]} start {np.hypot(x, y):.2g} m apart in layers "
                     f"{abs(z):.2g} m apart; at "
-                    f"least {LEAST_APART_M:g} m or {LEAST_LAYER_M:g} m are needed"
+                    f"least {MIN_SEPARATION_M:g} m or {MIN_LAYER_SPACING_M:g} m are needed"
                 )
     return overlaps
 
@@ -431,13 +433,13 @@ def _station_conflict(motion: MotionSettings) -> list[str]:
     give way by.
     """
     closest = None if motion.formation.proximity else closest_stations(motion)
-    if closest is None or closest.distance_m >= LEAST_APART_M:
+    if closest is None or closest.distance_m >= MIN_SEPARATION_M:
         return []
     return [
         f"{' and '.join(closest.pair)}, in one layer, come within {closest.distance_m:.2g} m of "
-        f"each other at {closest.time_s:g} s of the leader's route; at least {LEAST_APART_M:g} m "
-        f"are needed: give them layers {LEAST_LAYER_M:g} m apart, other places, or "
-        "formation.proximity to give way by"
+        f"each other at {closest.time_s:g} s of the leader's route; at least {MIN_SEPARATION_M:g} "
+        f"m are needed: give them layers {MIN_LAYER_SPACING_M:g} m apart, "
+        "other places, or formation.proximity to give way by"
     ]
 
 

@@ -18,7 +18,7 @@ from sim import attitude
 from sim.assembly import routes_of
 from sim.control.station import FRAME_STATE, STATION, TRAIL, extend, station_at, turn_frame
 from sim.hull import HullLimits, hull_of, limits_of
-from sim.scenario.formation import LEAST_LAYER_M
+from sim.scenario.formation import MIN_LAYER_SPACING_M
 from sim.scenario.parts import MissionPlan, MotionSettings
 from sim.scenario.point_motion import plan as planned_motion
 from sim.scenario.routes import Route
@@ -512,7 +512,7 @@ def _nearest(
 
 
 def _in_one_layer(depth: Floats) -> Bools:
-    return np.abs(depth[:, None] - depth) < LEAST_LAYER_M
+    return np.abs(depth[:, None] - depth) < MIN_LAYER_SPACING_M
 
 
 def closest_approaches(trajectory: Trajectory) -> tuple[Approach, Approach]:

@@ -393,8 +393,8 @@ def _fly(cell: Cell, truth: lane.TruthRecord, runs: range, history: Floats = _NO
     )
     for i, estimates in enumerate(results):
         of_run = block[0][i::LANES]
-        of_run[lane.SUM_NIS // LANES] = estimates.squared
-        of_run[lane.COUNT_NIS // LANES] = 0.5 * estimates.numbers
+        of_run[lane.SUM_NIS // LANES] = estimates.nis_sum
+        of_run[lane.COUNT_NIS // LANES] = 0.5 * estimates.nis_dof
         for kind in estimates.kinds:
             of_run[lane.KINDS // LANES + kind] += 1.0
     return block

@@ -21,10 +21,10 @@ from reports.page import Figures
 from reports.style import FRAME, FULL, PAPER, SERIES, WIDTH, Legend
 from reports.tables import Table
 
-MOST_PANELS = 12
-MOST_LINES = len(SERIES)
-_MOST_TICKS = 8
-_MOST_BARS = 200  # points of a panel beyond which intervals would hide them
+MAX_PANELS = 12
+MAX_LINES = len(SERIES)
+_MAX_TICKS = 8
+_MAX_BARS = 200  # points of a panel beyond which intervals would hide them
 
 
 def _words(name: str) -> tuple[str, str]:
@@ -113,7 +113,7 @@ def layout_of(plan: StudyPlan) -> ChartLayout:
 
     others = [n for n in free if n not in (report.lines, report.panels)]
     x_factor = taken(report.against, *(n for n in others if axis_of(plan, n).numeric), *others)
-    line_candidates = [n for n in free if n != report.panels and len(levels(plan, n)) <= MOST_LINES]
+    line_candidates = [n for n in free if n != report.panels and len(levels(plan, n)) <= MAX_LINES]
     lines = taken(report.lines, *(n for n in line_candidates if n == ARM), *line_candidates)
     return ChartLayout(x_factor, lines, tuple(sorted(free, key=lambda n: n != report.panels)))
 
@@ -129,7 +129,7 @@ def _legend(values: Sequence[object]) -> Legend:
 
 def _few(words: Mapping[float, str]) -> dict[float, str]:
     """So many of the words along an axis that they do not overlap."""
-    return dict(itertools.islice(words.items(), None, None, max(1, -(-len(words) // _MOST_TICKS))))
+    return dict(itertools.islice(words.items(), None, None, max(1, -(-len(words) // _MAX_TICKS))))
 
 
 def _factors_at(plan: StudyPlan, condition: Condition) -> dict[str, Any]:
@@ -162,7 +162,7 @@ def _marks(
         title = point_text({name: values[name] for name in layout.panels})
         line = panels.setdefault(title, {}).setdefault(repr(values.get(layout.lines)), [])
         line.append((x_of[repr(values[axis.name])], *estimate))
-    return dict(itertools.islice(panels.items(), MOST_PANELS))
+    return dict(itertools.islice(panels.items(), MAX_PANELS))
 
 
 def _y_limits(panels: Mapping[str, Marks], *, from_zero: bool) -> tuple[float, float]:
@@ -191,7 +191,7 @@ def _marked_lines(
             x = x + 0.12 * (i - (len(kinds) - 1) / 2)
         if axis.numeric and connected:
             lines.append(Line(x=x, y=y, colour=colour))
-        bars = (low, high) if x.size <= _MOST_BARS else None
+        bars = (low, high) if x.size <= _MAX_BARS else None
         lines.append(Line(x=x, y=y, colour=colour, marker="o", size=3.0, name=name, interval=bars))
     return lines
 
@@ -248,7 +248,7 @@ def scatter(plan: StudyPlan, results: Results) -> Figures:
     lines = ARM if len(plan.arms) > 1 else ""
     drawn = [
         over_factor(plan, results, ChartLayout(factor.key, lines))
-        for factor in plan.study.factors[:MOST_PANELS]
+        for factor in plan.study.factors[:MAX_PANELS]
     ]
     return Figures(
         panels=[panel for figures in drawn for panel in figures.panels], legend=_legend(plan.arms)
@@ -269,7 +269,7 @@ def heat_maps(plan: StudyPlan, results: Results, names: Sequence[str]) -> Figure
     for condition in results.rows:
         factors = _factors_at(plan, condition)
         title = point_text({name: factors[name] for name in others})
-        if title in drawn or len(drawn) < MOST_PANELS:
+        if title in drawn or len(drawn) < MAX_PANELS:
             values = drawn.setdefault(title, np.full((len(row), len(column)), np.nan))
             estimate = results.estimate(condition, plan.study.file.report.metric)
             values[row[repr(factors[up.name])], column[repr(factors[across.name])]] = estimate.value
@@ -364,7 +364,7 @@ def over_realizations(plan: StudyPlan, results: Results) -> Figures:
         ]
         owners = [point_text(plan.points[point])] if plan.points[point] else []
         owners += [follower] if len(plan.followers) > 1 else []
-        if lines and len(drawn) < MOST_PANELS:
+        if lines and len(drawn) < MAX_PANELS:
             drawn[", ".join(owners)] = lines
     ends = [end for lines in drawn.values() for line in lines for end in (line.x[0], line.x[-1])]
     margin = 0.04 * (max(ends, default=1.0) - min(ends, default=0.0)) or 1.0
@@ -388,7 +388,7 @@ def over_draws(plan: StudyPlan, results: Results, point: int) -> Figures:
     panels = list[Panel]()
     label = METRICS[metric].label
     places = [Condition(point, arm, plan.followers[0]) for arm in plan.arms]
-    for draw in plan.study.draws[:MOST_PANELS]:
+    for draw in plan.study.draws[:MAX_PANELS]:
         drawn = [[row[draw.key] for row in results.rows.get(condition, [])] for condition in places]
         lines = [
             Line(

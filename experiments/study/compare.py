@@ -27,7 +27,7 @@ from sim.log.reader import read
 from sim.scenario.file import dotted
 from sim.scenario.file import read as read_toml
 
-MOST = len(SERIES)
+MAX_COMPARED = len(SERIES)
 _NAMED = 3  # most points that messages name
 
 
@@ -242,10 +242,10 @@ def page_of(sources: Sequence[str]) -> Page:
     """A page that shows 2 to 6 flights, or studies, side by side; LaisnError: other sources, or
     a damaged log.
     """
-    if not 2 <= len(sources) <= MOST:
+    if not 2 <= len(sources) <= MAX_COMPARED:
         raise LaisnError(
-            f"{len(sources)} given to compare, expected 2 to {MOST} folders of flights or of "
-            "studies"
+            f"{len(sources)} given to compare, expected 2 to {MAX_COMPARED} folders of flights or "
+            "of studies"
         )
     paths = [Path(source) for source in sources]
     logs = [path if path.suffix == ".mcap" else path / LOG for path in paths]

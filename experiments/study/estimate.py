@@ -39,7 +39,7 @@ class Condition(NamedTuple):
 NOTHING = Interval(math.nan, math.nan, math.nan)
 INTERACTIONS = "interactions"
 _RESAMPLES = 1000
-_MOST_VALUES = 5_000_000
+_MAX_VALUES = 5_000_000
 """Bound on the values that are resampled: designs of many places have fewer resamples, at least
 20.
 """
@@ -291,7 +291,7 @@ def main_effects(plan: StudyPlan, results: Results, metric: str) -> dict[str, In
         return {}
     coded = _coded_factors(plan, places)
     random = np.random.default_rng([_KEY, plan.study.file.seed or 0])
-    resamples = min(_RESAMPLES, max(_MOST_VALUES // len(places), 20))
+    resamples = min(_RESAMPLES, max(_MAX_VALUES // len(places), 20))
     if plan.study.file.design == "factorial":
         effects = _analysis_of_variance(coded, samples, resamples, random)
     else:

@@ -17,7 +17,7 @@ from laisn.geometry import pitch_fix_error
 from sim.assembly import routes_of
 from sim.closed_loop import simulate_closed_loop
 from sim.flight import Termination
-from sim.scenario.formation import LEAST_LAYER_M
+from sim.scenario.formation import MIN_LAYER_SPACING_M
 from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.simulation import DivergedError, EndedError
@@ -184,7 +184,7 @@ def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
             trajectory.pitch[sent, 0], -up, np.maximum(np.hypot(east, north), 1e-9), off_bow
         )
         level = np.hypot(offsets[..., 0], offsets[..., 1]).min(axis=0)
-        layer = level[np.abs(np.delete(layers, v) - layers[v]) < LEAST_LAYER_M]
+        layer = level[np.abs(np.delete(layers, v) - layers[v]) < MIN_LAYER_SPACING_M]
         row: Record = {
             "track_error_rms_m": _rms(errors),
             "track_error_max_m": float(errors.max()),

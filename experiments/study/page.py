@@ -27,11 +27,11 @@ from reports import page as pages
 from reports.intervals import Interval
 from reports.page import Code, Film, Page, Replay, TableCell, Tile, number, words
 
-_MOST_COMMANDS = 400
-_MOST_ANSWERS = 12  # places of the table on the terminal
-_MOST_ARMS = 3  # arms with a key figure of their own
+_MAX_COMMANDS = 400
+_MAX_ANSWERS = 12  # places of the table on the terminal
+_MAX_ARMS = 3  # arms with a key figure of their own
 _DECIDES = 0.5  # least share of the variance of the factor that decides
-_MOST_ROWS = 60  # places in a table; of more, those of the lowest and highest values are listed
+_MAX_ROWS = 60  # places in a table; of more, those of the lowest and highest values are listed
 _TONES = {"lower": "yes", "higher": "no", "undecided": "maybe", "same": ""}
 _COLUMNS = (
     METRIC,
@@ -99,7 +99,7 @@ def worst_entry(plan: StudyPlan, results: Results) -> tuple[PlanEntry, int, str]
 def commands(plan: StudyPlan, results: Results) -> str:
     """For every place the commands that fly its worst and its median run alone."""
     lines = []
-    for condition in list(results.rows)[:_MOST_COMMANDS]:
+    for condition in list(results.rows)[:_MAX_COMMANDS]:
         for extreme, (realization, run) in zip(
             ("worst", "median"), notable(plan, results, condition), strict=True
         ):
@@ -162,7 +162,7 @@ class StudyPage:
             words_of_factor = charts.label_of(name).partition(" [")[0]
             remark = f"{100 * effect.value:.0f} % of the variance between places"
             tiles.append(Tile(name="what decides", value=words_of_factor, remark=remark))
-        for arm, counts in list(self.verdict_counts.items())[:_MOST_ARMS]:
+        for arm, counts in list(self.verdict_counts.items())[:_MAX_ARMS]:
             decided = f"lower at {counts['lower']}, higher at {counts['higher']}"
             total = sum(counts.values())
             remark = f"of {total} places, against {self.plan.arms[0]}"
@@ -240,9 +240,9 @@ class StudyPage:
     @cached_property
     def listed_places(self) -> list[Condition]:
         """Places of the table: all, or of too many the lowest and the highest."""
-        if len(self.results.rows) <= _MOST_ROWS:
+        if len(self.results.rows) <= _MAX_ROWS:
             return list(self.results.rows)
-        half_rows = _MOST_ROWS // 2
+        half_rows = _MAX_ROWS // 2
         return self.ranked[:half_rows] + self.ranked[-half_rows:]
 
     @cached_property
@@ -348,8 +348,8 @@ def answer(plan: StudyPlan, results: Results) -> Answer:
     """
     page = StudyPage(plan=plan, results=results, failures={})
     places = list(results.rows)
-    if len(places) > _MOST_ANSWERS:
-        half_answers = _MOST_ANSWERS // 2
+    if len(places) > _MAX_ANSWERS:
+        half_answers = _MAX_ANSWERS // 2
         places = page.ranked[:half_answers] + page.ranked[-half_answers:]
     heads = ["where", page.metric.label]
     if page.several_arms:

@@ -27,11 +27,11 @@ from sim.scenario.section import Section
 from sim.scenario.settings import Scenario, Timing
 
 FOLLOWER = "follower"
-MOST_ENTRIES = 200_000
+MAX_ENTRIES = 200_000
 _READINGS = re.compile(r"(acoustics|sensors)\.(?!custom|own)")
 """Keys that change what sensors read, but neither motion nor feasibility."""
 _SHOWN = 1000  # least number of scenarios whose planning shows progress
-MOST_RUNS = 2**31 - LANES
+MAX_RUNS = 2**31 - LANES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -378,7 +378,7 @@ def plan_of(study: Study, *, quiet: bool = True) -> StudyPlan:
             study.file.design,
             study.file.points,
             study.file.seed or 0,
-            MOST_ENTRIES // each,
+            MAX_ENTRIES // each,
         )
     except ValueError as error:
         lines.append(f"  design: {error}")
@@ -414,6 +414,6 @@ def _number_errors(study: Study, entries: Sequence[PlanEntry]) -> list[str]:
         errors.append(f"  realizations: {text}")
     runs = study.until.most if study.until else study.runs
     last = max((entry.scenario.run for entry in entries), default=0) + runs
-    if last > MOST_RUNS:
-        errors.append(f"  runs, runs_apart: the last run is number {last:,}, at most {MOST_RUNS:,}")
+    if last > MAX_RUNS:
+        errors.append(f"  runs, runs_apart: the last run is number {last:,}, at most {MAX_RUNS:,}")
     return errors

@@ -30,7 +30,7 @@ from sim.scenario.settings import Video
 from sim.trajectory import Trajectory
 
 # by which the number of runs grows at most from one look at their intervals to the next
-_MOST_GROWTH = 10.0
+_MAX_GROWTH = 10.0
 _TABLE_ROWS = 60_000
 
 
@@ -273,7 +273,7 @@ def runs_wanted(runs: int, half_width: float, until: Until, batch: int) -> int:
     """
     if half_width <= until.half_width or runs >= until.most:
         return runs
-    batches = math.ceil(runs * min((half_width / until.half_width) ** 2, _MOST_GROWTH) / batch)
+    batches = math.ceil(runs * min((half_width / until.half_width) ** 2, _MAX_GROWTH) / batch)
     return min(batches * batch, until.most)
 
 

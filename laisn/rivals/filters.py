@@ -508,7 +508,7 @@ class InvertedUsbl(DeadReckoning):
 DISCOUNT = 0.98
 KEPT = (3.0 * DISCOUNT - 1.0) / (2.0 * DISCOUNT)
 # a power of the likelihood is applied first where fewer particles than this share would count
-LEAST_SHARE = 0.1
+MIN_SHARE = 0.1
 SMALLEST_POWER = 2.0**-10
 
 
@@ -622,7 +622,7 @@ class ParticleFilter(DeadReckoning):
             )
             power = rest
             weights = _weighted(self.weights, power * likelihood)
-            while 1.0 / np.sum(weights**2) < LEAST_SHARE * n and power > SMALLEST_POWER:
+            while 1.0 / np.sum(weights**2) < MIN_SHARE * n and power > SMALLEST_POWER:
                 power *= 0.5
                 weights = _weighted(self.weights, power * likelihood)
             self.weights = weights

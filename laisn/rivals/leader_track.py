@@ -15,7 +15,7 @@ _FIRST = 1.0
 _GROWTH = 0.2
 _ROUNDING = 1e-6
 # windows with more turn of the leader are not used: its way between messages is uncertain [rad]
-_MOST_TURN = 0.2
+_MAX_TURN = 0.2
 _SIGMA = 0.05  # of the mean current over the longest window [m/s]
 
 
@@ -52,7 +52,7 @@ class LeaderTrack:
         self._through_water += 0.5 * elapsed * (_velocity(last) + _velocity(message))
         window = message.timestamp - begin.timestamp
         target = min(_LONGEST, _FIRST + _GROWTH * (message.timestamp - self._first_time))
-        turned = abs(signed_angle(message.heading - begin.heading)) > _MOST_TURN
+        turned = abs(signed_angle(message.heading - begin.heading)) > _MAX_TURN
         if not turned and window < target - _ROUNDING:
             return None
         way = np.array([message.east - begin.east, message.north - begin.north])

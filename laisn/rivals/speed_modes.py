@@ -30,7 +30,7 @@ WALKS = (0.005, 0.2)
 STAY = 0.97
 """Chance that a mode stays over `MIXING_TIME`."""
 MIXING_TIME = 1.0  # [s]
-LEAST_WEIGHT = 1e-6
+MIN_WEIGHT = 1e-6
 START_SPEED_SIGMA = 10.0  # nothing is known of the speed before the first reading [m/s]
 
 
@@ -95,7 +95,7 @@ def update_weights(weights: Floats, log_likelihoods: Floats) -> None:
         total += weights[mode]
     bounded = 0.0
     for mode in range(weights.size):
-        weights[mode] = max(weights[mode] / total, LEAST_WEIGHT)
+        weights[mode] = max(weights[mode] / total, MIN_WEIGHT)
         bounded += weights[mode]
     for mode in range(weights.size):
         weights[mode] /= bounded

@@ -61,10 +61,10 @@ def _write_states(b: GaussianMixture, m: Model, places: Ints, fix: Record) -> No
     """
     for i in range(places.shape[0]):
         mean = 0.0
-        for k in range(b.alive * m.modes):
+        for k in range(b.n_hypotheses * m.modes):
             mean += b.weight[k] * b.state[k, i]
         variance = 0.0
-        for k in range(b.alive * m.modes):
+        for k in range(b.n_hypotheses * m.modes):
             deviation = b.state[k, i] - mean
             variance += b.weight[k] * (b.covariance[k, i, i] + deviation * deviation)
         fix.full_state[places[i]] = mean
@@ -99,7 +99,7 @@ def _heaviest_below(b: GaussianMixture, m: Model, heavier: int) -> int:
     bound = np.inf if heavier < 0 else hypothesis_weight(b, m.modes, heavier)
     chosen = -1
     largest = -np.inf
-    for h in range(b.alive):
+    for h in range(b.n_hypotheses):
         weight = hypothesis_weight(b, m.modes, h)
         follows = weight < bound or (weight == bound and h > heavier)
         if follows and weight > largest:
@@ -120,19 +120,19 @@ def write_fix(b: GaussianMixture, m: Model, places: Ints, used: int, fix: Record
         fix: out.
     """
     _clear(fix)
-    if b.alive == 0:
+    if b.n_hypotheses == 0:
         return
     _write_states(b, m, places, fix)
     top = _heaviest_below(b, m, -1)
     h = top
-    for rank in range(b.alive):
+    for rank in range(b.n_hypotheses):
         _write_hypothesis(b, m, h, rank, fix)
         h = _heaviest_below(b, m, h)
     if used > 0:
         last = b.outcome[heaviest(b, m.modes, top)]
-        fix.used = last.taken
-        if last.taken > 0:
-            fix.nis = last.squared
+        fix.used = last.n_used
+        if last.n_used > 0:
+            fix.nis = last.nis_sum
     fix.fix_kind = kind_of_message(b.received, fix.used)
     # of the place: the root of half the trace of its covariance
     fix.fix_sigma = math.sqrt(0.5 * (fix.full_sigma[0] ** 2 + fix.full_sigma[1] ** 2))

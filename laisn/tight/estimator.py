@@ -35,7 +35,7 @@ from laisn.vector_math import half_turn_angle, sin_cos
 _SPLIT = 0.2
 _WIDEST = 1.0
 _REACH = 3.5
-_LEAST_WEIGHT = 1e-5
+_MIN_WEIGHT = 1e-5
 # squared Mahalanobis distance below which two hypotheses are one
 _SAME = 1.0
 # squared Mahalanobis distance of one position, where the leader's position errs anew in each
@@ -117,13 +117,13 @@ def split(b: GaussianMixture, m: Model, signal: Signal) -> None:
     """Split every hypothesis that is wide enough at the leader's axis for both of its sides to
     matter.
     """
-    for h in range(b.alive):
+    for h in range(b.n_hypotheses):
         lateral, variance, critical = _lateral_offset(b, m, mixture.heaviest(b, m.modes, h), signal)
         threshold = min(_SPLIT * critical, _WIDEST)
         is_wide = variance > threshold * threshold and abs(lateral) < _REACH * math.sqrt(variance)
-        if b.alive < CAPACITY and is_wide:
-            other = b.alive
-            b.alive += 1
+        if b.n_hypotheses < CAPACITY and is_wide:
+            other = b.n_hypotheses
+            b.n_hypotheses += 1
             mixture.copy_hypothesis(b, m.modes, h, other)
             for mode in range(m.modes):
                 _truncate_to_side(b, m, h * m.modes + mode, signal, 1.0)
@@ -136,10 +136,10 @@ def prune_and_merge(b: GaussianMixture, m: Model) -> None:
     headings are not merged.
     """
     same_radius = _SAME if m.leader_position == ABSENT else _SAME_BESIDE_ERRORS
-    b.alive = mixture.prune_and_merge(
-        b, m.modes, b.alive, _LEAST_WEIGHT, HYPOTHESES, m.leader, same_radius
+    b.n_hypotheses = mixture.prune_and_merge(
+        b, m.modes, b.n_hypotheses, _MIN_WEIGHT, HYPOTHESES, m.leader, same_radius
     )
-    mixture.normalise(b.weight, b.alive * m.modes)
+    mixture.normalise(b.weight, b.n_hypotheses * m.modes)
 
 
 _BEARINGS = 96
@@ -160,7 +160,7 @@ def _rotate_to_bias(b: GaussianMixture, m: Model, k: int) -> None:
     P = b.covariance
     by_bias_x = -b.state[k, Y]
     by_bias_y = b.state[k, X]
-    bias = b.fresh[m.leader]
+    bias = b.prior_variance[m.leader]
     turn = bias + b.leader_variance
     # P += (v + σ_b²) g gᵀ of the position, with g = ∂(x, y)/∂b_L, and σ_b² g with b_L
     P[k, X, X] += turn * by_bias_x * by_bias_x
@@ -193,11 +193,11 @@ def _merge_ring(
     distance = math.sqrt(max(shortest * shortest - deeper * deeper, 1.0))
     best = -math.inf
     for h in range(2):
-        mixture.reset_component(b, first + h * m.modes, b.fresh)
+        mixture.reset_component(b, first + h * m.modes, b.prior_variance)
     for merging in (False, True):
         for j in range(_BEARINGS):
             direction = sin_cos(2.0 * math.pi * (j + 0.5) / _BEARINGS)
-            mixture.reset_component(b, SPARE, b.fresh)
+            mixture.reset_component(b, SPARE, b.prior_variance)
             motion.start_speed(b, m, SPARE)
             if m.leader != ABSENT:
                 b.covariance[SPARE, m.leader, m.leader] = 0.0
@@ -226,7 +226,7 @@ def add_ring(b: GaussianMixture, m: Model, signal: Signal, weight: float) -> boo
 
     False if a covariance was not positive definite.
     """
-    first = b.alive * m.modes
+    first = b.n_hypotheses * m.modes
     mean = (b.output.x - signal.east, b.output.y - signal.north)
     east = signal.east
     north = signal.north
@@ -243,7 +243,7 @@ def add_ring(b: GaussianMixture, m: Model, signal: Signal, weight: float) -> boo
     for k in range(first):
         b.weight[k] *= 1.0 - weight
     for h in range(2):
-        k = b.alive * m.modes
+        k = b.n_hypotheses * m.modes
         if h == 1 and k == first:
             # nothing was left on the other side
             mixture.copy_component(b, first + m.modes, first)
@@ -255,8 +255,8 @@ def add_ring(b: GaussianMixture, m: Model, signal: Signal, weight: float) -> boo
             b.weight[k] *= weight / (total * m.modes)
             for mode in range(1, m.modes):
                 mixture.copy_component(b, k, k + mode)
-            b.alive += 1
-    mixture.normalise(b.weight, b.alive * m.modes)
+            b.n_hypotheses += 1
+    mixture.normalise(b.weight, b.n_hypotheses * m.modes)
     prune_and_merge(b, m)
     return True
 
@@ -266,9 +266,9 @@ _BEND = 0.003
 _SMOOTHING = 0.15  # of the NIS
 # of the estimated variance of the leader's heading, which never exceeds that of the settings
 _VARIANCE_GAIN = 0.1
-_LEAST_LEADER_VARIANCE = math.radians(0.1) ** 2
+_MIN_LEADER_VARIANCE = math.radians(0.1) ** 2
 # messages in a row without an accepted range, after which covariances are inflated
-_MOST_MISSED = 3
+_MAX_MISSED = 3
 # what they are inflated by: along each axis [m²], and of b_θ [rad²]
 _ADDED_POSITION = 1.0
 _ADDED_COMPASS = math.radians(2.0) ** 2
@@ -348,7 +348,7 @@ def mix_modes(b: GaussianMixture, m: Model) -> None:
     """
     if m.drift_modes == 1:
         return
-    for h in range(b.alive):
+    for h in range(b.n_hypotheses):
         for speed in range(m.speed_modes):
             slow = h * m.modes + 2 * speed
             motion.mix_pair(b, m, slow, slow + 1, m.mode_switches * b.motion.elapsed)
@@ -366,17 +366,17 @@ def _turn_growth(
     angle = half_turn_angle(
         sine * turn.cos - cosine * turn.sin, sine * turn.sin + cosine * turn.cos
     )
-    turn.still += time
+    turn.still_time += time
     if started and angle > max(turn.angle, min_variance):
         gained: float = angle * angle - turn.angle * turn.angle
         turn.angle = angle
-        turn.still = 0.0
+        turn.still_time = 0.0
         return gained
-    if not started or turn.still >= _SETTLED - 1e-6:
+    if not started or turn.still_time >= _SETTLED - 1e-6:
         turn.sin = sine
         turn.cos = cosine
         turn.angle = 0.0
-        turn.still = 0.0
+        turn.still_time = 0.0
     return 0.0
 
 
@@ -396,7 +396,7 @@ def inflate_bias_covariance(b: GaussianMixture, m: Model, signal: Signal) -> Non
             leader_growth = m.deviation * _turn_growth(
                 b.leader_turn, sin_cos(signal.heading), _LEADER_TURN, o.elapsed
             )
-    for k in range(b.alive * m.modes):
+    for k in range(b.n_hypotheses * m.modes):
         b.covariance[k, COMPASS, COMPASS] += compass_growth
         if turning:
             b.state[k, m.leader] += signal.shift
@@ -436,10 +436,10 @@ def update_leader_variance(b: GaussianMixture, m: Model) -> None:
     readings on legs.
     """
     excess = 0.0
-    for k in range(b.alive * m.modes):
+    for k in range(b.n_hypotheses * m.modes):
         excess += b.weight[k] * b.turn_excess[k]
     variance = min(b.leader_variance + _VARIANCE_GAIN * excess, b.leader.scatter)
-    b.leader_variance = min(max(variance, _LEAST_LEADER_VARIANCE), m.leader_variance)
+    b.leader_variance = min(max(variance, _MIN_LEADER_VARIANCE), m.leader_variance)
 
 
 @compiled
@@ -450,7 +450,7 @@ def _check_consistency(
     that failed.
     """
     normalised_innovation = 0.0
-    for k in range(b.alive * m.modes):
+    for k in range(b.n_hypotheses * m.modes):
         normalised_innovation += b.weight[k] * b.outcome[k].normalised_innovation
     b.smoothed_nis += _SMOOTHING * (normalised_innovation - b.smoothed_nis)
     if received > 1 and not b.smoothed_nis < _INCONSISTENT_NIS:
@@ -459,8 +459,8 @@ def _check_consistency(
         if not add_ring(b, m, signal, _RING_WEIGHT):
             return False
     b.missed_updates = 0.0 if used > 0 else b.missed_updates + 1.0
-    if b.missed_updates >= _MOST_MISSED:
-        for k in range(b.alive * m.modes):
+    if b.missed_updates >= _MAX_MISSED:
+        for k in range(b.n_hypotheses * m.modes):
             b.covariance[k, X, X] += _ADDED_POSITION
             b.covariance[k, Y, Y] += _ADDED_POSITION
             b.covariance[k, COMPASS, COMPASS] += _ADDED_COMPASS
@@ -502,18 +502,20 @@ def _time_pings(b: GaussianMixture, m: Model, signal: Signal) -> None:
 def _begin(b: GaussianMixture, m: Model, signal: Signal) -> int:
     """Make the belief from a first message; see `receive`."""
     if m.leader_position != ABSENT:
-        b.fresh[m.leader_position] = b.fresh[m.leader_position + 1] = (
+        b.prior_variance[m.leader_position] = b.prior_variance[m.leader_position + 1] = (
             signal.leader_position_variance
         )
     if m.leader_position_walk != ABSENT:
         walked = m.leader_position_walk_rate * b.motion.clock
-        b.fresh[m.leader_position_walk] = b.fresh[m.leader_position_walk + 1] = walked
+        b.prior_variance[m.leader_position_walk] = b.prior_variance[m.leader_position_walk + 1] = (
+            walked
+        )
     if not add_ring(b, m, signal, 1.0):
         return -1
     # all ranges were used, but nothing had been expected of them that they could have missed
-    for k in range(b.alive * m.modes):
-        b.outcome[k].taken = b.received
-        b.outcome[k].squared = np.nan
+    for k in range(b.n_hypotheses * m.modes):
+        b.outcome[k].n_used = b.received
+        b.outcome[k].nis_sum = np.nan
     motion.reset_preintegration(b)
     b.motion.elapsed = 0.0
     refresh_output(b, m)
@@ -526,7 +528,7 @@ def _update_components(b: GaussianMixture, m: Model, signal: Signal) -> int:
     definite.
     """
     most_ranges = 0
-    for k in range(b.alive * m.modes):
+    for k in range(b.n_hypotheses * m.modes):
         used = update(b, m, k, signal)
         if used < 0:
             return -1
@@ -549,13 +551,13 @@ def receive(b: GaussianMixture, m: Model, signal: Signal) -> int:
     _time_pings(b, m, signal)
     if received == 0:
         return 0
-    if b.alive == 0:
+    if b.n_hypotheses == 0:
         return _begin(b, m, signal) if received >= 2 else 0
     mix_modes(b, m)
     if m.leader != ABSENT:
         motion.average_leader_heading(b, m, signal)
     inflate_bias_covariance(b, m, signal)
-    for k in range(b.alive * m.modes):
+    for k in range(b.n_hypotheses * m.modes):
         if not _propagate_iterated(b, m, k, signal):
             return -1
     if not math.isnan(signal.ranges[0] + signal.ranges[1]):
@@ -563,11 +565,11 @@ def receive(b: GaussianMixture, m: Model, signal: Signal) -> int:
     most_ranges = _update_components(b, m, signal)
     if most_ranges < 0:
         return -1
-    if b.alive * m.modes > 1 and not motion.update_weights(b, m):
+    if b.n_hypotheses * m.modes > 1 and not motion.update_weights(b, m):
         return -1
     if m.leader != ABSENT:
         update_leader_variance(b, m)
-    if b.alive > 1:
+    if b.n_hypotheses > 1:
         prune_and_merge(b, m)
     if not _check_consistency(b, m, signal, received, most_ranges):
         return -1

@@ -29,9 +29,9 @@ from laisn.settings import COMPASS_WALK, CURRENT_WALK, LOG_WALK, TightSettings
 from laisn.tight.records import (
     ABSENT,
     BELIEF,
+    MAX_MODES,
+    MAX_STATES,
     MODEL,
-    MOST_MODES,
-    MOST_STATES,
     GaussianMixture,
     Model,
 )
@@ -102,8 +102,8 @@ def prior_sigmas(settings: TightSettings) -> dict[int, float]:
 
 
 def _of_modes(values: list[float]) -> tuple[float, ...]:
-    """Values of each mode, filled up to `MOST_MODES`."""
-    return (*values, *[0.0] * (MOST_MODES - len(values)))
+    """Values of each mode, filled up to `MAX_MODES`."""
+    return (*values, *[0.0] * (MAX_MODES - len(values)))
 
 
 def model_of(settings: TightSettings) -> Model:
@@ -159,8 +159,8 @@ def model_of(settings: TightSettings) -> Model:
         "ping_slot": s.ping_slot if s.compensate_motion else 0.0,
         "sound_slowness": s.sound_slowness if s.compensate_motion else 0.0,
         "log_outlier": math.log(s.outlier_probability),
-        "log_accepted": math.log1p(-s.outlier_probability),
-        "log_rejected": math.log(s.outlier_probability / s.outlier_span),
+        "log_p_inlier": math.log1p(-s.outlier_probability),
+        "log_density_outlier": math.log(s.outlier_probability / s.outlier_span),
     }
     records = np.zeros(1, dtype=MODEL)
     for name in MODEL.fields or ():
@@ -175,9 +175,9 @@ def refresh_output(b: GaussianMixture, m: Model) -> None:
     """
     out = b.output
     out.x = out.y = out.c_cos = out.c_sin = out.d_cos = out.d_sin = out.v_x = out.v_y = 0.0
-    if b.alive == 0:
+    if b.n_hypotheses == 0:
         out.x = out.y = np.nan
-    for k in range(b.alive * m.modes):
+    for k in range(b.n_hypotheses * m.modes):
         w = b.weight[k]
         sine, cosine = sin_cos(b.state[k, COMPASS])
         out.x += w * b.state[k, X]
@@ -207,15 +207,15 @@ def new_belief(
     # by key, as attributes of a record are slow outside of compiled code
     names = ["states", "modes", "leader_variance", "leader_position_variance"]
     states, modes, leader_variance, leader_position_variance = m[names].item()
-    prior_variance = np.zeros(MOST_STATES)
+    prior_variance = np.zeros(MAX_STATES)
     prior_variance[:states] = np.square(list(prior_sigmas(settings).values()))
     record = np.zeros(1, dtype=BELIEF)
     record["states"] = states
-    record["alive"] = start is not None
+    record["n_hypotheses"] = start is not None
     record["smoothed_nis"] = 1.0
     record["leader_variance"] = leader_variance
     record["leader_position_variance"] = leader_position_variance
-    record["fresh"] = prior_variance
+    record["prior_variance"] = prior_variance
     record["motion"]["speed"] = np.nan
     track = record["leader"]
     track["window_time"] = track["at_x"] = track["track"] = np.nan

@@ -120,7 +120,7 @@ def mix_pair(b: GaussianMixture, m: Model, first: int, second: int, switches: fl
 @compiled
 def update_weights(b: GaussianMixture, m: Model) -> bool:
     """Multiply the weights by the evidence; False if none is left."""
-    components = b.alive * m.modes
+    components = b.n_hypotheses * m.modes
     best = -math.inf
     for k in range(components):
         if b.weight[k] > 0.0 and b.evidence[k] > best:
@@ -142,8 +142,8 @@ def start_speed(b: GaussianMixture, m: Model, k: int) -> None:
         return
     P = b.covariance
     b.state[k, m.speed] = b.motion.speed
-    P[k, m.speed, m.speed] = b.fresh[m.speed]
-    P[k, m.speed, LOG] = P[k, LOG, m.speed] = -b.fresh[LOG]
+    P[k, m.speed, m.speed] = b.prior_variance[m.speed]
+    P[k, m.speed, LOG] = P[k, LOG, m.speed] = -b.prior_variance[LOG]
 
 
 @compiled
@@ -170,7 +170,7 @@ def _advance_components(b: GaussianMixture, m: Model, first: bool) -> None:
     reading starts their speeds.
     """
     o = b.motion
-    components = b.alive * m.modes
+    components = b.n_hypotheses * m.modes
     for k in range(components):
         if first:
             start_speed(b, m, k)
@@ -182,7 +182,7 @@ def _advance_components(b: GaussianMixture, m: Model, first: bool) -> None:
             b.evidence[k] = _update_with_log(b, m, k)
         update_weights(b, m)
     if o.unmixed >= _MIXING_TIME - 1e-6:
-        for h in range(b.alive):
+        for h in range(b.n_hypotheses):
             for drift in range(m.drift_modes):
                 held = h * m.modes + drift
                 mix_pair(b, m, held, held + m.drift_modes, m.speed_switches * o.unmixed)
@@ -376,8 +376,10 @@ def velocity(b: GaussianMixture) -> tuple[float, float]:
 
 @compiled
 def _add_component(b: GaussianMixture, m: Model, k: int, origin: tuple[float, float]) -> None:
-    """Add component k, moved to now, to the moments of the mixture about an origin (in `b.now`)."""
-    covariance = b.now_covariance
+    """Add component k, predicted to this time, to the moments of the mixture about an origin, in
+    `b.mixture_mean` and `b.mixture_covariance`.
+    """
+    covariance = b.mixture_covariance
     rows = b.rows
     x = b.state[k]
     o = b.motion
@@ -415,7 +417,9 @@ def _add_component(b: GaussianMixture, m: Model, k: int, origin: tuple[float, fl
             values[2] + east,
             values[3] + north,
         )
-    add_moments(b.now, covariance, weight, values, rows, b.covariance[k, : m.states, : m.states])
+    add_moments(
+        b.mixture_mean, covariance, weight, values, rows, b.covariance[k, : m.states, : m.states]
+    )
     xx, xy, yy = _position_noise(o, m, k % m.modes, way)
     covariance[0, 0] += weight * xx
     covariance[0, 1] += weight * xy
@@ -430,27 +434,27 @@ def _add_component(b: GaussianMixture, m: Model, k: int, origin: tuple[float, fl
 
 @compiled
 def moments(b: GaussianMixture, m: Model) -> None:
-    """Put mean and covariance of (x, y, vx, vy) over the mixture into `b.now`; NaN if there is
-    no hypothesis yet.
+    """Put mean and covariance of (x, y, vx, vy) over the mixture into `b.mixture_mean` and
+    `b.mixture_covariance`; NaN if there is no hypothesis yet.
     """
-    zero_or_nan = 0.0 if b.alive else np.nan
+    zero_or_nan = 0.0 if b.n_hypotheses else np.nan
     origin = position(b)
     for i in range(4):
-        b.now[i] = zero_or_nan
+        b.mixture_mean[i] = zero_or_nan
         for j in range(4):
-            b.now_covariance[i, j] = zero_or_nan
-    for k in range(b.alive * m.modes):
+            b.mixture_covariance[i, j] = zero_or_nan
+    for k in range(b.n_hypotheses * m.modes):
         _add_component(b, m, k, origin)
-    centre_moments(b.now, b.now_covariance)
-    b.now[0], b.now[1] = origin
+    centre_moments(b.mixture_mean, b.mixture_covariance)
+    b.mixture_mean[0], b.mixture_mean[1] = origin
 
 
 _STRAIGHT = 0.005  # a way that bends by less from message to message is straight [rad]
-_LEAST_WAY = 0.3  # shorter ways between messages have no direction [m]
+_MIN_DISTANCE = 0.3  # shorter ways between messages have no direction [m]
 # a reading so many σ from the mean: the leader has turned without moving aside
 _OUTLIER_SIGMAS = 4.0
 # of a leg, after which its mean heading is used
-_LEAST_MESSAGES = 4.0
+_MIN_MESSAGES = 4.0
 # it is used sooner where its variance is a smaller share of that of b_L
 _SMALL_SHARE = 0.1
 
@@ -466,7 +470,7 @@ def average_leader_heading(b: GaussianMixture, m: Model, signal: Signal) -> None
     dy = signal.north - o.at_y
     last_track = o.track
     o.at_x, o.at_y = signal.east, signal.north
-    o.track = math.atan2(dx, dy) if dx * dx + dy * dy > _LEAST_WAY * _LEAST_WAY else math.nan
+    o.track = math.atan2(dx, dy) if dx * dx + dy * dy > _MIN_DISTANCE * _MIN_DISTANCE else math.nan
     # by which the leader's way turned at the last message; NaN if that is unknown
     bend = wrap_angle(o.track - last_track)
     straight = abs(bend) < _STRAIGHT
@@ -495,7 +499,7 @@ def average_leader_heading(b: GaussianMixture, m: Model, signal: Signal) -> None
         signal.shift = shift
         signal.added_variance = 0.25 * bend * bend
     elif (
-        o.leg >= _LEAST_MESSAGES
+        o.leg >= _MIN_MESSAGES
         or o.scatter < _SMALL_SHARE * o.leg * b.covariance[0, m.leader, m.leader]
     ):
         signal.added_variance = o.scatter / o.leg
@@ -587,7 +591,7 @@ def update_current_from_leader_track(b: GaussianMixture, m: Model, signal: Signa
             variance += (
                 2.0 * b.leader_position_variance * per * per + m.leader_position_walk_rate * per
             )
-            for k in range(b.alive * m.modes):
+            for k in range(b.n_hypotheses * m.modes):
                 _update_component(b, m, k, seen, logged, variance)
     if ended:
         o.window_time = signal.time

@@ -157,10 +157,10 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
         )
         self._belief: GaussianMixture = b[0]
         # from here on views of the belief, which hold the moments of the mixture after each step
-        b["now"][0] = self._state
-        b["now_covariance"][0] = self._covariance
-        self._state = b["now"][0]
-        self._covariance = b["now_covariance"][0]
+        b["mixture_mean"][0] = self._state
+        b["mixture_covariance"][0] = self._covariance
+        self._state = b["mixture_mean"][0]
+        self._covariance = b["mixture_covariance"][0]
 
     def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
         predict(*self._records, own.speed, own.heading, dt)
@@ -235,7 +235,7 @@ def _moments(b: ScalarRecord, m: ScalarRecord) -> None:
 
 def _merged(b: GaussianMixture, m: Model) -> tuple[Floats, Floats]:
     """Mean and covariance of a belief's mixture, shapes (s,) and (s, s)."""
-    count = int(b.alive) * m.modes
+    count = int(b.n_hypotheses) * m.modes
     n = m.states
     return mixture_moments(b.weight[:count], b.state[:count, :n], b.covariance[:count, :n, :n])
 
@@ -259,13 +259,13 @@ class _Leg:
             b["covariance"][0, :count, : self._n, : self._n],
             b["rows"][0, :4, : self._n],
         )
-        self._moments = b["now"][0], b["now_covariance"][0]
+        self._moments = b["mixture_mean"][0], b["mixture_covariance"][0]
         self._whole = self._motion.copy()
         self.mean, self.covariance = _merged(belief, m)
         mix_modes(belief, m)
-        modes = belief.weight[: int(belief.alive) * count].reshape(-1, count).sum(axis=0)
+        modes = belief.weight[: int(belief.n_hypotheses) * count].reshape(-1, count).sum(axis=0)
         self._modes = modes / modes.sum()
-        belief.alive = 1
+        belief.n_hypotheses = 1
         belief.weight[:count] = self._modes
         self.onward = self.covariance @ self._matrix().T
         self._begin()
@@ -334,7 +334,7 @@ class SmoothingNavigator(TightNavigator):
         self._lag = lag
         self._motions: list[ScalarRecord] = []
         self._latest: list[int] = []
-        self._steps = [0] if self._belief.alive else []
+        self._steps = [0] if self._belief.n_hypotheses else []
         self._before: list[tuple[ScalarRecord, ScalarRecord]] = []
 
     def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
@@ -349,7 +349,7 @@ class SmoothingNavigator(TightNavigator):
         # the preintegration is reset after a message that was used
         if self._records[0]["motion"]["time"][0] == 0.0:
             self._steps.append(self._step)
-            if prior["alive"][0]:
+            if prior["n_hypotheses"][0]:
                 self._before.append((prior, self._signal.copy()))
         return fix
 
@@ -422,9 +422,9 @@ class MissionEstimates(NamedTuple):
 def outcome_of(b: GaussianMixture, m: Model, used: int) -> tuple[int, int, float]:
     """Result of a message, as of `MissionEstimates`; `used` is what `receive` gave."""
     if used > 0:
-        last = b.outcome[heaviest(b, m.modes, heaviest_hypothesis(b, m.modes, b.alive))]
-        return b.received, last.taken, last.squared if last.taken > 0 else np.nan
-    return b.received if b.alive > 0 else 0, 0, np.nan
+        last = b.outcome[heaviest(b, m.modes, heaviest_hypothesis(b, m.modes, b.n_hypotheses))]
+        return b.received, last.n_used, last.nis_sum if last.n_used > 0 else np.nan
+    return b.received if b.n_hypotheses > 0 else 0, 0, np.nan
 
 
 @compiled
@@ -459,10 +459,10 @@ def filter_mission(
             i += 1
         if covariances.shape[0] > 0:
             moments(b, m)
-            copy_values(b.now, states[k])
-            covariances[k, 0] = b.now_covariance[0, 0]
-            covariances[k, 1] = b.now_covariance[0, 1]
-            covariances[k, 2] = b.now_covariance[1, 1]
+            copy_values(b.mixture_mean, states[k])
+            covariances[k, 0] = b.mixture_covariance[0, 0]
+            covariances[k, 1] = b.mixture_covariance[0, 1]
+            covariances[k, 2] = b.mixture_covariance[1, 1]
         else:
             states[k, 0], states[k, 1] = position(b)
     return 0
@@ -549,10 +549,10 @@ def _offset_to_likelier_hypothesis(
     """Offset from the mean position to that of the likelier of two hypotheses [m]; zero where
     they are one place.
     """
-    first = heaviest_hypothesis(b, m.modes, b.alive)
+    first = heaviest_hypothesis(b, m.modes, b.n_hypotheses)
     second = -1
     largest = -1.0
-    for h in range(b.alive):
+    for h in range(b.n_hypotheses):
         weight = hypothesis_weight(b, m.modes, h)
         if h != first and weight > largest:
             second = h
@@ -581,7 +581,7 @@ def _write_outputs(b: GaussianMixture, m: Model, out: Record) -> None:
     log_bias = 0.0
     compass_bias = 0.0
     xx = xy = yy = 0.0
-    for k in range(b.alive * m.modes):
+    for k in range(b.n_hypotheses * m.modes):
         w = b.weight[k]
         dx = b.state[k, X] - x
         dy = b.state[k, Y] - y
@@ -610,9 +610,9 @@ def _record_state(
     state = record.state[i, step - 1]
     if record.covariance.shape[1] > 0:
         moments(b, m)
-        copy_values(b.now, state)
+        copy_values(b.mixture_mean, state)
         for j in range(4):
-            copy_values(b.now_covariance[j], record.covariance[i, step - 1, j])
+            copy_values(b.mixture_covariance[j], record.covariance[i, step - 1, j])
     else:
         for j in range(2):
             state[j] = estimate.position[j]

@@ -35,7 +35,7 @@ _CLEAR = 3.0
 # linearisation seem to observe it: they repeat from message to message, and come to more than their
 # second-order terms. As an error of each range, σ = 0.12 m³ / ρ², with ρ of 1 m and more.
 _NEAR_ERROR = 0.12
-_LEAST_RANGE = 1.0
+_MIN_RANGE = 1.0
 
 
 def new_signal() -> Signal:
@@ -65,8 +65,8 @@ def relative_covariance(b: GaussianMixture, m: Model, k: int) -> tuple[Floats, F
     away_x = P[k, X]
     away_y = P[k, Y]
     if m.leader_position != ABSENT or m.leader_position_walk != ABSENT:
-        away_x = b.work.away[0]
-        away_y = b.work.away[1]
+        away_x = b.work.relative_covariance[0]
+        away_y = b.work.relative_covariance[1]
         for h in range(m.states):
             away_x[h] = P[k, X, h]
             away_y[h] = P[k, Y, h]
@@ -289,7 +289,9 @@ def _linearise_range(
 def _fill_innovation_covariance(
     b: GaussianMixture, m: Model, k: int, signal: Signal, count: int
 ) -> None:
-    """S = H P Hᵀ + σ² I + σ_s² s sᵀ + σ_L² h_L h_Lᵀ + [½ tr(F_i P F_j P)], into `work.spread`."""
+    """S = H P Hᵀ + σ² I + σ_s² s sᵀ + σ_L² h_L h_Lᵀ + [½ tr(F_i P F_j P)], into
+    `work.innovation_covariance`.
+    """
     w = b.work
     turning = m.leader != ABSENT
     for j in range(count):
@@ -323,9 +325,9 @@ def _fill_innovation_covariance(
             if i == g:
                 value += m.range_sigma * m.range_sigma
                 if m.transmitters == 2:
-                    rho = max(signal.ranges[i], _LEAST_RANGE)
+                    rho = max(signal.ranges[i], _MIN_RANGE)
                     value += (_NEAR_ERROR / (rho * rho)) ** 2
-            w.spread[i, g] = w.spread[g, i] = value
+            w.innovation_covariance[i, g] = w.innovation_covariance[g, i] = value
 
 
 @compiled
@@ -343,7 +345,7 @@ def _likelihood(b: GaussianMixture, count: int) -> tuple[float, float]:
     volume = 1.0
     for i in range(count):
         for j in range(i + 1):
-            value = w.spread[w.used[i], w.used[j]]
+            value = w.innovation_covariance[w.used[i], w.used[j]]
             for h in range(j):
                 value -= L[i, h] * L[j, h]
             if i > j:
@@ -413,7 +415,9 @@ def _add_common_echo(b: GaussianMixture, signal: Signal, count: int, share: floa
         for h in range(count):
             i = w.used[j]
             g = w.used[h]
-            w.spread[i, g] += share * (signal.ranges[i] - mean) * (signal.ranges[g] - mean)
+            w.innovation_covariance[i, g] += (
+                share * (signal.ranges[i] - mean) * (signal.ranges[g] - mean)
+            )
 
 
 @inlined
@@ -560,25 +564,27 @@ def _select_ranges(
     """
     w = b.work
     all_ranges = (1 << received) - 1
-    best = density + received * m.log_accepted
+    best = density + received * m.log_p_inlier
     w.mask = all_ranges
     excess, _, _ = _marginalise_common_echo(b, received)
     for mask in range(all_ranges):
         total = 0.0
         for j in range(received):
             if not (mask >> j) & 1:
-                total += m.log_rejected - (_TOO_SHORT if w.residual[w.received[j]] < 0.0 else 0.0)
+                total += m.log_density_outlier - (
+                    _TOO_SHORT if w.residual[w.received[j]] < 0.0 else 0.0
+                )
         used = _use_subset(b, received, mask)
         density, _ = _likelihood(b, used)
-        total += density + used * m.log_accepted
+        total += density + used * m.log_p_inlier
         if total > best:
             best = total
             w.mask = mask
     span = max(m.outlier_span, signal.echo_span)
     if received > 1 and 0.0 < excess < span:
         _use_subset(b, received, all_ranges)
-        for i in range(w.spread.shape[0]):
-            copy_values(w.spread[i], w.direct_spread[i])
+        for i in range(w.innovation_covariance.shape[0]):
+            copy_values(w.innovation_covariance[i], w.direct_covariance[i])
         w.share = (excess / max(_mean_range(b, signal, received) - excess, _SHORTEST)) ** 2
         _add_common_echo(b, signal, received, w.share)
         density, _ = _likelihood(b, received)
@@ -586,7 +592,7 @@ def _select_ranges(
         total = (
             density
             + (m.log_outlier - log(span))
-            + received * m.log_accepted
+            + received * m.log_p_inlier
             + 0.5 * (log_density + _LOG_TURN - log_size)
         )
         if total > best:
@@ -594,8 +600,8 @@ def _select_ranges(
             w.mask = all_ranges
             w.shared = 1
         else:
-            for i in range(w.spread.shape[0]):
-                copy_values(w.direct_spread[i], w.spread[i])
+            for i in range(w.innovation_covariance.shape[0]):
+                copy_values(w.direct_covariance[i], w.innovation_covariance[i])
     b.evidence[k] = best
     return _use_subset(b, received, w.mask)
 
@@ -618,7 +624,7 @@ def update(b: GaussianMixture, m: Model, k: int, signal: Signal) -> int:
     w.shift[0] = w.shift[1] = w.removed[0] = w.removed[1] = w.removed[2] = 0.0
     received = predict_ranges(b, m, k, signal, 0.0, v)
     outcome = b.outcome[k]
-    outcome.taken = 0
+    outcome.n_used = 0
     outcome.normalised_innovation = 0.0
     b.evidence[k] = b.turn_excess[k] = 0.0
     if received == 0:
@@ -628,21 +634,23 @@ def update(b: GaussianMixture, m: Model, k: int, signal: Signal) -> int:
         return -1
     used = received
     largest = 0.0
-    b.evidence[k] = density + received * m.log_accepted
+    b.evidence[k] = density + received * m.log_p_inlier
     for j in range(received):
         i = b.work.used[j]
-        largest = max(largest, b.work.spread[i, i])
+        largest = max(largest, b.work.innovation_covariance[i, i])
     # no range can be an echo where leaving any out would cost more likelihood than it could gain
-    if not 0.5 * squared < m.log_accepted - m.log_rejected - 0.5 * (_LOG_TURN + log(largest)):
+    if not 0.5 * squared < m.log_p_inlier - m.log_density_outlier - 0.5 * (
+        _LOG_TURN + log(largest)
+    ):
         used = _select_ranges(b, m, k, signal, received, density)
         density, squared = _likelihood(b, used)
         if b.work.shared:
             squared -= _marginalise_common_echo(b, used)[1]
     # a common echo costs one number
     numbers: int = used - b.work.shared
-    echo_cost = 2.0 * (received - numbers) * (m.log_accepted - m.log_rejected)
-    outcome.taken = numbers
-    outcome.squared = squared
+    echo_cost = 2.0 * (received - numbers) * (m.log_p_inlier - m.log_density_outlier)
+    outcome.n_used = numbers
+    outcome.nis_sum = squared
     outcome.normalised_innovation = (squared + echo_cost) / received
     turn = 0.0
     left = v

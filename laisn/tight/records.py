@@ -12,17 +12,17 @@ from laisn.estimates import HYPOTHESES
 
 ABSENT = -1
 """Index of a state that is switched off."""
-MOST_MODES = 4
+MAX_MODES = 4
 CAPACITY = 2 * HYPOTHESES
 """Hypotheses for which a belief has room."""
-MOST_STATES = 17
-COMPONENTS = MOST_MODES * CAPACITY
+MAX_STATES = 17
+COMPONENTS = MAX_MODES * CAPACITY
 SPARE = COMPONENTS - 1
 """Component that holds a copy or a trial while there are at most `HYPOTHESES` + 2 hypotheses."""
 _T = 3  # transmitters
 
-ByMode: TypeAlias = Annotated[Floats, (MOST_MODES,)]
-ByState: TypeAlias = Annotated[Floats, (MOST_STATES,)]
+ByMode: TypeAlias = Annotated[Floats, (MAX_MODES,)]
+ByState: TypeAlias = Annotated[Floats, (MAX_STATES,)]
 ByRange: TypeAlias = Annotated[Floats, (_T,)]
 ByComponent: TypeAlias = Annotated[Floats, (COMPONENTS,)]
 
@@ -71,8 +71,8 @@ class Model(RecordFields):
     ping_slot: float
     sound_slowness: float
     log_outlier: float  # logarithm of the chance that a range is an echo
-    log_accepted: float  # logarithm of the chance that a range is a direct one
-    log_rejected: float  # logarithm of an echo's density in [1/m]
+    log_p_inlier: float  # logarithm of the chance that a range is a direct one
+    log_density_outlier: float  # logarithm of an echo's density in [1/m]
 
 
 class Signal(RecordFields):
@@ -128,7 +128,7 @@ class CompassTurn(RecordFields):
     sin: float
     cos: float  # the heading before it; zeros before the first one
     angle: float  # the largest between that heading and a later one [rad]
-    still: float  # since it was last larger than before [s]
+    still_time: float  # since it was last larger than before [s]
 
 
 class LeaderMotion(RecordFields):
@@ -186,22 +186,22 @@ class RangeUpdate(RecordFields):
     row_log: ByRange
     row_compass: ByRange
     # covariance of the position beside the leader, east and north, with the states
-    away: Annotated[Floats, (2, MOST_STATES)]
+    relative_covariance: Annotated[Floats, (2, MAX_STATES)]
     # second derivatives of each range by (x, y, b_L), times their covariance
     curvature: Annotated[Floats, (_T, 3, 3)]
-    spread: Annotated[Floats, (_T, _T)]  # S: covariance of the residuals [m²]
-    direct_spread: Annotated[Floats, (_T, _T)]  # S of ranges without a common echo
+    innovation_covariance: Annotated[Floats, (_T, _T)]  # S: covariance of the residuals [m²]
+    direct_covariance: Annotated[Floats, (_T, _T)]  # S of ranges without a common echo
     root: Annotated[Floats, (_T, _T)]  # L: Cholesky factor of S over the used ranges
     per_root: ByRange  # reciprocals of the diagonal of `root`
     # residuals, and `row_leader`, in units of `root`
     white: ByRange
     turned: ByRange
-    gain: Annotated[Floats, (_T, MOST_STATES)]  # H P
+    gain: Annotated[Floats, (_T, MAX_STATES)]  # H P
     # where the ranges are linearised, from the mean of x, y [m]
     shift: Annotated[Floats, (2,)]
     # the part of their covariance xx, xy, yy that an update has taken away there [m²]
     removed: Annotated[Floats, (3,)]
-    white_gain: Annotated[Floats, (_T, MOST_STATES)]  # L⁻¹ H P over the ranges that are used
+    white_gain: Annotated[Floats, (_T, MAX_STATES)]  # L⁻¹ H P over the ranges that are used
     received: Annotated[Ints, (_T,)]  # indices of the ranges of the message
     used: Annotated[Ints, (_T,)]  # indices of the ranges that are used
     mask: int  # bits of the used ranges, in the order of `received`
@@ -213,8 +213,8 @@ class RangeUpdate(RecordFields):
 class UpdateOutcome(RecordFields):
     """Result of the last update of a component."""
 
-    taken: int  # ranges that were used
-    squared: float  # their squared residuals, in units of S
+    n_used: int  # ranges that were used
+    nis_sum: float  # their squared residuals, in units of S
     # the same for each range received, an echo counting as what it costs
     normalised_innovation: float
 
@@ -223,13 +223,13 @@ class GaussianMixture(RecordFields):
     """A mixture of Gaussians, and what was sensed since the last message."""
 
     # of each component: `hypothesis · modes + mode`
-    state: Annotated[Floats, (COMPONENTS, MOST_STATES)]  # mean
-    covariance: Annotated[Floats, (COMPONENTS, MOST_STATES, MOST_STATES)]
+    state: Annotated[Floats, (COMPONENTS, MAX_STATES)]  # mean
+    covariance: Annotated[Floats, (COMPONENTS, MAX_STATES, MAX_STATES)]
     weight: ByComponent  # sum 1 over those alive
     evidence: ByComponent  # log likelihood of the message
     outcome: Annotated[list[UpdateOutcome], (COMPONENTS,)]
     turn_excess: ByComponent  # by how much `leader_variance` should be larger [rad²]
-    alive: int  # hypotheses
+    n_hypotheses: int
     states: int  # as of `Model`
     received: int  # ranges of the last message
     smoothed_nis: float  # NIS over some messages
@@ -243,11 +243,11 @@ class GaussianMixture(RecordFields):
     output: MeanPosition
     work: RangeUpdate
     # x, y, vx, vy over the mixture, at the last step
-    now: Annotated[Floats, (4,)]
-    now_covariance: Annotated[Floats, (4, 4)]
+    mixture_mean: Annotated[Floats, (4,)]
+    mixture_covariance: Annotated[Floats, (4, 4)]
     # their derivatives by a component's states, and room for one row
-    rows: Annotated[Floats, (5, MOST_STATES)]
-    fresh: ByState  # variances at the start
+    rows: Annotated[Floats, (5, MAX_STATES)]
+    prior_variance: ByState  # variances at the start
     gain: ByState  # P Hᵀ of an update with one number
 
 

@@ -31,7 +31,7 @@ from reports.scene.mission import (
 )
 from sim import attitude
 
-_MOST_BEACONS = 24  # more different places are those of transmitters that move
+_MAX_BEACONS = 24  # more different places are those of transmitters that move
 _SHOWN_DEPTH_M = 5.0  # of a vehicle whose log has no depth
 _BELOW_M = 8.0  # from the deepest of all to a floor that no log knows
 
@@ -82,7 +82,7 @@ def beacons_of(vehicles: Sequence[Measured]) -> Floats:
         return np.empty((0, 3))
     places = np.concatenate([row.reshape(-1, 3) for row in rows])
     places = np.unique(places[np.isfinite(places).all(axis=1)].round(2), axis=0)
-    if len(places) > _MOST_BEACONS:
+    if len(places) > _MAX_BEACONS:
         return np.empty((0, 3))
     if not places[:, 2].any():
         places[:, 2] = _SHOWN_DEPTH_M

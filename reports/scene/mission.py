@@ -26,9 +26,9 @@ from sim.water.region import region_of
 CROWD = 12
 """Followers beyond which numbers are rounded more coarsely, as the page would be too large."""
 _RATES_HZ = (5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01)
-_MOST_POSES = 110_000  # rows times vehicles of a page
+_MAX_POSES = 110_000  # rows times vehicles of a page
 SLOW_HZ = 1.0  # ellipses, stations and speeds, which change slowly
-_LEAST_WEIGHT = 0.01  # hypotheses of less weight are not shown
+_MIN_WEIGHT = 0.01  # hypotheses of less weight are not shown
 _TURN_DEG = 25.0  # least change of the leader's heading within `_TURN_S` that is a turn
 _STRAIGHT_DEG = 8.0  # change of heading at which a turn begins
 _TURN_S = 20
@@ -83,7 +83,7 @@ class SceneVehicle:
 
 def rate_of(duration: float, vehicles: int) -> float:
     """Rows a second: as many as a page of usual size holds."""
-    return next((hz for hz in _RATES_HZ if duration * hz * vehicles <= _MOST_POSES), _RATES_HZ[-1])
+    return next((hz for hz in _RATES_HZ if duration * hz * vehicles <= _MAX_POSES), _RATES_HZ[-1])
 
 
 def held(values: Floats) -> Floats:
@@ -161,11 +161,11 @@ def _branches(measured: Measurements, estimates: Estimates) -> Floats:
     message, weight, place [m], half axes [m] and direction of the 1σ ellipse [rad].
     """
     weight, position, covariance = estimates.hypotheses
-    ambiguous = np.flatnonzero(np.count_nonzero(weight > _LEAST_WEIGHT, axis=1) > 1)
+    ambiguous = np.flatnonzero(np.count_nonzero(weight > _MIN_WEIGHT, axis=1) > 1)
     message = np.searchsorted(measured.message_step, estimates.fix_step[ambiguous])
     rows = []
     for index, fix in zip(message.tolist(), ambiguous.tolist(), strict=True):
-        for h in np.flatnonzero(weight[fix] > _LEAST_WEIGHT).tolist():
+        for h in np.flatnonzero(weight[fix] > _MIN_WEIGHT).tolist():
             (xx, xy), (_, yy) = covariance[fix, h].tolist()
             mean = (xx + yy) / 2
             half_difference = float(np.hypot((xx - yy) / 2, xy))

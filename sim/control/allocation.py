@@ -25,7 +25,7 @@ _WANTED = (SURGE, YAW, PITCH, HEAVE, SWAY)
 FAST = 2.0  # speed beyond which the weights of fins change no more [m/s]
 # smallest singular value of a component that is given, over the largest force or moment of an
 # effector
-_LEAST = 1e-6
+_MIN = 1e-6
 
 
 @compiled
@@ -50,7 +50,7 @@ def pseudo_inverse(records: npt.NDArray[np.void], limits: Floats) -> Floats:
     independent: list[int] = []
     for axis in _WANTED:
         values = np.linalg.svd(scaled[:, [*independent, axis]], compute_uv=False)
-        if len(independent) < len(records) and values[len(independent)] > _LEAST:
+        if len(independent) < len(records) and values[len(independent)] > _MIN:
             independent.append(axis)
     out = np.zeros((len(records), 6))
     b = unit[:, independent].T

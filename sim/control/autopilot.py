@@ -74,7 +74,7 @@ CLIMB_MAX = float(np.deg2rad(20.0))  # steepest climb and dive [rad]
 INCIDENCE_MAX = float(np.deg2rad(12.0))
 PITCH_RATE_MAX = float(np.deg2rad(5.0))  # largest rate of the pitch command [rad/s]
 # effectors that follow faster make the loops no faster, which run ten times a second [s]
-LEAST_LAG = 0.3
+MIN_LAG = 0.3
 # below, vertical thrusters alone hold depth; above, the hull does [m/s]
 SPEED_HEAVE = 0.3
 SPEED_PITCH = 0.6
@@ -142,7 +142,7 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
             ]
         slow, fast = allocations[fitted.tobytes()]
         turning = slow[:, [PITCH, YAW]].any(axis=1)
-        record["omega"] = 1.0 / (4.0 * max(fitted["lag"][turning].max(initial=0.0), LEAST_LAG))
+        record["omega"] = 1.0 / (4.0 * max(fitted["lag"][turning].max(initial=0.0), MIN_LAG))
         record["surge_mass"], record["sway_mass"], record["heave_mass"] = mass + added[:3]
         inertia = inertia_tensor(model, body.id)
         record["pitch_inertia"] = (

@@ -29,7 +29,7 @@ from laisn.geometry import wrap_angle
 from sim.control import station as stations
 from sim.control.allocation import clip
 from sim.control.autopilot import HullMotion
-from sim.control.guidance import SPEED_LEAST, TURN_RESERVE, Reference
+from sim.control.guidance import MIN_COMMANDED_SPEED, TURN_RESERVE, Reference
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE
 
 CONSTANT_BEARING, ILOS, ALOS = range(3)  # values of `formation.law`
@@ -454,5 +454,5 @@ def keep_station(
     turn = clip(wrap_angle(heading - memory.heading_wanted), -turn_rate * dt, turn_rate * dt)
     memory.heading_wanted += turn
     change = clip(speed - memory.speed_wanted, -ACCELERATION * dt, ACCELERATION * dt)
-    memory.speed_wanted = max(memory.speed_wanted + change, SPEED_LEAST)
+    memory.speed_wanted = max(memory.speed_wanted + change, MIN_COMMANDED_SPEED)
     return (memory.heading_wanted, turn / dt, memory.speed_wanted), motion

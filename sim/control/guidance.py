@@ -73,12 +73,12 @@ CATCH_UP = 0.3  # the speed correction is at most this share of the reference sp
 CURRENT_TIME = 10.0  # time constant of the current's low-pass [s]; longer than a wave's period
 # of the integrated current [1/s²]: poles along at 1/40 and 1/10, across at 1/100 and 1/4
 OFFSET_GAIN = 1.0 / 400.0
-OFFSET_MOST = 2.0  # offset along an axis that is integrated at most [m]
-INTEGRAL_MOST = 1.0  # current along an axis that comes of the integral at most [m/s]
+MAX_OFFSET = 2.0  # offset along an axis that is integrated at most [m]
+MAX_INTEGRAL = 1.0  # current along an axis that comes of the integral at most [m/s]
 # turns are planned with the least radius over this, which leaves some rudder for corrections
 TURN_RESERVE = 0.9
 # least speed through the water on the way; slower, a hull has no heading to keep [m/s]
-SPEED_LEAST = 0.1
+MIN_COMMANDED_SPEED = 0.1
 # greatest speed along an axis that leads back to the place where a route stops [m/s]
 HOLD_SPEED = 0.3
 
@@ -174,7 +174,7 @@ def begin(
     through the water.
     """
     memory.heading = reference.course + signed_angle(heading - reference.course)
-    memory.speed = max(speed, SPEED_LEAST)
+    memory.speed = max(speed, MIN_COMMANDED_SPEED)
     memory.current[0], memory.current[1] = current
 
 
@@ -194,9 +194,9 @@ def integrate_offset(
     """
     reference_position = reference.east, reference.north
     for i in range(2):
-        offset = clip(position[i] - reference_position[i], -OFFSET_MOST, OFFSET_MOST)
+        offset = clip(position[i] - reference_position[i], -MAX_OFFSET, MAX_OFFSET)
         integral = memory.current[i] + OFFSET_GAIN * offset * dt
-        memory.current[i] = clip(integral, -INTEGRAL_MOST, INTEGRAL_MOST)
+        memory.current[i] = clip(integral, -MAX_INTEGRAL, MAX_INTEGRAL)
 
 
 @compiled
@@ -224,11 +224,13 @@ def steer(
     """
     sin, cos = np.sin(reference.course), np.cos(reference.course)
     east, north = reference.east - position[0], reference.north - position[1]
-    if reference.speed < SPEED_LEAST:
+    if reference.speed < MIN_COMMANDED_SPEED:
         through_east = clip(east / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory.current[0]
         through_north = clip(north / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory.current[1]
         # the smaller this velocity, the more the heading is that of the course
-        heading = np.arctan2(through_east + SPEED_LEAST * sin, through_north + SPEED_LEAST * cos)
+        heading = np.arctan2(
+            through_east + MIN_COMMANDED_SPEED * sin, through_north + MIN_COMMANDED_SPEED * cos
+        )
         ahead = memory.heading
         return limit_command(
             heading, through_east * np.sin(ahead) + through_north * np.cos(ahead), dt, memory
@@ -244,5 +246,5 @@ def steer(
     through_east = speed * np.sin(course) - memory.current[0]
     through_north = speed * np.cos(course) - memory.current[1]
 
-    speed_through = max(np.hypot(through_east, through_north), SPEED_LEAST)
+    speed_through = max(np.hypot(through_east, through_north), MIN_COMMANDED_SPEED)
     return limit_command(np.arctan2(through_east, through_north), speed_through, dt, memory)

@@ -389,7 +389,7 @@ _CHORD = 0.25
 # … so many times, from half of a right angle of its turn before a place to as much behind it
 _CHORDS = 6
 # a frame turns at least this fast: at the inner station this share of the leader's speed
-_LEAST_ROOM = 0.05
+_MIN_ROOM = 0.05
 # share of a hull's greatest acceleration across its way that turning frames may ask for
 _SIDEWAYS = 0.3
 # a velocity that changes by a smaller share turns less than a hull
@@ -426,7 +426,7 @@ def _inner_room(trail: tuple[Records, int], arc: float, speed: float, radius: fl
         last_course = course
         course = np.arctan2(east, north)
         bend = max(bend, abs(wrap_angle(course - last_course)) / chord)
-    return float(speed * max(1.0 - np.sqrt(bend * radius), _LEAST_ROOM))
+    return float(speed * max(1.0 - np.sqrt(bend * radius), _MIN_ROOM))
 
 
 @compiled

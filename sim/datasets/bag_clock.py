@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from laisn.arrays import Ints
 from sim.log.order import steps_back
 
-_MOST_STEPS = 20  # more are no corrections of a clock
+_MAX_STEPS = 20  # more are no corrections of a clock
 _BESIDE = 20  # messages on each side of a step whose delays are compared
 _FEWEST = 3
 _GAP = 10.0  # shortest gap between stamps that may be a step forward [intervals]
@@ -122,7 +122,7 @@ class RecorderClock:
         steps = steps_back(times[positions], interval)
         if not steps:
             return
-        if len(steps) > _MOST_STEPS:
+        if len(steps) > _MAX_STEPS:
             self.remarks.append(
                 f"times of recording step back {len(steps)} times in the order of the file, and "
                 "are sorted"
@@ -179,7 +179,7 @@ def corrected_stamps(stamps: Ints, recorded: Ints) -> Stamps:
     gap = max(_GAP * interval, _SHORTEST_GAP_NS)
     ahead = np.flatnonzero(np.diff(stamps) - np.diff(recorded) > gap) + 1
     places = sorted({*steps_back(stamps, interval), *ahead.tolist()})
-    if len(places) > _MOST_STEPS:
+    if len(places) > _MAX_STEPS:
         return Stamps(stamps, [])
     corrected = stamps.copy()
     remarks = list[str]()

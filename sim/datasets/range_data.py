@@ -39,7 +39,7 @@ _LONGEST_LEG_S = 5.0
 _COLUMNS = {"DR": 3, "TD": 4, "TL": 3, "GT": 4, "DRp": 4}  # columns of each table
 _NEEDED = ("DR", "TD", "TL")
 _NODES = {"TD": [1, 2], "TL": [0]}  # columns of nodes' numbers
-_MOST_NUMBERS = 10_000_000  # in all tables; a compressed file of few bytes may state any number
+_MAX_NUMBERS = 10_000_000  # in all tables; a compressed file of few bytes may state any number
 _TEXT = re.compile(r"(.*)_DR\.(txt|csv)")
 
 
@@ -260,8 +260,8 @@ def _load_matlab(path: Path) -> dict[str, Floats]:
     from scipy.io import loadmat, whosmat
 
     stated = sum(math.prod(shape) for name, shape, _ in whosmat(path) if name in _COLUMNS)
-    if stated > _MOST_NUMBERS:
-        raise LaisnError(f"its tables have {stated:,} numbers, at most {_MOST_NUMBERS:,} are read")
+    if stated > _MAX_NUMBERS:
+        raise LaisnError(f"its tables have {stated:,} numbers, at most {_MAX_NUMBERS:,} are read")
     variables = loadmat(path, variable_names=tuple(_COLUMNS))
     return {name: variables[name] for name in _COLUMNS if name in variables}
 

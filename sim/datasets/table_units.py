@@ -43,17 +43,17 @@ _LAST_DATE_S = 4_102_444_800.0
 _SHORTEST_S = 2e-3
 _LONGEST_S = 60.0
 # intervals between rows that are possible [s]
-_LEAST_INTERVAL_S = 1e-5
-_MOST_INTERVAL_S = 900.0
+_MIN_INTERVAL_S = 1e-5
+_MAX_INTERVAL_S = 900.0
 _SEGMENT_M = 2.0  # length of the way of the leader that gives a course
-_LEAST_WAY_M = 5.0
-_LEAST_SPEED_M_S = 0.05
-_LEAST_NUMBER = 4  # of courses, or of ranges beyond the unknowns
-_MOST_RANGES = 200  # that the start is fitted to
+_MIN_DISTANCE_M = 5.0
+_MIN_SPEED_M_S = 0.05
+_MIN_NUMBER = 4  # of courses, or of ranges beyond the unknowns
+_MAX_RANGES = 200  # that the start is fitted to
 _ITERATIONS = 12
 _TIMES_WORSE = 3.0
 _SPEED_MARGIN = 0.3
-_LEAST_FACTOR = 2.5
+_MIN_FACTOR = 2.5
 """Between units that motion tells from each other; a current may double a speed."""
 
 Reading = dict[str, str]
@@ -87,7 +87,7 @@ def _course_error(trial: Trial) -> float:
         heading = math.atan2(np.sin(headings).mean(), np.cos(headings).mean())
         errors.append(abs(math.remainder(math.atan2(east, north) - heading, 2.0 * math.pi)))
         last = k
-    return float(np.median(errors)) if len(errors) >= _LEAST_NUMBER else math.nan
+    return float(np.median(errors)) if len(errors) >= _MIN_NUMBER else math.nan
 
 
 def _way_ratio(trial: Trial) -> float:
@@ -102,7 +102,7 @@ def _way_ratio(trial: Trial) -> float:
     spans = np.maximum(np.diff(leader[:, 0]), 0.0)
     speed = np.abs(leader[:, 3])
     at_speed = float(np.sum(0.5 * (speed[1:] + speed[:-1]) * spans))
-    if way < _LEAST_WAY_M or np.median(speed) < _LEAST_SPEED_M_S or at_speed <= 0.0:
+    if way < _MIN_DISTANCE_M or np.median(speed) < _MIN_SPEED_M_S or at_speed <= 0.0:
         return math.nan
     return way / at_speed
 
@@ -148,7 +148,7 @@ def _level_ranges(trial: Trial) -> tuple[Floats, Floats, Floats]:
     table = np.concatenate(parts)
     table = table[np.isfinite(table).all(axis=1) & (table[:, 3] > 0.0)]
     table = table[np.argsort(table[:, 0], kind="stable")]
-    table = table[:: max(1, math.ceil(len(table) / _MOST_RANGES))]
+    table = table[:: max(1, math.ceil(len(table) / _MAX_RANGES))]
     return table[:, 0], table[:, 1:3], table[:, 3]
 
 
@@ -171,7 +171,7 @@ def _range_error(trial: Trial) -> float:
     best [m]; NaN for few ranges.
     """
     rows, places, ranges = _level_ranges(trial)
-    if ranges.size < _LEAST_NUMBER + 2:
+    if ranges.size < _MIN_NUMBER + 2:
         return math.nan
     offsets = places - _dead_reckoning(trial)[rows.astype(np.int64)]
     # the start lies on a circle about the first place; Gauss and Newton find the rest
@@ -278,7 +278,7 @@ def _time_candidates(values: Floats) -> list[str]:
     possible = [
         unit
         for unit in bounded
-        if _LEAST_INTERVAL_S <= interval * TIME.units[unit] <= _MOST_INTERVAL_S
+        if _MIN_INTERVAL_S <= interval * TIME.units[unit] <= _MAX_INTERVAL_S
     ]
     return possible or bounded
 
@@ -439,7 +439,7 @@ def _alternatives(columns: Columns, reading: Reading) -> list[_Alternative]:
         units = [
             unit
             for size, unit in sizes.items()
-            if abs(math.log(size / taken)) > math.log(_LEAST_FACTOR)
+            if abs(math.log(size / taken)) > math.log(_MIN_FACTOR)
         ]
         groups = [bare]
         if len(bare) > 1 and quantity is not LENGTH:

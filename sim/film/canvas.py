@@ -26,7 +26,7 @@ PALE: Colour = (0.80, 0.92, 0.97)
 DIM: Colour = (0.60, 0.76, 0.83)  # colours of values and of their names
 
 # least size of text relative to that at 720 rows: smaller digits lose their strokes
-_LEAST_TEXT = 0.8
+_MIN_TEXT = 0.8
 _CIRCLE = np.column_stack(
     [f(np.linspace(0.0, 2 * np.pi, 24, endpoint=False)) for f in (np.cos, np.sin)]
 )
@@ -81,7 +81,7 @@ class Canvas:
         self.width = width
         self.height = height
         self.scale = height / 720
-        self.text_scale = max(self.scale, _LEAST_TEXT)
+        self.text_scale = max(self.scale, _MIN_TEXT)
         """Pixels to a unit of text size: text shrinks with the frame only as far as it can be
         read.
         """

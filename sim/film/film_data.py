@@ -26,7 +26,7 @@ into a steady ray.
 """
 _TRAIL_S = 5.0  # length of a trail, in seconds of film
 _TRAIL_POINT_S = 0.04  # spacing of its points, in seconds of film
-_LEAST_WEIGHT = 0.01  # hypotheses of less weight are not shown
+_MIN_WEIGHT = 0.01  # hypotheses of less weight are not shown
 
 LEADER: RGB = (1.0, 0.68, 0.20)  # trail and label of the leader, after its hull
 TRUTH: RGB = (1.0, 0.95, 0.25)  # trail and position of a follower, after its hull
@@ -279,7 +279,7 @@ class FilmData:
         if last >= 0:
             weight, position, covariance = (values[last] for values in estimates.hypotheses)
             centre = position + state[:2] - estimates.fix_position[last]
-            visible = np.flatnonzero(weight > _LEAST_WEIGHT)
+            visible = np.flatnonzero(weight > _MIN_WEIGHT)
             if visible.size > 1:
                 return tuple(
                     Hypothesis(float(weight[h]), np.array([*centre[h], state[2]]), covariance[h])

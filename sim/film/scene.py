@@ -30,7 +30,7 @@ Box = tuple[int, int, int, int]
 
 _GHOST_ALPHA = 0.30
 _GHOST_FULL_M = 1.5
-_GHOST_LEAST = 0.05
+_MIN_GHOST = 0.05
 _INSIDE = ("nozzle", "band")  # parts that shine through a translucent hull and make blotches of it
 _MAX_GEOMS = 6000
 _INSET_FOG = (3.0, 110.0)
@@ -434,9 +434,7 @@ class GlScene:
         # hull and ghost in one place would hide each other
         alpha = _GHOST_ALPHA * np.minimum(1.0, np.linalg.norm(shift, axis=1) / _GHOST_FULL_M)
         seen = {
-            vehicle.body: f
-            for f, vehicle in enumerate(self._vehicles[1:])
-            if alpha[f] > _GHOST_LEAST
+            vehicle.body: f for f, vehicle in enumerate(self._vehicles[1:]) if alpha[f] > _MIN_GHOST
         }
         for i in range(drawn):
             original = scene.geoms[i]

@@ -15,7 +15,7 @@ from laisn.arrays import Floats
 from laisn.errors import LaisnError, shortened
 
 DEEPEST = 100  # elements within one another
-MOST_ELEMENTS = 200_000
+MAX_ELEMENTS = 200_000
 LARGEST = 1e12  # of a number that must be finite
 UUV_PLUGIN = "uuv_underwater_object"
 GZ_NAMESPACES = ("gz::sim::systems", "ignition::gazebo::systems", "ignition::gazebo", "gz::sim")
@@ -44,11 +44,11 @@ def parse(text: str) -> Element:
         nonlocal depth, count
         depth += 1
         count += 1
-        if depth > DEEPEST or count > MOST_ELEMENTS:
+        if depth > DEEPEST or count > MAX_ELEMENTS:
             raise LaisnError(
                 f"no valid SDF: elements nested more than {DEEPEST} deep"
                 if depth > DEEPEST
-                else f"more than {MOST_ELEMENTS} elements"
+                else f"more than {MAX_ELEMENTS} elements"
             )
         builder.start(tag, attributes)
 

@@ -15,12 +15,12 @@ from sim.log.order import steps_back
 
 TIMESTAMP = "leader_timestamp"
 _SOUND_M_S = 1500.0
-_MOST_STEPS = 20  # more steps back are no corrections of a clock
+_MAX_STEPS = 20  # more steps back are no corrections of a clock
 _NAMED = 5  # most gaps that are named
 _GAP = 10.0  # shortest gap that is named [intervals between rows]
 _SHORTEST_GAP_S = 1.0
 _STRAIGHT = math.radians(20.0)  # largest turn of a leader whose way tells the time that passed
-_LEAST_SPEED_M_S = 0.2
+_MIN_SPEED_M_S = 0.2
 _LONGEST_DELAY_S = 60.0
 """A message that is older belongs to another clock [s]."""
 _SHORTEST_DELAY_S = 0.1
@@ -88,7 +88,7 @@ def _crossing(recording: RecordedRows, row: int) -> _Crossing | None:
     turn = abs(math.remainder(float(heading[1] - heading[0]), 2.0 * math.pi))
     mean_speed = float(np.mean(np.abs(speed)))
     way_s = math.nan
-    if mean_speed > _LEAST_SPEED_M_S and turn < _STRAIGHT:
+    if mean_speed > _MIN_SPEED_M_S and turn < _STRAIGHT:
         way_s = math.hypot(*np.diff([east, north], axis=1)[:, 0]) / mean_speed
     clock = recording.timestamp[pair]
     return _Crossing(int(pair[0]), int(pair[1]), float(clock[1] - clock[0]), way_s)
@@ -124,7 +124,7 @@ def correct_steps_back(recording: RecordedRows) -> None:
     rows = recording.rows
     interval = recording.interval_ns
     steps = steps_back(recording.time[rows], interval)
-    if len(steps) > _MOST_STEPS:
+    if len(steps) > _MAX_STEPS:
         raise LaisnError(
             f"{recording.source}: {recording.name}: the time steps back {len(steps)} times, first "
             f"after {recording.item} {rows[steps[0] - 1] + 1}; {recording.item}s are expected in "

@@ -12,17 +12,17 @@ from pydantic import Field, model_validator
 
 from sim.scenario.section import CONTROL_STEP_S, NonNegative, Positive, Section, Speed, is_multiple
 
-MOST_FOLLOWERS = 200
+MAX_FOLLOWERS = 200
 """Followers of a mission. Each is checked beside all others, and its log and report hold them."""
 
 Metres = Annotated[float, Field(ge=-1000, le=1000)]
 
-LEAST_APART_M = 3.0
+MIN_SEPARATION_M = 3.0
 """Stations are refused that come nearer than this to each other, or to the leader: 2 m to keep
 clear of each other, and three standard deviations of the difference of two followers that are 0.25
 m off each [m]."""
 # layers that are farther apart than this keep followers apart wherever they are [m]
-LEAST_LAYER_M = 1.0
+MIN_LAYER_SPACING_M = 1.0
 
 
 class Station(Section):
@@ -57,7 +57,7 @@ class ShapeTable(Section):
     kind: Literal["line", "v", "column", "grid", "ring"] = Field(
         ..., description="line abreast, V of wings, column, grid four wide, or ring"
     )
-    count: Annotated[int, Field(ge=1, le=MOST_FOLLOWERS)]
+    count: Annotated[int, Field(ge=1, le=MAX_FOLLOWERS)]
     spacing_m: Annotated[float, Field(ge=3, le=200)] = 10.0
     behind_m: Annotated[float, Field(ge=0, le=500)] = Field(
         10.0, description="from the leader to the formation"
@@ -66,7 +66,7 @@ class ShapeTable(Section):
     layer_m: Annotated[float, Field(ge=0, le=20)] = Field(
         1.0, description="depth increment per follower"
     )
-    layers: Annotated[int, Field(ge=1, le=MOST_FOLLOWERS)] | None = Field(
+    layers: Annotated[int, Field(ge=1, le=MAX_FOLLOWERS)] | None = Field(
         None, description="assigned cyclically; default: count"
     )
     model: str | None = Field(None, description="model of the followers, as of `[[followers]]`")
@@ -114,7 +114,7 @@ def followers_of(shape: ShapeTable) -> list[dict[str, Any]]:
 class Scatter(Section):
     """Where followers of a drawn formation may have their stations."""
 
-    count: int = Field(..., ge=1, le=MOST_FOLLOWERS, description="number of followers")
+    count: int = Field(..., ge=1, le=MAX_FOLLOWERS, description="number of followers")
     spacing_m: Annotated[float, Field(ge=3, le=200)] = Field(
         6.0, description="least horizontal distance of stations"
     )
@@ -238,9 +238,9 @@ def station_inconsistencies(
     """
     key = "formation.proximity"
     problems = list[str]()
-    expected = f"at least {LEAST_APART_M:g} m"
+    expected = f"at least {MIN_SEPARATION_M:g} m"
     for name, a in stations:
-        if (near := math.hypot(a.behind_m, a.port_m)) < LEAST_APART_M:
+        if (near := math.hypot(a.behind_m, a.port_m)) < MIN_SEPARATION_M:
             problems.append(
                 f"{name}.station is {near:.3g} m from the leader's place; stations are {expected} "
                 "from it"
@@ -249,10 +249,10 @@ def station_inconsistencies(
         distance = math.hypot(a.behind_m - b.behind_m, a.port_m - b.port_m)
         layers = abs(a.depth_m - b.depth_m)
         names = f"{name}.station and {other}.station"
-        if distance < LEAST_APART_M and layers < LEAST_LAYER_M:
+        if distance < MIN_SEPARATION_M and layers < MIN_LAYER_SPACING_M:
             text = f"{names} are {distance:.3g} m apart in layers {layers:.3g} m apart"
-            problems.append(f"{text}; {expected} or {LEAST_LAYER_M:g} m are needed")
-        if proximity and distance < proximity.range_m and layers < LEAST_LAYER_M:
+            problems.append(f"{text}; {expected} or {MIN_LAYER_SPACING_M:g} m are needed")
+        if proximity and distance < proximity.range_m and layers < MIN_LAYER_SPACING_M:
             problems.append(
                 f"{names} are {distance:.3g} m apart in one layer, within {key}.range_m = "
                 f"{proximity.range_m:g}: their followers would push each other away for ever"

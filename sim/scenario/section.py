@@ -69,7 +69,7 @@ class Because:
 
 
 CONTROL_STEP_S = 0.1  # interval of the autopilot and of the recorded truth [s]
-MOST_POINTS = 100_000  # most points of a route or a profile: one a second for more than a day
+MAX_POINTS = 100_000  # most points of a route or a profile: one a second for more than a day
 _DEGREE = np.pi / 180.0
 UNITS = {
     "_deg_sqrt_h": ("°/√h", _DEGREE / 60.0),

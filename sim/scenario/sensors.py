@@ -6,7 +6,7 @@ from pydantic import ConfigDict, Field, create_model, model_validator
 
 from sim.scenario.section import (
     LISTED,
-    MOST_POINTS,
+    MAX_POINTS,
     SENSOR_CLASS,
     Angle,
     Chance,
@@ -153,7 +153,7 @@ class Acoustics(Section):
     sound_speed_profile: Annotated[tuple[SpeedAtDepth, ...], LISTED, increasing("point", "m")] = (
         Field(
             (),
-            max_length=MOST_POINTS,
+            max_length=MAX_POINTS,
             description=(
                 "[[depth_m, speed_m_s], …], interpolated; replaces the true sound_speed_m_s"
             ),

@@ -22,7 +22,7 @@ from laisn.arrays import Floats
 from laisn.navigators import BEACON_VARIANT, NAVIGATORS
 from laisn.settings import VARIANTS
 from sim.scenario.formation import (
-    MOST_FOLLOWERS,
+    MAX_FOLLOWERS,
     Formation,
     ShapeTable,
     Station,
@@ -41,7 +41,7 @@ from sim.scenario.sea_files import (
 from sim.scenario.section import (
     CONTROL_STEP_S,
     LISTED,
-    MOST_POINTS,
+    MAX_POINTS,
     Angle,
     Name,
     NonNegative,
@@ -96,7 +96,7 @@ class OceanTable(Section):
     current_profile: Annotated[tuple[TimedCurrent, ...], LISTED, increasing("current", "s")] = (
         Field(
             (),
-            max_length=MOST_POINTS,
+            max_length=MAX_POINTS,
             description="[[time_s, speed_m_s, direction_deg], …] of the surface current, "
             "components interpolated; "
             "replaces current_speed_m_s and the direction, except that of shear",
@@ -262,7 +262,7 @@ class Scenario(Section):
     timing: Timing = Timing()
     leader: Leader = Leader()
     followers: Annotated[
-        tuple[Follower, ...], LISTED, Field(min_length=1, max_length=MOST_FOLLOWERS)
+        tuple[Follower, ...], LISTED, Field(min_length=1, max_length=MAX_FOLLOWERS)
     ]
     formation: Formation = Formation()
     ocean: OceanTable = OceanTable()

@@ -13,7 +13,7 @@ from sim.scenario.navigation import FollowerNavigation, Navigation
 from sim.scenario.routes import FOLLOWER_DEPTH, LEADER_DEPTH
 from sim.scenario.section import (
     LISTED,
-    MOST_POINTS,
+    MAX_POINTS,
     OWN_CLASS,
     Because,
     Coordinate,
@@ -58,7 +58,7 @@ class Vehicle(Section):
     route: Name | None = Field(None, description="library route: L, T2 … T9")
     waypoints: Annotated[tuple[TimedPoint, ...], LISTED, increasing("waypoint", "s")] = Field(
         (),
-        max_length=MOST_POINTS,
+        max_length=MAX_POINTS,
         description="[[time_s, east_m, north_m], …] from time 0, in place of route; a position "
         "given twice is a stop",
     )
@@ -74,7 +74,7 @@ class Vehicle(Section):
     depth_m: NonNegative = LEADER_DEPTH
     depth_profile: Annotated[tuple[TimedDepth, ...], LISTED, increasing("depth", "s")] = Field(
         (),
-        max_length=MOST_POINTS,
+        max_length=MAX_POINTS,
         description="[[time_s, depth_m], …], interpolated; replaces depth_m",
     )
     saw_tooth_amplitude_m: NonNegative = Field(0.0, description="about the depth")

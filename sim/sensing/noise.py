@@ -27,7 +27,7 @@ RECEIVERS = 256
 """Room for receivers of one link: number l RECEIVERS + f is of receiver f on further link l."""
 LEADER_NUMBER = RECEIVERS - 1
 """Of the leader among the receivers of a link."""
-MOST_LINKS = 16  # room for links
+MAX_LINKS = 16  # room for links
 _LOOKS = 64  # room for looks at vehicles among the streams of one number
 
 _U = np.uint64
@@ -81,7 +81,7 @@ def number_of_look(follower: int, vehicle: int) -> int:
     """Number of the stream of what a follower sees of a vehicle: 64 + v of the follower's own, and
     for vehicles from 64 on of numbers that no receiver has.
     """
-    owner = follower + vehicle // _LOOKS * RECEIVERS * MOST_LINKS
+    owner = follower + vehicle // _LOOKS * RECEIVERS * MAX_LINKS
     return STREAMS * owner + _NEARBY + vehicle % _LOOKS
 
 

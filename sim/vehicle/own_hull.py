@@ -49,11 +49,11 @@ _ELEMENTS = {
     "text",
 }
 _LARGEST = 1e9  # largest size of a number
-_MOST = {("numeric", "size"): 1000, ("mesh", "params"): 64}
+_LIMITS = {("numeric", "size"): 1000, ("mesh", "params"): 64}
 """Largest numbers of attributes by which MuJoCo makes room for values, and facets or
 subdivisions.
 """
-_MOST_ELEMENTS = {"mesh": 20, "geom": 200, "site": 200}
+_MAX_ELEMENTS = {"mesh": 20, "geom": 200, "site": 200}
 """Largest number of elements of a kind: each mesh takes memory, and MuJoCo moves each site at
 every step.
 """
@@ -94,14 +94,14 @@ def _unexpected(text: str) -> Iterator[str]:
     counts = Counter(element.tag for element in elements)
     for tag in sorted(set(counts) - _ELEMENTS):
         yield f"may not hold <{tag[:40]}>: a hull is one body, and its looks are plain geoms"
-    for tag, largest in _MOST_ELEMENTS.items():
+    for tag, largest in _MAX_ELEMENTS.items():
         if counts[tag] > largest:
             yield f"has {counts[tag]} elements <{tag}>, at most {largest}"
     sea = next(ElementTree.parse(models.path("ocean")).iter("option"))
     for element in elements:
         for name, value in element.items():
             quoted = f"<{element.tag} {name}={value[:40]!r}>"
-            bound = _MOST.get((element.tag, name), _LARGEST)
+            bound = _LIMITS.get((element.tag, name), _LARGEST)
             if not _within(value, bound):
                 yield f"{quoted} must be finite and within ±{bound:g}"
             if element.tag == "option" and value.split() != sea.get(name, "").split():

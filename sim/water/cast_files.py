@@ -27,7 +27,7 @@ from sim.water.field_files import (
 )
 
 _LARGEST_BYTES = 50_000_000  # of a table
-_MOST_TRIED = 400  # columns nearest to the origin that are searched for values
+_MAX_TRIALS = 400  # columns nearest to the origin that are searched for values
 
 
 class CastColumn(NamedTuple):
@@ -194,7 +194,7 @@ def _chosen(
             f"it has {count} casts, and does not say where they were taken; choose one with "
             f"profile = 1 … {count}"
         )
-    nearest = np.argsort(places.distances(origin), kind="stable")[:_MOST_TRIED].tolist()
+    nearest = np.argsort(places.distances(origin), kind="stable")[:_MAX_TRIALS].tolist()
     for column in nearest:
         if has_values(column):
             return int(column)

@@ -27,13 +27,13 @@ REFERENCE_M_S = 1500.0
 _SQUARE = REFERENCE_M_S * REFERENCE_M_S
 _LEVEL_STEP_M = 2.0  # longest steps along a ray's horizontal
 _DEEP_STEP_M = 0.5  # and vertical extent
-_LEAST_STEPS = 8
+_MIN_STEPS = 8
 _MISS_M = 1e-8  # of the receiver's depth, at which the search for a ray ends
 _ENDS_M = 1e-4  # of a ray that ends at the receiver
 CLEAR_M = 1e-3  # least distance of places from surface and floor
 FAN = 257  # rays of a fan
 _EDGE_HALVINGS = 14  # of the interval in which a fan's rays cease to be of the wanted path
-MOST_RAYS = 16
+MAX_RAYS = 16
 _STEEP_SQUARE = 4e-4  # q² above which q follows from n² and p
 _VERTICAL = 1e-4  # horizontal by vertical distance, below which a ray does not bend noticeably
 
@@ -180,7 +180,7 @@ def _launch(p: SmoothProfile, depth: float, angle: float) -> tuple[float, float]
 
 @jitable
 def _steps(reach: float, deep: float) -> int:
-    return max(_LEAST_STEPS, math.ceil(reach / _LEVEL_STEP_M), math.ceil(abs(deep) / _DEEP_STEP_M))
+    return max(_MIN_STEPS, math.ceil(reach / _LEVEL_STEP_M), math.ceil(abs(deep) / _DEEP_STEP_M))
 
 
 @compiled
@@ -386,7 +386,7 @@ def _keep(
     candidates: Floats,
 ) -> int:
     """Add the eigenray between two angles and misses, if these have different signs."""
-    if (left[1] < 0.0) == (right[1] < 0.0) or count == MOST_RAYS:
+    if (left[1] < 0.0) == (right[1] < 0.0) or count == MAX_RAYS:
         return count
     steps = _steps(places[2], drop(w, places[0], places[1]))
     ray = _between(w, places, steps, left, right)
@@ -517,7 +517,7 @@ def earliest(w: Water, source: float, receiver: float, reach: float) -> tuple[Ei
     """The ray of a path that arrives first, and how many there are; arguments as of
     `eigenrays`. It is the same ray in both directions.
     """
-    candidates = np.empty((MOST_RAYS, 4))
+    candidates = np.empty((MAX_RAYS, 4))
     if source <= receiver:
         count = eigenrays(w, source, receiver, reach, candidates)
         return earliest_of(candidates, count), count

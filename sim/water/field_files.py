@@ -23,7 +23,7 @@ from sim.system import file_digest
 from sim.water.grids import CurrentGrid, GriddedCurrent, GriddedFloor
 from sim.water.region import Region
 
-_MOST_BYTES = 1_000_000_000  # of what is read of a file
+_MAX_BYTES = 1_000_000_000  # of what is read of a file
 _METRES = {"m": 1.0, "meter": 1.0, "metre": 1.0, "meters": 1.0, "metres": 1.0, "km": 1000.0}
 _EAST = ("degrees_east", "degree_east", "degrees_e", "degreee", "degree_e")
 _NORTH = ("degrees_north", "degree_north", "degrees_n", "degreen", "degree_n")
@@ -435,10 +435,10 @@ def _values(source: Source, variable: Any, axes: dict[str, _Axis], names: dict[s
     chosen = {names[kind]: axis.order for kind, axis in axes.items() if kind in names}
     first_indices = {d: 0 for d in variable.dims if d not in chosen}
     count = int(np.prod([axis.value.size for axis in axes.values()]))
-    if 8 * count > _MOST_BYTES:
+    if 8 * count > _MAX_BYTES:
         raise source.error(
             f"{variable.name} has {8e-9 * count:.1f} GB about the mission; at most "
-            f"{1e-9 * _MOST_BYTES:g} GB are read: cut or thin it out"
+            f"{1e-9 * _MAX_BYTES:g} GB are read: cut or thin it out"
         )
     try:
         # in the file's own order, which it reads fast, and then in that of the axes

@@ -357,7 +357,7 @@ def _check_cells(w: Water, table: RayTable, x: float, y: float, z: float) -> Non
 
 
 _CHECKED = ((0.5, 0.5, 0.5), (0.25, 0.75, 0.3))  # places in cells at which they are checked
-_MOST_DEPTHS = 90
+_MAX_DEPTHS = 90
 _RANGES = 33
 _FINEST_M = 0.2  # steps of depth
 _COARSEST_M = 2.0
@@ -379,7 +379,7 @@ def _depths(profile: SmoothProfile, deepest: float) -> Floats:
             ordered[i] = min(ordered[i], ordered[i - 1] + 0.25 * (depth[1] - depth[0]))
     count = np.concatenate([[0.0], np.cumsum(0.5 * (1.0 / step[1:] + 1.0 / step[:-1]))])
     count *= depth[1] - depth[0]
-    n = min(max(math.ceil(count[-1]), 4), _MOST_DEPTHS - 1) + 1
+    n = min(max(math.ceil(count[-1]), 4), _MAX_DEPTHS - 1) + 1
     nodes = np.interp(np.linspace(0.0, count[-1], n), count, depth)
     nodes[0] = CLEAR_M
     nodes[-1] = deepest

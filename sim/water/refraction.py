@@ -16,7 +16,7 @@ from laisn.compiled import compiled, jitable
 from sim.attitude import Vector
 from sim.water.eigenrays import (
     CLEAR_M,
-    MOST_RAYS,
+    MAX_RAYS,
     NO_RAY,
     Eigenray,
     Water,
@@ -82,7 +82,7 @@ class RefractedRays(NamedTuple):
     def rays(self, path: int, source: Vector, receiver: Vector) -> tuple[Ray, ...]:
         """All rays of a path, the first to arrive first."""
         leg = leg_of(self, path, source, receiver)
-        rows = np.empty((MOST_RAYS, len(Eigenray._fields)))
+        rows = np.empty((MAX_RAYS, len(Eigenray._fields)))
         count = eigenrays(leg.water, leg.source, leg.receiver, leg.reach, rows)
         in_order = sorted(rows[:count].tolist())
         return tuple(_seen(path, leg, Eigenray(*numbers)) for numbers in in_order)

@@ -18,7 +18,7 @@ from laisn.compiled import FOLDER
 from sim.system import atomic_write
 from sim.water.ray_table import RayTable
 
-_MOST_TABLES = 24
+_MAX_TABLES = 24
 """Of the same sources that are kept, the ones used last; each takes some megabytes."""
 
 
@@ -42,7 +42,7 @@ def _write(table: RayTable, file: Path) -> None:
     with atomic_write(file) as unfinished, unfinished.open("wb") as out:
         np.savez(out, **table._asdict())
     tables = sorted(file.parent.glob("*.npz"), key=lambda path: path.stat().st_mtime)
-    for old in tables[:-_MOST_TABLES]:
+    for old in tables[:-_MAX_TABLES]:
         old.unlink(missing_ok=True)
 
 

@@ -162,7 +162,7 @@ K, EAST, NORTH, ORBITAL, MIRROR = range(6, 11)
 """What follows from these and the depth h: k [1/m]; where the wave runs to, a unit vector; the
 velocity scale a ω / (1 − exp(−2kh)) [m/s]; exp(−2kh), the share of the wave's mirror image in the
 floor."""
-_LEAST_EXPONENT = -700.0  # keeps exp(kz) above zero
+_MIN_EXPONENT = -700.0  # keeps exp(kz) above zero
 
 
 class WaveTrain(NamedTuple):
@@ -270,7 +270,7 @@ def _orbits(rows: Floats, x: float, y: float, depth: float, time: float) -> Floa
         phase = rows[KX, i] * x + rows[KY, i] * y - rows[FIXED_OMEGA, i] * time + rows[PHASE, i]
         sin, cos = sin_cos(phase)
         # cosh(k(z+h))/sinh(kh) and sinh(k(z+h))/sinh(kh) without overflow in deep water
-        decay = exp(max(rows[K, i] * depth, _LEAST_EXPONENT))
+        decay = exp(max(rows[K, i] * depth, _MIN_EXPONENT))
         mirrored = rows[MIRROR, i] / decay
         level = rows[ORBITAL, i] * (decay + mirrored)
         upward = rows[ORBITAL, i] * (decay - mirrored)

@@ -15,7 +15,7 @@ DT, BASELINE, OFFSET = 0.1, 2.0, 0.1
 THRESHOLD, BETA = 0.1, 0.1
 ALPHA, SIGMA_A0, V_MAX = 8.0, 60.0, 3.0
 SIGMA_V, SIGMA_THETA = 0.2, np.deg2rad(2.0)
-LEAST_VARIANCE = 1e-12
+MIN_VARIANCE = 1e-12
 PAIRS = ((0, 1), (0, 2), (1, 2))
 
 
@@ -139,7 +139,7 @@ class Oracle:
                 self.rejected += 1
                 continue
             accepted = True
-            if self.P[0, 0] + self.P[1, 1] + 2 * sigma**2 >= 2 * LEAST_VARIANCE:
+            if self.P[0, 0] + self.P[1, 1] + 2 * sigma**2 >= 2 * MIN_VARIANCE:
                 self.update(np.array([z.real, z.imag]), sigma**2 * np.eye(2), slice(0, 2))
         if accepted:
             self.accepted, self.since = complex(*self.x[:2]), 0

@@ -146,10 +146,10 @@ def test_an_independent_navigator_agrees(settings: BeaconSettings, trip: Trip) -
             np.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1])), nan_ok=True
         )
         b = navigator._belief
-        assert b.alive[0] == len(oracle.mixture)
+        assert b.n_hypotheses[0] == len(oracle.mixture)
         np.testing.assert_allclose(b.variance, oracle.variance[: b.variance.size], rtol=1e-9)
         for k, c in enumerate(oracle.mixture[:3]):
-            np.testing.assert_allclose(b.state[k], c.x[: b.fresh.size], rtol=0, atol=1e-7)
+            np.testing.assert_allclose(b.state[k], c.x[: b.prior_variance.size], rtol=0, atol=1e-7)
             assert b.weight[k] == pytest.approx(c.weight, rel=1e-6)
 
 
@@ -159,11 +159,14 @@ def test_the_heaviest_components_are_kept_and_the_heaviest_of_all_comes_first() 
     rng, count = np.random.default_rng(3), 300
     weight = rng.uniform(0.5, 1.5, count)
     weight[rng.choice(count, 10, replace=False)] = 1e-7
-    b.alive[0], b.weight[:count] = count, weight / weight.sum()
-    b.state[:count, 0], b.covariance[:count] = 100.0 * np.arange(count), np.eye(b.fresh.size)
+    b.n_hypotheses[0], b.weight[:count] = count, weight / weight.sum()
+    b.state[:count, 0], b.covariance[:count] = (
+        100.0 * np.arange(count),
+        np.eye(b.prior_variance.size),
+    )
     prune_and_merge(b)
     kept = np.sort(weight)[-256:]
-    assert b.alive[0] == 256
+    assert b.n_hypotheses[0] == 256
     assert b.state[0, 0] == 100.0 * np.argmax(weight)
     np.testing.assert_allclose(np.sort(b.weight[:256]), kept / kept.sum(), rtol=1e-12)
     np.testing.assert_allclose(
@@ -180,18 +183,18 @@ def test_where_there_is_no_room_for_more_nothing_is_split_and_no_ring_is_added()
         RangeMeasurement(0, 0.0, 0.0, 0.0, 20.0, 0.25, -0.05, -6.0),
     )
     for alive, after in ((1022, 1024), (1023, 1023)):
-        b.alive[0], b.weight[:alive], b.state[:alive, 1] = alive, 1.0 / alive, 20.0
-        b.covariance[:alive] = 100.0 * np.eye(b.fresh.size)
+        b.n_hypotheses[0], b.weight[:alive], b.state[:alive, 1] = alive, 1.0 / alive, 20.0
+        b.covariance[:alive] = 100.0 * np.eye(b.prior_variance.size)
         split(b, z)
-        assert b.alive[0] == after
+        assert b.n_hypotheses[0] == after
     # what is not alive any more is left alone
-    b.alive[0], b.covariance[0] = 1, 0.01 * np.eye(b.fresh.size)
+    b.n_hypotheses[0], b.covariance[0] = 1, 0.01 * np.eye(b.prior_variance.size)
     split(b, z)
-    assert b.alive[0] == 1
+    assert b.n_hypotheses[0] == 1
     for alive, after in ((976, 976), (975, 1023)):
-        b.alive[0], b.weight[:alive] = alive, 1.0 / alive
+        b.n_hypotheses[0], b.weight[:alive] = alive, 1.0 / alive
         add_ring(b, z, 0.1, False)
-        assert b.alive[0] == after
+        assert b.n_hypotheses[0] == after
 
 
 def test_positions_are_one_within_a_third_of_their_spread() -> None:
@@ -199,13 +202,13 @@ def test_positions_are_one_within_a_third_of_their_spread() -> None:
     spread = np.array([[4.0, 1.5], [1.5, 1.0]])
     for aside, alive in ((0.54, 1), (0.56, 2)):
         b = new_belief(RADIO, (0.0, 0.0))
-        b.alive[0], b.weight[:2] = 2, [0.25, 0.75]
-        b.covariance[:2] = np.eye(b.fresh.size)
+        b.n_hypotheses[0], b.weight[:2] = 2, [0.25, 0.75]
+        b.covariance[:2] = np.eye(b.prior_variance.size)
         b.covariance[0, :2, :2], b.covariance[1, :2, :2] = 0.5 * spread, 1.5 * spread
         root = np.linalg.cholesky(spread)
         b.state[1, :2] = aside * root @ [0.6, 0.8]
         prune_and_merge(b)
-        assert b.alive[0] == alive
+        assert b.n_hypotheses[0] == alive
         # the heavier one comes first; together they lie at their mean
         expected = (0.75 if alive == 1 else 1.0) * aside * root @ [0.6, 0.8]
         np.testing.assert_allclose(b.state[0, :2], expected, rtol=1e-12)

@@ -59,7 +59,7 @@ def belief(
 ) -> BeaconBelief:
     """A belief with one beacon and errors that are correlated with each other."""
     made = with_beacon(new_belief(settings, place), settings)
-    n = made.fresh.size
+    n = made.prior_variance.size
     made.state[0, 2:] = 0.02 * RANDOM.standard_normal(n - 2)
     root = RANDOM.standard_normal((n, n)) * 0.05
     made.covariance[0] += root @ root.T
@@ -79,7 +79,7 @@ def expected_range(x: Floats, place: tuple[float, float], deeper: float) -> floa
 
 def test_a_range_has_the_derivatives_of_finite_differences() -> None:
     made, place = belief(), (40.0, 25.0)
-    n, x = made.fresh.size, made.state[0].copy()
+    n, x = made.prior_variance.size, made.state[0].copy()
     with_covariance(made, np.eye(n) * 1e-12)
     predict_range(made, 0, ranging(place, 50.0, deeper=6.0))
     rows = made.gain / 1e-12
@@ -93,10 +93,10 @@ def test_a_range_has_the_derivatives_of_finite_differences() -> None:
 def test_a_range_has_the_mean_and_variance_of_many_draws() -> None:
     """Second-order terms: two metres across at thirty bend a circle by centimetres."""
     made, place = belief(), (20.0, 18.0)
-    root = 0.8 * RANDOM.standard_normal((made.fresh.size, made.fresh.size))
+    root = 0.8 * RANDOM.standard_normal((made.prior_variance.size, made.prior_variance.size))
     root[2:] *= 0.001
     with_covariance(made, root @ root.T)
-    x = made.state[0] + RANDOM.standard_normal((400_000, made.fresh.size)) @ root.T
+    x = made.state[0] + RANDOM.standard_normal((400_000, made.prior_variance.size)) @ root.T
     off = x[:, :2] - np.array(place) - x[:, SHARED + 1 : SHARED + 3]
     drawn = (1.0 + x[:, SCALE]) * np.hypot(*off.T) + x[:, SHARED]
     residual, variance, _ = predict_range(made, 0, ranging(place, 0.0))
@@ -121,7 +121,7 @@ def moved(x: Floats, speed: float, heading: float, time: float) -> Floats:
 
 def test_odometry_moves_mean_and_covariance_as_finite_differences_do() -> None:
     made = belief()
-    n, x, before = made.fresh.size, made.state[0].copy(), made.covariance[0].copy()
+    n, x, before = made.prior_variance.size, made.state[0].copy(), made.covariance[0].copy()
     step = 1e-6
     rows = np.column_stack(
         [
@@ -143,7 +143,7 @@ def test_far_away_it_is_the_linear_filter_of_filterpy() -> None:
     of them.
     """
     made, place = belief(place=(0.0, -4.0)), (0.0, 1e7)
-    n = made.fresh.size
+    n = made.prior_variance.size
     root = 0.1 * RANDOM.standard_normal((n, n))
     root[SCALE] = 0.0
     with_covariance(made, root @ root.T)
@@ -167,7 +167,7 @@ def test_far_away_it_is_the_linear_filter_of_filterpy() -> None:
 
 
 def mixture_moments(b: BeaconBelief) -> tuple[Floats, Floats]:
-    k = b.alive[0]
+    k = b.n_hypotheses[0]
     weight, state = b.weight[:k] / b.weight[:k].sum(), b.state[:k]
     mean = weight @ state
     off = state - mean
@@ -182,10 +182,10 @@ def test_splits_keep_mean_and_covariance_until_a_circle_is_straight() -> None:
     made.covariance[0, Y, Y] += 25.0
     before, z = mixture_moments(made), ranging((10.0, 0.0), 30.0)
     split(made, z)
-    assert 5 < made.alive[0] < CAPACITY - 1
+    assert 5 < made.n_hypotheses[0] < CAPACITY - 1
     for old, new in zip(before, mixture_moments(made), strict=True):
         np.testing.assert_allclose(new, old, rtol=1e-9, atol=1e-9)
-    for k in range(made.alive[0]):
+    for k in range(made.n_hypotheses[0]):
         assert predict_range(made, k, z)[2] <= 0.7 * 0.5
 
 
@@ -198,7 +198,7 @@ def test_components_at_one_position_merge_and_keep_their_moments() -> None:
     made.covariance[:, X, X] += 400.0
     made.covariance[:, Y, Y] += 400.0
     prune_and_merge(made)
-    assert made.alive[0] == 1
+    assert made.n_hypotheses[0] == 1
     mean, covariance = mixture_moments(made)
     covariance[[X, Y], [X, Y]] -= 400.0
     np.testing.assert_allclose(mean, before[0], rtol=1e-9, atol=1e-9)

@@ -225,7 +225,7 @@ def test_two_places_are_two_where_twice_their_spreads_do_not_meet(half: float, l
     """
     (beliefs, model, *_) = mission.new_tight_swarm(TightSettings(transmitters=2), np.zeros((1, 4)))
     belief, out = beliefs[0], record(ESTIMATE)
-    belief.alive, belief.weight[:2] = 2, (0.4, 0.6)
+    belief.n_hypotheses, belief.weight[:2] = 2, (0.4, 0.6)
     belief.state[:2] = 0.0
     belief.state[:2, 0] = -half, half
     belief.covariance[:2] = np.diag([1.0, 9.0, *np.ones(15)])

@@ -111,12 +111,12 @@ def test_a_leg_ends_where_the_leader_turns_and_b_l_loses_the_means_error(
 def test_hypotheses_in_one_place_that_differ_in_b_l_stay_two() -> None:
     for apart, alive in ((0.0, 1), (0.01, 1), (0.2, 2)):
         belief, model = made()
-        belief.alive = 2
+        belief.n_hypotheses = 2
         belief.weight[:2] = 0.6, 0.4
         belief.state[1], belief.covariance[1] = belief.state[0], belief.covariance[0]
         belief.state[1, model.leader] += apart
         prune_and_merge(belief, model)
-        assert belief.alive == alive
+        assert belief.n_hypotheses == alive
 
 
 def test_compass_scatter_is_estimated_from_all_legs_and_limited_by_the_settings() -> None:

@@ -116,7 +116,7 @@ def test_the_covariance_between_messages_is_that_of_a_motion() -> None:
     for v, theta in zip(*readings(30), strict=True):
         preintegrate(belief, model, v, theta, 0.1)
     moments(belief, model)
-    mean, covariance = belief.now.copy(), belief.now_covariance.copy()
+    mean, covariance = belief.mixture_mean.copy(), belief.mixture_covariance.copy()
     predict_component(belief, model, 0, BIASES[2], BIASES[3])
     np.testing.assert_allclose(mean[:2], belief.state[0, :2], atol=1e-12)
     np.testing.assert_allclose(covariance[:2, :2], belief.covariance[0, :2, :2], atol=1e-12)
@@ -150,15 +150,19 @@ def test_the_velocity_is_the_last_readings_with_its_errors_and_goes_with_the_pos
     ]
     rows = np.stack(both, axis=1)
     moments(belief, model)
-    np.testing.assert_allclose(belief.now[2:], velocity(BIASES.astype(complex)).real, atol=1e-12)
+    np.testing.assert_allclose(
+        belief.mixture_mean[2:], velocity(BIASES.astype(complex)).real, atol=1e-12
+    )
     true = heading[-1] - BIASES[3]
     along, across = np.array([np.sin(true), np.cos(true)]), np.array([np.cos(true), -np.sin(true)])
     read = SETTINGS.speed_sigma**2 * np.outer(along, along)
     read += (SETTINGS.heading_sigma * speed[-1]) ** 2 * np.outer(across, across)
     expected = rows @ belief.covariance[0, :N, :N] @ rows.T
-    np.testing.assert_allclose(belief.now_covariance[2:, 2:], expected[2:, 2:] + read, atol=1e-12)
-    np.testing.assert_allclose(belief.now_covariance[:2, 2:], expected[:2, 2:], atol=1e-12)
-    np.testing.assert_allclose(belief.now_covariance[2:, :2], expected[2:, :2], atol=1e-12)
+    np.testing.assert_allclose(
+        belief.mixture_covariance[2:, 2:], expected[2:, 2:] + read, atol=1e-12
+    )
+    np.testing.assert_allclose(belief.mixture_covariance[:2, 2:], expected[:2, 2:], atol=1e-12)
+    np.testing.assert_allclose(belief.mixture_covariance[2:, :2], expected[2:, :2], atol=1e-12)
 
 
 def test_biases_that_wander_add_up_over_intervals_as_over_their_sum() -> None:
@@ -221,7 +225,7 @@ def test_both_halves_together_are_the_whole(drift: bool) -> None:
     belief.state[: model.modes, 5] = 0.0
     before = [mixture_moments(belief, range(k, k + 1)) for k in range(model.modes)]
     split(belief, model, message(np.full(3, 40.0)))
-    assert belief.alive == 2
+    assert belief.n_hypotheses == 2
     for k in range(model.modes):
         after = mixture_moments(belief, range(k, 2 * model.modes, model.modes))
         np.testing.assert_allclose(after[0], before[k][0], atol=1e-10)
@@ -237,12 +241,12 @@ def test_a_follower_abeam_is_not_split() -> None:
     belief, model = made()
     belief.state[0, :2] = 40.0, -30.0
     split(belief, model, message(np.full(3, 30.0)))
-    assert belief.alive == 1
+    assert belief.n_hypotheses == 1
 
 
 def test_hypotheses_in_the_same_place_merge_into_their_moments_and_light_ones_go() -> None:
     belief, model = made()
-    belief.alive = 3
+    belief.n_hypotheses = 3
     for k, weight in enumerate((0.7, 0.3 - 1e-6, 1e-6)):
         belief.weight[k] = weight
         belief.covariance[k, :N, :N] = some_covariance(k + 20)
@@ -251,7 +255,7 @@ def test_hypotheses_in_the_same_place_merge_into_their_moments_and_light_ones_go
     belief.state[2, 0] += 50.0
     expected = mixture_moments(belief, range(2))
     prune_and_merge(belief, model)
-    assert belief.alive == 1
+    assert belief.n_hypotheses == 1
     np.testing.assert_allclose(belief.state[0], expected[0], atol=1e-12)
     np.testing.assert_allclose(belief.covariance[0], expected[1], atol=1e-12)
     assert belief.weight[0] == pytest.approx(1.0)

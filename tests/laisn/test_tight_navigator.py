@@ -196,7 +196,7 @@ def test_covariances_stay_positive_definite_for_a_million_steps(transmitters: in
     backwards = mission.follower[-1] - mission.follower[0]
     for lap in range(100):
         assert filter_mission(belief, model, new_signal(), own, messages, found) == 0
-        for k in range(int(belief.alive) * model.modes):
+        for k in range(int(belief.n_hypotheses) * model.modes):
             covariance = belief.covariance[k, : model.states, : model.states]
             np.testing.assert_array_equal(covariance, covariance.T)
             sigma = np.sqrt(np.diag(covariance))

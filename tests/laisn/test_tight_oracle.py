@@ -290,7 +290,7 @@ def test_a_start_whose_covariance_is_not_positive_definite_is_refused() -> None:
     )
     signal.ranges = 20.0, 20.5, 20.2
     place_arms(signal, model, 0.0, 0.0, 1.0)
-    belief.fresh[SCALE] = -1.0
+    belief.prior_variance[SCALE] = -1.0
     assert receive(belief, model, signal) == -1
 
 
@@ -408,10 +408,10 @@ def test_readings_at_the_limits_are_taken_and_those_beyond_them_refused(sign: fl
 def test_the_eight_heaviest_of_ten_hypotheses_are_kept(seed: int) -> None:
     belief, model = new_belief(THREE, model_of(THREE), (0.0, 0.0)), model_of(THREE)
     weights = np.random.default_rng(seed).permutation(np.arange(1, 11))
-    belief.alive, belief.weight[:10] = 10, weights / 55.0
+    belief.n_hypotheses, belief.weight[:10] = 10, weights / 55.0
     belief.state[:10, 0], belief.covariance[:10] = 100.0 * weights, np.eye(17)
     prune_and_merge(belief, model)
-    assert belief.alive == 8
+    assert belief.n_hypotheses == 8
     kept = belief.weight[:8]
     np.testing.assert_allclose(np.sort(kept), np.arange(3, 11) / 52.0)
     # each is where it was

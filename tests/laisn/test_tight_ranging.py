@@ -177,7 +177,7 @@ def test_the_subset_of_direct_ranges_is_the_likeliest_of_all(echo: tuple[float, 
     ranges = ranges_of(plain, 30.0).real + np.array(echo)
     made, model = belief(covariance, plain)
     predict_ranges(made, model, 0, signal(ranges), 0.0, made.leader_variance)
-    residual, spread = made.work.residual.copy(), made.work.spread.copy()
+    residual, spread = made.work.residual.copy(), made.work.innovation_covariance.copy()
     best = {}
     for size in range(4):
         for used in itertools.combinations(range(3), size):
@@ -205,7 +205,7 @@ def test_a_message_of_which_nothing_came_teaches_nothing() -> None:
         made.evidence[0],
         made.outcome["normalised_innovation"][0],
         made.turn_excess[0],
-        made.outcome["taken"][0],
+        made.outcome["n_used"][0],
     ) == (0.0, 0.0, 0.0, 0)
     np.testing.assert_array_equal(made.state, before[0])
     np.testing.assert_array_equal(made.covariance, before[1])
@@ -243,4 +243,4 @@ def test_of_ranges_that_share_an_echo_only_the_difference_is_used() -> None:
     assert made.covariance[0, 1, 1] == pytest.approx(
         sigma**2 - (slope * sigma**2) ** 2 / variance, abs=1e-4
     )
-    assert made.outcome[0]["squared"] == pytest.approx(0.04**2 / variance, rel=0.05)
+    assert made.outcome[0]["nis_sum"] == pytest.approx(0.04**2 / variance, rel=0.05)

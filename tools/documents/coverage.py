@@ -92,7 +92,7 @@ _UNTIL: Mapping[str, tuple[str, float, float]] = {
 of the interval.
 """
 _BATCH = 60
-_MOST = 5_000
+_MAX = 5_000
 
 
 def stopped(law: str, rng: np.random.Generator) -> Interval:
@@ -101,9 +101,9 @@ def stopped(law: str, rng: np.random.Generator) -> Interval:
     """
     _, mean, half_width = _UNTIL[law]
     values = (
-        rng.normal(size=_MOST) if law == "normal" else (rng.random(_MOST) < mean).astype(np.float64)
+        rng.normal(size=_MAX) if law == "normal" else (rng.random(_MAX) < mean).astype(np.float64)
     )
-    until = Until(half_width=half_width, most=_MOST)
+    until = Until(half_width=half_width, most=_MAX)
     runs = 0
     count = _BATCH
     interval = Interval(mean, math.nan, math.nan)

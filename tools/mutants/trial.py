@@ -33,7 +33,7 @@ OPERATORS = (
 )
 """Operators of cosmic-ray, without those whose mutants seldom compile."""
 EQUIVALENT = Path(__file__).with_name("equivalent.toml")
-LEAST_TIMEOUT_S = 60.0
+MIN_TIMEOUT_S = 60.0
 TIMEOUT_RATIO = 10.0
 """A mutant's tests may take this long, and this many times as long as they take without it."""
 
@@ -149,7 +149,7 @@ def attempt(mutant: MutationSpec, took: Mapping[str, float]) -> Tried:
     file = str(mutant.module_path)
     location = f"{mutant.module_path}:{mutant.start_pos[0]}"
     tests = sorted(covering(file), key=took.__getitem__)
-    timeout = LEAST_TIMEOUT_S + TIMEOUT_RATIO * sum(took[test] for test in tests)
+    timeout = MIN_TIMEOUT_S + TIMEOUT_RATIO * sum(took[test] for test in tests)
     # without a test it survives; pytest without a file would run all tests
     result = mutate_and_test([mutant], pytest_command(tests) if tests else "true", timeout)
     if result.diff is None:

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from laisn.compiled import compiled
-from sim.scenario.formation import MOST_FOLLOWERS
+from sim.scenario.formation import MAX_FOLLOWERS
 from sim.sensing import noise
 from sim.sensing.noise import Address, Stream, normals, uniforms
 
@@ -156,13 +156,13 @@ def test_no_two_draws_share_a_stream() -> None:
 def test_no_two_receivers_share_a_number_and_all_hear_the_same_leader() -> None:
     """Of 200 followers and the leader, on as many links as a scenario may have."""
     links = range(1 + 1 + 8)  # the main one, the leader's broadcast beside it, and those of tables
-    receivers = [*range(MOST_FOLLOWERS), noise.LEADER_NUMBER]
-    assert len(links) <= noise.MOST_LINKS
+    receivers = [*range(MAX_FOLLOWERS), noise.LEADER_NUMBER]
+    assert len(links) <= noise.MAX_LINKS
     numbers = [link * noise.RECEIVERS + receiver for link in links for receiver in receivers]
     looks = [
         noise.number_of_look(follower, vehicle)
-        for follower in range(MOST_FOLLOWERS)
-        for vehicle in range(MOST_FOLLOWERS + 1)
+        for follower in range(MAX_FOLLOWERS)
+        for vehicle in range(MAX_FOLLOWERS + 1)
     ]
     own = [noise.STREAMS * number + stream for number in numbers for stream in range(Stream.NEARBY)]
     assert len(set(own)) == len(own)

@@ -65,7 +65,7 @@ def test_without_a_folder_tables_are_computed(
 def test_few_tables_are_kept(
     computed: list[object], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(table_store, "_MOST_TABLES", 2)
+    monkeypatch.setattr(table_store, "_MAX_TABLES", 2)
     table = rays_of_another_process().direct
     for number in range(3):
         table_store.stored_table([number], lambda: table)

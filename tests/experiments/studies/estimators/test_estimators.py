@@ -176,7 +176,7 @@ def test_runs_with_errors_are_navigated_alike_alone_and_in_cells() -> None:
             assert runs["nees"] == pytest.approx(
                 np.nanmean(squares), rel=1e-9 if arm == "tight" else 1e-6
             )
-            assert runs["nis"] == pytest.approx(2.0 * alone.squared / alone.numbers, rel=1e-6)
+            assert runs["nis"] == pytest.approx(2.0 * alone.nis_sum / alone.nis_dof, rel=1e-6)
         low, high = stats.chi2.ppf([0.025, 0.975], 4)
         summed = summed[np.isfinite(summed)]
         inside = np.mean((summed >= low) & (summed <= high))
