@@ -181,8 +181,9 @@ def hull_gap(
 ) -> Floats:
     """Distances of two straight hulls' axes at n instants, shape (n,), [m].
 
-    `slerp` leads from the middle of the first to that of the second, shape (n, 3), [m]; `first` and
-    `second` are unit vectors along them, shape (n, 3), and `half_lengths` half their lengths [m].
+    `offsets` lead from the middle of the first to that of the second, shape (n, 3), [m]; `first`
+    and `second` are unit vectors along them, shape (n, 3), and `half_lengths` half their lengths
+    [m].
     """
     cosine = _dot(first, second)
     ahead = _dot(first, offsets)

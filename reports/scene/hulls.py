@@ -82,7 +82,7 @@ def _propellers(model: mujoco.MjModel) -> list[dict[str, Any]]:
 
 
 def hull(path: str) -> dict[str, Any]:
-    """Parts, fins and propellers of the vehicle of an MJCF, as `models_of` names it."""
+    """Parts, fins and propellers of the vehicle of an MJCF, by its path."""
     model = spec_of(path).compile()
     parts = [piece for geom in range(model.ngeom) if (piece := _part(model, geom)) is not None]
     fins = [

@@ -292,7 +292,7 @@ def _value(message: Any, path: list[tuple[str, bool]]) -> Any:
 
 
 class Contents:
-    """What a log holds; of topics that are not `wanted` (by name and empty channel), the times of
+    """What a log holds; of topics that `select` refuses (by name and empty channel), the times of
     messages alone.
 
     LogError if it cannot be read, is no MCAP file or is damaged, decompresses to more than is

@@ -271,7 +271,7 @@ class Salvage:
     """All intact records of a file in order, with the damage between them.
 
     Iteration gives records, those of a chunk one by one, `Damage` and `DamagedAttachment`.
-    `most` is what all chunks may decompress to [bytes].
+    `max_size` is what all chunks may decompress to [bytes].
     """
 
     def __init__(self, data: Bytes, max_size: int) -> None:
