@@ -8,6 +8,7 @@ other object it runs as Python.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -332,7 +333,6 @@ class Mission:
             instants=self._instants,
             substeps=round(TICK / plant.dt),
         )
-        self._held = Held(self._run) if isinstance(self.controller, tuple) else None
         self.observers: list[Observer] = []
         self._observed = 0
 
@@ -349,6 +349,11 @@ class Mission:
     def last(self) -> int:
         """The last instant that there is room for."""
         return len(self.truth.pose) - 1
+
+    @cached_property
+    def _held(self) -> Held | None:
+        """What the loop works on, as compiled code takes it; None: a controller is in Python."""
+        return Held(self._run) if isinstance(self.controller, tuple) else None
 
     def advance(self, last: int) -> None:
         """Fly, control and record until an instant; nothing from outside is looked at meanwhile,

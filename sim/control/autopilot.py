@@ -211,26 +211,53 @@ def _require_control(name: str, record: np.void, mode: DepthControl) -> None:
         )
 
 
+@compiled
+def _greatest_forces(
+    kinds: effectors.Kinds,
+    d: Autopilot,
+    speeds: Floats,
+    axis: int,
+    side: float,
+    memory: AutopilotMemory,
+) -> tuple[Floats, Floats]:
+    """`greatest_forces` at speeds of shape (n,), shapes (n,) and (n, MAX_EFFECTORS)."""
+    components = np.empty(speeds.size)
+    forces = np.zeros((speeds.size, MAX_EFFECTORS))
+    for k in range(speeds.size):
+        limits = memory.limits
+        for i in range(MAX_EFFECTORS):
+            limits[i, 0], limits[i, 1] = effectors.force_limits(
+                kinds, d.effectors[i], d.density, speeds[k]
+            )
+        wrench = memory.wrench
+        for i in range(6):
+            wrench[i] = 0.0
+        wrench[axis] = side * 1e6
+        at_speed(d.slow_allocation, d.fast_allocation, speeds[k], memory.allocation)
+        allocate(memory.allocation, limits, wrench, forces[k])
+        components[k] = wrench[axis]
+    return components, forces
+
+
+def _forces_at(d: Autopilot, speeds: Floats, axis: int, side: float) -> tuple[Floats, Floats]:
+    kinds = effectors.kinds_of(d["effectors"])
+    return _greatest_forces(kinds, d, speeds, axis, side, np.zeros(1, AUTOPILOT_MEMORY)[0])
+
+
 def greatest_forces(
     d: Autopilot, speed: float, axis: int, side: float = 1.0
 ) -> tuple[float, Floats]:
     """Largest component of a wrench that the effectors give at a speed, to one side (1 or -1), [N]
     or [N m], and their forces for it [N].
     """
-    limits = effectors.force_limits_of(d["effectors"], d["density"], speed)
-    wrench = np.zeros(6)
-    command = np.zeros(MAX_EFFECTORS)
-    inverse = np.empty((MAX_EFFECTORS, 6))
-    wrench[axis] = side * 1e6
-    at_speed(d["slow_allocation"], d["fast_allocation"], speed, inverse)
-    allocate(inverse, limits, wrench, command)
-    return float(wrench[axis]), command
+    components, forces = _forces_at(d, np.array([speed]), axis, side)
+    return float(components[0]), forces[0]
 
 
 def top_speed(d: Autopilot) -> float:
     """Speed at which all thrust ahead balances the drag of surge [m/s], 10 at most."""
     speeds = np.arange(0.0, 10.0, 0.02)
-    thrust = np.array([greatest_forces(d, speed, SURGE)[0] for speed in speeds])
+    thrust, _ = _forces_at(d, speeds, SURGE, 1.0)
     drag = (d["drag_linear"] * np.exp(-d["drag_fade"] * speeds) + d["drag"] * speeds) * speeds
     return float(speeds[np.argmax(thrust < drag)] if (thrust < drag).any() else speeds[-1])
 

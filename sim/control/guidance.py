@@ -19,7 +19,8 @@ and north [m], [m/s]; `dt`, the time since the last call [s]; and `memory`, brou
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import partial
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
 from typing import Annotated
 
 import numpy as np
@@ -151,8 +152,9 @@ def reference(
     None: 0. LaisnError if a route cannot be flown.
     """
     table = records(REFERENCE, time.size, len(routes))
+    write = _write_reference if time.size > _MOST_SHARED else _write_shared_reference
     for i, route in enumerate(routes):
-        _write_reference(
+        write(
             route,
             time,
             lead[i] if lead else 0.0,
@@ -160,6 +162,39 @@ def reference(
             table[:, i],
         )
     return table
+
+
+# references of so many instants are kept, which missions with the same routes share: 6 MB each
+_MOST_SHARED = 100_000
+
+
+@dataclass(frozen=True)
+class _Course:
+    """A route at instants, and the numbers that its reference follows from."""
+
+    values: tuple[object, ...]
+    route: Route = field(compare=False)
+    time: Floats = field(compare=False)
+
+
+@lru_cache(maxsize=4)
+def _shared_reference(course: _Course, lead: float, least_radius: float) -> Records:
+    shared = records(REFERENCE, course.time.size)
+    _write_reference(course.route, course.time, lead, least_radius, shared)
+    return shared
+
+
+def _write_shared_reference(
+    route: Route, time: Floats, lead: float, least_radius: float, out: Records
+) -> None:
+    arrays = (route.time, route.waypoint, route.depth.time, route.depth.depth, time)
+    values = (
+        *(array.tobytes() for array in arrays),
+        route.depth.period,
+        route.start_heading,
+        route.start_speed,
+    )
+    out[:] = _shared_reference(_Course(values, route, time), lead, least_radius)
 
 
 @compiled

@@ -8,11 +8,14 @@ out.
 """
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
 from laisn.arrays import Floats
+from laisn.compiled import compiled
 from laisn.errors import LaisnError
+from sim.attitude import Vector, cross, matvec, minus, plus, transposed
 from sim.control.allocation import HEAVE, PITCH, SURGE, SWAY, YAW, at_speed, clip
 from sim.control.autopilot import SPEED_HEAVE, SPEED_PITCH, Autopilot, greatest_forces, top_speed
 from sim.control.guidance import CATCH_UP, TURN_RESERVE
@@ -23,6 +26,7 @@ from sim.vehicle.effectors import Fitted, kinds_of, states_for, unit_wrenches
 from sim.vehicle.hydrodynamics import wrench
 from sim.vehicle.mjcf import Coefficients, inertia_tensor
 from sim.vehicle.plant import Plant
+from sim.vehicle.solvers import matrix_times
 from sim.water.environment import SeaInstant, sea_at
 from sim.water.ocean import Ocean
 
@@ -46,38 +50,50 @@ def _skew(a: Floats) -> Floats:
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
+@compiled
 def _forces(
     c: Coefficients,
     rigid: Floats,
-    centre: Floats,
-    state: Floats,
+    centre: Vector,
+    states: Floats,
     sea: SeaInstant,
     fitted: Fitted,
 ) -> Floats:
-    """Wrench of water, weight and inertia in the body, of velocities (6) and small angles about
-    the body's axes (3).
+    """Wrenches of water, weight and inertia in the body, shape (n, 6), of velocities (6) and small
+    angles about the body's axes (3), shape (n, 9).
     """
-    velocity = state[:3]
-    spin = state[3:6]
-    angle = state[6:]
-    to_world = np.eye(3) + _skew(angle) + 0.5 * _skew(angle) @ _skew(angle)
-    pose = np.array([0.0, 0.0, -10.0, np.sqrt(1.0 - 0.25 * angle @ angle), *(0.5 * angle)])
-    force, moment, _ = wrench(c, pose, np.concatenate([to_world @ velocity, spin]), sea, fitted, 0)
-    weight = to_world.T @ [0.0, 0.0, -rigid[0, 0] * c.gravity]
-    momentum = rigid @ state[:6]
-    carried = c.added_mass[:, :3] @ np.cross(spin, velocity)
-    return np.concatenate(
-        [
-            # `wrench` adds what the solver needs of added mass in the world's frame, which is not
-            # accelerated here
-            to_world.T @ np.array(force) + weight - np.cross(spin, momentum[:3]) - carried[:3],
-            np.array(moment)
-            + np.cross(centre, weight)
-            - np.cross(spin, momentum[3:])
-            - np.cross(velocity, momentum[:3])
-            - carried[3:],
-        ]
-    )
+    out = np.empty((states.shape[0], 6))
+    for k in range(states.shape[0]):
+        velocity = (states[k, 0], states[k, 1], states[k, 2])
+        spin = (states[k, 3], states[k, 4], states[k, 5])
+        x = states[k, 6]
+        y = states[k, 7]
+        z = states[k, 8]
+        # I + S + S S / 2, with S the matrix of the cross product with the angles
+        to_world = (
+            (1.0 - 0.5 * (y * y + z * z), 0.5 * x * y - z, 0.5 * x * z + y),
+            (0.5 * x * y + z, 1.0 - 0.5 * (x * x + z * z), 0.5 * y * z - x),
+            (0.5 * x * z - y, 0.5 * y * z + x, 1.0 - 0.5 * (x * x + y * y)),
+        )
+        to_body = transposed(to_world)
+        real = np.sqrt(1.0 - 0.25 * (x * x + y * y + z * z))
+        pose = (0.0, 0.0, -10.0, real, 0.5 * x, 0.5 * y, 0.5 * z)
+        over_ground = matvec(to_world, velocity)
+        force, moment, _ = wrench(c, pose, over_ground + spin, sea, fitted, 0)
+        weight = matvec(to_body, (0.0, 0.0, -rigid[0, 0] * c.gravity))
+        momentum, angular = matrix_times(rigid, velocity, spin)
+        # `wrench` adds what the solver needs of added mass in the world's frame, which is not
+        # accelerated here
+        carried = matrix_times(c.added_mass, cross(spin, velocity), (0.0, 0.0, 0.0))
+        push = plus(matvec(to_body, force), weight)
+        push = minus(minus(push, cross(spin, momentum)), carried[0])
+        turn = plus(moment, cross(centre, weight))
+        turn = minus(minus(turn, cross(spin, angular)), cross(velocity, momentum))
+        turn = minus(turn, carried[1])
+        for j in range(3):
+            out[k, j] = push[j]
+            out[k, 3 + j] = turn[j]
+    return out
 
 
 def _law(d: Autopilot, climb: Floats, speed: float) -> Floats:
@@ -104,14 +120,15 @@ def _law(d: Autopilot, climb: Floats, speed: float) -> Floats:
     return law
 
 
-def _body(plant: Plant, i: int) -> tuple[Floats, Floats]:
+def _body(plant: Plant, i: int) -> tuple[Floats, Vector]:
     """Rigid inertia (6×6) about the origin, and centre of gravity of vehicle i."""
     body = plant.model.body(f"{plant.names[i]}/hull")
     mass = float(body.mass[0])
     centre = np.array(body.ipos)
-    cross = mass * _skew(centre)
+    arm = mass * _skew(centre)
     inertia = inertia_tensor(plant.model, body.id)
-    return np.block([[mass * np.eye(3), -cross], [cross, inertia - cross @ _skew(centre)]]), centre
+    rigid = np.block([[mass * np.eye(3), -arm], [arm, inertia - arm @ _skew(centre)]])
+    return rigid, (float(centre[0]), float(centre[1]), float(centre[2]))
 
 
 def steady_turn(plant: Plant, i: int, d: Autopilot, speed: float) -> tuple[float, float]:
@@ -135,9 +152,9 @@ def steady_turn(plant: Plant, i: int, d: Autopilot, speed: float) -> tuple[float
     states = states_for(effectors, d["density"], forces, speed)[None]
 
     def balance(x: Floats) -> Floats:
-        motion = np.array([speed, x[0], 0.0, 0.0, 0.0, x[1], 0.0, 0.0, 0.0])
+        motion = np.array([[speed, x[0], 0.0, 0.0, 0.0, x[1], 0.0, 0.0, 0.0]])
         total = _forces(c, rigid, centre, motion, still, Fitted(kinds_of(fitted), fitted, states))
-        return np.asarray(total[[SWAY, YAW]])
+        return np.asarray(total[0, [SWAY, YAW]])
 
     (sway, rate), _, status, _ = fsolve(balance, [0.0, 0.05], full_output=True)
     if status != 1 or not rate > 0.0:
@@ -155,43 +172,62 @@ def least_radius(plant: Plant, i: int, d: Autopilot) -> float:
     return 0.0 if rate > TURN_RATE else min(radius / TURN_RESERVE, 1e4)
 
 
-def _motion(plant: Plant, i: int, d: Autopilot, equilibrium: Floats) -> Floats:
-    """Matrix of the motion of vehicle i about 6 velocities and 3 angles: these, height and
-    lagging wrench, (16, 16).
-    """
+class _LoopOfHull(NamedTuple):
+    """A vehicle and its autopilot, as far as they are alike at all speeds."""
+
+    name: str
+    d: Autopilot
+    c: Coefficients  # with all scales
+    rigid: Floats  # inertia, (6, 6)
+    centre: Vector  # of gravity
+    inverse: Floats  # of the inertia with added mass, (6, 6)
+    fitted: Fitted
+    sea: SeaInstant
+    # wrenches that act for a unit of the commanded forces, (6, m)
+    unit_wrench: Floats
+
+
+def _loop_of(plant: Plant, i: int, d: Autopilot) -> _LoopOfHull:
     rigid, centre = _body(plant, i)
     c = plant.true_coefficients.view(np.recarray)[i]
     effectors = plant.effectors[i]
     settings = plant.setups[i].settings
+    scale = np.where(effectors["lift_area"] > 0.0, settings.lift_scale, settings.thrust_scale)
+    return _LoopOfHull(
+        name=plant.names[i],
+        d=d,
+        c=c,
+        rigid=rigid,
+        centre=centre,
+        inverse=np.linalg.inv(rigid + c.added_mass),
+        fitted=Fitted(plant.kinds, plant.true_effectors[i : i + 1], np.zeros((1, effectors.size))),
+        sea=sea_at(plant.ocean.environment, 0.0),
+        unit_wrench=(scale[:, None] * unit_wrenches(effectors)).T,
+    )
+
+
+def _motion(hull: _LoopOfHull, equilibrium: Floats) -> Floats:
+    """Matrix of the motion of a vehicle about 6 velocities and 3 angles: these, height and
+    lagging wrench, (16, 16).
+    """
+    d = hull.d
     speed = float(equilibrium[0])
     steps = _STEP * np.eye(9)
-    fitted = Fitted(plant.kinds, plant.true_effectors[i : i + 1], np.zeros((1, effectors.size)))
-    sea = sea_at(plant.ocean.environment, 0.0)
-    rates = [
-        _forces(c, rigid, centre, equilibrium + step, sea, fitted)
-        - _forces(c, rigid, centre, equilibrium - step, sea, fitted)
-        for step in steps
-    ]
-    allocation = np.empty((effectors.size, 6))
-    at_speed(
-        d["slow_allocation"][: effectors.size],
-        d["fast_allocation"][: effectors.size],
-        speed,
-        allocation,
-    )
-    # forces that act for a unit of the commanded ones
-    scale = np.where(effectors["lift_area"] > 0.0, settings.lift_scale, settings.thrust_scale)
-    wrench_share = (scale[:, None] * unit_wrenches(effectors)).T @ allocation
-    inverse = np.linalg.inv(rigid + c.added_mass)
+    states = np.concatenate([equilibrium + steps, equilibrium - steps])
+    forces = _forces(hull.c, hull.rigid, hull.centre, states, hull.sea, hull.fitted)
+    count = hull.unit_wrench.shape[1]
+    allocation = np.empty((count, 6))
+    at_speed(d["slow_allocation"][:count], d["fast_allocation"][:count], speed, allocation)
     lag = 0.25 / d["omega"]
     matrix = np.zeros((16, 16))
-    matrix[:6, :9] = inverse @ np.array(rates).T / (2.0 * _STEP)
-    matrix[:6, 10:] = inverse
+    matrix[:6, :9] = hull.inverse @ (forces[:9] - forces[9:]).T / (2.0 * _STEP)
+    matrix[:6, 10:] = hull.inverse
     matrix[6:9, 3:6] = np.eye(3)
     # nose down is positive about the axis to port
     matrix[HEIGHT, HEAVE] = 1.0
     matrix[HEIGHT, PITCH + 3] = -speed
-    matrix[10:, :10] = wrench_share @ _law(d, matrix[HEIGHT, :10], speed) / lag
+    law = _law(d, matrix[HEIGHT, :10], speed)
+    matrix[10:, :10] = hull.unit_wrench @ allocation @ law / lag
     matrix[10:, 10:] = -np.eye(6) / lag
     return matrix
 
@@ -204,32 +240,30 @@ _PLANES = {  # rows of the motion that belong together
 }
 
 
-def _growth(plant: Plant, i: int, d: Autopilot, speed: float) -> tuple[float, str]:
-    """Rate at which the motion of vehicle i grows fastest at a speed [1/s], and its plane.
+def _growth(hull: _LoopOfHull, speed: float) -> tuple[float, str]:
+    """Rate at which the motion of a vehicle grows fastest at a speed [1/s], and its plane.
 
     A hull without linear damping may swing by a degree or two, which its quadratic damping bounds:
     what swings is looked at about a slow swing.
     """
-    rates, modes = np.linalg.eig(_motion(plant, i, d, np.append(speed, np.zeros(8))))
+    rates, modes = np.linalg.eig(_motion(hull, np.append(speed, np.zeros(8))))
     worst = int(np.argmax(rates.real))
     if rates[worst].real > _GROWTH and abs(rates[worst].imag) > _SWINGING * rates[worst].real:
         equilibrium = np.array([speed, 0.0, 0.0, *_SWING_RAD_S, 0.0, 0.0, 0.0])
-        rates, modes = np.linalg.eig(_motion(plant, i, d, equilibrium))
+        rates, modes = np.linalg.eig(_motion(hull, equilibrium))
         worst = int(np.argmax(rates.real))
     size = np.abs(modes[:10, worst])
     plane = max(_PLANES, key=lambda name: size[list(_PLANES[name])].max())
     return float(rates[worst].real), plane
 
 
-def _require_slow_motion(
-    plant: Plant, i: int, d: Autopilot, fastest: float, orbital: float
-) -> None:
+def _require_slow_motion(hull: _LoopOfHull, dt: float, fastest: float, orbital: float) -> None:
     """LaisnError naming a physics step that is short enough, or what makes the motion too fast."""
     speed = _CATCHING_UP * fastest + orbital
     turning = np.array([speed, *_DRIFT_M_S, *_SPIN_RAD_S, 0.0, 0.0, 0.0])
-    matrix = _motion(plant, i, d, turning)
+    matrix = _motion(hull, turning)
     rate = np.abs(np.linalg.eigvals(matrix)).max() if np.all(np.isfinite(matrix)) else np.inf
-    if rate * plant.dt < 1.0:
+    if rate * dt < 1.0:
         return
     steps = np.ceil(CONTROL_STEP_S * rate / _STEP_RESERVE)
     advice = "damping, drag areas, levers and fins must fit mass and added mass"
@@ -239,17 +273,17 @@ def _require_slow_motion(
         divisors = [n for n in range(int(steps), shortest + 1) if shortest % n == 0]
         advice = f"set timing.physics_step_s = {CONTROL_STEP_S / divisors[0]:.6g}"
     raise LaisnError(
-        f"{plant.names[i]}: its motion changes within {1.0 / rate:.2g} s at {speed:.3g} m/s, too "
-        f"fast for physics steps of {plant.dt:g} s; {advice}"
+        f"{hull.name}: its motion changes within {1.0 / rate:.2g} s at {speed:.3g} m/s, too "
+        f"fast for physics steps of {dt:g} s; {advice}"
     )
 
 
-def _stable_below(plant: Plant, i: int, d: Autopilot, unstable: float) -> float:
-    """Highest speed, in hundredths, up to which vehicle i is stable, below an unstable one; 0: it
+def _stable_below(hull: _LoopOfHull, unstable: float) -> float:
+    """Highest speed, in hundredths, up to which a vehicle is stable, below an unstable one; 0: it
     is nowhere [m/s].
     """
     speeds = np.arange(0.05, unstable, 0.01)
-    grows = [_growth(plant, i, d, speed)[0] > _GROWTH for speed in speeds]
+    grows = [_growth(hull, speed)[0] > _GROWTH for speed in speeds]
     first = grows.index(True) if True in grows else len(grows)
     return float(speeds[first - 1]) if first else 0.0
 
@@ -270,18 +304,19 @@ def require_stable(
     steps.
     """
     for i, (name, d) in enumerate(zip(plant.names, autopilots, strict=True)):
-        _require_slow_motion(plant, i, d, fastest, orbital)
+        hull = _loop_of(plant, i, d)
+        _require_slow_motion(hull, plant.dt, fastest, orbital)
         highest = max(min(_CATCHING_UP * fastest, top_speed(d)), slowest)
         count = 1 + int(np.ceil((highest - slowest) / _SPEED_STEP))
         for speed in np.linspace(slowest, highest, count):
-            growth, plane = _growth(plant, i, d, float(speed))
+            growth, plane = _growth(hull, float(speed))
             if growth <= _GROWTH:
                 continue
             advice = (
                 "give the hull fins at the stern or hull lift (NAME.fin, hull_lift), or a centre "
                 "of gravity below its origin"
             )
-            stable = _stable_below(plant, i, d, float(speed))
+            stable = _stable_below(hull, float(speed))
             leg = np.floor(100.0 * stable / _CATCHING_UP) / 100.0
             if leg >= SPEED_MIN:
                 advice = f"it is stable on legs of up to {leg:g} m/s through the water; or {advice}"

@@ -12,7 +12,10 @@ further evaluation of a force.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from copy import copy
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any, NamedTuple, Self
 
 import mujoco
 import numpy as np
@@ -21,10 +24,11 @@ import numpy.typing as npt
 from laisn.arrays import Floats, Ints, Records
 from laisn.compiled import compiled, copy_values
 from laisn.errors import LaisnError
+from laisn.plugins import plugins_version
 from sim import attitude
 from sim.vehicle import effectors, hydrodynamics, mjcf
 from sim.vehicle.effectors import Fitted
-from sim.vehicle.mjcf import VehicleSetup, compose, resolve
+from sim.vehicle.mjcf import VehicleIds, VehicleSetup, compose, resolve
 from sim.vehicle.mujoco_calls import NO_CONTACT, NO_FORCES, calls_of
 from sim.vehicle.solvers import DirectSolver, Engine, MujocoSolver, Room, bodies_of
 from sim.water.environment import Environment
@@ -115,6 +119,75 @@ def advance(handles: StepHandles, command: Floats, n_substeps: int) -> Fault:
     return OK, -1
 
 
+@dataclass(frozen=True)
+class _Hull:
+    """A hull at the origin, and all that its MJCF takes of its setup."""
+
+    values: tuple[object, ...]
+    setup: VehicleSetup = field(compare=False)
+
+    @classmethod
+    def of(cls, setup: VehicleSetup) -> Self:
+        settings = setup.settings
+        values = (
+            setup.name,
+            setup.model,
+            settings.cg_offset_x_m,
+            settings.cg_offset_z_m,
+            settings.excess_buoyancy_n,
+            settings.trim,
+            settings.hydrophone_m,
+            tuple(setup.transmitters.items()),
+        )
+        return cls(values, replace(setup, position_m=(0.0, 0.0, 0.0), heading_rad=0.0))
+
+
+class _Fleet(NamedTuple):
+    """Vehicles as MuJoCo has compiled them, all at the origin, and what is read of them."""
+
+    model: mujoco.MjModel
+    vehicles: list[VehicleIds]
+    effectors: npt.NDArray[np.void]  # read-only, as of `Plant`
+    fixed_fins: npt.NDArray[np.void]
+
+
+# of a study's missions, most differ in places and scales alone; to compile takes most of the time
+@lru_cache(maxsize=8)
+def _compiled_fleet(
+    hulls: tuple[_Hull, ...], floor_depth_m: float | None, dt: float, _plugins: str
+) -> _Fleet:
+    spec = compose([hull.setup for hull in hulls], floor_depth_m, looks=False)
+    spec.option.timestep = dt
+    spec.option.disableflags |= NO_CONTACT | NO_FORCES
+    model = spec.compile()
+    vehicles = resolve(model, [hull.setup.name for hull in hulls])
+    fitted = effectors.read(model, vehicles)
+    fixed = effectors.read_fixed(model, vehicles)
+    fitted.flags.writeable = fixed.flags.writeable = False
+    return _Fleet(model, vehicles, fitted, fixed)
+
+
+def _fleet_of(setups: Sequence[VehicleSetup], floor_depth_m: float | None, dt: float) -> _Fleet:
+    """The vehicles of setups; their effectors may be of plugins, which may change."""
+    hulls = tuple(_Hull.of(setup) for setup in setups)
+    return _compiled_fleet(hulls, floor_depth_m, dt, plugins_version(refresh=False))
+
+
+def _at_start(model: mujoco.MjModel, setups: Sequence[VehicleSetup]) -> mujoco.MjModel:
+    """A copy of a model in which the vehicles are where their setups have them."""
+    placed = copy(model)
+    starts = placed.qpos0.reshape(len(setups), 7)
+    for start, setup in zip(starts, setups, strict=True):
+        # no zero has a minus, as where MuJoCo's compiler adds the place of a frame
+        start[:3] = np.add(setup.position_m, 0.0)
+        start[3:] = attitude.from_euler(setup.heading_rad) + 0.0
+        body = placed.body(f"{setup.name}/hull").id
+        placed.body_pos[body] = start[:3]
+        placed.body_quat[body] = start[3:]
+    placed.qpos_spring[:] = placed.qpos0
+    return placed
+
+
 class PlantError(LaisnError):
     """A simulation that cannot continue; the text has vehicle, time and the last valid state."""
 
@@ -157,23 +230,20 @@ class Plant:
 
         A plant that is not `settled` lacks the accelerations of its start, and cannot be stepped.
         """
-        spec = compose(setups, ocean.floor_depth_m, looks=False)
-        spec.option.timestep = dt
-        spec.option.disableflags |= NO_CONTACT | NO_FORCES
+        fleet = _fleet_of(setups, ocean.floor_depth_m, dt)
         self.ocean = ocean
         self.dt = dt
         self.setups = tuple(setups)
         self.names = tuple(s.name for s in setups)
-        self.model = model = spec.compile()
+        self.model = model = _at_start(fleet.model, setups)
         self.data = data = mujoco.MjData(model)
 
         n = len(setups)
-        vehicles = resolve(model, self.names)
+        vehicles = fleet.vehicles
         self.pose: Floats = data.qpos.reshape(n, 7)
         self.twist: Floats = data.qvel.reshape(n, 6)
-        self.effectors = effectors.read(model, vehicles)
-        self.fixed_fins = effectors.read_fixed(model, vehicles)
-        self.effectors.flags.writeable = self.fixed_fins.flags.writeable = False
+        self.effectors = fleet.effectors
+        self.fixed_fins = fleet.fixed_fins
         self.effector_names = tuple(v.effectors for v in vehicles)
         self.thrust: Floats = np.zeros(self.effectors.shape)
         self.state = PlantState(self.pose, self.twist, self.thrust)

@@ -52,6 +52,20 @@ def test_a_reference_holds_motion_and_depth():
     assert table[:, 1].course == pytest.approx(np.pi / 2)
 
 
+def test_routes_that_are_alike_share_a_reference_that_nobody_can_change():
+    time = np.arange(600) * 0.1
+    points = [[0.0, 0.0], [30.0, 0.0], [30.0, 40.0]]
+    route = Route.at_speed("T2", points, 1.0, DepthProfile.constant(5.0))
+    deeper = Route.at_speed("T2", points, 1.0, DepthProfile.constant(6.0))
+    before = guidance.reference([route], time).copy()
+    guidance.reference([route], time).east[:] = 7.0
+    np.testing.assert_array_equal(guidance.reference([route], time), before)
+    assert np.all(guidance.reference([deeper], time).depth == before.depth + 1.0)
+    assert np.any(guidance.reference([route], time, [0.5]).acceleration != before.acceleration)
+    assert np.any(guidance.reference([route], time, None, [9.0]).east != before.east)
+    assert np.any(guidance.reference([route], time + 0.05).east != before.east)
+
+
 def test_on_the_path_nothing_is_corrected():
     table = guidance.reference([CORNER], np.arange(0, 300, DT))[:, 0]
     memory = record(guidance.GUIDANCE_MEMORY, table[0].course, table[0].speed, (0.0, 0.0))

@@ -1,6 +1,7 @@
 """The plant: what it shows of the state, what it can do, and how it fails."""
 
 import copy
+from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -15,7 +16,7 @@ from sim.vehicle import effectors, hydrodynamics, mjcf
 from sim.vehicle.effectors import Fitted
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 from sim.vehicle.mujoco_calls import calls_of
-from sim.vehicle.plant import Plant, PlantError
+from sim.vehicle.plant import Plant, PlantError, _compiled_fleet
 from sim.vehicle.solvers import MujocoSolver
 from sim.water.ocean import Ocean
 from sim.water.waves import Waves
@@ -208,12 +209,31 @@ def test_looks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         "sim.vehicle.plant.compose", lambda setups, depth, looks: compose(setups, depth)
     )
+    # compiled anew, rather than shared with the plant before
+    monkeypatch.setattr("sim.vehicle.plant._compiled_fleet", _compiled_fleet.__wrapped__)
     complete = Plant(setups(), rough_sea())
     assert complete.model.ngeom > without.model.ngeom + 20
     for plant in (without, complete):
         plant.step(command, 500)
     assert without.pose.tobytes() == complete.pose.tobytes()
     assert without.twist.tobytes() == complete.twist.tobytes()
+
+
+def test_hulls_that_are_compiled_once_start_where_their_setups_have_them() -> None:
+    """In the places and attitudes that MuJoCo's own compiler gives them."""
+    here = Plant(setups(), Ocean())
+    elsewhere = [
+        replace(setup, position_m=(31.7, -0.3 * i, -12.1 - i), heading_rad=1.9 + i)
+        for i, setup in enumerate(setups())
+    ]
+    moved = Plant(elsewhere, Ocean())
+    for plant, placed in ((moved, elsewhere), (here, setups())):
+        expected = compose(placed, looks=False).compile()
+        for name in ("qpos0", "qpos_spring", "body_pos", "body_quat"):
+            np.testing.assert_array_equal(getattr(plant.model, name), getattr(expected, name))
+        assert plant.pose.tobytes() == expected.qpos0.tobytes()
+    heavier = Plant(setups(excess_buoyancy_n=-3.0), Ocean())
+    assert heavier.coefficients["buoyancy"][0] == here.coefficients["buoyancy"][0] - 3.0
 
 
 def test_same_start_gives_the_same_bytes() -> None:
