@@ -76,11 +76,13 @@ def _layout_of(declaration: type[RecordFields]) -> list[Any]:
     """Names, types and shapes of the fields that a class declares."""
     layout = []
     for name, hint in get_type_hints(declaration, include_extras=True).items():
-        element, *stated, shape = get_args(hint) if get_origin(hint) is Annotated else (hint, ())
+        element, *element_type, shape = (
+            get_args(hint) if get_origin(hint) is Annotated else (hint, ())
+        )
         if get_origin(element) is list:
             (element,) = get_args(element)
-        if stated:
-            (field_type,) = stated
+        if element_type:
+            (field_type,) = element_type
         elif isinstance(element, type) and issubclass(element, RecordFields):
             field_type = _layout_of(element)
         else:

@@ -135,7 +135,7 @@ def predict_track(
     turn = b.first[beacon] + _TURN
     rate = b.first[beacon] + _TURN_RATE
     half_time = 0.5 * time
-    walked = heading_walk * heading_walk * time
+    heading_variance = heading_walk * heading_walk * time
     for k in range(b.n_hypotheses[0]):
         x = b.state[k]
         P = b.covariance[k]
@@ -147,26 +147,26 @@ def predict_track(
         x[turn] += time * x[rate]
         # F P Fᵀ with ∂δ/∂ψ = (−Δ_n, Δ_e) of the true way, ∂δ/∂ψ̇ half the time of that, ∂ψ/∂ψ̇ = T
         for j in range(n):
-            turned = P[turn, j] + half_time * P[rate, j]
-            P[east, j] -= true_north * turned
-            P[north, j] += true_east * turned
+            turn_covariance = P[turn, j] + half_time * P[rate, j]
+            P[east, j] -= true_north * turn_covariance
+            P[north, j] += true_east * turn_covariance
             P[turn, j] += time * P[rate, j]
         for j in range(n):
-            turned = P[j, turn] + half_time * P[j, rate]
-            P[j, east] -= true_north * turned
-            P[j, north] += true_east * turned
+            turn_covariance = P[j, turn] + half_time * P[j, rate]
+            P[j, east] -= true_north * turn_covariance
+            P[j, north] += true_east * turn_covariance
             P[j, turn] += time * P[j, rate]
         # Q of a heading that walks on an even way: q T of ψ, q T/2 and q T/3 with the place
-        third = walked / 3.0
+        third = heading_variance / 3.0
         P[east, east] += slip * slip * time + third * true_north * true_north
         P[north, north] += slip * slip * time + third * true_east * true_east
         P[east, north] -= third * true_east * true_north
         P[north, east] = P[east, north]
-        P[east, turn] -= 0.5 * walked * true_north
-        P[north, turn] += 0.5 * walked * true_east
+        P[east, turn] -= 0.5 * heading_variance * true_north
+        P[north, turn] += 0.5 * heading_variance * true_east
         P[turn, east] = P[east, turn]
         P[turn, north] = P[north, turn]
-        P[turn, turn] += walked
+        P[turn, turn] += heading_variance
         if b.prior_variance[rate] > 0.0:
             P[rate, rate] += time * _GYRO_WALK
 

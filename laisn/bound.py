@@ -126,8 +126,8 @@ def _range_information(
     rows[..., _CLOCK] = 1.0
     # a compass that reads too much puts the true arms further anticlockwise
     quarter_turned = np.stack([-arms[..., 1], arms[..., 0]], axis=-1)
-    turned = -np.sum(rows[..., :2] * quarter_turned, axis=2)
-    rows[..., _LEADER] = turned
+    bearing_row = -np.sum(rows[..., :2] * quarter_turned, axis=2)
+    rows[..., _LEADER] = bearing_row
     for j in np.flatnonzero(received > 0):
         rows[:, j, _OFFSET + received[j] - 1] = 1.0
     covariance = noise.range_sigma**2 * np.eye(received.size)
@@ -136,7 +136,9 @@ def _range_information(
     covariance = covariance + noise.leader_position_sigma**2 * (
         directions @ directions.swapaxes(1, 2)
     )
-    covariance += noise.leader_heading_sigma**2 * turned[..., :, None] * turned[..., None, :]
+    covariance += (
+        noise.leader_heading_sigma**2 * bearing_row[..., :, None] * bearing_row[..., None, :]
+    )
     return np.asarray(rows.swapaxes(1, 2) @ np.linalg.solve(covariance, rows))
 
 
@@ -163,12 +165,14 @@ def _leader_way_information(
     if noise.leader_way_sigma == 0.0 or geometry.leader_velocity is None:
         return np.zeros((geometry.from_leader[i].shape[0], _STATES, _STATES))
     velocity = geometry.leader_velocity[i]
-    seen = np.zeros((len(velocity), 2, _STATES))
-    seen[:, 0, _LEADER] = -velocity[:, 1]
-    seen[:, 1, _LEADER] = velocity[:, 0]
-    seen[:, :, _EAST : _NORTH + 1] = np.eye(2)
+    jacobian = np.zeros((len(velocity), 2, _STATES))
+    jacobian[:, 0, _LEADER] = -velocity[:, 1]
+    jacobian[:, 1, _LEADER] = velocity[:, 0]
+    jacobian[:, :, _EAST : _NORTH + 1] = np.eye(2)
     time = geometry.dt * steps
-    return np.asarray(seen.swapaxes(1, 2) @ seen * (time / (10.0 * noise.leader_way_sigma**2)))
+    return np.asarray(
+        jacobian.swapaxes(1, 2) @ jacobian * (time / (10.0 * noise.leader_way_sigma**2))
+    )
 
 
 def _informations_at_truth(geometry: BoundGeometry, noise: TrueNoise, i: slice) -> Floats:
@@ -216,13 +220,14 @@ def _transitions(speed: Floats, ahead: Floats, dt: float, noise: TrueNoise) -> _
     step[:, :2] = rows[:, -1]
     step[:, _CLOCK, _DRIFT] = end
     longitudinal = ahead[..., :, None] * ahead[..., None, :]
-    turned = ((speed * noise.heading_sigma) ** 2)[..., None, None]
+    heading_variance = ((speed * noise.heading_sigma) ** 2)[..., None, None]
     added = np.cumsum(
-        noise.speed_sigma**2 * longitudinal + turned * (dt**2 * np.eye(2) - longitudinal), axis=1
+        noise.speed_sigma**2 * longitudinal + heading_variance * (dt**2 * np.eye(2) - longitudinal),
+        axis=1,
     )
-    onward = np.zeros((intervals, steps, 2, _STATES))
+    cross_at_end = np.zeros((intervals, steps, 2, _STATES))
     gained = np.zeros((intervals, _STATES, _STATES))
-    onward[..., :2] = added
+    cross_at_end[..., :2] = added
     current = noise.current_walk**2 if noise.current > 0.0 else 0.0
     walks = (
         (_LOG, noise.speed_walk**2),
@@ -232,18 +237,20 @@ def _transitions(speed: Floats, ahead: Floats, dt: float, noise: TrueNoise) -> _
     )
     for state, rate in walks:
         # a bias that wanders moves the position by its mean over a straight way
-        moved = rows[..., state]
-        at_end = moved[:, -1, None, None, :]
-        added += rate * (t[..., None] / 3.0) * moved[..., :, None] * moved[..., None, :]
-        onward[..., state] += rate * 0.5 * t * moved
-        onward[..., :2] += (rate * (0.5 * t - t * t / (6.0 * end)) * moved)[..., None] * at_end
+        state_rows = rows[..., state]
+        at_end = state_rows[:, -1, None, None, :]
+        added += rate * (t[..., None] / 3.0) * state_rows[..., :, None] * state_rows[..., None, :]
+        cross_at_end[..., state] += rate * 0.5 * t * state_rows
+        cross_at_end[..., :2] += (rate * (0.5 * t - t * t / (6.0 * end)) * state_rows)[
+            ..., None
+        ] * at_end
         gained[:, state, state] = rate * end
-    gained[:, :2] = onward[:, -1]
-    gained[:, 2:, :2] = onward[:, -1, :, 2:].swapaxes(1, 2)
+    gained[:, :2] = cross_at_end[:, -1]
+    gained[:, 2:, :2] = cross_at_end[:, -1, :, 2:].swapaxes(1, 2)
     gained[:, _CLOCK : _DRIFT + 1, _CLOCK : _DRIFT + 1] = noise.clock_walk**2 * np.array(
         [[end**3 / 3.0, end**2 / 2.0], [end**2 / 2.0, end]]
     )
-    return _Transitions(rows, step, added, onward, gained)
+    return _Transitions(rows, step, added, cross_at_end, gained)
 
 
 def _unknown_states(noise: TrueNoise) -> tuple[Floats, Ints]:

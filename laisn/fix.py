@@ -213,8 +213,8 @@ def to_circles(
         )
     if way is not None:
         # transmitters that the settings place have gone on from ping to ping already
-        moved = way + (leader_way(message, settings) if places is None else 0.0)
-        circles_of_ranges = Circles(*map(_moved, circles_of_ranges, moved.tolist()))
+        displacement = way + (leader_way(message, settings) if places is None else 0.0)
+        circles_of_ranges = Circles(*map(_moved, circles_of_ranges, displacement.tolist()))
     return RangeCircles(circles_of_ranges, heading, depth_difference, off_hull=places is not None)
 
 

@@ -137,8 +137,8 @@ def place_on_body(origin: Triple, attitude: Triple, offsets: Floats) -> Floats:
     heading, pitch, roll = map(turn, attitude)
     forward = np.array(fore_offset(1.0, heading, pitch))
     port = np.array(side_offset(1.0, heading, pitch, roll))
-    moved = offsets @ np.stack([forward, port, np.cross(forward, port)])
-    return np.asarray(np.array(origin) + moved * [1.0, 1.0, -1.0])
+    rotated = offsets @ np.stack([forward, port, np.cross(forward, port)])
+    return np.asarray(np.array(origin) + rotated * [1.0, 1.0, -1.0])
 
 
 def broadcast_tilt(message: LeaderMessage, settings: Settings) -> tuple[float, float]:
@@ -238,7 +238,7 @@ def pitch_fix_error(
     """Position error of a noiseless fix of LAISN-2 from the leader's pitch (docs/asymmetry.md),
     [rad] and [m], of a follower so far below the leader, away from it and off its bow.
     """
-    turned = np.arccos(np.clip(turned_cosine(pitch, depth_offset, reach, bearing), -1.0, 1.0))
+    turn_angle = np.arccos(np.clip(turned_cosine(pitch, depth_offset, reach, bearing), -1.0, 1.0))
     return np.asarray(
-        2.0 * np.asarray(reach) * np.sin(np.abs(turned - np.arccos(np.cos(bearing))) / 2.0)
+        2.0 * np.asarray(reach) * np.sin(np.abs(turn_angle - np.arccos(np.cos(bearing))) / 2.0)
     )

@@ -360,10 +360,10 @@ def place_transmitters(block: Floats, t: Tuning) -> None:
             rolled = Turn(*sin_cos(roll if has_attitude else 0.0))
         arms = tilted_arms(t.baseline, t.middle_offset, heading, pitched, rolled)
         ranges = Ranges(block[R1 + lane], block[R2 + lane], block[R3 + lane])
-        placed = circles(point_at(block, EAST, lane), arms, ranges, depth_difference)
-        _put_circle(block, X1, lane, placed.rear)
-        _put_circle(block, X2, lane, placed.front)
-        _put_circle(block, X3, lane, placed.middle)
+        range_circles = circles(point_at(block, EAST, lane), arms, ranges, depth_difference)
+        _put_circle(block, X1, lane, range_circles.rear)
+        _put_circle(block, X2, lane, range_circles.front)
+        _put_circle(block, X3, lane, range_circles.middle)
 
 
 def _fix_pair(rear: int, front: int, out: int, from_front: bool) -> Pass:

@@ -281,21 +281,21 @@ def add_moments(
     large coordinates do not swallow small variances.
     """
     n = covariance.shape[0]
-    moved = rows[4]
+    shifted_row = rows[4]
     for i in range(4):
         mean[i] += weight * values[i]
         # moment += w (y yᵀ + F P Fᵀ) with the values y: F P, one row after the other, then its
         # product with the rows of F
         for h in range(n):
-            moved[h] = 0.0
+            shifted_row[h] = 0.0
         for g in range(n):
             if rows[i, g] != 0.0:
                 for h in range(n):
-                    moved[h] += rows[i, g] * covariance[g, h]
+                    shifted_row[h] += rows[i, g] * covariance[g, h]
         for j in range(i, 4):
             value = values[i] * values[j]
             for h in range(n):
-                value += moved[h] * rows[j, h]
+                value += shifted_row[h] * rows[j, h]
             moment[i, j] += weight * value
 
 

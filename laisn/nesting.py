@@ -130,10 +130,11 @@ def nest(jit: Any, *, apart: bool) -> None:
     add_overload = jit.add_overload
     template_of = jit.get_call_template
 
-    def template_without_literals(arguments: Any, named: Any) -> Any:
+    def template_without_literals(arguments: Any, keywords: Any) -> Any:
         """One code for calls with `0`, with `1` and with a variable."""
         return template_of(
-            tuple(map(_type_of, arguments)), {name: _type_of(kind) for name, kind in named.items()}
+            tuple(map(_type_of, arguments)),
+            {name: _type_of(kind) for name, kind in keywords.items()},
         )
 
     def compile_counted(signature: Any) -> Any:
@@ -152,7 +153,7 @@ def nest(jit: Any, *, apart: bool) -> None:
         finally:
             stack[:] = outer_stack
 
-    def compile_called(*arguments: Any, **named: Any) -> Any:
+    def compile_called(*arguments: Any, **keywords: Any) -> Any:
         """Python's call has no caller in compiled code, also where it happens while a function is
         compiled, as when the memory of a value is given back.
         """
@@ -160,7 +161,7 @@ def nest(jit: Any, *, apart: bool) -> None:
         outer_stack = list(stack)
         stack.clear()
         try:
-            return compile_for_python(*arguments, **named)
+            return compile_for_python(*arguments, **keywords)
         finally:
             stack[:] = outer_stack
 

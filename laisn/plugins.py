@@ -202,8 +202,8 @@ def register(factory: Callable[..., Any], *, importable: bool = False) -> str:
     module = factory.__module__
     attribute = re.sub(r"\W", "_", factory.__qualname__)
     file = Path(getattr(sys.modules.get(module), "__file__", None) or "")
-    named = isinstance(factory, type) and attribute == factory.__name__ and module != "__main__"
-    in_a_file = named and file.suffix == ".py" and file.stem == module
+    has_name = isinstance(factory, type) and attribute == factory.__name__ and module != "__main__"
+    in_a_file = has_name and file.suffix == ".py" and file.stem == module
     name = f"{module.rpartition('.')[2]}:{attribute}"
     if importable and not in_a_file:
         raise LaisnError(
@@ -247,14 +247,14 @@ def find_class(kind: str, name: str, method: str = "") -> Any:
         for key, c in vars(loaded.module).items()
         if isinstance(c, type) and c.__module__ == module
     }
-    chosen = [
+    matches = [
         key for key, c in classes.items() if (key == attribute if attribute else hasattr(c, method))
     ]
-    if len(chosen) != 1:
+    if len(matches) != 1:
         raise LaisnError(
             f"{kind} {name!r}: expected a class of {file}: {', '.join(classes) or 'it has none'}"
         )
-    return classes[chosen[0]]
+    return classes[matches[0]]
 
 
 def takes_readings(factory: object) -> TypeGuard[type]:

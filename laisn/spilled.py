@@ -30,8 +30,8 @@ _MAPPINGS: "weakref.WeakSet[_Mapping]" = weakref.WeakSet()
 
 def _new_file() -> IO[bytes]:
     """A file without a name; OSError if there can be none."""
-    chosen = any(name in os.environ for name in ("TMPDIR", "TEMP", "TMP"))
-    folder = _LASTING if not chosen and os.access(_LASTING, os.W_OK) else None
+    has_folder = any(name in os.environ for name in ("TMPDIR", "TEMP", "TMP"))
+    folder = _LASTING if not has_folder and os.access(_LASTING, os.W_OK) else None
     return tempfile.TemporaryFile(dir=folder)
 
 

@@ -296,23 +296,25 @@ class _Handler(BaseHTTPRequestHandler):
                 view.changed.notify_all()
 
     def _follow(self, view: LiveView, generation: int) -> None:
-        sent = 0
+        message_count = 0
 
         def has_more() -> bool:
-            return len(view.messages) > sent or view.is_over or view.generation != generation
+            return (
+                len(view.messages) > message_count or view.is_over or view.generation != generation
+            )
 
         while True:
             with view.changed:
                 view.changed.wait_for(has_more, _HEARTBEAT_S)
                 is_new = view.generation != generation
-                messages = view.messages[sent:]
+                messages = view.messages[message_count:]
                 is_over = view.is_over
             if is_new:
                 self._event(text_of({"anew": True}))
                 return
             for message in messages:
                 self._event(message)
-            sent += len(messages)
+            message_count += len(messages)
             if is_over:
                 return
             self.wfile.write(b": still here\n\n")

@@ -63,10 +63,10 @@ _LONGEST_PICTURE_S = 20.0  # of mission between two pictures of a live page
 _SAME_TIME = 1e-6  # times within this are one: they are sums of control steps [s]
 
 
-def _end_log(log: FlightLog, flown: ClosedLoopFlight) -> None:
+def _end_log(log: FlightLog, flight: ClosedLoopFlight) -> None:
     """End the log of a mission that goes on."""
-    if not log.ended and flown.steps > 0:
-        log.finish(flown, Termination.INTERRUPTED)
+    if not log.ended and flight.steps > 0:
+        log.finish(flight, Termination.INTERRUPTED)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -313,8 +313,8 @@ class Simulation:
         if isinstance(command, Wrench):
             apply_wrench_by_truth(k, truth, vehicle, np.array(command), routes)
         elif isinstance(command, Command):
-            held = np.array(command)
-            hold_by_truth(k, truth, vehicle, held, self._reference, routes)
+            command_copy = np.array(command)
+            hold_by_truth(k, truth, vehicle, command_copy, self._reference, routes)
         else:
             routes.command[vehicle, : len(command)] = command
 
@@ -344,13 +344,13 @@ class Simulation:
         effectors = len(self._mission.plant.effector_names[index])
         require_command(command, effectors, f"command of {vehicle}:")
         if isinstance(command, Wrench | np.ndarray):
-            taken: Command | Wrench | Floats = command
+            checked_command: Command | Wrench | Floats = command
         else:
-            taken = Command(*map(float, command))
+            checked_command = Command(*map(float, command))
         if index not in self._commands:
             take_over(self._instant, self._mission.truth, index, self._mission.routes)
         self._mission.routes.outside[index] = True
-        self._commands[index] = taken
+        self._commands[index] = checked_command
         # whoever commands it may lead it off its route
         routes = list(self._bounds.routes)
         routes[index] = None
@@ -471,5 +471,5 @@ class Simulation:
         if self._instant < self._loop.state.sensors.stride:
             raise LaisnError("there is no flight yet: no filter step is over")
         trajectory = self._mission.trajectory()
-        flown = self._flown.flight(trajectory, self.outcome)
-        return Flight(**vars(flown))
+        flight = self._flown.flight(trajectory, self.outcome)
+        return Flight(**vars(flight))

@@ -44,7 +44,9 @@ def noise_of(sensing: SensingSettings, navigation: Navigation, follower: int = 0
     estimated = navigation.settings().estimated
     drift = navigation.assume.drift
     moves = sensing.sound.sea.ocean.moves
-    turned = sensing.sensors.leader_heading_bias_deg != 0.0 or "leader_heading_bias" in estimated
+    has_heading_bias = (
+        sensing.sensors.leader_heading_bias_deg != 0.0 or "leader_heading_bias" in estimated
+    )
     clock = "clock" in estimated
     acoustics = sensing.acoustics
     sound = (acoustics.sound_speed_m_s + acoustics.sound_speed_bias_m_s) * clock
@@ -59,7 +61,7 @@ def noise_of(sensing: SensingSettings, navigation: Navigation, follower: int = 0
             name: assumed[f"{name}_sigma"]
             for name in ("speed_bias", "heading_bias", "range_scale_bias")
         },
-        leader_heading_bias=assumed["leader_heading_bias_sigma"] if turned else 0.0,
+        leader_heading_bias=assumed["leader_heading_bias_sigma"] if has_heading_bias else 0.0,
         current=assumed["current_sigma"] if moves or "current" in estimated else 0.0,
         range_offset=assumed["offset_sigma"] if "range_offset" in estimated else 0.0,
         clock_offset=sound * assumed["clock_offset_sigma"],

@@ -231,10 +231,10 @@ def current(flight: FlightRecord, vehicles: Sequence[int]) -> Panel:
     for v in (*(v for v in vehicles if v), 0):
         east, north = truth.water_velocity[:, v, :2].T
         towards = without_wraps(np.rad2deg(np.arctan2(east, north)) % 360.0)
-        looks: dict[str, Any] = {"colour": FOLLOWER if v else LEADER, "width": 0.9}
-        looks |= {"x": truth.time, "name": truth.names[v]}
-        lines[0].append(Line(y=np.hypot(east, north), **looks))
-        lines[1].append(Line(y=towards, **looks))
+        line_style: dict[str, Any] = {"colour": FOLLOWER if v else LEADER, "width": 0.9}
+        line_style |= {"x": truth.time, "name": truth.names[v]}
+        lines[0].append(Line(y=np.hypot(east, north), **line_style))
+        lines[1].append(Line(y=towards, **line_style))
     parts = [
         Subplot(lines=lines[0], y_label="current [m/s]", y_limits=(0.0, None)),
         Subplot(lines=lines[1], y_label="towards [°]", y_limits=(0.0, 360.0), ticks=_COMPASS),

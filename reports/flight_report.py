@@ -126,7 +126,7 @@ def range_budget(flight: FlightRecord) -> dict[str, Any]:
     """Range error budgets for the template: followers without a ping, figure and tables."""
     names = flight.trajectory.names[1:]
     silent = list[str]()
-    drawn = set[Cause]()
+    causes = set[Cause]()
     panels = list[Panel]()
     tables = list[PageTable]()
     width = style.FULL if len(names) == 1 else style.HALF
@@ -141,11 +141,11 @@ def range_budget(flight: FlightRecord) -> dict[str, Any]:
             for cause in COLOUR
             if _largest(share := budget.asymmetry[:, cause]) > _NOTICEABLE_M
         }
-        drawn |= set(shares)
+        causes |= set(shares)
         panels.append(asymmetry_over_time(budget.time, shares, title, width))
         used = flight.scenario.navigation_of(i).transmitters
         tables.append(share_table(budget, f"{name}. " if len(names) > 1 else "", used))
-    legend = legend_of([cause for cause in COLOUR if cause in drawn])
+    legend = legend_of([cause for cause in COLOUR if cause in causes])
     return {
         "silent": silent,
         "figure": Figures(panels=panels, legend=legend) if panels else None,
@@ -438,7 +438,7 @@ def flight_report(
         for name, estimates in zip(names, flight.estimates, strict=True)
         if np.isfinite(estimates.state[estimates.unknown :]).all()
     ]
-    spent = sightings(MotionSettings.of(flight.scenario), flight.trajectory).spent_s
+    detection_s = sightings(MotionSettings.of(flight.scenario), flight.trajectory).spent_s
     on_station = [i for i in _drawn(flight) if flight.scenario.followers[i].station]
     overview = _overview(flight, errors) if len(names) > 1 else None
     release()
@@ -457,7 +457,7 @@ def flight_report(
         "drawn": len(_drawn(flight)),
         "events": [*route_events(flight), *approach_events(flight)],
         "nearest": closest_approaches(flight.trajectory) if on_station else (),
-        "gave_way": {name: s for name, s in zip(names, spent.tolist(), strict=True) if s > 0},
+        "gave_way": {name: s for name, s in zip(names, detection_s.tolist(), strict=True) if s > 0},
         "contacts": contacts(flight.trajectory),
         "not_finite": [name for name in names if name not in finite],
         "mirror_locked": mirror_locks(flight, finite),

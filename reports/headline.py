@@ -175,19 +175,21 @@ def _consistency(rows: Mapping[str, Any], accuracies: Accuracies) -> list[Tile]:
 
 def _station_tiles(rows: Mapping[str, Any]) -> list[Tile]:
     """Whether stations are held: the first question to a formation."""
-    held = [
+    on_station = [
         name
         for name, row in rows.items()
         if not row.get("lost") and row.get("joined_s") is not None
     ]
     worst = max(rows, key=lambda name: rows[name]["station_max_m"])
     rms = math.sqrt(float(np.mean([row["station_rms_m"] ** 2 for row in rows.values()])))
-    all_held = len(held) == len(rows)
+    all_held = len(on_station) == len(rows)
     return [
         Tile(
             name="keep station",
-            value=f"{len(held)} of {len(rows)}",
-            remark="none lost" if all_held else f"{len(rows) - len(held)} lost or never joined",
+            value=f"{len(on_station)} of {len(rows)}",
+            remark="none lost"
+            if all_held
+            else f"{len(rows) - len(on_station)} lost or never joined",
             tone="good" if all_held else "bad",
         ),
         Tile(name="off station", value=figure(rms, " m"), remark="RMS of all"),

@@ -105,17 +105,19 @@ def range_error_budget(flight: FlightRecord, follower: int = 0) -> RangeErrorBud
     )
     emission = sound.emission_step[row]
     fix = measured.message_step[pings] * flight.stride
-    sent = (emission - first) * flight.stride
+    instants = (emission - first) * flight.stride
 
-    broadcast = _transmitters(trajectory, sent, trajectory.quaternion[sent, 0])
-    level = _transmitters(trajectory, sent, attitude.from_euler(trajectory.heading[sent, 0]))
+    broadcast = _transmitters(trajectory, instants, trajectory.quaternion[instants, 0])
+    level = _transmitters(
+        trajectory, instants, attitude.from_euler(trajectory.heading[instants, 0])
+    )
     hydrophone = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone", fix)
-    depth_difference = -trajectory.position[sent, 0, 2] + hydrophone[:, 2]
+    depth_difference = -trajectory.position[instants, 0, 2] + hydrophone[:, 2]
 
     errors = navigated_errors_of(sensing, follower)
     origin = seed_and_run(scenario.seed, scenario.run)
-    drawn = [paths_taken(errors, Address(*origin, follower, step)) for step in emission.tolist()]
-    path = np.array(drawn, dtype=np.int64).reshape(-1, 3)
+    paths = [paths_taken(errors, Address(*origin, follower, step)) for step in emission.tolist()]
+    path = np.array(paths, dtype=np.int64).reshape(-1, 3)
 
     def taken(values: Floats) -> Floats:
         return np.asarray(np.take_along_axis(values[row], path[:, :, None], axis=2)[:, :, 0])

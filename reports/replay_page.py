@@ -112,9 +112,9 @@ def _map(replayed: Replayed) -> tuple[Panel, list[tuple[Colour, str]]]:
     state = replayed.estimates.state
     covariance = replayed.estimates.covariance
     estimated = np.flatnonzero(np.isfinite(state[:, 0]))
-    drawn = estimated[:: max(1, estimated.size // _TRACK_POINTS)]
-    track = state[drawn]
-    time = replayed.measured.time[drawn]
+    rows = estimated[:: max(1, estimated.size // _TRACK_POINTS)]
+    track = state[rows]
+    time = replayed.measured.time[rows]
     lines = [Line(x=track[:, 0], y=track[:, 1], colour=ESTIMATE, name="estimate", time=time)]
     legend = [(ESTIMATE, "estimate, with 2σ ellipses")]
     for step in estimated[:: max(1, estimated.size // _ELLIPSES)]:
@@ -136,8 +136,8 @@ def _map(replayed: Replayed) -> tuple[Panel, list[tuple[Colour, str]]]:
         legend.append((LEADER, "transmitters"))
     elif len(replayed.measured.message):
         east, north, *_ = _poses(replayed.measured)
-        sent = replayed.measured.time[replayed.measured.message_step - 1]
-        lines.append(Line(x=east, y=north, colour=LEADER, name="leader", time=sent))
+        times = replayed.measured.time[replayed.measured.message_step - 1]
+        lines.append(Line(x=east, y=north, colour=LEADER, name="leader", time=times))
         legend.append((LEADER, "leader, as broadcast"))
     if replayed.path is not None:
         lines.insert(0, Line(x=replayed.path[:, 1], y=replayed.path[:, 2], colour=INK, dash="--"))
@@ -159,19 +159,19 @@ def _over_time(replayed: Replayed) -> Panel:
     at = replayed.measured.time[replayed.measured.message_step - 1]
     residuals = replayed.residuals
     squared = replayed.nis
-    seen = np.isfinite(residuals)
+    is_known = np.isfinite(residuals)
     curve = Line(x=replayed.measured.time, y=2.0 * replayed.sigma, colour=ESTIMATE, name="2σ")
     parts = [Subplot(lines=[curve], y_label="2σ of position [m]", y_limits=(0.0, None))]
     lines = [
         Line(
-            x=at[seen[:, i]],
-            y=residuals[seen[:, i], i],
+            x=at[is_known[:, i]],
+            y=residuals[is_known[:, i], i],
             colour=colour,
             marker="o",
             name=f"{_NAMES[i]} transmitter",
         )
         for i, colour in enumerate(TRANSMITTERS)
-        if seen[:, i].any()
+        if is_known[:, i].any()
     ]
     parts += [Subplot(lines=lines, y_label="range residual [m]")] if lines else []
     if np.isfinite(squared).any():

@@ -195,7 +195,7 @@ def summarise(flight: FlightRecord, bounds: list[Floats] | None = None) -> dict[
     track_errors = tracking.track_errors(MotionSettings.of(flight.scenario), flight.trajectory)
     routes = routes_of(MissionPlan.of(flight.scenario))
     sensing = flight.scenario.formation.proximity is not None
-    spent = sightings(MotionSettings.of(flight.scenario), flight.trajectory).spent_s
+    detection_s = sightings(MotionSettings.of(flight.scenario), flight.trajectory).spent_s
     leader = leader_row(flight)
     return {
         "scenario": flight.scenario.name,
@@ -212,7 +212,7 @@ def summarise(flight: FlightRecord, bounds: list[Floats] | None = None) -> dict[
             name: metrics.summarise(*errors[i])._asdict()
             | consistency(flight, i, bounds[i])
             | _kept(flight, i, routes[i + 1], track_errors[:, i])
-            | ({"gave_way_s": float(spent[i])} if sensing else {})
+            | ({"gave_way_s": float(detection_s[i])} if sensing else {})
             | {"relative_errors": relative_error(flight, i)}
             | {"fixes": metrics.fix_counts(flight.estimates[i])}
             | _own_variant(flight, i)

@@ -69,10 +69,10 @@ class Table:
         return self.arrow.__arrow_c_stream__(requested_schema)
 
     def __repr__(self) -> str:
-        named = self.columns[:_NAMED]
+        columns = self.columns[:_NAMED]
         if len(self.columns) > _NAMED:
-            named.append("…")
-        return f"<Table: {len(self)} rows, {len(self.columns)} columns: {', '.join(named)}>"
+            columns.append("…")
+        return f"<Table: {len(self)} rows, {len(self.columns)} columns: {', '.join(columns)}>"
 
     def _repr_html_(self) -> str:
         heads = "".join(f"<th>{html.escape(name)}</th>" for name in self.columns)

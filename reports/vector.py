@@ -190,10 +190,10 @@ def _colours(figure: Figure, axes: Axes, trace: Mapping[str, Any]) -> None:
         colours = [colour for _, colour in trace["colorscale"]]
         bands = np.arange(len(colours) + 1)
         norm = BoundaryNorm(bands, len(colours))
-        drawn = axes.contourf(
+        contours = axes.contourf(
             trace["x"], trace["y"], z, levels=bands, cmap=ListedColormap(colours), norm=norm
         )
-        legend = figure.colorbar(drawn, ax=axes, ticks=bar["tickvals"], pad=0.02)
+        legend = figure.colorbar(contours, ax=axes, ticks=bar["tickvals"], pad=0.02)
         legend.set_ticklabels(bar["ticktext"])
     else:
         scale = LinearSegmentedColormap.from_list("scale", [tuple(s) for s in trace["colorscale"]])
@@ -247,20 +247,20 @@ def _shares(axes: Sequence[Mapping[str, Any]]) -> list[float]:
     return [axis["domain"][1] - axis["domain"][0] for axis in axes]
 
 
-def draw(drawn: DrawnFigure, width: float) -> Figure:
+def draw(drawing: DrawnFigure, width: float) -> Figure:
     """A figure of a width [inch]."""
-    count = len(drawn.axes)
+    count = len(drawing.axes)
     height = count * _PART_INCH if count > 1 else _ALONE_INCH * (width / _USUAL_INCH) ** 0.5
     figure = Figure(figsize=(width, height + _TITLE_INCH), layout="constrained")
-    shares = _shares(drawn.axes)
+    shares = _shares(drawing.axes)
     grid = figure.subplots(count, 1, sharex=True, squeeze=False, height_ratios=shares)
     parts: list[Axes] = grid.ravel().tolist()
-    for number, (axes, axis) in enumerate(zip(parts, drawn.axes, strict=True)):
+    for number, (axes, axis) in enumerate(zip(parts, drawing.axes, strict=True)):
         name = f"y{number + 1}" if number else "y"
-        for shape in drawn.layout["shapes"]:
+        for shape in drawing.layout["shapes"]:
             if shape["yref"] == name:
                 axes.axhspan(shape["y0"], shape["y1"], color=shape["fillcolor"], linewidth=0)
-        traces = [trace for trace in drawn.data if trace.get("yaxis", "y") == name]
+        traces = [trace for trace in drawing.data if trace.get("yaxis", "y") == name]
         for trace in sorted(traces, key=lambda trace: "z" not in trace):
             if "z" in trace:
                 _colours(figure, axes, trace)
@@ -269,8 +269,8 @@ def draw(drawn: DrawnFigure, width: float) -> Figure:
         if "scaleanchor" in axis:
             axes.set_aspect("equal", adjustable="datalim")
         _dress(axes, "y", axis)
-    _dress(parts[-1], "x", drawn.layout["xaxis"])
-    title = drawn.layout.get("title", {}).get("text", "")
+    _dress(parts[-1], "x", drawing.layout["xaxis"])
+    title = drawing.layout.get("title", {}).get("text", "")
     if title:
         parts[0].set_title(formula(title), loc="left", fontsize=8.0)
     _legend(figure, parts)
@@ -278,12 +278,12 @@ def draw(drawn: DrawnFigure, width: float) -> Figure:
     return figure
 
 
-def _save(drawn: DrawnFigure, path: Path, width: float) -> None:
+def _save(drawing: DrawnFigure, path: Path, width: float) -> None:
     format_ = path.suffix.removeprefix(".")
     with rc_context(_STYLE), atomic_write(path) as temporary:
         # without the time, equal figures are equal files
         stamp = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(format_, {})
-        draw(drawn, width).savefig(temporary, format=format_, dpi=_DPI, metadata=stamp)
+        draw(drawing, width).savefig(temporary, format=format_, dpi=_DPI, metadata=stamp)
 
 
 def write_panel(panel: Panel, path: Path, width: float) -> None:
@@ -301,7 +301,7 @@ def write_figures(
 ) -> Iterator[Path]:
     """Write figures into a folder, each as NAME.FORMAT; OSError if that fails."""
     folder.mkdir(parents=True, exist_ok=True)
-    for drawn in figures:
-        path = folder / f"{drawn.name}.{format_}"
-        _save(drawn, path, width)
+    for drawing in figures:
+        path = folder / f"{drawing.name}.{format_}"
+        _save(drawing, path, width)
         yield path

@@ -66,8 +66,8 @@ def longest_silence(flight: FlightRecord, follower: int, begin_s: float, end_s: 
     """The longest time without a received message of a follower that reaches into begin … end."""
     measured = flight.measurements[follower]
     received = measured.time[measured.message_step - 1]
-    heard = received[np.isfinite(measured.ranges).any(axis=1)]
-    times = np.concatenate([[0.0], heard[heard <= end_s], [end_s]])
+    heard_steps = received[np.isfinite(measured.ranges).any(axis=1)]
+    times = np.concatenate([[0.0], heard_steps[heard_steps <= end_s], [end_s]])
     spans = np.where(times[1:] > begin_s, np.diff(times), 0.0)
     longest = int(np.argmax(spans))
     begin, end = float(times[longest]), float(times[longest + 1])
@@ -199,9 +199,9 @@ def _because(subject: str, cause: str) -> str:
 
 
 def _lost_text(lost: Sequence[Loss], followers: int) -> str:
-    named = [f"{loss.follower} at {loss.time_s:.0f} s" for loss in lost[:_NAMED]]
+    texts = [f"{loss.follower} at {loss.time_s:.0f} s" for loss in lost[:_NAMED]]
     if len(lost) > _NAMED:
-        named.append(f"{len(lost) - _NAMED} more")
+        texts.append(f"{len(lost) - _NAMED} more")
     first = lost[0]
     number = f"{len(lost)} of {followers} followers" if followers > 1 else first.follower
     verb = "was" if len(lost) == 1 else "were"
@@ -209,7 +209,7 @@ def _lost_text(lost: Sequence[Loss], followers: int) -> str:
         cause = _because("likeliest cause", first.cause)
         return f"{number} was lost at {first.time_s:.0f} s ({first.what}); {cause}."
     subject = f"likeliest cause of the first ({first.what})"
-    return f"{number} {verb} lost: {', '.join(named)}; {_because(subject, first.cause)}."
+    return f"{number} {verb} lost: {', '.join(texts)}; {_because(subject, first.cause)}."
 
 
 def _errors_text(flight: FlightRecord) -> str:

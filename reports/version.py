@@ -61,8 +61,8 @@ def sources(modules: Iterable[str] = (), root: Path = ROOT) -> list[Path]:
         modules: that compute beside those of all campaigns; the tables beside them count too.
         root: folder of the packages.
     """
-    named = tuple(modules)
-    files = reachable((*_COMPUTING, *named), root)
+    module_names = tuple(modules)
+    files = reachable((*_COMPUTING, *module_names), root)
     # of `experiments` the modules alone: its data are published tables and a layout, to compare
     # with and to draw
     data = {
@@ -71,7 +71,9 @@ def sources(modules: Iterable[str] = (), root: Path = ROOT) -> list[Path]:
         for p in (root / package).rglob("*")
         if p.suffix in _DATA
     }
-    tables = {p for name in named for p in files[name].parent.iterdir() if p.suffix in _TABLES}
+    tables = {
+        p for name in module_names for p in files[name].parent.iterdir() if p.suffix in _TABLES
+    }
     return sorted({*files.values(), *data, *tables})
 
 

@@ -118,7 +118,7 @@ def _kind(follower: Follower) -> int:
 
 def init_closed_loop(
     motion: MotionSettings,
-    navigated: Sequence[SensingSettings],
+    sensing_of: Sequence[SensingSettings],
     leader: Leader,
     navigations: Sequence[Navigation],
     plant: Plant,
@@ -130,9 +130,9 @@ def init_closed_loop(
     followers = motion.plan.followers
     f = len(followers)
     n = routes.reference.shape[0]
-    sensing = navigated[0]
+    sensing = sensing_of[0]
     message_every = sensing.links.message_every
-    sensors = observation.sensor_model_of(sensing, navigated=navigated)
+    sensors = observation.sensor_model_of(sensing, sensing_of=sensing_of)
     steps = (n - 1) // sensors.stride
     link = navigated_link(sensing.links)
     messages = steps // (link.every if link else message_every) + 1
@@ -607,7 +607,7 @@ def broadcast_hearing(state: ClosedLoopState, truth: StateHistory) -> Hearing:
 def _fleet_of(
     plant: Plant,
     state: ClosedLoopState,
-    navigated: Sequence[SensingSettings],
+    sensing_of: Sequence[SensingSettings],
     *,
     attitude_broadcast: bool,
 ) -> Fleet:
@@ -619,7 +619,7 @@ def _fleet_of(
         instants=len(state.tilts),
         hydrophones=np.array([*state.sites.hydrophones, of_leader]),
         attitude_broadcast=attitude_broadcast,
-        navigated=navigated,
+        navigated=sensing_of,
     )
 
 
@@ -668,7 +668,7 @@ def _record_of(
 
 
 def _sensing_of(
-    navigated: Sequence[SensingSettings], plant: Plant, state: ClosedLoopState
+    sensing_of: Sequence[SensingSettings], plant: Plant, state: ClosedLoopState
 ) -> tuple[CustomSensing, ...]:
     """Further sensors of each follower."""
     return tuple(
@@ -684,7 +684,7 @@ def _sensing_of(
             plant.ocean.environment,
             state.sensors,
         )
-        for f, sensing in enumerate(navigated)
+        for f, sensing in enumerate(sensing_of)
     )
 
 
@@ -702,18 +702,18 @@ def closed_loop_of(
     With `whole` all that navigators conclude is recorded, else their states alone.
     """
     sensing = SensingSettings.of(scenario)
-    still = static_trajectory(plant)
-    navigated = sensing_of_each(scenario)
+    at_start = static_trajectory(plant)
+    sensing_of = sensing_of_each(scenario)
     navigations = [scenario.navigation_of(i) for i in range(len(scenario.followers))]
     settings = [navigation_settings(scenario, plant.sites, i) for i in range(len(navigations))]
     ways = [
         _Way(navigation.variant, of_follower, navigation.link, navigation.further_links)
         for navigation, of_follower in zip(navigations, settings, strict=True)
     ]
-    starts = np.array([observation.start_of(still, i) for i in range(len(ways))])
+    starts = np.array([observation.start_of(at_start, i) for i in range(len(ways))])
     state = init_closed_loop(
         MotionSettings.of(scenario),
-        navigated,
+        sensing_of,
         scenario.leader,
         navigations,
         plant,
@@ -728,7 +728,7 @@ def closed_loop_of(
         make = make_swarm or spec.new_swarm
         record = state.concluded
         if len(spans) > 1:
-            links = navigated[followers.start].links
+            links = sensing_of[followers.start].links
             record = _record_of(links, state.concluded, followers, spec.estimates)
         group = NavigatorGroup(
             followers=followers,
@@ -744,8 +744,8 @@ def closed_loop_of(
         groups.append(group)
     controlled = {i: f for i, f in enumerate(scenario.followers, 1) if f.controller}
     custom_control = CustomControl(controlled, plant, routes)
-    custom_sensing = _sensing_of(navigated, plant, state)
-    fleet = _fleet_of(plant, state, navigated, attitude_broadcast=sensing.broadcast_attitude)
+    custom_sensing = _sensing_of(sensing_of, plant, state)
+    fleet = _fleet_of(plant, state, sensing_of, attitude_broadcast=sensing.broadcast_attitude)
     receivers = _receivers_of(sensing, fleet)
     leader = None
     if needs_unit(scenario.leader, sensing.links):

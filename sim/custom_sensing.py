@@ -90,7 +90,7 @@ class CustomSensing:
         carrier = self._carrier
         step = k // self._stride
         state = self._state(k, truth, hearing)
-        heard = hearing is not None and (
+        is_heard = hearing is not None and (
             hearing.inbox.outcome[carrier.receiver] == observation.RECEIVED
         )
         readings = {}
@@ -98,7 +98,7 @@ class CustomSensing:
             true = driver.true(state, self._environment, step)
             draws = driver.draws(*self._seed_and_run, carrier.number, np.array([step]))
             reading: Floats = driver.read(true, draws)[0]
-            if driver.acoustic and not heard:
+            if driver.acoustic and not is_heard:
                 reading[:] = np.nan
             readings[driver.name] = reading
             self._rows[driver.name].append(reading)

@@ -148,14 +148,14 @@ _SEGMENT_POINTS = 9  # instants at which speeds are looked at, in each segment o
 
 def _planned_speeds(sea: SeaSettings, route: Route, depths: Sequence[float]) -> SpeedRange:
     """Speeds through the water along the plan of a route, at depths [m]."""
-    flown = planned_motion(route)
+    point_motion = planned_motion(route)
     end = sea.plan.duration_s
-    starts = flown.start[flown.start < end]
+    starts = point_motion.start[point_motion.start < end]
     changes = [time for time, *_ in sea.ocean.current_profile if time < end]
     bounds = np.unique([*starts, *changes, end])
     shares = np.linspace(0.0, 1.0, _SEGMENT_POINTS)
     times = (bounds[:-1, None] + np.diff(bounds)[:, None] * shares).ravel()
-    motion = flown.at(times)
+    motion = point_motion.at(times)
     over_ground = motion.speed * np.array([np.sin(motion.course), np.cos(motion.course)])
     currents = [current_at(sea, motion.east, motion.north, depth, times).T for depth in depths]
     speeds = np.array([np.hypot(*(over_ground - current)) for current in currents])
@@ -241,8 +241,8 @@ def _vertical_forces(plant: Plant, design: Autopilot, speed: float) -> VerticalF
             incidence = min(moment / max(abs(stiffness), 1e-9), INCIDENCE_MAX)
             lever = _stern_lever(effectors)
             lift = design["lift"] * speed**2 * incidence
-            lost = stiffness * incidence / lever if lever > 0.0 else 0.0
-            force += share * max(lift - lost, 0.0)
+            shift = stiffness * incidence / lever if lever > 0.0 else 0.0
+            force += share * max(lift - shift, 0.0)
         forces.append(force)
     return VerticalForces(*forces)
 
@@ -314,10 +314,10 @@ def _weight_errors_in(hull: Hull, speeds: SpeedRange, share: float) -> list[str]
     body = plant.model.body("hull/hull")
     coefficients = plant.true_coefficients[0]
     excess = float(share * coefficients["buoyancy"] - body.mass[0] * coefficients["gravity"])
-    held = _vertical_forces(plant, designs[0], speeds.mean)
-    if -held.up <= excess <= held.down:
+    forces = _vertical_forces(plant, designs[0], speeds.mean)
+    if -forces.up <= excess <= forces.down:
         return []
-    trim = -excess - (1.0 - _LIFT_RESERVE) * (held.up if excess < 0.0 else -held.down)
+    trim = -excess - (1.0 - _LIFT_RESERVE) * (forces.up if excess < 0.0 else -forces.down)
     trim += hull.settings.excess_buoyancy_n
     advice = f"trim it with excess_buoyancy_n = {trim:.3g}"
     if hull.settings.trim == "file" and hull.settings.excess_buoyancy_n == 0.0:
@@ -329,7 +329,7 @@ def _weight_errors_in(hull: Hull, speeds: SpeedRange, share: float) -> list[str]
             advice += f", or go at {speed + 0.05:.2g} m/s or more through the water"
             break
     kind = "heavier" if excess < 0.0 else "lighter"
-    largest_force = held.up if excess < 0.0 else held.down
+    largest_force = forces.up if excess < 0.0 else forces.down
     return [
         f"it is {abs(excess):.3g} N {kind} than the water that it displaces; hull lift, fins and "
         f"thrusters hold {largest_force:.3g} N at {speeds.mean:.3g} m/s, the mean of its mission; "
@@ -467,10 +467,10 @@ def cautions(scenario: Scenario) -> list[str]:
     """What a flyable scenario has that its navigators or followers cannot cope with, a line
     each.
     """
-    navigated = sensing_of_each(scenario)
+    sensing_of = sensing_of_each(scenario)
     remarks: list[str] = []
-    for i, sensing in enumerate(navigated):
-        if i == 0 or sensing is not navigated[0]:
+    for i, sensing in enumerate(sensing_of):
+        if i == 0 or sensing is not sensing_of[0]:
             remarks += assumption_cautions(sensing, scenario.navigation_of(i))
             remarks += ray_cautions(sensing.sound, sensing.sound_speed)
     remarks = [*dict.fromkeys(remarks)]
@@ -499,18 +499,18 @@ def _planned(vehicle: Vehicle, name: str) -> Plan:
 
 
 def _require_readings(
-    navigated: Sequence[SensingSettings], variants: Sequence[str], of_leader: Navigation | None
+    sensing_of: Sequence[SensingSettings], variants: Sequence[str], of_leader: Navigation | None
 ) -> None:
     """LaisnError if a further sensor cannot be made, or the navigator of a follower, by its
     variant, or of the leader needs one that is not there.
     """
-    sensors_of_all(navigated)
+    sensors_of_all(sensing_of)
     carriers = [
         (variant, custom_sensors(sensing, i))
-        for i, (variant, sensing) in enumerate(zip(variants, navigated, strict=True))
+        for i, (variant, sensing) in enumerate(zip(variants, sensing_of, strict=True))
     ]
     if of_leader is not None:
-        carriers.append((of_leader.variant, leader_custom_sensors(navigated[0])))
+        carriers.append((of_leader.variant, leader_custom_sensors(sensing_of[0])))
     for variant, drivers in carriers:
         names = [driver.name for driver in drivers]
         spec = find(variant)
@@ -552,15 +552,15 @@ def infeasibilities(scenario: Scenario) -> list[str]:
     """
     shapes: list[str] = []
     motion = MotionSettings.of(scenario)
-    navigated = sensing_of_each(scenario)
-    variants = [scenario.navigation_of(i).variant for i in range(len(navigated))]
+    sensing_of = sensing_of_each(scenario)
+    variants = [scenario.navigation_of(i).variant for i in range(len(sensing_of))]
     of_leader = scenario.leader.navigation
     problems = [
         *_errors_of(partial(Clock, scenario.epoch), "epoch"),
         *film_errors(scenario.duration_s, scenario.video),
         *_errors_of(partial(sea_of_keys, scenario.ocean, scenario.seed), "ocean.waves"),
         *_navigator_errors(scenario.navigations(), of_leader),
-        *_errors_of(partial(_require_readings, navigated, variants, of_leader), ""),
+        *_errors_of(partial(_require_readings, sensing_of, variants, of_leader), ""),
         *_cost(motion),
     ]
     for _, vehicle in scenario.vehicles():

@@ -159,9 +159,9 @@ def settings_of(
         height = 0.0
     if height is None:
         height = sites[f"{name}/hydrophone"][2] - sites[f"{name}/depth_sensor"][2]
-    placed = np.array([sites[transmitter] for transmitter in TRANSMITTERS])
+    positions = np.array([sites[transmitter] for transmitter in TRANSMITTERS])
     assumed = sound.sound_speed_m_s + sound.sound_speed_bias_m_s
-    above_sensor = placed - np.array([0.0, 0.0, sites["leader/depth_sensor"][2]])
+    above_sensor = positions - np.array([0.0, 0.0, sites["leader/depth_sensor"][2]])
     # the leader's transmitters are those on its hull, unless the scenario has others
     values: dict[str, Any] = {
         "transmitter_offsets": navigation.transmitters_m,
@@ -211,10 +211,10 @@ def navigate(
     """
     measurements = []
     estimates = []
-    navigated = sensing_of_each(scenario)
+    sensing_of = sensing_of_each(scenario)
     for follower in range(len(scenario.followers)):
         make = navigator or find(scenario.navigation_of(follower).variant).make
-        sensing = navigated[follower]
+        sensing = sensing_of[follower]
         settings = navigation_settings(scenario, trajectory.sites, follower)
         measured = measure(
             observe(trajectory, sensing, follower),

@@ -121,8 +121,8 @@ class LeaderUnit:
         )
         self.latest_custom: dict[str, Floats] = {}
         """Readings of further sensors at the last filter step by their names."""
-        still = static_trajectory(plant)
-        start = leader_start(still, self._hydrophone)
+        at_start = static_trajectory(plant)
+        start = leader_start(at_start, self._hydrophone)
         self.swarm: SeparateNavigators | None = None
         self._by_estimate = leader.guidance_position == "estimate"
         self._takes_current = False
@@ -206,8 +206,8 @@ class LeaderUnit:
         if self.swarm is None:
             return
         main, further = self.receptions()
-        taken = {name: further[name] for name in self._taken_links if name in further}
-        self.swarm.receptions = [taken]
+        receptions = {name: further[name] for name in self._taken_links if name in further}
+        self.swarm.receptions = [receptions]
         self.swarm.custom = [self.latest_custom]
         self.swarm.advance(0, step, self.reading[0], main, self.estimate, self.concluded)
 

@@ -125,7 +125,7 @@ class Receiver:
         receivers = fleet.followers + leader
         vehicles = fleet.followers + 1 + leader
         sensors = observation.sensor_model_of(
-            sensing, link, leader_receives=leader, navigated=fleet.navigated
+            sensing, link, leader_receives=leader, sensing_of=fleet.navigated
         )
         steps = (fleet.instants - 1) // sensors.stride
         tilt = 0.0 if fleet.attitude_broadcast else np.nan
@@ -211,8 +211,10 @@ class Receiver:
         if self.readings_of is not None:
             emission = math.floor(sent / dt + 1e-6)
             readings = self.readings_of(self.link.sender, emission)
-            lacking = np.full(0, np.nan)
-            self.content[i] = {name: readings.get(name, lacking) for name in self.link.readings}
+            nothing_received = np.full(0, np.nan)
+            self.content[i] = {
+                name: readings.get(name, nothing_received) for name in self.link.readings
+            }
         hearing.arrived[i] = True
         if step > 0:
             m = hearing.measured.messages[i]

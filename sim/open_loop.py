@@ -28,43 +28,43 @@ class OpenLoop:
     def __init__(
         self,
         scenario: Scenario,
-        still: Trajectory,
+        at_start: Trajectory,
         truth: StateHistory,
         motion: Callable[[int], Trajectory],
     ) -> None:
         """Before the first instant.
 
-        `still` holds names and sites of the vehicles where they start, `truth` is the room for
+        `at_start` holds names and sites of the vehicles where they start, `truth` is the room for
         their motion, of which `motion` gives what is there from an instant on.
         """
         self.scenario = scenario
         self._truth = truth
         self._motion = motion
         self._stride = round(scenario.timing.filter_step_s / CONTROL_STEP_S)
-        navigated = sensing_of_each(scenario)
+        sensing_of = sensing_of_each(scenario)
         followers = range(len(scenario.followers))
         navigations = [scenario.navigation_of(i) for i in followers]
-        names = [sensing.links.main for sensing in navigated]
+        names = [sensing.links.main for sensing in sensing_of]
         # of each link that somebody navigates on, by its name
         self._senders = {
-            sensing.links.main: SenderMotion(sensing, still, truth) for sensing in navigated
+            sensing.links.main: SenderMotion(sensing, at_start, truth) for sensing in sensing_of
         }
         self._sender_of = [self._senders[name] for name in names]
-        settings = [navigation_settings(scenario, still.sites, i) for i in followers]
+        settings = [navigation_settings(scenario, at_start.sites, i) for i in followers]
         links = [sender.link for sender in self._senders.values()]
-        interval = navigated[0].links.message_every
+        interval = sensing_of[0].links.message_every
         stride = min(interval if link is None else link.every for link in links)
         n = len(truth.pose)
         steps = (n - 1) // self._stride
         self._measured = MeasurementRecord.empty(len(followers), steps, stride)
         self._sensing = [
             FollowerSensing(
-                navigated[i], i, self._sender_of[i], settings[i].transmitters, self._measured
+                sensing_of[i], i, self._sender_of[i], settings[i].transmitters, self._measured
             )
             for i in followers
         ]
         self._navigators = [
-            find(navigations[i].variant).make(settings[i], start_of(still, i)) for i in followers
+            find(navigations[i].variant).make(settings[i], start_of(at_start, i)) for i in followers
         ]
         # messages of further links are sensed of the finished mission
         self._further = any(navigation.further_links for navigation in navigations)

@@ -162,19 +162,19 @@ def steer_along_route(k: int, truth: StateHistory, i: int, routes: RouteControl)
 
 @compiled
 def hold_by_truth(
-    k: int, truth: StateHistory, i: int, held: Floats, reference: Records, routes: RouteControl
+    k: int, truth: StateHistory, i: int, command: Floats, reference: Records, routes: RouteControl
 ) -> None:
     """Find the command of vehicle i, from the recorded instant k on, that holds heading [rad],
     speed through the water [m/s] and depth [m], by its true motion.
 
-    `held` are these three, `reference` room for a record of REFERENCE, shape (1,).
+    `command` are these three, `reference` room for a record of REFERENCE, shape (1,).
     """
     motion = vehicle_state(truth.pose[k, i], truth.twist[k, i], truth.water[k, i])
-    reference[0].depth = held[2]
+    reference[0].depth = command[2]
     control(
         routes.kinds,
         routes.autopilots[i],
-        limit_command(held[0], held[1], TICK, routes.guidance[i]),
+        limit_command(command[0], command[1], TICK, routes.guidance[i]),
         reference[0],
         motion,
         TICK,
@@ -406,11 +406,11 @@ class Mission:
         """Whether hulls touch or a vehicle leaves the bounds from an instant on; drops what is
         later.
         """
-        flown = self.truth.pose[first : self.instants]
-        ends = [first_touch(flown)] if until_contact else []
+        poses = self.truth.pose[first : self.instants]
+        ends = [first_touch(poses)] if until_contact else []
         if bounds is not None:
             time = np.arange(first, self.instants, dtype=np.float64) * TICK
-            departure = first_departure(time, flown, bounds)
+            departure = first_departure(time, poses, bounds)
             ends.append(None if departure is None else departure.instant)
         ended = min((instant for instant in ends if instant is not None), default=None)
         if ended is None:
@@ -655,8 +655,8 @@ def _require_no_contact(trajectory: Trajectory) -> Trajectory:
     if not collisions:
         return trajectory
     time, (first, second) = collisions[0]
-    touched = f"at {time:g} s {first} and {second} touched, which ended the mission"
-    raise ContactError(touched, trajectory.part(0, max(round(time / trajectory.dt), 1)))
+    contact_text = f"at {time:g} s {first} and {second} touched, which ended the mission"
+    raise ContactError(contact_text, trajectory.part(0, max(round(time / trajectory.dt), 1)))
 
 
 def simulate_motion(

@@ -41,12 +41,12 @@ def ray_cautions(sound: SoundSettings, assumed: str) -> list[str]:
         return []
     plan = sound.sea.plan
     leader, *followers = planned_places(plan)
-    chosen = np.linspace(0, len(leader) - 1, _LOOKS).astype(int)
+    instants = np.linspace(0, len(leader) - 1, _LOOKS).astype(int)
     shadowed, multipath, worst = [], [], 0.0
     for follower, places in zip(plan.followers, followers, strict=True):
-        looks = [_numbers(rays, leader[i], places[i]) for i in chosen.tolist()]
-        counts = [count for count, _ in looks]
-        worst = max([worst, *(error for _, error in looks)])
+        counts_and_errors = [_numbers(rays, leader[i], places[i]) for i in instants.tolist()]
+        counts = [count for count, _ in counts_and_errors]
+        worst = max([worst, *(error for _, error in counts_and_errors)])
         if 0 in counts:
             shadowed.append(f"{follower.name} ({counts.count(0) / _LOOKS:.0%} of the plan)")
         if max(counts) > 1:

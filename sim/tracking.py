@@ -222,19 +222,21 @@ def pair_distances(places: Floats) -> PairDistances:
     """
     n, count = places.shape[:2]
     looks = np.arange(0, n, _WINDOW)
-    looked = places[looks]
-    moved = np.empty((looks.size, count))
+    at_looks = places[looks]
+    moved_distance = np.empty((looks.size, count))
     for vehicle in range(count):
-        moves = places[:, vehicle] - np.repeat(looked[:, vehicle], _WINDOW, axis=0)[:n]
-        moved[:, vehicle] = np.maximum.reduceat(np.sqrt(np.sum(moves * moves, axis=1)), looks)
-    seen = np.full((count, count), np.inf)
-    bound = seen.copy()
+        moves = places[:, vehicle] - np.repeat(at_looks[:, vehicle], _WINDOW, axis=0)[:n]
+        moved_distance[:, vehicle] = np.maximum.reduceat(
+            np.sqrt(np.sum(moves * moves, axis=1)), looks
+        )
+    at_instants = np.full((count, count), np.inf)
+    bound = at_instants.copy()
     for i in range(1, count):
-        offsets = looked[:, i, None] - looked[:, :i]
+        offsets = at_looks[:, i, None] - at_looks[:, :i]
         distance = np.sqrt(np.sum(offsets * offsets, axis=2))
-        seen[i, :i] = distance.min(axis=0)
-        bound[i, :i] = (distance - moved[:, i, None] - moved[:, :i]).min(axis=0)
-    return PairDistances(seen, bound - _ROUNDING_M)
+        at_instants[i, :i] = distance.min(axis=0)
+        bound[i, :i] = (distance - moved_distance[:, i, None] - moved_distance[:, :i]).min(axis=0)
+    return PairDistances(at_instants, bound - _ROUNDING_M)
 
 
 def _pairs_within(distances: PairDistances, reach: float | Floats) -> list[list[int]]:
@@ -571,6 +573,6 @@ def closest_stations(motion: MotionSettings) -> Approach | None:
     settings = [motion.formation.record(), *formations_of(motion)[kept_by]]
     formations = np.array(settings).view(np.recarray)
     way = np.column_stack([leader.east, leader.north])
-    placed = stations_along(way, through, leader.course, stations, formations, _STEP_S)
+    positions = stations_along(way, through, leader.course, stations, formations, _STEP_S)
     names = ["the leader's place", *(key for key, _ in stationed)]
-    return _nearest(names, time, np.stack([placed.east, placed.north], axis=-1), pairs)
+    return _nearest(names, time, np.stack([positions.east, positions.north], axis=-1), pairs)

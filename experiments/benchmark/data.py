@@ -93,10 +93,10 @@ def task_table(mission: BenchmarkMission, flight: FlightRecord) -> dict[str, Any
         }
 
     sound = scenario.acoustics
-    listed = [{"sensor": table.sensor} for table in scenario.sensors.custom]
+    sensors = [{"sensor": table.sensor} for table in scenario.sensors.custom]
     return {
         "name": mission.name,
-        **({"sensors": {"custom": listed}} if listed else {}),
+        **({"sensors": {"custom": sensors}} if sensors else {}),
         "timing": {
             "filter_step_s": scenario.timing.filter_step_s,
             "message_interval_s": scenario.timing.message_interval_s,
@@ -159,11 +159,11 @@ def _write_graphs(folder: Path, flight: FlightRecord) -> None:
         heading = np.append(m.heading[:1], m.heading)
         time = np.append(0.0, m.time)
         way = speed[1:, None] * m.dt * np.column_stack([np.sin(heading), np.cos(heading)])[1:]
-        reckoned = start[:2] + np.vstack([np.zeros(2), np.cumsum(way, axis=0)])
+        dead_reckoned = start[:2] + np.vstack([np.zeros(2), np.cumsum(way, axis=0)])
         settings = settings_as(
             TightSettings, _with_tight(flight).scenario, flight.trajectory.sites, i
         )
-        poses = np.column_stack([time, reckoned, heading])
+        poses = np.column_stack([time, dead_reckoned, heading])
         write_factor_graph(m, settings, start, poses, folder / f"{name}.pyfg")
 
 
@@ -218,7 +218,7 @@ def _require_free(folder: Path) -> None:
 
 
 def _manifest(
-    folder: Path, chosen: Sequence[BenchmarkMission], seeds: Sequence[int], seconds: float | None
+    folder: Path, missions: Sequence[BenchmarkMission], seeds: Sequence[int], seconds: float | None
 ) -> dict[str, Any]:
     files = sorted(
         path
@@ -230,7 +230,7 @@ def _manifest(
         "benchmark": "LAISN-Bench",
         "version": VERSION,
         "code": code_version(),
-        "missions": {mission.name: mission.title for mission in chosen},
+        "missions": {mission.name: mission.title for mission in missions},
         "seeds": list(seeds),
         "seconds": seconds,  # None: whole missions
         "files": {
@@ -242,7 +242,7 @@ def _manifest(
 
 def generate(
     folder: Path,
-    chosen: Sequence[BenchmarkMission],
+    missions: Sequence[BenchmarkMission],
     seeds: Sequence[int],
     formats: Sequence[str] = (),
     *,
@@ -264,13 +264,13 @@ def generate(
         shutil.rmtree(folder / subfolder, ignore_errors=True)
     folder.mkdir(parents=True, exist_ok=True)
     # the first run writes the task of its mission, which no other process may do at the same time
-    first, *further = [(mission, seed) for seed in seeds for mission in chosen]
-    with progress("missions", len(chosen) * len(seeds)) as advance, Pool(workers) as pool:
+    first, *further = [(mission, seed) for seed in seeds for mission in missions]
+    with progress("missions", len(missions) * len(seeds)) as advance, Pool(workers) as pool:
         write_run(folder, *first, formats, seconds)
         advance(1)
         for _ in pool.each(write_run, ((folder, *run, formats, seconds) for run in further)):
             advance(1)
-    manifest = _manifest(folder, chosen, seeds, seconds)
+    manifest = _manifest(folder, missions, seeds, seconds)
     with atomic_write(folder / MANIFEST) as unfinished:
         unfinished.write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
     return manifest

@@ -257,7 +257,7 @@ def _of_run(path: Path, track: Track, rows: Ints) -> Track:
 
 
 def _labels(
-    path: Path, columns: Mapping[str, Any], stated: Mapping[str, str]
+    path: Path, columns: Mapping[str, Any], units: Mapping[str, str]
 ) -> Iterator[tuple[FollowerRun, Ints]]:
     """The runs in a table with the rows of each, by its columns, or by the path to it."""
     n = len(next(iter(columns.values()), ()))
@@ -265,8 +265,8 @@ def _labels(
     for name in FollowerRun._fields:
         if name in columns:
             labels.append([str(value) for value in columns[name].tolist()])
-        elif name in stated:
-            labels.append([stated[name]] * n)
+        elif name in units:
+            labels.append([units[name]] * n)
         else:
             raise LaisnError(
                 f"{path}: says not of which {name} it is; expected a column {name!r}, or a folder "

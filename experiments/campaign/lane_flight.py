@@ -287,9 +287,9 @@ def sense_own(
     draws = noise.draws
     _draw_normals(noise, _OWN_MOTION, k)
     for lane in range(LANES):
-        drawn = draws[_FIRST + lane], draws[_SECOND + lane]
-        block[lanes.SPEED + lane] = sensors.read_speed(errors, speed, drawn)
-        block[lanes.HEADING + lane] = sensors.read_heading(errors, heading, drawn)
+        normals = draws[_FIRST + lane], draws[_SECOND + lane]
+        block[lanes.SPEED + lane] = sensors.read_speed(errors, speed, normals)
+        block[lanes.HEADING + lane] = sensors.read_heading(errors, heading, normals)
 
 
 @compiled
@@ -303,8 +303,8 @@ def _lose(
     _draw_uniforms(noise, _LOSS, emitted)
     for lane in range(LANES):
         burst[lane] = sensors.is_bad(burst[lane], draws[_FIRST + lane], errors)
-        heard = sensors.is_heard(draws[_THIRD + lane], errors, direct, received * noise.dt)
-        if sensors.is_lost(burst[lane], draws[_SECOND + lane], errors) or not heard:
+        is_heard = sensors.is_heard(draws[_THIRD + lane], errors, direct, received * noise.dt)
+        if sensors.is_lost(burst[lane], draws[_SECOND + lane], errors) or not is_heard:
             block[lanes.R1 + lane] = block[lanes.R2 + lane] = block[lanes.R3 + lane] = np.nan
 
 
@@ -437,9 +437,9 @@ def sense_message(
     motion_errs = errors.leader_heading_sigma + errors.leader_speed_sigma > 0.0
     _draw_if(motion_errs, noise, _LEADER_MOTION, emitted)
     for lane in range(LANES):
-        drawn = draws[_FIRST + lane], draws[_SECOND + lane]
-        block[lanes.LEADER_SPEED + lane] = sensors.read_leader_speed(errors, speed, drawn)
-        block[lanes.LEADER_HEADING + lane] = sensors.read_leader_heading(errors, heading, drawn)
+        normals = draws[_FIRST + lane], draws[_SECOND + lane]
+        block[lanes.LEADER_SPEED + lane] = sensors.read_leader_speed(errors, speed, normals)
+        block[lanes.LEADER_HEADING + lane] = sensors.read_leader_heading(errors, heading, normals)
     _draw_if(errors.leader_depth_sigma > 0.0, noise, _LEADER_DEPTH, emitted)
     for lane in range(LANES):
         block[lanes.LEADER_DEPTH + lane] = sensors.read_leader_depth(

@@ -235,7 +235,7 @@ _Block = tuple[Floats, Ints, Floats]
 """Tally, histograms, and sums over the runs of the NEES of each step, as of `fly_block`."""
 
 
-def _summed(cell: Cell, flown: Iterator[_Block]) -> CellResult:
+def _summed(cell: Cell, blocks: Iterator[_Block]) -> CellResult:
     """The result of a cell from its blocks in the order of runs; LaisnError naming the run if an
     estimate diverged.
     """
@@ -246,7 +246,7 @@ def _summed(cell: Cell, flown: Iterator[_Block]) -> CellResult:
     nees = np.zeros(steps)
     histograms = np.zeros((2, lane.BINS), dtype=np.int64)
     for block in cell.blocks:
-        sums, counts, squares = next(flown)
+        sums, counts, squares = next(blocks)
         table = sums.reshape(-1, LANES)[:, : len(block)]
         diverged = np.flatnonzero(~np.isfinite(table[lane.SUM_P // LANES]))
         if diverged.size:

@@ -196,13 +196,17 @@ class MissionToFly:
         """Write what was flown until now, unless the log has its end already or nothing was
         estimated.
         """
-        flown = self._under_way
-        if log.ended or flown is None or not flown.navigates:
+        flight = self._under_way
+        if log.ended or flight is None or not flight.navigates:
             return
-        if isinstance(flown, OpenLoop) and self._mission is not None and self._mission.instants > 1:
-            flown.advance(self._mission.instants - 1)
-        if flown.steps > 0:
-            log.finish(flown, self._outcome)
+        if (
+            isinstance(flight, OpenLoop)
+            and self._mission is not None
+            and self._mission.instants > 1
+        ):
+            flight.advance(self._mission.instants - 1)
+        if flight.steps > 0:
+            log.finish(flight, self._outcome)
 
 
 def fly(

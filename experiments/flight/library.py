@@ -206,12 +206,12 @@ def vehicle_rows() -> list[tuple[str, str, str, str]]:
     rows = []
     for name in models.VEHICLES:
         plant = Plant([VehicleSetup(name=name, model=name, position_m=(0.0, 0.0, -10.0))], Ocean())
-        looks = mujoco.MjModel.from_xml_path(str(models.path(name)))
-        data = mujoco.MjData(looks)
-        mujoco.mj_kinematics(looks, data)
+        model = mujoco.MjModel.from_xml_path(str(models.path(name)))
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
         # boxes about the visible parts, turned into the hull's frame
         turn = data.geom_xmat.reshape(-1, 3, 3)
-        centre, half_size = np.moveaxis(looks.geom_aabb.reshape(-1, 2, 3), 1, 0)
+        centre, half_size = np.moveaxis(model.geom_aabb.reshape(-1, 2, 3), 1, 0)
         middle = data.geom_xpos + np.einsum("gij,gj->gi", turn, centre)
         reach = np.einsum("gij,gj->gi", abs(turn), half_size)
         sides = np.max(middle + reach, axis=0) - np.min(middle - reach, axis=0)

@@ -119,8 +119,8 @@ class Flight(simulated.FlightRecord):
 
 def _with_report(make: Callable[_Given, simulated.FlightRecord]) -> Callable[_Given, Flight]:
     @wraps(make)
-    def with_report(*arguments: _Given.args, **named: _Given.kwargs) -> Flight:
-        return Flight(**vars(make(*arguments, **named)))
+    def with_report(*arguments: _Given.args, **keywords: _Given.kwargs) -> Flight:
+        return Flight(**vars(make(*arguments, **keywords)))
 
     return with_report
 

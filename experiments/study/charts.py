@@ -61,9 +61,9 @@ def value_text(value: object) -> str:
 
 def point_text(values: Mapping[str, object]) -> str:
     """Keys and their values in words, with commas between them: "leader's excess buoyancy 12 N"."""
-    named = ((*_words(key), value_text(value)) for key, value in values.items())
+    entries = ((*_words(key), value_text(value)) for key, value in values.items())
     return ", ".join(
-        f"{words} {value} {unit}".rstrip().replace(" °", "°") for words, unit, value in named
+        f"{words} {value} {unit}".rstrip().replace(" °", "°") for words, unit, value in entries
     )
 
 
@@ -246,12 +246,13 @@ def differences(plan: StudyPlan, results: Results) -> Figures:
 def scatter(plan: StudyPlan, results: Results) -> Figures:
     """The report's metric over each factor of a sampled design, a mark for each point."""
     lines = ARM if len(plan.arms) > 1 else ""
-    drawn = [
+    figures_of_factors = [
         over_factor(plan, results, ChartLayout(factor.key, lines))
         for factor in plan.study.factors[:MAX_PANELS]
     ]
     return Figures(
-        panels=[panel for figures in drawn for panel in figures.panels], legend=_legend(plan.arms)
+        panels=[panel for figures in figures_of_factors for panel in figures.panels],
+        legend=_legend(plan.arms),
     )
 
 
@@ -265,17 +266,17 @@ def heat_maps(plan: StudyPlan, results: Results, names: Sequence[str]) -> Figure
     others = [
         n for n in (*varied(plan), ARM, FOLLOWER) if n not in names and len(levels(plan, n)) > 1
     ]
-    drawn: dict[str, Floats] = {}
+    maps: dict[str, Floats] = {}
     for condition in results.rows:
         factors = _factors_at(plan, condition)
         title = point_text({name: factors[name] for name in others})
-        if title in drawn or len(drawn) < MAX_PANELS:
-            values = drawn.setdefault(title, np.full((len(row), len(column)), np.nan))
+        if title in maps or len(maps) < MAX_PANELS:
+            values = maps.setdefault(title, np.full((len(row), len(column)), np.nan))
             estimate = results.estimate(condition, plan.study.file.report.metric)
             values[row[repr(factors[up.name])], column[repr(factors[across.name])]] = estimate.value
     x, y = [*map(value_text, across.values)], [*map(value_text, up.values)]
     labels = (label_of(across.name), label_of(up.name))
-    all_values = np.array([*drawn.values()])
+    all_values = np.array([*maps.values()])
     finite = all_values[~np.isnan(all_values)]
     scale = {
         "type": "heatmap",
@@ -289,7 +290,7 @@ def heat_maps(plan: StudyPlan, results: Results, names: Sequence[str]) -> Figure
         "hovertemplate": "%{hovertext}<extra></extra>",
     }
     panels = []
-    for title, values in drawn.items():
+    for title, values in maps.items():
         written = [[*map(digits, cells)] for cells in values.tolist()]
         hover = [
             [f"{labels[0]} {x[j]}<br>{labels[1]} {y[i]}<br>{cell}" for j, cell in enumerate(cells)]
@@ -346,7 +347,7 @@ def over_realizations(plan: StudyPlan, results: Results) -> Figures:
     line for each arm.
     """
     metric = plan.study.file.report.metric
-    drawn = dict[str, list[Line]]()
+    lines_of = dict[str, list[Line]]()
     for point, follower in itertools.product(range(len(plan.points)), plan.followers):
         means = [
             np.sort(results.by_realization(Condition(point, arm, follower), metric))
@@ -364,9 +365,9 @@ def over_realizations(plan: StudyPlan, results: Results) -> Figures:
         ]
         owners = [point_text(plan.points[point])] if plan.points[point] else []
         owners += [follower] if len(plan.followers) > 1 else []
-        if lines and len(drawn) < MAX_PANELS:
-            drawn[", ".join(owners)] = lines
-    ends = [end for lines in drawn.values() for line in lines for end in (line.x[0], line.x[-1])]
+        if lines and len(lines_of) < MAX_PANELS:
+            lines_of[", ".join(owners)] = lines
+    ends = [end for lines in lines_of.values() for line in lines for end in (line.x[0], line.x[-1])]
     margin = 0.04 * (max(ends, default=1.0) - min(ends, default=0.0)) or 1.0
     limits = (min(ends, default=0.0) - margin, max(ends, default=1.0) + margin)
     label = METRICS[metric].label
@@ -375,7 +376,7 @@ def over_realizations(plan: StudyPlan, results: Results) -> Figures:
         panel(
             lines, x_label=label, y_label=below, title=title, x_limits=limits, y_limits=(0.0, 1.02)
         )
-        for title, lines in drawn.items()
+        for title, lines in lines_of.items()
     ]
     return Figures(panels=panels, legend=_legend(plan.arms))
 
@@ -389,7 +390,7 @@ def over_draws(plan: StudyPlan, results: Results, point: int) -> Figures:
     label = METRICS[metric].label
     places = [Condition(point, arm, plan.followers[0]) for arm in plan.arms]
     for draw in plan.study.draws[:MAX_PANELS]:
-        drawn = [[row[draw.key] for row in results.rows.get(condition, [])] for condition in places]
+        draws = [[row[draw.key] for row in results.rows.get(condition, [])] for condition in places]
         lines = [
             Line(
                 x=np.array(values),
@@ -398,7 +399,7 @@ def over_draws(plan: StudyPlan, results: Results, point: int) -> Figures:
                 marker="o",
                 name=condition.arm,
             )
-            for condition, values, colour in zip(places, drawn, SERIES, strict=False)
+            for condition, values, colour in zip(places, draws, SERIES, strict=False)
             if values and all(map(is_number, values))
         ]
         if lines:

@@ -373,10 +373,10 @@ def _quadratic_effects(
     count = np.unique(points).size
     by_point = np.argsort(points, kind="stable").reshape(count, -1)
     # all points, then those of each resample
-    chosen = [np.arange(count), *random.integers(0, count, (resamples, count))]
+    resamples_of = [np.arange(count), *random.integers(0, count, (resamples, count))]
     effects = {}
     for name, factor in coded.items():
-        rows = (by_point[picked].ravel() for picked in chosen)
+        rows = (by_point[picked].ravel() for picked in resamples_of)
         share = np.array([explained(factor[r], means[r, None])[0] for r in rows])
         k = factor.shape[1] if factor.ndim == 2 else int(factor.max())
         freedom = max(places - 1 - k, 1)

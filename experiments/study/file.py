@@ -299,13 +299,13 @@ def _overlaps(study: Study) -> list[str]:
     settings = _settings_of(study)
     overlaps = (_overlap(first, second) for first, second in combinations(settings, 2))
     lines = dict.fromkeys(line for line in overlaps if line is not None)
-    owned = {s.key for s in settings if s.key in ("seed", "name")}
-    owned |= {s.key for s in settings if s.key == "run" and s.kind in ("[draw]", "arm ")}
+    reserved = {s.key for s in settings if s.key in ("seed", "name")}
+    reserved |= {s.key for s in settings if s.key == "run" and s.kind in ("[draw]", "arm ")}
     return [
         *lines,
         *(
             f"  {key}: belongs to the study; seeds and runs are numbered by it"
-            for key in sorted(owned)
+            for key in sorted(reserved)
         ),
     ]
 
@@ -352,11 +352,11 @@ class _FileReader:
                 if name not in arms
             )
 
-    def levels(self, key: str, chosen: Any, available: Sequence[str]) -> list[str]:
+    def levels(self, key: str, selection: Any, available: Sequence[str]) -> list[str]:
         """The cases or scenarios that [vary] chooses of those of the file; None: all."""
-        if chosen is None:
+        if selection is None:
             return list(available)
-        names = chosen if isinstance(chosen, list) else [chosen]
+        names = selection if isinstance(selection, list) else [selection]
         # a part of a study without cases takes no notice of theirs
         if available or key == SCENARIO:
             self.lines.extend(
@@ -401,12 +401,14 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
     arms = reader.groups("arm", file.arm)
     cases = reader.groups("case", file.case)
     reader.require_arms(arms)
-    listed = not isinstance(file.scenario, str)
-    scenarios = list(file.scenario) if listed else [str(file.scenario)]
+    has_several = not isinstance(file.scenario, str)
+    scenarios = list(file.scenario) if has_several else [str(file.scenario)]
     varied = reader.settings(dotted(file.vary, _is_range))
     levels = {
         CASE: reader.levels(CASE, varied.pop(CASE, None), list(cases)),
-        SCENARIO: reader.levels(SCENARIO, varied.pop(SCENARIO, None), scenarios if listed else []),
+        SCENARIO: reader.levels(
+            SCENARIO, varied.pop(SCENARIO, None), scenarios if has_several else []
+        ),
     }
     varied = {key: names for key, names in levels.items() if names} | varied
     study = Study(

@@ -151,7 +151,7 @@ def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
     on_stations = any(follower.station for follower in plan.followers)
     stations = true_stations(motion, trajectory) if on_stations else None
     errors_of_tracks = track_errors(motion, trajectory, stations)
-    sent = np.arange(round(1.0 / CONTROL_STEP_S), time.size, round(1.0 / CONTROL_STEP_S))
+    instants = np.arange(round(1.0 / CONTROL_STEP_S), time.size, round(1.0 / CONTROL_STEP_S))
     density = motion.sea.ocean.density_kg_m3
     span = float(time[-1] - time[0])
     touching = {name for contact in contacts(trajectory) for name in contact.pair}
@@ -178,10 +178,10 @@ def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
         errors = errors_of_tracks[:, v - 1]
         offsets = np.delete(position, v, axis=1) - position[:, v : v + 1]
         separation = position[:, v] - position[:, 0]
-        east, north, up = separation[sent].T
-        off_bow = np.arctan2(east, north) - trajectory.heading[sent, 0]
+        east, north, up = separation[instants].T
+        off_bow = np.arctan2(east, north) - trajectory.heading[instants, 0]
         fix_error = pitch_fix_error(
-            trajectory.pitch[sent, 0], -up, np.maximum(np.hypot(east, north), 1e-9), off_bow
+            trajectory.pitch[instants, 0], -up, np.maximum(np.hypot(east, north), 1e-9), off_bow
         )
         level = np.hypot(offsets[..., 0], offsets[..., 1]).min(axis=0)
         layer = level[np.abs(np.delete(layers, v) - layers[v]) < MIN_LAYER_SPACING_M]
@@ -196,7 +196,7 @@ def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
             "touched": float(trajectory.names[v] in touching),
             "range_mean_m": float(np.hypot(*separation[:, :2].T).mean()),
             "depth_offset_rms_m": _rms(separation[:, 2]),
-            "pitch_fix_error_m": float(fix_error.mean()) if sent.size else None,
+            "pitch_fix_error_m": float(fix_error.mean()) if instants.size else None,
         }
         if follower.station and stations is not None:
             row |= _station(errors, np.abs(stations.rate[:, v - 1]) > TURNING_RAD_S, time)

@@ -400,10 +400,10 @@ def page_of(
     plan: StudyPlan,
     results: Results,
     failures: Mapping[str, list[PlanEntry]],
-    looks: Sequence[Film | Replay] = (),
+    films: Sequence[Film | Replay] = (),
 ) -> Page:
     """The page of a study; arguments as of `StudyPage`."""
-    page = StudyPage(plan=plan, results=results, failures=failures, looks=looks)
+    page = StudyPage(plan=plan, results=results, failures=failures, looks=films)
     values = {"page": page, "plan": plan, "study": plan.study, "results": results, **_FORMATS}
     return pages.page_of(
         "experiments.study", page.facts, values, tiles=page.tiles, question=page.question_text

@@ -214,10 +214,10 @@ def _report_errors(study: Study) -> list[str]:
             )
     names = [*(factor.key for factor in study.factors), ARM, FOLLOWER]
     for name in ("against", "lines", "panels"):
-        wish = getattr(report, name)
-        if wish and wish not in names:
+        requested = getattr(report, name)
+        if requested and requested not in names:
             lines.append(
-                f"  report.{name}: {wish!r:.60} is not varied; available: {', '.join(names)}"
+                f"  report.{name}: {requested!r:.60} is not varied; available: {', '.join(names)}"
             )
     return lines
 
@@ -301,8 +301,8 @@ class _Examination:
         do, or vehicles move as points.
         """
         engine = self.study.file.engine
-        chosen = "timing.engine" in settings or "timing" in settings
-        if engine in (None, timing.engine) or chosen or motion != "physics":
+        names_engine = "timing.engine" in settings or "timing" in settings
+        if engine in (None, timing.engine) or names_engine or motion != "physics":
             return timing
         return timing.model_copy(update={"engine": engine})
 

@@ -65,8 +65,8 @@ class Cells(NamedTuple):
         ]
         return np.array(each, dtype=np.float64).T
 
-    def _take(self, chosen: Sequence[bool]) -> "Cells":
-        rows, lists, steps = ([*compress(column, chosen)] for column in self)
+    def _take(self, mask: Sequence[bool]) -> "Cells":
+        rows, lists, steps = ([*compress(column, mask)] for column in self)
         return Cells(rows, lists, steps)  # type: ignore[arg-type]
 
 
@@ -137,11 +137,11 @@ def _of_runs(
 
 
 def _labels(plan: StudyPlan, entry: PlanEntry, follower: int) -> Record:
-    drawn = {draw.key: entry.settings[draw.key] for draw in plan.study.draws}
+    draws = {draw.key: entry.settings[draw.key] for draw in plan.study.draws}
     name = entry.scenario.followers[follower].name
     where = {"arm": entry.arm, "realization": entry.realization, "follower": name}
     point = plan.points[entry.point]
-    return {"point": entry.point, **point, **plan.study.case_at(point).labels, **where, **drawn}
+    return {"point": entry.point, **point, **plan.study.case_at(point).labels, **where, **draws}
 
 
 def _cells(plan: StudyPlan, entry: PlanEntry) -> list[CellPlan]:
@@ -180,14 +180,15 @@ def fly_studies(
     tasks = {name: task for flight in flights for name, task in flight.tasks.items()}
     closed_loop = next((flight.entry for flight in flights if flight.tasks), None)
     ahead = partial(fly, closed_loop.scenario.first_messages) if closed_loop else None
-    flown = campaign.fly(
+    results_of_campaign = campaign.fly(
         cells, tasks, folder, facts=facts_of, ahead=ahead, tolerant=True, **options
     )
     studies = [
-        StudyResults(plan=plan, rows=[], runs=[], steps=[], store=flown.store) for plan in plans
+        StudyResults(plan=plan, rows=[], runs=[], steps=[], store=results_of_campaign.store)
+        for plan in plans
     ]
     for flight in flights:
-        _add_results(studies[flight.number], flight, flown)
+        _add_results(studies[flight.number], flight, results_of_campaign)
     return studies
 
 
@@ -214,32 +215,39 @@ class _EntryFlight:
             cells = _cells(plan, entry)
         return cls(number=number, plan=plan, entry=entry, cells=cells, tasks=tasks)
 
-    def failure(self, flown: Flown) -> str | None:
+    def failure(self, campaign_results: Flown) -> str | None:
         """Why it could not be flown."""
         names = list(self.tasks) or [self.entry.motion]
-        return next((flown.failures[name] for name in names if name in flown.failures), None)
+        return next(
+            (
+                campaign_results.failures[name]
+                for name in names
+                if name in campaign_results.failures
+            ),
+            None,
+        )
 
-    def result(self, follower: int, flown: Flown) -> tuple[Record, Record, Arrays]:
+    def result(self, follower: int, campaign_results: Flown) -> tuple[Record, Record, Arrays]:
         """Row, lists over runs, and errors over time of a follower."""
         if self.tasks:
-            runs = [flown.tasks[name] for name in self.tasks]
+            runs = [campaign_results.tasks[name] for name in self.tasks]
             row, lists = _of_runs(self.entry, follower, runs)
             return row, lists, {}
         cell = self.cells[follower]
-        row, arrays = flown.cell(cell)
+        row, arrays = campaign_results.cell(cell)
         row |= {key: row[name] for key, name in self.entry.measured.items()}
-        return row, arrays, flown.steps(cell) if cell.keep_steps else {}
+        return row, arrays, campaign_results.steps(cell) if cell.keep_steps else {}
 
 
-def _add_results(outcomes: StudyResults, flight: _EntryFlight, flown: Flown) -> None:
+def _add_results(outcomes: StudyResults, flight: _EntryFlight, campaign_results: Flown) -> None:
     """Add what came of an entry to the outcomes of its study."""
     entry = flight.entry
-    failure = flight.failure(flown)
+    failure = flight.failure(campaign_results)
     if failure is not None:
         outcomes.failures.setdefault(failure, []).append(entry)
         return
     for follower in range(len(entry.scenario.followers)):
-        row, lists, steps = flight.result(follower, flown)
+        row, lists, steps = flight.result(follower, campaign_results)
         labels = _labels(flight.plan, entry, follower)
         outcomes.rows.append(labels | row)
         outcomes.runs.append((labels, lists))
@@ -325,19 +333,19 @@ def fly_further(
     where = itemgetter("point", "arm", "realization", "follower")
     options |= {"force": False}
     while True:
-        chosen = choose(outcomes)
-        if not chosen:
+        plans_to_extend = choose(outcomes)
+        if not plans_to_extend:
             return
-        for name, numbers in chosen.items():
+        for name, numbers in plans_to_extend.items():
             plan = outcomes[name].plan
             lists_at = {where(labels): lists for labels, lists in outcomes[name].runs}
             # by the number of their further runs
             entries = defaultdict[int, list[PlanEntry]](list)
             for condition, number in numbers.items():
                 entry = plan.by_place[condition]
-                flown = len(lists_at[*condition, entry.scenario.followers[0].name]["run"])
-                scenario = entry.scenario.model_copy(update={"run": entry.scenario.run + flown})
-                entries[number - flown].append(replace(entry, scenario=scenario))
+                run_count = len(lists_at[*condition, entry.scenario.followers[0].name]["run"])
+                scenario = entry.scenario.model_copy(update={"run": entry.scenario.run + run_count})
+                entries[number - run_count].append(replace(entry, scenario=scenario))
             plans = [plan.part(of_number, number) for number, of_number in entries.items()]
             for further in fly_studies(plans, folder, **options):
                 if further.failures:
@@ -371,16 +379,16 @@ def run_tables(runs: Sequence[tuple[Record, Record]]) -> Iterator[pa.Table]:
     sizes = np.array([len(next(iter(lists.values()))) for _, lists in runs])
     group = np.zeros_like(sizes) if is_partial else (sizes.cumsum() - sizes) // _TABLE_ROWS
     for number in np.unique(group):
-        (chosen,) = np.nonzero(group == number)
+        (indices,) = np.nonzero(group == number)
         columns: dict[str, Any] = {}
         values: Any
         for name in names:
-            parts = [runs[i][1].get(name, [None] * sizes[i]) for i in chosen.tolist()]
+            parts = [runs[i][1].get(name, [None] * sizes[i]) for i in indices.tolist()]
             if all(isinstance(column, np.ndarray) for column in parts):
                 values = np.concatenate(parts)
             else:
                 values = of_one_type({name: [*chain(*parts)]})[name]
             kind = None if is_partial else pa.from_numpy_dtype(kinds[name].dtype)
             columns[name] = pa.array(values, type=kind)
-        of_rows = labels.take(np.repeat(chosen, sizes[chosen]))
+        of_rows = labels.take(np.repeat(indices, sizes[indices]))
         yield pa.table(dict(zip(of_rows.column_names, of_rows.columns, strict=True)) | columns)

@@ -67,8 +67,8 @@ def _cost(plan: StudyPlan, workers: int) -> tuple[float, float]:
     missions = dict[Any, list[PlanEntry]]()
     for entry in plan.entries:
         missions.setdefault(entry.place if closed else entry.motion, []).append(entry)
-    tried = [*missions.values()][: (FEW_MISSIONS + 1) * workers]
-    firsts = [of_mission[0] for of_mission in tried]
+    sample = [*missions.values()][: (FEW_MISSIONS + 1) * workers]
+    firsts = [of_mission[0] for of_mission in sample]
     with TemporaryDirectory() as folder:
 
         def took(entries: list[PlanEntry], runs: int) -> float:
@@ -82,21 +82,21 @@ def _cost(plan: StudyPlan, workers: int) -> tuple[float, float]:
 
         with compiling_shown():
             took([replace(entry, scenario=entry.scenario.first_messages) for entry in firsts], 1)
-        runs = -(-workers // len(tried)) if closed else 1
+        runs = -(-workers // len(sample)) if closed else 1
         flights = plan.part(firsts, runs).flights
         each = 0.0
         time = 0.0
-        flown = 0
+        mission_count = 0
         # all is stored the second time
         mission = took(firsts, runs)
         idle = took(firsts, runs)
         size = sum(path.stat().st_size for path in Path(folder).glob("store/*")) / flights
         for count in () if closed else _TRIED:
-            entries = [entry for of_mission in tried for entry in of_mission[:count]]
-            if len(entries) > flown and time < _QUICK_S:
+            entries = [entry for of_mission in sample for entry in of_mission[:count]]
+            if len(entries) > mission_count and time < _QUICK_S:
                 time = took(entries, max(2, min(plan.study.runs, LANES)))
-                each = (time - idle) / (len(entries) - flown)
-                flown = len(entries)
+                each = (time - idle) / (len(entries) - mission_count)
+                mission_count = len(entries)
     blocks = -(-plan.study.runs // LANES)
     seconds = plan.flights * max((mission - idle) / flights - each, 0.0) + len(
         plan.entries
@@ -175,12 +175,12 @@ def _look_at_worst(
 
     entry, run, _ = worst_entry(outcomes.plan, outcomes.results)
     flight = fly(entry.scenario_at(run))[0]
-    looks = list[pages.Film | pages.Replay]()
+    films = list[pages.Film | pages.Replay]()
     if scene:
-        looks.append(pages.Replay(scene=scene_of_flight(flight), alternative="The worst run"))
+        films.append(pages.Replay(scene=scene_of_flight(flight), alternative="The worst run"))
     if film:
-        looks.append(pages.Film(path=render(flight, folder / "worst.mp4")))
-    return looks
+        films.append(pages.Film(path=render(flight, folder / "worst.mp4")))
+    return films
 
 
 class LeftOut(LaisnWarning):
@@ -295,9 +295,9 @@ def run_studies(
             warnings.warn(f"left out: {title}, which {reason}", LeftOut, stacklevel=2)
         studies = installed(studies)
     plans = [plan_of(study, quiet=options.get("quiet", False)) for study in studies.values()]
-    flown = fly_until_narrow(plans, folder, **options)
-    _require_flown(flown, package)
-    outcomes = dict(zip(studies, flown, strict=True))
+    results = fly_until_narrow(plans, folder, **options)
+    _require_flown(results, package)
+    outcomes = dict(zip(studies, results, strict=True))
     if hasattr(package.findings, "further_runs") and not quick:
         fly_further(outcomes, package.findings.further_runs, folder, **options)
     release_workers()
@@ -310,7 +310,7 @@ def run_studies(
             outcomes, folder, findings, package, remarks=remarks, quick=quick, film=film
         )
     else:
-        _write_page(flown[0], folder, film=bool(film), scene=scene)
+        _write_page(results[0], folder, film=bool(film), scene=scene)
     return outcomes
 
 
@@ -321,8 +321,8 @@ def _write_page(outcomes: StudyResults, folder: Path, *, film: bool, scene: bool
     # drawing takes a third of a second to import, and reading a table needs none of it
     from experiments.study.page import page_of
 
-    def write(looks: list[pages.Film | pages.Replay]) -> None:
-        page = page_of(outcomes.plan, outcomes.results, outcomes.failures, looks)
+    def write(films: list[pages.Film | pages.Replay]) -> None:
+        page = page_of(outcomes.plan, outcomes.results, outcomes.failures, films)
         pages.write(page, folder / REPORT)
 
     write([])

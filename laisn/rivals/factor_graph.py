@@ -40,7 +40,7 @@ def _odometry_error(
     pose = values.atPose2(first)
     next_pose = values.atPose2(second)
     rotation = pose.rotation().matrix()
-    moved = rotation.T @ (
+    residual = rotation.T @ (
         next_pose.translation() - pose.translation() - values.atPoint2(current) * time
     )
     if jacobians is not None:
@@ -48,12 +48,12 @@ def _odometry_error(
         jacobians[1] = np.eye(3)
         jacobians[2] = np.zeros((3, 1))
         jacobians[3] = np.zeros((3, 2))
-        jacobians[0][:2, 2] = -_TURN @ moved
+        jacobians[0][:2, 2] = -_TURN @ residual
         jacobians[1][:2, :2] = rotation.T @ next_pose.rotation().matrix()
         jacobians[2][:2, 0] = path
         jacobians[3][:2] = -time * rotation.T
     return np.array(
-        [*(moved - way + values.atDouble(log_bias) * path), next_pose.theta() - pose.theta()]
+        [*(residual - way + values.atDouble(log_bias) * path), next_pose.theta() - pose.theta()]
     )
 
 
@@ -79,14 +79,14 @@ def _range_error(ping: _Ping, factor: Any, values: Any, jacobians: list[Floats] 
     scale = 1.0 + values.atDouble(common) / ping.longest
     ahead = rotation @ ping.ahead
     water = rotation @ ping.water - values.atDouble(log_bias) * ahead
-    moved = ping.lag * water + ping.age * values.atPoint2(current)
+    displacement = ping.lag * water + ping.age * values.atPoint2(current)
     for error_key in origin:
-        moved = moved + values.atPoint2(error_key)
-    rho, direction = slant(pose.translation(), ping.transmitter + np.append(moved, 0.0))
+        displacement = displacement + values.atPoint2(error_key)
+    rho, direction = slant(pose.translation(), ping.transmitter + np.append(displacement, 0.0))
     if jacobians is not None:
         by_position = scale * direction @ rotation
-        turned = -scale * ping.lag * direction @ (_TURN @ water)
-        jacobians[0] = np.array([[*by_position, turned]])
+        heading_derivative = -scale * ping.lag * direction @ (_TURN @ water)
+        jacobians[0] = np.array([[*by_position, heading_derivative]])
         jacobians[1] = np.array([[rho / ping.longest]])
         jacobians[2] = np.array([[scale * ping.lag * direction @ ahead]])
         jacobians[3] = -scale * ping.age * direction[None]
@@ -186,9 +186,9 @@ class FactorGraph(DeadReckoning):
         except RuntimeError as error_of:
             raise ArithmeticError(f"step {self._step}: {error_of}") from None
         pose = self._smoother.calculateEstimatePose2(self._pose)
-        turned = np.eye(3)
-        turned[:2, :2] = pose.rotation().matrix()
-        spread = turned @ self._smoother.marginalCovariance(self._pose) @ turned.T
+        rotation = np.eye(3)
+        rotation[:2, :2] = pose.rotation().matrix()
+        spread = rotation @ self._smoother.marginalCovariance(self._pose) @ rotation.T
         self.x = np.array(
             [
                 pose.x(),
@@ -208,13 +208,13 @@ class FactorGraph(DeadReckoning):
         self.P[5:, 5:] = self._smoother.marginalCovariance(self._current)
         return True
 
-    def _update_current(self, seen: SeenCurrent) -> None:
+    def _update_current(self, measurement: SeenCurrent) -> None:
         """Add what the leader's way shows of the current to the graph, and to the estimate until
         the next message.
         """
         gtsam = self._gtsam
         graph = gtsam.NonlinearFactorGraph()
-        noise = gtsam.noiseModel.Isotropic.Sigma(2, math.sqrt(seen.variance))
-        graph.add(gtsam.PriorFactorPoint2(self._current, seen.current, noise))
+        noise = gtsam.noiseModel.Isotropic.Sigma(2, math.sqrt(measurement.variance))
+        graph.add(gtsam.PriorFactorPoint2(self._current, measurement.current, noise))
         self._smoother.update(graph, gtsam.Values(), {self._current: self._time})
-        super()._update_current(seen)
+        super()._update_current(measurement)

@@ -224,9 +224,9 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         used = bool(np.isfinite(ranges).any()) and self._update(
             transmitters, ranges, own, reception
         )
-        seen = self._track.receive(reception.message) if sends_as_leader else None
-        if seen is not None and self.settings.assume.current:
-            self._update_current(seen)
+        current = self._track.receive(reception.message) if sends_as_leader else None
+        if current is not None and self.settings.assume.current:
+            self._update_current(current)
         if used:
             # velocity by the new biases; no time passes
             self._advance(self._reading, np.zeros(1))
@@ -253,12 +253,12 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         """
         return False
 
-    def _update_current(self, seen: SeenCurrent) -> None:
+    def _update_current(self, measurement: SeenCurrent) -> None:
         """Update the current with what the leader's way shows of it."""
         H = np.zeros((2, STATES))
         H[:, 5:] = np.eye(2)
-        noise = seen.variance * np.eye(2)
-        self.x, self.P = kalman_update(self.x, self.P, H, seen.current - self.x[5:], noise)
+        noise = measurement.variance * np.eye(2)
+        self.x, self.P = kalman_update(self.x, self.P, H, measurement.current - self.x[5:], noise)
 
     def _odometry(self) -> tuple[Floats, Floats, Floats, float]:
         """Odometry since the last call by the compass as it reads: Σ s u Δt, Σ u Δt, covariance
@@ -312,8 +312,8 @@ def slant(x: Floats, transmitter: Floats) -> tuple[float, Floats]:
 
 def leader_position_variance(settings: TightSettings, message: LeaderMessage) -> float:
     """Of what errs anew in the broadcast position of a message, along each axis [m²]."""
-    stated = message.position_sigma
-    return float((settings.leader_position_sigma if math.isnan(stated) else stated) ** 2)
+    sigma = message.position_sigma
+    return float((settings.leader_position_sigma if math.isnan(sigma) else sigma) ** 2)
 
 
 def range_measurement(
@@ -380,8 +380,10 @@ class RangeFilter(DeadReckoning):
         axial = lag * (directions @ ahead)
         across = lag * (directions @ starboard)
         variance = self._mean.variance(settings.dt, settings.speed_sigma)
-        turned = settings.heading_sigma**2 * (east**2 + north**2)
-        return np.asarray(variance * np.outer(axial, axial) + turned * np.outer(across, across))
+        lateral_variance = settings.heading_sigma**2 * (east**2 + north**2)
+        return np.asarray(
+            variance * np.outer(axial, axial) + lateral_variance * np.outer(across, across)
+        )
 
 
 class OneWayTravelTime(RangeFilter):
@@ -427,7 +429,7 @@ class GeodeticAdjustment(DeadReckoning):
             return False
         transmitter = transmitters[i]
         z = float(ranges[i])
-        reckoned = self.x[:2].copy()
+        dead_reckoned = self.x[:2].copy()
         weight = np.linalg.inv(self.P[:2, :2])
         sigma = math.hypot(self.settings.range_sigma, self.settings.range_scale_sigma)
         sigma = math.hypot(sigma, self.settings.range_scale_bias_sigma)
@@ -436,7 +438,7 @@ class GeodeticAdjustment(DeadReckoning):
             rho, direction = slant(self.x, transmitter)
             normal = weight + np.outer(direction, direction) / sigma**2
             change = np.linalg.solve(
-                normal, weight @ (reckoned - self.x[:2]) + direction * (z - rho) / sigma**2
+                normal, weight @ (dead_reckoned - self.x[:2]) + direction * (z - rho) / sigma**2
             )
             self.x[:2] += change
             if np.abs(change).max() < 1e-6:
@@ -577,18 +579,20 @@ class ParticleFilter(DeadReckoning):
         squared = ((residual**2).sum(axis=1) - large * projection**2 / whole) / small
         return np.asarray(-0.5 * (squared + np.log(whole)))
 
-    def _update_current(self, seen: SeenCurrent) -> None:
+    def _update_current(self, measurement: SeenCurrent) -> None:
         """Move each particle's current as a Kalman filter would, by their common covariance, with
         random numbers that leave the right one (P. L. Houtekamer, H. L. Mitchell, Monthly Weather
         Review 126, 1998): few particles have the current that is seen.
         """
-        random = self._random(self._step, float(seen.current[0]))
+        random = self._random(self._step, float(measurement.current[0]))
         mean = self.weights @ self.particles
         deviation = self.particles - mean
         P = (self.weights[:, None] * deviation).T @ deviation
-        gain = np.linalg.solve(P[5:, 5:] + seen.variance * np.eye(2), P[5:]).T
-        noise = math.sqrt(seen.variance) * random.standard_normal((self.weights.size, 2))
-        self.particles = self.particles + (seen.current + noise - self.particles[:, 5:]) @ gain.T
+        gain = np.linalg.solve(P[5:, 5:] + measurement.variance * np.eye(2), P[5:]).T
+        noise = math.sqrt(measurement.variance) * random.standard_normal((self.weights.size, 2))
+        self.particles = (
+            self.particles + (measurement.current + noise - self.particles[:, 5:]) @ gain.T
+        )
         self.x = self.weights @ self.particles
         deviation = self.particles - self.x
         self.P = (self.weights[:, None] * deviation).T @ deviation
@@ -597,8 +601,8 @@ class ParticleFilter(DeadReckoning):
         """Systematic resampling, and new states from `first` on from the kernel of Liu and West."""
         n = self.weights.size
         positions = (random.random() + np.arange(n)) / n
-        chosen = np.minimum(np.searchsorted(np.cumsum(self.weights), positions), n - 1)
-        self.particles = self.particles[chosen]
+        ancestors = np.minimum(np.searchsorted(np.cumsum(self.weights), positions), n - 1)
+        self.particles = self.particles[ancestors]
         self.weights = np.full(n, 1.0 / n)
         states = self.particles[:, first:]
         mean = states.mean(axis=0)

@@ -52,14 +52,14 @@ class LeaderTrack:
         self._through_water += 0.5 * elapsed * (_velocity(last) + _velocity(message))
         window = message.timestamp - begin.timestamp
         target = min(_LONGEST, _FIRST + _GROWTH * (message.timestamp - self._first_time))
-        turned = abs(signed_angle(message.heading - begin.heading)) > _MAX_TURN
-        if not turned and window < target - _ROUNDING:
+        has_turned = abs(signed_angle(message.heading - begin.heading)) > _MAX_TURN
+        if not has_turned and window < target - _ROUNDING:
             return None
         way = np.array([message.east - begin.east, message.north - begin.north])
         current = (way - self._through_water) / window if window > 0.0 else way
         self._begin = message
         self._through_water = np.zeros(2)
-        if turned or window <= 0.0:
+        if has_turned or window <= 0.0:
             return None
         return SeenCurrent(current, _SIGMA**2 * _LONGEST / window)
 

@@ -233,13 +233,13 @@ class SpeedModes(OnlineNavigator[Estimates]):
                 for mode in range(len(WALKS))
             ]
             update_weights(self.weights, np.array(log_likelihoods))
-        seen = self._track.receive(reception.message)
-        if seen is not None and settings.assume.current:
+        current = self._track.receive(reception.message)
+        if current is not None and settings.assume.current:
             H = np.zeros((2, STATES))
             H[:, EAST:] = np.eye(2)
-            noise = seen.variance * np.eye(2)
+            noise = current.variance * np.eye(2)
             for mode in range(len(WALKS)):
-                innovation = seen.current - self.x[mode, EAST:]
+                innovation = current.current - self.x[mode, EAST:]
                 self._update(mode, H, innovation, noise)
         return used
 
@@ -257,10 +257,10 @@ class SpeedModes(OnlineNavigator[Estimates]):
         x = self.x[mode]
         course = heading - x[COMPASS]
         ahead = np.array([math.sin(course), math.cos(course)])
-        moved = transmitters.copy()
-        moved[:, :2] += np.outer(delays.lag, x[SPEED] * ahead)
-        moved[:, :2] += np.outer(delays.age, x[EAST:])
-        H, innovation, R = range_measurement(self.settings, x, moved, ranges)
+        moved_transmitters = transmitters.copy()
+        moved_transmitters[:, :2] += np.outer(delays.lag, x[SPEED] * ahead)
+        moved_transmitters[:, :2] += np.outer(delays.age, x[EAST:])
+        H, innovation, R = range_measurement(self.settings, x, moved_transmitters, ranges)
         directions = H[:, :2].copy()
         R = R + variance * directions @ directions.T
         received = np.isfinite(ranges)

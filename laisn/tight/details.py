@@ -97,15 +97,15 @@ def _heaviest_below(b: GaussianMixture, m: Model, heavier: int) -> int:
     first.
     """
     bound = np.inf if heavier < 0 else hypothesis_weight(b, m.modes, heavier)
-    chosen = -1
+    heaviest = -1
     largest = -np.inf
     for h in range(b.n_hypotheses):
         weight = hypothesis_weight(b, m.modes, h)
         follows = weight < bound or (weight == bound and h > heavier)
         if follows and weight > largest:
-            chosen = h
+            heaviest = h
             largest = weight
-    return chosen
+    return heaviest
 
 
 @compiled

@@ -506,9 +506,9 @@ def _begin(b: GaussianMixture, m: Model, signal: Signal) -> int:
             signal.leader_position_variance
         )
     if m.leader_position_walk != ABSENT:
-        walked = m.leader_position_walk_rate * b.motion.clock
+        walk_variance = m.leader_position_walk_rate * b.motion.clock
         b.prior_variance[m.leader_position_walk] = b.prior_variance[m.leader_position_walk + 1] = (
-            walked
+            walk_variance
         )
     if not add_ring(b, m, signal, 1.0):
         return -1

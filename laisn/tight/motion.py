@@ -184,8 +184,8 @@ def _advance_components(b: GaussianMixture, m: Model, first: bool) -> None:
     if o.unmixed >= _MIXING_TIME - 1e-6:
         for h in range(b.n_hypotheses):
             for drift in range(m.drift_modes):
-                held = h * m.modes + drift
-                mix_pair(b, m, held, held + m.drift_modes, m.speed_switches * o.unmixed)
+                component = h * m.modes + drift
+                mix_pair(b, m, component, component + m.drift_modes, m.speed_switches * o.unmixed)
         o.unmixed = 0.0
     refresh_output(b, m)
 
@@ -527,7 +527,7 @@ def _update_component(
     b: GaussianMixture,
     m: Model,
     k: int,
-    seen: tuple[float, float],
+    measurement: tuple[float, float],
     logged: tuple[float, float],
     variance: float,
 ) -> None:
@@ -541,11 +541,11 @@ def _update_component(
     bias = x[m.leader] if turning else 0.0
     c, s = math.cos(bias), math.sin(bias)
     # ν = z − ẑ and S = H P Hᵀ + R, with H of c and b_L
-    turned = (c * logged[0] - s * logged[1], s * logged[0] + c * logged[1])
+    logged_in_hull = (c * logged[0] - s * logged[1], s * logged[0] + c * logged[1])
     for axis in range(2):
         # ∂z/∂b_L; ∂z/∂c is 1
-        slope = -turned[1] if axis == 0 else turned[0]
-        residual = seen[axis] - (turned[axis] - logged[axis])
+        slope = -logged_in_hull[1] if axis == 0 else logged_in_hull[0]
+        residual = measurement[axis] - (logged_in_hull[axis] - logged[axis])
         spread = variance
         state = m.current + axis
         for i in range(m.states):
@@ -582,7 +582,7 @@ def update_current_from_leader_track(b: GaussianMixture, m: Model, signal: Signa
         if ended and turn <= _TURN:
             per = 1.0 / window
             logged = (per * o.logged_x, per * o.logged_y)
-            seen = (
+            measurement = (
                 per * (signal.east - o.window_x) - logged[0],
                 per * (signal.north - o.window_y) - logged[1],
             )
@@ -592,7 +592,7 @@ def update_current_from_leader_track(b: GaussianMixture, m: Model, signal: Signa
                 2.0 * b.leader_position_variance * per * per + m.leader_position_walk_rate * per
             )
             for k in range(b.n_hypotheses * m.modes):
-                _update_component(b, m, k, seen, logged, variance)
+                _update_component(b, m, k, measurement, logged, variance)
     if ended:
         o.window_time = signal.time
         o.window_x = signal.east

@@ -307,8 +307,8 @@ class _Leg:
         # the position is two of the states that have come so far; velocities depend on those that
         # stay as they are
         rows[:2] = np.eye(2, self._n)
-        moved, spread = self._predicted()
-        mean[:2] = moved[:2]
+        state, spread = self._predicted()
+        mean[:2] = state[:2]
         covariance = rows @ spread @ rows.T
         covariance[2:, 2:] += reading
         return mean, covariance, rows @ spread @ noise_gain.T
@@ -654,8 +654,8 @@ class TightSwarm(NamedTuple):
                 used = _receive(b, m, self.signal, messages[i], ranges[i], depth, True)
                 if used < 0:
                     return i + 1
-                received_ranges, taken, _ = outcome_of(b, m, used)
-                self.gated[i] += received_ranges > 0 and taken == 0
+                received_ranges, used_ranges, _ = outcome_of(b, m, used)
+                self.gated[i] += received_ranges > 0 and used_ranges == 0
                 _write_outputs(b, m, estimate)
                 if whole:
                     fix = record.fix[i, new_fix(record, i, step, 0)]

@@ -41,15 +41,17 @@ def bound(
     from reports.bound import geometry_of, least_rms, noise_of
 
     output = optional_output(out, [".csv"])
-    flown = load_scenario(scenario, set_ or (), flyable=True)
+    checked_scenario = load_scenario(scenario, set_ or (), flyable=True)
     heads = ["follower", *(f"{i + 1}. quarter" for i in range(_QUARTERS)), "whole"]
-    heads += [f"{flown.navigation.variant}, {runs} runs", "× bound", "NEES"] if runs else []
+    heads += (
+        [f"{checked_scenario.navigation.variant}, {runs} runs", "× bound", "NEES"] if runs else []
+    )
     lines: list[list[str]] = []
     rows: list[Record] = []
     with compiling_shown():
-        mission = mission_of(flown)
-        settings = CellSettings.of(flown)
-        for i, follower in enumerate(flown.followers):
+        mission = mission_of(checked_scenario)
+        settings = CellSettings.of(checked_scenario)
+        for i, follower in enumerate(checked_scenario.followers):
             trajectory, _ = mission.seen(settings, i)
             noise = noise_of(settings.sensing, settings.navigation, i)
             bound = least_rms(geometry_of(trajectory, settings.sensing, i), noise)
@@ -60,12 +62,13 @@ def bound(
             cells = [f"{value:.3f}" for value in bounds]
             if runs:
                 flight = simulate(
-                    Cell.of(flown, i, runs, mission=mission), threads=len(os.sched_getaffinity(0))
+                    Cell.of(checked_scenario, i, runs, mission=mission),
+                    threads=len(os.sched_getaffinity(0)),
                 ).row
                 rms = float(np.hypot(flight["e_p_mean_m"], flight["e_p_std_m"]))
                 cells += [f"{rms:.3f}", f"{rms / bounds[-1]:.2f}", f"{flight['nees']:.3g}"]
             lines.append([follower.name, *cells])
-            time = flown.timing.filter_step_s * np.arange(1, bound.size + 1)
+            time = checked_scenario.timing.filter_step_s * np.arange(1, bound.size + 1)
             rows += [
                 {"follower": follower.name, "time_s": t, "bound_m": value}
                 for t, value in zip(time.tolist(), bound.tolist(), strict=True)

@@ -68,10 +68,10 @@ def bench_data(
         number = len(data.read_manifest(out)["files"])
         print_line(console, f"{out}: {number} files are as {data.MANIFEST} says")
         return
-    chosen = chosen_missions(mission or ())
+    missions = chosen_missions(mission or ())
     manifest = data.generate(
         out,
-        chosen,
+        missions,
         range(1, (seeds or SEEDS) + 1),
         format_ or (),
         seconds=seconds,
@@ -80,7 +80,7 @@ def bench_data(
     size = sum((out / name).stat().st_size for name in manifest["files"])
     print_line(
         console,
-        f"LAISN-Bench {VERSION}: {len(chosen)} missions × {len(manifest['seeds'])} seeds, "
+        f"LAISN-Bench {VERSION}: {len(missions)} missions × {len(manifest['seeds'])} seeds, "
         f"{len(manifest['files'])} files, {size / 1e6:.1f} MB in {out}",
     )
     print_line(console, f"score estimates: laisn score ESTIMATES --data {out}")
@@ -181,7 +181,7 @@ def score(
     if set_ and navigator is None:
         raise LaisnError("--set: expected with --navigator; estimates of a file are finished")
     output = optional_output(out, [".csv"], [] if estimates is None else [estimates])
-    names = {chosen.name for chosen in chosen_missions(mission or ())}
+    names = {mission_of_choice.name for mission_of_choice in chosen_missions(mission or ())}
     runs = [run for run in runs_of(data) if run.mission in names]
     if not runs:
         raise LaisnError(f"{data}: holds no run of {', '.join(sorted(names))}")

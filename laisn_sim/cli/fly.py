@@ -202,11 +202,11 @@ def fly_live(scenario: Scenario, view: "LiveView", progress: Update) -> FlightRe
         except DivergedError:
             simulation.finish_live(simulation.flight())
         progress(simulation.time / scenario.duration_s)
-    flown = simulation.flight()
+    flight = simulation.flight()
     if scenario.keys_needing_closed_loop():
-        return flown
+        return flight
     # by the reference code, as of all missions whose followers do not steer by estimates
-    return navigate(scenario, flown.trajectory, outcome=flown.outcome)
+    return navigate(scenario, flight.trajectory, outcome=flight.outcome)
 
 
 @contextmanager
@@ -291,7 +291,7 @@ def write_flight(
             summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
             report = partial(_draw_report, flight, errors, summary, folder / REPORT)
             reference = writer.film_reference(FILM, scenario.video) if with_video else None
-            drawn = background.submit(report, None, bounds) if background else None
+            report_task = background.submit(report, None, bounds) if background else None
             # the log first, so that it is kept if the film fails
             with phase("log"):
                 remaining = flight if mission is None else mission.rest_of(flight)
@@ -312,8 +312,8 @@ def write_flight(
             with phase("video") as update:
                 film_error = _film(flight, film, update, rewrite)
         with phase("report"):
-            if drawn is not None:
-                watch.add("report", 0.0, drawn.result())
+            if report_task is not None:
+                watch.add("report", 0.0, report_task.result())
             else:
                 report(film if with_video and film_error is None else None, bounds)
         if with_bag:

@@ -306,9 +306,9 @@ def replay(
     from sim.datasets.log import is_data_set
 
     if scenario is not None:
-        chosen = [f"navigation.variant={variant}"] if variant else []
+        assignments = [f"navigation.variant={variant}"] if variant else []
         replaying.replay_measurements(
-            log, scenario, [*chosen, *(set_ or ())], out, longest_gap, smooth
+            log, scenario, [*assignments, *(set_ or ())], out, longest_gap, smooth
         )
     elif not is_data_set(log):
         replaying.replay(log, variant or "laisn-2", set_ or (), out, smooth)
@@ -395,9 +395,9 @@ def log_export(
     from sim.log.export import export, write_recording
 
     options = {"--rerun": rerun, "--pyfg": pyfg, "--ros2": ros2, "--tum": tum, "--gltf": gltf}
-    chosen = [name for name, is_set in options.items() if is_set]
-    if len(chosen) > 1:
-        raise LaisnError(f"{' and '.join(chosen)}: expected one of them at a time")
+    formats = [name for name, is_set in options.items() if is_set]
+    if len(formats) > 1:
+        raise LaisnError(f"{' and '.join(formats)}: expected one of them at a time")
     folder = out or Path("out") / "export" / (f"{log.stem}-ros2" if ros2 else log.stem)
     existing = [*folder.glob("*")] if folder.is_dir() else []
     if pyfg:

@@ -229,10 +229,10 @@ def _smoother(variant: str, lag_s: float | None) -> NavigatorFactory | None:
         raise LaisnError(f"--smooth {lag_s}: expected a finite time in seconds")
     smoother = find(variant).smoother
     if not smoother:
-        able = " or ".join(
+        names = " or ".join(
             f"--variant {name}" for name, spec in NAVIGATORS.items() if spec.smoother
         )
-        raise LaisnError(f"--smooth: {variant} has no smoother; add {able}")
+        raise LaisnError(f"--smooth: {variant} has no smoother; add {names}")
     return partial(resolve_name(smoother), lag=lag_s)
 
 

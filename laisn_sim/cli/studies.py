@@ -222,7 +222,7 @@ def compare(
 
     page = page_of(sources)
     joined = "-".join(name.removesuffix(".mcap") for name in names_of(sources))
-    usual = f"{name_of(Path(joined.replace('/', '-') + '.html'))}.html"
-    output = output_file(out or Path("out") / "compare" / usual, [".html"])
+    default_name = f"{name_of(Path(joined.replace('/', '-') + '.html'))}.html"
+    output = output_file(out or Path("out") / "compare" / default_name, [".html"])
     write(page, output.path)
     echo(f"page in {output}")

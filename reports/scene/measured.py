@@ -111,9 +111,9 @@ def _leader(
         pose_columns = _columns(vehicle.measured, "east", "north", "heading", "depth")
         if pose_columns.size == 0 or not np.isfinite(pose_columns[:, :2]).all(axis=1).any():
             continue
-        sent = vehicle.measured.time[vehicle.measured.message_step - 1]
-        east_north = _between(sent, pose_columns[:, :2], grid)
-        depth = np.interp(grid, sent, np.nan_to_num(pose_columns[:, 3], nan=_SHOWN_DEPTH_M))
+        times = vehicle.measured.time[vehicle.measured.message_step - 1]
+        east_north = _between(times, pose_columns[:, :2], grid)
+        depth = np.interp(grid, times, np.nan_to_num(pose_columns[:, 3], nan=_SHOWN_DEPTH_M))
         half_baseline = 0.5 * vehicle.baseline
         transmitters = (
             [[-half_baseline, 0.0, 0.0], [half_baseline, 0.0, 0.0]]
@@ -121,7 +121,7 @@ def _leader(
             else []
         )
         leader = SceneVehicle(name="leader", role="leader", model=0, transmitters=transmitters)
-        quaternion = _level(_heading(sent, pose_columns[:, 2], grid))
+        quaternion = _level(_heading(times, pose_columns[:, 2], grid))
         return leader, np.column_stack([east_north, -depth]), quaternion
     return None
 
@@ -174,8 +174,8 @@ def _way_of_leader(vehicles: Sequence[Measured], rows: _Rows) -> _Way | None:
     if leader is None:
         return None
     measured = vehicles[0].measured
-    sent = measured.time[measured.message_step - 1]
-    return _Way(*leader, _between(sent, _columns(measured, "speed"), rows.slow)[:, 0])
+    times = measured.time[measured.message_step - 1]
+    return _Way(*leader, _between(times, _columns(measured, "speed"), rows.slow)[:, 0])
 
 
 def _way_of_follower(

@@ -271,9 +271,9 @@ def _opening(flight: FlightRecord) -> float:
     if len(errors) == 1:
         error = np.nan_to_num(errors[0][0])
         return float(time[flight.step_index()[int(np.argmax(error))]])
-    turned = turns(flight)
-    if turned:
-        return min(turned[0][0] + _INTO_TURN_S, float(time[-1]))
+    effector_turns = turns(flight)
+    if effector_turns:
+        return min(effector_turns[0][0] + _INTO_TURN_S, float(time[-1]))
     return float(time[0] + (time[-1] - time[0]) / 3)
 
 

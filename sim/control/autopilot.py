@@ -195,12 +195,12 @@ def _require_control(name: str, record: np.void, mode: DepthControl) -> None:
     demands = {"surge": SURGE, "yaw": YAW} | (
         {"pitch": PITCH} if mode == "pitch" else {"heave": HEAVE}
     )
-    lacking = [
+    missing = [
         axis for axis, column in demands.items() if not record["slow_allocation"][:, column].any()
     ]
-    if lacking:
+    if missing:
         raise LaisnError(
-            f"{name}: the effectors cannot give {' and '.join(lacking)} independently of the other "
+            f"{name}: the effectors cannot give {' and '.join(missing)} independently of the other "
             f"components that depth_control = {mode!r} needs ({', '.join(demands)})"
         )
     if mode == "pitch" and not record["lift"] > 0.0:

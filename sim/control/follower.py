@@ -95,8 +95,8 @@ def approach(
     if way > 0.0:
         way_east = way_east / way
         way_north = way_north / way
-        lacking = max(a.min_along_track_speed - (east * way_east + north * way_north), 0.0)
-        east, north = east + lacking * way_east, north + lacking * way_north
+        speed_deficit = max(a.min_along_track_speed - (east * way_east + north * way_north), 0.0)
+        east, north = east + speed_deficit * way_east, north + speed_deficit * way_north
     size = np.hypot(east, north)
     if size > 0.0:
         scale = clip(size, a.min_speed, a.max_speed) / size
@@ -105,16 +105,16 @@ def approach(
 
 
 @compiled
-def repulsion_velocity(p: Record, seen: Records, heading: float) -> tuple[float, float]:
+def repulsion_velocity(p: Record, sightings: Records, heading: float) -> tuple[float, float]:
     """Velocity away from vehicles in sight, of SIGHTING, shape (v,), east and north, up to the
     full speed [m/s].
     """
     east, north = 0.0, 0.0
-    for j in range(seen.shape[0]):
-        if seen[j].range == seen[j].range:
-            share = (p.range - seen[j].range) / (p.range - p.full_avoidance_range)
+    for j in range(sightings.shape[0]):
+        if sightings[j].range == sightings[j].range:
+            share = (p.range - sightings[j].range) / (p.range - p.full_avoidance_range)
             speed = p.max_avoidance_speed * clip(share, 0.0, 1.0)
-            towards = heading + seen[j].bearing
+            towards = heading + sightings[j].bearing
             east, north = east - speed * np.sin(towards), north - speed * np.cos(towards)
     size = np.hypot(east, north)
     if size > p.max_avoidance_speed:
@@ -238,13 +238,13 @@ def init_memory(leader: Record, trail: Records, count: Ints, memory: FollowerMem
 
 @compiled
 def update_avoidance(
-    proximity: Record, seen: Records, estimate: Record, memory: FollowerMemory
+    proximity: Record, sightings: Records, estimate: Record, memory: FollowerMemory
 ) -> None:
     """Take a look around by the proximity sensor: from now on the follower gives way to what is
     nearby.
     """
     heading = memory.compass - estimate.compass_bias
-    memory.push[0], memory.push[1] = repulsion_velocity(proximity, seen, heading)
+    memory.push[0], memory.push[1] = repulsion_velocity(proximity, sightings, heading)
 
 
 @compiled
@@ -341,11 +341,11 @@ def plan_detour(
     The error of its place is that from this path, or the way back to the station would undo what
     was foreseen.
     """
-    turned = np.arctan2(planned_velocity[0], planned_velocity[1]) - np.arctan2(
+    turn = np.arctan2(planned_velocity[0], planned_velocity[1]) - np.arctan2(
         t.velocity_east, t.velocity_north
     )
     correction = 0.0
-    if abs(wrap_angle(turned)) < _ON_COURSE:
+    if abs(wrap_angle(turn)) < _ON_COURSE:
         x, y = memory.detour[0], memory.detour[1]
         pace = np.sqrt(t.way_east * t.way_east + t.way_north * t.way_north)
         correction = _RETURN * pace / np.sqrt(x * x + y * y + lookahead * lookahead)

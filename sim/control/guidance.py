@@ -115,14 +115,14 @@ def flown_plan(route: Route, least_radius: float) -> Plan:
 def _write_reference(
     route: Route, time: Floats, lead: float, least_radius: float, out: Records
 ) -> None:
-    flown = flown_plan(route, least_radius)
-    motion = flown.at(time)
+    plan_of_route = flown_plan(route, least_radius)
+    motion = plan_of_route.at(time)
 
     def planned(values: Floats) -> Callable[[Floats], Floats]:
-        return lambda t: np.interp(t, flown.start, values)
+        return lambda t: np.interp(t, plan_of_route.start, values)
 
-    course = planned(flown.course)
-    speed = planned(flown.speed)
+    course = planned(plan_of_route.course)
+    speed = planned(plan_of_route.speed)
     turn_rate = partial(_rate, course, width=TURN_SMOOTHING)
 
     def depth(t: Floats) -> Floats:

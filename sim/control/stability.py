@@ -147,13 +147,13 @@ def steady_turn(plant: Plant, i: int, d: Autopilot, speed: float) -> tuple[float
     fitted = np.concatenate([effectors, plant.fixed_fins[i]])[None]
     # as those of a plant, or another version of the forces would be compiled
     fitted.flags.writeable = False
-    still = sea_at(Ocean().environment, 0.0)
+    sea = sea_at(Ocean().environment, 0.0)
     forces = greatest_forces(d, speed, YAW)[1][: effectors.size]
     states = states_for(effectors, d["density"], forces, speed)[None]
 
     def balance(x: Floats) -> Floats:
         motion = np.array([[speed, x[0], 0.0, 0.0, 0.0, x[1], 0.0, 0.0, 0.0]])
-        total = _forces(c, rigid, centre, motion, still, Fitted(kinds_of(fitted), fitted, states))
+        total = _forces(c, rigid, centre, motion, sea, Fitted(kinds_of(fitted), fitted, states))
         return np.asarray(total[0, [SWAY, YAW]])
 
     (sway, rate), _, status, _ = fsolve(balance, [0.0, 0.05], full_output=True)

@@ -61,12 +61,12 @@ def _held(series: Series, time_ns: Ints) -> Floats:
     return values
 
 
-def _leader_times(mapped: _Mapped, heard_ns: Ints) -> Floats:
+def _leader_times(series_of: _Mapped, heard_ns: Ints) -> Floats:
     """When the leader was where receptions have it [ns], of a map without its clock: at the message
     that is held, or at the reception itself.
     """
-    series = mapped.series.get("leader_east")
-    if series is None or not mapped.entries["leader_east"].hold:
+    series = series_of.series.get("leader_east")
+    if series is None or not series_of.entries["leader_east"].hold:
         return heard_ns.astype(np.float64)
     times = Series(time_ns=series.time_ns, values=series.time_ns.astype(np.float64))
     return _held(times, heard_ns)
@@ -98,14 +98,14 @@ def _interpolated(series: Series, time_ns: Ints, *, is_angle: bool) -> Floats:
 
 
 def _origin(
-    mapped: FieldMap, numbers: Mapping[str, Series]
+    field_map: FieldMap, numbers: Mapping[str, Series]
 ) -> tuple[GeodeticOrigin | None, list[str]]:
     """The map's origin, or else the first place of the leader, which a remark names."""
-    if mapped.settings.origin is not None:
-        return mapped.settings.origin, []
+    if field_map.settings.origin is not None:
+        return field_map.settings.origin, []
     first = dict[str, float]()
     for field, series in numbers.items():
-        unit = mapped.entries[field].unit
+        unit = field_map.entries[field].unit
         finite = series.values[np.isfinite(series.values)]
         if unit in (LATITUDE, LONGITUDE) and finite.size:
             first.setdefault(unit, float(finite[0]))
@@ -118,45 +118,48 @@ def _origin(
     ]
 
 
-def _read(path: Path, mapped: FieldMap) -> tuple[_Mapped, list[str]]:
+def _read(path: Path, field_map: FieldMap) -> tuple[_Mapped, list[str]]:
     requests = dict[str, Request]()
-    for field, entry in mapped.entries.items():
+    for field, entry in field_map.entries.items():
         if entry.column is not None:
             raise LaisnError(
-                f"{mapped.path}: {field}: names a column, and {path} is a bag; expected topic and "
-                "field"
+                f"{field_map.path}: {field}: names a column, and {path} is a bag; expected topic "
+                "and field"
             )
         if entry.topic is not None and entry.field is not None:
             where = tuple(sorted(entry.where.items()))
             requests[field] = Request(entry.topic, entry.field, where)
-    read = series_of(path, [*dict.fromkeys(requests.values())], mapped.settings.stamps)
+    read = series_of(path, [*dict.fromkeys(requests.values())], field_map.settings.stamps)
     numbers = {field: read.series[request] for field, request in requests.items()}
-    origin, remarks = _origin(mapped, numbers)
+    origin, remarks = _origin(field_map, numbers)
     remarks = [*read.remarks, *remarks]
     series = dict[str, Series]()
     for field, raw in numbers.items():
-        entry = mapped.entries[field]
+        entry = field_map.entries[field]
         if not raw.time_ns.size:
             raise LaisnError(
-                f"{mapped.path}: {field}: no message of {entry.topic} in {path}"
+                f"{field_map.path}: {field}: no message of {entry.topic} in {path}"
                 f"{' has these values' if entry.where else ''}"
             )
         if (raw.values.ndim == 2) != (entry.unit == "quaternion"):
             raise LaisnError(
-                f"{mapped.path}: {field}: unit {entry.unit!r} does not fit the field {entry.field} "
-                f"of {entry.topic}; an orientation has the unit 'quaternion', and only that"
+                f"{field_map.path}: {field}: unit {entry.unit!r} does not fit the field "
+                f"{entry.field} of {entry.topic}; an orientation has the unit 'quaternion', and "
+                "only that"
             )
         try:
             values = entry.in_si(raw.values, field, origin)
         except ValueError as error:
-            raise LaisnError(f"{mapped.path}: {field}: {error}") from None
+            raise LaisnError(f"{field_map.path}: {field}: {error}") from None
         series[field] = Series(time_ns=raw.time_ns, values=values)
         unit = entry.unit or "SI units"
         remarks.append(f"{field}: {entry.topic} {entry.field} in {unit}, {raw.time_ns.size} times")
         remarks += _order_remarks(str(entry.topic), raw)
-    series |= _derived(mapped, series)
+    series |= _derived(field_map, series)
     remarks = list(dict.fromkeys(remarks))
-    return _Mapped(path=path, map_path=mapped.path, entries=mapped.entries, series=series), remarks
+    return _Mapped(
+        path=path, map_path=field_map.path, entries=field_map.entries, series=series
+    ), remarks
 
 
 def _order_remarks(topic: str, series: Series) -> list[str]:
@@ -172,17 +175,17 @@ def _order_remarks(topic: str, series: Series) -> list[str]:
     return remarks
 
 
-def _derived(mapped: FieldMap, series: Mapping[str, Series]) -> dict[str, Series]:
+def _derived(field_map: FieldMap, series: Mapping[str, Series]) -> dict[str, Series]:
     """Heading and speed of the leader by its places, where the map has them so."""
-    fields = [field for field, entry in mapped.entries.items() if entry.derive]
+    fields = [field for field, entry in field_map.entries.items() if entry.derive]
     if not fields:
         return {}
     east = series.get("leader_east")
     north = series.get("leader_north")
     if east is None or north is None or east.time_ns.size < 2:
         raise LaisnError(
-            f"{mapped.path}: {fields[0]}.derive: leader_east and leader_north need topics with two "
-            "messages at least"
+            f"{field_map.path}: {fields[0]}.derive: leader_east and leader_north need topics with "
+            "two messages at least"
         )
     time_s = (east.time_ns - east.time_ns[0]) / 1e9
     northward = _interpolated(north, east.time_ns, is_angle=False)
@@ -194,15 +197,17 @@ def _derived(mapped: FieldMap, series: Mapping[str, Series]) -> dict[str, Series
     return {field: Series(time_ns=east.time_ns, values=values[field]) for field in fields}
 
 
-def _receptions(mapped: _Mapped, fields: list[str], window_s: float) -> tuple[Ints, Floats]:
+def _receptions(series_of: _Mapped, fields: list[str], window_s: float) -> tuple[Ints, Floats]:
     """Times of receptions [ns] and their ranges in the order of the fields, NaN where there is
     none, shapes (m,) and (m, r).
     """
     ranges_received = list[tuple[int, int, float]]()
     for slot, field in enumerate(fields):
-        series = mapped.series.get(field)
+        series = series_of.series.get(field)
         if series is None:
-            raise LaisnError(f"{mapped.map_path}: {field}: expected topic and field, no constant")
+            raise LaisnError(
+                f"{series_of.map_path}: {field}: expected topic and field, no constant"
+            )
         positive = np.isfinite(series.values) & (series.values > 0.0)
         times = series.time_ns[positive].tolist()
         ranges_received += [
@@ -225,22 +230,23 @@ def _receptions(mapped: _Mapped, fields: list[str], window_s: float) -> tuple[In
     return np.array(times_ns, dtype=np.int64), table
 
 
-def _step_times(mapped: _Mapped, steps: str | None) -> tuple[Ints, str]:
+def _step_times(series_of: _Mapped, steps: str | None) -> tuple[Ints, str]:
     """Times of the filter steps [ns], and their topic."""
     times_by_topic = dict[str, Ints]()
     for field in OWN_MOTION.fields:
-        source = mapped.entries[field].topic
+        source = series_of.entries[field].topic
         if source is not None:
-            times_by_topic.setdefault(source, mapped.series[field].time_ns)
+            times_by_topic.setdefault(source, series_of.series[field].time_ns)
     if not times_by_topic:
         raise LaisnError(
-            f"{mapped.map_path}: speed, heading and depth are constants; one of them needs a topic"
+            f"{series_of.map_path}: speed, heading and depth are constants; one of them needs a "
+            "topic"
         )
     topic = steps or next(iter(times_by_topic))
     if topic not in times_by_topic:
         topics = ", ".join(map(str, times_by_topic))
         raise LaisnError(
-            f"{mapped.map_path}: steps: expected the topic of speed, heading or depth: {topics} "
+            f"{series_of.map_path}: steps: expected the topic of speed, heading or depth: {topics} "
             f"(given: {topic!r})"
         )
     return times_by_topic[topic], topic
@@ -253,19 +259,19 @@ def read_bag_table(path: Path, field_map: FieldMap) -> VehicleTable:
     topic, field or unit that is not there.
     """
     require_complete(field_map)
-    mapped, remarks = _read(path, field_map)
-    steps_ns, steps = _step_times(mapped, field_map.settings.steps)
-    own_motion = {field: mapped.at(field, steps_ns) for field in OWN_MOTION.fields}
+    series_of, remarks = _read(path, field_map)
+    steps_ns, steps = _step_times(series_of, field_map.settings.steps)
+    own_motion = {field: series_of.at(field, steps_ns) for field in OWN_MOTION.fields}
     range_fields = [field for field in field_map.entries if field.startswith("range_")]
-    heard_ns, ranges = _receptions(mapped, range_fields, field_map.settings.ping_window_s)
+    heard_ns, ranges = _receptions(series_of, range_fields, field_map.settings.ping_window_s)
     others = [
         field
         for field in field_map.entries
         if field not in (*OWN_MOTION.fields, *range_fields, "time")
     ]
-    received = {field: mapped.at(field, heard_ns) for field in others}
+    received = {field: series_of.at(field, heard_ns) for field in others}
     received |= {field: ranges[:, i] for i, field in enumerate(range_fields)}
-    received.setdefault(TIMESTAMP, _leader_times(mapped, heard_ns) / 1e9)
+    received.setdefault(TIMESTAMP, _leader_times(series_of, heard_ns) / 1e9)
     is_complete = np.all([np.isfinite(values) for values in own_motion.values()], axis=0)
     if not is_complete.any():
         raise LaisnError(

@@ -166,13 +166,13 @@ def _per_second(variances: Floats, durations: Floats) -> Floats:
 
 def _heard(lines: dict[str, list[_Line]], robot: str) -> set[str]:
     """Other robots that a robot has ranges to and whose odometry is whole."""
-    heard = set[str]()
+    beacons = set[str]()
     for line in lines["EDGE_RANGE"]:
         letters = {name[0] for name in line.names if _POSE.fullmatch(name)}
         if len(letters) == 2 and robot in letters:
-            heard |= letters - {robot}
+            beacons |= letters - {robot}
     complete = set[str]()
-    for other in heard:
+    for other in beacons:
         poses = _poses_of(lines["VERTEX_SE2"], other)
         order = {line.names[0]: k for k, line in enumerate(poses)}
         joined = {
@@ -232,14 +232,14 @@ def _robot_with_most_poses(lines: dict[str, list[_Line]], source: str) -> tuple[
     return max(robots, key=lambda letter: (robots[letter], -ord(letter))), set(robots)
 
 
-def _robot_remarks(robot: str, robots: set[str], heard: set[str]) -> list[str]:
+def _robot_remarks(robot: str, robots: set[str], beacons: set[str]) -> list[str]:
     """Which robots of several are used, a sentence each."""
     remarks = [
         f"of several robots {robot} is taken; its ranges to {name} are to the way that the "
         "odometry of that gives"
-        for name in sorted(heard)
+        for name in sorted(beacons)
     ]
-    unused = sorted(robots - heard - {robot})
+    unused = sorted(robots - beacons - {robot})
     if unused:
         remarks.append(f"of several robots {robot} is taken; left out: {', '.join(unused)}")
     return remarks
@@ -306,8 +306,8 @@ def read_factor_graph(path: Path) -> RangeData:
     source = str(path)
     lines = _parsed(text_of(path), source)
     robot, robots = _robot_with_most_poses(lines, source)
-    heard = _heard(lines, robot)
-    remarks = _robot_remarks(robot, robots, heard)
+    beacons = _heard(lines, robot)
+    remarks = _robot_remarks(robot, robots, beacons)
     poses = _poses_of(lines["VERTEX_SE2"], robot)
     for kind in ("VERTEX_SE2", "VERTEX_XY", "VERTEX_XY:PRIOR"):
         require_unique((line.names[0] for line in lines[kind]), f"{source}: {kind}")
@@ -317,7 +317,7 @@ def read_factor_graph(path: Path) -> RangeData:
         time = np.arange(time.size, dtype=np.float64)
         remarks.append(f"{source} has no times: poses are taken to be a second apart")
     odometry, variances = _odometry(lines["EDGE_SE2"], order, source)
-    joined = [line for line in lines["EDGE_SE2"] if line.names[0][0] not in heard]
+    joined = [line for line in lines["EDGE_SE2"] if line.names[0][0] not in beacons]
     if len(joined) != len(odometry):
         number = len(joined) - len(odometry)
         remarks.append(f"edges left out that are no steps of odometry: {number}")
@@ -332,7 +332,7 @@ def read_factor_graph(path: Path) -> RangeData:
     }
     tracks = {
         name: _track_of(lines, name, len(places) + i, source)
-        for i, name in enumerate(sorted(heard))
+        for i, name in enumerate(sorted(beacons))
     }
     ranges, range_variances = _ranges(lines["EDGE_RANGE"], order, time, places, tracks)
     track_rates = np.vstack([np.empty((0, 3)), *(track.rates for track in tracks.values())])
@@ -384,7 +384,7 @@ def write_factor_graph(
     dt = np.diff(truth[:, 0])
     u = np.column_stack([np.sin(heading), np.cos(heading)])
     v = speed[:, None] * u
-    turned = 0.5 * np.pi - heading
+    angle = 0.5 * np.pi - heading
     way = np.vstack([np.zeros(2), np.cumsum(0.5 * dt[:, None] * (v[:-1] + v[1:]), axis=0)])
     steps = [0, *measured.message_step.tolist()]
     lines = [
@@ -402,14 +402,14 @@ def write_factor_graph(
         settings.start_sigma**2,
         settings.heading_bias_sigma**2 + settings.heading_sigma**2,
     )
-    first = float(truth[0, 0]), "A0", float(start[0]), float(start[1]), float(turned[0])
+    first = float(truth[0, 0]), "A0", float(start[0]), float(start[1]), float(angle[0])
     lines.append(_line("VERTEX_SE2:PRIOR", *first, *_triangle(*prior)))
     sigma = np.linalg.norm(
         [settings.range_sigma, settings.range_scale_sigma, settings.range_scale_bias_sigma]
     )
     for i, (last_step, k) in enumerate(pairwise(steps)):
         time = float(truth[k, 0])
-        s, c = (np.sin(turned[last_step]), np.cos(turned[last_step]))
+        s, c = (np.sin(angle[last_step]), np.cos(angle[last_step]))
         ahead, port = np.array([[c, s], [-s, c]]) @ (way[k] - way[last_step])
         durations = dt[last_step:k]
         n = k - last_step
@@ -425,7 +425,7 @@ def write_factor_graph(
             2.0 * settings.heading_sigma**2 / n + 1e-8,
         )
         turn = float(
-            np.arctan2(np.sin(turned[k] - turned[last_step]), np.cos(turned[k] - turned[last_step]))
+            np.arctan2(np.sin(angle[k] - angle[last_step]), np.cos(angle[k] - angle[last_step]))
         )
         lines.append(
             _line("EDGE_SE2", time, f"A{i}", f"A{i + 1}", float(ahead), float(port), turn, *spread)

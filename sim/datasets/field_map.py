@@ -132,8 +132,8 @@ class GeodeticOrigin(_Table):
             meridian = SEMI_MAJOR_AXIS * (1 - eccentricity_squared) / w**3
             return np.asarray(np.deg2rad(degrees - self.latitude_deg) * meridian)
         parallel = SEMI_MAJOR_AXIS / w * math.cos(latitude)
-        turned = (degrees - self.longitude_deg + 180.0) % 360.0 - 180.0
-        return np.asarray(np.deg2rad(turned) * parallel)
+        degrees_east = (degrees - self.longitude_deg + 180.0) % 360.0 - 180.0
+        return np.asarray(np.deg2rad(degrees_east) * parallel)
 
 
 def units_of(name: str) -> dict[str, float]:

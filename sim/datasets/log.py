@@ -75,8 +75,8 @@ def _with_robots_that_fit(data: RangeData) -> RangeData:
         f"ranges to {', '.join(left_out)} left out: at most {len(_SLOTS)} robots that move are "
         "taken, those with the most ranges; --beacons selects others"
     )
-    chosen = data.among([name for name in data.beacons if name not in left_out])
-    return replace(chosen, remarks=(*chosen.remarks, remark))
+    selection = data.among([name for name in data.beacons if name not in left_out])
+    return replace(selection, remarks=(*selection.remarks, remark))
 
 
 def _slots(data: RangeData) -> tuple[Floats, Ints]:
@@ -90,24 +90,24 @@ def _slots(data: RangeData) -> tuple[Floats, Ints]:
     times = np.empty(data.ranges.size)
     slots = np.empty(data.ranges.size, dtype=np.int64)
     has_own_slots = len(data.beacons) <= len(_SLOTS)
-    taken = set[int]()
-    moved = False
+    used_beacons = set[int]()
+    has_moved = False
     last = -1.0
     for i, (time, beacon) in enumerate(
         zip(data.range_time.tolist(), data.range_beacon.tolist(), strict=True)
     ):
         if time > last:
-            taken = set()
-            moved = False
-        free = next((s for s in range(len(_SLOTS)) if s not in taken), 0)
+            used_beacons = set()
+            has_moved = False
+        free = next((s for s in range(len(_SLOTS)) if s not in used_beacons), 0)
         slot = beacon if has_own_slots else robots.get(beacon, free)
         last = max(time, last)
-        if slot in taken or (moved and beacon in robots):
+        if slot in used_beacons or (has_moved and beacon in robots):
             last = last + _SEPARATION
-            taken = set()
-            moved = False
-        taken.add(slot)
-        moved = moved or beacon in robots
+            used_beacons = set()
+            has_moved = False
+        used_beacons.add(slot)
+        has_moved = has_moved or beacon in robots
         times[i] = last
         slots[i] = slot
     return times, slots
@@ -230,5 +230,5 @@ def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
             ) / 1e9 + measured.dt
             truth = np.column_stack([start_ns, log.topics[pose].table(POSE_FIELDS[:2])])
         start = np.array([float(facts["start_east"]), float(facts["start_north"]), 0.0, 0.0])
-        stated = {name: float(facts[name]) for name in _STATED if facts.get(name)}
-    return Replayable(measured, start, stated, truth, remarks)
+        facts_stated = {name: float(facts[name]) for name in _STATED if facts.get(name)}
+    return Replayable(measured, start, facts_stated, truth, remarks)

@@ -33,7 +33,7 @@ def _positions(path: Path, field_map: FieldMap, headers: Sequence[str]) -> dict[
     """Numbers of the columns that a map names; LaisnError for one that the table has not, or has
     twice.
     """
-    named = [header.strip() for header in headers]
+    names = [header.strip() for header in headers]
     field_by_column = dict[str, str]()
     for field, entry in field_map.entries.items():
         if entry.topic is not None or entry.derive or entry.unit == QUATERNION:
@@ -45,14 +45,14 @@ def _positions(path: Path, field_map: FieldMap, headers: Sequence[str]) -> dict[
         for column in entry.where:
             field_by_column.setdefault(column.strip(), field)
     for column, field in field_by_column.items():
-        if named.count(column) != 1:
-            problem = "twice" if column in named else "not"
-            headers_text = shortened(plain(", ".join(named)), 500)
+        if names.count(column) != 1:
+            problem = "twice" if column in names else "not"
+            headers_text = shortened(plain(", ".join(names)), 500)
             raise LaisnError(
                 f"{field_map.path}: {field}: column {column!r} is {problem} in {path}; its "
                 f"columns: {headers_text}"
             )
-    return {column: named.index(column) for column in field_by_column}
+    return {column: names.index(column) for column in field_by_column}
 
 
 def _equals(word: str, value: str | int | float | bool) -> bool:
@@ -67,11 +67,11 @@ def _equals(word: str, value: str | int | float | bool) -> bool:
 
 def _chosen(entry: FieldEntry, rows: Sequence[Sequence[str]], position: Mapping[str, int]) -> Bools:
     """Rows whose cells have the values that an entry wants."""
-    chosen = np.ones(len(rows), dtype=np.bool_)
+    mask = np.ones(len(rows), dtype=np.bool_)
     for name, value in entry.where.items():
         i = position[name.strip()]
-        chosen &= np.array([_equals(row[i], value) for row in rows], dtype=np.bool_)
-    return chosen
+        mask &= np.array([_equals(row[i], value) for row in rows], dtype=np.bool_)
+    return mask
 
 
 def _origin(field_map: FieldMap, raw: Mapping[str, Floats]) -> GeodeticOrigin | None:
@@ -170,10 +170,8 @@ def read_mapped_columns(path: Path, field_map: FieldMap) -> Columns:
         if entry.value is not None:
             raw[field] = np.full(len(rows), entry.value)
             continue
-        chosen = _chosen(entry, rows, position)
-        cells = [
-            word if is_read else "" for word, is_read in zip(words(entry), chosen, strict=True)
-        ]
+        mask = _chosen(entry, rows, position)
+        cells = [word if is_read else "" for word, is_read in zip(words(entry), mask, strict=True)]
         # a bound in seconds holds once the unit is known
         largest = 1e9 * LARGEST if field == TIMESTAMP else LARGEST
         raw[field] = numbers(cells, f"{path}, column {entry.column}", largest)

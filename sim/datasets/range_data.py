@@ -79,8 +79,10 @@ def compose(first: Floats, second: Floats) -> Floats:
     shape (3,) each.
     """
     c, s = np.cos(first[2]), np.sin(first[2])
-    turned = np.array([c * second[0] - s * second[1], s * second[0] + c * second[1], second[2]])
-    return np.asarray(first + turned)
+    second_in_first = np.array(
+        [c * second[0] - s * second[1], s * second[0] + c * second[1], second[2]]
+    )
+    return np.asarray(first + second_in_first)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,20 +215,20 @@ class RangeData:
                 f"{self.source}: no beacon {', '.join(unknown) or 'is named'}; available: "
                 f"{', '.join(self.beacons)}"
             )
-        chosen = list(dict.fromkeys(names))
-        index = [self.beacons.index(name) for name in chosen]
+        beacons = list(dict.fromkeys(names))
+        index = [self.beacons.index(name) for name in beacons]
         is_chosen = np.isin(self.range_beacon, index)
         number = np.full(len(self.beacons), -1, dtype=np.int64)
         number[index] = np.arange(len(index))
         return replace(
             self,
-            beacons=tuple(chosen),
+            beacons=tuple(beacons),
             places=self.places[index],
             range_time=self.range_time[is_chosen],
             range_beacon=number[self.range_beacon[is_chosen]],
             ranges=self.ranges[is_chosen],
             range_track=self.range_track[is_chosen] if self.moving else self.range_track,
-            moving=tuple(name for name in chosen if name in self.moving),
+            moving=tuple(name for name in beacons if name in self.moving),
         )
 
     def _cuts(self) -> Floats:
@@ -259,9 +261,11 @@ def _load_matlab(path: Path) -> dict[str, Floats]:
     # data sets in text, and logs, need none of it
     from scipy.io import loadmat, whosmat
 
-    stated = sum(math.prod(shape) for name, shape, _ in whosmat(path) if name in _COLUMNS)
-    if stated > _MAX_NUMBERS:
-        raise LaisnError(f"its tables have {stated:,} numbers, at most {_MAX_NUMBERS:,} are read")
+    number_count = sum(math.prod(shape) for name, shape, _ in whosmat(path) if name in _COLUMNS)
+    if number_count > _MAX_NUMBERS:
+        raise LaisnError(
+            f"its tables have {number_count:,} numbers, at most {_MAX_NUMBERS:,} are read"
+        )
     variables = loadmat(path, variable_names=tuple(_COLUMNS))
     return {name: variables[name] for name in _COLUMNS if name in variables}
 

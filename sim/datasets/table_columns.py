@@ -200,9 +200,9 @@ def read_columns(path: Path) -> Columns:
     or two columns hold the same field.
     """
     headers, rows = cells_of(path)
-    named = [_field_and_unit(header, str(path)) for header in headers]
+    fields_and_units = [_field_and_unit(header, str(path)) for header in headers]
     index = dict[str, int]()
-    for i, (field, _) in enumerate(named):
+    for i, (field, _) in enumerate(fields_and_units):
         if field and field in index:
             raise LaisnError(
                 f"{path}: columns {headers[index[field]]!r} and {headers[i]!r} both hold {field}; "
@@ -219,7 +219,7 @@ def read_columns(path: Path) -> Columns:
     time, dates = times_of(
         words(time_column),
         headers[time_column],
-        named[time_column][1],
+        fields_and_units[time_column][1],
         f"{path}, column {headers[time_column]}",
     )
     fields = dict[str, Column]()
@@ -229,9 +229,11 @@ def read_columns(path: Path) -> Columns:
         largest = 1e9 * LARGEST if field == TIMESTAMP else LARGEST
         values = numbers(words(i), where, largest)
         fields[field] = Column(
-            header=headers[i], field=field, unit=named[i][1], values=values, where=where
+            header=headers[i], field=field, unit=fields_and_units[i][1], values=values, where=where
         )
-    unused = tuple(header for header, (field, _) in zip(headers, named, strict=True) if not field)
+    unused = tuple(
+        header for header, (field, _) in zip(headers, fields_and_units, strict=True) if not field
+    )
     return Columns(path=path, time=time, fields=fields, dates=dates, unused=unused)
 
 

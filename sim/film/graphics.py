@@ -44,11 +44,11 @@ def child(program: str, backend: str, threads: int = 1) -> tuple[list[str], dict
     # -P and the handed-over path: a folder `models` or `sim` in the working directory must not be
     # imported instead
     start = f"import sys\nsys.path[:] = {json.dumps(sys.path)}\n{program}"
-    chosen = {"MUJOCO_GL": backend, "LP_NUM_THREADS": str(threads), "OMP_NUM_THREADS": "1"}
+    variables = {"MUJOCO_GL": backend, "LP_NUM_THREADS": str(threads), "OMP_NUM_THREADS": "1"}
     if sys.platform == "linux":
         # else PyOpenGL takes GLX if it is imported before MuJoCo has chosen for it
-        chosen["PYOPENGL_PLATFORM"] = backend
-    return [sys.executable, "-P", "-c", start], os.environ | chosen
+        variables["PYOPENGL_PLATFORM"] = backend
+    return [sys.executable, "-P", "-c", start], os.environ | variables
 
 
 def render_ball() -> str:

@@ -371,7 +371,7 @@ def _places(label: Label, width: float, height: float, scale: float) -> list[tup
 
 
 def place_labels(
-    labels: Iterable[Label], taken: Iterable[Area], canvas: Canvas
+    labels: Iterable[Label], occupied: Iterable[Area], canvas: Canvas
 ) -> list[tuple[Label, Area, Floats]]:
     """Each label, the most important first, with its area and the end of its line, shape (2,),
     [px].
@@ -381,7 +381,7 @@ def place_labels(
     """
     s = canvas.scale
     labels = list(labels)
-    full = list(taken)
+    full = list(occupied)
     full.append((0.0, canvas.height - _FOOT * s, float(canvas.width), _FOOT * s))
     half_marker = _MARKER * s
     markers = [
@@ -393,7 +393,7 @@ def place_labels(
         )
         for m in labels
     ]
-    placed = []
+    positions = []
     for label in labels:
         width, height = canvas.extent(label.words, -_LABEL_SIZE)
         width = width + 2 * _LABEL_GAP * s
@@ -408,9 +408,9 @@ def place_labels(
                 left >= x + w or x >= right or top >= y + h or y >= bottom for x, y, w, h in others
             ):
                 full.append(area)
-                placed.append((label, area, end))
+                positions.append((label, area, end))
                 break
-    return placed
+    return positions
 
 
 def draw_plates(canvas: Canvas, texts: Sequence[tuple[str, Colour, float, float]]) -> None:
@@ -427,19 +427,19 @@ def draw_plates(canvas: Canvas, texts: Sequence[tuple[str, Colour, float, float]
         canvas.text((left + gap, top + gap + height / 2), words, colour, -_LABEL_SIZE, "lm")
 
 
-def draw_labels(labels: Iterable[Label], taken: Iterable[Area], canvas: Canvas) -> None:
+def draw_labels(labels: Iterable[Label], occupied: Iterable[Area], canvas: Canvas) -> None:
     """Put labels on the canvas, each at the end of a line from its point."""
-    placed = place_labels(labels, taken, canvas)
+    positions = place_labels(labels, occupied, canvas)
     starts = [
         label.at + canvas.scale * np.array([4.0, 7.5]) * np.sign(end - label.at)
-        for label, _, end in placed
+        for label, _, end in positions
     ]
     canvas.strokes(
         [
             Stroke(np.array([start, end]), (*label.colour[:3], 0.8), 1.2)
-            for start, (label, _, end) in zip(starts, placed, strict=True)
+            for start, (label, _, end) in zip(starts, positions, strict=True)
         ]
     )
     draw_plates(
-        canvas, [(label.words, label.colour, area[0], area[1]) for label, area, _ in placed]
+        canvas, [(label.words, label.colour, area[0], area[1]) for label, area, _ in positions]
     )

@@ -107,9 +107,9 @@ class SdfModel:
         """Pose of a nested model in the model that holds it."""
         assert self.parent is not None
         outer = self.parent.pose_in_model(relative_to(self.element, MODEL), chain)
-        placed = outer @ local_pose(self.element)
+        pose = outer @ local_pose(self.element)
         placement = self.element.get("placement_frame", "")
-        return placed @ np.linalg.inv(self.pose_in_model(placement)) if placement else placed
+        return pose @ np.linalg.inv(self.pose_in_model(placement)) if placement else pose
 
     def pose_in_model(self, name: str, chain: tuple[str, ...] = ()) -> Floats:
         """Pose of a frame in that of the model.

@@ -66,8 +66,8 @@ def _find(uri: str, folder: Path) -> Path | None:
         path = directory / name
         if path.is_file() and path.suffix == ".sdf":
             return path
-        if path.is_dir() and (named := _file_of_model(path)) is not None:
-            return named
+        if path.is_dir() and (file := _file_of_model(path)) is not None:
+            return file
     return None
 
 
@@ -132,11 +132,11 @@ def _merged_parts(model: Element) -> list[Element]:
     """The parts of a model that is merged into another, standing relative to a frame of its own."""
     name = f"_merged__{model.get('name', '')}__model__"
     anchor = Element("frame", {"name": name})
-    placed = model.find("pose")
-    if placed is not None:
-        anchor.append(placed)
+    pose = model.find("pose")
+    if pose is not None:
+        anchor.append(pose)
     placement = model.get("placement_frame", "")
-    if placement and placed is not None and local_pose(model).any():
+    if placement and pose is not None and local_pose(model).any():
         raise LaisnError(
             f"model {model.get('name')!r}: placement_frame is not read where the model is merged"
         )

@@ -547,14 +547,15 @@ def _copy(path: Path, target: Path, remarks: list[str]) -> list[str]:
                 )
             copy.finish(is_complete, remarks)
     if problems and not copy.times_ns:
-        lacking = " whose channel is described" if copy.undescribed else ""
+        qualifier = " whose channel is described" if copy.undescribed else ""
         raise LogError(
-            f"{path}: holds no intact message{lacking} ({problems[0]}); there is nothing to recover"
+            f"{path}: holds no intact message{qualifier} ({problems[0]}); there is nothing to "
+            "recover"
         )
     promised = salvage.summary.message_count
-    lost = promised is not None and promised > len(copy.times_ns)
-    remarks += _counts(copy, f" of {promised}" if lost else "")
-    if lost and not problems:
+    has_lost_messages = promised is not None and promised > len(copy.times_ns)
+    remarks += _counts(copy, f" of {promised}" if has_lost_messages else "")
+    if has_lost_messages and not problems:
         problems = [f"the summary promises {promised} messages"]
     remarks += [f"left out: {problem}" for problem in problems[:_NAMED]]
     if len(problems) > _NAMED:

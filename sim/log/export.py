@@ -77,7 +77,7 @@ def export(path: Path, out: Path, table_format: str = "parquet") -> list[Path]:
         ),
     )
     files = list[Path]()
-    taken = set[str]()
+    names = set[str]()
     topics = sorted(log.topics)
     with log_errors(path):
         start_ns = log.start_ns()
@@ -90,10 +90,10 @@ def export(path: Path, out: Path, table_format: str = "parquet") -> list[Path]:
         stem = quote(topic.strip("/").replace("/", "_"), safe="") or "channel"
         name = stem
         number = 1
-        while name.lower() in taken:
+        while name.lower() in names:
             number += 1
             name = f"{stem}~{number}"
-        taken.add(name.lower())
+        names.add(name.lower())
         file = out / f"{name}.{table_format}"
         try:
             out.mkdir(parents=True, exist_ok=True)
@@ -150,17 +150,19 @@ def _entities(rr: Any, entity: Any) -> Iterator[tuple[str, Any]]:
     colors = _numbers(entity.lines, "rgba", "color.")[:1]
     yield "lines", rr.LineStrips3D(strips, colors=colors, radii=[_LINE_M])
     for i, mesh in enumerate(entity.triangles):
-        placed = look([mesh])
+        geometry = look([mesh])
         faces = np.reshape(mesh.indices, (-1, 3))
         points = _numbers(mesh.points, "xyz")
         yield (
             f"mesh{i}",
-            rr.Transform3D(translation=placed["centers"][0], quaternion=placed["quaternions"][0]),
+            rr.Transform3D(
+                translation=geometry["centers"][0], quaternion=geometry["quaternions"][0]
+            ),
         )
         yield (
             f"mesh{i}",
             rr.Mesh3D(
-                vertex_positions=points, triangle_indices=faces, albedo_factor=placed["colors"][0]
+                vertex_positions=points, triangle_indices=faces, albedo_factor=geometry["colors"][0]
             ),
         )
 

@@ -196,8 +196,8 @@ def summary_of(data: Bytes) -> SummarySection:
             return SummarySection(footer.summary_start, records)
         start = data.rfind(_HEAD.pack(Opcode.DATA_END, 4)) + _DATA_END_BYTES
         described = (Schema, Channel, Statistics)
-        moved = _summary_at(data, start, footer)
-        return SummarySection(0, [record for record in moved if isinstance(record, described)])
+        summary = _summary_at(data, start, footer)
+        return SummarySection(0, [record for record in summary if isinstance(record, described)])
     except Exception:
         # foreign bytes make the library fail in many ways
         return SummarySection()
@@ -283,13 +283,13 @@ class Salvage:
     def _damage(self, offset: int, end: int, reason: str) -> Damage:
         self._damaged = True
         chunks = self.summary.of(ChunkIndex)
-        lost = [chunk for chunk in chunks if offset <= chunk.chunk_start_offset < end]
-        if lost:
+        lost_chunks = [chunk for chunk in chunks if offset <= chunk.chunk_start_offset < end]
+        if lost_chunks:
             start = min(chunk.message_start_time for chunk in chunks)
-            first = (min(chunk.message_start_time for chunk in lost) - start) / 1e9
-            last = (max(chunk.message_end_time for chunk in lost) - start) / 1e9
+            first = (min(chunk.message_start_time for chunk in lost_chunks) - start) / 1e9
+            last = (max(chunk.message_end_time for chunk in lost_chunks) - start) / 1e9
             reason = f"{reason} (messages from {first:g} s to {last:g} s)"
-        return Damage(offset, reason, bool(lost) or not chunks)
+        return Damage(offset, reason, bool(lost_chunks) or not chunks)
 
     def _contents(self, frame: _Frame) -> list[McapRecord | Damage | DamagedAttachment]:
         """What a frame holds; errors of the library if that is malformed."""

@@ -122,8 +122,8 @@ def _measured_types(links: LinkSettings) -> tuple[RecordType, ...]:
 def _kind_of_estimates(facts: Mapping[str, str], name: str) -> type[Estimates]:
     """The kind of a follower's estimates, by what the log says of the flight."""
     for kind, type_ in DETAILS.items():
-        named = facts.get(type_.topic, "False")
-        if named == "True" or name in named.split(", "):
+        fact = facts.get(type_.topic, "False")
+        if fact == "True" or name in fact.split(", "):
             return kind
     return Estimates
 
@@ -182,7 +182,7 @@ def _link_fields(log: Contents, topic: str, headers: Mapping[str, SensorHeader])
             content.append((sensor, channels))
     return link_reception(
         topic.rpartition(LINK)[2],
-        placed=names.issuperset(PLACES.names),
+        with_position=names.issuperset(PLACES.names),
         answers=ROUND_TRIP in names,
         content=tuple(content),
     )
@@ -216,11 +216,11 @@ def _leader_of(
     if f"/leader/{_OWN.topic}" not in log.topics:
         return None
     reception = log.topics.get(f"/leader/{_RECEIVED.topic}")
-    placed = reception is not None and reception.path(PLACES.names[0])
+    has_positions = reception is not None and reception.path(PLACES.names[0])
     custom = _custom_readings(log, "leader", steps_ns, headers)
     measured = Measurements(
         dt=dt,
-        **_record(log, "leader", PLACED_MEASURED if placed else MEASURED, steps_ns),
+        **_record(log, "leader", PLACED_MEASURED if has_positions else MEASURED, steps_ns),
         links=_links(log, "leader", steps_ns, headers),
         custom=custom,
         sensors=_headers_of(custom, headers),
@@ -464,13 +464,18 @@ def _gaps(path: Path, topic: str, time_ns: Ints, spacing: Ints, longest_gap_s: f
     """Remarks on gaps; LogError if one is too long."""
     longest_step = _GAP * float(np.median(spacing))
     gaps = np.flatnonzero(spacing > longest_step)
-    named = gaps[np.argsort(-spacing[gaps], kind="stable")][:_NAMED]
-    begin = time_ns[named] - time_ns[0]
+    largest_gaps = gaps[np.argsort(-spacing[gaps], kind="stable")][:_NAMED]
+    begin = time_ns[largest_gaps] - time_ns[0]
     number = _count(gaps.size, "gap")
     places = ", ".join(
-        f"{s / 1e9:.3g} s at {b / 1e9:.3f} s" for s, b in zip(spacing[named], begin, strict=True)
+        f"{s / 1e9:.3g} s at {b / 1e9:.3f} s"
+        for s, b in zip(spacing[largest_gaps], begin, strict=True)
     )
-    places += f" and {gaps.size - named.size} shorter ones" if gaps.size > named.size else ""
+    places += (
+        f" and {gaps.size - largest_gaps.size} shorter ones"
+        if gaps.size > largest_gaps.size
+        else ""
+    )
     if spacing.max() / 1e9 > max(longest_gap_s, longest_step / 1e9):
         raise LogError(
             f"{path}: {topic} has {number} ({places}); gaps of up to {longest_gap_s:g} s are "
@@ -490,14 +495,14 @@ def _since_start(stamps: Floats, heard_ns: Ints, start_ns: int) -> Floats:
     Those of another clock that goes as the log's does are moved by its offset, as if the message
     with the least delay had none; those of any other clock, and zeros, stay as they are.
     """
-    stated = np.isfinite(stamps) & (stamps != 0.0)
-    ahead = (1e-9 * (heard_ns - start_ns) - stamps)[stated]
+    is_stated = np.isfinite(stamps) & (stamps != 0.0)
+    ahead = (1e-9 * (heard_ns - start_ns) - stamps)[is_stated]
     if not ahead.size or np.ptp(ahead) >= _SAME_CLOCK_S:
         return stamps
     delays = ahead + 1e-9 * start_ns
     is_the_logs = np.all((delays > -1.0) & (delays < _SAME_CLOCK_S))
     offset = -1e-9 * start_ns if is_the_logs else float(ahead.min())
-    return np.where(stated, stamps + offset, stamps)
+    return np.where(is_stated, stamps + offset, stamps)
 
 
 def _holds_numbers(messages: Messages) -> bool:
@@ -557,8 +562,8 @@ def _read_channels(log: Contents, motion_topic: str, reception_topic: str) -> _C
     clock = _correct_clock(log, motion_topic, motion, reception)
     message, ranges = (_optional(reception, array.names) for array in _RECEIVED.columns)
     message[:, 0] += clock.leader_shift_s
-    absurd = ~np.isnan(ranges) & ~((ranges > 0) & np.isfinite(ranges))
-    ranges[absurd] = np.nan
+    is_absurd = ~np.isnan(ranges) & ~((ranges > 0) & np.isfinite(ranges))
+    ranges[is_absurd] = np.nan
     places = _optional(reception, PLACES.names).reshape(-1, *PLACES.shape)
     places[~np.all(np.isfinite(places), axis=2)] = np.nan
     sensors = [name for name in log.topics if name.startswith(f"/{follower}/{SENSOR}")]
@@ -572,7 +577,7 @@ def _read_channels(log: Contents, motion_topic: str, reception_topic: str) -> _C
         message=message,
         ranges=ranges,
         places=places,
-        absurd_ranges=int(absurd.sum()),
+        absurd_ranges=int(is_absurd.sum()),
         custom={
             sensor: (messages.time_ns, numbers)
             for sensor, messages, numbers in _custom_tables(log, follower)

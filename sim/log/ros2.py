@@ -89,17 +89,17 @@ class _Flown:
 
 def _ros_names(names: Sequence[str]) -> tuple[str, ...]:
     """Names of vehicles with the characters that topics may have, each of them once."""
-    taken = list[str]()
+    topic_names = list[str]()
     for name in names:
         plain = re.sub(r"[\W_]+", "_", name, flags=re.ASCII)
         plain = plain if re.match(r"[A-Za-z_]", plain) else f"v{plain}"
         number = 1
         unique = plain
-        while unique in taken:
+        while unique in topic_names:
             number += 1
             unique = f"{plain}_{number}"
-        taken.append(unique)
-    return tuple(taken)
+        topic_names.append(unique)
+    return tuple(topic_names)
 
 
 def _register(store: Any) -> None:
@@ -487,14 +487,14 @@ def _received(flown: _Flown, follower: int) -> Iterator[RosTopic]:
         "max_range": farthest,
     }
     for i, transmitter in enumerate(Ranges._fields):
-        heard = np.flatnonzero(np.isfinite(m.ranges[:, i]))
+        rows = np.flatnonzero(np.isfinite(m.ranges[:, i]))
         yield _numbers(
             flown,
             f"/{name}/range/{transmitter}",
             "sensor_msgs/msg/Range",
-            time_ns[heard],
+            time_ns[rows],
             header | sonar,
-            {"range": m.ranges[heard, i]},
+            {"range": m.ranges[rows, i]},
         )
 
 

@@ -191,7 +191,7 @@ def draw_vehicles(flight: FlightRecord, index: Ints) -> Draw:
     trails = [_points(flight.trajectory.position[index, v].tolist()) for v in range(len(names))]
     # the last filter step at or before each point; the state of step k stands in row k − 1
     rows = [np.minimum(index // flight.stride, e.state.shape[0]) - 1 for e in flight.estimates]
-    lacking = [int(np.count_nonzero(row < 0)) for row in rows]
+    missing_counts = [int(np.count_nonzero(row < 0)) for row in rows]
     step = trail_step(len(names) + len(flight.estimates))
     # points stand at whole steps of the mission, wherever this part of it begins
     begin = round(float(flight.trajectory.time[index[0]])) if index.size else 0
@@ -222,7 +222,13 @@ def draw_vehicles(flight: FlightRecord, index: Ints) -> Draw:
         for name, points in zip(names, trails, strict=True):
             entities.append(trail(f"{name}/trail", TRUTH, recent(points, i)))
         for name, e, m, row, points, omitted in zip(
-            names[1:], flight.estimates, flight.measurements, rows, estimated, lacking, strict=True
+            names[1:],
+            flight.estimates,
+            flight.measurements,
+            rows,
+            estimated,
+            missing_counts,
+            strict=True,
         ):
             if row[i] >= 0:
                 spheres = list(_ellipses(e, int(row[i]), -float(m.depth[row[i]])))

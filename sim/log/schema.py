@@ -301,7 +301,7 @@ def content_fields(sensor: str, channels: Sequence[str]) -> tuple[str, ...]:
 def link_reception(
     link: str,
     *,
-    placed: bool = False,
+    with_position: bool = False,
     answers: bool = False,
     content: tuple[tuple[str, tuple[str, ...]], ...] = (),
 ) -> RecordType:
@@ -309,7 +309,7 @@ def link_reception(
     readings of the sender's sensors, by name and channels.
     """
     columns = [*_RECEIVED]
-    if placed:
+    if with_position:
         columns.append(PLACES)
     if answers:
         columns += _numbers(ROUND_TRIP)

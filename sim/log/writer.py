@@ -302,7 +302,7 @@ def _links(flight: FlightRecord, name: str, m: Measurements, time_ns: Ints) -> I
             arrays[sensor] = rows
         type_ = schema.link_reception(
             link,
-            placed=messages.places is not None,
+            with_position=messages.places is not None,
             answers=messages.round_trip is not None,
             content=tuple(content),
         )
@@ -642,16 +642,16 @@ class FlightLog:
             text = f"{self._path}: cannot be written: {error.strerror or error}{hint}"
             raise LogError(text) from error
 
-    def _first_step(self, navigated: Sequence[SensingSettings]) -> int:
+    def _first_step(self, sensing_of: Sequence[SensingSettings]) -> int:
         """Filter step at which a part begins that has all that is drawn of what is not yet written,
         also trails.
 
         Rows of every second, and of slower sensors, are the same from there as from the start.
         """
-        dt = navigated[0].links.filter_step_s
+        dt = sensing_of[0].links.filter_step_s
         stride = round(dt / CONTROL_STEP_S)
         grids = [round(1.0 / CONTROL_STEP_S), stride * max(1, round(1.0 / dt))]
-        grids += [driver.every * stride for driver in sensors_of_all(navigated)]
+        grids += [driver.every * stride for driver in sensors_of_all(sensing_of)]
         grid = math.lcm(*grids)
         instants = math.floor((self._written_s - TRAIL_S - _MARGIN_S) / CONTROL_STEP_S)
         return max(instants // grid, 0) * grid // stride

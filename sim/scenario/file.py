@@ -328,8 +328,8 @@ def is_model_key(key: str) -> bool:
 
 def path_from_folder(model: Any, folder: Path) -> Any:
     """The name of a file as seen from here, for one that is named as seen from a folder."""
-    named = isinstance(model, str) and not is_mjcf(model) and model not in models.VEHICLES
-    return str(folder / model) if named else model
+    is_unknown = isinstance(model, str) and not is_mjcf(model) and model not in models.VEHICLES
+    return str(folder / model) if is_unknown else model
 
 
 def with_file_paths(table: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -373,9 +373,9 @@ def _with_new_names(table: dict[str, Any]) -> dict[str, Any]:
             target = target.get(key) if isinstance(target, dict) else None
         if isinstance(target, dict) and name in target:
             renamed = new.rpartition(".")[2]
-            moved = {renamed if k == name else k: value for k, value in target.items()}
+            renamed_table = {renamed if k == name else k: value for k, value in target.items()}
             table = plain_values(table)
-            _put(table, ".".join(path), moved)
+            _put(table, ".".join(path), renamed_table)
             _note_renamed(old)
     return table
 

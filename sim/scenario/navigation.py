@@ -227,9 +227,9 @@ class Navigation(FurtherKeys):
     def _known(cls, name: str) -> str:
         if name not in NAVIGATORS and not is_plugin_name(name):
             close = difflib.get_close_matches(name.lower(), NAVIGATORS, n=1, cutoff=0.6)
-            meant = f"; did you mean {close[0]!r}?" if close else ""
+            hint = f"; did you mean {close[0]!r}?" if close else ""
             names = ", ".join(map(repr, NAVIGATORS))
-            raise ValueError(f"Input should be {names} or 'module:Class' of a plugin{meant}")
+            raise ValueError(f"Input should be {names} or 'module:Class' of a plugin{hint}")
         return name
 
     @field_validator("transmitters_m")

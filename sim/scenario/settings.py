@@ -324,12 +324,12 @@ class Scenario(Section):
         waypoints, unless a key sets it.
         """
         if any(follower.station for follower in self.followers):
-            usual = {
+            defaults = {
                 key: value
                 for key, value in _BROADCAST_IN_FORMATIONS.items()
                 if key not in self.leader.model_fields_set
             }
-            self.__dict__["leader"] = self.leader.model_copy(update=usual)
+            self.__dict__["leader"] = self.leader.model_copy(update=defaults)
             if "use_attitude" not in self.navigation.model_fields_set:
                 used = {"use_attitude": self.leader.broadcast_attitude}
                 self.__dict__["navigation"] = self.navigation.model_copy(update=used)
@@ -591,26 +591,28 @@ class Scenario(Section):
             errors.append(f"{key}.further_links: {navigation.link!r} is {key}.link already")
         shipped = NAVIGATORS.get(navigation.variant)
         if further and shipped is not None and not shipped.takes_links:
-            able = ", ".join(name for name, spec in NAVIGATORS.items() if spec.takes_links)
+            names_with_links = ", ".join(
+                name for name, spec in NAVIGATORS.items() if spec.takes_links
+            )
             errors.append(
                 f"{key}.further_links: variant = {navigation.variant!r} takes the messages of one "
-                f"link; expected {able} or an own class"
+                f"link; expected {names_with_links} or an own class"
             )
         return errors
 
     def _navigated_link_errors(self, key: str, navigation: Navigation) -> list[str]:
         errors = self._further_link_errors(key, navigation)
         names = [link.name for link in self.links]
-        chosen = navigation.link
+        link_name = navigation.link
         by_beacons = navigation.variant == BEACON_VARIANT
-        if chosen == LEADER_LINK:
+        if link_name == LEADER_LINK:
             if by_beacons:
                 errors.append(f'{key}.variant = "beacons" needs a {key}.link of beacons')
             return errors
-        if chosen not in names:
+        if link_name not in names:
             links = ", ".join([LEADER_LINK, *names])
-            return [*errors, f"{key}.link = {chosen!r}: expected one of {links}"]
-        link = self.links[names.index(chosen)]
+            return [*errors, f"{key}.link = {link_name!r}: expected one of {links}"]
+        link = self.links[names.index(link_name)]
         errors += self._content_errors(key, navigation, link)
         if link.beacons_m:
             return errors + self._beacon_errors(key, navigation)
@@ -621,9 +623,9 @@ class Scenario(Section):
         errors = []
         shipped = navigation.variant in NAVIGATORS
         if shipped and not _OF_MESSAGES.issubset(link.content):
-            lacking = ", ".join(sorted(_OF_MESSAGES.difference(link.content)))
+            missing = ", ".join(sorted(_OF_MESSAGES.difference(link.content)))
             errors.append(
-                f"{key}.link = {link.name!r} has messages without {lacking}, which variant = "
+                f"{key}.link = {link.name!r} has messages without {missing}, which variant = "
                 f"{navigation.variant!r} needs"
             )
         if key == "leader.navigation" and (

@@ -45,8 +45,8 @@ def _vehicle_hint(model: str) -> str:
     if Path(model).suffix:
         return ""
     close = difflib.get_close_matches(name.lower(), models.VEHICLES, n=1, cutoff=0.5)
-    meant = f"did you mean {close[0]!r}? " if close else ""
-    return f"; {meant}vehicles: {', '.join(models.VEHICLES)}, or the file of an own hull"
+    hint = f"did you mean {close[0]!r}? " if close else ""
+    return f"; {hint}vehicles: {', '.join(models.VEHICLES)}, or the file of an own hull"
 
 
 class Vehicle(Section):

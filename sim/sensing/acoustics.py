@@ -235,9 +235,9 @@ def received_range(s: Sound, arrivals: Arrivals, path: int, step: int, dt: float
     """Slant range before random errors [m] by one path of a ping; NaN where the step that takes its
     message up is too early, or the direct path longer than the farthest that is received.
     """
-    taken = arrivals[path]
-    if taken.time <= (step + 1e-6) * dt and arrivals[_DIRECT].length <= s.max_range:
-        return taken.length * taken.ratio + taken.clock_range
+    arrival = arrivals[path]
+    if arrival.time <= (step + 1e-6) * dt and arrivals[_DIRECT].length <= s.max_range:
+        return arrival.length * arrival.ratio + arrival.clock_range
     return math.nan
 
 

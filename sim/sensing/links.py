@@ -117,8 +117,8 @@ class Link:
         pose = np.empty_like(trajectory.pose)
         twist = np.empty_like(trajectory.twist)
         water = np.empty_like(trajectory.water_velocity)
-        moved = StateHistory(pose, twist, water, trajectory.thrust)
-        self.copy_instants(truth, 0, trajectory.time.size - 1, moved)
+        history = StateHistory(pose, twist, water, trajectory.thrust)
+        self.copy_instants(truth, 0, trajectory.time.size - 1, history)
         offset = trajectory.site_offset.copy()
         offset[[trajectory.site(name) for name in _SITES]] = self.sites
         offset[trajectory.site("leader/depth_sensor")] = 0.0

@@ -86,17 +86,17 @@ def sensor_model_of(
     link: Link | None = None,
     *,
     leader_receives: bool = False,
-    navigated: Sequence[SensingSettings] = (),
+    sensing_of: Sequence[SensingSettings] = (),
 ) -> SensorModel:
     """Sensors and acoustics as compiled code takes them, of the leader's broadcast or another
     link.
 
-    Receivers are the followers, and with `leader_receives` the leader after them. `navigated` are
+    Receivers are the followers, and with `leader_receives` the leader after them. `sensing_of` are
     the settings by the navigation of each follower; none: all navigate as `sensing` has it.
     """
     name = LEADER_LINK if link is None else link.name
     followers = range(len(sensing.of_vehicles) - 1)
-    receivers = [navigated[i] if navigated else sensing for i in followers]
+    receivers = [sensing_of[i] if sensing_of else sensing for i in followers]
     numbers = [i + noise_base(receivers[i].links, name) for i in followers]
     errors = [sensors.errors_of(sensing, i, link) for i in followers]
     if leader_receives:
@@ -316,7 +316,7 @@ def poll_reception(
     """Filter step at which the message was sent that is in at step k, and its pings; 0: there is
     none.
     """
-    taken = 0
+    emission_step = 0
     pings = acoustics.NO_PINGS
     while inbox.earliest_step[follower] <= k:
         sent = (inbox.messages_done[follower] + 1) * s.message_every + s.message_offset
@@ -335,10 +335,10 @@ def poll_reception(
             inbox.messages_done[follower] + 1
         ) * s.message_every + s.message_offset
         # of two messages within one filter step the follower keeps the first
-        if taken == 0:
-            taken = sent
+        if emission_step == 0:
+            emission_step = sent
             pings = candidate_pings
-    return taken, pings
+    return emission_step, pings
 
 
 @jitable
@@ -383,12 +383,12 @@ def first_message(s: SensorModel, pose: Floats, twist: Floats, water: Floats) ->
     content[_TIME] = 0.0
     instant = sensors.instant_of((0.0, 0), (pose, twist, water), np.zeros(3), (0.0, 0.0))
     address = Address(s.seed, s.run, 0, 0)
-    drawn = noise.normals_at(address, _POSITION)
-    content[_EAST] = sensors.read_leader_position(e, pose[0], drawn[0], 0.0)
-    content[_NORTH] = sensors.read_leader_position(e, pose[1], drawn[1], 0.0)
+    normals = noise.normals_at(address, _POSITION)
+    content[_EAST] = sensors.read_leader_position(e, pose[0], normals[0], 0.0)
+    content[_NORTH] = sensors.read_leader_position(e, pose[1], normals[1], 0.0)
     for sensor in sensors.LEADER:
-        drawn = noise.normals_at(address, sensor.stream)
-        (content[sensor.column],) = sensor.read(e, sensor.true(e, instant, None), drawn)
+        normals = noise.normals_at(address, sensor.stream)
+        (content[sensor.column],) = sensor.read(e, sensor.true(e, instant, None), normals)
     return message[0]
 
 
@@ -403,25 +403,25 @@ def _read_message(
         content[i] = true[i]
     if sensors.position_errs(e):
         walk = inbox.walk[f]
-        drawn = noise.normals_at(sent, _POSITION)
+        normals = noise.normals_at(sent, _POSITION)
         for k in range(last + 1, sent.step + 1):
             stepped = Address(sent.seed, sent.run, sent.follower, k)
             added = noise.normals_at(stepped, _POSITION_WALK)
             walk[0] += added[0]
             walk[1] += added[1]
         root = math.sqrt(dt)
-        content[_EAST] = sensors.read_leader_position(e, true[_EAST], drawn[0], root * walk[0])
-        content[_NORTH] = sensors.read_leader_position(e, true[_NORTH], drawn[1], root * walk[1])
+        content[_EAST] = sensors.read_leader_position(e, true[_EAST], normals[0], root * walk[0])
+        content[_NORTH] = sensors.read_leader_position(e, true[_NORTH], normals[1], root * walk[1])
     persistence, spread_weight = sensors.gauss_markov_weights(
         sent.step - last if last > 0 else 0, dt, e.leader_tilt_time
     )
     # step 0, at which nothing is measured, addresses errors that a run keeps
     kept_address = Address(sent.seed, sent.run, sent.follower, 0)
     offset = noise.normals_at(kept_address, _ATTITUDE)
-    drawn = noise.normals_at(sent, _ATTITUDE)
+    normals = noise.normals_at(sent, _ATTITUDE)
     for i in range(2):
         fluctuation[i] = sensors.gauss_markov_step(
-            fluctuation[i], persistence, spread_weight, drawn[i]
+            fluctuation[i], persistence, spread_weight, normals[i]
         )
     tilt_draws = (offset[0], offset[1], fluctuation[0], fluctuation[1])
     for sensor in literal_unroll(sensors.LEADER_ATTITUDE):
@@ -458,22 +458,22 @@ def read_reception(
     _read_message(e, used[1], sent, content, inbox, f)
     paths = sensors.paths_taken(e, sent)
     uniform = noise.uniforms_at(received, _RANGE_UNIFORM)
-    taken = by_path[0][paths[0]], by_path[1][paths[1]], by_path[2][paths[2]]
+    received_ranges = by_path[0][paths[0]], by_path[1][paths[1]], by_path[2][paths[2]]
     psi = noise.normals_at(received, _RANGE_SCALE)[0]
-    longest = sensors.longest_range(taken, used[0])
-    scales = longest, longest, sensors.longest_range(taken, 3)
+    longest = sensors.longest_range(received_ranges, used[0])
+    scales = longest, longest, sensors.longest_range(received_ranges, 3)
     for i in range(3):
         ranges[i] = sensors.range_reading(
-            e, e.range_tau[i], (taken[i], scales[i]), (uniform[i], psi)
+            e, e.range_tau[i], (received_ranges[i], scales[i]), (uniform[i], psi)
         )
     if sensors.loses(e):
-        fate = noise.uniforms_at(sent, _LOSS)
-        inbox.channel_bad[f] = sensors.is_bad(inbox.channel_bad[f], fate[0], e)
-        heard = sensors.is_heard(fate[2], e, by_path[0][0], received.step * used[1])
-        if sensors.is_lost(inbox.channel_bad[f], fate[1], e) or not heard:
+        uniforms = noise.uniforms_at(sent, _LOSS)
+        inbox.channel_bad[f] = sensors.is_bad(inbox.channel_bad[f], uniforms[0], e)
+        is_heard = sensors.is_heard(uniforms[2], e, by_path[0][0], received.step * used[1])
+        if sensors.is_lost(inbox.channel_bad[f], uniforms[1], e) or not is_heard:
             ranges[0] = ranges[1] = ranges[2] = np.nan
-    heard = ranges[0] == ranges[0] or ranges[1] == ranges[1] or ranges[2] == ranges[2]
-    inbox.outcome[f] = RECEIVED if heard else NO_RANGES
+    is_heard = ranges[0] == ranges[0] or ranges[1] == ranges[1] or ranges[2] == ranges[2]
+    inbox.outcome[f] = RECEIVED if is_heard else NO_RANGES
 
 
 @compiled
@@ -804,14 +804,14 @@ def observe(
         source = np.full((n, 3, 3), np.nan)
         direct = sound.ranges[:, :, [Path.DIRECT]]
         source[sound.message_step - 1] = np.where(np.isnan(direct), np.nan, sound.transmitter)
-        moved = (
+        displaced = (
             trajectory.pose[grid, v],
             trajectory.twist[grid, v],
             trajectory.water_velocity[grid, v],
         )
         depth_sensor = trajectory.site_offset[trajectory.site(f"{name}/depth_sensor")]
         states = VehicleState.of_motion(
-            trajectory.time[grid], moved, depth_sensor, (hydrophone, source), follower
+            trajectory.time[grid], displaced, depth_sensor, (hydrophone, source), follower
         )
         environment = sensors.environment_of(sensing)
         for driver in drivers:
@@ -983,13 +983,13 @@ def measure(
             errors, navigator, address, span, true_values, (*sent, *numbers), inbox, readings
         )
     readings[2][:, truth.transmitters :] = np.nan
-    lost = truth.message_step[np.isnan(readings[2]).all(axis=1)] - 1
+    lost_messages = truth.message_step[np.isnan(readings[2]).all(axis=1)] - 1
     custom = {}
     for driver, values in truth.custom:
         draws = driver.draws(seed, run, follower, np.arange(1, n + 1))
         custom_readings = driver.read(values, draws)
         if driver.acoustic:
-            custom_readings[lost] = np.nan
+            custom_readings[lost_messages] = np.nan
         custom[driver.name] = custom_readings
     return Measurements(
         dt=truth.dt,

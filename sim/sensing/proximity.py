@@ -41,19 +41,19 @@ def sense_neighbours(
     k: int,
     follower: int,
     poses: Floats,
-    seen: Records,
+    sightings: Records,
 ) -> None:
     """Look around at tick k, from 1, by seed and run of the noise and the record of
     `[formation.proximity]`.
 
-    `poses` are of all vehicles, shape (v, 7); `seen`, out, is what is sensed of each, of SIGHTING,
-    shape (v,).
+    `poses` are of all vehicles, shape (v, 7); `sightings`, out, is what is sensed of each, of
+    SIGHTING, shape (v,).
     """
     observer = follower + 1
     steepest = np.sin(0.5 * p.aperture)
     heading = heading_of(poses[observer, 3:])
     for j in range(poses.shape[0]):
-        seen[j].range = seen[j].bearing = np.nan
+        sightings[j].range = sightings[j].bearing = np.nan
         x, y, z = (
             poses[j, 0] - poses[observer, 0],
             poses[j, 1] - poses[observer, 1],
@@ -66,8 +66,8 @@ def sense_neighbours(
         w0, w1, w2, w3 = words(address[0], address[1], stream, _U(k))
         first, second = two_units(w0, w1, w2, w3)
         range_normal, bearing_normal = two_normals(first, second)
-        seen[j].range = max(distance + p.range_sigma * range_normal, 0.0)
-        seen[j].bearing = signed_angle(
+        sightings[j].range = max(distance + p.range_sigma * range_normal, 0.0)
+        sightings[j].bearing = signed_angle(
             np.arctan2(x, y) - heading + p.bearing_sigma * bearing_normal
         )
 
@@ -88,7 +88,7 @@ def sightings(motion: MotionSettings, trajectory: Trajectory) -> Sightings:
     f = len(followers)
     ticks_per_look = look_interval(proximity)
     first = np.full((f, f + 1), np.nan)
-    spent = np.zeros(f)
+    detection_s = np.zeros(f)
     for i, follower in enumerate(followers):
         # followers on routes have no sensor
         if proximity is None or follower.station is None:
@@ -99,10 +99,12 @@ def sightings(motion: MotionSettings, trajectory: Trajectory) -> Sightings:
         )
         distance = np.sqrt(offset[..., 0] ** 2 + offset[..., 1] ** 2 + offset[..., 2] ** 2)
         steepest = np.sin(0.5 * np.deg2rad(proximity.aperture_deg))
-        seen = (distance <= proximity.range_m) & (np.abs(offset[..., 2]) <= steepest * distance)
-        seen[:, i + 1] = False
-        first[i, seen.any(axis=0)] = (
-            (seen.argmax(axis=0)[seen.any(axis=0)] + 1) * ticks_per_look * CONTROL_STEP_S
+        is_sensed = (distance <= proximity.range_m) & (
+            np.abs(offset[..., 2]) <= steepest * distance
         )
-        spent[i] = np.count_nonzero(seen.any(axis=1)) * ticks_per_look * CONTROL_STEP_S
-    return Sightings(first, spent)
+        is_sensed[:, i + 1] = False
+        first[i, is_sensed.any(axis=0)] = (
+            (is_sensed.argmax(axis=0)[is_sensed.any(axis=0)] + 1) * ticks_per_look * CONTROL_STEP_S
+        )
+        detection_s[i] = np.count_nonzero(is_sensed.any(axis=1)) * ticks_per_look * CONTROL_STEP_S
+    return Sightings(first, detection_s)

@@ -101,8 +101,8 @@ class VehicleState(NamedTuple):
     def in_hull(self, vector: Vector | Floats) -> Vector:
         """Forward, port and up components of a vector of the world; of a state at one instant."""
         w, x, y, z = self.quaternion
-        turned: Vector = rotated((w, -x, -y, -z), vector)
-        return turned
+        in_hull: Vector = rotated((w, -x, -y, -z), vector)
+        return in_hull
 
 
 class Sensor:
@@ -239,8 +239,8 @@ class SensorDriver:
         channels = len(self.header.channels)
         wrong = numbers.shape[: len(rows)] != rows or numbers.ndim < 1
         if wrong or (channels and numbers.shape[len(rows) :] != (channels,)):
-            named = ", ".join(channel.name for channel in self.header.channels)
-            told = f" ({named})" if named else ""
+            names = ", ".join(channel.name for channel in self.header.channels)
+            told = f" ({names})" if names else ""
             raise LaisnError(
                 f"sensor {self.kind}: `{method}` gave {values!r:.60}; expected {expected}{told}"
             )
@@ -262,8 +262,8 @@ class SensorDriver:
     def _due(self, states: VehicleState, first: int) -> Iterator[int]:
         """Indices of those of n states, the first at a filter step, at which it reads."""
         for i in range(len(states.time)):
-            heard = not self.acoustic or not np.isnan(states.source[i]).all()
-            if self.is_due(first + i) and heard:
+            is_heard = not self.acoustic or not np.isnan(states.source[i]).all()
+            if self.is_due(first + i) and is_heard:
                 yield i
 
     def true(self, states: VehicleState, environment: Environment, first: int) -> Floats:

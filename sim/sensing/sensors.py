@@ -329,44 +329,44 @@ def drift(e: SensorErrors, amplitude: float, phase: float, follower: int, time: 
 
 
 @formula
-def read_speed(e: SensorErrors, true: float, drawn: tuple[float, float]) -> Any:
+def read_speed(e: SensorErrors, true: float, normals: tuple[float, float]) -> Any:
     """Speed log of a follower, never negative (paper, Eq. 26); its scale ends at `FASTEST`
     [m/s].
     """
-    return np.minimum(np.maximum(true + e.speed_bias + e.speed_sigma * drawn[0], 0.0), FASTEST)
+    return np.minimum(np.maximum(true + e.speed_bias + e.speed_sigma * normals[0], 0.0), FASTEST)
 
 
 @formula
-def read_heading(e: SensorErrors, true: float, drawn: tuple[float, float]) -> Any:
+def read_heading(e: SensorErrors, true: float, normals: tuple[float, float]) -> Any:
     """Compass of a follower; the random part adds to the bias, whatever its sign (paper, Eq. 27)
     [rad].
     """
-    return true + e.heading_bias + e.heading_sigma * np.abs(drawn[1])
+    return true + e.heading_bias + e.heading_sigma * np.abs(normals[1])
 
 
 @formula
-def read_depth(e: SensorErrors, true: float, drawn: tuple[float, float]) -> Any:
+def read_depth(e: SensorErrors, true: float, normals: tuple[float, float]) -> Any:
     """Pressure sensor of a follower [m]."""
-    return true + e.depth_sigma * drawn[0]
+    return true + e.depth_sigma * normals[0]
 
 
 @formula
-def read_leader_speed(e: SensorErrors, true: float, drawn: tuple[float, float]) -> Any:
+def read_leader_speed(e: SensorErrors, true: float, normals: tuple[float, float]) -> Any:
     """Speed log of the leader, as `read_speed` [m/s]."""
-    measured = true + e.leader_speed_bias + e.leader_speed_sigma * drawn[0]
+    measured = true + e.leader_speed_bias + e.leader_speed_sigma * normals[0]
     return np.minimum(np.maximum(measured, 0.0), FASTEST)
 
 
 @formula
-def read_leader_heading(e: SensorErrors, true: float, drawn: tuple[float, float]) -> Any:
+def read_leader_heading(e: SensorErrors, true: float, normals: tuple[float, float]) -> Any:
     """Compass of the leader, as `read_heading` [rad]."""
-    return true + e.leader_heading_bias + e.leader_heading_sigma * np.abs(drawn[1])
+    return true + e.leader_heading_bias + e.leader_heading_sigma * np.abs(normals[1])
 
 
 @formula
-def read_leader_depth(e: SensorErrors, true: float, drawn: tuple[float, float]) -> Any:
+def read_leader_depth(e: SensorErrors, true: float, normals: tuple[float, float]) -> Any:
     """Pressure sensor of the leader, at its origin [m]."""
-    return true + e.leader_depth_sigma * drawn[0]
+    return true + e.leader_depth_sigma * normals[0]
 
 
 @formula
@@ -384,11 +384,11 @@ def read_leader_position(e: SensorErrors, true: float, normal: float, walk: floa
 
 
 @formula
-def read_leader_attitude(e: SensorErrors, true: float, drawn: tuple[float, float]) -> Any:
+def read_leader_attitude(e: SensorErrors, true: float, normals: tuple[float, float]) -> Any:
     """Pitch or roll of the leader [rad], by a normal that a run keeps and a Gauss–Markov value
     of unit variance.
     """
-    return true + e.leader_attitude_offset_sigma * drawn[0] + e.leader_tilt_sigma * drawn[1]
+    return true + e.leader_attitude_offset_sigma * normals[0] + e.leader_tilt_sigma * normals[1]
 
 
 class SpeedLog(Sensor):
@@ -602,7 +602,7 @@ def longest_range(true: Numbers, transmitters: int) -> float:
 
 @formula
 def range_reading(
-    e: SensorErrors, tau: float, true: tuple[float, float], drawn: tuple[float, float]
+    e: SensorErrors, tau: float, true: tuple[float, float], numbers_drawn: tuple[float, float]
 ) -> float:
     """Range to a transmitter or NaN [m] (paper, Eq. 28) by the true and the longest one, a uniform
     and the normal of ψ.
@@ -611,9 +611,11 @@ def range_reading(
     the longest range to the N_T transmitters in use: 2 with LAISN-2 and 3 with LAISN-3 (Sections
     2.2 and 2.3). The middle one, which LAISN-2 has no use for, is scaled by the longest of all.
     """
-    psi = e.range_scale_mean + e.range_scale_sigma * drawn[1]
+    psi = e.range_scale_mean + e.range_scale_sigma * numbers_drawn[1]
     longest = true[1] + (true[1] == 0.0)
-    reading = true[0] + tau * (drawn[0] - 0.5 * e.range_error_centred) + psi * (true[0] / longest)
+    reading = (
+        true[0] + tau * (numbers_drawn[0] - 0.5 * e.range_error_centred) + psi * (true[0] / longest)
+    )
     return reading if (reading > 0.0) & (reading <= FARTHEST) else math.nan
 
 
@@ -664,11 +666,11 @@ def paths_taken(e: SensorErrors, sent: Address) -> tuple[int, int, int]:
     """
     if e.surface_echo_probability + e.bottom_echo_probability == 0.0:
         return 0, 0, 0
-    drawn = uniforms_at(sent, _ECHO)
-    rear = path_taken(drawn[0], e)
+    uniforms = uniforms_at(sent, _ECHO)
+    rear = path_taken(uniforms[0], e)
     if e.common_echoes:
         return rear, rear, rear
-    return rear, path_taken(drawn[1], e), path_taken(drawn[2], e)
+    return rear, path_taken(uniforms[1], e), path_taken(uniforms[2], e)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -744,12 +746,12 @@ def leader_custom_sensors(sensing: SensingSettings) -> tuple[SensorDriver, ...]:
     return _drivers(tables, sensing.needed_by_leader, sensing.links.filter_step_s)
 
 
-def sensors_of_all(navigated: Sequence[SensingSettings]) -> tuple[SensorDriver, ...]:
+def sensors_of_all(sensing_of: Sequence[SensingSettings]) -> tuple[SensorDriver, ...]:
     """Further sensors of all vehicles, those of one declaration once, by the settings for each
     follower; LaisnError also if two vehicles have sensors of one name with other channels.
     """
-    drivers = [*leader_custom_sensors(navigated[0])]
-    for follower, sensing in enumerate(navigated):
+    drivers = [*leader_custom_sensors(sensing_of[0])]
+    for follower, sensing in enumerate(sensing_of):
         drivers += custom_sensors(sensing, follower)
     distinct: dict[str, SensorDriver] = {}
     for driver in drivers:

@@ -109,8 +109,8 @@ def hearing_probability(s: Any, reach: float) -> float:
     """Probability that a message is heard over a range [m]; `s` has the fields of `Sonar`, with
     `sonar_` before their names.
     """
-    lost = s.sonar_spreading * math.log10(max(reach, 1.0)) + s.sonar_absorption * reach
-    excess = s.sonar_margin - lost
+    transmission_loss = s.sonar_spreading * math.log10(max(reach, 1.0)) + s.sonar_absorption * reach
+    excess = s.sonar_margin - transmission_loss
     if s.sonar_scatter == 0.0:
         return 1.0 if excess >= 0.0 else 0.0
     return 0.5 * math.erfc(-excess / (s.sonar_scatter * math.sqrt(2.0)))

@@ -36,12 +36,12 @@ class SenderMotion:
     transmitters are.
     """
 
-    def __init__(self, sensing: SensingSettings, still: Trajectory, truth: StateHistory) -> None:
-        """Before its first instant, of the link that `sensing` navigates on; `still` has the sites
-        of the vehicles, `truth` is the room for their motion.
+    def __init__(self, sensing: SensingSettings, at_start: Trajectory, truth: StateHistory) -> None:
+        """Before its first instant, of the link that `sensing` navigates on; `at_start` has the
+        sites of the vehicles, `truth` is the room for their motion.
         """
         self.link = navigated_link(sensing.links)
-        self.still = still if self.link is None else self.link.motion_of(still)
+        self.still = at_start if self.link is None else self.link.motion_of(at_start)
         n, v, _ = truth.pose.shape
         self.truth = truth if self.link is None else StateHistory.empty(n, v, 0)
         self._senses_acceleration = (
@@ -77,7 +77,7 @@ class FollowerSensing:
     ) -> None:
         """Nothing is sensed yet; `transmitters` is N_T, how many of the sender's it uses."""
         link = sender.link
-        still = sender.still
+        at_start = sender.still
         self._follower = follower
         self._sender = sender
         self._record = record
@@ -89,10 +89,10 @@ class FollowerSensing:
         self._navigator = (min(transmitters, self._transmitters), self._model.dt)
         seed, run = noise.seed_and_run(sensing.seed, sensing.run)
         self._address = Address(seed, run, follower, 0)
-        hydrophones = [f"{name}/hydrophone" for name in still.names[1:]]
-        own = f"{still.names[follower + 1]}/depth_sensor"
+        hydrophones = [f"{name}/hydrophone" for name in at_start.names[1:]]
+        own = f"{at_start.names[follower + 1]}/depth_sensor"
         names = (*acoustics.TRANSMITTERS, *hydrophones, own)
-        self._offset = still.site_offset[[still.site(name) for name in names]]
+        self._offset = at_start.site_offset[[at_start.site(name) for name in names]]
         n = len(sender.tilts)
         steps = (n - 1) // self._model.stride
         self._compiled = n > LONG

@@ -367,8 +367,8 @@ def foil_force(record: Effector, density: float, deflection: float, local: Vecto
     acts = (total > MIN_FLOW * MIN_FLOW) & (square != 0.0) & ((ahead > 0.0) | (p[7] != 0.0))
     incidence = p[4] + deflection + np.arctan2(-across, ahead_speed)
     while any_lane(abs(incidence) > 0.5 * np.pi):
-        turned = incidence - np.copysign(np.pi, incidence)
-        incidence = select(abs(incidence) > 0.5 * np.pi, turned, incidence)
+        reversed_incidence = incidence - np.copysign(np.pi, incidence)
+        incidence = select(abs(incidence) > 0.5 * np.pi, reversed_incidence, incidence)
     beyond_stall = max(abs(incidence) - p[2], 0.0)
     below_stall = min(abs(incidence), p[2])
     lift = np.copysign(max(p[1] * below_stall + p[3] * beyond_stall, 0.0), incidence)

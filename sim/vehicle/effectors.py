@@ -69,7 +69,7 @@ def kind_of(record: Effector | np.void) -> EffectorKind:
 
 def number_of(kind: type[EffectorKind]) -> int:
     """Number of a class of kinds in records; ValueError if no effector has been of it."""
-    return [type(listed) for listed in (*BUILT_IN, *_CUSTOM)].index(kind)
+    return [type(known_kind) for known_kind in (*BUILT_IN, *_CUSTOM)].index(kind)
 
 
 def _kind_named(suffix: str, where: str) -> EffectorKind:
@@ -99,12 +99,12 @@ def _kind_named(suffix: str, where: str) -> EffectorKind:
 
 def _require_compilable(kind: EffectorKind, name: str) -> None:
     """LaisnError with the reason if the methods of a kind of the user's own do not compile."""
-    still = HullFlow(1000.0, 9.81, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    still_water = HullFlow(1000.0, 9.81, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     kinds = (kind,)
     record = np.zeros((1, 1), EFFECTOR)
     fitted = Fitted(kinds, record, np.zeros((1, 1)))
     calls: dict[str, Callable[[], Any]] = {
-        "load": lambda: effector_wrench(fitted, 0, still),
+        "load": lambda: effector_wrench(fitted, 0, still_water),
         "respond": lambda: update_states(fitted, np.zeros((1, 1)), np.ones((1, 1)), 0.02),
         "force_limits": lambda: force_limits(kinds, record[0, 0], 1000.0, 1.0),
         "state_for": lambda: state_for(kinds, record[0, 0], 1000.0, 0.0, 1.0),
@@ -137,8 +137,8 @@ def _choice_of(functions: Sequence[Any]) -> Callable[..., Any]:
     lines.append(f"    return call_{last}(kinds[{last}], *arguments)")
     names = {f"call_{i}": function for i, function in enumerate(functions)}
     exec("\n".join(lines), names)
-    chosen: Callable[..., Any] = names["choose"]
-    return chosen
+    choose: Callable[..., Any] = names["choose"]
+    return choose
 
 
 def calls_method(method: str) -> Callable[..., Any]:
@@ -308,9 +308,9 @@ class MovingFins:
         [rad].
         """
         for hinge in self.hinges:
-            turned = np.zeros(4)
-            mujoco.mju_axisAngle2Quat(turned, hinge.axis, float(state[hinge.effector]))
-            mujoco.mju_mulQuat(self._model.geom_quat[hinge.geom], turned, hinge.still)
+            orientation = np.zeros(4)
+            mujoco.mju_axisAngle2Quat(orientation, hinge.axis, float(state[hinge.effector]))
+            mujoco.mju_mulQuat(self._model.geom_quat[hinge.geom], orientation, hinge.still)
 
 
 @compiled

@@ -48,11 +48,12 @@ class VehicleIds(NamedTuple):
 
 
 def compose(
-    setups: Sequence[VehicleSetup], floor_depth_m: float | None = None, *, looks: bool = True
+    setups: Sequence[VehicleSetup], floor_depth_m: float | None = None, *, with_geoms: bool = True
 ) -> mujoco.MjSpec:
     """The ocean with vehicles attached, each under the prefix "name/".
 
-    `floor_depth_m` None leaves the floor where the MJCF has it; `looks` are the vehicles' geoms.
+    `floor_depth_m` None leaves the floor where the MJCF has it; without `with_geoms` the vehicles
+    have no geoms, and are not seen.
     """
     spec = spec_of("ocean")
     if floor_depth_m is not None:
@@ -60,11 +61,11 @@ def compose(
         spec.geom("floor").pos[2] = -floor_depth_m - spec.hfield("floor").size[2]
     for group in _groups(setups):
         if len(group) == 1:
-            hull = _edited(group[0], looks)
+            hull = _edited(group[0], with_geoms)
             spec.attach(hull, frame=spec.worldbody.add_frame(), prefix=f"{group[0].name}/")
         else:
             initial = group[0].name[0]
-            fleet = _fleet(group, spec, looks)
+            fleet = _fleet(group, spec, with_geoms)
             spec.attach(fleet, frame=spec.worldbody.add_frame(), prefix=initial)
     return spec
 
@@ -83,7 +84,7 @@ def _batched(setups: Sequence[VehicleSetup]) -> Iterator[list[VehicleSetup]]:
         yield [*setups[first : first + _GROUP]]
 
 
-def _fleet(group: Sequence[VehicleSetup], ocean: mujoco.MjSpec, looks: bool) -> mujoco.MjSpec:
+def _fleet(group: Sequence[VehicleSetup], ocean: mujoco.MjSpec, with_geoms: bool) -> mujoco.MjSpec:
     """Vehicles attached together, without the initial of their names, in a model with the options
     of the ocean.
 
@@ -94,7 +95,7 @@ def _fleet(group: Sequence[VehicleSetup], ocean: mujoco.MjSpec, looks: bool) -> 
     for name in _OPTIONS:
         setattr(fleet.option, name, getattr(ocean.option, name))
     for setup in group:
-        hull = _edited(setup, looks)
+        hull = _edited(setup, with_geoms)
         fleet.attach(hull, frame=fleet.worldbody.add_frame(), prefix=f"{setup.name[1:]}/")
     return fleet
 
@@ -103,24 +104,24 @@ _OPTIONS = ("timestep", "integrator", "density", "viscosity", "gravity")
 """What the MJCF of the ocean sets; MuJoCo warns of models that are attached with others."""
 
 
-def spec_of(model: str, looks: bool = True) -> mujoco.MjSpec:
+def spec_of(model: str, with_geoms: bool = True) -> mujoco.MjSpec:
     """A vehicle's own MJCF without keyframes, to be changed: of a model by name, or of the text
     of a file.
     """
     return _attachable(
-        model if vehicles.is_mjcf(model) else models.path(model).read_text("utf-8"), looks
+        model if vehicles.is_mjcf(model) else models.path(model).read_text("utf-8"), with_geoms
     ).copy()
 
 
 @lru_cache(maxsize=8)
-def _attachable(text: str, looks: bool) -> mujoco.MjSpec:
+def _attachable(text: str, with_geoms: bool) -> mujoco.MjSpec:
     """A vehicle's MJCF as the composed model has room for it, to be copied: to make it takes
     forty times as long.
     """
     spec = mujoco.MjSpec.from_string(text)
     for key in list(spec.keys):
         spec.delete(key)  # the keyframe of one vehicle alone does not fit the composed model
-    for geom in [] if looks else list(spec.geoms):
+    for geom in [] if with_geoms else list(spec.geoms):
         spec.delete(geom)
     return spec
 
@@ -140,8 +141,8 @@ def transmitter_places(leader: vehicles.Leader) -> dict[str, tuple[int, float]]:
     return moves
 
 
-def _edited(setup: VehicleSetup, looks: bool) -> mujoco.MjSpec:
-    spec = spec_of(setup.model, looks)
+def _edited(setup: VehicleSetup, with_geoms: bool) -> mujoco.MjSpec:
+    spec = spec_of(setup.model, with_geoms)
     hull = spec.body("hull")
     settings = setup.settings
     hull.ipos = hull.ipos + np.array([settings.cg_offset_x_m, 0.0, settings.cg_offset_z_m])

@@ -93,23 +93,23 @@ def advance(handles: StepHandles, command: Floats, n_substeps: int) -> Fault:
         h.solver.begin_solving()
         # forces are those of the instant, velocities those of the middle of the last step
         _shift(twist, acceleration, half_step)
-        lost = hydrodynamics.apply_water_forces(
+        fault = hydrodynamics.apply_water_forces(
             h.coefficients, pose, twist, clock[0], h.environment, h.solver, h.fitted
         )
-        if lost >= 0:
-            return DIVERGED, lost
+        if fault >= 0:
+            return DIVERGED, fault
         h.solver.end_forces()
         _shift(twist, acceleration, -half_step)
         h.solver.move_bodies()
         effectors.update_states(h.fitted, command, h.response, clock[1])
         clock[0] += clock[1]
     _shift(twist, acceleration, half_step)
-    lost = max(
+    fault = max(
         hydrodynamics.first_row_exceeding(pose, np.inf),
         hydrodynamics.first_row_exceeding(twist, hydrodynamics.DIVERGED),
     )
-    if lost >= 0:
-        return DIVERGED, lost
+    if fault >= 0:
+        return DIVERGED, fault
     for i in range(h.warnings.size):
         if h.warnings[i] > 0:
             return MUJOCO_WARNING, i
@@ -156,7 +156,7 @@ class _Fleet(NamedTuple):
 def _compiled_fleet(
     hulls: tuple[_Hull, ...], floor_depth_m: float | None, dt: float, _plugins: str
 ) -> _Fleet:
-    spec = compose([hull.setup for hull in hulls], floor_depth_m, looks=False)
+    spec = compose([hull.setup for hull in hulls], floor_depth_m, with_geoms=False)
     spec.option.timestep = dt
     spec.option.disableflags |= NO_CONTACT | NO_FORCES
     model = spec.compile()

@@ -301,8 +301,10 @@ def _casts_of_table(
         first: tuple[float, ...] = ()
         for row in rows:
             position = place_of(row)
-            moved = [abs(a - b) > _SAME_PLACE_DEG for a, b in zip(position, first, strict=False)]
-            if not casts or any(moved):
+            has_moved = [
+                abs(a - b) > _SAME_PLACE_DEG for a, b in zip(position, first, strict=False)
+            ]
+            if not casts or any(has_moved):
                 casts.append([])
                 first = position
             casts[-1].append(row)
@@ -346,8 +348,8 @@ class _Layout:
     def values(self, source: Source, variable: Any, column: int) -> Floats:
         """A variable along its one axis of depth in a column."""
         index = np.unravel_index(column, self.sizes) if self.across else ()
-        chosen = self.fixed | dict(zip(self.across, map(int, index), strict=True))
-        cut = variable.isel({d: i for d, i in chosen.items() if d in variable.dims})
+        indices = self.fixed | dict(zip(self.across, map(int, index), strict=True))
+        cut = variable.isel({d: i for d, i in indices.items() if d in variable.dims})
         if cut.ndim > 1:
             raise source.error(
                 f"{variable.name} has axes {', '.join(map(str, cut.dims))}; expected depth alone, "
@@ -370,8 +372,8 @@ def _kinds(dataset: Any, variable: Any) -> dict[str, str]:
     kinds = {}
     for dimension in map(str, variable.dims):
         kind = axis_kind(dataset[dimension]) if dimension in dataset.coords else ""
-        placed = all(_along(dataset, dimension, axis) is not None for axis in "XY")
-        kinds[dimension] = "P" if placed and kind not in tuple("XYZ") else kind
+        is_gridded = all(_along(dataset, dimension, axis) is not None for axis in "XY")
+        kinds[dimension] = "P" if is_gridded and kind not in tuple("XYZ") else kind
     unknown = [dimension for dimension, kind in kinds.items() if kind == ""]
     if "Z" not in kinds.values() and unknown:
         # levels stand last

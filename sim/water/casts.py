@@ -57,10 +57,14 @@ def read_density(source: Source, origin: FieldOrigin, profile: int | None = None
 
 @lru_cache(maxsize=8)
 def _read(
-    source: Source, _digest: str | None, origin: FieldOrigin, profile: int | None, wanted: _Profiled
+    source: Source,
+    _digest: str | None,
+    origin: FieldOrigin,
+    profile: int | None,
+    quantity: _Profiled,
 ) -> Cast:
     columns = read_columns(source, origin, profile)
-    depth, value = _by_depth(source, columns, origin, wanted)
+    depth, value = _by_depth(source, columns, origin, quantity)
     present = np.isfinite(depth) & np.isfinite(value)
     rows = present.size
     if not present.any():
@@ -76,16 +80,16 @@ def _read(
     points = np.column_stack([depth[distinct], means])
     slowest = points[:, 1].min()
     fastest = points[:, 1].max()
-    if slowest < wanted.least or fastest > wanted.most:
+    if slowest < quantity.least or fastest > quantity.most:
         raise source.error(
-            f"its {wanted.plural} are {slowest:.4g} to {fastest:.4g} {wanted.unit}; expected "
-            f"{wanted.least:g} to {wanted.most:g} {wanted.unit}: are units of temperature, "
+            f"its {quantity.plural} are {slowest:.4g} to {fastest:.4g} {quantity.unit}; expected "
+            f"{quantity.least:g} to {quantity.most:g} {quantity.unit}: are units of temperature, "
             "salinity and depth right?"
         )
     report = (
         f"{source.file.name}: {', '.join(columns.names)}; {len(points)} depths, "
-        f"{points[0, 0]:.4g} to {points[-1, 0]:.4g} m, {slowest:.{wanted.digits}f} to "
-        f"{fastest:.{wanted.digits}f} {wanted.unit}"
+        f"{points[0, 0]:.4g} to {points[-1, 0]:.4g} m, {slowest:.{quantity.digits}f} to "
+        f"{fastest:.{quantity.digits}f} {quantity.unit}"
     )
     if columns.place:
         report += f"; {columns.place}"
@@ -95,7 +99,7 @@ def _read(
 
 
 def _by_depth(
-    source: Source, columns: CastColumns, origin: FieldOrigin, wanted: _Profiled
+    source: Source, columns: CastColumns, origin: FieldOrigin, quantity: _Profiled
 ) -> tuple[Floats, Floats]:
     """Depths [m] of the rows of a cast, and a quantity there."""
     values = columns.values
@@ -114,10 +118,10 @@ def _by_depth(
         depth = -gsw.z_from_p(pressure, latitude)
     if pressure is None:
         pressure = gsw.p_from_z(-depth, latitude)
-    if wanted.key in values:
-        return np.asarray(depth), values[wanted.key]
-    salinity, temperature = _salinity_and_temperature(source, values, pressure, origin, wanted)
-    by_teos: Callable[..., Any] = gsw.sound_speed if wanted is _SPEED else gsw.rho
+    if quantity.key in values:
+        return np.asarray(depth), values[quantity.key]
+    salinity, temperature = _salinity_and_temperature(source, values, pressure, origin, quantity)
+    by_teos: Callable[..., Any] = gsw.sound_speed if quantity is _SPEED else gsw.rho
     return np.asarray(depth), np.asarray(by_teos(salinity, temperature, pressure))
 
 
@@ -126,7 +130,7 @@ def _salinity_and_temperature(
     values: dict[str, Floats],
     pressure: Floats,
     origin: FieldOrigin,
-    wanted: _Profiled,
+    quantity: _Profiled,
 ) -> tuple[Floats, Floats]:
     """Absolute salinity [g/kg] and conservative temperature [°C] of the rows of a cast."""
     import gsw
@@ -135,7 +139,7 @@ def _salinity_and_temperature(
     if salinity is None:
         practical = values.get("salinity")
         if practical is None:
-            raise source.error(f"it has no salinity, and no {wanted.title}; expected 'salinity'")
+            raise source.error(f"it has no salinity, and no {quantity.title}; expected 'salinity'")
         longitude_latitude = (origin.longitude_deg, origin.latitude_deg)
         salinity = gsw.SA_from_SP(practical, pressure, *longitude_latitude)
     if "conservative" in values:
@@ -145,5 +149,7 @@ def _salinity_and_temperature(
     elif "potential" in values:
         temperature = gsw.CT_from_pt(salinity, values["potential"])
     else:
-        raise source.error(f"it has no temperature, and no {wanted.title}; expected 'temperature'")
+        raise source.error(
+            f"it has no temperature, and no {quantity.title}; expected 'temperature'"
+        )
     return np.asarray(salinity), np.asarray(temperature)

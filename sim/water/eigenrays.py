@@ -312,17 +312,17 @@ def _between(
 
 
 @jitable
-def _edge(w: Water, source: float, reach: float, valid: float, lost: float) -> float:
+def _edge(w: Water, source: float, reach: float, valid: float, invalid: float) -> float:
     """The last angle between one whose ray is of the wanted path and one whose is not, at which
     it is.
     """
     steps = _steps(reach, 0.0)
     for _ in range(_EDGE_HALVINGS):
-        middle = 0.5 * (valid + lost)
+        middle = 0.5 * (valid + invalid)
         if trace(w, source, middle, reach, steps).depth >= 0.0:
             valid = middle
         else:
-            lost = middle
+            invalid = middle
     return valid
 
 

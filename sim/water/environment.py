@@ -25,8 +25,8 @@ class Environment(NamedTuple):
 
     def flow(self, position: Vector, time: float) -> Vector:
         """Velocity of the water at a place [m] and time [s], in the world [m/s]."""
-        still = (0.0, 0.0, 0.0)
-        return flow(sea_at(self, time), position, still, (1.0, 0.0, 0.0)).velocity
+        at_rest = (0.0, 0.0, 0.0)
+        return flow(sea_at(self, time), position, at_rest, (1.0, 0.0, 0.0)).velocity
 
     def arrivals(self, source: Vector, receiver: Vector) -> tuple[Ray, Ray, Ray]:
         """How sound gets from one place to another [m] that rest: directly, by the surface and by

@@ -432,8 +432,8 @@ def _moment(source: Source, name: str, text: str) -> datetime:
 
 def _values(source: Source, variable: Any, axes: dict[str, _Axis], names: dict[str, str]) -> Floats:
     """Values of a variable on parts of its axes, shape (t, k, j, i); NaN where there are none."""
-    chosen = {names[kind]: axis.order for kind, axis in axes.items() if kind in names}
-    first_indices = {d: 0 for d in variable.dims if d not in chosen}
+    orders = {names[kind]: axis.order for kind, axis in axes.items() if kind in names}
+    first_indices = {d: 0 for d in variable.dims if d not in orders}
     count = int(np.prod([axis.value.size for axis in axes.values()]))
     if 8 * count > _MAX_BYTES:
         raise source.error(
@@ -442,8 +442,8 @@ def _values(source: Source, variable: Any, axes: dict[str, _Axis], names: dict[s
         )
     try:
         # in the file's own order, which it reads fast, and then in that of the axes
-        cut = variable.isel(first_indices).isel({d: np.sort(order) for d, order in chosen.items()})
-        cut = cut.isel({d: np.argsort(np.argsort(order)) for d, order in chosen.items()})
+        cut = variable.isel(first_indices).isel({d: np.sort(order) for d, order in orders.items()})
+        cut = cut.isel({d: np.argsort(np.argsort(order)) for d, order in orders.items()})
         cut = cut.transpose(*[names[kind] for kind in axes if kind in names])
         values = np.asarray(cut.values, dtype=np.float64)
     except Exception as error:

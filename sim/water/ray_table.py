@@ -143,16 +143,16 @@ def _traced(
 ) -> Eigenray:
     """The earliest ray in a marked cell."""
     i, j, k = cell
-    tried = np.empty(8)
+    errors = np.empty(8)
     count = 0
     best = NO_RAY
     for corner in range(8):
         angle = table.departure[i + (corner & 1), j + (corner >> 1 & 1), k + (corner >> 2)]
         is_new = angle == angle
         for t in range(count):
-            is_new = is_new and abs(angle - tried[t]) > _SAME_RAY_RAD
+            is_new = is_new and abs(angle - errors[t]) > _SAME_RAY_RAD
         if is_new:
-            tried[count] = angle
+            errors[count] = angle
             count += 1
             ray = refine(w, places[0], places[1], places[2], angle)
             if not best.time <= ray.time and ray.time == ray.time:

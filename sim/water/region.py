@@ -47,12 +47,12 @@ def _waypoints(vehicle: Vehicle, duration: float) -> Floats:
         positions = route.waypoint
     else:
         return np.zeros((0, 2))
-    flown = positions[: int(np.searchsorted(time, duration)) + 1]
+    path = positions[: int(np.searchsorted(time, duration)) + 1]
     if duration <= time[-1] or len(positions) < 2:
-        return np.asarray(flown)
+        return np.asarray(path)
     step = positions[-1] - positions[-2]
     further = positions[-1] + step * (duration - time[-1]) / (time[-1] - time[-2])
-    return np.vstack([flown, further])
+    return np.vstack([path, further])
 
 
 def region_of(plan: MissionPlan, margin: float = _MARGIN_M) -> Region:

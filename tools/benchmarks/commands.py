@@ -40,15 +40,15 @@ def commands() -> list[Row]:
     with tempfile.TemporaryDirectory() as folder:
         for scenario, goal in FLIGHT_GOALS_S.items():
             call = (*LAISN, "fly", scenario, "--no-video", "--out", f"{folder}/{scenario}")
-            taken = least_time_of_command(call, _REPEATS)
+            seconds = least_time_of_command(call, _REPEATS)
             name = f"laisn fly {scenario} --no-video"
             rows += [
-                Row(name, taken.processor_s, "s", goal=Goal(goal)),
-                Row(f"{name}, by the clock", taken.wall_s, "s"),
+                Row(name, seconds.processor_s, "s", goal=Goal(goal)),
+                Row(f"{name}, by the clock", seconds.wall_s, "s"),
             ]
         for name, arguments in OTHERS.items():
-            taken = least_time_of_command((*LAISN, *arguments), _REPEATS)
-            rows.append(Row(name, taken.processor_s, "s"))
+            seconds = least_time_of_command((*LAISN, *arguments), _REPEATS)
+            rows.append(Row(name, seconds.processor_s, "s"))
     return rows
 
 

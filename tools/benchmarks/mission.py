@@ -103,8 +103,8 @@ def physics() -> list[Row]:
         floor = least_time(partial(_stages, calls, steps), 3) / steps * 1e6
         with_water = least_time(partial(wet.step, thrust, steps), 3) / steps * 1e6
         fleets = [Plant(setups, ocean, dt) for _ in range(4)]
-        flown = least_time(lambda f=fleets, r=routes, d=duration: simulate(f.pop(), r, d), 3)  # type: ignore[misc]
-        per_step = flown / steps * 1e6
+        seconds = least_time(lambda f=fleets, r=routes, d=duration: simulate(f.pop(), r, d), 3)  # type: ignore[misc]
+        per_step = seconds / steps * 1e6
         rows += [
             Row(f"{fleet}: mj_step alone, no water", bare, "µs/step"),
             Row(
@@ -126,7 +126,7 @@ def physics() -> list[Row]:
         ]
         if fleet in GOALS:
             goal = Goal(GOALS[fleet], at_least=True)
-            rows.append(Row(f"{fleet}: real-time factor", duration / flown, "x", goal=goal))
+            rows.append(Row(f"{fleet}: real-time factor", duration / seconds, "x", goal=goal))
     return rows
 
 

@@ -46,19 +46,19 @@ def positions(imports: Mapping[str, set[str]]) -> dict[str, tuple[float, float]]
     that it imports.
     """
     level = import_graph.layers(imports)
-    placed: dict[str, tuple[float, float]] = {}
+    places_of: dict[str, tuple[float, float]] = {}
     max_count = max(list(level.values()).count(layer) for layer in set(level.values()))
     for layer in sorted(set(level.values())):
         middle = {}
         for package in sorted(package for package, of in level.items() if of == layer):
-            heights = [placed[name][0] for name in imports[package]]
+            heights = [places_of[name][0] for name in imports[package]]
             middle[package] = sum(heights) / len(heights) if heights else max_count / 2
         start = (max_count - len(middle)) / 2
-        placed |= {
+        places_of |= {
             name: (start + i, float(layer))
             for i, name in enumerate(sorted(middle, key=middle.__getitem__))
         }
-    return placed
+    return places_of
 
 
 def _draw_package(axes: Axes, package: str, position: tuple[float, float], count: int) -> None:
@@ -111,14 +111,14 @@ def picture() -> Figure:
     """
     imports = import_graph.imports()
     package_imports = _packages(imports)
-    placed = positions(package_imports)
+    places_of = positions(package_imports)
     figure = Figure(figsize=(_WIDTH, _HEIGHT))
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set_axis_off()
     for package, imported in transitive_reduction(package_imports).items():
         for other in imported:
-            x, y = placed[package]
-            u, v = placed[other]
+            x, y = places_of[package]
+            u, v = places_of[other]
             axes.annotate(
                 "",
                 (u, v + _BOX[1] / 2),
@@ -134,10 +134,10 @@ def picture() -> Figure:
                     "alpha": 0.8,
                 },
             )
-    for package, position in placed.items():
+    for package, position in places_of.items():
         count = sum(_drawn(import_graph.package_of(module)) == package for module in imports)
         _draw_package(axes, package, position, max(1, count - ("." in package and count > 1)))
-    columns, rows = zip(*placed.values(), strict=True)
+    columns, rows = zip(*places_of.values(), strict=True)
     axes.set_xlim(min(columns) - 0.6, max(columns) + 0.6)
     axes.set_ylim(min(rows) - 0.5, max(rows) + 0.5)
     return figure

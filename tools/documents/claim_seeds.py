@@ -28,20 +28,20 @@ def findings_of(verdicts: Mapping[int, Sequence[Verdict]]) -> Findings:
     commonest, seeds_alike = Counter(tuple(of_seed) for of_seed in verdicts.values()).most_common(
         1
     )[0]
-    named: dict[str, Finding] = {
+    findings: dict[str, Finding] = {
         "seeds": plain(len(verdicts), "seeds"),
         "same": plain(seeds_alike, "seeds whose verdicts on all claims are the commonest ones"),
         "same share": of(proportion(seeds_alike, len(verdicts)), "their share of all seeds, 95 %"),
     }
     for i, claim in enumerate(CLAIMS):
-        named[f"verdict {claim.number}"] = plain(
+        findings[f"verdict {claim.number}"] = plain(
             commonest[i], f"commonest verdict on claim {claim.number}"
         )
         agreements = sum(of_seed[i] == commonest[i] for of_seed in verdicts.values())
-        named[f"same {claim.number}"] = plain(
+        findings[f"same {claim.number}"] = plain(
             agreements, f"seeds with this verdict on claim {claim.number}"
         )
-    return record("claim-seeds", "python -m tools.documents.studies claim-seeds", MODULES, named)
+    return record("claim-seeds", "python -m tools.documents.studies claim-seeds", MODULES, findings)
 
 
 def run(

@@ -129,7 +129,7 @@ def covered_when_stopped(law: str, trials: int = TRIALS, seed: int = 1) -> int:
 
 def findings() -> Findings:
     """Coverage of every law and number of runs."""
-    named: dict[str, Finding] = {
+    findings: dict[str, Finding] = {
         "trials": plain(TRIALS, "intervals drawn of each law and number of runs")
     }
     for law, (words, _, _) in LAWS.items():
@@ -137,20 +137,20 @@ def findings() -> Findings:
             meaning = (
                 f"share of 95 % intervals that hold the truth, {runs} runs, {words}; limits 95 %"
             )
-            named[f"{law} {runs}"] = of(proportion(covered(law, runs), TRIALS), meaning)
+            findings[f"{law} {runs}"] = of(proportion(covered(law, runs), TRIALS), meaning)
     for law, (words, _, half_width) in _UNTIL.items():
         meaning = (
             "share of 95 % intervals that hold the truth, runs until half-width "
             f"{half_width:g}, {words}"
         )
-        named[f"until {law}"] = of(
+        findings[f"until {law}"] = of(
             proportion(covered_when_stopped(law), TRIALS), f"{meaning}; limits 95 %"
         )
     for runs in RUNS:
-        named[f"unseen {runs}"] = plain(
+        findings[f"unseen {runs}"] = plain(
             (1.0 - LOCKED) ** runs, f"chance that none of {runs} runs is locked"
         )
-    return record("coverage", COMMAND, MODULES, named)
+    return record("coverage", COMMAND, MODULES, findings)
 
 
 def run(folder: Path) -> None:

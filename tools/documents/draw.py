@@ -165,13 +165,13 @@ def main() -> None:
     save(routes(), "routes")
     save(terms.picture(), "terms")
     save(terms.consistency(), "consistency")
-    flown = {
+    flights = {
         name: fly(load_scenario(name, ()))[0]
         for name in {"T5", *(scenario for scenario, _, _ in STILLS.values())}
     }
-    save(errors(flown["T5"]), "errors")
+    save(errors(flights["T5"]), "errors")
     cases = study_of(str(built_in("estimators")["cases"]), {}).cases
-    drawn = physics.all_figures() | {
+    figures = physics.all_figures() | {
         "asymmetry": study_pictures.asymmetry(),
         "closed-loop": study_pictures.closed_loop(),
         "estimators": (
@@ -182,11 +182,11 @@ def main() -> None:
         "reproduction": study_pictures.reproduction(),
         "thermocline": (drawing.draw(thermocline.ray_picture("strong")), ()),
     }
-    for name, (figure, legend) in drawn.items():
+    for name, (figure, legend) in figures.items():
         save(figure, name, legend)
     for name, (scenario, time, camera) in STILLS.items():
-        photograph(name, flown[scenario], time, camera)
-    moving_picture("turn", flown["swarm"], TURN_S)
+        photograph(name, flights[scenario], time, camera)
+    moving_picture("turn", flights["swarm"], TURN_S)
 
 
 if __name__ == "__main__":

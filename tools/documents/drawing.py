@@ -149,7 +149,7 @@ def heat(bearing_deg: Floats, range_m: Floats, error: Floats, title: str) -> Fig
     (axes,) = figure.axes
     angles_deg = np.append(bearing_deg, bearing_deg[0] + 360.0)
     closed = np.concatenate([error, error[:, :1]], axis=1)
-    drawn = axes.contourf(
+    contours = axes.contourf(
         angles_deg, range_m, closed, levels=ERROR_LEVELS_M, colors=ERROR_COLOURS, extend="max"
     )
     axes.set_yscale("log")
@@ -163,7 +163,7 @@ def heat(bearing_deg: Floats, range_m: Floats, error: Floats, title: str) -> Fig
     axes.set_position((left, bottom, 0.72, height))
     key = figure.add_axes((left + 0.75, bottom, 0.03, height))
     figure.colorbar(
-        drawn, cax=key, ticks=ERROR_LEVELS_M, extendrect=True, extendfrac="auto", format="%g"
+        contours, cax=key, ticks=ERROR_LEVELS_M, extendrect=True, extendfrac="auto", format="%g"
     )
     key.set_title("[m]", fontsize=8, loc="left", pad=5, color=INK.light)
     key.tick_params(length=0, labelcolor=INK.light, labelsize=8)

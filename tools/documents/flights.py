@@ -33,8 +33,8 @@ def slip(truth: IdealMeasurements) -> float:
     axis [m].
     """
     way = truth.speed[:, None] * np.column_stack([np.sin(truth.heading), np.cos(truth.heading)])
-    seen = np.cumsum(truth.dt * (way[1:] + way[:-1]) / 2, axis=0)
-    unseen = truth.hydrophone[1:, :2] - seen
+    dead_reckoned = np.cumsum(truth.dt * (way[1:] + way[:-1]) / 2, axis=0)
+    unseen = truth.hydrophone[1:, :2] - dead_reckoned
     second = round(1.0 / truth.dt)
     return float(np.sqrt(np.mean((unseen[second:] - unseen[:-second]) ** 2)))
 
@@ -74,7 +74,7 @@ def findings() -> Findings:
     index = int(np.searchsorted(flight.trajectory.time, ASTERN_FROM_S))
     east, north = (flight.trajectory.position[index, 1] - flight.trajectory.position[index, 0])[:2]
     heading = float(flight.trajectory.heading[index, 0])
-    named: dict[str, Finding] = {
+    findings: dict[str, Finding] = {
         "T5 off-axis": plain(float(error[off_axis].max()), "largest E_P, 470 … 590 s, run 0", "m"),
         "T5 behind": plain(
             float(-east * np.sin(heading) - north * np.cos(heading)), "at 650 s", "m"
@@ -87,10 +87,10 @@ def findings() -> Findings:
     for name, settings in SEAS.items():
         sea, _ = fly(load_scenario(name.replace("inclinometer", "ahrs"), settings))
         mean = float(position_and_bearing_errors(sea)[0][0].mean())
-        named[f"error {name}"] = plain(mean, "mean E_P, run 0", "m")
+        findings[f"error {name}"] = plain(mean, "mean E_P, run 0", "m")
         if name == "following-sea":
-            named |= {"slip following-sea": _slips(sea)} | _tilt(sea)
-    return record("flights", COMMAND, MODULES, named)
+            findings |= {"slip following-sea": _slips(sea)} | _tilt(sea)
+    return record("flights", COMMAND, MODULES, findings)
 
 
 def run(folder: Path) -> None:

@@ -563,7 +563,7 @@ def _formation() -> dict[str, Finding]:
 
 def findings() -> Findings:
     """Run all trials."""
-    named = (
+    findings = (
         _remus()
         | {"righting": _righting(0.02)}
         | _shipped_remus()
@@ -572,7 +572,7 @@ def findings() -> Findings:
         | _formation()
         | _estimates()
     )
-    return record("hull-trials", COMMAND, MODULES, named)
+    return record("hull-trials", COMMAND, MODULES, findings)
 
 
 def run(folder: Path) -> None:

@@ -128,7 +128,7 @@ def orbits() -> Drawn:
         for _ in range(round(period / dt)):
             tank.step()
             path.append(tank.pose[[0, 2]])
-        flown = np.array(path)
+        path_flown = np.array(path)
         across = height / 2 * np.cosh(k * (floor - depth)) / np.sinh(k * floor)
         up = height / 2 * np.sinh(k * (floor - depth)) / np.sinh(k * floor)
         lines.append(
@@ -136,7 +136,7 @@ def orbits() -> Drawn:
                 x=across * np.cos(turn), y=-depth - up + up * np.sin(turn), colour=MUTED, width=2.4
             )
         )
-        lines.append(Line(x=flown[:, 0], y=flown[:, 1], colour=SERIES[0], width=1.0))
+        lines.append(Line(x=path_flown[:, 0], y=path_flown[:, 1], colour=SERIES[0], width=1.0))
     figure = panel(
         lines,
         x_label="along the wave [m]",

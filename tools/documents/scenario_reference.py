@@ -122,8 +122,8 @@ def _sections(model: type[BaseModel], path: str = "") -> list[tuple[str, type[Ba
 
 def text() -> str:
     """The whole reference as Markdown."""
-    listed = ", ".join(f"`{ending}` ({unit})" for ending, (unit, _) in reversed(UNITS.items()))
-    units = textwrap.fill(f"A key ends with its unit: {listed}.", 120)
+    endings = ", ".join(f"`{ending}` ({unit})" for ending, (unit, _) in reversed(UNITS.items()))
+    units = textwrap.fill(f"A key ends with its unit: {endings}.", 120)
     lines = [_INTRODUCTION.format(units=units), *_table("Top level", Scenario)]
     lines += _table("`[leader]` and `[[followers]]`", Vehicle)
     for title, model in _sections(Scenario):

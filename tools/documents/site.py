@@ -89,9 +89,9 @@ def _write_sources(folder: Path) -> None:
 
 def _navigation() -> list[object]:
     documents = {path.stem for path in Path("docs").glob("*.md")} - {"index"}
-    listed = {name for names in _CHAPTERS.values() for name in names}
+    names_in_chapters = {name for names in _CHAPTERS.values() for name in names}
     chapters = dict(_CHAPTERS)
-    further = tuple(sorted(documents - listed))
+    further = tuple(sorted(documents - names_in_chapters))
     if further:
         chapters["Further"] = further
     entries: list[object] = [{"Home": _HOME}, {"Overview": _OVERVIEW}, {"Examples": "examples.md"}]

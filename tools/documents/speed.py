@@ -125,13 +125,13 @@ def _commands(record: Findings) -> list[list[str]]:
     rows = []
     for scenario in ("T5", "swarm"):
         name = f"command: laisn fly {scenario} --no-video"
-        taken = _held(record, name)
+        finding = _held(record, name)
         clock = _held(record, f"{name}, by the clock")
-        if taken is None:
+        if finding is None:
             continue
-        measured = f"{taken:.1f i} s by the clock"
+        measured = f"{finding:.1f i} s by the clock"
         if clock is not None:
-            measured = f"{taken:.1f i} s of the processor, {clock:.1f} s by the clock"
+            measured = f"{finding:.1f i} s of the processor, {clock:.1f} s by the clock"
         rows.append([f"`laisn fly {scenario} --no-video` as a whole", measured, ""])
         cold = f"cold: {scenario}: first flight of an installation"
         compiling = _held(record, f"{cold}, compiling")

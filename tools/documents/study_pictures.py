@@ -52,8 +52,8 @@ def closed_loop() -> Drawn:
     missions = {entry.arm: entry.scenario for entry in plan_of(study_of("closed-loop", {})).entries}
     for navigator, colour in (("laisn-2", SERIES[1]), ("laisn-3-2", SERIES[0])):
         mission = missions[f"{navigator} estimate"]
-        chosen = (mission.followers[ROUTES.index("T5")],)
-        flight, _ = fly(mission.model_copy(update={"followers": chosen, "duration_s": 140.0}))
+        followers = (mission.followers[ROUTES.index("T5")],)
+        flight, _ = fly(mission.model_copy(update={"followers": followers, "duration_s": 140.0}))
         steps = flight.step_index()
         heading = flight.trajectory.heading[steps, 0]
         leader = flight.trajectory.position[steps, 0, :2]
@@ -85,13 +85,18 @@ def real_ranges() -> Drawn:
     with tempfile.TemporaryDirectory() as folder:
         write_data_set(data, Path(folder) / "plaza.mcap")
         recorded = read_data_set_log(Path(folder) / "plaza.mcap")
-    reckoned = dead_reckoning(recorded)
+    dead_reckoned = dead_reckoning(recorded)
     estimated, _ = among_beacons(recorded, BeaconReplaySettings())
     # what was driven in the first five minutes is crowded enough
     steps = np.flatnonzero(recorded.measurements.time < 300.0)
     true = recorded.truth[recorded.truth[:, 0] < 300.0]
     lines = [
-        Line(x=reckoned.state[steps, 0], y=reckoned.state[steps, 1], colour=MUTED, width=0.6),
+        Line(
+            x=dead_reckoned.state[steps, 0],
+            y=dead_reckoned.state[steps, 1],
+            colour=MUTED,
+            width=0.6,
+        ),
         Line(x=true[:, 1], y=true[:, 2], colour=INK, width=1.6),
         Line(x=estimated.state[steps, 0], y=estimated.state[steps, 1], colour=ESTIMATE, width=0.8),
         Line(x=data.places[:, 0], y=data.places[:, 1], colour=SERIES[1], marker="^", size=7.0),

@@ -101,9 +101,9 @@ def consistency() -> Figure:
         axes.plot(0.0, 0.0, "o", color=truth_colour, markersize=5)
         axes.annotate("truth", (0.1, 0.12), color=truth_colour, fontsize=8)
         # of two dimensions: NEES = 2 (σ of the errors / σ stated)²
-        stated = (2.0 / nees) ** 0.5
+        ratio = (2.0 / nees) ** 0.5
         circles = (
-            (stated, stated_colour, "-", "2σ as the filter states it", 2.75),
+            (ratio, stated_colour, "-", "2σ as the filter states it", 2.75),
             (_SIGMA_OF_BOUND, bound_colour, "--", "2σ of the bound", -3.1),
         )
         for sigma, colour, dash, words, height in circles:

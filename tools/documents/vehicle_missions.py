@@ -167,11 +167,11 @@ def keeping(model: str, name: str, role: str) -> Keeping:
 
 def _of_role(model: str, role: str) -> dict[str, Finding]:
     """How a vehicle keeps to what it is to keep in a role of all built-in scenarios."""
-    flown = [keeping(model, name, role) for name in library.names()]
+    missions = [keeping(model, name, role) for name in library.names()]
     largest = {
-        "route": max(mission.route_m for mission in flown),
-        "depth": max(mission.depth_m for mission in flown),
-        "station": max(mission.station_m for mission in flown),
+        "route": max(mission.route_m for mission in missions),
+        "depth": max(mission.depth_m for mission in missions),
+        "station": max(mission.station_m for mission in missions),
     }
     key = f"{model} {role}"
     findings = {
@@ -181,13 +181,13 @@ def _of_role(model: str, role: str) -> dict[str, Finding]:
     }
     return findings | {
         f"{key} warned": plain(
-            sum(bool(mission.predicted) for mission in flown), f"missions with a warning, {key}"
+            sum(bool(mission.predicted) for mission in missions), f"missions with a warning, {key}"
         ),
         f"{key} refused": plain(
-            sum(mission.refused for mission in flown), f"missions refused at first, {key}"
+            sum(mission.refused for mission in missions), f"missions refused at first, {key}"
         ),
         f"{key} completed": plain(
-            sum(mission.outcome is Termination.COMPLETED for mission in flown),
+            sum(mission.outcome is Termination.COMPLETED for mission in missions),
             f"missions flown to their end, {key}",
         ),
     }
@@ -195,12 +195,12 @@ def _of_role(model: str, role: str) -> dict[str, Finding]:
 
 def findings() -> Findings:
     """Fly all missions."""
-    named = dict[str, Finding]()
+    findings = dict[str, Finding]()
     for model in models.VEHICLES:
         for role in ROLES:
-            named |= _of_role(model, role)
+            findings |= _of_role(model, role)
             print(f"  {model} as {role}", flush=True)
-    return record("vehicle-missions", COMMAND, MODULES, named)
+    return record("vehicle-missions", COMMAND, MODULES, findings)
 
 
 def run(folder: Path) -> None:

@@ -64,8 +64,8 @@ _PASS = {
 def _source(random: Random) -> str:
     """A module with a class Mine."""
     methods = {
-        name: random.choice(_ACTIONS) if random.random() < 0.6 else usual
-        for name, usual in _PASS.items()
+        name: random.choice(_ACTIONS) if random.random() < 0.6 else default_body
+        for name, default_body in _PASS.items()
         if random.random() < 0.8
     }
     lines = ["import numpy as np", "import laisn_sim"]

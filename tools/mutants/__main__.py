@@ -58,15 +58,15 @@ def draw(pattern: str, count: int | None, seed: int) -> tuple[list[MutationSpec]
     ), len(candidates)
 
 
-def summary(package: str, tried: list[Tried], of: int) -> str:
+def summary(package: str, trials: list[Tried], of: int) -> str:
     """How many were killed, with Wilson's interval where they were drawn from more."""
-    killed = sum(t.killed for t in tried)
-    text = f"{package}: {killed} of {len(tried)} killed, {killed / len(tried):.0%}"
-    if len(tried) < of:
-        limits = binomtest(killed, len(tried)).proportion_ci(method="wilson")
+    killed = sum(t.killed for t in trials)
+    text = f"{package}: {killed} of {len(trials)} killed, {killed / len(trials):.0%}"
+    if len(trials) < of:
+        limits = binomtest(killed, len(trials)).proportion_ci(method="wilson")
         text += f" (95 %: {limits.low:.0%} to {limits.high:.0%}), drawn from {of}"
-    timed_out = sum(t.timed_out for t in tried)
-    equivalent = sum(bool(t.equivalent) and not t.killed for t in tried)
+    timed_out = sum(t.timed_out for t in trials)
+    equivalent = sum(bool(t.equivalent) and not t.killed for t in trials)
     others = f"{timed_out} timed out and {equivalent} are equivalent to the original"
     return f"{text}; of the others {others}"
 
@@ -100,10 +100,10 @@ def record(
         else {}
     )
     findings = dict(others)
-    for package, (tried, of) in results.items():
-        equivalent = sum(bool(t.equivalent) and not t.killed for t in tried)
-        killed = sum(t.killed for t in tried)
-        counted = len(tried) - equivalent
+    for package, (trials, of) in results.items():
+        equivalent = sum(bool(t.equivalent) and not t.killed for t in trials)
+        killed = sum(t.killed for t in trials)
+        counted = len(trials) - equivalent
         limits = binomtest(killed, counted).proportion_ci(method="wilson")
         findings |= {
             f"noticed {package}": Finding(
@@ -113,7 +113,7 @@ def record(
                 what="share of the mutants drawn, without equivalent ones, that a test kills; "
                 "Wilson, 95 %",
             ),
-            f"drawn {package}": plain(len(tried), f"mutants tried, of {of}"),
+            f"drawn {package}": plain(len(trials), f"mutants tried, of {of}"),
             f"nothing {package}": plain(equivalent, "of these that are equivalent to the original"),
             f"survived {package}": plain(
                 counted - killed, "of these that no test kills, or not in time"
@@ -155,13 +155,13 @@ def main() -> None:
     )
     arguments = parser.parse_args()
     patterns = {name: PACKAGES.get(name, re.escape(name)) for name in arguments.where} or PACKAGES
-    chosen = {
+    drawn_mutants = {
         name: draw(pattern, arguments.count, arguments.seed) for name, pattern in patterns.items()
     }
     tests = sorted(
         {
             test
-            for mutants, _ in chosen.values()
+            for mutants, _ in drawn_mutants.values()
             for m in mutants
             for test in covering(str(m.module_path))
         }
@@ -171,10 +171,10 @@ def main() -> None:
         spawn = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(arguments.jobs, spawn, enter_copy, (Path(folder),)) as pool:
             took = dict(zip(tests, pool.map(time_of, tests), strict=True))
-            for package, (mutants, of) in chosen.items():
-                tried = []
+            for package, (mutants, of) in drawn_mutants.items():
+                trials = []
                 for trial in pool.map(attempt, mutants, [took] * len(mutants)):
-                    tried.append(trial)
+                    trials.append(trial)
                     if trial.killed:
                         print(".", end="", flush=True)
                     else:
@@ -186,7 +186,7 @@ def main() -> None:
                             f"  {ending}",
                             flush=True,
                         )
-                results[package] = tried, of
+                results[package] = trials, of
                 print(f"\n{summary(package, *results[package])}", flush=True)
     if arguments.record:
         path = RECORDS / "mutants.json"

@@ -182,8 +182,8 @@ def message_top(message: Message) -> Panel:
     reach = float(np.hypot(*truth))
     error = float(np.hypot(*(fix - truth)))
     circle = np.column_stack([np.cos(_TURN), np.sin(_TURN)])
-    drawn = zip(message.assumed[:, :2], message.used_range, strict=True)
-    lines = [_path(centre + radius * circle, REAL_COLOUR) for centre, radius in drawn]
+    circles = zip(message.assumed[:, :2], message.used_range, strict=True)
+    lines = [_path(centre + radius * circle, REAL_COLOUR) for centre, radius in circles]
     lines += [_path(reach * circle, INK, ":"), _path(message.assumed[:, :2], INK)]
     # labels away from each other, across the ray
     sides = (
@@ -276,7 +276,7 @@ def over_offset(missions: Missions) -> list[Panel]:
     """Mean position error of the median mission over the depth offset, by leader and with an
     AHRS, for each cause.
     """
-    drawn: dict[str, list[Line]] = {}
+    lines_of: dict[str, list[Line]] = {}
     for cause, title in CAUSES.items():
         of_cause = select(missions, cause=cause)
         offsets = sorted({m.real["depth_offset_m"] for m in of_cause})
@@ -288,12 +288,12 @@ def over_offset(missions: Missions) -> list[Panel]:
                 for o in offsets
             ]
             line = Line(x=np.array(offsets), y=np.array(error), colour=colour, width=1.4, dash=dash)
-            drawn.setdefault(title, []).extend((line, replace(line, marker="o", name=name)))
-    top = 1.05 * max(float(line.y.max()) for lines in drawn.values() for line in lines)
+            lines_of.setdefault(title, []).extend((line, replace(line, marker="o", name=name)))
+    top = 1.05 * max(float(line.y.max()) for lines in lines_of.values() for line in lines)
     x_label, y_label = "depth of the follower below the leader [m]", "mean position error [m]"
     return [
         panel(lines, x_label=x_label, y_label=y_label, title=title, y_limits=(0.0, top))
-        for title, lines in drawn.items()
+        for title, lines in lines_of.items()
     ]
 
 
@@ -415,9 +415,9 @@ def of_message(example: Example) -> dict[str, Any]:
     difference = asymmetry_over_time(
         budget.time[first], shares, "Difference of the bow's and stern's range errors"
     )
-    drawn = message_hull(message), message_top(message)
+    pictures = message_hull(message), message_top(message)
     return {
-        "geometry": Figures(panels=drawn, legend=LEGEND[:2]),
+        "geometry": Figures(panels=pictures, legend=LEGEND[:2]),
         "example": example,
         "pitch_deg": np.rad2deg(message.pitch),
         "fix_error_m": np.hypot(*(message.fix - message.hydrophone[:2])),
@@ -430,12 +430,12 @@ def of_message(example: Example) -> dict[str, Any]:
 
 def of_map(chart: fix_map.Chart) -> dict[str, Any]:
     """Values of the page on the map: where around the leader its pitch matters."""
-    drawn = [around_leader(chart, offset) for offset in (0.0, 5.0)]
+    maps = [around_leader(chart, offset) for offset in (0.0, 5.0)]
     closed_form = chart["error_closed_form_m"]
     two = chart["error_laisn-2_m"]
     is_known = closed_form > 0.0
     return {
-        "maps": Figures(panels=drawn),
+        "maps": Figures(panels=maps),
         "abeam": two[chosen(chart, pitch_deg=5.0, depth_offset_m=10.0, bearing_deg=90.0)],
         "points": two.size,
         "closed_form_m": np.abs(two - closed_form)[is_known].max(),
@@ -513,7 +513,7 @@ def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, 
         "equivalents": columns_of([asdict(curve) for curve in curves]),
         "map": {name: column.astype(np.float32) for name, column in chart.items()},
     }
-    named = (
+    findings_of_page = (
         of_message(fly_example(plan)) | of_map(chart) | of_missions(paired(rows), curves, titles)
     )
-    return named | {"tables": tables}
+    return findings_of_page | {"tables": tables}

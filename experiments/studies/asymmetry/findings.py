@@ -239,8 +239,8 @@ def rows_of(outcomes: StudyResults) -> list[Record]:
     return rows
 
 
-def undecided(mission: ComparedMission, looks: Sequence[int], flown: int) -> list[str]:
-    """Arms to fly on to settle what is open on a mission in all its arms; `flown` runs were
+def undecided(mission: ComparedMission, looks: Sequence[int], runs: int) -> list[str]:
+    """Arms to fly on to settle what is open on a mission in all its arms; `runs` runs were
     flown of them so far.
     """
     names: set[str] = set()
@@ -248,7 +248,7 @@ def undecided(mission: ComparedMission, looks: Sequence[int], flown: int) -> lis
         if {arm, base} <= mission.arms.keys():
             questions = QUESTIONS if base is LEVEL else QUESTIONS[:1]
             judged = [mission.judge(question, arm, looks, base) for question in questions]
-            if any(judgement.promising and judgement.runs == flown for judgement in judged):
+            if any(judgement.promising and judgement.runs == runs for judgement in judged):
                 names |= {LEVEL, REAL, arm, base}
     return [key for key in mission.arms if key in names]
 
@@ -261,9 +261,9 @@ def further_runs(
     """
     numbers: dict[tuple[int, str, int], int] = {}
     for mission in paired(rows_of(outcomes["missions"])):
-        flown = max(len(row[OF_RUNS["error"]]) for row in mission.arms.values())
+        runs = max(len(row[OF_RUNS["error"]]) for row in mission.arms.values())
         for look, further in pairwise(looks):
-            for arm in undecided(mission, looks, look) if look == flown else ():
+            for arm in undecided(mission, looks, look) if look == runs else ():
                 row = mission.arms[arm]
                 numbers[row["point"], f"{arm} {row['variant']}", row["realization"]] = further
     return {"missions": numbers} if numbers else {}
@@ -367,10 +367,10 @@ class Curve:
         Between the flown values the excess counts as linear; where noise makes a curve dip, its
         largest value so far.
         """
-        grown = np.maximum.accumulate(self.excess)
+        running_maximum = np.maximum.accumulate(self.excess)
         return (
-            float(np.interp(excess, grown, np.abs(self.value)))
-            if 0.0 <= excess <= grown[-1]
+            float(np.interp(excess, running_maximum, np.abs(self.value)))
+            if 0.0 <= excess <= running_maximum[-1]
             else math.nan
         )
 
@@ -450,11 +450,13 @@ def _errors(missions: Missions) -> dict[str, Finding]:
     for condition, variant in product(
         dict.fromkeys(m.real["condition"] for m in missions), VARIANTS
     ):
-        chosen = select(missions, condition=condition, depth_offset_m=offset, variant=variant)
-        for arm in (LEVEL, REAL) if chosen else ():
+        missions_of_route = select(
+            missions, condition=condition, depth_offset_m=offset, variant=variant
+        )
+        for arm in (LEVEL, REAL) if missions_of_route else ():
             name = f"error {condition} {offset:g} {variant} {arm}"
             findings[name] = of(
-                mean_error(chosen, arm), "mean E_P over the routes, 95 % over runs", "m"
+                mean_error(missions_of_route, arm), "mean E_P over the routes, 95 % over runs", "m"
             )
     return findings
 
@@ -468,8 +470,8 @@ def _on_routes(missions: Missions, cause: str) -> dict[str, Finding]:
     confidence = 1.0 - (1.0 - CONFIDENCE) / (len(routes) * len(CAUSES))
     by_route = [select(missions, variant="laisn-2", cause=cause, route=route) for route in routes]
     for arm in BROADCASTS:
-        flown = [chosen for chosen in by_route if chosen and arm in chosen[0].arms]
-        shares = [removed_in_all(chosen, arm, confidence=confidence) for chosen in flown]
+        judged = [chosen for chosen in by_route if chosen and arm in chosen[0].arms]
+        shares = [removed_in_all(chosen, arm, confidence=confidence) for chosen in judged]
         for name, extreme in (("least", min), ("largest", max)) if shares else ():
             meaning = (
                 f"{name} share removed of what pitch adds on a route, limits that hold for all "
@@ -479,19 +481,21 @@ def _on_routes(missions: Missions, cause: str) -> dict[str, Finding]:
     return findings
 
 
-def _verdicts(chosen: Missions, arm: str, name: str, looks: Sequence[int]) -> dict[str, Finding]:
+def _verdicts(missions: Missions, arm: str, name: str, looks: Sequence[int]) -> dict[str, Finding]:
     """Number of missions on which a remedy comes to each verdict, and of those that stay open
     for long.
     """
     findings = {}
     for question in QUESTIONS:
-        verdicts = [m.arms[arm][f"{question}_verdict"] for m in chosen]
+        verdicts = [m.arms[arm][f"{question}_verdict"] for m in missions]
         judged = f"missions, of {len(verdicts)} judged,"
         for verdict in (RemedyVerdict.MET, RemedyVerdict.OPEN, RemedyVerdict.MISSED):
             meaning = f"{judged} with this verdict on {question}s"
             findings[f"{question} {verdict} {name}"] = plain(verdicts.count(verdict), meaning)
         undecided = [
-            m for m, verdict in zip(chosen, verdicts, strict=True) if verdict == RemedyVerdict.OPEN
+            m
+            for m, verdict in zip(missions, verdicts, strict=True)
+            if verdict == RemedyVerdict.OPEN
         ]
         unsettled = sum(m.judge(question, arm, looks).needed > SETTLING_RUNS for m in undecided)
         meaning = (
@@ -509,8 +513,8 @@ def _remedies(
     """What each arm does on the missions of a variant, of one cause or of all."""
     group = f"{variant} {cause or 'all'}"
     all_routes = select(missions, variant=variant, cause=cause)
-    chosen = select(all_routes, judged=True)
-    findings = {f"judged {group}": plain(len(chosen), "missions on which remedies are judged")}
+    judged = select(all_routes, judged=True)
+    findings = {f"judged {group}": plain(len(judged), "missions on which remedies are judged")}
     for arm in (a for a in ARMS if all_routes and a in all_routes[0].arms):
         rows = [m.arms[arm] for m in all_routes]
         name = f"{arm} {group}"
@@ -520,14 +524,14 @@ def _remedies(
         findings[f"mirror-locked {name}"] = of(
             locked, "probability of a mirror lock, missions of any kind"
         )
-        if arm in REMEDIES and chosen:
+        if arm in REMEDIES and judged:
             meaning = "share removed of what pitch adds to errors, judged missions, 95 %"
-            findings[f"removed {name}"] = of(removed_in_all(chosen, arm), meaning)
+            findings[f"removed {name}"] = of(removed_in_all(judged, arm), meaning)
             meaning = "share removed of the mirror locks that pitch adds, 95 %"
             findings[f"mirror-locks-removed {name}"] = of(
                 removed_in_all(all_routes, arm, "mirror_lock"), meaning
             )
-            findings |= _verdicts(chosen, arm, name, looks)
+            findings |= _verdicts(judged, arm, name, looks)
     return findings
 
 

@@ -16,7 +16,7 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     currents.
     """
     arms = outcomes["study"].cells.by("arm")
-    named: dict[str, Finding] = {"lost-from": plain(FAR_OFF_M, "", "m")}
+    findings: dict[str, Finding] = {"lost-from": plain(FAR_OFF_M, "", "m")}
     for name in dict.fromkeys(arm.rpartition(" ")[0] for arm in arms):
         by_truth, by_estimate, swept = (
             arms[f"{name} {by}"] for by in ("truth", "estimate", "current")
@@ -27,12 +27,12 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
             by_truth.runs("e_p_mean_m"),
             *(c.runs("track_error_rms_m") for c in (by_estimate, swept)),
         )
-        named |= {
+        findings |= {
             "runs": plain(len(is_far_off), "runs of each route"),
             "missions": plain(is_far_off.size, "missions of each navigator"),
         }
         for i, route in enumerate(ROUTES):
-            named |= {
+            findings |= {
                 f"error {name} {route}": median(
                     error[:, i], "mean E_P, steering by the truth; median of runs", "m"
                 ),
@@ -46,13 +46,13 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
             (name, is_far_off, ""),
             (f"current {name}", adrift, " in currents"),
         ):
-            named[f"lost {key}"] = share(lost, f"share of missions lost{words}, 95 %")
-            named[f"lost-runs {key}"] = plain(int(lost.sum()), f"missions lost{words}")
-        named[f"off current {name}"] = median(
+            findings[f"lost {key}"] = share(lost, f"share of missions lost{words}, 95 %")
+            findings[f"lost-runs {key}"] = plain(int(lost.sum()), f"missions lost{words}")
+        findings[f"off current {name}"] = median(
             typical, "RMS off its place, in currents; median of missions", "m"
         )
         worst = float(np.median(typical, axis=0).max())
-        named[f"worst current {name}"] = plain(
+        findings[f"worst current {name}"] = plain(
             worst, "the same; median of runs on the worst route", "m"
         )
-    return named
+    return findings

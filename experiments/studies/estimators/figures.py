@@ -27,7 +27,7 @@ def picture(findings: Findings, cases: Collection[str]) -> Panel:
         shares = [findings[f"{name} {case} 5"] for case in cases]
         places = np.arange(float(len(cases))) + shift
         lines.append(marks(shares, places, colour=colour, marker="o", name=title))
-    drawn = np.concatenate(
+    values = np.concatenate(
         [[*line.y, *line.interval[0], *line.interval[1]] for line in lines if line.interval]
     )
     return panel(
@@ -36,7 +36,7 @@ def picture(findings: Findings, cases: Collection[str]) -> Panel:
         y_label="mean E_P over the routes [m]",
         height=3.0,
         y_log=True,
-        y_limits=(float(np.nanmin(drawn)) / 1.5, float(np.nanmax(drawn)) * 1.5),
+        y_limits=(float(np.nanmin(values)) / 1.5, float(np.nanmax(values)) * 1.5),
         x_ticks={float(i): case for i, case in enumerate(cases)},
         x_limits=(-0.5, len(cases) - 0.5),
     )

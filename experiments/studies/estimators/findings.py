@@ -242,14 +242,14 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     study = outcomes["cases"].plan.study
     seed = study.file.seed
     runs = study.runs
-    named = {
+    findings = {
         "seed": plain(seed, "of all noise"),
         "runs": plain(runs, "runs of each mission of G1 to G7"),
     }
     for key, missions in parts["cases"].by("case", INTERVAL).items():
-        named |= of_missions(key, missions)
+        findings |= of_missions(key, missions)
         if missions.where(arm="ekf").rows:
-            named |= of_plain_filter(key, missions)
+            findings |= of_plain_filter(key, missions)
     # the bound is that of the sensors, which stay as they are
     smallest = {
         row["scenario"]: row["bound"]
@@ -266,13 +266,13 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
         ("sigma", "case"),
     ):
         for key, missions in parts[study_part].by(name).items():
-            named |= of_missions(f"{study_part} {key}", missions)
-    named |= of_clocks(parts["clock"])
+            findings |= of_missions(f"{study_part} {key}", missions)
+    findings |= of_clocks(parts["clock"])
     for key, mission in parts["weave"].by("case", "scenario").items():
         (rms,) = _rms(mission.where(arm="tight")).tolist()
         row, *_ = mission.rows
-        named[f"rms {key}"] = plain(rms, "RMS E_P with two transmitters", "m")
-        named[f"rms-bound {key}"] = plain(row["bound"], "its bound", "m")
+        findings[f"rms {key}"] = plain(rms, "RMS E_P with two transmitters", "m")
+        findings[f"rms-bound {key}"] = plain(row["bound"], "its bound", "m")
     for key, mission in parts["locks"].by("case", "scenario").items():
-        named |= of_mirror_locks(key, mission)
-    return named
+        findings |= of_mirror_locks(key, mission)
+    return findings

@@ -160,7 +160,7 @@ def least_error(amplitude_deg: float, period_s: float, behind_m: float) -> float
 
 def weave_findings() -> dict[str, Finding]:
     """Least errors by weave and station, and what each weave costs of way."""
-    named = {}
+    findings = {}
     for amplitude, period in WEAVES:
         name = f"weave {amplitude:g} {period:g}"
         for behind in BEHIND:
@@ -168,13 +168,13 @@ def weave_findings() -> dict[str, Finding]:
                 f"least RMS error {behind} m behind, leader's heading swings by {amplitude:g}° "
                 f"each {period:g} s"
             )
-            named[f"{name} {behind}"] = plain(
+            findings[f"{name} {behind}"] = plain(
                 least_error(amplitude, period, float(behind)), meaning, "m"
             )
-        named[f"{name} way"] = plain(
+        findings[f"{name} way"] = plain(
             longer(amplitude), "way that this weave costs, as a share of the way made good"
         )
-    return named
+    return findings
 
 
 def of_condition(name: str, followers: Cells) -> dict[str, Finding]:
@@ -224,9 +224,9 @@ def of_condition(name: str, followers: Cells) -> dict[str, Finding]:
 def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     """Findings of all conditions, and of the bound behind a weaving leader."""
     cells = outcomes["study"].cells
-    named = {
+    findings = {
         "runs": plain(max(len(lists["run"]) for lists in cells.lists), "runs of most conditions")
     }
     for name, followers in cells.by("arm").items():
-        named |= of_condition(name, followers)
-    return named | weave_findings()
+        findings |= of_condition(name, followers)
+    return findings | weave_findings()

@@ -44,10 +44,10 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     for name, of_place in cells.by("arm", "case").items():
         findings |= dict(_of_place(name, of_place))
     for arm in ARMS:
-        crossed, still = (cells.where(arm=arm, case=case) for case in ("front", "still"))
-        if crossed.rows and still.rows:
-            added = np.median(crossed.runs("station_rms_m"), axis=1)
-            added = added - np.median(still.runs("station_rms_m"), axis=1)
+        in_front, in_still_water = (cells.where(arm=arm, case=case) for case in ("front", "still"))
+        if in_front.rows and in_still_water.rows:
+            added = np.median(in_front.runs("station_rms_m"), axis=1)
+            added = added - np.median(in_still_water.runs("station_rms_m"), axis=1)
             meaning = "what the front adds to the distance from the station, paired by run, 95 %"
             findings[f"added {arm}"] = of(mean_interval(added), meaning, "m")
     return findings

@@ -53,13 +53,13 @@ def agreement(table: Sequence[Record]) -> tuple[Panel, Legend]:
     """Our mean E_P over the paper's, of all rows of tables.parquet: agreement on the diagonal, a
     band of factor two.
     """
-    usual, *others = _GROUPS
+    first_group, *others = _GROUPS
     names = dict(zip((4, 5, 0), others, strict=True))
     span = np.array([0.15, 40.0])
     pairs: dict[str, list[tuple[float, float]]] = {name: [] for name in _GROUPS}
     for row in table:
         if row["published_e_p_mean_m"] is not None:
-            name = names.get(0 if row["setting"] in SLOW else row["stage"], usual)
+            name = names.get(0 if row["setting"] in SLOW else row["stage"], first_group)
             pairs[name].append((row["published_e_p_mean_m"], row["ours_e_p_mean_m"]))
     bounds = ((1.0, 1.2, "-"), (2.0, 0.8, "--"), (0.5, 0.8, "--"))
     lines = [
@@ -101,12 +101,12 @@ def error_panel(steps: Arrays, title: str) -> Panel:
         return Subplot(lines=lines, y_label=label, y_limits=(0.0, limit))
 
     # half a turn of E_B would flatten everything else
-    turned = min(
+    smallest_turn = min(
         1.05 * float(columns["e_b_max_deg"].max()), 6.0 * float(columns["e_b_mean_deg"].max()) + 1.0
     )
     parts = [
         errors("e_p_{}_m", "E_P [m]", None),
-        errors("e_b_{}_deg", "E_B [°]", turned),
+        errors("e_b_{}_deg", "E_B [°]", smallest_turn),
         bearing_part(time, np.deg2rad(columns["bearing_deg"])),
     ]
     return Panel(parts=parts, x_label="time [s]", title=title, height=3.6)

@@ -224,10 +224,10 @@ class MetricValues:
         mean = np.full((1, self.count), 1.0 / self.count)
         if self.exact:
             return mean
-        drawn = np.random.default_rng([self.count, RESAMPLES]).multinomial(
+        resampled_counts = np.random.default_rng([self.count, RESAMPLES]).multinomial(
             self.count, mean[0], size=RESAMPLES
         )
-        return np.concatenate([mean, drawn / self.count])
+        return np.concatenate([mean, resampled_counts / self.count])
 
     def known(self, cell: str, metric: str) -> Floats:
         """Means over replications, and over such as are drawn again, alike in all cells, shape
@@ -254,7 +254,7 @@ class MetricValues:
         too small (Davison & Hinkley 1997, section 2.2).
         """
         value = float(values[0])
-        drawn = values[1:]
+        resampled = values[1:]
         count = self.count
         if self.exact or count == 1:
             return Interval(value, value, value)
@@ -263,9 +263,9 @@ class MetricValues:
         quantile = float(stdtrit(count - 1, (1.0 + VERDICT_CONFIDENCE) / 2.0))
         width_factor = quantile * math.sqrt(count / (count - 1))
         if kind == "share":
-            half_width = width_factor * float(drawn.std())
+            half_width = width_factor * float(resampled.std())
             return Interval(value, value - half_width, value + half_width)
-        factor = math.exp(width_factor * float(np.log(drawn).std()))
+        factor = math.exp(width_factor * float(np.log(resampled).std()))
         return Interval(value, value / factor, value * factor)
 
     def judge(

@@ -96,11 +96,11 @@ def step_times_us(duration_s: float = 120.0, repeats: int = 3) -> dict[str, floa
     mission = ["motion=kinematic", f"duration_s={duration_s}"]
     for arm in _CLOSED["arm"]:
         name = arm["name"]
-        chosen = {key: value for key, value in arm.items() if key.startswith("navigation.")}
-        navigator = find(chosen["navigation.variant"])
+        navigation = {key: value for key, value in arm.items() if key.startswith("navigation.")}
+        navigator = find(navigation["navigation.variant"])
         if navigator.missing:
             continue
-        overrides = [f"{key}={json.dumps(value)}" for key, value in chosen.items()]
+        overrides = [f"{key}={json.dumps(value)}" for key, value in navigation.items()]
         scenario = load_scenario("T5", mission + overrides)
         motion = simulate_motion(scenario)
         sensing = SensingSettings.of(scenario)
@@ -109,13 +109,13 @@ def step_times_us(duration_s: float = 120.0, repeats: int = 3) -> dict[str, floa
         measured = measure(
             observe(motion, sensing), navigated_errors_of(sensing, 0), seed=scenario.seed, run=0
         )
-        taken = []
+        arms_left = []
         # the first one compiles
         for _ in range(repeats + 1):
             begin = process_time()
             navigator.fly(settings, measured, start)
-            taken.append(process_time() - begin)
-        times[name] = 1e6 * min(taken[1:]) / measured.speed.size
+            arms_left.append(process_time() - begin)
+        times[name] = 1e6 * min(arms_left[1:]) / measured.speed.size
     return times
 
 

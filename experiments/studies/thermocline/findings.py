@@ -194,9 +194,9 @@ def leg_findings(cells: Cells) -> Iterator[tuple[str, Finding]]:
     """Mean errors of navigators on a leg, and what bending adds to them, paired by run; a baseline
     is named if it is not the last one.
     """
-    usual = f" {BASELINES_M[-1]:g}"
+    longest_baseline = f" {BASELINES_M[-1]:g}"
     for condition, by_sound in _receivers(cells, "scenario", "case", "leader.baseline_m"):
-        key = condition.removesuffix(usual)
+        key = condition.removesuffix(longest_baseline)
         errors = {sound: of_arm.runs("e_p_mean_m")[:, 0] for sound, of_arm in by_sound.items()}
         for sound, error in errors.items():
             name, words = _KNOWLEDGE[sound]

@@ -228,7 +228,7 @@ def test_hulls_that_are_compiled_once_start_where_their_setups_have_them() -> No
     ]
     moved = Plant(elsewhere, Ocean())
     for plant, placed in ((moved, elsewhere), (here, setups())):
-        expected = compose(placed, looks=False).compile()
+        expected = compose(placed, with_geoms=False).compile()
         for name in ("qpos0", "qpos_spring", "body_pos", "body_quat"):
             np.testing.assert_array_equal(getattr(plant.model, name), getattr(expected, name))
         assert plant.pose.tobytes() == expected.qpos0.tobytes()
