@@ -70,8 +70,8 @@ class Trial:
 
 
 def _course_error(trial: Trial) -> float:
-    """Median difference between the leader's heading and its course over ground [rad]; NaN if it
-    hardly moves.
+    """Upper quartile of differences between the leader's heading and its course over ground [rad];
+    NaN if it hardly moves.
     """
     leader = np.column_stack(
         [trial.columns[f"leader_{name}"] for name in ("east", "north", "heading")]
@@ -87,7 +87,8 @@ def _course_error(trial: Trial) -> float:
         heading = math.atan2(np.sin(headings).mean(), np.cos(headings).mean())
         errors.append(abs(math.remainder(math.atan2(east, north) - heading, 2.0 * math.pi)))
         last = k
-    return float(np.median(errors)) if len(errors) >= _MIN_NUMBER else math.nan
+    # on one of two courses, radians and degrees may look alike
+    return float(np.quantile(errors, 0.75)) if len(errors) >= _MIN_NUMBER else math.nan
 
 
 def _way_ratio(trial: Trial) -> float:
@@ -205,8 +206,9 @@ class Evidence:
         return self.error(trial) <= self.margin
 
     def prefers(self, trial: Trial, other: Trial) -> bool:
-        """Whether the other trial fits far worse."""
-        return self.error(other) > _TIMES_WORSE * self.error(trial) + self.margin
+        """Whether the other trial fits far worse, or nothing tells of it."""
+        error = self.error(other)
+        return math.isnan(error) or error > _TIMES_WORSE * self.error(trial) + self.margin
 
 
 WAY_AT_SPEED = Evidence(
@@ -315,6 +317,10 @@ def _preferred(columns: Columns, quantity: Quantity, bare: list[Column]) -> str 
         return _usual_time_unit(bare[0].values)
     if len(stated) > 1:
         return None
+    if quantity is TIME and stated:
+        date_unit = _date_unit(float(bare[0].values.max()))
+        (column,) = stated.values()
+        return column.unit if date_unit in (None, column.unit) else None
     if stated:
         (column,) = stated.values()
         # a depth in metres is common beside ranges in centimetres
@@ -466,7 +472,7 @@ def _require_fit(columns: Columns, reading: Reading) -> None:
     usual = _usual_units(columns.time.values, list(TIME.units))
     taken = _trial(columns, reading)
     unusual = not columns.time.unit and taken_time not in usual
-    if _fits_all(taken) and not unusual:
+    if _fits_all(taken) and math.isfinite(WAY_AT_SPEED.error(taken)) and not unusual:
         return
     doubts = list[_Doubt]()
     for other in _alternatives(columns, reading):

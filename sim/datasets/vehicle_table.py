@@ -100,14 +100,18 @@ def read_vehicle_table(path: Path, field_map: FieldMap | None = None) -> Vehicle
     unit = columns.time.unit or reading[TIME.name]
     time_ns = _time_ns(columns, unit)
     table, units = _si(columns, reading, (time_ns - time_ns[0]) / 1e9)
-    ranges = [values for field, values in table.items() if field.startswith("range_")]
+    ranges = {field: values for field, values in table.items() if field.startswith("range_")}
+    received = np.any(np.isfinite(list(ranges.values())), axis=0)
+    if not received.any():
+        headers = ", ".join(columns.fields[field].header.strip() for field in ranges)
+        raise LaisnError(f"{path}: no row has a range, all cells of {headers} are empty")
     recording = RecordedRows(
         source=str(path),
         name=columns.time.header.strip(),
         time=time_ns,
         columns=table,
         moving=np.all([np.isfinite(table[field]) for field in OWN_MOTION.fields], axis=0),
-        received=np.any(np.isfinite(ranges), axis=0),
+        received=received,
         remarks=[],
     )
     correct_steps_back(recording)

@@ -4,7 +4,7 @@ import os
 import shutil
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import chdir, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 from laisn.plugins import VARIABLE
 from laisn_sim.cli.main import app
 
+TOO_LONG = -1
 DONE = 0
 REFUSED = 2
 FAILED = 3
@@ -37,6 +38,8 @@ class FuzzCase:
     wrong: bool = False  # whether it has to be refused
     named: tuple[str, ...] = ()  # of these words a refusal has one; none: any
     may_interrupt: bool = False  # whether the input presses Ctrl-C
+    judge: Callable[[Path], list[str]] | None = None
+    """Says what is wrong with the files that the command wrote into a folder."""
 
 
 class Kind(Protocol):
@@ -74,6 +77,7 @@ class CommandResult:
     output: str
     files: frozenset[str]  # that are in the folder afterwards, beside the input
     seconds: float  # of processor time
+    untrue: tuple[str, ...] = ()  # what its files hold that is wrong
 
 
 def answer_to(case: FuzzCase, folder: Path) -> CommandResult:
@@ -90,10 +94,12 @@ def answer_to(case: FuzzCase, folder: Path) -> CommandResult:
                 result = CliRunner().invoke(app, case.words)
             code, output = result.exit_code, result.output
         except _TooLongError:
-            code, output = -1, f"not done after {LONGEST_S:g} s"
+            code, output = TOO_LONG, f"not done after {LONGEST_S:g} s"
     paths = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
     written = {path for path in paths if "__pycache__" not in path} - set(case.files)
-    return CommandResult(code, output, frozenset(written), time.process_time() - begin)
+    seconds = time.process_time() - begin
+    untrue = tuple(case.judge(folder)) if case.judge and code == DONE else ()
+    return CommandResult(code, output, frozenset(written), seconds, untrue)
 
 
 def faults_of(case: FuzzCase, answer: CommandResult) -> list[str]:
@@ -101,7 +107,7 @@ def faults_of(case: FuzzCase, answer: CommandResult) -> list[str]:
     faults = _faults_of_any(case, answer)
     if answer.code == DONE:
         missing = [name for name in case.written if name not in answer.files]
-        return faults + [f"did not write {name}" for name in missing]
+        return faults + [f"did not write {name}" for name in missing] + list(answer.untrue)
     return faults + _faults_of_refusal(case, answer)
 
 

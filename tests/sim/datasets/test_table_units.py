@@ -171,6 +171,15 @@ def test_a_clock_since_the_start_of_a_computer_is_no_date(tmp_path: Path) -> Non
     assert np.ptp(read_vehicle_table(path).time_ns) == pytest.approx(59.9e9)
 
 
+def test_a_date_in_another_unit_than_the_leaders_clock_is_refused(tmp_path: Path) -> None:
+    headers = {"time": "time", "leader_timestamp": "leader_timestamp [ns]"}
+    scales = {"time": 1e6, "leader_timestamp": 1e9}
+    # one reception tells nothing of intervals
+    path = table(tmp_path, headers, scales, offset_s=1.7e9, rows=15)
+    with pytest.raises(LaisnError, match=r"time without a unit may be in .*us.*'time \[.*us\]'"):
+        read_vehicle_table(path)
+
+
 def test_a_time_that_fits_in_no_unit_is_refused(tmp_path: Path) -> None:
     """The leader's way says seconds, its clock milliseconds."""
     headers = {"time": "time", "leader_timestamp": "leader_timestamp [ms]"}
@@ -184,6 +193,11 @@ LENGTHS = ("depth", "leader_east", "leader_north", "leader_depth", "range_rear")
 OTHERS = {
     "both speeds in km/h": (BARE_SPEEDS, dict.fromkeys(BARE_SPEEDS, 3.6), r"'speed \[km/h\]'"),
     "own speed in cm/s": (BARE_SPEEDS, {"speed": 100.0}, r"'speed \[cm/s\]' or 'speed \[m/s\]'"),
+    "leader in m/s beside a vehicle in mm/s": (
+        {"speed": "speed [mm/s]", "leader_speed": "leader_speed"},
+        {"speed": 1000.0},
+        r"'leader_speed \[m/s\]'",
+    ),
     "lengths in feet": ({}, dict.fromkeys(LENGTHS, 1.0 / 0.3048), r"'depth \[ft\]'"),
     "lengths in millimetres beside bare milliseconds": (
         CLOCKS,

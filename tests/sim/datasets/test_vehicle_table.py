@@ -126,6 +126,23 @@ def test_errors_of_a_table_are_reported(tmp_path: Path, old: str, new: str, word
         read_vehicle_table(path)
 
 
+def test_a_table_without_a_range_is_refused(tmp_path: Path) -> None:
+    path = table(tmp_path)
+    head, *rows = path.read_text(encoding="utf-8-sig").splitlines()
+    at = [name.startswith("range_") for name in head.split(",")]
+    emptied = [
+        ",".join(
+            "" if is_range else cell for cell, is_range in zip(row.split(","), at, strict=True)
+        )
+        for row in rows
+    ]
+    path.write_text("\n".join([head, *emptied]), encoding="utf-8")
+    with pytest.raises(
+        LaisnError, match=r"no row has a range, all cells of range_rear.* are empty"
+    ):
+        read_vehicle_table(path)
+
+
 def test_the_command_imports_a_table_and_prints_what_it_took(tmp_path: Path) -> None:
     words = ["log", "import", str(table(tmp_path)), "--out", str(tmp_path / "a.mcap")]
     result = CliRunner().invoke(app, words)
