@@ -8,7 +8,7 @@ model and no other: one that assumes slowly varying speed can be below. `TrueNoi
 gives the bound of such an estimator: the speed is a random walk, and the log a measurement of it.
 """
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -102,7 +102,8 @@ _STATES = 13
 """State x of s = 13 numbers as of `TightEstimates.names`, position first; what is known has the
 variance 0.
 """
-_MAX_INTERVALS = 256  # between messages that are computed at once
+_MAX_INTERVALS = 256  # between messages of a follower that are computed at once
+_MAX_FOLLOWERS = 32  # that are computed at once, so that little memory is taken
 _ANY_SPEED = 10.0  # standard deviation of the speed before the first reading of the log [m/s]
 
 
@@ -142,25 +143,45 @@ def _range_information(
     return np.asarray(rows.swapaxes(1, 2) @ np.linalg.solve(covariance, rows))
 
 
-def _expected_information(
+def _expected_informations(
     from_leader: Floats, spread: Floats, arms: Floats, noise: TrueNoise
 ) -> Floats:
-    """Mean of the information of one message over positions N(away, spread), by Gauss–Hermite
-    quadrature, shape (s, s).
+    """Mean of the information of a message of each of f followers over positions
+    N(from_leader, spread), by Gauss–Hermite quadrature, shape (f, s, s).
+
+    Shapes are (f, 2), (f, 2, 2) and, of the transmitters, (f, t, 3).
     """
     values, vectors = np.linalg.eigh(spread)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    received = np.flatnonzero(np.isfinite(arms[:, 2]))
-    places = from_leader + _NODES @ root.T
-    informations = _range_information(places, arms[None, received], received, noise)
-    return np.asarray(np.einsum("q,qij->ij", _WEIGHTS, informations))
+    root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
+    places = from_leader[:, None] + _NODES @ root.swapaxes(1, 2)
+    informations = np.zeros((len(from_leader), _STATES, _STATES))
+    for followers, received in _by_reception(arms):
+        at_nodes = np.repeat(arms[np.ix_(followers, received)], len(_NODES), axis=0)
+        of_nodes = _range_information(
+            places[followers].reshape(-1, 2), at_nodes, received, noise
+        ).reshape(followers.size, len(_NODES), _STATES, _STATES)
+        informations[followers] = np.einsum("q,fqij->fij", _WEIGHTS, of_nodes)
+    return informations
+
+
+def _by_reception(arms: Floats) -> list[tuple[Ints, Ints]]:
+    """Indices of messages of which the same transmitters are received, and these transmitters;
+    arms have shape (b, t, 3).
+    """
+    present = np.isfinite(arms[..., 2])
+    if present.all():
+        return [(np.arange(len(arms)), np.arange(arms.shape[1]))]
+    return [
+        (np.flatnonzero((present == pattern).all(axis=1)), np.flatnonzero(pattern))
+        for pattern in np.unique(present, axis=0)
+    ]
 
 
 def _leader_way_information(
-    geometry: BoundGeometry, noise: TrueNoise, i: slice, steps: int
+    geometry: BoundGeometry, noise: TrueNoise, i: slice, steps: Ints
 ) -> Floats:
-    """Information of the leader's way over the `steps` before each message of a slice, shape
-    (b, s, s).
+    """Information of the leader's way over the `steps` before each message of a slice, shape (b,),
+    shape (b, s, s).
     """
     if noise.leader_way_sigma == 0.0 or geometry.leader_velocity is None:
         return np.zeros((geometry.from_leader[i].shape[0], _STATES, _STATES))
@@ -169,10 +190,8 @@ def _leader_way_information(
     jacobian[:, 0, _LEADER] = -velocity[:, 1]
     jacobian[:, 1, _LEADER] = velocity[:, 0]
     jacobian[:, :, _EAST : _NORTH + 1] = np.eye(2)
-    time = geometry.dt * steps
-    return np.asarray(
-        jacobian.swapaxes(1, 2) @ jacobian * (time / (10.0 * noise.leader_way_sigma**2))
-    )
+    weights = geometry.dt * steps / (10.0 * noise.leader_way_sigma**2)
+    return np.asarray(jacobian.swapaxes(1, 2) @ jacobian * weights[:, None, None])
 
 
 def _informations_at_truth(geometry: BoundGeometry, noise: TrueNoise, i: slice) -> Floats:
@@ -182,10 +201,7 @@ def _informations_at_truth(geometry: BoundGeometry, noise: TrueNoise, i: slice) 
     from_leader = geometry.from_leader[i]
     arms = geometry.arms[i]
     informations = np.zeros((len(from_leader), _STATES, _STATES))
-    present = np.isfinite(arms[..., 2])
-    for pattern in np.unique(present, axis=0):
-        messages = np.flatnonzero((present == pattern).all(axis=1))
-        received = np.flatnonzero(pattern)
+    for messages, received in _by_reception(arms):
         informations[messages] = _range_information(
             from_leader[messages], arms[np.ix_(messages, received)], received, noise
         )
@@ -274,17 +290,21 @@ def _message_information(
     """
     message = slice(i, i + 1)
     if mean:
-        from_leader = geometry.from_leader[i]
-        gained = _expected_information(from_leader, covariance[:2, :2], geometry.arms[i], noise)
+        from_leader = geometry.from_leader[message]
+        spread = covariance[None, :2, :2]
+        gained = _expected_informations(from_leader, spread, geometry.arms[message], noise)[0]
     else:
         gained = _informations_at_truth(geometry, noise, message)[0]
-    return np.asarray(gained + _leader_way_information(geometry, noise, message, steps)[0])
+    way = _leader_way_information(geometry, noise, message, np.array([steps]))
+    return np.asarray(gained + way[0])
 
 
 def _informed(covariance: Floats, gained: Floats) -> Floats:
-    """(P⁻¹ + I)⁻¹ without the inverse of P, which a known start makes singular."""
-    informed = np.linalg.solve(np.eye(len(covariance)) + covariance @ gained, covariance)
-    return np.asarray(0.5 * (informed + informed.T), dtype=np.float64)
+    """(P⁻¹ + I)⁻¹ of matrices of shape (…, u, u), without the inverse of P, which a known start
+    makes singular.
+    """
+    informed = np.linalg.solve(np.eye(covariance.shape[-1]) + covariance @ gained, covariance)
+    return np.asarray(0.5 * (informed + informed.swapaxes(-1, -2)), dtype=np.float64)
 
 
 def _steady_speed_bound(geometry: BoundGeometry, noise: TrueNoise, averaged: bool | None) -> Floats:
@@ -341,109 +361,241 @@ def position_bound(
     `lag` is how much later than a position the messages may be that it rests on [s]: of smoothing,
     where not 0.
     """
-    if noise.speed_change > 0.0:
-        if lag > 0.0:
-            raise ValueError("lag is not 0, expected 0 where the speed is a state")
-        return _steady_speed_bound(geometry, noise, averaged)
-    return _dead_reckoning_bound(geometry, noise, averaged, lag)
+    return position_bounds([geometry], [noise], averaged=averaged, lag=lag)[0]
 
 
-def _runs(geometry: BoundGeometry) -> Iterator[tuple[int, int, int, int]]:
-    """Consecutive intervals between messages of equal length, at most `_MAX_INTERVALS` each.
-
-    Yields the number of the first, how many they are, the step at which they begin, and their
-    length [steps].
+def position_bounds(
+    geometries: Sequence[BoundGeometry],
+    noises: Sequence[TrueNoise],
+    *,
+    averaged: bool | None = None,
+    lag: float = 0.0,
+) -> list[Floats]:
+    """`position_bound` of each of several followers; those with equal noise are computed
+    together.
     """
-    ends = np.append(geometry.message_step, geometry.speed.size)
-    lengths = np.diff(ends, prepend=0)
-    lengths = lengths[lengths > 0]
-    first = 0
-    while first < lengths.size:
-        equal = lengths[first : first + _MAX_INTERVALS] == lengths[first]
-        count = equal.size if equal.all() else int(np.argmin(equal))
-        begin = int(ends[first] - lengths[first])
-        yield first, count, begin, int(lengths[first])
-        first += count
+    bounds = dict[int, Floats]()
+    together = dict[tuple[TrueNoise, float, int], list[int]]()
+    for i, (geometry, noise) in enumerate(zip(geometries, noises, strict=True)):
+        if noise.speed_change == 0.0:
+            kind = (noise, geometry.dt, geometry.arms.shape[1])
+            together.setdefault(kind, []).append(i)
+        elif lag > 0.0:
+            raise ValueError("lag is not 0, expected 0 where the speed is a state")
+        else:
+            bounds[i] = _steady_speed_bound(geometry, noise, averaged)
+    for (noise, _, _), indices in together.items():
+        for first in range(0, len(indices), _MAX_FOLLOWERS):
+            some = indices[first : first + _MAX_FOLLOWERS]
+            of_some = [geometries[i] for i in some]
+            results = _dead_reckoning_bounds(of_some, noise, averaged, lag)
+            bounds.update(zip(some, results, strict=True))
+    return [bounds[i] for i in range(len(geometries))]
 
 
-def _dead_reckoning_bound(
-    geometry: BoundGeometry, noise: TrueNoise, averaged: bool | None, lag: float
-) -> Floats:
-    """As `position_bound`, where the log is an input.
+class _Intervals(NamedTuple):
+    """Up to `_MAX_INTERVALS` consecutive intervals between messages of one follower: b of them,
+    with k filter steps in all, by u unknown states.
+    """
+
+    span: slice  # the filter steps, the first of the mission is 0
+    begins: Ints  # first step of each interval, shape (b,)
+    lasts: Ints  # its last step, shape (b,)
+    interval: Ints  # of each step, its number among these, shape (k,)
+    messages: int  # how many intervals end with a message: all, but perhaps the last
+    # what `_Transitions` has, of each step and of each interval
+    rows: Floats  # shape (k, 2, u)
+    added: Floats  # shape (k, 2, 2)
+    onward: Floats  # shape (k, 2, u)
+    step: Floats  # shape (b, u, u)
+    gained: Floats  # shape (b, u, u)
+    # of the message at the end of each interval, without the ranges' where their mean is taken;
+    # shape (b, u, u)
+    information: Floats
+
+
+def _ends_of(geometry: BoundGeometry) -> Ints:
+    """Steps at which the intervals between messages end, the last one with the mission."""
+    n = geometry.speed.size
+    ends = geometry.message_step
+    return ends if ends.size and ends[-1] == n else np.append(ends, n)
+
+
+def _intervals(
+    geometry: BoundGeometry, noise: TrueNoise, unknown: Ints, first: int, mean: bool
+) -> _Intervals:
+    """Intervals from number `first` on: all that does not depend on the covariance."""
+    ends = _ends_of(geometry)
+    lasts = ends[first : first + _MAX_INTERVALS] - 1
+    begins = np.append(ends[first - 1 : first] if first > 0 else 0, lasts[:-1] + 1)[: lasts.size]
+    lengths = lasts - begins + 1
+    steps = int(lengths.sum())
+    start = int(begins[0]) if steps else 0
+    span = slice(start, start + steps)
+    ahead = geometry.dt * np.stack(
+        [np.sin(geometry.heading[span]), np.cos(geometry.heading[span])], axis=1
+    )
+    speed = geometry.speed[span]
+    u = unknown.size
+    rows = np.empty((steps, 2, u))
+    added = np.empty((steps, 2, 2))
+    onward = np.empty((steps, 2, u))
+    step = np.empty((lasts.size, u, u))
+    gained = np.empty((lasts.size, u, u))
+    for length in np.unique(lengths):
+        alike = np.flatnonzero(lengths == length)
+        at = begins[alike][:, None] - start + np.arange(length)
+        way = _transitions(speed[at], ahead[at], geometry.dt, noise)
+        rows[at] = way.rows[..., unknown]
+        added[at] = way.added
+        onward[at] = way.onward[..., unknown]
+        step[alike] = way.step[:, unknown[:, None], unknown]
+        gained[alike] = way.gained[:, unknown[:, None], unknown]
+    block = slice(first, min(first + lasts.size, geometry.message_step.size))
+    messages = max(block.stop - first, 0)
+    of_messages = _leader_way_information(geometry, noise, block, lengths[:messages])
+    if not mean:
+        of_messages = of_messages + _informations_at_truth(geometry, noise, block)
+    information = np.zeros((lasts.size, u, u))
+    information[:messages] = of_messages[:, unknown[:, None], unknown]
+    interval = np.repeat(np.arange(lasts.size), lengths)
+    return _Intervals(
+        span, begins, lasts, interval, messages, rows, added, onward, step, gained, information
+    )
+
+
+def _side_by_side(of_followers: Sequence[Floats], count: int, filler: Floats | float) -> Floats:
+    """Arrays of up to `count` rows of each of f followers as one of shape (count, f, …), with a
+    filler where a follower has fewer.
+    """
+    together = np.empty((count, len(of_followers), *of_followers[0].shape[1:]))
+    together[:] = filler
+    for i, of_one in enumerate(of_followers):
+        together[: len(of_one), i] = of_one
+    return together
+
+
+class _Recursion(NamedTuple):
+    """Covariances of f followers over b intervals, shapes (b, f, u, u)."""
+
+    before: Floats  # where each interval begins
+    between: Floats  # of what is known there with what is known at its end
+    predicted: Floats  # at its end
+    after: Floats  # with the message that arrives there
+
+
+def _advance(
+    covariance: Floats,
+    blocks: Sequence[_Intervals],
+    messages: tuple[Floats, Floats] | None,
+    noise: TrueNoise,
+    unknown: Ints,
+) -> _Recursion:
+    """Carry covariances of f followers, shape (f, u, u), over a block of each one's intervals.
+
+    `messages` are hydrophones from the leader and arms, shapes (b, f, 2) and (b, f, t, 3), where
+    the mean information of the ranges is taken.
+    """
+    count = max(len(block.step) for block in blocks)
+    step = _side_by_side([block.step for block in blocks], count, np.eye(unknown.size))
+    gained = _side_by_side([block.gained for block in blocks], count, 0.0)
+    information = _side_by_side([block.information for block in blocks], count, 0.0)
+    recursion = _Recursion(*np.empty((4, *step.shape)))
+    for j in range(count):
+        recursion.before[j] = covariance
+        recursion.between[j] = covariance @ step[j].swapaxes(1, 2)
+        covariance = step[j] @ recursion.between[j] + gained[j]
+        recursion.predicted[j] = covariance
+        learnt = information[j]
+        if messages is not None:
+            from_leader, arms = messages
+            ranges = _expected_informations(from_leader[j], covariance[:, :2, :2], arms[j], noise)
+            learnt = learnt + ranges[:, unknown[:, None], unknown]
+        covariance = _informed(covariance, learnt)
+        recursion.after[j] = covariance
+    return recursion
+
+
+class _Smoothing:
+    """What the smoothing of one follower's bound needs of its recursion, u unknown states."""
+
+    def __init__(self, geometry: BoundGeometry, start: Floats) -> None:
+        """`start` is the covariance at the start, shape (u, u)."""
+        self._geometry = geometry
+        self._cross_to_next = np.zeros((geometry.speed.size, 2, len(start)))
+        self._predicted = [start[None]]
+        self._after = [start[None]]
+        self._between = list[Floats]()
+
+    def add(self, block: _Intervals, recursion: _Recursion, follower: int) -> None:
+        """Add a block of intervals, which the recursion has for several followers."""
+        spread = block.rows @ recursion.before[block.interval, follower]
+        moved = spread @ block.step[block.interval].swapaxes(1, 2) + block.onward
+        self._cross_to_next[block.span] = moved
+        between = recursion.between[: len(block.step), follower]
+        later = block.begins > 0
+        self._cross_to_next[block.begins[later] - 1] = between[later, :2]
+        self._between.append(between)
+        self._predicted.append(recursion.predicted[: block.messages, follower])
+        self._after.append(recursion.after[: block.messages, follower])
+
+    def smooth(self, bound: Floats, lag: float) -> Floats:
+        """A bound, shape (n, 2, 2), with messages of up to a lag later [s]."""
+        after = np.concatenate(self._after)
+        between = np.concatenate(self._between)
+        links = len(after)
+        zeros = np.zeros((links, after.shape[1]))
+        chain = Chain(
+            zeros,
+            after,
+            zeros,
+            np.concatenate(self._predicted),
+            np.concatenate([between, between[-1:]])[:links],
+        )
+        messages = self._geometry.message_step
+        steps = np.arange(1, len(bound) + 1)
+        latest = np.searchsorted(messages, steps, side="right")
+        until = steps + round(lag / self._geometry.dt)
+        last = np.searchsorted(messages, until, side="right")
+        means = np.zeros((len(bound), 2))
+        return smooth(chain, latest, last, (means, bound), self._cross_to_next)[1]
+
+
+def _dead_reckoning_bounds(
+    geometries: Sequence[BoundGeometry], noise: TrueNoise, averaged: bool | None, lag: float
+) -> list[Floats]:
+    """As `position_bounds`, where the log is an input, of followers with the same noise, filter
+    step and number of transmitters.
 
     All that does not depend on the covariance is computed for many intervals between messages at
-    once.
+    once, and the rest for all followers.
     """
-    n = geometry.speed.size
-    smoothed = lag > 0.0
     variances, unknown = _unknown_states(noise)
-    both = np.ix_(unknown, unknown)
-    covariance = np.diag(variances[unknown])
-    mean = averaged if averaged is not None else geometry.arms.shape[1] < 3
-    # of smoothing alone, and as large as the bounds of a whole mission
-    bound = np.empty((n, 2, 2))
-    cross_to_next = np.zeros((n if smoothed else 0, 2, unknown.size))
-    predicted = [covariance]
-    after = [covariance]
-    crosses = list[Floats]()
-    ahead = geometry.dt * np.stack([np.sin(geometry.heading), np.cos(geometry.heading)], axis=1)
-    for first, count, begin, length in _runs(geometry):
-        span = slice(begin, begin + count * length)
-        way = _transitions(
-            geometry.speed[span].reshape(count, length),
-            ahead[span].reshape(count, length, 2),
-            geometry.dt,
-            noise,
-        )
-        rows = way.rows[..., unknown]
-        step = way.step[:, both[0], both[1]]
-        gained = way.gained[:, both[0], both[1]]
-        block = slice(first, min(first + count, geometry.message_step.size))
-        informations = _leader_way_information(geometry, noise, block, length)
-        if not mean:
-            informations = informations + _informations_at_truth(geometry, noise, block)
-        before = np.empty((count, unknown.size, unknown.size))
-        informed = np.empty((len(informations), 2, 2))
-        for j in range(count):
-            before[j] = covariance
-            crosses.append(covariance @ step[j].T)
-            covariance = step[j] @ crosses[-1] + gained[j]
-            if j < len(informations):
-                information = informations[j]
-                if mean:
-                    i = first + j
-                    information = information + _expected_information(
-                        geometry.from_leader[i], covariance[:2, :2], geometry.arms[i], noise
-                    )
-                predicted.append(covariance)
-                covariance = _informed(covariance, information[both])
-                after.append(covariance)
-                informed[j] = covariance[:2, :2]
-        spread = rows @ before[:, None]
-        bound[span] = (spread @ rows.swapaxes(2, 3) + way.added).reshape(-1, 2, 2)
-        lasts = begin + length * np.arange(1, count + 1) - 1
-        bound[lasts[: len(informed)]] = informed
-        if smoothed:
-            moved = spread @ step.swapaxes(1, 2)[:, None] + way.onward[..., unknown]
-            cross_to_next[span] = moved.reshape(-1, 2, unknown.size)
-            last_messages = lasts - length
-            inner_crosses = [moved_on[:2] for moved_on in crosses[-count:]]
-            for index, cross in zip(last_messages, inner_crosses, strict=True):
-                if index >= 0:
-                    cross_to_next[index] = cross
-    if not smoothed:
-        return bound
-    links = len(after)
-    zeros = np.zeros((links, unknown.size))
-    chain = Chain(
-        zeros,
-        np.array(after),
-        zeros,
-        np.array(predicted),
-        np.array([*crosses, crosses[-1]])[:links],
+    mean = averaged if averaged is not None else geometries[0].arms.shape[1] < 3
+    start = np.diag(variances[unknown])
+    covariance = np.repeat(start[None], len(geometries), axis=0)
+    bounds = [np.empty((geometry.speed.size, 2, 2)) for geometry in geometries]
+    smoothing = [_Smoothing(geometry, start) for geometry in geometries] if lag > 0.0 else []
+    most = max(_ends_of(geometry).size for geometry in geometries)
+    for first in range(0, most, _MAX_INTERVALS):
+        block = slice(first, first + _MAX_INTERVALS)
+        blocks = [_intervals(geometry, noise, unknown, first, mean) for geometry in geometries]
+        count = max(len(intervals.step) for intervals in blocks)
+        messages = None
+        if mean:
+            from_leader = [geometry.from_leader[block] for geometry in geometries]
+            arms = [geometry.arms[block] for geometry in geometries]
+            messages = _side_by_side(from_leader, count, 0.0), _side_by_side(arms, count, np.nan)
+        recursion = _advance(covariance, blocks, messages, noise, unknown)
+        covariance = recursion.after[-1]
+        for i, intervals in enumerate(blocks):
+            before = recursion.before[intervals.interval, i]
+            rows = intervals.rows
+            bounds[i][intervals.span] = rows @ before @ rows.swapaxes(1, 2) + intervals.added
+            informed = intervals.lasts[: intervals.messages]
+            bounds[i][informed] = recursion.after[: intervals.messages, i, :2, :2]
+            if smoothing:
+                smoothing[i].add(intervals, recursion, i)
+    return (
+        [smoothing[i].smooth(bounds[i], lag) for i in range(len(bounds))] if lag > 0.0 else bounds
     )
-    messages = geometry.message_step
-    steps = np.arange(1, n + 1)
-    latest = np.searchsorted(messages, steps, side="right")
-    last = np.searchsorted(messages, steps + round(lag / geometry.dt), side="right")
-    return smooth(chain, latest, last, (np.zeros((n, 2)), bound), cross_to_next)[1]

@@ -7,8 +7,8 @@ and 2.4). The only module that uses filterpy.
 
 import math
 from dataclasses import replace
-from functools import lru_cache
-from typing import NamedTuple
+from functools import cache, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from laisn.delays import delays_of
 from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.fix import SEQUENTIAL, SINGLE, Fix, RangeCircles, fix_variance, one_range, to_circles
 from laisn.geometry import Point, angle_between, is_singular
+from laisn.later import later
 from laisn.messages import LeaderMessage, OwnMotion, Reception
 from laisn.navigators import OnlineNavigator
 from laisn.settings import GATE_MEASURED, GATE_OFF, NavigationSettings, Tuning
@@ -27,6 +28,14 @@ _H_POSITION = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0]])
 _H_VELOCITY = np.array([[0, 0, 1.0, 0], [0, 0, 0, 1.0]])
 
 _PER_PI = 1.0 / math.pi
+_FOR_OTHER_FILTERS = (
+    "scipy.linalg",
+    "scipy.ndimage",
+    "scipy.sparse",
+    "scipy.sparse.linalg",
+    "scipy.stats",
+)
+"""What filterpy imports of SciPy, and its Kalman filter does not use."""
 
 
 @formula
@@ -80,6 +89,16 @@ def _motion(dt: float) -> tuple[Floats, Floats]:
     return np.eye(4) + dt * np.eye(4, k=2), noise
 
 
+@cache
+def _kalman_filter() -> Any:
+    """The class of filterpy, whose other filters load what they need of SciPy when they are
+    used.
+    """
+    with later(*_FOR_OTHER_FILTERS):
+        from filterpy.kalman import KalmanFilter
+    return KalmanFilter
+
+
 class Filter:
     """State [x, y, vx, vy] and its covariance."""
 
@@ -87,9 +106,7 @@ class Filter:
         """Start at a known state and its standard deviations, shapes (4,); `dt` is the filter
         step [s].
         """
-        from filterpy.kalman import KalmanFilter
-
-        self._kalman = KalmanFilter(dim_x=4, dim_z=2)
+        self._kalman = _kalman_filter()(dim_x=4, dim_z=2)
         # one-dimensional: a column would broadcast against the rows of z without an error
         self._kalman.x = np.array(start, dtype=np.float64)
         self._kalman.P = np.diag(np.square(sigma0))

@@ -3,18 +3,22 @@ as input.
 """
 
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Bools, Floats
-from laisn.bound import BoundGeometry, TrueNoise, position_bound
+from laisn.arrays import Bools, Floats, Ints
+from laisn.bound import BoundGeometry, TrueNoise, position_bound, position_bounds
+from laisn.messages import LeaderMessage, Measurements
 from laisn.settings import Assume, TightSettings
 from laisn.tight.model import model_of
 from laisn.tight.motion import CURRENT_SIGMA
 from sim.flight import FlightRecord
-from sim.scenario.parts import SensingSettings
+from sim.scenario.parts import SensingSettings, sensing_of_each
 from sim.scenario.section import in_si
 from sim.scenario.settings import CONTROL_STEP_S, Navigation
+from sim.sensing import acoustics
 from sim.sensing.links import navigated_motion
 from sim.sensing.observation import propagate
 from sim.sensing.sensors import navigated_errors_of
@@ -24,6 +28,7 @@ from sim.trajectory import Trajectory
 _ABOUT_MEAN = float(np.sqrt(1.0 - 2.0 / np.pi))
 # drift of the tightly coupled navigator's biases
 _WALKS = model_of(TightSettings(assume=Assume(drift=True)))
+_SENT_AT = LeaderMessage._fields.index("timestamp")
 _UNIFORM = 1.0 / float(np.sqrt(12.0))
 # from so many instants of all followers on, compiled code follows the sound: it takes ten seconds
 # to compile once, Python 6 µs an instant
@@ -74,6 +79,15 @@ def noise_of(sensing: SensingSettings, navigation: Navigation, follower: int = 0
     )
 
 
+class _Messages(NamedTuple):
+    """m messages that one follower received, by filter steps since the begin of a motion."""
+
+    arrived: Ints  # shape (m,)
+    sent: Ints  # shape (m,)
+    # where the rear, front and middle ping left, shape (m, 3, 3), the last axis in the world, [m]
+    transmitter: Floats
+
+
 def geometry_of(
     trajectory: Trajectory,
     sensing: SensingSettings,
@@ -88,54 +102,125 @@ def geometry_of(
         follower: its index, 0 for the first.
         received: of which of the m messages each ping arrived, shape (m, 3); None: all did.
     """
-    trajectory = navigated_motion(trajectory, sensing.links)
+    motion = navigated_motion(trajectory, sensing.links)
+    first = round(float(motion.time[0]) / sensing.links.filter_step_s)
+    is_large = (len(motion.names) - 1) * motion.time.size >= _MANY_INSTANTS
+    sound = propagate(trajectory, sensing, follower, use_compiled=is_large or None)
+    messages = _Messages(sound.message_step - first, sound.emission_step - first, sound.transmitter)
+    return _geometry(motion, sensing, follower, messages, received)
+
+
+def _geometry(
+    motion: Trajectory,
+    sensing: SensingSettings,
+    follower: int,
+    messages: _Messages,
+    received: Bools | None,
+) -> BoundGeometry:
+    """As `geometry_of`, in a motion of `navigated_motion`, from the messages of a follower."""
     dt = sensing.links.filter_step_s
     stride = round(dt / CONTROL_STEP_S)
-    first = round(float(trajectory.time[0]) / dt)
-    n = (trajectory.time.size - 1) // stride
+    n = (motion.time.size - 1) // stride
     instants = np.arange(1, n + 1) * stride
-    is_large = (len(trajectory.names) - 1) * trajectory.time.size >= _MANY_INSTANTS
-    sound = propagate(trajectory, sensing, follower, use_compiled=is_large or None)
-    arrived = sound.message_step - first
-    sent = (sound.emission_step - first) * stride
-    hydrophone = trajectory.site_path(
-        f"{trajectory.names[follower + 1]}/hydrophone", arrived * stride
+    sent = messages.sent * stride
+    hydrophone = motion.site_path(
+        f"{motion.names[follower + 1]}/hydrophone", messages.arrived * stride
     )
-    leader = trajectory.position[sent, 0, :2]
+    leader = motion.position[sent, 0, :2]
     used = sensing.transmitters
-    arms = sound.transmitter[:, :used].copy()
+    arms = messages.transmitter[:, :used].copy()
     arms[..., :2] -= leader[:, None]
     arms[..., 2] = hydrophone[:, None, 2] - arms[..., 2]
     if received is not None:
         arms[~received[:, :used]] = np.nan
     return BoundGeometry(
         dt=dt,
-        speed=trajectory.forward_speed[instants, follower + 1],
-        heading=trajectory.heading[instants, follower + 1],
-        message_step=arrived,
+        speed=motion.forward_speed[instants, follower + 1],
+        heading=motion.heading[instants, follower + 1],
+        message_step=messages.arrived,
         from_leader=hydrophone[:, :2] - leader,
         arms=arms,
-        leader_velocity=trajectory.velocity[sent, 0, :2] - trajectory.water_velocity[sent, 0, :2],
+        leader_velocity=motion.velocity[sent, 0, :2] - motion.water_velocity[sent, 0, :2],
     )
+
+
+class _Broadcasts:
+    """The messages of one link that the followers of a flight navigate on."""
+
+    def __init__(self, flight: FlightRecord, sensing: SensingSettings) -> None:
+        """`sensing` is that of any of these followers."""
+        self._dt = sensing.links.filter_step_s
+        self._sound = acoustics.sound_of(sensing)
+        self._pings = dict[int, Floats]()
+        self.motion = navigated_motion(flight.trajectory, sensing.links)
+        """With the sender in the leader's place."""
+        self._of_vehicles = acoustics.motion_of(self.motion)
+        sites = [self.motion.site(name) for name in acoustics.TRANSMITTERS]
+        self._offsets = self.motion.site_offset[sites].tolist()
+
+    def _transmitters(self, step: int) -> Floats:
+        """Where the pings of the message of a filter step of the mission left, shape (3, 3),
+        [m].
+        """
+        if step not in self._pings:
+            first = step * self._dt + self._sound.lead
+            self._pings[step] = np.array(
+                [
+                    acoustics.site_at(
+                        self._sound, self._of_vehicles, 0, offset, first + i * self._sound.slot
+                    )
+                    for i, offset in enumerate(self._offsets)
+                ]
+            )
+        return self._pings[step]
+
+    def received(self, measurements: Measurements) -> _Messages:
+        """What a follower's measurements have of them."""
+        first = round(float(self.motion.time[0]) / self._dt)
+        sent = np.rint(measurements.message[:, _SENT_AT] / self._dt).astype(np.int64)
+        transmitter = np.empty((sent.size, 3, 3))
+        for i, step in enumerate(sent.tolist()):
+            transmitter[i] = self._transmitters(step)
+        # an excerpt of a flight may begin while a message is on its way
+        return _Messages(measurements.message_step, np.maximum(sent - first, 0), transmitter)
 
 
 def least_rms(geometry: BoundGeometry, noise: TrueNoise, lag: float = 0.0) -> Floats:
     """Least RMS of the position error after each step, shape (n,), [m]; with messages of up to a
     lag later [s].
     """
-    return np.asarray(np.sqrt(np.trace(position_bound(geometry, noise, lag=lag), axis1=1, axis2=2)))
+    return _rms(position_bound(geometry, noise, lag=lag))
 
 
-def flight_bound(flight: FlightRecord, follower: int = 0, lag: float = 0.0) -> Floats:
-    """Least RMS of one follower's position error after each step, shape (n,), [m], from the pings
-    that it received.
+def _rms(covariance: Floats) -> Floats:
+    return np.asarray(np.sqrt(np.trace(covariance, axis1=1, axis2=2)))
+
+
+def flight_bounds(
+    flight: FlightRecord, followers: Sequence[int] | None = None, lag: float = 0.0
+) -> list[Floats]:
+    """Least RMS of followers' position errors after each step, of each follower's shape (n,), [m],
+    from the pings that it received; None: of all.
 
     With a lag [s], messages of up to so much later are used too. Ranges, log and compass are those
     of this flight, with constant biases: sideslip, drift and echoes only raise what can be reached.
     """
-    scenario = flight.scenario.navigated_as(follower)
-    sensing = SensingSettings.of(scenario)
-    received = np.isfinite(flight.measurements[follower].ranges)
-    geometry = geometry_of(flight.trajectory, sensing, follower, received)
-    noise = noise_of(sensing, scenario.navigation, follower)
-    return least_rms(geometry, noise, lag)
+    navigated = sensing_of_each(flight.scenario)
+    links = dict[str, _Broadcasts]()
+    geometries = []
+    noises = []
+    for i in range(len(navigated)) if followers is None else followers:
+        sensing = navigated[i]
+        link = sensing.links.main
+        if link not in links:
+            links[link] = _Broadcasts(flight, sensing)
+        messages = links[link].received(flight.measurements[i])
+        received = np.isfinite(flight.measurements[i].ranges)
+        geometries.append(_geometry(links[link].motion, sensing, i, messages, received))
+        noises.append(noise_of(sensing, flight.scenario.navigation_of(i), i))
+    return [_rms(covariance) for covariance in position_bounds(geometries, noises, lag=lag)]
+
+
+def flight_bound(flight: FlightRecord, follower: int = 0, lag: float = 0.0) -> Floats:
+    """`flight_bounds` of one follower."""
+    return flight_bounds(flight, [follower], lag)[0]

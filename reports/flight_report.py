@@ -16,6 +16,7 @@ from laisn.metrics import nees
 from laisn.navigators import find
 from laisn.spilled import release
 from reports import flight_figures, style
+from reports.bound import flight_bounds
 from reports.figures import Line, Panel, panel
 from reports.flight_figures import ON_AXIS_DEG, SIGMAS
 from reports.headline import OUTSIDE, headline, navigators, on_stations, tiles
@@ -35,7 +36,6 @@ from reports.range_budget import LABELS, Cause, RangeErrorBudget, range_error_bu
 from reports.scene.mission import Scene, scene_of
 from reports.summary import (
     approach_events,
-    flight_bounds,
     flight_events,
     mirror_locked_steps,
     route_events,

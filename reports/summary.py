@@ -9,7 +9,7 @@ import numpy as np
 
 from laisn import metrics
 from laisn.arrays import Bools, Floats
-from reports.bound import flight_bound
+from reports.bound import flight_bounds
 from reports.verdict import verdict
 from reports.version import versions
 from sim import tracking
@@ -170,10 +170,6 @@ def leader_row(flight: FlightRecord) -> dict[str, Any]:
         "nees": float(normalised.mean()) if normalised.size else None,
         "fixes": metrics.fix_counts(estimates),
     }
-
-
-def flight_bounds(flight: FlightRecord) -> list[Floats]:
-    return [flight_bound(flight, i) for i in range(len(flight.estimates))]
 
 
 def summarise(flight: FlightRecord, bounds: list[Floats] | None = None) -> dict[str, Any]:

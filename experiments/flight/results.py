@@ -19,8 +19,9 @@ from laisn.errors import LaisnError
 from laisn.navigators import NavigatorFactory
 from laisn.plugins import register, takes_readings
 from reports import flight_figures
+from reports.bound import flight_bounds
 from reports.figures import Panel, plotly
-from reports.summary import flight_bounds, flight_events, summarise
+from reports.summary import flight_events, summarise
 from sim import flight as simulated
 from sim.feasibility import film_errors
 from sim.flight import position_and_bearing_errors

@@ -28,7 +28,8 @@ from experiments.flight.folder import (
 )
 from laisn.errors import LaisnError
 from laisn.spilled import release
-from reports.summary import flight_bounds, flight_events, stray_events, summarise
+from reports.bound import flight_bounds
+from reports.summary import flight_events, stray_events, summarise
 from sim.feasibility import cautions
 from sim.flight import FlightRecord, Termination, navigate, position_and_bearing_errors
 from sim.log.contents import LogError

@@ -16,8 +16,9 @@ def write_page(log: Path, out: Path | None) -> OutputFile:
     """Write the report of a log's flight; LaisnError if the log cannot be read, or there is no such
     page to write.
     """
+    from reports.bound import flight_bounds
     from reports.flight_report import flight_report
-    from reports.summary import flight_bounds, summarise
+    from reports.summary import summarise
     from sim.flight import position_and_bearing_errors
     from sim.log.reader import read
 

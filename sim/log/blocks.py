@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from io import BytesIO
-from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -112,18 +111,21 @@ class BlockFile:
         self._flush()
 
     def _fill(self, channels: Sequence[LogChannel], span: tuple[int, int]) -> None:
-        messages = list[tuple[int, Any, bytes]]()
+        times = list[Ints]()
+        messages = list[bytes]()
+        logs = list[Callable[[bytes, int], None]]()
         for channel in channels:
-            rows, times = _between(channel, *span)
-            log = self._channels[channel.topic].base.log
-            messages += [
-                (time_ns, log, data)
-                for time_ns, data in zip(times.tolist(), channel.rows(rows), strict=True)
-            ]
+            rows, channel_times = _between(channel, *span)
+            times.append(channel_times)
+            messages += channel.rows(rows)
+            logs += [self._channels[channel.topic].base.log] * channel_times.size
+        time_ns = np.concatenate(times) if times else np.empty(0, dtype=np.int64)
+        if len(messages) != time_ns.size:
+            raise AssertionError("a channel has not one message for each of its times")
         # messages of equal times stay in the order of channels
-        messages.sort(key=itemgetter(0))
-        for at, log, data in messages:
-            log(data, at)
+        order = np.argsort(time_ns, kind="stable")
+        for i, at in zip(order.tolist(), time_ns[order].tolist(), strict=True):
+            logs[i](messages[i], at)
         self._mcap.flush()
 
     def _flush(self) -> None:

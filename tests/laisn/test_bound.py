@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from laisn.arrays import Floats
-from laisn.bound import BoundGeometry, TrueNoise, position_bound
+from laisn.bound import BoundGeometry, TrueNoise, position_bound, position_bounds
 
 KNOWN = TrueNoise(
     speed_bias=0.0, heading_bias=0.0, range_scale_bias=0.0, range_scale_sigma=0.0, heading_sigma=0.0
@@ -522,3 +522,37 @@ def test_the_bound_does_not_depend_on_how_many_intervals_are_computed_at_once(
     together = position_bound(geometry, noise, lag=lag)
     monkeypatch.setattr("laisn.bound._MAX_INTERVALS", 1)
     np.testing.assert_allclose(together, position_bound(geometry, noise, lag=lag), rtol=1e-9)
+
+
+@pytest.mark.parametrize("lag", [0.0, 3.0])
+def test_followers_together_have_the_bounds_that_each_has_alone(
+    monkeypatch: pytest.MonkeyPatch, lag: float
+) -> None:
+    """Missions of different lengths, with messages at different steps and losses of their own, of
+    two and of three transmitters, and one follower with other noise.
+    """
+    monkeypatch.setattr("laisn.bound._MAX_INTERVALS", 7)
+    monkeypatch.setattr("laisn.bound._MAX_FOLLOWERS", 2)
+    rng = np.random.default_rng(5)
+    geometries = []
+    missions = ((120, 30, 3), (90, 25, 3), (120, 11, 3), (60, 20, 2), (9, 0, 3))
+    for n, messages, transmitters in missions:
+        arms = rng.normal(0.0, 1.0, (messages, transmitters, 3))
+        arms[..., 2] += 3.0
+        arms[rng.uniform(size=arms.shape[:2]) < 0.2] = np.nan
+        geometry = BoundGeometry(
+            dt=0.1,
+            speed=rng.uniform(0.8, 1.4, n),
+            heading=np.cumsum(rng.normal(0.0, 0.05, n)),
+            message_step=np.sort(rng.choice(np.arange(1, n + 1), messages, replace=False)),
+            from_leader=rng.normal(0.0, 20.0, (messages, 2)),
+            arms=arms,
+        )
+        geometries += [geometry, replace(geometry, from_leader=geometry.from_leader + 5.0)]
+    noises = [TrueNoise(start=1.0, current=0.3)] * 9 + [TrueNoise(start=3.0)]
+    together = position_bounds(geometries, noises, lag=lag)
+    for bound, geometry, noise in zip(together, geometries, noises, strict=True):
+        np.testing.assert_allclose(bound, position_bound(geometry, noise, lag=lag), rtol=1e-12)
+    for bound, other in zip(together[:-1:2], together[1:-1:2], strict=False):
+        assert bound.shape == other.shape
+        assert len(bound) == 9 or np.abs(bound - other).max() > 1e-4

@@ -14,7 +14,9 @@ from laisn.errors import LaisnError
 from laisn.estimates import Estimates, TightEstimates
 from laisn_sim import Simulation
 from laisn_sim.cli.main import app
+from reports.bound import flight_bounds, geometry_of, least_rms, noise_of
 from sim.closed_loop import PythonClosedLoop
+from sim.scenario.parts import SensingSettings
 
 pytestmark = pytest.mark.usefixtures("no_plugins")
 
@@ -93,6 +95,25 @@ def test_followers_navigate_as_in_missions_of_their_kinds() -> None:
     assert received[4] < 0.6 * received[0]
     assert list(mixed.measurements[5].custom) == ["bearing"]
     assert not mixed.measurements[0].custom
+
+
+def test_bounds_follow_from_the_sound_that_each_follower_receives() -> None:
+    """Positions of transmitters follow from the messages of the flight; here they are those of the
+    sound that is followed once more.
+    """
+    table = mission()
+    table["acoustics"] |= {"loss_probability": 0.3}
+    flight = laisn_sim.fly(table)
+    bounds = flight_bounds(flight)
+    for i, bound in enumerate(bounds):
+        scenario = flight.scenario.navigated_as(i)
+        sensing = SensingSettings.of(scenario)
+        received = np.isfinite(flight.measurements[i].ranges)
+        geometry = geometry_of(flight.trajectory, sensing, i, received)
+        expected = least_rms(geometry, noise_of(sensing, scenario.navigation, i))
+        np.testing.assert_allclose(bound, expected, rtol=1e-12)
+    lost = np.concatenate([np.isnan(m.ranges).all(axis=1) for m in flight.measurements])
+    assert 0 < np.count_nonzero(lost) < lost.size
 
 
 @pytest.mark.system

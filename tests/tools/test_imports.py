@@ -49,7 +49,7 @@ LATE = {
     "scipy.stats": "45 MB and two thirds of a second, and only draws of studies need it",
     "scipy.special": "a fifth of a second, and no flight needs it",
     "scipy.optimize": "half a second, and only hulls with fins need it",
-    "filterpy": "all of scipy.stats, two thirds of a second",
+    "filterpy": "only the readable navigator needs it",
     "scipy.ndimage": "a fifth of a second, and only children that render place cameras",
     "laisn.compiled": "the compiler takes half a second to load, and only showing progress needs "
     "none",
