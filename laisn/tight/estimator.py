@@ -267,6 +267,8 @@ _SMOOTHING = 0.15  # of the NIS
 # of the estimated variance of the leader's heading, which never exceeds that of the settings
 _VARIANCE_GAIN = 0.1
 _MIN_LEADER_VARIANCE = math.radians(0.1) ** 2
+# messages in a row of which the ranges may be echoes of one excess, before they count as direct
+_MAX_COMMON_ECHOES = 10
 # messages in a row without an accepted range, after which covariances are inflated
 _MAX_MISSED = 3
 # what they are inflated by: along each axis [m²], and of b_θ [rad²]
@@ -453,7 +455,11 @@ def _check_consistency(
     for k in range(b.n_hypotheses * m.modes):
         normalised_innovation += b.weight[k] * b.outcome[k].normalised_innovation
     b.smoothed_nis += _SMOOTHING * (normalised_innovation - b.smoothed_nis)
-    if received > 1 and not b.smoothed_nis < _INCONSISTENT_NIS:
+    likeliest = mixture.heaviest(b, m.modes, mixture.heaviest_hypothesis(b, m.modes, b.n_hypotheses))
+    b.common_echoes = b.common_echoes + 1 if b.outcome[likeliest].shared else 0
+    # a ring of echoes would be where no vehicle is; too many in a row are none
+    from_echoes = 0 < b.common_echoes < _MAX_COMMON_ECHOES
+    if received > 1 and not from_echoes and not b.smoothed_nis < _INCONSISTENT_NIS:
         b.smoothed_nis = 1.0
         refresh_output(b, m)
         if not add_ring(b, m, signal, _RING_WEIGHT):

@@ -400,6 +400,14 @@ def _mean_range(b: GaussianMixture, signal: Signal, count: int) -> float:
     return total / count
 
 
+@inlined
+def _mean_residual(b: GaussianMixture, count: int) -> float:
+    total = 0.0
+    for j in range(count):
+        total += b.work.residual[b.work.used[j]]
+    return total / count
+
+
 @compiled
 def _add_common_echo(b: GaussianMixture, signal: Signal, count: int, share: float) -> None:
     """Add to S what a common echo of excess e may do to the differences of the ranges in
@@ -566,7 +574,6 @@ def _select_ranges(
     all_ranges = (1 << received) - 1
     best = density + received * m.log_p_inlier
     w.mask = all_ranges
-    excess, _, _ = _marginalise_common_echo(b, received)
     for mask in range(all_ranges):
         total = 0.0
         for j in range(received):
@@ -580,9 +587,12 @@ def _select_ranges(
         if total > best:
             best = total
             w.mask = mask
+    _use_subset(b, received, all_ranges)
+    # not by the least squares of `_marginalise_common_echo`, which takes what an echo does to the
+    # differences for a part of its length
+    excess = _mean_residual(b, received)
     span = max(m.outlier_span, signal.echo_span)
     if received > 1 and 0.0 < excess < span:
-        _use_subset(b, received, all_ranges)
         for i in range(w.innovation_covariance.shape[0]):
             copy_values(w.innovation_covariance[i], w.direct_covariance[i])
         w.share = (excess / max(_mean_range(b, signal, received) - excess, _SHORTEST)) ** 2
@@ -625,6 +635,7 @@ def update(b: GaussianMixture, m: Model, k: int, signal: Signal) -> int:
     received = predict_ranges(b, m, k, signal, 0.0, v)
     outcome = b.outcome[k]
     outcome.n_used = 0
+    outcome.shared = 0
     outcome.normalised_innovation = 0.0
     b.evidence[k] = b.turn_excess[k] = 0.0
     if received == 0:
@@ -650,6 +661,7 @@ def update(b: GaussianMixture, m: Model, k: int, signal: Signal) -> int:
     numbers: int = used - b.work.shared
     echo_cost = 2.0 * (received - numbers) * (m.log_p_inlier - m.log_density_outlier)
     outcome.n_used = numbers
+    outcome.shared = w.shared
     outcome.nis_sum = squared
     outcome.normalised_innovation = (squared + echo_cost) / received
     turn = 0.0

@@ -214,6 +214,7 @@ class UpdateOutcome(RecordFields):
     """Result of the last update of a component."""
 
     n_used: int  # ranges that were used
+    shared: int  # 1 where they were taken for echoes of one common excess, else 0
     nis_sum: float  # their squared residuals, in units of S
     # the same for each range received, an echo counting as what it costs
     normalised_innovation: float
@@ -234,6 +235,7 @@ class GaussianMixture(RecordFields):
     received: int  # ranges of the last message
     smoothed_nis: float  # NIS over some messages
     missed_updates: float  # messages in a row without an accepted range
+    common_echoes: int  # messages in a row of which all ranges were taken for echoes
     leader_variance: float  # estimated, of the random error of the leader's heading [rad²]
     leader_position_variance: float  # of e in the last message, along each axis [m²]
     turn: CompassTurn

@@ -35,6 +35,7 @@ class Component:
     squared: float = 0.0
     normalised_innovation: float = 0.0
     excess: float = 0.0
+    shared: bool = False
 
     def copy(self) -> Component:
         return replace(self, x=self.x.copy(), P=self.P.copy())

@@ -136,7 +136,7 @@ class Oracle:
         self.steady, self.other_v = False, self.v / 16.0
         self.past_legs: list[Floats] = []
         self.first_time = self.logged = 0.0
-        self.smoothed, self.silent = 1.0, 0
+        self.smoothed, self.silent, self.echoes = 1.0, 0, 0
 
     @property
     def all(self) -> list[Component]:
@@ -313,7 +313,10 @@ class Oracle:
         self.smoothed += 0.15 * (
             sum(c.weight * c.normalised_innovation for c in self.all) - self.smoothed
         )
-        if len(received.which) > 1 and self.smoothed >= 3.0:
+        heaviest_side = max(self.sides, key=lambda side: sum(c.weight for c in side))
+        shared = max(heaviest_side, key=lambda c: c.weight).shared
+        self.echoes = self.echoes + 1 if shared else 0
+        if len(received.which) > 1 and self.smoothed >= 3.0 and not 0 < self.echoes < 10:
             self.smoothed = 1.0
             self.add_ring(received, 0.002)
         self.silent = 0 if self.used else self.silent + 1

@@ -272,8 +272,7 @@ def update_with_ranges(settings: TightSettings, v: float, c: Component, received
     kinds = [
         (np.eye(t)[u], np.zeros(t), len(u) * direct + np.delete(cost, u).sum()) for u in subsets
     ]
-    weight = np.linalg.solve(S, np.ones(t))
-    excess, mean = weight @ residual / weight.sum(), received.ranges.mean()
+    excess, mean = residual.mean(), received.ranges.mean()
     if t > 1 and 0.0 < excess < span:
         differences = np.column_stack([-np.ones(t - 1), np.eye(t - 1)])
         tilt = excess / max(mean - excess, 0.01) * (received.ranges - mean)
@@ -285,6 +284,8 @@ def update_with_ranges(settings: TightSettings, v: float, c: Component, received
         return density + constant, squared
 
     A, tilt, _ = best = max(kinds, key=lambda kind: likelihood(kind)[0])
+    # of all its rows only those of differences sum to zero
+    c.shared = bool(len(A)) and not A.sum(axis=1).any()
     (c.evidence, c.squared), c.excess, c.taken = likelihood(best), 0.0, len(A)
     c.normalised_innovation = (c.squared + 2.0 * (t - len(A)) * (direct - echo)) / t
     S += np.outer(tilt, tilt)
