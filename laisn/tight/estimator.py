@@ -455,7 +455,9 @@ def _check_consistency(
     for k in range(b.n_hypotheses * m.modes):
         normalised_innovation += b.weight[k] * b.outcome[k].normalised_innovation
     b.smoothed_nis += _SMOOTHING * (normalised_innovation - b.smoothed_nis)
-    likeliest = mixture.heaviest(b, m.modes, mixture.heaviest_hypothesis(b, m.modes, b.n_hypotheses))
+    likeliest = mixture.heaviest(
+        b, m.modes, mixture.heaviest_hypothesis(b, m.modes, b.n_hypotheses)
+    )
     b.common_echoes = b.common_echoes + 1 if b.outcome[likeliest].shared else 0
     # a ring of echoes would be where no vehicle is; too many in a row are none
     from_echoes = 0 < b.common_echoes < _MAX_COMMON_ECHOES
