@@ -17,7 +17,7 @@ from laisn.settings import NavigationSettings, TightSettings
 from laisn.tight.navigator import TightNavigator, run_mission
 from tests.laisn import in_lanes
 from tests.laisn.round_trip import Errors, round_trip
-from tests.laisn.tight_mission import Mission
+from tests.laisn.tight.mission import Mission
 
 MISSING = slice(150, 185)
 NAMES = ("laisn", "tight", "elsewhere", "beacons")

@@ -15,7 +15,7 @@ from laisn.mixture import Chain, smooth
 from laisn.settings import Assume, TightSettings
 from laisn.tight.model import COMPASS, LOG, X, Y
 from laisn.tight.navigator import SmoothingNavigator, TightNavigator, _Leg
-from tests.laisn.tight_mission import EVERYTHING, Mission
+from tests.laisn.tight.mission import EVERYTHING, Mission
 
 LAG = 4
 MESSAGES = 12

@@ -14,7 +14,7 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.messages import OwnMotion, Reception
 from laisn.settings import TightSettings
-from tests.laisn.tight_mixture import (
+from tests.laisn.tight.mixture import (
     BENT,
     CLOCK,
     COMPASS,
@@ -37,7 +37,7 @@ from tests.laisn.tight_mixture import (
     normalise,
     prune_and_merge,
 )
-from tests.laisn.tight_ranges import (
+from tests.laisn.tight.ranges import (
     Message,
     Watch,
     aside,

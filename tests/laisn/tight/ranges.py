@@ -1,4 +1,4 @@
-"""Ranges and the sides of the leader's axis for `tight_oracle`: rotations and derivatives as
+"""Ranges and the sides of the leader's axis for `oracle`: rotations and derivatives as
 matrices.
 """
 
@@ -13,7 +13,7 @@ from scipy.special import ndtr
 from laisn.arrays import Floats
 from laisn.messages import OwnMotion, Reception
 from laisn.settings import TightSettings
-from tests.laisn.tight_mixture import (
+from tests.laisn.tight.mixture import (
     CLOCK,
     COMPASS,
     EAST,

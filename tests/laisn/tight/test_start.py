@@ -8,7 +8,7 @@ import pytest
 from laisn.settings import Assume, TightSettings
 from laisn.tight.navigator import TightNavigator, run_mission
 from tests.laisn.passages import passage
-from tests.laisn.tight_mission import EVERYTHING, Mission
+from tests.laisn.tight.mission import EVERYTHING, Mission
 
 
 @pytest.mark.parametrize("everything", [False, True])

@@ -19,7 +19,7 @@ from laisn.settings import Assume, TightSettings
 from laisn.tight.model import model_of, new_belief
 from laisn.tight.navigator import MissionEstimates, TightNavigator, filter_mission, run_mission
 from laisn.tight.ranging import new_signal
-from tests.laisn.tight_mission import DT, EVERYTHING, Mission
+from tests.laisn.tight.mission import DT, EVERYTHING, Mission
 
 
 @pytest.mark.parametrize(

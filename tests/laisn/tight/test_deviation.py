@@ -8,7 +8,7 @@ from laisn.tight.estimator import inflate_bias_covariance
 from laisn.tight.model import COMPASS, model_of, new_belief
 from laisn.tight.motion import preintegrate, reset_preintegration
 from laisn.tight.ranging import new_signal
-from tests.laisn.tight_mission import DT
+from tests.laisn.tight.mission import DT
 
 DEVIATING = TightSettings(assume=Assume(exact_leader=False, deviation=True))
 

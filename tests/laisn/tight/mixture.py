@@ -1,4 +1,4 @@
-"""Mixtures of Gaussians for `tight_oracle`: a *component* is a Gaussian, a *side* is the
+"""Mixtures of Gaussians for `oracle`: a *component* is a Gaussian, a *side* is the
 components of its modes.
 """
 

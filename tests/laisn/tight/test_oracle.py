@@ -16,9 +16,9 @@ from laisn.tight.estimator import place_arms, prune_and_merge, receive
 from laisn.tight.model import model_of, new_belief
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.ranging import new_signal
-from tests.laisn.tight_mission import details
-from tests.laisn.tight_mixture import SCALE, heaviest, moments, weight_of
-from tests.laisn.tight_oracle import Oracle
+from tests.laisn.tight.mission import details
+from tests.laisn.tight.mixture import SCALE, heaviest, moments, weight_of
+from tests.laisn.tight.oracle import Oracle
 
 EVERYTHING = Assume(
     exact_leader=False, drift=True, deviation=True, current=True, offsets=True, clock=True

@@ -1,0 +1,72 @@
+"""Whoever looks for the tests of a module finds them: folders as in the packages, one way to import
+what tests share, and a first line that says what a file requires.
+"""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+TESTS = Path("tests")
+WITHOUT_PACKAGE = {"system", "data"}
+
+
+def folder_errors(files: list[Path]) -> list[str]:
+    """Test files whose folder is that of no package."""
+    errors = []
+    for path in files:
+        folder = path.relative_to(TESTS).parent
+        if folder.parts and folder.parts[0] in WITHOUT_PACKAGE:
+            continue
+        if folder.parts and not any(folder.glob("*.py")):
+            errors.append(f"{path}: there is no package {folder}")
+    return errors
+
+
+def import_errors(path: Path, source: str) -> list[str]:
+    """Imports of modules of tests by another path than `tests.…`, and files that do not say what
+    they require.
+    """
+    tree = ast.parse(source)
+    shared = {module.stem for module in path.parent.glob("*.py")} - {"conftest", "__init__"}
+    errors = []
+    if not ast.get_docstring(tree):
+        errors.append(f"{path}: no first line that says what it requires")
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names = ["." * node.level + (node.module or "")]
+        else:
+            continue
+        errors += [
+            f"{path}:{node.lineno}: import {name!r} as tests.…"
+            for name in names
+            if name.startswith(".") or name.partition(".")[0] in shared
+        ]
+    return errors
+
+
+@pytest.fixture(scope="module")
+def files() -> list[Path]:
+    return sorted(TESTS.rglob("*.py"))
+
+
+def test_each_folder_is_that_of_a_package(files: list[Path]) -> None:
+    assert len(files) > 200
+    assert folder_errors(files) == []
+    stray = TESTS / "sim" / "boats" / "test_sail.py"
+    assert folder_errors([stray]) == [f"{stray}: there is no package sim/boats"]
+
+
+def test_what_tests_share_is_imported_by_one_path(files: list[Path]) -> None:
+    assert [error for path in files for error in import_errors(path, path.read_text("utf-8"))] == []
+    path = TESTS / "test_other.py"
+    source = '"""It holds."""\n\nimport synthetic\nfrom .absurd import tables\n'
+    assert import_errors(path, source) == [
+        f"{path}:3: import 'synthetic' as tests.…",
+        f"{path}:4: import '.absurd' as tests.…",
+    ]
+    assert import_errors(path, "import os\n") == [
+        f"{path}: no first line that says what it requires"
+    ]
