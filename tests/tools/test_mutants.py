@@ -11,7 +11,7 @@ from tools.mutants.cover import covering, distances
     [
         ("laisn/fix.py", "tests/laisn/test_fix.py"),
         ("laisn/beacons.py", "tests/laisn/test_beacons.py"),
-        ("laisn/tight/estimator.py", "tests/laisn/test_swarms.py"),
+        ("laisn/tight/estimator.py", "tests/laisn/tight/test_deviation.py"),
         ("sim/vehicle/hydrodynamics.py", "tests/sim/vehicle/test_hydrodynamics.py"),
         ("reports/intervals.py", "tests/reports/test_intervals.py"),
         (

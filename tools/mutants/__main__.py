@@ -30,13 +30,14 @@ from tools.mutants.trial import Tried, attempt, enter_copy, mutants_of, time_of
 
 PACKAGES = {
     "laisn": r"laisn/.+",
-    "sim": r"sim/((vehicle|sensing|control)/.+|scenario/(point_motion|routes|formation)\.py"
-    r"|(attitude|closed_loop|flight|simulation|stations|tracking|trajectory|water)\.py)",
-    "experiments": r"experiments/(intervals|findings|beacon_replay|studies/\w+"
-    r"|campaign/(bound|lane_\w+|montecarlo)"
-    r"|pages/flight_report|flight/(range_budget|summary|tables)"
-    r"|(studies/)?(asymmetry|reproduce|estimators|formation|study)"
-    r"/(?!\w*(page|chart|figure|film|report|example))\w+)\.py|tools/documents/(tables|hull_trials|flights)\.py",
+    "sim": r"sim/((vehicle|sensing|control|water)/.+"
+    r"|scenario/(point_motion|routes|formation)\.py"
+    r"|(attitude|closed_loop|open_loop|flight|simulation|tracking|trajectory|leader|link_receiver"
+    r"|estimated_route)\.py)",
+    "experiments": r"experiments/(beacon_replay|pitch|benchmark/score|studies/\w+/findings"
+    r"|campaign/(lane_flight|montecarlo)|study/(estimate|design|measure))\.py"
+    r"|reports/(bound|findings|headline|intervals|range_budget|summary|tables|verdict)\.py"
+    r"|tools/documents/(tables|hull_trials|flights)\.py",
 }
 """Sources that are changed: navigation; physics, sensing and control; statistics, tables and
 computed sentences.
