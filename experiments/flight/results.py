@@ -37,13 +37,20 @@ _Given = ParamSpec("_Given")
 PLOTS = ("errors", "routes", "motion")
 
 
-def flight_of(source: str, assignments: Iterable[str] = ()) -> simulated.FlightRecord:
+def _accept(_: Scenario) -> None:
+    """A check of nothing."""
+
+
+def flight_of(
+    source: str, assignments: Iterable[str] = (), check: Callable[[Scenario], None] = _accept
+) -> simulated.FlightRecord:
     """Fly a scenario (name or TOML file) with overrides "key=value", or read the log of a flight
-    (`.mcap`).
+    (`.mcap`). A scenario is flown if `check` raises no error.
     """
     path = Path(source)
     if path.suffix != ".mcap":
         scenario = load_scenario(source, assignments, flyable=True)
+        check(scenario)
         with compiling_shown():
             return flying.fly(scenario)[0]
     if list(assignments):
@@ -197,6 +204,40 @@ def video_of(video: Video, changes: Mapping[str, object]) -> Video:
         raise LaisnError("; ".join(line.strip() for line in lines_of(error))) from None
 
 
+def require_picture(
+    scenario: Scenario,
+    video: Video,
+    *,
+    time_s: float | None = None,
+    follower: int = 0,
+    view: str | None = None,
+    background: str = "sea",
+) -> None:
+    """LaisnError if a mission has no such follower, time or camera, or its film is too large;
+    arguments as of `render`.
+    """
+    from sim.film import render as film
+
+    number = len(scenario.followers)
+    if not 0 <= follower < number:
+        raise film.RenderError(f"follower {follower}: expected 0 … {number - 1}")
+    if background not in get_args(film.Background):
+        raise film.RenderError(
+            f"background {background!r}: expected {', '.join(get_args(film.Background))}"
+        )
+    if view is not None:
+        camera_of(view, ["leader", *(one.name for one in scenario.followers)])
+    if time_s is None:
+        if too_large := film_errors(scenario.duration_s, video):
+            raise film.RenderError(too_large[0])
+        if background == "transparent":
+            raise film.RenderError(film.NOT_TRANSPARENT)
+    elif not 0.0 <= time_s <= scenario.duration_s:
+        raise film.RenderError(
+            f"time {time_s:g} s lies outside the mission, 0 … {scenario.duration_s:g} s"
+        )
+
+
 def render(
     flight: simulated.FlightRecord,
     path: str | Path,
@@ -222,13 +263,14 @@ def render(
 
     file = Path(path)
     settings = video_of(flight.scenario.video, video)
-    number = len(flight.scenario.followers)
-    if not 0 <= follower < number:
-        raise film.RenderError(f"follower {follower}: expected 0 … {number - 1}")
-    if background not in get_args(film.Background):
-        raise film.RenderError(
-            f"background {background!r}: expected {', '.join(get_args(film.Background))}"
-        )
+    require_picture(
+        flight.scenario,
+        settings,
+        time_s=time_s,
+        follower=follower,
+        view=view,
+        background=background,
+    )
     job = film.FilmJob(
         flight=flight,
         video=settings,
@@ -240,8 +282,6 @@ def render(
     if time_s is not None:
         film.still(job, time_s, file)
         return file
-    if too_large := film_errors(flight.scenario.duration_s, settings):
-        raise film.RenderError(too_large[0])
     film.render(job, file, progress=progress)
     return file
 

@@ -234,14 +234,23 @@ def render(  # noqa: PLR0913 - an argument for each option of the command
     from experiments.campaign.progress import phases
     from experiments.flight import results as files
     from laisn_sim.cli.outputs import output_file
-    from sim.scenario.settings import Video
+    from sim.scenario.settings import Scenario, Video
 
     settings = {"camera": camera, "speed_up": speed_up, **(size or {})}
     changes = {name: value for name, value in settings.items() if value is not None}
+    suffix = ".mp4" if still is None else ".png"
     # before the mission is simulated
     files.video_of(Video(), changes)
-    flight = files.flight_of(source, set_ or ())
-    suffix = ".mp4" if still is None else ".png"
+    if out is not None:
+        output_file(out, [suffix], [Path(source)])
+
+    def require_picture(scenario: Scenario) -> None:
+        video = files.video_of(scenario.video, changes)
+        files.require_picture(
+            scenario, video, time_s=still, follower=follower, view=view, background=background
+        )
+
+    flight = files.flight_of(source, set_ or (), require_picture)
     output = output_file(out or Path(f"{flight.scenario.name}{suffix}"), [suffix], [Path(source)])
     with (
         phases(Console(stderr=True)) as phase,

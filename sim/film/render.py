@@ -51,6 +51,7 @@ _BT709 = _LIMITED = 1
 LOG_WIDTH_PX = 640
 """Most width of the film that a log holds."""
 Background = Literal["sea", "white", "transparent"]
+NOT_TRANSPARENT = "a film cannot be transparent: expected sea or white, or a picture"
 
 
 class RenderError(LaisnError):
@@ -337,7 +338,7 @@ def render(
     """
     _check_file(path, ".mp4")
     if job.background == "transparent":
-        raise RenderError("a film cannot be transparent: expected sea or white, or a picture")
+        raise RenderError(NOT_TRANSPARENT)
     workers = min(workers, job.groups)
     groups: dict[int, list[list[bytes]]] = {}
     with closing(

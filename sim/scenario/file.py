@@ -118,14 +118,35 @@ def _expected(error: Mapping[str, Any]) -> str:
     kind = error["type"]
     message = str(error["msg"]).removeprefix("Value error, ")
     form = re.match(r"\[+.*?\](?:, …\])?", field.description or "") if field else None
-    if kind in ("tuple_type", "list_type") and isinstance(error["input"], dict):
+    is_list = isinstance(error["input"], dict) or (
+        _is_list_of_tables(field) and not isinstance(error["loc"][-1], int)
+    )
+    if kind in ("tuple_type", "list_type") and is_list:
         names = ".".join(str(item) for item in error["loc"] if not isinstance(item, int))
         return f"expected a list of tables: write [[{names}]] with two brackets"
-    if kind in ("missing", "too_long") and form and isinstance(error["loc"][-1], int):
+    if kind == "missing" and not isinstance(error["loc"][-1], int):
+        return _missing(error["loc"], field)
+    if kind in _OF_FORMS and form and isinstance(error["loc"][-1], int):
         return f"expected {form[0]}"
+    if kind == "model_type":
+        return f"expected a table; its keys: {', '.join(_keys(error['loc']))}"
     if kind == "string_pattern_mismatch":
         return _expected_text(error)
     return message
+
+
+_OF_FORMS = ("missing", "too_long", "tuple_type", "list_type")
+"""Errors of a value in a list whose description begins with its form."""
+
+
+def _missing(location: Location, field: FieldInfo | None) -> str:
+    """What to write for a key that is required."""
+    name = str(location[-1])
+    if _is_list_of_tables(field):
+        return f"missing: at least one table [[{name}]] is required"
+    if field is not None and _table_in(field) is not None:
+        return f"missing: a table [{name}] is required"
+    return "missing, and required"
 
 
 def _reason(error: Mapping[str, Any]) -> str:
@@ -153,7 +174,7 @@ def _line(error: Mapping[str, Any]) -> str:
         return f"{key}: unknown key; {_hint(error['loc'])}"
     message = _expected(error)
     value = error["input"]
-    if isinstance(value, dict | BaseModel) or message == "Field required":
+    if isinstance(value, dict | BaseModel) or error["type"] == "missing":
         return f"{key}: {message}"
     text = shortened(repr(value) if not isinstance(value, list | str) else repr(value[:80]), 80)
     return f"{key}: {message} (given: {plain(text)}){_reason(error)}"
@@ -439,7 +460,16 @@ def _toml(text: str) -> dict[str, Any]:
         number = re.search(r"\d[\d_]{999}", text)
         if number is not None and "\n" in text and not isinstance(error, tomllib.TOMLDecodeError):
             reason += f" (at line {text.count(chr(10), 0, number.start()) + 1})"
+        reason += _decimal_hint(text, reason)
         raise ScenarioError(f"not valid TOML: {shortened(plain(reason), 300)}") from error
+
+
+def _decimal_hint(text: str, reason: str) -> str:
+    """What to write where the line that a reason names has a decimal comma."""
+    place = re.search(r"line (\d+), column", reason)
+    line = text.splitlines()[int(place[1]) - 1 :][:1] if place else []
+    number = re.search(r"=\s*([-+]?\d+),(\d+)\s*(#.*)?$", line[0]) if line else None
+    return f"; decimals have a point: {number[1]}.{number[2]}" if number else ""
 
 
 def parse(text: str, source: str) -> dict[str, Any]:
