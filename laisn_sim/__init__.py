@@ -140,7 +140,7 @@ def __getattr__(name: str) -> object:
     if name not in _HOMES:
         raise AttributeError(
             f"module 'laisn_sim' has no attribute {name!r}; available: "
-            f"{', '.join(sorted((*__all__, *_HOMES)))}"
+            f"{', '.join(sorted({*__all__, *_HOMES}))}"
         )
     from pkgutil import resolve_name
 

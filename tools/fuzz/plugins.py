@@ -1,5 +1,9 @@
-"""Navigators of one's own that fail in every way, for `laisn check` and `laisn fly`."""
+"""Navigators, controllers, sensors and currents of one's own that fail in every way, for `laisn
+check` and `laisn fly`.
+"""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from random import Random
 
 from tools.fuzz.case import FuzzCase
@@ -51,31 +55,58 @@ _TOPS = (
     "return 3",
     "# -*- coding: nosuch -*-",
 )
-_BASES = ("laisn_sim.OnlineNavigator", "object", "dict", "int", "Exception", "Nosuch", "type")
+_BASES = ("laisn_sim.Navigator", "object", "dict", "int", "Exception", "Nosuch", "type")
 _TAILS = ("Mine = 3", "Mine = None", "Mine = lambda *a, **k: None", "del Mine", "Mine = Mine()")
 _BODIES = ("x: int = 1", "step = 3", "__slots__ = ()", "def __repr__(self): 1 / 0")
-_PASS = {
-    "__init__": "self.arguments = a",
-    "step": "return None",
-    "run": "return None",
-}
 
 
-def _source(random: Random) -> str:
+@dataclass(frozen=True, kw_only=True)
+class _Kind:
+    """What a class is for: its methods as they should be, and where a scenario names it."""
+
+    methods: Mapping[str, str]
+    setting: str  # with "{}" for the class
+    attributes: tuple[str, ...] = ()
+
+
+_KINDS = (
+    _Kind(
+        methods={"__init__": "self.arguments = a", "step": "return None", "run": "return None"},
+        setting="navigation.variant={}",
+    ),
+    _Kind(
+        methods={"__init__": "self.arguments = a", "control": "return 1.0, 1.0, 8.0"},
+        setting="followers.0.controller={}",
+    ),
+    _Kind(
+        methods={"true": "return [1.0]", "read": "return a[0]"},
+        setting="sensors.custom=[{{sensor='{}'}}]",
+        attributes=("name = 'mine'", "stream = 20", "channels = {'x': 'm'}", "normals = 1"),
+    ),
+    _Kind(
+        methods={"velocity": "return 0.1, 0.0"},
+        setting="ocean.current.model={}",
+    ),
+)
+
+
+def _source(random: Random, kind: _Kind) -> str:
     """A module with a class Mine."""
     methods = {
-        name: random.choice(_ACTIONS) if random.random() < 0.6 else default_body
-        for name, default_body in _PASS.items()
-        if random.random() < 0.8
+        name: random.choice(_ACTIONS) if random.random() < 0.5 else default_body
+        for name, default_body in kind.methods.items()
+        if random.random() < 0.85
     }
     lines = ["import numpy as np", "import laisn_sim"]
-    if random.random() < 0.3:
+    if random.random() < 0.15:
         lines.append(random.choice(_TOPS))
-    lines += [f"class Mine({random.choice(_BASES)}):"]
+    base = random.choice(_BASES) if random.random() < 0.2 else "object"
+    lines.append(f"class Mine({base}):")
     lines.append(f"    {random.choice(_BODIES) if random.random() < 0.3 else 'pass'}")
+    lines += [f"    {line}" for line in kind.attributes if random.random() < 0.9]
     for name, action in methods.items():
         lines += [f"    def {name}(self, *a, **k):", f"        {action}"]
-    if random.random() < 0.2:
+    if random.random() < 0.1:
         lines.append(random.choice(_TAILS))
     text = "\n".join(lines)
     return text if random.random() > 0.05 else text[: random.randrange(len(text))]
@@ -84,9 +115,12 @@ def _source(random: Random) -> str:
 def make(random: Random) -> FuzzCase:
     """A plugin, which a mission of a second uses."""
     name = f"plugin_{random.randrange(10**9)}"
-    source = _source(random)
-    words = ["--plugin", f"{name}.py", "--set", f"navigation.variant={name}:Mine"]
-    fly = ["fly", "T7", "--no-video", "--out", "out", "--set", "motion=kinematic"]
+    kind = random.choice(_KINDS)
+    source = _source(random, kind)
+    words = ["--plugin", f"{name}.py", "--set", kind.setting.format(f"{name}:Mine")]
+    fly = ["fly", "T7", "--no-video", "--out", "out"]
+    if "step" in kind.methods:
+        fly += ["--set", "motion=kinematic"]
     words = random.choice((["check", "T7", *words], [*fly, "--set", "duration_s=1", *words]))
     return FuzzCase(
         words=words,
