@@ -2,6 +2,7 @@
 the measurements.
 """
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from subprocess import CalledProcessError
@@ -14,7 +15,7 @@ import pytest
 from laisn import lanes
 from laisn.lanes import LANES
 from laisn.settings import NavigationSettings
-from reports.findings import read, version_of
+from reports.findings import plain, read, version_of
 from sim.sensing.observation import measure
 from sim.sensing.sensors import SensorErrors
 from tests import synthetic
@@ -31,7 +32,7 @@ from tools.benchmarks.row import (
 )
 from tools.benchmarks.run import BENCHMARKS, misses, record, steady_mission, table
 from tools.documents.markers import RECORDS
-from tools.documents.speed import Cost
+from tools.documents.speed import Cost, costs
 from tools.documents.tables import speed, waiting
 
 
@@ -393,3 +394,20 @@ def test_experiments_are_priced_by_vehicles_steps_and_runs() -> None:
     assert "| one flight of T5 with report and log |" in waiting(
         {"benchmarks": read(RECORDS / "benchmarks.json")}
     )
+
+
+def test_the_symbols_of_the_formula_follow_the_record() -> None:
+    """A mission beside its motion has a row of its own; a record without it leaves 70 ms."""
+    measured = read(RECORDS / "benchmarks.json")
+    row = "study: T5 by mujoco, a mission beside its motion"
+    with_row = replace(measured, findings={**measured.findings, row: plain(123.4, "", "ms")})
+    without = {key: value for key, value in measured.findings.items() if key != row}
+    for findings, text in (
+        (with_row, "| 123 ms |"),
+        (replace(measured, findings=without), "| 70 ms |"),
+    ):
+        (line,) = (s for s in costs({"benchmarks": findings}).splitlines() if s.startswith("| `m`"))
+        assert line.endswith(text)
+        (line,) = (s for s in costs({"benchmarks": findings}).splitlines() if s.startswith("| `n`"))
+        lanes_ns = measured["navigation: lanes, LAISN-2 with noise and metrics"].number
+        assert f"| {lanes_ns:.0f} ns; " in line

@@ -13,7 +13,7 @@ from tools.documents.hull_trials import (
     PUBLISHED_SPEED,
     PUBLISHED_TURN,
 )
-from tools.documents.speed import peers, speed, waiting
+from tools.documents.speed import costs, peers, speed, waiting
 from tools.documents.table_text import Records, markdown
 from tools.documents.tight_limits import RIVALS
 from tools.documents.vehicle_missions import ROLES
@@ -553,6 +553,7 @@ TABLES: dict[str, Callable[[Records], str]] = {
     "benchmark": benchmark,
     "speed": speed,
     "peers": peers,
+    "costs": costs,
     "waiting": waiting,
     "estimators": estimators,
     "estimators-at-sea": estimators_at_sea,
