@@ -4,6 +4,7 @@ frozen dataclasses.
 
 from collections.abc import Collection, Mapping
 from dataclasses import fields
+from itertools import pairwise
 from typing import (
     TYPE_CHECKING,
     Annotated,
@@ -18,7 +19,7 @@ from typing import (
 import numpy as np
 import numpy.typing as npt
 
-from laisn.spilled import is_spilled, room
+from laisn.spilled import is_long, is_spilled, room
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -167,6 +168,16 @@ def _is_read_only(array: npt.NDArray[Any]) -> bool:
     return (owner is None or is_spilled(owner)) and array.flags.forc
 
 
+def _copied(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """A copy in the order of the given array, so that sums over it round alike."""
+    in_order = all(before >= after for before, after in pairwise(array.strides))
+    if not (in_order and is_long(array.shape)):
+        return array.copy(order="K")
+    copy = room(array.shape, array.dtype)
+    copy[...] = array
+    return copy
+
+
 def freeze_arrays(record: "DataclassInstance") -> None:
     """Replace the arrays of a frozen record, in its `__post_init__`, by read-only copies unless
     they are read-only.
@@ -174,7 +185,6 @@ def freeze_arrays(record: "DataclassInstance") -> None:
     for field in fields(record):
         value = getattr(record, field.name)
         if isinstance(value, np.ndarray) and not _is_read_only(value):
-            # in the order of the given one, so that sums over it round alike
-            copy = value.copy(order="K")
+            copy = _copied(value)
             copy.flags.writeable = False
             object.__setattr__(record, field.name, copy)

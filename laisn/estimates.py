@@ -2,14 +2,22 @@
 coupled one all states.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from laisn.arrays import ArrayRecord, Floats, Ints, freeze_arrays, require_shapes
+from laisn.arrays import (
+    ArrayRecord,
+    Floats,
+    Ints,
+    Records,
+    freeze_arrays,
+    records,
+    require_shapes,
+)
 
 
 class FixKind(IntEnum):
@@ -191,6 +199,40 @@ class Estimates(ArrayRecord):
         freeze_arrays(self)
 
 
+class FixTable:
+    """Fixes of one follower as they are made, in order of their steps; those of a day are in a file
+    in place of memory.
+    """
+
+    def __init__(self, kind: type[Estimates]) -> None:
+        """There is none yet; they are of estimates of some kind."""
+        self._columns = {name: name.removeprefix("fix_") for name in kind.fix_dtype().names or ()}
+        self._rows: Records = records(kind.fix_dtype(), _FIRST_FIXES)
+        self._count = 0
+
+    @property
+    def rows(self) -> Records:
+        """All fixes until now: records of `Estimates.fix_dtype`, shape (f,)."""
+        return self._rows[: self._count]
+
+    def extend(self, fixes: Iterable[FixRecord]) -> None:
+        """Add fixes."""
+        for fix in fixes:
+            if self._count == len(self._rows):
+                self._grow()
+            values = {**vars(fix), **fix.details}
+            row = self._rows[self._count]
+            for column, attribute in self._columns.items():
+                row[column] = values[attribute]
+            self._count += 1
+
+    def _grow(self) -> None:
+        rows = records(self._rows.dtype, 2 * len(self._rows))
+        rows[: self._count] = self._rows
+        self._rows = rows
+
+
+_FIRST_FIXES = 64
 HYPOTHESES = 8  # that are kept from message to message
 _STATES = (
     "x_m",

@@ -149,7 +149,9 @@ def broadcast_tilt(message: LeaderMessage, settings: Settings) -> tuple[float, f
     return (message.pitch, message.roll) if used else (0.0, 0.0)
 
 
-def _placed(message: LeaderMessage, settings: Settings, offsets: Sequence[Triple]) -> Floats:
+def _placed(
+    message: LeaderMessage, settings: Settings, offsets: Sequence[Triple] | Floats
+) -> Floats:
     attitude = message.heading, *broadcast_tilt(message, settings)
     places = np.full((3, 3), np.nan)
     places[: len(offsets)] = place_on_body(
@@ -161,12 +163,16 @@ def _placed(message: LeaderMessage, settings: Settings, offsets: Sequence[Triple
 
 
 def given_transmitters(reception: Reception, settings: Settings) -> Floats | None:
-    """Transmitters (east, north, depth) that the message or the settings' offsets place, shape (3,
-    3), [m], NaN for one that is not there; None: they are on the leader's hull.
+    """Transmitters (east, north, depth) that the reception or the settings place, shape (3, 3),
+    [m], NaN for one that is not there; None: they are on the leader's hull.
     """
-    if reception.transmitters is not None or not settings.transmitter_offsets:
+    if reception.transmitters is not None:
         return reception.transmitters
-    return _placed(reception.message, settings, settings.transmitter_offsets)
+    if reception.offsets is not None:
+        return _placed(reception.message, settings, reception.offsets)
+    if settings.transmitter_offsets:
+        return _placed(reception.message, settings, settings.transmitter_offsets)
+    return None
 
 
 def place_transmitters(reception: Reception, settings: Settings) -> Floats:

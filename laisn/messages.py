@@ -99,6 +99,10 @@ class Reception(NamedTuple):
     round_trip: float = np.nan
     """Of an answer to a message that the receiver has sent: measured time from that to the answer,
     less the delay of the answer [s]."""
+    offsets: Floats | None = None
+    """Of a further link: where the transmitters are in the sender's hull, forward, port and up of
+    the position and depth that its messages state, shape (3, 3), [m]; NaN for one that is not
+    there. None: `transmitters` says where they are, or the settings do."""
 
     @property
     def bearing(self) -> Bearing | None:
@@ -123,6 +127,7 @@ class LinkMessages(ArrayRecord):
     round_trip: Floats | None = None  # as of `Reception`, shape (m,), [s]; None: no answers
     content: Mapping[str, Floats] = field(default_factory=dict)
     """Readings of the sender's further sensors by their names, shape (m, c)."""
+    offsets: Floats | None = None  # as of `Reception`
 
     def __post_init__(self) -> None:
         m = self.message_step.size
@@ -157,6 +162,7 @@ class LinkMessages(ArrayRecord):
             custom=custom,
             content={name: rows[i] for name, rows in self.content.items()},
             round_trip=np.nan if self.round_trip is None else float(self.round_trip[i]),
+            offsets=self.offsets,
         )
 
 

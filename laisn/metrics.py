@@ -155,7 +155,7 @@ def nees(estimates: Estimates, truth: Floats) -> Floats:
     truth of shape (n, 2).
     """
     error = estimates.state[:, POSITION] - truth
-    return _normalised(error, estimates.covariance[:, POSITION, POSITION])
+    return normalised_errors(error, estimates.covariance[:, POSITION, POSITION])
 
 
 def nis(estimates: Estimates) -> Floats:
@@ -165,11 +165,13 @@ def nis(estimates: Estimates) -> Floats:
     left_out = (FixKind.GATED, FixKind.SINGULAR, FixKind.LOST, FixKind.ONE_RANGE)
     used = ~np.isin(estimates.fix_kind, left_out)
     covariance = np.where(used[:, None, None], estimates.innovation_covariance, 0.0)
-    return _normalised(estimates.innovation, covariance)
+    return normalised_errors(estimates.innovation, covariance)
 
 
-def _normalised(error: Floats, covariance: Floats) -> Floats:
-    """eᵀ P⁻¹ e, shape (n,), of errors of shape (n, 2) and their covariances, shape (n, 2, 2)."""
+def normalised_errors(error: Floats, covariance: Floats) -> Floats:
+    """eᵀ P⁻¹ e, shape (n,), of errors of shape (n, 2) and their covariances, shape (n, 2, 2); NaN
+    where these are singular.
+    """
     x, y = error.T
     pxx, pxy, pyy = covariance.reshape(-1, 4).T[[0, 1, 3]]
     return np.asarray(normalised_square(x, y, pxx, pxy, pyy))

@@ -113,11 +113,11 @@ class NavigatorSpec:
             return CustomNavigator(navigator, settings)
         return SteppedNavigator(navigator, settings)
 
-    def new_swarm(self, settings: Settings, starts: Floats) -> Any:
-        """A `laisn.swarm.Swarm` of navigators at their starts, shape (f, 4); LaisnError if that
-        cannot be.
+    def new_swarm(self, settings: Settings, starts: Floats, *, several_links: bool = False) -> Any:
+        """A `laisn.swarm.Swarm` of navigators at their starts, shape (f, 4), which may take the
+        messages of `several_links`; LaisnError if that cannot be.
         """
-        if self.swarm:
+        if self.swarm and not several_links:
             return resolve_name(self.swarm)(settings, starts)
         if isinstance(self._class, type) and not hasattr(self._class, "step"):
             raise LaisnError(
@@ -128,7 +128,7 @@ class NavigatorSpec:
 
     def fly(self, settings: Settings, measurements: Measurements, start: Floats) -> MissionResult:
         """One run of a campaign."""
-        if self.mission:
+        if self.mission and not measurements.links:
             result: MissionResult = resolve_name(self.mission)(settings, measurements, start)
             return result
         estimates = self.make(settings, start).run(measurements)
@@ -160,6 +160,7 @@ _TIGHT = NavigatorSpec(
     smoother="laisn.tight.navigator:SmoothingNavigator",
     beacons="laisn.beacons:BeaconNavigator",
     compare_with_crlb=True,
+    takes_links=True,
 )
 
 

@@ -1,22 +1,26 @@
 """Arrays of long missions in files of their own, which take disk in place of memory.
 
 Such an array is mapped from a file that has no name any more, and is gone with the process. The
-process has in its memory what it has touched since the last `release`.
+process has in its memory what it has touched since the last `release`, which
+`released_regularly` repeats.
 """
 
 import mmap
 import os
 import tempfile
+import threading
 import weakref
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 import numpy.typing as npt
 
-LONG = 100_000
-"""Arrays of so many instants or steps are in files."""
+LONG = 50_000
+"""Arrays of so many instants, steps or messages are in files."""
+_RELEASE_EVERY_S = 0.05
 _LASTING = Path("/var/tmp")
 """Folder of temporary files that is on a disk, while that of others may be in memory."""
 
@@ -26,6 +30,7 @@ class _Mapping(mmap.mmap):
 
 
 _MAPPINGS: "weakref.WeakSet[_Mapping]" = weakref.WeakSet()
+_CHANGES = threading.Lock()  # of these
 
 
 def _new_file() -> IO[bytes]:
@@ -50,15 +55,20 @@ def _mapping(size: int) -> _Mapping | None:
         return None
 
 
+def is_long(shape: Sequence[int]) -> bool:
+    """Whether arrays of a shape are in files: an axis is long."""
+    return max(shape, default=0) >= LONG
+
+
 def room(shape: Sequence[int], dtype: npt.DTypeLike = np.float64) -> npt.NDArray[Any]:
     """An array of zeros, in a file if an axis is long."""
     layout = np.dtype(dtype)
     size = int(np.prod(shape, dtype=np.int64)) * layout.itemsize
-    is_long = size > 0 and max(shape, default=0) >= LONG
-    mapping = _mapping(size) if is_long else None
+    mapping = _mapping(size) if size > 0 and is_long(shape) else None
     if mapping is None:
         return np.zeros(shape, layout)
-    _MAPPINGS.add(mapping)
+    with _CHANGES:
+        _MAPPINGS.add(mapping)
     return np.ndarray(shape, layout, buffer=mapping)
 
 
@@ -69,5 +79,28 @@ def is_spilled(owner: object) -> bool:
 
 def release() -> None:
     """Leave to the system the memory of all arrays in files; their numbers stay."""
-    for mapping in list(_MAPPINGS):
+    with _CHANGES:
+        mappings = list(_MAPPINGS)
+    for mapping in mappings:
         mapping.madvise(mmap.MADV_DONTNEED)
+
+
+@contextmanager
+def released_regularly() -> Iterator[None]:
+    """The memory of arrays in files is released again and again while the block runs, by a thread
+    of its own: the block may go through all of them.
+    """
+    over = threading.Event()
+
+    def release_until_over() -> None:
+        while not over.wait(_RELEASE_EVERY_S):
+            release()
+
+    thread = threading.Thread(target=release_until_over, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+        release()

@@ -6,8 +6,7 @@ any other object with such a method, which Python calls. Compiled code chooses t
 type of the NamedTuple.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -17,7 +16,7 @@ from numba.extending import overload_method
 
 from laisn.arrays import Bools, Floats, Ints, Record, Records, records
 from laisn.compiled import compiled
-from laisn.estimates import Estimates, FixKind, FixRecord
+from laisn.estimates import Estimates, FixKind, FixRecord, FixTable
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
 from laisn.settings import Settings
 from laisn.spilled import room
@@ -87,6 +86,12 @@ class SwarmRecord(NamedTuple):
         Their fixes, and the latest before them, whose hypotheses still hold.
         """
         fixes = self.fix[follower, : self.fix_count[follower]]
+        return self.estimates_with(fixes, follower, steps, kind)
+
+    def estimates_with(
+        self, fixes: Records, follower: int, steps: range, kind: type[Estimates]
+    ) -> Estimates:
+        """The same with fixes that are elsewhere: records of `Estimates.fix_dtype`, shape (f,)."""
         fixes = fixes[in_force(fixes.fix_step, steps)]
         arrays = {name: fixes[name] for name in fixes.dtype.names}
         arrays["fix_step"] = fixes.fix_step - steps.start
@@ -198,8 +203,10 @@ class SeparateNavigators:
         """Make a navigator for each of the known starts, shape (f, 4)."""
         self.navigators = [make_navigator(settings, start) for start in starts]
         self.gated: Ints = np.zeros(len(starts), dtype=np.int64)
-        self.fixes: list[list[FixRecord]] = [[] for _ in starts]
-        """Of each follower, as its navigator made them."""
+        self._kinds: list[type[Estimates]] = [
+            getattr(navigator, "ESTIMATES", Estimates) for navigator in self.navigators
+        ]
+        self._fixes = [FixTable(kind) for kind in self._kinds]
         self.custom: list[dict[str, Floats]] = [{} for _ in starts]
         """Readings of further sensors of each follower at this filter step, by their names."""
         self.receptions: list[dict[str, Reception]] = [{} for _ in starts]
@@ -253,28 +260,12 @@ class SeparateNavigators:
         if record.covariance.shape[1] > 0:
             covariance = getattr(navigator, "covariance", np.nan)
             record.covariance[i, step - 1] = covariance
-            self.fixes[i] += _fixes_of(fixes, step, reception, state, covariance)
+            self._fixes[i].extend(_fixes_of(fixes, step, reception, state, covariance))
 
     def estimates(self, record: SwarmRecord, follower: int, steps: range) -> Estimates:
         """The same as of `SwarmRecord.estimates`, of the navigator's own kind."""
-        kind: type[Estimates] = getattr(self.navigators[follower], "ESTIMATES", Estimates)
-        return estimates_of(kind, record, (follower, self.fixes[follower]), steps)
-
-
-def estimates_of(
-    kind: type[Estimates],
-    record: SwarmRecord,
-    follower_fixes: tuple[int, Sequence[FixRecord]],
-    steps: range,
-) -> Estimates:
-    """As `SwarmRecord.estimates`, of a follower, by its index, with the fixes that it made."""
-    follower, fixes = follower_fixes
-    rows = slice(steps.start, steps.stop)
-    fix_step = np.array([fix.step for fix in fixes], dtype=np.int64)
-    in_part = [
-        replace(fix, step=fix.step - steps.start) for fix in fixes[in_force(fix_step, steps)]
-    ]
-    return kind.of(record.state[follower, rows], record.covariance[follower, rows], in_part)
+        fixes = self._fixes[follower].rows
+        return record.estimates_with(fixes, follower, steps, self._kinds[follower])
 
 
 def _fixes_of(

@@ -200,7 +200,8 @@ def flight_bounds(
     flight: FlightRecord, followers: Sequence[int] | None = None, lag: float = 0.0
 ) -> list[Floats]:
     """Least RMS of followers' position errors after each step, of each follower's shape (n,), [m],
-    from the pings that it received; None: of all.
+    from the pings that it received; None: of all. Of one that takes the messages of several links
+    NaN, which is no bound.
 
     With a lag [s], messages of up to so much later are used too. Ranges, log and compass are those
     of this flight, with constant biases: sideslip, drift and echoes only raise what can be reached.
@@ -209,7 +210,10 @@ def flight_bounds(
     links = dict[str, _Broadcasts]()
     geometries = []
     noises = []
-    for i in range(len(navigated)) if followers is None else followers:
+    chosen = [*range(len(navigated))] if followers is None else [*followers]
+    # what further links tell is not in the geometry
+    bounded = [i for i in chosen if not flight.scenario.navigation_of(i).further_links]
+    for i in bounded:
         sensing = navigated[i]
         link = sensing.links.main
         if link not in links:
@@ -218,7 +222,11 @@ def flight_bounds(
         received = np.isfinite(flight.measurements[i].ranges)
         geometries.append(_geometry(links[link].motion, sensing, i, messages, received))
         noises.append(noise_of(sensing, flight.scenario.navigation_of(i), i))
-    return [_rms(covariance) for covariance in position_bounds(geometries, noises, lag=lag)]
+    bounds = {i: np.full(flight.measurements[i].speed.size, np.nan) for i in chosen}
+    if bounded:
+        covariances = position_bounds(geometries, noises, lag=lag)
+        bounds |= {i: _rms(covariance) for i, covariance in zip(bounded, covariances, strict=True)}
+    return [bounds[i] for i in chosen]
 
 
 def flight_bound(flight: FlightRecord, follower: int = 0, lag: float = 0.0) -> Floats:

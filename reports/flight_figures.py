@@ -75,7 +75,7 @@ def error_parts(
     over time.
 
     `errors` are E_P [m] and E_B [rad] at filter steps k = 1 … n, and `bound` is that of the RMS
-    error [m], shapes (n,).
+    error [m], shapes (n,); None: there is none.
     """
     time = flight.trajectory.time[flight.step_index()]
     covariance = flight.estimates[follower].covariance
@@ -114,7 +114,7 @@ def error_parts(
 
 
 def over_time(
-    flight: FlightRecord, follower: int, errors: tuple[Floats, Floats], bound: Floats
+    flight: FlightRecord, follower: int, errors: tuple[Floats, Floats], bound: Floats | None
 ) -> Panel:
     """Errors, bearing, measured ranges, kinds of fix, and the weights of hypotheses if there
     ever were several.

@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from laisn import metrics
-from laisn.arrays import Floats
+from laisn import POSITION, metrics
+from laisn.arrays import Bools, Floats
 from laisn.estimates import FIX_WORDS, FixKind
 from laisn.messages import Ranges
-from laisn.metrics import nees
+from laisn.metrics import normalised_errors
 from laisn.navigators import find
 from laisn.spilled import release
 from reports import flight_figures, style
@@ -39,14 +39,15 @@ from reports.summary import (
     flight_events,
     mirror_locked_steps,
     route_events,
-    true_bearing,
 )
 from reports.verdict import verdict
+from sim import attitude
 from sim.flight import FlightRecord
 from sim.scenario.parts import MotionSettings
 from sim.scenario.section import split_unit
 from sim.sensing.proximity import sightings
 from sim.tracking import LOST_M, closest_approaches, contacts, track_errors
+from sim.trajectory import blocks
 
 _CAUSES = (
     Cause.RANDOM,
@@ -163,6 +164,39 @@ side is wrong [m].
 CONSISTENT_SHARE = OUTSIDE
 
 
+class _Judged(NamedTuple):
+    """A follower's estimates at n filter steps."""
+
+    error: Floats  # distance from the truth, shape (n,), [m]
+    near: Bools  # as of `accuracy`
+    wrong: Bools
+    outside: Bools
+
+
+def _judged(flight: FlightRecord, follower: int, part: slice) -> _Judged:
+    """Estimates at a part of the filter steps beside the truth and the leader's axis."""
+    steps = flight.step_index()[part]
+    estimates = flight.estimates[follower]
+    trajectory = flight.trajectory
+    truth = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone", steps)[:, :2]
+    leader = trajectory.position[steps, 0, :2]
+    heading = attitude.heading_pitch_roll(trajectory.quaternion[steps, 0])[0]
+    estimate = estimates.state[part, :2]
+    starboard = np.column_stack([np.cos(heading), -np.sin(heading)])
+    side, estimated = (
+        np.einsum("ni,ni->n", point - leader, starboard) for point in (truth, estimate)
+    )
+    wrong = (np.minimum(np.abs(side), np.abs(estimated)) >= SIDE_M) & (side * estimated < 0)
+    away = truth - leader
+    folded = np.mod(np.arctan2(away[:, 0], away[:, 1]) - heading, np.pi)
+    near = np.minimum(folded, np.pi - folded) < np.radians(ON_AXIS_DEG)
+    error = estimate - truth
+    square = normalised_errors(error, estimates.covariance[part, POSITION, POSITION])
+    # with a singular covariance any error is outside
+    outside = np.where(np.isnan(square), np.any(estimate != truth, axis=1), square > SIGMAS**2)
+    return _Judged(np.hypot(*error.T), near, wrong, outside)
+
+
 def accuracy(flight: FlightRecord, follower: int) -> dict[str, float]:
     """Errors of a follower's estimate at the filter steps with an estimate, [m], and shares of
     these steps, 0 … 1.
@@ -171,23 +205,9 @@ def accuracy(flight: FlightRecord, follower: int) -> dict[str, float]:
     the leader's axis, ahead or astern, with mean errors there and elsewhere; `wrong_side`: the
     estimate is across that axis.
     """
-    steps = flight.step_index()
-    estimates = flight.estimates[follower]
-    truth = flight.hydrophone(follower)[:, :2]
-    leader = flight.trajectory.position[steps, 0, :2]
-    heading = flight.trajectory.heading[steps, 0]
-    estimate = estimates.state[:, :2]
-    starboard = np.column_stack([np.cos(heading), -np.sin(heading)])
-    side, estimated = (
-        np.einsum("ni,ni->n", point - leader, starboard) for point in (truth, estimate)
-    )
-    wrong = (np.minimum(np.abs(side), np.abs(estimated)) >= SIDE_M) & (side * estimated < 0)
-    folded = np.mod(true_bearing(flight, follower), np.pi)
-    near_axis = np.minimum(folded, np.pi - folded) < np.radians(ON_AXIS_DEG)
-    square = nees(estimates, truth)
-    error = np.hypot(*(estimate - truth).T)
-    # with a singular covariance any error is outside
-    outside = np.where(np.isnan(square), np.any(estimate != truth, axis=1), square > SIGMAS**2)
+    time = flight.trajectory.time[flight.step_index()]
+    parts = [_judged(flight, follower, part) for part in blocks(time.size)]
+    error, near_axis, wrong, outside = map(np.concatenate, zip(*parts, strict=True))
     # with an unknown start there is no estimate before the first messages
     finite = np.isfinite(error)
     error = error[finite]
@@ -200,7 +220,7 @@ def accuracy(flight: FlightRecord, follower: int) -> dict[str, float]:
         "sigma": float(error.std()),
         "high": float(np.percentile(error, 95)),
         "largest": float(error[k]),
-        "largest_s": float(flight.trajectory.time[steps][finite][k]),
+        "largest_s": float(time[finite][k]),
         "outside": float(outside.mean()),
         "near_axis": float(near_axis.mean()),
         "mean_near": float(error[near_axis].mean()) if near_axis.any() else np.nan,
@@ -231,7 +251,8 @@ def follower_curves(
     them.
     """
     used = range(flight.scenario.navigation_of(follower).transmitters)
-    panels = [flight_figures.over_time(flight, follower, errors, bound)]
+    has_bound = bool(np.isfinite(bound).any())
+    panels = [flight_figures.over_time(flight, follower, errors, bound if has_bound else None)]
     if len(flight.estimates) > 1:
         panels.append(flight_figures.difference(flight, follower))
     return Figures(
@@ -241,7 +262,7 @@ def follower_curves(
             (style.ESTIMATE, "E_P and E_B"),
             (style.FOLLOWER, "B"),
             (style.INK, "2σ by the filter; dotted: its RMS error"),
-            (style.MUTED, "Cramér–Rao bound of the RMS error"),
+            *([(style.MUTED, "Cramér–Rao bound of the RMS error")] if has_bound else []),
             *(
                 (style.TRANSMITTERS[j], f"range from the {Ranges._fields[j]} transmitter")
                 for j in used
@@ -476,6 +497,7 @@ def flight_report(
         "number": number,
         "words": words,
         "on_axis_deg": f"{ON_AXIS_DEG:g}",
+        "has_bound": any(np.isfinite(bound).any() for bound in flight_bound),
         "rows": [_curves(flight, i, errors[i], flight_bound[i]) for i in _drawn(flight)],
         "states": states_table(states) if states else None,
         "leader": leader_values(flight, summary),

@@ -94,7 +94,7 @@ def consistency(flight: FlightRecord, follower: int, bound: Floats) -> dict[str,
     estimate on.
 
     `nees` is the mean of eᵀ P⁻¹ e (2 if P is right; None: singular), `rms_over_bound` the RMS of
-    E_P over the bound's.
+    E_P over the bound's; a bound of NaN is none.
     """
     truth = flight.hydrophone(follower)[:, :2]
     estimates = flight.estimates[follower]
@@ -105,7 +105,7 @@ def consistency(flight: FlightRecord, follower: int, bound: Floats) -> dict[str,
     finite = np.isfinite(normalised)
     return {
         "nees": float(normalised[finite].mean()) if finite.any() else None,
-        "bound_rms_m": bound_square**0.5,
+        "bound_rms_m": bound_square**0.5 if np.isfinite(bound_square) else None,
         "rms_over_bound": float(np.mean(squares[is_finite]) / bound_square) ** 0.5
         if bound_square > 0.0
         else None,

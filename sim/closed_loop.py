@@ -20,6 +20,7 @@ from laisn.estimates import Estimates
 from laisn.messages import LeaderMessage, LinkMessages, Reception
 from laisn.navigators import find
 from laisn.settings import Settings
+from laisn.spilled import room
 from laisn.swarm import (
     ESTIMATE,
     READING,
@@ -51,7 +52,7 @@ from sim.scenario.settings import Leader, Navigation, Scenario
 from sim.scenario.vehicles import Follower
 from sim.sensing import observation, proximity
 from sim.sensing.acoustics import TRANSMITTERS, Motion, Sites
-from sim.sensing.links import further_links, navigated_link
+from sim.sensing.links import broadcast_offsets, further_links, navigated_link
 from sim.sensing.sensors import custom_sensors, update_tilt_error
 from sim.simulation import (
     TICK,
@@ -134,6 +135,8 @@ def init_closed_loop(
     message_every = sensing.links.message_every
     sensors = observation.sensor_model_of(sensing, sensing_of=sensing_of)
     steps = (n - 1) // sensors.stride
+    tilts = room((n, 2))
+    tilts[:] = 0.0 if leader.broadcast_attitude else np.nan
     link = navigated_link(sensing.links)
     messages = steps // (link.every if link else message_every) + 1
     by_estimate = leader.broadcast_position == "estimate"
@@ -177,7 +180,7 @@ def init_closed_loop(
         read=numbers_of(readings),
         inbox=observation.new_inbox(f, message_every),
         arrived=np.zeros(f, dtype=np.bool_),
-        tilts=np.full((n, 2), 0.0 if leader.broadcast_attitude else np.nan),
+        tilts=tilts,
         seen=records(proximity.SIGHTING, f, f + 1),
         estimates=records(ESTIMATE, f),
         trails=trails,
@@ -399,6 +402,8 @@ class LoopParts:
     # what is received on links beside the leader's broadcast, by name
     receivers: Mapping[str, Receiver] = field(default_factory=dict)
     leader: LeaderUnit | None = None  # None: it keeps to its route by the truth
+    # of the leader's transmitters, as of `laisn.messages.Reception`
+    broadcast_offsets: Floats = field(default_factory=lambda: np.full((3, 3), np.nan))
 
 
 class PythonClosedLoop:
@@ -415,6 +420,7 @@ class PythonClosedLoop:
         self.sensing = parts.sensing
         self.receivers = parts.receivers
         self.leader = parts.leader
+        self._broadcast_offsets = parts.broadcast_offsets
         self.latest_custom: list[dict[str, Floats]] = [{} for _ in parts.sensing]
         """Readings of further sensors at the last filter step, of each follower."""
         self._steps = np.zeros(1, dtype=np.int64)
@@ -548,7 +554,8 @@ class PythonClosedLoop:
         receptions = {}
         if self.state.arrived[f]:
             inbox = self.state.inbox
-            receptions[LEADER_LINK] = reception_of(inbox.message[f], inbox.ranges[f], custom)
+            broadcast = reception_of(inbox.message[f], inbox.ranges[f], custom)
+            receptions[LEADER_LINK] = broadcast._replace(offsets=self._broadcast_offsets)
         for name, receiver in self.receivers.items():
             if f in receiver.receives:
                 reception = receiver.reception(f, custom)
@@ -567,7 +574,9 @@ class PythonClosedLoop:
             if name != group.link and follower in receiver.receives
         }
         if LEADER_LINK in group.further_links:
-            messages[LEADER_LINK] = self.state.measured.messages_of(follower, steps.stop)
+            messages[LEADER_LINK] = self.state.measured.messages_of(
+                follower, steps.stop, self._broadcast_offsets
+            )
         return {name: record.part(steps.start, steps.stop) for name, record in messages.items()}
 
     def _read_custom(self, k: int, truth: StateHistory) -> None:
@@ -671,6 +680,7 @@ def _sensing_of(
     sensing_of: Sequence[SensingSettings], plant: Plant, state: ClosedLoopState
 ) -> tuple[CustomSensing, ...]:
     """Further sensors of each follower."""
+    environment = plant.ocean.environment._replace(rays=state.sensors.sound.rays)
     return tuple(
         CustomSensing(
             custom_sensors(sensing, f),
@@ -681,7 +691,7 @@ def _sensing_of(
                 hydrophone=state.sites.hydrophones[f],
                 depth_sensor=state.depth_sensors[f],
             ),
-            plant.ocean.environment,
+            environment,
             state.sensors,
         )
         for f, sensing in enumerate(sensing_of)
@@ -725,7 +735,8 @@ def closed_loop_of(
     for followers in spans:
         way = ways[followers.start]
         spec = find(way.variant)
-        make = make_swarm or spec.new_swarm
+        several = bool(way.further_links)
+        make = make_swarm or partial(spec.new_swarm, several_links=several)
         record = state.concluded
         if len(spans) > 1:
             links = sensing_of[followers.start].links
@@ -759,6 +770,7 @@ def closed_loop_of(
         sensing=custom_sensing,
         receivers=receivers,
         leader=leader,
+        broadcast_offsets=broadcast_offsets(plant.sites),
     )
     return PythonClosedLoop(state, parts)
 

@@ -146,6 +146,15 @@ def navigation_settings(scenario: Scenario, sites: Mapping[str, Floats], followe
     return settings_of(sensing, navigation, sites, scenario.followers[follower].name)
 
 
+def _hydrophone_height(sites: Mapping[str, Floats], name: str) -> float:
+    """How much higher a vehicle's hydrophone is than its pressure sensor [m]; of a leader without a
+    hydrophone, which receives nothing, 0.
+    """
+    if name == "leader" and f"{name}/hydrophone" not in sites:
+        return 0.0
+    return float(sites[f"{name}/hydrophone"][2] - sites[f"{name}/depth_sensor"][2])
+
+
 def settings_of(
     sensing: SensingSettings, navigation: Navigation, sites: Mapping[str, Floats], name: str
 ) -> Settings:
@@ -155,10 +164,8 @@ def settings_of(
     """
     sound = sensing.acoustics
     height = navigation.hydrophone_height_m
-    if height is None and f"{name}/hydrophone" not in sites:
-        height = 0.0
     if height is None:
-        height = sites[f"{name}/hydrophone"][2] - sites[f"{name}/depth_sensor"][2]
+        height = _hydrophone_height(sites, name)
     positions = np.array([sites[transmitter] for transmitter in TRANSMITTERS])
     assumed = sound.sound_speed_m_s + sound.sound_speed_bias_m_s
     above_sensor = positions - np.array([0.0, 0.0, sites["leader/depth_sensor"][2]])

@@ -107,6 +107,7 @@ class LeaderUnit:
         steps = (fleet.instants - 1) // self._stride
         self._measured = MeasurementRecord.empty(1, steps, max(steps, 1))
         self._main, self._further = self._links_of(sensing.links)
+        model = sensor_model_of(sensing)
         self.sensing = CustomSensing(
             sensors.leader_custom_sensors(sensing),
             Carrier(
@@ -116,8 +117,8 @@ class LeaderUnit:
                 hydrophone=self._hydrophone,
                 depth_sensor=self._depth_sensor,
             ),
-            plant.ocean.environment,
-            sensor_model_of(sensing),
+            plant.ocean.environment._replace(rays=model.sound.rays),
+            model,
         )
         self.latest_custom: dict[str, Floats] = {}
         """Readings of further sensors at the last filter step by their names."""

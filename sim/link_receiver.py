@@ -237,7 +237,11 @@ class Receiver:
         received = reception_of(
             hearing.inbox.message[i], hearing.inbox.ranges[i], custom, hearing.places
         )
-        return received._replace(content=self.content[i], round_trip=float(self.round_trip[i]))
+        return received._replace(
+            content=self.content[i],
+            round_trip=float(self.round_trip[i]),
+            offsets=self.link.offsets,
+        )
 
     def _round_trips(self, i: int, messages: int) -> Floats | None:
         return None
@@ -254,6 +258,7 @@ class Receiver:
             ranges=record.ranges[i, :m].copy(),
             places=self.hearing.places,
             round_trip=self._round_trips(i, m),
+            offsets=self.link.offsets,
             content={
                 name: np.array([row[name] for row in self._contents[i][:m]]) for name in names
             },

@@ -5,10 +5,10 @@ after stretch.
 from collections.abc import Callable
 from typing import Any
 
-from laisn.estimates import Estimates, FixRecord
+from laisn.estimates import Estimates, FixTable
 from laisn.messages import Measurements
 from laisn.navigators import find
-from laisn.swarm import SwarmRecord, estimates_of
+from laisn.swarm import SwarmRecord
 from sim.flight import FlightRecord, Termination, navigate, navigation_settings
 from sim.scenario.parts import sensing_of_each
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
@@ -75,7 +75,8 @@ class OpenLoop:
         self._concluded = SwarmRecord.empty(
             len(followers), steps if self.navigates else 0, 0, Estimates, whole=True
         )
-        self._fixes: list[list[FixRecord]] = [[] for _ in followers]
+        self._kinds = [getattr(navigator, "ESTIMATES", Estimates) for navigator in self._navigators]
+        self._fixes = [FixTable(kind) for kind in self._kinds]
         self._failed = False
         self.steps = 0
         """Filter steps that are over."""
@@ -124,14 +125,13 @@ class OpenLoop:
         covariance = self._concluded.covariance[follower]
         measured = self._measurements(follower, span)
         for k, (own, reception) in zip(span, measured.steps(), strict=True):
-            self._fixes[follower] += navigator.step(own, reception)
+            self._fixes[follower].extend(navigator.step(own, reception))
             state[k] = navigator.state
             covariance[k] = navigator.covariance
 
     def _estimates(self, follower: int, steps: range) -> Estimates:
-        navigator: Any = self._navigators[follower]
-        fixes = (follower, self._fixes[follower])
-        return estimates_of(navigator.ESTIMATES, self._concluded, fixes, steps)
+        fixes = self._fixes[follower].rows
+        return self._concluded.estimates_with(fixes, follower, steps, self._kinds[follower])
 
     def part(self, first: int) -> FlightRecord:
         """The flight from a filter step on until now, with the fixes that hold there."""

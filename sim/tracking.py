@@ -25,7 +25,7 @@ from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S, Follower
 from sim.scenario.vehicle_routes import route_of
 from sim.sea import Area, areas_of
-from sim.trajectory import Trajectory
+from sim.trajectory import Trajectory, blocks
 from sim.water.assembly import current_at, floor_of
 from sim.water.floors import LevelFloor
 from sim.water.grids import GriddedFloor
@@ -60,8 +60,12 @@ def track_error(route: Route, time: Floats, position: Floats) -> Floats:
     """Distance to where the point motion along the route is, shape (n,), [m]; arguments as of
     `cross_track`.
     """
-    planned = planned_motion(route).at(time)
-    return np.hypot(position[:, 0] - planned.east, position[:, 1] - planned.north)
+    plan = planned_motion(route)
+    off = np.empty(time.size)
+    for part in blocks(time.size):
+        planned = plan.at(time[part])
+        off[part] = np.hypot(position[part, 0] - planned.east, position[part, 1] - planned.north)
+    return off
 
 
 LEFT_ROUTE_M = 100.0
@@ -224,11 +228,17 @@ def pair_distances(places: Floats) -> PairDistances:
     looks = np.arange(0, n, _WINDOW)
     at_looks = places[looks]
     moved_distance = np.empty((looks.size, count))
-    for vehicle in range(count):
-        moves = places[:, vehicle] - np.repeat(at_looks[:, vehicle], _WINDOW, axis=0)[:n]
-        moved_distance[:, vehicle] = np.maximum.reduceat(
-            np.sqrt(np.sum(moves * moves, axis=1)), looks
-        )
+    for block in blocks(n):
+        # windows do not reach over the end of a block
+        windows = slice(block.start // _WINDOW, block.stop // _WINDOW)
+        begins = looks[windows] - block.start
+        for vehicle in range(count):
+            positions = places[block, vehicle]
+            starts = np.repeat(at_looks[windows, vehicle], _WINDOW, axis=0)[: len(positions)]
+            moves = positions - starts
+            moved_distance[windows, vehicle] = np.maximum.reduceat(
+                np.sqrt(np.sum(moves * moves, axis=1)), begins
+            )
     at_instants = np.full((count, count), np.inf)
     bound = at_instants.copy()
     for i in range(1, count):
@@ -253,6 +263,17 @@ def _first_contacts(pose: Floats) -> Ints:
     """First instant at which the hulls of each pair touch, shape (v, v), below the diagonal; −1
     if they never do.
     """
+    count = pose.shape[1]
+    first = np.full((count, count), -1)
+    for part in blocks(len(pose)):
+        touched = _first_contacts_within(pose[part])
+        anew = (first < 0) & (touched >= 0)
+        first[anew] = part.start + touched[anew]
+    return first
+
+
+def _first_contacts_within(pose: Floats) -> Ints:
+    """The same of a block of instants."""
     position = pose[..., :3]
     count = pose.shape[1]
     axis = np.stack(attitude.forward_of(np.moveaxis(pose[..., 3:], -1, 0)), axis=-1)

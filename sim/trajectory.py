@@ -96,8 +96,14 @@ def _poses_at(index: Floats, dt: float, pose: Floats, twist: Floats) -> Floats:
     return poses
 
 
-# instants that are computed at a time, so that intermediate values take little memory
-_BLOCK = 1 << 16
+_BLOCK = 1 << 16  # a multiple of what is looked at together, such as windows of `sim.tracking`
+
+
+def blocks(instants: int) -> list[slice]:
+    """So many instants in blocks, in order: intermediate values of a day would take much memory."""
+    return [slice(first, first + _BLOCK) for first in range(0, instants, _BLOCK)]
+
+
 OF_VEHICLES = ("pose", "twist", "water_velocity", "thrust")  # arrays of shape (n, v, …)
 
 
@@ -215,8 +221,7 @@ class Trajectory(ArrayRecord):
         [m/s].
         """
         speed = np.empty(self.position.shape[:2])
-        for first in range(0, len(speed), _BLOCK):
-            block = slice(first, first + _BLOCK)
+        for block in blocks(len(speed)):
             arrays = self.pose[block], self.twist[block], self.water_velocity[block]
             speed[block] = speed_through_water(*(np.moveaxis(array, 2, 0) for array in arrays))
         return speed
@@ -233,8 +238,7 @@ class Trajectory(ArrayRecord):
         s = self.site(name)
         v = self.site_vehicle[s]
         path = np.empty((self.time.size if index is None else len(index), 3))
-        for first in range(0, len(path), _BLOCK):
-            block = slice(first, first + _BLOCK)
+        for block in blocks(len(path)):
             instants = block if index is None else index[block]
             path[block] = np.column_stack(
                 attitude.body_point_in_world(self.pose[instants, v].T, self.site_offset[s])

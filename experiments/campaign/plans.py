@@ -206,7 +206,7 @@ def compute(trajectory: Trajectory, plans: Sequence[CellPlan]) -> list[Result]:
             "bound_rms_m": None,
             "rms_over_bound": None,
         }
-        if find(variant).compare_with_crlb:
+        if find(variant).compare_with_crlb and not scenario.navigation.further_links:
             settings = CellSettings.of(scenario)
             seen, _ = mission.seen(settings, plan.follower)
             geometry = geometry_of(seen, settings.sensing, plan.follower)

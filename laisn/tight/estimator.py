@@ -407,9 +407,11 @@ def inflate_bias_covariance(b: GaussianMixture, m: Model, signal: Signal) -> Non
 
 
 @compiled
-def _propagate_iterated(b: GaussianMixture, m: Model, k: int, signal: Signal) -> bool:
+def _propagate_iterated(
+    b: GaussianMixture, m: Model, k: int, signal: Signal, of_ranges: Model
+) -> bool:
     """Predict component k; where its compass bias bends the way too much, at the biases of a
-    first update.
+    first update by the model `of_ranges`.
     """
     x = b.state
     way = math.sqrt(b.motion.ax**2 + b.motion.ay**2)
@@ -424,7 +426,7 @@ def _propagate_iterated(b: GaussianMixture, m: Model, k: int, signal: Signal) ->
     if 0.5 * b.covariance[k, COMPASS, COMPASS] * way >= _BEND:
         mixture.copy_component(b, k, SPARE)
         motion.predict_component(b, m, k, log_bias, compass_bias)
-        healthy = update(b, m, k, signal) >= 0
+        healthy = update(b, of_ranges, k, signal) >= 0
         log_bias = x[k, LOG]
         compass_bias = x[k, COMPASS]
         mixture.copy_component(b, SPARE, k)
@@ -566,7 +568,7 @@ def receive(b: GaussianMixture, m: Model, signal: Signal) -> int:
         motion.average_leader_heading(b, m, signal)
     inflate_bias_covariance(b, m, signal)
     for k in range(b.n_hypotheses * m.modes):
-        if not _propagate_iterated(b, m, k, signal):
+        if not _propagate_iterated(b, m, k, signal, m):
             return -1
     if not math.isnan(signal.ranges[0] + signal.ranges[1]):
         split(b, m, signal)
@@ -583,6 +585,42 @@ def receive(b: GaussianMixture, m: Model, signal: Signal) -> int:
         return -1
     if m.current != ABSENT or m.leader != ABSENT:
         motion.update_current_from_leader_track(b, m, signal)
+    motion.reset_preintegration(b)
+    b.motion.elapsed = 0.0
+    refresh_output(b, m)
+    return most_ranges
+
+
+@compiled
+def receive_beside(b: GaussianMixture, m: Model, beside: Model, signal: Signal) -> int:
+    """Take a message of a further link, whose model is `beside`: as `receive`, but for what only
+    the main link's messages show, which are a start, the current and the leader's errors.
+    """
+    received = 0
+    for i in range(beside.transmitters):
+        received += signal.ranges[i] == signal.ranges[i]
+    _time_pings(b, beside, signal)
+    if received == 0 or b.n_hypotheses == 0:
+        return 0
+    b.received = received
+    mix_modes(b, m)
+    # the leader's compass has turned meanwhile
+    b.leader_turn.still += b.motion.elapsed
+    inflate_bias_covariance(b, beside, signal)
+    for k in range(b.n_hypotheses * m.modes):
+        if not _propagate_iterated(b, m, k, signal, beside):
+            return -1
+    if not math.isnan(signal.ranges[0] + signal.ranges[1]):
+        split(b, beside, signal)
+    most_ranges = _update_components(b, beside, signal)
+    if most_ranges < 0:
+        return -1
+    if b.n_hypotheses * m.modes > 1 and not motion.update_weights(b, m):
+        return -1
+    if b.n_hypotheses > 1:
+        prune_and_merge(b, m)
+    if not _check_consistency(b, beside, signal, received, most_ranges):
+        return -1
     motion.reset_preintegration(b)
     b.motion.elapsed = 0.0
     refresh_output(b, m)

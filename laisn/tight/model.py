@@ -168,6 +168,18 @@ def model_of(settings: TightSettings) -> Model:
     return cast(Model, records[0])
 
 
+def model_beside(m: Model) -> Model:
+    """The model of the ranges of a further link: without what errs in the leader's messages and
+    transmitters alone. The clock, and what errs anew in each message's position, are as of `m`.
+    """
+    records = np.array([m], dtype=MODEL)
+    for state in ("leader", "offset", "leader_position_walk"):
+        records[state] = ABSENT
+    records["leader_variance"] = 0.0
+    records["transmitters"] = 3
+    return cast(Model, records[0])
+
+
 @compiled
 def refresh_output(b: GaussianMixture, m: Model) -> None:
     """Prepare the mean position for the steps until the next message; NaN if there is no

@@ -17,7 +17,7 @@ from laisn.arrays import Bools, Floats, Ints, Record, RecordFields, Records, rec
 from laisn.compiled import compiled, compiled_apart, copy_values
 from laisn.errors import LaisnError
 from laisn.estimates import FixKind, FixRecord, TightEstimates
-from laisn.geometry import given_transmitters
+from laisn.geometry import given_transmitters, place_transmitters
 from laisn.messages import Measurements, OwnMotion, Reception
 from laisn.mixture import (
     Chain,
@@ -31,12 +31,19 @@ from laisn.navigators import MissionResult, OnlineNavigator
 from laisn.settings import TightSettings
 from laisn.swarm import MESSAGE, SwarmRecord, new_fix
 from laisn.tight.details import FIX, kind_of_message, write_fix
-from laisn.tight.estimator import inflate_bias_covariance, mix_modes, place_arms, receive
+from laisn.tight.estimator import (
+    inflate_bias_covariance,
+    mix_modes,
+    place_arms,
+    receive,
+    receive_beside,
+)
 from laisn.tight.model import (
     COMPASS,
     LOG,
     X,
     Y,
+    model_beside,
     model_of,
     new_belief,
     prior_sigmas,
@@ -72,6 +79,21 @@ def predict(b: ScalarRecord, m: ScalarRecord, speed: float, heading: float, dt: 
 
 
 @compiled
+def _copy_message(m: Model, message: Record, ranges: Floats, signal: Signal) -> None:
+    """Put a record of MESSAGE and its ranges, shape (3,), into a signal."""
+    signal.time = message.timestamp
+    signal.east = message.east
+    signal.north = message.north
+    signal.heading = message.heading
+    signal.speed = message.speed
+    signal.depth = message.depth
+    signal.leader_position_variance = m.leader_position_variance
+    if message.position_sigma == message.position_sigma:
+        signal.leader_position_variance = message.position_sigma * message.position_sigma
+    copy_values(ranges, signal.ranges)
+
+
+@compiled
 def _receive(
     b: GaussianMixture,
     m: Model,
@@ -84,16 +106,7 @@ def _receive(
     """Take a record of MESSAGE and its ranges, shape (3,), at the follower's depth [m]; see
     `receive`. Transmitters are placed on the leader's hull, or lie in `signal`.
     """
-    signal.time = message.timestamp
-    signal.east = message.east
-    signal.north = message.north
-    signal.heading = message.heading
-    signal.speed = message.speed
-    signal.depth = message.depth
-    signal.leader_position_variance = m.leader_position_variance
-    if message.position_sigma == message.position_sigma:
-        signal.leader_position_variance = message.position_sigma * message.position_sigma
-    copy_values(ranges, signal.ranges)
+    _copy_message(m, message, ranges, signal)
     if on_hull:
         place_arms(
             signal, m, message.pitch, message.roll, message.depth - (depth - m.hydrophone_height)
@@ -113,6 +126,24 @@ def update(
 ) -> int:
     """Update a belief with the only one of messages, as `_receive`, and its moments."""
     used = _receive(b[0], m[0], signal[0], sent[0], ranges, depth, on_hull)
+    moments(b[0], m[0])
+    return used
+
+
+@compiled
+def update_beside(
+    b: ScalarRecord,
+    m: ScalarRecord,
+    beside: ScalarRecord,
+    signal: ScalarRecord,
+    sent: Records,
+    ranges: Floats,
+) -> int:
+    """Update a belief with the only one of messages of a further link, whose transmitters lie in
+    `signal`, as of `receive_beside`, and its moments.
+    """
+    _copy_message(beside[0], sent[0], ranges, signal[0])
+    used = receive_beside(b[0], m[0], beside[0], signal[0])
     moments(b[0], m[0])
     return used
 
@@ -151,6 +182,9 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
         self._model = model = model_of(settings)
         self._places = reported_states(settings)
         self._signal = scalar_record(new_signal())
+        # of further links
+        self._signal_beside = scalar_record(new_signal())
+        self._model_beside = scalar_record(model_beside(model))
         self._records = b, _ = (
             scalar_record(new_belief(settings, model, self._start)),
             scalar_record(model),
@@ -164,7 +198,10 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
 
     def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
         predict(*self._records, own.speed, own.heading, dt)
-        return [] if reception is None else [self._receive(own, reception)]
+        fixes = [] if reception is None else [self._receive(own, reception)]
+        for received in own.receptions.values():
+            self._receive_beside(own, received)
+        return fixes
 
     def _receive(self, own: OwnMotion, reception: Reception) -> FixRecord:
         """Take a message; a range to a transmitter whose position is unknown counts as not
@@ -193,6 +230,28 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
                 f"step {self._step}: a covariance is not positive definite after {reception}"
             )
         return self._fix(used)
+
+    def _receive_beside(self, own: OwnMotion, reception: Reception) -> None:
+        """Take a message of a further link."""
+        message = reception.message
+        ranges = np.array(reception.ranges, dtype=np.float64)
+        arms = place_transmitters(reception, self.settings) - (
+            message.east,
+            message.north,
+            own.depth - self.settings.hydrophone_height,
+        )
+        ranges[np.isnan(arms).any(axis=1)] = np.nan
+        self._signal_beside["arms"] = arms
+        # who is at rest states an exact place
+        at_rest = reception.transmitters is not None
+        variance = 0.0 if at_rest else self._model.leader_position_variance
+        self._model_beside["leader_position_variance"] = variance
+        sent = np.array([message], dtype=MESSAGE)
+        used = update_beside(*self._records, self._model_beside, self._signal_beside, sent, ranges)
+        if used < 0:
+            raise ArithmeticError(
+                f"step {self._step}: a covariance is not positive definite after {reception}"
+            )
 
     def _fix(self, used: int) -> FixRecord:
         """The result of a message of which so many ranges were used by any hypothesis."""
@@ -338,6 +397,11 @@ class SmoothingNavigator(TightNavigator):
         self._before: list[tuple[ScalarRecord, ScalarRecord]] = []
 
     def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
+        if own.receptions:
+            raise LaisnError(
+                f"step {self._step}: smoothing takes the messages of one link; set "
+                "navigation.further_links = []"
+            )
         fixes = super()._navigate(own, reception, dt)
         self._motions.append(self._records[0]["motion"].copy())
         self._latest.append(len(self._steps) - 1)

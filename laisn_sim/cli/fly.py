@@ -2,12 +2,12 @@
 
 import json
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from importlib import import_module
 from pathlib import Path
 from time import process_time
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from rich.console import Console
@@ -27,7 +27,7 @@ from experiments.flight.folder import (
     require_safe,
 )
 from laisn.errors import LaisnError
-from laisn.spilled import release
+from laisn.spilled import released_regularly
 from reports.bound import flight_bounds
 from reports.summary import flight_events, stray_events, summarise
 from sim.feasibility import cautions
@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from laisn_sim.live import LiveView
     from sim.log.writer import FlightLog
 
-Result = TypeVar("Result")
 
 _LONG_S = 7200.0
 _STRETCH_S = 10.0  # of a live mission between two steps of its bar
@@ -224,11 +223,9 @@ def ended_log(mission: MissionToFly | None, log: "FlightLog") -> Iterator[None]:
         raise
 
 
-def _released(compute: Callable[..., Result], *arguments: Any) -> Result:
-    """What a function computes of arguments; the memory of arrays in files is released after it."""
-    result = compute(*arguments)
-    release()
-    return result
+def _memory_kept_low(scenario: Scenario) -> AbstractContextManager[None]:
+    """While a block goes through a long mission, which is in files, its memory is given back."""
+    return released_regularly() if scenario.duration_s > _LONG_S else nullcontext()
 
 
 def write_flight(
@@ -271,11 +268,11 @@ def write_flight(
         def phase(name: str) -> Iterator[Update]:
             with watch.phase(name), show_phase(name) as update:
                 yield update
-            release()
 
         log = writer.FlightLog(folder / LOG)
-        mission = MissionToFly(scenario) if live is None else None
-        with ended_log(mission, log):
+        with _memory_kept_low(scenario):
+            mission = MissionToFly(scenario) if live is None else None
+        with ended_log(mission, log), _memory_kept_low(scenario):
             if mission is None:
                 with phase("simulate") as update:
                     flight = fly_live(scenario, cast("LiveView", live), update)
@@ -285,10 +282,10 @@ def write_flight(
                 with show_phase("navigate"):
                     flight = mission.flight(trajectory, outcome)
                 watch |= mission.watch
-            errors = _released(position_and_bearing_errors, flight)
-            events = _released(flight_events, flight)
-            bounds = _released(flight_bounds, flight)
-            summary = _released(summarise, flight, bounds)
+            errors = position_and_bearing_errors(flight)
+            events = flight_events(flight)
+            bounds = flight_bounds(flight)
+            summary = summarise(flight, bounds)
             summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
             report = partial(_draw_report, flight, errors, summary, folder / REPORT)
             reference = writer.film_reference(FILM, scenario.video) if with_video else None
@@ -312,7 +309,7 @@ def write_flight(
             )
             with phase("video") as update:
                 film_error = _film(flight, film, update, rewrite)
-        with phase("report"):
+        with phase("report"), _memory_kept_low(scenario):
             if report_task is not None:
                 watch.add("report", 0.0, report_task.result())
             else:
@@ -398,9 +395,12 @@ def fly_and_write(
             live=view,
         )
     show(console, flight, summary)
-    for deviation in track_deviations(MotionSettings.of(scenario), flight.trajectory):
+    with _memory_kept_low(scenario):
+        deviations = track_deviations(MotionSettings.of(scenario), flight.trajectory)
+        strays = stray_events(flight)
+    for deviation in deviations:
         print_line(console, deviation, "warning:")
-    for event in stray_events(flight):
+    for event in strays:
         print_line(console, f"at {event.time_s:g} s {event.text}", "warning:")
     is_bug = film_error is not None and not isinstance(film_error, LaisnError)
     if film_error:

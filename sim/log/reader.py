@@ -46,7 +46,7 @@ from sim.log.schema import (
 from sim.scenario import file as scenario_file
 from sim.scenario.parts import LinkSettings, sensing_of_each
 from sim.scenario.settings import CONTROL_STEP_S
-from sim.sensing.links import navigated_link
+from sim.sensing.links import navigated_link, offsets_of_links
 from sim.trajectory import Trajectory
 
 CORE = (vehicle_state(()), *MEASURED, *estimated(Estimates), *DETAILS.values())
@@ -189,9 +189,15 @@ def _link_fields(log: Contents, topic: str, headers: Mapping[str, SensorHeader])
 
 
 def _links(
-    log: Contents, name: str, grid_ns: Ints, headers: Mapping[str, SensorHeader]
+    log: Contents,
+    name: str,
+    grid_ns: Ints,
+    headers: Mapping[str, SensorHeader],
+    offsets: Mapping[str, Floats | None],
 ) -> dict[str, LinkMessages]:
-    """Messages of further links that a vehicle has received in a flight, by the link's name."""
+    """Messages of further links that a vehicle has received in a flight, by the link's name;
+    `offsets` are as of `offsets_of_links`.
+    """
     links = {}
     beginning = f"/{name}/{LINK}"
     for topic in [topic for topic in log.topics if topic.startswith(beginning)]:
@@ -200,8 +206,10 @@ def _links(
         places = arrays.pop(PLACES.attribute, None)
         received = {array: arrays.pop(array) for array in ("message_step", "message", "ranges")}
         round_trip = arrays.pop(ROUND_TRIP, None)
-        links[topic.removeprefix(beginning)] = LinkMessages(
+        link = topic.removeprefix(beginning)
+        links[link] = LinkMessages(
             **received,
+            offsets=offsets.get(link),
             places=None if places is None else places[0],
             round_trip=round_trip,
             content=arrays,
@@ -210,7 +218,11 @@ def _links(
 
 
 def _leader_of(
-    log: Contents, steps_ns: Ints, dt: float, headers: Mapping[str, SensorHeader]
+    log: Contents,
+    steps_ns: Ints,
+    dt: float,
+    headers: Mapping[str, SensorHeader],
+    offsets: Mapping[str, Floats | None],
 ) -> VehicleRecord | None:
     """What the leader has measured and concluded; None: it has not sensed under way."""
     if f"/leader/{_OWN.topic}" not in log.topics:
@@ -221,7 +233,7 @@ def _leader_of(
     measured = Measurements(
         dt=dt,
         **_record(log, "leader", PLACED_MEASURED if has_positions else MEASURED, steps_ns),
-        links=_links(log, "leader", steps_ns, headers),
+        links=_links(log, "leader", steps_ns, headers, offsets),
         custom=custom,
         sensors=_headers_of(custom, headers),
     )
@@ -340,6 +352,7 @@ def read(path: Path | str) -> FlightRecord:
         names = trajectory.names[1:]
         kinds = [_kind_of_estimates(facts, name) for name in names]
         headers = _sensor_headers(log)
+        offsets = offsets_of_links(links[0], trajectory.sites)
         custom = [_custom_readings(log, name, steps_ns, headers) for name in names]
         measured = tuple(
             Measurements(
@@ -347,7 +360,7 @@ def read(path: Path | str) -> FlightRecord:
                 **_record(log, name, _measured_types(links[i]), steps_ns),
                 custom=custom[i],
                 sensors=_headers_of(custom[i], headers),
-                links=_links(log, name, steps_ns, headers),
+                links=_links(log, name, steps_ns, headers, offsets),
             )
             for i, name in enumerate(names)
         )
@@ -362,7 +375,7 @@ def read(path: Path | str) -> FlightRecord:
             measurements=measured,
             estimates=estimates,
             outcome=outcome,
-            leader=_leader_of(log, steps_ns, dt, headers),
+            leader=_leader_of(log, steps_ns, dt, headers, offsets),
         )
 
 

@@ -589,6 +589,9 @@ class Scenario(Section):
         ]
         if navigation.link in further:
             errors.append(f"{key}.further_links: {navigation.link!r} is {key}.link already")
+        for link in self.links:
+            if link.name in further:
+                errors += self._lacking_content(f"{key}.further_links", navigation, link)
         shipped = NAVIGATORS.get(navigation.variant)
         if further and shipped is not None and not shipped.takes_links:
             names_with_links = ", ".join(
@@ -618,16 +621,19 @@ class Scenario(Section):
             return errors + self._beacon_errors(key, navigation)
         return errors + self._transmitter_errors(key, navigation, link)
 
+    def _lacking_content(self, key: str, navigation: Navigation, link: LinkTable) -> list[str]:
+        """What a navigator lacks of the messages of a link."""
+        lacking = ", ".join(sorted(_OF_MESSAGES.difference(link.content)))
+        if not lacking or navigation.variant not in NAVIGATORS:
+            return []
+        return [
+            f"{key}: {link.name!r} has messages without {lacking}, which variant = "
+            f"{navigation.variant!r} needs"
+        ]
+
     def _content_errors(self, key: str, navigation: Navigation, link: LinkTable) -> list[str]:
-        """What a navigator lacks of the messages of its link."""
-        errors = []
-        shipped = navigation.variant in NAVIGATORS
-        if shipped and not _OF_MESSAGES.issubset(link.content):
-            missing = ", ".join(sorted(_OF_MESSAGES.difference(link.content)))
-            errors.append(
-                f"{key}.link = {link.name!r} has messages without {missing}, which variant = "
-                f"{navigation.variant!r} needs"
-            )
+        """What keeps a navigator from the messages of its link."""
+        errors = self._lacking_content(f"{key}.link", navigation, link)
         if key == "leader.navigation" and (
             link.sender == "leader" or (link.receivers and "leader" not in link.receivers)
         ):

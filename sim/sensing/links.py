@@ -73,6 +73,15 @@ class Link:
         places[self.transmitters :] = np.nan
         return places
 
+    @cached_property
+    def offsets(self) -> Floats | None:
+        """As of `laisn.messages.Reception`; None of beacons."""
+        if self.sender == AT_REST:
+            return None
+        offsets = self.sites.copy()
+        offsets[self.transmitters :] = np.nan
+        return offsets
+
     def hears(self, follower: int) -> bool:
         """Whether a follower, by its index, receives it: who sends does not."""
         return follower + 1 in self.receivers
@@ -193,6 +202,25 @@ def named_link(links: LinkSettings, name: str) -> Link | None:
     if name == LEADER_LINK:
         return None
     return next(link_of(links, table) for table in links.tables if table.name == name)
+
+
+def broadcast_offsets(sites: Mapping[str, Floats]) -> Floats:
+    """The leader's transmitters, as of `laisn.messages.Reception.offsets`: its messages state the
+    depth of its pressure sensor.
+    """
+    offsets = np.array([sites[name] for name in _SITES])
+    offsets[:, 2] -= sites["leader/depth_sensor"][2]
+    return offsets
+
+
+def offsets_of_links(links: LinkSettings, sites: Mapping[str, Floats]) -> dict[str, Floats | None]:
+    """Transmitters of all links by their names, as of `laisn.messages.Reception.offsets`, by the
+    sites of all vehicles.
+    """
+    offsets: dict[str, Floats | None] = {LEADER_LINK: broadcast_offsets(sites)}
+    for table in links.tables:
+        offsets[table.name] = link_of(links, table).offsets
+    return offsets
 
 
 def noise_base(links: LinkSettings, name: str) -> int:

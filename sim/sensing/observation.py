@@ -29,6 +29,7 @@ from sim.scenario.settings import CONTROL_STEP_S
 from sim.sensing import acoustics, noise, sensors
 from sim.sensing.links import (
     Link,
+    broadcast_offsets,
     named_link,
     navigated_link,
     navigated_motion,
@@ -231,9 +232,9 @@ class MeasurementRecord(NamedTuple):
         q = steps // message_every + 1
         return cls(
             own=room((followers, steps, 3)),
-            message_step=np.zeros((followers, q), dtype=np.int64),
-            message=np.empty((followers, q, len(LeaderMessage._fields))),
-            ranges=np.empty((followers, q, 3)),
+            message_step=room((followers, q), np.int64),
+            message=room((followers, q, len(LeaderMessage._fields))),
+            ranges=room((followers, q, 3)),
             messages=np.zeros(followers, dtype=np.int64),
         )
 
@@ -242,13 +243,14 @@ class MeasurementRecord(NamedTuple):
         arrived = self.message_step[follower, : self.messages[follower]]
         return slice(0, int(np.searchsorted(arrived, steps, side="right")))
 
-    def messages_of(self, follower: int, steps: int) -> LinkMessages:
-        """The messages of the first steps, as of a further link."""
+    def messages_of(self, follower: int, steps: int, offsets: Floats) -> LinkMessages:
+        """The messages of the first steps, as of a further link with transmitters at `offsets`."""
         messages = self._within(follower, steps)
         return LinkMessages(
             message_step=self.message_step[follower, messages],
             message=self.message[follower, messages],
             ranges=self.ranges[follower, messages],
+            offsets=offsets,
         )
 
     def measurements(
@@ -561,11 +563,11 @@ class Receptions(NamedTuple):
         return np.asarray(self.arrival.length * self.arrival.ratio + self.arrival.clock_range)
 
 
-def new_receptions(room: int) -> Receptions:
+def new_receptions(messages: int) -> Receptions:
     """Room for so many messages."""
-    steps = np.zeros((2, room), dtype=np.int64)
+    steps = room((2, messages), np.int64)
     shapes = ((_CONTENT,), (3, 3), (3, 3), (3, 3, 4))
-    return Receptions(steps[0], steps[1], *[np.empty((room, *shape)) for shape in shapes])
+    return Receptions(steps[0], steps[1], *[room((messages, *shape)) for shape in shapes])
 
 
 class Span(NamedTuple):
@@ -701,6 +703,7 @@ class IdealLink:
     ranges: Floats  # shape (m, 3 transmitters, 3 paths), [m]
     transmitters: int
     places: Floats | None
+    offsets: Floats | None  # as of `laisn.messages.Reception`
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -871,6 +874,7 @@ def _observe_link(
         ranges=sound.ranges,
         transmitters=3 if link is None else link.transmitters,
         places=None if link is None else link.places,
+        offsets=broadcast_offsets(trajectory.sites) if link is None else link.offsets,
     )
 
 
@@ -899,7 +903,11 @@ def _measure_link(
         ranges[i] = inbox.ranges[0]
     ranges[:, link.transmitters :] = np.nan
     return LinkMessages(
-        message_step=link.message_step, message=message, ranges=ranges, places=link.places
+        message_step=link.message_step,
+        message=message,
+        ranges=ranges,
+        places=link.places,
+        offsets=link.offsets,
     )
 
 

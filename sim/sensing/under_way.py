@@ -48,7 +48,8 @@ class SenderMotion:
             sensing.broadcast_attitude and sensing.sensors.leader_attitude_senses_acceleration
         )
         self._share = sensors.complementary_filter_gain(sensing.sensors)
-        self.tilts = np.full((n, 2), 0.0 if sensing.broadcast_attitude else np.nan)
+        self.tilts = room((n, 2))
+        self.tilts[:] = 0.0 if sensing.broadcast_attitude else np.nan
         self._instants = 0
 
     def advance(self, truth: StateHistory, last: int) -> None:

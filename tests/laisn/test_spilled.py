@@ -2,6 +2,7 @@
 
 import mmap
 import os
+import threading
 from pathlib import Path
 from typing import NoReturn
 
@@ -10,6 +11,7 @@ import pytest
 
 from laisn import spilled
 from laisn.arrays import records
+from laisn.estimates import Estimates, FixKind, FixRecord, FixTable, TightEstimates
 from sim.trajectory import StateHistory, Trajectory
 
 
@@ -72,3 +74,57 @@ def test_records_of_a_long_mission_have_their_fields() -> None:
     table.north[5, 1] = 2.5
     spilled.release()
     assert (table[5, 1].east, table[5, 1].north) == (0.0, 2.5)
+
+
+def test_memory_is_released_again_and_again_until_the_block_is_over(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    released = threading.Semaphore(0)
+    monkeypatch.setattr(spilled, "_RELEASE_EVERY_S", 0.001)
+    monkeypatch.setattr(spilled, "release", released.release)
+    with spilled.released_regularly():
+        for _ in range(3):
+            assert released.acquire(timeout=30.0)
+    # the last time is after the block, by this thread
+    while released.acquire(blocking=False):
+        pass
+    assert not released.acquire(timeout=0.05)
+
+
+def test_copies_of_long_arrays_are_in_files_in_the_order_of_the_given_ones() -> None:
+    n = spilled.LONG
+    table = np.arange(4.0 * n).reshape(n, 4)
+    estimates = Estimates.of(table, np.zeros((n, 4, 4)), [])
+    assert estimates.state is not table
+    assert spilled.is_spilled(estimates.state.base)
+    np.testing.assert_array_equal(estimates.state, table)
+    turned = Estimates.of(np.asfortranarray(table), np.zeros((n, 4, 4)), [])
+    assert turned.state.flags.f_contiguous
+    np.testing.assert_array_equal(turned.state, table)
+
+
+def test_a_table_of_fixes_grows_and_gives_what_they_hold() -> None:
+    """Of the tightly coupled navigator, whose fixes have details; in files when there are many."""
+    rng = np.random.default_rng(3)
+    columns = TightEstimates.DETAILS.columns
+    fixes = [
+        FixRecord(
+            step=step,
+            position=rng.normal(size=2),
+            sigma=float(rng.random()),
+            kind=FixKind.RANGES if step % 3 else FixKind.LOST,
+            innovation=rng.normal(size=2),
+            details={
+                column.attribute: step if column.integer else rng.normal(size=column.shape)
+                for column in columns
+            },
+        )
+        for step in range(1, 300)
+    ]
+    table = FixTable(TightEstimates)
+    for fix in fixes:
+        table.extend([fix])
+    expected = TightEstimates.of(np.zeros((300, 4)), np.zeros((300, 4, 4)), fixes)
+    assert len(table.rows) == 299
+    for name in table.rows.dtype.names:
+        np.testing.assert_array_equal(table.rows[name], getattr(expected, name), name)

@@ -213,6 +213,26 @@ def test_a_navigator_with_random_numbers_is_reported_as_it_steered() -> None:
         np.testing.assert_array_equal(estimates.state, navigator.steps)
 
 
+def test_a_factor_graph_in_a_closed_loop_runs_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One graph for each follower, advanced once in each filter step."""
+    pytest.importorskip("gtsam")
+    from laisn.rivals.factor_graph import FactorGraph
+
+    advance = FactorGraph._navigate
+    advanced: list[FactorGraph] = []
+
+    def counted(graph: FactorGraph, *arguments: Any) -> Any:
+        advanced.append(graph)
+        return advance(graph, *arguments)
+
+    monkeypatch.setattr(FactorGraph, "_navigate", counted)
+    flight = laisn_sim.fly({**CLOSED, "duration_s": 5.0, "navigation": {"variant": "factor-graph"}})
+    graphs = {id(graph): graph for graph in advanced}
+    assert [advanced.count(graph) for graph in graphs.values()] == [50, 50]
+    for graph, estimates in zip(graphs.values(), flight.estimates, strict=True):
+        np.testing.assert_array_equal(estimates.state[-1], graph.state)
+
+
 def test_an_inverted_usbl_in_a_closed_loop_reads_what_it_logs() -> None:
     sim = Simulation({**CLOSED, "navigation": {"variant": "inverted-usbl"}})
     read: dict[str, list[Any]] = {"port": [], "astern": []}

@@ -20,7 +20,7 @@ from sim.scenario.file import validate
 from sim.scenario.parts import MissionPlan, MotionSettings, SeaSettings
 from sim.scenario.settings import Scenario
 from sim.simulation import simulate
-from sim.tracking import contacts, first_touch, hull_gap
+from sim.tracking import _first_contacts, contacts, first_touch, hull_gap, pair_distances
 from sim.vehicle.plant import Plant
 from sim.water.assembly import ocean_of
 from tests import synthetic
@@ -176,3 +176,23 @@ def test_a_run_that_contact_ended_is_counted_and_in_no_mean() -> None:
     assert found.estimate((0, "", "a"), "ended").value == pytest.approx(1 / 3)
     # exact limits of one of three
     assert found.estimate((0, "", "a"), "ended").high == pytest.approx(0.906, abs=1e-3)
+
+
+def test_a_mission_in_blocks_has_the_contacts_and_distances_of_a_whole_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Vehicles that cross each other's ways at random, looked at in blocks of 64 instants."""
+    rng = np.random.default_rng(11)
+    n = 1000
+    pose = np.zeros((n, 4, 7))
+    phase = rng.uniform(0.0, 6.0, (4, 3)) + np.linspace(0.0, 20.0, n)[:, None, None]
+    pose[..., :3] = (4.0, 4.0, 0.4) * np.sin(phase * rng.uniform(0.7, 1.3, (4, 3)))
+    pose[..., 3:] = attitude.from_euler(rng.uniform(0.0, 6.0, (n, 4)))
+    whole = _first_contacts(pose)
+    distances = pair_distances(pose[..., :3])
+    assert np.count_nonzero(whole >= 0) >= 3
+    assert whole.max() > 64
+    monkeypatch.setattr("sim.trajectory._BLOCK", 64)
+    np.testing.assert_array_equal(_first_contacts(pose), whole)
+    for again, expected in zip(pair_distances(pose[..., :3]), distances, strict=True):
+        np.testing.assert_array_equal(again, expected)

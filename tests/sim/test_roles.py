@@ -420,7 +420,7 @@ def test_a_leader_that_is_not_steered_by_the_truth_may_leave_its_route() -> None
             {"navigation.further_links": ["sonar"]},
             "'sonar' is no link: leader, lbl",
         ),
-        "one link": ({"navigation.variant": "tight"}, "takes the messages of one link"),
+        "one link": ({"navigation.variant": "imm"}, "takes the messages of one link"),
         "twice": ({"navigation.further_links": ["leader"]}, "'leader' is navigation.link already"),
         "receivers": ({"links.0.receivers": ["boat"]}, "'boat' is no vehicle"),
     }.values(),

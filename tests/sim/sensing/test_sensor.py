@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -23,6 +23,7 @@ from laisn_sim.cli.main import app
 from sim.attitude import rotate
 from sim.flight import FlightRecord, navigate
 from sim.sensing.noise import STREAMS, normals
+from sim.sensing.sensor import Sensor
 from sim.trajectory import Trajectory
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "extending.md"
@@ -348,3 +349,49 @@ def test_two_sensors_have_names_and_noise_of_their_own(
     listed = [{"sensor": register(Probe)}, {"sensor": register(other)}]
     with pytest.raises(LaisnError, match=message):
         laisn_sim.fly("T5", {"duration_s": 1.0, "sensors.custom": listed})
+
+
+@dataclass(frozen=True, kw_only=True)
+class TravelTime(Sensor):
+    """Time of the direct ray from 20 m below the surface above the vehicle's start."""
+
+    name = "travel"
+    channels: ClassVar = {"time": "s"}
+    stream = 44
+
+    def true(self, state: Any, environment: Any) -> tuple[float]:
+        direct, _, _ = environment.arrivals((0.0, 0.0, -20.0), tuple(state.hydrophone.tolist()))
+        return (direct.time,)
+
+    def read(self, true: Any, draws: Any) -> Any:
+        return true
+
+
+def test_a_sensor_meets_the_sound_of_the_sea_in_open_and_closed_loops(no_plugins: None) -> None:
+    """A stepped mission is a closed loop: what it reads is what a finished mission reads, also on
+    the leader, in water whose speed of sound is 1400 m/s everywhere but for a little.
+    """
+    profile = [[0.0, 1400.0], [60.0, 1401.0]]
+    table = {
+        "duration_s": 3.0,
+        "acoustics": {"sound_speed_m_s": 1400.0, "sound_speed_profile": profile},
+        "sensors": {"custom": [{"sensor": register(TravelTime)}]},
+        "leader": {"sensors": {"custom": [{"sensor": register(TravelTime)}]}},
+        "followers": [{"route": "T5"}],
+    }
+    stepped = laisn_sim.Simulation(table).step(3.0).flight()
+    open_loop = {key: value for key, value in table.items() if key != "leader"}
+    finished = laisn_sim.fly(open_loop)
+    read = stepped.measurements[0].custom["travel"]
+    np.testing.assert_array_equal(read, finished.measurements[0].custom["travel"])
+    assert stepped.leader is not None
+    for rows, name in (
+        (read, "follower/hydrophone"),
+        (stepped.leader.measurements.custom["travel"], "leader"),
+    ):
+        truth = stepped.trajectory
+        grid = stepped.step_index()
+        place = truth.site_path(name, grid) if "/" in name else truth.position[grid, 0]
+        way = np.linalg.norm(place - (0.0, 0.0, -20.0), axis=1)
+        # the mean speed over depths of a few metres is known to 0.5 m/s
+        np.testing.assert_allclose(rows[:, 0] * 1400.5 / way, 1.0, rtol=0, atol=4e-4)
