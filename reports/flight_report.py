@@ -39,9 +39,9 @@ from reports.summary import (
     flight_events,
     mirror_locked_steps,
     route_events,
+    true_bearing,
 )
 from reports.verdict import verdict
-from sim import attitude
 from sim.flight import FlightRecord
 from sim.scenario.parts import MotionSettings
 from sim.scenario.section import split_unit
@@ -180,15 +180,14 @@ def _judged(flight: FlightRecord, follower: int, part: slice) -> _Judged:
     trajectory = flight.trajectory
     truth = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone", steps)[:, :2]
     leader = trajectory.position[steps, 0, :2]
-    heading = attitude.heading_pitch_roll(trajectory.quaternion[steps, 0])[0]
+    heading = trajectory.heading[steps, 0]
     estimate = estimates.state[part, :2]
     starboard = np.column_stack([np.cos(heading), -np.sin(heading)])
     side, estimated = (
         np.einsum("ni,ni->n", point - leader, starboard) for point in (truth, estimate)
     )
     wrong = (np.minimum(np.abs(side), np.abs(estimated)) >= SIDE_M) & (side * estimated < 0)
-    away = truth - leader
-    folded = np.mod(np.arctan2(away[:, 0], away[:, 1]) - heading, np.pi)
+    folded = np.mod(true_bearing(flight, follower, part), np.pi)
     near = np.minimum(folded, np.pi - folded) < np.radians(ON_AXIS_DEG)
     error = estimate - truth
     square = normalised_errors(error, estimates.covariance[part, POSITION, POSITION])

@@ -22,17 +22,19 @@ from sim.scenario.routes import Route
 from sim.sensing.proximity import sightings
 from sim.water.assembly import floor_of
 
+_ALL = slice(None)
 
-def true_bearing(flight: FlightRecord, follower: int) -> Floats:
-    """B of a follower's hydrophone from the leader's true pose, in [0, 2π), shape (n,), [rad]."""
-    steps = flight.step_index()
-    separation = flight.hydrophone(follower)[:, :2] - flight.trajectory.position[steps, 0, :2]
-    return np.asarray(
-        np.mod(
-            np.arctan2(separation[:, 0], separation[:, 1]) - flight.trajectory.heading[steps, 0],
-            2 * np.pi,
-        )
-    )
+
+def true_bearing(flight: FlightRecord, follower: int, part: slice = _ALL) -> Floats:
+    """B of a follower's hydrophone from the leader's true pose, in [0, 2π), at filter steps or a
+    part of them, shape (n,), [rad].
+    """
+    steps = flight.step_index()[part]
+    truth = flight.trajectory
+    hydrophone = truth.site_path(f"{truth.names[follower + 1]}/hydrophone", steps)
+    separation = hydrophone[:, :2] - truth.position[steps, 0, :2]
+    bearing = np.arctan2(separation[:, 0], separation[:, 1])
+    return np.asarray(np.mod(bearing - truth.heading[steps, 0], 2 * np.pi))
 
 
 def mirror_locked_steps(flight: FlightRecord, follower: int) -> Bools:

@@ -605,7 +605,7 @@ def receive_beside(b: GaussianMixture, m: Model, beside: Model, signal: Signal) 
     b.received = received
     mix_modes(b, m)
     # the leader's compass has turned meanwhile
-    b.leader_turn.still += b.motion.elapsed
+    b.leader_turn.still_time += b.motion.elapsed
     inflate_bias_covariance(b, beside, signal)
     for k in range(b.n_hypotheses * m.modes):
         if not _propagate_iterated(b, m, k, signal, beside):
