@@ -43,6 +43,7 @@ from reports.summary import (
 )
 from reports.verdict import verdict
 from sim.flight import FlightRecord
+from sim.log.writer import Event
 from sim.scenario.parts import MotionSettings
 from sim.scenario.section import split_unit
 from sim.sensing.proximity import sightings
@@ -434,10 +435,10 @@ def _stations(flight: FlightRecord, on_station: Sequence[int]) -> Figures | None
     return Figures(panels=panels, legend=VEHICLES[1:2])
 
 
-def scene_of_flight(flight: FlightRecord) -> Scene:
-    """The flight in 3D with its events."""
+def scene_of_flight(flight: FlightRecord, events: Sequence[Event] | None = None) -> Scene:
+    """The flight in 3D with its `flight_events`, computed here if None."""
     mirror_locked = [mirror_locked_steps(flight, i) for i in range(len(flight.estimates))]
-    return scene_of(flight, flight_events(flight), mirror_locked)
+    return scene_of(flight, flight_events(flight) if events is None else events, mirror_locked)
 
 
 def flight_report(
@@ -447,9 +448,10 @@ def flight_report(
     path: Path,
     film: Path | None,
     bounds: Sequence[Floats] | None = None,
+    events: Sequence[Event] | None = None,
 ) -> None:
-    """Write the report of a flight beside its film (MP4) and log; `bounds` as of `summarise`;
-    OSError if that fails.
+    """Write the report of a flight beside its film (MP4) and log; `bounds` as of `summarise`,
+    `events` as of `scene_of_flight`; OSError if that fails.
     """
     flight_bound = bounds or flight_bounds(flight)
     names = flight.trajectory.names[1:]
@@ -510,7 +512,9 @@ def flight_report(
     }
     release()
     facts = _facts(flight, summary)
-    replay = Replay(scene=scene_of_flight(flight), alternative=f"Mission {flight.scenario.name}")
+    replay = Replay(
+        scene=scene_of_flight(flight, events), alternative=f"Mission {flight.scenario.name}"
+    )
     page = page_of(
         "reports",
         facts,

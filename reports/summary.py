@@ -2,6 +2,7 @@
 report.
 """
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -224,6 +225,7 @@ def summarise(flight: FlightRecord, bounds: list[Floats] | None = None) -> dict[
 SIGMAS = 3.0
 OFF_ROUTE_M = 10.0
 NEAR_M = 1.0
+_ROUNDING = 1.0 + 1e-9
 """Largest usual distance from the route, and least usual one between two vehicles' origins [m]."""
 
 
@@ -307,10 +309,18 @@ def uncertainty_events(flight: FlightRecord) -> list[Event]:
     if not pairs:
         return []
     places = tracking.true_stations(MotionSettings.of(flight.scenario), flight.trajectory)[steps]
+    east = np.ascontiguousarray(places.east.T)
+    north = np.ascontiguousarray(places.north.T)
+    reach = np.square(
+        [SIGMAS * largest_sigma(estimates.covariance) for estimates in flight.estimates]
+    )
     for i, j in pairs:
-        distance = np.hypot(
-            places.east[:, i] - places.east[:, j], places.north[:, i] - places.north[:, j]
-        )
+        # the largest variance of a sum is at most the sum of the largest ones, which are at hand;
+        # NaN is not excluded
+        squared = (east[i] - east[j]) ** 2 + (north[i] - north[j]) ** 2
+        if np.all(squared > _ROUNDING * (reach[i] + reach[j])):
+            continue
+        distance = np.hypot(east[i] - east[j], north[i] - north[j])
         is_near = distance < SIGMAS * largest_sigma(
             flight.estimates[i].covariance + flight.estimates[j].covariance
         )
@@ -374,7 +384,10 @@ def stray_events(flight: FlightRecord) -> list[Event]:
     return sorted(events, key=lambda event: event.time_s)
 
 
-def flight_events(flight: FlightRecord) -> list[Event]:
-    """All events of a flight, in order of time."""
-    events = [*mirror_lock_events(flight), *giving_way_events(flight), *stray_events(flight)]
+def flight_events(flight: FlightRecord, stray: Sequence[Event] | None = None) -> list[Event]:
+    """All events of a flight, in order of time; `stray` are its `stray_events`, computed here if
+    None.
+    """
+    stray = stray_events(flight) if stray is None else stray
+    events = [*mirror_lock_events(flight), *giving_way_events(flight), *stray]
     return sorted(events, key=lambda event: event.time_s)

@@ -7,7 +7,7 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 from time import process_time
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from rich.console import Console
@@ -33,6 +33,7 @@ from reports.summary import flight_events, stray_events, summarise
 from sim.feasibility import cautions
 from sim.flight import FlightRecord, Termination, navigate, position_and_bearing_errors
 from sim.log.contents import LogError
+from sim.log.writer import Event
 from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import Scenario
 from sim.simulation import DivergedError
@@ -228,6 +229,17 @@ def _memory_kept_low(scenario: Scenario) -> AbstractContextManager[None]:
     return released_regularly() if scenario.duration_s > _LONG_S else nullcontext()
 
 
+class FlownFlight(NamedTuple):
+    """A flight whose files are written."""
+
+    flight: FlightRecord
+    summary: dict[str, Any]
+    stray: list[Event]
+    """Its `stray_events`."""
+    film_error: Exception | None
+    """A `LaisnError` or a bug that prevented a requested film."""
+
+
 def write_flight(
     scenario: Scenario,
     folder: Path,
@@ -236,12 +248,9 @@ def write_flight(
     with_video: bool,
     with_bag: bool = False,
     live: "LiveView | None" = None,
-) -> tuple[FlightRecord, dict[str, Any], Exception | None]:
+) -> FlownFlight:
     """Simulate a scenario and write its files into an empty folder; OSError or LogError if that
     fails.
-
-    Returns the flight, its summary, and the error, a `LaisnError` or a bug, that prevented a
-    requested film.
     """
     from sim.log import writer
     from sim.log.ros2 import write_bag
@@ -283,13 +292,14 @@ def write_flight(
                     flight = mission.flight(trajectory, outcome)
                 watch |= mission.watch
             errors = position_and_bearing_errors(flight)
-            events = flight_events(flight)
+            stray = stray_events(flight)
+            events = flight_events(flight, stray)
             bounds = flight_bounds(flight)
             summary = summarise(flight, bounds)
             summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
             report = partial(_draw_report, flight, errors, summary, folder / REPORT)
             reference = writer.film_reference(FILM, scenario.video) if with_video else None
-            report_task = background.submit(report, None, bounds) if background else None
+            report_task = background.submit(report, None, bounds, events) if background else None
             # the log first, so that it is kept if the film fails
             with phase("log"):
                 remaining = flight if mission is None else mission.rest_of(flight)
@@ -313,7 +323,7 @@ def write_flight(
             if report_task is not None:
                 watch.add("report", 0.0, report_task.result())
             else:
-                report(film if with_video and film_error is None else None, bounds)
+                report(film if with_video and film_error is None else None, bounds, events)
         if with_bag:
             with phase("bag"):
                 write_bag(folder / LOG, folder / BAG)
@@ -332,7 +342,7 @@ def write_flight(
     }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
-    return flight, summary, film_error
+    return FlownFlight(flight, summary, stray, film_error)
 
 
 def _opened_view(console: Console, motion: str, foxglove: bool, live: bool) -> "LiveView":
@@ -386,7 +396,7 @@ def fly_and_write(
     replaces = (folder / SUMMARY).exists()
     view = _opened_view(console, scenario.motion, foxglove, live) if live or foxglove else None
     with one_flight(folder) as work:
-        flight, summary, film_error = write_flight(
+        flight, summary, stray, film_error = write_flight(
             scenario,
             work,
             Console(stderr=True),
@@ -397,10 +407,9 @@ def fly_and_write(
     show(console, flight, summary)
     with _memory_kept_low(scenario):
         deviations = track_deviations(MotionSettings.of(scenario), flight.trajectory)
-        strays = stray_events(flight)
     for deviation in deviations:
         print_line(console, deviation, "warning:")
-    for event in strays:
+    for event in stray:
         print_line(console, f"at {event.time_s:g} s {event.text}", "warning:")
     is_bug = film_error is not None and not isinstance(film_error, LaisnError)
     if film_error:

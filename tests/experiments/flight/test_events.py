@@ -68,6 +68,49 @@ def test_stations_are_near_within_three_sigma_of_both(
     )
 
 
+def test_of_many_stations_those_within_three_sigma_of_any_axis_are_reported(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Eight stations on ways of their own, with ellipses of all shapes and directions: each pair
+    from the eigenvalues of its summed covariance.
+    """
+    count = 8
+    flight = make_flight(10.0, count)
+    stations = [
+        {"station": {"behind_m": 20.0, "port_m": 9.0 * i, "depth_m": 12.0}} for i in range(count)
+    ]
+    scenario = validate({"name": "s", "followers": stations}, "test")
+    rng = np.random.default_rng(4)
+    roots = rng.normal(0.0, 0.6, (count, 100, 4, 4))
+    covariances = roots @ roots.swapaxes(2, 3)
+    estimates = [
+        replace(e, covariance=c) for e, c in zip(flight.estimates, covariances, strict=True)
+    ]
+    places = records(STATION_PLACE, flight.trajectory.time.size, count)
+    steps = flight.step_index()
+    for values in (places.east, places.north):
+        values[:] = rng.uniform(0.0, 60.0, count) + np.cumsum(rng.normal(0.0, 0.4, values.shape), 0)
+    monkeypatch.setattr(flight_events.tracking, "true_stations", lambda *_: places)
+    expected = {}
+    for i in range(count):
+        for j in range(i):
+            summed = covariances[i, :, :2, :2] + covariances[j, :, :2, :2]
+            axis = np.sqrt(np.linalg.eigvalsh(summed)[:, -1])
+            east, north = (
+                values[steps, i] - values[steps, j] for values in (places.east, places.north)
+            )
+            near = np.flatnonzero(np.sqrt(east**2 + north**2) < 3.0 * axis)
+            if near.size:
+                expected[i, j] = flight.trajectory.time[steps[near[0]]]
+    assert 3 < len(expected) < count * (count - 1) / 2 - 3
+    names = [follower.name for follower in scenario.followers]
+    texts = [f"stations of {names[i]} and {names[j]}" for i, j in expected]
+    known = replace(flight, scenario=scenario, estimates=tuple(estimates))
+    events = uncertainty_events(known)
+    assert [event.text.split(",")[0] for event in events] == texts
+    assert [event.time_s for event in events] == pytest.approx(list(expected.values()))
+
+
 @pytest.mark.system
 def test_stations_nearer_than_three_sigma_are_reported() -> None:
     table = {
