@@ -3,6 +3,8 @@
 from collections.abc import Callable, Mapping, Sequence
 
 from experiments.flight.library import ROUTES
+from experiments.studies.front.findings import ARMS as FRONT_ARMS
+from experiments.studies.front.findings import CASES as FRONT_CASES
 from experiments.studies.rivals.findings import CONDITIONS, INTERVALS, NAVIGATORS, USUAL, WITH_TWO
 from experiments.study.file import built_in, study_of
 from reports.findings import Finding
@@ -533,14 +535,69 @@ def thermocline_legs(records: Records) -> str:
     return markdown(["navigator, depths", *heads], rows)
 
 
+_SEASONS = ("weak", "moderate", "strong")
+
+
+def thermocline_seasons(records: Records) -> str:
+    """What the mean speed adds to errors at 100 m, by thermocline and baseline."""
+    findings = records["thermocline"].findings
+    rows = [
+        [
+            f"{title}, {label}",
+            *(
+                f"{findings[f'added {name} {season} {depths} 100{baseline}']:.2f i}"
+                for baseline in (" 1", "")
+                for season in _SEASONS
+            ),
+        ]
+        for name, title in _NAVIGATORS.items()
+        for depths, label in _DEPTHS.items()
+    ]
+    heads = [f"{season}, baseline {b} m [m]" for b in (1, 2) for season in _SEASONS]
+    return markdown(["navigator, depths", *heads], rows)
+
+
 def thermocline_closed(records: Records) -> str:
     """Distances of a follower that steers by its estimate."""
     findings = records["thermocline"].findings
+    rows = []
+    for name, title in _NAVIGATORS.items():
+        for season in _SEASONS:
+            key = f"off {name} {season}".removesuffix(" strong")
+            numbers = [f"{findings[f'{key} {sound}']:.2f}" for sound in ("straight", "profile")]
+            rows.append([f"{title}, {season}", *numbers, f"{findings[f'{key} added']:.2f i}"])
+    heads = ["by the mean speed [m]", "by the profile [m]", "difference [m]"]
+    return markdown(["navigator, thermocline", *heads], rows)
+
+
+def thermocline_formation(records: Records) -> str:
+    """Distances of followers from their stations."""
+    findings = records["thermocline"].findings
+    rows = []
+    for name, title in _NAVIGATORS.items():
+        for season in _SEASONS:
+            cells = []
+            for size in ("near", "wide"):
+                key = f"station {name} {season} {size}"
+                cells += [f"{findings[f'{key} straight']:.2f}", f"{findings[f'{key} added']:.2f i}"]
+            rows.append([f"{title}, {season}", *cells])
+    heads = ["within 43 m [m]", "added [m]", "within 107 m [m]", "added there [m]"]
+    return markdown(["navigator, thermocline", *heads], rows)
+
+
+def front(records: Records) -> str:
+    """A formation in still water, in a current and through a front."""
+    findings = records["front"].findings
     rows = [
-        [title, *(f"{findings[f'off {name} {sound}']:.2f}" for sound in ("straight", "profile"))]
-        for name, title in _NAVIGATORS.items()
+        [
+            title,
+            *(f"{findings[f'station {name} {case}']:.2f i}" for case in FRONT_CASES),
+            f"{findings[f'largest {name} front']:.1f}",
+        ]
+        for name, title in FRONT_ARMS.items()
     ]
-    return markdown(["navigator", "by the mean speed [m]", "by the profile [m]"], rows)
+    heads = ["still water [m]", "current everywhere [m]", "front [m]", "largest at the front [m]"]
+    return markdown(["steered by", *heads], rows)
 
 
 TABLES: dict[str, Callable[[Records], str]] = {
@@ -561,7 +618,10 @@ TABLES: dict[str, Callable[[Records], str]] = {
     "rivals": rivals,
     "thermocline-fixes": thermocline_fixes,
     "thermocline-legs": thermocline_legs,
+    "thermocline-seasons": thermocline_seasons,
     "thermocline-closed": thermocline_closed,
+    "thermocline-formation": thermocline_formation,
+    "front": front,
     "rivals-two": rivals_two,
     "rivals-conditions": rivals_conditions,
     "rivals-closed": rivals_closed,
