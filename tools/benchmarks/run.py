@@ -39,6 +39,7 @@ from tools.benchmarks.navigators import filter_only, tight
 from tools.benchmarks.peak import peak_flops
 from tools.benchmarks.peers import peers
 from tools.benchmarks.row import Goal, Row, least_time
+from tools.benchmarks.sea import sea
 from tools.benchmarks.stepping import stepping
 from tools.benchmarks.studies import studies
 from tools.documents.markers import RECORDS
@@ -235,6 +236,7 @@ BENCHMARKS: dict[str, Callable[[], list[Row]]] = {
     "engines": benchmarks_mission.engines,
     "plant": benchmarks_mission.plant,
     "waves": benchmarks_mission.waves,
+    "sea": sea,
     "formation": formation,
     "stepping": stepping,
     "study": studies,
