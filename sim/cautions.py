@@ -16,6 +16,7 @@ from laisn.plugins import is_plugin_name
 from laisn.settings import Settings
 from sim.scenario.parts import MissionPlan, SensingSettings, SoundSettings
 from sim.scenario.point_motion import plan as planned_motion
+from sim.scenario.sensors import Sensors
 from sim.scenario.settings import Follower, Navigation
 from sim.scenario.vehicle_routes import route_of
 from sim.water.assembly import floor_of
@@ -73,6 +74,11 @@ def _planned(plan: MissionPlan) -> Floats:
     return np.concatenate([distances(plan, follower) for follower in plan.followers])
 
 
+def _broadcast_errors(sensing: SensingSettings) -> Sensors:
+    """`[sensors]` with what the leader's own table sets of the errors of its messages."""
+    return sensing.sensors_of(follower=0)
+
+
 def _current(sensing: SensingSettings, _: Settings) -> str:
     # the paper's point motion is not carried along
     carries = sensing.kind == "physics" and sensing.sound.sea.ocean.moves
@@ -119,7 +125,7 @@ def _slots(sensing: SensingSettings, settings: Settings) -> str:
 
 
 def _leader_compass(sensing: SensingSettings, _: Settings) -> str:
-    bias = math.radians(abs(sensing.sensors.leader_heading_bias_deg))
+    bias = math.radians(abs(_broadcast_errors(sensing).leader_heading_bias_deg))
     error = (
         2.0 * math.sin(bias / 2.0) * float(_planned(sensing.sound.sea.plan).max()) if bias else 0.0
     )
@@ -163,7 +169,7 @@ def _common_echoes(sensing: SensingSettings, settings: Settings) -> str:
 
 
 def _leader_position(sensing: SensingSettings, _: Settings) -> str:
-    drift = sensing.sensors.leader_position_drift_m_s * sensing.sound.sea.plan.duration_s
+    drift = _broadcast_errors(sensing).leader_position_drift_m_s * sensing.sound.sea.plan.duration_s
     if drift < _NOTICEABLE_M:
         return ""
     return (
@@ -173,7 +179,7 @@ def _leader_position(sensing: SensingSettings, _: Settings) -> str:
 
 
 def _leader_position_scatter(sensing: SensingSettings, _: Settings) -> str:
-    sigma = sensing.sensors.leader_position_sigma_m
+    sigma = _broadcast_errors(sensing).leader_position_sigma_m
     if sigma < _NOTICEABLE_M:
         return ""
     return (
@@ -183,7 +189,7 @@ def _leader_position_scatter(sensing: SensingSettings, _: Settings) -> str:
 
 
 def _leader_position_walk(sensing: SensingSettings, _: Settings) -> str:
-    per_root_s = sensing.sensors.leader_position_walk_m_sqrt_s
+    per_root_s = _broadcast_errors(sensing).leader_position_walk_m_sqrt_s
     walk = per_root_s * math.sqrt(sensing.sound.sea.plan.duration_s)
     if walk < _NOTICEABLE_M:
         return ""
@@ -193,7 +199,56 @@ def _leader_position_walk(sensing: SensingSettings, _: Settings) -> str:
     )
 
 
+def _reach(sensing: SensingSettings, _: Settings) -> str:
+    reach = sensing.acoustics.max_range_m
+    plan = sensing.sound.sea.plan
+    slant = [
+        np.hypot(distances(plan, follower), plan.leader.layer_m - follower.layer_m)
+        for follower in plan.followers
+    ]
+    ways = np.concatenate(slant)
+    if reach == 0.0 or ways.max() <= reach:
+        return ""
+    return (
+        f"messages reach {reach:g} m, and {np.mean(ways > reach):.0%} of the planned distances are "
+        f"longer, up to {ways.max():.3g} m"
+    )
+
+
+def _drift(sensing: SensingSettings, _: Settings) -> str:
+    drifts = {
+        "log": (sensing.sensors.speed_drift_m_s, "m/s"),
+        "compass": (sensing.sensors.heading_drift_deg, "°"),
+    }
+    parts = [
+        f"the {sensor}'s bias drifts by up to {abs(drift):g}{' ' if unit != '°' else ''}{unit}"
+        for sensor, (drift, unit) in drifts.items()
+        if drift
+    ]
+    return " and ".join(parts)
+
+
+def _follows_drift(settings: Settings, variant: str) -> bool:
+    """Whether a navigator that estimates biases is told that they drift."""
+    assume = getattr(settings, "assume", None)
+    return not find(variant).compare_with_crlb or bool(getattr(assume, "drift", True))
+
+
 RULES = (
+    Rule(
+        keys=("acoustics.max_range_m",),
+        assumption="",
+        is_assumed=lambda *_: False,
+        effect=_reach,
+        needs="that messages arrive",
+    ),
+    Rule(
+        keys=("sensors.speed_drift_m_s", "sensors.heading_drift_deg"),
+        assumption="assume.drift",
+        is_assumed=_follows_drift,
+        effect=_drift,
+        needs="constant biases",
+    ),
     Rule(
         keys=("ocean.current_speed_m_s", "ocean.current_profile"),
         assumption="assume.current",

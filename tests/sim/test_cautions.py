@@ -111,6 +111,36 @@ def test_a_bias_of_the_leaders_compass_turns_fixes_about_the_leader(quiet: Fligh
     assert cautions(scenario_of(estimated)) == []
 
 
+def test_a_bias_in_the_leaders_own_table_is_stated_as_that_of_its_messages() -> None:
+    bias = the_caution({"sensors.leader_heading_bias_deg": 5.0})
+    assert the_caution({"leader.sensors.heading_bias_deg": 5.0}) == bias
+    both = {"sensors.leader_heading_bias_deg": 5.0, "leader.sensors.heading_bias_deg": 0.0}
+    assert cautions(scenario_of(both)) == []
+
+
+def test_a_reach_below_the_planned_distances_is_stated() -> None:
+    plan = MissionPlan.of(scenario_of({}))
+    (follower,) = plan.followers
+    ways = np.hypot(distances(plan, follower), plan.leader.layer_m - follower.layer_m)
+    reach = float(np.median(ways))
+    line = the_caution({"acoustics.max_range_m": reach})
+    assert line.startswith(f"messages reach {reach:g} m, and ")
+    assert "50% of the planned distances are longer" in line
+    assert stated(line) == pytest.approx(ways.max(), rel=0.01)
+    assert cautions(scenario_of({"acoustics.max_range_m": ways.max() + 0.1})) == []
+
+
+def test_biases_that_drift_are_stated_where_they_are_taken_for_constants() -> None:
+    changes = {"sensors.speed_drift_m_s": 0.1, "sensors.heading_drift_deg": -4.0}
+    line = the_caution(changes)
+    assert (
+        "the log's bias drifts by up to 0.1 m/s and the compass's bias drifts by up to 4°" in line
+    )
+    assert line.endswith("navigation.assume.drift = false assumes constant biases")
+    assert cautions(scenario_of({**changes, "navigation.assume.drift": True})) == []
+    assert cautions(scenario_of({**changes, "navigation.variant": "laisn-2"})) == []
+
+
 @pytest.mark.system
 def test_common_echoes_are_longer_than_the_span_by_what_is_stated(quiet: FlightRecord) -> None:
     changes = {

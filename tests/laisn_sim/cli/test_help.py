@@ -63,3 +63,16 @@ def test_a_terminal_of_no_width_shows_everything(
     assert "length of the hull [m]" in shown("hull")
     monkeypatch.setenv("COLUMNS", columns)
     assert "following-sea" in CliRunner().invoke(app, ["scenarios"]).output
+
+
+def test_every_option_that_takes_a_measure_states_its_unit() -> None:
+    """In brackets, or as seconds in words."""
+    measures = {
+        f"{' '.join(words)} {option.opts[-1]}": str(option.help or "").replace("\\[", "[")
+        for words in ALL
+        for option in command_at(words).params
+        if option.bare_type() is float
+    }
+    assert {"hull --mass", "pitch --below", "replay --longest-gap"} <= set(measures)
+    without = [name for name, text in measures.items() if not re.search(r"\[.+\]|second", text)]
+    assert without == []
