@@ -15,7 +15,7 @@ Memory holds the eight numbers of a place side by side: an array of shape (…, 
 import math
 import operator
 from collections.abc import Callable, Sequence
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -40,7 +40,14 @@ from numba.extending import (
 from laisn.arrays import Bools, Floats
 from laisn.compiled import select
 
+if TYPE_CHECKING:
+    from llvmlite.ir import IRBuilder, Value
+    from numba.core.base import BaseContext
+    from numba.core.typing.templates import Signature
+
 LANES = 8
+Emit = Callable[..., Any]
+"""Emits code of an operation: by the context of the compiler, the builder and the operands."""
 
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
 _MASK = ir.VectorType(ir.IntType(1), LANES)
@@ -70,17 +77,17 @@ mask = MaskType()
 
 @register_model(LaneType)
 class _LaneModel(PrimitiveModel):
-    def __init__(self, manager: Any, kind: Any) -> None:
+    def __init__(self, manager: object, kind: types.Type) -> None:
         super().__init__(manager, kind, _VECTOR)
 
 
 @register_model(MaskType)
 class _MaskModel(PrimitiveModel):
-    def __init__(self, manager: Any, kind: Any) -> None:
+    def __init__(self, manager: object, kind: types.Type) -> None:
         super().__init__(manager, kind, _MASK)
 
 
-def _splat(builder: Any, value: Any) -> Any:
+def _splat(builder: "IRBuilder", value: "Value") -> "Value":
     """Eight times a number."""
     zero = ir.Constant(ir.IntType(32), 0)
     single = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), value, zero)
@@ -88,7 +95,9 @@ def _splat(builder: Any, value: Any) -> Any:
     return builder.shuffle_vector(single, ir.Constant(_VECTOR, ir.Undefined), order)
 
 
-def _as_lane(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+def _as_lane(
+    context: "BaseContext", builder: "IRBuilder", kind: types.Type, value: "Value"
+) -> "Value":
     """A value as eight numbers."""
     if isinstance(kind, LaneType):
         return value
@@ -97,11 +106,13 @@ def _as_lane(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 
 @lower_cast(types.Float, LaneType)
 @lower_cast(types.Integer, LaneType)
-def _cast_number(context: Any, builder: Any, kind: Any, _: Any, value: Any) -> Any:
+def _cast_number(
+    context: "BaseContext", builder: "IRBuilder", kind: types.Type, _: Any, value: "Value"
+) -> "Value":
     return _as_lane(context, builder, kind, value)
 
 
-def _is_operand(kind: Any) -> bool:
+def _is_operand(kind: types.Type) -> bool:
     return isinstance(kind, LaneType | types.Float | types.Integer)
 
 
@@ -114,11 +125,13 @@ _PAIRS = (
 )
 
 
-def _define_pairwise(function: Any, emit: Any, result: Any = lane) -> None:
+def _define_pairwise(
+    function: Callable[..., object], emit: Emit, result: types.Type = lane
+) -> None:
     """A function of two numbers, of which one is lanes."""
 
     @type_callable(function)
-    def type_operation(_: Any) -> Any:
+    def type_operation(_: object) -> Any:
         def typer(a, b):  # numba compares signatures
             lanes_taken = isinstance(a, LaneType) or isinstance(b, LaneType)
             return result if lanes_taken and _is_operand(a) and _is_operand(b) else None
@@ -128,7 +141,9 @@ def _define_pairwise(function: Any, emit: Any, result: Any = lane) -> None:
     for pair in _PAIRS:
 
         @lower_builtin(function, *pair)
-        def lower_operation(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        def lower_operation(
+            context: "BaseContext", builder: "IRBuilder", sig: "Signature", args: Sequence["Value"]
+        ) -> "Value":
             values = [
                 _as_lane(context, builder, kind, value)
                 for kind, value in zip(sig.args, args, strict=True)
@@ -136,17 +151,21 @@ def _define_pairwise(function: Any, emit: Any, result: Any = lane) -> None:
             return emit(context, builder, values)
 
 
-def _define_binary(function: Any, result: Any, emit: Callable[[Any, Any, Any], Any]) -> None:
+def _define_binary(
+    function: Callable[..., object],
+    result: types.Type,
+    emit: Callable[["IRBuilder", "Value", "Value"], "Value"],
+) -> None:
     """An operation of two operands, of which one is lanes."""
     _define_pairwise(function, lambda _, builder, ab: emit(builder, *ab), result)
 
 
-def _larger(builder: Any, a: Any, b: Any) -> Any:
+def _larger(builder: "IRBuilder", a: "Value", b: "Value") -> "Value":
     # as numba's max of numbers
     return builder.select(builder.fcmp_ordered(">", b, a), b, a)
 
 
-def _smaller(builder: Any, a: Any, b: Any) -> Any:
+def _smaller(builder: "IRBuilder", a: "Value", b: "Value") -> "Value":
     return builder.select(builder.fcmp_ordered("<", b, a), b, a)
 
 
@@ -162,10 +181,10 @@ _define_binary(max, lane, _larger)
 _define_binary(min, lane, _smaller)
 
 
-def _define_comparison(function: Any, sign: str) -> None:
+def _define_comparison(function: Callable[..., object], sign: str) -> None:
     unordered = sign == "!="
 
-    def emit(builder: Any, a: Any, b: Any) -> Any:
+    def emit(builder: "IRBuilder", a: "Value", b: "Value") -> "Value":
         compare = builder.fcmp_unordered if unordered else builder.fcmp_ordered
         return compare(sign, a, b)
 
@@ -183,17 +202,21 @@ for _function, _sign in (
     _define_comparison(_function, _sign)
 
 
-def _define_unary(function: Any, operand: Any, result: Any, emit: Any) -> None:
+def _define_unary(
+    function: Callable[..., object], operand: type[types.Type], result: types.Type, emit: Emit
+) -> None:
     @type_callable(function)
-    def type_operation(_: Any) -> Any:
+    def type_operation(_: object) -> Any:
         return lambda a: result if isinstance(a, operand) else None
 
     @lower_builtin(function, operand)
-    def lower_operation(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    def lower_operation(
+        context: "BaseContext", builder: "IRBuilder", sig: "Signature", args: Sequence["Value"]
+    ) -> "Value":
         return emit(context, builder, args[0])
 
 
-def _call_intrinsic(builder: Any, name: str, values: Sequence[Any]) -> Any:
+def _call_intrinsic(builder: "IRBuilder", name: str, values: Sequence["Value"]) -> "Value":
     """A function of the processor or the compiler, of all lanes at once."""
     kind = ir.FunctionType(_VECTOR, [_VECTOR] * len(values))
     function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{LANES}f64")
@@ -204,10 +227,10 @@ def _by_intrinsic(name: str) -> Any:
     return lambda _, builder, a: _call_intrinsic(builder, name, [a])
 
 
-def _by_lane(function: Any) -> Any:
+def _by_lane(function: Callable[..., object]) -> Any:
     """A function of the C library, lane by lane."""
 
-    def emit(context: Any, builder: Any, *values: Any) -> Any:
+    def emit(context: "BaseContext", builder: "IRBuilder", *values: "Value") -> "Value":
         sig = signature(types.float64, *[types.float64] * len(values))
         called = context.get_function(function, sig)
         out = ir.Constant(_VECTOR, ir.Undefined)
@@ -237,10 +260,12 @@ _define_unary(np.arcsin, LaneType, lane, _by_lane(math.asin))
 _define_unary(np.arctan, LaneType, lane, _by_lane(math.atan))
 
 
-def fma_of_lanes(*kinds: Any) -> Any:
+def fma_of_lanes(*kinds: types.Type) -> Any:
     """Signature and code of `laisn.vector_math.fma` where a number is lanes."""
 
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    def generate(
+        context: "BaseContext", builder: "IRBuilder", sig: "Signature", args: Sequence["Value"]
+    ) -> "Value":
         values = [
             _as_lane(context, builder, kind, value)
             for kind, value in zip(sig.args, args, strict=True)
@@ -253,20 +278,25 @@ def fma_of_lanes(*kinds: Any) -> Any:
 _define_pairwise(
     np.arctan2, lambda context, builder, ab: _by_lane(math.atan2)(context, builder, *ab)
 )
+_define_pairwise(
+    operator.mod, lambda context, builder, ab: _by_lane(operator.mod)(context, builder, *ab)
+)
 _define_pairwise(np.copysign, lambda _, builder, ab: _call_intrinsic(builder, "copysign", ab))
 _define_pairwise(np.hypot, lambda context, builder, ab: _by_lane(math.hypot)(context, builder, *ab))
 
 
-def _define_logic(function: Any, name: str) -> None:
+def _define_logic(function: Callable[..., object], name: str) -> None:
     @type_callable(function)
-    def type_operation(_: Any) -> Any:
+    def type_operation(_: object) -> Any:
         def typer(a, b):  # numba compares signatures
             return mask if isinstance(a, MaskType) and isinstance(b, MaskType) else None
 
         return typer
 
     @lower_builtin(function, MaskType, MaskType)
-    def lower_operation(_: Any, builder: Any, __: Any, args: Any) -> Any:
+    def lower_operation(
+        _: object, builder: "IRBuilder", __: object, args: Sequence["Value"]
+    ) -> Any:
         return getattr(builder, name)(*args)
 
 
@@ -275,8 +305,10 @@ _define_logic(operator.or_, "or_")
 _define_unary(operator.invert, MaskType, mask, lambda _, builder, a: builder.not_(a))
 
 
-def _emit_select(_: Any, condition: Any, chosen: Any, other: Any) -> Any:
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+def _emit_select(_: object, condition: types.Type, chosen: types.Type, other: types.Type) -> Any:
+    def generate(
+        context: "BaseContext", builder: "IRBuilder", sig: "Signature", args: Sequence["Value"]
+    ) -> "Value":
         a = _as_lane(context, builder, sig.args[1], args[1])
         b = _as_lane(context, builder, sig.args[2], args[2])
         return builder.select(args[0], a, b)
@@ -288,26 +320,26 @@ _select_lanes: Any = cast(Any, intrinsic(_emit_select))
 
 
 @overload(select, strict=False)
-def _select(condition: Any, chosen: Any, other: Any) -> Any:
+def _select(condition: types.Type, chosen: types.Type, other: types.Type) -> Any:
     if not isinstance(condition, MaskType):
         return None
     return lambda condition, chosen, other: _select_lanes(condition, chosen, other)
 
 
-def _bits(builder: Any, value: Any) -> Any:
+def _bits(builder: "IRBuilder", value: "Value") -> "Value":
     return builder.bitcast(value, ir.IntType(LANES))
 
 
-def _emit_any(_: Any, condition: Any) -> Any:
-    def generate(__: Any, builder: Any, ___: Any, args: Any) -> Any:
+def _emit_any(_: object, condition: types.Type) -> Any:
+    def generate(__: object, builder: "IRBuilder", ___: object, args: Sequence["Value"]) -> Any:
         none = ir.Constant(ir.IntType(LANES), 0)
         return builder.icmp_unsigned("!=", _bits(builder, args[0]), none)
 
     return types.boolean(condition), generate
 
 
-def _emit_all(_: Any, condition: Any) -> Any:
-    def generate(__: Any, builder: Any, ___: Any, args: Any) -> Any:
+def _emit_all(_: object, condition: types.Type) -> Any:
+    def generate(__: object, builder: "IRBuilder", ___: object, args: Sequence["Value"]) -> Any:
         every = ir.Constant(ir.IntType(LANES), (1 << LANES) - 1)
         return builder.icmp_unsigned("==", _bits(builder, args[0]), every)
 
@@ -329,14 +361,14 @@ def all_lanes(condition: bool | Bools) -> bool:
 
 
 @overload(any_lane, strict=False, inline="always")
-def _any_lane(condition: Any) -> Any:
+def _any_lane(condition: types.Type) -> Any:
     if isinstance(condition, MaskType):
         return lambda condition: _any_of_mask(condition)
     return lambda condition: condition
 
 
 @overload(all_lanes, strict=False, inline="always")
-def _all_lanes(condition: Any) -> Any:
+def _all_lanes(condition: types.Type) -> Any:
     if isinstance(condition, MaskType):
         return lambda condition: _all_of_mask(condition)
     return lambda condition: condition
@@ -353,7 +385,7 @@ class LanesType(types.Type):
 class LaneRecordsType(types.Type):
     """An array of records of lanes, likewise."""
 
-    def __init__(self, record: Any, dimensions: int) -> None:
+    def __init__(self, record: types.Record, dimensions: int) -> None:
         self.record = record
         self.dimensions = dimensions
         super().__init__(name=f"LaneRecords({record}, {dimensions})")
@@ -362,7 +394,7 @@ class LaneRecordsType(types.Type):
 class LaneRecordType(types.Type):
     """One of these records."""
 
-    def __init__(self, record: Any) -> None:
+    def __init__(self, record: types.Record) -> None:
         self.record = record
         super().__init__(name=f"LaneRecord({record})")
 
@@ -370,7 +402,7 @@ class LaneRecordType(types.Type):
 class _ArrayModel(StructModel):
     """The address of the first number, and the shape."""
 
-    def __init__(self, manager: Any, kind: Any) -> None:
+    def __init__(self, manager: object, kind: "LanesType | LaneRecordsType") -> None:
         shape = types.UniTuple(types.intp, kind.dimensions)
         super().__init__(manager, kind, [("data", types.voidptr), ("shape", shape)])
 
@@ -383,14 +415,20 @@ register_model(LaneRecordsType)(_ArrayModel)
 class _RecordModel(PrimitiveModel):
     """Its address."""
 
-    def __init__(self, manager: Any, kind: Any) -> None:
+    def __init__(self, manager: object, kind: types.Type) -> None:
         super().__init__(manager, kind, cgutils.voidptr_t)
 
 
 _Shaped = LanesType | LaneRecordsType
 
 
-def _view(context: Any, builder: Any, kind: Any, address: Any, shape: Sequence[Any]) -> Any:
+def _view(
+    context: "BaseContext",
+    builder: "IRBuilder",
+    kind: types.Type,
+    address: "Value",
+    shape: Sequence["Value"],
+) -> "Value":
     """An array of a type by its address and shape."""
     view = cgutils.create_struct_proxy(kind)(context, builder)
     view.data = address
@@ -398,15 +436,17 @@ def _view(context: Any, builder: Any, kind: Any, address: Any, shape: Sequence[A
     return view._getvalue()
 
 
-def _emit_lanes_of(_: Any, array: Any) -> Any:
+def _emit_lanes_of(_: object, array: types.Type) -> Any:
     if not (isinstance(array, types.Array) and array.layout == "C"):
         return None
     if isinstance(array.dtype, types.Record):
-        kind: Any = LaneRecordsType(array.dtype, array.ndim)
+        kind: LanesType | LaneRecordsType = LaneRecordsType(array.dtype, array.ndim)
     else:
         kind = LanesType(array.ndim - 1)
 
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    def generate(
+        context: "BaseContext", builder: "IRBuilder", sig: "Signature", args: Sequence["Value"]
+    ) -> "Value":
         (taken,) = sig.args
         source = context.make_array(taken)(context, builder, args[0])
         shape = cgutils.unpack_tuple(builder, source.shape, kind.dimensions)
@@ -426,7 +466,7 @@ reference to the memory. To be called from compiled code only.
 class _ShapeOfLanes(AttributeTemplate):
     key = LanesType
 
-    def resolve_shape(self, array: Any) -> Any:
+    def resolve_shape(self, array: LanesType) -> types.Type:
         return types.UniTuple(types.intp, array.dimensions)
 
 
@@ -434,21 +474,23 @@ class _ShapeOfLanes(AttributeTemplate):
 class _ShapeOfRecords(AttributeTemplate):
     key = LaneRecordsType
 
-    def resolve_shape(self, array: Any) -> Any:
+    def resolve_shape(self, array: LaneRecordsType) -> types.Type:
         return types.UniTuple(types.intp, array.dimensions)
 
 
 @lower_getattr_generic(LanesType)
 @lower_getattr_generic(LaneRecordsType)
-def _lower_shape(context: Any, builder: Any, kind: Any, value: Any, _: str) -> Any:
+def _lower_shape(
+    context: "BaseContext", builder: "IRBuilder", kind: types.Type, value: "Value", _: str
+) -> "Value":
     return cgutils.create_struct_proxy(kind)(context, builder, value=value).shape
 
 
-def _element_size(kind: Any) -> int:
+def _element_size(kind: types.Type) -> int:
     return int(kind.record.size) if isinstance(kind, LaneRecordsType) else 8 * LANES
 
 
-def _item_type(kind: Any, count: int) -> Any:
+def _item_type(kind: LanesType | LaneRecordsType, count: int) -> types.Type:
     """Type of what an index of so many whole numbers takes of an array."""
     left = kind.dimensions - count
     if isinstance(kind, LaneRecordsType):
@@ -456,17 +498,17 @@ def _item_type(kind: Any, count: int) -> Any:
     return LanesType(left) if left else lane
 
 
-def _index_types(index: Any) -> tuple[Any, ...]:
+def _index_types(index: types.Type) -> tuple[types.Type, ...]:
     return tuple(cast(Any, index)) if isinstance(index, types.BaseTuple) else (index,)
 
 
-def _is_index(kind: Any, index: Any) -> bool:
+def _is_index(kind: LanesType | LaneRecordsType, index: types.Type) -> bool:
     places = _index_types(index)
     return len(places) <= kind.dimensions and all(isinstance(p, types.Integer) for p in places)
 
 
 @type_callable(operator.getitem)
-def _type_getitem(_: Any) -> Any:
+def _type_getitem(_: object) -> Any:
     def typer(array, index):  # numba compares signatures
         if isinstance(array, _Shaped) and _is_index(array, index):
             return _item_type(array, len(_index_types(index)))
@@ -476,7 +518,7 @@ def _type_getitem(_: Any) -> Any:
 
 
 @type_callable(operator.setitem)
-def _type_setitem(_: Any) -> Any:
+def _type_setitem(_: object) -> Any:
     def typer(array, index, value):  # numba compares signatures
         if isinstance(array, LanesType) and _is_index(array, index) and _is_operand(value):
             return types.none
@@ -485,7 +527,14 @@ def _type_setitem(_: Any) -> Any:
     return typer
 
 
-def _locate(context: Any, builder: Any, kind: Any, array: Any, index_type: Any, index: Any) -> Any:
+def _locate(
+    context: "BaseContext",
+    builder: "IRBuilder",
+    kind: LanesType | LaneRecordsType,
+    array: "Value",
+    index_type: types.Type,
+    index: "Value",
+) -> "Value":
     """Address of an item, and the shape of what lies there."""
     view = cgutils.create_struct_proxy(kind)(context, builder, value=array)
     shape = cgutils.unpack_tuple(builder, view.shape, kind.dimensions)
@@ -503,16 +552,20 @@ def _locate(context: Any, builder: Any, kind: Any, array: Any, index_type: Any, 
     return address, shape[len(places) :]
 
 
-def _load(builder: Any, address: Any) -> Any:
+def _load(builder: "IRBuilder", address: "Value") -> "Value":
     return builder.load(builder.bitcast(address, ir.PointerType(_VECTOR)), align=8)
 
 
-def _store(context: Any, builder: Any, kind: Any, value: Any, address: Any) -> None:
+def _store(
+    context: "BaseContext", builder: "IRBuilder", kind: types.Type, value: "Value", address: "Value"
+) -> None:
     pointer = builder.bitcast(address, ir.PointerType(_VECTOR))
     builder.store(_as_lane(context, builder, kind, value), pointer, align=8)
 
 
-def _lower_getitem(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+def _lower_getitem(
+    context: "BaseContext", builder: "IRBuilder", sig: "Signature", args: Sequence["Value"]
+) -> "Value":
     kind, index_type = sig.args
     address, shape = _locate(context, builder, kind, args[0], index_type, args[1])
     item = sig.return_type
@@ -523,7 +576,9 @@ def _lower_getitem(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     return _view(context, builder, item, address, shape)
 
 
-def _lower_setitem(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+def _lower_setitem(
+    context: "BaseContext", builder: "IRBuilder", sig: "Signature", args: Sequence["Value"]
+) -> "Value":
     kind, index_type, value_type = sig.args
     address, _ = _locate(context, builder, kind, args[0], index_type, args[1])
     _store(context, builder, value_type, args[2], address)
@@ -538,7 +593,7 @@ for _index in (types.Integer, types.BaseTuple):
         lower_builtin(operator.setitem, LanesType, _index, _value)(_lower_setitem)
 
 
-def _field_type(field: Any) -> Any:
+def _field_type(field: types.Type) -> types.Type:
     """What a field of a record is to compiled code: lanes, an array of them, records, or a number
     that all lanes share.
     """
@@ -555,12 +610,14 @@ def _field_type(field: Any) -> Any:
 class _Fields(AttributeTemplate):
     key = LaneRecordType
 
-    def generic_resolve(self, row: Any, name: str) -> Any:  # type: ignore[override]
+    def generic_resolve(self, row: LaneRecordType, name: str) -> Any:  # type: ignore[override]
         return _field_type(row.record.typeof(name)) if name in row.record.fields else None
 
 
 @lower_getattr_generic(LaneRecordType)
-def _lower_field(context: Any, builder: Any, row: Any, value: Any, name: str) -> Any:
+def _lower_field(
+    context: "BaseContext", builder: "IRBuilder", row: LaneRecordType, value: "Value", name: str
+) -> "Value":
     offset = ir.Constant(cgutils.intp_t, row.record.offset(name))
     address = builder.gep(value, [offset])
     field = row.record.typeof(name)
@@ -570,14 +627,23 @@ def _lower_field(context: Any, builder: Any, row: Any, value: Any, name: str) ->
     if isinstance(kind, LaneRecordType):
         return address
     if isinstance(kind, _Shaped):
-        shape = [ir.Constant(cgutils.intp_t, n) for n in field.shape[: kind.dimensions]]
+        shape = [
+            ir.Constant(cgutils.intp_t, n)
+            for n in cast(types.NestedArray, field).shape[: kind.dimensions]
+        ]
         return _view(context, builder, kind, address, shape)
     stored = builder.bitcast(address, ir.PointerType(context.get_data_type(kind)))
     return context.unpack_value(builder, kind, stored)
 
 
 @lower_setattr_generic(LaneRecordType)
-def _lower_set_field(context: Any, builder: Any, sig: Any, args: Any, name: str) -> None:
+def _lower_set_field(
+    context: "BaseContext",
+    builder: "IRBuilder",
+    sig: "Signature",
+    args: Sequence["Value"],
+    name: str,
+) -> None:
     row, value_type = sig.args
     offset = ir.Constant(cgutils.intp_t, row.record.offset(name))
     _store(context, builder, value_type, args[1], builder.gep(args[0], [offset]))

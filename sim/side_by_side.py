@@ -1,8 +1,8 @@
 """Missions side by side: up to eight whose motion depends on no noise, each in a lane of its own.
 
-The physics is that of `sim.vehicle.plant.advance`, compiled for lanes (`laisn.simd`), the control
-that of `sim.simulation.RouteControl`, mission by mission. A mission moves in a lane as it does
-alone with the solver "direct", to the bit, whatever flies beside it.
+The physics is that of `sim.vehicle.plant.advance`, the control that of
+`sim.simulation.steer_vehicle`, both compiled for lanes (`laisn.simd`). A mission moves in a lane as
+it does alone with the solver "direct", to the bit, whatever flies beside it.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints, Records
+from laisn.arrays import Bools, Floats, Ints, Records
 from laisn.compiled import compiled
 from laisn.errors import LaisnError
 from laisn.simd import LANES, in_lanes, lanes_of
@@ -23,10 +23,12 @@ from sim.simulation import (
     end_mission,
     mission_for_lanes,
     simulate_open_loop,
+    steer_vehicle,
 )
 from sim.trajectory import StateHistory, Trajectory
+from sim.vehicle.effector_kinds import BUILT_IN
 from sim.vehicle.effectors import Fitted, Kinds
-from sim.vehicle.plant import OK, Fault, Plant, StepHandles, advance
+from sim.vehicle.plant import OK, Fault, StepHandles, advance
 from sim.vehicle.solvers import DirectSolver, Room
 from sim.water.currents import ShearedCurrent
 from sim.water.densities import UniformDensity
@@ -50,6 +52,10 @@ class LaneMemory(NamedTuple):
     last_twist: Floats
     water: Floats  # velocity of the water at the vehicles, shape (v, 3, LANES), [m/s]
     command: Floats
+    reference: Records  # as of `RouteControl`, shape (n, v), as are the next three, shape (v,)
+    autopilots: Records
+    guidance: Records
+    autopilot: Records
     response: Floats
     coefficients: Records
     effectors: Records
@@ -61,12 +67,15 @@ class LaneMemory(NamedTuple):
     change: Floats  # of the current, the same in all lanes
     clock: Floats
     warnings: Ints
+    outside: Bools  # as of `RouteControl`: none is
 
 
-def _memory_of(plants: Sequence[Plant], currents: Sequence[ShearedCurrent]) -> LaneMemory:
-    """States of plants that are not settled, side by side; ValueError if they differ in more than
-    numbers.
+def _memory_of(missions: Sequence[Mission], currents: Sequence[ShearedCurrent]) -> LaneMemory:
+    """States of missions whose plants are not settled, side by side; ValueError if they differ in
+    more than numbers.
     """
+    plants = [mission.plant for mission in missions]
+    routes = [mission.routes for mission in missions]
     v, m = plants[0].thrust.shape
     change = currents[0].change
     if any(not np.array_equal(current.change, change) for current in currents):
@@ -85,6 +94,10 @@ def _memory_of(plants: Sequence[Plant], currents: Sequence[ShearedCurrent]) -> L
         last_twist=numbers(v, 6),
         water=numbers(v, 3),
         command=numbers(v, m),
+        reference=in_lanes([each.reference for each in routes]),
+        autopilots=in_lanes([each.autopilots for each in routes]),
+        guidance=in_lanes([each.guidance for each in routes]),
+        autopilot=in_lanes([each.autopilot for each in routes]),
         response=in_lanes([plant.response for plant in plants]),
         coefficients=in_lanes([plant.true_coefficients for plant in plants]),
         effectors=in_lanes([plant.true_effectors for plant in plants]),
@@ -96,6 +109,7 @@ def _memory_of(plants: Sequence[Plant], currents: Sequence[ShearedCurrent]) -> L
         change=change,
         clock=np.array([0.0, plants[0].dt]),
         warnings=np.zeros(0, dtype=np.int64),
+        outside=np.zeros(v, dtype=np.bool_),
     )
 
 
@@ -178,12 +192,42 @@ def _settle(memory: LaneMemory, handles: StepHandles) -> Fault:
 
 
 @compiled
+def _routes_of(memory: LaneMemory, kinds: Kinds) -> RouteControl:
+    """The control of all missions, in lanes."""
+    return RouteControl(
+        kinds,
+        lanes_of(memory.reference),
+        lanes_of(memory.autopilots),
+        lanes_of(memory.guidance),
+        lanes_of(memory.autopilot),
+        lanes_of(memory.command),
+        memory.outside,
+    )
+
+
+@compiled
+def _steer(k: int, memory: LaneMemory, routes: RouteControl) -> None:
+    """Find the commands of all vehicles from instant k on."""
+    poses = lanes_of(memory.pose)
+    twists = lanes_of(memory.twist)
+    water = lanes_of(memory.water)
+    for i in range(poses.shape[0]):
+        p = poses[i]
+        t = twists[i]
+        state = (
+            (p[0], p[1], p[2], p[3], p[4], p[5], p[6]),
+            (t[0], t[1], t[2], t[3], t[4], t[5]),
+            (water[i, 0], water[i, 1], water[i, 2]),
+        )
+        steer_vehicle(k, i, state, routes)
+
+
+@compiled
 def _fly(
     used: int,
     substeps: int,
     memory: LaneMemory,
     kinds: Kinds,
-    controls: tuple[RouteControl, ...],
     truths: tuple[StateHistory, ...],
 ) -> Fault:
     """Fly missions to their end; what ended that."""
@@ -191,26 +235,20 @@ def _fly(
     fault = _settle(memory, handles)
     if fault[0] != OK:
         return fault
-    command = lanes_of(memory.command)
+    routes = _routes_of(memory, kinds)
     for k in range(truths[0].pose.shape[0]):
         if k > 0:
-            fault = advance(handles, command, substeps)
+            fault = advance(handles, routes.command, substeps)
             if fault[0] != OK:
                 return fault
         _record_water(k, memory, handles.environment)
-        for lane in range(LANES):
-            mission = lane if lane < used else 0
-            truth = truths[mission]
-            control = controls[mission]
-            if lane < used:
-                _copy_lane(memory.pose, lane, truth.pose[k])
-                _copy_lane(memory.twist, lane, truth.twist[k])
-                _copy_lane(memory.water, lane, truth.water[k])
-                _copy_lane(memory.states, lane, truth.thrust[k])
-                control.control(k, truth)
-            for i in range(control.command.shape[0]):
-                for j in range(control.command.shape[1]):
-                    memory.command[i, j, lane] = control.command[i, j]
+        for lane in range(used):
+            truth = truths[lane]
+            _copy_lane(memory.pose, lane, truth.pose[k])
+            _copy_lane(memory.twist, lane, truth.twist[k])
+            _copy_lane(memory.water, lane, truth.water[k])
+            _copy_lane(memory.states, lane, truth.thrust[k])
+        _steer(k, memory, routes)
     return OK, -1
 
 
@@ -229,13 +267,16 @@ def fly_group(missions: Sequence[Mission]) -> bool:
     ):
         return False
     try:
-        memory = _memory_of(plants, currents)
+        memory = _memory_of(missions, currents)
     except ValueError:
         return False
     shapes = {mission.truth.pose.shape for mission in missions}
-    kinds = {type(mission.controller) for mission in missions}
+    controllers = {type(mission.controller) for mission in missions}
     steps = {plant.dt for plant in plants}
-    if len(shapes) > 1 or kinds != {RouteControl} or len(steps) > 1:
+    if len(shapes) > 1 or controllers != {RouteControl} or len(steps) > 1:
+        return False
+    # kinds of the user's own are written for numbers
+    if any(plant.kinds != BUILT_IN for plant in plants):
         return False
     padded = [*missions, *[missions[0]] * (LANES - len(missions))]
     fault = _fly(
@@ -243,7 +284,6 @@ def fly_group(missions: Sequence[Mission]) -> bool:
         round(TICK / plants[0].dt),
         memory,
         plants[0].kinds,
-        tuple(mission.routes for mission in padded),
         tuple(mission.truth for mission in padded),
     )
     return fault[0] == OK

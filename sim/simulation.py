@@ -21,6 +21,7 @@ from laisn.errors import LaisnError
 from laisn.held import Held, held_values
 from sim import attitude
 from sim.assembly import routes_of, setups_of
+from sim.attitude import Pose, Twist, Vector
 from sim.control.autopilot import (
     AUTOPILOT_MEMORY,
     DepthControl,
@@ -138,11 +139,19 @@ def steer_along_route(k: int, truth: StateHistory, i: int, routes: RouteControl)
     """Find the command of vehicle i, by its true motion, that holds from the recorded instant k
     until k + 1.
     """
+    state = (truth.pose[k, i], truth.twist[k, i], truth.water[k, i])
+    steer_vehicle(k, i, state, routes)
+
+
+@compiled
+def steer_vehicle(
+    k: int, i: int, state: tuple[Pose, Twist, Vector | Floats], routes: RouteControl
+) -> None:
+    """The same by its pose, twist and water, as rows of a StateHistory, of one mission or lanes."""
     reference = routes.reference[k, i]
     guidance = routes.guidance[i]
-    pose = truth.pose[k, i]
-    water = truth.water[k, i]
-    motion = vehicle_state(pose, truth.twist[k, i], water)
+    pose, twist, water = state
+    motion = vehicle_state(pose, twist, water)
     current = (water[0], water[1])
     if k == 0:
         begin(reference, motion.heading, motion.surge, current, guidance)

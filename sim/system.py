@@ -23,15 +23,18 @@ _M_MMAP_THRESHOLD = -3  # of malloc.h of the GNU C library
 
 
 @contextmanager
-def atomic_write(path: Path) -> Iterator[Path]:
+def atomic_write(path: Path, *, durable: bool = True) -> Iterator[Path]:
     """Yield a path for the block to create a file at, which replaces `path`, whole, when the
     block has succeeded. An OSError of the block that names no file, as of a full disk, names it.
+
+    A file that is not `durable` may be cut if the power fails soon after; it waits for no disk.
     """
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(6)}.part")
     try:
         yield temporary
-        with temporary.open("rb") as file:
-            os.fsync(file.fileno())
+        if durable:
+            with temporary.open("rb") as file:
+                os.fsync(file.fileno())
         os.replace(temporary, path)
     except OSError as error:
         if error.errno is None or error.filename is not None:

@@ -1,18 +1,20 @@
 """Campaigns: a study's missions, cells and tasks, computed in parallel and stored one by one.
 
-Cells are scenarios with many runs of noise, tasks functions whose rows are stored. A mission is
-flown once and serves all its cells. A campaign that was killed goes on where it stopped and gives
-the same results.
+A motion is stored for cells that are computed later; one that was flown side by side, with all of
+its cells, is not. Cells are scenarios with many runs of noise, tasks functions whose rows are
+stored. A mission is flown once and serves all its cells. A campaign that was killed goes on where
+it stopped and gives the same results.
 """
 
 import os
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from pathlib import Path
-from typing import Any, Self, TypedDict, Unpack
+from typing import Any, NamedTuple, Self, TypedDict, Unpack
 
 from experiments.campaign import montecarlo
 from experiments.campaign.jobs import Job, Work, run_jobs
@@ -116,17 +118,31 @@ def _fly(plan: CellPlan, facts: Facts | None, batch: Sequence[CellPlan]) -> list
     return _flown(montecarlo.simulate_mission(plan.scenario), plan, facts, batch)
 
 
-def _fly_side_by_side(
-    plans: Sequence[CellPlan], facts: Facts | None, batches: Sequence[Sequence[CellPlan]]
-) -> list[Result]:
-    """The same of missions in lanes, with cells of each; what ends early is left out, and tells why
-    when it is flown alone.
+class _LaneMission(NamedTuple):
+    """A mission that is flown beside others, with cells of it."""
+
+    plan: CellPlan
+    batch: Sequence[CellPlan]
+    keep_motion: bool  # other cells need it, too; else to fly it again takes no longer than to read
+
+    def keys(self, facts: Facts | None) -> list[str]:
+        """Keys of its results."""
+        keys = [self.plan.motion] if self.keep_motion else []
+        if facts:
+            keys.append(key_of(facts, self.plan.motion))
+        return keys + _result_keys(self.batch)
+
+
+def _fly_side_by_side(missions: Sequence[_LaneMission], facts: Facts | None) -> list[Result]:
+    """The same of missions in lanes; what ends early is left out, and tells why when it is flown
+    alone.
     """
-    motions = montecarlo.simulate_missions([plan.scenario for plan in plans])
+    motions = montecarlo.simulate_missions([mission.plan.scenario for mission in missions])
     results = list[Result]()
-    for motion, plan, batch in zip(motions, plans, batches, strict=True):
+    for motion, mission in zip(motions, missions, strict=True):
         if motion is not None:
-            results += _flown(motion, plan, facts, batch)
+            flown = _flown(motion, mission.plan, facts, mission.batch)
+            results += flown if mission.keep_motion else flown[1:]
     return results
 
 
@@ -278,15 +294,16 @@ class _Campaign:
     def lane_jobs(self, pool: Pool) -> list[Job]:
         """Jobs for missions side by side, with first cells where these are flown with missions."""
         flown_with = self._flown_with(_batches(self.missing_cells, pool.size), pool)
+        cells = Counter(plan.motion for plan in self.missing_cells)
         jobs = list[Job]()
         for group in self.lane_groups(pool.size):
-            batches = [flown_with.get(plan.motion, []) for plan in group]
-            keys = [
-                key
-                for plan, batch in zip(group, batches, strict=True)
-                for key in (plan.motion, *self.facts_keys(plan.motion), *_result_keys(batch))
+            missions = [
+                _LaneMission(plan, batch, keep_motion=len(batch) < cells[plan.motion])
+                for plan in group
+                for batch in [flown_with.get(plan.motion, [])]
             ]
-            work = partial(_fly_side_by_side, group, self.facts, batches)
+            keys = [key for mission in missions for key in mission.keys(self.facts)]
+            work = partial(_fly_side_by_side, missions, self.facts)
             jobs.append(
                 Job(
                     key=("lanes", group[0].motion),

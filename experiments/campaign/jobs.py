@@ -3,6 +3,7 @@
 import random
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from experiments.campaign.pool import Pool
 from experiments.campaign.progress import progress
@@ -66,10 +67,17 @@ def _require_plugins(version: str, *, refresh: bool) -> None:
         )
 
 
-def _attempt(
-    key: Hashable, work: Work, store: Store | None, plugins: str
-) -> tuple[Hashable, list[Result] | str]:
-    """Results of a job by its key, or why it has none; a store that is given takes them instead.
+class _Outcome(NamedTuple):
+    """What came of a job."""
+
+    key: Hashable
+    failure: str = ""  # why it has no results; empty: it has
+    stored: Sequence[str] = ()  # keys of results that are in the store
+    results: Sequence[Result] = ()  # those that are not
+
+
+def _attempt(key: Hashable, work: Work, store: Store | None, plugins: str) -> _Outcome:
+    """What comes of a job by its key; a store that is given takes its results.
 
     `plugins` is the version of the plugins of which keys of results were made; CampaignError if
     there is another one before or after the work.
@@ -78,13 +86,13 @@ def _attempt(
     try:
         results = work()
     except CampaignError as error:
-        return key, str(error).splitlines()[0]
+        return _Outcome(key, failure=str(error).splitlines()[0])
     _require_plugins(plugins, refresh=False)
     if store is None:
-        return key, results
+        return _Outcome(key, results=results)
     for result in results:
         store.put(*result)
-    return key, []
+    return _Outcome(key, stored=[of_result for of_result, _, _ in results])
 
 
 def _compute(
@@ -107,13 +115,11 @@ def _compute(
                     shared = store if pool.cluster is None else None
                     yield job.key, job.run(store), shared, pool.plugins
 
-        for key, outcome in pool.each(_attempt, missing()):
-            job = by_key[key]
-            if isinstance(outcome, str):
-                failures[key] = outcome
-            else:
-                for result in outcome:
-                    store.put(*result)
-                store.written.update(job.results)
-            advance(job.size)
+        for outcome in pool.each(_attempt, missing()):
+            if outcome.failure:
+                failures[outcome.key] = outcome.failure
+            for result in outcome.results:
+                store.put(*result)
+            store.written.update(outcome.stored)
+            advance(by_key[outcome.key].size)
     return failures

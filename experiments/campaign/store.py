@@ -201,7 +201,8 @@ class Store:
             return None
 
     def has(self, *keys: str) -> bool:
-        return all(self.get(key) is not None for key in keys)
+        """Whether all these results are there, whole; those that were written here are not read."""
+        return all(key in self.written or self.get(key) is not None for key in keys)
 
     def put(self, key: str, record: object, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
         """Store a JSON value, in which NumPy's numbers and arrays become plain, and arrays by
@@ -217,6 +218,8 @@ class Store:
             content[_COLUMNS] = np.rec.fromarrays([*arrays.values()], names=[*arrays])  # type: ignore[call-overload]
         else:
             content |= arrays
-        with atomic_write(self.path(key)) as unfinished, unfinished.open("wb") as file:
+        # what a power failure cuts is found by its checksum, and computed again
+        path = self.path(key)
+        with atomic_write(path, durable=False) as unfinished, unfinished.open("wb") as file:
             np.savez(file, **content)
         self.written.add(key)

@@ -12,10 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats
-from laisn.compiled import compiled
+from laisn.compiled import compiled, select
+from laisn.simd import all_lanes, any_lane
 from sim.vehicle.effector_kinds import MIN_STEERAGE_SPEED
 from sim.vehicle.effectors import unit_wrenches
 
+Wrench = tuple[float, float, float, float, float, float]
 # components of a wrench in the body frame [N], [N m]
 SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)
 # order in which components are served where limits bind
@@ -83,17 +85,45 @@ def allocate(inverse: Floats, limits: Floats, wrench: Floats, command: Floats) -
         wrench: wanted; out: what the forces give of it, shape (6,), [N] and [N m].
         command: out: forces, shape (m,), m ≤ M, [N].
     """
-    m = command.size
-    is_feasible = True
-    for i in range(m):
-        command[i] = 0.0
+    m = command.shape[0]
+    demand = (wrench[0], wrench[1], wrench[2], wrench[3], wrench[4], wrench[5])
+    is_feasible = _exceeding(inverse, limits, demand, command) == 0.0
+    if not all_lanes(is_feasible):
+        _allocate_by_priority(inverse, limits, wrench, command)
+        if any_lane(is_feasible):
+            for i in range(m):
+                command[i] = select(is_feasible, _force_of(inverse, i, demand), command[i])
+    if any_lane(is_feasible):
         for axis in range(6):
-            command[i] += inverse[i, axis] * wrench[axis]
-        is_feasible = is_feasible and limits[i, 0] <= command[i] <= limits[i, 1]
-    if is_feasible:
-        for axis in range(6):
-            wrench[axis] *= _is_given(inverse, axis, m)
-        return
+            given = demand[axis] * _is_given(inverse, axis, m)
+            wrench[axis] = select(is_feasible, given, wrench[axis])
+
+
+@compiled
+def _exceeding(inverse: Floats, limits: Floats, wrench: Wrench, command: Floats) -> float:
+    """Command what gives a wrench; 1 if a force is beyond its limits, else 0."""
+    exceeding = 0.0
+    for i in range(command.shape[0]):
+        force = _force_of(inverse, i, wrench)
+        command[i] = force
+        is_within = (limits[i, 0] <= force) & (force <= limits[i, 1])
+        exceeding = select(is_within, exceeding, 1.0)
+    return exceeding
+
+
+@compiled
+def _force_of(inverse: Floats, i: int, wrench: Wrench) -> float:
+    """Force of an effector for a wrench, whatever its limits."""
+    force = 0.0
+    for axis in range(6):
+        force = force + inverse[i, axis] * wrench[axis]
+    return force
+
+
+@compiled
+def _allocate_by_priority(inverse: Floats, limits: Floats, wrench: Floats, command: Floats) -> None:
+    """`allocate` where limits bind."""
+    m = command.shape[0]
     for i in range(m):
         command[i] = 0.0
     wrench[ROLL] = 0.0
@@ -101,11 +131,12 @@ def allocate(inverse: Floats, limits: Floats, wrench: Floats, command: Floats) -
         share = _is_given(inverse, axis, m)
         for i in range(m):
             step = inverse[i, axis] * wrench[axis]
-            if step > 0.0:
-                share = min(share, (limits[i, 1] - command[i]) / step)
-            elif step < 0.0:
-                share = min(share, (limits[i, 0] - command[i]) / step)
-        wrench[axis] *= max(share, 0.0)
+            limit = select(step > 0.0, limits[i, 1], limits[i, 0])
+            # an effector that is not needed holds back none
+            is_idle = step == 0.0
+            possible_share = (limit - command[i]) / select(is_idle, 1.0, step)
+            share = select(is_idle, share, min(share, possible_share))
+        wrench[axis] = wrench[axis] * max(share, 0.0)
         for i in range(m):
             # the clip takes off what rounding may leave beyond a limit
             command[i] = clip(
@@ -116,7 +147,7 @@ def allocate(inverse: Floats, limits: Floats, wrench: Floats, command: Floats) -
 @compiled
 def _is_given(inverse: Floats, axis: int, m: int) -> float:
     """1 if any effector gives a component of the wrench, else 0."""
+    given = 0.0
     for i in range(m):
-        if inverse[i, axis] != 0.0:
-            return 1.0
-    return 0.0
+        given = select(inverse[i, axis] != 0.0, 1.0, given)
+    return given

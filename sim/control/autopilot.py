@@ -26,10 +26,10 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats, RecordFields, Records, row_dtype
-from laisn.compiled import compiled
+from laisn.compiled import compiled, select
 from laisn.errors import LaisnError
 from laisn.geometry import signed_angle
-from sim.attitude import rotation, transposed
+from sim.attitude import Pose, Twist, Vector, rotation, transposed
 from sim.control.allocation import (
     FAST,
     HEAVE,
@@ -274,10 +274,9 @@ def _increment(rate: float, demanded: float, achieved: float) -> float:
     """Change of an integral by its rate, or none where it would go further beyond what thrusters
     give.
     """
-    saturates = (rate > 0.0 and demanded > achieved + 1e-9) or (
-        rate < 0.0 and demanded < achieved - 1e-9
-    )
-    return 0.0 if saturates else rate
+    too_high = (rate > 0.0) & (demanded > achieved + 1e-9)
+    too_low = (rate < 0.0) & (demanded < achieved - 1e-9)
+    return float(select(too_high | too_low, 0.0, rate))
 
 
 @compiled
@@ -293,17 +292,16 @@ def _hold_depth(
     """Pitch wanted [rad] and its rate [rad/s], heave force wanted [N] (up), and the integral's
     rate [N].
     """
-    by_pitch = d.by_pitch
-    if d.has_heave > 0.0:
-        by_pitch *= clip((speed - SPEED_HEAVE) / (SPEED_PITCH - SPEED_HEAVE), 0.0, 1.0)
+    share = clip((speed - SPEED_HEAVE) / (SPEED_PITCH - SPEED_HEAVE), 0.0, 1.0)
+    by_pitch = d.by_pitch * select(d.has_heave > 0.0, share, 1.0)
     speed = max(speed, SPEED_HEAVE)
     high = reference.depth - depth
 
     # through pitch: the angle of climb, and the incidence whose lift the integral demands
     lift = d.lift * speed * speed
-    incidence = 0.0
-    if by_pitch > 0.0:
-        incidence = clip(by_pitch * memory.depth_integral / lift, -INCIDENCE_MAX, INCIDENCE_MAX)
+    pitches = by_pitch > 0.0
+    demand = by_pitch * memory.depth_integral / select(pitches, lift, 1.0)
+    incidence = select(pitches, clip(demand, -INCIDENCE_MAX, INCIDENCE_MAX), 0.0)
     steepest = speed * np.sin(CLIMB_MAX)
     slow = d.omega / 5.0
     sink = reference.sinking + slow * high
@@ -318,12 +316,11 @@ def _hold_depth(
     push += d.lift * speed * reference.sinking
     force = memory.depth_integral - incidence * lift - (1.0 - by_pitch) * push
 
-    rate = (
-        by_pitch * 0.25 * slow * slow * d.lift * speed
-        + (1.0 - by_pitch) * 0.2 * d.heave_mass * fast**3
-    )
+    rate = by_pitch * 0.25 * slow * slow * d.lift * speed + (
+        1.0 - by_pitch
+    ) * 0.2 * d.heave_mass * (fast * fast * fast)
     # a depth far away is a matter of climbing, not of lift
-    rate = -rate * high * dt if by_pitch * abs(sink) < steepest else 0.0
+    rate = select(by_pitch * abs(sink) < steepest, -rate * high * dt, 0.0)
     return memory.pitch_command, (memory.pitch_command - last_command) / dt, force, rate
 
 
@@ -341,7 +338,7 @@ class HullMotion(NamedTuple):
 
 
 @compiled
-def vehicle_state(pose: Floats, twist: Floats, water: Floats) -> HullMotion:
+def vehicle_state(pose: Pose, twist: Twist, water: Vector | Floats) -> HullMotion:
     """True motion of a vehicle, from rows of `sim.trajectory.StateHistory`."""
     forward, port, _ = transposed(rotation(pose[3:7]))
     flow = (twist[0] - water[0], twist[1] - water[1], twist[2] - water[2])
@@ -360,14 +357,14 @@ def apply_wrench(
     through the water [m/s].
     """
     limits = memory.limits
-    for i in range(command.size):
+    for i in range(command.shape[0]):
         limits[i, 0], limits[i, 1] = effectors.force_limits(kinds, d.effectors[i], d.density, surge)
     if d.scheduled:
         at_speed(d.slow_allocation, d.fast_allocation, surge, memory.allocation)
         allocate(memory.allocation, limits, memory.wrench, command)
     else:
         allocate(d.slow_allocation, limits, memory.wrench, command)
-    for i in range(command.size):
+    for i in range(command.shape[0]):
         command[i] = effectors.state_for(kinds, d.effectors[i], d.density, command[i], surge)
 
 
@@ -449,13 +446,14 @@ def control(
     wrench[PITCH] = -nose_up
     wrench[YAW] = moment
     apply_wrench(kinds, d, surge, memory, command)
+    omega_cubed = omega * omega * omega
     memory.speed_integral += _increment(
         d.surge_mass * 0.05 * omega * omega * speed_error * dt, thrust, wrench[SURGE]
     )
     memory.heading_integral += _increment(
-        -0.1 * d.yaw_inertia * omega**3 * heading_error * dt, moment, wrench[YAW]
+        -0.1 * d.yaw_inertia * omega_cubed * heading_error * dt, moment, wrench[YAW]
     )
     memory.pitch_integral += _increment(
-        0.1 * d.pitch_inertia * omega**3 * error * dt, nose_up, -wrench[PITCH]
+        0.1 * d.pitch_inertia * omega_cubed * error * dt, nose_up, -wrench[PITCH]
     )
     memory.depth_integral += _increment(rate, force, wrench[HEAVE])

@@ -26,9 +26,10 @@ from typing import Annotated
 import numpy as np
 
 from laisn.arrays import Floats, RecordFields, Records, records, row_dtype
-from laisn.compiled import compiled
+from laisn.compiled import compiled, select
 from laisn.errors import LaisnError
 from laisn.geometry import signed_angle
+from laisn.simd import all_lanes, any_lane
 from sim.control.allocation import clip
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE, Plan, plan
 from sim.scenario.routes import Route
@@ -257,19 +258,42 @@ def steer(
     Gives the heading, continuous, turning at 10°/s at most [rad]; its rate, clockwise [rad/s]; and
     the speed, changing at 0.2 m/s² at most, and negative only where the route stops [m/s].
     """
+    stops = reference.speed < MIN_COMMANDED_SPEED
+    heading = 0.0
+    speed = 0.0
+    if not all_lanes(stops):
+        heading, speed = _way_along(reference, position, memory)
+    if any_lane(stops):
+        to_place = _way_to_place(reference, position, memory)
+        heading = select(stops, to_place[0], heading)
+        speed = select(stops, to_place[1], speed)
+    return limit_command(heading, speed, dt, memory)
+
+
+@compiled
+def _way_to_place(
+    reference: Reference, position: tuple[float, float], memory: GuidanceMemory
+) -> tuple[float, float]:
+    """Heading and speed of `steer` where the route stops, before limits."""
     sin, cos = np.sin(reference.course), np.cos(reference.course)
     east, north = reference.east - position[0], reference.north - position[1]
-    if reference.speed < MIN_COMMANDED_SPEED:
-        through_east = clip(east / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory.current[0]
-        through_north = clip(north / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory.current[1]
-        # the smaller this velocity, the more the heading is that of the course
-        heading = np.arctan2(
-            through_east + MIN_COMMANDED_SPEED * sin, through_north + MIN_COMMANDED_SPEED * cos
-        )
-        ahead = memory.heading
-        return limit_command(
-            heading, through_east * np.sin(ahead) + through_north * np.cos(ahead), dt, memory
-        )
+    through_east = clip(east / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory.current[0]
+    through_north = clip(north / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory.current[1]
+    # the smaller this velocity, the more the heading is that of the course
+    heading = np.arctan2(
+        through_east + MIN_COMMANDED_SPEED * sin, through_north + MIN_COMMANDED_SPEED * cos
+    )
+    ahead = memory.heading
+    return heading, through_east * np.sin(ahead) + through_north * np.cos(ahead)
+
+
+@compiled
+def _way_along(
+    reference: Reference, position: tuple[float, float], memory: GuidanceMemory
+) -> tuple[float, float]:
+    """Heading and speed of `steer` on the way, before limits."""
+    sin, cos = np.sin(reference.course), np.cos(reference.course)
+    east, north = reference.east - position[0], reference.north - position[1]
     along_track = east * sin + north * cos
     across = east * cos - north * sin
 
@@ -282,4 +306,4 @@ def steer(
     through_north = speed * np.cos(course) - memory.current[1]
 
     speed_through = max(np.hypot(through_east, through_north), MIN_COMMANDED_SPEED)
-    return limit_command(np.arctan2(through_east, through_north), speed_through, dt, memory)
+    return np.arctan2(through_east, through_north), speed_through

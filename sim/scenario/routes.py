@@ -4,7 +4,7 @@ user's waypoints.
 
 import json
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from importlib import resources
 from typing import Self
 
@@ -134,7 +134,7 @@ class Route:
         time = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(table, axis=0).T))]) / speed
         return cls(name=name, time=time, waypoint=table, depth=_profile(depth), start_speed=speed)
 
-    @property
+    @cached_property
     def leg_length(self) -> Floats:
         """Length of each leg, shape (n − 1,), [m]."""
         return np.asarray(np.hypot(*np.diff(self.waypoint, axis=0).T))

@@ -221,13 +221,18 @@ class CurveThruster(EffectorKind):
     def state_for(self, effector: Effector, density: float, force: float, speed: float) -> float:
         """See `EffectorKind.state_for`."""
         curve = effector.curve
-        if force == 0.0:
-            return 0.0
-        for i in range(effector.points - 1):
-            if curve[i, 1] <= force <= curve[i + 1, 1] and curve[i, 1] < curve[i + 1, 1]:
-                share = (force - curve[i, 1]) / (curve[i + 1, 1] - curve[i, 1])
-                return float(curve[i, 0] + share * (curve[i + 1, 0] - curve[i, 0]))
-        return float(curve[0, 0]) if force < 0.0 else float(curve[effector.points - 1, 0])
+        last = effector.points - 1
+        state = select(force < 0.0, curve[0, 0], curve[last, 0])
+        # where two segments meet, the first one holds
+        for from_end in range(last):
+            i = last - 1 - from_end
+            rises = curve[i, 1] < curve[i + 1, 1]
+            in_segment = (curve[i, 1] <= force) & (force <= curve[i + 1, 1]) & rises
+            rise = select(rises, curve[i + 1, 1] - curve[i, 1], 1.0)
+            share = (force - curve[i, 1]) / rise
+            on_segment = curve[i, 0] + share * (curve[i + 1, 0] - curve[i, 0])
+            state = select(in_segment, on_segment, state)
+        return float(select(force == 0.0, 0.0, state))
 
     def fill(self, record: Effector, values: Floats, where: str) -> None:
         """See `EffectorKind.fill`."""
@@ -303,12 +308,14 @@ class Propeller(EffectorKind):
     def state_for(self, effector: Effector, density: float, force: float, speed: float) -> float:
         """See `EffectorKind.state_for`."""
         p = effector.parameters
-        size = (1.0 - p[6]) * density * p[0] ** 3
+        size = (1.0 - p[6]) * density * (p[0] * p[0] * p[0])
         square = size * p[1] * p[0]
         half_slope = 0.5 * size * p[2] * (1.0 - p[5]) * max(speed * effector.force[0], 0.0)
-        if half_slope * half_slope + square * force >= 0.0:
-            return float((-half_slope + np.sqrt(half_slope * half_slope + square * force)) / square)
-        return float(-np.sqrt(-force / square))
+        discriminant = half_slope * half_slope + square * force
+        is_ahead = discriminant >= 0.0
+        ahead = (-half_slope + np.sqrt(select(is_ahead, discriminant, 0.0))) / square
+        astern = -np.sqrt(select(is_ahead, 0.0, -force / square))
+        return float(select(is_ahead, ahead, astern))
 
     def scale(self, record: Effector, thrust: float, lift: float) -> None:
         """See `EffectorKind.scale`."""

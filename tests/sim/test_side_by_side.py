@@ -59,6 +59,27 @@ def test_missions_move_as_each_does_alone(model: str) -> None:
 
 
 @pytest.mark.system
+@pytest.mark.parametrize("model", ["follower", "remus100"])
+def test_autopilots_that_differ_in_what_they_do_steer_as_each_does_alone(model: str) -> None:
+    """One along a straight, one that stops, one in a turn that saturates its effectors."""
+    ways = (
+        "[[0, 0, 0], [60, 80, 0]]",
+        "[[0, 0, 0], [20, 20, 0], [60, 20, 0]]",
+        "[[0, 0, 0], [15, 30, 0], [35, 36, 30], [60, 0, 30]]",
+    )
+    settings = ("duration_s=40", f"followers.0.model={model}", "followers.0.route=null")
+    motions = [
+        motion(*settings, f"followers.0.waypoints={way}", f"followers.0.excess_buoyancy_n={3 * i}")
+        for i, way in enumerate(ways)
+    ]
+    alone = [simulate_open_loop(each) for each in motions]
+    straight, _, turning = (np.abs(each.thrust[:, 1]).max(axis=0) for each in alone)
+    assert np.any(turning > 3.0 * straight)
+    for aside, expected in zip(simulate_side_by_side(motions), alone, strict=True):
+        require_equal(aside, expected)
+
+
+@pytest.mark.system
 def test_a_hull_that_leaves_the_water_moves_as_it_does_alone() -> None:
     """Beside one that does not: its added mass is that of the immersed share."""
     motions = [motion(f"followers.0.depth_m={depth}") for depth in (0.05, 0.1, 9.0)]
@@ -120,6 +141,11 @@ def test_a_study_gives_the_same_in_lanes_and_alone(
 
     monkeypatch.setattr(campaign.montecarlo, "simulate_side_by_side", noted)
     in_lanes = drawn(tmp_path / "lanes")  # type: ignore[operator]
+    assert flown == [5]
+    # with all of its cells a motion is not stored; it is flown again where a page needs it
+    store = in_lanes.store
+    assert not any(store.has(entry.motion) for entry in in_lanes.plan.entries)
+    assert drawn(tmp_path / "lanes").rows == in_lanes.rows  # type: ignore[operator]
     assert flown == [5]
     assert engines_of(in_lanes.plan) == ["direct"]
     monkeypatch.setattr(side_by_side, "FEW", 8)

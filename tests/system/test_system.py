@@ -40,6 +40,9 @@ def test_content_reaches_the_disk_before_the_name(
     with atomic_write(tmp_path / "a.txt") as part:
         part.write_text("new")
     assert calls == ["fsync", "replace"]
+    with atomic_write(tmp_path / "b.txt", durable=False) as part:
+        part.write_text("new")
+    assert calls == ["fsync", "replace", "replace"]
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
