@@ -4,7 +4,7 @@ engines.
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -223,7 +223,7 @@ def common_chord(first: Point, first_radius: float, second: Point, second_radius
 
 
 @formula
-def is_singular(variance_x: float, variance_y: float) -> bool:
+def is_singular(variance_x: float | Floats, variance_y: float | Floats) -> Any:
     """Whether a position of these variances is known exactly, but for rounding [m²]."""
     return 0.5 * (variance_x + variance_y) < SINGULAR_VARIANCE
 

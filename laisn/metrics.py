@@ -2,7 +2,7 @@
 Section 3.2).
 """
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from laisn.estimates import Estimates, FixKind
 from laisn.geometry import Point, Turn, is_singular
 from laisn.vector_math import half_turn_angle
 
+Number: TypeAlias = float | Floats
+"""A number, or an array of them of one shape."""
 MIRROR_LOCK_ERROR = 5.0
 """Position error beyond which an estimate near the mirror image of the truth counts as locked on
 it [m].
@@ -56,7 +58,7 @@ def is_mirror_locked(estimate: Point, truth: Point, leader: Point, axis: Turn) -
 
 
 @formula
-def is_invertible(pxx: float, pxy: float, pyy: float) -> bool:
+def is_invertible(pxx: Number, pxy: Number, pyy: Number) -> Any:
     """Whether a position's covariance has an inverse that is more than rounding: axes differ
     less than 10⁴ times.
     """
@@ -65,7 +67,7 @@ def is_invertible(pxx: float, pxy: float, pyy: float) -> bool:
 
 
 @formula
-def normalised_square(x: Any, y: Any, pxx: Any, pxy: Any, pyy: Any) -> Any:
+def normalised_square(x: Number, y: Number, pxx: Number, pxy: Number, pyy: Number) -> Any:
     """eᵀ P⁻¹ e of an error (x, y) and its covariance, numbers or arrays of them; NaN where that
     is singular.
     """

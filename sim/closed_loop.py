@@ -646,7 +646,7 @@ def _receivers_of(sensing: SensingSettings, fleet: Fleet) -> dict[str, Receiver]
     return receivers
 
 
-class _Way(NamedTuple):
+class _NavigatorChoice(NamedTuple):
     """How a follower navigates."""
 
     variant: str
@@ -655,10 +655,10 @@ class _Way(NamedTuple):
     further_links: tuple[str, ...]
 
 
-def _alike(ways: Sequence[_Way]) -> list[range]:
+def _runs_of_equals(choices: Sequence[_NavigatorChoice]) -> list[range]:
     """Consecutive followers that navigate alike."""
-    begins = [i for i in range(len(ways)) if i == 0 or ways[i] != ways[i - 1]]
-    return [range(first, end) for first, end in pairwise([*begins, len(ways)])]
+    begins = [i for i in range(len(choices)) if i == 0 or choices[i] != choices[i - 1]]
+    return [range(first, end) for first, end in pairwise([*begins, len(choices)])]
 
 
 def _record_of(
@@ -698,6 +698,56 @@ def _sensing_of(
     )
 
 
+def _navigator_choices(scenario: Scenario, plant: Plant) -> list[_NavigatorChoice]:
+    """How each follower navigates."""
+    choices = []
+    for i in range(len(scenario.followers)):
+        navigation = scenario.navigation_of(i)
+        settings = navigation_settings(scenario, plant.sites, i)
+        choices.append(
+            _NavigatorChoice(
+                navigation.variant, settings, navigation.link, navigation.further_links
+            )
+        )
+    return choices
+
+
+def _navigator_groups(
+    choices: Sequence[_NavigatorChoice],
+    starts: Floats,
+    sensing_of: Sequence[SensingSettings],
+    state: ClosedLoopState,
+    make_swarm: SwarmFactory | None,
+) -> list[NavigatorGroup]:
+    """A group for consecutive followers that navigate alike, from their starts, shape (f, 4); their
+    first estimates are written into the state.
+    """
+    spans = _runs_of_equals(choices)
+    groups = []
+    for followers in spans:
+        choice = choices[followers.start]
+        spec = find(choice.variant)
+        several = bool(choice.further_links)
+        make = make_swarm or partial(spec.new_swarm, several_links=several)
+        record = state.concluded
+        if len(spans) > 1:
+            links = sensing_of[followers.start].links
+            record = _record_of(links, state.concluded, followers, spec.estimates)
+        group = NavigatorGroup(
+            followers=followers,
+            swarm=make(choice.settings, starts[followers.start : followers.stop]),
+            link=choice.link,
+            further_links=choice.further_links,
+            estimates=spec.estimates,
+            record=record,
+        )
+        state.estimates.position[group.rows] = (
+            starts[group.rows, :2] if choice.settings.known_start else np.nan
+        )
+        groups.append(group)
+    return groups
+
+
 def closed_loop_of(
     scenario: Scenario,
     plant: Plant,
@@ -714,45 +764,18 @@ def closed_loop_of(
     sensing = SensingSettings.of(scenario)
     at_start = static_trajectory(plant)
     sensing_of = sensing_of_each(scenario)
-    navigations = [scenario.navigation_of(i) for i in range(len(scenario.followers))]
-    settings = [navigation_settings(scenario, plant.sites, i) for i in range(len(navigations))]
-    ways = [
-        _Way(navigation.variant, of_follower, navigation.link, navigation.further_links)
-        for navigation, of_follower in zip(navigations, settings, strict=True)
-    ]
-    starts = np.array([observation.start_of(at_start, i) for i in range(len(ways))])
+    choices = _navigator_choices(scenario, plant)
     state = init_closed_loop(
         MotionSettings.of(scenario),
         sensing_of,
         scenario.leader,
-        navigations,
+        [scenario.navigation_of(i) for i in range(len(choices))],
         plant,
         routes,
         whole=whole,
     )
-    spans = _alike(ways)
-    groups = []
-    for followers in spans:
-        way = ways[followers.start]
-        spec = find(way.variant)
-        several = bool(way.further_links)
-        make = make_swarm or partial(spec.new_swarm, several_links=several)
-        record = state.concluded
-        if len(spans) > 1:
-            links = sensing_of[followers.start].links
-            record = _record_of(links, state.concluded, followers, spec.estimates)
-        group = NavigatorGroup(
-            followers=followers,
-            swarm=make(way.settings, starts[followers.start : followers.stop]),
-            link=way.link,
-            further_links=way.further_links,
-            estimates=spec.estimates,
-            record=record,
-        )
-        state.estimates.position[group.rows] = (
-            starts[group.rows, :2] if way.settings.known_start else np.nan
-        )
-        groups.append(group)
+    starts = np.array([observation.start_of(at_start, i) for i in range(len(choices))])
+    groups = _navigator_groups(choices, starts, sensing_of, state, make_swarm)
     controlled = {i: f for i, f in enumerate(scenario.followers, 1) if f.controller}
     custom_control = CustomControl(controlled, plant, routes)
     custom_sensing = _sensing_of(sensing_of, plant, state)

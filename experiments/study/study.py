@@ -271,11 +271,12 @@ def run_studies(
         studies: by part.
         folder: of the results; tables of several parts are in folders of their names.
         name: of a built-in study, whose package in `experiments/studies` has `findings.py` with
-            `findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]`, a pure function
-            of the outcomes by part, and perhaps `further_runs(outcomes)`, which chooses runs that
-            are flown on, as of `fly_further`; and for a page of its own `page.md.j2`, with
-            `figures.py` whose `values(found: Findings, outcomes) -> dict` has what the template
-            names, and `tables` that are written too; perhaps `film(values, folder) -> Path`.
+            `findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]`, a pure
+            function of the outcomes by part, and perhaps `further_runs(outcomes)`, which chooses
+            runs that are flown on, as of `fly_further`; and for a page of its own `page.md.j2`,
+            with `figures.py` whose `values(findings: Findings, outcomes) -> dict` has what the
+            template names, and `tables` that are written too; perhaps `film(values, folder) ->
+            Path`.
         command: that repeats it; empty: `laisn study` with the source of the first one.
         quick: a trial run, without further runs.
         film: "worst" films the worst run, "example" is the film of `figures.py`; empty: none.

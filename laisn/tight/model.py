@@ -20,12 +20,12 @@ until the data decide; each such side is a *hypothesis*. Where biases drift, eac
 """
 
 import math
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
 from laisn.compiled import compiled
-from laisn.settings import COMPASS_WALK, CURRENT_WALK, LOG_WALK, TightSettings
+from laisn.settings import COMPASS_WALK, CURRENT_WALK, LOG_WALK, Assume, TightSettings
 from laisn.tight.records import (
     ABSENT,
     BELIEF,
@@ -106,29 +106,39 @@ def _of_modes(values: list[float]) -> tuple[float, ...]:
     return (*values, *[0.0] * (MAX_MODES - len(values)))
 
 
+def _modes_of(assume: Assume) -> dict[str, Any]:
+    """Numbers of modes, and by mode the variances in a second that biases and speed gain."""
+    log_walk, compass_walk = LOG_WALK, COMPASS_WALK
+    drifts: tuple[float, ...] = (1.0,)
+    if assume.drift:
+        log_walk, compass_walk = _DRIFTING_LOG, _DRIFTING_COMPASS
+        drifts = _MODES
+    speeds = _SPEED_WALKS if assume.steady_speed else (0.0,)
+    return {
+        "modes": len(drifts) * len(speeds),
+        "drift_modes": len(drifts),
+        "speed_modes": len(speeds),
+        # of each mode, drift · speed
+        "log_walk": _of_modes([(drift * log_walk) ** 2 for _ in speeds for drift in drifts]),
+        "compass_walk": _of_modes(
+            [(drift * compass_walk) ** 2 for _ in speeds for drift in drifts]
+        ),
+        "speed_walk": _of_modes([speed**2 for speed in speeds for _ in drifts]),
+    }
+
+
 def model_of(settings: TightSettings) -> Model:
     """Settings as compiled code takes them."""
     s = settings
     assume = settings.assume
-    places = list(prior_sigmas(s))
-    log_walk, compass_walk = (
-        (_DRIFTING_LOG, _DRIFTING_COMPASS) if assume.drift else (LOG_WALK, COMPASS_WALK)
-    )
-    drifts = _MODES if assume.drift else (1.0,)
-    speeds = _SPEED_WALKS if assume.steady_speed else (0.0,)
-    # of each mode, drift · speed
-    log_walks = _of_modes([(drift * log_walk) ** 2 for _ in speeds for drift in drifts])
-    compass_walks = _of_modes([(drift * compass_walk) ** 2 for _ in speeds for drift in drifts])
-    speed_walks = _of_modes([speed**2 for speed in speeds for _ in drifts])
+    layout = list(prior_sigmas(s))
     first_states = {
-        name: places.index(state) if state in places else ABSENT
+        name: layout.index(state) if state in layout else ABSENT
         for name, state in _OPTIONAL.items()
     }
     values = {
-        "states": len(places),
-        "modes": len(drifts) * len(speeds),
-        "drift_modes": len(drifts),
-        "speed_modes": len(speeds),
+        "states": len(layout),
+        **_modes_of(assume),
         **first_states,
         "transmitters": s.transmitters,
         "use_attitude": s.use_attitude,
@@ -143,9 +153,6 @@ def model_of(settings: TightSettings) -> Model:
         "speed_variance": s.speed_sigma**2,
         "heading_variance": s.heading_sigma**2,
         "slip_rate": s.slip**2,
-        "log_walk": log_walks,
-        "compass_walk": compass_walks,
-        "speed_walk": speed_walks,
         "current_walk": CURRENT_WALK**2,
         "leader_walk": _LEADER_COMPASS**2,
         "clock_walk": _CLOCK_WALK**2,

@@ -249,6 +249,28 @@ def reset_position_error(b: GaussianMixture, m: Model, k: int) -> None:
 
 
 @compiled
+def _predict_clock(b: GaussianMixture, m: Model, k: int, time: float) -> None:
+    """Predict offset τ and drift τ̇ of component k's clock over a time T [s].
+
+    τ ← τ + τ̇ T, P ← F P Fᵀ + q [[T³/3, T²/2], [T²/2, T]] with q of the drift that wanders.
+    """
+    x = b.state
+    P = b.covariance
+    offset = m.clock
+    drift = m.clock + 1
+    half_time = time / 2.0
+    x[k, offset] += time * x[k, drift]
+    for j in range(m.states):
+        P[k, offset, j] += time * P[k, drift, j]
+    for j in range(m.states):
+        P[k, j, offset] += time * P[k, j, drift]
+    P[k, offset, offset] += m.clock_walk * time * time * time / 3.0
+    P[k, offset, drift] += m.clock_walk * time * half_time
+    P[k, drift, offset] += m.clock_walk * time * half_time
+    P[k, drift, drift] += m.clock_walk * time
+
+
+@compiled
 def predict_component(
     b: GaussianMixture, m: Model, k: int, speed: float, compass_bias: float
 ) -> None:
@@ -314,18 +336,8 @@ def predict_component(
     if m.leader != ABSENT:
         P[k, m.leader, m.leader] += m.leader_walk * time
     if m.clock != ABSENT:
-        # τ += τ̇ T, before the columns x and y are copied from the rows
-        clock = m.clock
-        rate = m.clock + 1
-        x[k, clock] += time * x[k, rate]
-        for j in range(n):
-            P[k, clock, j] += time * P[k, rate, j]
-        for j in range(n):
-            P[k, j, clock] += time * P[k, j, rate]
-        P[k, clock, clock] += m.clock_walk * time * time * time / 3.0
-        P[k, clock, rate] += m.clock_walk * time * half_time
-        P[k, rate, clock] += m.clock_walk * time * half_time
-        P[k, rate, rate] += m.clock_walk * time
+        # before the columns x and y are copied from the rows
+        _predict_clock(b, m, k, time)
     if drifting:
         for state in (east, north):
             P[k, state - east, state] += m.current_walk * time * half_time

@@ -240,6 +240,28 @@ class FlownFlight(NamedTuple):
     """A `LaisnError` or a bug that prevented a requested film."""
 
 
+def _simulate_and_navigate(
+    mission: MissionToFly,
+    log: "FlightLog",
+    show_phase: Callable[[str], AbstractContextManager[Update]],
+) -> FlightRecord:
+    """Simulate a mission into its log and navigate, with both phases shown."""
+    with show_phase("simulate") as update:
+        trajectory, outcome = mission.simulate(update, log)
+    with show_phase("navigate"):
+        flight = mission.flight(trajectory, outcome)
+    return flight  # noqa: RET504 - within the block mypy misses a return after it
+
+
+def _write_timing(path: Path, watch: Stopwatch, flown_s: float) -> None:
+    """Write the times of phases, and how many times faster than the mission it was simulated."""
+    factors = {
+        "real_time_factor": flown_s / watch["simulate_s"],
+        "real_time_factor_processor": flown_s / max(watch["simulate_processor_s"], 1e-6),
+    }
+    path.write_text(json.dumps(watch | factors, indent=2) + "\n", encoding="utf-8")
+
+
 def write_flight(
     scenario: Scenario,
     folder: Path,
@@ -260,8 +282,9 @@ def write_flight(
     # a report without a film is drawn beside the log, by a process that imports libraries during
     # the simulation; not that of a long mission: the process would need the memory of a second
     # flight
-    writes_meanwhile = not with_video and scenario.duration_s <= _LONG_S
-    if scenario.duration_s > _LONG_S:
+    is_long = scenario.duration_s > _LONG_S
+    writes_meanwhile = not (with_video or is_long)
+    if is_long:
         return_large_blocks()
     imports = partial(import_module, "reports.flight_report")
     with phases(console) as show_phase, watch.phase("prepare"), show_phase("prepare"):
@@ -286,10 +309,7 @@ def write_flight(
                 with phase("simulate") as update:
                     flight = fly_live(scenario, cast("LiveView", live), update)
             else:
-                with show_phase("simulate") as update:
-                    trajectory, outcome = mission.simulate(update, log)
-                with show_phase("navigate"):
-                    flight = mission.flight(trajectory, outcome)
+                flight = _simulate_and_navigate(mission, log, show_phase)
                 watch |= mission.watch
             errors = position_and_bearing_errors(flight)
             stray = stray_events(flight)
@@ -319,25 +339,20 @@ def write_flight(
             )
             with phase("video") as update:
                 film_error = _film(flight, film, update, rewrite)
+        has_film = with_video and film_error is None
         with phase("report"), _memory_kept_low(scenario):
             if report_task is not None:
                 watch.add("report", 0.0, report_task.result())
             else:
-                report(film if with_video and film_error is None else None, bounds, events)
+                report(film if has_film else None, bounds, events)
         if with_bag:
             with phase("bag"):
                 write_bag(folder / LOG, folder / BAG)
-    flown_s = float(flight.trajectory.time[-1])
-    factors = {
-        "real_time_factor": flown_s / watch["simulate_s"],
-        "real_time_factor_processor": flown_s / max(watch["simulate_processor_s"], 1e-6),
-    }
-    timing_text = json.dumps(watch | factors, indent=2) + "\n"
-    camera = with_video and film_error is None and scenario.video.in_log
+    _write_timing(folder / TIMING, watch, float(flight.trajectory.time[-1]))
+    camera = has_film and scenario.video.in_log
     texts = {
         SUMMARY: summary_text,
         SCENARIO: scenario.toml(),
-        TIMING: timing_text,
         LAYOUT: layout(flight.trajectory.names, camera=camera),
     }
     for name, text in texts.items():

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,10 @@ from laisn.arrays import Floats, Ints
 from laisn.errors import LaisnError, shortened
 from sim.datasets.bag_clock import RecorderClock, corrected_stamps, written_order
 from sim.log.ros2_encoding import MISSING
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys.store import Typestore
 
 SUFFIXES = (".bag", ".db3", ".mcap")
 _TIME = "builtin_interfaces/msg/Time"
@@ -72,7 +76,7 @@ def _opened(path: Path) -> Iterator[Any]:
         ) from None
 
 
-def _leaves(store: Any, type_name: str, prefix: str = "", depth: int = 0) -> Iterator[str]:
+def _leaves(store: "Typestore", type_name: str, prefix: str = "", depth: int = 0) -> Iterator[str]:
     """Fields of a type that hold a number, a time or an orientation."""
     from rosbags.interfaces import Nodetype
 
@@ -85,10 +89,12 @@ def _leaves(store: Any, type_name: str, prefix: str = "", depth: int = 0) -> Ite
         ):
             yield path
         elif kind == Nodetype.NAME:
-            yield from _leaves(store, detail, f"{path}.", depth + 1)
+            yield from _leaves(store, str(detail), f"{path}.", depth + 1)
 
 
-def _text_fields(store: Any, type_name: str, prefix: str = "", depth: int = 0) -> Iterator[str]:
+def _text_fields(
+    store: "Typestore", type_name: str, prefix: str = "", depth: int = 0
+) -> Iterator[str]:
     from rosbags.interfaces import Nodetype
 
     if type_name not in store.fielddefs or depth > _DEEPEST:
@@ -97,7 +103,7 @@ def _text_fields(store: Any, type_name: str, prefix: str = "", depth: int = 0) -
         if kind == Nodetype.BASE and detail[0] == "string":
             yield f"{prefix}{name}"
         elif kind == Nodetype.NAME:
-            yield from _text_fields(store, detail, f"{prefix}{name}.", depth + 1)
+            yield from _text_fields(store, str(detail), f"{prefix}{name}.", depth + 1)
 
 
 def _value(message: object, path: Sequence[str]) -> Any:
@@ -182,7 +188,7 @@ def _holds(message: object, where: Sequence[tuple[str, Any]]) -> bool:
     return all(_value(message, field.split(".")) == expected for field, expected in where)
 
 
-def _require_fields(path: Path, reader: Any, requests: Sequence[Request]) -> None:
+def _require_fields(path: Path, reader: "AnyReader", requests: Sequence[Request]) -> None:
     """LaisnError naming a topic or field that the bag has not."""
     types = {c.topic: c.msgtype for c in reader.connections}
     for request in requests:

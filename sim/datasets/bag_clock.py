@@ -7,13 +7,16 @@ import sqlite3
 from collections import defaultdict, deque
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from mcap.reader import make_reader
 
 from laisn.arrays import Ints
 from sim.log.order import steps_back
+
+if TYPE_CHECKING:
+    from rosbags.rosbag1 import Reader
 
 _MAX_STEPS = 20  # more are no corrections of a clock
 _BESIDE = 20  # messages on each side of a step whose delays are compared
@@ -63,7 +66,7 @@ def _of_database(path: Path, topics: Collection[str]) -> Iterator[Written]:
         connection.close()
 
 
-def _of_ros1(reader: Any, topics: Collection[str]) -> Iterator[Written]:
+def _of_ros1(reader: "Reader", topics: Collection[str]) -> Iterator[Written]:
     entries = [
         ((entry.chunk_pos, entry.offset), Written(connection.topic, entry.time))
         for connection in reader.connections

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from io import BytesIO
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -39,6 +39,9 @@ from sim.log.tum import estimated_poses
 from sim.scenario.parts import MissionPlan, SensingSettings
 from sim.water.assembly import density_of
 from sim.water.waves import GRAVITY
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
 
 _BAG_VERSION: Literal[8] = 8  # later ones write what Humble cannot read
 _BLOCK_NS = 20 * 10**9  # messages of this time are in memory at once [ns]
@@ -82,7 +85,7 @@ class _Flown:
     """A flight, and what all its topics need."""
 
     flight: FlightRecord
-    store: Any
+    store: "Typestore"
     clock: Clock
     names: tuple[str, ...]  # of vehicles, as topics may have them
 
@@ -102,7 +105,7 @@ def _ros_names(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(topic_names)
 
 
-def _register(store: Any) -> None:
+def _register(store: "Typestore") -> None:
     from rosbags.typesys import get_types_from_msg
 
     for name, definition in _DEFINITIONS.items():
@@ -576,7 +579,7 @@ def _film(flown: _Flown, log: Contents) -> Iterator[RosTopic]:
     yield RosTopic(name="/camera/compressed", type_name=type_name, time_ns=times, rows=rows)
 
 
-def _topics(flight: FlightRecord, log: Contents, store: Any) -> Iterator[RosTopic]:
+def _topics(flight: FlightRecord, log: Contents, store: "Typestore") -> Iterator[RosTopic]:
     flown = _Flown(
         flight=flight,
         store=store,
@@ -633,7 +636,7 @@ def _block(topics: Sequence[tuple[Any, RosTopic]], number: int) -> list[tuple[in
     return messages
 
 
-def _write(folder: Path, topics: Sequence[RosTopic], store: Any) -> None:
+def _write(folder: Path, topics: Sequence[RosTopic], store: "Typestore") -> None:
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
     writer = Writer(folder, version=_BAG_VERSION, storage_plugin=StoragePlugin.MCAP)
@@ -661,7 +664,9 @@ def _write(folder: Path, topics: Sequence[RosTopic], store: Any) -> None:
                 writer.write(connection, time_ns, data)
 
 
-def _replace_bag(folder: Path, topics: Sequence[RosTopic], store: Any, view: str) -> list[Path]:
+def _replace_bag(
+    folder: Path, topics: Sequence[RosTopic], store: "Typestore", view: str
+) -> list[Path]:
     """Write a bag, with a view for RViz if there is one; an earlier bag of this name is replaced
     once the new one is whole.
     """

@@ -6,13 +6,16 @@ Strings and lengths of sequences are those of the example, so that all messages 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Ints
 from laisn.errors import LaisnError
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
 
 MISSING = (
     "ROS 2 bags need the package rosbags; install it with: pip install rosbags, "
@@ -42,7 +45,7 @@ def typestore() -> Any:
     return get_typestore(Stores.LATEST)
 
 
-def _zero(store: Any, description: Any, value: Any) -> Any:
+def _zero(store: "Typestore", description: Any, value: Any) -> Any:
     """The value of a field by its type: `value` where it holds one, else zeros and empty texts."""
     from rosbags.interfaces import Nodetype
 
@@ -65,7 +68,7 @@ def _zero(store: Any, description: Any, value: Any) -> Any:
     return np.asarray(value, base)
 
 
-def build(store: Any, type_name: str, values: Mapping[str, Any]) -> Any:
+def build(store: "Typestore", type_name: str, values: Mapping[str, Any]) -> Any:
     """A message of a type from the values of its fields, nested ones as mappings; the others are
     zero or empty.
     """
@@ -79,7 +82,7 @@ def build(store: Any, type_name: str, values: Mapping[str, Any]) -> Any:
 class _Walk:
     """Leaves of a message in the order in which they are serialised."""
 
-    store: Any
+    store: "Typestore"
     at: int  # byte behind the last one, counted from behind the header
     leaves: dict[str, Leaf]
 
@@ -127,7 +130,7 @@ class _Walk:
             self.value(element, value, f"{path}.{i}")
 
 
-def leaves_of(store: Any, type_name: str, message: Any) -> dict[str, Leaf]:
+def leaves_of(store: "Typestore", type_name: str, message: Any) -> dict[str, Leaf]:
     """Numbers of a message by the path of their field, as "pose.covariance" or
     "transforms.0.transform.translation.x".
     """
@@ -153,7 +156,7 @@ def stamps(time_ns: Ints) -> tuple[Ints, Ints]:
 class Template:
     """Messages of a type that differ in numbers alone."""
 
-    store: Any
+    store: "Typestore"
     type_name: str
     example: Mapping[str, Any]  # values of fields, nested ones as mappings
 

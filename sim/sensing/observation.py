@@ -82,6 +82,16 @@ class SensorModel(NamedTuple):
     assumes: Ints  # of the speed of sound, as of `acoustics.Listener`, shape (f,)
 
 
+def _sound_of(sensing: SensingSettings, link: Link | None) -> acoustics.Sound:
+    """Sound on a link; the clocks of all followers differ from the leader's alike, and so not among
+    each other.
+    """
+    sound = acoustics.sound_of(sensing)
+    if link is not None and link.sender > 0:
+        return sound._replace(clock_offset=0.0, clock_drift=0.0)
+    return sound
+
+
 def sensor_model_of(
     sensing: SensingSettings,
     link: Link | None = None,
@@ -105,13 +115,9 @@ def sensor_model_of(
         numbers.append(noise.LEADER_NUMBER + noise_base(sensing.links, name))
         errors.append(errors[0])
     used = [receiver.transmitters for receiver in receivers]
-    assumes = [acoustics.ASSUMED.index(receiver.sound_speed) for receiver in receivers]
-    sound = acoustics.sound_of(sensing)
     if link is not None:
         used = [min(transmitters, link.transmitters) for transmitters in used]
-        if link.sender > 0:
-            # the clocks of all followers differ from the leader's alike
-            sound = sound._replace(clock_offset=0.0, clock_drift=0.0)
+    assumes = [acoustics.ASSUMED.index(receiver.sound_speed) for receiver in receivers]
     return SensorModel(
         seed=np.uint64(sensing.seed),
         run=np.uint64(sensing.run),
@@ -124,7 +130,7 @@ def sensor_model_of(
         stride=round(sensing.links.filter_step_s / CONTROL_STEP_S),
         message_every=sensing.links.message_every if link is None else link.every,
         message_offset=0 if link is None else link.offset,
-        sound=sound,
+        sound=_sound_of(sensing, link),
         transmitters=np.array(used, dtype=np.int64),
         assumes=np.array(assumes, dtype=np.int64),
     )

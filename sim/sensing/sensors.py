@@ -24,7 +24,7 @@ import difflib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -391,53 +391,62 @@ def read_leader_attitude(e: SensorErrors, true: float, normals: tuple[float, flo
     return true + e.leader_attitude_offset_sigma * normals[0] + e.leader_tilt_sigma * normals[1]
 
 
-class SpeedLog(Sensor):
+if TYPE_CHECKING:
+
+    class _BuiltInSensor(SensorErrors, Sensor):
+        """A sensor of the project: compiled code gives its methods the errors as `self`."""
+
+else:
+    _BuiltInSensor = Sensor
+
+
+class SpeedLog(_BuiltInSensor):
     """Speed log of a follower, with the errors of `[sensors]`, which are its `self`."""
 
     name = "speed"
     channels: ClassVar = {"speed": "m/s"}
     stream = Stream.OWN_MOTION
 
-    def true(self: Any, state: Instant, environment: Environment | None) -> tuple[float]:
+    def true(self, state: Instant, environment: Environment | None) -> tuple[float]:
         """Speed through the water along the hull, and the drift of the bias."""
         swing = drift(self, self.speed_drift, self.speed_drift_phase, state.follower, state.time)
         return (state.speed + swing,)
 
-    def read(self: Any, true: Numbers, draws: tuple[float, float]) -> tuple[float]:
+    def read(self, true: Numbers, draws: tuple[float, float]) -> tuple[float]:
         """As `read_speed`."""
         return (read_speed(self, true[0], draws),)
 
 
-class Compass(Sensor):
+class Compass(_BuiltInSensor):
     """Compass of a follower; it shares the stream of the log, and takes its second normal."""
 
     name = "heading"
     channels: ClassVar = {"heading": "rad"}
     stream = Stream.OWN_MOTION
 
-    def true(self: Any, state: Instant, environment: Environment | None) -> tuple[float]:
+    def true(self, state: Instant, environment: Environment | None) -> tuple[float]:
         """Heading, and the drift of the bias."""
         phase = self.heading_drift_phase
         swing = drift(self, self.heading_drift, phase, state.follower, state.time)
         return (state.heading + swing,)
 
-    def read(self: Any, true: Numbers, draws: tuple[float, float]) -> tuple[float]:
+    def read(self, true: Numbers, draws: tuple[float, float]) -> tuple[float]:
         """As `read_heading`."""
         return (read_heading(self, true[0], draws),)
 
 
-class PressureSensor(Sensor):
+class PressureSensor(_BuiltInSensor):
     """Pressure sensor of a follower."""
 
     name = "depth"
     channels: ClassVar = {"depth": "m"}
     stream = Stream.DEPTH
 
-    def true(self: Any, state: Instant, environment: Environment | None) -> tuple[float]:
+    def true(self, state: Instant, environment: Environment | None) -> tuple[float]:
         """Depth of the sensor's place in the hull."""
         return (state.depth,)
 
-    def read(self: Any, true: Numbers, draws: tuple[float, float]) -> tuple[float]:
+    def read(self, true: Numbers, draws: tuple[float, float]) -> tuple[float]:
         """As `read_depth`."""
         return (read_depth(self, true[0], draws),)
 
@@ -482,55 +491,55 @@ class Gyros(Sensor):
         return (true[0] + self.gyro_sigma * draws[0], true[1] + self.gyro_sigma * draws[1])
 
 
-class LeaderCompass(Sensor):
+class LeaderCompass(_BuiltInSensor):
     """Compass of the leader."""
 
     name = "heading"
     channels: ClassVar = {"heading": "rad"}
     stream = Stream.LEADER_MOTION
 
-    def true(self: Any, state: Instant, environment: Environment | None) -> tuple[float]:
+    def true(self, state: Instant, environment: Environment | None) -> tuple[float]:
         """Heading."""
         return (state.heading,)
 
-    def read(self: Any, true: Numbers, draws: tuple[float, float]) -> tuple[float]:
+    def read(self, true: Numbers, draws: tuple[float, float]) -> tuple[float]:
         """As `read_leader_heading`."""
         return (read_leader_heading(self, true[0], draws),)
 
 
-class LeaderSpeedLog(Sensor):
+class LeaderSpeedLog(_BuiltInSensor):
     """Speed log of the leader."""
 
     name = "speed"
     channels: ClassVar = {"speed": "m/s"}
     stream = Stream.LEADER_MOTION
 
-    def true(self: Any, state: Instant, environment: Environment | None) -> tuple[float]:
+    def true(self, state: Instant, environment: Environment | None) -> tuple[float]:
         """Speed through the water along the hull."""
         return (state.speed,)
 
-    def read(self: Any, true: Numbers, draws: tuple[float, float]) -> tuple[float]:
+    def read(self, true: Numbers, draws: tuple[float, float]) -> tuple[float]:
         """As `read_leader_speed`."""
         return (read_leader_speed(self, true[0], draws),)
 
 
-class LeaderPressureSensor(Sensor):
+class LeaderPressureSensor(_BuiltInSensor):
     """Pressure sensor of the leader, at its origin."""
 
     name = "depth"
     channels: ClassVar = {"depth": "m"}
     stream = Stream.LEADER_DEPTH
 
-    def true(self: Any, state: Instant, environment: Environment | None) -> tuple[float]:
+    def true(self, state: Instant, environment: Environment | None) -> tuple[float]:
         """Depth."""
         return (state.depth,)
 
-    def read(self: Any, true: Numbers, draws: tuple[float, float]) -> tuple[float]:
+    def read(self, true: Numbers, draws: tuple[float, float]) -> tuple[float]:
         """As `read_leader_depth`."""
         return (read_leader_depth(self, true[0], draws),)
 
 
-class LeaderAttitude(Sensor):
+class LeaderAttitude(_BuiltInSensor):
     """Inclinometer of the leader, perhaps steadied by gyros.
 
     Its draws are, of pitch and roll, the normals that a run keeps, then the Gauss–Markov values.
@@ -541,11 +550,11 @@ class LeaderAttitude(Sensor):
     stream = Stream.LEADER_ATTITUDE
     normals = 4
 
-    def true(self: Any, state: Instant, environment: Environment | None) -> tuple[float, float]:
+    def true(self, state: Instant, environment: Environment | None) -> tuple[float, float]:
         """Pitch and roll with what accelerations add; NaN where they are not measured."""
         return (state.pitch + state.tilt[0], state.roll + state.tilt[1])
 
-    def read(self: Any, true: Numbers, draws: Numbers) -> tuple[float, float]:
+    def read(self, true: Numbers, draws: Numbers) -> tuple[float, float]:
         """As `read_leader_attitude`."""
         return (
             read_leader_attitude(self, true[0], (draws[0], draws[2])),

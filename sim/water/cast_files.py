@@ -8,7 +8,7 @@ is taken: that of a number, or the nearest to the origin that has values.
 import csv
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from sim.water.field_files import (
     seconds_from_start,
     units_of,
 )
+
+if TYPE_CHECKING:
+    from xarray import DataArray, Dataset
 
 _LARGEST_BYTES = 50_000_000  # of a table
 _MAX_TRIALS = 400  # columns nearest to the origin that are searched for values
@@ -345,7 +348,7 @@ class _Layout:
     places: _Places
     moment: str  # which of several times is taken, in words; "": there is one
 
-    def values(self, source: Source, variable: Any, column: int) -> Floats:
+    def values(self, source: Source, variable: "DataArray", column: int) -> Floats:
         """A variable along its one axis of depth in a column."""
         index = np.unravel_index(column, self.sizes) if self.across else ()
         indices = self.fixed | dict(zip(self.across, map(int, index), strict=True))
@@ -358,7 +361,7 @@ class _Layout:
         return np.atleast_1d(np.asarray(cut.values, dtype=np.float64))
 
 
-def _along(dataset: Any, dimension: str, kind: str) -> Floats | None:
+def _along(dataset: "Dataset", dimension: str, kind: str) -> Floats | None:
     """Longitudes (X) or latitudes (Y) of the points of a dimension; None: there are none."""
     for name in dataset.variables:
         variable = dataset[name]
@@ -367,7 +370,7 @@ def _along(dataset: Any, dimension: str, kind: str) -> Floats | None:
     return None
 
 
-def _kinds(dataset: Any, variable: Any) -> dict[str, str]:
+def _kinds(dataset: "Dataset", variable: "DataArray") -> dict[str, str]:
     """X, Y, Z or T of each dimension of a variable; P: along which there are casts."""
     kinds = {}
     for dimension in map(str, variable.dims):
@@ -382,7 +385,7 @@ def _kinds(dataset: Any, variable: Any) -> dict[str, str]:
     return kinds
 
 
-def _places(dataset: Any, kinds: dict[str, str], across: tuple[str, ...]) -> _Places:
+def _places(dataset: "Dataset", kinds: dict[str, str], across: tuple[str, ...]) -> _Places:
     sizes = tuple(dataset.sizes[dimension] for dimension in across)
     missing = np.full(sizes, np.nan)
     latitude = longitude = missing
@@ -398,7 +401,9 @@ def _places(dataset: Any, kinds: dict[str, str], across: tuple[str, ...]) -> _Pl
     return _Places(latitude=latitude.ravel(), longitude=longitude.ravel())
 
 
-def _layout(source: Source, dataset: Any, variable: Any, origin: FieldOrigin) -> _Layout:
+def _layout(
+    source: Source, dataset: "Dataset", variable: "DataArray", origin: FieldOrigin
+) -> _Layout:
     kinds = _kinds(dataset, variable)
     across = tuple(dimension for dimension, kind in kinds.items() if kind in "XYP")
     fixed = {}
@@ -415,7 +420,7 @@ def _layout(source: Source, dataset: Any, variable: Any, origin: FieldOrigin) ->
     return _Layout(across=across, sizes=sizes, fixed=fixed, places=places, moment=moment)
 
 
-def _nearest_time(source: Source, axis: Any, origin: FieldOrigin) -> int:
+def _nearest_time(source: Source, axis: "DataArray", origin: FieldOrigin) -> int:
     """Index of the time nearest to the start of the mission; 0 if the axis does not tell, as one of
     the months of a climatology.
     """

@@ -7,7 +7,7 @@ and physics step.
 """
 
 import ctypes
-from typing import Any, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -67,6 +67,13 @@ class CustomCurrent(NamedTuple):
         return CustomInstant(NO_DRIFT, time, self.address, self.memory)
 
 
+class VelocityField(Protocol):
+    """What a current of the user's own must have."""
+
+    def velocity(self, position: Floats, time: float) -> object:
+        """East, north and perhaps up [m/s] at a place, shape (3,), [m], and a time [s]."""
+
+
 class CustomCaller:
     """Calls an object's `velocity` for compiled code, as long as it lives.
 
@@ -74,7 +81,7 @@ class CustomCaller:
         record: the current, for compiled code.
     """
 
-    def __init__(self, current: Any) -> None:
+    def __init__(self, current: VelocityField) -> None:
         self._current = current
         self._kind = type(current).__name__
         self._memory = np.zeros(_SIZE)

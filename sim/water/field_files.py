@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from sim.attitude import metres_per_degree
 from sim.system import file_digest
 from sim.water.grids import CurrentGrid, GriddedCurrent, GriddedFloor
 from sim.water.region import Region
+
+if TYPE_CHECKING:
+    from xarray import DataArray, Dataset
 
 _MAX_BYTES = 1_000_000_000  # of what is read of a file
 _METRES = {"m": 1.0, "meter": 1.0, "metre": 1.0, "meters": 1.0, "metres": 1.0, "km": 1000.0}
@@ -221,7 +224,7 @@ def open_dataset(source: Source) -> Any:
         raise source.error(f"it cannot be opened as NetCDF: {reason:.200}") from error
 
 
-def find(dataset: Any, quantity: VariableNames, *, coordinates: bool = False) -> Any:
+def find(dataset: "Dataset", quantity: VariableNames, *, coordinates: bool = False) -> Any:
     """The variable that is a quantity; None if there is none. `coordinates`: also among these."""
     names = [*dataset.data_vars, *(dataset.coords if coordinates else ())]
     variables = [dataset[name] for name in names]
@@ -236,7 +239,7 @@ def find(dataset: Any, quantity: VariableNames, *, coordinates: bool = False) ->
     return None
 
 
-def _require(source: Source, dataset: Any, quantity: VariableNames) -> Any:
+def _require(source: Source, dataset: "Dataset", quantity: VariableNames) -> Any:
     variable = find(dataset, quantity)
     if variable is not None:
         return variable
@@ -248,7 +251,7 @@ def _require(source: Source, dataset: Any, quantity: VariableNames) -> Any:
     )
 
 
-def axis_kind(coordinate: Any) -> str:
+def axis_kind(coordinate: "DataArray") -> str:
     """X, Y, Z or T of a coordinate; "" if it is none of them."""
     units = units_of(coordinate)
     standard = str(coordinate.attrs.get("standard_name", "")).lower()
@@ -268,12 +271,14 @@ def axis_kind(coordinate: Any) -> str:
     return "T" if " since " in units else ""
 
 
-def units_of(variable: Any) -> str:
+def units_of(variable: "DataArray") -> str:
     """Units of a variable, in lower case; "" if it has none."""
     return str(variable.attrs.get("units", "")).strip().lower()
 
 
-def _axes(source: Source, dataset: Any, variable: Any, dimensions: str) -> dict[str, Any]:
+def _axes(
+    source: Source, dataset: "Dataset", variable: "DataArray", dimensions: str
+) -> dict[str, Any]:
     """Coordinates of a variable's axes by kind, of those in `dimensions`, "TZYX" or "YX"."""
     text = " ".join(
         [*map(str, dataset.variables), *(str(v.attrs) for v in dataset.variables.values())]
@@ -396,7 +401,7 @@ def _time_axis(source: Source, axes: dict[str, Any], origin: FieldOrigin, until:
     return time
 
 
-def seconds_from_start(source: Source, axis: Any, origin: FieldOrigin) -> Floats:
+def seconds_from_start(source: Source, axis: "DataArray", origin: FieldOrigin) -> Floats:
     """Times of an axis since the start of the mission [s]; FieldError if it does not tell them."""
     units = units_of(axis)
     value = np.asarray(axis.values, dtype=np.float64)
@@ -430,7 +435,9 @@ def _moment(source: Source, name: str, text: str) -> datetime:
     return moment + seconds - (-east if match["sign"] == "-" else east)
 
 
-def _values(source: Source, variable: Any, axes: dict[str, _Axis], names: dict[str, str]) -> Floats:
+def _values(
+    source: Source, variable: "DataArray", axes: dict[str, _Axis], names: dict[str, str]
+) -> Floats:
     """Values of a variable on parts of its axes, shape (t, k, j, i); NaN where there are none."""
     orders = {names[kind]: axis.order for kind, axis in axes.items() if kind in names}
     first_indices = {d: 0 for d in variable.dims if d not in orders}
@@ -454,7 +461,7 @@ def _values(source: Source, variable: Any, axes: dict[str, _Axis], names: dict[s
     return values.reshape(shape)
 
 
-def _speed_scale(source: Source, variable: Any) -> float:
+def _speed_scale(source: Source, variable: "DataArray") -> float:
     units = " ".join(str(variable.attrs.get("units", "m s-1")).lower().split())
     if units not in _SPEEDS:
         raise source.error(f"{variable.name} has units {units!r}; expected m s-1, or cm s-1")
@@ -615,7 +622,7 @@ def _read_floor(
     )
 
 
-def _is_upward(variable: Any) -> bool:
+def _is_upward(variable: "DataArray") -> bool:
     """Whether a variable is a height, positive up, and no depth."""
     positive = str(variable.attrs.get("positive", "")).lower()
     if positive in ("up", "down"):

@@ -27,6 +27,8 @@ from sim.water.eigenrays import (
     refine,
     straight_slowness,
 )
+from sim.water.floors import LevelFloor
+from sim.water.grids import GriddedFloor
 from sim.water.ray_table import RayTable, ray_slowness, table_of
 from sim.water.rays import Path, Ray, image
 from sim.water.smooth_profile import SmoothProfile, speed_and_gradient
@@ -175,7 +177,7 @@ _REACHES_M = (25.0, 50.0, 75.0, 100.0, 150.0, 200.0, 300.0, 400.0, 600.0, 800.0,
 
 
 def refracted_rays(
-    points: npt.ArrayLike, floor: Any, extent: Extent, *, surface_echoes: bool
+    points: npt.ArrayLike, floor: LevelFloor | GriddedFloor, extent: Extent, *, surface_echoes: bool
 ) -> RefractedRays:
     """Rays in a speed of sound through points [[depth, speed], …], shape (n, 2), [m] and [m/s].
 
@@ -193,7 +195,7 @@ def refracted_rays(
     return RefractedRays(SmoothProfile.through(numbers), True, floor, deepest, direct, surface)
 
 
-def traced_rays(points: npt.ArrayLike, floor: Any) -> RefractedRays:
+def traced_rays(points: npt.ArrayLike, floor: LevelFloor | GriddedFloor) -> RefractedRays:
     """The same without tables: each ray is traced."""
     profile = SmoothProfile.through(points)
     return RefractedRays(profile, True, floor, float(floor.deepest), _NO_TABLE, _NO_TABLE)
