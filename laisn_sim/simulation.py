@@ -290,10 +290,11 @@ class Simulation:
     def _advance(self, end: int) -> None:
         for vehicle, command in self._commands.items():
             self._apply(vehicle, command)
-        ends = self.scenario.contact == "end"
+        ends_on_contact = self.scenario.contact == "end"
         try:
-            if self._mission.advance_within(end, until_contact=ends, bounds=self._bounds):
-                ends_on_contact = self.scenario.contact == "end"
+            if self._mission.advance_within(
+                end, until_contact=ends_on_contact, bounds=self._bounds
+            ):
                 require_regular_end(
                     self._mission.trajectory(), self._bounds, ends_on_contact=ends_on_contact
                 )
@@ -313,8 +314,8 @@ class Simulation:
         if isinstance(command, Wrench):
             apply_wrench_by_truth(k, truth, vehicle, np.array(command), routes)
         elif isinstance(command, Command):
-            command_copy = np.array(command)
-            hold_by_truth(k, truth, vehicle, command_copy, self._reference, routes)
+            held_command = np.array(command)
+            hold_by_truth(k, truth, vehicle, held_command, self._reference, routes)
         else:
             routes.command[vehicle, : len(command)] = command
 
@@ -388,7 +389,7 @@ class Simulation:
     def _is_filter_step(self) -> bool:
         return self._instant > 0 and self._instant % self._loop.state.sensors.stride == 0
 
-    def _further(self, follower: int) -> dict[str, Reception]:
+    def _further_receptions(self, follower: int) -> dict[str, Reception]:
         """What is in of links beside the main one at this instant by name."""
         if not (self._is_filter_step and isinstance(self._loop, PythonClosedLoop)):
             return {}
@@ -434,7 +435,7 @@ class Simulation:
         for i, name in enumerate(self.names[1:]):
             row = self._loop.state.readings[i]
             custom = self._custom(i)
-            further = self._further(i)
+            further = self._further_receptions(i)
             readings[name] = readings_of(self.time, row, receptions[name], custom, further)
         return readings
 

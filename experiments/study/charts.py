@@ -99,23 +99,25 @@ def layout_of(plan: StudyPlan) -> ChartLayout:
     """Layout: as the study states, otherwise chosen."""
     report = plan.study.file.report
     keys = [factor.key for factor in plan.study.factors]
-    free = [
+    unassigned = [
         n
         for n in (*keys, ARM, FOLLOWER)
         if len(levels(plan, n)) > 1 or n in (report.against, report.lines)
     ]
 
-    def taken(*candidates: str) -> str:
-        name = next((n for n in candidates if n in free), "")
+    def take_first(*candidates: str) -> str:
+        name = next((n for n in candidates if n in unassigned), "")
         if name:
-            free.remove(name)
+            unassigned.remove(name)
         return name
 
-    others = [n for n in free if n not in (report.lines, report.panels)]
-    x_factor = taken(report.against, *(n for n in others if axis_of(plan, n).numeric), *others)
-    line_candidates = [n for n in free if n != report.panels and len(levels(plan, n)) <= MAX_LINES]
-    lines = taken(report.lines, *(n for n in line_candidates if n == ARM), *line_candidates)
-    return ChartLayout(x_factor, lines, tuple(sorted(free, key=lambda n: n != report.panels)))
+    others = [n for n in unassigned if n not in (report.lines, report.panels)]
+    x_factor = take_first(report.against, *(n for n in others if axis_of(plan, n).numeric), *others)
+    line_candidates = [
+        n for n in unassigned if n != report.panels and len(levels(plan, n)) <= MAX_LINES
+    ]
+    lines = take_first(report.lines, *(n for n in line_candidates if n == ARM), *line_candidates)
+    return ChartLayout(x_factor, lines, tuple(sorted(unassigned, key=lambda n: n != report.panels)))
 
 
 def _legend(values: Sequence[object]) -> Legend:
@@ -127,7 +129,7 @@ def _legend(values: Sequence[object]) -> Legend:
     ]
 
 
-def _few(words: Mapping[float, str]) -> dict[float, str]:
+def _thinned(words: Mapping[float, str]) -> dict[float, str]:
     """So many of the words along an axis that they do not overlap."""
     return dict(itertools.islice(words.items(), None, None, max(1, -(-len(words) // _MAX_TICKS))))
 
@@ -206,11 +208,11 @@ def over_factor(plan: StudyPlan, results: Results, layout: ChartLayout, base: st
         return Figures(panels=[])
     axis = axis_of(plan, layout.against)
     label = METRICS[plan.study.file.report.metric].label
-    kinds: list[Any] = [None]
+    line_levels: list[Any] = [None]
     names = [label]
     if layout.lines:
-        kinds = levels(plan, layout.lines)
-        names = [value_text(kind) for kind in kinds]
+        line_levels = levels(plan, layout.lines)
+        names = [value_text(kind) for kind in line_levels]
     marks_of = _marks(plan, results, layout, axis, base)
     settings: dict[str, Any] = {
         "x_label": label_of(axis.name),
@@ -223,15 +225,17 @@ def over_factor(plan: StudyPlan, results: Results, layout: ChartLayout, base: st
     if not axis.numeric:
         ends = np.array([-0.6, len(axis.values) - 0.4])
         words = {x: value_text(v)[:18] for x, v in zip(axis.places, axis.values, strict=True)}
-        settings |= {"x_ticks": _few(words), "x_limits": tuple(ends.tolist())}
+        settings |= {"x_ticks": _thinned(words), "x_limits": tuple(ends.tolist())}
     connected = plan.study.file.design == "factorial"
     panels = []
     for title, marks in marks_of.items():
-        lines = _marked_lines(marks, kinds, names, axis, connected=connected)
+        lines = _marked_lines(marks, line_levels, names, axis, connected=connected)
         if base:
             lines.insert(0, Line(x=ends, y=np.zeros(2), colour=FRAME, dash="--", width=0.7))
         panels.append(panel(lines, title=title, **settings))
-    return Figures(panels=panels, legend=[entry for entry in _legend(kinds) if entry[1] != base])
+    return Figures(
+        panels=panels, legend=[entry for entry in _legend(line_levels) if entry[1] != base]
+    )
 
 
 def differences(plan: StudyPlan, results: Results) -> Figures:
@@ -262,7 +266,8 @@ def heat_maps(plan: StudyPlan, results: Results, names: Sequence[str]) -> Figure
     """
     across = axis_of(plan, names[0])
     up = axis_of(plan, names[1])
-    column, row = ({repr(value): i for i, value in enumerate(axis.values)} for axis in (across, up))
+    column_of = {repr(value): i for i, value in enumerate(across.values)}
+    row_of = {repr(value): i for i, value in enumerate(up.values)}
     others = [
         n for n in (*varied(plan), ARM, FOLLOWER) if n not in names and len(levels(plan, n)) > 1
     ]
@@ -271,10 +276,13 @@ def heat_maps(plan: StudyPlan, results: Results, names: Sequence[str]) -> Figure
         factors = _factors_at(plan, condition)
         title = point_text({name: factors[name] for name in others})
         if title in maps or len(maps) < MAX_PANELS:
-            values = maps.setdefault(title, np.full((len(row), len(column)), np.nan))
+            values = maps.setdefault(title, np.full((len(row_of), len(column_of)), np.nan))
             estimate = results.estimate(condition, plan.study.file.report.metric)
-            values[row[repr(factors[up.name])], column[repr(factors[across.name])]] = estimate.value
-    x, y = [*map(value_text, across.values)], [*map(value_text, up.values)]
+            row = row_of[repr(factors[up.name])]
+            column = column_of[repr(factors[across.name])]
+            values[row, column] = estimate.value
+    x_labels = [value_text(value) for value in across.values]
+    y_labels = [value_text(value) for value in up.values]
     labels = (label_of(across.name), label_of(up.name))
     all_values = np.array([*maps.values()])
     finite = all_values[~np.isnan(all_values)]
@@ -293,11 +301,14 @@ def heat_maps(plan: StudyPlan, results: Results, names: Sequence[str]) -> Figure
     for title, values in maps.items():
         written = [[*map(digits, cells)] for cells in values.tolist()]
         hover = [
-            [f"{labels[0]} {x[j]}<br>{labels[1]} {y[i]}<br>{cell}" for j, cell in enumerate(cells)]
+            [
+                f"{labels[0]} {x_labels[j]}<br>{labels[1]} {y_labels[i]}<br>{cell}"
+                for j, cell in enumerate(cells)
+            ]
             for i, cells in enumerate(written)
         ]
         trace = scale | {"z": [numbers(cells) for cells in values], "hovertext": hover}
-        if len(x) <= 12:
+        if len(x_labels) <= 12:
             trace |= {"text": written, "texttemplate": "%{text}"}
         panels.append(
             panel(
@@ -306,9 +317,9 @@ def heat_maps(plan: StudyPlan, results: Results, names: Sequence[str]) -> Figure
                 y_label=labels[1],
                 title=title,
                 traces=[trace],
-                height=max(1.4 + 0.26 * len(y), 2.5),
-                x_ticks=_few(dict(enumerate(x))),
-                y_ticks=_few(dict(enumerate(y))),
+                height=max(1.4 + 0.26 * len(y_labels), 2.5),
+                x_ticks=_thinned(dict(enumerate(x_labels))),
+                y_ticks=_thinned(dict(enumerate(y_labels))),
             )
         )
     return Figures(panels=panels)

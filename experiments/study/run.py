@@ -59,11 +59,11 @@ class Cells(NamedTuple):
 
     def runs(self, metric: str) -> Floats:
         """A metric run by run, shape (R, m); where runs share the mission, that of the mission."""
-        each = [
+        values_by_cell = [
             lists[metric] if metric in lists else [row.get(metric)] * len(lists["run"])
             for row, lists in zip(self.rows, self.lists, strict=True)
         ]
-        return np.array(each, dtype=np.float64).T
+        return np.array(values_by_cell, dtype=np.float64).T
 
     def _take(self, mask: Sequence[bool]) -> "Cells":
         rows, lists, steps = ([*compress(column, mask)] for column in self)
@@ -254,7 +254,7 @@ def _add_results(outcomes: StudyResults, flight: _EntryFlight, campaign_results:
         outcomes.steps.append(steps)
 
 
-def _widest(results: Results, metric: str) -> float:
+def _largest_half_width(results: Results, metric: str) -> float:
     """Half of the widest interval of a metric of runs; infinite where too few runs have it for
     an interval.
     """
@@ -290,7 +290,7 @@ def _next_runs(outcomes: StudyResults) -> int:
     study = outcomes.plan.study
     if study.until is None:
         return study.runs
-    half_width = _widest(outcomes.results, study.until.metric)
+    half_width = _largest_half_width(outcomes.results, study.until.metric)
     return runs_wanted(study.runs, half_width, study.until, study.file.batch)
 
 
@@ -330,7 +330,7 @@ def fly_further(
     Lists over runs grow; rows stay those of the first runs. CampaignError: something cannot be
     flown.
     """
-    where = itemgetter("point", "arm", "realization", "follower")
+    place_of = itemgetter("point", "arm", "realization", "follower")
     options |= {"force": False}
     while True:
         plans_to_extend = choose(outcomes)
@@ -338,7 +338,7 @@ def fly_further(
             return
         for name, numbers in plans_to_extend.items():
             plan = outcomes[name].plan
-            lists_at = {where(labels): lists for labels, lists in outcomes[name].runs}
+            lists_at = {place_of(labels): lists for labels, lists in outcomes[name].runs}
             # by the number of their further runs
             entries = defaultdict[int, list[PlanEntry]](list)
             for condition, number in numbers.items():
@@ -351,9 +351,10 @@ def fly_further(
                 if further.failures:
                     raise CampaignError("; ".join(sorted(further.failures)))
                 for labels, lists in further.runs:
-                    grown = lists_at[where(labels)]
-                    grown |= {
-                        column: np.append(values, lists[column]) for column, values in grown.items()
+                    all_runs = lists_at[place_of(labels)]
+                    all_runs |= {
+                        column: np.append(values, lists[column])
+                        for column, values in all_runs.items()
                     }
 
 

@@ -18,14 +18,14 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     arms = outcomes["study"].cells.by("arm")
     findings: dict[str, Finding] = {"lost-from": plain(FAR_OFF_M, "", "m")}
     for name in dict.fromkeys(arm.rpartition(" ")[0] for arm in arms):
-        by_truth, by_estimate, swept = (
+        by_truth, by_estimate, in_current = (
             arms[f"{name} {by}"] for by in ("truth", "estimate", "current")
         )
         is_far_off = by_estimate.runs("track_error_end_m") > FAR_OFF_M
-        adrift = swept.runs("track_error_end_m") > FAR_OFF_M
-        error, track_error, typical = (
+        is_lost_in_current = in_current.runs("track_error_end_m") > FAR_OFF_M
+        error, track_error, error_in_current = (
             by_truth.runs("e_p_mean_m"),
-            *(c.runs("track_error_rms_m") for c in (by_estimate, swept)),
+            *(c.runs("track_error_rms_m") for c in (by_estimate, in_current)),
         )
         findings |= {
             "runs": plain(len(is_far_off), "runs of each route"),
@@ -44,14 +44,14 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
             }
         for key, lost, words in (
             (name, is_far_off, ""),
-            (f"current {name}", adrift, " in currents"),
+            (f"current {name}", is_lost_in_current, " in currents"),
         ):
             findings[f"lost {key}"] = share(lost, f"share of missions lost{words}, 95 %")
             findings[f"lost-runs {key}"] = plain(int(lost.sum()), f"missions lost{words}")
         findings[f"off current {name}"] = median(
-            typical, "RMS off its place, in currents; median of missions", "m"
+            error_in_current, "RMS off its place, in currents; median of missions", "m"
         )
-        worst = float(np.median(typical, axis=0).max())
+        worst = float(np.median(error_in_current, axis=0).max())
         findings[f"worst current {name}"] = plain(
             worst, "the same; median of runs on the worst route", "m"
         )

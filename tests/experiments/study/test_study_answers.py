@@ -18,7 +18,7 @@ from experiments.study.file import of_table
 from experiments.study.measure import METRICS
 from experiments.study.page import answer, commands, notable, page_of, worst_entry
 from experiments.study.plan import StudyPlan, plan_of
-from experiments.study.run import _of_runs, _widest
+from experiments.study.run import _largest_half_width, _of_runs
 from experiments.study.study import findings_of
 from reports.figures import Line, light
 from reports.page import Figures, Notice, Page, PageTable, Text, render
@@ -233,7 +233,7 @@ def test_the_widest_interval_suggests_more_runs_where_too_few_are_complete(
     wanted = {"interval": (interval.high - interval.low) / 2, "none": 0.0, "more": math.inf}[
         expected
     ]
-    assert _widest(one, "e_p_mean_m") == wanted
+    assert _largest_half_width(one, "e_p_mean_m") == wanted
 
 
 def test_commands_are_headed_by_the_runs_that_they_fly(plan: StudyPlan, results: Results) -> None:
