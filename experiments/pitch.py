@@ -240,11 +240,11 @@ def from_above(geometry: PitchGeometry) -> Panel:
     truth = geometry.distance * np.column_stack([np.sin(bearings), np.cos(bearings)])
     fixes = np.array([geometry.fix(b, geometry.pitch)[:2] for b in bearings.tolist()])
     gap = np.full_like(truth, np.nan)
-    way = np.stack([truth, fixes, gap], axis=1).reshape(-1, 2)
+    polyline = np.stack([truth, fixes, gap], axis=1).reshape(-1, 2)
     half_baseline = 0.5 * geometry.baseline
     return panel(
         [
-            Line(x=way[:, 0], y=way[:, 1], colour=ESTIMATE, width=1.2),
+            Line(x=polyline[:, 0], y=polyline[:, 1], colour=ESTIMATE, width=1.2),
             Line(x=truth[:, 0], y=truth[:, 1], colour=FOLLOWER, marker="o", size=4.0, name="truth"),
             Line(x=fixes[:, 0], y=fixes[:, 1], colour=ESTIMATE, marker="D", size=4.0, name="fix"),
             Line(

@@ -94,8 +94,11 @@ def predict(
             for j in range(n):
                 P[j, HEADING] += time * P[j, GYRO]
             P[GYRO, GYRO] += time * _GYRO_WALK
-        way = speed * time * math.exp(x[SPEED])
-        east, north = way * math.sin(heading - x[HEADING]), way * math.cos(heading - x[HEADING])
+        distance = speed * time * math.exp(x[SPEED])
+        east, north = (
+            distance * math.sin(heading - x[HEADING]),
+            distance * math.cos(heading - x[HEADING]),
+        )
         x[X] += east + time * x[EAST]
         x[Y] += north + time * x[NORTH]
         for j in range(n):
@@ -120,7 +123,7 @@ def predict_track(
     b: BeaconBelief,
     beacon: int,
     errors: tuple[float, float],
-    way: tuple[float, float],
+    displacement: tuple[float, float],
     time: float,
 ) -> None:
     """Take that a beacon by its own odometry went a way, east and north [m], in a time [s].
@@ -141,9 +144,12 @@ def predict_track(
         P = b.covariance[k]
         angle = x[turn] + half_time * x[rate]
         s, c = math.sin(angle), math.cos(angle)
-        true_east, true_north = c * way[0] - s * way[1], s * way[0] + c * way[1]
-        x[east] += true_east - way[0]
-        x[north] += true_north - way[1]
+        true_east, true_north = (
+            c * displacement[0] - s * displacement[1],
+            s * displacement[0] + c * displacement[1],
+        )
+        x[east] += true_east - displacement[0]
+        x[north] += true_north - displacement[1]
         x[turn] += time * x[rate]
         # F P Fᵀ with ∂δ/∂ψ = (−Δ_n, Δ_e) of the true way, ∂δ/∂ψ̇ half the time of that, ∂ψ/∂ψ̇ = T
         for j in range(n):

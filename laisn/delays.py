@@ -36,12 +36,14 @@ def delays_of(message: LeaderMessage, ranges: Ranges, clock: float, settings: Se
     which the last ping arrives now.
     """
     leaves = settings.ping_slot * np.arange(3)
-    way = settings.sound_slowness * np.array(ranges)
-    last = float(np.nanmax(leaves + way, initial=0.0))
+    travel_times = settings.sound_slowness * np.array(ranges)
+    last = float(np.nanmax(leaves + travel_times, initial=0.0))
     elapsed = clock - message.timestamp
     if message.timestamp == 0.0 or not last <= elapsed <= LONGEST_DELAY:
         elapsed = last
-    return Delays(np.maximum(elapsed - leaves - way, 0.0), np.maximum(elapsed - way, 0.0))
+    return Delays(
+        np.maximum(elapsed - leaves - travel_times, 0.0), np.maximum(elapsed - travel_times, 0.0)
+    )
 
 
 def leader_way(message: LeaderMessage, settings: Settings) -> Floats:

@@ -141,8 +141,8 @@ def _on_line(pair: Pair, kind: float) -> Fix:
     """
     rear, d_rear = pair.rear
     front, d_front = pair.front
-    way = front.east - rear.east, front.north - rear.north
-    length = math.hypot(*way)
+    axis = front.east - rear.east, front.north - rear.north
+    length = math.hypot(*axis)
     if d_rear + d_front < length:
         axial = 0.5 * (d_rear + length - d_front)
     elif d_rear - d_front > length:
@@ -152,7 +152,7 @@ def _on_line(pair: Pair, kind: float) -> Fix:
     else:
         axial = (length**2 + d_rear**2 - d_front**2) / (2.0 * length)
     share = axial / length
-    return Fix(rear.east + share * way[0], rear.north + share * way[1], 0.0, kind, -1.0)
+    return Fix(rear.east + share * axis[0], rear.north + share * axis[1], 0.0, kind, -1.0)
 
 
 class RangeCircles(NamedTuple):
@@ -218,8 +218,8 @@ def to_circles(
     return RangeCircles(circles_of_ranges, heading, depth_difference, off_hull=places is not None)
 
 
-def _moved(circle: Circle, way: list[float]) -> Circle:
-    centre = Point(circle.centre.east + way[0], circle.centre.north + way[1])
+def _moved(circle: Circle, displacement: list[float]) -> Circle:
+    centre = Point(circle.centre.east + displacement[0], circle.centre.north + displacement[1])
     return circle._replace(centre=centre)
 
 

@@ -103,12 +103,12 @@ def _section(sea: SeaSettings, paths: list[PlannedPath]) -> Any:
     floor = floor_of(sea)
     lines = []
     for i, path in enumerate(paths):
-        way = _way(path)
+        displacement = _way(path)
         depth = floor.depths_at(*path.position[:, :2].T)
         name = f"floor below {path.key}"
-        lines.append(Line(x=way, y=-depth, colour=FRAME if i else INK, name=name))
+        lines.append(Line(x=displacement, y=-depth, colour=FRAME if i else INK, name=name))
         lines.append(
-            Line(x=way, y=path.position[:, 2], colour=_colour(i), width=2.0, name=path.key)
+            Line(x=displacement, y=path.position[:, 2], colour=_colour(i), width=2.0, name=path.key)
         )
     lines.append(Line(x=np.zeros(1), y=np.zeros(1), colour=MUTED, name="surface"))
     return panel(lines, x_label="way [m]", y_label="height [m]", width=6.1, height=4.6)

@@ -115,11 +115,11 @@ def closing_speed(plan: MissionPlan) -> float:
 
 
 def _slots(sensing: SensingSettings, settings: Settings) -> str:
-    way = sensing.acoustics.ping_slot_s * closing_speed(sensing.sound.sea.plan)
-    if way < _NOTICEABLE_SLOT_M:
+    change = sensing.acoustics.ping_slot_s * closing_speed(sensing.sound.sea.plan)
+    if change < _NOTICEABLE_SLOT_M:
         return ""
     return (
-        f"ranges change by up to {way:.2g} m from one transmitter's ping to the next's, of a "
+        f"ranges change by up to {change:.2g} m from one transmitter's ping to the next's, of a "
         f"baseline of {settings.baseline:g} m"
     )
 

@@ -158,8 +158,10 @@ def _write_graphs(folder: Path, flight: FlightRecord) -> None:
         speed = np.append(m.speed[:1], m.speed)
         heading = np.append(m.heading[:1], m.heading)
         time = np.append(0.0, m.time)
-        way = speed[1:, None] * m.dt * np.column_stack([np.sin(heading), np.cos(heading)])[1:]
-        dead_reckoned = start[:2] + np.vstack([np.zeros(2), np.cumsum(way, axis=0)])
+        displacement = (
+            speed[1:, None] * m.dt * np.column_stack([np.sin(heading), np.cos(heading)])[1:]
+        )
+        dead_reckoned = start[:2] + np.vstack([np.zeros(2), np.cumsum(displacement, axis=0)])
         settings = settings_as(
             TightSettings, _with_tight(flight).scenario, flight.trajectory.sites, i
         )

@@ -29,7 +29,12 @@ _TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
 def _odometry_error(
-    way: Floats, path: Floats, time: float, factor: Any, values: Any, jacobians: list[Floats] | None
+    displacement: Floats,
+    path: Floats,
+    time: float,
+    factor: Any,
+    values: Any,
+    jacobians: list[Floats] | None,
 ) -> Floats:
     """R(b_θ)ᵀ (p₂ − p₁ − c t) − (Σ s u Δt − b_v Σ u Δt), and the change of b_θ.
 
@@ -53,7 +58,10 @@ def _odometry_error(
         jacobians[2][:2, 0] = path
         jacobians[3][:2] = -time * rotation.T
     return np.array(
-        [*(residual - way + values.atDouble(log_bias) * path), next_pose.theta() - pose.theta()]
+        [
+            *(residual - displacement + values.atDouble(log_bias) * path),
+            next_pose.theta() - pose.theta(),
+        ]
     )
 
 
@@ -141,7 +149,7 @@ class FactorGraph(DeadReckoning):
     ) -> bool:
         gtsam = self._gtsam
         settings = self.settings
-        way, path, noise, elapsed = self._odometry()
+        displacement, path, noise, elapsed = self._odometry()
         self._messages, self._time = self._messages + 1, self._time + elapsed
         last_pose = self._pose
         self._pose = gtsam.symbol("x", self._messages)
@@ -151,7 +159,7 @@ class FactorGraph(DeadReckoning):
         covariance = np.diag([0.0, 0.0, COMPASS_WALK**2 * elapsed])
         covariance[:2, :2] = noise
         model = gtsam.noiseModel.Gaussian.Covariance(covariance)
-        error = partial(_odometry_error, way, path, elapsed)
+        error = partial(_odometry_error, displacement, path, elapsed)
         graph.add(
             gtsam.CustomFactor(model, [last_pose, self._pose, self._log_bias, self._current], error)
         )

@@ -286,11 +286,11 @@ class DeadReckoning(OnlineNavigator[Estimates]):
             [0.5 * dt * (v[:-1] + v[1:]), 0.5 * dt * (u[:-1] + u[1:]), *noise, dt]
         )
         # one after another: the same to the bit in one call of `_advance` and in many
-        *way, xx, xy, yy, time = np.cumsum(terms, axis=0)[-1].tolist()
+        *displacement, xx, xy, yy, time = np.cumsum(terms, axis=0)[-1].tolist()
         self._kept = []
         return (
-            np.array(way[:2]),
-            np.array(way[2:]),
+            np.array(displacement[:2]),
+            np.array(displacement[2:]),
             np.array([[xx, xy], [xy, yy]]) + 1e-12 * np.eye(2),
             time,
         )
@@ -541,11 +541,13 @@ class ParticleFilter(DeadReckoning):
         """
         p = self.particles
         normals = random.standard_normal((self.weights.size, 6))
-        way, path, noise, time = self._odometry()
-        way = way - p[:, 2:3] * path + normals[:, :2] @ np.linalg.cholesky(noise).T
+        displacement, path, noise, time = self._odometry()
+        displacement = (
+            displacement - p[:, 2:3] * path + normals[:, :2] @ np.linalg.cholesky(noise).T
+        )
         sine, cosine = np.sin(p[:, 3]), np.cos(p[:, 3])
-        p[:, 0] += way[:, 0] * cosine - way[:, 1] * sine + p[:, 5] * time
-        p[:, 1] += way[:, 0] * sine + way[:, 1] * cosine + p[:, 6] * time
+        p[:, 0] += displacement[:, 0] * cosine - displacement[:, 1] * sine + p[:, 5] * time
+        p[:, 1] += displacement[:, 0] * sine + displacement[:, 1] * cosine + p[:, 6] * time
         walks = np.sqrt(time) * np.array([LOG_WALK, COMPASS_WALK, self._noise[3], self._noise[3]])
         p[:, [2, 3, 5, 6]] += walks * normals[:, 2:]
 

@@ -55,8 +55,8 @@ class LeaderTrack:
         has_turned = abs(signed_angle(message.heading - begin.heading)) > _MAX_TURN
         if not has_turned and window < target - _ROUNDING:
             return None
-        way = np.array([message.east - begin.east, message.north - begin.north])
-        current = (way - self._through_water) / window if window > 0.0 else way
+        displacement = np.array([message.east - begin.east, message.north - begin.north])
+        current = (displacement - self._through_water) / window if window > 0.0 else displacement
         self._begin = message
         self._through_water = np.zeros(2)
         if has_turned or window <= 0.0:

@@ -337,10 +337,10 @@ def place_arms(signal: Signal, m: Model, pitch: float, roll: float, deeper: floa
     arms[2, 1] = middle_north
     arms[2, 2] = deeper - middle_up
     # the leader goes on from ping to ping
-    way = m.ping_slot * signal.speed
+    distance = m.ping_slot * signal.speed
     for i in range(1, 3):
-        arms[i, 0] += i * way * heading.sine
-        arms[i, 1] += i * way * heading.cosine
+        arms[i, 0] += i * distance * heading.sine
+        arms[i, 1] += i * distance * heading.cosine
 
 
 @compiled
@@ -414,7 +414,7 @@ def _propagate_iterated(
     first update by the model `of_ranges`.
     """
     x = b.state
-    way = math.sqrt(b.motion.ax**2 + b.motion.ay**2)
+    distance = math.sqrt(b.motion.ax**2 + b.motion.ay**2)
     log_bias = x[k, LOG]
     compass_bias = x[k, COMPASS]
     healthy = True
@@ -423,7 +423,7 @@ def _propagate_iterated(
         if m.leader_position != ABSENT:
             motion.reset_position_error(b, m, k)
         return True
-    if 0.5 * b.covariance[k, COMPASS, COMPASS] * way >= _BEND:
+    if 0.5 * b.covariance[k, COMPASS, COMPASS] * distance >= _BEND:
         mixture.copy_component(b, k, SPARE)
         motion.predict_component(b, m, k, log_bias, compass_bias)
         healthy = update(b, of_ranges, k, signal) >= 0
@@ -501,9 +501,9 @@ def _time_pings(b: GaussianMixture, m: Model, signal: Signal) -> None:
     for i in range(m.transmitters):
         signal.lag[i] = signal.age[i] = 0.0
         if signal.ranges[i] == signal.ranges[i]:
-            way = m.sound_slowness * signal.ranges[i]
-            signal.lag[i] = max(elapsed - i * m.ping_slot - way, 0.0)
-            signal.age[i] = max(elapsed - way, 0.0)
+            travel_time = m.sound_slowness * signal.ranges[i]
+            signal.lag[i] = max(elapsed - i * m.ping_slot - travel_time, 0.0)
+            signal.age[i] = max(elapsed - travel_time, 0.0)
             if signal.age[i] > _PROMPT:
                 signal.late = 1
 

@@ -211,14 +211,17 @@ def _displacement(
 
 @inlined
 def _position_noise(
-    o: Preintegration, m: Model, mode: int, way: tuple[float, float, float, float, float, float]
+    o: Preintegration,
+    m: Model,
+    mode: int,
+    displacement: tuple[float, float, float, float, float, float],
 ) -> tuple[float, float, float]:
     """Covariance xx, xy, yy that a component's position gains on a way as of `_displacement`.
 
     By random errors of the readings, slip, and biases of log and compass, and the current, that
     wander on a straight way.
     """
-    c, s, way_x, way_y, by_log_x, by_log_y = way
+    c, s, way_x, way_y, by_log_x, by_log_y = displacement
     time = o.time
     third = o.time / 3.0
     q_log = third * (m.log_walk[mode] if m.speed == ABSENT else m.speed_walk[mode])
@@ -291,8 +294,8 @@ def predict_component(
     if m.leader_position_walk != ABSENT:
         for state in (m.leader_position_walk, m.leader_position_walk + 1):
             P[k, state, state] += m.leader_position_walk_rate * time
-    way = _displacement(b.motion, m, speed, compass_bias)
-    _, _, way_x, way_y, by_speed_x, by_speed_y = way
+    displacement = _displacement(b.motion, m, speed, compass_bias)
+    _, _, way_x, way_y, by_speed_x, by_speed_y = displacement
     by_compass_x = -way_y
     by_compass_y = way_x
     # (x, y) += r(speed, b_θ) + F_v (v − speed) + F_θ (b_θ − compass_bias) + c T
@@ -312,7 +315,7 @@ def predict_component(
         if drifting:
             P[k, X, j] += time * P[k, east, j]
             P[k, Y, j] += time * P[k, north, j]
-    px, pxy, py = _position_noise(b.motion, m, mode, way)
+    px, pxy, py = _position_noise(b.motion, m, mode, displacement)
     px += P[k, X, X] + by_speed_x * P[k, X, speed_index] + by_compass_x * P[k, X, COMPASS]
     pxy += P[k, X, Y] + by_speed_y * P[k, X, speed_index] + by_compass_y * P[k, X, COMPASS]
     py += P[k, Y, Y] + by_speed_y * P[k, Y, speed_index] + by_compass_y * P[k, Y, COMPASS]
@@ -398,8 +401,8 @@ def _add_component(b: GaussianMixture, m: Model, k: int, origin: tuple[float, fl
     weight = b.weight[k]
     log_is_exact = m.speed == ABSENT
     speed_index = LOG if log_is_exact else m.speed
-    way = _displacement(o, m, x[speed_index], x[COMPASS])
-    c, s, way_x, way_y, by_speed_x, by_speed_y = way
+    displacement = _displacement(o, m, x[speed_index], x[COMPASS])
+    c, s, way_x, way_y, by_speed_x, by_speed_y = displacement
     ux, uy = c * o.sin - s * o.cos, s * o.sin + c * o.cos
     speed = o.speed - x[LOG] if log_is_exact else x[speed_index]
     sign = -1.0 if log_is_exact else 1.0
@@ -432,7 +435,7 @@ def _add_component(b: GaussianMixture, m: Model, k: int, origin: tuple[float, fl
     add_moments(
         b.mixture_mean, covariance, weight, values, rows, b.covariance[k, : m.states, : m.states]
     )
-    xx, xy, yy = _position_noise(o, m, k % m.modes, way)
+    xx, xy, yy = _position_noise(o, m, k % m.modes, displacement)
     covariance[0, 0] += weight * xx
     covariance[0, 1] += weight * xy
     covariance[1, 1] += weight * yy

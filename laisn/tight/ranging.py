@@ -167,10 +167,10 @@ def predict_ranges(
     """Residuals of the ranges for component k, with derivatives and covariances, into `b.work`; how
     many there are.
 
-    Second-order EKF (Bar-Shalom, Li & Kirubarajan 2001): ½ tr(H P) in the mean and ½ tr(H_i P H_j
-    P) in the covariance, over position and leader's compass. It is linearised at `work.shift` from
-    the mean, and about a random error of the leader's heading, `turn`, of whose variance
-    `turn_variance` is left [rad²].
+    Second-order EKF (Bar-Shalom, Li & Kirubarajan 2001): ½ tr(F_i P) in the mean and
+    ½ tr(F_i P F_j P) in the covariance, F_i being the second derivatives of range i by position and
+    leader's compass. It is linearised at `work.shift` from the mean, and about a random error of
+    the leader's heading, `turn`, of whose variance `turn_variance` is left [rad²].
     """
     w = b.work
     count = 0

@@ -91,10 +91,10 @@ def approach(
     # a hull without way cannot be steered, nor one that goes astern
     way_east = t.way_east - current[0]
     way_north = t.way_north - current[1]
-    way = np.hypot(way_east, way_north)
-    if way > 0.0:
-        way_east = way_east / way
-        way_north = way_north / way
+    water_speed = np.hypot(way_east, way_north)
+    if water_speed > 0.0:
+        way_east = way_east / water_speed
+        way_north = way_north / water_speed
         speed_deficit = max(a.min_along_track_speed - (east * way_east + north * way_north), 0.0)
         east, north = east + speed_deficit * way_east, north + speed_deficit * way_north
     size = np.hypot(east, north)
@@ -305,9 +305,9 @@ def _to_station(
         position = target.east, target.north
     elif not sigma <= formation.max_trail_sigma:
         # a parallel course: of the way to the station only what lies along the leader's counts
-        way = np.hypot(target.way_east, target.way_north)
-        if way > 0.0:
-            ahead_east, ahead_north = target.way_east / way, target.way_north / way
+        water_speed = np.hypot(target.way_east, target.way_north)
+        if water_speed > 0.0:
+            ahead_east, ahead_north = target.way_east / water_speed, target.way_north / water_speed
             along_track = (position[0] - target.east) * ahead_east + (
                 position[1] - target.north
             ) * ahead_north

@@ -150,8 +150,8 @@ def _track_of(lines: dict[str, list[_Line]], robot: str, beacon: int, source: st
     if np.ptp(time) == 0.0:
         time = np.arange(time.size, dtype=np.float64)
     lasted = np.diff(time)
-    way = np.hypot(*steps[:, :2].T) if len(steps) else np.zeros(0)
-    speed = np.divide(way, lasted, out=np.zeros_like(way), where=lasted > 0.0)
+    distances = np.hypot(*steps[:, :2].T) if len(steps) else np.zeros(0)
+    speed = np.divide(distances, lasted, out=np.zeros_like(distances), where=lasted > 0.0)
     # a pose has the speed of the step that leads to it
     speed = np.concatenate([speed[:1], speed]) if speed.size else np.zeros(1)
     state = np.column_stack([track[:, :2], 0.5 * np.pi - track[:, 2], speed])

@@ -186,12 +186,16 @@ class RangeData:
             *remarks,
             *(f"{reason}: {number}" for reason, number in counts.items() if number),
         ]
-        way = float(np.hypot(*steps[:, :2].T).sum())
+        distance = float(np.hypot(*steps[:, :2].T).sum())
         duration = float(time[-1] - time[0])
-        if way >= 1.0 and duration > 0.0 and not _SLOWEST * duration <= way <= _FASTEST * duration:
-            speed = way / duration
+        if (
+            distance >= 1.0
+            and duration > 0.0
+            and not _SLOWEST * duration <= distance <= _FASTEST * duration
+        ):
+            speed = distance / duration
             remarks.append(
-                f"a way of {way:.0f} m in {duration:g} s, {speed:.2g} m/s: are the times in "
+                f"a way of {distance:.0f} m in {duration:g} s, {speed:.2g} m/s: are the times in "
                 "seconds?"
             )
         return cls(

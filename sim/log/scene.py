@@ -232,8 +232,8 @@ def draw_vehicles(flight: FlightRecord, index: Ints) -> Draw:
         ):
             if row[i] >= 0:
                 spheres = list(_ellipses(e, int(row[i]), -float(m.depth[row[i]])))
-                way = recent(points, i, omitted)
-                entities.append(trail(f"{name}/estimate", ESTIMATE, way, spheres=spheres))
+                trail_points = recent(points, i, omitted)
+                entities.append(trail(f"{name}/estimate", ESTIMATE, trail_points, spheres=spheres))
         return fg.SceneUpdate(entities=entities)
 
     return draw

@@ -195,8 +195,7 @@ def with_fields_of(
     A key is the field's name with its unit, degrees in place of radians. Only fields of the class
     itself that are a `laisn.settings.setting` have one, less those in `excluded` and those for
     which the section has a key. Numbers are not negative, and those in POSITIVE and `positive` not
-    zero;
-    `optional`: all defaults are None.
+    zero; `optional`: all defaults are None.
     """
     types = get_type_hints(kind)
     declared_here = inspect.get_annotations(kind)

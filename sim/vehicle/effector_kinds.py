@@ -391,8 +391,15 @@ def foil_force(record: Effector, density: float, deflection: float, local: Vecto
 @compiled
 def fin_lift(effector: Effector, density: float, speed: float) -> float:
     """Force of a fin per deflection at a speed, `MIN_STEERAGE_SPEED` or more [N/rad]."""
-    way = max(speed, MIN_STEERAGE_SPEED)
-    return float(0.5 * density * effector.parameters[0] * effector.parameters[1] * way * way)
+    steerage_speed = max(speed, MIN_STEERAGE_SPEED)
+    return float(
+        0.5
+        * density
+        * effector.parameters[0]
+        * effector.parameters[1]
+        * steerage_speed
+        * steerage_speed
+    )
 
 
 class Fin(EffectorKind):

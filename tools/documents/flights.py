@@ -32,8 +32,10 @@ def slip(truth: IdealMeasurements) -> float:
     """Way over ground in a second that a follower's log and compass do not see, RMS along one
     axis [m].
     """
-    way = truth.speed[:, None] * np.column_stack([np.sin(truth.heading), np.cos(truth.heading)])
-    dead_reckoned = np.cumsum(truth.dt * (way[1:] + way[:-1]) / 2, axis=0)
+    velocity = truth.speed[:, None] * np.column_stack(
+        [np.sin(truth.heading), np.cos(truth.heading)]
+    )
+    dead_reckoned = np.cumsum(truth.dt * (velocity[1:] + velocity[:-1]) / 2, axis=0)
     unseen = truth.hydrophone[1:, :2] - dead_reckoned
     second = round(1.0 / truth.dt)
     return float(np.sqrt(np.mean((unseen[second:] - unseen[:-second]) ** 2)))

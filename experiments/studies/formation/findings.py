@@ -121,12 +121,12 @@ def geometry(amplitude_deg: float, period_s: float, behind_m: float) -> BoundGeo
     time = _STEP * np.arange(-delay_steps, round(_SECONDS / _STEP) + 1)
     heading = np.deg2rad(amplitude_deg) * np.sin(2.0 * np.pi * time / period_s)
     ahead = np.stack([np.sin(heading), np.cos(heading)], axis=1)
-    way = np.concatenate([np.zeros((1, 2)), np.cumsum(_SPEED * _STEP * ahead[1:], axis=0)])
+    path = np.concatenate([np.zeros((1, 2)), np.cumsum(_SPEED * _STEP * ahead[1:], axis=0)])
     n = time.size - delay_steps - 1
     step = np.arange(10, n + 1, 10)
     # vehicles that at the last instant are where the leader was `late` steps before
-    leader = way[delay_steps:]
-    follower = way[: n + 1]
+    leader = path[delay_steps:]
+    follower = path[: n + 1]
     axis = _HALF * ahead[delay_steps + step]
     arms = np.stack(
         [np.column_stack([end * axis, np.full(step.size, -_DEEPER)]) for end in (-1.0, 1.0)], axis=1
