@@ -160,7 +160,8 @@ def _cells(plan: StudyPlan, entry: PlanEntry) -> list[CellPlan]:
         measured=entry.measured,
         facts=facts_of if entry.measured else None,
     )
-    return [replace(first, follower=i) for i in range(len(scenario.followers))]
+    # the scenario of `first` is as its own follower navigates
+    return [replace(first, scenario=scenario, follower=i) for i in range(len(scenario.followers))]
 
 
 def fly_studies(

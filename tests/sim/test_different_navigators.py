@@ -16,6 +16,7 @@ from laisn_sim import Simulation
 from laisn_sim.cli.main import app
 from reports.bound import flight_bounds, geometry_of, least_rms, noise_of
 from sim.closed_loop import PythonClosedLoop
+from sim.flight import position_and_bearing_errors
 from sim.scenario.parts import SensingSettings
 
 pytestmark = pytest.mark.usefixtures("no_plugins")
@@ -215,3 +216,57 @@ def test_the_page_flies_followers_that_navigate_differently(
         flight, {"navigation.variant": "ekf", "followers.3.navigation.variant": "beacons"}
     )
     assert replayed.scenario.variants == "ekf, beacons"
+
+
+PAIR = """
+duration_s = 40
+motion = "kinematic"
+
+[navigation]
+variant = "laisn-2"
+
+[[followers]]
+name = "first"
+route = "T5"
+
+[followers.navigation]
+variant = "tight"
+
+[[followers]]
+name = "second"
+route = "T5"
+depth_m = 14.0
+"""
+
+
+@pytest.mark.system
+def test_a_study_varies_how_one_follower_navigates(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its results and findings are of each follower; those of the other one stay as they are."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "pair.toml").write_text(PAIR, encoding="utf-8")
+    key = "followers.0.navigation.variant"
+    command = f"study pair.toml --vary {key}=ekf,dead-reckoning --runs 2 --workers 1 --out out"
+    result = CliRunner().invoke(app, command.split())
+    assert result.exit_code == 0, result.output
+    table = laisn_sim.StudyFolder("out").table
+    rows = {
+        (variant, name): (mean, navigator)
+        for variant, name, mean, navigator in zip(
+            table[key], table["follower"], table["e_p_mean_m"], table["variant"], strict=True
+        )
+    }
+    assert len(rows) == 4
+    for variant in ("ekf", "dead-reckoning"):
+        flights = [laisn_sim.fly("pair.toml", {key: variant, "run": run}) for run in range(2)]
+        for i, name in enumerate(("first", "second")):
+            errors = [position_and_bearing_errors(flight)[i][0] for flight in flights]
+            mean, navigator = rows[variant, name]
+            assert mean == pytest.approx(np.mean(errors), rel=1e-6)
+            assert navigator == (variant if i == 0 else "laisn-2")
+    assert rows["ekf", "second"] == rows["dead-reckoning", "second"]
+    assert rows["ekf", "first"][0] < rows["dead-reckoning", "first"][0]
+    page = Path("out/report.html").read_text("utf-8")
+    assert "first" in page
+    assert "second" in page
