@@ -1,7 +1,8 @@
 """All studies of which documents quote numbers: `make studies` computes them again and keeps their
 records in the docs.
 
-`python -m tools.documents.studies NAME …` flies some of them.
+`python -m tools.documents.studies NAME …` flies some of them, and with `--resume` goes on with
+those that were interrupted, if the sources are the same.
 """
 
 import argparse
@@ -58,12 +59,17 @@ def main() -> None:
     parser.add_argument(
         "names", nargs="*", choices=[*STUDIES, []], help="studies; all if none is named"
     )
-    for name in parser.parse_args().names or STUDIES:
+    parser.add_argument(
+        "--resume", action="store_true", help="go on with what these sources have computed"
+    )
+    options = parser.parse_args()
+    for name in options.names or STUDIES:
         print(f"{name} …", flush=True)
         # of its own, and empty: nothing that was computed before may stand in for what is computed
         # now
         folder = Path("out") / "studies" / name
-        shutil.rmtree(folder, ignore_errors=True)
+        if not options.resume:
+            shutil.rmtree(folder, ignore_errors=True)
         STUDIES[name](folder)
         RECORDS.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(folder / FILE, RECORDS / f"{name}.json")
