@@ -634,4 +634,12 @@ const seen = new IntersectionObserver((entries) => entries.forEach(({ target, is
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate-raw"));
   figures = JSON.parse(await new Response(stream).text());
   boxes.forEach((box) => seen.observe(box));
+  setTimeout(drawNext, 500);
 })();
+// the rest, one by one, for whom takes the page as a whole: a saved one, a picture of it, a search
+function drawNext() {
+  const box = boxes.find((each) => !drawings.has(each));
+  if (!box) return;
+  draw(box);
+  setTimeout(drawNext, 20);
+}

@@ -1,0 +1,51 @@
+"""The figure of the study of a front, and what else its page shows."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from experiments.studies.front import findings as study
+from experiments.study.run import StudyResults
+from reports.figures import Panel, marks, panel
+from reports.findings import Findings
+from reports.page import Figures, with_limits
+from reports.style import FULL, SERIES
+
+
+def picture(findings: Findings) -> Panel:
+    """Distances from stations by what followers steer by, a colour for each case; a bar is a
+    95 % interval.
+    """
+    places = np.arange(len(study.ARMS), dtype=np.float64)[::-1]
+    lines = [
+        marks(
+            [findings[f"station {arm} {case}"] for arm in study.ARMS],
+            places + 0.15 * (1 - i),
+            across=True,
+            colour=SERIES[i],
+            marker="o",
+            name=title,
+        )
+        for i, (case, title) in enumerate(study.CASES.items())
+    ]
+    return panel(
+        lines,
+        x_label="RMS distance from the station [m]",
+        y_label="",
+        width=FULL,
+        height=2.4,
+        x_log=True,
+        y_ticks=dict(zip(places.tolist(), study.ARMS.values(), strict=True)),
+        y_limits=(-0.7, places.size - 0.3),
+    )
+
+
+def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
+    """What the page's template names."""
+    legend = [(SERIES[i], title) for i, title in enumerate(study.CASES.values())]
+    return {
+        "study": study,
+        "interval": lambda key, digits=2: with_limits(record[key], digits),
+        "stations": Figures(panels=[picture(record)], legend=legend),
+    }

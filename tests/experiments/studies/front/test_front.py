@@ -1,0 +1,76 @@
+"""The study of a formation that crosses a front: findings as functions of rows, and its page."""
+
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments.studies.front import figures
+from experiments.studies.front.findings import ARMS, CASES, findings_of
+from experiments.study.run import Cells
+from reports.findings import Finding, read, record
+from reports.page import page_of, render
+
+RUNS = 25
+FOLLOWERS = 6
+
+
+class Part:
+    """A part of a study, of which only the cells are read."""
+
+    def __init__(self, cells: Cells) -> None:
+        self.cells = cells
+
+
+def outcome() -> dict[str, Part]:
+    """Followers 1 to 6 are off by 1 to 6 times what arm and case are off, plus noise of the run."""
+    noise = 0.01 * np.random.default_rng(1).normal(size=RUNS)
+    base = {"still": 0.1, "uniform": 0.2, "front": 0.4}
+    rows = []
+    lists = []
+    for (arm, case), follower in product(product(ARMS, CASES), range(1, FOLLOWERS + 1)):
+        lost = arm == "laisn-2" and case == "front" and follower == 6
+        off = follower * base[case] + noise
+        rows.append({"arm": arm, "case": case, "follower": f"f{follower}"})
+        lists.append(
+            {
+                "run": [*range(RUNS)],
+                "station_rms_m": off.tolist(),
+                "station_max_m": (3.0 * off).tolist(),
+                "e_p_mean_m": [0.1 * follower] * RUNS,
+                "lost": [float(lost and run < 3) for run in range(RUNS)],
+                "closest_horizontal_m": [10.0 - follower] * RUNS,
+            }
+        )
+    return {"study": Part(Cells(rows, lists))}
+
+
+@pytest.fixture(scope="module")
+def found() -> dict[str, Finding]:
+    return findings_of(outcome())  # type: ignore[arg-type]
+
+
+def test_stations_are_those_of_the_median_follower(found: dict[str, Finding]) -> None:
+    # the median of 1 to 6 is 3.5; the noise is that of the run, and falls out of what is added
+    assert found["station tight still"].number == pytest.approx(0.35, abs=0.01)
+    assert found["added tight"].number == pytest.approx(3.5 * 0.3, abs=1e-9)
+    assert found["added tight"].high == pytest.approx(3.5 * 0.3, abs=1e-6)
+    assert found["error tight front"].number == pytest.approx(0.35)
+    assert found["lost laisn-2 front"].value == 3
+    assert found["lost tight front"].value == 0
+    assert found["closest tight front"].number == pytest.approx(4.0)
+    assert 7.1 < found["largest truth front"].number < 7.4
+
+
+def test_the_page_answers_its_question_first(found: dict[str, Finding], tmp_path: Path) -> None:
+    record("front", "laisn front", ("experiments.studies.front.findings",), found).write(
+        tmp_path / "results.json"
+    )
+    kept = read(tmp_path / "results.json")
+    values = {"quick": False, "found": kept, **figures.values(kept, {})}
+    page = render(page_of("experiments.studies.front", [], values, kept))
+    assert "the front adds 1.05" in page
+    assert "3 of 150 are lost" in page
+    for title in (*ARMS.values(), *CASES.values()):
+        assert title in page
