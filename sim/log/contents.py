@@ -497,14 +497,14 @@ class _Copy:
 
     def finish(self, is_complete: bool, remarks: Sequence[str]) -> None:
         """`is_complete` tells whether the data section is there to its end."""
+        if is_complete or FLIGHT not in self.metadata:
+            self.write_instant()
         if FLIGHT in self.metadata and (not is_complete or self.first_gap_ns is not None):
             # of records with one name, the last one counts
             facts = self.metadata[FLIGHT] | {"outcome": _INTERRUPTED}
             if self.first_gap_ns is not None:
                 facts[FIRST_GAP] = str(self.first_gap_ns)
             self._writer.add_metadata(FLIGHT, facts)
-        else:
-            self.write_instant()
         if remarks:
             self._writer.add_metadata("recovery", {str(i): text for i, text in enumerate(remarks)})
         self._writer.finish()  # type: ignore[no-untyped-call]  # the library leaves it bare

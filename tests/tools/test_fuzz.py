@@ -1,10 +1,13 @@
 """The search for inputs with faulty answers: none today, and what it would say of one."""
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from sim.gazebo import buoyancy
+from sim.log.frames import Damage, Salvage
 from tests.sim.gazebo.imported import PROBE, changed
 from tools.fuzz.__main__ import KINDS, search
 from tools.fuzz.case import (
@@ -80,6 +83,27 @@ def test_a_wrong_unit_and_a_clock_that_is_sorted_are_found(
     monkeypatch.setattr("sim.datasets.vehicle_table.correct_steps_back", lambda _: None)
     assert search("vehicles", 1, 20, tmp_path) > 0
     assert "rows are left" in capsys.readouterr().out
+
+
+class UpToTheFirstDamage(Salvage):
+    """Ends where something is damaged."""
+
+    def __iter__(self) -> Iterator[Any]:
+        for item in super().__iter__():
+            yield item
+            if isinstance(item, Damage):
+                return
+
+
+@pytest.mark.system
+def test_chunks_that_are_given_up_are_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As logs were recovered before: up to the first broken chunk."""
+    assert search("logs", 1, 20, tmp_path) == 0
+    monkeypatch.setattr("sim.log.contents.Salvage", UpToTheFirstDamage)
+    assert search("logs", 1, 20, tmp_path) > 0
+    assert "messages that are intact" in capsys.readouterr().out
 
 
 def answered(
