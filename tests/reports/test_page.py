@@ -232,6 +232,18 @@ def test_every_kind_of_block_is_shown_and_another_one_refused():
         page.render(sample_page(sections=[PageSection(title="A", blocks=[Other(text="lost")])]))
 
 
+@pytest.mark.parametrize(("count", "goes_by"), [(40, False), (41, True), (200, True)])
+def test_a_table_of_very_many_rows_goes_by_under_its_heads(count, goes_by):
+    """All rows are there; the page is not as long as them, and paper has them all."""
+    table = PageTable(heads=["follower"], rows=[[TableCell(text=f"f{i}")] for i in range(count)])
+    shown = page.render(sample_page(sections=[PageSection(title="A", blocks=[table])]))
+    assert [f">f{i}</td>" in shown for i in range(count)] == [True] * count
+    assert ('<div class="scroll window"' in shown) is goes_by
+    assert ('<div class="scroll"' in shown) is not goes_by
+    on_paper = shown[shown.index("@media print") :]
+    assert re.search(r"\.scroll, pre \{[^}]*max-height: none", on_paper)
+
+
 def test_rows_must_fit_their_table():
     with pytest.raises(ValueError, match="a row of 1 cells in a table of 2 columns"):
         PageTable(heads=["a", "b"], rows=[[TableCell(text="x")]])
