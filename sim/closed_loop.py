@@ -698,20 +698,6 @@ def _sensing_of(
     )
 
 
-def _navigator_choices(scenario: Scenario, plant: Plant) -> list[_NavigatorChoice]:
-    """How each follower navigates."""
-    choices = []
-    for i in range(len(scenario.followers)):
-        navigation = scenario.navigation_of(i)
-        settings = navigation_settings(scenario, plant.sites, i)
-        choices.append(
-            _NavigatorChoice(
-                navigation.variant, settings, navigation.link, navigation.further_links
-            )
-        )
-    return choices
-
-
 def _navigator_groups(
     choices: Sequence[_NavigatorChoice],
     starts: Floats,
@@ -764,12 +750,17 @@ def closed_loop_of(
     sensing = SensingSettings.of(scenario)
     at_start = static_trajectory(plant)
     sensing_of = sensing_of_each(scenario)
-    choices = _navigator_choices(scenario, plant)
+    navigations = [scenario.navigation_of(i) for i in range(len(scenario.followers))]
+    settings = [navigation_settings(scenario, plant.sites, i) for i in range(len(navigations))]
+    choices = [
+        _NavigatorChoice(navigation.variant, of_follower, navigation.link, navigation.further_links)
+        for navigation, of_follower in zip(navigations, settings, strict=True)
+    ]
     state = init_closed_loop(
         MotionSettings.of(scenario),
         sensing_of,
         scenario.leader,
-        [scenario.navigation_of(i) for i in range(len(choices))],
+        navigations,
         plant,
         routes,
         whole=whole,

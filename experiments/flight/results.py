@@ -37,12 +37,10 @@ _Given = ParamSpec("_Given")
 PLOTS = ("errors", "routes", "motion")
 
 
-def _accept(_: Scenario) -> None:
-    """A check of nothing."""
-
-
 def flight_of(
-    source: str, assignments: Iterable[str] = (), check: Callable[[Scenario], None] = _accept
+    source: str,
+    assignments: Iterable[str] = (),
+    check: Callable[[Scenario], None] = lambda _: None,
 ) -> simulated.FlightRecord:
     """Fly a scenario (name or TOML file) with overrides "key=value", or read the log of a flight
     (`.mcap`). A scenario is flown if `check` raises no error.

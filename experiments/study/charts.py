@@ -24,6 +24,7 @@ from reports.tables import Table
 MAX_PANELS = 12
 MAX_LINES = len(SERIES)
 _MAX_TICKS = 8
+_MAX_WRITTEN_COLUMNS = 12  # of a map; cells of more are too narrow for numbers
 _MAX_BARS = 200  # points of a panel beyond which intervals would hide them
 
 
@@ -281,9 +282,6 @@ def heat_maps(plan: StudyPlan, results: Results, names: Sequence[str]) -> Figure
             row = row_of[repr(factors[up.name])]
             column = column_of[repr(factors[across.name])]
             values[row, column] = estimate.value
-    x_labels = [value_text(value) for value in across.values]
-    y_labels = [value_text(value) for value in up.values]
-    labels = (label_of(across.name), label_of(up.name))
     all_values = np.array([*maps.values()])
     finite = all_values[~np.isnan(all_values)]
     scale = {
@@ -297,32 +295,42 @@ def heat_maps(plan: StudyPlan, results: Results, names: Sequence[str]) -> Figure
         "colorbar": {"thickness": 10, "outlinewidth": 0},
         "hovertemplate": "%{hovertext}<extra></extra>",
     }
-    panels = []
-    for title, values in maps.items():
-        written = [[*map(digits, cells)] for cells in values.tolist()]
-        hover = [
-            [
-                f"{labels[0]} {x_labels[j]}<br>{labels[1]} {y_labels[i]}<br>{cell}"
-                for j, cell in enumerate(cells)
-            ]
-            for i, cells in enumerate(written)
-        ]
-        trace = scale | {"z": [numbers(cells) for cells in values], "hovertext": hover}
-        if len(x_labels) <= 12:
-            trace |= {"text": written, "texttemplate": "%{text}"}
-        panels.append(
-            panel(
-                [],
-                x_label=labels[0],
-                y_label=labels[1],
-                title=title,
-                traces=[trace],
-                height=max(1.4 + 0.26 * len(y_labels), 2.5),
-                x_ticks=_thinned(dict(enumerate(x_labels))),
-                y_ticks=_thinned(dict(enumerate(y_labels))),
-            )
-        )
+    panels = [_heat_panel(title, values, scale, (across, up)) for title, values in maps.items()]
     return Figures(panels=panels)
+
+
+def _heat_panel(
+    title: str, values: Floats, scale: Mapping[str, Any], axes: tuple[Axis, Axis]
+) -> Panel:
+    """A map of values over two axes, shape (rows, columns), with the values in its cells where
+    there is room.
+    """
+    across, up = axes
+    x_labels = [value_text(value) for value in across.values]
+    y_labels = [value_text(value) for value in up.values]
+    x_title = label_of(across.name)
+    y_title = label_of(up.name)
+    written = [[*map(digits, cells)] for cells in values.tolist()]
+    hover = [
+        [
+            f"{x_title} {x_labels[j]}<br>{y_title} {y_labels[i]}<br>{cell}"
+            for j, cell in enumerate(cells)
+        ]
+        for i, cells in enumerate(written)
+    ]
+    trace = {**scale, "z": [numbers(cells) for cells in values], "hovertext": hover}
+    if len(x_labels) <= _MAX_WRITTEN_COLUMNS:
+        trace |= {"text": written, "texttemplate": "%{text}"}
+    return panel(
+        [],
+        x_label=x_title,
+        y_label=y_title,
+        title=title,
+        traces=[trace],
+        height=max(1.4 + 0.26 * len(y_labels), 2.5),
+        x_ticks=_thinned(dict(enumerate(x_labels))),
+        y_ticks=_thinned(dict(enumerate(y_labels))),
+    )
 
 
 def effect_bars(effects: Mapping[str, Interval]) -> Figures:

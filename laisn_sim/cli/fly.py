@@ -224,9 +224,9 @@ def ended_log(mission: MissionToFly | None, log: "FlightLog") -> Iterator[None]:
         raise
 
 
-def _memory_kept_low(scenario: Scenario) -> AbstractContextManager[None]:
+def _memory_kept_low(duration_s: float) -> AbstractContextManager[None]:
     """While a block goes through a long mission, which is in files, its memory is given back."""
-    return released_regularly() if scenario.duration_s > _LONG_S else nullcontext()
+    return released_regularly() if duration_s > _LONG_S else nullcontext()
 
 
 class FlownFlight(NamedTuple):
@@ -302,9 +302,9 @@ def write_flight(
                 yield update
 
         log = writer.FlightLog(folder / LOG)
-        with _memory_kept_low(scenario):
+        with _memory_kept_low(scenario.duration_s):
             mission = MissionToFly(scenario) if live is None else None
-        with ended_log(mission, log), _memory_kept_low(scenario):
+        with ended_log(mission, log), _memory_kept_low(scenario.duration_s):
             if mission is None:
                 with phase("simulate") as update:
                     flight = fly_live(scenario, cast("LiveView", live), update)
@@ -340,7 +340,7 @@ def write_flight(
             with phase("video") as update:
                 film_error = _film(flight, film, update, rewrite)
         has_film = with_video and film_error is None
-        with phase("report"), _memory_kept_low(scenario):
+        with phase("report"), _memory_kept_low(scenario.duration_s):
             if report_task is not None:
                 watch.add("report", 0.0, report_task.result())
             else:
@@ -420,7 +420,7 @@ def fly_and_write(
             live=view,
         )
     show(console, flight, summary)
-    with _memory_kept_low(scenario):
+    with _memory_kept_low(scenario.duration_s):
         deviations = track_deviations(MotionSettings.of(scenario), flight.trajectory)
     for deviation in deviations:
         print_line(console, deviation, "warning:")
