@@ -203,7 +203,8 @@ def video_of(video: Video, changes: Mapping[str, object]) -> Video:
 
 
 def require_picture(
-    scenario: Scenario,
+    followers: Sequence[str],
+    duration_s: float,
     video: Video,
     *,
     time_s: float | None = None,
@@ -211,12 +212,12 @@ def require_picture(
     view: str | None = None,
     background: str = "sea",
 ) -> None:
-    """LaisnError if a mission has no such follower, time or camera, or its film is too large;
-    arguments as of `render`.
+    """LaisnError if a mission of these followers and this duration has no such follower, time or
+    camera, or its film is too large; arguments as of `render`.
     """
     from sim.film import render as film
 
-    number = len(scenario.followers)
+    number = len(followers)
     if not 0 <= follower < number:
         raise film.RenderError(f"follower {follower}: expected 0 … {number - 1}")
     if background not in get_args(film.Background):
@@ -224,16 +225,14 @@ def require_picture(
             f"background {background!r}: expected {', '.join(get_args(film.Background))}"
         )
     if view is not None:
-        camera_of(view, ["leader", *(one.name for one in scenario.followers)])
+        camera_of(view, ["leader", *followers])
     if time_s is None:
-        if too_large := film_errors(scenario.duration_s, video):
+        if too_large := film_errors(duration_s, video):
             raise film.RenderError(too_large[0])
         if background == "transparent":
             raise film.RenderError(film.NOT_TRANSPARENT)
-    elif not 0.0 <= time_s <= scenario.duration_s:
-        raise film.RenderError(
-            f"time {time_s:g} s lies outside the mission, 0 … {scenario.duration_s:g} s"
-        )
+    elif not 0.0 <= time_s <= duration_s:
+        raise film.RenderError(f"time {time_s:g} s lies outside the mission, 0 … {duration_s:g} s")
 
 
 def render(
@@ -262,7 +261,8 @@ def render(
     file = Path(path)
     settings = video_of(flight.scenario.video, video)
     require_picture(
-        flight.scenario,
+        flight.trajectory.names[1:],
+        flight.scenario.duration_s,
         settings,
         time_s=time_s,
         follower=follower,

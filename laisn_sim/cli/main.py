@@ -234,7 +234,7 @@ def render(  # noqa: PLR0913 - an argument for each option of the command
     from experiments.campaign.progress import phases
     from experiments.flight import results as files
     from laisn_sim.cli.outputs import output_file
-    from sim.scenario.settings import Scenario, Video
+    from sim.scenario.settings import Video
 
     settings = {"camera": camera, "speed_up": speed_up, **(size or {})}
     changes = {name: value for name, value in settings.items() if value is not None}
@@ -244,13 +244,19 @@ def render(  # noqa: PLR0913 - an argument for each option of the command
     if out is not None:
         output_file(out, [suffix], [Path(source)])
 
-    def require_picture(scenario: Scenario) -> None:
-        video = files.video_of(scenario.video, changes)
-        files.require_picture(
-            scenario, video, time_s=still, follower=follower, view=view, background=background
-        )
-
-    flight = files.flight_of(source, set_ or (), require_picture)
+    flight = files.flight_of(
+        source,
+        set_ or (),
+        lambda scenario: files.require_picture(
+            [vehicle.name for vehicle in scenario.followers],
+            scenario.duration_s,
+            files.video_of(scenario.video, changes),
+            time_s=still,
+            follower=follower,
+            view=view,
+            background=background,
+        ),
+    )
     output = output_file(out or Path(f"{flight.scenario.name}{suffix}"), [suffix], [Path(source)])
     with (
         phases(Console(stderr=True)) as phase,

@@ -18,10 +18,9 @@ PACKAGES = ("laisn", "sim", "reports", "experiments", "laisn_sim")
 AT_THE_TOP = {
     # commands, and functions of users
     "laisn_sim/cli/fly.py": 3,
-    "laisn_sim/cli/main.py": 1,
     "laisn_sim/simulation.py": 1,
     "experiments/flight/library.py": 2,
-    "experiments/flight/results.py": 2,
+    "experiments/flight/results.py": 1,
     "reports/sea_page.py": 1,
     # checks before a flight
     "sim/feasibility.py": 2,
