@@ -66,14 +66,14 @@ def longest_silence(flight: FlightRecord, follower: int, begin_s: float, end_s: 
     """The longest time without a received message of a follower that reaches into begin … end."""
     measured = flight.measurements[follower]
     received = measured.time[measured.message_step - 1]
-    heard_steps = received[np.isfinite(measured.ranges).any(axis=1)]
-    times = np.concatenate([[0.0], heard_steps[heard_steps <= end_s], [end_s]])
+    heard_times = received[np.isfinite(measured.ranges).any(axis=1)]
+    times = np.concatenate([[0.0], heard_times[heard_times <= end_s], [end_s]])
     spans = np.where(times[1:] > begin_s, np.diff(times), 0.0)
     longest = int(np.argmax(spans))
     begin, end = float(times[longest]), float(times[longest + 1])
     truth = flight.trajectory
-    during = (truth.time >= begin) & (truth.time <= end)
-    headings = np.unwrap(truth.heading[during, 0])
+    is_silent = (truth.time >= begin) & (truth.time <= end)
+    headings = np.unwrap(truth.heading[is_silent, 0])
     turn = math.degrees(float(np.ptp(headings))) if headings.size else 0.0
     return Silence(begin_s=begin, end_s=end, turn_deg=turn)
 
@@ -127,10 +127,10 @@ def _loss(
         left_step = _first_true(track_error[joined_step:] > LOST_M)
         if left_step is not None:
             return float(time[joined_step + left_step]), f"more than {LOST_M:g} m off its {target}"
-    wrong = _first_true(errors > LOST_M)
-    if wrong is None:
+    lost_step = _first_true(errors > LOST_M)
+    if lost_step is None:
         return None
-    return float(time[flight.step_index()][wrong]), f"its estimate more than {LOST_M:g} m off"
+    return float(time[flight.step_index()][lost_step]), f"its estimate more than {LOST_M:g} m off"
 
 
 def _cause(

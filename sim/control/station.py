@@ -39,7 +39,7 @@ class TrailPoint(RecordFields):
     north: float
     arc: float  # length of the way to there [m]
     time: float  # [s]
-    through: float  # the leader's broadcast speed through the water [m/s]
+    water_speed: float  # the leader's broadcast speed through the water [m/s]
     heading: float  # its broadcast heading [rad]
     slope_east: float  # slope of the curve, per metre of way
     slope_north: float
@@ -120,7 +120,7 @@ def extend(
     and heading.
     """
     n = count[0]
-    through, heading = motion
+    water_speed, heading = motion
     # the head moves on until it is far enough from the point before
     if n > 1 and trail[n - 1].arc - trail[n - 2].arc < SHORTEST:
         n -= 1
@@ -128,13 +128,13 @@ def extend(
     trail[n].east = east
     trail[n].north = north
     trail[n].time = time
-    trail[n].through = through
+    trail[n].water_speed = water_speed
     trail[n].heading = heading
     if n == 0:
         trail[0].slope_east, trail[0].slope_north = np.sin(heading), np.cos(heading)
         trail[0].arc = 0.0
         trail[0].turned = 0.0
-        trail[0].pace = through
+        trail[0].pace = water_speed
         return
     step = np.hypot(east - trail[n - 1].east, north - trail[n - 1].north)
     # a way that bends evenly is longer than its chord
@@ -177,7 +177,7 @@ def _unit(east: float, north: float) -> tuple[float, float]:
 
 
 @compiled
-def _before(trail: Records, count: int, arc: float) -> int:
+def _index_before(trail: Records, count: int, arc: float) -> int:
     """The last point not beyond a length of the way within a trail; bisection would touch all of
     a long one.
     """
@@ -198,7 +198,7 @@ def turned_since(trail: Records, count: int, arc: float) -> float:
     last = count - 1
     if arc <= 0.0 or trail[last].arc <= 0.0:
         return float(trail[last].turned)
-    index = last - 1 if arc >= trail[last].arc else _before(trail, count, arc)
+    index = last - 1 if arc >= trail[last].arc else _index_before(trail, count, arc)
     return float(trail[last].turned - trail[index].turned)
 
 
@@ -219,8 +219,8 @@ def at(trail: Records, count: int, arc: float) -> Place:
             i = last - 1 if trail[last].arc - trail[last - 1].arc < SHORTEST and count > 2 else last
             ahead_east, ahead_north = _unit(trail[i].slope_east, trail[i].slope_north)
         east, north = trail[end].east + excess * ahead_east, trail[end].north + excess * ahead_north
-        return east, north, ahead_east, ahead_north, trail[end].through
-    low = _before(trail, count, arc)
+        return east, north, ahead_east, ahead_north, trail[end].water_speed
+    low = _index_before(trail, count, arc)
     high = low + 1
     length = trail[high].arc - trail[low].arc
     u = (arc - trail[low].arc) / length
@@ -240,7 +240,7 @@ def at(trail: Records, count: int, arc: float) -> Place:
         trail[low].north + p * ay + r * by + q * dy,
         ahead_east,
         ahead_north,
-        (1.0 - u) * trail[low].through + u * trail[high].through,
+        (1.0 - u) * trail[low].water_speed + u * trail[high].water_speed,
     )
 
 
@@ -309,7 +309,7 @@ def extend_as_planned(
     east = trail[head].east + plan.track[k].east - plan.track[first_step].east
     north = trail[head].north + plan.track[k].north - plan.track[first_step].north
     heading = trail[head].heading + plan.track[k].course - plan.track[first_step].course
-    extend(trail, count, east, north, k * dt, (trail[head].through, heading))
+    extend(trail, count, east, north, k * dt, (trail[head].water_speed, heading))
 
 
 @compiled
@@ -343,7 +343,7 @@ def correct_planned(
     for i in range(received, last + 1):
         when = trail[i].time
         share = (when - begin) / (time - begin)
-        motion = trail[i].through, trail[i].heading
+        motion = trail[i].water_speed, trail[i].heading
         # a point is written where it was read, or before
         extend(
             trail,
@@ -448,16 +448,16 @@ def turn_frame(
         max_rate = min(max_rate, _SIDEWAYS * across / width)
     for i in range(round((span[1] - span[0]) / dt)):
         arc = arc_at(points, count, span[0] + (i + 1) * dt) - station.behind
-        _, _, east, north, through = at(points, count, arc)
+        _, _, east, north, water_speed = at(points, count, arc)
         ahead = clip(station.behind, 0.0, f.frame_lookahead)
         if ahead > 0.0:
             _, _, east, north, _ = at(points, count, arc + ahead)
         heading_error = wrap_angle(np.arctan2(east, north) - state.heading)
         rate = heading_error / f.frame_time_constant
         if rate * station.port > 0.0:
-            room = min(f.outer_speedup * over_ground, max(f.outer_max_speed - through, 0.1))
+            room = min(f.outer_speedup * over_ground, max(f.outer_max_speed - water_speed, 0.1))
         else:
-            room = min(f.inner_slowdown * over_ground, max(through - f.inner_min_speed, 0.1))
+            room = min(f.inner_slowdown * over_ground, max(water_speed - f.inner_min_speed, 0.1))
             if station.radius > 0.0:
                 room = min(room, _inner_room(trail, arc, over_ground, station.radius))
         # what is turned has to be stopped again

@@ -260,7 +260,7 @@ def test_the_start_of_the_trail_is_what_the_leader_broadcasts(
         simulate_motion(scenario, make_controller=make)
     for trail in states[0].trails[:, 0]:
         assert np.rad2deg(trail.heading) == pytest.approx(110.0)
-        assert trail.through == pytest.approx(1.3)
+        assert trail.water_speed == pytest.approx(1.3)
         assert (trail.east, trail.north) == (0.0, 0.0)
 
 
