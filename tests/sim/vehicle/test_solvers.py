@@ -128,14 +128,13 @@ JONSWAP = ("ocean.waves.kind=jonswap", "ocean.waves.height_m=0.4", "ocean.waves.
 @pytest.mark.system
 @pytest.mark.parametrize("model", SHIPPED)
 def test_every_shipped_vehicle_flies_alike(model: str) -> None:
-    require_same_flight(model, 200.0, *JONSWAP)
+    require_same_flight(model, 1000.0, *JONSWAP)
 
 
 @pytest.mark.system
 def test_random_hulls_move_alike() -> None:
-    rng = np.random.default_rng(7)
-    hulls = [random_hull(rng) for _ in range(20)]
-    require_same_motion(hulls, [12.0] * 20, 200.0)
+    rng = np.random.default_rng(11)
+    require_same_motion([random_hull(rng) for _ in range(20)], [12.0] * 20, 1000.0)
 
 
 @pytest.mark.system
@@ -143,18 +142,6 @@ def test_hulls_that_leave_the_water_move_alike() -> None:
     """Whose added mass is that of the immersed share."""
     hulls = [models.path(name).read_text("utf-8") for name in ("leader", "follower")]
     require_same_motion(hulls, [0.05, 0.1], 60.0)
-
-
-@pytest.mark.typed
-@pytest.mark.parametrize("model", SHIPPED)
-def test_every_shipped_vehicle_flies_alike_for_long(model: str) -> None:
-    require_same_flight(model, 1000.0, *JONSWAP)
-
-
-@pytest.mark.typed
-def test_random_hulls_move_alike_for_long() -> None:
-    rng = np.random.default_rng(11)
-    require_same_motion([random_hull(rng) for _ in range(20)], [12.0] * 20, 1000.0)
 
 
 def _with(text: str, part: str, more: str) -> str:
