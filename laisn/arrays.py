@@ -139,10 +139,10 @@ def require_numbers(
         value = getattr(record, field.name)
         if not isinstance(value, float):
             continue
-        has_space = (
+        is_in_bounds = (
             field.name in signed or value > 0.0 or (value == 0.0 and field.name not in positive)
         )
-        if not np.isfinite(value) or not has_space:
+        if not np.isfinite(value) or not is_in_bounds:
             if field.name in signed:
                 bound = ""
             elif field.name in positive:

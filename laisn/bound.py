@@ -127,8 +127,8 @@ def _range_information(
     rows[..., _CLOCK] = 1.0
     # a compass that reads too much puts the true arms further anticlockwise
     quarter_turned = np.stack([-arms[..., 1], arms[..., 0]], axis=-1)
-    bearing_row = -np.sum(rows[..., :2] * quarter_turned, axis=2)
-    rows[..., _LEADER] = bearing_row
+    heading_row = -np.sum(rows[..., :2] * quarter_turned, axis=2)
+    rows[..., _LEADER] = heading_row
     for j in np.flatnonzero(received > 0):
         rows[:, j, _OFFSET + received[j] - 1] = 1.0
     covariance = noise.range_sigma**2 * np.eye(received.size)
@@ -138,7 +138,7 @@ def _range_information(
         directions @ directions.swapaxes(1, 2)
     )
     covariance += (
-        noise.leader_heading_sigma**2 * bearing_row[..., :, None] * bearing_row[..., None, :]
+        noise.leader_heading_sigma**2 * heading_row[..., :, None] * heading_row[..., None, :]
     )
     return np.asarray(rows.swapaxes(1, 2) @ np.linalg.solve(covariance, rows))
 

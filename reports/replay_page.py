@@ -156,7 +156,7 @@ def _map(replayed: Replayed) -> tuple[Panel, list[tuple[Colour, str]]]:
 
 def _over_time(replayed: Replayed) -> Panel:
     """2σ of the position, range residuals of each transmitter, and NIS, where there are any."""
-    at = replayed.measured.time[replayed.measured.message_step - 1]
+    times_of_messages = replayed.measured.time[replayed.measured.message_step - 1]
     residuals = replayed.residuals
     squared = replayed.nis
     is_known = np.isfinite(residuals)
@@ -164,7 +164,7 @@ def _over_time(replayed: Replayed) -> Panel:
     parts = [Subplot(lines=[curve], y_label="2σ of position [m]", y_limits=(0.0, None))]
     lines = [
         Line(
-            x=at[is_known[:, i]],
+            x=times_of_messages[is_known[:, i]],
             y=residuals[is_known[:, i], i],
             colour=colour,
             marker="o",

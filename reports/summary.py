@@ -104,13 +104,13 @@ def consistency(flight: FlightRecord, follower: int, bound: Floats) -> dict[str,
     squares = np.sum((estimates.state[:, :2] - truth) ** 2, axis=1)
     normalised = metrics.nees(estimates, truth)
     is_finite = np.isfinite(squares)
-    bound_square = float(np.mean(bound[is_finite] ** 2)) if is_finite.any() else 0.0
+    mean_bound_square = float(np.mean(bound[is_finite] ** 2)) if is_finite.any() else 0.0
     finite = np.isfinite(normalised)
     return {
         "nees": float(normalised[finite].mean()) if finite.any() else None,
-        "bound_rms_m": bound_square**0.5 if np.isfinite(bound_square) else None,
-        "rms_over_bound": float(np.mean(squares[is_finite]) / bound_square) ** 0.5
-        if bound_square > 0.0
+        "bound_rms_m": mean_bound_square**0.5 if np.isfinite(mean_bound_square) else None,
+        "rms_over_bound": float(np.mean(squares[is_finite]) / mean_bound_square) ** 0.5
+        if mean_bound_square > 0.0
         else None,
     }
 

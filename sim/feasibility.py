@@ -241,8 +241,8 @@ def _vertical_forces(plant: Plant, design: Autopilot, speed: float) -> VerticalF
             incidence = min(moment / max(abs(stiffness), 1e-9), INCIDENCE_MAX)
             lever = _stern_lever(effectors)
             lift = design["lift"] * speed**2 * incidence
-            shift = stiffness * incidence / lever if lever > 0.0 else 0.0
-            force += share * max(lift - shift, 0.0)
+            stern_force = stiffness * incidence / lever if lever > 0.0 else 0.0
+            force += share * max(lift - stern_force, 0.0)
         forces.append(force)
     return VerticalForces(*forces)
 

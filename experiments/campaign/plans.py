@@ -178,18 +178,18 @@ def compute(trajectory: Trajectory, plans: Sequence[CellPlan]) -> list[Result]:
     """
     if not plans:
         return []
-    trial_facts = {}
+    mission_of_pitch = {}
     # alike of all cells of a mission
     moves = MotionSettings.of(plans[0].scenario)
     for pitch in {plan.leader_pitch_deg for plan in plans}:
         motion = trajectory if pitch is None else tilted(trajectory, np.deg2rad(pitch))
-        trial_facts[pitch] = CampaignMission(moves, motion)
+        mission_of_pitch[pitch] = CampaignMission(moves, motion)
     results = list[Result]()
     for plan in plans:
         runs = range(plan.first_run, plan.first_run + plan.runs)
         disturbance = disturbance_of(plan.disturb)
         scenario = plan.scenario
-        mission = trial_facts[plan.leader_pitch_deg]
+        mission = mission_of_pitch[plan.leader_pitch_deg]
         steps = Arrays()
         adjusted = scenario
         variant = scenario.navigation.variant

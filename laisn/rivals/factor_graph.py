@@ -45,7 +45,7 @@ def _odometry_error(
     pose = values.atPose2(first)
     next_pose = values.atPose2(second)
     rotation = pose.rotation().matrix()
-    residual = rotation.T @ (
+    moved_in_pose = rotation.T @ (
         next_pose.translation() - pose.translation() - values.atPoint2(current) * time
     )
     if jacobians is not None:
@@ -53,13 +53,13 @@ def _odometry_error(
         jacobians[1] = np.eye(3)
         jacobians[2] = np.zeros((3, 1))
         jacobians[3] = np.zeros((3, 2))
-        jacobians[0][:2, 2] = -_TURN @ residual
+        jacobians[0][:2, 2] = -_TURN @ moved_in_pose
         jacobians[1][:2, :2] = rotation.T @ next_pose.rotation().matrix()
         jacobians[2][:2, 0] = path
         jacobians[3][:2] = -time * rotation.T
     return np.array(
         [
-            *(residual - displacement + values.atDouble(log_bias) * path),
+            *(moved_in_pose - displacement + values.atDouble(log_bias) * path),
             next_pose.theta() - pose.theta(),
         ]
     )

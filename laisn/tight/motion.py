@@ -556,11 +556,11 @@ def _update_component(
     bias = x[m.leader] if turning else 0.0
     c, s = math.cos(bias), math.sin(bias)
     # ν = z − ẑ and S = H P Hᵀ + R, with H of c and b_L
-    logged_in_hull = (c * logged[0] - s * logged[1], s * logged[0] + c * logged[1])
+    logged_turned = (c * logged[0] - s * logged[1], s * logged[0] + c * logged[1])
     for axis in range(2):
         # ∂z/∂b_L; ∂z/∂c is 1
-        slope = -logged_in_hull[1] if axis == 0 else logged_in_hull[0]
-        residual = measurement[axis] - (logged_in_hull[axis] - logged[axis])
+        slope = -logged_turned[1] if axis == 0 else logged_turned[0]
+        residual = measurement[axis] - (logged_turned[axis] - logged[axis])
         spread = variance
         state = m.current + axis
         for i in range(m.states):

@@ -357,7 +357,7 @@ class _Leg:
         """
         for name in _SUMS:
             self._motion[name] = self._whole[name] - motion[name]
-        noise_gain = self._matrix()
+        transition = self._matrix()
         self._motion[:] = motion
         self._begin()
         _moments(*self._records)
@@ -370,7 +370,7 @@ class _Leg:
         mean[:2] = state[:2]
         covariance = rows @ spread @ rows.T
         covariance[2:, 2:] += reading
-        return mean, covariance, rows @ spread @ noise_gain.T
+        return mean, covariance, rows @ spread @ transition.T
 
 
 class SmoothingNavigator(TightNavigator):

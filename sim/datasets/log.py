@@ -90,23 +90,23 @@ def _slots(data: RangeData) -> tuple[Floats, Ints]:
     times = np.empty(data.ranges.size)
     slots = np.empty(data.ranges.size, dtype=np.int64)
     has_own_slots = len(data.beacons) <= len(_SLOTS)
-    used_beacons = set[int]()
+    used_slots = set[int]()
     has_moved = False
     last = -1.0
     for i, (time, beacon) in enumerate(
         zip(data.range_time.tolist(), data.range_beacon.tolist(), strict=True)
     ):
         if time > last:
-            used_beacons = set()
+            used_slots = set()
             has_moved = False
-        free = next((s for s in range(len(_SLOTS)) if s not in used_beacons), 0)
+        free = next((s for s in range(len(_SLOTS)) if s not in used_slots), 0)
         slot = beacon if has_own_slots else robots.get(beacon, free)
         last = max(time, last)
-        if slot in used_beacons or (has_moved and beacon in robots):
+        if slot in used_slots or (has_moved and beacon in robots):
             last = last + _SEPARATION
-            used_beacons = set()
+            used_slots = set()
             has_moved = False
-        used_beacons.add(slot)
+        used_slots.add(slot)
         has_moved = has_moved or beacon in robots
         times[i] = last
         slots[i] = slot

@@ -355,7 +355,7 @@ def _ranges(topic: BagTopic, entry: dict[str, Any]) -> Iterator[_Candidate]:
 def _named(topic: BagTopic) -> Iterator[_Candidate]:
     """What fields of a topic of another type hold, by their names and that of the topic."""
     leader = bool(_LEADER & set(_words(topic.name)))
-    is_fleet = sum(match(field) is not None for field in topic.fields) > 2
+    has_several_fields = sum(match(field) is not None for field in topic.fields) > 2
     for field in topic.fields:
         words = _words(field)
         if _DEFINITION_WORDS & set(words):
@@ -371,7 +371,7 @@ def _named(topic: BagTopic) -> Iterator[_Candidate]:
         note = matched.note
         if not matched.unit and matched.field.endswith(("heading", "pitch", "roll")):
             note = note or 'is this in radians? unit = "deg" otherwise'
-        yield _Candidate(matched.field, -1 if is_fleet else 1, entry, note)
+        yield _Candidate(matched.field, -1 if has_several_fields else 1, entry, note)
 
 
 def _own_type(topic: BagTopic) -> Iterator[_Candidate]:

@@ -449,8 +449,8 @@ class Dashboard:
             for o, position in zip(self._added.others, state.others, strict=True)
         ]
         marks = [
-            canvas.diamond(pixels(now), 4.5, colour)
-            for colour, now in [*estimates, (ESTIMATE, state.estimate[self._follower])]
+            canvas.diamond(pixels(position), 4.5, colour)
+            for colour, position in [*estimates, (ESTIMATE, state.estimate[self._follower])]
         ]
         marks += [
             canvas.disc(pixel, 3.4, TRUTH if v else LEADER) for v, pixel in enumerate(pixels(fleet))

@@ -429,14 +429,14 @@ class GlScene:
     def _add_ghosts(self, state: FilmFrame) -> None:
         """A ghost hull at each follower's estimate."""
         scene = self._scene
-        first_geom = self._scene.ngeom
+        geom_count = self._scene.ngeom
         shift = state.estimate - state.hydrophone
         # hull and ghost in one place would hide each other
         alpha = _GHOST_ALPHA * np.minimum(1.0, np.linalg.norm(shift, axis=1) / _GHOST_FULL_M)
         visible = {
             vehicle.body: f for f, vehicle in enumerate(self._vehicles[1:]) if alpha[f] > _MIN_GHOST
         }
-        for i in range(first_geom):
+        for i in range(geom_count):
             original = scene.geoms[i]
             if original.objtype != mujoco.mjtObj.mjOBJ_GEOM.value or original.objid < 0:
                 continue

@@ -349,8 +349,8 @@ def is_model_key(key: str) -> bool:
 
 def path_from_folder(model: Any, folder: Path) -> Any:
     """The name of a file as seen from here, for one that is named as seen from a folder."""
-    is_unknown = isinstance(model, str) and not is_mjcf(model) and model not in models.VEHICLES
-    return str(folder / model) if is_unknown else model
+    is_file = isinstance(model, str) and not is_mjcf(model) and model not in models.VEHICLES
+    return str(folder / model) if is_file else model
 
 
 def with_file_paths(table: dict[str, Any], folder: Path) -> dict[str, Any]:

@@ -143,9 +143,9 @@ def _leg_speed_to_rest(distance: float, time: float, speed: float) -> float:
         spare = time - speed / ACCELERATION
         return (distance - 0.5 * speed**2 / ACCELERATION) / spare if spare > 0 else float("nan")
     # 2 v² − 2 (speed + acceleration time) v + speed² + 2 acceleration distance = 0
-    half_change = 0.5 * (speed + ACCELERATION * time)
-    root = half_change**2 - 0.5 * speed**2 - ACCELERATION * distance
-    return half_change - float(np.sqrt(root)) if root >= 0 else float("nan")
+    half_sum = 0.5 * (speed + ACCELERATION * time)
+    root = half_sum**2 - 0.5 * speed**2 - ACCELERATION * distance
+    return half_sum - float(np.sqrt(root)) if root >= 0 else float("nan")
 
 
 def _leg(route: Route, k: int, planner: _Planner, cut: float) -> tuple[float, float]:

@@ -375,8 +375,8 @@ def _kinds(dataset: "Dataset", variable: "DataArray") -> dict[str, str]:
     kinds = {}
     for dimension in map(str, variable.dims):
         kind = axis_kind(dataset[dimension]) if dimension in dataset.coords else ""
-        is_gridded = all(_along(dataset, dimension, axis) is not None for axis in "XY")
-        kinds[dimension] = "P" if is_gridded and kind not in tuple("XYZ") else kind
+        is_projected = all(_along(dataset, dimension, axis) is not None for axis in "XY")
+        kinds[dimension] = "P" if is_projected and kind not in tuple("XYZ") else kind
     unknown = [dimension for dimension, kind in kinds.items() if kind == ""]
     if "Z" not in kinds.values() and unknown:
         # levels stand last

@@ -229,8 +229,8 @@ def _write_node(w: Water, places: tuple[float, float, float], ray: Eigenray, out
     )
     for number in range(2):
         of_source = number == 0
-        per_metre = _side(w, source, receiver, of_source) * size / length
-        slope = (by_depth[number] - slowness * per_metre) / length
+        length_slope = _side(w, source, receiver, of_source) * size / length
+        slope = (by_depth[number] - slowness * length_slope) / length
         out[1 + number] = (slope - _straight_slope(w, source, receiver, of_source)) / square
     slope = (ray.horizontal - slowness * reach / length) / length
     out[3] = slope / square - 2.0 * out[0] / reach

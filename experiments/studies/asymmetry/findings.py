@@ -122,15 +122,11 @@ def judge(
                 RemedyVerdict.MET if remaining_harm.high <= 0.0 else RemedyVerdict.MISSED, runs
             )
         # whether the last run would settle it
-        remaining_share = math.sqrt(runs / looks[-1])
+        looks_ratio = math.sqrt(runs / looks[-1])
         half_width_up = remaining_harm.high - remaining_harm.value
         half_width_down = remaining_harm.value - remaining_harm.low
-        is_met = (
-            remaining_harm.value - slack * half_width_down + remaining_share * half_width_up <= 0.0
-        )
-        missed = (
-            remaining_harm.value + slack * half_width_up - remaining_share * half_width_down > 0.0
-        )
+        is_met = remaining_harm.value - slack * half_width_down + looks_ratio * half_width_up <= 0.0
+        missed = remaining_harm.value + slack * half_width_up - looks_ratio * half_width_down > 0.0
         promising = runs < looks[-1] and (is_met or missed)
         # an interval of many runs is symmetric about the mean, and shrinks with the square root of
         # their number

@@ -59,11 +59,9 @@ class Errors:
                 CLOCK_OFFSET + CLOCK_DRIFT * measurements.dt * measurements.message_step[:, None]
             )
         if "common" in self.errors:
-            lateness_rng = np.random.default_rng([seed, run, 2])
-            excess = lateness_rng.uniform(*ECHO_EXCESS, (ranges.shape[0], 1))
-            ranges += np.where(
-                lateness_rng.random((ranges.shape[0], 1)) < COMMON_CHANCE, excess, 0.0
-            )
+            common_rng = np.random.default_rng([seed, run, 2])
+            excess = common_rng.uniform(*ECHO_EXCESS, (ranges.shape[0], 1))
+            ranges += np.where(common_rng.random((ranges.shape[0], 1)) < COMMON_CHANCE, excess, 0.0)
         if "late" in self.errors:
             ranges[:, 1] += LATE
         # drawn in any case, so that an error alone is the same as among others

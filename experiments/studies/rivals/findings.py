@@ -109,13 +109,13 @@ def step_times_us(duration_s: float = 120.0, repeats: int = 3) -> dict[str, floa
         measured = measure(
             observe(motion, sensing), navigated_errors_of(sensing, 0), seed=scenario.seed, run=0
         )
-        arms_left = []
+        seconds = []
         # the first one compiles
         for _ in range(repeats + 1):
             begin = process_time()
             navigator.fly(settings, measured, start)
-            arms_left.append(process_time() - begin)
-        times[name] = 1e6 * min(arms_left[1:]) / measured.speed.size
+            seconds.append(process_time() - begin)
+        times[name] = 1e6 * min(seconds[1:]) / measured.speed.size
     return times
 
 
