@@ -13,6 +13,7 @@ import numpy as np
 from laisn.arrays import Bools, Floats, Ints
 from laisn.estimates import Estimates
 from laisn.messages import LinkMessages, Measurements, SensorHeader
+from laisn.navigators import NAVIGATORS
 from sim.flight import FlightRecord, Termination, VehicleRecord
 from sim.log.clock import TIMESTAMP, RecordedRows, correct_steps_back
 from sim.log.contents import (
@@ -44,8 +45,9 @@ from sim.log.schema import (
     vehicle_state,
 )
 from sim.scenario import file as scenario_file
+from sim.scenario.navigation import Navigation
 from sim.scenario.parts import LinkSettings, sensing_of_each
-from sim.scenario.settings import CONTROL_STEP_S
+from sim.scenario.settings import CONTROL_STEP_S, Leader
 from sim.sensing.links import navigated_link, offsets_of_links
 from sim.trajectory import Trajectory
 
@@ -217,14 +219,25 @@ def _links(
     return links
 
 
+def _kind_by_navigation(log: Contents, navigation: Navigation | None) -> type[Estimates]:
+    """The kind of the leader's estimates: as its navigator has it, or as their channels show."""
+    if navigation is not None and navigation.variant in NAVIGATORS:
+        return NAVIGATORS[navigation.variant].estimates
+    kinds = [kind for kind, type_ in DETAILS.items() if f"/leader/{type_.topic}" in log.topics]
+    return kinds[0] if kinds else Estimates
+
+
 def _leader_of(
     log: Contents,
     steps_ns: Ints,
     dt: float,
     headers: Mapping[str, SensorHeader],
     offsets: Mapping[str, Floats | None],
+    leader: Leader,
 ) -> VehicleRecord | None:
-    """What the leader has measured and concluded; None: it has not sensed under way."""
+    """What the leader of a scenario has measured and concluded; None: it has not sensed under
+    way.
+    """
     if f"/leader/{_OWN.topic}" not in log.topics:
         return None
     reception = log.topics.get(f"/leader/{_RECEIVED.topic}")
@@ -239,10 +252,7 @@ def _leader_of(
     )
     estimates = None
     if f"/leader/{estimated(Estimates)[0].topic}" in log.topics:
-        details = [
-            kind for kind, type_ in DETAILS.items() if f"/leader/{type_.topic}" in log.topics
-        ]
-        kind = details[0] if details else Estimates
+        kind = _kind_by_navigation(log, leader.navigation)
         estimates = kind(**_record(log, "leader", estimated(kind), steps_ns))
     return VehicleRecord(measurements=measured, estimates=estimates)
 
@@ -375,7 +385,7 @@ def read(path: Path | str) -> FlightRecord:
             measurements=measured,
             estimates=estimates,
             outcome=outcome,
-            leader=_leader_of(log, steps_ns, dt, headers, offsets),
+            leader=_leader_of(log, steps_ns, dt, headers, offsets, scenario.leader),
         )
 
 

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 import laisn_sim
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
+from laisn.estimates import TightEstimates
 from laisn.messages import LeaderMessage, LinkMessages, Measurements
 from laisn.plugins import register
 from laisn_sim import Command, Flight, Simulation
@@ -523,3 +524,23 @@ def test_a_leader_reads_sensors_of_its_own_and_its_error_is_told(
     np.testing.assert_allclose(errors.table(["position_error"]), 2.0, rtol=0, atol=1e-9)
     page = Path("out/report.html").read_text("utf-8")
     assert "The leader&#39;s own estimate" in page
+
+
+@pytest.mark.system
+def test_a_log_has_all_states_of_a_leader_that_has_received_nothing(tmp_path: Path) -> None:
+    """A leader by `tight` alone: there is no message of its details to tell the kind by."""
+    table = {
+        "duration_s": 3.0,
+        "leader": {"navigation": {"variant": "tight"}},
+        "followers": [{"route": "T5"}],
+    }
+    flight = laisn_sim.fly(table)
+    path = tmp_path / "flight.mcap"
+    laisn_sim.write_log(flight, path)
+    read = laisn_sim.read_log(path)
+    assert flight.leader is not None
+    assert read.leader is not None
+    assert flight.leader.estimates is not None
+    assert type(read.leader.estimates) is type(flight.leader.estimates) is TightEstimates
+    np.testing.assert_array_equal(read.leader.estimates.state, flight.leader.estimates.state)
+    assert read.leader.estimates.used.size == 0
