@@ -141,3 +141,21 @@ def test_blocks_run_whole_as_typed(
         elif language == "bash":
             for words in commands(text):
                 run_as_typed(words)
+
+
+def test_every_block_is_of_a_language_that_is_tried_or_is_not_to_be_typed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Formulas and the citation are read; a table is imported."""
+    monkeypatch.chdir(tmp_path)
+    found = [block for document in DOCUMENTS for block in blocks(document)]
+    assert {block.language for block in found} == {
+        *("bash", "python", "toml", "csv"),
+        *("math", "bibtex"),
+    }
+    for language, text in found:
+        if language == "csv":
+            Path("typed.csv").write_text(text, encoding="utf-8")
+            words = ["log", "import", "typed.csv", "--out", "typed.mcap"]
+            result = CliRunner().invoke(app, words)
+            assert result.exit_code == 0, result.output
