@@ -247,6 +247,8 @@ def _of_distribution(name: str, parameters: object) -> Quantile:
             raise ValueError(
                 f"{name}: a parameter is a number within ±{_LARGEST:g} (given: {value!r:.60})"
             )
+    if isinstance(parameters, list) and len(parameters) != form.count(",") + 1:
+        raise ValueError(expected)
     try:
         law = family(**parameters) if isinstance(parameters, dict) else family(*make(*parameters))  # type: ignore[misc]
     except (TypeError, ZeroDivisionError) as error:

@@ -1,5 +1,6 @@
 """Study files: the settings of a study as TOML, read and checked key by key."""
 
+import difflib
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -209,6 +210,18 @@ def _names_a_law(table: Mapping[str, Any]) -> bool:
     return not others and (name in LAWS or hasattr(stats, name) or isinstance(arguments, list))
 
 
+_OTHER_WORDS = {"factor": "vary", "factors": "vary", "sweep": "vary", "random": "draw"}
+"""Keys of a study by other words for them."""
+
+
+def _meant(name: str, names: list[str]) -> str:
+    """The key that an unknown one may have meant, as a question; empty if none is close."""
+    if _OTHER_WORDS.get(name) in names:
+        return f"did you mean {_OTHER_WORDS[name]!r}? "
+    close = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+    return f"did you mean {close[0]!r}? " if close else ""
+
+
 def _lines_of(error: ValidationError) -> list[str]:
     """A line for each invalid key of the file's own."""
     lines = []
@@ -217,8 +230,10 @@ def _lines_of(error: ValidationError) -> list[str]:
         key = shortened(plain(key_of(location)), 100)
         if detail["type"] == "extra_forbidden":
             model = _SECTIONS.get(location[:-1], StudyFile)
+            hint = _meant(str(location[-1]), [*model.model_fields])
             lines.append(
-                f"  {key}: unknown key of a study; known here: {', '.join(model.model_fields)}"
+                f"  {key}: unknown key of a study; {hint}known here: "
+                f"{', '.join(model.model_fields)}"
             )
         elif detail["type"] == "missing" and location == ("scenario",):
             lines.append(
@@ -483,6 +498,11 @@ def _source_of(source: str, *, varies: bool) -> _Source:
     table = {} if source in names() else read(path)
     if "scenario" in table:
         return _Source(table, name_of(path), source, path.parent)
+    if {"vary", "draw", "arm", "case", "runs"} & set(table):
+        raise StudyError(
+            f"{quoted}: a study needs scenario = the name of a built-in one, such as "
+            f"{names()[0]!r}, or of a file beside this one"
+        )
     if not varies:
         raise StudyError(f"{quoted} is a scenario: give --vary, or a study")
     return _Source({"scenario": source}, f"study-{name_of(Path(source))}", source)

@@ -298,7 +298,10 @@ def test_what_is_not_feasible_is_reported_with_its_points():
     ("changes", "expected"),
     [
         ({"runs": 0}, "runs"),
-        ({"speed": 1}, "unknown key of a study"),
+        ({"speed": 1}, "unknown key of a study; did you mean 'seed'"),
+        ({"zzz": 1}, "unknown key of a study; known here: name, question"),
+        ({"arms": []}, "arms: unknown key of a study; did you mean 'arm'"),
+        ({"factors": {}}, "factors: unknown key of a study; did you mean 'vary'"),
         (
             {
                 "set": {"ocean.waves.kind": "regular"},
@@ -341,6 +344,10 @@ def test_what_is_not_feasible_is_reported_with_its_points():
         ),
         ({"set": {"leader.depth_m": {"rotate": WIDE}}}, "expected { cycle = .* or { rotate"),
         ({"draw": {"leader.depth_m": {"uniform": "ab"}}}, r"uniform expects \[low, high\]"),
+        (
+            {"draw": {"leader.depth_m": {"uniform": [8]}}},
+            r"uniform expects \[low, high\] \(given: \[8\]\)$",
+        ),
         (
             {"draw": {"leader.depth_m": {"uniform": ["a", 1]}}},
             r"a parameter is a number within ±1e\+09",
@@ -719,3 +726,10 @@ def test_each_study_that_ships_has_a_command_of_its_name():
         )
         assert set(re.findall(r"--[a-z-]+", own)) == set(re.findall(r"--[a-z-]+", same))
         assert BUILT_IN[name].split()[0] in own
+
+
+def test_a_study_file_without_a_scenario_says_what_it_lacks(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text('runs = 2\n[vary]\n"leader.depth_m" = [5, 8]\n', encoding="utf-8")
+    with pytest.raises(StudyError, match=r"mine\.toml: a study needs scenario = the name of"):
+        study_of(str(file), {})
