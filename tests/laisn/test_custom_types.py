@@ -136,3 +136,23 @@ def test_a_constant_that_cannot_be_described_leaves_a_class_without_a_name(
 
 def test_signatures_of_the_project_alone_have_an_empty_name() -> None:
     assert name_of_custom((numba.float64, numba.typeof((1.0, 2)))) == ""
+
+
+def test_classes_of_one_name_in_two_files_have_different_names(project: Project) -> None:
+    """Also with the same text, as the modules differ."""
+    first = project.name()
+    project.write("other.py", MINE)
+    try:
+        other = importlib.import_module("other")
+        assert name_of_custom((numba.typeof(other.Mine(1.0)), numba.int64)) not in (first, None)
+    finally:
+        sys.modules.pop("other", None)
+
+
+def test_a_class_of_a_notebooks_cell_or_a_script_has_no_name() -> None:
+    """Another process has another `__main__`."""
+    space: dict[str, Any] = {"__name__": "__main__"}
+    text = "from typing import NamedTuple\nclass Cell(NamedTuple):\n    a: float\n"
+    exec(compile(text, "<cell 1>", "exec"), space)
+    assert space["Cell"].__module__ == "__main__"
+    assert name_of_custom(numba.typeof(space["Cell"](1.0))) is None
