@@ -1,7 +1,9 @@
 """Simulate one scenario and write log, film, report and numbers."""
 
 import json
-from collections.abc import Callable, Iterator
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from importlib import import_module
@@ -47,6 +49,7 @@ if TYPE_CHECKING:
 
 _LONG_S = 7200.0
 _STRETCH_S = 10.0  # of a live mission between two steps of its bar
+_MOST_OF_A_KIND = 10  # warnings that are printed
 _PATIENCE_S = 30.0  # for the page of a live mission
 _LEGEND = """E_P, E_B: errors of position and bearing; track, depth: RMS off the route;
 NEES: 2 on average for a consistent filter; × bound: RMS of E_P over the bound"""
@@ -158,6 +161,26 @@ def _show_avoidance(console: Console, summary: dict[str, Any]) -> None:
             f"({gave_way[longest]:.0f} s)"
         )
         print_line(console, text, "avoidance:", "")
+
+
+def show_stray(console: Console, stray: Sequence[Event], names: Sequence[str]) -> None:
+    """Print warnings of a flight of vehicles of these names; of very many of one kind, which large
+    formations have, the first ones and how many more there are.
+    """
+
+    def general(word: re.Match[str]) -> str:
+        return "…" if word[0] in names or word[0][0].isdigit() else word[0]
+
+    counts = Counter[str]()
+    for event in stray:
+        kind = re.sub(r"[^\s,]+", general, event.text)
+        counts[kind] += 1
+        if counts[kind] <= _MOST_OF_A_KIND:
+            print_line(console, f"at {event.time_s:g} s {event.text}", "warning:")
+    for kind, count in counts.items():
+        if count > _MOST_OF_A_KIND:
+            more = count - _MOST_OF_A_KIND
+            print_line(console, f"{more} more like these are in {LOG}: {kind}", "warning:")
 
 
 def _draw_report(*arguments: Any) -> float:
@@ -424,8 +447,7 @@ def fly_and_write(
         deviations = track_deviations(MotionSettings.of(scenario), flight.trajectory)
     for deviation in deviations:
         print_line(console, deviation, "warning:")
-    for event in stray:
-        print_line(console, f"at {event.time_s:g} s {event.text}", "warning:")
+    show_stray(console, stray, flight.trajectory.names)
     is_bug = film_error is not None and not isinstance(film_error, LaisnError)
     if film_error:
         print_line(console, "a bug in the program" if is_bug else film_error, "no film:")
