@@ -413,6 +413,8 @@ def log_export(
     formats = [name for name, is_set in options.items() if is_set]
     if len(formats) > 1:
         raise LaisnError(f"{' and '.join(formats)}: expected one of them at a time")
+    if f"--{format_}" in options:
+        raise LaisnError(f"--format {format_}: tables are parquet or csv; write --{format_}")
     folder = out or Path("out") / "export" / (f"{log.stem}-ros2" if ros2 else log.stem)
     existing = [*folder.glob("*")] if folder.is_dir() else []
     if pyfg:

@@ -48,6 +48,7 @@ from sim.vehicle.plant import PlantError
         (["render", "missing.mcap"], "missing.mcap"),
         (["log", "info", __file__], "no MCAP file"),
         (["log", "recover", __file__], "test_messages.py"),
+        (["log", "export", __file__, "--format", "ros2"], "parquet or csv; write --ros2"),
         (["replay", __file__], "no MCAP file"),
         (["reproduce", "--seed", "-1"], "Invalid value for"),
         (["reproduce", "--runs", "1000000000000"], "Invalid value for"),
