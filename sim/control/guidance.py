@@ -169,7 +169,7 @@ def reference(
 _MOST_SHARED = 100_000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Course:
     """A route at instants, and the numbers that its reference follows from."""
 
@@ -195,7 +195,8 @@ def _write_shared_reference(
         route.start_heading,
         route.start_speed,
     )
-    out[:] = _shared_reference(_Course(values, route, time), lead, least_radius)
+    course = _Course(values=values, route=route, time=time)
+    out[:] = _shared_reference(course, lead, least_radius)
 
 
 @compiled

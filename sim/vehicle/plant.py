@@ -119,7 +119,7 @@ def advance(handles: StepHandles, command: Floats, n_substeps: int) -> Fault:
     return OK, -1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Hull:
     """A hull at the origin, and all that its MJCF takes of its setup."""
 
@@ -139,7 +139,8 @@ class _Hull:
             settings.hydrophone_m,
             tuple(setup.transmitters.items()),
         )
-        return cls(values, replace(setup, position_m=(0.0, 0.0, 0.0), heading_rad=0.0))
+        at_origin = replace(setup, position_m=(0.0, 0.0, 0.0), heading_rad=0.0)
+        return cls(values=values, setup=at_origin)
 
 
 class _Fleet(NamedTuple):

@@ -207,7 +207,7 @@ def test_looks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     command = np.array([[40.0, 5, -5, 1, 1], [20, -3, 3, 0, 2]])
     without = Plant(setups(), rough_sea())
     monkeypatch.setattr(
-        "sim.vehicle.plant.compose", lambda setups, depth, looks: compose(setups, depth)
+        "sim.vehicle.plant.compose", lambda setups, depth, with_geoms: compose(setups, depth)
     )
     # compiled anew, rather than shared with the plant before
     monkeypatch.setattr("sim.vehicle.plant._compiled_fleet", _compiled_fleet.__wrapped__)
