@@ -206,7 +206,7 @@ def accuracy(flight: FlightRecord, follower: int) -> dict[str, float]:
     estimate is across that axis.
     """
     time = flight.trajectory.time[flight.step_index()]
-    parts = [_judged(flight, follower, part) for part in blocks(time.size)]
+    parts = [_judged(flight, follower, block) for block in blocks(time.size)]
     error, near_axis, wrong, outside = map(np.concatenate, zip(*parts, strict=True))
     # with an unknown start there is no estimate before the first messages
     finite = np.isfinite(error)

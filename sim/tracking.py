@@ -61,11 +61,13 @@ def track_error(route: Route, time: Floats, position: Floats) -> Floats:
     `cross_track`.
     """
     plan = planned_motion(route)
-    off = np.empty(time.size)
-    for part in blocks(time.size):
-        planned = plan.at(time[part])
-        off[part] = np.hypot(position[part, 0] - planned.east, position[part, 1] - planned.north)
-    return off
+    errors = np.empty(time.size)
+    for block in blocks(time.size):
+        planned = plan.at(time[block])
+        errors[block] = np.hypot(
+            position[block, 0] - planned.east, position[block, 1] - planned.north
+        )
+    return errors
 
 
 LEFT_ROUTE_M = 100.0
@@ -265,10 +267,10 @@ def _first_contacts(pose: Floats) -> Ints:
     """
     count = pose.shape[1]
     first = np.full((count, count), -1)
-    for part in blocks(len(pose)):
-        touched = _first_contacts_within(pose[part])
+    for block in blocks(len(pose)):
+        touched = _first_contacts_within(pose[block])
         anew = (first < 0) & (touched >= 0)
-        first[anew] = part.start + touched[anew]
+        first[anew] = block.start + touched[anew]
     return first
 
 

@@ -95,8 +95,8 @@ def allocate(inverse: Floats, limits: Floats, wrench: Floats, command: Floats) -
                 command[i] = select(is_feasible, _force_of(inverse, i, demand), command[i])
     if any_lane(is_feasible):
         for axis in range(6):
-            given = demand[axis] * _is_given(inverse, axis, m)
-            wrench[axis] = select(is_feasible, given, wrench[axis])
+            component = demand[axis] * _is_given(inverse, axis, m)
+            wrench[axis] = select(is_feasible, component, wrench[axis])
 
 
 @compiled
@@ -147,7 +147,7 @@ def _allocate_by_priority(inverse: Floats, limits: Floats, wrench: Floats, comma
 @compiled
 def _is_given(inverse: Floats, axis: int, m: int) -> float:
     """1 if any effector gives a component of the wrench, else 0."""
-    given = 0.0
+    any_gives = 0.0
     for i in range(m):
-        given = select(inverse[i, axis] != 0.0, 1.0, given)
-    return given
+        any_gives = select(inverse[i, axis] != 0.0, 1.0, any_gives)
+    return any_gives

@@ -435,7 +435,7 @@ def _alternatives(columns: Columns, reading: Reading) -> list[_Alternative]:
     taken_time = columns.time.unit or reading[TIME.name]
     times = [] if columns.time.unit else _time_candidates(columns.time.values)
     others = [u for u in _usual_units(columns.time.values, times) if u != taken_time]
-    found = list[_Alternative]()
+    alternatives = list[_Alternative]()
     for quantity in (SPEED, ANGLE, LENGTH):
         bare = _bare(columns, quantity)
         if not bare:
@@ -450,9 +450,11 @@ def _alternatives(columns: Columns, reading: Reading) -> list[_Alternative]:
         groups = [bare]
         if len(bare) > 1 and quantity is not LENGTH:
             groups += [[column] for column in bare]
-        found += [_Alternative(group, unit, taken_time) for group in groups for unit in units]
-        found += [_Alternative(bare, unit, time) for time in others for unit in units]
-    return found
+        alternatives += [
+            _Alternative(group, unit, taken_time) for group in groups for unit in units
+        ]
+        alternatives += [_Alternative(bare, unit, time) for time in others for unit in units]
+    return alternatives
 
 
 @dataclass(frozen=True)

@@ -65,8 +65,12 @@ def _keeps(number: int) -> Callable[[Path], list[str]]:
 
     def faults(folder: Path) -> list[str]:
         with (folder / _RECOVERED).open("rb") as stream:
-            kept = sum(1 for _ in make_reader(stream).iter_messages())
-        return [] if kept >= number else [f"kept {kept} of {number} messages that are intact"]
+            recovered = sum(1 for _ in make_reader(stream).iter_messages())
+        return (
+            []
+            if recovered >= number
+            else [f"kept {recovered} of {number} messages that are intact"]
+        )
 
     return faults
 
