@@ -151,6 +151,9 @@ def _style(random: Random, delimiter: str) -> _Style:
     if bare_share > 0.0:
         # lengths and speeds without a unit have that of the others, or of the SI
         units |= {SPEED.name: {SPEED.si: 1.0}, LENGTH.name: {LENGTH.si: 1.0}}
+        # near north nothing tells radians from degrees but the others
+        name, size = random.choice([*units[ANGLE.name].items()])
+        units[ANGLE.name] = {name: size}
     # times and angles without a unit are in one
     bare_units = {name: random.choice(list(sizes)) for name, sizes in units.items()}
     return _Style(
