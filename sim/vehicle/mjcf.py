@@ -104,13 +104,16 @@ _OPTIONS = ("timestep", "integrator", "density", "viscosity", "gravity")
 """What the MJCF of the ocean sets; MuJoCo warns of models that are attached with others."""
 
 
+def text_of(model: str) -> str:
+    """The MJCF of a model by name, or the text of a file, as it is."""
+    return model if vehicles.is_mjcf(model) else models.path(model).read_text("utf-8")
+
+
 def spec_of(model: str, with_geoms: bool = True) -> mujoco.MjSpec:
     """A vehicle's own MJCF without keyframes, to be changed: of a model by name, or of the text
     of a file.
     """
-    return _attachable(
-        model if vehicles.is_mjcf(model) else models.path(model).read_text("utf-8"), with_geoms
-    ).copy()
+    return _attachable(text_of(model), with_geoms).copy()
 
 
 @lru_cache(maxsize=8)

@@ -28,7 +28,7 @@ from laisn.plugins import plugins_version
 from sim import attitude
 from sim.vehicle import effectors, hydrodynamics, mjcf
 from sim.vehicle.effectors import Fitted
-from sim.vehicle.mjcf import VehicleIds, VehicleSetup, compose, resolve
+from sim.vehicle.mjcf import VehicleIds, VehicleSetup, compose, resolve, text_of
 from sim.vehicle.mujoco_calls import NO_CONTACT, NO_FORCES, calls_of
 from sim.vehicle.solvers import DirectSolver, Engine, MujocoSolver, Room, bodies_of
 from sim.water.environment import Environment
@@ -131,7 +131,7 @@ class _Hull:
         settings = setup.settings
         values = (
             setup.name,
-            setup.model,
+            text_of(setup.model),
             settings.cg_offset_x_m,
             settings.cg_offset_z_m,
             settings.excess_buoyancy_n,

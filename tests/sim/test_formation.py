@@ -272,7 +272,7 @@ def test_the_controller_does_not_use_the_truth() -> None:
     update_avoidance(Proximity().record(), seen, estimate, memory)
     assert set(inspect.signature(update_avoidance).parameters) == {
         "proximity",
-        "seen",
+        "sightings",
         "estimate",
         "memory",
     }
