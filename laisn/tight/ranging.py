@@ -408,24 +408,60 @@ def _mean_residual(b: GaussianMixture, count: int) -> float:
     return total / count
 
 
+@inlined
+def _variance_of_mean(b: GaussianMixture, count: int) -> float:
+    """Variance of the mean of the residuals in `work.used` [m²]."""
+    total = 0.0
+    for j in range(count):
+        for h in range(count):
+            total += b.work.innovation_covariance[b.work.used[j], b.work.used[h]]
+    return total / (count * count)
+
+
 @compiled
-def _add_common_echo(b: GaussianMixture, signal: Signal, count: int, share: float) -> None:
-    """Add to S what a common echo of excess e may do to the differences of the ranges in
-    `work.used`.
+def _add_common_echo(b: GaussianMixture, signal: Signal, count: int) -> None:
+    """Take out of the residuals in `work.used` what a common echo of excess e has done to their
+    differences, and add to S what of that is uncertain.
 
     A late ping leaves them as they are. A reflection at the surface or the floor adds the same to
-    the square of each range, and so −e (ρ_i − ρ̄) / ρ̄ beside e: a random error that all have in
-    common, of that size. `share` is (e / ρ̄)².
+    the square of each range, and so −e (ρ_i − ρ̄) / (ρ̄ − e) beside e. `work.tilt` is e / (ρ̄ − e),
+    and `work.tilt_variance` the variance of that; both are 0 for a late ping.
     """
     w = b.work
     mean = _mean_range(b, signal, count)
     for j in range(count):
+        i = w.used[j]
+        w.residual[i] += w.tilt * (signal.ranges[i] - mean)
         for h in range(count):
-            i = w.used[j]
             g = w.used[h]
             w.innovation_covariance[i, g] += (
-                share * (signal.ranges[i] - mean) * (signal.ranges[g] - mean)
+                w.tilt_variance * (signal.ranges[i] - mean) * (signal.ranges[g] - mean)
             )
+
+
+@compiled
+def _weigh_common_echo(
+    b: GaussianMixture, m: Model, signal: Signal, count: int, span: float
+) -> float:
+    """Logarithm of the density of the ranges in `work.used` if all have an echo in common, of
+    `work.tilt`; residuals and S are as they were, after it.
+    """
+    w = b.work
+    copy_values(w.residual, w.direct_residual)
+    for i in range(w.innovation_covariance.shape[0]):
+        copy_values(w.innovation_covariance[i], w.direct_covariance[i])
+    _add_common_echo(b, signal, count)
+    density, _ = _likelihood(b, count)
+    _, log_density, log_size = _marginalise_common_echo(b, count)
+    copy_values(w.direct_residual, w.residual)
+    for i in range(w.innovation_covariance.shape[0]):
+        copy_values(w.direct_covariance[i], w.innovation_covariance[i])
+    return float(
+        density
+        + (m.log_outlier - log(span))
+        + count * m.log_p_inlier
+        + 0.5 * (log_density + _LOG_TURN - log_size)
+    )
 
 
 @inlined
@@ -588,30 +624,25 @@ def _select_ranges(
             best = total
             w.mask = mask
     _use_subset(b, received, all_ranges)
-    # not by the least squares of `_marginalise_common_echo`, which takes what an echo does to the
-    # differences for a part of its length
     excess = _mean_residual(b, received)
     span = max(m.outlier_span, signal.echo_span)
     if received > 1 and 0.0 < excess < span:
-        for i in range(w.innovation_covariance.shape[0]):
-            copy_values(w.innovation_covariance[i], w.direct_covariance[i])
-        w.share = (excess / max(_mean_range(b, signal, received) - excess, _SHORTEST)) ** 2
-        _add_common_echo(b, signal, received, w.share)
-        density, _ = _likelihood(b, received)
-        _, log_density, log_size = _marginalise_common_echo(b, received)
-        total = (
-            density
-            + (m.log_outlier - log(span))
-            + received * m.log_p_inlier
-            + 0.5 * (log_density + _LOG_TURN - log_size)
-        )
-        if total > best:
-            best = total
+        # a late ping, and a reflection
+        direct = max(_mean_range(b, signal, received) - excess, _SHORTEST)
+        w.tilt = 0.0
+        w.tilt_variance = 0.0
+        late = _weigh_common_echo(b, m, signal, received, span)
+        w.tilt = excess / direct
+        w.tilt_variance = _variance_of_mean(b, received) / (direct * direct)
+        reflected = _weigh_common_echo(b, m, signal, received, span)
+        if late >= reflected:
+            w.tilt = 0.0
+            w.tilt_variance = 0.0
+        if max(late, reflected) > best:
+            best = max(late, reflected)
             w.mask = all_ranges
             w.shared = 1
-        else:
-            for i in range(w.innovation_covariance.shape[0]):
-                copy_values(w.direct_covariance[i], w.innovation_covariance[i])
+            _add_common_echo(b, signal, received)
     b.evidence[k] = best
     return _use_subset(b, received, w.mask)
 
@@ -681,7 +712,7 @@ def update(b: GaussianMixture, m: Model, k: int, signal: Signal) -> int:
         predict_ranges(b, m, k, signal, turn, left)
         _use_subset(b, received, w.mask)
         if w.shared:
-            _add_common_echo(b, signal, used, w.share)
+            _add_common_echo(b, signal, used)
         density, squared = _likelihood(b, used)
         if density != density:
             return -1

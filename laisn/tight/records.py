@@ -190,7 +190,9 @@ class RangeUpdate(RecordFields):
     # second derivatives of each range by (x, y, b_L), times their covariance
     curvature: Annotated[Floats, (_T, 3, 3)]
     innovation_covariance: Annotated[Floats, (_T, _T)]  # S: covariance of the residuals [m²]
-    direct_covariance: Annotated[Floats, (_T, _T)]  # S of ranges without a common echo
+    # z − ẑ and S of ranges without a common echo
+    direct_residual: ByRange
+    direct_covariance: Annotated[Floats, (_T, _T)]
     root: Annotated[Floats, (_T, _T)]  # L: Cholesky factor of S over the used ranges
     per_root: ByRange  # reciprocals of the diagonal of `root`
     # residuals, and `row_leader`, in units of `root`
@@ -206,7 +208,8 @@ class RangeUpdate(RecordFields):
     used: Annotated[Ints, (_T,)]  # indices of the ranges that are used
     mask: int  # bits of the used ranges, in the order of `received`
     shared: int  # 1 where the used ranges have an echo in common, else 0
-    share: float  # square of its excess over a range
+    tilt: float  # by what share of themselves it has made differences of ranges smaller
+    tilt_variance: float
     common: ByRange  # its direction in units of the root, of length 1
 
 

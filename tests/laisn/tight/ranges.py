@@ -267,28 +267,34 @@ def update_with_ranges(settings: TightSettings, v: float, c: Component, received
     span = max(settings.outlier_span, received.echo)
     cost = echo - np.where(residual < 0.0, 6.0, 0.0)
     subsets = [list(u) for size in range(t, -1, -1) for u in combinations(range(t), size)]
-    # rows to multiply the ranges by, a further root of their covariance, and what the hypothesis
-    # costs
+    # rows to multiply the ranges by, what residuals are corrected by, a further root of their
+    # covariance, and what the hypothesis costs
+    none = np.zeros(t)
     kinds = [
-        (np.eye(t)[u], np.zeros(t), len(u) * direct + np.delete(cost, u).sum()) for u in subsets
+        (np.eye(t)[u], none, none, len(u) * direct + np.delete(cost, u).sum()) for u in subsets
     ]
     excess, mean = residual.mean(), received.ranges.mean()
     if t > 1 and 0.0 < excess < span:
         differences = np.column_stack([-np.ones(t - 1), np.eye(t - 1)])
-        tilt = excess / max(mean - excess, 0.01) * (received.ranges - mean)
-        kinds.append((differences, tilt, np.log(settings.outlier_probability / span) + t * direct))
+        # of a reflection, whose way is so much longer than the direct one
+        longer = (received.ranges - mean) / max(mean - excess, 0.01)
+        costs = np.log(settings.outlier_probability / span) + t * direct
+        kinds.append((differences, none, none, costs))
+        kinds.append((differences, excess * longer, np.sqrt(S.mean()) * longer, costs))
 
-    def likelihood(kind: tuple[Floats, Floats, float]) -> tuple[float, float]:
-        A, tilt, constant = kind
-        density, squared = log_density(A @ residual, A @ (S + np.outer(tilt, tilt)) @ A.T)
+    def likelihood(kind: tuple[Floats, Floats, Floats, float]) -> tuple[float, float]:
+        A, correction, root, constant = kind
+        covariance = A @ (S + np.outer(root, root)) @ A.T
+        density, squared = log_density(A @ (residual + correction), covariance)
         return density + constant, squared
 
-    A, tilt, _ = best = max(kinds, key=lambda kind: likelihood(kind)[0])
+    A, correction, root, _ = best = max(kinds, key=lambda kind: likelihood(kind)[0])
     # of all its rows only those of differences sum to zero
     c.shared = bool(len(A)) and not A.sum(axis=1).any()
     (c.evidence, c.squared), c.excess, c.taken = likelihood(best), 0.0, len(A)
     c.normalised_innovation = (c.squared + 2.0 * (t - len(A)) * (direct - echo)) / t
-    S += np.outer(tilt, tilt)
+    residual = residual + correction
+    S += np.outer(root, root)
     again = False
     if len(A) and not settings.assume.exact_leader:
         by_heading = A @ H[:, LEADER]
@@ -299,14 +305,15 @@ def update_with_ranges(settings: TightSettings, v: float, c: Component, received
             again, about.turn, about.left = True, turn, left
     nearest = min((A @ received.ranges).tolist(), default=np.inf)
     erring = settings.leader_position_sigma + settings.leader_position_walk > 0.0
-    plain = not (tilt.any() or erring or received.age.any())
+    plain = not (c.shared or erring or received.age.any())
     if len(A) > 1 and plain and nearest < 12.0 and clear_of_axis(settings, c, received):
         gain = np.linalg.solve(A @ S @ A.T, A @ H @ c.P).T[:2]
         again, about.off = True, gain @ A @ residual
         about.removed = gain @ A @ H @ c.P[:, :2]
     if again:
         residual, H, S = expected(settings, v, c, received, about)
-        S += np.outer(tilt, tilt)
+        residual = residual + correction
+        S += np.outer(root, root)
     if len(A):
         c.update(A @ residual, A @ H, A @ S @ A.T)
     return len(A)

@@ -222,9 +222,8 @@ def test_of_ranges_that_share_an_echo_only_the_difference_is_used() -> None:
     """Two transmitters 2 m apart, abeam at 10 m east: a delay common to both has no information on
     the distance.
 
-    Ranges are ρ = (10² + 1)^½ each, and H of their difference is (0, 2/ρ). A reflection of 3 m
-    changes a difference of 4 cm by 3/ρ of itself, which is a random error beside those of both
-    ranges.
+    Ranges are ρ = (10² + 1)^½ each, and H of their difference is (0, 2/ρ). Of a late ping the
+    difference of 4 cm is as it was; a reflection would have made it less likely.
     """
     config = TightSettings(transmitters=2, range_scale_sigma=0.0)
     model, sigma, rho = model_of(config), 0.3, np.sqrt(101.0)
@@ -237,10 +236,38 @@ def test_of_ranges_that_share_an_echo_only_the_difference_is_used() -> None:
     slope = 2.0 / rho
     assert made.state[0, 0] == pytest.approx(10.0, abs=1e-12)
     assert made.covariance[0, 0, 0] == pytest.approx(sigma**2, abs=1e-12)
-    # second-order terms of the difference are of the order of 1e-6 m²
-    variance = slope**2 * sigma**2 + 2.0 * config.range_sigma**2 + (3.0 / rho * 0.04) ** 2
+    # ½ tr(F P F P) of the difference, whose second derivative by x and y is −2 x / ρ³
+    bent = (2.0 * 10.0 / rho**3 * sigma**2) ** 2
+    variance = slope**2 * sigma**2 + 2.0 * config.range_sigma**2 + bent
     assert made.state[0, 1] == pytest.approx(slope * sigma**2 / variance * 0.04, rel=0.05)
     assert made.covariance[0, 1, 1] == pytest.approx(
         sigma**2 - (slope * sigma**2) ** 2 / variance, abs=1e-4
     )
     assert made.outcome[0]["nis_sum"] == pytest.approx(0.04**2 / variance, rel=0.05)
+
+
+def test_the_differences_of_a_reflection_are_those_of_the_direct_ways() -> None:
+    """Both ways of a reflection are (ρ² + K)^½ long, as off a level floor: the direct ranges, and
+    with them the bearing, follow from K, of which the mean range at the prediction tells.
+
+    A follower 30 m east and 40 m north, whose bearing the prediction has 0.2 m off; taken as late,
+    the difference would move it by metres to where it is a tenth smaller.
+    """
+    config = TightSettings(transmitters=2, range_scale_sigma=0.0)
+    model = model_of(config)
+    place = np.array([30.0, 40.0])
+    aside = np.array([-0.8, 0.6])
+    made, message = new_belief(config, model, tuple(place + 0.2 * aside)), new_signal()
+    made.covariance[0, :2, :2] = 1e-4 * np.eye(2) + 0.25 * np.outer(aside, aside)
+    made.covariance[0, 4, 4] = 0.0
+    message.arms = [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]
+    message.echo_span = 10.0
+    ranges = np.hypot(place[0], place[1] - np.array([-1.0, 1.0]))
+    message.ranges[:2] = np.sqrt(ranges**2 + 600.0)
+    message.ranges[2] = np.nan
+    assert update(made, model, 0, message) == 1
+    assert made.outcome[0]["shared"] == 1
+    off = made.state[0, :2] - place
+    # second-order terms and the width across leave some centimetres
+    assert abs(off @ aside) < 0.05
+    assert made.covariance[0, :2, :2].diagonal().sum() < 0.05
