@@ -33,6 +33,7 @@ from laisn.swarm import MESSAGE, SwarmRecord, new_fix
 from laisn.tight.details import FIX, kind_of_message, write_fix
 from laisn.tight.estimator import (
     inflate_bias_covariance,
+    longest_echo,
     mix_modes,
     place_arms,
     receive,
@@ -107,10 +108,11 @@ def _receive(
     `receive`. Transmitters are placed on the leader's hull, or lie in `signal`.
     """
     _copy_message(m, message, ranges, signal)
+    deeper = message.depth - (depth - m.hydrophone_height)
     if on_hull:
-        place_arms(
-            signal, m, message.pitch, message.roll, message.depth - (depth - m.hydrophone_height)
-        )
+        place_arms(signal, m, message.pitch, message.roll, deeper)
+    else:
+        signal.echo_span = longest_echo(m, signal, deeper)
     return receive(b, m, signal)
 
 
