@@ -358,10 +358,10 @@ def mix_modes(b: GaussianMixture, m: Model) -> None:
 
 @compiled
 def _turn_growth(
-    turn: CompassTurn, direction: tuple[float, float], min_variance: float, time: float
+    turn: CompassTurn, direction: tuple[float, float], min_angle: float, time: float
 ) -> float:
-    """Growth of the squared angle of a turn of at least `min_variance` [rad²], `time` seconds after
-    the last call.
+    """Growth of the squared angle [rad²] of a turn of at least `min_angle` [rad], `time` seconds
+    after the last call.
     """
     sine, cosine = direction
     started = turn.sin != 0.0 or turn.cos != 0.0
@@ -369,7 +369,7 @@ def _turn_growth(
         sine * turn.cos - cosine * turn.sin, sine * turn.sin + cosine * turn.cos
     )
     turn.still_time += time
-    if started and angle > max(turn.angle, min_variance):
+    if started and angle > max(turn.angle, min_angle):
         gained: float = angle * angle - turn.angle * turn.angle
         turn.angle = angle
         turn.still_time = 0.0
@@ -547,6 +547,30 @@ def _update_components(b: GaussianMixture, m: Model, signal: Signal) -> int:
 
 
 @compiled
+def _use_ranges(b: GaussianMixture, m: Model, of_ranges: Model, signal: Signal) -> int:
+    """Predict all components to a message, of whose ranges the model is `of_ranges`, and update,
+    weigh and merge them; returns as of `receive`.
+    """
+    for k in range(b.n_hypotheses * m.modes):
+        if not _propagate_iterated(b, m, k, signal, of_ranges):
+            return -1
+    if not math.isnan(signal.ranges[0] + signal.ranges[1]):
+        split(b, of_ranges, signal)
+    most_ranges = _update_components(b, of_ranges, signal)
+    if most_ranges < 0:
+        return -1
+    if b.n_hypotheses * m.modes > 1 and not motion.update_weights(b, m):
+        return -1
+    if of_ranges.leader != ABSENT:
+        update_leader_variance(b, m)
+    if b.n_hypotheses > 1:
+        prune_and_merge(b, m)
+    if not _check_consistency(b, of_ranges, signal, b.received, most_ranges):
+        return -1
+    return int(most_ranges)
+
+
+@compiled
 def receive(b: GaussianMixture, m: Model, signal: Signal) -> int:
     """Take a message: predict all components to its instant and update them with its ranges.
 
@@ -567,21 +591,8 @@ def receive(b: GaussianMixture, m: Model, signal: Signal) -> int:
     if m.leader != ABSENT:
         motion.average_leader_heading(b, m, signal)
     inflate_bias_covariance(b, m, signal)
-    for k in range(b.n_hypotheses * m.modes):
-        if not _propagate_iterated(b, m, k, signal, m):
-            return -1
-    if not math.isnan(signal.ranges[0] + signal.ranges[1]):
-        split(b, m, signal)
-    most_ranges = _update_components(b, m, signal)
+    most_ranges = _use_ranges(b, m, m, signal)
     if most_ranges < 0:
-        return -1
-    if b.n_hypotheses * m.modes > 1 and not motion.update_weights(b, m):
-        return -1
-    if m.leader != ABSENT:
-        update_leader_variance(b, m)
-    if b.n_hypotheses > 1:
-        prune_and_merge(b, m)
-    if not _check_consistency(b, m, signal, received, most_ranges):
         return -1
     if m.current != ABSENT or m.leader != ABSENT:
         motion.update_current_from_leader_track(b, m, signal)
@@ -607,19 +618,8 @@ def receive_beside(b: GaussianMixture, m: Model, beside: Model, signal: Signal) 
     # the leader's compass has turned meanwhile
     b.leader_turn.still_time += b.motion.elapsed
     inflate_bias_covariance(b, beside, signal)
-    for k in range(b.n_hypotheses * m.modes):
-        if not _propagate_iterated(b, m, k, signal, beside):
-            return -1
-    if not math.isnan(signal.ranges[0] + signal.ranges[1]):
-        split(b, beside, signal)
-    most_ranges = _update_components(b, beside, signal)
+    most_ranges = _use_ranges(b, m, beside, signal)
     if most_ranges < 0:
-        return -1
-    if b.n_hypotheses * m.modes > 1 and not motion.update_weights(b, m):
-        return -1
-    if b.n_hypotheses > 1:
-        prune_and_merge(b, m)
-    if not _check_consistency(b, beside, signal, received, most_ranges):
         return -1
     motion.reset_preintegration(b)
     b.motion.elapsed = 0.0
