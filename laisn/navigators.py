@@ -192,7 +192,7 @@ NAVIGATORS: dict[str, NavigatorSpec] = {
     "owtt": _rival(
         "filters:OneWayTravelTime", "the filter on one-way travel times of one transmitter"
     ),
-    "particle": _rival("filters:ParticleFilter", "the particle filter"),
+    "particle": _rival("particles:ParticleFilter", "the particle filter"),
     "factor-graph": _rival(
         "factor_graph:FactorGraph", "the fixed-lag smoother on a factor graph", extra=GTSAM
     ),

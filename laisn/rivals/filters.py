@@ -1,4 +1,4 @@
-"""Rival methods that filter: dead reckoning, Kalman updates, a geodetic adjustment, particles.
+"""Rival methods that filter: dead reckoning, Kalman updates, a geodetic adjustment.
 
 State x = [x, y, b_v, b_θ, b_r, c_x, c_y]: position of the hydrophone [m], biases of log [m/s] and
 compass [rad], mean of the error that the ranges share in proportion to their length [m at the
@@ -23,7 +23,7 @@ from laisn.messages import LeaderMessage, Measurements, OwnMotion, Reception
 from laisn.navigator import kalman_update
 from laisn.navigators import OnlineNavigator, require_valid
 from laisn.rivals.leader_track import LeaderTrack, SeenCurrent
-from laisn.settings import COMPASS_WALK, CURRENT_WALK, LOG_WALK, RivalSettings, TightSettings
+from laisn.settings import COMPASS_WALK, CURRENT_WALK, LOG_WALK, TightSettings
 
 STATES = 7
 
@@ -504,148 +504,3 @@ class InvertedUsbl(DeadReckoning):
         R += self._leader_position_variance(reception) * H[:, :2] @ H[:, :2].T
         self.x, self.P = kalman_update(self.x, self.P, H, np.array(innovation), R)
         return True
-
-
-# of Liu and West: the kernel keeps (3 δ − 1) / 2 δ of a bias's deviation from the mean
-DISCOUNT = 0.98
-KEPT = (3.0 * DISCOUNT - 1.0) / (2.0 * DISCOUNT)
-# a power of the likelihood is applied first where fewer particles than this share would count
-MIN_SHARE = 0.1
-SMALLEST_POWER = 2.0**-10
-
-
-class ParticleFilter(DeadReckoning):
-    """State [x, y, b_v, b_θ, b_r, c_x, c_y] of each of N particles; between messages one
-    Gaussian of their moments.
-    """
-
-    KEEPS_READINGS = True
-
-    def __init__(self, settings: RivalSettings, start: Floats) -> None:
-        """As of `DeadReckoning`."""
-        super().__init__(settings, start)
-        normals = self._random(0, 0.0).standard_normal((settings.particles, STATES))
-        self.particles: Floats = self.x + normals * np.sqrt(np.diag(self.P))
-        self.weights: Floats = np.full(settings.particles, 1.0 / settings.particles)
-
-    def _random(self, step: int, reading: float) -> np.random.Generator:
-        """Random numbers of a step: a function of its number and of a reading, so that runs do
-        not share them.
-        """
-        key = int(np.float64(reading).view(np.uint64))
-        return np.random.Generator(np.random.Philox(key=key, counter=step << 64))
-
-    def _move(self, random: np.random.Generator) -> None:
-        """Move all particles by the odometry since the last message: p ← p + R(b_θ) (D − b_v Σ u
-        Δt + w) + c t.
-        """
-        p = self.particles
-        normals = random.standard_normal((self.weights.size, 6))
-        displacement, path, noise, time = self._odometry()
-        displacement = (
-            displacement - p[:, 2:3] * path + normals[:, :2] @ np.linalg.cholesky(noise).T
-        )
-        sine, cosine = np.sin(p[:, 3]), np.cos(p[:, 3])
-        p[:, 0] += displacement[:, 0] * cosine - displacement[:, 1] * sine + p[:, 5] * time
-        p[:, 1] += displacement[:, 0] * sine + displacement[:, 1] * cosine + p[:, 6] * time
-        walks = np.sqrt(time) * np.array([LOG_WALK, COMPASS_WALK, self._noise[3], self._noise[3]])
-        p[:, [2, 3, 5, 6]] += walks * normals[:, 2:]
-
-    def _likelihood(
-        self, transmitters: Floats, ranges: Floats, leader_position_variance: float
-    ) -> Floats:
-        """log N(z; h, σ² I + σ_s² s sᵀ + σ_L² u uᵀ) of all ranges, but for a constant, shape
-        (N,); u are directions from the transmitters.
-        """
-        settings = self.settings
-        received = np.flatnonzero(np.isfinite(ranges))
-        z = ranges[received]
-        separation = self.particles[:, None, :2] - transmitters[received, :2]
-        rho = np.sqrt((separation**2).sum(axis=2) + transmitters[received, 2] ** 2)
-        share = rho / z.max()
-        residual = z - rho - share * self.particles[:, 4:5]
-        if leader_position_variance > 0.0:
-            directions = separation / rho[..., None]
-            S = settings.range_sigma**2 * np.eye(z.size)
-            S = S + settings.range_scale_sigma**2 * share[:, :, None] * share[:, None, :]
-            S = S + leader_position_variance * directions @ directions.swapaxes(1, 2)
-            squared = np.einsum(
-                "ni,ni->n", residual, np.linalg.solve(S, residual[..., None])[..., 0]
-            )
-            return np.asarray(-0.5 * (squared + np.linalg.slogdet(S)[1]))
-        # of the matrix σ² I + σ_s² s sᵀ: determinant and inverse by Sherman and Morrison
-        small = settings.range_sigma**2
-        large = settings.range_scale_sigma**2
-        whole = small + large * (share**2).sum(axis=1)
-        projection = (share * residual).sum(axis=1)
-        squared = ((residual**2).sum(axis=1) - large * projection**2 / whole) / small
-        return np.asarray(-0.5 * (squared + np.log(whole)))
-
-    def _update_current(self, measurement: SeenCurrent) -> None:
-        """Move each particle's current as a Kalman filter would, by their common covariance, with
-        random numbers that leave the right one (P. L. Houtekamer, H. L. Mitchell, Monthly Weather
-        Review 126, 1998): few particles have the current that is seen.
-        """
-        random = self._random(self._step, float(measurement.current[0]))
-        mean = self.weights @ self.particles
-        deviation = self.particles - mean
-        P = (self.weights[:, None] * deviation).T @ deviation
-        gain = np.linalg.solve(P[5:, 5:] + measurement.variance * np.eye(2), P[5:]).T
-        noise = math.sqrt(measurement.variance) * random.standard_normal((self.weights.size, 2))
-        self.particles = (
-            self.particles + (measurement.current + noise - self.particles[:, 5:]) @ gain.T
-        )
-        self.x = self.weights @ self.particles
-        deviation = self.particles - self.x
-        self.P = (self.weights[:, None] * deviation).T @ deviation
-
-    def _resample(self, random: np.random.Generator, first: int) -> None:
-        """Systematic resampling, and new states from `first` on from the kernel of Liu and West."""
-        n = self.weights.size
-        positions = (random.random() + np.arange(n)) / n
-        ancestors = np.minimum(np.searchsorted(np.cumsum(self.weights), positions), n - 1)
-        self.particles = self.particles[ancestors]
-        self.weights = np.full(n, 1.0 / n)
-        states = self.particles[:, first:]
-        mean = states.mean(axis=0)
-        variance, axes = np.linalg.eigh(np.cov(states.T))
-        root = np.sqrt((1.0 - KEPT**2) * np.maximum(variance, 0.0))
-        fresh = (random.standard_normal(states.shape) * root) @ axes.T
-        self.particles[:, first:] = KEPT * states + (1.0 - KEPT) * mean + fresh
-
-    def _update(
-        self, transmitters: Floats, ranges: Floats, own: OwnMotion, reception: Reception
-    ) -> bool:
-        random = self._random(self._step, own.heading)
-        n = self.weights.size
-        rest = 1.0
-        self._move(random)
-        while True:
-            # a power of the likelihood that leaves enough particles, as long as the rest of it is
-            # not small
-            likelihood = self._likelihood(
-                transmitters, ranges, self._leader_position_variance(reception)
-            )
-            power = rest
-            weights = _weighted(self.weights, power * likelihood)
-            while 1.0 / np.sum(weights**2) < MIN_SHARE * n and power > SMALLEST_POWER:
-                power *= 0.5
-                weights = _weighted(self.weights, power * likelihood)
-            self.weights = weights
-            rest = rest - power
-            if rest <= 0.0:
-                break
-            self._resample(random, first=0)
-        self.x = self.weights @ self.particles
-        deviation = self.particles - self.x
-        self.P = (self.weights[:, None] * deviation).T @ deviation
-        if 1.0 / np.sum(self.weights**2) < 0.5 * n:
-            self._resample(random, first=2)
-        return True
-
-
-def _weighted(weights: Floats, logarithm: Floats) -> Floats:
-    """Weights times exp(logarithm), whose sum is 1."""
-    product = weights * np.exp(logarithm - logarithm.max())
-    total = float(product.sum())
-    return product / total if total > 0.0 else weights

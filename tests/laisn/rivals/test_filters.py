@@ -23,7 +23,6 @@ from laisn.rivals.filters import (
     GeodeticAdjustment,
     InvertedUsbl,
     OneWayTravelTime,
-    ParticleFilter,
     RangeFilter,
 )
 from laisn.rivals.leader_track import LeaderTrack
@@ -232,35 +231,6 @@ def test_dead_reckoning_on_a_straight_line_has_the_covariance_of_its_closed_form
         OwnMotion(speed, 0.0, 10.0), Reception(message(9.0, 9.0), Ranges(9.0, 9.0, 9.0))
     )
     assert lost[0].kind == FixKind.LOST
-
-
-@pytest.mark.system
-def test_particles_have_the_moments_of_the_exact_posterior() -> None:
-    """A ring of ranges through a prior of 2 m about a transmitter 4 m away is no Gaussian;
-    moments by integration.
-    """
-    settings = RivalSettings(
-        particles=1_000_000,
-        start_sigma=2.0,
-        range_sigma=0.5,
-        range_scale_sigma=0.0,
-        speed_sigma=0.0,
-        **EXACT_LOG,
-    )
-    navigator = ParticleFilter(settings, np.zeros(4))
-    navigator.step(
-        OwnMotion(0.0, 0.0, 10.0), Reception(message(0.1, 4.0), Ranges(np.nan, np.nan, 4.5))
-    )
-    x, y = np.meshgrid(np.linspace(-9.0, 9.0, 1801), np.linspace(-9.0, 9.0, 1801))
-    # the middle transmitter is 0.1 m to port of a leader that heads north
-    density = np.exp(-(x**2 + y**2) / 8.0 - 0.5 * ((np.hypot(x, y - 4.0) - 4.5) / 0.5) ** 2)
-    density /= density.sum()
-    mean = np.array([(density * x).sum(), (density * y).sum()])
-    xx, yy = (density * (x - mean[0]) ** 2).sum(), (density * (y - mean[1]) ** 2).sum()
-    assert navigator.state[:2] == pytest.approx(mean, abs=0.02)
-    assert (navigator.covariance[0, 0], navigator.covariance[1, 1]) == pytest.approx(
-        (xx, yy), rel=0.03
-    )
 
 
 def test_an_inverted_usbl_places_the_follower_by_range_and_bearing() -> None:
