@@ -51,6 +51,7 @@ Emit = Callable[..., Any]
 
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
 _MASK = ir.VectorType(ir.IntType(1), LANES)
+_BITS = ir.VectorType(ir.IntType(64), LANES)
 
 
 class LaneType(types.Type):
@@ -71,8 +72,16 @@ class MaskType(types.Type):
         super().__init__(name=f"LaneMask({LANES})")
 
 
+class BitsType(types.Type):
+    """The bits of eight numbers, each an unsigned integer of 64 bits."""
+
+    def __init__(self) -> None:
+        super().__init__(name=f"LaneBits({LANES})")
+
+
 lane = LaneType()
 mask = MaskType()
+bits = BitsType()
 
 
 @register_model(LaneType)
@@ -87,12 +96,18 @@ class _MaskModel(PrimitiveModel):
         super().__init__(manager, kind, _MASK)
 
 
+@register_model(BitsType)
+class _BitsModel(PrimitiveModel):
+    def __init__(self, manager: object, kind: types.Type) -> None:
+        super().__init__(manager, kind, _BITS)
+
+
 def _splat(builder: "IRBuilder", value: "Value") -> "Value":
     """Eight times a number."""
-    zero = ir.Constant(ir.IntType(32), 0)
-    single = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), value, zero)
+    undefined = ir.Constant(ir.VectorType(value.type, LANES), ir.Undefined)
+    single = builder.insert_element(undefined, value, ir.Constant(ir.IntType(32), 0))
     order = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
-    return builder.shuffle_vector(single, ir.Constant(_VECTOR, ir.Undefined), order)
+    return builder.shuffle_vector(single, undefined, order)
 
 
 def _as_lane(
@@ -305,6 +320,48 @@ _define_logic(operator.or_, "or_")
 _define_unary(operator.invert, MaskType, mask, lambda _, builder, a: builder.not_(a))
 
 
+def _define_bitwise(function: Callable[..., object], emit: Emit, result: types.Type = bits) -> None:
+    """An operation of bits and bits, or an unsigned integer."""
+
+    @type_callable(function)
+    def type_operation(_: object) -> Any:
+        def typer(a, b):  # numba compares signatures
+            known = isinstance(a, BitsType) and (isinstance(b, BitsType) or b == types.uint64)
+            return result if known else None
+
+        return typer
+
+    for other in (BitsType, types.uint64):
+
+        @lower_builtin(function, BitsType, other)
+        def lower_operation(
+            _: object, builder: "IRBuilder", sig: "Signature", args: Sequence["Value"]
+        ) -> "Value":
+            a, b = args
+            return emit(builder, a, b if isinstance(sig.args[1], BitsType) else _splat(builder, b))
+
+
+for _function, _emit in (
+    (operator.and_, lambda builder, a, b: builder.and_(a, b)),
+    (operator.xor, lambda builder, a, b: builder.xor(a, b)),
+    (operator.add, lambda builder, a, b: builder.add(a, b)),
+    (operator.lshift, lambda builder, a, b: builder.shl(a, b)),
+):
+    _define_bitwise(_function, _emit)
+_define_bitwise(operator.ne, lambda builder, a, b: builder.icmp_unsigned("!=", a, b), mask)
+
+
+def bitcast_of_lanes(source: types.Type, target: types.Type) -> Any:
+    """Signature and code of `laisn.vector_math.to_bits` and `from_bits` of lanes."""
+
+    def generate(
+        context: "BaseContext", builder: "IRBuilder", _: object, args: Sequence["Value"]
+    ) -> "Value":
+        return builder.bitcast(args[0], context.get_value_type(target))
+
+    return target(source), generate
+
+
 def _emit_select(_: object, condition: types.Type, chosen: types.Type, other: types.Type) -> Any:
     def generate(
         context: "BaseContext", builder: "IRBuilder", sig: "Signature", args: Sequence["Value"]
@@ -324,6 +381,20 @@ def _select(condition: types.Type, chosen: types.Type, other: types.Type) -> Any
     if not isinstance(condition, MaskType):
         return None
     return lambda condition, chosen, other: _select_lanes(condition, chosen, other)
+
+
+def like(number: float, other: float | Floats) -> float:
+    """A number, eight times where another value is lanes: what is to be added up in a loop, whose
+    type must not change there.
+    """
+    return number
+
+
+@overload(like, strict=False)
+def _like(number: types.Type, other: types.Type) -> Any:
+    if isinstance(other, LaneType):
+        return lambda number, other: _select_lanes(other == other, number, number)
+    return lambda number, other: number
 
 
 def _bits(builder: "IRBuilder", value: "Value") -> "Value":

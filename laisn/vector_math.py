@@ -15,8 +15,8 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from laisn.compiled import inlined
-from laisn.simd import LaneType, fma_of_lanes
+from laisn.compiled import inlined, select
+from laisn.simd import BitsType, LaneType, bitcast_of_lanes, bits, fma_of_lanes, lane
 
 if TYPE_CHECKING:
     from llvmlite.ir import IRBuilder, Value
@@ -79,6 +79,8 @@ def _emit_fma(_: object, a: types.Type, b: types.Type, c: types.Type) -> Any:
 
 def _bitcast(source: types.Type, target: types.Type) -> Any:
     def emit(_: object, value: types.Type) -> Any:
+        if isinstance(value, LaneType | BitsType):
+            return bitcast_of_lanes(value, bits if isinstance(value, LaneType) else lane)
         signature = target(source)
         return signature, lambda context, builder, _, args: builder.bitcast(
             args[0], context.get_value_type(target)
@@ -151,8 +153,8 @@ def turned(s: float, c: float, quadrant: np.uint64) -> tuple[float, float]:
     count.
     """
     odd = (quadrant & _ONE_BIT) != _U(0)
-    swapped_s = c if odd else s
-    swapped_c = s if odd else c
+    swapped_s = select(odd, c, s)
+    swapped_c = select(odd, s, c)
     sine_sign = (quadrant & _TWO_BIT) << _SIGN_SHIFT
     cosine_sign = ((quadrant + _ONE_BIT) & _TWO_BIT) << _SIGN_SHIFT
     return from_bits(to_bits(swapped_s) ^ sine_sign), from_bits(to_bits(swapped_c) ^ cosine_sign)

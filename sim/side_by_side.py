@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints, Records
-from laisn.compiled import compiled
+from laisn.compiled import compiled, method_by_type
 from laisn.errors import LaisnError
 from laisn.simd import LANES, in_lanes, lanes_of
 from sim.scenario.parts import MotionSettings
@@ -33,9 +33,55 @@ from sim.vehicle.solvers import DirectSolver, Room
 from sim.water.currents import ShearedCurrent
 from sim.water.densities import UniformDensity
 from sim.water.environment import Environment, flow, sea_at
-from sim.water.waves import CalmSurface
+from sim.water.waves import CalmSurface, LaneWaves, WaveTrain
 
 FEW = 2  # missions that move faster one after the other
+
+method_by_type("surface_of_lanes")
+
+
+class CalmMemory(NamedTuple):
+    """A surface without waves in all lanes."""
+
+    highest: float = 0.0
+
+    @compiled
+    def surface_of_lanes(self) -> CalmSurface:
+        """The surface of all missions."""
+        return CalmSurface(self.highest)
+
+
+class WaveMemory(NamedTuple):
+    """Waves of each mission, the lanes along the last axis."""
+
+    components: Floats  # as of `WaveTrain`, shape (11, n, LANES)
+    floor_depth: Floats  # [m], shape (1, LANES), as the next
+    highest: Floats  # [m]
+    room: Floats  # for orbits, shape (4, n, LANES)
+
+    @compiled
+    def surface_of_lanes(self) -> LaneWaves:
+        """The surface of all missions."""
+        return LaneWaves(
+            lanes_of(self.components),
+            lanes_of(self.floor_depth)[0],
+            lanes_of(self.highest)[0],
+            lanes_of(self.room),
+        )
+
+
+def _waves_in_lanes(trains: Sequence[WaveTrain]) -> CalmMemory | WaveMemory:
+    """Waves side by side; ValueError if they differ in the number of their components."""
+    components = in_lanes([train.components for train in trains])
+    n = components.shape[1]
+    if n == 0:
+        return CalmMemory()
+    return WaveMemory(
+        components=components,
+        floor_depth=in_lanes([np.array([train.floor_depth]) for train in trains]),
+        highest=in_lanes([np.array([train.highest]) for train in trains]),
+        room=np.empty((4, n, LANES)),
+    )
 
 
 class LaneMemory(NamedTuple):
@@ -65,6 +111,7 @@ class LaneMemory(NamedTuple):
     surface: Floats  # current at the surface, and its change with z, shape (2, LANES)
     shear: Floats
     change: Floats  # of the current, the same in all lanes
+    waves: CalmMemory | WaveMemory
     clock: Floats
     warnings: Ints
     outside: Bools  # as of `RouteControl`: none is
@@ -107,6 +154,7 @@ def _memory_of(missions: Sequence[Mission], currents: Sequence[ShearedCurrent]) 
         surface=in_lanes([np.array(current.surface) for current in currents]),
         shear=in_lanes([np.array(current.shear) for current in currents]),
         change=change,
+        waves=_waves_in_lanes([plant.ocean.environment.waves for plant in plants]),
         clock=np.array([0.0, plants[0].dt]),
         warnings=np.zeros(0, dtype=np.int64),
         outside=np.zeros(v, dtype=np.bool_),
@@ -131,7 +179,9 @@ def _handles_of(memory: LaneMemory, kinds: Kinds) -> StepHandles:
         memory.clock[1],
     )
     current = ShearedCurrent((surface[0], surface[1]), (shear[0], shear[1]), memory.change)
-    environment = Environment(current, CalmSurface(0.0), 0.0, 0.0, UniformDensity(0.0))
+    environment = Environment(
+        current, memory.waves.surface_of_lanes(), 0.0, 0.0, UniformDensity(0.0)
+    )
     fitted = Fitted(kinds, lanes_of(memory.effectors), lanes_of(memory.states))
     return StepHandles(
         memory.clock,
@@ -260,9 +310,7 @@ def fly_group(missions: Sequence[Mission]) -> bool:
     seas = [plant.ocean.environment for plant in plants]
     currents = [sea.current for sea in seas]
     if not all(
-        isinstance(sea.current, ShearedCurrent)
-        and isinstance(sea.water, UniformDensity)
-        and sea.waves.components.shape[1] == 0
+        isinstance(sea.current, ShearedCurrent) and isinstance(sea.water, UniformDensity)
         for sea in seas
     ):
         return False
@@ -291,16 +339,19 @@ def fly_group(missions: Sequence[Mission]) -> bool:
 
 def _is_for_lanes(motion: MotionSettings) -> bool:
     """Whether vehicles may move in a lane."""
-    calm = motion.sea.ocean.waves.kind == "none"
-    return motion.engine == "direct" and motion.kind == "physics" and calm
+    return motion.engine == "direct" and motion.kind == "physics"
 
 
 def _shape_of(motion: MotionSettings) -> str:
     """What missions side by side have in common, beside the physics."""
     numbers = {"current_speed_m_s", "current_direction_deg", "current_shear_per_s"}
-    numbers |= {"density_kg_m3"}
+    numbers |= {"density_kg_m3", "waves"}
     sea = motion.sea.ocean.model_dump(mode="json", exclude=numbers)
-    return repr((motion.plan.duration_s, motion.physics_step_s, motion.plan.models, sea))
+    waves = motion.sea.ocean.waves
+    components = {"none": 0, "regular": 1, "jonswap": waves.components}[waves.kind]
+    return repr(
+        (motion.plan.duration_s, motion.physics_step_s, motion.plan.models, sea, components)
+    )
 
 
 def groups_for_lanes(motions: Sequence[MotionSettings], most: int = LANES) -> list[list[int]]:

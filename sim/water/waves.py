@@ -16,14 +16,16 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats, Two, freeze_arrays
-from laisn.compiled import compiled, method_by_type
+from laisn.compiled import compiled, method_by_type, select
 from laisn.errors import LaisnError
+from laisn.simd import like
 from laisn.vector_math import exp, sin_cos
 from sim.attitude import Matrix, Vector
 from sim.water.currents import CurrentFlow, Drift
 
 method_by_type("flow_over")
 method_by_type("elevation_at")
+method_by_type("room_for_orbits")
 
 # gravity, which pulls on the surface here as it pulls on bodies in models/ocean.xml [m/s²]
 GRAVITY = 9.81
@@ -209,6 +211,42 @@ class WaveTrain(NamedTuple):
         """Height of the surface above z = 0 at one place [m], time [s]."""
         return wave_elevation(self, x, y, time, drift)
 
+    @compiled
+    def room_for_orbits(self) -> Floats:
+        """Room for four numbers of each component, shape (4, n)."""
+        return np.empty((4, self.components.shape[1]))
+
+
+class LaneWaves(NamedTuple):
+    """A `WaveTrain` of each of several missions side by side (`laisn.simd`), of which none is
+    calm.
+    """
+
+    components: Floats
+    floor_depth: float
+    highest: float
+    room: Floats  # for orbits, shape (4, n)
+
+    @compiled
+    def flow_over(
+        self, current: CurrentFlow, position: Vector, velocity: Vector, axis: Vector, time: float
+    ) -> "Flow":
+        """As of `WaveTrain`."""
+        return add_waves(self, current, position, velocity, axis, time)
+
+    @compiled
+    def elevation_at(self, x: float, y: float, time: float, drift: Drift) -> float:
+        """As of `WaveTrain`."""
+        return wave_elevation(self, x, y, time, drift)
+
+    @compiled
+    def room_for_orbits(self) -> Floats:
+        """The same room for all."""
+        return self.room
+
+
+AnyWaves = WaveTrain | LaneWaves
+
 
 class CalmSurface(NamedTuple):
     """No waves, and no code for any."""
@@ -248,12 +286,12 @@ def flow_without_waves(current: CurrentFlow) -> Flow:
 
 
 @compiled
-def wave_elevation(waves: WaveTrain, x: float, y: float, time: float, drift: Drift) -> float:
+def wave_elevation(waves: AnyWaves, x: float, y: float, time: float, drift: Drift) -> float:
     """Height of the surface above z = 0 at one place [m], time [s]."""
     rows = waves.components
     x = x - drift.run[0]
     y = y - drift.run[1]
-    height = 0.0
+    height = like(0.0, x)
     for i in range(rows.shape[1]):
         phase = rows[KX, i] * x + rows[KY, i] * y - rows[FIXED_OMEGA, i] * time + rows[PHASE, i]
         height += rows[AMPLITUDE, i] * sin_cos(phase)[1]
@@ -261,11 +299,12 @@ def wave_elevation(waves: WaveTrain, x: float, y: float, time: float, drift: Dri
 
 
 @compiled
-def _orbits(rows: Floats, x: float, y: float, depth: float, time: float) -> Floats:
+def _orbits(waves: AnyWaves, x: float, y: float, depth: float, time: float) -> Floats:
     """Level velocity of each component times cosine and sine of its phase, upward velocity
     likewise, shape (4, n).
     """
-    out = np.empty((4, rows.shape[1]))
+    rows = waves.components
+    out = waves.room_for_orbits()
     for i in range(rows.shape[1]):
         phase = rows[KX, i] * x + rows[KY, i] * y - rows[FIXED_OMEGA, i] * time + rows[PHASE, i]
         sin, cos = sin_cos(phase)
@@ -283,7 +322,7 @@ def _orbits(rows: Floats, x: float, y: float, depth: float, time: float) -> Floa
 
 @compiled
 def add_waves(
-    waves: WaveTrain,
+    waves: AnyWaves,
     current: CurrentFlow,
     position: Vector,
     velocity: Vector,
@@ -297,18 +336,23 @@ def add_waves(
     x, y, z = position
     vx, vy, vz = velocity
     ax, ay, az = axis
-    ux, uy, uz = current.velocity
-    dx, dy, dz = current.rate
-    gxx = gxy = gyy = gxz = gyz = gzz = 0.0
-    bx = by = bz = 0.0
-    cx = cy = cz = 0.0
+    zero = like(0.0, x)
+    ux, uy, uz = (
+        like(current.velocity[0], x),
+        like(current.velocity[1], x),
+        like(current.velocity[2], x),
+    )
+    dx, dy, dz = like(current.rate[0], x), like(current.rate[1], x), like(current.rate[2], x)
+    gxx = gxy = gyy = gxz = gyz = gzz = zero
+    bx = by = bz = zero
+    cx = cy = cz = zero
     height = max(min(z, 0.0), -waves.floor_depth)
     # where waves do not change with height any more, neither does climbing count, nor what of an
     # axis points up
-    varies = 1.0 if z == height else 0.0
+    varies = select(z == height, 1.0, 0.0)
     vz = varies * vz
     az = varies * az
-    orbits = _orbits(rows, x, y, height, time)
+    orbits = _orbits(waves, x, y, height, time)
     for i in range(rows.shape[1]):
         omega = rows[OMEGA, i]
         k = rows[K, i]

@@ -7,6 +7,7 @@ import pytest
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled
+from laisn.simd import LANES, lanes_of
 from laisn.vector_math import exp, half_turn_angle, log, sin_cos
 
 
@@ -26,6 +27,32 @@ def _exponentials(x: Floats) -> Floats:
     for i in range(x.size):
         out[i] = exp(x[i])
     return out
+
+
+@compiled
+def _in_lanes(x: Floats, out: Floats) -> None:
+    values = lanes_of(x)
+    results = lanes_of(out)
+    for i in range(x.shape[0]):
+        results[i, 0] = exp(values[i])
+        results[i, 1], results[i, 2] = sin_cos(values[i])
+
+
+def test_lanes_have_the_same_bits() -> None:
+    """In all four quadrants, both signs of zero, and where the exponential has few bits left."""
+    generator = np.random.default_rng(5)
+    x = generator.uniform(-700.0, 700.0, (500, LANES))
+    x[:9] = (np.arange(-4, 5) * (0.5 * math.pi))[:, None] + generator.normal(0.0, 1e-9, LANES)
+    x[9] = [0.0, -0.0, 1e-300, -1e-300, 708.0, -707.0, 1.0, -1.0]
+    out = np.empty((500, 3, LANES))
+    _in_lanes(x, out)
+    flat = np.ascontiguousarray(x.ravel())
+    np.testing.assert_array_equal(out[:, 0].ravel(), _exponentials(flat))
+    expected = _functions(flat, flat)
+    for i in (1, 2):
+        of_lanes = np.ascontiguousarray(out[:, i].ravel())
+        of_numbers = np.ascontiguousarray(expected[:, i])
+        np.testing.assert_array_equal(of_lanes.view(np.uint64), of_numbers.view(np.uint64))
 
 
 @pytest.mark.system

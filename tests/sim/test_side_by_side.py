@@ -58,6 +58,36 @@ def test_missions_move_as_each_does_alone(model: str) -> None:
         require_equal(aside, expected)
 
 
+def in_waves(kind: str, depths: Sequence[float]) -> list[MotionSettings]:
+    """Seas of every kind of difference, with one that is the same but for its currents."""
+    waves = (f"ocean.waves.kind={kind}", "ocean.waves.components=20")
+    return [
+        motion(
+            *waves,
+            f"seed={1 + i // 2}",
+            f"ocean.waves.height_m={0.4 + 0.1 * i}",
+            f"ocean.waves.period_s={4 + i}",
+            f"ocean.waves.spreading_deg={10 * i}",
+            f"ocean.floor_depth_m={20 + 5 * i}",
+            f"ocean.current_speed_m_s={0.1 * i}",
+            "ocean.current_shear_per_s=0.01",
+            f"followers.0.depth_m={depth}",
+        )
+        for i, depth in enumerate(depths)
+    ]
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("kind", ["regular", "jonswap"])
+def test_missions_in_waves_move_as_each_does_alone(kind: str) -> None:
+    """One of them leaves the water: the surface over it is that of its own waves."""
+    motions = in_waves(kind, [9.0, 9.0, 5.0, 0.2])
+    alone = [simulate_open_loop(each) for each in motions]
+    assert len({trajectory.water_velocity[-1].tobytes() for trajectory in alone}) == 4
+    for aside, expected in zip(simulate_side_by_side(motions), alone, strict=True):
+        require_equal(aside, expected)
+
+
 @pytest.mark.system
 @pytest.mark.parametrize("model", ["follower", "remus100"])
 def test_autopilots_that_differ_in_what_they_do_steer_as_each_does_alone(model: str) -> None:
@@ -103,12 +133,19 @@ def test_missions_of_one_shape_lie_in_groups() -> None:
     others: Sequence[MotionSettings] = [
         motion(engine="mujoco"),
         motion("ocean.waves.kind=regular"),
+        motion("ocean.waves.kind=jonswap"),
+        motion("ocean.waves.kind=jonswap", "ocean.waves.components=50"),
         motion("motion=kinematic"),
         motion("followers.0.model=remus100"),
     ]
     groups = groups_for_lanes([*still, *longer, *others])
     # the ninth of the first is left alone
     assert groups == [[*range(8)], [9, 10, 11]]
+    rough = [
+        motion("ocean.waves.kind=jonswap", f"seed={i}", f"ocean.waves.height_m={0.2 + 0.1 * i}")
+        for i in range(3)
+    ]
+    assert groups_for_lanes(rough) == [[0, 1, 2]]
     assert groups_for_lanes(still, most=3) == [[0, 1, 2], [3, 4, 5], [6, 7, 8]]
 
 
