@@ -33,7 +33,7 @@ _CURVE_BEARINGS = 721
 _RING_BEARINGS = 36
 _OFF_AXIS_DEG = 30.0
 _PITCHES_DEG = (1.0, 2.0, 5.0, 10.0, 20.0)
-_NOWHERE = Point(0.0, 0.0)
+_ORIGIN = Point(0.0, 0.0)
 _LEVEL = turn(0.0)
 _SMALLEST_M = 1e-3
 
@@ -97,7 +97,7 @@ class PitchGeometry:
         )
         # the follower takes the leader for level
         level = Arms(fore_offset(0.5 * self.baseline, _LEVEL, _LEVEL), (0.0, 0.0, 0.0))
-        fixes = circles(_NOWHERE, level, ranges, self.below)
+        fixes = circles(_ORIGIN, level, ranges, self.below)
         pair = Pair(fixes.rear, fixes.front, False)
         fix = pair_fix(pair, _LEVEL, position, self._tuning)
         error = math.hypot(fix.east - position.east, fix.north - position.north)

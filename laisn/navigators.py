@@ -137,10 +137,10 @@ class NavigatorSpec:
         ).all(axis=1)
         e = estimates.innovation[used]
         S = estimates.innovation_covariance[used]
-        squared = float(np.sum(e * np.linalg.solve(S, e[..., None])[..., 0])) if len(e) else 0.0
+        nis_sum = float(np.sum(e * np.linalg.solve(S, e[..., None])[..., 0])) if len(e) else 0.0
         covariance = estimates.covariance[:, (0, 0, 1), (0, 1, 1)]
         return MissionResult(
-            estimates.state, covariance, estimates.fix_kind.tolist(), squared, 2.0 * len(e)
+            estimates.state, covariance, estimates.fix_kind.tolist(), nis_sum, 2.0 * len(e)
         )
 
 
@@ -254,9 +254,9 @@ def spec_of(settings: Settings) -> NavigatorSpec:
     return next(spec for spec in NAVIGATORS.values() if type(settings) is spec.settings)
 
 
-FASTEST = 50.0  # a measured speed beyond this is broken [m/s]
-FARTHEST = 1e5  # a range beyond this is broken [m]
-_NOWHERE = 1e3 * FARTHEST  # a position of a leader or transmitter beyond this is broken [m]
+MAX_SPEED = 50.0  # a measured speed beyond this is broken [m/s]
+MAX_RANGE = 1e5  # a range beyond this is broken [m]
+_MAX_COORDINATE = 1e3 * MAX_RANGE  # a position of a leader or transmitter beyond this is broken [m]
 
 
 def require_valid(
@@ -273,9 +273,10 @@ def require_valid(
     """
     if not (math.isfinite(own.speed) and math.isfinite(own.heading)) or math.isinf(own.depth):
         raise LaisnError(f"step {step}: own motion {own} is not finite")
-    if abs(own.speed) > FASTEST:
+    if abs(own.speed) > MAX_SPEED:
         raise LaisnError(
-            f"step {step}: the speed is {own.speed:g} m/s, expected −{FASTEST:g} … {FASTEST:g} m/s"
+            f"step {step}: the speed is {own.speed:g} m/s, "
+            f"expected −{MAX_SPEED:g} … {MAX_SPEED:g} m/s"
         )
     if duration is not None and not 0.0 < duration < math.inf:
         raise LaisnError(f"step {step}: it takes {duration} s, expected a positive time")
@@ -289,17 +290,18 @@ def _require_valid_reception(step: int, reception: Reception, whole_messages: bo
     numbers = np.array(message[:6])
     if not whole_messages:
         numbers[np.isnan(numbers)] = 0.0
-    if not np.isfinite(numbers).all() or np.abs(numbers[[1, 2, 5]]).max() > _NOWHERE:
+    if not np.isfinite(numbers).all() or np.abs(numbers[[1, 2, 5]]).max() > _MAX_COORDINATE:
         raise LaisnError(
-            f"step {step}: leader message {message} is not finite, or farther than {_NOWHERE:g} m"
+            f"step {step}: leader message {message} is not finite, or farther than "
+            f"{_MAX_COORDINATE:g} m"
         )
-    if any(value < 0.0 or value > FARTHEST for value in ranges):
+    if any(value < 0.0 or value > MAX_RANGE for value in ranges):
         raise LaisnError(
-            f"step {step}: ranges {ranges}, expected 0 … {FARTHEST:g} m, NaN for a missing one"
+            f"step {step}: ranges {ranges}, expected 0 … {MAX_RANGE:g} m, NaN for a missing one"
         )
-    if places is not None and not np.nanmax(np.abs(places), initial=0.0) <= _NOWHERE:
+    if places is not None and not np.nanmax(np.abs(places), initial=0.0) <= _MAX_COORDINATE:
         raise LaisnError(
-            f"step {step}: a transmitter is farther than {_NOWHERE:g} m; NaN stands for none"
+            f"step {step}: a transmitter is farther than {_MAX_COORDINATE:g} m; NaN stands for none"
         )
 
 

@@ -137,9 +137,11 @@ def _load(file: Path) -> _Loaded:
             del _REGISTERED[registered]
         module = _import_once(file, sources)
         _IMPORTED.update(sources.contents)
-        before = _LOADED[name] = _Loaded(module=module, file=file, sources=sources)
+        loaded = _Loaded(module=module, file=file, sources=sources)
+        _LOADED[name] = loaded
         if sources.unchanged:
-            return before
+            return loaded
+        before = loaded
     raise LaisnError(f"plugin {file}: it changes while it is imported")
 
 
@@ -360,9 +362,9 @@ def plugin_errors() -> Iterator[None]:
     except BaseException as error:
         if isinstance(error, LaisnError) and not _is_raised_by_plugin(error):
             raise
-        told = plugin_error(error)
-        if told is None:
+        known_error = plugin_error(error)
+        if known_error is None:
             raise
         for note in getattr(error, "__notes__", ()):
-            told.add_note(note)
-        raise told from error
+            known_error.add_note(note)
+        raise known_error from error

@@ -25,11 +25,11 @@ from sim.sensing.sensors import navigated_errors_of
 from sim.trajectory import Trajectory
 
 # standard deviation of |N(0, 1)|, as which compasses err (Eq. 27)
-_ABOUT_MEAN = float(np.sqrt(1.0 - 2.0 / np.pi))
+_FOLDED_NORMAL_SIGMA = float(np.sqrt(1.0 - 2.0 / np.pi))
 # drift of the tightly coupled navigator's biases
-_WALKS = model_of(TightSettings(assume=Assume(drift=True)))
-_SENT_AT = LeaderMessage._fields.index("timestamp")
-_UNIFORM = 1.0 / float(np.sqrt(12.0))
+_DRIFTING = model_of(TightSettings(assume=Assume(drift=True)))
+_TIMESTAMP = LeaderMessage._fields.index("timestamp")
+_UNIFORM_SIGMA = 1.0 / float(np.sqrt(12.0))
 # from so many instants of all followers on, compiled code follows the sound: it takes ten seconds
 # to compile once, Python 6 µs an instant
 _MANY_INSTANTS = 300_000
@@ -54,13 +54,15 @@ def noise_of(sensing: SensingSettings, navigation: Navigation, follower: int = 0
     )
     clock = "clock" in estimated
     acoustics = sensing.acoustics
-    sound = (acoustics.sound_speed_m_s + acoustics.sound_speed_bias_m_s) * clock
+    # metres that a second of the clock makes in a range; a clock that is not estimated is right
+    assumed_speed = acoustics.sound_speed_m_s + acoustics.sound_speed_bias_m_s
+    metres_per_s = assumed_speed if clock else 0.0
     return TrueNoise(
         speed_sigma=errors.speed_sigma,
-        heading_sigma=errors.heading_sigma * _ABOUT_MEAN,
-        range_sigma=float(np.sqrt(np.mean(np.square(errors.range_tau)))) * _UNIFORM,
+        heading_sigma=errors.heading_sigma * _FOLDED_NORMAL_SIGMA,
+        range_sigma=float(np.sqrt(np.mean(np.square(errors.range_tau)))) * _UNIFORM_SIGMA,
         range_scale_sigma=errors.range_scale_sigma,
-        leader_heading_sigma=errors.leader_heading_sigma * _ABOUT_MEAN,
+        leader_heading_sigma=errors.leader_heading_sigma * _FOLDED_NORMAL_SIGMA,
         leader_position_sigma=errors.leader_position_sigma,
         **{
             name: assumed[f"{name}_sigma"]
@@ -69,12 +71,12 @@ def noise_of(sensing: SensingSettings, navigation: Navigation, follower: int = 0
         leader_heading_bias=assumed["leader_heading_bias_sigma"] if has_heading_bias else 0.0,
         current=assumed["current_sigma"] if moves or "current" in estimated else 0.0,
         range_offset=assumed["offset_sigma"] if "range_offset" in estimated else 0.0,
-        clock_offset=sound * assumed["clock_offset_sigma"],
-        clock_drift=sound * assumed["clock_drift_sigma"],
-        speed_walk=math.sqrt(_WALKS.log_walk[0]) if drift else 0.0,
-        heading_walk=math.sqrt(_WALKS.compass_walk[0]) if drift else 0.0,
-        current_walk=math.sqrt(_WALKS.current_walk) if "current" in estimated else 0.0,
-        clock_walk=math.sqrt(_WALKS.clock_walk) if clock else 0.0,
+        clock_offset=metres_per_s * assumed["clock_offset_sigma"],
+        clock_drift=metres_per_s * assumed["clock_drift_sigma"],
+        speed_walk=math.sqrt(_DRIFTING.log_walk[0]) if drift else 0.0,
+        heading_walk=math.sqrt(_DRIFTING.compass_walk[0]) if drift else 0.0,
+        current_walk=math.sqrt(_DRIFTING.current_walk) if "current" in estimated else 0.0,
+        clock_walk=math.sqrt(_DRIFTING.clock_walk) if clock else 0.0,
         leader_way_sigma=CURRENT_SIGMA if estimated & {"current", "leader_heading_bias"} else 0.0,
     )
 
@@ -105,8 +107,10 @@ def geometry_of(
     motion = navigated_motion(trajectory, sensing.links)
     first = round(float(motion.time[0]) / sensing.links.filter_step_s)
     is_large = (len(motion.names) - 1) * motion.time.size >= _MANY_INSTANTS
-    sound = propagate(trajectory, sensing, follower, use_compiled=is_large or None)
-    messages = _Messages(sound.message_step - first, sound.emission_step - first, sound.transmitter)
+    receptions = propagate(trajectory, sensing, follower, use_compiled=is_large or None)
+    messages = _Messages(
+        receptions.message_step - first, receptions.emission_step - first, receptions.transmitter
+    )
     return _geometry(motion, sensing, follower, messages, received)
 
 
@@ -127,12 +131,12 @@ def _geometry(
         f"{motion.names[follower + 1]}/hydrophone", messages.arrived * stride
     )
     leader = motion.position[sent, 0, :2]
-    used = sensing.transmitters
-    arms = messages.transmitter[:, :used].copy()
+    count = sensing.transmitters
+    arms = messages.transmitter[:, :count].copy()
     arms[..., :2] -= leader[:, None]
     arms[..., 2] = hydrophone[:, None, 2] - arms[..., 2]
     if received is not None:
-        arms[~received[:, :used]] = np.nan
+        arms[~received[:, :count]] = np.nan
     return BoundGeometry(
         dt=dt,
         speed=motion.forward_speed[instants, follower + 1],
@@ -177,7 +181,7 @@ class _Broadcasts:
     def received(self, measurements: Measurements) -> _Messages:
         """What a follower's measurements have of them."""
         first = round(float(self.motion.time[0]) / self._dt)
-        sent = np.rint(measurements.message[:, _SENT_AT] / self._dt).astype(np.int64)
+        sent = np.rint(measurements.message[:, _TIMESTAMP] / self._dt).astype(np.int64)
         transmitter = np.empty((sent.size, 3, 3))
         for i, step in enumerate(sent.tolist()):
             transmitter[i] = self._transmitters(step)

@@ -208,7 +208,9 @@ def _speed_errors(vehicle: Vehicle, speeds: SpeedRange, design: Autopilot) -> li
 def _stability_errors(hull: Hull, speeds: SpeedRange, orbital: float) -> list[str]:
     """What `require_stable` reports; a study has many scenarios with the same hulls and speeds."""
     plant, designs = calm_plant(hull)
-    build = partial(require_stable, plant, designs, speeds.fastest, orbital, slowest=speeds.slowest)
+    build = partial(
+        require_stable, plant, designs, speeds.fastest, orbital, min_speed=speeds.slowest
+    )
     return _errors_of(build, "hull")
 
 

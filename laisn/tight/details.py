@@ -55,11 +55,11 @@ def _clear(fix: Record) -> None:
 
 
 @compiled
-def _write_states(b: GaussianMixture, m: Model, places: Ints, fix: Record) -> None:
+def _write_states(b: GaussianMixture, m: Model, indices: Ints, fix: Record) -> None:
     """Mean and standard deviation of each state over the mixture: x̄ = Σ w x, σ² = Σ w (P + (x −
     x̄)²).
     """
-    for i in range(places.shape[0]):
+    for i in range(indices.shape[0]):
         mean = 0.0
         for k in range(b.n_hypotheses * m.modes):
             mean += b.weight[k] * b.state[k, i]
@@ -67,8 +67,8 @@ def _write_states(b: GaussianMixture, m: Model, places: Ints, fix: Record) -> No
         for k in range(b.n_hypotheses * m.modes):
             deviation = b.state[k, i] - mean
             variance += b.weight[k] * (b.covariance[k, i, i] + deviation * deviation)
-        fix.full_state[places[i]] = mean
-        fix.full_sigma[places[i]] = math.sqrt(variance)
+        fix.full_state[indices[i]] = mean
+        fix.full_sigma[indices[i]] = math.sqrt(variance)
 
 
 @compiled
@@ -109,30 +109,30 @@ def _heaviest_below(b: GaussianMixture, m: Model, heavier: int) -> int:
 
 
 @compiled
-def write_fix(b: GaussianMixture, m: Model, places: Ints, used: int, fix: Record) -> None:
+def write_fix(b: GaussianMixture, m: Model, indices: Ints, used: int, fix: Record) -> None:
     """Write the result of a message into a record of FIX; its step is the caller's.
 
     Args:
         b: the belief after the message.
         m: its model.
-        places: of the states in `TightEstimates.names`, shape (n,).
+        indices: of the states in `TightEstimates.names`, shape (n,).
         used: how many of its ranges were used by any hypothesis, of `receive`.
         fix: out.
     """
     _clear(fix)
     if b.n_hypotheses == 0:
         return
-    _write_states(b, m, places, fix)
-    top = _heaviest_below(b, m, -1)
-    h = top
+    _write_states(b, m, indices, fix)
+    likeliest = _heaviest_below(b, m, -1)
+    h = likeliest
     for rank in range(b.n_hypotheses):
         _write_hypothesis(b, m, h, rank, fix)
         h = _heaviest_below(b, m, h)
     if used > 0:
-        last = b.outcome[heaviest(b, m.modes, top)]
-        fix.used = last.n_used
-        if last.n_used > 0:
-            fix.nis = last.nis_sum
+        outcome = b.outcome[heaviest(b, m.modes, likeliest)]
+        fix.used = outcome.n_used
+        if outcome.n_used > 0:
+            fix.nis = outcome.nis_sum
     fix.fix_kind = kind_of_message(b.received, fix.used)
     # of the place: the root of half the trace of its covariance
     fix.fix_sigma = math.sqrt(0.5 * (fix.full_sigma[0] ** 2 + fix.full_sigma[1] ** 2))

@@ -98,30 +98,30 @@ def replay_measurements(
     if all(n is None or "use_single_range" not in n.model_fields_set for n in navigations):
         scenario = scenario.with_navigation(use_single_range=True)
     # two steps are enough for the starts of the routes
-    short = {"motion": "kinematic", "duration_s": 2 * scenario.timing.filter_step_s}
-    begin = simulate_motion(scenario.model_copy(update=short))
+    two_steps = {"motion": "kinematic", "duration_s": 2 * scenario.timing.filter_step_s}
+    starts = simulate_motion(scenario.model_copy(update=two_steps))
     heads = ("follower", "steps", "Δt [s]", "fixes", "x [m]", "y [m]")
     rows = list[list[str]]()
     remarks = list[str]()
     vehicles = list[Replayed]()
-    for i, name in enumerate(begin.names[1:]):
+    for i, name in enumerate(starts.names[1:]):
         variant = scenario.navigation_of(i).variant
-        make = _smoother(variant, smooth_s) or find(variant).make
-        measured, recorded = read_recording(path, name, longest_gap_s)
-        remarks += recorded
-        settings = replace(navigation_settings(scenario, begin.sites, i), dt=measured.dt)
+        factory = _smoother(variant, smooth_s) or find(variant).make
+        measurements, file_remarks = read_recording(path, name, longest_gap_s)
+        remarks += file_remarks
+        settings = replace(navigation_settings(scenario, starts.sites, i), dt=measurements.dt)
         try:
-            estimates = make(settings, start_of(begin, i)).run(measured)
+            estimates = factory(settings, start_of(starts, i)).run(measurements)
         except ArithmeticError as error:
             raise LaisnError(f"{path}: {name}: the navigator diverged: {error}") from error
         baseline = scenario.leader.baseline_m or math.nan
-        vehicle = Replayed(name=name, measured=measured, estimates=estimates, baseline=baseline)
+        vehicle = Replayed(name=name, measured=measurements, estimates=estimates, baseline=baseline)
         x, y = estimates.state[-1, :2]
         rows.append(
             [
                 name,
                 f"{len(estimates.state)}",
-                f"{measured.dt:g}",
+                f"{measurements.dt:g}",
                 vehicle.fixes,
                 f"{x:.2f}",
                 f"{y:.2f}",
@@ -270,7 +270,7 @@ def replay_data_set(
     output = optional_output(out, [".csv"], [path])
     takes_beacons = find(variant).beacons
     values = values_of(assignments)
-    recorded = read_data_set_log(path, longest_gap_s)
+    log = read_data_set_log(path, longest_gap_s)
     section = "beacons." if takes_beacons else "navigation."
     for key in values:
         if not key.startswith(section):
@@ -279,7 +279,7 @@ def replay_data_set(
             )
     if takes_beacons:
         settings = beacons_of({key.removeprefix(section): value for key, value in values.items()})
-        estimates, medium = among_beacons(recorded, settings)
+        estimates, medium = among_beacons(log, settings)
         title = f"{variant}, in {medium}"
     else:
         # of this scenario only the settings of navigation are used
@@ -290,19 +290,19 @@ def replay_data_set(
         ]
         scenario = load_scenario("T5", [*changes, "motion=kinematic", "duration_s=2"], flyable=True)
         motion = simulate_motion(scenario)
-        estimates = by_laisn(recorded, settings_as(NavigationSettings, scenario, motion.sites, 0))
+        estimates = by_laisn(log, settings_as(NavigationSettings, scenario, motion.sites, 0))
         title = variant
-    measured = recorded.measurements
+    measurements = log.measurements
     heads = ("", "mean error [m]", "RMS [m]", "95 % [m]", "NEES", "ends at x, y [m]")
     rows = []
-    for name, result in (("dead reckoning", dead_reckoning(recorded)), (title, estimates)):
-        errors = score(result, measured, recorded.truth)
+    for name, result in (("dead reckoning", dead_reckoning(log)), (title, estimates)):
+        errors = score(result, measurements, log.truth)
         x, y = result.state[-1, :2]
         rows.append([name, *map(_figure, errors), f"{x:.2f}, {y:.2f}"])
     show_table(Console(), heads, rows)
-    truth = recorded.truth
+    truth = log.truth
     mean = errors.mean
     vehicle = Replayed(
-        name=VEHICLE, measured=measured, estimates=estimates, path=truth, mean_error=mean
+        name=VEHICLE, measured=measurements, estimates=estimates, path=truth, mean_error=mean
     )
-    _write_replay([vehicle], path, title, recorded.remarks, output)
+    _write_replay([vehicle], path, title, log.remarks, output)

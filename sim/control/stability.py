@@ -31,15 +31,15 @@ from sim.water.environment import SeaInstant, sea_at
 from sim.water.ocean import Ocean
 
 _SPEED_STEP = 0.25  # speeds are looked at in such steps, from the slowest of a mission [m/s]
-_GROWTH = 0.02  # slower growth is left to the loops that are left out [1/s]
-_CATCHING_UP = 1.0 + CATCH_UP  # largest commanded speed as a multiple of the speed of a route
+_TOLERATED_GROWTH = 0.02  # slower growth is left to the loops that are left out [1/s]
+_CATCH_UP_FACTOR = 1.0 + CATCH_UP  # largest commanded speed as a multiple of the speed of a route
 # sway and heave, and roll, pitch and yaw rates of a brisk turn
-_DRIFT_M_S = (0.3, 0.3)
-_SPIN_RAD_S = (0.2, 0.2, 0.2)
-_STEP = 1e-4
+_TURN_SWAY_HEAVE_M_S = (0.3, 0.3)
+_TURN_RATES_RAD_S = (0.2, 0.2, 0.2)
+_DIFFERENCE_STEP = 1e-4
 # a mode swings if it turns so much faster than it grows; roll, pitch and yaw rates of a slow swing
-_SWINGING = 5.0
-_SWING_RAD_S = (0.05, 0.05, 0.05)
+_SWING_RATIO = 5.0
+_SWING_RATES_RAD_S = (0.05, 0.05, 0.05)
 # physics steps that are advised are this share of the longest possible one
 _STEP_RESERVE = 0.8
 SHORTEST_STEP_S = 1e-4
@@ -84,43 +84,43 @@ def _forces(
         momentum, angular = matrix_times(rigid, velocity, spin)
         # `wrench` adds what the solver needs of added mass in the world's frame, which is not
         # accelerated here
-        carried = matrix_times(c.added_mass, cross(spin, velocity), (0.0, 0.0, 0.0))
-        push = plus(matvec(to_body, force), weight)
-        push = minus(minus(push, cross(spin, momentum)), carried[0])
-        turn = plus(moment, cross(centre, weight))
-        turn = minus(minus(turn, cross(spin, angular)), cross(velocity, momentum))
-        turn = minus(turn, carried[1])
+        added_inertia = matrix_times(c.added_mass, cross(spin, velocity), (0.0, 0.0, 0.0))
+        net_force = plus(matvec(to_body, force), weight)
+        net_force = minus(minus(net_force, cross(spin, momentum)), added_inertia[0])
+        net_moment = plus(moment, cross(centre, weight))
+        net_moment = minus(minus(net_moment, cross(spin, angular)), cross(velocity, momentum))
+        net_moment = minus(net_moment, added_inertia[1])
         for j in range(3):
-            out[k, j] = push[j]
-            out[k, 3 + j] = turn[j]
+            out[k, j] = net_force[j]
+            out[k, 3 + j] = net_moment[j]
     return out
 
 
-def _law(d: Autopilot, climb: Floats, speed: float) -> Floats:
+def _feedback(d: Autopilot, climb: Floats, speed: float) -> Floats:
     """Wrench that the autopilot commands by velocities (6), angles (3) and height, as is
     `climb`, the rate of climb.
     """
-    law = np.zeros((6, 10))
+    feedback = np.zeros((6, 10))
     omega = d["omega"]
-    thrust = 1.0 - d["by_pitch"] * clip(
+    thruster_share = 1.0 - d["by_pitch"] * clip(
         (speed - SPEED_HEAVE) / (SPEED_PITCH - SPEED_HEAVE), 0.0, 1.0
     )
-    thrust *= d["has_heave"]
-    law[SURGE, SURGE] = -0.5 * omega * d["surge_mass"]
-    law[SWAY, SWAY] = -0.5 * omega * d["sway_mass"]
+    thruster_share *= d["has_heave"]
+    feedback[SURGE, SURGE] = -0.5 * omega * d["surge_mass"]
+    feedback[SWAY, SWAY] = -0.5 * omega * d["sway_mass"]
     for axis, inertia in ((PITCH, d["pitch_inertia"]), (YAW, d["yaw_inertia"])):
-        law[axis, axis] = -2.0 * omega * inertia
-        law[axis, axis + 3] = -omega * omega * inertia
+        feedback[axis, axis] = -2.0 * omega * inertia
+        feedback[axis, axis + 3] = -omega * omega * inertia
     firmness = d["yaw_munk"] * speed**2
-    law[YAW, YAW] -= np.sqrt(firmness * d["yaw_inertia"])
-    law[YAW, YAW + 3] -= firmness
-    law[PITCH, HEAVE] = -d["pitch_munk"] * speed
-    law[HEAVE] = -omega * thrust * d["heave_mass"] * climb
-    law[HEAVE, HEIGHT] = -0.25 * omega * omega * thrust * d["heave_mass"]
-    return law
+    feedback[YAW, YAW] -= np.sqrt(firmness * d["yaw_inertia"])
+    feedback[YAW, YAW + 3] -= firmness
+    feedback[PITCH, HEAVE] = -d["pitch_munk"] * speed
+    feedback[HEAVE] = -omega * thruster_share * d["heave_mass"] * climb
+    feedback[HEAVE, HEIGHT] = -0.25 * omega * omega * thruster_share * d["heave_mass"]
+    return feedback
 
 
-def _body(plant: Plant, i: int) -> tuple[Floats, Vector]:
+def _rigid_body(plant: Plant, i: int) -> tuple[Floats, Vector]:
     """Rigid inertia (6×6) about the origin, and centre of gravity of vehicle i."""
     body = plant.model.body(f"{plant.names[i]}/hull")
     mass = float(body.mass[0])
@@ -141,7 +141,7 @@ def steady_turn(plant: Plant, i: int, d: Autopilot, speed: float) -> tuple[float
     # takes half a second to load, and hulls without fins need none of it
     from scipy.optimize import fsolve
 
-    rigid, centre = _body(plant, i)
+    rigid, centre = _rigid_body(plant, i)
     c = plant.coefficients.view(np.recarray)[i]
     effectors = plant.effectors[i, : len(plant.effector_names[i])]
     fitted = np.concatenate([effectors, plant.fixed_fins[i]])[None]
@@ -172,7 +172,7 @@ def least_radius(plant: Plant, i: int, d: Autopilot) -> float:
     return 0.0 if rate > TURN_RATE else min(radius / TURN_RESERVE, 1e4)
 
 
-class _LoopOfHull(NamedTuple):
+class _ControlledHull(NamedTuple):
     """A vehicle and its autopilot, as far as they are alike at all speeds."""
 
     name: str
@@ -187,13 +187,13 @@ class _LoopOfHull(NamedTuple):
     unit_wrench: Floats
 
 
-def _loop_of(plant: Plant, i: int, d: Autopilot) -> _LoopOfHull:
-    rigid, centre = _body(plant, i)
+def _controlled_hull(plant: Plant, i: int, d: Autopilot) -> _ControlledHull:
+    rigid, centre = _rigid_body(plant, i)
     c = plant.true_coefficients.view(np.recarray)[i]
     effectors = plant.effectors[i]
     settings = plant.setups[i].settings
     scale = np.where(effectors["lift_area"] > 0.0, settings.lift_scale, settings.thrust_scale)
-    return _LoopOfHull(
+    return _ControlledHull(
         name=plant.names[i],
         d=d,
         c=c,
@@ -206,13 +206,13 @@ def _loop_of(plant: Plant, i: int, d: Autopilot) -> _LoopOfHull:
     )
 
 
-def _motion(hull: _LoopOfHull, equilibrium: Floats) -> Floats:
+def _motion(hull: _ControlledHull, equilibrium: Floats) -> Floats:
     """Matrix of the motion of a vehicle about 6 velocities and 3 angles: these, height and
     lagging wrench, (16, 16).
     """
     d = hull.d
     speed = float(equilibrium[0])
-    steps = _STEP * np.eye(9)
+    steps = _DIFFERENCE_STEP * np.eye(9)
     states = np.concatenate([equilibrium + steps, equilibrium - steps])
     forces = _forces(hull.c, hull.rigid, hull.centre, states, hull.sea, hull.fitted)
     count = hull.unit_wrench.shape[1]
@@ -220,14 +220,14 @@ def _motion(hull: _LoopOfHull, equilibrium: Floats) -> Floats:
     at_speed(d["slow_allocation"][:count], d["fast_allocation"][:count], speed, allocation)
     lag = 0.25 / d["omega"]
     matrix = np.zeros((16, 16))
-    matrix[:6, :9] = hull.inverse @ (forces[:9] - forces[9:]).T / (2.0 * _STEP)
+    matrix[:6, :9] = hull.inverse @ (forces[:9] - forces[9:]).T / (2.0 * _DIFFERENCE_STEP)
     matrix[:6, 10:] = hull.inverse
     matrix[6:9, 3:6] = np.eye(3)
     # nose down is positive about the axis to port
     matrix[HEIGHT, HEAVE] = 1.0
     matrix[HEIGHT, PITCH + 3] = -speed
-    law = _law(d, matrix[HEIGHT, :10], speed)
-    matrix[10:, :10] = hull.unit_wrench @ allocation @ law / lag
+    feedback = _feedback(d, matrix[HEIGHT, :10], speed)
+    matrix[10:, :10] = hull.unit_wrench @ allocation @ feedback / lag
     matrix[10:, 10:] = -np.eye(6) / lag
     return matrix
 
@@ -240,7 +240,7 @@ _PLANES = {  # rows of the motion that belong together
 }
 
 
-def _growth(hull: _LoopOfHull, speed: float) -> tuple[float, str]:
+def _growth(hull: _ControlledHull, speed: float) -> tuple[float, str]:
     """Rate at which the motion of a vehicle grows fastest at a speed [1/s], and its plane.
 
     A hull without linear damping may swing by a degree or two, which its quadratic damping bounds:
@@ -248,8 +248,11 @@ def _growth(hull: _LoopOfHull, speed: float) -> tuple[float, str]:
     """
     rates, modes = np.linalg.eig(_motion(hull, np.append(speed, np.zeros(8))))
     worst = int(np.argmax(rates.real))
-    if rates[worst].real > _GROWTH and abs(rates[worst].imag) > _SWINGING * rates[worst].real:
-        equilibrium = np.array([speed, 0.0, 0.0, *_SWING_RAD_S, 0.0, 0.0, 0.0])
+    if (
+        rates[worst].real > _TOLERATED_GROWTH
+        and abs(rates[worst].imag) > _SWING_RATIO * rates[worst].real
+    ):
+        equilibrium = np.array([speed, 0.0, 0.0, *_SWING_RATES_RAD_S, 0.0, 0.0, 0.0])
         rates, modes = np.linalg.eig(_motion(hull, equilibrium))
         worst = int(np.argmax(rates.real))
     size = np.abs(modes[:10, worst])
@@ -257,20 +260,22 @@ def _growth(hull: _LoopOfHull, speed: float) -> tuple[float, str]:
     return float(rates[worst].real), plane
 
 
-def _require_slow_motion(hull: _LoopOfHull, dt: float, fastest: float, orbital: float) -> None:
+def _require_slow_motion(
+    hull: _ControlledHull, dt: float, max_speed: float, orbital_speed: float
+) -> None:
     """LaisnError naming a physics step that is short enough, or what makes the motion too fast."""
-    speed = _CATCHING_UP * fastest + orbital
-    turning = np.array([speed, *_DRIFT_M_S, *_SPIN_RAD_S, 0.0, 0.0, 0.0])
+    speed = _CATCH_UP_FACTOR * max_speed + orbital_speed
+    turning = np.array([speed, *_TURN_SWAY_HEAVE_M_S, *_TURN_RATES_RAD_S, 0.0, 0.0, 0.0])
     matrix = _motion(hull, turning)
     rate = np.abs(np.linalg.eigvals(matrix)).max() if np.all(np.isfinite(matrix)) else np.inf
     if rate * dt < 1.0:
         return
     steps = np.ceil(CONTROL_STEP_S * rate / _STEP_RESERVE)
     advice = "damping, drag areas, levers and fins must fit mass and added mass"
-    shortest = round(CONTROL_STEP_S / SHORTEST_STEP_S)
-    if steps <= shortest:
+    most_steps = round(CONTROL_STEP_S / SHORTEST_STEP_S)
+    if steps <= most_steps:
         # of steps that divide the control step, and that decimals state exactly
-        divisors = [n for n in range(int(steps), shortest + 1) if shortest % n == 0]
+        divisors = [n for n in range(int(steps), most_steps + 1) if most_steps % n == 0]
         advice = f"set timing.physics_step_s = {CONTROL_STEP_S / divisors[0]:.6g}"
     raise LaisnError(
         f"{hull.name}: its motion changes within {1.0 / rate:.2g} s at {speed:.3g} m/s, too "
@@ -278,12 +283,12 @@ def _require_slow_motion(hull: _LoopOfHull, dt: float, fastest: float, orbital: 
     )
 
 
-def _stable_below(hull: _LoopOfHull, unstable: float) -> float:
+def _stable_below(hull: _ControlledHull, unstable: float) -> float:
     """Highest speed, in hundredths, up to which a vehicle is stable, below an unstable one; 0: it
     is nowhere [m/s].
     """
     speeds = np.arange(0.05, unstable, 0.01)
-    grows = [_growth(hull, speed)[0] > _GROWTH for speed in speeds]
+    grows = [_growth(hull, speed)[0] > _TOLERATED_GROWTH for speed in speeds]
     first = grows.index(True) if True in grows else len(grows)
     return float(speeds[first - 1]) if first else 0.0
 
@@ -291,33 +296,33 @@ def _stable_below(hull: _LoopOfHull, unstable: float) -> float:
 def require_stable(
     plant: Plant,
     autopilots: Iterable[Autopilot],
-    fastest: float,
-    orbital: float = 0.0,
+    max_speed: float,
+    orbital_speed: float = 0.0,
     *,
-    slowest: float = 0.0,
+    min_speed: float = 0.0,
 ) -> None:
     """LaisnError naming vehicle, speed and plane where the motion of a plant's vehicles diverges.
 
-    Speeds through the water from `slowest` to `fastest`, and to that with which a vehicle catches
-    up with its route, are looked at as far as the vehicle reaches them [m/s]. Or the motion, also
-    in a turn and with the speed `orbital` of the water in waves [m/s], is too fast for the plant's
-    steps.
+    Speeds through the water from `min_speed` to `max_speed`, and to that with which a vehicle
+    catches up with its route, are looked at as far as the vehicle reaches them [m/s]. Or the
+    motion, also in a turn and with the speed `orbital_speed` of the water in waves [m/s], is too
+    fast for the plant's steps.
     """
     for i, (name, d) in enumerate(zip(plant.names, autopilots, strict=True)):
-        hull = _loop_of(plant, i, d)
-        _require_slow_motion(hull, plant.dt, fastest, orbital)
-        highest = max(min(_CATCHING_UP * fastest, top_speed(d)), slowest)
-        count = 1 + int(np.ceil((highest - slowest) / _SPEED_STEP))
-        for speed in np.linspace(slowest, highest, count):
+        hull = _controlled_hull(plant, i, d)
+        _require_slow_motion(hull, plant.dt, max_speed, orbital_speed)
+        top = max(min(_CATCH_UP_FACTOR * max_speed, top_speed(d)), min_speed)
+        count = 1 + int(np.ceil((top - min_speed) / _SPEED_STEP))
+        for speed in np.linspace(min_speed, top, count):
             growth, plane = _growth(hull, float(speed))
-            if growth <= _GROWTH:
+            if growth <= _TOLERATED_GROWTH:
                 continue
             advice = (
                 "give the hull fins at the stern or hull lift (NAME.fin, hull_lift), or a centre "
                 "of gravity below its origin"
             )
             stable = _stable_below(hull, float(speed))
-            leg = np.floor(100.0 * stable / _CATCHING_UP) / 100.0
+            leg = np.floor(100.0 * stable / _CATCH_UP_FACTOR) / 100.0
             if leg >= SPEED_MIN:
                 advice = f"it is stable on legs of up to {leg:g} m/s through the water; or {advice}"
             raise LaisnError(

@@ -12,7 +12,7 @@ from sim.log.writer import channels
 
 HOST = "127.0.0.1"
 PORT = 8765  # where Foxglove looks for a server
-_BACKLOG = 65_536  # messages that wait for a client
+_BACKLOG_MESSAGES = 65_536  # messages that wait for a client
 _LOG = "/log"
 _STATIC = "/tf_static"
 
@@ -29,7 +29,7 @@ class FoxgloveStream:
                 host=HOST,
                 port=port,
                 context=self._context,
-                message_backlog_size=_BACKLOG,
+                message_backlog_size=_BACKLOG_MESSAGES,
             )
         except RuntimeError as error:
             raise LaisnError(f"port {port} for Foxglove: {error}") from None
@@ -53,6 +53,7 @@ class FoxgloveStream:
 
     def show(self, flight: FlightRecord, *, is_over: bool = False) -> None:
         """Send what has been added to a mission's flight since the last call."""
+        # time, sender of the channel, and content of each message
         messages = list[tuple[int, Any, bytes]]()
         for channel in channels(flight):
             count = channel.time_ns.size
@@ -64,15 +65,15 @@ class FoxgloveStream:
             if count <= first:
                 continue
             self._sent[channel.topic] = count
-            log = self._writer(channel).log
+            send = self._writer(channel).log
             rows = slice(first, count)
             times = channel.time_ns[rows].tolist()
             messages += [
-                (time_ns, log, row) for time_ns, row in zip(times, channel.rows(rows), strict=True)
+                (time_ns, send, row) for time_ns, row in zip(times, channel.rows(rows), strict=True)
             ]
         messages.sort(key=lambda message: message[0])
-        for at, log, row in messages:
-            log(row, at)
+        for time_ns, send, row in messages:
+            send(row, time_ns)
 
     def _writer(self, channel: LogChannel) -> Any:
         """Foxglove's channel of a topic; the base, which takes bytes alone."""

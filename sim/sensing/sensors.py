@@ -33,7 +33,7 @@ from laisn.compiled import DispatchedFormula, compiled, formula, jitable
 from laisn.errors import LaisnError
 from laisn.geometry import signed_angle
 from laisn.messages import LeaderMessage
-from laisn.navigators import FARTHEST, FASTEST
+from laisn.navigators import MAX_RANGE, MAX_SPEED
 from laisn.plugins import find_class
 from laisn.swarm import READING
 from sim.attitude import Vector, body_point_in_world, heading_of, pitch_of, roll_of, rotated
@@ -330,10 +330,10 @@ def drift(e: SensorErrors, amplitude: float, phase: float, follower: int, time: 
 
 @formula
 def read_speed(e: SensorErrors, true: float, normals: tuple[float, float]) -> Any:
-    """Speed log of a follower, never negative (paper, Eq. 26); its scale ends at `FASTEST`
+    """Speed log of a follower, never negative (paper, Eq. 26); its scale ends at `MAX_SPEED`
     [m/s].
     """
-    return np.minimum(np.maximum(true + e.speed_bias + e.speed_sigma * normals[0], 0.0), FASTEST)
+    return np.minimum(np.maximum(true + e.speed_bias + e.speed_sigma * normals[0], 0.0), MAX_SPEED)
 
 
 @formula
@@ -354,7 +354,7 @@ def read_depth(e: SensorErrors, true: float, normals: tuple[float, float]) -> An
 def read_leader_speed(e: SensorErrors, true: float, normals: tuple[float, float]) -> Any:
     """Speed log of the leader, as `read_speed` [m/s]."""
     measured = true + e.leader_speed_bias + e.leader_speed_sigma * normals[0]
-    return np.minimum(np.maximum(measured, 0.0), FASTEST)
+    return np.minimum(np.maximum(measured, 0.0), MAX_SPEED)
 
 
 @formula
@@ -616,7 +616,7 @@ def range_reading(
     """Range to a transmitter or NaN [m] (paper, Eq. 28) by the true and the longest one, a uniform
     and the normal of ψ.
 
-    A receiver rejects zero, negative ranges and those beyond `FARTHEST`. ψ counts in proportion to
+    A receiver rejects zero, negative ranges and those beyond `MAX_RANGE`. ψ counts in proportion to
     the longest range to the N_T transmitters in use: 2 with LAISN-2 and 3 with LAISN-3 (Sections
     2.2 and 2.3). The middle one, which LAISN-2 has no use for, is scaled by the longest of all.
     """
@@ -625,7 +625,7 @@ def range_reading(
     reading = (
         true[0] + tau * (numbers_drawn[0] - 0.5 * e.range_error_centred) + psi * (true[0] / longest)
     )
-    return reading if (reading > 0.0) & (reading <= FARTHEST) else math.nan
+    return reading if (reading > 0.0) & (reading <= MAX_RANGE) else math.nan
 
 
 @formula

@@ -26,7 +26,7 @@ method_by_type("slowness")
 method_by_type("straight_slowness")
 
 # smaller depth steps have the slowness of their middle: quotients of small differences round [m]
-_LEVEL_M = 1e-3
+_MIN_DEPTH_STEP_M = 1e-3
 
 
 class SoundProfile(NamedTuple):
@@ -42,13 +42,13 @@ class SoundProfile(NamedTuple):
         speed.
         """
         depth, speed = np.array(points, dtype=np.float64).T.copy()
-        delays = [_delay(growth) for growth in (np.diff(speed) / speed[:-1]).tolist()]
+        delays = [_relative_layer_time(growth) for growth in (np.diff(speed) / speed[:-1]).tolist()]
         layers = np.diff(depth) / speed[:-1] * np.array(delays)
         return cls(depth, speed, np.concatenate([[0.0], np.cumsum(layers)]))
 
 
 @formula
-def _delay(growth: float) -> float:
+def _relative_layer_time(growth: float) -> float:
     """ln(1 + g) / g: time through a layer whose speed grows by a share g, in that at its first
     speed.
     """
@@ -81,13 +81,13 @@ def _vertical_time(p: SoundProfile, depth: float) -> float:
     """Time of a vertical ray from the first depth of the profile down to another one [s]."""
     i = _layer(p, depth)
     growth = (speed_at(p, depth) - p.speed[i]) / p.speed[i]
-    return float(p.crossing[i] + (depth - p.depth[i]) / p.speed[i] * _delay(growth))
+    return float(p.crossing[i] + (depth - p.depth[i]) / p.speed[i] * _relative_layer_time(growth))
 
 
 @jitable
 def mean_slowness(p: SoundProfile, upper: float, lower: float) -> float:
     """Mean of 1/c between two depths, in either order [s/m]."""
-    if abs(lower - upper) < _LEVEL_M:
+    if abs(lower - upper) < _MIN_DEPTH_STEP_M:
         return 1.0 / speed_at(p, 0.5 * (upper + lower))
     return (_vertical_time(p, lower) - _vertical_time(p, upper)) / (lower - upper)
 
@@ -158,7 +158,7 @@ class StraightRays(NamedTuple):
     profile: SoundProfile
     varies: bool  # sound has another speed at another depth
     floor: Any  # as `sim.water.floors.LevelFloor`
-    bends: bool = False  # the slowness of a path takes long to find
+    bends: bool = False  # rays that bend are traced, so that each slowness takes long to find
 
     @jitable
     def apparent_source(self, path: int, source: Vector, receiver: Vector) -> Vector:

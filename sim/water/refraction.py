@@ -47,7 +47,7 @@ class RefractedRays(NamedTuple):
     deepest: float  # of the floor [m]
     direct: RayTable
     surface: RayTable
-    bends: bool = True  # the slowness of a path takes longer to find than that of a straight one
+    bends: bool = True  # so that each slowness takes longer to find than that of a straight ray
 
     @jitable
     def apparent_source(self, path: int, source: Vector, receiver: Vector) -> Vector:

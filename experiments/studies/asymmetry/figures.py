@@ -69,8 +69,8 @@ EVERYTHING: Mapping[str, float] = {
     "sensors.leader_depth_sigma_m": 0.05,
 }
 """All causes of range errors at work at once, in the budget alone; 0.1 ms is 15 cm."""
-_SHOWN = (Cause.LEVER_ARM, Cause.RANDOM, Cause.MOTION)
-_TURN = np.linspace(0.0, 2.0 * np.pi, 181)
+_SHOWN_CAUSES = (Cause.LEVER_ARM, Cause.RANDOM, Cause.MOTION)
+_CIRCLE = np.linspace(0.0, 2.0 * np.pi, 181)
 
 
 class Message(NamedTuple):
@@ -179,12 +179,12 @@ def message_top(message: Message) -> Panel:
     """View from above, to scale: the circles that the follower draws, and where they meet."""
     truth = message.hydrophone[:2]
     fix = message.fix
-    reach = float(np.hypot(*truth))
+    distance = float(np.hypot(*truth))
     error = float(np.hypot(*(fix - truth)))
-    circle = np.column_stack([np.cos(_TURN), np.sin(_TURN)])
+    circle = np.column_stack([np.cos(_CIRCLE), np.sin(_CIRCLE)])
     circles = zip(message.assumed[:, :2], message.used_range, strict=True)
     lines = [_path(centre + radius * circle, REAL_COLOUR) for centre, radius in circles]
-    lines += [_path(reach * circle, INK, ":"), _path(message.assumed[:, :2], INK)]
+    lines += [_path(distance * circle, INK, ":"), _path(message.assumed[:, :2], INK)]
     # labels away from each other, across the ray
     sides = (
         ("middle left", "middle right") if fix[0] < truth[0] else ("middle right", "middle left")
@@ -198,7 +198,7 @@ def message_top(message: Message) -> Panel:
             _path(position[None], colour, "", mark, text=text, side=side),
         ]
     points = np.array([truth, fix, (-1.5, 0.0), (1.5, 0.0)])
-    pad = reach * np.array([0.3, 0.12])
+    pad = distance * np.array([0.3, 0.12])
     return _scene(
         lines,
         points.min(axis=0) - pad,
@@ -210,7 +210,7 @@ def message_top(message: Message) -> Panel:
 
 def around_leader(chart: Chart, depth_offset: float) -> Panel:
     """Errors of LAISN-2 around a leader pitched by 5°, over bearing and range, from the map."""
-    rows = chosen(chart, pitch_deg=5.0, depth_offset_m=depth_offset)
+    rows = points_at(chart, pitch_deg=5.0, depth_offset_m=depth_offset)
     range_m = np.unique(chart["range_m"][rows])
     bearing_deg = np.unique(chart["bearing_deg"][rows])
     error = chart["error_laisn-2_m"][rows].reshape(range_m.size, bearing_deg.size)
@@ -234,7 +234,7 @@ def around_leader(chart: Chart, depth_offset: float) -> Panel:
     )
 
 
-def chosen(chart: Chart, **fixed: float) -> Bools:
+def points_at(chart: Chart, **fixed: float) -> Bools:
     """Which points of the map have these values in its columns."""
     return np.all([np.isclose(chart[name], value) for name, value in fixed.items()], axis=0)  # type: ignore[no-any-return]
 
@@ -364,22 +364,22 @@ def scene(example: Example) -> tuple[FlightRecord, Annotations]:
     """What the film shows: the stretch about the message of the example, and an estimate by the
     broadcast pitch.
     """
-    level = example.flight
+    flight = example.flight
     time = example.flight.trajectory.time
     # truth and all other noise are the same: random numbers belong to their sensor
-    aware = navigate(example.aware, level.trajectory)
+    aware_flight = navigate(example.aware, flight.trajectory)
     message = float(time[example.step])
     start = max(float(time[0]), message - _BEFORE_S)
     end = min(float(time[-1]), message + _AFTER_S)
-    section = excerpt(level, start, end)
-    section = replace(section, scenario=level.scenario.model_copy(update={"name": EXAMPLE}))
-    received = time[level.measurements[0].message_step * level.stride]
-    errors = pitch_errors(level)[
+    section = excerpt(flight, start, end)
+    section = replace(section, scenario=flight.scenario.model_copy(update={"name": EXAMPLE}))
+    received = time[flight.measurements[0].message_step * flight.stride]
+    errors = pitch_errors(flight)[
         (received > section.trajectory.time[0]) & (received <= section.trajectory.time[-1])
     ]
     largest = float(np.nanmax(np.abs(errors), initial=1e-3))
     digit = 10.0 ** np.floor(np.log10(largest))
-    position = excerpt(aware, start, end).estimates[0].state[:, :2]
+    position = excerpt(aware_flight, start, end).estimates[0].state[:, :2]
     return section, Annotations(
         caption=f"The leader pitches: estimates of a follower {OFFSET_M:g} m below",
         label="level leader assumed",
@@ -400,18 +400,18 @@ def film(values: Mapping[str, Any], folder: Path, video: Video = VIDEO) -> Path:
     """Render the film of the example among the page's values as `film.mp4`; RendererDiedError if
     that fails.
     """
-    flight, added = scene(values["example"])
+    flight, annotations = scene(values["example"])
     path = folder / "film.mp4"
-    render(FilmJob(flight=flight, video=video, annotations=added), path)
+    render(FilmJob(flight=flight, video=video, annotations=annotations), path)
     return path
 
 
-def of_message(example: Example) -> dict[str, Any]:
+def message_values(example: Example) -> dict[str, Any]:
     """Values of the page on the ranges of one message and of the minutes around it."""
     budget = example.budget
     message = Message.of(example.flight.trajectory, example.step)
     first = budget.time <= 200.0
-    shares = {cause: budget.asymmetry[first, cause] for cause in _SHOWN}
+    shares = {cause: budget.asymmetry[first, cause] for cause in _SHOWN_CAUSES}
     difference = asymmetry_over_time(
         budget.time[first], shares, "Difference of the bow's and stern's range errors"
     )
@@ -421,25 +421,29 @@ def of_message(example: Example) -> dict[str, Any]:
         "example": example,
         "pitch_deg": np.rad2deg(message.pitch),
         "fix_error_m": np.hypot(*(message.fix - message.hydrophone[:2])),
-        "first_minutes": Figures(panels=[difference], legend=legend_of(_SHOWN)),
+        "first_minutes": Figures(panels=[difference], legend=legend_of(_SHOWN_CAUSES)),
         "shares": share_table(budget),
         "everything": EVERYTHING,
         "one_mission": Code(text=example.command, title="Run it, with film and report:"),
     }
 
 
-def of_map(chart: fix_map.Chart) -> dict[str, Any]:
+def map_values(chart: fix_map.Chart) -> dict[str, Any]:
     """Values of the page on the map: where around the leader its pitch matters."""
     maps = [around_leader(chart, offset) for offset in (0.0, 5.0)]
     closed_form = chart["error_closed_form_m"]
-    two = chart["error_laisn-2_m"]
+    laisn_2_error = chart["error_laisn-2_m"]
     is_known = closed_form > 0.0
     return {
         "maps": Figures(panels=maps),
-        "abeam": two[chosen(chart, pitch_deg=5.0, depth_offset_m=10.0, bearing_deg=90.0)],
-        "points": two.size,
-        "closed_form_m": np.abs(two - closed_form)[is_known].max(),
-        "third_m": np.quantile(np.abs(chart["error_laisn-3-2_m"] - two)[is_known], (0.5, 0.95)),
+        "abeam": laisn_2_error[
+            points_at(chart, pitch_deg=5.0, depth_offset_m=10.0, bearing_deg=90.0)
+        ],
+        "points": laisn_2_error.size,
+        "closed_form_m": np.abs(laisn_2_error - closed_form)[is_known].max(),
+        "third_m": np.quantile(
+            np.abs(chart["error_laisn-3-2_m"] - laisn_2_error)[is_known], (0.5, 0.95)
+        ),
     }
 
 
@@ -454,7 +458,7 @@ def against(finding: Finding | Interval, aim: float) -> TableCell:
     )
 
 
-def of_missions(
+def missions_values(
     missions: Missions,
     curves: Sequence[Curve],
     titles: Mapping[str, str],
@@ -465,16 +469,16 @@ def of_missions(
 
     `titles` are the words for conditions and arms by their names.
     """
-    two = select(missions, variant="laisn-2")
-    judged = select(two, judged=True)
+    of_laisn_2 = select(missions, variant="laisn-2")
+    judged = select(of_laisn_2, judged=True)
     paired_verdicts = [
         m.judge("error", findings.READINGS, looks, findings.LEVEL_BROADCAST).verdict for m in judged
     ]
     return {
-        "offsets": Figures(panels=over_offset(two), legend=LEGEND),
+        "offsets": Figures(panels=over_offset(of_laisn_2), legend=LEGEND),
         "worst": max(judged, key=lambda m: m.added, default=None),
         "excess": Figures(
-            panels=[excess_over_lever(two)],
+            panels=[excess_over_lever(of_laisn_2)],
             legend=[(colour, CAUSES[cause]) for cause, colour in CAUSE_COLOURS.items()],
         ),
         "missed_paired": paired_verdicts.count(findings.RemedyVerdict.MISSED),
@@ -514,6 +518,8 @@ def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, 
         "map": {name: column.astype(np.float32) for name, column in chart.items()},
     }
     findings_of_page = (
-        of_message(fly_example(plan)) | of_map(chart) | of_missions(paired(rows), curves, titles)
+        message_values(fly_example(plan))
+        | map_values(chart)
+        | missions_values(paired(rows), curves, titles)
     )
     return findings_of_page | {"tables": tables}

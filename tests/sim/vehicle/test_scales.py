@@ -114,4 +114,4 @@ def test_a_hull_with_scales_is_flown_where_it_is_stable():
 @pytest.mark.parametrize("name", ["leader", "follower"])
 def test_the_projects_hulls_are_stable_at_all_speeds_of_scenarios(name, mode):
     one = Plant([VehicleSetup(name=name, model=name, position_m=(0, 0, -10))], Ocean())
-    require_stable(one, design(one, (mode,)), SPEED_MAX + FASTEST_CURRENT_M_S, orbital=4.0)
+    require_stable(one, design(one, (mode,)), SPEED_MAX + FASTEST_CURRENT_M_S, orbital_speed=4.0)

@@ -114,7 +114,7 @@ def made(given: list[Record], **others: Any) -> Page:
         "found": found,
         "example": SimpleNamespace(title=""),
     }
-    values = figures.of_missions(
+    values = figures.missions_values(
         paired(given), CURVES, TITLES | {f"{c}-x": c for c in findings.CAUSES}, looks
     )
     return page_of(
@@ -344,7 +344,7 @@ def test_the_map_prints_the_difference_of_closed_form_and_engine() -> None:
         "error_closed_form_m": form,
         "error_laisn-3-2_m": engine + third,
     }
-    printed = text_of(made(EVERY, **figures.of_map(columns) | {"maps": ()}))
+    printed = text_of(made(EVERY, **figures.map_values(columns) | {"maps": ()}))
     assert "At 5° and 10 m the error abeam is 0.876 to 1.100 m, whatever the range" in printed
     assert (
         "differ from those of LAISN-2 by 0.001 m in the median, and by less than 0.003 m at 95 %"
