@@ -72,12 +72,12 @@ class Score(NamedTuple):
 
 
 def score(
-    estimates: Estimates, measured: Measurements, truth: Floats, since_s: float = 0.0
+    estimates: Estimates, measurements: Measurements, truth: Floats, since_s: float = 0.0
 ) -> Score:
     """Errors where there is an estimate, from `since_s` on; `truth`: time [s], east and north
     [m], shape (t, 3).
     """
-    time = measured.time
+    time = measurements.time
     estimated = np.isfinite(estimates.state[:, 0])
     first = max(since_s, float(time[estimated][0]) if estimated.any() else np.inf)
     path = truth[(truth[:, 0] >= first) & (truth[:, 0] <= time[-1])]

@@ -35,7 +35,7 @@ _OFF_AXIS_DEG = 30.0
 _PITCHES_DEG = (1.0, 2.0, 5.0, 10.0, 20.0)
 _ORIGIN = Point(0.0, 0.0)
 _LEVEL = turn(0.0)
-_SMALLEST_M = 1e-3
+_MIN_BASELINE_M = 1e-3
 
 
 class PitchedFix(NamedTuple):
@@ -206,7 +206,7 @@ _SIDES = {"behind": "behind it", "predicted": "on the side where it is predicted
 
 def _scale(geometry: PitchGeometry) -> float:
     """A round number of metres near to the error abeam: 1, 2 or 5 times a power of ten."""
-    error = max(geometry.at(90.0).error, _SMALLEST_M)
+    error = max(geometry.at(90.0).error, _MIN_BASELINE_M)
     power = 10.0 ** math.floor(math.log10(error))
     return power * min((1.0, 2.0, 5.0, 10.0), key=lambda step: abs(step - error / power))
 
@@ -279,7 +279,7 @@ def curves(geometry: PitchGeometry) -> Panel:
         x_label="bearing off the bow, to either side [°]",
         y_label="error [m]",
         y_log=True,
-        y_limits=(max(0.5 * float(errors.min()), _SMALLEST_M), 1.5 * float(errors.max())),
+        y_limits=(max(0.5 * float(errors.min()), _MIN_BASELINE_M), 1.5 * float(errors.max())),
         x_limits=(0.0, 180.0),
         x_ticks=range(0, 181, 30),
         width=FULL,

@@ -42,8 +42,8 @@ MOVING = 5
 """Number of states of a beacon at rest, and of one that moves by odometry of its own."""
 _OFFSET, _PLACE_EAST, _PLACE_NORTH, _TURN, _TURN_RATE = range(MOVING)
 
-KEPT = 256
-CAPACITY = 4 * KEPT
+MAX_COMPONENTS = 256
+CAPACITY = 4 * MAX_COMPONENTS
 """Components that are kept from range to range, and that there is room for while they are split."""
 
 # How fast what is called constant may wander, as variance in a second: biases of real sensors are
@@ -207,9 +207,9 @@ def moments(b: BeaconBelief, speed: float, heading: float) -> tuple[Floats, Floa
     return mean, covariance
 
 
-_SHORTEST = 0.1  # nearer to a beacon than this the direction to it means nothing [m]
+_MIN_DISTANCE = 0.1  # nearer to a beacon than this the direction to it means nothing [m]
 _ADAPTATION_GAIN = 0.02  # share of a range in the estimated variance of its beacon
-_LARGEST = 16.0  # a range adds at most this times the variance to it
+_MAX_INFLATION = 16.0  # a range adds at most this times the variance to it
 # bounds of the estimated variance, as multiples of the settings'
 _MIN_VARIANCE_FACTOR = 0.25
 _MAX_VARIANCE_FACTOR = 16.0
@@ -245,9 +245,9 @@ def predict_range(b: BeaconBelief, k: int, z: RangeMeasurement) -> tuple[float, 
     offset = b.first[z.beacon]
     dx, dy = x[X] - z.east - x[offset + 1], x[Y] - z.north - x[offset + 2]
     distance = max(
-        math.sqrt(dx * dx + dy * dy + z.depth_difference * z.depth_difference), _SHORTEST
+        math.sqrt(dx * dx + dy * dy + z.depth_difference * z.depth_difference), _MIN_DISTANCE
     )
-    flat = max(math.sqrt(dx * dx + dy * dy), _SHORTEST)
+    flat = max(math.sqrt(dx * dx + dy * dy), _MIN_DISTANCE)
     scale = 1.0 + x[SCALE]
     hx, hy = scale * dx / distance, scale * dy / distance
     for j in range(n):
@@ -299,9 +299,9 @@ def update(b: BeaconBelief, k: int, z: RangeMeasurement) -> float:
 
 # a component is split where a circle bends away from its tangent by more than this share of its
 # error
-_BEND = 0.7
+_SPLIT_BEND = 0.7
 _MIN_WEIGHT = 1e-8
-_SAME = 0.3  # squared Mahalanobis distance of positions, below which they are one
+_MERGE_DISTANCE = 0.3  # squared Mahalanobis distance of positions, below which they are one
 BEARINGS = 48  # Gaussians of a ring
 STARTERS = 8  # first ranges, each of which may be the one that gives an unknown start
 # errors of ranges are estimated where one component has more weight than this
@@ -349,7 +349,10 @@ def split(b: BeaconBelief, z: RangeMeasurement) -> None:
     k = 0
     while k < b.n_hypotheses[0]:
         _, _, bend = predict_range(b, k, z)
-        if bend > _BEND * math.sqrt(b.variance[z.beacon]) and b.n_hypotheses[0] + 2 <= CAPACITY:
+        if (
+            bend > _SPLIT_BEND * math.sqrt(b.variance[z.beacon])
+            and b.n_hypotheses[0] + 2 <= CAPACITY
+        ):
             _split_component(b, k, z)
         else:
             k += 1
@@ -358,7 +361,9 @@ def split(b: BeaconBelief, z: RangeMeasurement) -> None:
 @compiled
 def prune_and_merge(b: BeaconBelief) -> None:
     """Prune and merge components, keep the heaviest ones, and put the heaviest of all first."""
-    count = mixture.prune_and_merge(b, 1, b.n_hypotheses[0], _MIN_WEIGHT, KEPT, -1, _SAME)
+    count = mixture.prune_and_merge(
+        b, 1, b.n_hypotheses[0], _MIN_WEIGHT, MAX_COMPONENTS, -1, _MERGE_DISTANCE
+    )
     top = mixture.heaviest_hypothesis(b, 1, count)
     if top > 0:
         spare = CAPACITY - 1
@@ -441,7 +446,7 @@ def receive(b: BeaconBelief, z: RangeMeasurement, starter: int) -> bool:
             residual, expected, _ = predict_range(b, 0, z)
             variance = b.variance[z.beacon]
             variance += _ADAPTATION_GAIN * (
-                min(max(residual * residual - expected, 0.0), _LARGEST * variance) - variance
+                min(max(residual * residual - expected, 0.0), _MAX_INFLATION * variance) - variance
             )
             b.variance[z.beacon] = min(
                 max(variance, _MIN_VARIANCE_FACTOR * z.variance), _MAX_VARIANCE_FACTOR * z.variance

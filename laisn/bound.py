@@ -215,7 +215,7 @@ class _Transitions(NamedTuple):
     step: Floats  # F, the state at the end by that, shape (b, s, s)
     added: Floats  # covariance that each step's position has gained, shape (b, k, 2, 2)
     onward: Floats  # that of this with what the state has gained at the end, shape (b, k, 2, s)
-    gained: Floats  # Q, of what the state has gained, shape (b, s, s)
+    process_noise: Floats  # Q, of what the state has gained, shape (b, s, s)
 
 
 def _transitions(speed: Floats, ahead: Floats, dt: float, noise: TrueNoise) -> _Transitions:
@@ -242,7 +242,7 @@ def _transitions(speed: Floats, ahead: Floats, dt: float, noise: TrueNoise) -> _
         axis=1,
     )
     cross_at_end = np.zeros((intervals, steps, 2, _STATES))
-    gained = np.zeros((intervals, _STATES, _STATES))
+    process_noise = np.zeros((intervals, _STATES, _STATES))
     cross_at_end[..., :2] = added
     current = noise.current_walk**2 if noise.current > 0.0 else 0.0
     walks = (
@@ -260,13 +260,13 @@ def _transitions(speed: Floats, ahead: Floats, dt: float, noise: TrueNoise) -> _
         cross_at_end[..., :2] += (rate * (0.5 * t - t * t / (6.0 * end)) * state_rows)[
             ..., None
         ] * at_end
-        gained[:, state, state] = rate * end
-    gained[:, :2] = cross_at_end[:, -1]
-    gained[:, 2:, :2] = cross_at_end[:, -1, :, 2:].swapaxes(1, 2)
-    gained[:, _CLOCK : _DRIFT + 1, _CLOCK : _DRIFT + 1] = noise.clock_walk**2 * np.array(
+        process_noise[:, state, state] = rate * end
+    process_noise[:, :2] = cross_at_end[:, -1]
+    process_noise[:, 2:, :2] = cross_at_end[:, -1, :, 2:].swapaxes(1, 2)
+    process_noise[:, _CLOCK : _DRIFT + 1, _CLOCK : _DRIFT + 1] = noise.clock_walk**2 * np.array(
         [[end**3 / 3.0, end**2 / 2.0], [end**2 / 2.0, end]]
     )
-    return _Transitions(rows, step, added, cross_at_end, gained)
+    return _Transitions(rows, step, added, cross_at_end, process_noise)
 
 
 def _unknown_states(noise: TrueNoise) -> tuple[Floats, Ints]:
@@ -292,18 +292,18 @@ def _message_information(
     if mean:
         from_leader = geometry.from_leader[message]
         spread = covariance[None, :2, :2]
-        gained = _expected_informations(from_leader, spread, geometry.arms[message], noise)[0]
+        information = _expected_informations(from_leader, spread, geometry.arms[message], noise)[0]
     else:
-        gained = _informations_at_truth(geometry, noise, message)[0]
+        information = _informations_at_truth(geometry, noise, message)[0]
     way = _leader_way_information(geometry, noise, message, np.array([steps]))
-    return np.asarray(gained + way[0])
+    return np.asarray(information + way[0])
 
 
-def _informed(covariance: Floats, gained: Floats) -> Floats:
+def _informed(covariance: Floats, information: Floats) -> Floats:
     """(P⁻¹ + I)⁻¹ of matrices of shape (…, u, u), without the inverse of P, which a known start
     makes singular.
     """
-    informed = np.linalg.solve(np.eye(covariance.shape[-1]) + covariance @ gained, covariance)
+    informed = np.linalg.solve(np.eye(covariance.shape[-1]) + covariance @ information, covariance)
     return np.asarray(0.5 * (informed + informed.swapaxes(-1, -2)), dtype=np.float64)
 
 
@@ -341,10 +341,10 @@ def _steady_speed_bound(geometry: BoundGeometry, noise: TrueNoise, averaged: boo
         step = F[block]
         covariance = _informed(step @ covariance @ step.T + Q[block], log)
         if k + 1 in messages:
-            gained = _message_information(
+            information = _message_information(
                 geometry, noise, messages[k + 1], covariance, mean, k + 1 - last
             )
-            covariance = _informed(covariance, gained[block])
+            covariance = _informed(covariance, information[block])
             last = k + 1
         bound[k] = covariance[:2, :2]
     return bound
@@ -408,7 +408,7 @@ class _Intervals(NamedTuple):
     added: Floats  # shape (k, 2, 2)
     onward: Floats  # shape (k, 2, u)
     step: Floats  # shape (b, u, u)
-    gained: Floats  # shape (b, u, u)
+    process_noise: Floats  # shape (b, u, u)
     # of the message at the end of each interval, without the ranges' where their mean is taken;
     # shape (b, u, u)
     information: Floats
@@ -441,7 +441,7 @@ def _intervals(
     added = np.empty((steps, 2, 2))
     onward = np.empty((steps, 2, u))
     step = np.empty((lasts.size, u, u))
-    gained = np.empty((lasts.size, u, u))
+    process_noise = np.empty((lasts.size, u, u))
     for length in np.unique(lengths):
         alike = np.flatnonzero(lengths == length)
         at = begins[alike][:, None] - start + np.arange(length)
@@ -450,7 +450,7 @@ def _intervals(
         added[at] = way.added
         onward[at] = way.onward[..., unknown]
         step[alike] = way.step[:, unknown[:, None], unknown]
-        gained[alike] = way.gained[:, unknown[:, None], unknown]
+        process_noise[alike] = way.process_noise[:, unknown[:, None], unknown]
     block = slice(first, min(first + lasts.size, geometry.message_step.size))
     messages = max(block.stop - first, 0)
     of_messages = _leader_way_information(geometry, noise, block, lengths[:messages])
@@ -460,7 +460,17 @@ def _intervals(
     information[:messages] = of_messages[:, unknown[:, None], unknown]
     interval = np.repeat(np.arange(lasts.size), lengths)
     return _Intervals(
-        span, begins, lasts, interval, messages, rows, added, onward, step, gained, information
+        span,
+        begins,
+        lasts,
+        interval,
+        messages,
+        rows,
+        added,
+        onward,
+        step,
+        process_noise,
+        information,
     )
 
 
@@ -498,13 +508,13 @@ def _advance(
     """
     count = max(len(block.step) for block in blocks)
     step = _side_by_side([block.step for block in blocks], count, np.eye(unknown.size))
-    gained = _side_by_side([block.gained for block in blocks], count, 0.0)
+    process_noise = _side_by_side([block.process_noise for block in blocks], count, 0.0)
     information = _side_by_side([block.information for block in blocks], count, 0.0)
     recursion = _Recursion(*np.empty((4, *step.shape)))
     for j in range(count):
         recursion.before[j] = covariance
         recursion.between[j] = covariance @ step[j].swapaxes(1, 2)
-        covariance = step[j] @ recursion.between[j] + gained[j]
+        covariance = step[j] @ recursion.between[j] + process_noise[j]
         recursion.predicted[j] = covariance
         learnt = information[j]
         if messages is not None:
@@ -561,6 +571,28 @@ class _Smoothing:
         return smooth(chain, latest, last, (means, bound), self._cross_to_next)[1]
 
 
+def _messages_side_by_side(
+    geometries: Sequence[BoundGeometry], block: slice, count: int
+) -> tuple[Floats, Floats]:
+    """Hydrophones from the leader and arms of a block of each follower's messages, as `_advance`
+    takes them.
+    """
+    from_leader = [geometry.from_leader[block] for geometry in geometries]
+    arms = [geometry.arms[block] for geometry in geometries]
+    return _side_by_side(from_leader, count, 0.0), _side_by_side(arms, count, np.nan)
+
+
+def _write_bounds(intervals: _Intervals, recursion: _Recursion, i: int, bound: Floats) -> None:
+    """Write the covariances of follower i's position at the steps of some intervals: on the way,
+    and with the message at the end of each.
+    """
+    before = recursion.before[intervals.interval, i]
+    rows = intervals.rows
+    bound[intervals.span] = rows @ before @ rows.swapaxes(1, 2) + intervals.added
+    informed = intervals.lasts[: intervals.messages]
+    bound[informed] = recursion.after[: intervals.messages, i, :2, :2]
+
+
 def _dead_reckoning_bounds(
     geometries: Sequence[BoundGeometry], noise: TrueNoise, averaged: bool | None, lag: float
 ) -> list[Floats]:
@@ -581,19 +613,11 @@ def _dead_reckoning_bounds(
         block = slice(first, first + _MAX_INTERVALS)
         blocks = [_intervals(geometry, noise, unknown, first, mean) for geometry in geometries]
         count = max(len(intervals.step) for intervals in blocks)
-        messages = None
-        if mean:
-            from_leader = [geometry.from_leader[block] for geometry in geometries]
-            arms = [geometry.arms[block] for geometry in geometries]
-            messages = _side_by_side(from_leader, count, 0.0), _side_by_side(arms, count, np.nan)
+        messages = _messages_side_by_side(geometries, block, count) if mean else None
         recursion = _advance(covariance, blocks, messages, noise, unknown)
         covariance = recursion.after[-1]
         for i, intervals in enumerate(blocks):
-            before = recursion.before[intervals.interval, i]
-            rows = intervals.rows
-            bounds[i][intervals.span] = rows @ before @ rows.swapaxes(1, 2) + intervals.added
-            informed = intervals.lasts[: intervals.messages]
-            bounds[i][informed] = recursion.after[: intervals.messages, i, :2, :2]
+            _write_bounds(intervals, recursion, i, bounds[i])
             if smoothing:
                 smoothing[i].add(intervals, recursion, i)
     return (

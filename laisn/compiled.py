@@ -48,7 +48,7 @@ COMPILED_SOURCES = ("laisn/**/*.py", "sim/**/*.py", "experiments/campaign/lane_*
 """Sources that compiled code reads: a compiled module imports from them alone."""
 _EXCLUDED = ("sim/datasets", "sim/film", "sim/gazebo", "sim/log")
 _ROOT = Path(__file__).resolve().parents[1]
-_KEPT_S = 7 * 86_400.0
+_MAX_UNUSED_S = 7 * 86_400.0
 """Code of other versions is removed when it has not been used for so long."""
 
 
@@ -90,7 +90,7 @@ def find_folder() -> Path | None:
         version.mkdir(exist_ok=True)
         os.utime(version)
         for other in cache.iterdir():
-            if other.stat().st_mtime < time.time() - _KEPT_S:
+            if other.stat().st_mtime < time.time() - _MAX_UNUSED_S:
                 shutil.rmtree(other, ignore_errors=True)
     except (OSError, RuntimeError) as error:
         # the latter: this user has no home

@@ -14,7 +14,6 @@ import io
 import sys
 from collections.abc import Iterable, Mapping
 from enum import Enum
-from functools import cache
 from pathlib import Path
 from types import (
     BuiltinFunctionType,
@@ -38,8 +37,8 @@ _SHARED = frozenset(
     ("experiments", "laisn", "laisn_sim", "reports", "sim", "numba", "numpy", "llvmlite")
 )
 """Packages that the folder of compiled code is named by, beside the standard library."""
-_PLAIN = (bool, int, float, complex, str, bytes, type(None), type(...), range)
-_DEEPEST = 60
+_SIMPLE_TYPES = (bool, int, float, complex, str, bytes, type(None), type(...), range)
+_MAX_DEPTH = 60
 
 
 class _UndescribedError(Exception):
@@ -56,7 +55,7 @@ def _is_shared(module: str) -> bool:
     return package in _SHARED or package in sys.stdlib_module_names
 
 
-class _Named(NumbaPickler):
+class _CustomCollector(NumbaPickler):
     """Collects the user's own classes and functions in a signature, as numba's index names them."""
 
     def __init__(self) -> None:
@@ -85,9 +84,9 @@ class _Description:
 
     def add(self, value: object, depth: int = 0) -> None:
         """Describe a value; _UndescribedError if that cannot be done."""
-        if depth > _DEEPEST:
+        if depth > _MAX_DEPTH:
             raise _UndescribedError
-        if isinstance(value, _PLAIN):
+        if isinstance(value, _SIMPLE_TYPES):
             self.lines.append(f"{type(value).__name__} {value!r}")
         elif id(value) in self._seen:
             self.lines.append(f"as {self._seen[id(value)]}")
@@ -170,12 +169,13 @@ class _Description:
             return
         self._add_version(function.__module__ or "")
         names = self._add_code(function.__code__, depth)
-        read = function.__globals__
-        for name in sorted(names & read.keys()):
+        module_globals = function.__globals__
+        for name in sorted(names & module_globals.keys()):
+            value = module_globals[name]
             self.lines.append(name)
-            self.add(read[name], depth)
-            if isinstance(read[name], ModuleType) and not _is_shared(read[name].__name__):
-                contents = vars(read[name])
+            self.add(value, depth)
+            if isinstance(value, ModuleType) and not _is_shared(value.__name__):
+                contents = vars(value)
                 inner = sorted(names & contents.keys())
                 self._add_all((entry for key in inner for entry in (key, contents[key])), depth)
 
@@ -201,18 +201,17 @@ class _Description:
         self.lines.append(str(getattr(package, "__version__", "")))
 
 
-@cache
-def _sources(file: Path) -> list[Sources]:
-    """The last sources of a file, if there are any."""
-    return []
+_SOURCES: dict[Path, Sources] = {}
+"""Sources as they were last read, by the file that reaches them."""
 
 
 def _digest_of_files(file: Path) -> str:
     """Digest of the user's sources that a file reaches."""
-    last = _sources(file)
-    if not last or not last[0].unchanged:
-        last[:] = [Sources.of(file)]
-    return last[0].digest
+    sources = _SOURCES.get(file)
+    if sources is None or not sources.unchanged:
+        sources = Sources.of(file)
+        _SOURCES[file] = sources
+    return sources.digest
 
 
 def _named_object(kind: type) -> object:
@@ -238,7 +237,7 @@ def name_of_custom(signature: object) -> str | None:
     """A name for what stands in the user's own classes in a signature of numba's: "" where it has
     none; None where no name tells that, as of classes of a notebook.
     """
-    named = _Named()
+    named = _CustomCollector()
     named.dump(signature)
     if named.has_functions:
         return None

@@ -17,7 +17,7 @@ LONGEST_DELAY = 5.0
 """A message that seems to have been longer under way has a clock of its own [s]."""
 SMOOTHING_TIME = 1.5
 """The speed over the pings is the log's exponential mean over this time [s]."""
-UNSTEADY = 0.03
+ACCELERATION_SIGMA = 0.03
 """Random error of that speed, of what the vehicle accelerates [m/s]."""
 
 
@@ -74,4 +74,4 @@ class MeanSpeed:
         independent.
         """
         share = dt / min(max(self.since_message, dt), SMOOTHING_TIME)
-        return speed_sigma**2 * share + UNSTEADY**2
+        return speed_sigma**2 * share + ACCELERATION_SIGMA**2

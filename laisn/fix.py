@@ -270,6 +270,16 @@ def _weighted(weight: float, value: float) -> float:
 
 
 @formula
+def _kind_of_mean(pairs: Pairs, w_a: float, w_b: float, w_c: float) -> float:
+    """FUSED where several pairs have a weight, the kind of a pair that alone has one, else LOST."""
+    has_several = (w_a > 0.0 and w_b + w_c > 0.0) or (w_b > 0.0 and w_c > 0.0)
+    kind = pairs[2].kind if w_c > 0.0 else LOST
+    kind = pairs[1].kind if w_b > 0.0 else kind
+    kind = pairs[0].kind if w_a > 0.0 else kind
+    return FUSED if has_several else kind
+
+
+@formula
 def laisn_3_2(pairs: Pairs, predicted: Point) -> Fix:
     """Weighted mean of the pairs whose circles meet, w_i = 1 / (1 + σp,i) (paper, Eqs. 24 and 25).
 
@@ -281,20 +291,16 @@ def laisn_3_2(pairs: Pairs, predicted: Point) -> Fix:
     w_b = _weight(b)
     w_c = _weight(c)
     has_none = w_a + w_b + w_c == 0.0
-    has_several = (w_a > 0.0 and w_b + w_c > 0.0) or (w_b > 0.0 and w_c > 0.0)
     w_a = 1.0 if has_none and a.kind != LOST else w_a
     w_b = 1.0 if has_none and w_a == 0.0 and b.kind != LOST else w_b
     w_c = 1.0 if has_none and w_a + w_b == 0.0 and c.kind != LOST else w_c
     total = w_a + w_b + w_c
     per_total = 1.0 / (total if total > 0.0 else np.nan)
-    only_kind = c.kind if w_c > 0.0 else LOST
-    only_kind = b.kind if w_b > 0.0 else only_kind
-    only_kind = a.kind if w_a > 0.0 else only_kind
     return Fix(
         (_weighted(w_a, a.east) + _weighted(w_b, b.east) + _weighted(w_c, c.east)) * per_total,
         (_weighted(w_a, a.north) + _weighted(w_b, b.north) + _weighted(w_c, c.north)) * per_total,
         (a.sigma + b.sigma + c.sigma) * (1.0 / 3.0),
-        FUSED if has_several else only_kind,
+        _kind_of_mean(pairs, w_a, w_b, w_c),
         -1.0,
     )
 

@@ -229,22 +229,30 @@ def is_singular(variance_x: float | Floats, variance_y: float | Floats) -> Any:
 
 
 def turned_cosine(
-    pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, reach: npt.ArrayLike, bearing: npt.ArrayLike
+    pitch: npt.ArrayLike,
+    depth_offset: npt.ArrayLike,
+    distance: npt.ArrayLike,
+    bearing: npt.ArrayLike,
 ) -> Floats:
     """cos B̂ of a fix that the leader's pitch turns about the leader; beyond ±1 where the
     circles do not meet.
     """
-    lever = np.divide(depth_offset, reach) * np.sin(pitch)
+    lever = np.divide(depth_offset, distance) * np.sin(pitch)
     return np.asarray(np.cos(bearing) * np.cos(pitch) - lever)
 
 
 def pitch_fix_error(
-    pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, reach: npt.ArrayLike, bearing: npt.ArrayLike
+    pitch: npt.ArrayLike,
+    depth_offset: npt.ArrayLike,
+    distance: npt.ArrayLike,
+    bearing: npt.ArrayLike,
 ) -> Floats:
     """Position error of a noiseless fix of LAISN-2 from the leader's pitch (docs/asymmetry.md),
     [rad] and [m], of a follower so far below the leader, away from it and off its bow.
     """
-    turn_angle = np.arccos(np.clip(turned_cosine(pitch, depth_offset, reach, bearing), -1.0, 1.0))
+    turn_angle = np.arccos(
+        np.clip(turned_cosine(pitch, depth_offset, distance, bearing), -1.0, 1.0)
+    )
     return np.asarray(
-        2.0 * np.asarray(reach) * np.sin(np.abs(turn_angle - np.arccos(np.cos(bearing))) / 2.0)
+        2.0 * np.asarray(distance) * np.sin(np.abs(turn_angle - np.arccos(np.cos(bearing))) / 2.0)
     )

@@ -19,7 +19,7 @@ MIRROR_LOCK_ERROR = 5.0
 """Position error beyond which an estimate near the mirror image of the truth counts as locked on
 it [m].
 """
-_FLAT = 1e-8
+_MIN_DETERMINANT = 1e-8
 """Least determinant of a covariance with an inverse, as a share of the product of its variances."""
 
 
@@ -63,7 +63,7 @@ def is_invertible(pxx: Number, pxy: Number, pyy: Number) -> Any:
     less than 10⁴ times.
     """
     # "^ True" negates arrays and numbers alike
-    return (is_singular(pxx, pyy) ^ True) & (pxx * pyy - pxy * pxy > _FLAT * pxx * pyy)
+    return (is_singular(pxx, pyy) ^ True) & (pxx * pyy - pxy * pxy > _MIN_DETERMINANT * pxx * pyy)
 
 
 @formula

@@ -241,7 +241,9 @@ class Navigator(OnlineNavigator[Estimates]):
         self._filter.update_speed(
             own.speed, own.heading, settings.sigma_speed, settings.sigma_heading
         )
-        self._own, self._state, self._covariance = own, self._filter.state, self._filter.covariance
+        self._own = own
+        self._state = self._filter.state
+        self._covariance = self._filter.covariance
         return records
 
     def _acceleration(self, own: OwnMotion, reception: Reception | None) -> float:

@@ -723,10 +723,10 @@ def _lower_set_field(
 def lane_dtype(dtype: np.dtype[Any]) -> np.dtype[Any]:
     """Layout of records of lanes: floats eight by eight, whole numbers shared by all lanes."""
     if dtype.names is None:
-        base, shape = dtype.base, dtype.shape
+        base = dtype.base
         if base.names is not None:
-            return np.dtype((lane_dtype(base), shape))
-        return np.dtype((base, (*shape, LANES))) if base.kind == "f" else dtype
+            return np.dtype((lane_dtype(base), dtype.shape))
+        return np.dtype((base, (*dtype.shape, LANES))) if base.kind == "f" else dtype
     fields = [(name, lane_dtype(dtype[name])) for name in dtype.names]
     return np.dtype(fields, align=True)
 

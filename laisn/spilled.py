@@ -18,7 +18,7 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-LONG = 50_000
+SPILLED_FROM = 50_000
 """Arrays of so many instants, steps or messages are in files."""
 _RELEASE_EVERY_S = 0.05
 _LASTING = Path("/var/tmp")
@@ -57,7 +57,7 @@ def _mapping(size: int) -> _Mapping | None:
 
 def is_long(shape: Sequence[int]) -> bool:
     """Whether arrays of a shape are in files: an axis is long."""
-    return max(shape, default=0) >= LONG
+    return max(shape, default=0) >= SPILLED_FROM
 
 
 def room(shape: Sequence[int], dtype: npt.DTypeLike = np.float64) -> npt.NDArray[Any]:

@@ -265,8 +265,9 @@ class _Handler(BaseHTTPRequestHandler):
             length = int(self.headers.get("Content-Length", ""))
             if self.path != "/control" or not 0 < length <= _LONGEST_REQUEST:
                 raise ValueError(self.path)
-            asked = json.loads(self.rfile.read(length))
-            paused, speed = asked.get("paused"), asked.get("speed")
+            request = json.loads(self.rfile.read(length))
+            paused = request.get("paused")
+            speed = request.get("speed")
             if not isinstance(paused, bool | None):
                 raise ValueError("paused")
             self.server.view.control(paused, math.inf if speed == 0 else speed)

@@ -355,15 +355,15 @@ def motion(flight: FlightRecord) -> Panel:
 
 def ranges_part(flight: FlightRecord, follower: int) -> Subplot:
     """Measured slant ranges over time, of the transmitters that the variant uses."""
-    measured = flight.measurements[follower]
+    measurements = flight.measurements[follower]
     time = np.asarray(
-        flight.trajectory.time[0] + measured.message_step * measured.dt, dtype=np.float64
+        flight.trajectory.time[0] + measurements.message_step * measurements.dt, dtype=np.float64
     )
     used = reversed(range(flight.scenario.navigation_of(follower).transmitters))
     lines = [
         Line(
             x=time,
-            y=measured.ranges[:, j],
+            y=measurements.ranges[:, j],
             colour=TRANSMITTERS[j],
             width=0.9,
             name=f"{Ranges._fields[j]} range",

@@ -144,7 +144,8 @@ class _Writer:
 
     def vehicle(self, number: int, shape: dict[str, Any]) -> int:
         """A hull that moves, with its fins."""
-        file, truth = self.file, self.flight.trajectory
+        file = self.file
+        truth = self.flight.trajectory
         role = TRUTH if number else LEADER
         moving = {fin["part"]: fin for fin in shape["fins"]}
 
@@ -187,7 +188,8 @@ class _Writer:
 
     def estimate(self, follower: int) -> tuple[int, Floats]:
         """A diamond at a follower's estimate, at its true depth; and its path."""
-        file, flight = self.file, self.flight
+        file = self.file
+        flight = self.flight
         name = f"{flight.trajectory.names[follower + 1]} estimate"
         surface = file.surface(diamond(_DIAMOND_M), file.material(ESTIMATE, 0.2))
         node = file.add("nodes", name=name, mesh=file.add("meshes", primitives=[surface]))
@@ -202,7 +204,8 @@ class _Writer:
 def write_gltf(flight: FlightRecord, path: Path) -> None:
     """Write a flight as a file that ends in .glb; OSError if that fails."""
     writer = _Writer(flight)
-    file, truth = writer.file, flight.trajectory
+    file = writer.file
+    truth = flight.trajectory
     shapes = {name: hull(name) for name in dict.fromkeys(MissionPlan.of(flight.scenario).models)}
     nodes = []
     for number, model in enumerate(MissionPlan.of(flight.scenario).models):

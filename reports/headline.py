@@ -31,7 +31,7 @@ _BAD_BOUND = (0.0, 3.0)
 _NEAR_SHARE = 0.3  # least share of the time near the leader's axis that is a cause
 _NEAR_RATIO = 1.5  # least ratio of the mean error there to that elsewhere
 _LOCKED_SHARE = 0.01  # least share of the time on the wrong side that is a cause
-_TWO = 2
+_TWO_TRANSMITTERS = 2
 
 
 def judged(value: float | None, good: tuple[float, float], bad: tuple[float, float]) -> Tone:
@@ -47,8 +47,9 @@ def figure(value: float, unit: str = "") -> str:
     """A number with about three digits: 0.05 m, 12.3 m, 61 thousand."""
     if value >= 1e4:
         return f"{value / 1e3:,.0f} thousand{unit}"
-    digits = 2 if value < 10 else 1 if value < 100 else 0
-    return f"{value:.{digits}f}{unit}"
+    if value >= 100:
+        return f"{value:.0f}{unit}"
+    return f"{value:.1f}{unit}" if value >= 10 else f"{value:.2f}{unit}"
 
 
 def navigators(flight: FlightRecord) -> str:
@@ -83,7 +84,7 @@ def cause(transmitters: int, errors: Mapping[str, float], nees: float | None) ->
     near_axis = errors["near_axis"]
     off_axis = errors["mean_elsewhere"]
     if near_axis >= _NEAR_SHARE and not errors["mean_near"] < _NEAR_RATIO * off_axis:
-        is_two = transmitters <= _TWO
+        is_two = transmitters <= _TWO_TRANSMITTERS
         reason = (
             "two transmitters cannot tell the side"
             if is_two

@@ -40,7 +40,7 @@ _SHOWN_VERSIONS = {
     "scipy": "SciPy",
     "numba": "Numba",
 }
-_SHORT = 44
+_SHORT_CHARACTERS = 44
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +106,7 @@ class TableCell:
         if self.numeric:
             width = "n"
         else:
-            width = "long" if len(self.text) > _SHORT else "short"
+            width = "long" if len(self.text) > _SHORT_CHARACTERS else "short"
         return " ".join(filter(None, (width, self.tone)))
 
     @property

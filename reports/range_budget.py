@@ -96,15 +96,15 @@ def range_error_budget(flight: FlightRecord, follower: int = 0) -> RangeErrorBud
     scenario = flight.scenario
     sensing = SensingSettings.of(scenario.navigated_as(follower))
     trajectory = navigated_motion(flight.trajectory, sensing.links)
-    measured = flight.measurements[follower]
+    measurements = flight.measurements[follower]
     sound = propagate(trajectory, sensing, follower)
     # sound counts steps from the start of the mission, a flight from its own
-    first = round(float(trajectory.time[0]) / measured.dt)
+    first = round(float(trajectory.time[0]) / measurements.dt)
     _, row, pings = np.intersect1d(
-        sound.message_step - first, measured.message_step, return_indices=True
+        sound.message_step - first, measurements.message_step, return_indices=True
     )
     emission = sound.emission_step[row]
-    fix = measured.message_step[pings] * flight.stride
+    fix = measurements.message_step[pings] * flight.stride
     instants = (emission - first) * flight.stride
 
     broadcast = _transmitters(trajectory, instants, trajectory.quaternion[instants, 0])
@@ -123,10 +123,10 @@ def range_error_budget(flight: FlightRecord, follower: int = 0) -> RangeErrorBud
         return np.asarray(np.take_along_axis(values[row], path[:, :, None], axis=2)[:, :, 0])
 
     length = taken(sound.arrival.length)
-    message = dict(zip(LeaderMessage._fields, measured.message[pings].T, strict=True))
+    message = dict(zip(LeaderMessage._fields, measurements.message[pings].T, strict=True))
     height = navigation_settings(scenario, trajectory.sites, follower).hydrophone_height
     measured_difference = message["depth"] - (
-        measured.depth[measured.message_step[pings] - 1] - height
+        measurements.depth[measurements.message_step[pings] - 1] - height
     )
     d_level = np.linalg.norm(level[..., :2] - hydrophone[:, None, :2], axis=2)
     steps = {
@@ -138,8 +138,8 @@ def range_error_budget(flight: FlightRecord, follower: int = 0) -> RangeErrorBud
         Cause.ECHO: _on_plane(length, depth_difference),
         Cause.SOUND_SPEED: _on_plane(length * taken(sound.arrival.ratio), depth_difference),
         Cause.CLOCK: _on_plane(taken(sound.range), depth_difference),
-        Cause.RANDOM: _on_plane(measured.ranges[pings], depth_difference),
-        Cause.DEPTH: _on_plane(measured.ranges[pings], measured_difference),
+        Cause.RANDOM: _on_plane(measurements.ranges[pings], depth_difference),
+        Cause.DEPTH: _on_plane(measurements.ranges[pings], measured_difference),
     }
     chain = np.stack([d_level, *(steps[cause] for cause in Cause)], axis=2)
     share = np.diff(chain, axis=2)

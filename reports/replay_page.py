@@ -33,10 +33,10 @@ BAD_NIS = (0.1, 4.0)
 _NAMES = ("rear or first transmitter", "front or second", "middle or third")
 
 
-def _poses(measured: Measurements) -> list[Floats]:
+def _poses(measurements: Measurements) -> list[Floats]:
     """East, north [m], heading [rad] and depth [m] of the leader in each message, shapes (m,)."""
     return [
-        measured.message[:, LeaderMessage._fields.index(field)]
+        measurements.message[:, LeaderMessage._fields.index(field)]
         for field in ("east", "north", "heading", "depth")
     ]
 

@@ -23,7 +23,7 @@ _FLOOR_POINTS = 61
 _MARGIN_M = 100.0  # of the map about the routes
 _LEVELS = 80  # of profiles
 _PROFILE_LEGEND = ((SERIES[0], "towards east, and sound"), (SERIES[1], "towards north"))
-_SMALL = 1e-4  # a current below it is none [m/s]
+_NEGLIGIBLE_CURRENT_M_S = 1e-4  # a current below it is none [m/s]
 
 
 class _Map(NamedTuple):
@@ -60,7 +60,7 @@ def _contours(sea: SeaSettings, region: Region) -> list[Line]:
     north = np.linspace(region.south, region.north, _FLOOR_POINTS)
     x, y = np.meshgrid(east, north)
     depth = floor_of(sea).depths_at(x, y)
-    if np.ptp(depth) < _SMALL:
+    if np.ptp(depth) < _NEGLIGIBLE_CURRENT_M_S:
         return []
     generator: Any = contourpy.contour_generator(x, y, depth)
     lines = []
@@ -85,7 +85,7 @@ def _map(sea: SeaSettings, paths: list[PlannedPath]) -> tuple[Any, float]:
     velocity = current_at(sea, grid[:, 0], grid[:, 1], depth, np.zeros(len(grid)))
     fastest = float(np.hypot(*velocity.T).max(initial=0.0))
     lines = _contours(sea, region)
-    if fastest > _SMALL:
+    if fastest > _NEGLIGIBLE_CURRENT_M_S:
         lines.append(current_arrows(grid, velocity, spacing / fastest))
     lines += _routes(paths)
     figure = panel(
@@ -170,7 +170,7 @@ def write_sea_page(scenario: Scenario, path: Path) -> None:
         floor.depths_at(*planned.position[:, :2].T) + planned.position[:, 2] for planned in paths
     ]
     lowest = min(float(height.min()) for height in heights)
-    flows = fastest > _SMALL
+    flows = fastest > _NEGLIGIBLE_CURRENT_M_S
     moves = f"The current runs at up to {fastest:.3g} m/s at {scenario.leader.layer_m:g} m"
     sentence = "There is no current"
     summary = f"{moves if flows else sentence}; the plans keep {lowest:.3g} m above the floor."

@@ -19,8 +19,8 @@ from reports.parquet import arrow_table
 from reports.summary import mirror_locked_steps, true_bearing
 from sim.flight import FlightRecord, position_and_bearing_errors
 
-_SHOWN = 5
-_NAMED = 12
+_MAX_SHOWN_FOLLOWERS = 5
+_MAX_NAMED_FOLLOWERS = 12
 
 
 class Table:
@@ -69,15 +69,15 @@ class Table:
         return self.arrow.__arrow_c_stream__(requested_schema)
 
     def __repr__(self) -> str:
-        columns = self.columns[:_NAMED]
-        if len(self.columns) > _NAMED:
+        columns = self.columns[:_MAX_NAMED_FOLLOWERS]
+        if len(self.columns) > _MAX_NAMED_FOLLOWERS:
             columns.append("…")
         return f"<Table: {len(self)} rows, {len(self.columns)} columns: {', '.join(columns)}>"
 
     def _repr_html_(self) -> str:
         heads = "".join(f"<th>{html.escape(name)}</th>" for name in self.columns)
         rows = ""
-        for row in self.arrow.slice(0, _SHOWN).to_pylist():
+        for row in self.arrow.slice(0, _MAX_SHOWN_FOLLOWERS).to_pylist():
             texts = (f"{v:.6g}" if isinstance(v, float) else str(v) for v in row.values())
             rows += f"<tr>{''.join(f'<td>{html.escape(text)}</td>' for text in texts)}</tr>"
         return (
@@ -162,11 +162,11 @@ _LEADER = (
 """Columns of the fields of `LeaderMessage`, in their order; angles in degrees."""
 
 
-def _custom_columns(measured: Measurements) -> Iterator[tuple[str, Floats]]:
+def _custom_columns(measurements: Measurements) -> Iterator[tuple[str, Floats]]:
     """Readings of further sensors as columns, shape (n,): names with units, angles in degrees."""
-    for sensor, readings in measured.custom.items():
+    for sensor, readings in measurements.custom.items():
         rows = readings.reshape(len(readings), -1)
-        header = measured.sensors.get(sensor, SensorHeader())
+        header = measurements.sensors.get(sensor, SensorHeader())
         units = [channel.unit for channel in header.channels] or [""] * rows.shape[1]
         for name, unit, values in zip(header.names(rows.shape[1]), units, rows.T, strict=True):
             angle = unit.partition("/")[0] == "rad"
@@ -185,25 +185,30 @@ def measurements_table(flight: FlightRecord) -> Table:
     its channels as `NAME_CHANNEL_UNIT` (`dvl_altitude_m`); null elsewhere.
     """
     parts = []
-    for name, measured in zip(flight.trajectory.names[1:], flight.measurements, strict=True):
+    for name, measurements in zip(flight.trajectory.names[1:], flight.measurements, strict=True):
         columns = {
-            "follower": [name] * measured.speed.size,
-            "time_s": measured.time,
-            "speed_m_s": measured.speed,
+            "follower": [name] * measurements.speed.size,
+            "time_s": measurements.time,
+            "speed_m_s": measurements.speed,
         }
-        columns |= {"heading_deg": np.rad2deg(measured.heading) % 360.0, "depth_m": measured.depth}
-        received = {f"leader_{column}": measured.message[:, i] for i, column in enumerate(_LEADER)}
+        columns |= {
+            "heading_deg": np.rad2deg(measurements.heading) % 360.0,
+            "depth_m": measurements.depth,
+        }
+        received = {
+            f"leader_{column}": measurements.message[:, i] for i, column in enumerate(_LEADER)
+        }
         received |= {
-            f"range_{transmitter}_m": measured.ranges[:, i]
+            f"range_{transmitter}_m": measurements.ranges[:, i]
             for i, transmitter in enumerate(Ranges._fields)
         }
         for column, values in received.items():
-            column_values = np.full(measured.speed.size, np.nan)
-            column_values[measured.message_step - 1] = (
+            column_values = np.full(measurements.speed.size, np.nan)
+            column_values[measurements.message_step - 1] = (
                 np.rad2deg(values) if column.endswith("_deg") else values
             )
             columns[column] = pa.array(column_values, from_pandas=True)
-        for column, values in _custom_columns(measured):
+        for column, values in _custom_columns(measurements):
             columns[column] = pa.array(values, from_pandas=True)
         parts.append(pa.table(columns))
     # vehicles may carry different sensors

@@ -25,7 +25,7 @@ _LOCKED_SHARE = 0.5  # of the last part of the time before a loss
 _LOCKED_S = 20.0
 _CONSISTENT_NEES = 20.0  # mean NEES above this: the filter is surer than right (2 if consistent)
 _NO_CAUSE = "the record shows no single cause"
-_NAMED = 4  # most followers that the sentence names
+_MAX_NAMED_FOLLOWERS = 4  # most followers that the sentence names
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,9 +64,9 @@ class Silence:
 
 def longest_silence(flight: FlightRecord, follower: int, begin_s: float, end_s: float) -> Silence:
     """The longest time without a received message of a follower that reaches into begin … end."""
-    measured = flight.measurements[follower]
-    received = measured.time[measured.message_step - 1]
-    heard_times = received[np.isfinite(measured.ranges).any(axis=1)]
+    measurements = flight.measurements[follower]
+    received = measurements.time[measurements.message_step - 1]
+    heard_times = received[np.isfinite(measurements.ranges).any(axis=1)]
     times = np.concatenate([[0.0], heard_times[heard_times <= end_s], [end_s]])
     spans = np.where(times[1:] > begin_s, np.diff(times), 0.0)
     longest = int(np.argmax(spans))
@@ -199,9 +199,9 @@ def _because(subject: str, cause: str) -> str:
 
 
 def _lost_text(lost: Sequence[Loss], followers: int) -> str:
-    texts = [f"{loss.follower} at {loss.time_s:.0f} s" for loss in lost[:_NAMED]]
-    if len(lost) > _NAMED:
-        texts.append(f"{len(lost) - _NAMED} more")
+    texts = [f"{loss.follower} at {loss.time_s:.0f} s" for loss in lost[:_MAX_NAMED_FOLLOWERS]]
+    if len(lost) > _MAX_NAMED_FOLLOWERS:
+        texts.append(f"{len(lost) - _MAX_NAMED_FOLLOWERS} more")
     first = lost[0]
     number = f"{len(lost)} of {followers} followers" if followers > 1 else first.follower
     verb = "was" if len(lost) == 1 else "were"

@@ -223,7 +223,7 @@ def navigate(
         make = navigator or find(scenario.navigation_of(follower).variant).make
         sensing = sensing_of[follower]
         settings = navigation_settings(scenario, trajectory.sites, follower)
-        measured = measure(
+        of_follower = measure(
             observe(trajectory, sensing, follower),
             navigated_errors_of(sensing, follower),
             seed=sensing.seed,
@@ -232,8 +232,8 @@ def navigate(
             transmitters=settings.transmitters,
             further=further_errors_of(sensing, follower),
         )
-        measurements.append(measured)
-        estimates.append(make(settings, start_of(trajectory, follower)).run(measured))
+        measurements.append(of_follower)
+        estimates.append(make(settings, start_of(trajectory, follower)).run(of_follower))
     return FlightRecord(
         scenario=scenario,
         trajectory=trajectory,

@@ -236,11 +236,11 @@ class LeaderUnit:
         `steps.stop`.
         """
         record = self._record_until(steps.stop)
-        measured = record.measurements.part(steps.start, steps.stop)
+        measurements = record.measurements.part(steps.start, steps.stop)
         estimates = record.estimates
         if estimates is not None:
             estimates = estimates.part(steps.start, steps.stop)
-        return VehicleRecord(measurements=measured, estimates=estimates)
+        return VehicleRecord(measurements=measurements, estimates=estimates)
 
     def _record_until(self, steps: int) -> VehicleRecord:
         """The same of the first steps."""
@@ -248,14 +248,14 @@ class LeaderUnit:
         links = {receiver.name: receiver.messages(number, steps) for receiver in self._further}
         custom = self.sensing.readings(range(steps))
         headers = self.sensing.headers
-        measured = self._measured.measurements(
+        measurements = self._measured.measurements(
             0, range(steps), self._dt, custom, headers, None, links
         )
         if self._main is not None:
             main = self._main.messages(number, steps)
             places = main.places
-            measured = replace(
-                measured,
+            measurements = replace(
+                measurements,
                 message_step=main.message_step,
                 message=main.message,
                 ranges=main.ranges,
@@ -264,4 +264,4 @@ class LeaderUnit:
         estimates = None
         if self.swarm is not None:
             estimates = self.swarm.estimates(self.concluded, 0, range(steps))
-        return VehicleRecord(measurements=measured, estimates=estimates)
+        return VehicleRecord(measurements=measurements, estimates=estimates)

@@ -123,8 +123,8 @@ class OpenLoop:
         navigator: Any = self._navigators[follower]
         state = self._concluded.state[follower]
         covariance = self._concluded.covariance[follower]
-        measured = self._measurements(follower, span)
-        for k, (own, reception) in zip(span, measured.steps(), strict=True):
+        measurements = self._measurements(follower, span)
+        for k, (own, reception) in zip(span, measurements.steps(), strict=True):
             self._fixes[follower].extend(navigator.step(own, reception))
             state[k] = navigator.state
             covariance[k] = navigator.covariance
@@ -168,10 +168,10 @@ class OpenLoop:
         measurements = []
         estimates = []
         for i, navigator in enumerate(self._navigators):
-            measured = self._measurements(i, steps)
-            measurements.append(measured)
+            of_follower = self._measurements(i, steps)
+            measurements.append(of_follower)
             estimates.append(
-                self._estimates(i, steps) if self.navigates else navigator.run(measured)
+                self._estimates(i, steps) if self.navigates else navigator.run(of_follower)
             )
         return FlightRecord(
             scenario=self.scenario,

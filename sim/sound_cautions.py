@@ -42,7 +42,9 @@ def ray_cautions(sound: SoundSettings, assumed: str) -> list[str]:
     plan = sound.sea.plan
     leader, *followers = planned_places(plan)
     instants = np.linspace(0, len(leader) - 1, _LOOKS).astype(int)
-    shadowed, multipath, worst = [], [], 0.0
+    shadowed = []
+    multipath = []
+    worst = 0.0
     for follower, places in zip(plan.followers, followers, strict=True):
         counts_and_errors = [_numbers(rays, leader[i], places[i]) for i in instants.tolist()]
         counts = [count for count, _ in counts_and_errors]

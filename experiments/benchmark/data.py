@@ -50,8 +50,8 @@ def flown(mission: BenchmarkMission, seed: int, seconds: float | None = None) ->
     flight, _ = fly(mission.scenario(seed))
     if seconds is not None and seconds < flight.trajectory.time[-1]:
         flight = excerpt(flight, 0.0, seconds)
-    measured = tuple(as_written(m, mission.transmitters) for m in flight.measurements)
-    return replace(flight, measurements=measured)
+    written = tuple(as_written(m, mission.transmitters) for m in flight.measurements)
+    return replace(flight, measurements=written)
 
 
 def truth_rows(flight: FlightRecord, follower: int) -> Floats:
@@ -187,8 +187,8 @@ def write_run(
     run = f"{mission.name}/{seed:02d}"
     measurements = folder / MEASUREMENTS / run
     names = flight.trajectory.names[1:]
-    for i, (name, measured) in enumerate(zip(names, flight.measurements, strict=True)):
-        write_measurements(measurements / f"{name}.csv", measured)
+    for i, (name, of_follower) in enumerate(zip(names, flight.measurements, strict=True)):
+        write_measurements(measurements / f"{name}.csv", of_follower)
         write_truth(folder / TRUTH / run / f"{name}.csv", truth_rows(flight, i))
     if "mcap" in formats:
         _write_log(measurements / "measurements.mcap", flight)

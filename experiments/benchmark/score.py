@@ -331,18 +331,18 @@ def navigate(
         short = {"motion": "kinematic", "duration_s": 2.0 * scenario.timing.filter_step_s}
         begin = simulate_motion(scenario.model_copy(update=short))
         follower = begin.names[1:].index(run.follower)
-        measured = read_measurements(_path(folder, MEASUREMENTS, run))
-        settings = replace(navigation_settings(scenario, begin.sites, follower), dt=measured.dt)
+        measurements = read_measurements(_path(folder, MEASUREMENTS, run))
+        settings = replace(navigation_settings(scenario, begin.sites, follower), dt=measurements.dt)
         instance = find(navigator).make(settings, start_of(begin, follower))
-        yield run, _timed(instance, measured)
+        yield run, _timed(instance, measurements)
 
 
-def _timed(navigator: Any, measured: Measurements) -> Track:
+def _timed(navigator: Any, measurements: Measurements) -> Track:
     begin = time.process_time()
-    estimates = navigator.run(measured)
-    step_us = 1e6 * (time.process_time() - begin) / measured.speed.size
+    estimates = navigator.run(measurements)
+    step_us = 1e6 * (time.process_time() - begin) / measurements.speed.size
     covariance = estimates.covariance[:, [0, 0, 1], [0, 1, 1]]
-    return Track(measured.time, estimates.state[:, :2], covariance, step_us)
+    return Track(measurements.time, estimates.state[:, :2], covariance, step_us)
 
 
 def score_all(

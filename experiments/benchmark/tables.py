@@ -83,21 +83,21 @@ def _round_angles(values: Floats) -> Floats:
     return np.radians(_round(np.degrees(values)))
 
 
-def as_written(measured: Measurements, transmitters: int) -> Measurements:
+def as_written(measurements: Measurements, transmitters: int) -> Measurements:
     """Measurements with the digits that tables have, and of two transmitters without the third."""
     custom = {
         name: _round(readings * FURTHER[name].scale) / FURTHER[name].scale
-        for name, readings in measured.custom.items()
+        for name, readings in measurements.custom.items()
     }
-    message = _round(measured.message)
-    message[:, _IN_DEGREES] = _round_angles(measured.message[:, _IN_DEGREES])
-    ranges = _round(measured.ranges)
+    message = _round(measurements.message)
+    message[:, _IN_DEGREES] = _round_angles(measurements.message[:, _IN_DEGREES])
+    ranges = _round(measurements.ranges)
     ranges[:, transmitters:] = np.nan
     return replace(
-        measured,
-        speed=_round(measured.speed),
-        heading=_round_angles(measured.heading),
-        depth=_round(measured.depth),
+        measurements,
+        speed=_round(measurements.speed),
+        heading=_round_angles(measurements.heading),
+        depth=_round(measurements.depth),
         message=message,
         ranges=ranges,
         custom=custom,
@@ -116,29 +116,32 @@ def _write(path: Path, columns: Mapping[str, Sequence[str]]) -> None:
         unfinished.write_text("\n".join(rows) + "\n", encoding="utf-8", newline="\n")
 
 
-def write_measurements(path: Path, measured: Measurements) -> None:
+def write_measurements(path: Path, measurements: Measurements) -> None:
     """Write what a follower measured: a row for each filter step, as `laisn log import` reads it.
 
     Columns of the leader's message that are never there, and those of transmitters that are never
     heard, are left out.
     """
-    columns: dict[str, Sequence[str]] = {"time [s]": _texts(measured.time)}
-    own = (measured.speed, np.degrees(measured.heading), measured.depth)
+    columns: dict[str, Sequence[str]] = {"time [s]": _texts(measurements.time)}
+    own = (measurements.speed, np.degrees(measurements.heading), measurements.depth)
     columns |= {name: _texts(values) for name, values in zip(OWN, own, strict=True)}
-    for name, readings in measured.custom.items():
+    for name, readings in measurements.custom.items():
         sensor = FURTHER[name]
         values_by_channel = (readings * sensor.scale).T
         columns |= {
             header: _texts(values)
             for header, values in zip(sensor.columns, values_by_channel, strict=True)
         }
-    message = np.where(_IN_DEGREES, np.degrees(measured.message), measured.message)
-    received = [*zip(LEADER, message.T, strict=True), *zip(RANGES, measured.ranges.T, strict=True)]
-    rows = measured.message_step - 1
+    message = np.where(_IN_DEGREES, np.degrees(measurements.message), measurements.message)
+    received = [
+        *zip(LEADER, message.T, strict=True),
+        *zip(RANGES, measurements.ranges.T, strict=True),
+    ]
+    rows = measurements.message_step - 1
     for name, values in received:
         if np.isnan(values).all():
             continue
-        cells = np.full(measured.speed.size, np.nan)
+        cells = np.full(measurements.speed.size, np.nan)
         cells[rows] = values
         columns[name] = _texts(cells)
     _write(path, columns)

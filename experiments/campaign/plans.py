@@ -146,7 +146,8 @@ def steps_of(cell: Cell) -> Arrays:
     """Errors at each step over all runs, and where the follower is, as the leader sees it."""
     truth = cell.truth
     leader = cell.truth.leader_position
-    total = largest = np.zeros((2, truth.speed.size))
+    total = np.zeros((2, truth.speed.size))
+    largest = np.zeros((2, truth.speed.size))
     for runs in cell.blocks:
         for states in np.moveaxis(histories(replace(cell, runs=runs))[:, :2], -1, 0):
             bearing = metrics.bearing_errors(states, truth.hydrophone, leader)

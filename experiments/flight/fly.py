@@ -258,12 +258,12 @@ def navigate_again(
         table, ", ".join([flight.scenario.name, *(f"{k} = {v}" for k, v in changes.items())])
     )
     estimates = []
-    for i, measured in enumerate(flight.measurements):
+    for i, measurements in enumerate(flight.measurements):
         navigation = scenario.navigation_of(i)
         make = navigator or find(navigation.variant).make
         settings = navigation_settings(scenario, flight.trajectory.sites, i)
         instance = make(settings, start_of(flight.trajectory, i))
         if not hasattr(instance, "run"):
             instance = SteppedNavigator(instance, settings)
-        estimates.append(instance.run(measured.with_links(navigation.further_links)))
+        estimates.append(instance.run(measurements.with_links(navigation.further_links)))
     return replace(flight, scenario=scenario, estimates=tuple(estimates))

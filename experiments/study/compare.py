@@ -28,7 +28,7 @@ from sim.scenario.file import dotted
 from sim.scenario.file import read as read_toml
 
 MAX_COMPARED = len(SERIES)
-_NAMED = 3  # most points that messages name
+_MAX_NAMED_POINTS = 3  # most points that messages name
 
 
 def _differing(tables: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
@@ -91,8 +91,10 @@ Place = tuple[str, ...]
 
 def _points_text(points: Iterable[Place]) -> str:
     texts = [", ".join(point) or "the only one" for point in points]
-    omitted = f" and {len(texts) - _NAMED} more" if len(texts) > _NAMED else ""
-    return f"{'; '.join(texts[:_NAMED]) or 'none with a value'}{omitted}"
+    omitted = (
+        f" and {len(texts) - _MAX_NAMED_POINTS} more" if len(texts) > _MAX_NAMED_POINTS else ""
+    )
+    return f"{'; '.join(texts[:_MAX_NAMED_POINTS]) or 'none with a value'}{omitted}"
 
 
 def _require_common_points(folders: Sequence[Path], values: Sequence[Mapping[Place, Any]]) -> None:
@@ -197,7 +199,8 @@ def _answers(
     for i, name in enumerate(names[1:], start=1):
         verdicts = Counter[str]()
         for intervals in rows.values():
-            base, difference = intervals[0], intervals[i]
+            base = intervals[0]
+            difference = intervals[i]
             if base is not None and difference is not None:
                 verdicts[verdict_of(difference, base.value + difference.value, base.value)] += 1
         answers[name] = verdicts

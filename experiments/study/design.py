@@ -190,14 +190,14 @@ def value_at(value: Any, run: int) -> Any:
 
 
 _DRAW_KEY = 0xD3A3
-_LISTED: Mapping[str, tuple[str, Callable[..., tuple[float, ...]]]] = {
+_LIST_DISTRIBUTIONS: Mapping[str, tuple[str, Callable[..., tuple[float, ...]]]] = {
     "uniform": ("[low, high]", lambda low, high: (low, high - low)),
     "normal": ("[mean, sigma]", lambda mean, sigma: (mean, sigma)),
     "truncnorm": ("[mean, sigma, low, high]", lambda mean, sigma, low, high: (
         (low - mean) / sigma, (high - mean) / sigma, mean, sigma)),
 }  # fmt: skip
 """Distributions whose parameters may stand in a list, and those of scipy.stats that they are."""
-_NAMED = (
+_SCIPY_NAMES = (
     "bernoulli",
     "beta",
     "binom",
@@ -226,7 +226,7 @@ _NAMED = (
 """Distributions of scipy.stats that a table of parameters names: their quantiles take
 microseconds at any parameter.
 """
-_LARGEST = 1e9
+_MAX_NUMBER = 1e9
 Quantile = Callable[[float, list[int]], Any]
 """The value at a share, 0 … 1, of a law; what needs more than one random number takes them from
 the address.
@@ -237,15 +237,15 @@ def _of_distribution(name: str, parameters: object) -> Quantile:
     # 45 MB and a second to import, and most studies draw nothing
     from scipy import stats
 
-    form, make = _LISTED.get(name, ("a table of its parameters in scipy.stats", None))
+    form, make = _LIST_DISTRIBUTIONS.get(name, ("a table of its parameters in scipy.stats", None))
     family: Any = getattr(stats, "norm" if name == "normal" else name)
     expected = f"{name} expects {form} (given: {parameters!r:.60})"
     if not isinstance(parameters, dict) and not (isinstance(parameters, list) and make):
         raise ValueError(expected)
     for value in parameters.values() if isinstance(parameters, dict) else parameters:
-        if not is_number(value) or abs(value) > _LARGEST:
+        if not is_number(value) or abs(value) > _MAX_NUMBER:
             raise ValueError(
-                f"{name}: a parameter is a number within ±{_LARGEST:g} (given: {value!r:.60})"
+                f"{name}: a parameter is a number within ±{_MAX_NUMBER:g} (given: {value!r:.60})"
             )
     if isinstance(parameters, list) and len(parameters) != form.count(",") + 1:
         raise ValueError(expected)
@@ -289,7 +289,10 @@ LAWS: Mapping[str, Callable[[object], Quantile]] = {
     "choice": _of_choice,
     "route_class": _of_route_class,
     "formation": _of_formation,
-    **{name: partial(_of_distribution, name) for name in sorted({*_LISTED, *_NAMED})},
+    **{
+        name: partial(_of_distribution, name)
+        for name in sorted({*_LIST_DISTRIBUTIONS, *_SCIPY_NAMES})
+    },
 }
 """Laws of draws by their names: each makes the values of its parameters."""
 

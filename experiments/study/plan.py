@@ -30,7 +30,7 @@ FOLLOWER = "follower"
 MAX_ENTRIES = 200_000
 _READINGS = re.compile(r"(acoustics|sensors)\.(?!custom|own)")
 """Keys that change what sensors read, but neither motion nor feasibility."""
-_SHOWN = 1000  # least number of scenarios whose planning shows progress
+_PROGRESS_FROM = 1000  # least number of scenarios whose planning shows progress
 MAX_RUNS = 2**31 - LANES
 
 
@@ -390,7 +390,7 @@ def plan_of(study: Study, *, quiet: bool = True) -> StudyPlan:
         raise refusal(study.source, lines)
     total = len(realizations) * sum(len(study.arms_at(point)) for point in points)
     examination = _Examination(study, tables)
-    with progress("scenarios", total, quiet=quiet or total < _SHOWN) as advance:
+    with progress("scenarios", total, quiet=quiet or total < _PROGRESS_FROM) as advance:
         for number, point in enumerate(points):
             for arm, realization in product(study.arms_at(point), realizations):
                 examination.examine(number, point, arm, realization)

@@ -53,7 +53,7 @@ STUDY = "study.toml"
 _CELL_BYTES = 2_000  # bytes of a stored cell and its row in the tables; a run adds `_RUN_BYTES`
 _RUN_BYTES = 80
 # entries of a mission that are tried for an estimate: more where few take less than _QUICK_S
-_TRIED = (1, 16, 128)
+_TRIAL_ENTRIES = (1, 16, 128)
 _QUICK_S = 2.0  # [s]
 
 
@@ -91,7 +91,7 @@ def _cost(plan: StudyPlan, workers: int) -> tuple[float, float]:
         mission = took(firsts, runs)
         idle = took(firsts, runs)
         size = sum(path.stat().st_size for path in Path(folder).glob("store/*")) / flights
-        for count in () if closed else _TRIED:
+        for count in () if closed else _TRIAL_ENTRIES:
             entries = [entry for of_mission in sample for entry in of_mission[:count]]
             if len(entries) > mission_count and time < _QUICK_S:
                 time = took(entries, max(2, min(plan.study.runs, LANES)))

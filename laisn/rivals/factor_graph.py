@@ -150,7 +150,8 @@ class FactorGraph(DeadReckoning):
         gtsam = self._gtsam
         settings = self.settings
         displacement, path, noise, elapsed = self._odometry()
-        self._messages, self._time = self._messages + 1, self._time + elapsed
+        self._messages += 1
+        self._time += elapsed
         last_pose = self._pose
         self._pose = gtsam.symbol("x", self._messages)
         graph = gtsam.NonlinearFactorGraph()

@@ -445,7 +445,8 @@ class GeodeticAdjustment(DeadReckoning):
                 break
         # mean errors of course and speed act again until the next message
         self.P = np.zeros((STATES, STATES))
-        self.P[:2, :2], self.P[2:, 2:] = np.linalg.inv(normal), self._biases
+        self.P[:2, :2] = np.linalg.inv(normal)
+        self.P[2:, 2:] = self._biases
         return True
 
 

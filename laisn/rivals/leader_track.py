@@ -10,8 +10,8 @@ from laisn.geometry import signed_angle
 from laisn.messages import LeaderMessage
 
 # a window ends after 10 s; at the start sooner, so that something is known soon [s]
-_LONGEST = 10.0
-_FIRST = 1.0
+_WINDOW = 10.0
+_FIRST_WINDOW = 1.0
 _GROWTH = 0.2
 _ROUNDING = 1e-6
 # windows with more turn of the leader are not used: its way between messages is uncertain [rad]
@@ -51,7 +51,7 @@ class LeaderTrack:
         elapsed = message.timestamp - last.timestamp
         self._through_water += 0.5 * elapsed * (_velocity(last) + _velocity(message))
         window = message.timestamp - begin.timestamp
-        target = min(_LONGEST, _FIRST + _GROWTH * (message.timestamp - self._first_time))
+        target = min(_WINDOW, _FIRST_WINDOW + _GROWTH * (message.timestamp - self._first_time))
         has_turned = abs(signed_angle(message.heading - begin.heading)) > _MAX_TURN
         if not has_turned and window < target - _ROUNDING:
             return None
@@ -61,7 +61,7 @@ class LeaderTrack:
         self._through_water = np.zeros(2)
         if has_turned or window <= 0.0:
             return None
-        return SeenCurrent(current, _SIGMA**2 * _LONGEST / window)
+        return SeenCurrent(current, _SIGMA**2 * _WINDOW / window)
 
 
 def _velocity(message: LeaderMessage) -> Floats:

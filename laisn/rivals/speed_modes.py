@@ -27,7 +27,7 @@ X, Y, LOG, COMPASS, SCALE, SPEED, EAST, NORTH = range(8)
 STATES = 8
 WALKS = (0.005, 0.2)
 """Random walks of the speed in the two modes [m/s/√s]."""
-STAY = 0.97
+STAY_PROBABILITY = 0.97
 """Chance that a mode stays over `MIXING_TIME`."""
 MIXING_TIME = 1.0  # [s]
 MIN_WEIGHT = 1e-6
@@ -121,8 +121,8 @@ def update_log(x: Floats, P: Floats, weights: Floats, reading: float, sigma: flo
 @compiled
 def mix(x: Floats, P: Floats, weights: Floats) -> None:
     """Let each filter begin anew with a blend of both, by the chance that the mode has changed."""
-    stayed = weights * STAY
-    changed = weights * (1.0 - STAY)
+    stayed = weights * STAY_PROBABILITY
+    changed = weights * (1.0 - STAY_PROBABILITY)
     mixed_x = np.empty_like(x)
     mixed_P = np.empty_like(P)
     totals = np.empty_like(weights)

@@ -33,14 +33,14 @@ from laisn.vector_math import half_turn_angle, sin_cos
 # least lateral standard deviation of a split, as a share of the distance ℓ_c at which the axis
 # matters, and at most [m]: far away halves that wide still drift to the wrong side
 _SPLIT = 0.2
-_WIDEST = 1.0
+_MAX_SPLIT_SIGMA = 1.0
 _REACH = 3.5
 _MIN_WEIGHT = 1e-5
 # squared Mahalanobis distance below which two hypotheses are one
-_SAME = 1.0
+_MERGE_DISTANCE = 1.0
 # squared Mahalanobis distance of one position, where the leader's position errs anew in each
 # message: its sides, which each message splits, would soon be more than can be kept
-_SAME_BESIDE_ERRORS = 2.0
+_MERGE_DISTANCE_BESIDE_ERRORS = 2.0
 
 
 @compiled
@@ -119,7 +119,7 @@ def split(b: GaussianMixture, m: Model, signal: Signal) -> None:
     """
     for h in range(b.n_hypotheses):
         lateral, variance, critical = _lateral_offset(b, m, mixture.heaviest(b, m.modes, h), signal)
-        threshold = min(_SPLIT * critical, _WIDEST)
+        threshold = min(_SPLIT * critical, _MAX_SPLIT_SIGMA)
         is_wide = variance > threshold * threshold and abs(lateral) < _REACH * math.sqrt(variance)
         if b.n_hypotheses < CAPACITY and is_wide:
             other = b.n_hypotheses
@@ -135,7 +135,7 @@ def prune_and_merge(b: GaussianMixture, m: Model) -> None:
     """Prune and merge hypotheses, and keep the heaviest few; those with different leader
     headings are not merged.
     """
-    same_radius = _SAME if m.leader_position == ABSENT else _SAME_BESIDE_ERRORS
+    same_radius = _MERGE_DISTANCE if m.leader_position == ABSENT else _MERGE_DISTANCE_BESIDE_ERRORS
     b.n_hypotheses = mixture.prune_and_merge(
         b, m.modes, b.n_hypotheses, _MIN_WEIGHT, HYPOTHESES, m.leader, same_radius
     )
@@ -262,7 +262,7 @@ def add_ring(b: GaussianMixture, m: Model, signal: Signal, weight: float) -> boo
 
 
 # a compass bias so uncertain that it bends the way by more is taken from the message first [m]
-_BEND = 0.003
+_MAX_WAY_BEND = 0.003
 _SMOOTHING = 0.15  # of the NIS
 # of the estimated variance of the leader's heading, which never exceeds that of the settings
 _VARIANCE_GAIN = 0.1
@@ -276,9 +276,9 @@ _ADDED_POSITION = 1.0
 _ADDED_COMPASS = math.radians(2.0) ** 2
 
 # turns up to these change nothing, as readings err by a part of them [rad]
-_TURN = 0.1
-_LEADER_TURN = 0.15
-_SETTLED = 10.0  # a turn is over where it has not gone on for so long [s]
+_NEGLIGIBLE_TURN = 0.1
+_NEGLIGIBLE_LEADER_TURN = 0.15
+_TURN_OVER_AFTER = 10.0  # a turn is over where it has not gone on for so long [s]
 
 
 @compiled
@@ -374,7 +374,7 @@ def _turn_growth(
         turn.angle = angle
         turn.still_time = 0.0
         return gained
-    if not started or turn.still_time >= _SETTLED - 1e-6:
+    if not started or turn.still_time >= _TURN_OVER_AFTER - 1e-6:
         turn.sin = sine
         turn.cos = cosine
         turn.angle = 0.0
@@ -393,10 +393,12 @@ def inflate_bias_covariance(b: GaussianMixture, m: Model, signal: Signal) -> Non
     leader_growth = 0.0
     b.leader_position_variance = signal.leader_position_variance
     if m.deviation > 0.0:
-        compass_growth = m.deviation * _turn_growth(b.turn, (o.sin, o.cos), _TURN, o.elapsed)
+        compass_growth = m.deviation * _turn_growth(
+            b.turn, (o.sin, o.cos), _NEGLIGIBLE_TURN, o.elapsed
+        )
         if turning:
             leader_growth = m.deviation * _turn_growth(
-                b.leader_turn, sin_cos(signal.heading), _LEADER_TURN, o.elapsed
+                b.leader_turn, sin_cos(signal.heading), _NEGLIGIBLE_LEADER_TURN, o.elapsed
             )
     for k in range(b.n_hypotheses * m.modes):
         b.covariance[k, COMPASS, COMPASS] += compass_growth
@@ -423,7 +425,7 @@ def _propagate_iterated(
         if m.leader_position != ABSENT:
             motion.reset_position_error(b, m, k)
         return True
-    if 0.5 * b.covariance[k, COMPASS, COMPASS] * distance >= _BEND:
+    if 0.5 * b.covariance[k, COMPASS, COMPASS] * distance >= _MAX_WAY_BEND:
         mixture.copy_component(b, k, SPARE)
         motion.predict_component(b, m, k, log_bias, compass_bias)
         healthy = update(b, of_ranges, k, signal) >= 0
@@ -479,7 +481,7 @@ def _check_consistency(
 
 # a message that seems to have been longer under way has a clock of its own [s]
 _LONGEST_DELAY = 5.0
-_PROMPT = 1e-3  # an arrival within this time is now [s]
+_NEGLIGIBLE_DELAY = 1e-3  # an arrival within this time is now [s]
 
 
 @compiled
@@ -504,7 +506,7 @@ def _time_pings(b: GaussianMixture, m: Model, signal: Signal) -> None:
             travel_time = m.sound_slowness * signal.ranges[i]
             signal.lag[i] = max(elapsed - i * m.ping_slot - travel_time, 0.0)
             signal.age[i] = max(elapsed - travel_time, 0.0)
-            if signal.age[i] > _PROMPT:
+            if signal.age[i] > _NEGLIGIBLE_DELAY:
                 signal.late = 1
 
 

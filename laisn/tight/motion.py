@@ -464,7 +464,7 @@ def moments(b: GaussianMixture, m: Model) -> None:
     b.mixture_mean[0], b.mixture_mean[1] = origin
 
 
-_STRAIGHT = 0.005  # a way that bends by less from message to message is straight [rad]
+_MAX_STRAIGHT_TURN = 0.005  # a way that bends by less from message to message is straight [rad]
 _MIN_DISTANCE = 0.3  # shorter ways between messages have no direction [m]
 # a reading so many σ from the mean: the leader has turned without moving aside
 _OUTLIER_SIGMAS = 4.0
@@ -488,7 +488,7 @@ def average_leader_heading(b: GaussianMixture, m: Model, signal: Signal) -> None
     o.track = math.atan2(dx, dy) if dx * dx + dy * dy > _MIN_DISTANCE * _MIN_DISTANCE else math.nan
     # by which the leader's way turned at the last message; NaN if that is unknown
     bend = wrap_angle(o.track - last_track)
-    straight = abs(bend) < _STRAIGHT
+    straight = abs(bend) < _MAX_STRAIGHT_TURN
     signal.shift = signal.added_variance = 0.0
     error = wrap_angle(signal.heading - o.leg_heading - bend)
     if o.leg > 0.0 and not (
@@ -533,7 +533,9 @@ def average_leader_heading(b: GaussianMixture, m: Model, signal: Signal) -> None
 _WINDOW = 10.0  # longest window [s]; at the start it is shorter, so that something is known soon
 _FIRST_WINDOW = 1.0
 _GROWTH = 0.2
-_TURN = 0.2  # a window with more turn is not used: the way between messages is too uncertain [rad]
+_MAX_WINDOW_TURN = (
+    0.2  # a window with more turn is not used: the way between messages is too uncertain [rad]
+)
 CURRENT_SIGMA = 0.05  # of the mean current over a window of 10 s [m/s]
 
 
@@ -593,8 +595,8 @@ def update_current_from_leader_track(b: GaussianMixture, m: Model, signal: Signa
         turn = angle_between(signal.heading, o.first_heading)
         window = signal.time - o.window_time
         target = min(_WINDOW, _FIRST_WINDOW + _GROWTH * (signal.time - o.first_time))
-        ended = turn > _TURN or window >= target - 1e-6
-        if ended and turn <= _TURN:
+        ended = turn > _MAX_WINDOW_TURN or window >= target - 1e-6
+        if ended and turn <= _MAX_WINDOW_TURN:
             per = 1.0 / window
             logged = (per * o.logged_x, per * o.logged_y)
             measurement = (

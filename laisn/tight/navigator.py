@@ -181,16 +181,15 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
         ValueError: it is not four finite numbers.
         """
         super().__init__(settings, start if settings.known_start else None, settings.start_sigma)
-        self._model = model = model_of(settings)
+        model = model_of(settings)
+        self._model = model
         self._places = reported_states(settings)
         self._signal = scalar_record(new_signal())
         # of further links
         self._signal_beside = scalar_record(new_signal())
         self._model_beside = scalar_record(model_beside(model))
-        self._records = b, _ = (
-            scalar_record(new_belief(settings, model, self._start)),
-            scalar_record(model),
-        )
+        b = scalar_record(new_belief(settings, model, self._start))
+        self._records = b, scalar_record(model)
         self._belief: GaussianMixture = b[0]
         # from here on views of the belief, which hold the moments of the mixture after each step
         b["mixture_mean"][0] = self._state
@@ -316,10 +315,8 @@ class _Leg:
         # views of the belief, which is room to move components from here on
         self._state = b["state"][0, :, : self._n]
         self._motion = b["motion"]
-        self._spread, self._rows = (
-            b["covariance"][0, :count, : self._n, : self._n],
-            b["rows"][0, :4, : self._n],
-        )
+        self._spread = b["covariance"][0, :count, : self._n, : self._n]
+        self._rows = b["rows"][0, :4, : self._n]
         self._moments = b["mixture_mean"][0], b["mixture_covariance"][0]
         self._whole = self._motion.copy()
         self.mean, self.covariance = _merged(belief, m)
@@ -335,7 +332,8 @@ class _Leg:
 
     def _begin(self) -> None:
         """Put the merged Gaussian back to the beginning of the way."""
-        self._state[: self._modes.size], self._spread[:] = self.mean, self.covariance
+        self._state[: self._modes.size] = self.mean
+        self._spread[:] = self.covariance
 
     def _predicted(self) -> tuple[Floats, Floats]:
         """Mean and covariance after the way in the belief's motion."""
@@ -363,7 +361,8 @@ class _Leg:
         self._motion[:] = motion
         self._begin()
         _moments(*self._records)
-        rows, mean, covariance = self._rows.copy(), *(moment.copy() for moment in self._moments)
+        rows = self._rows.copy()
+        mean, covariance = (moment.copy() for moment in self._moments)
         reading = covariance[2:, 2:] - rows[2:] @ self.covariance @ rows[2:].T
         # the position is two of the states that have come so far; velocities depend on those that
         # stay as they are

@@ -23,14 +23,14 @@ from laisn.vector_math import log, sin_cos
 
 _LOG_TURN = math.log(2.0 * math.pi)
 # log likelihood that an echo loses if its range is shorter than expected, which no echo is
-_TOO_SHORT = 6.0
+_SHORT_ECHO_PENALTY = 6.0
 # the leader's error is estimated from a message if it leaves less than this share of its variance
 _INFORMATIVE = 0.5
-_SHORTEST = 0.01  # nearer to a transmitter than this the direction to it means nothing [m]
+_MIN_DISTANCE = 0.01  # nearer to a transmitter than this the direction to it means nothing [m]
 # within this of a transmitter ranges are linearised a second time, at the updated position, where
 # that is so many lateral standard deviations from the axis; nearer to it that would bias the side
-_NEAR = 12.0
-_CLEAR = 3.0
+_RELINEARISE_DISTANCE = 12.0
+_CLEAR_SIGMAS = 3.0
 # Two transmitters do not observe a motion that scales all ranges alike with b_r. Errors of the
 # linearisation seem to observe it: they repeat from message to message, and come to more than their
 # second-order terms. As an error of each range, σ = 0.12 m³ / ρ², with ρ of 1 m and more.
@@ -131,7 +131,7 @@ def _add_delays(b: GaussianMixture, m: Model, k: int, signal: Signal, count: int
 # message, whose errors are others [s]
 _SMOOTHING_TIME = 1.5
 # of the same, of what the vehicle accelerates [m/s]
-_UNSTEADY = 0.03
+_ACCELERATION_SIGMA = 0.03
 
 
 @compiled
@@ -150,7 +150,7 @@ def _delay_covariance(
         north = w.row_y[i] * w.gain[g, m.current + 1]
         value -= signal.age[i] * (east + north)
     share = m.dt / min(max(o.elapsed, m.dt), _SMOOTHING_TIME)
-    along_variance = m.speed_variance * share + _UNSTEADY * _UNSTEADY
+    along_variance = m.speed_variance * share + _ACCELERATION_SIGMA * _ACCELERATION_SIGMA
     across_variance = m.heading_variance * (vx * vx + vy * vy)
     # + lag_i lag_g h_i (σ_v² u uᵀ + σ_θ² s̄² n nᵀ) h_gᵀ
     lags = signal.lag[i] * signal.lag[g]
@@ -180,7 +180,7 @@ def predict_ranges(
             w.received[count] = w.used[count] = i
             count += 1
             farthest = max(farthest, signal.ranges[i])
-    per_farthest = 1.0 / max(farthest, _SHORTEST)
+    per_farthest = 1.0 / max(farthest, _MIN_DISTANCE)
     for j in range(count):
         i = w.used[j]
         w.row_scale[i] = signal.ranges[i] * per_farthest
@@ -225,7 +225,7 @@ def _linearise_range(
     ax, ay = signal.arms[i, 0], signal.arms[i, 1]
     sx, sy = c * ax - s * ay, s * ax + c * ay
     dx, dy, dz = qx - sx, qy - sy, signal.arms[i, 2]
-    rho = max(math.sqrt(dx * dx + dy * dy + dz * dz), _SHORTEST)
+    rho = max(math.sqrt(dx * dx + dy * dy + dz * dz), _MIN_DISTANCE)
     per_rho = 1.0 / rho
     hx, hy = dx * per_rho, dy * per_rho
     share = w.row_scale[i]
@@ -522,7 +522,7 @@ def _is_near(b: GaussianMixture, m: Model, k: int, signal: Signal, count: int) -
     nearest = math.inf
     for j in range(count):
         nearest = min(nearest, signal.ranges[w.used[j]])
-    if count < 2 or not nearest < _NEAR:
+    if count < 2 or not nearest < _RELINEARISE_DISTANCE:
         return False
     # the shift is that of the follower alone
     if m.leader_position != ABSENT or m.leader_position_walk != ABSENT or signal.late:
@@ -537,7 +537,7 @@ def _is_near(b: GaussianMixture, m: Model, k: int, signal: Signal, count: int) -
     off_y = b.state[k, Y] - signal.north - arms[0, 1]
     lateral = ex * off_y - ey * off_x
     variance = ey * ey * P[k, X, X] - 2.0 * ex * ey * P[k, X, Y] + ex * ex * P[k, Y, Y]
-    return bool(lateral * lateral > _CLEAR * _CLEAR * variance)
+    return bool(lateral * lateral > _CLEAR_SIGMAS * _CLEAR_SIGMAS * variance)
 
 
 @compiled
@@ -615,7 +615,7 @@ def _select_ranges(
         for j in range(received):
             if not (mask >> j) & 1:
                 total += m.log_density_outlier - (
-                    _TOO_SHORT if w.residual[w.received[j]] < 0.0 else 0.0
+                    _SHORT_ECHO_PENALTY if w.residual[w.received[j]] < 0.0 else 0.0
                 )
         used = _use_subset(b, received, mask)
         density, _ = _likelihood(b, used)
@@ -628,7 +628,7 @@ def _select_ranges(
     span = max(m.outlier_span, signal.echo_span)
     if received > 1 and 0.0 < excess < span:
         # a late ping, and a reflection
-        direct = max(_mean_range(b, signal, received) - excess, _SHORTEST)
+        direct = max(_mean_range(b, signal, received) - excess, _MIN_DISTANCE)
         w.tilt = 0.0
         w.tilt_variance = 0.0
         late = _weigh_common_echo(b, m, signal, received, span)

@@ -19,7 +19,9 @@ _KINDS = {
     mujoco.mjtGeom.mjGEOM_MESH: "mesh",
 }
 _USUAL_SHINE = 0.2
-_ALONG = 0.99  # least share of an effector's push along the hull that makes it a main propeller
+_MIN_PUSH_ALONG = (
+    0.99  # least share of an effector's push along the hull that makes it a main propeller
+)
 _ASTERN_M = -0.3  # a main propeller is abaft of this
 _NOZZLE = "nozzle_main"
 _USUAL_NOZZLE_M = (0.06, 0.03)  # radius and half length where the model shows none
@@ -50,10 +52,12 @@ def _part(model: mujoco.MjModel, geom: int) -> dict[str, Any] | None:
     }
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
         mesh = model.geom_dataid[geom]
-        first, points = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-        face, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-        geom_record["points"] = _numbers(model.mesh_vert[first : first + points], 4)
-        geom_record["faces"] = model.mesh_face[face : face + faces].ravel().tolist()
+        point = model.mesh_vertadr[mesh]
+        face = model.mesh_faceadr[mesh]
+        points = model.mesh_vert[point : point + model.mesh_vertnum[mesh]]
+        faces = model.mesh_face[face : face + model.mesh_facenum[mesh]]
+        geom_record["points"] = _numbers(points, 4)
+        geom_record["faces"] = faces.ravel().tolist()
     return geom_record
 
 
@@ -67,7 +71,7 @@ def _propellers(model: mujoco.MjModel) -> list[dict[str, Any]]:
         site = model.actuator_trnid[i, 0]
         push = attitude.rotate(model.site_quat[site], model.actuator_gear[i, :3])
         is_fin = has_fin(model, name)
-        if is_fin or abs(push[0]) < _ALONG or model.site_pos[site][0] > _ASTERN_M:
+        if is_fin or abs(push[0]) < _MIN_PUSH_ALONG or model.site_pos[site][0] > _ASTERN_M:
             continue
         propellers.append(
             {

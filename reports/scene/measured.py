@@ -52,9 +52,9 @@ def _between(times: Floats, values: Floats, grid: Floats) -> Floats:
     return np.column_stack([np.interp(grid, times, column) for column in held(values).T])
 
 
-def _columns(measured: Measurements, *fields: str) -> Floats:
+def _columns(measurements: Measurements, *fields: str) -> Floats:
     """Quantities of all messages, shape (m, c)."""
-    return measured.message[:, [LeaderMessage._fields.index(field) for field in fields]]
+    return measurements.message[:, [LeaderMessage._fields.index(field) for field in fields]]
 
 
 def _heading(times: Floats, heading: Floats, grid: Floats) -> Floats:
@@ -89,10 +89,10 @@ def beacons_of(vehicles: Sequence[Measured]) -> Floats:
     return places * [1.0, 1.0, -1.0]
 
 
-def _sources(measured: Measurements, beacons: Floats) -> Floats:
+def _sources(measurements: Measurements, beacons: Floats) -> Floats:
     """Which beacon each range of each message is of, from 1 on, shape (m, 3); 0: of none."""
-    places = measured.transmitters
-    sources = np.zeros((measured.message_step.size, 3))
+    places = measurements.transmitters
+    sources = np.zeros((measurements.message_step.size, 3))
     if places is None:
         return sources
     for number, (east, north, _) in enumerate(beacons.tolist(), start=1):

@@ -119,12 +119,12 @@ def add_spread(packer: Packer, covariance: Floats, unit: float) -> None:
     packer.add("axis", np.stack([np.cos(angle), np.sin(angle)], axis=-1), 0.02, 1)
 
 
-def kinds_of_messages(measured: Measurements, estimates: Estimates) -> Ints:
+def kinds_of_messages(measurements: Measurements, estimates: Estimates) -> Ints:
     """The kind of fix of each message, shape (m,); -1 for none."""
-    fix_index = np.searchsorted(estimates.fix_step, measured.message_step, side="right") - 1
-    kinds = np.full(measured.message_step.size, -1)
+    fix_index = np.searchsorted(estimates.fix_step, measurements.message_step, side="right") - 1
+    kinds = np.full(measurements.message_step.size, -1)
     if estimates.fix_step.size:
-        is_same = (fix_index >= 0) & (estimates.fix_step[fix_index] == measured.message_step)
+        is_same = (fix_index >= 0) & (estimates.fix_step[fix_index] == measurements.message_step)
         kinds[is_same] = estimates.fix_kind[fix_index[is_same]]
     return kinds
 
@@ -132,7 +132,7 @@ def kinds_of_messages(measured: Measurements, estimates: Estimates) -> Ints:
 def add_messages(
     packer: Packer,
     f: int,
-    measured: Measurements,
+    measurements: Measurements,
     estimates: Estimates,
     start: float,
     first: int = 0,
@@ -140,12 +140,14 @@ def add_messages(
     """Add times, kinds and ranges of a follower's messages from the `first` on, and hypotheses
     after them; returns those lost or rejected as time, kind and follower.
     """
-    kinds = kinds_of_messages(measured, estimates)[first:]
-    time = start + measured.time[measured.message_step[first:] - 1]
+    kinds = kinds_of_messages(measurements, estimates)[first:]
+    time = start + measurements.time[measurements.message_step[first:] - 1]
     packer.add(f"time{f}", time, 0.01)
     packer.add(f"kind{f}", kinds, order=0)
-    packer.add(f"range{f}", np.nan_to_num(measured.ranges[first:]), 0.01, 1)  # zero: not received
-    branches = _branches(measured, estimates)
+    packer.add(
+        f"range{f}", np.nan_to_num(measurements.ranges[first:]), 0.01, 1
+    )  # zero: not received
+    branches = _branches(measurements, estimates)
     branches = branches[branches[:, 0] >= first]
     if branches.size:
         packer.add(f"branch{f}", branches, 0.01, 1)
@@ -156,13 +158,13 @@ def add_messages(
     ]
 
 
-def _branches(measured: Measurements, estimates: Estimates) -> Floats:
+def _branches(measurements: Measurements, estimates: Estimates) -> Floats:
     """Hypotheses of the messages after which there were several, shape (h, 7): index of the
     message, weight, place [m], half axes [m] and direction of the 1σ ellipse [rad].
     """
     weight, position, covariance = estimates.hypotheses
     ambiguous = np.flatnonzero(np.count_nonzero(weight > _MIN_WEIGHT, axis=1) > 1)
-    message = np.searchsorted(measured.message_step, estimates.fix_step[ambiguous])
+    message = np.searchsorted(measurements.message_step, estimates.fix_step[ambiguous])
     rows = []
     for index, fix in zip(message.tolist(), ambiguous.tolist(), strict=True):
         for h in np.flatnonzero(weight[fix] > _MIN_WEIGHT).tolist():
@@ -326,7 +328,8 @@ def part_of(flight: FlightRecord, hulls: SceneHulls, duration: float, sent: Sent
     units = FINE if len(followers) <= CROWD else COARSE
     grid = np.arange(0, truth.time.size, _every(hz, truth.dt))
     slow = np.arange(0, truth.time.size, _every(min(SLOW_HZ, hz), truth.dt))
-    first_row, first_slow = sent.rows, sent.slow_rows
+    first_row = sent.rows
+    first_slow = sent.slow_rows
     packer = Packer()
     seabed = None if first_row else seabed_of(flight)
     if seabed is not None:
@@ -355,7 +358,7 @@ def part_of(flight: FlightRecord, hulls: SceneHulls, duration: float, sent: Sent
         packer.add("station", np.nan_to_num(station), 0.01)
     if hulls.effectors and truth.thrust.shape[2]:
         packer.add("effector", truth.thrust[grid[first_row:]][:, :, hulls.effectors], 0.01, 1)
-    messages = tuple(measured.message_step.size for measured in flight.measurements)
+    messages = tuple(measurements.message_step.size for measurements in flight.measurements)
     return SceneUpdate(
         packer=packer,
         refused=refused,

@@ -23,7 +23,7 @@ SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)
 # order in which components are served where limits bind
 PRIORITY = (PITCH, YAW, HEAVE, SWAY, SURGE)
 # order in which components are looked for that effectors can give
-_WANTED = (SURGE, YAW, PITCH, HEAVE, SWAY)
+_SEARCH_ORDER = (SURGE, YAW, PITCH, HEAVE, SWAY)
 FAST = 2.0  # speed beyond which the weights of fins change no more [m/s]
 # smallest singular value of a component that is given, over the largest force or moment of an
 # effector
@@ -50,7 +50,7 @@ def pseudo_inverse(records: npt.NDArray[np.void], limits: Floats) -> Floats:
     ).repeat(3)
     scaled = unit * reach[:, None] / (largest * max(float(reach.max()), 1e-300))
     independent: list[int] = []
-    for axis in _WANTED:
+    for axis in _SEARCH_ORDER:
         values = np.linalg.svd(scaled[:, [*independent, axis]], compute_uv=False)
         if len(independent) < len(records) and values[len(independent)] > _MIN:
             independent.append(axis)

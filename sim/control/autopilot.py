@@ -141,8 +141,8 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
                 for speed in (MIN_STEERAGE_SPEED, FAST)
             ]
         slow, fast = allocations[fitted.tobytes()]
-        turning = slow[:, [PITCH, YAW]].any(axis=1)
-        record["omega"] = 1.0 / (4.0 * max(fitted["lag"][turning].max(initial=0.0), MIN_LAG))
+        turns_hull = slow[:, [PITCH, YAW]].any(axis=1)
+        record["omega"] = 1.0 / (4.0 * max(fitted["lag"][turns_hull].max(initial=0.0), MIN_LAG))
         record["surge_mass"], record["sway_mass"], record["heave_mass"] = mass + added[:3]
         inertia = inertia_tensor(model, body.id)
         record["pitch_inertia"] = (
@@ -159,26 +159,32 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
         record["drag"] = 0.5 * c["density"] * area * drag_coefficient + c["quadratic_damping"][0]
         fins = effectors.fins_of(fitted, plant.fixed_fins[i])
         # force per incidence and speed², sideways and up, of each fin
-        each = 0.5 * c["density"] * fins["lift_area"][:, None] * fins["force"][:, 1:] ** 2
+        per_fin = 0.5 * c["density"] * fins["lift_area"][:, None] * fins["force"][:, 1:] ** 2
         record["lift"] = (
-            0.5 * c["density"] * area * lift_slope * c["hull_lift_planes"][1] + each[:, 1].sum()
+            0.5 * c["density"] * area * lift_slope * c["hull_lift_planes"][1] + per_fin[:, 1].sum()
         )
-        by_fins = each.T @ fins["place"][:, 0]
-        record["fin_side"] = -by_fins[0]
-        lifts = record["lift"] > 0.0
-        record["pitch_munk"] = max(c["munk_factor"] * (added[2] - added[0]) + by_fins[1], 0.0)
-        yaw_munk = max(c["munk_factor"] * (added[1] - added[0]) + by_fins[0], 0.0)
+        fin_moments = per_fin.T @ fins["place"][:, 0]
+        record["fin_side"] = -fin_moments[0]
+        has_lift = record["lift"] > 0.0
+        record["pitch_munk"] = max(c["munk_factor"] * (added[2] - added[0]) + fin_moments[1], 0.0)
+        yaw_munk = max(c["munk_factor"] * (added[1] - added[0]) + fin_moments[0], 0.0)
         record["yaw_munk"] = yaw_munk * record["surge_mass"] / record["sway_mass"]
         if not c["linear_damping_fade"][2]:
             record["lift"] += c["linear_damping"][2]  # of 1 m/s
         strips = 0.5 * c["density"] * np.sum(c["strip_area"] * np.abs(c["strip_x"]) ** 3)
         for plane, axis in enumerate(("pitch", "yaw")):
             other = 1 - plane  # records have sideways first
-            across = strips * c["cross_flow_drag"][other] + c["quadratic_damping"][4 + plane]
-            by_way = each[:, other] @ fins["place"][:, 0] ** 2
-            record[f"{axis}_damping"] = c["linear_damping"][4 + plane], by_way, across
+            cross_flow_damping = (
+                strips * c["cross_flow_drag"][other] + c["quadratic_damping"][4 + plane]
+            )
+            fin_damping = per_fin[:, other] @ fins["place"][:, 0] ** 2
+            record[f"{axis}_damping"] = (
+                c["linear_damping"][4 + plane],
+                fin_damping,
+                cross_flow_damping,
+            )
         record["has_heave"] = float(slow[:, HEAVE].any())
-        mode = depth_control[i] or ("pitch" if lifts or not record["has_heave"] else "thrust")
+        mode = depth_control[i] or ("pitch" if has_lift or not record["has_heave"] else "thrust")
         record["by_pitch"] = float(mode == "pitch")
         record["density"] = c["density"]
         record["effectors"][: fitted.size] = fitted
@@ -263,9 +269,9 @@ def top_speed(d: Autopilot) -> float:
 
 
 @compiled
-def _damping(coefficients: Floats, way: float, rate: float) -> float:
+def _damping(coefficients: Floats, speed: float, rate: float) -> float:
     """Moment that holds a rate of turn or of pitch at a speed [N m]."""
-    moment: float = (coefficients[0] + coefficients[1] * way + coefficients[2] * abs(rate)) * rate
+    moment: float = (coefficients[0] + coefficients[1] * speed + coefficients[2] * abs(rate)) * rate
     return moment
 
 
@@ -295,32 +301,35 @@ def _hold_depth(
     share = clip((speed - SPEED_HEAVE) / (SPEED_PITCH - SPEED_HEAVE), 0.0, 1.0)
     by_pitch = d.by_pitch * select(d.has_heave > 0.0, share, 1.0)
     speed = max(speed, SPEED_HEAVE)
-    high = reference.depth - depth
+    height_above = reference.depth - depth
 
     # through pitch: the angle of climb, and the incidence whose lift the integral demands
     lift = d.lift * speed * speed
-    pitches = by_pitch > 0.0
-    demand = by_pitch * memory.depth_integral / select(pitches, lift, 1.0)
-    incidence = select(pitches, clip(demand, -INCIDENCE_MAX, INCIDENCE_MAX), 0.0)
-    steepest = speed * np.sin(CLIMB_MAX)
-    slow = d.omega / 5.0
-    sink = reference.sinking + slow * high
-    climb = -np.arcsin(clip(sink, -steepest, steepest) / speed)
+    uses_pitch = by_pitch > 0.0
+    demand = by_pitch * memory.depth_integral / select(uses_pitch, lift, 1.0)
+    incidence = select(uses_pitch, clip(demand, -INCIDENCE_MAX, INCIDENCE_MAX), 0.0)
+    max_sink_rate = speed * np.sin(CLIMB_MAX)
+    pitch_bandwidth = d.omega / 5.0
+    sink_rate = reference.sinking + pitch_bandwidth * height_above
+    climb = -np.arcsin(clip(sink_rate, -max_sink_rate, max_sink_rate) / speed)
     last_command = memory.pitch_command
     step = PITCH_RATE_MAX * dt
     memory.pitch_command += clip(by_pitch * climb + incidence - last_command, -step, step)
 
     # through heave: a level hull that sinks is held back by its lift
-    fast = d.omega / 2.0
-    push = d.heave_mass * (fast * fast * high + 2.0 * fast * (reference.sinking - sinking))
-    push += d.lift * speed * reference.sinking
-    force = memory.depth_integral - incidence * lift - (1.0 - by_pitch) * push
+    heave_bandwidth = d.omega / 2.0
+    heave_demand = d.heave_mass * (
+        heave_bandwidth * heave_bandwidth * height_above
+        + 2.0 * heave_bandwidth * (reference.sinking - sinking)
+    )
+    heave_demand += d.lift * speed * reference.sinking
+    force = memory.depth_integral - incidence * lift - (1.0 - by_pitch) * heave_demand
 
-    rate = by_pitch * 0.25 * slow * slow * d.lift * speed + (
+    rate = by_pitch * 0.25 * pitch_bandwidth * pitch_bandwidth * d.lift * speed + (
         1.0 - by_pitch
-    ) * 0.2 * d.heave_mass * (fast * fast * fast)
+    ) * 0.2 * d.heave_mass * (heave_bandwidth * heave_bandwidth * heave_bandwidth)
     # a depth far away is a matter of climbing, not of lift
-    rate = select(by_pitch * abs(sink) < steepest, -rate * high * dt, 0.0)
+    rate = select(by_pitch * abs(sink_rate) < max_sink_rate, -rate * height_above * dt, 0.0)
     return memory.pitch_command, (memory.pitch_command - last_command) / dt, force, rate
 
 
@@ -383,7 +392,7 @@ def control(
 
     Args:
         kinds: of the effectors, as of `sim.vehicle.effectors.kinds_of`.
-        wanted: heading [rad], its rate [rad/s], speed through the water [m/s], as of `steer`.
+        steering: heading [rad], its rate [rad/s], speed through the water [m/s], as of `steer`.
         reference: accelerations, depth and sinking are read.
         motion: how the vehicle moves.
         dt: since the last call [s].
@@ -395,15 +404,15 @@ def control(
     sway = motion.sway
     heading = motion.heading
     pitch = motion.pitch
-    way = abs(surge)
+    speed = abs(surge)
     omega = d.omega
     lag = 0.25 / omega
 
     # speed; with the hull pitched, its way over ground is shorter than its way through the water.
     # Drag, here and below, is that of when the thrusters will have followed
-    level = max(np.cos(pitch), 0.5)
-    speed_error = speed_wanted / level - surge
-    speed_after_lag = speed_wanted / level + lag * reference.acceleration
+    cos_pitch = max(np.cos(pitch), 0.5)
+    speed_error = speed_wanted / cos_pitch - surge
+    speed_after_lag = speed_wanted / cos_pitch + lag * reference.acceleration
     thrust = (
         d.surge_mass * (reference.acceleration + 0.5 * omega * speed_error) + memory.speed_integral
     )
@@ -412,48 +421,54 @@ def control(
     ) * speed_after_lag
 
     # heading and sway; moments to port are positive, turns to port are negative
-    turn_soon = turn_wanted + lag * reference.turn_acceleration
+    turn_after_lag = turn_wanted + lag * reference.turn_acceleration
     heading_error = signed_angle(heading_wanted - heading)
-    moment = -d.yaw_inertia * (
+    turn_moment = -d.yaw_inertia * (
         reference.turn_acceleration
         + omega * omega * heading_error
         + 2.0 * omega * (turn_wanted + motion.turning)
     )
     # a short hull whose slip turns it away is held more firmly, the faster it is
-    firmness = d.yaw_munk * surge * surge
-    moment -= firmness * heading_error
-    moment -= np.sqrt(firmness * d.yaw_inertia) * (turn_wanted + motion.turning)
-    moment += memory.heading_integral - _damping(d.yaw_damping, way, turn_soon)
-    side = (d.surge_mass * surge - d.fin_side * way) * -turn_soon - d.sway_mass * 0.5 * omega * sway
+    slip_stiffness = d.yaw_munk * surge * surge
+    turn_moment -= slip_stiffness * heading_error
+    turn_moment -= np.sqrt(slip_stiffness * d.yaw_inertia) * (turn_wanted + motion.turning)
+    turn_moment += memory.heading_integral - _damping(d.yaw_damping, speed, turn_after_lag)
+    sway_force = (
+        d.surge_mass * surge - d.fin_side * speed
+    ) * -turn_after_lag - d.sway_mass * 0.5 * omega * sway
 
     # depth and pitch; moments nose up are positive here, and negative about the body's axis to port
-    pitch_wanted, pitching, force, rate = _hold_depth(
-        d, reference, motion.depth, motion.sinking, way, dt, memory
+    pitch_wanted, pitching, heave_force, rate = _hold_depth(
+        d, reference, motion.depth, motion.sinking, speed, dt, memory
     )
-    error = pitch_wanted - pitch
-    nose_up = d.pitch_inertia * (omega * omega * error + 2.0 * omega * (pitching + motion.pitching))
+    pitch_error = pitch_wanted - pitch
+    pitch_moment = d.pitch_inertia * (
+        omega * omega * pitch_error + 2.0 * omega * (pitching + motion.pitching)
+    )
     # the Munk moment that fins leave, by the speed across the hull
-    nose_up -= d.pitch_munk * surge * (motion.sinking + surge * np.sin(pitch)) / level
-    nose_up += (
-        memory.pitch_integral + d.righting * pitch_wanted + _damping(d.pitch_damping, way, pitching)
+    pitch_moment -= d.pitch_munk * surge * (motion.sinking + surge * np.sin(pitch)) / cos_pitch
+    pitch_moment += (
+        memory.pitch_integral
+        + d.righting * pitch_wanted
+        + _damping(d.pitch_damping, speed, pitching)
     )
 
     wrench = memory.wrench
     wrench[ROLL] = 0.0
     wrench[SURGE] = thrust
-    wrench[SWAY] = side
-    wrench[HEAVE] = force
-    wrench[PITCH] = -nose_up
-    wrench[YAW] = moment
+    wrench[SWAY] = sway_force
+    wrench[HEAVE] = heave_force
+    wrench[PITCH] = -pitch_moment
+    wrench[YAW] = turn_moment
     apply_wrench(kinds, d, surge, memory, command)
     omega_cubed = omega * omega * omega
     memory.speed_integral += _increment(
         d.surge_mass * 0.05 * omega * omega * speed_error * dt, thrust, wrench[SURGE]
     )
     memory.heading_integral += _increment(
-        -0.1 * d.yaw_inertia * omega_cubed * heading_error * dt, moment, wrench[YAW]
+        -0.1 * d.yaw_inertia * omega_cubed * heading_error * dt, turn_moment, wrench[YAW]
     )
     memory.pitch_integral += _increment(
-        0.1 * d.pitch_inertia * omega_cubed * error * dt, nose_up, -wrench[PITCH]
+        0.1 * d.pitch_inertia * omega_cubed * pitch_error * dt, pitch_moment, -wrench[PITCH]
     )
-    memory.depth_integral += _increment(rate, force, wrench[HEAVE])
+    memory.depth_integral += _increment(rate, heave_force, wrench[HEAVE])

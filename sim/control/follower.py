@@ -322,7 +322,7 @@ def _to_station(
 
 
 # a detour is left at this share of the leader's speed at most …
-_RETURN = 0.3
+_RETURN_SPEED_SHARE = 0.3
 # … where the planned heading is nearer than this to that of the station [rad]
 _ON_COURSE = 0.05
 
@@ -348,7 +348,7 @@ def plan_detour(
     if abs(wrap_angle(turn)) < _ON_COURSE:
         x, y = memory.detour[0], memory.detour[1]
         pace = np.sqrt(t.way_east * t.way_east + t.way_north * t.way_north)
-        correction = _RETURN * pace / np.sqrt(x * x + y * y + lookahead * lookahead)
+        correction = _RETURN_SPEED_SHARE * pace / np.sqrt(x * x + y * y + lookahead * lookahead)
     east = planned_velocity[0] - correction * memory.detour[0]
     north = planned_velocity[1] - correction * memory.detour[1]
     memory.detour[0] += dt * (east - t.velocity_east)

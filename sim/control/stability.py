@@ -111,9 +111,9 @@ def _feedback(d: Autopilot, climb: Floats, speed: float) -> Floats:
     for axis, inertia in ((PITCH, d["pitch_inertia"]), (YAW, d["yaw_inertia"])):
         feedback[axis, axis] = -2.0 * omega * inertia
         feedback[axis, axis + 3] = -omega * omega * inertia
-    firmness = d["yaw_munk"] * speed**2
-    feedback[YAW, YAW] -= np.sqrt(firmness * d["yaw_inertia"])
-    feedback[YAW, YAW + 3] -= firmness
+    slip_stiffness = d["yaw_munk"] * speed**2
+    feedback[YAW, YAW] -= np.sqrt(slip_stiffness * d["yaw_inertia"])
+    feedback[YAW, YAW + 3] -= slip_stiffness
     feedback[PITCH, HEAVE] = -d["pitch_munk"] * speed
     feedback[HEAVE] = -omega * thruster_share * d["heave_mass"] * climb
     feedback[HEAVE, HEIGHT] = -0.25 * omega * omega * thruster_share * d["heave_mass"]

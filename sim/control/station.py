@@ -54,7 +54,7 @@ TRAIL = row_dtype(TrailPoint)
 
 # points of a trail are at least this far apart [m]: below it, a way would be made of waves and
 # rounding
-SHORTEST = 0.3
+MIN_SPACING = 0.3
 PACE_TIME = 10.0  # the pace is the mean over this time [s]
 
 # before its first point the trail is taken to have come straight, as it went on for so long [m]
@@ -122,7 +122,7 @@ def extend(
     n = count[0]
     water_speed, heading = motion
     # the head moves on until it is far enough from the point before
-    if n > 1 and trail[n - 1].arc - trail[n - 2].arc < SHORTEST:
+    if n > 1 and trail[n - 1].arc - trail[n - 2].arc < MIN_SPACING:
         n -= 1
     count[0] = n + 1
     trail[n].east = east
@@ -216,7 +216,11 @@ def at(trail: Records, count: int, arc: float) -> Place:
         excess = arc - trail[end].arc
         if not begins:
             # a point too near to the one before it has no useful slope
-            i = last - 1 if trail[last].arc - trail[last - 1].arc < SHORTEST and count > 2 else last
+            i = (
+                last - 1
+                if trail[last].arc - trail[last - 1].arc < MIN_SPACING and count > 2
+                else last
+            )
             ahead_east, ahead_north = _unit(trail[i].slope_east, trail[i].slope_north)
         east, north = trail[end].east + excess * ahead_east, trail[end].north + excess * ahead_north
         return east, north, ahead_east, ahead_north, trail[end].water_speed
@@ -377,7 +381,7 @@ class StationFrame(RecordFields):
 
 FRAME_STATE = row_dtype(StationFrame)
 
-_NEAREST = 5.0  # a station nearer to the trail is turned as if it were this far aside [m]
+_MIN_OFFSET = 5.0  # a station nearer to the trail is turned as if it were this far aside [m]
 # rate of turn that a follower counts on [rad/s]; 10°/s is what it is allowed
 AGILITY = float(np.deg2rad(8.0))
 STEP = 1.0  # a follower looks ahead and back in steps of this time [s]
@@ -393,7 +397,7 @@ _MIN_ROOM = 0.05
 # share of a hull's greatest acceleration across its way that turning frames may ask for
 _SIDEWAYS = 0.3
 # a velocity that changes by a smaller share turns less than a hull
-_LITTLE = float(np.sin(AGILITY * STEP))
+_NEGLIGIBLE_CHANGE = float(np.sin(AGILITY * STEP))
 
 
 class Target(NamedTuple):
@@ -441,7 +445,7 @@ def turn_frame(
     """Turn a station's frame from one time to another [s], along the trail as it is known now."""
     points, count = trail
     over_ground = points[count - 1].pace
-    width = max(abs(station.port), _NEAREST)
+    width = max(abs(station.port), _MIN_OFFSET)
     max_rate = f.max_station_acceleration / width
     if station.radius > 0.0:
         across = max(over_ground * over_ground / station.radius, 1e-3)
@@ -569,7 +573,7 @@ def rate_limited_velocity(
     changes = over_ground * bend + abs(station.port * state.rate * state.rate) * reach
     # on straight legs, headings nearby surely differ by less than a hull turns in a step; what is
     # foreseen of a leader's plan is in no trail yet
-    if station.radius > 0.0 or not changes < _LITTLE * speed:
+    if station.radius > 0.0 or not changes < _NEGLIGIBLE_CHANGE * speed:
         required_heading = np.arctan2(east, north)
         upper = lower = required_heading
         for side in (-1.0, 1.0):

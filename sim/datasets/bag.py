@@ -23,9 +23,9 @@ SUFFIXES = (".bag", ".db3", ".mcap")
 _TIME = "builtin_interfaces/msg/Time"
 _QUATERNION = "geometry_msgs/msg/Quaternion"
 _STAMP = "header.stamp"
-_DEEPEST = 12  # types within one another
+_MAX_NESTING = 12  # types within one another
 _SAMPLES = 20  # messages of a topic that are looked at for its frames
-_NAMED = 60  # characters of a value that messages show
+_MAX_CHARACTERS = 60  # characters of a value that messages show
 
 
 class BagTopic(NamedTuple):
@@ -80,7 +80,7 @@ def _leaves(store: "Typestore", type_name: str, prefix: str = "", depth: int = 0
     """Fields of a type that hold a number, a time or an orientation."""
     from rosbags.interfaces import Nodetype
 
-    if type_name not in store.fielddefs or depth > _DEEPEST:
+    if type_name not in store.fielddefs or depth > _MAX_NESTING:
         return
     for name, (kind, detail) in store.fielddefs[type_name][1]:
         path = f"{prefix}{name}"
@@ -97,7 +97,7 @@ def _text_fields(
 ) -> Iterator[str]:
     from rosbags.interfaces import Nodetype
 
-    if type_name not in store.fielddefs or depth > _DEEPEST:
+    if type_name not in store.fielddefs or depth > _MAX_NESTING:
         return
     for name, (kind, detail) in store.fielddefs[type_name][1]:
         if kind == Nodetype.BASE and detail[0] == "string":
@@ -171,7 +171,7 @@ def _number(value: Any, request: Request) -> Any:
         return float(value)
     raise LaisnError(
         f"topic {request.topic}: field {request.field} holds no number "
-        f"(given: {shortened(repr(value), _NAMED)})"
+        f"(given: {shortened(repr(value), _MAX_CHARACTERS)})"
     )
 
 

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader
 
 _MAX_STEPS = 20  # more are no corrections of a clock
-_BESIDE = 20  # messages on each side of a step whose delays are compared
-_FEWEST = 3
-_GAP = 10.0  # shortest gap between stamps that may be a step forward [intervals]
-_SHORTEST_GAP_NS = 10**9
+_COMPARED_MESSAGES = 20  # messages on each side of a step whose delays are compared
+_MIN_MESSAGES = 3
+_MIN_GAP_INTERVALS = 10.0  # shortest gap between stamps that may be a step forward [intervals]
+_MIN_GAP_NS = 10**9
 _MESSAGES = (
     "SELECT topics.name, messages.timestamp FROM messages "
     "JOIN topics ON topics.id = messages.topic_id ORDER BY messages.id"
@@ -162,7 +162,7 @@ def _delay(stamps: Ints, recorded: Ints) -> float:
     recorded as fast as they were stamped, as in a bag that was converted.
     """
     offset = stamps - recorded
-    steady = stamps.size >= _FEWEST and np.ptp(offset) <= 0.5 * np.ptp(stamps)
+    steady = stamps.size >= _MIN_MESSAGES and np.ptp(offset) <= 0.5 * np.ptp(stamps)
     return float(np.median(offset)) if steady else np.nan
 
 
@@ -179,7 +179,7 @@ def corrected_stamps(stamps: Ints, recorded: Ints) -> Stamps:
     shapes (n,), [ns].
     """
     interval = _interval(stamps)
-    gap = max(_GAP * interval, _SHORTEST_GAP_NS)
+    gap = max(_MIN_GAP_INTERVALS * interval, _MIN_GAP_NS)
     ahead = np.flatnonzero(np.diff(stamps) - np.diff(recorded) > gap) + 1
     places = sorted({*steps_back(stamps, interval), *ahead.tolist()})
     if len(places) > _MAX_STEPS:
@@ -189,8 +189,8 @@ def corrected_stamps(stamps: Ints, recorded: Ints) -> Stamps:
     ends = [*places[1:], stamps.size][: len(places)]
     begin = 0
     for index, end in zip(places, ends, strict=True):
-        preceding = slice(max(begin, index - _BESIDE), index)
-        following = slice(index, min(end, index + _BESIDE))
+        preceding = slice(max(begin, index - _COMPARED_MESSAGES), index)
+        following = slice(index, min(end, index + _COMPARED_MESSAGES))
         difference = _delay(corrected[preceding], recorded[preceding]) - _delay(
             corrected[following], recorded[following]
         )

@@ -28,8 +28,8 @@ from sim.datasets.vehicle_table import VehicleTable
 from sim.log.clock import TIMESTAMP
 from sim.log.schema import OWN_MOTION
 
-_LONGEST_GAP = 5.0  # that is interpolated [intervals between messages]
-_SHORTEST_GAP_S = 1.0
+_MAX_GAP_INTERVALS = 5.0  # that is interpolated [intervals between messages]
+_MIN_GAP_S = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +85,7 @@ def _interpolated(series: Series, time_ns: Ints, *, is_angle: bool) -> Floats:
     after = np.minimum(after, times.size - 1)
     span = times[after] - times[before]
     interval = float(np.median(np.diff(times))) if times.size > 1 else 0.0
-    longest = max(_LONGEST_GAP * interval, 1e9 * _SHORTEST_GAP_S)
+    longest = max(_MAX_GAP_INTERVALS * interval, 1e9 * _MIN_GAP_S)
     share = np.divide(time_ns - times[before], span, out=np.zeros(time_ns.size), where=span > 0)
     change = values[after] - values[before]
     if is_angle:

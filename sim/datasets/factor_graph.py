@@ -365,7 +365,7 @@ def _triangle(*variances: float) -> list[float]:
 
 
 def write_factor_graph(
-    measured: Measurements, settings: TightSettings, start: Floats, truth: Floats, path: Path
+    measurements: Measurements, settings: TightSettings, start: Floats, truth: Floats, path: Path
 ) -> Path:
     """Write what a follower measured as a factor graph, with a pose A… at the start and at each
     message.
@@ -379,14 +379,15 @@ def write_factor_graph(
     east, north of the hydrophone [m] and heading [rad], shape (n + 1, 4).
     """
     speed, heading = (
-        np.concatenate([values[:1], values]) for values in (measured.speed, measured.heading)
+        np.concatenate([values[:1], values])
+        for values in (measurements.speed, measurements.heading)
     )
     dt = np.diff(truth[:, 0])
     u = np.column_stack([np.sin(heading), np.cos(heading)])
     v = speed[:, None] * u
     angle = 0.5 * np.pi - heading
     way = np.vstack([np.zeros(2), np.cumsum(0.5 * dt[:, None] * (v[:-1] + v[1:]), axis=0)])
-    steps = [0, *measured.message_step.tolist()]
+    steps = [0, *measurements.message_step.tolist()]
     lines = [
         _line(
             "VERTEX_SE2",
@@ -430,8 +431,8 @@ def write_factor_graph(
         lines.append(
             _line("EDGE_SE2", time, f"A{i}", f"A{i + 1}", float(ahead), float(port), turn, *spread)
         )
-        reception = measured.reception(i)
-        hydrophone = measured.last_depth[k - 1] - settings.hydrophone_height
+        reception = measurements.reception(i)
+        hydrophone = measurements.last_depth[k - 1] - settings.hydrophone_height
         places = place_transmitters(reception, settings)
         for j in np.flatnonzero(
             np.isfinite(places).all(axis=1) & np.isfinite(reception.ranges)

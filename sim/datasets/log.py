@@ -31,7 +31,7 @@ _READERS = {
 }
 _RECORD = "data set"  # metadata record by which such a log is known
 # what it holds of the sensors' errors, as the data set states them
-_STATED = ("range_sigma", "slip", "heading_walk", "track_slip", "track_heading_walk")
+_STATED_ERRORS = ("range_sigma", "slip", "heading_walk", "track_slip", "track_heading_walk")
 _SLOTS = Ranges._fields
 _nanoseconds = Clock("1970-01-01T00:00:00Z").ns
 _SEPARATION = 1e-6  # between ranges of one instant that one reception cannot hold [s]
@@ -165,7 +165,7 @@ def write_data_set(data: RangeData, path: Path) -> RangeData:
         "beacons": ",".join(data.beacons),
         "start_east": repr(float(data.start[0])),
         "start_north": repr(float(data.start[1])),
-        **{name: repr(data.stated[name]) if name in data.stated else "" for name in _STATED},
+        **{name: repr(data.stated[name]) if name in data.stated else "" for name in _STATED_ERRORS},
     }
     _write(path, list(_channels(data)), facts)
     return data
@@ -219,7 +219,7 @@ def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
     log = Contents(path, lambda topic, _: topic == pose)
     if _RECORD not in log.metadata:
         raise LogError(f"{path}: no log of a data set; laisn log import FILE --out LOG makes one")
-    measured, remarks = read_recording(path, VEHICLE, longest_gap_s)
+    measurements, remarks = read_recording(path, VEHICLE, longest_gap_s)
     with log_errors(path):
         facts = log.metadata[_RECORD]
         truth = np.empty((0, 3))
@@ -227,8 +227,8 @@ def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
             # the first step of Δt ends where the data set begins
             start_ns = (
                 log.topics[pose].time_ns - log.topics[motion].time_ns.min()
-            ) / 1e9 + measured.dt
+            ) / 1e9 + measurements.dt
             truth = np.column_stack([start_ns, log.topics[pose].table(POSE_FIELDS[:2])])
         start = np.array([float(facts["start_east"]), float(facts["start_north"]), 0.0, 0.0])
-        facts_stated = {name: float(facts[name]) for name in _STATED if facts.get(name)}
-    return Replayable(measured, start, facts_stated, truth, remarks)
+        facts_stated = {name: float(facts[name]) for name in _STATED_ERRORS if facts.get(name)}
+    return Replayable(measurements, start, facts_stated, truth, remarks)

@@ -29,7 +29,7 @@ _LEADER = {
     *("leader", "ldr", "lead", "mother", "mothership", "ship", "boat", "vessel", "asv", "usv"),
     *("master", "surface", "broadcast"),
 }
-_OWN = {
+_OWN_WORDS = {
     *("own", "auv", "uuv", "follower", "vehicle", "self", "robot", "rov", "meas", "measured"),
     *("value", "data", "sensor", "msg", "message", "raw", "filtered", "acoustic"),
     *("true", "mag", "magnetic", "gyro", "dvl", "ctd", "modem", "through", "water", "to"),
@@ -170,7 +170,9 @@ def _quantity_of(word: str) -> str:
 
 def _range_match(words: Sequence[str], unit: str) -> Match | None:
     other_words = [
-        word for word in words if word not in (_RANGE | _OWN | _LEADER | _TRANSMITTER | {"to"})
+        word
+        for word in words
+        if word not in (_RANGE | _OWN_WORDS | _LEADER | _TRANSMITTER | {"to"})
     ]
     slot, word = _slot_of(other_words)
     others = [other for other in other_words if other != word]
@@ -199,7 +201,7 @@ def match(name: str, *, of_leader: bool = False) -> Match | None:
 
 def _quantity_match(words: Sequence[str], unit: str, *, leader: bool) -> Match | None:
     """A quantity of the own vehicle, of the leader, or a place of a transmitter."""
-    other_words = [word for word in words if word not in (_LEADER | _OWN | _TRANSMITTER)]
+    other_words = [word for word in words if word not in (_LEADER | _OWN_WORDS | _TRANSMITTER)]
     slot, slot_word = _slot_of(other_words[:-1])
     other_words = [word for word in other_words if word != slot_word]
     # "compass heading" says one thing twice

@@ -32,8 +32,8 @@ from sim.system import background_process, read_text
 _LARGEST_BYTES = 100_000_000
 LARGEST = 4e9  # larger numbers are no measurements, and no times in seconds
 # mean speeds beyond these are doubtful [m/s]
-_SLOWEST = 0.01
-_FASTEST = 50.0
+_MIN_SPEED = 0.01
+_MAX_SPEED = 50.0
 # longer steps are cut: in a log a gap of so much would be one of readings that are missing
 _LONGEST_LEG_S = 5.0
 _COLUMNS = {"DR": 3, "TD": 4, "TL": 3, "GT": 4, "DRp": 4}  # columns of each table
@@ -191,7 +191,7 @@ class RangeData:
         if (
             distance >= 1.0
             and duration > 0.0
-            and not _SLOWEST * duration <= distance <= _FASTEST * duration
+            and not _MIN_SPEED * duration <= distance <= _MAX_SPEED * duration
         ):
             speed = distance / duration
             remarks.append(

@@ -61,7 +61,7 @@ NEEDED = (
 )
 DATES = "dates (UTC)"
 _ABOVE_SURFACE_M = 1.0  # depths of waves and of a sensor's bias are not refused
-_NAMED = 40  # characters of a cell or header that messages show
+_MAX_CHARACTERS = 40  # characters of a cell or header that messages show
 
 
 def quantity_of(field: str) -> Quantity:
@@ -111,8 +111,8 @@ def _field_and_unit(header: str, where: str) -> tuple[str, str]:
         bracketed = re.fullmatch(rf"{name}[ _]*[\[(]([^\])]*)[\])]", text)
         if bracketed is not None and bracketed[1].strip() not in units:
             raise LaisnError(
-                f"{where}: unknown unit {shortened(bracketed[1], _NAMED)!r} of column "
-                f"{shortened(header, _NAMED)!r}; expected {', '.join(units)}"
+                f"{where}: unknown unit {shortened(bracketed[1], _MAX_CHARACTERS)!r} of column "
+                f"{shortened(header, _MAX_CHARACTERS)!r}; expected {', '.join(units)}"
             )
         if bracketed is not None:
             return field, bracketed[1].strip()
@@ -132,7 +132,7 @@ def cells_of(path: Path) -> tuple[list[str], list[list[str]]]:
     try:
         (headers,) = csv.reader(lines[:1], delimiter=delimiter, strict=True)
     except csv.Error as error:
-        start = shortened(plain(lines[0]), 2 * _NAMED)
+        start = shortened(plain(lines[0]), 2 * _MAX_CHARACTERS)
         raise LaisnError(
             f"{path}: the header {start!r} cannot be read: {error}; is a quote not closed?"
         ) from None

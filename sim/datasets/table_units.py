@@ -498,7 +498,8 @@ def _refusal(columns: Columns, reading: Reading, other: _Alternative, words: str
     headers = ", ".join(column.header.strip() for column in other.columns)
     unit = reading[other.columns[0].quantity.name]
     first = other.columns[0].header.strip()
-    taken, instead = unit, other.unit
+    taken = unit
+    instead = other.unit
     if not columns.time.unit and other.time_unit != reading[TIME.name]:
         time = columns.time.header.strip()
         taken = f"{unit} and {time} in {reading[TIME.name]}"

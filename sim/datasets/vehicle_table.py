@@ -110,7 +110,7 @@ def read_vehicle_table(path: Path, field_map: FieldMap | None = None) -> Vehicle
         name=columns.time.header.strip(),
         time=time_ns,
         columns=table,
-        moving=np.all([np.isfinite(table[field]) for field in OWN_MOTION.fields], axis=0),
+        has_motion=np.all([np.isfinite(table[field]) for field in OWN_MOTION.fields], axis=0),
         received=received,
         remarks=[],
     )

@@ -10,8 +10,8 @@ from sim.water.waves import GRAVITY
 
 DEFAULT_DENSITY = 1000.0  # of gz-sim's Buoyancy [kg/m³]
 EARTH = 9.8  # gravity of a world that states none [m/s²]
-THINNEST = 1.0  # least density that is a fluid's, as of air [kg/m³]
-DENSEST = 2e4  # largest one, beyond that of mercury
+MIN_DENSITY = 1.0  # least density that is a fluid's, as of air [kg/m³]
+MAX_DENSITY = 2e4  # largest one, beyond that of mercury
 
 
 @dataclass(frozen=True)
@@ -24,9 +24,9 @@ class FileWater:
 
     def __post_init__(self) -> None:
         """LaisnError if the density is none of a fluid."""
-        if not THINNEST <= self.density <= DENSEST:
+        if not MIN_DENSITY <= self.density <= MAX_DENSITY:
             raise LaisnError(
-                f"{self.source}: expected a density from {THINNEST:g} to {DENSEST:g} kg/m³ "
+                f"{self.source}: expected a density from {MIN_DENSITY:g} to {MAX_DENSITY:g} kg/m³ "
                 f"(given: {self.density:g})"
             )
 

@@ -106,8 +106,8 @@ class SdfModel:
     def pose_in_parent(self, chain: tuple[str, ...] = ()) -> Floats:
         """Pose of a nested model in the model that holds it."""
         assert self.parent is not None
-        outer = self.parent.pose_in_model(relative_to(self.element, MODEL), chain)
-        pose = outer @ local_pose(self.element)
+        reference = self.parent.pose_in_model(relative_to(self.element, MODEL), chain)
+        pose = reference @ local_pose(self.element)
         placement = self.element.get("placement_frame", "")
         return pose @ np.linalg.inv(self.pose_in_model(placement)) if placement else pose
 
@@ -133,13 +133,13 @@ class SdfModel:
         chain = (*chain, name)
         if name in self.links:
             element = self.links[name]
-            outer = relative_to(element, MODEL)
+            reference = relative_to(element, MODEL)
         elif name in self.frames:
             element = self.frames[name]
-            outer = relative_to(element, element.get("attached_to", "") or MODEL)
+            reference = relative_to(element, element.get("attached_to", "") or MODEL)
         elif name in self.joints:
             element = self.joints[name]
-            outer = relative_to(element, child_text(element, "child"))
+            reference = relative_to(element, child_text(element, "child"))
         elif name in self.models:
             return self.models[name].pose_in_parent(chain)
         else:
@@ -148,7 +148,7 @@ class SdfModel:
                 raise LaisnError(f"model {self.name!r} has no frame {name!r}")
             model = self.models[inner]
             return model.pose_in_parent(chain) @ model.pose_in_model(rest)
-        return self.pose_in_model(outer, chain) @ local_pose(element)
+        return self.pose_in_model(reference, chain) @ local_pose(element)
 
     def find_link(self, name: str) -> "tuple[SdfModel, str] | None":
         """The link of a name, also of a frame that is attached to it or of a nested model's, with

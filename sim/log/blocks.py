@@ -67,11 +67,11 @@ class BlockFile:
 
     def _call(self, function: Callable[[], Any]) -> Any:
         try:
-            called = self._thread.submit(function)
+            future = self._thread.submit(function)
         except RuntimeError:
             # the interpreter is at its end: there are no threads any more, and no signals
             return function()
-        return called.result()
+        return future.result()
 
     def describe(self, write: Callable[[MCAPWriter], None]) -> None:
         """Write attachments and metadata, which are in the file with the next block."""
@@ -113,19 +113,19 @@ class BlockFile:
     def _fill(self, channels: Sequence[LogChannel], span: tuple[int, int]) -> None:
         times = list[Ints]()
         messages = list[bytes]()
-        logs = list[Callable[[bytes, int], None]]()
+        senders = list[Callable[[bytes, int], None]]()
         for channel in channels:
             rows, channel_times = _between(channel, *span)
             times.append(channel_times)
             messages += channel.rows(rows)
-            logs += [self._channels[channel.topic].base.log] * channel_times.size
+            senders += [self._channels[channel.topic].base.log] * channel_times.size
         time_ns = np.concatenate(times) if times else np.empty(0, dtype=np.int64)
         if len(messages) != time_ns.size:
             raise AssertionError("a channel has not one message for each of its times")
         # messages of equal times stay in the order of channels
         order = np.argsort(time_ns, kind="stable")
-        for i, at in zip(order.tolist(), time_ns[order].tolist(), strict=True):
-            logs[i](messages[i], at)
+        for i, message_time_ns in zip(order.tolist(), time_ns[order].tolist(), strict=True):
+            senders[i](messages[i], message_time_ns)
         self._mcap.flush()
 
     def _flush(self) -> None:

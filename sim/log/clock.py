@@ -16,10 +16,12 @@ from sim.log.order import steps_back
 TIMESTAMP = "leader_timestamp"
 _SOUND_M_S = 1500.0
 _MAX_STEPS = 20  # more steps back are no corrections of a clock
-_NAMED = 5  # most gaps that are named
-_GAP = 10.0  # shortest gap that is named [intervals between rows]
-_SHORTEST_GAP_S = 1.0
-_STRAIGHT = math.radians(20.0)  # largest turn of a leader whose way tells the time that passed
+_MAX_NAMED_GAPS = 5  # most gaps that are named
+_MIN_GAP_INTERVALS = 10.0  # shortest gap that is named [intervals between rows]
+_MIN_GAP_S = 1.0
+_MAX_STRAIGHT_TURN = math.radians(
+    20.0
+)  # largest turn of a leader whose way tells the time that passed
 _MIN_SPEED_M_S = 0.2
 _LONGEST_DELAY_S = 60.0
 """A message that is older belongs to another clock [s]."""
@@ -36,7 +38,7 @@ class RecordedRows:
     name: str  # of the time
     time: Ints  # shape (n,), [ns]
     columns: dict[str, Floats]  # by field, in SI units, shape (n,)
-    moving: Bools  # rows with own measurements, shape (n,)
+    has_motion: Bools  # rows with own measurements, shape (n,)
     received: Bools  # rows with a range, shape (n,)
     remarks: list[str]
     item: str = "row"  # or message, for remarks
@@ -45,7 +47,9 @@ class RecordedRows:
     @property
     def rows(self) -> Ints:
         """Rows with own measurements, or all where none has."""
-        return np.flatnonzero(self.moving) if self.moving.any() else np.arange(self.time.size)
+        return (
+            np.flatnonzero(self.has_motion) if self.has_motion.any() else np.arange(self.time.size)
+        )
 
     @property
     def interval_ns(self) -> int:
@@ -88,7 +92,7 @@ def _crossing(recording: RecordedRows, row: int) -> _Crossing | None:
     turn = abs(math.remainder(float(heading[1] - heading[0]), 2.0 * math.pi))
     mean_speed = float(np.mean(np.abs(speed)))
     way_s = math.nan
-    if mean_speed > _MIN_SPEED_M_S and turn < _STRAIGHT:
+    if mean_speed > _MIN_SPEED_M_S and turn < _MAX_STRAIGHT_TURN:
         way_s = math.hypot(*np.diff([east, north], axis=1)[:, 0]) / mean_speed
     clock = recording.timestamp[pair]
     return _Crossing(int(pair[0]), int(pair[1]), float(clock[1] - clock[0]), way_s)
@@ -156,7 +160,7 @@ def correct_steps_back(recording: RecordedRows) -> None:
 
 def _require_receptions_in_order(recording: RecordedRows) -> None:
     """LaisnError if rows that hold receptions alone step back among themselves."""
-    rows = np.flatnonzero(recording.received & ~recording.moving)
+    rows = np.flatnonzero(recording.received & ~recording.has_motion)
     steps = steps_back(recording.time[rows], 2 * recording.interval_ns)
     if steps:
         raise LaisnError(
@@ -193,7 +197,7 @@ def correct_steps_forward(recording: RecordedRows) -> None:
     rows = recording.rows
     interval = recording.interval_ns
     spans = np.diff(recording.time[rows])
-    longest = max(_GAP * interval, 1e9 * _SHORTEST_GAP_S)
+    longest = max(_MIN_GAP_INTERVALS * interval, 1e9 * _MIN_GAP_S)
     gaps = list[str]()
     for position in np.flatnonzero(spans > longest).tolist():
         row = int(rows[position + 1])
@@ -211,10 +215,10 @@ def correct_steps_forward(recording: RecordedRows) -> None:
             f"{last + 1} by the leader's {by}; later rows are shifted back"
         )
     if gaps:
-        omitted = f" and {len(gaps) - _NAMED} others" if len(gaps) > _NAMED else ""
-        recording.remarks.append(
-            f"{recording.name}: gaps without own measurements: {', '.join(gaps[:_NAMED])}{omitted}"
-        )
+        named = ", ".join(gaps[:_MAX_NAMED_GAPS])
+        if len(gaps) > _MAX_NAMED_GAPS:
+            named += f" and {len(gaps) - _MAX_NAMED_GAPS} others"
+        recording.remarks.append(f"{recording.name}: gaps without own measurements: {named}")
 
 
 def _mean_range(columns: Mapping[str, Floats]) -> Floats:

@@ -49,7 +49,7 @@ FIRST_GAP = "first_gap_ns"
 """Key of that record in a recovered log: time before which a flight is complete [ns]."""
 _INTERRUPTED = "INTERRUPTED"
 _PARTIAL = ".partial"
-_NAMED = 10  # most damaged places that are named
+_MAX_NAMED_PLACES = 10  # most damaged places that are named
 _CHUNK_BYTES = 2**18  # of a recovered log: the last chunk is lost where the log is cut again
 # a file of n bytes may decompress to 8 MiB + 16 n; flights decompress to 6 n
 _ALLOWANCE = 8 << 20
@@ -557,9 +557,9 @@ def _copy(path: Path, target: Path, remarks: list[str]) -> list[str]:
     remarks += _counts(copy, f" of {promised}" if has_lost_messages else "")
     if has_lost_messages and not problems:
         problems = [f"the summary promises {promised} messages"]
-    remarks += [f"left out: {problem}" for problem in problems[:_NAMED]]
-    if len(problems) > _NAMED:
-        remarks.append(f"left out: {len(problems) - _NAMED} more places")
+    remarks += [f"left out: {problem}" for problem in problems[:_MAX_NAMED_PLACES]]
+    if len(problems) > _MAX_NAMED_PLACES:
+        remarks.append(f"left out: {len(problems) - _MAX_NAMED_PLACES} more places")
     return problems
 
 

@@ -126,7 +126,7 @@ def _entities(rr: Any, entity: Any) -> Iterator[tuple[str, Any]]:
     instant.
     """
 
-    def look(primitives: Any) -> dict[str, Any]:
+    def appearance(primitives: Any) -> dict[str, Any]:
         return {
             "centers": _numbers(primitives, "xyz", "pose.position."),
             "quaternions": _numbers(primitives, "xyzw", "pose.orientation."),
@@ -140,9 +140,9 @@ def _entities(rr: Any, entity: Any) -> Iterator[tuple[str, Any]]:
     }
     length = 2 * half_size["cylinders"][:, 2]
     radius = half_size["cylinders"][:, 0]
-    yield "cylinders", rr.Cylinders3D(**look(entity.cylinders), lengths=length, radii=radius)
-    yield "spheres", rr.Ellipsoids3D(**look(entity.spheres), half_sizes=half_size["spheres"])
-    yield "boxes", rr.Boxes3D(**look(entity.cubes), half_sizes=half_size["cubes"])
+    yield "cylinders", rr.Cylinders3D(**appearance(entity.cylinders), lengths=length, radii=radius)
+    yield "spheres", rr.Ellipsoids3D(**appearance(entity.spheres), half_sizes=half_size["spheres"])
+    yield "boxes", rr.Boxes3D(**appearance(entity.cubes), half_sizes=half_size["cubes"])
     strips = list[Any]()
     for line in entity.lines:
         points = _numbers(line.points, "xyz")
@@ -150,7 +150,7 @@ def _entities(rr: Any, entity: Any) -> Iterator[tuple[str, Any]]:
     colors = _numbers(entity.lines, "rgba", "color.")[:1]
     yield "lines", rr.LineStrips3D(strips, colors=colors, radii=[_LINE_M])
     for i, mesh in enumerate(entity.triangles):
-        geometry = look([mesh])
+        geometry = appearance([mesh])
         faces = np.reshape(mesh.indices, (-1, 3))
         points = _numbers(mesh.points, "xyz")
         yield (

@@ -55,15 +55,15 @@ CORE = (vehicle_state(()), *MEASURED, *estimated(Estimates), *DETAILS.values())
 """Types of the channels that make up a flight."""
 _OWN, _RECEIVED = MEASURED
 LONGEST_GAP_S = 10.0  # longer gaps between own measurements are not bridged unless requested [s]
-_GAP = 2.0  # shortest gap [filter steps]
-_NAMED = 5  # most gaps that are named
+_MIN_GAP_STEPS = 2.0  # shortest gap [filter steps]
+_MAX_NAMED_GAPS = 5  # most gaps that are named
 _SOUND_M_S = 1500.0
 # ages of messages that are neither noise nor of another clock [s]
-_SHORTEST_DELAY_S = 0.1
-_LONGEST_DELAY_S = 60.0
+_MIN_DELAY_S = 0.1
+_MAX_DELAY_S = 60.0
 # limits of usual filter steps
-_SHORTEST_NS = 10**5
-_LONGEST_NS = 10**11
+_MIN_STEP_NS = 10**5
+_MAX_STEP_NS = 10**11
 _OPTIONAL = (
     "leader_pitch",
     "leader_roll",
@@ -243,7 +243,7 @@ def _leader_of(
     reception = log.topics.get(f"/leader/{_RECEIVED.topic}")
     has_positions = reception is not None and reception.path(PLACES.names[0])
     custom = _custom_readings(log, "leader", steps_ns, headers)
-    measured = Measurements(
+    measurements = Measurements(
         dt=dt,
         **_record(log, "leader", PLACED_MEASURED if has_positions else MEASURED, steps_ns),
         links=_links(log, "leader", steps_ns, headers, offsets),
@@ -254,7 +254,7 @@ def _leader_of(
     if f"/leader/{estimated(Estimates)[0].topic}" in log.topics:
         kind = _kind_by_navigation(log, leader.navigation)
         estimates = kind(**_record(log, "leader", estimated(kind), steps_ns))
-    return VehicleRecord(measurements=measured, estimates=estimates)
+    return VehicleRecord(measurements=measurements, estimates=estimates)
 
 
 def _trajectory(log: Contents, grid_ns: Ints) -> Trajectory:
@@ -278,11 +278,11 @@ def _trajectory(log: Contents, grid_ns: Ints) -> Trajectory:
         ("pose", ("position", "quaternion")),
         ("twist", ("velocity", "angular_velocity")),
     ):
-        overlap = (
+        per_vehicle = (
             np.concatenate([arrays.pop(component) for component in parts], axis=1)
             for arrays in vehicles
         )
-        state[name] = np.stack([*overlap], axis=1)
+        state[name] = np.stack([*per_vehicle], axis=1)
     return Trajectory(
         names=tuple(table["names"]),
         time=vehicles[0]["time"],
@@ -311,11 +311,11 @@ def _require_flight(log: Contents) -> None:
 def _require_fixes(
     path: Path,
     names: Sequence[str],
-    measured: Sequence[Measurements],
+    measurements: Sequence[Measurements],
     estimates: Sequence[Estimates],
 ) -> None:
     """LogError unless each follower has a fix for each reception."""
-    for name, m, e in zip(names, measured, estimates, strict=True):
+    for name, m, e in zip(names, measurements, estimates, strict=True):
         if not np.array_equal(np.unique(e.fix_step), m.message_step):
             raise LogError(
                 f"{path}: {name} has receptions without a fix, or fixes without a reception"
@@ -327,10 +327,10 @@ def read(path: Path | str) -> FlightRecord:
     or lacks something.
     """
     path = Path(path)
-    ends = tuple(f"/{type_.topic}" for type_ in CORE)
+    suffixes = tuple(f"/{type_.topic}" for type_ in CORE)
     log = Contents(
         path,
-        lambda topic, _: topic.endswith(ends) or f"/{SENSOR}" in topic or f"/{LINK}" in topic,
+        lambda topic, _: topic.endswith(suffixes) or f"/{SENSOR}" in topic or f"/{LINK}" in topic,
     )
     _require_flight(log)
     with log_errors(path):
@@ -345,14 +345,14 @@ def read(path: Path | str) -> FlightRecord:
         outcome = Termination[facts["outcome"]]
         if FIRST_GAP in facts:
             log.cut(int(facts[FIRST_GAP]))
-        last = len(log.require("/leader/state", ()).times) - 1
-        if last < 1:
+        last_row = len(log.require("/leader/state", ()).times) - 1
+        if last_row < 1:
             raise LogError(
                 f"{path}: nothing of the flight stands before the first gap of this recovered log; "
                 "its measurements can be replayed: laisn replay LOG --scenario FILE"
             )
-        steps = last // round(dt / CONTROL_STEP_S)
-        trajectory = _trajectory(log, clock.ns(CONTROL_STEP_S * np.arange(last + 1)))
+        steps = last_row // round(dt / CONTROL_STEP_S)
+        trajectory = _trajectory(log, clock.ns(CONTROL_STEP_S * np.arange(last_row + 1)))
         if outcome is Termination.COMPLETED and steps != scenario.filter_steps:
             raise LogError(
                 f"{path}: a completed mission of {scenario.duration_s:g} s has "
@@ -364,7 +364,7 @@ def read(path: Path | str) -> FlightRecord:
         headers = _sensor_headers(log)
         offsets = offsets_of_links(links[0], trajectory.sites)
         custom = [_custom_readings(log, name, steps_ns, headers) for name in names]
-        measured = tuple(
+        measurements = tuple(
             Measurements(
                 dt=dt,
                 **_record(log, name, _measured_types(links[i]), steps_ns),
@@ -378,11 +378,11 @@ def read(path: Path | str) -> FlightRecord:
             kind(**_record(log, name, estimated(kind), steps_ns))
             for name, kind in zip(names, kinds, strict=True)
         )
-        _require_fixes(path, names, measured, estimates)
+        _require_fixes(path, names, measurements, estimates)
         return FlightRecord(
             scenario=scenario,
             trajectory=trajectory,
-            measurements=measured,
+            measurements=measurements,
             estimates=estimates,
             outcome=outcome,
             leader=_leader_of(log, steps_ns, dt, headers, offsets, scenario.leader),
@@ -410,14 +410,14 @@ def _optional(messages: Messages, names: Sequence[str]) -> Floats:
     return values
 
 
-def _recorded(motion: Messages, reception: Messages, source: str, name: str) -> RecordedRows:
+def _rows_in_order(motion: Messages, reception: Messages, source: str, name: str) -> RecordedRows:
     """Own measurements and receptions in order of recording."""
     ordinals = np.concatenate([motion.ordinals, reception.ordinals])
     order = np.argsort(ordinals)
-    moving = order < len(motion.ordinals)
+    has_motion = order < len(motion.ordinals)
     names = (TIMESTAMP, "leader_east", "leader_north", "leader_heading", "leader_speed")
     table = np.full((order.size, len(names)), np.nan)
-    table[~moving] = _optional(reception, names)[order[~moving] - len(motion.ordinals)]
+    table[~has_motion] = _optional(reception, names)[order[~has_motion] - len(motion.ordinals)]
     # no time is stated as zero
     table[table[:, 0] == 0.0, 0] = np.nan
     return RecordedRows(
@@ -425,8 +425,8 @@ def _recorded(motion: Messages, reception: Messages, source: str, name: str) -> 
         name=name,
         time=np.concatenate([motion.time_ns, reception.time_ns])[order],
         columns=dict(zip(names, table.T.copy(), strict=True)),
-        moving=moving,
-        received=~moving,
+        has_motion=has_motion,
+        received=~has_motion,
         remarks=[],
         item="message",
     )
@@ -449,21 +449,21 @@ def _correct_clock(
     """
     if np.all(np.diff(motion.ordinals) > 0):
         return _ClockCorrection()
-    recorded = _recorded(motion, reception, str(log.path), f"the clock of {topic}")
-    if not steps_back(recorded.time[recorded.moving], recorded.interval_ns):
+    rows = _rows_in_order(motion, reception, str(log.path), f"the clock of {topic}")
+    if not steps_back(rows.time[rows.has_motion], rows.interval_ns):
         return _ClockCorrection()
     ordinals = np.sort(np.concatenate([motion.ordinals, reception.ordinals]))
-    time_ns = recorded.time.copy()
-    leader_s = recorded.columns[TIMESTAMP].copy()
-    correct_steps_back(recorded)
-    shift_ns = recorded.time - time_ns
-    leader_shift_s = np.nan_to_num(recorded.columns[TIMESTAMP] - leader_s)
+    time_ns = rows.time.copy()
+    leader_s = rows.columns[TIMESTAMP].copy()
+    correct_steps_back(rows)
+    shift_ns = rows.time - time_ns
+    leader_shift_s = np.nan_to_num(rows.columns[TIMESTAMP] - leader_s)
     for messages in log.topics.values():
         if messages.ordinals:
             indices = np.searchsorted(ordinals, messages.ordinals, side="right") - 1
             messages.shift(shift_ns[np.maximum(indices, 0)])
     heard = np.searchsorted(ordinals, reception.ordinals)
-    return _ClockCorrection(tuple(recorded.remarks), leader_shift_s[heard])
+    return _ClockCorrection(tuple(rows.remarks), leader_shift_s[heard])
 
 
 def _late_receptions(
@@ -475,7 +475,7 @@ def _late_receptions(
     delays = heard_ns / 1e9 - message[:, 0] - travel
     delays = delays[np.isfinite(delays) & (counts > 0)]
     delay = float(np.median(delays)) if delays.size else 0.0
-    if not max(_SHORTEST_DELAY_S, 1.5e-9 * dt_ns) < delay < _LONGEST_DELAY_S:
+    if not max(_MIN_DELAY_S, 1.5e-9 * dt_ns) < delay < _MAX_DELAY_S:
         return []
     return [
         f"messages of {topic} are {delay:.3g} s older than sound needs (median), by "
@@ -485,9 +485,9 @@ def _late_receptions(
 
 def _gaps(path: Path, topic: str, time_ns: Ints, spacing: Ints, longest_gap_s: float) -> list[str]:
     """Remarks on gaps; LogError if one is too long."""
-    longest_step = _GAP * float(np.median(spacing))
+    longest_step = _MIN_GAP_STEPS * float(np.median(spacing))
     gaps = np.flatnonzero(spacing > longest_step)
-    largest_gaps = gaps[np.argsort(-spacing[gaps], kind="stable")][:_NAMED]
+    largest_gaps = gaps[np.argsort(-spacing[gaps], kind="stable")][:_MAX_NAMED_GAPS]
     begin = time_ns[largest_gaps] - time_ns[0]
     number = _count(gaps.size, "gap")
     places = ", ".join(
@@ -519,12 +519,12 @@ def _since_start(stamps: Floats, heard_ns: Ints, start_ns: int) -> Floats:
     with the least delay had none; those of any other clock, and zeros, stay as they are.
     """
     is_stated = np.isfinite(stamps) & (stamps != 0.0)
-    ahead = (1e-9 * (heard_ns - start_ns) - stamps)[is_stated]
-    if not ahead.size or np.ptp(ahead) >= _SAME_CLOCK_S:
+    log_less_stamp = (1e-9 * (heard_ns - start_ns) - stamps)[is_stated]
+    if not log_less_stamp.size or np.ptp(log_less_stamp) >= _SAME_CLOCK_S:
         return stamps
-    delays = ahead + 1e-9 * start_ns
-    is_the_logs = np.all((delays > -1.0) & (delays < _SAME_CLOCK_S))
-    offset = -1e-9 * start_ns if is_the_logs else float(ahead.min())
+    delays = log_less_stamp + 1e-9 * start_ns
+    is_log_clock = np.all((delays > -1.0) & (delays < _SAME_CLOCK_S))
+    offset = -1e-9 * start_ns if is_log_clock else float(log_less_stamp.min())
     return np.where(is_stated, stamps + offset, stamps)
 
 
@@ -677,12 +677,12 @@ def _receptions_of(channels: _Channels, steps: _Steps, topic: str) -> _Reception
     heard_ns = channels.heard_ns
     step = np.searchsorted(steps.time_ns, heard_ns).astype(np.int64) + 1
     in_time = (heard_ns > steps.time_ns[0] - steps.dt_ns) & (step <= steps.time_ns.size)
-    heeded = in_time & np.all(np.isfinite(channels.message[:, _POSE]), axis=1)
-    rows = np.flatnonzero(heeded)
+    usable = in_time & np.all(np.isfinite(channels.message[:, _POSE]), axis=1)
+    rows = np.flatnonzero(usable)
     latest = _last_of_equals(step[rows])
     remarks = [
         *_left_out(~in_time, topic, "before the first or after the last filter step"),
-        *_left_out(in_time & ~heeded, topic, "without a finite pose of the leader"),
+        *_left_out(in_time & ~usable, topic, "without a finite pose of the leader"),
         *_left_out(~latest, topic, "followed by another in the same filter step"),
     ]
     if channels.absurd_ranges:
@@ -704,26 +704,33 @@ def read_recording(
     LogError if the log is damaged, lacks a channel or a field, has fewer than two own measurements,
     or a gap longer than `longest_gap_s`.
     """
-    topic = f"/{follower}/motion"
-    received = f"/{follower}/reception"
+    motion_topic = f"/{follower}/motion"
+    reception_topic = f"/{follower}/reception"
     sensors = f"/{follower}/{SENSOR}"
     log = Contents(
-        Path(path), lambda channel, _: channel in (topic, received) or channel.startswith(sensors)
+        Path(path),
+        lambda channel, _: (
+            channel in (motion_topic, reception_topic) or channel.startswith(sensors)
+        ),
     )
     with log_errors(log.path):
-        channels = _read_channels(log, topic, received)
-    steps = _steps_of(channels, log.path, topic)
+        channels = _read_channels(log, motion_topic, reception_topic)
+    steps = _steps_of(channels, log.path, motion_topic)
     dt_ns = steps.dt_ns
     remarks = [f"{name} left out: its messages are no numbers" for name in channels.unread]
     remarks += channels.clock_remarks
-    remarks += _gaps(log.path, topic, steps.time_ns, steps.spacing_ns, longest_gap_s)
+    remarks += _gaps(log.path, motion_topic, steps.time_ns, steps.spacing_ns, longest_gap_s)
     message = channels.message
     if FLIGHT not in log.metadata:
-        remarks += _late_receptions(received, channels.heard_ns, message, channels.ranges, dt_ns)
+        remarks += _late_receptions(
+            reception_topic, channels.heard_ns, message, channels.ranges, dt_ns
+        )
     message[:, 0] = _since_start(message[:, 0], channels.heard_ns, int(steps.time_ns[0]) - dt_ns)
-    if not _SHORTEST_NS < dt_ns < _LONGEST_NS:
-        remarks.append(f"{topic} comes every {dt_ns / 1e9:g} s: are the log times in nanoseconds?")
-    receptions = _receptions_of(channels, steps, received)
+    if not _MIN_STEP_NS < dt_ns < _MAX_STEP_NS:
+        remarks.append(
+            f"{motion_topic} comes every {dt_ns / 1e9:g} s: are the log times in nanoseconds?"
+        )
+    receptions = _receptions_of(channels, steps, reception_topic)
     remarks += steps.remarks
     remarks += receptions.remarks
     remarks += [

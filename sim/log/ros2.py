@@ -81,7 +81,7 @@ class RosTopic:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Flown:
+class _FlightContext:
     """A flight, and what all its topics need."""
 
     flight: FlightRecord
@@ -113,7 +113,7 @@ def _register(store: "Typestore") -> None:
 
 
 def _numbers(
-    flown: _Flown,
+    context: _FlightContext,
     name: str,
     type_name: str,
     time_ns: Ints,
@@ -124,7 +124,7 @@ def _numbers(
     latched: bool = False,
 ) -> RosTopic:
     """Messages that differ in numbers alone; columns have n rows each."""
-    template = Template(flown.store, type_name, example)
+    template = Template(context.store, type_name, example)
     arrays = {path: np.asarray(values) for path, values in columns.items()}
 
     def rows(block: slice) -> list[bytes]:
@@ -134,12 +134,12 @@ def _numbers(
     return RosTopic(name=name, type_name=type_name, time_ns=time_ns, rows=rows, latched=latched)
 
 
-def _text(flown: _Flown, name: str, text: str) -> RosTopic:
+def _text(context: _FlightContext, name: str, text: str) -> RosTopic:
     """One latched text at the start."""
     type_name = "std_msgs/msg/String"
-    message = flown.store.types[type_name](data=text)
-    data = bytes(flown.store.serialize_cdr(message, type_name))
-    start = flown.clock.ns([0.0])
+    message = context.store.types[type_name](data=text)
+    data = bytes(context.store.serialize_cdr(message, type_name))
+    start = context.clock.ns([0.0])
     return RosTopic(
         name=name,
         type_name=type_name,
@@ -157,7 +157,7 @@ def _wxyz(path: str, values: Floats) -> dict[str, Floats]:
     return {f"{path}.{axis}": values[:, i] for i, axis in enumerate("wxyz")}
 
 
-def _six(values: Mapping[int, npt.ArrayLike], n: int) -> Floats:
+def _six_by_six(values: Mapping[int, npt.ArrayLike], n: int) -> Floats:
     """Covariances of six by six by rows, shape (n, 36), from their entries by number."""
     covariance = np.zeros((n, 36))
     for entry, column in values.items():
@@ -166,7 +166,7 @@ def _six(values: Mapping[int, npt.ArrayLike], n: int) -> Floats:
 
 
 def _transforms(
-    flown: _Flown,
+    context: _FlightContext,
     name: str,
     time_ns: Ints,
     frames: Sequence[tuple[str, str]],
@@ -188,7 +188,7 @@ def _transforms(
         ]
     }
     return _numbers(
-        flown,
+        context,
         name,
         "tf2_msgs/msg/TFMessage",
         time_ns,
@@ -200,12 +200,17 @@ def _transforms(
 
 
 def _nav_sat(
-    flown: _Flown, name: str, frame: str, time_ns: Ints, position: Floats, covariance: Floats
+    context: _FlightContext,
+    name: str,
+    frame: str,
+    time_ns: Ints,
+    position: Floats,
+    covariance: Floats,
 ) -> RosTopic:
     """Positions, shape (n, 3), [m], on the map, with covariances (east, north, up) by rows, shape
     (n, 9), [m²].
     """
-    scenario = flown.flight.scenario
+    scenario = context.flight.scenario
     geodetic_position = attitude.geodetic(
         position, scenario.origin_latitude_deg, scenario.origin_longitude_deg
     )
@@ -219,38 +224,38 @@ def _nav_sat(
         "altitude": geodetic_position[:, 2],
         "position_covariance": covariance,
     }
-    return _numbers(flown, name, "sensor_msgs/msg/NavSatFix", time_ns, example, columns)
+    return _numbers(context, name, "sensor_msgs/msg/NavSatFix", time_ns, example, columns)
 
 
-def _static_frames(flown: _Flown) -> RosTopic:
+def _static_frames(context: _FlightContext) -> RosTopic:
     """Frames that do not move: of the odometry in the map, and of sites in their vehicles."""
-    t = flown.flight.trajectory
-    frames = [(_MAP, f"{name}/odom") for name in flown.names]
-    offsets = [np.zeros(3) for _ in flown.names]
+    t = context.flight.trajectory
+    frames = [(_MAP, f"{name}/odom") for name in context.names]
+    offsets = [np.zeros(3) for _ in context.names]
     for site, vehicle, offset in zip(t.site_names, t.site_vehicle, t.site_offset, strict=True):
-        name = flown.names[vehicle]
+        name = context.names[vehicle]
         frames.append((f"{name}/base_link", f"{name}/{site.rpartition('/')[2]}"))
         offsets.append(offset)
     upright = np.tile([1.0, 0.0, 0.0, 0.0], (1, len(frames), 1))
-    start = flown.clock.ns([0.0])
+    start = context.clock.ns([0.0])
     return _transforms(
-        flown, "/tf_static", start, frames, np.array([offsets]), upright, latched=True
+        context, "/tf_static", start, frames, np.array([offsets]), upright, latched=True
     )
 
 
-def _truth(flown: _Flown) -> Iterator[RosTopic]:
+def _truth(context: _FlightContext) -> Iterator[RosTopic]:
     """Clock, frames, and the true motion of every vehicle."""
-    t = flown.flight.trajectory
-    time_ns = flown.clock.ns(t.time)
-    yield _numbers(flown, "/clock", "rosgraph_msgs/msg/Clock", time_ns, {}, {}, ["clock"])
-    frames = [(f"{name}/odom", f"{name}/base_link") for name in flown.names]
-    yield _transforms(flown, "/tf", time_ns, frames, t.position, t.quaternion)
-    yield _static_frames(flown)
-    second = round(1.0 / t.dt)
-    models = MissionPlan.of(flown.flight.scenario).models
-    for v, name in enumerate(flown.names):
+    t = context.flight.trajectory
+    time_ns = context.clock.ns(t.time)
+    yield _numbers(context, "/clock", "rosgraph_msgs/msg/Clock", time_ns, {}, {}, ["clock"])
+    frames = [(f"{name}/odom", f"{name}/base_link") for name in context.names]
+    yield _transforms(context, "/tf", time_ns, frames, t.position, t.quaternion)
+    yield _static_frames(context)
+    rows_a_second = round(1.0 / t.dt)
+    models = MissionPlan.of(context.flight.scenario).models
+    for v, name in enumerate(context.names):
         base = f"{name}/base_link"
-        yield _text(flown, f"/{name}/robot_description", urdf(name, models[v], base))
+        yield _text(context, f"/{name}/robot_description", urdf(name, models[v], base))
         to_body = t.quaternion[:, v] * np.array([1.0, -1.0, -1.0, -1.0])
         velocity = attitude.rotate(to_body, t.velocity[:, v])
         columns = {
@@ -261,35 +266,35 @@ def _truth(flown: _Flown) -> Iterator[RosTopic]:
         }
         example = {"header": {"frame_id": _MAP}, "child_frame_id": base}
         yield _numbers(
-            flown, f"/{name}/truth/odometry", "nav_msgs/msg/Odometry", time_ns, example, columns
+            context, f"/{name}/truth/odometry", "nav_msgs/msg/Odometry", time_ns, example, columns
         )
-        places = t.position[::second, v]
+        places = t.position[::rows_a_second, v]
         yield _nav_sat(
-            flown,
+            context,
             f"/{name}/truth/navsat",
             base,
-            time_ns[::second],
+            time_ns[::rows_a_second],
             places,
             np.zeros((len(places), 9)),
         )
 
 
-def _estimate(flown: _Flown, follower: int) -> Iterator[RosTopic]:
+def _estimate(context: _FlightContext, follower: int) -> Iterator[RosTopic]:
     """Estimated motion of a follower's hydrophone, and its fixes."""
-    flight = flown.flight
+    flight = context.flight
     e = flight.estimates[follower]
     m = flight.measurements[follower]
-    name = flown.names[follower + 1]
+    name = context.names[follower + 1]
     errors = SensingSettings.of(flight.scenario).sensors_of(follower)
     position, quaternion = estimated_poses(flight, follower)
     valid = np.flatnonzero(np.isfinite(e.state).all(axis=1) & np.isfinite(position).all(axis=1))
     n = valid.size
-    time_ns = flown.clock.ns(m.dt * (valid + 1))
+    time_ns = context.clock.ns(m.dt * (valid + 1))
     position = position[valid]
     quaternion = quaternion[valid]
     frame = f"{name}/estimate"
     yield _transforms(
-        flown,
+        context,
         "/tf",
         time_ns,
         [(_MAP, frame)],
@@ -300,7 +305,7 @@ def _estimate(flown: _Flown, follower: int) -> Iterator[RosTopic]:
         math.radians(errors.heading_bias_deg) ** 2
     )
     horizontal = e.covariance[valid, :2, :2]
-    spread = _six(
+    pose_covariance = _six_by_six(
         {
             0: horizontal[:, 0, 0],
             1: horizontal[:, 0, 1],
@@ -316,10 +321,10 @@ def _estimate(flown: _Flown, follower: int) -> Iterator[RosTopic]:
     pose = {
         **_xyz("pose.pose.position", position),
         **_wxyz("pose.pose.orientation", quaternion),
-        "pose.covariance": spread,
+        "pose.covariance": pose_covariance,
     }
     yield _numbers(
-        flown,
+        context,
         f"/{name}/estimate/pose",
         "geometry_msgs/msg/PoseWithCovarianceStamped",
         time_ns,
@@ -330,16 +335,16 @@ def _estimate(flown: _Flown, follower: int) -> Iterator[RosTopic]:
     yaw = 0.5 * np.pi - m.heading[valid]
     turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]]).transpose(2, 0, 1)
     velocity = np.einsum("nij,nj->ni", turn, e.state[valid, 2:])
-    velocity_spread = turn @ e.covariance[valid, 2:, 2:] @ turn.transpose(0, 2, 1)
+    velocity_covariance = turn @ e.covariance[valid, 2:, 2:] @ turn.transpose(0, 2, 1)
     twist = {
         "twist.twist.linear.x": velocity[:, 0],
         "twist.twist.linear.y": velocity[:, 1],
-        "twist.covariance": _six(
+        "twist.covariance": _six_by_six(
             {
-                0: velocity_spread[:, 0, 0],
-                1: velocity_spread[:, 0, 1],
-                6: velocity_spread[:, 1, 0],
-                7: velocity_spread[:, 1, 1],
+                0: velocity_covariance[:, 0, 0],
+                1: velocity_covariance[:, 0, 1],
+                6: velocity_covariance[:, 1, 0],
+                7: velocity_covariance[:, 1, 1],
                 **dict.fromkeys((14, 21, 28, 35), _UNKNOWN_SPEED),
             },
             n,
@@ -347,43 +352,43 @@ def _estimate(flown: _Flown, follower: int) -> Iterator[RosTopic]:
     }
     example = {"header": {"frame_id": _MAP}, "child_frame_id": frame}
     yield _numbers(
-        flown,
+        context,
         f"/{name}/estimate/odometry",
         "nav_msgs/msg/Odometry",
         time_ns,
         example,
         pose | twist,
     )
-    second = slice(None, None, max(1, round(1.0 / m.dt)))
+    every_second = slice(None, None, max(1, round(1.0 / m.dt)))
     on_map = np.zeros((n, 9))
     on_map[:, [0, 1, 3, 4]] = horizontal.reshape(n, 4)
     on_map[:, 8] = errors.depth_sigma_m**2
     yield _nav_sat(
-        flown,
+        context,
         f"/{name}/estimate/navsat",
         f"{name}/hydrophone",
-        time_ns[second],
-        position[second],
-        on_map[second],
+        time_ns[every_second],
+        position[every_second],
+        on_map[every_second],
     )
-    yield _fixes(flown, follower)
+    yield _fixes(context, follower)
 
 
-def _fixes(flown: _Flown, follower: int) -> RosTopic:
+def _fixes(context: _FlightContext, follower: int) -> RosTopic:
     """Positions that messages gave, as a filter of the user's own may take them."""
-    e = flown.flight.estimates[follower]
-    m = flown.flight.measurements[follower]
-    name = flown.names[follower + 1]
-    position, quaternion = estimated_poses(flown.flight, follower)
+    e = context.flight.estimates[follower]
+    m = context.flight.measurements[follower]
+    name = context.names[follower + 1]
+    position, quaternion = estimated_poses(context.flight, follower)
     valid = np.flatnonzero(np.isfinite(e.fix_position).all(axis=1) & np.isfinite(e.fix_sigma))
     steps = e.fix_step[valid]
     places = np.column_stack([e.fix_position[valid], position[steps - 1, 2]])
     variance = e.fix_sigma[valid] ** 2
-    errors = SensingSettings.of(flown.flight.scenario).sensors_of(follower)
+    errors = SensingSettings.of(context.flight.scenario).sensors_of(follower)
     columns = {
         **_xyz("pose.pose.position", places),
         **_wxyz("pose.pose.orientation", quaternion[steps - 1]),
-        "pose.covariance": _six(
+        "pose.covariance": _six_by_six(
             {
                 0: variance,
                 7: variance,
@@ -394,23 +399,23 @@ def _fixes(flown: _Flown, follower: int) -> RosTopic:
         ),
     }
     return _numbers(
-        flown,
+        context,
         f"/{name}/acoustic_fix",
         "geometry_msgs/msg/PoseWithCovarianceStamped",
-        flown.clock.ns(m.dt * steps),
+        context.clock.ns(m.dt * steps),
         {"header": {"frame_id": _MAP}},
         columns,
     )
 
 
-def _sensed(flown: _Flown, follower: int) -> Iterator[RosTopic]:
+def _sensed(context: _FlightContext, follower: int) -> Iterator[RosTopic]:
     """What a follower measured at filter steps."""
-    flight = flown.flight
+    flight = context.flight
     m = flight.measurements[follower]
-    name = flown.names[follower + 1]
+    name = context.names[follower + 1]
     errors = SensingSettings.of(flight.scenario).sensors_of(follower)
     n = m.speed.size
-    time_ns = flown.clock.ns(m.dt * np.arange(1, n + 1))
+    time_ns = context.clock.ns(m.dt * np.arange(1, n + 1))
     base = {"header": {"frame_id": f"{name}/base_link"}}
     heading_variance = math.radians(errors.heading_sigma_deg) ** 2 + (
         math.radians(errors.heading_bias_deg) ** 2
@@ -418,18 +423,18 @@ def _sensed(flown: _Flown, follower: int) -> Iterator[RosTopic]:
     # −1 states that there is no such reading
     absent = np.zeros((n, 9))
     absent[:, 0] = -1.0
-    spread = np.zeros((n, 9))
-    spread[:, [0, 4, 8]] = _UNKNOWN_ANGLE, _UNKNOWN_ANGLE, heading_variance
+    orientation_covariance = np.zeros((n, 9))
+    orientation_covariance[:, [0, 4, 8]] = _UNKNOWN_ANGLE, _UNKNOWN_ANGLE, heading_variance
     compass = {
         **_wxyz("orientation", attitude.from_euler(m.heading)),
-        "orientation_covariance": spread,
+        "orientation_covariance": orientation_covariance,
         "angular_velocity_covariance": absent,
         "linear_acceleration_covariance": absent,
     }
-    yield _numbers(flown, f"/{name}/imu", "sensor_msgs/msg/Imu", time_ns, base, compass)
+    yield _numbers(context, f"/{name}/imu", "sensor_msgs/msg/Imu", time_ns, base, compass)
     speed = {
         "twist.twist.linear.x": m.speed,
-        "twist.covariance": _six(
+        "twist.covariance": _six_by_six(
             {
                 **dict.fromkeys(_DIAGONAL, _UNKNOWN_SPEED),
                 0: errors.speed_sigma_m_s**2 + errors.speed_bias_m_s**2,
@@ -438,7 +443,7 @@ def _sensed(flown: _Flown, follower: int) -> Iterator[RosTopic]:
         ),
     }
     yield _numbers(
-        flown,
+        context,
         f"/{name}/speed_log",
         "geometry_msgs/msg/TwistWithCovarianceStamped",
         time_ns,
@@ -453,7 +458,7 @@ def _sensed(flown: _Flown, follower: int) -> Iterator[RosTopic]:
         "variance": np.full(read_at.size, (weight * errors.depth_sigma_m) ** 2),
     }
     yield _numbers(
-        flown,
+        context,
         f"/{name}/pressure",
         "sensor_msgs/msg/FluidPressure",
         time_ns[read_at],
@@ -463,7 +468,7 @@ def _sensed(flown: _Flown, follower: int) -> Iterator[RosTopic]:
     for sensor, readings in m.custom.items():
         rows = readings.reshape(n, -1)
         yield _numbers(
-            flown,
+            context,
             f"/{name}/sensor/{_ros_names([sensor])[0]}",
             READING_TYPE,
             time_ns,
@@ -472,18 +477,18 @@ def _sensed(flown: _Flown, follower: int) -> Iterator[RosTopic]:
         )
 
 
-def _received(flown: _Flown, follower: int) -> Iterator[RosTopic]:
+def _received(context: _FlightContext, follower: int) -> Iterator[RosTopic]:
     """Messages of the leader, and the ranges of each transmitter."""
-    m = flown.flight.measurements[follower]
-    name = flown.names[follower + 1]
-    time_ns = flown.clock.ns(m.dt * m.message_step)
+    m = context.flight.measurements[follower]
+    name = context.names[follower + 1]
+    time_ns = context.clock.ns(m.dt * m.message_step)
     header = {"header": {"frame_id": f"{name}/hydrophone"}}
     columns = dict[str, npt.ArrayLike]()
     for array in RECEPTION.columns:
         table = getattr(m, array.attribute).reshape(time_ns.size, len(array.names))
         columns |= {field: table[:, i] for i, field in enumerate(array.names)}
-    yield _numbers(flown, f"/{name}/reception", RECEPTION_TYPE, time_ns, header, columns)
-    farthest = flown.flight.scenario.acoustics.max_range_m or math.inf
+    yield _numbers(context, f"/{name}/reception", RECEPTION_TYPE, time_ns, header, columns)
+    farthest = context.flight.scenario.acoustics.max_range_m or math.inf
     sonar = {
         "radiation_type": _ULTRASOUND,
         "field_of_view": 2.0 * math.pi,
@@ -492,7 +497,7 @@ def _received(flown: _Flown, follower: int) -> Iterator[RosTopic]:
     for i, transmitter in enumerate(Ranges._fields):
         rows = np.flatnonzero(np.isfinite(m.ranges[:, i]))
         yield _numbers(
-            flown,
+            context,
             f"/{name}/range/{transmitter}",
             "sensor_msgs/msg/Range",
             time_ns[rows],
@@ -501,14 +506,14 @@ def _received(flown: _Flown, follower: int) -> Iterator[RosTopic]:
         )
 
 
-def _events(flown: _Flown, log: Contents) -> Iterator[RosTopic]:
+def _events(context: _FlightContext, log: Contents) -> Iterator[RosTopic]:
     """Lines of the log, as nodes of ROS write them."""
     messages = log.topics.get(_EVENTS)
     if messages is None or not messages.data:
         return
     type_name = "rcl_interfaces/msg/Log"
-    make = flown.store.types[type_name]
-    stamp = flown.store.types["builtin_interfaces/msg/Time"]
+    new_line = context.store.types[type_name]
+    stamp = context.store.types["builtin_interfaces/msg/Time"]
     lines = list(map(messages.message_class.FromString, messages.data))
     times = messages.time_ns
 
@@ -516,7 +521,7 @@ def _events(flown: _Flown, log: Contents) -> Iterator[RosTopic]:
         line = lines[i]
         level = type(line).DESCRIPTOR.fields_by_name["level"].enum_type.values_by_number[line.level]
         seconds, nanoseconds = divmod(int(times[i]), 10**9)
-        message = make(
+        message = new_line(
             stamp=stamp(sec=seconds, nanosec=nanoseconds),
             level=_LEVELS.get(level.name, 0),
             name=line.name or "mission",
@@ -525,7 +530,7 @@ def _events(flown: _Flown, log: Contents) -> Iterator[RosTopic]:
             function="",
             line=0,
         )
-        return bytes(flown.store.serialize_cdr(message, type_name))
+        return bytes(context.store.serialize_cdr(message, type_name))
 
     def rows(block: slice) -> list[bytes]:
         return [encode(i) for i in range(*block.indices(len(lines)))]
@@ -552,7 +557,7 @@ def _pictures(frames: Sequence[bytes]) -> Iterator[bytes]:
         raise LogError(f"{_CAMERA}: a frame of the film cannot be decoded: {error}") from error
 
 
-def _film(flown: _Flown, log: Contents) -> Iterator[RosTopic]:
+def _film(context: _FlightContext, log: Contents) -> Iterator[RosTopic]:
     """Frames of the film as compressed pictures."""
     messages = log.topics.get(_CAMERA)
     if messages is None or not messages.data:
@@ -560,17 +565,17 @@ def _film(flown: _Flown, log: Contents) -> Iterator[RosTopic]:
     type_name = "sensor_msgs/msg/CompressedImage"
     times = messages.time_ns
     pictures = _pictures([messages.message_class.FromString(data).data for data in messages.data])
-    make = flown.store.types
+    types = context.store.types
 
     def encode(time_ns: int, picture: bytes) -> bytes:
         seconds, nanoseconds = divmod(time_ns, 10**9)
-        stamp = make["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
-        message = make[type_name](
-            header=make["std_msgs/msg/Header"](stamp=stamp, frame_id="camera"),
+        stamp = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
+        message = types[type_name](
+            header=types["std_msgs/msg/Header"](stamp=stamp, frame_id="camera"),
             format="jpeg",
             data=np.frombuffer(picture, np.uint8),
         )
-        return bytes(flown.store.serialize_cdr(message, type_name))
+        return bytes(context.store.serialize_cdr(message, type_name))
 
     def rows(block: slice) -> list[bytes]:
         # parts follow one another, and so do pictures
@@ -580,19 +585,19 @@ def _film(flown: _Flown, log: Contents) -> Iterator[RosTopic]:
 
 
 def _topics(flight: FlightRecord, log: Contents, store: "Typestore") -> Iterator[RosTopic]:
-    flown = _Flown(
+    context = _FlightContext(
         flight=flight,
         store=store,
         clock=Clock(flight.scenario.epoch),
         names=_ros_names(flight.trajectory.names),
     )
-    yield from _truth(flown)
+    yield from _truth(context)
     for follower in range(len(flight.estimates)):
-        yield from _sensed(flown, follower)
-        yield from _received(flown, follower)
-        yield from _estimate(flown, follower)
-    yield from _events(flown, log)
-    yield from _film(flown, log)
+        yield from _sensed(context, follower)
+        yield from _received(context, follower)
+        yield from _estimate(context, follower)
+    yield from _events(context, log)
+    yield from _film(context, log)
 
 
 def _qos(*, latched: bool) -> Any:
@@ -711,7 +716,7 @@ def write_measurement_bag(flight: FlightRecord, folder: Path) -> list[Path]:
     store = typestore()
     _register(store)
     require_replaceable(folder)
-    flown = _Flown(
+    context = _FlightContext(
         flight=flight,
         store=store,
         clock=Clock(flight.scenario.epoch),
@@ -719,6 +724,6 @@ def write_measurement_bag(flight: FlightRecord, folder: Path) -> list[Path]:
     )
     topics = list[RosTopic]()
     for follower in range(len(flight.measurements)):
-        topics += _sensed(flown, follower)
-        topics += _received(flown, follower)
+        topics += _sensed(context, follower)
+        topics += _received(context, follower)
     return _replace_bag(folder, [topic for topic in topics if topic.time_ns.size], store, "")

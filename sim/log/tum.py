@@ -22,11 +22,11 @@ def estimated_poses(flight: FlightRecord, follower: int) -> tuple[Floats, Floats
 
     The depth is measured, too.
     """
-    measured = flight.measurements[follower]
+    measurements = flight.measurements[follower]
     settings = navigation_settings(flight.scenario, flight.trajectory.sites, follower)
-    height = settings.hydrophone_height - measured.last_depth
+    height = settings.hydrophone_height - measurements.last_depth
     position = np.column_stack([flight.estimates[follower].state[:, :2], height])
-    return position, attitude.from_euler(measured.heading)
+    return position, attitude.from_euler(measurements.heading)
 
 
 def _write(path: Path, time_ns: Ints, position: Floats, quaternion: Floats) -> Path:

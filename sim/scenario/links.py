@@ -4,12 +4,12 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from sim.scenario.section import LISTED, Coordinate, Name, NonNegative, Positive, Section
+from sim.scenario.section import LIST_OR_TUPLE, Coordinate, Name, NonNegative, Positive, Section
 
 LEADER_LINK = "leader"
 """Name of the leader's broadcast."""
-Place = Annotated[tuple[Coordinate, Coordinate, NonNegative], LISTED]
-Offset = Annotated[tuple[Coordinate, Coordinate, Coordinate], LISTED]
+Place = Annotated[tuple[Coordinate, Coordinate, NonNegative], LIST_OR_TUPLE]
+Offset = Annotated[tuple[Coordinate, Coordinate, Coordinate], LIST_OR_TUPLE]
 Quantity = Literal["position", "heading", "speed", "depth", "attitude"]
 _ON_HULL = ((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.1, 0.0))
 
@@ -19,14 +19,14 @@ class LinkTable(Section):
 
     name: Name = Field(description='what navigation.link calls it; not "leader"')
     sender: Name | None = Field(None, description="name of the vehicle that sends")
-    transmitters_m: Annotated[tuple[Offset, ...], LISTED, Field(min_length=1, max_length=3)] = (
-        Field(
-            _ON_HULL,
-            description="[[forward, port, up], …] of the sender's rear, front and middle "
-            "transmitter from its origin",
-        )
+    transmitters_m: Annotated[
+        tuple[Offset, ...], LIST_OR_TUPLE, Field(min_length=1, max_length=3)
+    ] = Field(
+        _ON_HULL,
+        description="[[forward, port, up], …] of the sender's rear, front and middle "
+        "transmitter from its origin",
     )
-    beacons_m: Annotated[tuple[Place, ...], LISTED, Field(max_length=3)] = Field(
+    beacons_m: Annotated[tuple[Place, ...], LIST_OR_TUPLE, Field(max_length=3)] = Field(
         (), description="[[east, north, depth], …] of beacons at rest, in place of a sender"
     )
     interval_s: Positive | None = Field(
@@ -42,7 +42,7 @@ class LinkTable(Section):
     delay_s: Annotated[float, Field(ge=0, le=60)] = Field(
         0.5, description="of an answer, from the arrival of the request's rear ping to its own"
     )
-    receivers: Annotated[tuple[Name, ...], LISTED] = Field(
+    receivers: Annotated[tuple[Name, ...], LIST_OR_TUPLE] = Field(
         (),
         description='names of followers, or "leader"; default: all followers but the sender',
     )
@@ -51,12 +51,12 @@ class LinkTable(Section):
         description="in its messages: where the sender is, with the errors sensors.leader_…, or "
         "what its navigator and its sensors say",
     )
-    content: Annotated[tuple[Quantity, ...], LISTED] = Field(
+    content: Annotated[tuple[Quantity, ...], LIST_OR_TUPLE] = Field(
         ("position", "heading", "speed", "depth", "attitude"),
         description="what its messages hold, beside the time; pitch and roll if "
         "leader.broadcast_attitude",
     )
-    readings: Annotated[tuple[Name, ...], LISTED] = Field(
+    readings: Annotated[tuple[Name, ...], LIST_OR_TUPLE] = Field(
         (), description="names of further sensors of the sender whose readings they hold"
     )
 

@@ -32,7 +32,7 @@ from laisn.settings import (
 )
 from sim.scenario.links import LEADER_LINK
 from sim.scenario.section import (
-    LISTED,
+    LIST_OR_TUPLE,
     Coordinate,
     FurtherKeys,
     Name,
@@ -42,7 +42,7 @@ from sim.scenario.section import (
     with_fields_of,
 )
 
-Offset = Annotated[tuple[Coordinate, Coordinate, Coordinate], LISTED]
+Offset = Annotated[tuple[Coordinate, Coordinate, Coordinate], LIST_OR_TUPLE]
 _TYPICAL_SOUND_M_S = 1500.0
 
 Kind = TypeVar("Kind")
@@ -124,7 +124,7 @@ class Navigation(FurtherKeys):
         description='whose messages the followers navigate on: "leader", or the name of one of '
         "[[links]]",
     )
-    further_links: Annotated[tuple[Name, ...], LISTED] = Field(
+    further_links: Annotated[tuple[Name, ...], LIST_OR_TUPLE] = Field(
         (), description="of [[links]], which the navigator gets beside"
     )
     assume: AssumeTable = AssumeTable()
@@ -141,7 +141,7 @@ class Navigation(FurtherKeys):
         description="place transmitters by the broadcast pitch and roll; default with stations: "
         "leader.broadcast_attitude",
     )
-    transmitters_m: Annotated[tuple[Offset, ...], LISTED, Field(max_length=3)] = Field(
+    transmitters_m: Annotated[tuple[Offset, ...], LIST_OR_TUPLE, Field(max_length=3)] = Field(
         (),
         description="[[forward, port, up], …], assumed offsets of the transmitters from the "
         "leader's position; "

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from sim.scenario.section import OWN_CLASS, Section
+from sim.scenario.section import CUSTOM_CLASS, Section
 from sim.system import file_digest
 
 _SHA256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
@@ -86,7 +86,7 @@ class CurrentSource(SeaFile):
         None,
         description="NetCDF file with eastward and northward velocity, path relative to this file",
     )
-    model: Annotated[str, Field(pattern=OWN_CLASS)] | None = Field(
+    model: Annotated[str, Field(pattern=CUSTOM_CLASS)] | None = Field(
         None, description="own class, module:Class"
     )
     custom: CustomKeys = CustomKeys()

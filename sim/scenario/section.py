@@ -41,18 +41,18 @@ Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
 Speed = Annotated[float, Field(gt=0, le=5)]
 _NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
 Name = Annotated[str, Field(pattern=_NAME)]
-OWN_CLASS = r"^\w+(:\w+)?$"
+CUSTOM_CLASS = r"^\w+(:\w+)?$"
 SENSOR_CLASS = r"^([\w.]+:[\w.]+|dvl|inverted-usbl|inclinometer|gyros)$"
 PATTERNS = {
     _NAME: "1 to 64 letters A to Z, digits, '_', '.' or '-', the first a letter or digit",
-    OWN_CLASS: "the class of a plugin, module:Class",
+    CUSTOM_CLASS: "the class of a plugin, module:Class",
     SENSOR_CLASS: (
         '"dvl", "inverted-usbl", "inclinometer", "gyros", or the class of a plugin, module:Class'
     ),
 }
 """What patterns of texts mean, for messages; what is in double quotes is a value."""
 Kind = TypeVar("Kind", bound="Section")
-LISTED = Strict(False)  # lets a tuple be given as a list too, as a TOML file has it
+LIST_OR_TUPLE = Strict(False)  # lets a tuple be given as a list too, as a TOML file has it
 
 
 class PerRun:

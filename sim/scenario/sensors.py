@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 from pydantic import ConfigDict, Field, create_model, model_validator
 
 from sim.scenario.section import (
-    LISTED,
+    LIST_OR_TUPLE,
     MAX_POINTS,
     SENSOR_CLASS,
     Angle,
@@ -18,7 +18,7 @@ from sim.scenario.section import (
 )
 
 SoundSpeed = Annotated[float, Field(ge=1300, le=1700)]
-SpeedAtDepth = Annotated[tuple[NonNegative, SoundSpeed], LISTED]
+SpeedAtDepth = Annotated[tuple[NonNegative, SoundSpeed], LIST_OR_TUPLE]
 SpeedBias = Annotated[float, Field(ge=-10, le=10), PerRun]
 HeadingBias = Annotated[float, Field(ge=-180, le=180), PerRun]
 Sigma = Annotated[NonNegative, PerRun]
@@ -67,7 +67,7 @@ class CustomSensor(Section):
 class Sensors(OwnSensors):
     """True errors of all sensors, not passed to navigators."""
 
-    custom: Annotated[tuple[CustomSensor, ...], LISTED] = Field(
+    custom: Annotated[tuple[CustomSensor, ...], LIST_OR_TUPLE] = Field(
         (), description="further sensors of each follower, shipped or your own"
     )
     leader_speed_bias_m_s: SpeedBias = 0.0
@@ -112,7 +112,7 @@ else:
         "without `leader_…`; of the leader: `sensors.leader_…` where there is such a key, no drift "
         "and no `custom`.",
         custom=(
-            Annotated[tuple[CustomSensor, ...], LISTED] | None,
+            Annotated[tuple[CustomSensor, ...], LIST_OR_TUPLE] | None,
             Field(None, description="further sensors of this vehicle"),
         ),
         **{
@@ -130,8 +130,10 @@ class Acoustics(Section):
     default).
     """
 
-    range_tau_m: Annotated[tuple[_RangeError, _RangeError, _RangeError], LISTED, PerRun] = Field(
-        (0.01, 0.01, 0.01), description="τ, uniform error of rear, front and middle transmitter"
+    range_tau_m: Annotated[tuple[_RangeError, _RangeError, _RangeError], LIST_OR_TUPLE, PerRun] = (
+        Field(
+            (0.01, 0.01, 0.01), description="τ, uniform error of rear, front and middle transmitter"
+        )
     )
     range_error_centred: Annotated[bool, PerRun] = Field(
         False, description="uniform error in −τ/2 … τ/2; false: 0 … τ (paper)"
@@ -150,14 +152,12 @@ class Acoustics(Section):
     sound_speed_bias_m_s: Annotated[float, Field(ge=-100, le=100)] = Field(
         0.0, description="assumed minus true speed"
     )
-    sound_speed_profile: Annotated[tuple[SpeedAtDepth, ...], LISTED, increasing("point", "m")] = (
-        Field(
-            (),
-            max_length=MAX_POINTS,
-            description=(
-                "[[depth_m, speed_m_s], …], interpolated; replaces the true sound_speed_m_s"
-            ),
-        )
+    sound_speed_profile: Annotated[
+        tuple[SpeedAtDepth, ...], LIST_OR_TUPLE, increasing("point", "m")
+    ] = Field(
+        (),
+        max_length=MAX_POINTS,
+        description=("[[depth_m, speed_m_s], …], interpolated; replaces the true sound_speed_m_s"),
     )
     rays: Literal["straight", "refracted"] = Field(
         "straight",

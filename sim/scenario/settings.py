@@ -40,7 +40,7 @@ from sim.scenario.sea_files import (
 )
 from sim.scenario.section import (
     CONTROL_STEP_S,
-    LISTED,
+    LIST_OR_TUPLE,
     MAX_POINTS,
     Angle,
     Name,
@@ -58,7 +58,7 @@ from sim.system import atomic_write
 SEA_WATER_KG_M3 = 1026.0
 FASTEST_CURRENT_M_S = 3.0  # faster water would carry away vehicles with 3 m/s
 CurrentSpeed = Annotated[float, Field(ge=0, le=FASTEST_CURRENT_M_S)]
-TimedCurrent = Annotated[tuple[NonNegative, CurrentSpeed, Angle], LISTED]
+TimedCurrent = Annotated[tuple[NonNegative, CurrentSpeed, Angle], LIST_OR_TUPLE]
 
 
 class WavesTable(Section):
@@ -93,14 +93,14 @@ class OceanTable(Section):
     current_shear_per_s: float = Field(
         0.0, ge=-1, le=1, description="decrease of the current with depth"
     )
-    current_profile: Annotated[tuple[TimedCurrent, ...], LISTED, increasing("current", "s")] = (
-        Field(
-            (),
-            max_length=MAX_POINTS,
-            description="[[time_s, speed_m_s, direction_deg], …] of the surface current, "
-            "components interpolated; "
-            "replaces current_speed_m_s and the direction, except that of shear",
-        )
+    current_profile: Annotated[
+        tuple[TimedCurrent, ...], LIST_OR_TUPLE, increasing("current", "s")
+    ] = Field(
+        (),
+        max_length=MAX_POINTS,
+        description="[[time_s, speed_m_s, direction_deg], …] of the surface current, "
+        "components interpolated; "
+        "replaces current_speed_m_s and the direction, except that of shear",
     )
     waves: WavesTable = WavesTable()
     origin: MapOrigin | None = None
@@ -262,14 +262,14 @@ class Scenario(Section):
     timing: Timing = Timing()
     leader: Leader = Leader()
     followers: Annotated[
-        tuple[Follower, ...], LISTED, Field(min_length=1, max_length=MAX_FOLLOWERS)
+        tuple[Follower, ...], LIST_OR_TUPLE, Field(min_length=1, max_length=MAX_FOLLOWERS)
     ]
     formation: Formation = Formation()
     ocean: OceanTable = OceanTable()
     sensors: Sensors = Sensors()
     acoustics: Acoustics = Acoustics()
     navigation: Navigation = Navigation()
-    links: Annotated[tuple[LinkTable, ...], LISTED] = Field(
+    links: Annotated[tuple[LinkTable, ...], LIST_OR_TUPLE] = Field(
         (), max_length=8, description="who sends messages beside the leader"
     )
     video: Video = Video()

@@ -12,9 +12,9 @@ from sim.scenario.formation import Station
 from sim.scenario.navigation import FollowerNavigation, Navigation
 from sim.scenario.routes import FOLLOWER_DEPTH, LEADER_DEPTH
 from sim.scenario.section import (
-    LISTED,
+    CUSTOM_CLASS,
+    LIST_OR_TUPLE,
     MAX_POINTS,
-    OWN_CLASS,
     Because,
     Coordinate,
     Name,
@@ -30,8 +30,8 @@ HIDDEN_ERRORS = ("sensors", "drag_scale", "added_mass_scale", "lift_scale", "thr
 """Keys of a vehicle with the errors of its sensors and of its hull, which it cannot know."""
 LONGEST_MODEL = 1_000_000  # length of the text of a hull, and size of its file [bytes]
 Scale = Annotated[float, Field(ge=0.1, le=10)]
-TimedPoint = Annotated[tuple[NonNegative, Coordinate, Coordinate], LISTED]
-TimedDepth = Annotated[tuple[NonNegative, NonNegative], LISTED]
+TimedPoint = Annotated[tuple[NonNegative, Coordinate, Coordinate], LIST_OR_TUPLE]
+TimedDepth = Annotated[tuple[NonNegative, NonNegative], LIST_OR_TUPLE]
 
 
 def is_mjcf(model: str) -> bool:
@@ -56,11 +56,13 @@ class Vehicle(Section):
     """Keys on which the motion of a vehicle does not depend, and what they are without them."""
 
     route: Name | None = Field(None, description="library route: L, T2 … T9")
-    waypoints: Annotated[tuple[TimedPoint, ...], LISTED, increasing("waypoint", "s")] = Field(
-        (),
-        max_length=MAX_POINTS,
-        description="[[time_s, east_m, north_m], …] from time 0, in place of route; a position "
-        "given twice is a stop",
+    waypoints: Annotated[tuple[TimedPoint, ...], LIST_OR_TUPLE, increasing("waypoint", "s")] = (
+        Field(
+            (),
+            max_length=MAX_POINTS,
+            description="[[time_s, east_m, north_m], …] from time 0, in place of route; a position "
+            "given twice is a stop",
+        )
     )
     start_speed_m_s: Annotated[float, Field(ge=0, le=3)] | None = Field(
         None,
@@ -72,10 +74,12 @@ class Vehicle(Section):
         description="vehicle of `laisn vehicles`, or own MJCF hull, path relative to this file",
     )
     depth_m: NonNegative = LEADER_DEPTH
-    depth_profile: Annotated[tuple[TimedDepth, ...], LISTED, increasing("depth", "s")] = Field(
-        (),
-        max_length=MAX_POINTS,
-        description="[[time_s, depth_m], …], interpolated; replaces depth_m",
+    depth_profile: Annotated[tuple[TimedDepth, ...], LIST_OR_TUPLE, increasing("depth", "s")] = (
+        Field(
+            (),
+            max_length=MAX_POINTS,
+            description="[[time_s, depth_m], …], interpolated; replaces depth_m",
+        )
     )
     saw_tooth_amplitude_m: NonNegative = Field(0.0, description="about the depth")
     saw_tooth_period_s: Positive = 120.0
@@ -104,7 +108,7 @@ class Vehicle(Section):
         description="by hull pitch, or level by vertical thrusters; default: by pitch if the hull "
         "lifts",
     )
-    controller: Annotated[str, Field(pattern=OWN_CLASS)] | None = Field(
+    controller: Annotated[str, Field(pattern=CUSTOM_CLASS)] | None = Field(
         None, description="own controller, module:Class; route or station give the start"
     )
     sensors: VehicleSensors = Field(
@@ -112,8 +116,10 @@ class Vehicle(Section):
         description="errors of this vehicle's own sensors, also in what it broadcasts; default: "
         "those of [sensors]",
     )
-    hydrophone_m: Annotated[tuple[Coordinate, Coordinate, Coordinate], LISTED] | None = Field(
-        None, description="[forward, port, up] from the origin; default: where the hull has it"
+    hydrophone_m: Annotated[tuple[Coordinate, Coordinate, Coordinate], LIST_OR_TUPLE] | None = (
+        Field(
+            None, description="[forward, port, up] from the origin; default: where the hull has it"
+        )
     )
 
     @property
@@ -247,7 +253,7 @@ class Follower(Vehicle):
         description="{behind_m, port_m, depth_m}: keeps its place in the leader's trail; replaces "
         "a route",
     )
-    start_m: Annotated[tuple[Coordinate, Coordinate], LISTED] | None = Field(
+    start_m: Annotated[tuple[Coordinate, Coordinate], LIST_OR_TUPLE] | None = Field(
         None, description="[east, north] of the start; default: the station"
     )
     guidance_position: Literal["truth", "estimate"] | None = Field(

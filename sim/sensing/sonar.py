@@ -92,8 +92,8 @@ def half_heard_m(sonar: Sonar) -> float:
     is below a metre.
     """
 
-    def excess(reach: float) -> float:
-        return sonar.margin - sonar.spreading * math.log10(reach) - sonar.absorption * reach
+    def excess(distance: float) -> float:
+        return sonar.margin - sonar.spreading * math.log10(distance) - sonar.absorption * distance
 
     low, high = 1.0, 1e6
     if excess(low) < 0.0:
@@ -105,11 +105,13 @@ def half_heard_m(sonar: Sonar) -> float:
 
 
 @formula
-def hearing_probability(s: Any, reach: float) -> float:
+def hearing_probability(s: Any, distance: float) -> float:
     """Probability that a message is heard over a range [m]; `s` has the fields of `Sonar`, with
     `sonar_` before their names.
     """
-    transmission_loss = s.sonar_spreading * math.log10(max(reach, 1.0)) + s.sonar_absorption * reach
+    transmission_loss = (
+        s.sonar_spreading * math.log10(max(distance, 1.0)) + s.sonar_absorption * distance
+    )
     excess = s.sonar_margin - transmission_loss
     if s.sonar_scatter == 0.0:
         return 1.0 if excess >= 0.0 else 0.0

@@ -48,7 +48,7 @@ _ELEMENTS = {
     "numeric",
     "text",
 }
-_LARGEST = 1e9  # largest size of a number
+_MAX_NUMBER = 1e9  # largest size of a number
 _LIMITS = {("numeric", "size"): 1000, ("mesh", "params"): 64}
 """Largest numbers of attributes by which MuJoCo makes room for values, and facets or
 subdivisions.
@@ -57,7 +57,7 @@ _MAX_ELEMENTS = {"mesh": 20, "geom": 200, "site": 200}
 """Largest number of elements of a kind: each mesh takes memory, and MuJoCo moves each site at
 every step.
 """
-_FARTHEST_M = 1000.0  # farthest site from the origin along an axis [m]
+_MAX_COORDINATE_M = 1000.0  # farthest site from the origin along an axis [m]
 # a name of an actuator, which also names a column of the log
 _NAME = re.compile("[A-Za-z][A-Za-z0-9_]{0,39}")
 _SITES = {"depth_sensor": "where the pressure sensor sits", "cg": "the centre of gravity"}
@@ -101,7 +101,7 @@ def _unexpected(text: str) -> Iterator[str]:
     for element in elements:
         for name, value in element.items():
             quoted = f"<{element.tag} {name}={value[:40]!r}>"
-            bound = _LIMITS.get((element.tag, name), _LARGEST)
+            bound = _LIMITS.get((element.tag, name), _MAX_NUMBER)
             if not _within(value, bound):
                 yield f"{quoted} must be finite and within ±{bound:g}"
             if element.tag == "option" and value.split() != sea.get(name, "").split():
@@ -124,8 +124,8 @@ def _site_faults(spec: mujoco.MjSpec, role: str) -> Iterator[str]:
         elif site.parent.name != "hull":
             yield f"<site name={name!r}> must be fixed to the body 'hull'"
     for site in spec.sites:
-        if np.abs(site.pos).max() > _FARTHEST_M:
-            yield f"<site name={site.name[:40]!r}>: pos must be within ±{_FARTHEST_M:g} m"
+        if np.abs(site.pos).max() > _MAX_COORDINATE_M:
+            yield f"<site name={site.name[:40]!r}>: pos must be within ±{_MAX_COORDINATE_M:g} m"
 
 
 def _actuator_faults(spec: mujoco.MjSpec) -> Iterator[str]:

@@ -175,11 +175,10 @@ def _origin(ocean: OceanTable) -> FieldOrigin:
     """The origin of what is read, as `Scenario` has completed it."""
     origin = ocean.origin
     assert origin is not None  # the scenario's validation
-    latitude, longitude, time = origin.latitude_deg, origin.longitude_deg, origin.time
-    assert latitude is not None
-    assert longitude is not None
-    assert time is not None
-    return FieldOrigin(latitude, longitude, time)
+    assert origin.latitude_deg is not None
+    assert origin.longitude_deg is not None
+    assert origin.time is not None
+    return FieldOrigin(origin.latitude_deg, origin.longitude_deg, origin.time)
 
 
 def current_field(sea: SeaSettings) -> CurrentField | None:

@@ -179,15 +179,17 @@ def _launch(p: SmoothProfile, depth: float, angle: float) -> tuple[float, float]
 
 
 @jitable
-def _steps(reach: float, deep: float) -> int:
-    return max(_MIN_STEPS, math.ceil(reach / _LEVEL_STEP_M), math.ceil(abs(deep) / _DEEP_STEP_M))
+def _steps(distance: float, depth_change: float) -> int:
+    return max(
+        _MIN_STEPS, math.ceil(distance / _LEVEL_STEP_M), math.ceil(abs(depth_change) / _DEEP_STEP_M)
+    )
 
 
 @compiled
-def trace(w: Water, source: float, angle: float, reach: float, steps: int) -> RayState:
+def trace(w: Water, source: float, angle: float, distance: float, steps: int) -> RayState:
     """Follow a ray from a depth [m] at an angle [rad] to a horizontal distance [m]."""
     horizontal, vertical = _launch(w.profile, source, angle)
-    h = reach / (steps * horizontal)
+    h = distance / (steps * horizontal)
     state = RayState(source, vertical, 0.0, 0)
     hits = (0, 0)
     depths = w.profile.depth
@@ -248,12 +250,12 @@ def _eigenray(w: Water, source: float, angle: float, end: RayState, receiver: fl
 
 
 @compiled
-def refine(w: Water, source: float, receiver: float, reach: float, angle: float) -> Eigenray:
+def refine(w: Water, source: float, receiver: float, distance: float, angle: float) -> Eigenray:
     """The eigenray near an angle of departure, by secants; `NO_RAY` where they lead to none."""
-    steps = _steps(reach, drop(w, source, receiver))
+    steps = _steps(distance, drop(w, source, receiver))
     last_angle = angle
-    last = trace(w, source, last_angle, reach, steps)
-    slope = reach / math.cos(angle) ** 2
+    last = trace(w, source, last_angle, distance, steps)
+    slope = distance / math.cos(angle) ** 2
     for _ in range(12):
         miss = last.depth - receiver
         if not abs(miss) > _MISS_M:
@@ -263,7 +265,7 @@ def refine(w: Water, source: float, receiver: float, reach: float, angle: float)
         angle = last_angle + change
         if not abs(angle) < 0.5 * math.pi:
             return NO_RAY
-        end = trace(w, source, angle, reach, steps)
+        end = trace(w, source, angle, distance, steps)
         if end.depth != end.depth:
             return NO_RAY
         slope = (end.depth - last.depth) / change if end.depth != last.depth else slope
@@ -283,7 +285,7 @@ def _between(
     right: tuple[float, float],
 ) -> Eigenray:
     """The eigenray between two angles with misses of different signs (Illinois method)."""
-    source, receiver, reach = places
+    source, receiver, distance = places
     a, miss_a = left
     b, miss_b = right
     angle = a
@@ -293,7 +295,7 @@ def _between(
             angle = 0.5 * (a + b)
         else:
             angle = (a * miss_b - b * miss_a) / (miss_b - miss_a)
-        end = trace(w, source, angle, reach, steps)
+        end = trace(w, source, angle, distance, steps)
         miss = end.depth - receiver
         if not abs(miss) > _MISS_M or b - a < 1e-15:
             break
@@ -312,14 +314,14 @@ def _between(
 
 
 @jitable
-def _edge(w: Water, source: float, reach: float, valid: float, invalid: float) -> float:
+def _edge(w: Water, source: float, distance: float, valid: float, invalid: float) -> float:
     """The last angle between one whose ray is of the wanted path and one whose is not, at which
     it is.
     """
-    steps = _steps(reach, 0.0)
+    steps = _steps(distance, 0.0)
     for _ in range(_EDGE_HALVINGS):
         middle = 0.5 * (valid + invalid)
-        if trace(w, source, middle, reach, steps).depth >= 0.0:
+        if trace(w, source, middle, distance, steps).depth >= 0.0:
             valid = middle
         else:
             invalid = middle
@@ -335,7 +337,7 @@ class Fan(NamedTuple):
 
 @compiled
 def add_edges(
-    w: Water, source: float, reach: float, angles: tuple[float, float], depths: Floats, fan: Fan
+    w: Water, source: float, distance: float, angles: tuple[float, float], depths: Floats, fan: Fan
 ) -> int:
     """Fill a fan with rays, whose depths have the shape (rays,), and with the last ray of the
     wanted path beside each that is lost; gives their number.
@@ -349,11 +351,11 @@ def add_edges(
         if j > 0 and is_lost != (depths[j - 1] != depths[j - 1]):
             last_angle = angle - angles[1]
             if is_lost:
-                edge = _edge(w, source, reach, last_angle, angle)
+                edge = _edge(w, source, distance, last_angle, angle)
             else:
-                edge = _edge(w, source, reach, angle, last_angle)
+                edge = _edge(w, source, distance, angle, last_angle)
             fan.angle[count] = edge
-            fan.depth[count] = trace(w, source, edge, reach, _steps(reach, 0.0)).depth
+            fan.depth[count] = trace(w, source, edge, distance, _steps(distance, 0.0)).depth
             count += 1
         fan.angle[count] = angle
         fan.depth[count] = depths[j]
@@ -434,71 +436,71 @@ def roots(
 
 
 @jitable
-def steepest(p: SmoothProfile, depth: float, reach: float, deep: float) -> float:
+def steepest(p: SmoothProfile, depth: float, distance: float, depth_change: float) -> float:
     """A bound of the angles at a depth of all rays that have a mean slope."""
     speed = speed_and_gradient(p, depth, 0)[0]
-    return math.acos(min(1.0, reach / math.hypot(reach, deep) * speed / p.fastest))
+    return math.acos(min(1.0, distance / math.hypot(distance, depth_change) * speed / p.fastest))
 
 
 @jitable
-def may_turn(p: SmoothProfile, reach: float, deep: float) -> bool:
+def may_turn(p: SmoothProfile, distance: float, depth_change: float) -> bool:
     """Whether a ray with a mean slope may turn: else there is one, whose depth is monotone."""
-    return reach / math.hypot(reach, deep) * p.fastest >= p.slowest
+    return distance / math.hypot(distance, depth_change) * p.fastest >= p.slowest
 
 
 @jitable
 def _steep_ray(w: Water, places: tuple[float, float, float]) -> Eigenray:
     """The one ray between places that no ray that turns can join."""
-    source, receiver, reach = places
-    deep = drop(w, source, receiver)
-    if reach < _VERTICAL * abs(deep):
+    source, receiver, distance = places
+    depth_change = drop(w, source, receiver)
+    if distance < _VERTICAL * abs(depth_change):
         slowness = straight_slowness(w, source, receiver)
-        angle = math.atan2(deep, reach)
-        length = math.hypot(deep, reach)
+        angle = math.atan2(depth_change, distance)
+        length = math.hypot(depth_change, distance)
         reflected = w.by_surface + w.by_floor > 0
         return Eigenray(
             length * slowness,
             angle,
             -angle if reflected else angle,
-            reach / length * slowness,
+            distance / length * slowness,
         )
-    return refine(w, source, receiver, reach, math.atan2(deep, reach))
+    return refine(w, source, receiver, distance, math.atan2(depth_change, distance))
 
 
 @compiled
-def eigenrays(w: Water, source: float, receiver: float, reach: float, candidates: Floats) -> int:
+def eigenrays(w: Water, source: float, receiver: float, distance: float, candidates: Floats) -> int:
     """All rays of a path that join two depths at a horizontal distance [m].
 
     Args:
         w: the water, and the path.
         source: depth between surface and floor [m].
         receiver: the same.
-        reach: horizontal distance [m].
+        distance: horizontal one [m].
         candidates: out, fields of `Eigenray`, shape (16, 4).
 
     Returns:
         How many there are, at most 16.
     """
-    deep = drop(w, source, receiver)
-    if reach == 0.0 and deep == 0.0:
+    depth_change = drop(w, source, receiver)
+    if distance == 0.0 and depth_change == 0.0:
         for number in range(4):
             candidates[0, number] = 0.0
         return 1
-    places = source, receiver, reach
-    if not may_turn(w.profile, reach, deep):
+    places = source, receiver, distance
+    if not may_turn(w.profile, distance, depth_change):
         ray = _steep_ray(w, places)
         if ray.time == ray.time:
             for number in range(4):
                 candidates[0, number] = ray[number]
             return 1
-    last = min(steepest(w.profile, source, reach, deep) + 1e-3, 0.5 * math.pi - 1e-6)
+    last = min(steepest(w.profile, source, distance, depth_change) + 1e-3, 0.5 * math.pi - 1e-6)
     angles = (-last, 2.0 * last / (FAN - 1))
-    steps = _steps(reach, deep)
+    steps = _steps(distance, depth_change)
     depths = np.empty(FAN)
     for j in range(FAN):
-        depths[j] = trace(w, source, angles[0] + j * angles[1], reach, steps).depth
+        depths[j] = trace(w, source, angles[0] + j * angles[1], distance, steps).depth
     room = Fan(np.empty(3 * FAN), np.empty(3 * FAN))
-    rays = add_edges(w, source, reach, angles, depths, room)
+    rays = add_edges(w, source, distance, angles, depths, room)
     return roots(w, places, room, rays, candidates)
 
 
@@ -513,14 +515,14 @@ def earliest_of(candidates: Floats, count: int) -> Eigenray:
 
 
 @compiled
-def earliest(w: Water, source: float, receiver: float, reach: float) -> tuple[Eigenray, int]:
+def earliest(w: Water, source: float, receiver: float, distance: float) -> tuple[Eigenray, int]:
     """The ray of a path that arrives first, and how many there are; arguments as of
     `eigenrays`. It is the same ray in both directions.
     """
     candidates = np.empty((MAX_RAYS, 4))
     if source <= receiver:
-        count = eigenrays(w, source, receiver, reach, candidates)
+        count = eigenrays(w, source, receiver, distance, candidates)
         return earliest_of(candidates, count), count
-    count = eigenrays(w, receiver, source, reach, candidates)
+    count = eigenrays(w, receiver, source, distance, candidates)
     ray = earliest_of(candidates, count)
     return Eigenray(ray.time, -ray.arrival, -ray.departure, ray.horizontal), count

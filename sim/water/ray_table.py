@@ -163,21 +163,23 @@ def _traced(
 
 
 @compiled
-def ray_slowness(table: RayTable, w: Water, source: float, receiver: float, reach: float) -> float:
+def ray_slowness(
+    table: RayTable, w: Water, source: float, receiver: float, distance: float
+) -> float:
     """Time of the earliest ray by the length of the straight path, between depths and at a
     horizontal distance [m]; NaN if there is no ray.
     """
-    length = math.hypot(reach, drop(w, source, receiver))
+    length = math.hypot(distance, drop(w, source, receiver))
     straight = straight_slowness(w, source, receiver)
     if length == 0.0:
         return straight
     if source > receiver:
         # the ray is the same in both directions, to the last digit
         source, receiver = receiver, source
-    r = reach / table.range_step
+    r = distance / table.range_step
     deepest = table.depth[table.depth.size - 1]
     if source > deepest or receiver > deepest or r >= table.kind.shape[2]:
-        return earliest(w, source, receiver, reach)[0].time / length
+        return earliest(w, source, receiver, distance)[0].time / length
     i = _interval(table.depth, source)
     j = _interval(table.depth, receiver)
     k = int(r)
@@ -185,10 +187,10 @@ def ray_slowness(table: RayTable, w: Water, source: float, receiver: float, reac
     if kind == SMOOTH:
         x = (source - table.depth[i]) / (table.depth[i + 1] - table.depth[i])
         y = (receiver - table.depth[j]) / (table.depth[j + 1] - table.depth[j])
-        return straight + reach * reach * bending(table, _Cell(i, j, k, x, y, r - k))
+        return straight + distance * distance * bending(table, _Cell(i, j, k, x, y, r - k))
     if kind == DARK:
         return math.nan
-    return _traced(table, w, (i, j, k), (source, receiver, reach)).time / length
+    return _traced(table, w, (i, j, k), (source, receiver, distance)).time / length
 
 
 @jitable
@@ -215,10 +217,10 @@ def _straight_slope(w: Water, source: float, receiver: float, of_source: bool) -
 @jitable
 def _write_node(w: Water, places: tuple[float, float, float], ray: Eigenray, out: Floats) -> None:
     """Write G and its derivatives by source, receiver and distance."""
-    source, receiver, reach = places
+    source, receiver, distance = places
     size = abs(drop(w, source, receiver))
-    length = math.hypot(reach, size)
-    square = reach * reach
+    length = math.hypot(distance, size)
+    square = distance * distance
     slowness = ray.time / length
     out[0] = (slowness - straight_slowness(w, source, receiver)) / square
     at_source = REFERENCE_M_S / speed_and_gradient(w.profile, source, 0)[0]
@@ -232,8 +234,8 @@ def _write_node(w: Water, places: tuple[float, float, float], ray: Eigenray, out
         length_slope = _side(w, source, receiver, of_source) * size / length
         slope = (by_depth[number] - slowness * length_slope) / length
         out[1 + number] = (slope - _straight_slope(w, source, receiver, of_source)) / square
-    slope = (ray.horizontal - slowness * reach / length) / length
-    out[3] = slope / square - 2.0 * out[0] / reach
+    slope = (ray.horizontal - slowness * distance / length) / length
+    out[3] = slope / square - 2.0 * out[0] / distance
 
 
 @jitable
@@ -245,9 +247,9 @@ def _earliest_in_fan(
     candidates: Floats,
 ) -> Eigenray:
     """The earliest ray between places, by a fan of rays at that distance."""
-    source, receiver, reach = places
-    if not may_turn(w.profile, reach, drop(w, source, receiver)):
-        return earliest(w, source, receiver, reach)[0]
+    source, receiver, distance = places
+    if not may_turn(w.profile, distance, drop(w, source, receiver)):
+        return earliest(w, source, receiver, distance)[0]
     return earliest_of(candidates, roots(w, places, fan, rays, candidates))
 
 

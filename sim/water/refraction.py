@@ -60,9 +60,9 @@ class RefractedRays(NamedTuple):
         """Time by the length of the straight path [s/m]; NaN if there is no ray."""
         leg = leg_of(self, path, source, receiver)
         if path == _DIRECT:
-            return ray_slowness(self.direct, leg.water, leg.source, leg.receiver, leg.reach)
+            return ray_slowness(self.direct, leg.water, leg.source, leg.receiver, leg.distance)
         if path == _SURFACE:
-            return ray_slowness(self.surface, leg.water, leg.source, leg.receiver, leg.reach)
+            return ray_slowness(self.surface, leg.water, leg.source, leg.receiver, leg.distance)
         return bottom_slowness(leg)
 
     @compiled
@@ -78,14 +78,14 @@ class RefractedRays(NamedTuple):
     def ray(self, path: int, source: Vector, receiver: Vector) -> Ray:
         """The ray of a path that arrives first, traced; NaN if there is none."""
         leg = leg_of(self, path, source, receiver)
-        eigenray, _ = earliest(leg.water, leg.source, leg.receiver, leg.reach)
+        eigenray, _ = earliest(leg.water, leg.source, leg.receiver, leg.distance)
         return _seen(path, leg, eigenray)
 
     def rays(self, path: int, source: Vector, receiver: Vector) -> tuple[Ray, ...]:
         """All rays of a path, the first to arrive first."""
         leg = leg_of(self, path, source, receiver)
         rows = np.empty((MAX_RAYS, len(Eigenray._fields)))
-        count = eigenrays(leg.water, leg.source, leg.receiver, leg.reach, rows)
+        count = eigenrays(leg.water, leg.source, leg.receiver, leg.distance, rows)
         in_order = sorted(rows[:count].tolist())
         return tuple(_seen(path, leg, Eigenray(*numbers)) for numbers in in_order)
 
@@ -96,7 +96,7 @@ class Leg(NamedTuple):
     water: Water
     source: float  # depth, between surface and floor [m]
     receiver: float  # likewise
-    reach: float  # horizontal distance [m]
+    distance: float  # horizontal distance [m]
 
 
 @compiled
@@ -118,22 +118,22 @@ def bottom_slowness(leg: Leg) -> float:
     """Time of the bottom echo by the length of its straight path [s/m]: of the ray that leaves
     nearly as the straight one, where that leads to one.
     """
-    deep = drop(leg.water, leg.source, leg.receiver)
-    length = math.hypot(leg.reach, deep)
+    depth_change = drop(leg.water, leg.source, leg.receiver)
+    length = math.hypot(leg.distance, depth_change)
     if length == 0.0:
         return straight_slowness(leg.water, leg.source, leg.receiver)
     ray = NO_RAY
-    if may_turn(leg.water.profile, leg.reach, deep):
+    if may_turn(leg.water.profile, leg.distance, depth_change):
         upper = min(leg.source, leg.receiver)
         lower = max(leg.source, leg.receiver)
-        ray = refine(leg.water, upper, lower, leg.reach, math.atan2(deep, leg.reach))
+        ray = refine(leg.water, upper, lower, leg.distance, math.atan2(depth_change, leg.distance))
     if ray.time != ray.time:
-        ray = earliest(leg.water, leg.source, leg.receiver, leg.reach)[0]
+        ray = earliest(leg.water, leg.source, leg.receiver, leg.distance)[0]
     return ray.time / length
 
 
 def _seen(path: int, leg: Leg, ray: Eigenray) -> Ray:
-    length = math.hypot(leg.reach, drop(leg.water, leg.source, leg.receiver))
+    length = math.hypot(leg.distance, drop(leg.water, leg.source, leg.receiver))
     # rays leave downwards at positive angles, and arrive from above at positive ones, too
     return Ray(Path(path), length, ray.time, ray.arrival, ray.departure)
 
@@ -149,12 +149,12 @@ def _table(
     floor: float,
     by_surface: int,
     depth: float,
-    reach: float,
+    distance: float,
 ) -> RayTable:
     def compute() -> RayTable:
-        return table_of(Water(SmoothProfile.through(points), floor, by_surface, 0), depth, reach)
+        return table_of(Water(SmoothProfile.through(points), floor, by_surface, 0), depth, distance)
 
-    return stored_table([points, floor, by_surface, depth, reach], compute)
+    return stored_table([points, floor, by_surface, depth, distance], compute)
 
 
 class Extent(NamedTuple):
@@ -163,17 +163,31 @@ class Extent(NamedTuple):
     """
 
     depth: float  # [m]
-    reach: float  # [m]
+    distance: float  # [m]
 
     def rounded(self, floor: float) -> "Extent":
         """One that similar missions share, above a floor [m]."""
-        steps = [step for step in _REACHES_M if step >= self.reach]
+        steps = [step for step in _TABLE_DISTANCES_M if step >= self.distance]
         return Extent(
-            min(5.0 * math.ceil(self.depth / 5.0), floor), steps[0] if steps else _REACHES_M[-1]
+            min(5.0 * math.ceil(self.depth / 5.0), floor),
+            steps[0] if steps else _TABLE_DISTANCES_M[-1],
         )
 
 
-_REACHES_M = (25.0, 50.0, 75.0, 100.0, 150.0, 200.0, 300.0, 400.0, 600.0, 800.0, 1200.0, 2000.0)
+_TABLE_DISTANCES_M = (
+    25.0,
+    50.0,
+    75.0,
+    100.0,
+    150.0,
+    200.0,
+    300.0,
+    400.0,
+    600.0,
+    800.0,
+    1200.0,
+    2000.0,
+)
 
 
 def refracted_rays(

@@ -20,18 +20,18 @@ def test_a_long_array_is_in_a_file_without_a_name_and_keeps_its_numbers(
 ) -> None:
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
-    array = spilled.room((spilled.LONG, 3))
+    array = spilled.room((spilled.SPILLED_FROM, 3))
     assert spilled.is_spilled(array.base)
     assert not array.any()
-    array[:, 1] = np.arange(spilled.LONG)
+    array[:, 1] = np.arange(spilled.SPILLED_FROM)
     spilled.release()
-    np.testing.assert_array_equal(array[:, 1], np.arange(spilled.LONG))
+    np.testing.assert_array_equal(array[:, 1], np.arange(spilled.SPILLED_FROM))
     assert not array[:, 0].any()
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_short_array_is_in_memory() -> None:
-    array = spilled.room((spilled.LONG - 1, 3))
+    array = spilled.room((spilled.SPILLED_FROM - 1, 3))
     assert array.base is None
     assert array.flags.owndata
 
@@ -42,13 +42,13 @@ def refuse(*_: object) -> NoReturn:
 
 def test_without_room_on_the_disk_arrays_are_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "posix_fallocate", refuse)
-    array = spilled.room((spilled.LONG,), np.int64)
+    array = spilled.room((spilled.SPILLED_FROM,), np.int64)
     assert not spilled.is_spilled(array.base)
     assert array.dtype == np.int64
 
 
 def test_the_truth_of_a_long_mission_is_not_copied() -> None:
-    n = spilled.LONG
+    n = spilled.SPILLED_FROM
     truth = StateHistory.empty(n, 1, 2)
     truth.pose[:, :, 3] = 1.0
     for array in truth:
@@ -70,7 +70,8 @@ def test_the_truth_of_a_long_mission_is_not_copied() -> None:
 
 
 def test_records_of_a_long_mission_have_their_fields() -> None:
-    table = records(np.dtype([("east", np.float64), ("north", np.float64)]), spilled.LONG, 2)
+    position = np.dtype([("east", np.float64), ("north", np.float64)])
+    table = records(position, spilled.SPILLED_FROM, 2)
     table.north[5, 1] = 2.5
     spilled.release()
     assert (table[5, 1].east, table[5, 1].north) == (0.0, 2.5)
@@ -92,7 +93,7 @@ def test_memory_is_released_again_and_again_until_the_block_is_over(
 
 
 def test_copies_of_long_arrays_are_in_files_in_the_order_of_the_given_ones() -> None:
-    n = spilled.LONG
+    n = spilled.SPILLED_FROM
     table = np.arange(4.0 * n).reshape(n, 4)
     estimates = Estimates.of(table, np.zeros((n, 4, 4)), [])
     assert estimates.state is not table

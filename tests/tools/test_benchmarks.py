@@ -307,7 +307,7 @@ def test_a_closed_loop_is_reported_beside_the_solver_alone(monkeypatch: pytest.M
     monkeypatch.setattr(formation, "SWARMS", {10: 100.0})
     monkeypatch.setattr(formation, "least_times", lambda *_: [0.2, 0.1, 0.16])
     monkeypatch.setattr(formation, "least_time", lambda *_: 3.0)
-    monkeypatch.setattr(formation, "LARGEST", 12)
+    monkeypatch.setattr(formation, "MAX_FOLLOWERS", 12)
     found = {row.name.removeprefix("leader + 10: "): row for row in formation.formation()}
     # 5000 steps of 0.02 s
     assert found["mj_step alone"][1:3] == pytest.approx((40.0, "µs/step"))

@@ -50,7 +50,7 @@ NO_WATER = FuzzCase(
 def test_a_bug_in_the_program_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Such as an error that is none of the user's, where a density is looked at."""
     assert faults_of(NO_WATER, answer_to(NO_WATER, tmp_path / "a")) == []
-    monkeypatch.setattr(buoyancy, "THINNEST", "a number")
+    monkeypatch.setattr(buoyancy, "MIN_DENSITY", "a number")
     answer = answer_to(NO_WATER, tmp_path / "a")
     assert faults_of(NO_WATER, answer) == ["exit code 1", "a bug in the program"]
 

@@ -23,7 +23,7 @@ SWARMS = {10: 400.0, 50: 100.0}
 """Followers, and how long they are flown [s]."""
 GOALS = {10: 1.0, 50: 2.0}
 """How many times cheaper than the bare solver a closed loop is to be."""
-LARGEST = 200
+MAX_FOLLOWERS = 200
 """Followers of the largest formation, whose closed loop is to be at least so many times as fast as
 real time.
 """
@@ -109,10 +109,10 @@ def formation() -> list[Row]:
             ),
             Row(f"{fleet}: real-time factor", duration / seconds, "x"),
         ]
-    largest = swarm(LARGEST, _LARGEST_S)
+    largest = swarm(MAX_FOLLOWERS, _LARGEST_S)
     rows.append(
         Row(
-            f"leader + {LARGEST}: real-time factor",
+            f"leader + {MAX_FOLLOWERS}: real-time factor",
             _LARGEST_S / least_time(_closed(largest), 1),
             "x",
             goal=Goal(LARGEST_GOAL, at_least=True),

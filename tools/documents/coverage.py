@@ -22,8 +22,8 @@ RUNS = (20, 60)
 TRIALS = 10_000
 LOCKED = 0.1
 """Chance that a run locks on the mirror image."""
-_NEAR = 0.5
-_FAR = 20.0
+_ERROR_M = 0.5
+_LOCKED_ERROR_M = 20.0
 """Mean error of a run that does not lock, and of one that does [m]."""
 
 Draw = Callable[[np.random.Generator, tuple[int, int]], tuple[Floats, Floats]]
@@ -36,7 +36,7 @@ def _alone(values: Floats) -> tuple[Floats, Floats]:
 
 def _mirror(rng: np.random.Generator, shape: tuple[int, int]) -> tuple[Floats, Floats]:
     error = rng.gamma(9.0, 1.0 / 9.0, shape)
-    return _alone(np.where(rng.random(shape) < LOCKED, _FAR, _NEAR) * error)
+    return _alone(np.where(rng.random(shape) < LOCKED, _LOCKED_ERROR_M, _ERROR_M) * error)
 
 
 def _ratio(rng: np.random.Generator, shape: tuple[int, int]) -> tuple[Floats, Floats]:
@@ -65,7 +65,7 @@ LAWS: Mapping[str, tuple[str, float, Draw]] = {
     "ratio": ("ratio of correlated errors", 0.5, _ratio),
     "mirror": (
         "a tenth of the runs locked on the mirror image",
-        LOCKED * _FAR + (1.0 - LOCKED) * _NEAR,
+        LOCKED * _LOCKED_ERROR_M + (1.0 - LOCKED) * _ERROR_M,
         _mirror,
     ),
 }

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 EXAMPLES = Path("examples")
-KEPT = Path("out") / "gallery"
+OUTPUT = Path("out") / "gallery"
 _PACKAGES = ("laisn", "sim", "reports", "experiments", "laisn_sim", "models")
 _RESULT = "result.json"
 _PICTURES = (".png", ".jpg", ".svg")
@@ -99,7 +99,7 @@ def _kept_or_run(path: Path, folder: Path, program: str) -> Executed:
     return outputs
 
 
-def executed(folder: Path = KEPT) -> list[Executed]:
+def executed(folder: Path = OUTPUT) -> list[Executed]:
     """All examples by name; of those that were run before with this program, what is kept."""
     program = _program()
     first, *others = sorted(EXAMPLES.glob("*.py"))

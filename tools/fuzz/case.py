@@ -24,7 +24,7 @@ FAILED = 3
 INTERRUPTED = 130
 LONGEST_S = 20.0  # of processor time, of one command
 _LINES = 60  # of the message of a refusal
-_WIDEST = 2000  # characters of a line
+_MAX_CHARACTERS = 2000  # characters of a line
 _QUOTED = 600  # characters of an answer in a report
 
 
@@ -130,7 +130,7 @@ def _faults_of_refusal(case: FuzzCase, answer: CommandResult) -> list[str]:
     """What is wrong with an error: files beside it, a long text, no name of what is at fault."""
     faults = [f"half-written {name}" for name in sorted(answer.files)]
     lines = answer.output.splitlines()
-    if len(lines) > _LINES or max(map(len, lines), default=0) > _WIDEST:
+    if len(lines) > _LINES or max(map(len, lines), default=0) > _MAX_CHARACTERS:
         faults.append("a page of text")
     refused = answer.code == REFUSED
     if refused and case.named and not any(word in answer.output for word in case.named):

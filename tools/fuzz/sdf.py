@@ -66,7 +66,8 @@ def _change_block(text: str, random: Random) -> str:
     match = _pick(_BLOCKS, text, random)
     if not match:
         return text
-    block, tag = match[0], match[1]
+    block = match[0]
+    tag = match[1]
     depth = random.choice((1, 2000))
     nested = f"<{tag}>" * depth + block + f"</{tag}>" * depth
     other = random.choice(("", block * 2, block * 300, nested))

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import bisect
 
-from laisn import lanes as row
+from laisn import lanes
 from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.geometry import pitch_fix_error, turned_cosine
@@ -34,7 +34,7 @@ MAP: Grid = {
 off the bow.
 """
 _PREDICTION_SIGMA_M = 1000.0  # far above every σp, so that the fix decides
-_DEEPEST_M = 50.0
+_MAX_DEPTH_OFFSET_M = 50.0
 
 
 def slant_ranges(points: Floats, hull: tuple[float, float]) -> Floats:
@@ -44,13 +44,15 @@ def slant_ranges(points: Floats, hull: tuple[float, float]) -> Floats:
     `points`: pitch [rad], depth offset [m], range [m], bearing [rad], shape (n, 4); `hull`:
     baseline, middle offset [m].
     """
-    pitch, depth_offset, reach, bearing = points.T
+    pitch, depth_offset, distance, bearing = points.T
     zero = np.zeros_like(pitch)
     half_length = 0.5 * hull[0]
     # east, north, depth
     front = np.stack([zero, half_length * np.cos(pitch), -half_length * np.sin(pitch)], axis=1)
     middle = np.stack([zero - hull[1], zero, zero], axis=1)
-    follower = np.stack([reach * np.sin(bearing), reach * np.cos(bearing), depth_offset], axis=1)
+    follower = np.stack(
+        [distance * np.sin(bearing), distance * np.cos(bearing), depth_offset], axis=1
+    )
     return np.asarray(
         np.linalg.norm(np.stack([-front, front, middle], axis=1) - follower[:, None], axis=2)
     )
@@ -59,20 +61,20 @@ def slant_ranges(points: Floats, hull: tuple[float, float]) -> Floats:
 @compiled
 def _sweep(points: Floats, ranges: Floats, t: Tuning, error: Floats) -> None:
     for first in range(0, points.shape[0], LANES):
-        block = row.new_block(np.zeros((1, 4)), t)
+        block = lanes.new_block(np.zeros((1, 4)), t)
         for lane in range(LANES):
             k = min(first + lane, points.shape[0] - 1)
-            pitch, depth_offset, reach, bearing = points[k]
+            pitch, depth_offset, distance, bearing = points[k]
             # the follower is the origin: what it estimates is its error
-            block[row.EAST + lane] = -reach * np.sin(bearing)
-            block[row.NORTH + lane] = -reach * np.cos(bearing)
-            block[row.DEPTH + lane] = depth_offset
-            block[row.PITCH + lane] = pitch
-            block[row.R1 + lane], block[row.R2 + lane], block[row.R3 + lane] = ranges[k]
-        row.position_update(block, t, 1, row.no_prior())
+            block[lanes.EAST + lane] = -distance * np.sin(bearing)
+            block[lanes.NORTH + lane] = -distance * np.cos(bearing)
+            block[lanes.DEPTH + lane] = depth_offset
+            block[lanes.PITCH + lane] = pitch
+            block[lanes.R1 + lane], block[lanes.R2 + lane], block[lanes.R3 + lane] = ranges[k]
+        lanes.position_update(block, t, 1, lanes.no_prior())
         for lane in range(min(LANES, points.shape[0] - first)):
-            error[first + lane, 0] = block[row.X + lane]
-            error[first + lane, 1] = block[row.Y + lane]
+            error[first + lane, 0] = block[lanes.X + lane]
+            error[first + lane, 1] = block[lanes.Y + lane]
 
 
 def sweep(points: Floats, settings: NavigationSettings) -> Floats:
@@ -84,7 +86,7 @@ def sweep(points: Floats, settings: NavigationSettings) -> Floats:
     _sweep(
         points,
         slant_ranges(points, (ungated.baseline, ungated.middle_offset)),
-        row.tuning(ungated),
+        lanes.tuning(ungated),
         error,
     )
     return error
@@ -124,11 +126,11 @@ def worst_error(pitch: float, depth_offset: float, off_axis: float, greatest_ran
     Infinite where the circles do not meet, so that the follower is put on the leader's axis. Angles
     in [rad].
     """
-    reach = np.geomspace(5.0, greatest_range, 40)
+    distance = np.geomspace(5.0, greatest_range, 40)
     # the error of nose down ahead is that of nose up astern: cos B̂ changes its sign with (−φ, π −
     # B)
     cases = [
-        closed_form_error(pitch, depth_offset, reach, bearing)
+        closed_form_error(pitch, depth_offset, distance, bearing)
         for bearing in (off_axis, np.pi - off_axis)
     ]
     return float(np.nan_to_num(np.stack(cases), nan=np.inf).max())
@@ -145,7 +147,7 @@ def deepest_offset(pitch: float, off_axis: float, greatest_range: float, bound: 
     if excess(0.0) > 0.0:
         return float("nan")
     return (
-        _DEEPEST_M
-        if excess(_DEEPEST_M) <= 0.0
-        else float(bisect(excess, 0.0, _DEEPEST_M, xtol=1e-9))
+        _MAX_DEPTH_OFFSET_M
+        if excess(_MAX_DEPTH_OFFSET_M) <= 0.0
+        else float(bisect(excess, 0.0, _MAX_DEPTH_OFFSET_M, xtol=1e-9))
     )

@@ -23,10 +23,9 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
         )
         is_far_off = by_estimate.runs("track_error_end_m") > FAR_OFF_M
         is_lost_in_current = in_current.runs("track_error_end_m") > FAR_OFF_M
-        error, track_error, error_in_current = (
-            by_truth.runs("e_p_mean_m"),
-            *(c.runs("track_error_rms_m") for c in (by_estimate, in_current)),
-        )
+        error = by_truth.runs("e_p_mean_m")
+        track_error = by_estimate.runs("track_error_rms_m")
+        error_in_current = in_current.runs("track_error_rms_m")
         findings |= {
             "runs": plain(len(is_far_off), "runs of each route"),
             "missions": plain(is_far_off.size, "missions of each navigator"),

@@ -13,7 +13,7 @@ HEADING_DRIFT = float(np.deg2rad(3.0))
 HEADING_PERIOD = 400.0
 """Sinusoidal drift of the compass's bias: amplitude [rad] and period [s]."""
 DEVIATION = 0.03  # amplitude of a deviation that goes once round with the heading [rad]
-LATE = 0.010
+LATENESS_S = 0.010
 ECHO_CHANCE = 0.05
 # least and largest excess of an echo's range, drawn evenly between them [m]
 ECHO_EXCESS = (0.3, 4.8)
@@ -63,7 +63,7 @@ class Errors:
             excess = common_rng.uniform(*ECHO_EXCESS, (ranges.shape[0], 1))
             ranges += np.where(common_rng.random((ranges.shape[0], 1)) < COMMON_CHANCE, excess, 0.0)
         if "late" in self.errors:
-            ranges[:, 1] += LATE
+            ranges[:, 1] += LATENESS_S
         # drawn in any case, so that an error alone is the same as among others
         echo = rng.random(ranges.shape) < ECHO_CHANCE
         excess = rng.uniform(*ECHO_EXCESS, ranges.shape)

@@ -29,7 +29,7 @@ _STEP_M = 0.01
 uncertainty.
 """
 _STEP_RAD = math.radians(0.1)
-_FASTEST_M_S = 5.0
+_MAX_SPEED_M_S = 5.0
 _STEP_M_S = 0.01
 _TILT_RAD = math.radians(90.0)  # pitch and roll lie within half of this to either side
 _DAY_S = 86_400.0
@@ -69,7 +69,7 @@ class LeaderBroadcast:
         position = 2 * _bits(_AREA_M, _STEP_M)
         leader = self.leader
         bits = _bits(_DAY_S, self.interval_s) + position + CHECK_BITS
-        bits += _bits(2.0 * math.pi, _STEP_RAD) + _bits(_FASTEST_M_S, _STEP_M_S)
+        bits += _bits(2.0 * math.pi, _STEP_RAD) + _bits(_MAX_SPEED_M_S, _STEP_M_S)
         bits += _bits(self.floor_depth_m, _STEP_M)
         bits += leader.broadcast_waypoints * (_bits(_DAY_S, 1.0) + position)
         return bits + (2 * _bits(_TILT_RAD, _STEP_RAD) if leader.broadcast_attitude else 0)
@@ -106,8 +106,8 @@ WEAVES = ((0.0, 40.0), (2.0, 40.0), (5.0, 20.0), (5.0, 40.0), (5.0, 80.0), (10.0
 """Amplitudes [°] and periods [s] of a weaving leader's heading."""
 BEHIND = (20, 40)
 _SPEED = 1.0
-_DEEPER = 10.0
-_HALF = 1.0
+_DEPTH_DIFFERENCE_M = 10.0
+_HALF_BASELINE_M = 1.0
 _STEP = 0.1
 """Of both vehicles [m/s]; the follower below the leader [m]; half the transmitters' distance
 [m]; filter step [s].
@@ -127,9 +127,13 @@ def geometry(amplitude_deg: float, period_s: float, behind_m: float) -> BoundGeo
     # vehicles that at the last instant are where the leader was `late` steps before
     leader = path[delay_steps:]
     follower = path[: n + 1]
-    axis = _HALF * ahead[delay_steps + step]
+    axis = _HALF_BASELINE_M * ahead[delay_steps + step]
     arms = np.stack(
-        [np.column_stack([end * axis, np.full(step.size, -_DEEPER)]) for end in (-1.0, 1.0)], axis=1
+        [
+            np.column_stack([end * axis, np.full(step.size, -_DEPTH_DIFFERENCE_M)])
+            for end in (-1.0, 1.0)
+        ],
+        axis=1,
     )
     separation = follower[step] - leader[step]
     speed = np.full(n, _SPEED)

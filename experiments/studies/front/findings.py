@@ -41,8 +41,8 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     """Findings of all arms and cases."""
     cells = outcomes["study"].cells
     findings = {"runs": plain(max(len(lists["run"]) for lists in cells.lists), "runs of each case")}
-    for name, of_place in cells.by("arm", "case").items():
-        findings |= dict(_of_place(name, of_place))
+    for name, cells_of_place in cells.by("arm", "case").items():
+        findings |= dict(_of_place(name, cells_of_place))
     for arm in ARMS:
         in_front, in_still_water = (cells.where(arm=arm, case=case) for case in ("front", "still"))
         if in_front.rows and in_still_water.rows:

@@ -215,15 +215,15 @@ def mapped(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
     than LAISN-3(2).
     """
     better = total = 0
-    for reach, bias, baseline in product(RANGES_M, BIASES_DEG, BASELINES_M):
-        names = [f"map {name} {reach} {bias:g} {baseline:g}" for name in MAPPED]
+    for distance, bias, baseline in product(RANGES_M, BIASES_DEG, BASELINES_M):
+        names = [f"map {name} {distance} {bias:g} {baseline:g}" for name in MAPPED]
         laisn, usbl = (cells[name].runs("e_p_mean_m")[:, :1].T for name in names)
         for name, errors in zip(names, (laisn, usbl), strict=True):
             yield name, of(mean_over_missions([*errors]), "mean E_P, 95 %", "m")
         difference = of(
             mean_over_missions([*(usbl - laisn)]), "paired difference of mean E_P, 95 %", "m"
         )
-        yield f"map-less {reach} {bias:g} {baseline:g}", difference
+        yield f"map-less {distance} {bias:g} {baseline:g}", difference
         better = better + int(difference.high is not None and difference.high < 0.0)
         total = total + 1
     yield "map-better", plain(better, "points where the inverted USBL's mean E_P is smaller")
@@ -240,17 +240,17 @@ def shared(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
         errors = [float(routes.runs("e_p_mean_m").mean()) for routes in arms]
         for interval, error in zip(simulated, errors, strict=True):
             yield f"interval {name} {interval:g}", plain(error, "mean E_P over routes", "m")
-        for vehicles, reach in product(VEHICLES, REACHES_M):
-            interval = shared_interval_s(vehicles, reach)
+        for vehicles, distance in product(VEHICLES, REACHES_M):
+            interval = shared_interval_s(vehicles, distance)
             error = math.exp(np.interp(math.log(interval), np.log(simulated), np.log(errors)))
             yield (
-                f"shared {name} {vehicles} {reach:g}",
+                f"shared {name} {vehicles} {distance:g}",
                 plain(error, "mean E_P where vehicles ask in turn", "m"),
             )
-    for vehicles, reach in product(VEHICLES, REACHES_M):
-        interval = shared_interval_s(vehicles, reach)
+    for vehicles, distance in product(VEHICLES, REACHES_M):
+        interval = shared_interval_s(vehicles, distance)
         yield (
-            f"turn {vehicles} {reach:g}",
+            f"turn {vehicles} {distance:g}",
             plain(interval, "interval of ranges of one vehicle", "s"),
         )
 

@@ -28,7 +28,7 @@ def rays_from(season: str, depth: float = _SOURCE_M) -> list[Line]:
     ranges = np.linspace(_REACH_M / (_POINTS - 1), _REACH_M, _POINTS - 1)
     lines = []
     for angle in np.deg2rad(_ANGLES_DEG).tolist():
-        ends = [trace(water, depth, angle, reach, 200).depth for reach in ranges.tolist()]
+        ends = [trace(water, depth, angle, distance, 200).depth for distance in ranges.tolist()]
         depths = np.array([depth, *ends])
         lines.append(
             Line(

@@ -34,7 +34,7 @@ RANGES_M = (50.0, 100.0, 200.0)
 BASELINES_M = (1.0, 2.0)
 MATTERS_M = 0.5
 """A fix that bending alone shifts by more than this is spoilt [m]."""
-_LONGEST_M = 400.0
+_MAX_RANGE_M = 400.0
 _MIDDLE_M = NavigationSettings().middle_offset  # of the middle transmitter, to port
 
 
@@ -67,10 +67,10 @@ def measured_range(
     return time / float(rays.straight_slowness(int(Path.DIRECT), source, receiver))
 
 
-def range_error(season: str, depths: tuple[float, float], reach: float) -> float:
+def range_error(season: str, depths: tuple[float, float], distance: float) -> float:
     """Range by the mean speed, less the true one, at a horizontal distance [m]."""
     source = (0.0, 0.0, -depths[0])
-    receiver = (reach, 0.0, -depths[1])
+    receiver = (distance, 0.0, -depths[1])
     return measured_range(season, source, receiver) - math.dist(source, receiver)
 
 
@@ -78,13 +78,13 @@ class QuarterGeometry(NamedTuple):
     """A follower on the quarter of a leader that heads north."""
 
     depths: tuple[float, float]  # of leader and follower [m]
-    reach: float  # horizontal distance [m]
+    distance: float  # horizontal distance [m]
     baseline: float  # [m]
 
     @property
     def follower(self) -> Point:
         """East and north of the leader [m]."""
-        offset = self.reach * math.sqrt(0.5)
+        offset = self.distance * math.sqrt(0.5)
         return Point(offset, -offset)
 
 
@@ -114,38 +114,38 @@ def range_where_it_matters(season: str, variant: Variant, baseline: float) -> fl
     none up to 400 m.
     """
 
-    def worst(reach: float) -> float:
+    def worst(distance: float) -> float:
         errors = [
-            fix_error(season, variant, QuarterGeometry(pair, reach, baseline)) for pair in PAIRS
+            fix_error(season, variant, QuarterGeometry(pair, distance, baseline)) for pair in PAIRS
         ]
         return max((error for error in errors if error == error), default=0.0)
 
     last = 0.0
-    for reach in range(10, round(_LONGEST_M) + 1, 10):
-        if worst(float(reach)) > MATTERS_M:
-            low, high = last, float(reach)
+    for distance in range(10, round(_MAX_RANGE_M) + 1, 10):
+        if worst(float(distance)) > MATTERS_M:
+            low, high = last, float(distance)
             while high - low > 0.5:
                 middle = 0.5 * (low + high)
                 low, high = (low, middle) if worst(middle) > MATTERS_M else (middle, high)
             return high
-        last = float(reach)
+        last = float(distance)
     return None
 
 
 def fix_findings() -> Iterator[tuple[str, Finding]]:
     """Errors of ranges and of fixes without noise."""
-    for season, pair, reach in product(BENT, PAIRS, RANGES_M):
-        error = range_error(season, pair, reach)
-        name = f"{season} {pair_name(pair)} {reach:g}"
+    for season, pair, distance in product(BENT, PAIRS, RANGES_M):
+        error = range_error(season, pair, distance)
+        name = f"{season} {pair_name(pair)} {distance:g}"
         yield f"range {name}", plain(error, "range by the mean speed less the true one", "m")
         for variant, baseline in product(FIXED, BASELINES_M):
-            shift = fix_error(season, variant, QuarterGeometry(pair, reach, baseline))
+            shift = fix_error(season, variant, QuarterGeometry(pair, distance, baseline))
             key = f"fix {variant} {name} {baseline:g}"
             yield key, plain(shift, "error of a fix without noise by the mean speed", "m")
-    for season, reach in product(BENT, RANGES_M):
-        errors = [range_error(season, pair, reach) for pair in PAIRS]
+    for season, distance in product(BENT, RANGES_M):
+        errors = [range_error(season, pair, distance) for pair in PAIRS]
         yield (
-            f"range-worst {season} {reach:g}",
+            f"range-worst {season} {distance:g}",
             plain(max(map(abs, errors)), "largest error of a range by the mean speed", "m"),
         )
     for season, variant, baseline in product(BENT, FIXED, BASELINES_M):
@@ -209,8 +209,8 @@ def _off_findings(
     name: str, words: str, errors: Mapping[str, Floats]
 ) -> Iterator[tuple[str, Finding]]:
     """Distances of each run by what the receiver knows, shapes (R,), [m], and their difference."""
-    for sound, distance in errors.items():
-        yield f"{name} {sound}", of(mean_interval(distance), f"RMS off {words}, 95 %", "m")
+    for sound, error in errors.items():
+        yield f"{name} {sound}", of(mean_interval(error), f"RMS off {words}, 95 %", "m")
     added = mean_interval(errors["straight"] - errors["profile"])
     yield f"{name} added", of(added, "what the mean speed adds, paired by run, 95 %", "m")
 
