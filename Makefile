@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 UV := $(shell command -v uv 2>/dev/null)
 
-.PHONY: help run test test-all typed fuzz mutants check release-check docs bundle bench figures studies lock clean
+.PHONY: help run test test-all golden typed fuzz mutants check release-check docs bundle bench figures studies lock clean
 
 # Bytecode is kept whatever the environment says: it is not made when packages are installed, but when they are first
 # imported, which takes half the time, as most modules never are.
@@ -24,6 +24,9 @@ test: $(VENV)/.dev  ## run the quick tests on all cores; PYTEST_ARGS="-n 0 -k wo
 
 test-all: $(VENV)/.dev  ## run these and those of whole commands, processes, films and documents
 	$(PYTEST) -m 'not typed' $(PYTEST_ARGS)
+
+golden: $(VENV)/.dev  ## write the golden pages of tests/data/pages anew; read what changes in them
+	GOLDEN=write $(BIN)/python -m pytest -n 0 -q -k golden $(PYTEST_ARGS)
 
 fuzz: $(VENV)/.dev  ## search for counterexamples to the property tests, and for inputs that fail, with fresh seeds
 	$(BIN)/python -m pytest -n auto --dist worksteal -m hypothesis --hypothesis-profile fuzz $(PYTEST_ARGS)

@@ -1,7 +1,6 @@
 """The study of a formation that crosses a front: findings as functions of rows, and its page."""
 
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,8 +8,9 @@ import pytest
 from experiments.studies.front import figures
 from experiments.studies.front.findings import ARMS, CASES, findings_of
 from experiments.study.run import Cells
-from reports.findings import Finding, read, record
-from reports.page import page_of, render
+from reports.findings import Finding
+from reports.page import page_of
+from tests.golden import numbered_record, require_golden
 
 RUNS = 25
 FOLLOWERS = 6
@@ -63,14 +63,8 @@ def test_stations_are_those_of_the_median_follower(found: dict[str, Finding]) ->
     assert 7.1 < found["largest truth front"].number < 7.4
 
 
-def test_the_page_answers_its_question_first(found: dict[str, Finding], tmp_path: Path) -> None:
-    record("front", "laisn front", ("experiments.studies.front.findings",), found).write(
-        tmp_path / "results.json"
-    )
-    kept = read(tmp_path / "results.json")
-    values = {"quick": False, "found": kept, **figures.values(kept, {})}
-    page = render(page_of("experiments.studies.front", [], values, kept))
-    assert "the front adds 1.05" in page
-    assert "3 of 150 are lost" in page
-    for title in (*ARMS.values(), *CASES.values()):
-        assert title in page
+def test_the_page_is_the_golden_one(found: dict[str, Finding]) -> None:
+    """Each finding has a number of its own."""
+    made = numbered_record("front", found)
+    values = {"quick": False, "found": made, **figures.values(made, {})}
+    require_golden(page_of("experiments.studies.front", [], values, made), "front")

@@ -15,6 +15,7 @@ from laisn.navigators import NAVIGATORS
 from reports.findings import read, record
 from reports.page import page_of, render
 from tests.experiments.study.cells import cells_of
+from tests.golden import require_golden
 
 PARTS = built_in("rivals")
 ROUTES = [*product(findings.NAVIGATORS, findings.CONDITIONS, findings.INTERVALS)]
@@ -199,21 +200,11 @@ def test_the_maps_have_their_points_and_their_intervals(found: dict[str, Any]) -
     assert found["shared ekf 1 50"].value == pytest.approx(0.1)
 
 
-def test_the_page_is_made_of_the_record(found: dict[str, Any], tmp_path: Path) -> None:
-    record("rivals", "laisn rivals", ("experiments.studies.rivals.findings",), found).write(
-        tmp_path / "results.json"
-    )
-    kept = read(tmp_path / "results.json")
-    values = {"quick": False, "found": kept, **figures.values(kept, {})}
-    page = render(page_of("experiments.studies.rivals", [], values, kept))
-    assert "the best rival, inverted USBL" in page
-    assert "−0.10" in page
-    for title in (
-        *findings.NAVIGATORS.values(),
-        "Vehicles that share a channel",
-        "better in 1 of 36 points",
-    ):
-        assert title in page
+def test_the_page_is_the_golden_one(found: dict[str, Any]) -> None:
+    """The record of made-up cells, whose errors `findings_without` states."""
+    made = record("rivals", "laisn rivals", ("experiments.studies.rivals.findings",), found)
+    values = {"quick": False, "found": made, **figures.values(made, {})}
+    require_golden(page_of("experiments.studies.rivals", [], values, made), "rivals")
 
 
 def test_the_page_is_made_without_what_was_left_out(tmp_path: Path) -> None:

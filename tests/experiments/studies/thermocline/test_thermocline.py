@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from experiments.studies.thermocline import figures
 from experiments.studies.thermocline.findings import (
     QuarterGeometry,
     closed_findings,
@@ -17,6 +18,11 @@ from experiments.studies.thermocline.findings import (
 )
 from experiments.study.run import Cells
 from laisn_sim.cli.main import app
+from reports.figures import panel
+from reports.findings import read
+from reports.page import page_of
+from tests.golden import numbered_record, require_golden
+from tools.documents.markers import RECORDS
 
 BASELINE = "leader.baseline_m"
 
@@ -87,6 +93,16 @@ def test_what_bending_adds_is_paired_by_run() -> None:
         cells = cells_of(closed, "track_error_rms_m", scenario=f"{season}.toml")
         finding = dict(closed_findings(cells))[f"{name} added"]
         assert finding.number == pytest.approx(added.mean(), abs=1e-3)
+
+
+def test_the_page_is_the_golden_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The findings of the recorded study, each with a number of its own."""
+    for name in ("ray_picture", "profile_picture"):
+        monkeypatch.setattr(figures, name, lambda *_: panel([], x_label="", y_label=""))
+    recorded = read(RECORDS / "thermocline.json")
+    found = numbered_record("thermocline", recorded.findings)
+    values = {"quick": False, "found": found, **figures.values(found, {})}
+    require_golden(page_of("experiments.studies.thermocline", [], values, found), "thermocline")
 
 
 @pytest.mark.typed
