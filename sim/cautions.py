@@ -23,7 +23,7 @@ from sim.water.assembly import floor_of
 
 _NOTICEABLE_M = 0.1  # errors of positions and ranges below this need no caution
 _NOTICEABLE_SLOT_M = 0.003  # the random error of a good range
-_LOOKS = 200  # instants at which distances are looked at
+_INSTANTS = 200  # instants at which distances are looked at
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +62,7 @@ def distances(plan: MissionPlan, follower: Follower) -> Floats:
     """
     if follower.station is not None:
         return np.array([math.hypot(follower.station.behind_m, follower.station.port_m)])
-    time = np.linspace(0.0, plan.duration_s, _LOOKS)
+    time = np.linspace(0.0, plan.duration_s, _INSTANTS)
     leader, other = (
         planned_motion(route_of(vehicle, name)).at(time)
         for vehicle, name in ((plan.leader, "leader"), (follower, follower.name))
@@ -106,7 +106,7 @@ def _clock(sensing: SensingSettings, _: Settings) -> str:
 def closing_speed(plan: MissionPlan) -> float:
     """Largest planned speed at which a follower and its leader move to each other [m/s]."""
     speeds = [0.0]
-    spacing = plan.duration_s / (_LOOKS - 1)
+    spacing = plan.duration_s / (_INSTANTS - 1)
     for follower in plan.followers:
         if follower.station is None:
             rates = np.abs(np.diff(distances(plan, follower))) / spacing

@@ -43,11 +43,11 @@ def follow_route(
         track_current((estimate.current[0], estimate.current[1]), TICK, guidance)
     else:
         integrate_offset(reference, position, TICK, guidance)
-    steered = steer(reference, position, TICK, guidance)
+    steering_command = steer(reference, position, TICK, guidance)
     control(
         routes.kinds,
         routes.autopilots[i],
-        steered,
+        steering_command,
         reference,
         motion,
         TICK,

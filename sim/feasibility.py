@@ -288,14 +288,14 @@ def _densities(sea: SeaSettings, vehicle: Vehicle) -> DensityRange:
     water = density_of(sea.ocean)
     reference = trim_density(sea.ocean, vehicle)
     planned = depth_profile_of(vehicle).depth_at(
-        np.linspace(0.0, sea.plan.duration_s, _DENSITY_LOOKS)
+        np.linspace(0.0, sea.plan.duration_s, _DENSITY_INSTANTS)
     )
-    depths = np.linspace(planned.min(), planned.max(), _DENSITY_LOOKS)
+    depths = np.linspace(planned.min(), planned.max(), _DENSITY_INSTANTS)
     shares = [water.share_at(depth, reference) for depth in depths.tolist()]
     return DensityRange(min(shares), max(shares))
 
 
-_DENSITY_LOOKS = 200  # instants and depths of a plan at which densities are looked at
+_DENSITY_INSTANTS = 200  # instants and depths of a plan at which densities are looked at
 
 
 def _weight_errors(hull: Hull, speeds: SpeedRange, densities: DensityRange) -> list[str]:

@@ -23,7 +23,7 @@ from sim.water.assembly import (
 from sim.water.region import Region
 
 _CLEARANCE_M = 1.0  # between a plan and the floor
-_LOOKS = 500  # instants at which the plan of a mission is looked at
+_INSTANTS = 500  # instants at which the plan of a mission is looked at
 
 
 class PlannedPath(NamedTuple):
@@ -48,7 +48,7 @@ class Area(NamedTuple):
 
 def planned_paths(plan: MissionPlan) -> Iterator[PlannedPath]:
     """Plans of all vehicles that have routes."""
-    time = np.linspace(0.0, plan.duration_s, _LOOKS)
+    time = np.linspace(0.0, plan.duration_s, _INSTANTS)
     for (key, vehicle), name in zip(plan.vehicles(), plan.names, strict=True):
         if getattr(vehicle, "station", None) is not None:
             continue

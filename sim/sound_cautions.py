@@ -8,7 +8,7 @@ from sim.water.assembly import floor_of, planned_places, sound_points
 from sim.water.rays import Path
 from sim.water.refraction import RefractedRays, traced_rays
 
-_LOOKS = 25  # instants at which rays are traced
+_INSTANTS = 25  # instants at which rays are traced
 _NOTICEABLE_M = 0.1  # errors of ranges below this need no caution
 
 
@@ -19,7 +19,7 @@ def _rays(sound: SoundSettings) -> RefractedRays | None:
     return traced_rays(points, floor_of(sound.sea))
 
 
-def _numbers(rays: RefractedRays, leader: Floats, follower: Floats) -> tuple[int, float]:
+def _direct_rays(rays: RefractedRays, leader: Floats, follower: Floats) -> tuple[int, float]:
     """How many direct rays join two places, and what bending takes off a range [m]."""
     source, receiver = (
         (float(east), float(north), -float(depth)) for east, north, depth in (leader, follower)
@@ -41,16 +41,16 @@ def ray_cautions(sound: SoundSettings, assumed: str) -> list[str]:
         return []
     plan = sound.sea.plan
     leader, *followers = planned_places(plan)
-    instants = np.linspace(0, len(leader) - 1, _LOOKS).astype(int)
+    instants = np.linspace(0, len(leader) - 1, _INSTANTS).astype(int)
     shadowed = []
     multipath = []
     worst = 0.0
     for follower, places in zip(plan.followers, followers, strict=True):
-        counts_and_errors = [_numbers(rays, leader[i], places[i]) for i in instants.tolist()]
+        counts_and_errors = [_direct_rays(rays, leader[i], places[i]) for i in instants.tolist()]
         counts = [count for count, _ in counts_and_errors]
         worst = max([worst, *(error for _, error in counts_and_errors)])
         if 0 in counts:
-            shadowed.append(f"{follower.name} ({counts.count(0) / _LOOKS:.0%} of the plan)")
+            shadowed.append(f"{follower.name} ({counts.count(0) / _INSTANTS:.0%} of the plan)")
         if max(counts) > 1:
             multipath.append(follower.name)
     lines = []

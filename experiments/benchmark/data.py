@@ -65,7 +65,7 @@ def truth_rows(flight: FlightRecord, follower: int) -> Floats:
     return np.column_stack([trajectory.time[steps], east, north, -up, heading, leader, bound])
 
 
-def _told_profile(acoustics: Acoustics) -> dict[str, Any]:
+def _known_profile(acoustics: Acoustics) -> dict[str, Any]:
     """The profile of the speed of sound by which rays bend, where they do."""
     if acoustics.rays == "straight":
         return {}
@@ -83,7 +83,7 @@ def task_table(mission: BenchmarkMission, flight: FlightRecord) -> dict[str, Any
     scenario = flight.scenario
     trajectory = flight.trajectory
 
-    def straight(vehicle: int) -> dict[str, Any]:
+    def route_of(vehicle: int) -> dict[str, Any]:
         east, north, up = (round(float(value), 4) for value in trajectory.position[0, vehicle])
         velocity = trajectory.velocity[0, vehicle, :2].astype(np.float64)
         way_east, way_north = (round(float(v) * _AHEAD_S, 4) for v in velocity)
@@ -103,19 +103,19 @@ def task_table(mission: BenchmarkMission, flight: FlightRecord) -> dict[str, Any
         },
         "ocean": {"floor_depth_m": scenario.ocean.floor_depth_m},
         "leader": {
-            **straight(0),
+            **route_of(0),
             "baseline_m": scenario.leader.baseline_m,
             "middle_offset_m": scenario.leader.middle_offset_m,
             "broadcast_attitude": scenario.navigation.use_attitude,
         },
         "followers": [
-            {"name": name, **straight(i)} for i, name in enumerate(trajectory.names[1:], start=1)
+            {"name": name, **route_of(i)} for i, name in enumerate(trajectory.names[1:], start=1)
         ],
         "acoustics": {
             "travel_time": sound.travel_time,
             "ping_slot_s": sound.ping_slot_s,
             "sound_speed_m_s": sound.sound_speed_m_s + sound.sound_speed_bias_m_s,
-            **_told_profile(sound),
+            **_known_profile(sound),
         },
         "navigation": {
             "variant": "tight",

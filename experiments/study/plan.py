@@ -147,7 +147,7 @@ def _resolved(settings: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, st
     for each invalid one.
     """
     resolved = dict(settings)
-    measured = dict[str, str]()
+    columns = dict[str, str]()
     used = set[str]()
     lines = list[str]()
     for key, value in settings.items():
@@ -166,19 +166,19 @@ def _resolved(settings: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, st
                 )
                 lines.append(f"  {key}: {text}")
         elif is_rule(value, "measured"):
-            measured[key] = str(resolved.pop(key)["measured"])
-            if measured[key] not in MISSION:
+            columns[key] = str(resolved.pop(key)["measured"])
+            if columns[key] not in MISSION:
                 lines.append(
-                    f"  {key}: unknown column of a mission {measured[key]!r:.60}; known: "
+                    f"  {key}: unknown column of a mission {columns[key]!r:.60}; known: "
                     f"{', '.join(MISSION)}"
                 )
     for name in used - Scenario.model_fields.keys():
         if "." not in name:
             resolved.pop(name, None)
-    return resolved, measured, lines
+    return resolved, columns, lines
 
 
-def _with(
+def _assigned_or_errors(
     table: Mapping[str, Any], settings: Mapping[str, Any]
 ) -> tuple[dict[str, Any], list[str]]:
     """A table with the settings of the first run in it, and a line for each that is invalid or
@@ -262,11 +262,15 @@ class _Examination:
         """Take a scenario of the study: a point of its design by number, an arm, a realization."""
         self.total += 1
         name = point.get(SCENARIO, next(iter(self.tables)))
-        settings, measured, lines = _resolved(self._settings(name, point, arm, realization))
-        moving = {key: value for key, value in settings.items() if not _READINGS.match(key)}
-        motion = repr((name, list(moving.items())))
+        settings, columns, lines = _resolved(self._settings(name, point, arm, realization))
+        motion_settings = {
+            key: value for key, value in settings.items() if not _READINGS.match(key)
+        }
+        motion = repr((name, list(motion_settings.items())))
         # any number will do to find out whether a key exists that is to be measured
-        changed, invalid = _with(self.tables[name], settings | dict.fromkeys(measured, 1.0))
+        changed, invalid = _assigned_or_errors(
+            self.tables[name], settings | dict.fromkeys(columns, 1.0)
+        )
         scenario, errors = scenario_or_errors(changed, partial(self._infeasibilities, motion))
         lines += invalid + errors
         if scenario is not None and not lines:
@@ -287,7 +291,7 @@ class _Examination:
                 source=self.study.scenarios[name],
                 scenario=scenario.model_copy(update={**self._shared(dict(scenario)), "run": run}),
                 motion=self._motion_of[motion],
-                measured=measured,
+                measured=columns,
             )
             self.entries.append(entry)
             lines += _arm_errors(self.study, point, entry)
@@ -321,23 +325,23 @@ class _Examination:
     ) -> dict[str, Any]:
         """All that a scenario changes; later parts override earlier ones."""
         file = self.study.file
-        first = file.seed
-        if first is None:
+        first_seed = file.seed
+        if first_seed is None:
             seed = self.tables[name].get("seed")
-            first = seed if isinstance(seed, int) else 1
+            first_seed = seed if isinstance(seed, int) else 1
         settings = {
             **self.study.settings,
             **self.study.case_at(point).settings,
             **self.study.arm(arm).settings,
             **{key: value for key, value in point.items() if key not in (SCENARIO, CASE)},
-            **self._drawn(first, realization),
+            **self._drawn(first_seed, realization),
         }
         if file.realizations > 1 or file.seed is not None:
-            settings["seed"] = first + realization
+            settings["seed"] = first_seed + realization
         return settings
 
-    def _draw(self, first: int, realization: int) -> Mapping[str, Any]:
-        return {draw.key: draw.value(first, realization) for draw in self.study.draws}
+    def _draw(self, first_seed: int, realization: int) -> Mapping[str, Any]:
+        return {draw.key: draw.value(first_seed, realization) for draw in self.study.draws}
 
     def _infeasibilities(self, motion: str, scenario: Scenario) -> list[str]:
         """Found once for all scenarios that move and are filmed alike."""
@@ -371,14 +375,14 @@ def plan_of(study: Study, *, quiet: bool = True) -> StudyPlan:
     """
     lines = _report_errors(study)
     realizations = range(study.file.realizations)
-    each = max(len(study.arms), 1) * len(realizations)
+    entries_per_point = max(len(study.arms), 1) * len(realizations)
     try:
         points = points_of(
             study.factors,
             study.file.design,
             study.file.points,
             study.file.seed or 0,
-            MAX_ENTRIES // each,
+            MAX_ENTRIES // entries_per_point,
         )
     except ValueError as error:
         lines.append(f"  design: {error}")
@@ -405,8 +409,8 @@ def plan_of(study: Study, *, quiet: bool = True) -> StudyPlan:
 def _number_errors(study: Study, entries: Sequence[PlanEntry]) -> list[str]:
     """A line for more realizations than differ, and for more runs than can be numbered."""
     errors = []
-    irregular = any(entry.scenario.ocean.waves.kind == "jonswap" for entry in entries)
-    if study.file.realizations > 1 and entries and not study.draws and not irregular:
+    has_irregular_waves = any(entry.scenario.ocean.waves.kind == "jonswap" for entry in entries)
+    if study.file.realizations > 1 and entries and not study.draws and not has_irregular_waves:
         text = (
             "equal realizations: nothing is drawn in [draw], and there are no irregular waves; "
             "set more runs instead"

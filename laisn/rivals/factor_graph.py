@@ -25,7 +25,7 @@ from laisn.settings import COMPASS_WALK, RivalSettings
 
 RELINEARISE = 1e-3
 """A variable that moved further since its linearisation is linearised again [m], [rad], [m/s]."""
-_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
+_QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
 def _odometry_error(
@@ -53,7 +53,7 @@ def _odometry_error(
         jacobians[1] = np.eye(3)
         jacobians[2] = np.zeros((3, 1))
         jacobians[3] = np.zeros((3, 2))
-        jacobians[0][:2, 2] = -_TURN @ moved_in_pose
+        jacobians[0][:2, 2] = -_QUARTER_TURN @ moved_in_pose
         jacobians[1][:2, :2] = rotation.T @ next_pose.rotation().matrix()
         jacobians[2][:2, 0] = path
         jacobians[3][:2] = -time * rotation.T
@@ -93,7 +93,7 @@ def _range_error(ping: _Ping, factor: Any, values: Any, jacobians: list[Floats] 
     rho, direction = slant(pose.translation(), ping.transmitter + np.append(displacement, 0.0))
     if jacobians is not None:
         by_position = scale * direction @ rotation
-        heading_derivative = -scale * ping.lag * direction @ (_TURN @ water)
+        heading_derivative = -scale * ping.lag * direction @ (_QUARTER_TURN @ water)
         jacobians[0] = np.array([[*by_position, heading_derivative]])
         jacobians[1] = np.array([[rho / ping.longest]])
         jacobians[2] = np.array([[scale * ping.lag * direction @ ahead]])
@@ -132,8 +132,8 @@ class FactorGraph(DeadReckoning):
         noise = gtsam.noiseModel.Diagonal.Sigmas(sigma[[0, 1, 3]])
         graph.add(gtsam.PriorFactorPose2(self._pose, prior, noise))
         values.insert(self._pose, prior)
-        for key, of in ((self._log_bias, sigma[2]), (self._range_bias, sigma[4])):
-            graph.add(gtsam.PriorFactorDouble(key, 0.0, self._sigma(of)))
+        for key, sigma_of_key in ((self._log_bias, sigma[2]), (self._range_bias, sigma[4])):
+            graph.add(gtsam.PriorFactorDouble(key, 0.0, self._sigma(sigma_of_key)))
             values.insert(key, 0.0)
         prior_noise = gtsam.noiseModel.Isotropic.Sigma(2, max(float(sigma[5]), 1e-6))
         graph.add(gtsam.PriorFactorPoint2(self._current, np.zeros(2), prior_noise))
@@ -160,9 +160,11 @@ class FactorGraph(DeadReckoning):
         covariance = np.diag([0.0, 0.0, COMPASS_WALK**2 * elapsed])
         covariance[:2, :2] = noise
         model = gtsam.noiseModel.Gaussian.Covariance(covariance)
-        error = partial(_odometry_error, displacement, path, elapsed)
+        odometry_error = partial(_odometry_error, displacement, path, elapsed)
         graph.add(
-            gtsam.CustomFactor(model, [last_pose, self._pose, self._log_bias, self._current], error)
+            gtsam.CustomFactor(
+                model, [last_pose, self._pose, self._log_bias, self._current], odometry_error
+            )
         )
         values.insert(self._pose, gtsam.Pose2(*self.x[:2], self.x[3]))
         graph.add(
@@ -192,8 +194,8 @@ class FactorGraph(DeadReckoning):
             self._smoother.update(
                 graph, values, dict.fromkeys((*keys, *self._constants), self._time)
             )
-        except RuntimeError as error_of:
-            raise ArithmeticError(f"step {self._step}: {error_of}") from None
+        except RuntimeError as failure:
+            raise ArithmeticError(f"step {self._step}: {failure}") from None
         pose = self._smoother.calculateEstimatePose2(self._pose)
         rotation = np.eye(3)
         rotation[:2, :2] = pose.rotation().matrix()

@@ -28,7 +28,7 @@ RECEIVERS = 256
 LEADER_NUMBER = RECEIVERS - 1
 """Of the leader among the receivers of a link."""
 MAX_LINKS = 16  # room for links
-_LOOKS = 64  # room for looks at vehicles among the streams of one number
+_VEHICLES_A_NUMBER = 64  # room for looks at vehicles among the streams of one number
 
 _U = np.uint64
 _MULTIPLIER_0 = _U(0xD2511F53)
@@ -81,8 +81,8 @@ def number_of_look(follower: int, vehicle: int) -> int:
     """Number of the stream of what a follower sees of a vehicle: 64 + v of the follower's own, and
     for vehicles from 64 on of numbers that no receiver has.
     """
-    owner = follower + vehicle // _LOOKS * RECEIVERS * MAX_LINKS
-    return STREAMS * owner + _NEARBY + vehicle % _LOOKS
+    owner = follower + vehicle // _VEHICLES_A_NUMBER * RECEIVERS * MAX_LINKS
+    return STREAMS * owner + _NEARBY + vehicle % _VEHICLES_A_NUMBER
 
 
 @inlined

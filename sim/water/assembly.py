@@ -35,7 +35,7 @@ from sim.water.refraction import Extent, RefractedRays, refracted_rays
 from sim.water.region import region_of
 from sim.water.waves import Waves
 
-_LOOKS = 200  # instants at which the plan of a mission is looked at
+_INSTANTS = 200  # instants at which the plan of a mission is looked at
 _ROOM, _ROOM_M = 1.2, 3.0  # of tables of rays beyond what is planned
 
 # keeps the sea's random numbers apart from all others that come from the same seed
@@ -76,14 +76,14 @@ def planned_places(plan: MissionPlan) -> list[Floats]:
     """Where each vehicle is planned to be, shapes (n, 3), east, north and depth [m]; stations are
     beside the leader.
     """
-    time = np.linspace(0.0, plan.duration_s, _LOOKS)
+    time = np.linspace(0.0, plan.duration_s, _INSTANTS)
     places = []
-    leader = np.zeros((_LOOKS, 3))
+    leader = np.zeros((_INSTANTS, 3))
     for key, vehicle in plan.vehicles():
         station = getattr(vehicle, "station", None)
         if station is not None:
             farthest_behind = leader[:, :2] - (math.hypot(station.behind_m, station.port_m), 0.0)
-            places.append(np.column_stack([farthest_behind, np.full(_LOOKS, vehicle.layer_m)]))
+            places.append(np.column_stack([farthest_behind, np.full(_INSTANTS, vehicle.layer_m)]))
             continue
         route = route_of(vehicle, key)
         motion = planned_motion(route).at(time)

@@ -24,9 +24,9 @@ def picture(findings: Findings, cases: Collection[str]) -> Panel:
     for name, (colour, title), shift in zip(
         ("laisn-2", "error"), LEGEND, (-0.08, 0.08), strict=True
     ):
-        shares = [findings[f"{name} {case} 5"] for case in cases]
+        errors = [findings[f"{name} {case} 5"] for case in cases]
         places = np.arange(float(len(cases))) + shift
-        lines.append(marks(shares, places, colour=colour, marker="o", name=title))
+        lines.append(marks(errors, places, colour=colour, marker="o", name=title))
     values = np.concatenate(
         [[*line.y, *line.interval[0], *line.interval[1]] for line in lines if line.interval]
     )
@@ -44,10 +44,10 @@ def picture(findings: Findings, cases: Collection[str]) -> Panel:
 
 def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
     """What the page's template names."""
-    studies = {study_part: of_part.plan.study for study_part, of_part in outcomes.items()}
+    studies = {part: results.plan.study for part, results in outcomes.items()}
     titles = {
-        study_part: {name: study.title("case", name) for name in study.cases}
-        for study_part, study in studies.items()
+        part: {name: study.title("case", name) for name in study.cases}
+        for part, study in studies.items()
     }
     cases = titles["cases"]
     return {

@@ -95,7 +95,9 @@ def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, 
             for season in study.SEASONS
             if f"error tight {season} 8-20 100" in record.findings
         ],
-        "flown": [season for season in study.BENT if _off("tight", season) in record.findings],
+        "flown": [
+            season for season in study.BENDING_SEASONS if _off("tight", season) in record.findings
+        ],
         "off": _off,
         "interval": lambda key, digits=2: with_limits(record[key], digits),
         "rays": Figures(panels=[ray_picture("strong")]),

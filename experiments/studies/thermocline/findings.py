@@ -23,9 +23,10 @@ from sim.water.rays import Path
 from sim.water.refraction import RefractedRays, traced_rays
 
 SEASONS = {"mixed": "none", "weak": "weak", "moderate": "moderate", "strong": "strong"}
-BENT = ("weak", "moderate", "strong")
+"""Thermoclines, in words, by the names of the scenario files that have them."""
+BENDING_SEASONS = ("weak", "moderate", "strong")
 NAVIGATORS = {"laisn-2": "LAISN-2", "laisn-3-2": "LAISN-3(2)", "tight": "tightly coupled"}
-FIXED: tuple[Variant, ...] = ("laisn-2", "laisn-3-2")
+FIX_NAVIGATORS: tuple[Variant, ...] = ("laisn-2", "laisn-3-2")
 """Navigators that make fixes of single messages."""
 SIZES = {"near": "within 43 m", "wide": "within 107 m"}
 """Cases of the formation."""
@@ -134,21 +135,21 @@ def range_where_it_matters(season: str, variant: Variant, baseline: float) -> fl
 
 def fix_findings() -> Iterator[tuple[str, Finding]]:
     """Errors of ranges and of fixes without noise."""
-    for season, pair, distance in product(BENT, PAIRS, RANGES_M):
+    for season, pair, distance in product(BENDING_SEASONS, PAIRS, RANGES_M):
         error = range_error(season, pair, distance)
         name = f"{season} {pair_name(pair)} {distance:g}"
         yield f"range {name}", plain(error, "range by the mean speed less the true one", "m")
-        for variant, baseline in product(FIXED, BASELINES_M):
+        for variant, baseline in product(FIX_NAVIGATORS, BASELINES_M):
             shift = fix_error(season, variant, QuarterGeometry(pair, distance, baseline))
             key = f"fix {variant} {name} {baseline:g}"
             yield key, plain(shift, "error of a fix without noise by the mean speed", "m")
-    for season, distance in product(BENT, RANGES_M):
+    for season, distance in product(BENDING_SEASONS, RANGES_M):
         errors = [range_error(season, pair, distance) for pair in PAIRS]
         yield (
             f"range-worst {season} {distance:g}",
             plain(max(map(abs, errors)), "largest error of a range by the mean speed", "m"),
         )
-    for season, variant, baseline in product(BENT, FIXED, BASELINES_M):
+    for season, variant, baseline in product(BENDING_SEASONS, FIX_NAVIGATORS, BASELINES_M):
         yield (
             f"from {variant} {season} {baseline:g}",
             plain(
@@ -184,8 +185,10 @@ def _receivers(cells: Cells, *columns: str) -> Iterator[tuple[str, Mapping[str, 
     yield from conditions.items()
 
 
-_KNOWLEDGE = {"mean": ("single", "one speed"), "straight": ("error", "the mean speed")} | {
-    "profile": ("known", "the profile")
+_KNOWLEDGE = {
+    "mean": ("single", "one speed"),
+    "straight": ("error", "the mean speed"),
+    "profile": ("known", "the profile"),
 }
 """Names of findings, and words, by what a receiver knows of sound."""
 
