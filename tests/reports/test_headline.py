@@ -9,7 +9,7 @@ import pytest
 from reports.headline import cause, figure, headline, judged, tiles
 from reports.verdict import Loss, Verdict
 from sim.flight import FlightRecord
-from tests.reports.test_station_report import kept, steady
+from tests.reports.test_flight_report_stations import kept, steady
 from tests.synthetic import make_flight
 
 GOOD = Verdict(sentence="The mean position error is 1.00 m; the largest is 4.00 m.", lost=())

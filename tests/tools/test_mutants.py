@@ -16,7 +16,7 @@ from tools.mutants.cover import covering, distances
         ("reports/intervals.py", "tests/reports/test_intervals.py"),
         (
             "experiments/studies/asymmetry/findings.py",
-            "tests/experiments/studies/asymmetry/test_asymmetry_findings.py",
+            "tests/experiments/studies/asymmetry/test_findings.py",
         ),
     ],
 )

@@ -633,7 +633,7 @@ def test_the_command_names_what_it_cannot_do(tmp_path: Path) -> None:
 
 
 def foreign(folder: Path) -> None:
-    from tests.sim.log.test_log_replay import cruise, one_ping, write_rows
+    from tests.sim.log.test_reader_replay import cruise, one_ping, write_rows
 
     read_data_set_log(write_rows(folder / "b.mcap", cruise(0.1 * np.arange(30)), [one_ping(1.0)]))
 

@@ -13,7 +13,7 @@ from experiments.study.file import built_in, study_of
 from experiments.study.plan import plan_of
 from reports.findings import record
 from reports.page import Page, PageTable, Text, page_of
-from tests.experiments.studies.asymmetry.test_comparison import row
+from tests.experiments.studies.asymmetry.test_findings_comparison import row
 from tests.golden import require_golden
 
 RUNS = 64

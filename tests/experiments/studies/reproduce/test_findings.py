@@ -22,7 +22,7 @@ from experiments.studies.reproduce.findings import (
 )
 from reports.intervals import Interval
 from tests.experiments.studies.reproduce.cells import SETTINGS
-from tests.experiments.studies.reproduce.test_paper_tables import page_with
+from tests.experiments.studies.reproduce.test_figures import page_with
 from tests.synthetic import make_scenario, make_trajectory
 
 BASE, GATE = (

@@ -12,7 +12,7 @@ from experiments.studies.asymmetry.findings import (
     paired,
     removed_in_all,
 )
-from tests.experiments.studies.asymmetry.test_comparison import row
+from tests.experiments.studies.asymmetry.test_findings_comparison import row
 
 WOBBLE = 0.01 * np.cos(np.arange(64.0))
 
