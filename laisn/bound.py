@@ -223,7 +223,8 @@ def _transitions(speed: Floats, ahead: Floats, dt: float, noise: TrueNoise) -> _
     intervals, steps = speed.shape
     way = np.cumsum(speed[..., None] * ahead, axis=1)
     time = dt * np.arange(1, steps + 1)
-    # the true way is the measured one turned anticlockwise by the compass bias, less the log's bias
+    # x_k = rows_k x_0: the true way Rot(b_θ) Σ (v − b_v) u Δt + c t, linearised about b_θ = 0: the
+    # measured one turned anticlockwise by the compass bias, less the log's bias
     rows = np.zeros((intervals, steps, 2, _STATES))
     rows[..., 0, 0] = rows[..., 1, 1] = 1.0
     rows[..., _LOG] = -np.cumsum(ahead, axis=1)

@@ -69,6 +69,7 @@ def pose_between(
     """
     start, end = pose
     start_velocity, end_velocity = velocity
+    # x(u) = a x_0 + b v_0 + c x_1 + d v_1
     u2 = u * u
     u3 = u * u * u
     a = 2.0 * u3 - 3.0 * u2 + 1.0

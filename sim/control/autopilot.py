@@ -408,8 +408,9 @@ def control(
     omega = d.omega
     lag = 0.25 / omega
 
-    # speed; with the hull pitched, its way over ground is shorter than its way through the water.
-    # Drag, here and below, is that of when the thrusters will have followed
+    # X = m_u (a_r + ½ ω (u_r − u)) + integral + D(u). With the hull pitched, its way over ground is
+    # shorter than its way through the water. Drag, here and below, is that of when the thrusters
+    # will have followed
     cos_pitch = max(np.cos(pitch), 0.5)
     speed_error = speed_wanted / cos_pitch - surge
     speed_after_lag = speed_wanted / cos_pitch + lag * reference.acceleration
@@ -420,7 +421,8 @@ def control(
         d.drag_linear * np.exp(-d.drag_fade * abs(speed_after_lag)) + d.drag * abs(speed_after_lag)
     ) * speed_after_lag
 
-    # heading and sway; moments to port are positive, turns to port are negative
+    # N = −I_z (α_r + ω² (ψ_d − ψ) + 2 ω (r_d − r)) − slip + integral − D(r_d) and
+    # Y = −(m_u u − F |u|) r_d − ½ m_v ω v; moments to port are positive, turns to port are negative
     turn_after_lag = turn_wanted + lag * reference.turn_acceleration
     heading_error = signed_angle(heading_wanted - heading)
     turn_moment = -d.yaw_inertia * (
@@ -437,7 +439,8 @@ def control(
         d.surge_mass * surge - d.fin_side * speed
     ) * -turn_after_lag - d.sway_mass * 0.5 * omega * sway
 
-    # depth and pitch; moments nose up are positive here, and negative about the body's axis to port
+    # M = I_y (ω² (θ_d − θ) + 2 ω (q_d − q)) − Munk + integral + k θ_d + D(q_d); moments nose up are
+    # positive here, and negative about the body's axis to port
     pitch_wanted, pitching, heave_force, rate = _hold_depth(
         d, reference, motion.depth, motion.sinking, speed, dt, memory
     )

@@ -49,10 +49,12 @@ def _line_of_sight(
     sine, cosine = np.sin(course), np.cos(course)
     along_track = offset[0] * sine + offset[1] * cosine
     across = offset[0] * cosine - offset[1] * sine
+    # U = V − V_a s / √(s² + Δ²), with s along the track and Δ the lookahead
     along_track_speed = speed - a.approach_speed * along_track / np.sqrt(
         along_track * along_track + a.lookahead * a.lookahead
     )
     if a.law == ILOS:
+        # ψ = χ − atan((y + σ z) / Δ), ż = Δ y / (Δ² + (y + σ z)²), with y across the track
         pulled = across + a.integral * integral
         integral += dt * a.lookahead * across / (a.lookahead * a.lookahead + pulled * pulled)
         heading = course - np.arctan(pulled / a.lookahead)

@@ -82,6 +82,8 @@ def _forces(
         force, moment, _ = wrench(c, pose, over_ground + spin, sea, fitted, 0)
         weight = matvec(to_body, (0.0, 0.0, -rigid[0, 0] * c.gravity))
         momentum, angular = matrix_times(rigid, velocity, spin)
+        # f = f_w + Rᵀ m g − ω × p and n = n_w + r × Rᵀ m g − ω × l − v × p, with p and l the rigid
+        # body's momentum and angular momentum.
         # `wrench` adds what the solver needs of added mass in the world's frame, which is not
         # accelerated here
         added_inertia = matrix_times(c.added_mass, cross(spin, velocity), (0.0, 0.0, 0.0))

@@ -231,7 +231,8 @@ def at(trail: Records, count: int, arc: float) -> Place:
     ax, ay = length * trail[low].slope_east, length * trail[low].slope_north
     bx, by = length * trail[high].slope_east, length * trail[high].slope_north
     dx, dy = trail[high].east - trail[low].east, trail[high].north - trail[low].north
-    # Hermite's cubic about the first point, and its derivative by u
+    # Hermite's cubic x(u) = x_0 + p a + r b + q (x_1 − x_0) with the slopes a and b by u at its
+    # ends, and its derivative by u
     p = u * (1.0 - u) * (1.0 - u)
     q = u * u * (3.0 - 2.0 * u)
     r = u * u * (u - 1.0)

@@ -38,6 +38,7 @@ def absorption_db_km(
     else:
         water = 3.964e-4 - 1.146e-5 * t + 1.45e-7 * t**2 - 6.5e-10 * t**3
     water_pressure = 1.0 - 3.83e-5 * z + 4.9e-10 * z**2
+    # a = f² (A_1 f_1 / (f² + f_1²) + A_2 P_2 f_2 / (f² + f_2²) + A_3 P_3)
     per_square = (
         boric * boric_khz / (f**2 + boric_khz**2)
         + sulphate * sulphate_pressure * sulphate_khz / (f**2 + sulphate_khz**2)

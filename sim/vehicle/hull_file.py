@@ -117,7 +117,8 @@ _DEDUCTION = 0.1
 
 def lamb_factors(length: float, diameter: float) -> tuple[float, float, float]:
     """Added mass along and across a prolate spheroid over its displaced mass, and of inertia
-    (Lamb 1932).
+    (Lamb 1932): k_1 = α / (2 − α), k_2 = β / (2 − β), and
+    k' = e⁴ (β − α) / ((2 − e²) (2 e² − (2 − e²) (β − α))) with the eccentricity e.
     """
     e = np.sqrt(1.0 - (diameter / length) ** 2)
     log = np.log((1.0 + e) / (1.0 - e))

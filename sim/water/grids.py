@@ -82,6 +82,8 @@ class GriddedInstant(NamedTuple):
         z = cell_of(grid.depth, -position[2])
         rises = grid.velocity.shape[4] == 3
         values = grid.velocity
+        # trilinear: u = Σ w_i w_j w_k u_ijk, of u_ijk linear in time; t is its change over the
+        # interval of time, xy the derivative of u_x by y
         ux = uy = uz = 0.0
         tx = ty = tz = 0.0
         xx = xy = xz = yx = yy = yz = zx = zy = zz = 0.0
@@ -119,6 +121,7 @@ class GriddedInstant(NamedTuple):
                         zx += by_x * ez
                         zy += by_y * ez
                         zz += by_z * ez
+        # Du/Dt = ∂u/∂t + (∇u) v
         vx, vy, vz = velocity
         rate = (
             time.slope * tx + xx * vx + xy * vy + xz * vz,
