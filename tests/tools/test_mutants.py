@@ -1,8 +1,13 @@
-"""Which tests are run on a mutant of a source."""
+"""Which tests are run on a mutant of a source, and which mutants count as equivalent."""
+
+import tomllib
+from pathlib import Path
 
 import pytest
 
 from tools.mutants.cover import covering, distances
+
+EQUIVALENT = Path("tools/mutants/equivalent.toml")
 
 
 @pytest.mark.system
@@ -34,3 +39,13 @@ def test_a_source_without_a_test_of_its_name_has_those_that_import_it_through_ot
 def test_what_tests_share_counts_as_theirs() -> None:
     """The tank imports the plant, and the test of hydrodynamics the tank."""
     assert distances()["tests/sim/vehicle/test_hydrodynamics.py"]["sim.vehicle.plant"] == 1
+
+
+def test_mutants_that_are_listed_as_equivalent_are_of_lines_that_exist() -> None:
+    entries = tomllib.loads(EQUIVALENT.read_text(encoding="utf-8"))["equivalent"]
+    lines = {
+        file: [line.strip() for line in Path(file).read_text(encoding="utf-8").splitlines()]
+        for file in {entry["file"] for entry in entries}
+    }
+    missing = [e for e in entries if any(x not in lines[e["file"]] for x in e["was"].split("\n"))]
+    assert not missing
