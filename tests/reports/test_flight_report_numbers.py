@@ -3,7 +3,7 @@ flight.
 """
 
 import dataclasses
-import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +21,10 @@ from reports.flight_report import (
     mirror_locks,
     states_table,
 )
+from reports.page import Code, Page, PageTable
 from reports.range_budget import Cause, RangeErrorBudget
 from sim.flight import FlightRecord
+from tests.golden import require_golden
 from tests.synthetic import make_flight
 
 
@@ -35,66 +37,58 @@ def texts(row: Any) -> list[str]:
     return [cell.text for cell in row]
 
 
-def test_the_table_of_details_has_each_figure_under_its_head(tmp_path: Path) -> None:
-    route = {
-        "e_p_max_m": 1.1,
-        "e_p_mean_m": 1.2,
-        "e_p_std_m": 1.3,
-        "e_b_max_deg": 2.1,
-        "e_b_mean_deg": 2.2,
-        "e_b_std_deg": 2.3,
-        "track_error_rms_m": 3.1,
-        "fixes": {"gated": 4, "lost": 0, "two_points": 5},
-    }
-    station = route | {
-        "station_rms_m": 6.1,
-        "station_p95_m": 6.2,
-        "station_max_m": 6.3,
-        "joined_s": 7.0,
-        "lost": True,
-        "fixes": {"gated": 0, "lost": 0, "two_points": 8},
-    }
-    flight = make_flight(20.0, 3)
+def page_of_flight(
+    flight: FlightRecord, rows: Sequence[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> Page:
+    """The page of a flight whose summary has these rows, without its versions and scenario."""
+    pages: list[Page] = []
+    monkeypatch.setattr(flight_report, "write", lambda page, _: pages.append(page))
+    summary = {"followers": dict(zip(flight.trajectory.names[1:], rows, strict=True))}
     n = flight.step_index().size
-
-    def table_of(head: str, *rows: Any) -> tuple[list[str], list[list[str]]]:
-        """Heads and cells of the table that has a head."""
-        summary = {"followers": dict(zip(("one", "two", "three"), rows, strict=False))}
-        path = tmp_path / "report.html"
-        flight_report.flight_report(
-            flight, [(np.zeros(n), np.zeros(n))] * 3, summary, path, None, [np.ones(n)] * 3
-        )
-        tables = re.findall("<table>(.*?)</table>", path.read_text(encoding="utf-8"), re.DOTALL)
-        (table,) = [table for table in tables if f">{head}<" in table]
-        cells = [
-            re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row)
-            for row in re.findall(r"<tr[^>]*>(.*?)</tr>", table)
-        ]
-        _, heads, *found = [[re.sub(r"<[^>]*>", "", cell) for cell in row] for row in cells]
-        return heads, found
-
-    rows = (station, route | {"fixes": {}}, route)
-    heads, (first, second, third) = table_of("mean [°]", *rows)
-    errors = ["2.20", "2.30", "2.10"]
-    kinds = [FIX_WORDS[kind] for kind in sorted((FixKind.GATED, FixKind.TWO_POINTS))]
-    assert heads[-2:] == kinds
-    assert heads[1:5] == ["mean [°]", "σ [°]", "largest [°]", "RMS [m]"]
-    counts = {"gated": "0", "two_points": "8"}
-    of = [
-        counts["two_points" if word == FIX_WORDS[FixKind.TWO_POINTS] else "gated"] for word in kinds
+    errors = [(np.zeros(n), np.zeros(n))] * len(rows)
+    flight_report.flight_report(
+        flight, errors, summary, Path("report.html"), None, [np.ones(n)] * len(rows)
+    )
+    (page,) = pages
+    sections = [
+        dataclasses.replace(part, blocks=[b for b in part.blocks if not isinstance(b, Code)])
+        for part in page.sections
     ]
-    assert first == ["one", *errors, "–", *of]
-    assert second == ["two", *errors, "3.10", "0", "0"]
-    assert sorted(third[-2:]) == ["4", "5"]
-    heads, (alone,) = table_of("mean [°]", route)
-    assert alone[:5] == ["one", *errors, "3.10"]
-    assert len(heads) == 7
-    heads, (kept,) = table_of("joined [s]", *rows)
-    assert heads[1:] == ["RMS [m]", "95 % below [m]", "largest [m]", "joined [s]", "lost"]
-    assert kept == ["one", "6.10", "6.20", "6.30", "7", "yes"]
-    heads, (alone,) = table_of("mean [°]", station)
-    assert alone[:4] == ["one", *errors]
-    assert len(heads) == 5  # the error on a track is that on the station
+    return dataclasses.replace(page, facts=[], sections=sections)
+
+
+ROUTE = {
+    "e_p_max_m": 1.1,
+    "e_p_mean_m": 1.2,
+    "e_p_std_m": 1.3,
+    "e_b_max_deg": 2.1,
+    "e_b_mean_deg": 2.2,
+    "e_b_std_deg": 2.3,
+    "track_error_rms_m": 3.1,
+    "fixes": {"gated": 4, "lost": 0, "two_points": 5},
+}
+"""A follower's figures, each of its own number."""
+STATION = ROUTE | {
+    "station_rms_m": 6.1,
+    "station_p95_m": 6.2,
+    "station_max_m": 6.3,
+    "joined_s": 7.0,
+    "lost": True,
+    "fixes": {"gated": 0, "lost": 0, "two_points": 8},
+}
+
+
+def test_the_page_of_a_flight_is_the_golden_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of three followers one keeps a station, one has no fixes; each figure has its number."""
+    rows = (STATION, ROUTE | {"fixes": {}}, ROUTE)
+    require_golden(page_of_flight(make_flight(20.0, 3), rows, monkeypatch), "flight")
+
+
+def test_the_error_on_a_track_is_that_on_the_station(monkeypatch: pytest.MonkeyPatch) -> None:
+    page = page_of_flight(make_flight(20.0), [STATION], monkeypatch)
+    heads = [b.heads for part in page.sections for b in part.blocks if isinstance(b, PageTable)]
+    (details,) = (names for names in heads if "mean [°]" in names)
+    assert len(details) == 5
 
 
 def test_a_page_lists_the_settings_of_its_flight(flight: FlightRecord) -> None:
