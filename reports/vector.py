@@ -22,7 +22,7 @@ from sim.system import atomic_write, read_text
 
 FORMATS = ("pdf", "svg", "png")
 _DPI = 200  # of pictures of pixels
-_LONGEST_PAGE = 30_000_000
+_MAX_PAGE_BYTES = 30_000_000
 _DATA = re.compile(r'<script type="application/octet-stream" id="figure-data">([^<]*)</script>')
 _SYMBOL = re.compile(r"<i>(.+?)</i>(?:<sub>(.+?)</sub>)?")
 _NAME = re.compile(r"<extra>(.*)</extra>")
@@ -36,12 +36,12 @@ _MARKERS = {
     "x": "X",
     "diamond": "D",
 }
-_POINTS = 0.75  # points to a pixel of the page
+_POINTS_PER_PIXEL = 0.75  # points to a pixel of the page
 _PART_INCH = 1.15  # height of one of several axes
 _ALONE_INCH = 2.3  # and of one that stands alone, of the usual width
 _USUAL_INCH = 3.5
-_MAX_WORDS = 4  # up an axis in letters of the usual size
-_SMALL_WORDS = 5.5
+_MAX_LABELS = 4  # up an axis in letters of the usual size
+_SMALL_FONT = 5.5
 _TITLE_INCH = 0.75  # of axis, legend and margins
 _STYLE: dict[Any, Any] = {
     "font.size": 8.0,
@@ -112,7 +112,7 @@ def figures_of(page: Path) -> list[DrawnFigure]:
     """Figures of a page of this project, or of the report in a folder; LaisnError: it has none."""
     path = page / "report.html" if page.is_dir() else page
     try:
-        match = _DATA.search(read_text(path, _LONGEST_PAGE))
+        match = _DATA.search(read_text(path, _MAX_PAGE_BYTES))
         figures = json.loads(zlib.decompress(base64.b64decode(match[1]), -15)) if match else []
     except (ValueError, zlib.error) as error:
         raise LaisnError(f"{path}: {error}") from None
@@ -158,7 +158,7 @@ def _scatter(axes: Axes, trace: Mapping[str, Any]) -> None:
         settings |= {
             "linestyle": "none",
             "marker": _MARKERS[marker["symbol"]],
-            "markersize": _POINTS * marker["size"],
+            "markersize": _POINTS_PER_PIXEL * marker["size"],
             "markeredgewidth": 0.6 if marker["symbol"].endswith("open") else 0.0,
         }
     else:
@@ -166,14 +166,14 @@ def _scatter(axes: Axes, trace: Mapping[str, Any]) -> None:
         colour = line["color"]
         settings |= {
             "linestyle": _DASHES[line["dash"]],
-            "linewidth": _POINTS * line["width"],
+            "linewidth": _POINTS_PER_PIXEL * line["width"],
         }
     axes.plot(x, y, color=colour, label=_trace_name(trace) or "_", **settings)
     for direction in ("x", "y"):
         bars = trace.get(f"error_{direction}")
         if bars:
             ends = np.abs([_values(bars["arrayminus"]), _values(bars["array"])])
-            width = _POINTS * bars["thickness"]
+            width = _POINTS_PER_PIXEL * bars["thickness"]
             error: dict[str, Any] = {f"{direction}err": ends}
             axes.errorbar(x, y, fmt="none", ecolor=bars["color"], elinewidth=width, **error)
     for index, text in enumerate(trace.get("text", ())):
@@ -206,7 +206,7 @@ def _colours(figure: Figure, axes: Axes, trace: Mapping[str, Any]) -> None:
     legend.ax.set_title(bar.get("title", {}).get("text", ""), fontsize=7.0)
 
 
-def _dress(axes: Axes, direction: Literal["x", "y"], axis: Mapping[str, Any]) -> None:
+def _style_axis(axes: Axes, direction: Literal["x", "y"], axis: Mapping[str, Any]) -> None:
     """Label, limits and ticks of an axis."""
     axes.set(**{f"{direction}label": formula(axis["title"]["text"])})
     is_log = axis.get("type") == "log"
@@ -224,8 +224,8 @@ def _dress(axes: Axes, direction: Literal["x", "y"], axis: Mapping[str, Any]) ->
         ]
         axes.set(**{f"{direction}ticks": [value for value, _ in visible]})
         axes.set(**{f"{direction}ticklabels": [formula(text) for _, text in visible]})
-        if direction == "y" and len(visible) > _MAX_WORDS and visible[0][1][:1].isalpha():
-            axes.tick_params(axis="y", labelsize=_SMALL_WORDS)
+        if direction == "y" and len(visible) > _MAX_LABELS and visible[0][1][:1].isalpha():
+            axes.tick_params(axis="y", labelsize=_SMALL_FONT)
         axes.tick_params(
             axis=direction, which="minor", length=0, labelleft=False, labelbottom=False
         )
@@ -268,8 +268,8 @@ def draw(drawing: DrawnFigure, width: float) -> Figure:
                 _scatter(axes, trace)
         if "scaleanchor" in axis:
             axes.set_aspect("equal", adjustable="datalim")
-        _dress(axes, "y", axis)
-    _dress(parts[-1], "x", drawing.layout["xaxis"])
+        _style_axis(axes, "y", axis)
+    _style_axis(parts[-1], "x", drawing.layout["xaxis"])
     title = drawing.layout.get("title", {}).get("text", "")
     if title:
         parts[0].set_title(formula(title), loc="left", fontsize=8.0)
@@ -282,8 +282,8 @@ def _save(drawing: DrawnFigure, path: Path, width: float) -> None:
     format_ = path.suffix.removeprefix(".")
     with rc_context(_STYLE), atomic_write(path) as temporary:
         # without the time, equal figures are equal files
-        stamp = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(format_, {})
-        draw(drawing, width).savefig(temporary, format=format_, dpi=_DPI, metadata=stamp)
+        metadata = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(format_, {})
+        draw(drawing, width).savefig(temporary, format=format_, dpi=_DPI, metadata=metadata)
 
 
 def write_panel(panel: Panel, path: Path, width: float) -> None:

@@ -51,24 +51,24 @@ def propagate(
         Q = np.zeros((STATES, STATES))
         J = np.zeros((2, STATES))
         F[0, 5] = F[1, 6] = dt
-        east = north = water = 0.0
+        east = north = water_speed = 0.0
         for end in range(2):
-            water = readings[k + end, 0] - x[2]
+            water_speed = readings[k + end, 0] - x[2]
             heading = readings[k + end, 1] - x[3]
             east, north = np.sin(heading), np.cos(heading)
-            x[0] += 0.5 * dt * (water * east + x[5])
-            x[1] += 0.5 * dt * (water * north + x[6])
+            x[0] += 0.5 * dt * (water_speed * east + x[5])
+            x[1] += 0.5 * dt * (water_speed * north + x[6])
             F[0, 2] -= 0.5 * dt * east
             F[1, 2] -= 0.5 * dt * north
-            F[0, 3] -= 0.5 * dt * water * north
-            F[1, 3] += 0.5 * dt * water * east
+            F[0, 3] -= 0.5 * dt * water_speed * north
+            F[1, 3] += 0.5 * dt * water_speed * east
         # the velocity's derivatives by the states, and its random error: along by the log, across
         # by the compass
         J[0, 2] = -east
-        J[0, 3] = -water * north
+        J[0, 3] = -water_speed * north
         J[0, 5] = 1.0
         J[1, 2] = -north
-        J[1, 3] = water * east
+        J[1, 3] = water_speed * east
         J[1, 6] = 1.0
         along_variance = sigma[0] ** 2
         across_variance = (sigma[1] * readings[k + 1, 0]) ** 2
@@ -92,8 +92,8 @@ def propagate(
         V = J @ PJ + W
         states[k, 0] = x[0]
         states[k, 1] = x[1]
-        states[k, 2] = water * east + x[5]
-        states[k, 3] = water * north + x[6]
+        states[k, 2] = water_speed * east + x[5]
+        states[k, 3] = water_speed * north + x[6]
         for i in range(2):
             for j in range(2):
                 covariances[k, i, j] = P[i, j]
@@ -168,18 +168,18 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         covariances = np.empty((n, 4, 4))
         fixes = []
         depth = measurements.last_depth
-        for i, done in enumerate([*measurements.message_step.tolist(), n]):
-            steps = slice(self._step, done)
+        for i, last_step in enumerate([*measurements.message_step.tolist(), n]):
+            steps = slice(self._step, last_step)
             states[steps], covariances[steps] = self._advance(readings[steps], durations[steps])
-            self._step = done
+            self._step = last_step
             if i < measurements.message_step.size:
-                speed, heading = readings[done - 1].tolist()
-                own = OwnMotion(speed, heading, float(depth[done - 1]))
+                speed, heading = readings[last_step - 1].tolist()
+                own = OwnMotion(speed, heading, float(depth[last_step - 1]))
                 reception = measurements.reception(i)
-                require_valid(done, own, reception, None)
+                require_valid(last_step, own, reception, None)
                 fixes.append(self._receive(own, reception))
-                states[done - 1] = self._state
-                covariances[done - 1] = self._covariance
+                states[last_step - 1] = self._state
+                covariances[last_step - 1] = self._covariance
         return Estimates.of(states, covariances, fixes)
 
     def _advance(self, readings: Floats, durations: Floats) -> tuple[Floats, Floats]:

@@ -19,13 +19,12 @@ _MAX_STEPS = 20  # more steps back are no corrections of a clock
 _MAX_NAMED_GAPS = 5  # most gaps that are named
 _MIN_GAP_INTERVALS = 10.0  # shortest gap that is named [intervals between rows]
 _MIN_GAP_S = 1.0
-_MAX_STRAIGHT_TURN = math.radians(
-    20.0
-)  # largest turn of a leader whose way tells the time that passed
+# largest turn of a leader whose way tells the time that passed
+_MAX_STRAIGHT_TURN = math.radians(20.0)
 _MIN_SPEED_M_S = 0.2
-_LONGEST_DELAY_S = 60.0
+_MAX_DELAY_S = 60.0
 """A message that is older belongs to another clock [s]."""
-_SHORTEST_DELAY_S = 0.1
+_MIN_DELAY_S = 0.1
 
 
 @dataclass
@@ -107,8 +106,8 @@ def _passed_ns(recording: RecordedRows, row: int, last: int) -> tuple[int, bool]
     if crossing is None or not math.isfinite(crossing.clock_s):
         return interval, False
     time = recording.time
-    beside_ns = int(time[last] - time[crossing.before] + time[crossing.after] - time[row])
-    passed = round(1e9 * crossing.clock_s) - beside_ns
+    outside_step_ns = int(time[last] - time[crossing.before] + time[crossing.after] - time[row])
+    passed = round(1e9 * crossing.clock_s) - outside_step_ns
     if passed <= 0:
         return interval, True
     return (passed if abs(passed - interval) > interval else interval), False
@@ -243,10 +242,10 @@ def reception_times(recording: RecordedRows) -> Ints:
     valid = np.isfinite(delay)
     if not valid.any():
         return recording.time.copy()
-    tolerance = max(_SHORTEST_DELAY_S, 1.5 * recording.interval_ns / 1e9)
+    tolerance = max(_MIN_DELAY_S, 1.5 * recording.interval_ns / 1e9)
     typical = float(np.median(delay[valid]))
-    other_clock = typical < -tolerance or typical > _LONGEST_DELAY_S
-    is_late = valid & (delay > tolerance) & (delay <= _LONGEST_DELAY_S)
+    other_clock = typical < -tolerance or typical > _MAX_DELAY_S
+    is_late = valid & (delay > tolerance) & (delay <= _MAX_DELAY_S)
     if other_clock or (recording.stepped and typical > tolerance):
         recording.remarks.append(
             f"{TIMESTAMP} differs from {recording.name} by {typical:.6g} s: another clock; "
@@ -254,7 +253,7 @@ def reception_times(recording: RecordedRows) -> Ints:
         )
         return recording.time.copy()
     if not is_late.any():
-        if typical > _SHORTEST_DELAY_S:
+        if typical > _MIN_DELAY_S:
             recording.remarks.append(
                 f"receptions are older than sound needs by {typical:.3g} s (median), less than "
                 f"rows lie apart: they have the times of their rows"

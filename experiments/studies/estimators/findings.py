@@ -44,28 +44,28 @@ def _rms(cells: Cells) -> Floats:
 def figures_of(missions: Cells) -> list[dict[str, Any]]:
     """Figures of all runs of each mission by both navigators."""
     tight, laisn = (missions.where(arm=arm) for arm in ("tight", "laisn-2"))
-    error, other = (cells.runs("e_p_mean_m").mean(axis=0) for cells in (tight, laisn))
+    error, laisn_error = (cells.runs("e_p_mean_m").mean(axis=0) for cells in (tight, laisn))
     rms = _rms(tight)
     laisn_rms = _rms(laisn)
     nees = tight.runs("nees").mean(axis=0)
     largest = tight.runs("e_p_max_m").max(axis=0)
-    lost, laisn_lost = (cells.runs("mirror_locked").sum(axis=0) for cells in (tight, laisn))
+    locked, laisn_locked = (cells.runs("mirror_locked").sum(axis=0) for cells in (tight, laisn))
     return [
         {
             "case": row.get("case"),
             "route": row["scenario"],
             "interval": row.get(INTERVAL),
             "error": float(error[i]),
-            "laisn": float(other[i]),
-            "ratio": float(error[i] / other[i]),
+            "laisn": float(laisn_error[i]),
+            "ratio": float(error[i] / laisn_error[i]),
             "rms": float(rms[i]),
             "over_bound": row["bound"] and float(rms[i] / row["bound"]),
             "bound_over_laisn": row["bound"] and float(row["bound"] / laisn_rms[i]),
             "largest": float(largest[i]),
             "nees": float(nees[i]),
             "inside": row["nees_inside"],
-            "mirror_locked": int(lost[i]),
-            "laisn_mirror_locked": int(laisn_lost[i]),
+            "mirror_locked": int(locked[i]),
+            "laisn_mirror_locked": int(laisn_locked[i]),
         }
         for i, row in enumerate(tight.rows)
     ]
@@ -75,11 +75,11 @@ def median_ratio(missions: Cells) -> Interval:
     """Median over missions of mean E_P over LAISN-2's, with limits over runs, which all missions
     share.
     """
-    theirs, laisn = (missions.where(arm=arm).runs("e_p_mean_m") for arm in ("tight", "laisn-2"))
-    limits = ratio_intervals(theirs, laisn)
-    middle = sorted(limits, key=lambda limit: limit.value)[
-        (len(limits) - 1) // 2 : len(limits) // 2 + 1
-    ]
+    tight, laisn = (missions.where(arm=arm).runs("e_p_mean_m") for arm in ("tight", "laisn-2"))
+    limits = ratio_intervals(tight, laisn)
+    ordered = sorted(limits, key=lambda limit: limit.value)
+    # of an even number the mean of both in the middle
+    middle = (ordered[(len(ordered) - 1) // 2], ordered[len(ordered) // 2])
     return Interval(*(float(np.mean(column)) for column in zip(*middle, strict=True)))
 
 
@@ -88,13 +88,13 @@ def mean_of(values: Floats) -> Interval:
     return mean_interval(values.mean(axis=1))
 
 
-def of_missions(key: str, missions: Cells) -> dict[str, Finding]:
+def mission_findings(key: str, missions: Cells) -> dict[str, Finding]:
     """Findings of some missions together, their names ending in `key`."""
-    each = figures_of(missions)
+    figures = figures_of(missions)
     tight, other = (missions.where(arm=arm) for arm in ("tight", "laisn-2"))
-    missions_text = f"{len(each)} missions"
+    missions_text = f"{len(figures)} missions"
     runs = tight.runs("run").size
-    column = {name: [mission[name] for mission in each] for name in each[0]}
+    column = {name: [mission[name] for mission in figures] for name in figures[0]}
     meaning = "share of instants whose mean eᵀP⁻¹e is within its 95 % χ² interval"
     locked = "locked on the mirror image"
     findings = {
@@ -148,7 +148,7 @@ def of_missions(key: str, missions: Cells) -> dict[str, Finding]:
     return {f"{name} {key}": finding for name, finding in findings.items()}
 
 
-def of_clocks(missions: Cells) -> dict[str, Finding]:
+def clock_findings(missions: Cells) -> dict[str, Finding]:
     """Findings of an unknown clock before the leader's first turn, where it is not observable,
     and after it.
     """
@@ -189,22 +189,22 @@ def of_clocks(missions: Cells) -> dict[str, Finding]:
     return findings
 
 
-def of_plain_filter(key: str, missions: Cells) -> dict[str, Finding]:
+def plain_filter_findings(key: str, missions: Cells) -> dict[str, Finding]:
     """Findings of a plain extended Kalman filter, and of the tightly coupled navigator on the
     same noise.
     """
     ekf, tight = (missions.where(arm=arm) for arm in ("ekf", "tight"))
     missions_text = f"{len(ekf.rows)} missions"
     meaning = "mean E_P of the tightly coupled navigator over a plain EKF's"
-    theirs = tight.runs("e_p_mean_m")
-    means = ekf.runs("e_p_mean_m")
-    lost = ekf.runs("mirror_locked")
+    tight_errors = tight.runs("e_p_mean_m")
+    ekf_errors = ekf.runs("e_p_mean_m")
+    locked = ekf.runs("mirror_locked")
     total_ratio = ratio_intervals(
-        theirs.sum(axis=1, keepdims=True), means.sum(axis=1, keepdims=True)
+        tight_errors.sum(axis=1, keepdims=True), ekf_errors.sum(axis=1, keepdims=True)
     )[0]
     findings = {
         f"ekf {key}": of(
-            mean_of(means), f"mean E_P of a plain EKF, mean of {missions_text}, 95 %", "m"
+            mean_of(ekf_errors), f"mean E_P of a plain EKF, mean of {missions_text}, 95 %", "m"
         ),
         f"over-ekf {key}": of(total_ratio, f"{meaning}, {missions_text}, 95 %"),
         f"ekf-nees {key}": of(
@@ -212,10 +212,12 @@ def of_plain_filter(key: str, missions: Cells) -> dict[str, Finding]:
             f"mean eᵀP⁻¹e of a plain EKF, {missions_text}, 95 %; right: 2",
         ),
         f"ekf-mirror-locked {key}": share(
-            lost, "share of a plain EKF's runs locked on the mirror image, 95 %"
+            locked, "share of a plain EKF's runs locked on the mirror image, 95 %"
         ),
     }
-    for row, mean, ratio in zip(ekf.rows, means.T, ratio_intervals(theirs, means), strict=True):
+    for row, mean, ratio in zip(
+        ekf.rows, ekf_errors.T, ratio_intervals(tight_errors, ekf_errors), strict=True
+    ):
         findings[f"over-ekf {key} {row['scenario']}"] = of(ratio, f"{meaning}, 95 %")
         findings[f"ekf {key} {row['scenario']}"] = of(
             mean_interval(mean), "mean E_P of a plain EKF, 95 %", "m"
@@ -223,7 +225,7 @@ def of_plain_filter(key: str, missions: Cells) -> dict[str, Finding]:
     return findings
 
 
-def of_mirror_locks(key: str, mission: Cells) -> dict[str, Finding]:
+def mirror_lock_findings(key: str, mission: Cells) -> dict[str, Finding]:
     """Findings of many runs of one mission that were flown for their mirror locks alone."""
     tight, laisn = (mission.where(arm=arm).runs("mirror_locked") for arm in ("tight", "laisn-2"))
     return {
@@ -247,32 +249,32 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
         "runs": plain(runs, "runs of each mission of G1 to G7"),
     }
     for key, missions in parts["cases"].by("case", INTERVAL).items():
-        findings |= of_missions(key, missions)
+        findings |= mission_findings(key, missions)
         if missions.where(arm="ekf").rows:
-            findings |= of_plain_filter(key, missions)
+            findings |= plain_filter_findings(key, missions)
     # the bound is that of the sensors, which stay as they are
-    smallest = {
+    bound_of_route = {
         row["scenario"]: row["bound"]
         for row in parts["cases"].where(case="G1", **{INTERVAL: 5.0}).rows
     }
     sigma = parts["sigma"]
     parts["sigma"] = sigma._replace(
-        rows=[row | {"bound": smallest[row["scenario"]]} for row in sigma.rows]
+        rows=[row | {"bound": bound_of_route[row["scenario"]]} for row in sigma.rows]
     )
-    for study_part, name in (
+    for part, name in (
         ("sea", "case"),
         ("wrong", "case"),
         ("offset", "leader.middle_offset_m"),
         ("sigma", "case"),
     ):
-        for key, missions in parts[study_part].by(name).items():
-            findings |= of_missions(f"{study_part} {key}", missions)
-    findings |= of_clocks(parts["clock"])
+        for key, missions in parts[part].by(name).items():
+            findings |= mission_findings(f"{part} {key}", missions)
+    findings |= clock_findings(parts["clock"])
     for key, mission in parts["weave"].by("case", "scenario").items():
         (rms,) = _rms(mission.where(arm="tight")).tolist()
         row, *_ = mission.rows
         findings[f"rms {key}"] = plain(rms, "RMS E_P with two transmitters", "m")
         findings[f"rms-bound {key}"] = plain(row["bound"], "its bound", "m")
     for key, mission in parts["locks"].by("case", "scenario").items():
-        findings |= of_mirror_locks(key, mission)
+        findings |= mirror_lock_findings(key, mission)
     return findings

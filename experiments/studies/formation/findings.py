@@ -181,7 +181,7 @@ def weave_findings() -> dict[str, Finding]:
     return findings
 
 
-def of_condition(name: str, followers: Cells) -> dict[str, Finding]:
+def condition_findings(name: str, followers: Cells) -> dict[str, Finding]:
     """Findings of one condition, from a cell for each follower; intervals are over runs."""
     column = followers.runs
     rms = column("station_rms_m")
@@ -232,5 +232,5 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
         "runs": plain(max(len(lists["run"]) for lists in cells.lists), "runs of most conditions")
     }
     for name, followers in cells.by("arm").items():
-        findings |= of_condition(name, followers)
+        findings |= condition_findings(name, followers)
     return findings | weave_findings()

@@ -119,7 +119,7 @@ def step_times_us(duration_s: float = 120.0, repeats: int = 3) -> dict[str, floa
     return times
 
 
-def of_arm(name: str, routes: Cells) -> Iterator[tuple[str, Finding]]:
+def arm_findings(name: str, routes: Cells) -> Iterator[tuple[str, Finding]]:
     """Mean error, 95th percentile, NEES, mirror-locked and lost shares of an arm on the routes."""
     yield (
         f"error {name}",
@@ -265,7 +265,7 @@ def findings_of_rows(
     filter steps [µs].
     """
     findings = {
-        name: finding for arm, runs in routes.items() for name, finding in of_arm(arm, runs)
+        name: finding for arm, runs in routes.items() for name, finding in arm_findings(arm, runs)
     }
     for more in (
         compared(routes),

@@ -81,7 +81,7 @@ def together(*missions: Cells) -> Cells:
 def test_missions_together_are_means_medians_and_extremes_of_theirs() -> None:
     first = of_hand("T2", 0.2, 1.0, 0, 5), of_hand("T3", 0.4, 1.0, 3, 6)
     flown = together(*first, of_hand("T4", 0.9, 1.5, 0, 1))
-    named = findings.of_missions("G", flown)
+    named = findings.mission_findings("G", flown)
     values = {key.removesuffix(" G"): finding.value for key, finding in named.items()}
     assert values == pytest.approx(
         {
@@ -111,7 +111,7 @@ def test_missions_together_are_means_medians_and_extremes_of_theirs() -> None:
     assert (limits.low, limits.high) == pytest.approx((exact.low, exact.high), rel=1e-5)
     assert named["mirror-locked-runs G"].what == "runs locked on the mirror image of 60"
     assert findings.median_ratio(together(*first)).value == pytest.approx(0.3)
-    wrong = findings.of_missions(
+    wrong = findings.mission_findings(
         "G", flown._replace(rows=[row | {"bound": None} for row in flown.rows])
     )
     assert {"bound G", "bound-worst G", "least G"} == named.keys() - wrong.keys()
@@ -119,7 +119,9 @@ def test_missions_together_are_means_medians_and_extremes_of_theirs() -> None:
 
 def test_a_plain_filter_is_held_against_the_tightly_coupled_navigator_route_by_route() -> None:
     flown = together(of_hand("T2", 0.5, 1.0, runs=25), of_hand("T5", 1.5, 1.0, runs=25))
-    values = {key: finding.value for key, finding in findings.of_plain_filter("G", flown).items()}
+    values = {
+        key: finding.value for key, finding in findings.plain_filter_findings("G", flown).items()
+    }
     assert values == pytest.approx(
         {
             "ekf G": 2.0,
@@ -144,7 +146,7 @@ def test_what_a_clock_costs_is_the_ratio_of_the_same_runs_in_each_part_of_the_mi
             steps = {"time_s": time, "e_p_mean_m": 0.3 * ratio, "bound_m": 0.1 * ratio**2}
             one = of_hand(route, 1.0, 1.0, case=case).where(arm="tight")
             flown.append(one._replace(steps=[steps]))
-    found = findings.of_clocks(together(*flown))
+    found = findings.clock_findings(together(*flown))
     for name, value in (
         ("clock before", 2.0),
         ("clock after", 1.4),
