@@ -753,6 +753,16 @@ def in_lanes(arrays: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any]:
     return out
 
 
+def whole_numbers(record: npt.NDArray[Any] | np.void) -> bytes:
+    """All that is no float of a record, or of an array of numbers or records: what the lanes of
+    `in_lanes` share.
+    """
+    array = np.asarray(record)
+    if array.dtype.names is None:
+        return b"" if array.dtype.kind == "f" else array.tobytes()
+    return b"".join(whole_numbers(array[name]) for name in array.dtype.names)
+
+
 def of_lane(values: Floats, i: int) -> Floats:
     """The numbers of one lane."""
     return np.ascontiguousarray(values[..., i])

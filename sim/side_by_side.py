@@ -1,6 +1,6 @@
 """Missions side by side: up to eight whose motion depends on no noise, each in a lane of its own.
 
-The physics is that of `sim.vehicle.plant.advance`, the control that of
+The physics is that of `sim.vehicle.stepping.advance`, the control that of
 `sim.simulation.steer_vehicle`, both compiled for lanes (`laisn.simd`). A mission moves in a lane as
 it does alone with the solver "direct", to the bit, whatever flies beside it.
 """
@@ -11,8 +11,8 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from laisn.arrays import Bools, Floats, Ints, Records
-from laisn.compiled import compiled, method_by_type
+from laisn.arrays import Bools, Floats, Records
+from laisn.compiled import compiled
 from laisn.errors import LaisnError
 from laisn.simd import LANES, in_lanes, lanes_of
 from sim.scenario.parts import MotionSettings
@@ -26,183 +26,50 @@ from sim.simulation import (
     steer_vehicle,
 )
 from sim.trajectory import StateHistory, Trajectory
-from sim.vehicle.effector_kinds import BUILT_IN
-from sim.vehicle.effectors import Fitted, Kinds
-from sim.vehicle.plant import OK, Fault, StepHandles, advance
-from sim.vehicle.solvers import DirectSolver, Room
-from sim.water.currents import ShearedCurrent
-from sim.water.densities import UniformDensity
+from sim.vehicle.effectors import Kinds
+from sim.vehicle.lanes import LaneMotion, handles_of_lanes, lane_motion_of, suits_lanes
+from sim.vehicle.stepping import OK, Fault, StepHandles, advance
 from sim.water.environment import Environment, flow, sea_at
-from sim.water.waves import CalmSurface, LaneWaves, WaveTrain
 
 FEW = 2  # missions that move faster one after the other
 
-method_by_type("surface_of_lanes")
-
-
-class CalmMemory(NamedTuple):
-    """A surface without waves in all lanes."""
-
-    highest: float = 0.0
-
-    @compiled
-    def surface_of_lanes(self) -> CalmSurface:
-        """The surface of all missions."""
-        return CalmSurface(self.highest)
-
-
-class WaveMemory(NamedTuple):
-    """Waves of each mission, the lanes along the last axis."""
-
-    components: Floats  # as of `WaveTrain`, shape (11, n, LANES)
-    floor_depth: Floats  # [m], shape (1, LANES), as the next
-    highest: Floats  # [m]
-    room: Floats  # for orbits, shape (4, n, LANES)
-
-    @compiled
-    def surface_of_lanes(self) -> LaneWaves:
-        """The surface of all missions."""
-        return LaneWaves(
-            lanes_of(self.components),
-            lanes_of(self.floor_depth)[0],
-            lanes_of(self.highest)[0],
-            lanes_of(self.room),
-        )
-
-
-def _waves_in_lanes(trains: Sequence[WaveTrain]) -> CalmMemory | WaveMemory:
-    """Waves side by side; ValueError if they differ in the number of their components."""
-    components = in_lanes([train.components for train in trains])
-    n = components.shape[1]
-    if n == 0:
-        return CalmMemory()
-    return WaveMemory(
-        components=components,
-        floor_depth=in_lanes([np.array([train.floor_depth]) for train in trains]),
-        highest=in_lanes([np.array([train.highest]) for train in trains]),
-        room=np.empty((4, n, LANES)),
-    )
-
 
 class LaneMemory(NamedTuple):
-    """States and parameters of v vehicles of each mission, the lanes along the last axis; records
-    are of lanes.
+    """Motion and control of v vehicles of each mission, the lanes along the last axis; records are
+    of lanes.
     """
 
-    pose: Floats  # as of `Plant`, shape (v, 7, LANES), as are the next by their sizes
-    twist: Floats
-    states: Floats  # of the effectors
-    acceleration: Floats
-    solved: Floats
-    last_pose: Floats  # valid ones
-    last_twist: Floats
+    motion: LaneMotion
     water: Floats  # velocity of the water at the vehicles, shape (v, 3, LANES), [m/s]
-    command: Floats
     reference: Records  # as of `RouteControl`, shape (n, v), as are the next three, shape (v,)
     autopilots: Records
     guidance: Records
     autopilot: Records
-    response: Floats
-    coefficients: Records
-    effectors: Records
-    bodies: Records
-    lower: Floats  # room of the solver, shapes (6, 6, LANES) and (6, LANES)
-    load: Floats
-    surface: Floats  # current at the surface, and its change with z, shape (2, LANES)
-    shear: Floats
-    change: Floats  # of the current, the same in all lanes
-    waves: CalmMemory | WaveMemory
-    clock: Floats
-    warnings: Ints
     outside: Bools  # as of `RouteControl`: none is
 
 
-def _memory_of(missions: Sequence[Mission], currents: Sequence[ShearedCurrent]) -> LaneMemory:
+def _memory_of(missions: Sequence[Mission]) -> LaneMemory:
     """States of missions whose plants are not settled, side by side; ValueError if they differ in
     more than numbers.
     """
-    plants = [mission.plant for mission in missions]
+    motion = lane_motion_of([mission.plant.handles_alone for mission in missions])
     routes = [mission.routes for mission in missions]
-    v, m = plants[0].thrust.shape
-    change = currents[0].change
-    if any(not np.array_equal(current.change, change) for current in currents):
-        raise ValueError("currents change otherwise")
-
-    def numbers(rows: int, columns: int) -> Floats:
-        return np.zeros((rows, columns, LANES))
-
+    v = len(motion.pose)
     return LaneMemory(
-        pose=in_lanes([plant.pose for plant in plants]),
-        twist=in_lanes([plant.twist for plant in plants]),
-        states=numbers(v, m),
-        acceleration=numbers(v, 6),
-        solved=numbers(v, 6),
-        last_pose=numbers(v, 7),
-        last_twist=numbers(v, 6),
-        water=numbers(v, 3),
-        command=numbers(v, m),
+        motion=motion,
+        water=np.zeros((v, 3, LANES)),
         reference=in_lanes([each.reference for each in routes]),
         autopilots=in_lanes([each.autopilots for each in routes]),
         guidance=in_lanes([each.guidance for each in routes]),
         autopilot=in_lanes([each.autopilot for each in routes]),
-        response=in_lanes([plant.response for plant in plants]),
-        coefficients=in_lanes([plant.true_coefficients for plant in plants]),
-        effectors=in_lanes([plant.true_effectors for plant in plants]),
-        bodies=in_lanes([plant.bodies for plant in plants]),
-        lower=numbers(6, 6),
-        load=np.zeros((6, LANES)),
-        surface=in_lanes([np.array(current.surface) for current in currents]),
-        shear=in_lanes([np.array(current.shear) for current in currents]),
-        change=change,
-        waves=_waves_in_lanes([plant.ocean.environment.waves for plant in plants]),
-        clock=np.array([0.0, plants[0].dt]),
-        warnings=np.zeros(0, dtype=np.int64),
         outside=np.zeros(v, dtype=np.bool_),
-    )
-
-
-@compiled
-def _handles_of(memory: LaneMemory, kinds: Kinds) -> StepHandles:
-    """What `advance` works on, in lanes."""
-    pose = lanes_of(memory.pose)
-    twist = lanes_of(memory.twist)
-    acceleration = lanes_of(memory.acceleration)
-    surface = lanes_of(memory.surface)
-    shear = lanes_of(memory.shear)
-    solver = DirectSolver(
-        lanes_of(memory.bodies),
-        pose,
-        twist,
-        acceleration,
-        lanes_of(memory.solved),
-        Room(lanes_of(memory.lower), lanes_of(memory.load)),
-        memory.clock[1],
-    )
-    current = ShearedCurrent((surface[0], surface[1]), (shear[0], shear[1]), memory.change)
-    environment = Environment(
-        current, memory.waves.surface_of_lanes(), 0.0, 0.0, UniformDensity(0.0)
-    )
-    fitted = Fitted(kinds, lanes_of(memory.effectors), lanes_of(memory.states))
-    return StepHandles(
-        memory.clock,
-        pose,
-        twist,
-        acceleration,
-        lanes_of(memory.response),
-        lanes_of(memory.last_pose),
-        lanes_of(memory.last_twist),
-        memory.warnings,
-        lanes_of(memory.coefficients),
-        environment,
-        solver,
-        fitted,
     )
 
 
 @compiled
 def _record_water(k: int, memory: LaneMemory, environment: Environment) -> None:
     """Find the water at all vehicles at instant k."""
-    pose = lanes_of(memory.pose)
+    pose = lanes_of(memory.motion.pose)
     out = lanes_of(memory.water)
     sea = sea_at(environment, k * TICK)
     for i in range(pose.shape[0]):
@@ -231,13 +98,13 @@ def _copy_all(source: Floats, target: Floats) -> None:
 @compiled
 def _settle(memory: LaneMemory, handles: StepHandles) -> Fault:
     """Take the accelerations of the start, as `Plant` does for its own."""
-    pose = memory.pose.copy()
-    twist = memory.twist.copy()
-    fault = advance(handles, lanes_of(memory.command), 1)
-    _copy_all(pose, memory.pose)
-    _copy_all(twist, memory.twist)
-    _copy_all(np.zeros(memory.states.shape), memory.states)
-    memory.clock[0] = 0.0
+    pose = memory.motion.pose.copy()
+    twist = memory.motion.twist.copy()
+    fault = advance(handles, lanes_of(memory.motion.command), 1)
+    _copy_all(pose, memory.motion.pose)
+    _copy_all(twist, memory.motion.twist)
+    _copy_all(np.zeros(memory.motion.states.shape), memory.motion.states)
+    memory.motion.clock[0] = 0.0
     return fault
 
 
@@ -250,7 +117,7 @@ def _routes_of(memory: LaneMemory, kinds: Kinds) -> RouteControl:
         lanes_of(memory.autopilots),
         lanes_of(memory.guidance),
         lanes_of(memory.autopilot),
-        lanes_of(memory.command),
+        lanes_of(memory.motion.command),
         memory.outside,
     )
 
@@ -258,8 +125,8 @@ def _routes_of(memory: LaneMemory, kinds: Kinds) -> RouteControl:
 @compiled
 def _steer(k: int, memory: LaneMemory, routes: RouteControl) -> None:
     """Find the commands of all vehicles from instant k on."""
-    poses = lanes_of(memory.pose)
-    twists = lanes_of(memory.twist)
+    poses = lanes_of(memory.motion.pose)
+    twists = lanes_of(memory.motion.twist)
     water = lanes_of(memory.water)
     for i in range(poses.shape[0]):
         p = poses[i]
@@ -281,7 +148,7 @@ def _fly(
     truths: tuple[StateHistory, ...],
 ) -> Fault:
     """Fly missions to their end; what ended that."""
-    handles = _handles_of(memory, kinds)
+    handles = handles_of_lanes(memory.motion, kinds)
     fault = _settle(memory, handles)
     if fault[0] != OK:
         return fault
@@ -294,10 +161,10 @@ def _fly(
         _record_water(k, memory, handles.environment)
         for lane in range(used):
             truth = truths[lane]
-            _copy_lane(memory.pose, lane, truth.pose[k])
-            _copy_lane(memory.twist, lane, truth.twist[k])
+            _copy_lane(memory.motion.pose, lane, truth.pose[k])
+            _copy_lane(memory.motion.twist, lane, truth.twist[k])
             _copy_lane(memory.water, lane, truth.water[k])
-            _copy_lane(memory.states, lane, truth.thrust[k])
+            _copy_lane(memory.motion.states, lane, truth.thrust[k])
         _steer(k, memory, routes)
     return OK, -1
 
@@ -307,24 +174,15 @@ def fly_group(missions: Sequence[Mission]) -> bool:
     if they differ in more than numbers, or one of them diverges.
     """
     plants = [mission.plant for mission in missions]
-    seas = [plant.ocean.environment for plant in plants]
-    currents = [sea.current for sea in seas]
-    if not all(
-        isinstance(sea.current, ShearedCurrent) and isinstance(sea.water, UniformDensity)
-        for sea in seas
-    ):
+    if not all(suits_lanes(plant.handles_alone) for plant in plants):
         return False
     try:
-        memory = _memory_of(missions, currents)
+        memory = _memory_of(missions)
     except ValueError:
         return False
     shapes = {mission.truth.pose.shape for mission in missions}
     controllers = {type(mission.controller) for mission in missions}
-    steps = {plant.dt for plant in plants}
-    if len(shapes) > 1 or controllers != {RouteControl} or len(steps) > 1:
-        return False
-    # kinds of the user's own are written for numbers
-    if any(plant.kinds != BUILT_IN for plant in plants):
+    if len(shapes) > 1 or controllers != {RouteControl}:
         return False
     padded = [*missions, *[missions[0]] * (LANES - len(missions))]
     fault = _fly(

@@ -46,7 +46,9 @@ from sim.scenario.settings import CONTROL_STEP_S, Leader, Scenario
 from sim.tracking import MissionBounds, bounds_of, contacts, first_departure, first_touch
 from sim.trajectory import OF_VEHICLES, StateHistory, Trajectory
 from sim.vehicle.effectors import Kinds, kinds_of, states_are_thrust
-from sim.vehicle.plant import OK, Fault, Plant, PlantError, PlantState, StepHandles, advance
+from sim.vehicle.lanes import FleetHandles
+from sim.vehicle.plant import Plant, PlantError, PlantState
+from sim.vehicle.stepping import OK, Fault, StepHandles
 from sim.water.assembly import ocean_of
 from sim.water.environment import Environment, water_velocity
 
@@ -217,7 +219,7 @@ def take_over(k: int, truth: StateHistory, i: int, routes: RouteControl) -> None
 class LoopState(NamedTuple):
     """All that the loop of a mission works on."""
 
-    handles: StepHandles  # of the plant
+    handles: StepHandles | FleetHandles  # of the plant
     state: PlantState  # its own
     environment: Environment
     controller: Controller
@@ -235,7 +237,7 @@ def _simulate(first: int, last: int, run: LoopState) -> tuple[int, Fault]:
     """
     for k in range(first, last + 1):
         if k > 0:
-            fault = advance(run.handles, run.command, run.substeps)
+            fault = run.handles.run_steps(run.command, run.substeps)
             if fault[0] != OK:
                 return k - 1, fault
         record_state(k, run.state, run.environment, run.truth)

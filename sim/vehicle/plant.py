@@ -5,46 +5,39 @@ A physics step is compiled code, which calls MuJoCo's C functions by their addre
 of the `mujoco` package, with the water's forces in their middle; from Python a call costs more than
 its work on two hulls. `sim.vehicle.solvers` has these calls, and the solver in their place.
 
-Semi-implicit Euler is a leapfrog: its velocities belong to the middles of the steps.
-Forces need those of the instant, half a step later, to which the acceleration of the step before
-brings them: for the velocities the rule of Adams and Bashforth, v += dt (3 a - a_before) / 2, at no
-further evaluation of a force.
+A step itself is in `sim.vehicle.stepping`. With the solver "direct" vehicles that differ in numbers
+alone move side by side (`sim.vehicle.lanes`).
 """
 
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from laisn.arrays import Floats, Ints, Records
-from laisn.compiled import compiled, copy_values
+from laisn.arrays import Floats, Ints
 from laisn.errors import LaisnError
 from laisn.plugins import plugins_version
 from sim import attitude
-from sim.vehicle import effectors, hydrodynamics, mjcf
+from sim.vehicle import effectors, mjcf
 from sim.vehicle.effectors import Fitted
+from sim.vehicle.lanes import FleetHandles, fleet_handles
 from sim.vehicle.mjcf import VehicleIds, VehicleSetup, compose, resolve, text_of
 from sim.vehicle.mujoco_calls import NO_CONTACT, NO_FORCES, calls_of
 from sim.vehicle.solvers import DirectSolver, Engine, MujocoSolver, Room, bodies_of
-from sim.water.environment import Environment
+from sim.vehicle.stepping import (
+    MUJOCO_WARNING,
+    NONFINITE_COMMAND,
+    OK,
+    Fault,
+    StepHandles,
+    run_steps,
+)
 from sim.water.ocean import Ocean
-
-# what ended a step, one of FINE … WARNED, and the index of the vehicle, or of MuJoCo's warning
-Fault = tuple[int, int]
-OK, DIVERGED, NONFINITE_COMMAND, MUJOCO_WARNING = range(4)
-
-
-@compiled
-def _shift(twist: Floats, acceleration: Floats, time: float) -> None:
-    """Take velocities to another instant, by the acceleration of the last step."""
-    for i in range(twist.shape[0]):
-        for j in range(6):
-            twist[i, j] += time * acceleration[i, j]
 
 
 class PlantState(NamedTuple):
@@ -54,69 +47,6 @@ class PlantState(NamedTuple):
     # velocity in the world [m/s] and angular velocity in the body [rad/s], shape (v, 6)
     twist: Floats
     thrust: Floats  # states of the effectors, shape (v, m)
-
-
-class StepHandles(NamedTuple):
-    """What a step works on: the state, and all that loads and moves the hulls."""
-
-    clock: Floats  # time and physics step [s], shape (2,)
-    pose: Floats  # as of `PlantState`, in MuJoCo's memory, as the next, or in that of lanes
-    twist: Floats
-    acceleration: Floats  # of `twist`, shape (v, 6)
-    response: Floats  # share of the way to its command that an effector goes in a step, (v, m)
-    last_pose: Floats  # the last ones that were valid
-    last_twist: Floats
-    warnings: Ints  # how often MuJoCo has warned, by the kind of warning
-    coefficients: Records  # of the hulls, as of `Plant`
-    environment: Environment
-    solver: Any  # as `sim.vehicle.solvers.MujocoSolver`
-    fitted: Fitted
-
-
-@compiled
-def advance(handles: StepHandles, command: Floats, n_substeps: int) -> Fault:
-    """Advance a plant as `Plant.step` does, by its `step_handles`, after `set_clock`.
-
-    Returns the argument of `Plant.finish_step`, to be called from Python.
-    """
-    h = handles
-    pose = h.pose
-    twist = h.twist
-    acceleration = h.acceleration
-    clock = h.clock
-    half_step = 0.5 * clock[1]
-    bad = hydrodynamics.first_row_exceeding(command, np.inf)
-    if bad >= 0:
-        return NONFINITE_COMMAND, bad
-    _shift(twist, acceleration, -half_step)
-    for _ in range(n_substeps):
-        h.solver.begin_solving()
-        # forces are those of the instant, velocities those of the middle of the last step
-        _shift(twist, acceleration, half_step)
-        fault = hydrodynamics.apply_water_forces(
-            h.coefficients, pose, twist, clock[0], h.environment, h.solver, h.fitted
-        )
-        if fault >= 0:
-            return DIVERGED, fault
-        h.solver.end_forces()
-        _shift(twist, acceleration, -half_step)
-        h.solver.move_bodies()
-        effectors.update_states(h.fitted, command, h.response, clock[1])
-        clock[0] += clock[1]
-    _shift(twist, acceleration, half_step)
-    fault = max(
-        hydrodynamics.first_row_exceeding(pose, np.inf),
-        hydrodynamics.first_row_exceeding(twist, hydrodynamics.DIVERGED),
-    )
-    if fault >= 0:
-        return DIVERGED, fault
-    for i in range(h.warnings.size):
-        if h.warnings[i] > 0:
-            return MUJOCO_WARNING, i
-    for i in range(twist.shape[0]):
-        copy_values(pose[i], h.last_pose[i])
-        copy_values(twist[i], h.last_twist[i])
-    return OK, -1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -279,6 +209,7 @@ class Plant:
         self._acceleration[:] = 0.0
         start = data.qpos.copy(), data.qvel.copy()
         self._last_pose[:], self._last_twist[:] = self.pose, self.twist
+        self._handles = fleet_handles(self.handles_alone) if settled else self.handles_alone
         if not settled:
             return
         self.step(np.zeros(self.thrust.shape))
@@ -332,16 +263,21 @@ class Plant:
             raise ValueError(f"command has shape {command.shape}, expected {self.thrust.shape}")
         commands = np.ascontiguousarray(command, dtype=np.float64)
         self.set_clock()
-        fault = advance(self.step_handles(), commands, n_substeps)
+        fault = run_steps(self.step_handles(), commands, n_substeps)
         self.ocean.raise_custom_error()
         self.finish_step(fault)
 
     def set_clock(self) -> None:
-        """Let `advance` go on from the present time."""
+        """Let steps go on from the present time."""
         self._clock[0] = self.data.time
 
-    def step_handles(self) -> StepHandles:
-        """What `advance` works on."""
+    def step_handles(self) -> StepHandles | FleetHandles:
+        """What steps work on."""
+        return self._handles
+
+    @property
+    def handles_alone(self) -> StepHandles:
+        """The same where each vehicle moves after the other."""
         return StepHandles(
             clock=self._clock,
             pose=self.pose,
@@ -358,7 +294,7 @@ class Plant:
         )
 
     def finish_step(self, fault: Fault) -> None:
-        """Take over the time that `advance` has reached; PlantError if an error ended it."""
+        """Take over the time that steps have reached; PlantError if an error ended it."""
         self.data.time = self._clock[0]
         kind, vehicle = fault
         if kind == OK:

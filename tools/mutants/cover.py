@@ -49,9 +49,9 @@ def distances() -> dict[str, dict[str, int]]:
 def covering(file: str) -> list[str]:
     """The test files that cover a source, the one of its name and the nearest first.
 
-    They are those of its own folder, or else of its package, that import it themselves or by one
-    module more than the nearest of them does; where there are none, those of any folder that are as
-    near as any.
+    They are those of its own folder, or else of its package, that have its name, or import it
+    themselves or by one module more than the nearest of them does; where there are none, those of
+    any folder that are as near as any.
     """
     module = file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
     homes = Path(file).parent.name, import_graph.package_of(module).rpartition(".")[2]
@@ -66,8 +66,10 @@ def covering(file: str) -> list[str]:
     )
     contexts = next(filter(None, at_home), {})
     smallest = min((contexts or reach).values(), default=0)
-    nearest = {t: n for t, n in (contexts or reach).items() if n <= smallest + bool(contexts)}
-    return sorted(
-        nearest,
-        key=lambda test: (Path(test).stem != f"test_{Path(file).stem}", nearest[test], test),
-    )
+    name = f"test_{Path(file).stem}"
+    nearest = {
+        test: n
+        for test, n in (contexts or reach).items()
+        if n <= smallest + bool(contexts) or Path(test).stem == name
+    }
+    return sorted(nearest, key=lambda test: (Path(test).stem != name, nearest[test], test))

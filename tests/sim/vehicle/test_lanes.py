@@ -1,0 +1,119 @@
+"""Vehicles of one plant side by side: each moves as it does alone, to the bit."""
+
+import numpy as np
+import pytest
+
+from laisn.simd import LANES
+from sim.scenario.vehicles import Vehicle
+from sim.vehicle import lanes
+from sim.vehicle.lanes import FleetHandles
+from sim.vehicle.mjcf import VehicleSetup
+from sim.vehicle.plant import Plant, PlantError
+from sim.vehicle.solvers import Engine
+from sim.water.ocean import Ocean
+from sim.water.waves import Waves
+
+CALM = Ocean(current_speed_m_s=0.3, current_direction_rad=1.0, current_shear_1_s=0.01)
+MIXED = ("remus100", *["follower"] * 4, "leader", *["follower"] * 6, "remus100")
+"""Eleven hulls of thrusters in two rows, of which the second is not full, and two alone."""
+
+
+def rough_sea() -> Ocean:
+    waves = Waves.jonswap(np.random.default_rng(1), significant_height_m=0.5, peak_period_s=4.0)
+    return Ocean(current_speed_m_s=0.2, current_direction_rad=2.0, waves=waves)
+
+
+def fleet(models: tuple[str, ...] = MIXED, ocean: Ocean = CALM, engine: Engine = "direct") -> Plant:
+    """Hulls that differ in all that scenarios may scale, from the surface downwards."""
+    setups = [
+        VehicleSetup(
+            name=f"hull{i}",
+            model=model,
+            position_m=(20.0 * i, 5.0 * i, -0.1 - 2.0 * i),
+            heading_rad=0.4 * i,
+            speed_m_s=1.0,
+            settings=Vehicle.model_construct(
+                added_mass_scale=1.0 + 0.02 * i,
+                drag_scale=1.0 - 0.03 * i,
+                thrust_scale=1.0 + 0.01 * i,
+                excess_buoyancy_n=0.5 * i,
+            ),
+        )
+        for i, model in enumerate(models)
+    ]
+    return Plant(setups, ocean, 0.02, engine)
+
+
+def steer(plant: Plant, steps: int) -> None:
+    """Commands that change every five steps, as those of a mission."""
+    rng = np.random.default_rng(3)
+    limits = plant.effectors["limits"][..., 1]
+    for _ in range(steps):
+        plant.step(rng.uniform(-0.3, 0.6, limits.shape) * limits, 5)
+
+
+def both_ways(monkeypatch: pytest.MonkeyPatch, ocean: Ocean = CALM) -> tuple[Plant, Plant]:
+    """A fleet side by side, and the same one after the other."""
+    side_by_side = fleet(ocean=ocean)
+    monkeypatch.setattr(lanes, "FEW", LANES)
+    one_by_one = fleet(ocean=ocean)
+    assert isinstance(side_by_side.step_handles(), FleetHandles)
+    assert not isinstance(one_by_one.step_handles(), FleetHandles)
+    return side_by_side, one_by_one
+
+
+def require_same_state(one: Plant, other: Plant) -> None:
+    assert one.time == other.time
+    for name in ("pose", "twist", "thrust"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+
+
+def test_vehicles_that_differ_in_numbers_lie_in_rows() -> None:
+    handles = fleet().step_handles()
+    assert isinstance(handles, FleetHandles)
+    assert handles.vehicles.tolist() == [[1, 2, 3, 4, 5, 6, 7, 8], [9, 10, 11, 9, 9, 9, 9, 9]]
+    assert handles.rest.vehicles.tolist() == [0, 12]
+
+
+def test_few_vehicles_and_those_of_mujoco_move_alone() -> None:
+    for plant in (fleet(("leader", "follower")), fleet(engine="mujoco")):
+        assert not isinstance(plant.step_handles(), FleetHandles)
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("ocean", [CALM, rough_sea()], ids=["calm", "waves"])
+def test_vehicles_of_one_plant_move_as_each_does_alone(
+    ocean: Ocean, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    side_by_side, one_by_one = both_ways(monkeypatch, ocean)
+    for plant in (side_by_side, one_by_one):
+        steer(plant, 200)
+    require_same_state(side_by_side, one_by_one)
+
+
+def message_of_failed_step(plant: Plant, command: np.ndarray) -> str:
+    with pytest.raises(PlantError) as failure:
+        plant.step(command, 100)
+    return str(failure.value)
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("hull", [0, 3, 10])
+def test_what_fails_is_told_as_of_vehicles_alone(
+    hull: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A command that is no number, and a vehicle faster than any can be, in either row or none."""
+    plants = both_ways(monkeypatch)
+    for plant in plants:
+        steer(plant, 2)
+    command = np.zeros(plants[0].thrust.shape)
+    command[hull, 0] = np.nan
+    told = [message_of_failed_step(plant, command) for plant in plants]
+    assert told[0] == told[1]
+    assert told[0].startswith(f"t = 0.200 s: the command of hull{hull} is not finite")
+    for plant in plants:
+        plant.twist[hull, 3] = 900.0
+    told = [message_of_failed_step(plant, np.zeros(command.shape)) for plant in plants]
+    assert told[0] == told[1]
+    assert f"the state of hull{hull} is lost" in told[0]
+    require_same_state(*plants)
