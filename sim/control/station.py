@@ -397,8 +397,6 @@ _CHORDS = 6
 _MIN_ROOM = 0.05
 # share of a hull's greatest acceleration across its way that turning frames may ask for
 _SIDEWAYS = 0.3
-# a velocity that changes by a smaller share turns less than a hull
-_NEGLIGIBLE_CHANGE = float(np.sin(AGILITY * STEP))
 
 
 class Target(NamedTuple):
@@ -572,14 +570,17 @@ def rate_limited_velocity(
     reach = STEPS * step
     bend = turned_since(points, count, arc + (f.preview - reach) * over_ground)
     changes = over_ground * bend + abs(station.port * state.rate * state.rate) * reach
-    # on straight legs, headings nearby surely differ by less than a hull turns in a step; what is
-    # foreseen of a leader's plan is in no trail yet
-    if station.radius > 0.0 or not changes < _NEGLIGIBLE_CHANGE * speed:
+    steps = STEPS
+    # headings nearby surely differ by less than a hull turns in more steps than these, on straight
+    # legs in a single one; what is foreseen of a leader's plan is in no trail yet
+    if station.radius == 0.0 and changes < speed:
+        steps = min(int(np.arcsin(changes / speed) / (agility * step)), STEPS)
+    if steps > 0:
         required_heading = np.arctan2(east, north)
         upper = lower = required_heading
         for side in (-1.0, 1.0):
             neighbour_heading = required_heading
-            for j in range(1, STEPS + 1):
+            for j in range(1, steps + 1):
                 x, y = _through_water(
                     station, trail, arc, f.preview + side * j * step, current, state, foreseen
                 )
