@@ -87,7 +87,7 @@ def _borrowed(
     one.
     """
     if isinstance(kind, types.BaseTuple):
-        for i, member in enumerate(kind.types):
+        for i, member in enumerate(cast(Any, kind).types):
             borrowed = _borrowed(context, builder, member, builder.extract_value(values, i))
             values = builder.insert_value(values, borrowed, i)
         return values
@@ -134,8 +134,8 @@ def _emit_release(_: object, held: HeldType) -> Any:
 
 _store: Any = cast(Any, intrinsic(_emit_store))
 held_values: Any = cast(Any, intrinsic(_emit_load))
-"""The values that a `Held` holds, which must not outlive it: counting references to its arrays would
-take some 5 % of a mission. To be called from compiled code only.
+"""The values that a `Held` holds, which must not outlive it: counting references to its arrays
+would take some 5 % of a mission. To be called from compiled code only.
 """
 _release: Any = cast(Any, intrinsic(_emit_release))
 
