@@ -49,15 +49,15 @@ def run(
     missions: Sequence[Measurements], start: Floats, settings: NavigationSettings
 ) -> LaneEstimates:
     """Estimates of missions with the same steps of messages, from a known start."""
-    t, found = row.tuning(settings), []
+    t, actual = row.tuning(settings), []
     for first in range(0, len(missions), LANES):
         own, messages = lanes.stacked(missions[first : first + LANES])
         state, kinds = _run_block(own, missions[0].message_step, messages, start[None], t)
         made = 3 if settings.variant == "laisn-3-1" else 1
-        found.append((state.reshape(-1, 4, LANES), kinds[:, :made].astype(np.int64)))
+        actual.append((state.reshape(-1, 4, LANES), kinds[:, :made].astype(np.int64)))
     return LaneEstimates(
         *(
             np.concatenate(parts, axis=-1)[..., : len(missions)]
-            for parts in zip(*found, strict=True)
+            for parts in zip(*actual, strict=True)
         )
     )

@@ -212,12 +212,12 @@ def test_without_noise_the_errors_of_all_sensors_are_found() -> None:
     )
     measured, truth = round_trip(true, seconds=600)
     navigator = BeaconNavigator(settings, np.array([*truth[0], 0.0, 0.0]))
-    found = navigator.run(measured)
+    actual = navigator.run(measured)
     x = navigator._belief.state[0]
     assert x[SCALE] == pytest.approx(0.07, abs=1e-3)
     assert x[SPEED] == pytest.approx(0.02, abs=2e-3)
     assert x[GYRO] == pytest.approx(math.radians(0.3), abs=math.radians(0.01))
-    assert np.hypot(*(found.state[:, :2] - truth[1:]).T)[-1000:].max() < 0.05
+    assert np.hypot(*(actual.state[:, :2] - truth[1:]).T)[-1000:].max() < 0.05
 
 
 @pytest.mark.parametrize(
@@ -235,9 +235,9 @@ def test_range_variances_are_estimated_within_bounds(
     measured, truth = round_trip(Errors(noise=noise), seconds=900)
     navigator = BeaconNavigator(BeaconSettings(outlier_span=200.0), np.array([*truth[0], 0.0, 0.0]))
     navigator.run(measured)
-    found = np.sqrt(navigator._belief.variance)
-    assert found.min() >= least
-    assert found.max() <= most
+    actual = np.sqrt(navigator._belief.variance)
+    assert actual.min() >= least
+    assert actual.max() <= most
 
 
 @pytest.mark.parametrize("medium", MEDIA)
@@ -252,13 +252,13 @@ def test_the_covariance_is_consistent_where_its_assumptions_hold(medium: str) ->
             Errors.drawn(settings, seed), seconds=300, seed=seed, slip=settings.slip
         )
         start = truth[0] + settings.start_sigma * np.random.default_rng(seed).standard_normal(2)
-        found = BeaconNavigator(settings, np.array([*start, 0.0, 0.0])).run(measured)
-        off = found.state[::100, :2] - truth[1::100]
+        actual = BeaconNavigator(settings, np.array([*start, 0.0, 0.0])).run(measured)
+        off = actual.state[::100, :2] - truth[1::100]
         nees.append(
             np.mean(
                 [
                     e @ np.linalg.solve(p[:2, :2], e)
-                    for e, p in zip(off, found.covariance[::100], strict=True)
+                    for e, p in zip(off, actual.covariance[::100], strict=True)
                 ]
             )
         )
@@ -284,11 +284,11 @@ def test_an_unknown_start_is_found_though_its_first_ranges_are_wrong() -> None:
     ranges = measured.ranges.copy()
     ranges[:3] += np.array([[-35.0], [60.0], [-20.0]])
     navigator = BeaconNavigator(BeaconSettings(known_start=False), None)
-    found = navigator.run(replace(measured, ranges=ranges))
-    assert np.isnan(found.state[0]).all()
-    off = np.hypot(*(found.state[:, :2] - truth[1:]).T)
+    actual = navigator.run(replace(measured, ranges=ranges))
+    assert np.isnan(actual.state[0]).all()
+    off = np.hypot(*(actual.state[:, :2] - truth[1:]).T)
     assert off[600:].mean() < 0.5
-    assert np.all(found.fix_kind[:3] != FixKind.LOST)
+    assert np.all(actual.fix_kind[:3] != FixKind.LOST)
 
 
 def test_media_differ_in_what_their_evidence_may_be_compared_by() -> None:
@@ -313,8 +313,8 @@ def test_under_water_a_known_start_is_no_worse_than_none() -> None:
         place = truth[0] + settings.start_sigma * np.random.default_rng(seed).standard_normal(2)
         for known, errors in off.items():
             start = np.array([*place, 0.0, 0.0]) if known else None
-            found = BeaconNavigator(replace(settings, known_start=known), start).run(measured)
-            errors.append(float(np.hypot(*(found.state[600:, :2] - truth[601:]).T).mean()))
+            actual = BeaconNavigator(replace(settings, known_start=known), start).run(measured)
+            errors.append(float(np.hypot(*(actual.state[600:, :2] - truth[601:]).T).mean()))
     assert np.mean(off[True]) <= 1.02 * np.mean(off[False])
 
 
@@ -371,9 +371,9 @@ def test_echoes_are_left_out_and_a_vehicle_carried_away_is_found_again() -> None
     ranges = measured.ranges.copy()
     wrong = np.arange(5, 400, 10)
     ranges[wrong] += 12.0
-    found = BeaconNavigator(BeaconSettings(), start).run(replace(measured, ranges=ranges))
-    assert np.hypot(*(found.state[:, :2] - truth[1:]).T).mean() < 0.6
-    assert np.mean(found.fix_kind[wrong] == FixKind.GATED) > 0.95
+    actual = BeaconNavigator(BeaconSettings(), start).run(replace(measured, ranges=ranges))
+    assert np.hypot(*(actual.state[:, :2] - truth[1:]).T).mean() < 0.6
+    assert np.mean(actual.fix_kind[wrong] == FixKind.GATED) > 0.95
     # it is lifted at 200 s and set down 70 m away, without odometry
     away = replace(
         measured,
@@ -381,8 +381,8 @@ def test_echoes_are_left_out_and_a_vehicle_carried_away_is_found_again() -> None
             [measured.ranges[:200], round_trip(Errors(), 400, shift=70.0)[0].ranges[200:]]
         ),
     )
-    found = BeaconNavigator(BeaconSettings(), start).run(away)
-    off = np.hypot(*(found.state[-500:, :2] - (truth[-500:] + np.array([70.0, 0.0]))).T)
+    actual = BeaconNavigator(BeaconSettings(), start).run(away)
+    off = np.hypot(*(actual.state[-500:, :2] - (truth[-500:] + np.array([70.0, 0.0]))).T)
     assert off.mean() < 1.0
 
 

@@ -227,10 +227,10 @@ def test_settings_of_media_are_those_of_the_documents() -> None:
         for medium, column in zip(("air", "water"), columns, strict=True):
             for key, value in zip(re.findall(r"`(\w+)`", keys), column.split(", "), strict=True):
                 expected = np.deg2rad(float(value)) if "_deg" in key else float(value)
-                found = getattr(
+                actual = getattr(
                     MEDIA[medium], re.sub(r"_(m|m_s|m_sqrt_s|deg|deg_s|deg_sqrt_s)$", "", key)
                 )
-                assert found == pytest.approx(expected), key
+                assert actual == pytest.approx(expected), key
                 counted += 1
     # those of all navigators, and the start
     others = {item.name for item in fields(Settings)} | {"known_start"}

@@ -256,8 +256,8 @@ def test_the_recursion_is_least_squares_of_the_whole_mission(
         arms=arms[:, :transmitters],
     )
     noise = replace(EVERYTHING, **dict.fromkeys(known, 0.0))
-    found = position_bound(geometry, noise, averaged=False)
-    np.testing.assert_allclose(found, batch(geometry, noise), rtol=1e-6, atol=1e-9)
+    actual = position_bound(geometry, noise, averaged=False)
+    np.testing.assert_allclose(actual, batch(geometry, noise), rtol=1e-6, atol=1e-9)
 
 
 def test_the_average_is_over_the_positions_that_the_bound_itself_allows() -> None:
@@ -378,7 +378,7 @@ def test_smoothing_is_least_squares_over_all_messages_that_come_in_time(lag: flo
     n, every, q, r, bias, start = 24, 4, 0.02**2, 0.5**2, 0.3, 0.4
     arms = np.array([[0.0, 1e7, 0.0]])
     noise = replace(KNOWN, speed_sigma=0.2, range_sigma=0.5, speed_bias=bias, start=start)
-    found = position_bound(at_rest(n, (0.0, 0.0), arms, every), noise, averaged=False, lag=lag)[
+    actual = position_bound(at_rest(n, (0.0, 0.0), arms, every), noise, averaged=False, lag=lag)[
         :, 1, 1
     ]
     for step in range(1, n + 1):
@@ -389,7 +389,7 @@ def test_smoothing_is_least_squares_over_all_messages_that_come_in_time(lag: flo
             row[[k - 1, k, -1]] = -1.0, 1.0, 0.1
             joint += np.outer(row, row) / q
             joint[k, k] += (k % every == 0 and k <= step + round(10 * lag)) / r
-        assert found[step - 1] == pytest.approx(np.linalg.inv(joint)[step, step], rel=1e-6)
+        assert actual[step - 1] == pytest.approx(np.linalg.inv(joint)[step, step], rel=1e-6)
 
 
 def test_information_on_the_current_grows_with_the_time_of_the_leader_track() -> None:

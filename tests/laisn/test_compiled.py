@@ -142,11 +142,11 @@ def test_compiled_modules_import_only_sources_that_name_the_folder() -> None:
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    found = compilation.find_folder()
-    assert found is not None
-    assert found.parent == tmp_path / "laisn-sim" / "compiled"
-    monkeypatch.setattr(compilation, "FOLDER", found)
-    return found
+    actual = compilation.find_folder()
+    assert actual is not None
+    assert actual.parent == tmp_path / "laisn-sim" / "compiled"
+    monkeypatch.setattr(compilation, "FOLDER", actual)
+    return actual
 
 
 def added() -> int:

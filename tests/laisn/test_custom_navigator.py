@@ -250,8 +250,8 @@ def test_its_errors_are_those_of_its_stream_and_are_lost_with_the_message() -> N
     assert 0 < received.sum() < at.size
     np.testing.assert_array_equal(np.isfinite(noisy.custom["bearing"][at, 0]), received)
     drawn = normals(1, 3, 16, np.arange(1, 201))[at[received]]
-    found = (noisy.custom["bearing"] - exact.custom["bearing"])[at[received]]
-    np.testing.assert_allclose(found, np.deg2rad(1.0) * drawn, rtol=0, atol=1e-12)
+    actual = (noisy.custom["bearing"] - exact.custom["bearing"])[at[received]]
+    np.testing.assert_allclose(actual, np.deg2rad(1.0) * drawn, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(noisy.speed, exact.speed)
 
 

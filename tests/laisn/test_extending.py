@@ -55,13 +55,13 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     assert set(blocks) == {"laisn/fix.py", "laisn/settings.py", "sim/vehicle/hydrodynamics.py"}
     drag = root / "sim" / "vehicle" / "hydrodynamics.py"
-    text, found = re.subn(
+    text, actual = re.subn(
         r"^@compiled\ndef damping\(.*?\n\n\n",
         lambda _: f"{blocks['sim/vehicle/hydrodynamics.py']}\n\n",
         drag.read_text(encoding="utf-8"),
         flags=re.DOTALL | re.MULTILINE,
     )
-    assert found == 1
+    assert actual == 1
     drag.write_text(text, encoding="utf-8")
     variants, settings = root / "laisn" / "fix.py", root / "laisn" / "settings.py"
     text, table, entry = (

@@ -62,8 +62,8 @@ def found_by(
     return SINGLE[variant](pair_fixes(circles, predicted, settings), Point(*predicted))  # type: ignore[index]
 
 
-def place(found: Fix) -> tuple[float, float]:
-    return found.east, found.north
+def place(fix: Fix) -> tuple[float, float]:
+    return fix.east, fix.north
 
 
 @given(x=st.floats(-90, 90), y=st.floats(1.0, 90), port=st.booleans())
@@ -77,18 +77,18 @@ def test_error_free_ranges_give_the_true_place(
     y = y if port else -y
     clear = all(pair.kind == FixKind.TWO_POINTS for pair in pair_fixes(exact(x, y), (x, y)))
     if variant in ("laisn-2", "laisn-main") or clear:
-        found = found_by(variant, exact(x, y), (x, y))
+        actual = found_by(variant, exact(x, y), (x, y))
         # conditioning: rounding of D² ~ 1e-12 m² over the half-chord of a small pair, a decimetre
         # at least
-        np.testing.assert_allclose(place(found), (x, y), atol=1e-7)
-        assert found.kind == (FixKind.FUSED if variant == "laisn-3-2" else FixKind.TWO_POINTS)
+        np.testing.assert_allclose(place(actual), (x, y), atol=1e-7)
+        assert actual.kind == (FixKind.FUSED if variant == "laisn-3-2" else FixKind.TWO_POINTS)
 
 
 def test_sigma_is_beta_over_separation() -> None:
-    found = found_by("laisn-2", exact(0.0, 20.0), (0.0, 19.0))
-    np.testing.assert_allclose(place(found), (0, 20), atol=1e-12)
-    assert found.sigma == pytest.approx(0.1 / 40)
-    assert found.kind == FixKind.TWO_POINTS
+    actual = found_by("laisn-2", exact(0.0, 20.0), (0.0, 19.0))
+    np.testing.assert_allclose(place(actual), (0, 20), atol=1e-12)
+    assert actual.sigma == pytest.approx(0.1 / 40)
+    assert actual.kind == FixKind.TWO_POINTS
 
 
 def test_the_nearer_intersection_is_taken() -> None:
@@ -97,20 +97,20 @@ def test_the_nearer_intersection_is_taken() -> None:
 
 def test_no_intersection_snaps_astern() -> None:
     """|D2 − D1| > L: the follower is put D1 behind P1."""
-    found = found_by("laisn-2", arrived(30.0, 32.5, 31.0), (-31.0, 2.0))
-    assert found == Fix(-31.0, 0.0, 0.0, FixKind.ASTERN, -1.0)
+    actual = found_by("laisn-2", arrived(30.0, 32.5, 31.0), (-31.0, 2.0))
+    assert actual == Fix(-31.0, 0.0, 0.0, FixKind.ASTERN, -1.0)
 
 
 def test_intersections_closer_than_t_snap_astern() -> None:
-    found = found_by("laisn-2", exact(-30.0, 0.04), (-30.0, 0.04))
-    assert found.kind == FixKind.ASTERN
-    np.testing.assert_allclose(place(found), (-1 - np.hypot(29, 0.04), 0))
+    actual = found_by("laisn-2", exact(-30.0, 0.04), (-30.0, 0.04))
+    assert actual.kind == FixKind.ASTERN
+    np.testing.assert_allclose(place(actual), (-1 - np.hypot(29, 0.04), 0))
     assert found_by("laisn-2", exact(-30.0, 0.06), (-30.0, 0.06)).kind == FixKind.TWO_POINTS
 
 
 def test_one_intersection_is_certain() -> None:
-    found = found_by("laisn-2", arrived(3.0, 5.0, 4.0), (-4.0, 1.0))
-    assert found == Fix(-4.0, 0.0, 0.0, FixKind.TANGENT, -1.0)
+    actual = found_by("laisn-2", arrived(3.0, 5.0, 4.0), (-4.0, 1.0))
+    assert actual == Fix(-4.0, 0.0, 0.0, FixKind.TANGENT, -1.0)
 
 
 def test_a_follower_ahead_is_snapped_behind_as_published_and_ahead_with_the_other_rule() -> None:
@@ -175,16 +175,16 @@ def test_laisn_3_2_weighs_pairs_by_their_certainty() -> None:
     expected = (weights[0] * np.array(place(main)) + weights[1] * np.array(place(last))) / sum(
         weights
     )
-    found = found_by("laisn-3-2", circles, predicted)
-    np.testing.assert_allclose(place(found), expected)
-    assert found.sigma == pytest.approx((main.sigma + last.sigma) / 3)
-    assert found.kind == FixKind.FUSED
+    actual = found_by("laisn-3-2", circles, predicted)
+    np.testing.assert_allclose(place(actual), expected)
+    assert actual.sigma == pytest.approx((main.sigma + last.sigma) / 3)
+    assert actual.kind == FixKind.FUSED
 
 
 @pytest.mark.parametrize("variant", ["laisn-3-2", "laisn-best", "laisn-main"])
 def test_three_transmitter_variants_snap_on_the_main_axis_if_no_pair_meets(variant: str) -> None:
-    found = found_by(variant, arrived(30.0, 33.0, 31.4), (-31.0, 1.0))
-    assert found == Fix(-31.0, 0.0, 0.0, FixKind.ASTERN, -1.0)
+    actual = found_by(variant, arrived(30.0, 33.0, 31.4), (-31.0, 1.0))
+    assert actual == Fix(-31.0, 0.0, 0.0, FixKind.ASTERN, -1.0)
 
 
 def test_best_baseline_takes_the_pair_with_the_widest_intersections() -> None:
@@ -261,8 +261,8 @@ def test_pitch_shifts_a_fix_abeam_by_dz_sin_phi(pitch_deg: float, error: float) 
     """laisn-2 with a level leader at Δz = 10 m, and none of it with the broadcast attitude."""
     pitch = np.deg2rad(pitch_deg)
     reception = _reception(pitch, 10.0, 0.0, 40.0)
-    found = found_by("laisn-2", to_circles(reception, 18.0, SETTINGS), (0.0, 40.0))
-    off = np.hypot(found.east, found.north - 40.0)
+    actual = found_by("laisn-2", to_circles(reception, 18.0, SETTINGS), (0.0, 40.0))
+    off = np.hypot(actual.east, actual.north - 40.0)
     assert off == pytest.approx(10.0 * np.sin(pitch), rel=0.02)
     assert off == pytest.approx(error, rel=0.02)
     aware = to_circles(reception, 18.0, NavigationSettings(use_attitude=True))

@@ -46,8 +46,8 @@ def meets(fix: Fix) -> bool:
     return fix.kind == FixKind.TANGENT or fix.separation >= 0.0
 
 
-def assert_is(found: Fix, expected: Fix) -> None:
-    np.testing.assert_array_equal(found, expected)
+def assert_is(actual: Fix, expected: Fix) -> None:
+    np.testing.assert_array_equal(actual, expected)
 
 
 def check(three: list[tuple[FixKind, float, float]]) -> None:

@@ -153,9 +153,9 @@ def test_where_circles_of_beacons_miss_each_other_the_fix_lies_midway(
 ) -> None:
     """The paper's point dead astern, −40 m in the first case, would be 81 m off."""
     received = free(rear, front, np.nan)
-    found = received.fix(received.pairs()[0], Point(41.0, 1.0), Tuning.of(NavigationSettings()))
-    np.testing.assert_allclose((found.east, found.north), (east, 0.0), atol=1e-6)
-    assert found.kind == FixKind.ASTERN
+    actual = received.fix(received.pairs()[0], Point(41.0, 1.0), Tuning.of(NavigationSettings()))
+    np.testing.assert_allclose((actual.east, actual.north), (east, 0.0), atol=1e-6)
+    assert actual.kind == FixKind.ASTERN
 
 
 def test_one_range_moves_the_prediction_onto_its_circle_along_the_line_of_sight() -> None:

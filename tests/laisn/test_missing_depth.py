@@ -52,20 +52,20 @@ def with_depth(measured: Measurements, missing: slice, value: float) -> Measurem
 @pytest.mark.parametrize("name", NAMES)
 def test_a_missing_depth_is_the_last_one_that_was_read(name: str) -> None:
     navigator, measured = given(name)
-    found = navigator.run(with_depth(measured, MISSING, np.nan))
+    actual = navigator.run(with_depth(measured, MISSING, np.nan))
     expected = given(name)[0].run(with_depth(measured, MISSING, measured.depth[MISSING.start - 1]))
-    np.testing.assert_array_equal(found.state, expected.state)
-    np.testing.assert_array_equal(found.covariance, expected.covariance)
-    assert np.abs(found.state - given(name)[0].run(measured).state).max() > 1e-6
+    np.testing.assert_array_equal(actual.state, expected.state)
+    np.testing.assert_array_equal(actual.covariance, expected.covariance)
+    assert np.abs(actual.state - given(name)[0].run(measured).state).max() > 1e-6
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_no_range_is_used_before_the_first_depth(name: str) -> None:
     navigator, measured = given(name)
-    found = navigator.run(with_depth(measured, slice(0, 95), np.nan))
+    actual = navigator.run(with_depth(measured, slice(0, 95), np.nan))
     before = measured.message_step <= 95
-    assert np.all(found.fix_kind[before] == FixKind.LOST)
-    assert np.all(found.fix_kind[~before] != FixKind.LOST)
+    assert np.all(actual.fix_kind[before] == FixKind.LOST)
+    assert np.all(actual.fix_kind[~before] != FixKind.LOST)
 
 
 @pytest.mark.system

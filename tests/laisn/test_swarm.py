@@ -86,13 +86,13 @@ def measurements_of(steps: list[Step], follower: int) -> Measurements:
     )
 
 
-def require_equal(found: Estimates, expected: Estimates, tolerance: float) -> None:
+def require_equal(actual: Estimates, expected: Estimates, tolerance: float) -> None:
     """All arrays agree, where they hold numbers."""
-    assert type(found) is type(expected)
+    assert type(actual) is type(expected)
     for field in fields(expected):
         values = getattr(expected, field.name)
         np.testing.assert_allclose(
-            getattr(found, field.name), values, rtol=0, atol=tolerance, err_msg=field.name
+            getattr(actual, field.name), values, rtol=0, atol=tolerance, err_msg=field.name
         )
 
 
@@ -155,8 +155,8 @@ def test_a_swarm_of_lanes_is_so_many_navigators(variant: str) -> None:
         assert together.navigate(k, *tables(step), out, recorded) == 0
         for i, navigator in enumerate(alone):
             navigator.step(step[0][i], step[1][i])
-            found = [*out[i].position, *out[i].velocity]
-            np.testing.assert_allclose(found, navigator.state, rtol=0, atol=1e-9)
+            actual = [*out[i].position, *out[i].velocity]
+            np.testing.assert_allclose(actual, navigator.state, rtol=0, atol=1e-9)
     # LAISN estimates nothing else
     assert not any(
         out[name].any() for name in out.dtype.names if name not in ("position", "velocity")
@@ -197,8 +197,8 @@ def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(settings: Tigh
             for update in map(details, updates):
                 x = update.full_state
                 current = x[6:8] if settings.assume.current else np.zeros(2)
-                found = [out[i].log_bias, out[i].compass_bias, *out[i].current]
-                np.testing.assert_allclose(found, [x[2], x[3], *current], rtol=0, atol=1e-12)
+                actual = [out[i].log_bias, out[i].compass_bias, *out[i].current]
+                np.testing.assert_allclose(actual, [x[2], x[3], *current], rtol=0, atol=1e-12)
                 off = update.hypothesis - x[:2]
                 spread = update.hypothesis_covariance + off[:, :, None] * off[:, None, :]
                 largest = np.linalg.eigvalsh(np.einsum("h,hij->ij", update.weight, spread))[-1]
@@ -254,16 +254,16 @@ def test_navigators_that_python_calls_one_by_one_get_the_measurements_of_their_o
         new_lanes(settings, starts),
         SeparateNavigators(Navigator, settings, starts),
     )
-    expected, found = records(ESTIMATE, FOLLOWERS), records(ESTIMATE, FOLLOWERS)
+    expected, actual = records(ESTIMATE, FOLLOWERS), records(ESTIMATE, FOLLOWERS)
     recorded = new_record(steps)
     for k, step in enumerate(steps, start=1):
         assert (
             together.navigate(k, *tables(step), expected, new_record(steps))
-            == separate.navigate(k, *tables(step), found, recorded)
+            == separate.navigate(k, *tables(step), actual, recorded)
             == 0
         )
-        np.testing.assert_allclose(found.position, expected.position, rtol=0, atol=1e-9)
-        np.testing.assert_allclose(found.velocity, expected.velocity, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(actual.position, expected.position, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(actual.velocity, expected.velocity, rtol=0, atol=1e-9)
     for i in range(FOLLOWERS):
         expected_fixes = Navigator(settings, starts[i]).run(measurements_of(steps, i))
         require_equal(separate.estimates(recorded, i, range(len(steps))), expected_fixes, 0.0)

@@ -352,7 +352,7 @@ def test_keywords_replace_settings_of_a_study_key_by_key() -> None:
         "set": {"duration_s": 20},
         "vary": {"leader.baseline_m": [1, 2]},
     }
-    found = study_of(
+    actual = study_of(
         file,
         {
             "runs": None,
@@ -361,8 +361,8 @@ def test_keywords_replace_settings_of_a_study_key_by_key() -> None:
             "set": {"duration_s": 30},
         },
     )
-    assert (found.runs, dict(found.settings)) == (5, {"duration_s": 30})
-    assert [(f.key, f.values) for f in found.factors] == [
+    assert (actual.runs, dict(actual.settings)) == (5, {"duration_s": 30})
+    assert [(f.key, f.values) for f in actual.factors] == [
         ("leader.baseline_m", (1, 2)),
         ("followers.0.depth_m", (9,)),
     ]

@@ -36,18 +36,18 @@ CLOSED = {
 }
 
 
-def require_same_bits(found: FlightRecord, expected: FlightRecord) -> None:
+def require_same_bits(actual: FlightRecord, expected: FlightRecord) -> None:
     """All arrays of two flights are equal."""
-    parts = [(found.trajectory, expected.trajectory)]
-    parts += zip(found.measurements, expected.measurements, strict=True)
-    parts += zip(found.estimates, expected.estimates, strict=True)
+    parts = [(actual.trajectory, expected.trajectory)]
+    parts += zip(actual.measurements, expected.measurements, strict=True)
+    parts += zip(actual.estimates, expected.estimates, strict=True)
     for one, other in parts:
         assert type(one) is type(other)
         for field in fields(other):
             value = getattr(other, field.name)
             if isinstance(value, np.ndarray):
                 np.testing.assert_array_equal(getattr(one, field.name), value, field.name)
-    assert found.outcome is expected.outcome
+    assert actual.outcome is expected.outcome
 
 
 @pytest.mark.parametrize("table", [OPEN, CLOSED], ids=["open loop", "closed loop"])

@@ -152,7 +152,7 @@ def test_numbers_and_tables_are_filled_in_and_nothing_else_is_touched() -> None:
         "<!--= dive runs ,d -->1,165,696<!--/--> runs.\n"
         "<!-- a comment -->\n<!-- table one -->\n\n| a |\n\n<!-- /table -->\nThe end: 98 %.\n"
     )
-    tables = {"one": lambda found: f"| {'a' if found is RECORDS else 'b'} |\n"}
+    tables = {"one": lambda actual: f"| {'a' if actual is RECORDS else 'b'} |\n"}
     once = markers.filled(text, RECORDS, tables)
     assert once == expected
     assert markers.filled(once, RECORDS, tables) == once
@@ -238,8 +238,8 @@ def test_the_records_of_measurements_name_their_modules() -> None:
         assert markers.records()[name].modules
 
 
-def record(study: str, found: Mapping[str, Finding]) -> Findings:
-    return Findings(study=study, command="", modules=(), version="", findings=found)
+def record(study: str, findings: Mapping[str, Finding]) -> Findings:
+    return Findings(study=study, command="", modules=(), version="", findings=findings)
 
 
 class Everything(dict[str, Finding]):
@@ -253,8 +253,8 @@ class Everything(dict[str, Finding]):
 
 
 def test_tables_take_every_cell_from_its_finding() -> None:
-    found = {"ratio base laisn-2": Finding(value=0.912, low=0.5, high=1.249)}
-    table = ratios({"reproduce-physics": record("reproduce-physics", found)}).splitlines()
+    actual = {"ratio base laisn-2": Finding(value=0.912, low=0.5, high=1.249)}
+    table = ratios({"reproduce-physics": record("reproduce-physics", actual)}).splitlines()
     assert table[2] == "| Table 1: messages every 1 s | 0.91 (0.50 … 1.25) |  |"
     assert table[6] == "| Table 6: H_T = 0.2 m |  |  |"
 
@@ -283,16 +283,16 @@ def test_a_table_is_markdown() -> None:
 
 
 def test_the_record_of_hull_trials_has_the_published_figures() -> None:
-    found = read(markers.RECORDS / "hull-trials.json")
+    actual = read(markers.RECORDS / "hull-trials.json")
     for rpm, speed in PUBLISHED_SPEED.items():
-        assert found[f"speed {rpm}"].value == pytest.approx(speed, abs=1e-4)
-    assert (found["rise slowest"].value, found["rise quickest"].value) == pytest.approx(
+        assert actual[f"speed {rpm}"].value == pytest.approx(speed, abs=1e-4)
+    assert (actual["rise slowest"].value, actual["rise quickest"].value) == pytest.approx(
         (5.08, 2.06), abs=0.01
     )
-    assert (found["radius largest"].value, found["radius least"].value) == pytest.approx(
+    assert (actual["radius largest"].value, actual["radius least"].value) == pytest.approx(
         (45.7, 18.5), abs=0.05
     )
-    assert (found["pitch 1000"].value, found["pitch 1525"].value) == pytest.approx(
+    assert (actual["pitch 1000"].value, actual["pitch 1525"].value) == pytest.approx(
         (8.80, 20.86), abs=0.01
     )
-    assert found["righting"].value == pytest.approx(8.5907, rel=1e-4)
+    assert actual["righting"].value == pytest.approx(8.5907, rel=1e-4)

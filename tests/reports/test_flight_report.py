@@ -49,9 +49,9 @@ def test_errors_stand_above_one_another_each_on_its_own_axis():
     known axes.
     """
     flight = make_flight(20.0)
-    (found,) = flight.estimates
-    n = len(found.state)
-    state = found.state.copy()
+    (actual,) = flight.estimates
+    n = len(actual.state)
+    state = actual.state.copy()
     state[:, :2] = flight.hydrophone(0)[:, :2] + [3.0, 4.0]
     covariance = np.zeros((n, 4, 4))
     # variances 9 and 4 along axes turned by 30°
@@ -60,7 +60,7 @@ def test_errors_stand_above_one_another_each_on_its_own_axis():
     )
     covariance[:, :2, :2] = turn @ np.diag([9.0, 4.0]) @ turn.T
     known = dataclasses.replace(
-        flight, estimates=(dataclasses.replace(found, state=state, covariance=covariance),)
+        flight, estimates=(dataclasses.replace(actual, state=state, covariance=covariance),)
     )
     errors = (np.full(n, 5.0), np.full(n, np.pi / 18))
     position, bearing_error, bearing = flight_figures.error_parts(known, 0, errors, np.full(n, 0.5))
@@ -132,8 +132,8 @@ def test_pages_have_the_hues_of_the_film(colour, filmed):
 
 def flight_page(tmp_path, flight, name="report.html"):
     errors = []
-    for i, found in enumerate(flight.estimates):
-        away = found.state[:, :2] - flight.hydrophone(i)[:, :2]
+    for i, estimates in enumerate(flight.estimates):
+        away = estimates.state[:, :2] - flight.hydrophone(i)[:, :2]
         errors.append((np.hypot(*away.T), np.abs(away[:, 0]) / 20))
     figures_of = {
         "e_p_max_m": 1.0,

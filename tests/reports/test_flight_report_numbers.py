@@ -101,13 +101,13 @@ def test_a_page_lists_the_settings_of_its_flight(flight: FlightRecord) -> None:
 def test_a_capture_is_reported_with_its_share_of_the_mission(flight: FlightRecord) -> None:
     steps = flight.step_index()
     heading, leader = flight.trajectory.heading[steps, 0], flight.trajectory.position[steps, 0, :2]
-    truth, (found,) = flight.hydrophone(0)[:, :2], flight.estimates
+    truth, (actual,) = flight.hydrophone(0)[:, :2], flight.estimates
     starboard = np.column_stack([np.cos(heading), -np.sin(heading)])
     side = np.einsum("ni,ni->n", truth - leader, starboard)
-    state = found.state.copy()
+    state = actual.state.copy()
     # for 25 of 200 steps
     state[:, :2] = truth - np.where(np.arange(200) < 25, 2 * side, 0.0)[:, None] * starboard
-    caught = dataclasses.replace(flight, estimates=(dataclasses.replace(found, state=state),))
+    caught = dataclasses.replace(flight, estimates=(dataclasses.replace(actual, state=state),))
     assert mirror_locks(caught, ["follower"]) == {"follower": 12.5}
 
 
@@ -136,7 +136,7 @@ def test_causes_are_reported_in_centimetres_rms() -> None:
 
 def test_assumed_sensor_angles_are_reported_in_degrees(flight: FlightRecord) -> None:
     names = ("east_m", "north_m", "log_bias_m_s", "compass_bias_rad", "leader_compass_bias_rad")
-    found = object.__new__(TightEstimates)
+    actual = object.__new__(TightEstimates)
     facts: dict[str, Any] = {
         "names": names,
         "fix_step": np.array([1, 2]),
@@ -144,8 +144,8 @@ def test_assumed_sensor_angles_are_reported_in_degrees(flight: FlightRecord) -> 
         "full_sigma": np.array([[9.0] * 5, [0.1, 0.2, 0.03, np.deg2rad(0.5), 1.0]]),
     }
     for name, value in facts.items():
-        object.__setattr__(found, name, value)
-    known = dataclasses.replace(flight, estimates=(found,))
+        object.__setattr__(actual, name, value)
+    known = dataclasses.replace(flight, estimates=(actual,))
     states = final_states(known)
     assert [texts(row) for row in states_table(states).rows] == [
         ["log bias [m/s]", "0.30", "0.03"],
@@ -176,7 +176,7 @@ def test_every_colour_of_a_followers_curves_is_in_its_legend(flight: FlightRecor
 def test_weights_of_hypotheses_are_shown_where_there_ever_were_several(
     flight: FlightRecord, second: float, shown: bool
 ) -> None:
-    found = object.__new__(TightEstimates)
+    actual = object.__new__(TightEstimates)
     weight = np.array([[1.0, 0.0], [1.0 - second, second], [1.0, 0.0]])
     facts = {
         "fix_step": np.array([10, 20, 30]),
@@ -185,8 +185,8 @@ def test_weights_of_hypotheses_are_shown_where_there_ever_were_several(
         "hypothesis_covariance": np.zeros((3, 2, 2, 2)),
     }
     for name, value in facts.items():
-        object.__setattr__(found, name, value)
-    part = flight_figures.weights_part(dataclasses.replace(flight, estimates=(found,)), 0)
+        object.__setattr__(actual, name, value)
+    part = flight_figures.weights_part(dataclasses.replace(flight, estimates=(actual,)), 0)
     assert (part is not None) == shown
     if part is not None:
         for line, column in zip(lines(part), weight.T, strict=True):
@@ -199,7 +199,7 @@ def lines(part: Subplot) -> list[Floats]:
 
 
 def test_motion_ranges_and_tracks_are_drawn_as_flown(flight: FlightRecord) -> None:
-    truth, (found,), (received,) = flight.trajectory, flight.estimates, flight.measurements
+    truth, (actual,), (received,) = flight.trajectory, flight.estimates, flight.measurements
     expected = {
         "depth [m]": -truth.position[..., 2],
         "pitch [°]": np.rad2deg(truth.pitch),
@@ -219,7 +219,7 @@ def test_motion_ranges_and_tracks_are_drawn_as_flown(flight: FlightRecord) -> No
     leader, swum, estimated, *ends = lines(part)
     np.testing.assert_allclose(leader, truth.position[1:, 0, :2])
     np.testing.assert_allclose(swum, flight.hydrophone(0)[:, :2])
-    np.testing.assert_allclose(estimated, found.state[:, :2])
+    np.testing.assert_allclose(estimated, actual.state[:, :2])
     np.testing.assert_allclose(
         np.concatenate(ends), [truth.position[-1, 0, :2], flight.hydrophone(0)[-1, :2]]
     )
@@ -231,10 +231,10 @@ def test_marks_of_fixes_stand_at_their_times_in_the_row_of_their_kind(flight: Fl
     """Every fourth of twenty fixes, a second apart, is rejected; the first row is that of the
     kind that comes first.
     """
-    (found,) = flight.estimates
-    assert found.fix_step.tolist() == list(range(10, 201, 10))
+    (actual,) = flight.estimates
+    assert actual.fix_step.tolist() == list(range(10, 201, 10))
     kind = np.where(np.arange(20) % 4 == 3, int(FixKind.GATED), int(FixKind.TWO_POINTS))
-    known = dataclasses.replace(flight, estimates=(dataclasses.replace(found, fix_kind=kind),))
+    known = dataclasses.replace(flight, estimates=(dataclasses.replace(actual, fix_kind=kind),))
     part = flight_figures.fixes_part(known, 0)
     words = [*dict(part.ticks).values()]  # type: ignore[arg-type]
     for row, (mark, word) in enumerate(zip(lines(part), words, strict=True)):

@@ -20,9 +20,9 @@ def spread(variance):
 
 def with_estimates(flight, follower=0, **changes):
     """The flight with other estimates of one follower."""
-    found = list(flight.estimates)
-    found[follower] = dataclasses.replace(found[follower], **changes)
-    return dataclasses.replace(flight, estimates=tuple(found))
+    actual = list(flight.estimates)
+    actual[follower] = dataclasses.replace(actual[follower], **changes)
+    return dataclasses.replace(flight, estimates=tuple(actual))
 
 
 def moved(flight, offsets, follower=0, sigma=1.0):
@@ -43,12 +43,12 @@ def test_the_largest_error_has_its_time(flight):
     """E_P is 0.5 m but for 5 m after 30 s."""
     offsets = np.tile([0.3, 0.4], (600, 1))
     offsets[299] = [3.0, 4.0]
-    found = flight_report.accuracy(moved(flight, offsets), 0)
-    assert (found["largest"], found["largest_s"]) == pytest.approx((5.0, 30.0))
-    assert found["mean"] == pytest.approx((599 * 0.5 + 5.0) / 600)
-    assert found["high"] == pytest.approx(0.5)
-    assert found["sigma"] == pytest.approx(
-        np.sqrt(599 * 0.5**2 + 25.0 - 600 * found["mean"] ** 2) / np.sqrt(600)
+    actual = flight_report.accuracy(moved(flight, offsets), 0)
+    assert (actual["largest"], actual["largest_s"]) == pytest.approx((5.0, 30.0))
+    assert actual["mean"] == pytest.approx((599 * 0.5 + 5.0) / 600)
+    assert actual["high"] == pytest.approx(0.5)
+    assert actual["sigma"] == pytest.approx(
+        np.sqrt(599 * 0.5**2 + 25.0 - 600 * actual["mean"] ** 2) / np.sqrt(600)
     )
 
 
@@ -63,15 +63,15 @@ def test_errors_near_the_axis_are_separated_from_those_elsewhere(flight, monkeyp
     bearing[:75], bearing[75:150] = np.radians(14.9), np.radians(180 - 14.9)
     bearing[150:160] = np.radians(180 + 15.1)
     monkeypatch.setattr(flight_report, "true_bearing", lambda *_: bearing)
-    found = flight_report.accuracy(moved(flight, offsets), 0)
-    assert found["near_axis"] == 0.25
-    assert found["mean_near"] == pytest.approx(1.0)
-    assert found["mean_elsewhere"] == pytest.approx((90 * 0.6 + 360 * 0.1) / 450)
+    actual = flight_report.accuracy(moved(flight, offsets), 0)
+    assert actual["near_axis"] == 0.25
+    assert actual["mean_near"] == pytest.approx(1.0)
+    assert actual["mean_elsewhere"] == pytest.approx((90 * 0.6 + 360 * 0.1) / 450)
     for everywhere, share, nothing in ((0.0, 1.0, "mean_elsewhere"), (np.pi / 2, 0.0, "mean_near")):
         bearing[:] = everywhere
-        found = flight_report.accuracy(moved(flight, offsets), 0)
-        assert found["near_axis"] == share
-        assert np.isnan(found[nothing])
+        actual = flight_report.accuracy(moved(flight, offsets), 0)
+        assert actual["near_axis"] == share
+        assert np.isnan(actual[nothing])
 
 
 def test_a_wrong_side_is_reported_with_its_share(flight):

@@ -49,7 +49,7 @@ def test_two_sentences_name_the_mission_the_result_and_the_cause(flight: FlightR
 
 
 @pytest.mark.parametrize(
-    ("found", "nees", "part"),
+    ("accuracy", "nees", "part"),
     [
         (errors(near_axis=0.5, mean_near=1.0, mean_elsewhere=1.0), 2.0, ""),  # no worse there
         (errors(near_axis=1.0, mean_near=1.0, mean_elsewhere=np.nan), 2.0, "100 % of the time"),
@@ -60,9 +60,9 @@ def test_two_sentences_name_the_mission_the_result_and_the_cause(flight: FlightR
     ],
 )
 def test_a_cause_is_named_where_one_stands_out(
-    found: dict[str, float], nees: float | None, part: str
+    accuracy: dict[str, float], nees: float | None, part: str
 ) -> None:
-    told = cause(2, found, nees)
+    told = cause(2, accuracy, nees)
     assert part in told
     assert bool(told) == bool(part)
 
@@ -96,7 +96,7 @@ def test_a_formation_is_first_asked_whether_it_keeps_station() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "row", "found", "tone"),
+    ("name", "row", "accuracy", "tone"),
     [
         ("NEES", {"nees": 2.0}, {}, "good"),
         ("NEES", {"nees": 6.0}, {}, ""),
@@ -110,16 +110,16 @@ def test_a_formation_is_first_asked_whether_it_keeps_station() -> None:
     ],
 )
 def test_key_figures_are_judged_against_what_is_expected(
-    name: str, row: dict[str, Any], found: dict[str, float], tone: str
+    name: str, row: dict[str, Any], accuracy: dict[str, float], tone: str
 ) -> None:
-    shown = {tile.name: tile for tile in tiles(summary(**row), {"follower": errors(**found)})}
+    shown = {tile.name: tile for tile in tiles(summary(**row), {"follower": errors(**accuracy)})}
     assert shown[name].tone == tone
 
 
 def test_the_tiles_of_several_followers_are_of_all_or_of_the_worst() -> None:
     rows = {"a": {"nees": 1.0, "rms_over_bound": 1.0}, "b": {"nees": 3.0, "rms_over_bound": 4.0}}
-    found = {"a": errors(mean=1.0), "b": errors(mean=2.0, largest=9.0, largest_s=7.0, high=5.0)}
-    shown = {tile.name: tile for tile in tiles({"followers": rows}, found)}
+    actual = {"a": errors(mean=1.0), "b": errors(mean=2.0, largest=9.0, largest_s=7.0, high=5.0)}
+    shown = {tile.name: tile for tile in tiles({"followers": rows}, actual)}
     assert shown["mean error"].value == "1.50 m"
     assert shown["mean error"].remark == "95 % below 5.00 m, worst follower"
     assert (shown["largest error"].value, shown["largest error"].remark) == (

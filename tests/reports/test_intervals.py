@@ -70,9 +70,9 @@ def test_a_mean_has_the_limits_of_halls_transformation(
     shape: float, runs: int, confidence: float
 ) -> None:
     values = np.random.default_rng(3).gamma(shape, size=runs)
-    found = mean_interval(values, confidence=confidence)
-    assert found.value == pytest.approx(values.mean(), rel=1e-12)
-    assert (found.low, found.high) == pytest.approx(_hall(values, confidence), rel=1e-6)
+    actual = mean_interval(values, confidence=confidence)
+    assert actual.value == pytest.approx(values.mean(), rel=1e-12)
+    assert (actual.low, actual.high) == pytest.approx(_hall(values, confidence), rel=1e-6)
 
 
 def test_values_without_skewness_have_the_limits_of_students_t() -> None:
@@ -168,10 +168,10 @@ def test_limits_of_a_difference_of_mirror_locks_hold_it(
     more, fewer = rates
     draw = rng.random((trials, runs))
     difference = (draw < more).astype(float) - (draw > 1 - fewer).astype(float)
-    found = [difference_of_shares(d) for d in difference]
+    actual = [difference_of_shares(d) for d in difference]
     scatter = 3 * math.sqrt(0.025 * 0.975 / trials)
-    assert np.mean([i.high < more - fewer for i in found]) <= 0.025 + scatter + 0.005
-    assert np.mean([i.low > more - fewer for i in found]) <= 0.025 + scatter + 0.005
+    assert np.mean([i.high < more - fewer for i in actual]) <= 0.025 + scatter + 0.005
+    assert np.mean([i.low > more - fewer for i in actual]) <= 0.025 + scatter + 0.005
 
 
 def test_what_no_run_did_is_not_impossible() -> None:
@@ -229,18 +229,18 @@ def test_many_runs_have_limits_of_second_order(runs: int) -> None:
     rng = np.random.default_rng(runs)
     values = rng.gamma(1.0, size=runs)
     counted = rng.random(runs) < 0.8
-    found = mean_interval(values, counted)
+    actual = mean_interval(values, counted)
     some = values[counted]
     error = some.std() / np.sqrt(some.size)
-    assert found.value == pytest.approx(some.mean(), rel=1e-12)
-    assert found.high - found.low == pytest.approx(2 * 1.96 * error, rel=0.1)
+    assert actual.value == pytest.approx(some.mean(), rel=1e-12)
+    assert actual.high - actual.low == pytest.approx(2 * 1.96 * error, rel=0.1)
     shift = (
         (2 * 1.96**2 + 1)
         * float(np.mean(((some - some.mean()) / some.std()) ** 3))
         / 6
         / np.sqrt(some.size)
     )
-    assert (found.high + found.low) / 2 - found.value == pytest.approx(
+    assert (actual.high + actual.low) / 2 - actual.value == pytest.approx(
         shift * error, abs=0.06 * error
     )
 
@@ -249,8 +249,8 @@ def test_a_study_that_stops_by_its_interval_takes_as_many_runs_as_the_law_needs(
     """σ = 1 and half of an interval of 0.1 need (1.96 / 0.1)² = 384 runs; an interval is no
     wider than required.
     """
-    found = [coverage.stopped("normal", np.random.default_rng(seed)) for seed in range(50)]
-    halves = np.array([(one.high - one.low) / 2 for one in found])
+    actual = [coverage.stopped("normal", np.random.default_rng(seed)) for seed in range(50)]
+    halves = np.array([(one.high - one.low) / 2 for one in actual])
     assert halves.max() <= 0.1
     assert np.median(halves) > 0.08
     assert coverage.covered_when_stopped("normal", 200) == pytest.approx(190, abs=12)

@@ -209,8 +209,8 @@ def test_a_follower_without_receptions_has_no_budget():
     deaf = replace(
         flight.measurements[0], ranges=np.full_like(flight.measurements[0].ranges, np.nan)
     )
-    found = flight_report.range_budget(replace(flight, measurements=(deaf,)))
-    assert (found["silent"], found["figure"], found["tables"]) == (["follower"], None, [])
+    actual = flight_report.range_budget(replace(flight, measurements=(deaf,)))
+    assert (actual["silent"], actual["figure"], actual["tables"]) == (["follower"], None, [])
     assert list(analyses.records(replace(flight, measurements=(deaf,)))) == []
 
 

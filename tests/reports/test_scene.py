@@ -139,13 +139,13 @@ def test_messages_keep_their_time_range_and_kind() -> None:
 
 def test_lost_and_rejected_messages_stand_on_the_time_line() -> None:
     flight = make_flight(20.0)
-    (found,) = flight.estimates
-    kinds = np.full(found.fix_kind.size, FixKind.TWO_POINTS)
+    (actual,) = flight.estimates
+    kinds = np.full(actual.fix_kind.size, FixKind.TWO_POINTS)
     kinds[[2, 5]] = [FixKind.GATED, FixKind.LOST]
     changed = dataclasses.replace(
-        flight, estimates=(dataclasses.replace(found, fix_kind=kinds.astype(np.int64)),)
+        flight, estimates=(dataclasses.replace(actual, fix_kind=kinds.astype(np.int64)),)
     )
-    times = flight.trajectory.time[0] + found.fix_step[[2, 5]] * flight.measurements[0].dt
+    times = flight.trajectory.time[0] + actual.fix_step[[2, 5]] * flight.measurements[0].dt
     assert scene_of_flight(changed).meta["messagesRefused"] == [
         [pytest.approx(times[0], abs=0.06), "gate", 0],
         [pytest.approx(times[1], abs=0.06), "loss", 0],

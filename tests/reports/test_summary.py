@@ -25,9 +25,9 @@ def flight() -> FlightRecord:
     return make_flight(30.0, 2)
 
 
-def turned(found: Floats, truth: Floats, leader: Floats) -> Floats:
+def turned(estimate: Floats, truth: Floats, leader: Floats) -> Floats:
     """Angle at the leader between estimate and truth [°], by complex numbers."""
-    seen, true = ((at - leader) @ np.array([1j, 1.0]) for at in (found, truth))
+    seen, true = ((at - leader) @ np.array([1j, 1.0]) for at in (estimate, truth))
     return np.abs(np.rad2deg(np.angle(seen / true)))
 
 
@@ -46,8 +46,8 @@ def test_the_summary_has_the_errors_of_each_follower_and_of_all(flight: FlightRe
     summary = summarise(flight)
     leader = flight.trajectory.position[flight.step_index(), 0, :2]
     pairs = [(e.state[:, :2], flight.hydrophone(i)[:, :2]) for i, e in enumerate(flight.estimates)]
-    position = [np.linalg.norm(found - truth, axis=1) for found, truth in pairs]
-    bearing = [turned(found, truth, leader) for found, truth in pairs]
+    position = [np.linalg.norm(actual - truth, axis=1) for actual, truth in pairs]
+    bearing = [turned(actual, truth, leader) for actual, truth in pairs]
     whole = figures(np.concatenate(position), np.concatenate(bearing))
     assert {name: summary[name] for name in whole} == pytest.approx(whole)
     assert (summary["seed"], summary["run"], summary["flown_s"]) == (1, 0, pytest.approx(30.0))
@@ -101,14 +101,14 @@ def test_captures_are_reported_at_start_and_end(flight: FlightRecord) -> None:
     """
     steps = flight.step_index()
     time, leader = flight.trajectory.time[steps], flight.trajectory.position[steps, 0, :2]
-    heading, found = flight.trajectory.heading[steps, 0], flight.estimates[1]
+    heading, actual = flight.trajectory.heading[steps, 0], flight.estimates[1]
     truth = flight.hydrophone(1)[:, :2]
     starboard = np.column_stack([np.cos(heading), -np.sin(heading)])
     side = np.einsum("ni,ni->n", truth - leader, starboard)
     mirrored = ((time > 9.95) & (time < 14.95)) | (time > 27.95)
-    state = found.state.copy()
+    state = actual.state.copy()
     state[:, :2] = truth - np.where(mirrored, 2 * side, 0.0)[:, None] * starboard
-    caught = replace(flight, estimates=(flight.estimates[0], replace(found, state=state)))
+    caught = replace(flight, estimates=(flight.estimates[0], replace(actual, state=state)))
     events = mirror_lock_events(caught)
     assert [event.time_s for event in events] == pytest.approx([10.0, 15.0, 28.0])
     assert [event.level for event in events] == ["warning", "info", "warning"]

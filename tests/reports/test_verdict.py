@@ -66,20 +66,20 @@ def flight() -> FlightRecord:
 
 
 def test_a_flight_in_which_none_is_lost_begins_with_its_errors(flight: FlightRecord) -> None:
-    found = verdict(flight, KEPT)
-    assert found.lost == ()
-    assert found.sentence.startswith("The mean position errors of 3 followers lie between 0.50 m")
+    actual = verdict(flight, KEPT)
+    assert actual.lost == ()
+    assert actual.sentence.startswith("The mean position errors of 3 followers lie between 0.50 m")
 
 
 def test_a_silence_before_a_loss_is_its_cause_with_the_leaders_turn(flight: FlightRecord) -> None:
     """The leader goes round a circle of 60 m at 1 m/s: 57.3° in a minute."""
     changed = silent(lost_at(flight, 1, 400.0), 1, 340.0, 401.0)
-    found = verdict(changed, KEPT)
-    (loss,) = found.lost
+    actual = verdict(changed, KEPT)
+    (loss,) = actual.lost
     assert (loss.follower, loss.time_s) == ("follower2", pytest.approx(400.0))
     assert loss.silence_s == pytest.approx(60.0, abs=1.1)
     turn = np.degrees(loss.silence_s / 60.0)
-    assert found.sentence == (
+    assert actual.sentence == (
         "1 of 3 followers was lost: follower2 at 400 s; likeliest cause of the first (its estimate "
         f"more than 10 m off): no message for 60 s (340 s to 400 s), in which the leader turned by "
         f"{turn:.0f}°."
@@ -88,13 +88,13 @@ def test_a_silence_before_a_loss_is_its_cause_with_the_leaders_turn(flight: Flig
 
 def test_several_losses_are_in_order_of_time(flight: FlightRecord) -> None:
     changed = lost_at(lost_at(flight, 0, 500.0), 2, 300.0)
-    found = verdict(silent(changed, 2, 280.0, 301.0), KEPT)
-    assert [loss.follower for loss in found.lost] == ["follower3", "follower1"]
+    actual = verdict(silent(changed, 2, 280.0, 301.0), KEPT)
+    assert [loss.follower for loss in actual.lost] == ["follower3", "follower1"]
     words = "2 of 3 followers were lost: follower3 at 300 s, follower1 at 500 s; likeliest cause"
-    assert found.sentence.startswith(words)
-    assert "no message for 20 s (280 s to 300 s)." in found.sentence
+    assert actual.sentence.startswith(words)
+    assert "no message for 20 s (280 s to 300 s)." in actual.sentence
     # 11 m with σ = 1 m
-    assert "the record shows no single cause" in found.lost[1].cause
+    assert "the record shows no single cause" in actual.lost[1].cause
 
 
 def test_an_error_that_is_set_and_not_assumed_is_a_cause(flight: FlightRecord) -> None:

@@ -34,10 +34,10 @@ def test_positive_pitch_lifts_the_bow_and_positive_roll_lowers_starboard() -> No
 def test_angles_come_back(heading: float, pitch: float, roll: float) -> None:
     quaternion = attitude.from_euler(heading, pitch, roll)
     assert np.linalg.norm(quaternion) == pytest.approx(1.0)
-    found = attitude.heading_pitch_roll(quaternion)
-    assert np.cos(found[0] - heading) == pytest.approx(1.0)
-    assert found[1] == pytest.approx(pitch, abs=1e-7)
-    assert np.cos(found[2] - roll) == pytest.approx(1.0)
+    actual = attitude.heading_pitch_roll(quaternion)
+    assert np.cos(actual[0] - heading) == pytest.approx(1.0)
+    assert actual[1] == pytest.approx(pitch, abs=1e-7)
+    assert np.cos(actual[2] - roll) == pytest.approx(1.0)
 
 
 def test_rotate_agrees_with_scipy() -> None:

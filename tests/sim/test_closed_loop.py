@@ -304,8 +304,8 @@ def test_between_filter_steps_it_dead_reckons(variant: str) -> None:
     state = navigate(scenario, flown.trajectory()).estimates[0].state
     for beyond in range(5):
         expected = state[:-1, :2] + 0.1 * beyond * state[:-1, 2:]
-        found = np.array(steered[5 + beyond : -1 : 5])
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+        actual = np.array(steered[5 + beyond : -1 : 5])
+        np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-9)
 
 
 def test_a_follower_without_a_position_goes_parallel_to_its_route() -> None:
@@ -445,19 +445,19 @@ def test_the_record_counts_lost_followers() -> None:
         for r in range(5)
     ]
     outcomes: Any = SimpleNamespace(cells=cells_of(dict.fromkeys(ENTRIES, runs)))
-    found = study.findings_of({"study": outcomes})
+    actual = study.findings_of({"study": outcomes})
     # medians of 40 missions, and of the runs of the last route
-    assert (found["off current tight-2"].value, found["worst current tight-2"].value) == (
+    assert (actual["off current tight-2"].value, actual["worst current tight-2"].value) == (
         35.0,
         70.0,
     )
-    assert found["lost-runs current tight-2"].value == 4
-    assert found["error laisn-2 T4"].value == 2.0 + 2.0
-    assert found["off laisn-3-2 T9"].value == 70.0
-    assert (found["lost-runs laisn-2 T2"].value, found["lost-runs laisn-2 T3"].value) == (1, 0)
-    assert (found["lost-runs laisn-3-1"].value, found["missions"].value) == (4, 40)
-    assert found["runs"].value == 5
-    assert format(found["lost laisn-2"], ".0% i") == "10 % (3 to 24 %)"
+    assert actual["lost-runs current tight-2"].value == 4
+    assert actual["error laisn-2 T4"].value == 2.0 + 2.0
+    assert actual["off laisn-3-2 T9"].value == 70.0
+    assert (actual["lost-runs laisn-2 T2"].value, actual["lost-runs laisn-2 T3"].value) == (1, 0)
+    assert (actual["lost-runs laisn-3-1"].value, actual["missions"].value) == (4, 40)
+    assert actual["runs"].value == 5
+    assert format(actual["lost laisn-2"], ".0% i") == "10 % (3 to 24 %)"
 
 
 def test_a_study_judges_a_run_by_the_estimates_that_steered_it() -> None:

@@ -135,9 +135,9 @@ def test_readings_and_estimates_are_those_of_the_finished_mission(
     np.testing.assert_allclose(
         [(b.east, b.north) for b in beliefs], estimates.state[:, :2], atol=1e-6
     )
-    for i, found in enumerate(flight.estimates):
+    for i, actual in enumerate(flight.estimates):
         np.testing.assert_allclose(
-            loop.state.concluded.state[i, :, :2], found.state[:, :2], atol=1e-6
+            loop.state.concluded.state[i, :, :2], actual.state[:, :2], atol=1e-6
         )
     assert {dt for *_, dt in calls} == {0.1}
 
@@ -165,10 +165,10 @@ class Odometer:
 
 def test_a_navigator_of_a_script_flies() -> None:
     flight = laisn_sim.fly("T5", {"duration_s": 2.0, "motion": "kinematic"}, navigator=Odometer)
-    (measured,), (found,) = flight.measurements, flight.estimates
+    (measured,), (actual,) = flight.measurements, flight.estimates
     east = 0.1 * (measured.speed * np.sin(measured.heading)).sum()
-    first = found.state[0, 0] - 0.1 * measured.speed[0] * np.sin(measured.heading[0])
-    assert found.state[-1, 0] == pytest.approx(first + east)
+    first = actual.state[0, 0] - 0.1 * measured.speed[0] * np.sin(measured.heading[0])
+    assert actual.state[-1, 0] == pytest.approx(first + east)
 
 
 @pytest.mark.parametrize(

@@ -49,23 +49,25 @@ def test_after_a_right_angle_stations_stand_where_the_way_behind_and_aside_put_t
     """One stands 10 m behind and 5 m to port; on the second leg they are Δy − Δs apart along it,
     and no way aside.
     """
-    found = closest_stations(MotionSettings.of(mission((10.0, 5.0, 12.0), (*other, 12.0), **STIFF)))
-    assert found is not None
-    assert found.distance_m == pytest.approx(apart, abs=0.02)
-    assert found.pair == ("followers[0].station", "followers[1].station")
+    actual = closest_stations(
+        MotionSettings.of(mission((10.0, 5.0, 12.0), (*other, 12.0), **STIFF))
+    )
+    assert actual is not None
+    assert actual.distance_m == pytest.approx(apart, abs=0.02)
+    assert actual.pair == ("followers[0].station", "followers[1].station")
     if apart < 5.0:
         # the second one has gone round the corner by then
-        assert 60.0 + 15.0 < found.time_s < 60.0 + 30.0
+        assert 60.0 + 15.0 < actual.time_s < 60.0 + 30.0
 
 
 def test_on_a_straight_way_they_keep_their_distance() -> None:
-    found = closest_stations(
+    actual = closest_stations(
         MotionSettings.of(
             mission((10.0, 5.0, 12.0), (20.0, 15.0, 12.5), (12.0, 5.0, 13.5), leader=STRAIGHT)
         )
     )
-    assert found is not None
-    assert found.distance_m == pytest.approx(np.hypot(10.0, 10.0), abs=1e-6)
+    assert actual is not None
+    assert actual.distance_m == pytest.approx(np.hypot(10.0, 10.0), abs=1e-6)
 
 
 def test_layers_of_their_own_need_no_distance() -> None:
@@ -81,10 +83,10 @@ def test_the_leader_is_in_a_layer_too() -> None:
     """
     radius = 1.0 / np.deg2rad(10.0)
     apart = np.sqrt(2.0) * (radius + 0.5 * (10.0 - 0.5 * np.pi * radius))
-    found = closest_stations(MotionSettings.of(mission((10.0, 0.0, 8.5))))
-    assert found is not None
-    assert found.pair == ("the leader's place", "followers[0].station")
-    assert found.distance_m == pytest.approx(apart, abs=0.1)
+    actual = closest_stations(MotionSettings.of(mission((10.0, 0.0, 8.5))))
+    assert actual is not None
+    assert actual.pair == ("the leader's place", "followers[0].station")
+    assert actual.distance_m == pytest.approx(apart, abs=0.1)
 
 
 @pytest.mark.parametrize("count", [2, 5, 12])
@@ -94,15 +96,15 @@ def test_wings_of_a_v_do_not_meet_in_a_right_angle(count: int) -> None:
     """
     shape = {"kind": "v", "count": count, "layer_m": 0.0}
     formation = {"shape": shape, **STIFF}
-    found = closest_stations(
+    actual = closest_stations(
         MotionSettings.of(
             validate(
                 {"name": "s", "duration_s": 180.0, "leader": LEFT, "formation": formation}, "t"
             )
         )
     )
-    assert found is not None
-    assert found.distance_m == pytest.approx(
+    assert actual is not None
+    assert actual.distance_m == pytest.approx(
         10.0 / np.sqrt(5.0) if count > 2 else 2 * 10 * 2 / np.sqrt(5.0), abs=0.02
     )
 

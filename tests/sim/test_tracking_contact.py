@@ -41,8 +41,8 @@ def test_the_gap_of_two_hulls_is_that_of_their_axes(
     between: tuple[float, ...], other: tuple[float, ...], gap: float
 ) -> None:
     one = np.array([1.0, 0.0, 0.0])
-    found = hull_gap(np.array(between), one, np.array(other), (1.0, 0.7))
-    assert found == pytest.approx(gap, abs=1e-9)
+    actual = hull_gap(np.array(between), one, np.array(other), (1.0, 0.7))
+    assert actual == pytest.approx(gap, abs=1e-9)
 
 
 def test_no_two_points_of_hulls_are_nearer_than_their_gap() -> None:
@@ -171,11 +171,11 @@ def test_a_run_that_contact_ended_is_counted_and_in_no_mean() -> None:
     assert (row["e_p_mean_m"], row["e_p_max_m"], row["worst_run"]) == (2.0, 3.0, 2)
     assert (row["ended_runs"], row["mirror_locked_runs"], row["fixes_gated"]) == (1, 0, 4)
     place = {"point": 0, "arm": "", "follower": "a", "sea": 0}
-    found = Results.of([place | row], [(place, lists)])
-    assert found.estimate((0, "", "a"), "e_p_mean_m").value == 2.0
-    assert found.estimate((0, "", "a"), "ended").value == pytest.approx(1 / 3)
+    actual = Results.of([place | row], [(place, lists)])
+    assert actual.estimate((0, "", "a"), "e_p_mean_m").value == 2.0
+    assert actual.estimate((0, "", "a"), "ended").value == pytest.approx(1 / 3)
     # exact limits of one of three
-    assert found.estimate((0, "", "a"), "ended").high == pytest.approx(0.906, abs=1e-3)
+    assert actual.estimate((0, "", "a"), "ended").high == pytest.approx(0.906, abs=1e-3)
 
 
 def test_a_mission_in_blocks_has_the_contacts_and_distances_of_a_whole_one(

@@ -20,11 +20,11 @@ def test_figures_of_keeping_a_station_are_those_since_it_was_joined() -> None:
     time, off = 0.1 * np.arange(1001), np.full(1001, 3.0)
     off[:200], off[200:] = 50.0, 1.0
     off[300] = 11.0
-    found = station_keeping(off, time)
-    assert found.joined_s == pytest.approx(20.0)
-    assert found.station_rms_m == pytest.approx(np.sqrt((800 + 121) / 801))
-    assert found.station_p95_m == pytest.approx(1.0)
-    assert (found.station_max_m, found.lost) == (11.0, True)
+    actual = station_keeping(off, time)
+    assert actual.joined_s == pytest.approx(20.0)
+    assert actual.station_rms_m == pytest.approx(np.sqrt((800 + 121) / 801))
+    assert actual.station_p95_m == pytest.approx(1.0)
+    assert (actual.station_max_m, actual.lost) == (11.0, True)
     # from 2 m, which is not within 2 m, evenly up to 6 m: 95 % of the time less than 19/20 of the
     # way
     evenly = station_keeping(np.r_[2.0, np.linspace(0.0, 6.0, 1001)], np.arange(1002.0))
@@ -55,11 +55,11 @@ def test_the_nearest_pair_of_one_layer_is_found_beside_nearer_ones() -> None:
     places = [(10.0, 0.0, 12.0), (10.0, 9.0, 12.9), (10.0, 3.5, 20.0)]
     scenario = mission(places=places, duration=3.0)
     flight, _ = fly(scenario)
-    found = closest_in_a_layer(MissionPlan.of(scenario), flight.trajectory)
-    assert found is not None
-    assert found.pair == ("follower-1", "follower-2")
+    actual = closest_in_a_layer(MissionPlan.of(scenario), flight.trajectory)
+    assert actual is not None
+    assert actual.pair == ("follower-1", "follower-2")
     apart = flight.trajectory.position[:, 1, :2] - flight.trajectory.position[:, 2, :2]
-    assert found.distance_m == pytest.approx(np.hypot(*apart.T).min())
+    assert actual.distance_m == pytest.approx(np.hypot(*apart.T).min())
     alone = mission(places=[(10.0, 0.0, 12.0), (10.0, 9.0, 13.0)])
     assert (
         closest_in_a_layer(MissionPlan.of(alone), synthetic.only(flight.trajectory, [0, 1, 2]))

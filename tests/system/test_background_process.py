@@ -33,10 +33,10 @@ def test_a_task_works_beside_the_block(tmp_path: Path) -> None:
     """Each waits for what the other does, which no order of one after the other would give."""
     here, there = tmp_path / "here", tmp_path / "there"
     with background_process(os.getpid) as background:
-        found = background.submit(meet, here, there)
+        actual = background.submit(meet, here, there)
         here.touch()
         wait_for(there)
-        assert found.result() != os.getpid()
+        assert actual.result() != os.getpid()
 
 
 def refuse() -> None:

@@ -68,12 +68,12 @@ def prose(document: Path) -> str:
 
 
 def blocks(document: Path) -> list[Block]:
-    found = re.findall(
+    actual = re.findall(
         r"^```(\w*)\n(.*?)^```",
         document.read_text(encoding="utf-8"),
         flags=re.DOTALL | re.MULTILINE,
     )
-    return [Block(*pair) for pair in found]
+    return [Block(*pair) for pair in actual]
 
 
 def commands(text: str) -> list[list[str]]:
@@ -256,7 +256,7 @@ def keys(model: object = Scenario, prefix: str = "") -> set[str]:
     """All keys of a scenario as section.key; a section whose keys the user declares stands for
     them.
     """
-    found = set()
+    actual = set()
     for name, field in model.model_fields.items():  # type: ignore[attr-defined]
         inner = next(
             (
@@ -266,12 +266,12 @@ def keys(model: object = Scenario, prefix: str = "") -> set[str]:
             ),
             None,
         )
-        found |= (
+        actual |= (
             {f"{prefix}{name}"}
             if not getattr(inner, "model_fields", {})
             else keys(inner, f"{prefix}{name}.")
         )
-    return found
+    return actual
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.stem)
@@ -341,10 +341,10 @@ def test_reference_of_scenarios_is_up_to_date() -> None:
 
 
 def test_numbers_in_documents_are_those_of_the_records() -> None:
-    found = markers.records()
+    actual = markers.records()
     for path in DOCUMENTS:
         text = path.read_text(encoding="utf-8")
-        assert markers.filled(text, found) == text, f"{path.name}: run make figures"
+        assert markers.filled(text, actual) == text, f"{path.name}: run make figures"
 
 
 def test_route_errors_match_the_record() -> None:
@@ -357,7 +357,7 @@ def test_route_errors_match_the_record() -> None:
     for name in ("leader", "T8"):
         for quantity, spec in TRACKED.items():
             old, new = (
-                float(found[f"{quantity} {name}"].value or 0.0) for found in (recorded, fresh)
+                float(actual[f"{quantity} {name}"].value or 0.0) for actual in (recorded, fresh)
             )
             assert abs(old - new) <= 10.0 ** -int(spec[1]), (
                 f"{quantity} of {name}: run make studies"
@@ -368,8 +368,8 @@ def test_closed_loops_match_the_record() -> None:
     """To fly it all takes minutes: one route in one run must fit the median that is printed for
     it.
     """
-    found = markers.records()["closed-loop"]
-    if markers.is_stale(found):
+    actual = markers.records()["closed-loop"]
+    if markers.is_stale(actual):
         pytest.skip("the record is of other sources: run make studies")
     arms = {entry.arm: entry.scenario for entry in plan_of(study_of("closed-loop", {})).entries}
     mission = arms["laisn-2 estimate"]
@@ -378,8 +378,8 @@ def test_closed_loops_match_the_record() -> None:
     measured = float(
         np.sqrt(np.mean(track_errors(MotionSettings.of(flight.scenario), flight.trajectory) ** 2))
     )
-    assert found["lost-runs laisn-2 T3"].value == 0
-    assert measured == pytest.approx(float(found["off laisn-2 T3"].value or 0.0), rel=0.5)
+    assert actual["lost-runs laisn-2 T3"].value == 0
+    assert measured == pytest.approx(float(actual["off laisn-2 T3"].value or 0.0), rel=0.5)
 
 
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.toml")), ids=lambda path: path.stem)

@@ -148,12 +148,12 @@ def test_every_block_is_of_a_language_that_is_tried_or_is_not_to_be_typed(
 ) -> None:
     """Formulas and the citation are read; a table is imported."""
     monkeypatch.chdir(tmp_path)
-    found = [block for document in DOCUMENTS for block in blocks(document)]
-    assert {block.language for block in found} == {
+    actual = [block for document in DOCUMENTS for block in blocks(document)]
+    assert {block.language for block in actual} == {
         *("bash", "python", "toml", "csv"),
         *("math", "bibtex"),
     }
-    for language, text in found:
+    for language, text in actual:
         if language == "csv":
             Path("typed.csv").write_text(text, encoding="utf-8")
             words = ["log", "import", "typed.csv", "--out", "typed.mcap"]

@@ -92,10 +92,10 @@ def test_a_goal_that_the_median_misses_is_named_and_fails_the_command(
         benchmarks.main()
     text = "1 goals are missed:\nlanes: late: 25 ns/step, the goal is ≤ 18"
     assert ended.value.code == text
-    found = read(path)
-    assert found["lanes: late, goal"].value == 18
-    assert found["lanes: late, goal"].what == "at most; missed by the median"
-    assert found["lanes: once, goal"].what == "at most; met by the median"
+    actual = read(path)
+    assert actual["lanes: late, goal"].value == 18
+    assert actual["lanes: late, goal"].what == "at most; missed by the median"
+    assert actual["lanes: once, goal"].what == "at most; met by the median"
 
 
 def test_what_was_not_measured_misses_no_goal() -> None:
@@ -106,10 +106,10 @@ def test_what_was_not_measured_misses_no_goal() -> None:
 def test_the_record_states_the_rounds_of_each_benchmark() -> None:
     """Memory is measured once, whatever is measured last."""
     once, thrice = rounds("peak", 300.0), rounds("step", 1.0, 2.0, 3.0)
-    found = record({"navigation": [[row] for row in thrice], "memory": [once]})
-    assert found["rounds"].value == 3
-    assert found["memory: rounds"].value == 1
-    assert "navigation: rounds" not in found.findings
+    actual = record({"navigation": [[row] for row in thrice], "memory": [once]})
+    assert actual["rounds"].value == 3
+    assert actual["memory: rounds"].value == 1
+    assert "navigation: rounds" not in actual.findings
 
 
 def test_the_time_of_a_command_is_that_of_its_processes(tmp_path: Path) -> None:
@@ -150,14 +150,14 @@ def test_the_record_has_the_median_of_the_rounds_and_their_spread() -> None:
     vectorised = rounds(
         "lanes", 10.0, 14.0, 11.0, ratios=(120.0, 90.0, 100.0), against="NumPy", floor=3.5
     )
-    found = record({"navigation": [list(pair) for pair in zip(filterpy, vectorised, strict=True)]})
-    value = found["navigation: lanes"]
+    actual = record({"navigation": [list(pair) for pair in zip(filterpy, vectorised, strict=True)]})
+    value = actual["navigation: lanes"]
     assert (value.value, value.low, value.high, value.unit) == (11.0, 10.0, 14.0, "ns/step")
-    assert f"{found['navigation: lanes, than filterpy']:,.0f i}" == "2,600 (2,000 to 2,900)"
-    assert f"{found['navigation: lanes, than NumPy']:.0f i}" == "100 (90 to 120)"
-    assert found["navigation: lanes, floor"].value == 3.5
-    assert found["rounds"].value == 3
-    assert found.version == version_of(["tools.benchmarks.run"])
+    assert f"{actual['navigation: lanes, than filterpy']:,.0f i}" == "2,600 (2,000 to 2,900)"
+    assert f"{actual['navigation: lanes, than NumPy']:.0f i}" == "100 (90 to 120)"
+    assert actual["navigation: lanes, floor"].value == 3.5
+    assert actual["rounds"].value == 3
+    assert actual.version == version_of(["tools.benchmarks.run"])
 
 
 @pytest.mark.system
@@ -185,8 +185,8 @@ def test_the_table_of_speeds_is_that_of_the_record() -> None:
     ]
     log = [Row("writing", 120.0, "k/s"), Row("size", 8.6, "MB")]
     tight = [Row("tight, 3 transmitters, messages every 1 s", 64.0, "ns/step", 0.2, "LAISN-2", 3.4)]
-    found = record({"physics": [physics], "navigation": [navigation], "log": [log]})
-    lines = speed({"benchmarks": found}).splitlines()
+    actual = record({"physics": [physics], "navigation": [navigation], "log": [log]})
+    lines = speed({"benchmarks": actual}).splitlines()
     first = (
         "| 3.0 (3.0 to 3.0) µs a step, 6,667 times real time | bare `mj_step` 6.0 µs, its "
         "needed part 3.0 µs |"
@@ -236,21 +236,21 @@ def test_times_of_navigation_are_reported_per_step_of_a_run(
     monkeypatch.setattr(benchmarks, "least_time", lambda *_: 3.0)
     monkeypatch.setattr(peak, "least_time", lambda *_: 3.0)
     monkeypatch.setattr(benchmarks, "simulate", lambda _: None)
-    found = by_name(benchmarks.navigation())
+    actual = by_name(benchmarks.navigation())
     # 8 fused operations of 2 flops each, 10 million times in every lane
     flops = 16 * LANES * 10_000_000 / 3.0
-    assert found["peak of one core, fused multiply-adds", ""][1:3] == pytest.approx(
+    assert actual["peak of one core, fused multiply-adds", ""][1:3] == pytest.approx(
         (flops * 1e-9, "GF/s")
     )
     alone, together = 3e9 / 300, 3e9 / (2000 * 60)
-    assert found["filterpy: predict and updates only", ""].value == pytest.approx(alone)
-    readable = found["navigator (readable engine)", "filterpy"]
+    assert actual["filterpy: predict and updates only", ""].value == pytest.approx(alone)
+    readable = actual["navigator (readable engine)", "filterpy"]
     assert (readable.value, readable.ratio) == pytest.approx((alone, 1.0))
     for against, ratio in (("filterpy", alone / together), ("NumPy", 1.0)):
-        row = found["lanes, LAISN-2 filter only", against]
+        row = actual["lanes, LAISN-2 filter only", against]
         assert (row.value, row.unit) == (pytest.approx(together), "ns/step")
         assert (row.ratio, row.floor) == pytest.approx((ratio, 200 / flops * 1e9))
-        whole = found["lanes, LAISN-3-2 with noise and metrics", against]
+        whole = actual["lanes, LAISN-3-2 with noise and metrics", against]
         assert (whole.value, whole.ratio) == pytest.approx((together / 5, 5 * ratio))
 
 
@@ -263,23 +263,23 @@ def test_times_of_the_tightly_coupled_navigator_are_held_against_laisn_2_and_the
     monkeypatch.setattr(
         navigators, "least_times", lambda works, _: [1e-3 * (i + 1) for i in range(len(works))]
     )
-    found = by_name(navigators.tight())
-    assert found["LAISN-2 in lanes, filter only, messages every 5 s", ""].value == pytest.approx(
+    actual = by_name(navigators.tight())
+    assert actual["LAISN-2 in lanes, filter only, messages every 5 s", ""].value == pytest.approx(
         50.0
     )
     three = "tight, 3 transmitters, messages every 5 s"
-    assert found[three, "LAISN-2"][1:6] == pytest.approx(
+    assert actual[three, "LAISN-2"][1:6] == pytest.approx(
         (100.0, "ns/step", 0.5, "LAISN-2", 95 + 945 / 50)
     )
-    assert found[three, "LAISN-2"].goal == Goal(60.0)
-    assert found["tight, 2 transmitters, messages every 5 s", "LAISN-2"].goal == Goal(250.0)
-    assert found[
+    assert actual[three, "LAISN-2"].goal == Goal(60.0)
+    assert actual["tight, 2 transmitters, messages every 5 s", "LAISN-2"].goal == Goal(250.0)
+    assert actual[
         "tight, 3 transmitters, the speed as a state, messages every 5 s", "LAISN-2"
     ].value == pytest.approx(200.0)
-    assert found[
+    assert actual[
         "tight, 2 transmitters, all states, messages every 5 s", "LAISN-2"
     ].value == pytest.approx(350.0)
-    assert found["tight, 2 transmitters, all states, messages every 5 s", "LAISN-2"].goal is None
+    assert actual["tight, 2 transmitters, all states, messages every 5 s", "LAISN-2"].goal is None
 
 
 def test_times_of_physics_are_reported_per_step_of_a_fleet(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -289,17 +289,17 @@ def test_times_of_physics_are_reported_per_step_of_a_fleet(monkeypatch: pytest.M
     monkeypatch.setattr(mission, "FLEETS", {"leader + 1": (1, 100.0)})
     times = iter([0.1, 0.05, 0.2, 0.25])
     monkeypatch.setattr(mission, "least_time", lambda *_: next(times))
-    found = {row.name.removeprefix("leader + 1: "): row for row in mission.physics()}
+    actual = {row.name.removeprefix("leader + 1: "): row for row in mission.physics()}
     # 5000 steps of 0.02 s
-    assert found["mj_step alone, no water"].value == pytest.approx(20.0)
-    assert found["with hydrodynamics"][1:6] == pytest.approx(
+    assert actual["mj_step alone, no water"].value == pytest.approx(20.0)
+    assert actual["with hydrodynamics"][1:6] == pytest.approx(
         (40.0, "µs/step", 0.5, "mj_step", 10.0)
     )
-    assert found["with autopilot and recording"][1:6] == pytest.approx(
+    assert actual["with autopilot and recording"][1:6] == pytest.approx(
         (50.0, "µs/step", 0.4, "mj_step", 10.0)
     )
-    assert found["real-time factor"][1:3] == pytest.approx((400.0, "x"))
-    assert found["real-time factor"].goal == Goal(4500.0, at_least=True)
+    assert actual["real-time factor"][1:3] == pytest.approx((400.0, "x"))
+    assert actual["real-time factor"].goal == Goal(4500.0, at_least=True)
 
 
 def test_a_closed_loop_is_reported_beside_the_solver_alone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -308,17 +308,17 @@ def test_a_closed_loop_is_reported_beside_the_solver_alone(monkeypatch: pytest.M
     monkeypatch.setattr(formation, "least_times", lambda *_: [0.2, 0.1, 0.16])
     monkeypatch.setattr(formation, "least_time", lambda *_: 3.0)
     monkeypatch.setattr(formation, "MAX_FOLLOWERS", 12)
-    found = {row.name.removeprefix("leader + 10: "): row for row in formation.formation()}
+    actual = {row.name.removeprefix("leader + 10: "): row for row in formation.formation()}
     # 5000 steps of 0.02 s
-    assert found["mj_step alone"][1:3] == pytest.approx((40.0, "µs/step"))
-    assert found["closed loop"][1:5] == pytest.approx((20.0, "µs/step", 2.0, "mj_step"))
-    assert found["followers sense each other"][1:5] == pytest.approx(
+    assert actual["mj_step alone"][1:3] == pytest.approx((40.0, "µs/step"))
+    assert actual["closed loop"][1:5] == pytest.approx((20.0, "µs/step", 2.0, "mj_step"))
+    assert actual["followers sense each other"][1:5] == pytest.approx(
         (32.0, "µs/step", 1.25, "mj_step")
     )
-    assert found["solver over closed loop"][1:3] == pytest.approx((2.0, "x"))
-    assert found["solver over closed loop"].goal == Goal(1.0, at_least=True)
-    assert found["real-time factor"][1:3] == pytest.approx((1000.0, "x"))
-    assert found["a run of 1000 s, whole"][1:3] == (3.0, "s")
+    assert actual["solver over closed loop"][1:3] == pytest.approx((2.0, "x"))
+    assert actual["solver over closed loop"].goal == Goal(1.0, at_least=True)
+    assert actual["real-time factor"][1:3] == pytest.approx((1000.0, "x"))
+    assert actual["a run of 1000 s, whole"][1:3] == (3.0, "s")
     assert {f.layer_m for f in formation.swarm(50, 1.0).followers} == {10.0}
 
 
@@ -335,12 +335,12 @@ def test_a_log_is_reported_in_thousand_messages_and_megabytes(
     )
     monkeypatch.setattr(mission, "Contents", lambda *_: counted)
     monkeypatch.setattr(mission.reader, "read", lambda path: None)
-    found = {row.name: row for row in mission.log()}
-    assert found["messages"][1:3] == (30.0, "k")
-    assert found["writing"][1:3] == pytest.approx((60.0, "k/s"))
-    assert found["writing"].goal == Goal(50.0, at_least=True)
-    assert found["reading, to a flight"][1:3] == pytest.approx((60.0, "k/s"))
-    assert found["size"][1:3] == (2.5, "MB")
+    actual = {row.name: row for row in mission.log()}
+    assert actual["messages"][1:3] == (30.0, "k")
+    assert actual["writing"][1:3] == pytest.approx((60.0, "k/s"))
+    assert actual["writing"].goal == Goal(50.0, at_least=True)
+    assert actual["reading, to a flight"][1:3] == pytest.approx((60.0, "k/s"))
+    assert actual["size"][1:3] == (2.5, "MB")
 
 
 def test_the_least_of_several_times_counts_of_each_that_take_turns() -> None:

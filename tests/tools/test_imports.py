@@ -180,10 +180,10 @@ def test_laisn_imports_no_simulator() -> None:
 
 
 def test_sim_imports_from_laisn_only_the_shared_types() -> None:
-    found = imported_by("sim")
-    assert {pair for pair in found if within(pair[1], "experiments")} == set()
+    actual = imported_by("sim")
+    assert {pair for pair in actual if within(pair[1], "experiments")} == set()
     assert {
-        pair for pair in found if within(pair[1], "laisn") and pair[1] not in VOCABULARY
+        pair for pair in actual if within(pair[1], "laisn") and pair[1] not in VOCABULARY
     } == set()
 
 
@@ -202,14 +202,14 @@ def late(path: Path) -> set[str]:
 
 
 def test_an_import_within_a_function_has_its_reason() -> None:
-    found = {m: late(path) for m, path in SOURCES.items() if not within(m, "laisn_sim")}
+    actual = {m: late(path) for m, path in SOURCES.items() if not within(m, "laisn_sim")}
     assert not {
         (m, name)
-        for m, names in found.items()
+        for m, names in actual.items()
         for name in names
         if not any(within(name, x) for x in LATE)
     }
-    used = set().union(*found.values())
+    used = set().union(*actual.values())
     assert not {name for name in LATE if not any(within(one, name) for one in used)}, (
         "allowed, but not used"
     )
@@ -226,11 +226,11 @@ def test_imports_inside_functions_and_branches_are_found(tmp_path: Path) -> None
     (tmp_path / "laisn" / "gate.py").write_text("import numpy\nREACH = 1\n")
     (tmp_path / "sim" / "a.py").write_text("from . import b\nimport laisn.fix\n")
     (tmp_path / "sim" / "b.py").write_text("from sim import a\n")
-    found = import_graph.imports(tmp_path)
-    assert found["laisn.fix"] == {"laisn.gate"}
-    assert found["laisn.gate"] == set()
-    assert found["sim.a"] == {"sim.b", "laisn.fix"}
-    assert set(import_graph.cycle(found)) == {"sim.a", "sim.b"}
+    actual = import_graph.imports(tmp_path)
+    assert actual["laisn.fix"] == {"laisn.gate"}
+    assert actual["laisn.gate"] == set()
+    assert actual["sim.a"] == {"sim.b", "laisn.fix"}
+    assert set(import_graph.cycle(actual)) == {"sim.a", "sim.b"}
     assert import_graph.layers(
         import_graph.package_imports({"sim.c": {"laisn.fix"}, "laisn.fix": set()})
     ) == {

@@ -42,11 +42,11 @@ def dataclasses_of(package: str) -> Iterator[tuple[str, dict[str, bool]]]:
 
 @pytest.mark.parametrize("package", ["laisn", "sim", "experiments"])
 def test_records_are_frozen_and_made_by_name(package: str) -> None:
-    found = dict(dataclasses_of(package))
-    assert len(found) > 5
+    actual = dict(dataclasses_of(package))
+    assert len(actual) > 5
     wrong = [
         name
-        for name, options in found.items()
+        for name, options in actual.items()
         if not (options.get("frozen") and options.get("kw_only"))
     ]
     assert [name for name in wrong if not name.startswith(LOOSE)] == []

@@ -185,9 +185,9 @@ def test_two_processes_in_one_folder_share_the_work_and_give_the_same_rows(compu
         child.stdin.flush()
     for child in children:
         printed, _ = child.communicate(timeout=120)
-        count, _, found = printed.partition(" ")
+        count, _, actual = printed.partition(" ")
         counts.append(int(count))
-        assert found.strip() == repr(rows)
+        assert actual.strip() == repr(rows)
     # a process that starts late may find everything stored
     assert len(plans()) <= sum(counts) < 2 * len(plans())
     assert set(contents(shared)) == {
@@ -322,9 +322,9 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_rows(computed, tmp_path):
 
         killer = threading.Thread(target=kill_one)
         killer.start()
-        found = run(plans(), tmp_path / "lost", cluster=cluster.scheduler_address, quiet=True)
+        actual = run(plans(), tmp_path / "lost", cluster=cluster.scheduler_address, quiet=True)
         killer.join()
-    assert found == rows
+    assert actual == rows
 
 
 def test_no_more_processes_start_than_there_are_tasks(tmp_path, monkeypatch):
@@ -379,9 +379,9 @@ def test_errors_at_each_step_agree_with_the_summary(tmp_path):
 def test_steps_requested_later_are_added(computed, tmp_path):
     whole, rows = computed
     folder = shutil.copytree(whole, tmp_path / "copy")
-    wanted = [replace(plan, keep_steps=True) for plan in plans()]
-    assert run(wanted, folder, workers=1, quiet=True) == rows
-    assert store.Store(folder).get(wanted[0].steps_key) is not None
+    expected = [replace(plan, keep_steps=True) for plan in plans()]
+    assert run(expected, folder, workers=1, quiet=True) == rows
+    assert store.Store(folder).get(expected[0].steps_key) is not None
 
 
 def test_the_key_holds_what_makes_a_cell_and_nothing_else():

@@ -52,7 +52,7 @@ def noise_with(settings: Sequence[str]) -> TrueNoise:
 
 
 def test_noise_is_that_of_the_sensors_and_biases_are_those_assumed() -> None:
-    found = noise_with(NOISY)
+    actual = noise_with(NOISY)
     expected = TrueNoise(
         # a uniform error of width τ has the variance τ²/12; the widths' mean square is 0.13²/3
         speed_sigma=0.25,
@@ -64,7 +64,7 @@ def test_noise_is_that_of_the_sensors_and_biases_are_those_assumed() -> None:
         heading_bias=float(np.deg2rad(7.0)),
         range_scale_bias=0.23,
     )
-    assert vars(found) == pytest.approx(vars(expected), rel=1e-12)
+    assert vars(actual) == pytest.approx(vars(expected), rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -87,11 +87,11 @@ def test_noise_is_that_of_the_sensors_and_biases_are_those_assumed() -> None:
 def test_what_is_not_there_or_known_is_no_unknown(
     settings: list[str], unknown: dict[str, float]
 ) -> None:
-    plain, found = (
+    plain, actual = (
         noise_with(NOISY),
         noise_with([*NOISY, *settings]),
     )
-    assert vars(found) == pytest.approx(vars(replace(plain, **unknown)), rel=1e-12)
+    assert vars(actual) == pytest.approx(vars(replace(plain, **unknown)), rel=1e-12)
 
 
 def test_sound_that_takes_its_time_leaves_the_leader_where_it_was() -> None:
@@ -104,16 +104,16 @@ def test_sound_that_takes_its_time_leaves_the_leader_where_it_was() -> None:
     )
     water = flown.water_velocity.copy()
     water[...] = [0.3, -0.2, 0.0]
-    found = geometry_of(
+    actual = geometry_of(
         replace(flown, water_velocity=water), SensingSettings.of(using(scenario, 3))
     )
-    sent = np.arange(1.0, found.message_step.size + 1)
-    assert found.message_step.tolist() == [
-        10 * k + 1 for k in range(1, found.message_step.size + 1)
+    sent = np.arange(1.0, actual.message_step.size + 1)
+    assert actual.message_step.tolist() == [
+        10 * k + 1 for k in range(1, actual.message_step.size + 1)
     ]
     east = 1.5 * (sent + 0.1) - sent
-    assert found.from_leader == pytest.approx(np.column_stack([east, np.full(sent.size, 4.0)]))
-    assert found.leader_velocity == pytest.approx(np.tile([0.7, 0.2], (sent.size, 1)))
+    assert actual.from_leader == pytest.approx(np.column_stack([east, np.full(sent.size, 4.0)]))
+    assert actual.leader_velocity == pytest.approx(np.tile([0.7, 0.2], (sent.size, 1)))
 
 
 def test_geometry_is_that_of_straight_ways() -> None:
@@ -124,15 +124,15 @@ def test_geometry_is_that_of_straight_ways() -> None:
     flown = straight.make_trajectory(
         (0.0, 4.0, -11.0), leader_velocity=(1.0, 0.0, 0.0), follower_velocity=(1.5, 0.0, 0.0)
     )
-    found = geometry_of(flown, SensingSettings.of(using(scenario, 3)))
-    assert found.dt == 0.1
-    assert found.speed == pytest.approx(np.full(200, 1.5))
-    assert found.heading == pytest.approx(np.full(200, np.pi / 2))
-    assert found.message_step.tolist() == list(range(10, 201, 10))
+    actual = geometry_of(flown, SensingSettings.of(using(scenario, 3)))
+    assert actual.dt == 0.1
+    assert actual.speed == pytest.approx(np.full(200, 1.5))
+    assert actual.heading == pytest.approx(np.full(200, np.pi / 2))
+    assert actual.message_step.tolist() == list(range(10, 201, 10))
     seconds = np.arange(1.0, 21.0)
-    assert found.from_leader == pytest.approx(np.column_stack([0.5 * seconds, np.full(20, 4.0)]))
+    assert actual.from_leader == pytest.approx(np.column_stack([0.5 * seconds, np.full(20, 4.0)]))
     # rear, front, and 0.1 m to port, which is north
-    assert found.arms == pytest.approx(
+    assert actual.arms == pytest.approx(
         np.tile([[-1.0, 0.0, -3.0], [1.0, 0.0, -3.0], [0.0, 0.1, -3.0]], (20, 1, 1))
     )
     arrived = np.ones((20, 3), dtype=bool)

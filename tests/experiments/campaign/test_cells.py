@@ -153,14 +153,14 @@ def test_a_cell_depends_on_no_other_and_on_no_order(
 
 def leaves(section: BaseModel) -> list[tuple[str, ...]]:
     """Names of all settings within a section that are no sections themselves."""
-    found: list[tuple[str, ...]] = []
+    actual: list[tuple[str, ...]] = []
     for name in type(section).model_fields:
         value = getattr(section, name)
         if isinstance(value, BaseModel):
-            found += [(name, *rest) for rest in leaves(value)]
+            actual += [(name, *rest) for rest in leaves(value)]
         else:
-            found.append((name,))
-    return found
+            actual.append((name,))
+    return actual
 
 
 def changed(scenario: Scenario, leaf: tuple[str, ...]) -> Scenario:

@@ -240,8 +240,8 @@ def test_percentiles_lie_where_they_fall_within_a_bin() -> None:
     k = np.digitize([0.5], edges)[0] - 1
     histogram[[k, k + 40]] = 3, 1
     for share, expected in ((0.25, edges[k] + (edges[k + 1] - edges[k]) / 3), (0.75, edges[k + 1])):
-        found = lane_flight.percentile(histogram, lane_flight.LOWEST_P, share, 10.0)
-        assert found == pytest.approx(expected, rel=1e-12)
+        actual = lane_flight.percentile(histogram, lane_flight.LOWEST_P, share, 10.0)
+        assert actual == pytest.approx(expected, rel=1e-12)
     # the largest bounds what a bin may be read as
     largest = (edges[k + 40] + edges[k + 41]) / 2
     assert lane_flight.percentile(histogram, lane_flight.LOWEST_P, 1.0, largest) == largest

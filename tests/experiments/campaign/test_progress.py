@@ -60,10 +60,10 @@ def test_a_terminal_counts_the_functions_compiled(
     stored, enough = iter([3, 3, 4, *[10] * 1000]), threading.Event()
 
     def count_stored() -> int:
-        found = next(stored)
-        if found == 10 and next(stored):
+        actual = next(stored)
+        if actual == 10 and next(stored):
             enough.set()
-        return found
+        return actual
 
     monkeypatch.setattr("laisn.compiled.count_stored", count_stored)
     monkeypatch.setattr(progress, "_REFRESH_HZ", 100.0)

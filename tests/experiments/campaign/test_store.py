@@ -62,11 +62,11 @@ def damaged(content: bytes, rng: np.random.Generator) -> bytes:
     return content[:i] + rng.bytes(j - i) + content[j:]
 
 
-def content(found: tuple[Any, Arrays] | None) -> object:
+def content(stored: tuple[Any, Arrays] | None) -> object:
     """All of a result to compare; None if there is none."""
-    return found and (
-        repr(found[0]),
-        {name: (v.dtype, v.shape, v.tobytes()) for name, v in found[1].items()},
+    return stored and (
+        repr(stored[0]),
+        {name: (v.dtype, v.shape, v.tobytes()) for name, v in stored[1].items()},
     )
 
 
@@ -90,13 +90,13 @@ def test_no_damage_of_a_result_changes_a_number(store: Store) -> None:
         path.write_bytes(damage)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            found = content(store.get(KEY))
-        if found is None:
+            actual = content(store.get(KEY))
+        if actual is None:
             assert [w.category for w in caught] == [DamagedResult]
             assert "computed again: " in str(caught[0].message)
             refused += 1
         else:
-            assert found == right
+            assert actual == right
     assert refused > 0.8 * len(tried)
 
 

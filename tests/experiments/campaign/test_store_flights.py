@@ -51,12 +51,12 @@ def test_no_flipped_byte_of_a_flight_changes_a_number(tmp_path):
         path.write_bytes(damaged)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            found = store.get(path.stem)
-        if found is None:
+            actual = store.get(path.stem)
+        if actual is None:
             refused += [warning.category for warning in caught] == [DamagedResult]
         else:
-            assert found[1]["pose"].tobytes() == flown.pose.tobytes()
-            assert found[1]["twist"].tobytes() == flown.twist.tobytes()
+            assert actual[1]["pose"].tobytes() == flown.pose.tobytes()
+            assert actual[1]["twist"].tobytes() == flown.twist.tobytes()
     assert refused > 50
 
 

@@ -48,11 +48,11 @@ def flown(folder: Path, *numbers: int, **how: Any) -> Flown:
 
 
 def test_rows_are_returned_unchanged_in_the_requested_order(tmp_path: Path) -> None:
-    found = flown(tmp_path, 3, 2).tasks
-    assert list(found) == [3, 2]
-    assert [row["values"] for row in found[3]] == [[3.0], [3.0, 3.0]]
-    assert found[3][0]["limits"] == [1.0, 0.5, 2.0]
-    assert np.isnan(found[3][0]["missing"])
+    actual = flown(tmp_path, 3, 2).tasks
+    assert list(actual) == [3, 2]
+    assert [row["values"] for row in actual[3]] == [[3.0], [3.0, 3.0]]
+    assert actual[3][0]["limits"] == [1.0, 0.5, 2.0]
+    assert np.isnan(actual[3][0]["missing"])
 
 
 def test_what_is_stored_is_not_computed_again_unless_forced(tmp_path: Path) -> None:
@@ -70,8 +70,8 @@ def test_a_failure_stops_the_study_after_other_results_are_stored_or_is_reported
     with pytest.raises(CampaignError, match=r"^no root of -1$"):
         flown(tmp_path, -1, 2)
     CALLS.clear()
-    found = flown(tmp_path, -1, 2, tolerant=True)
-    assert (CALLS, list(found.tasks), found.failures) == ([-1], [2], {-1: "no root of -1"})
+    actual = flown(tmp_path, -1, 2, tolerant=True)
+    assert (CALLS, list(actual.tasks), actual.failures) == ([-1], [2], {-1: "no root of -1"})
 
 
 def test_the_key_is_of_the_sources_and_of_all_that_is_given(

@@ -35,9 +35,9 @@ def test_flights_are_compared_with_the_settings_that_differ(tmp_path):
             flight.hydrophone(0)[:, :2],
             flight.trajectory.position[flight.step_index(), 0, :2],
         )
-        found = flight.estimates[0].state[:, :2]
-        off.append(np.linalg.norm(found - truth, axis=1))
-        seen, true = ((at - leader) @ np.array([1j, 1.0]) for at in (found, truth))
+        actual = flight.estimates[0].state[:, :2]
+        off.append(np.linalg.norm(actual - truth, axis=1))
+        seen, true = ((at - leader) @ np.array([1j, 1.0]) for at in (actual, truth))
         turned = np.abs(np.rad2deg(np.angle(seen / true)))
         expected = (
             off[-1].mean(),
@@ -76,15 +76,15 @@ def test_studies_are_paired_where_they_share_places_and_runs(tmp_path):
             "vary": {"leader.baseline_m": [1.0, 2.0]},
         }
         run_studies({"study": of_table(table, name, name)}, tmp_path / name, workers=1, quiet=True)
-    found = paired([tmp_path / name for name in "abcd"], "e_p_mean_m")
+    actual = paired([tmp_path / name for name in "abcd"], "e_p_mean_m")
     pages = {b: page_of([str(tmp_path / "a"), str(tmp_path / b)]).summary for b in "bcd"}
     assert "nothing to compare: the studies have the same settings" in pages["b"]
     assert "b against a: lower at 0, higher at 0, undecided at 0, the same at 2 of 2" in pages["b"]
     assert "against" not in pages["c"]
     assert "nothing to compare: the studies share places, but neither seeds" in pages["c"]
     assert "nothing to compare: the studies share places, but neither seeds" in pages["d"]
-    assert len(found) == 2
-    for _, same, fewer, other in found.values():
+    assert len(actual) == 2
+    for _, same, fewer, other in actual.values():
         assert same is not None
         assert same.value == 0.0
         assert fewer is None
@@ -96,8 +96,8 @@ def test_studies_are_paired_where_they_share_places_and_runs(tmp_path):
 
 
 def test_a_table_that_holds_nothing_is_no_setting() -> None:
-    found = compare._differing([{"runs": 3, "set": {}}, {"runs": 3, "set.duration_s": 20.0}])
-    assert found == {"set.duration_s": [None, 20.0]}
+    actual = compare._differing([{"runs": 3, "set": {}}, {"runs": 3, "set.duration_s": 20.0}])
+    assert actual == {"set.duration_s": [None, 20.0]}
 
 
 def kept(folder: Path, seeds: tuple[int, ...], added: float) -> Path:
@@ -133,8 +133,8 @@ def kept(folder: Path, seeds: tuple[int, ...], added: float) -> Path:
 def test_differences_are_taken_run_by_run_of_the_same_seeds(tmp_path):
     """Every run is off by a tenth of its number more: Student's t over three equal differences."""
     first, more = kept(tmp_path / "a", (7, 8, 9), 0.0), kept(tmp_path / "b", (9, 7, 8), 0.1)
-    found = paired([first, more], "e_p_mean_m")
-    assert [place[:1] for place in found] == [
+    actual = paired([first, more], "e_p_mean_m")
+    assert [place[:1] for place in actual] == [
         ("leader.baseline_m = 1.0",),
         ("leader.baseline_m = 2.0",),
     ]
@@ -145,7 +145,7 @@ def test_differences_are_taken_run_by_run_of_the_same_seeds(tmp_path):
     assert page_of([str(first), str(more)]).summary.endswith(
         "b against a: lower at 0, higher at 1, undecided at 1 of 2 places."
     )
-    for p, (mean, apart) in enumerate(found.values()):
+    for p, (mean, apart) in enumerate(actual.values()):
         # realizations differ by 0.1 m: t(0.975, 2) s / √3
         half = 4.302653 * 0.1 / np.sqrt(3)
         middle = 1.0 + 0.8 + 0.1 * 14.5 + p

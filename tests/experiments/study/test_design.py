@@ -93,8 +93,8 @@ def test_draws_follow_their_law(given, law):
 
 def test_choices_come_alike_often():
     draw = Draw.of("navigation.variant", {"choice": ["a", "b", "c"]})
-    found = [draw.value(1, realization) for realization in range(1000)]
-    assert stats.chisquare([found.count(c) for c in "abc"]).pvalue > 1e-3
+    actual = [draw.value(1, realization) for realization in range(1000)]
+    assert stats.chisquare([actual.count(c) for c in "abc"]).pvalue > 1e-3
 
 
 def test_draws_of_keys_realizations_and_seeds_are_independent():

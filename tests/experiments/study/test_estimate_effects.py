@@ -41,31 +41,31 @@ def test_factors_that_add_explain_their_own_variances(factorial: StudyPlan) -> N
     def mean(x: float, y: float, arm: str) -> float:
         return 10 + 3.0 * (x - 12) / 2 + 2.0 * (y - 6) + (1.0 if arm == "a" else -1.0)
 
-    found = main_effects(factorial, results_of(factorial, mean), "e_p_mean_m")
-    assert list(found) == ["followers.0.depth_m", "leader.depth_m", "arm", INTERACTIONS]
-    assert [share.value for share in found.values()] == pytest.approx(
+    actual = main_effects(factorial, results_of(factorial, mean), "e_p_mean_m")
+    assert list(actual) == ["followers.0.depth_m", "leader.depth_m", "arm", INTERACTIONS]
+    assert [share.value for share in actual.values()] == pytest.approx(
         [6 / 11, 4 / 11, 1 / 11, 0.0], abs=1e-12
     )
     assert all(
         share.low <= share.value + 1e-9 and share.value <= share.high + 1e-9
-        for share in found.values()
+        for share in actual.values()
     )
 
 
 def test_what_only_two_factors_together_do_is_interaction(factorial: StudyPlan) -> None:
-    found = main_effects(
+    actual = main_effects(
         factorial, results_of(factorial, lambda x, y, _: 10 + (x - 12) * (y - 6)), "e_p_mean_m"
     )
-    assert found[INTERACTIONS].value == pytest.approx(1.0)
-    assert found["followers.0.depth_m"].value == pytest.approx(0.0, abs=1e-12)
+    assert actual[INTERACTIONS].value == pytest.approx(1.0)
+    assert actual["followers.0.depth_m"].value == pytest.approx(0.0, abs=1e-12)
 
 
 def test_noise_widens_the_intervals(factorial: StudyPlan) -> None:
     def width(noise: float) -> float:
-        found = main_effects(
+        actual = main_effects(
             factorial, results_of(factorial, lambda x, y, _: x + y, noise), "e_p_mean_m"
         )
-        share = found["followers.0.depth_m"]
+        share = actual["followers.0.depth_m"]
         assert share.low < share.value < share.high
         return share.high - share.low
 
@@ -89,12 +89,12 @@ def test_sampled_ranges_have_their_sobol_indices(design: str) -> None:
     def mean(x: float, y: float, z: float, _: str) -> float:
         return (x - 10) / 2 + ((y - 5) / 2) ** 2 + (np.log10(z) + 2) / 2
 
-    found = main_effects(plan, results_of(plan, mean), "e_p_mean_m")
+    actual = main_effects(plan, results_of(plan, mean), "e_p_mean_m")
     total = 4 / 12 + 4 / 45 + 1 / 12
     for key, variance in zip(keys, (4 / 12, 4 / 45, 1 / 12), strict=True):
-        assert found[key].value == pytest.approx(variance / total, abs=0.06)
-        assert found[key].low < variance / total < found[key].high
-    assert INTERACTIONS not in found
+        assert actual[key].value == pytest.approx(variance / total, abs=0.06)
+        assert actual[key].low < variance / total < actual[key].high
+    assert INTERACTIONS not in actual
 
 
 def test_a_single_factor_and_constant_columns_are_not_discussed(factorial: StudyPlan) -> None:

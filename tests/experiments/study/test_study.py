@@ -489,8 +489,8 @@ def test_batches_are_flown_until_every_interval_is_narrow_enough(tmp_path):
     )
     for name in (RESULTS, RUNS, RECORD):
         assert (tmp_path / "until" / name).read_bytes() == (tmp_path / "fixed" / name).read_bytes()
-    found = findings.read(tmp_path / "until" / RECORD).findings
-    assert max((f.high - f.low) / 2 for key, f in found.items() if "point" in key) <= wanted
+    actual = findings.read(tmp_path / "until" / RECORD).findings
+    assert max((f.high - f.low) / 2 for key, f in actual.items() if "point" in key) <= wanted
     most = UNTIL | {"until": {"half_width": 1e-6, "most": 30}}
     (outcomes,) = fly_until_narrow(
         [plan_of(study(SMALL, runs=most, **given))], tmp_path / "most", quiet=True

@@ -129,10 +129,10 @@ def test_the_page_is_the_golden_one(page: Page) -> None:
 
 
 def test_the_record_has_estimates_and_paired_differences(plan: StudyPlan, results: Results) -> None:
-    found = findings_of(plan, results)
-    assert len(found) == 6 + 3
+    actual = findings_of(plan, results)
+    assert len(actual) == 6 + 3
     for (point, arm), mean in MEANS.items():
-        finding = found[f"e_p_mean_m: point {point}, arm {arm}, follower"]
+        finding = actual[f"e_p_mean_m: point {point}, arm {arm}, follower"]
         own = np.array(results.by_run(place(point, arm), "e_p_mean_m"))[0]
         assert finding.value == pytest.approx(mean, rel=1e-5)
         assert finding.unit == "m"
@@ -140,7 +140,7 @@ def test_the_record_has_estimates_and_paired_differences(plan: StudyPlan, result
         assert (float(finding.high or 0) - float(finding.low or 0)) / 2 == pytest.approx(
             half, rel=0.15
         )
-    apart = found["e_p_mean_m: point 1, arm aware, follower, less plain"]
+    apart = actual["e_p_mean_m: point 1, arm aware, follower, less plain"]
     assert apart.value == pytest.approx(1.5, rel=1e-5)
     # what both arms scatter by drops out
     assert float(apart.high or 0) - float(apart.low or 0) < 0.02
@@ -170,12 +170,12 @@ def test_a_run_that_contact_ended_is_the_first_to_look_at(
     ended = values.copy()
     ended[7] = np.nan
     lists = [dict(results.runs[at][0]) | {"e_p_mean_m": ended.tolist()}]
-    found = replace(results, runs={**results.runs, at: lists})
-    (_, worst), (_, median) = notable(plan, found, at)
+    actual = replace(results, runs={**results.runs, at: lists})
+    (_, worst), (_, median) = notable(plan, actual, at)
     assert worst == 7
     assert np.count_nonzero(ended < ended[median]) == 19
-    assert found.estimate(at, "e_p_mean_m").value == pytest.approx(np.delete(values, 7).mean())
-    apart = found.difference(place(0, "aware"), "plain", "e_p_mean_m")
+    assert actual.estimate(at, "e_p_mean_m").value == pytest.approx(np.delete(values, 7).mean())
+    apart = actual.difference(place(0, "aware"), "plain", "e_p_mean_m")
     (theirs,) = results.by_run(place(0, "aware"), "e_p_mean_m") or []
     assert apart.value == pytest.approx(np.delete(theirs - values, 7).mean())
 
@@ -330,10 +330,10 @@ def test_columns_have_the_units_of_their_names() -> None:
 @pytest.fixture
 def drawn(monkeypatch: pytest.MonkeyPatch) -> list[tuple[list[Line], dict[str, Any]]]:
     """Lines and settings of the panels that charts draw."""
-    found: list[tuple[list[Line], dict[str, Any]]] = []
+    actual: list[tuple[list[Line], dict[str, Any]]] = []
 
-    monkeypatch.setattr(charts, "panel", lambda lines, **settings: found.append((lines, settings)))
-    return found
+    monkeypatch.setattr(charts, "panel", lambda lines, **settings: actual.append((lines, settings)))
+    return actual
 
 
 def test_lines_of_the_main_figure_are_the_means_of_their_arms(
@@ -425,7 +425,7 @@ def test_means_of_realizations_are_plotted_over_their_draws(plan: StudyPlan, dra
 
 
 def test_rows_of_closed_loops_are_extremes_roots_and_means_of_their_runs(plan: StudyPlan) -> None:
-    found = [
+    actual = [
         [
             {
                 "run": 0,
@@ -455,7 +455,7 @@ def test_rows_of_closed_loops_are_extremes_roots_and_means_of_their_runs(plan: S
             }
         ],
     ]
-    row, lists = _of_runs(plan.entries[0], 0, found)
+    row, lists = _of_runs(plan.entries[0], 0, actual)
     reported = {
         "runs": 2,
         "seed": 1,

@@ -34,10 +34,10 @@ from tests.synthetic import make_scenario, make_trajectory
 
 def test_few_realizations_have_the_interval_of_student():
     """t(0.975, 2) = 4.3027 (any table); the means 1, 2, 3 have s = 1."""
-    found = over_realizations(np.array([1.0, 2.0, 3.0]))
-    assert found.value == 2.0
-    assert found.high - 2.0 == pytest.approx(4.3027 / math.sqrt(3), rel=1e-4)
-    assert 2.0 - found.low == pytest.approx(4.3027 / math.sqrt(3), rel=1e-4)
+    actual = over_realizations(np.array([1.0, 2.0, 3.0]))
+    assert actual.value == 2.0
+    assert actual.high - 2.0 == pytest.approx(4.3027 / math.sqrt(3), rel=1e-4)
+    assert 2.0 - actual.low == pytest.approx(4.3027 / math.sqrt(3), rel=1e-4)
 
 
 def test_one_realization_gives_no_spread_between_realizations():
@@ -48,27 +48,27 @@ def test_intervals_over_many_realizations_have_nominal_coverage():
     random = np.random.default_rng(1)
     hits = 0
     for _ in range(300):
-        found = over_realizations(random.normal(5.0, 2.0, 40))
-        hits += found.low <= 5.0 <= found.high
+        actual = over_realizations(random.normal(5.0, 2.0, 40))
+        hits += actual.low <= 5.0 <= actual.high
     assert 0.90 < hits / 300 < 0.98
 
 
 def test_realizations_have_equal_weight_for_any_scatter_of_runs():
-    found = over_runs([np.array([0.0, 4.0]), np.array([4.0, 4.0])])
-    assert found.value == 3.0
+    actual = over_runs([np.array([0.0, 4.0]), np.array([4.0, 4.0])])
+    assert actual.value == 3.0
 
 
 def test_shares_have_the_limits_of_clopper_and_pearson():
-    found = over_runs([np.zeros(60)], shares=True)
-    assert found.high == pytest.approx(1 - 0.025 ** (1 / 60), rel=1e-9)
-    assert found.low == 0.0
+    actual = over_runs([np.zeros(60)], shares=True)
+    assert actual.high == pytest.approx(1 - 0.025 ** (1 / 60), rel=1e-9)
+    assert actual.low == 0.0
 
 
 def test_an_outcome_absent_from_several_realizations_has_an_interval():
     """A realization counts as one run: 0 of 12 leaves up to 1 − 0.025^(1/12)."""
-    found = over_runs([np.zeros(12)] * 12, shares=True)
-    assert (found.value, found.low) == (0.0, 0.0)
-    assert found.high == pytest.approx(1 - 0.025 ** (1 / 12), rel=1e-9)
+    actual = over_runs([np.zeros(12)] * 12, shares=True)
+    assert (actual.value, actual.low) == (0.0, 0.0)
+    assert actual.high == pytest.approx(1 - 0.025 ** (1 / 12), rel=1e-9)
     assert over_runs([np.ones(5)] * 12, shares=True).low == pytest.approx(
         0.025 ** (1 / 12), rel=1e-9
     )
@@ -93,13 +93,13 @@ def test_shares_of_realizations_have_the_limits_of_the_effective_number_of_runs(
     Four realizations of ten runs, of which 1, 2, 5 and 2 have the outcome: their mean is 0.25, its
     variance 0.03 / 4.
     """
-    found = over_runs(
+    actual = over_runs(
         [(np.arange(10) < count).astype(float) for count in (1, 2, 5, 2)], shares=True
     )
     alike = 0.25 * 0.75 / (0.03 / 4) * (2.0227 / 3.1824) ** 2
-    assert found.value == 0.25
-    assert found.low == pytest.approx(beta.ppf(0.025, 0.25 * alike, 0.75 * alike + 1), rel=1e-3)
-    assert found.high == pytest.approx(beta.ppf(0.975, 0.25 * alike + 1, 0.75 * alike), rel=1e-3)
+    assert actual.value == 0.25
+    assert actual.low == pytest.approx(beta.ppf(0.025, 0.25 * alike, 0.75 * alike + 1), rel=1e-3)
+    assert actual.high == pytest.approx(beta.ppf(0.975, 0.25 * alike + 1, 0.75 * alike), rel=1e-3)
     # realizations that scatter less than single runs would do not make more of them
     even = over_runs([(np.arange(10) < 2).astype(float)] * 4, shares=True)
     exact = binomtest(8, 40).proportion_ci(method="exact")
@@ -114,17 +114,17 @@ def test_shares_of_different_realizations_have_nominal_coverage():
     hits = 0
     for _ in range(400):
         chances = random.beta(0.3, 2.7, 15)
-        found = over_runs(
+        actual = over_runs(
             [(random.random(20) < chance).astype(float) for chance in chances], shares=True
         )
-        hits += found.low <= 0.1 <= found.high
+        hits += actual.low <= 0.1 <= actual.high
     assert hits / 400 > 0.93
 
 
 def test_seas_that_are_all_alike_do_not_bound_their_mean():
-    found = over_realizations(np.full(30, 2.0))
-    assert found.value == 2.0
-    assert math.isnan(found.low)
+    actual = over_realizations(np.full(30, 2.0))
+    assert actual.value == 2.0
+    assert math.isnan(actual.low)
 
 
 def results():
@@ -140,9 +140,9 @@ def results():
 
 def test_differences_of_arms_are_paired_by_run():
     """Noise of σ = 1 that both arms share drops out; what is left has σ = 0.01."""
-    found = results().difference(Condition(0, "b", "f"), "a", "e_p_mean_m")
-    assert found.value == pytest.approx(-0.5, abs=0.01)
-    assert found.high - found.low < 0.02
+    actual = results().difference(Condition(0, "b", "f"), "a", "e_p_mean_m")
+    assert actual.value == pytest.approx(-0.5, abs=0.01)
+    assert actual.high - actual.low < 0.02
     alone = results().estimate(Condition(0, "b", "f"), "e_p_mean_m")
     assert alone.high - alone.low > 0.3
 

@@ -142,13 +142,13 @@ def test_an_arm_may_follow_a_leader_that_keeps_level_on_the_same_track(tmp_path:
     for row, (labels, lists), behind in zip(
         outcomes.rows, outcomes.runs, (motion, tilted(motion, 0.0)), strict=True
     ):
-        found = simulate(
+        actual = simulate(
             Cell.of(scenario, 0, 3, mission=CampaignMission(MotionSettings.of(scenario), behind))
         )
         assert {name: row[name] for name in ("e_p_mean_m", "nees")} == {
-            name: found.row[name] for name in ("e_p_mean_m", "nees")
+            name: actual.row[name] for name in ("e_p_mean_m", "nees")
         }
-        assert lists["e_p_mean_m"].tolist() == found.runs["e_p_mean_m"].tolist()
+        assert lists["e_p_mean_m"].tolist() == actual.runs["e_p_mean_m"].tolist()
         assert labels["arm"] == row["arm"]
     assert outcomes.rows[0]["e_p_mean_m"] != outcomes.rows[1]["e_p_mean_m"]
     assert outcomes.rows[0]["leader_pitch_rms_deg"] == outcomes.rows[1]["leader_pitch_rms_deg"]
@@ -210,18 +210,18 @@ def test_a_measured_value_is_that_of_the_mission(tmp_path: Path) -> None:
 
 def test_runs_that_a_study_adds_are_those_of_a_longer_study(tmp_path: Path) -> None:
     arms = [{"name": "a"}, {"name": "b", "navigation.gate": "off"}]
-    found, asked = {"part": flown(tmp_path, {"arm": arms})}, []
+    actual, asked = {"part": flown(tmp_path, {"arm": arms})}, []
 
     def choose(outcomes: Any) -> dict[str, Choice]:
         asked.append([len(lists["run"]) for _, lists in outcomes["part"].runs])
         return {"part": {(0, "b", 0): 5}} if len(asked) == 1 else {}
 
-    fly_further(found, choose, tmp_path, workers=1, quiet=True)
+    fly_further(actual, choose, tmp_path, workers=1, quiet=True)
     assert asked == [[3, 3], [3, 5]]
     whole = flown(tmp_path / "whole", {"arm": arms, "runs": 5})
-    for name, values in found["part"].runs[1][1].items():
+    for name, values in actual["part"].runs[1][1].items():
         assert values.tolist() == pytest.approx(whole.runs[1][1][name].tolist(), nan_ok=True)
-    assert found["part"].rows[1]["runs"] == 3
+    assert actual["part"].rows[1]["runs"] == 3
 
 
 def test_runs_have_the_noise_of_their_numbers(tmp_path: Path) -> None:

@@ -168,10 +168,10 @@ def test_the_range_filter_is_filterpys(transmitters: int, current: bool) -> None
     assume = Assume(current=current)
     settings = replace(SETTINGS, transmitters=transmitters, hydrophone_height=0.1, assume=assume)
     mission = measure(truth, SensorErrors(depth_sigma=0.05), seed=3, run=1)
-    found = RangeFilter(settings, truth.start).run(mission)
+    actual = RangeFilter(settings, truth.start).run(mission)
     position, covariance = by_filterpy(settings, mission, truth.start)
-    assert found.state[:, :2] == pytest.approx(position, abs=1e-6)
-    assert found.covariance[:, (0, 0, 1), (0, 1, 1)] == pytest.approx(
+    assert actual.state[:, :2] == pytest.approx(position, abs=1e-6)
+    assert actual.covariance[:, (0, 0, 1), (0, 1, 1)] == pytest.approx(
         covariance, rel=1e-5, abs=1e-9
     )
 
@@ -182,10 +182,10 @@ def test_the_filter_on_one_way_travel_times_is_filterpys_on_one_range() -> None:
     full = mission.ranges.copy()
     full[np.isnan(full[:, 2]), 0] = np.nan
     mission = replace(mission, ranges=full)
-    found = OneWayTravelTime(SETTINGS, truth.start).run(mission)
+    actual = OneWayTravelTime(SETTINGS, truth.start).run(mission)
     position, covariance = by_filterpy(SETTINGS, mission, truth.start, only=2)
-    assert found.state[:, :2] == pytest.approx(position, abs=1e-5)
-    assert found.covariance[:, (0, 0, 1), (0, 1, 1)] == pytest.approx(
+    assert actual.state[:, :2] == pytest.approx(position, abs=1e-5)
+    assert actual.covariance[:, (0, 0, 1), (0, 1, 1)] == pytest.approx(
         covariance, rel=1e-5, abs=1e-9
     )
 
@@ -321,7 +321,7 @@ def test_a_factor_graph_whose_window_holds_all_is_the_solution_of_the_whole_prob
 
     def residuals(v: Floats) -> Floats:
         poses, (log, scale), current, common = v[:21].reshape(7, 3), v[21:23], v[23:25], v[25:]
-        found = [
+        actual = [
             poses[0, :2] / 0.5,
             [
                 poses[0, 2] / settings.heading_bias_sigma,
@@ -342,14 +342,14 @@ def test_a_factor_graph_whose_window_holds_all_is_the_solution_of_the_whole_prob
                 [[np.cos(before[2]), np.sin(before[2])], [-np.sin(before[2]), np.cos(before[2])]]
             )
             moved = turn @ (after[:2] - before[:2] - current) - way + log * path
-            found.append(np.linalg.solve(np.linalg.cholesky(noise), moved))
-            found.append([(after[2] - before[2]) / (1.5e-4 * np.sqrt(1.0))])
+            actual.append(np.linalg.solve(np.linalg.cholesky(noise), moved))
+            actual.append([(after[2] - before[2]) / (1.5e-4 * np.sqrt(1.0))])
             places = np.array([reception.message.east, reception.message.north]) + offsets
             away = np.linalg.norm(after[:2] - places, axis=1)
             z = np.array(reception.ranges)
-            found.append((away * (1.0 + common[i] / z.max()) - z) / settings.range_sigma)
-            found.append([(common[i] - scale) / settings.range_scale_sigma])
-        return np.concatenate(found)
+            actual.append((away * (1.0 + common[i] / z.max()) - z) / settings.range_sigma)
+            actual.append([(common[i] - scale) / settings.range_scale_sigma])
+        return np.concatenate(actual)
 
     best = least_squares(
         residuals, np.zeros(31), x_scale="jac", xtol=1e-14, ftol=1e-14, max_nfev=2000
@@ -415,9 +415,9 @@ def test_a_shipped_usbl_is_there_for_its_navigator_alone(flight: Any) -> None:
     direction = (
         np.arctan2(*away[measured.message_step, :2].T) - truth.heading[measured.message_step, 1]
     )
-    found = measured.custom["bearing"][measured.message_step - 1, 0]
+    actual = measured.custom["bearing"][measured.message_step - 1, 0]
     np.testing.assert_allclose(
-        np.cos(found - direction), np.cos(np.deg2rad(2.0)), rtol=0, atol=1e-9
+        np.cos(actual - direction), np.cos(np.deg2rad(2.0)), rtol=0, atol=1e-9
     )
 
 

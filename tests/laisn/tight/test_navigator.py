@@ -65,9 +65,9 @@ def test_messages_that_are_late_as_a_whole_do_no_harm() -> None:
     off = []
     for excess in (0.0 * late, late):
         given = replace(measured, ranges=measured.ranges + excess[:, None])
-        found = TightNavigator(TightSettings(transmitters=2), mission.start).run(given)
-        off.append(np.hypot(*(found.state[:, :2] - mission.follower[1:]).T))
-        assert found.used[excess > 1.0].max(initial=0) <= 1
+        actual = TightNavigator(TightSettings(transmitters=2), mission.start).run(given)
+        off.append(np.hypot(*(actual.state[:, :2] - mission.follower[1:]).T))
+        assert actual.used[excess > 1.0].max(initial=0) <= 1
     assert np.count_nonzero(late) > 5
     assert np.sqrt(np.mean(off[1] ** 2)) < 1.2 * np.sqrt(np.mean(off[0] ** 2))
 
@@ -137,11 +137,11 @@ def test_online_steps_a_run_and_a_compiled_loop_agree_to_the_bit(
         online.step(own, reception)
         assert online.state.tobytes() == result.state[i].tobytes()
         assert online.covariance.tobytes() == result.covariance[i].tobytes()
-    found = run_mission(setting, measurements, mission.start)
-    assert found.state.tobytes() == result.state.tobytes()
-    assert found.covariance[:, 1].tobytes() == result.covariance[:, 0, 1].tobytes()
-    assert found.outcome[:, 1].tolist() == result.used.tolist()
-    np.testing.assert_array_equal(found.outcome[:, 2], result.nis)
+    actual = run_mission(setting, measurements, mission.start)
+    assert actual.state.tobytes() == result.state.tobytes()
+    assert actual.covariance[:, 1].tobytes() == result.covariance[:, 0, 1].tobytes()
+    assert actual.outcome[:, 1].tolist() == result.used.tolist()
+    np.testing.assert_array_equal(actual.outcome[:, 2], result.nis)
 
 
 def test_errors_match_the_covariance_and_approach_the_bound() -> None:
@@ -192,10 +192,10 @@ def test_covariances_stay_positive_definite_for_a_million_steps(transmitters: in
         measurements.ranges,
         measurements.depth[step - 1],
     )
-    found = MissionEstimates(np.empty((10_000, 2)), np.empty((0, 3)), np.empty((0, 3)))
+    actual = MissionEstimates(np.empty((10_000, 2)), np.empty((0, 3)), np.empty((0, 3)))
     backwards = mission.follower[-1] - mission.follower[0]
     for lap in range(100):
-        assert filter_mission(belief, model, new_signal(), own, messages, found) == 0
+        assert filter_mission(belief, model, new_signal(), own, messages, actual) == 0
         for k in range(int(belief.n_hypotheses) * model.modes):
             covariance = belief.covariance[k, : model.states, : model.states]
             np.testing.assert_array_equal(covariance, covariance.T)

@@ -20,13 +20,13 @@ def test_doctor_names_what_it_tried() -> None:
         assert what in result.output
 
 
-@pytest.mark.parametrize("wanted", ["osmesa", "no-such-thing"])
-def test_a_missing_graphics_library_stops_no_flight(wanted: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("backend", ["osmesa", "no-such-thing"])
+def test_a_missing_graphics_library_stops_no_flight(backend: str, tmp_path: Path) -> None:
     code = (
         "import sys; sys.argv = ['laisn', 'check', 'T5']; from laisn_sim.cli.main import "
         "main; main()"
     )
-    environment = os.environ | {"MUJOCO_GL": wanted}
+    environment = os.environ | {"MUJOCO_GL": backend}
     command = [sys.executable, "-c", code]
     result = subprocess.run(
         command, env=environment, capture_output=True, text=True, timeout=120, check=False

@@ -310,12 +310,12 @@ def test_ctrl_c_in_a_study_leaves_a_clean_state(tmp_path: Path) -> None:
 
 def processes_of(session: int) -> list[int]:
     """Processes of a session that still run."""
-    found = []
+    actual = []
     for path in Path("/proc").glob("[0-9]*/stat"):
         try:
             state, _, _, own = path.read_text().rpartition(")")[2].split()[:4]
         except (FileNotFoundError, ProcessLookupError):
             continue
         if own == str(session) and state not in "ZX":
-            found.append(int(path.parent.name))
-    return found
+            actual.append(int(path.parent.name))
+    return actual

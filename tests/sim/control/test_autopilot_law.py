@@ -135,14 +135,14 @@ def test_commands_and_memory_follow_the_law(
         autopilot.control(BUILT_IN, d, wanted, reference, motion, DT, memory, command)
         # leader.xml: lateral thrusters at ±0.62 m, vertical ones at ±0.46 m
         (bow, stern), (raised, lowered) = (0.62, -0.62), (0.46, -0.46)
-        found = [
+        actual = [
             command[0],
             command[1] + command[2],
             bow * command[1] + stern * command[2],
             command[3] + command[4],
             raised * command[3] + lowered * command[4],
         ]
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(actual, expected, rtol=1e-9, atol=1e-9)
         for name in REMEMBERED:
             assert memory[name] == pytest.approx(kept[name], rel=1e-9, abs=1e-12)
 

@@ -63,8 +63,8 @@ class Deck:
         """Measured surge and heading, and wanted heading and speed, shape (n, 4)."""
         rows = []
         for _ in range(n):
-            wanted, motion = self.tick()
-            rows.append((motion.surge, motion.heading, wanted[0], wanted[2]))
+            expected, motion = self.tick()
+            rows.append((motion.surge, motion.heading, expected[0], expected[2]))
         return np.array(rows)
 
 
@@ -124,8 +124,8 @@ def test_pitch_and_depth_are_felt_as_they_are_read() -> None:
 
 def test_what_is_wanted_changes_no_faster_than_a_hull_can_follow() -> None:
     deck = Deck(aside=50.0)
-    wanted = deck.ticks(5)
-    np.testing.assert_allclose(wanted[:, 2], -TURN_RATE * DT * np.arange(1, 6))
+    expected = deck.ticks(5)
+    np.testing.assert_allclose(expected[:, 2], -TURN_RATE * DT * np.arange(1, 6))
     assert deck.tick()[0][1] == pytest.approx(-TURN_RATE)
     far = Deck()
     far.estimate.position[1] = -500.0
@@ -149,17 +149,17 @@ def test_who_may_be_at_either_of_two_places_steers_by_the_likelier() -> None:
     """4 m to port of its station or as much to starboard, in the mean on it; by the mean it
     would go straight on.
     """
-    wanted = []
+    expected = []
     for lean in (-4.0, 0.0, 4.0):
         deck = Deck()
         deck.estimate.offset_to_map[0] = lean
-        wanted.append(deck.ticks(20)[-1, 2])
-    assert wanted[1] == pytest.approx(0.0, abs=1e-9)
-    assert wanted[0] > 0.1
-    assert wanted[2] == pytest.approx(-wanted[0])
+        expected.append(deck.ticks(20)[-1, 2])
+    assert expected[1] == pytest.approx(0.0, abs=1e-9)
+    assert expected[0] > 0.1
+    assert expected[2] == pytest.approx(-expected[0])
     # the same as if it were surely there
     sure = Deck(aside=4.0)
-    assert sure.ticks(20)[-1, 2] == wanted[2]
+    assert sure.ticks(20)[-1, 2] == expected[2]
 
 
 def test_a_new_depth_is_taken_up_at_a_fifth_of_a_metre_a_second() -> None:
@@ -193,6 +193,6 @@ def test_silence_takes_it_off_its_station_as_its_place_in_the_trail_gets_uncerta
     ):
         deck = Deck(aside=10.0, **given)
         deck.estimate.position[1], deck.estimate.position_sigma = now - 20.0, 0.3
-        wanted, _ = deck.tick(now)
-        assert (wanted[0] < -0.001) == aims, now
-        assert (wanted[0] == pytest.approx(np.deg2rad(4.0) * DT)) == circles, now
+        expected, _ = deck.tick(now)
+        assert (expected[0] < -0.001) == aims, now
+        assert (expected[0] == pytest.approx(np.deg2rad(4.0) * DT)) == circles, now

@@ -315,8 +315,8 @@ def test_a_station_too_fast_or_too_slow_is_followed_at_the_limit(
 ) -> None:
     """Along the way of the station, of which nothing is lacking."""
     target = Target(0.0, 0.0, *velocity, *velocity)
-    found = approach(law(min_along_track_speed=0.0), target, (0.0, 0.0), (0.0, 0.0), 0.1, 0.0)
-    assert found == pytest.approx((0.8 * calls, 0.6 * calls, 0.0))
+    actual = approach(law(min_along_track_speed=0.0), target, (0.0, 0.0), (0.0, 0.0), 0.1, 0.0)
+    assert actual == pytest.approx((0.8 * calls, 0.6 * calls, 0.0))
 
 
 def test_a_far_station_is_approached_at_the_greatest_speed_and_a_near_one_in_proportion() -> None:
@@ -357,8 +357,8 @@ def test_lines_of_sight_are_those_of_their_papers(
         held = integral if kind == ILOS else 0.02 * integral
         grown = held + dt * rate
         wanted = course - grown - np.arctan(e / delta) if heading is None else heading
-        found = approach(law(law=kind, **free), target, (3.0 + x, y - 4.0), (0.0, 0.0), dt, held)
-        assert found == pytest.approx(
+        actual = approach(law(law=kind, **free), target, (3.0 + x, y - 4.0), (0.0, 0.0), dt, held)
+        assert actual == pytest.approx(
             (speed * np.sin(wanted), speed * np.cos(wanted), grown), abs=1e-9
         )
 

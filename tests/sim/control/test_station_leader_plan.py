@@ -104,11 +104,11 @@ def test_the_trail_of_a_plan_is_that_of_messages() -> None:
     np.testing.assert_allclose(quiet.place(800), all_heard.place(800), rtol=0, atol=0.01)
     quiet.hear(800)
     for name in TRAIL.names or ():
-        found, expected = (
+        actual, expected = (
             quiet.trail[: quiet.count[0]][name],
             all_heard.trail[: all_heard.count[0]][name],
         )
-        np.testing.assert_allclose(found, expected, atol=1e-9)
+        np.testing.assert_allclose(actual, expected, atol=1e-9)
     frames = quiet.memory.frame.tolist(), all_heard.memory.frame.tolist()
     np.testing.assert_allclose(*frames, rtol=0, atol=1e-9)
 

@@ -102,13 +102,13 @@ def test_gtsam_finds_the_path_in_it(graph: Path) -> None:
             sigma = gtsam.noiseModel.Isotropic.Sigma(1, float(words[4]) ** 0.5)
             between = key(words[1]), key(words[2]), float(words[3]), sigma, gtsam.Pose2()
             factors.add(gtsam.RangeFactorWithTransform2D(*between))
-    found = gtsam.LevenbergMarquardtOptimizer(factors, values).optimize()
+    actual = gtsam.LevenbergMarquardtOptimizer(factors, values).optimize()
     errors = {
         name: [
             np.hypot(*(np.asarray(of.atPose2(key(name)).translation()) - place))
             for name, place in truth.items()
         ]
-        for name, of in (("reckoned", values), ("solved", found))
+        for name, of in (("reckoned", values), ("solved", actual))
     }
     assert np.mean(errors["solved"]) < 0.3 * np.mean(errors["reckoned"])
     assert np.mean(errors["solved"]) < 1.0

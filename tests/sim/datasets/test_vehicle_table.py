@@ -53,11 +53,11 @@ def table(
 def test_a_table_is_read_with_any_delimiter_and_clock(
     tmp_path: Path, options: dict[str, float], format_: str
 ) -> None:
-    found = read_vehicle_table(table(tmp_path, **options))  # type: ignore[arg-type]
-    assert found.remarks[0].startswith(f"time{options.get('unit', '')}: time in {format_}, ")
-    assert "speed [kn]: speed in kn" in found.remarks
-    assert found.remarks[-1] == "not used: note"
-    write_vehicle_table(found, tmp_path / "a.mcap")
+    actual = read_vehicle_table(table(tmp_path, **options))  # type: ignore[arg-type]
+    assert actual.remarks[0].startswith(f"time{options.get('unit', '')}: time in {format_}, ")
+    assert "speed [kn]: speed in kn" in actual.remarks
+    assert actual.remarks[-1] == "not used: note"
+    write_vehicle_table(actual, tmp_path / "a.mcap")
     measured, remarks = read_recording(tmp_path / "a.mcap")
     assert remarks == ()
     assert measured.dt == pytest.approx(0.1, abs=0.01)
@@ -79,20 +79,20 @@ def test_dates_and_degrees_without_a_unit_are_recognised(tmp_path: Path) -> None
         "leader_east,leader_north,leader_heading,leader_speed,leader_depth,range_rear"
     )
     path.write_text("\n".join([head, *rows]), encoding="utf-8")
-    found = read_vehicle_table(path)
-    assert np.diff(found.time_ns).tolist() == [10**9] * 9
-    assert found.columns["heading"] == pytest.approx(np.full(10, 1.5 * math.pi))
-    assert found.remarks[0] == "time: time in dates (UTC), 9 s"
-    assert "heading: heading in deg" in found.remarks
+    actual = read_vehicle_table(path)
+    assert np.diff(actual.time_ns).tolist() == [10**9] * 9
+    assert actual.columns["heading"] == pytest.approx(np.full(10, 1.5 * math.pi))
+    assert actual.remarks[0] == "time: time in dates (UTC), 9 s"
+    assert "heading: heading in deg" in actual.remarks
 
 
 def test_decimal_commas_are_read_in_all_columns(tmp_path: Path) -> None:
     path = table(tmp_path, delimiter=";")
     expected = read_vehicle_table(path)
     path.write_text(path.read_text(encoding="utf-8-sig").replace(".", ","), encoding="utf-8")
-    found = read_vehicle_table(path)
-    assert found.time_ns.tolist() == expected.time_ns.tolist()
-    np.testing.assert_array_equal(found.columns["range_rear"], expected.columns["range_rear"])
+    actual = read_vehicle_table(path)
+    assert actual.time_ns.tolist() == expected.time_ns.tolist()
+    np.testing.assert_array_equal(actual.columns["range_rear"], expected.columns["range_rear"])
 
 
 def test_angles_without_a_unit_have_one_unit(tmp_path: Path) -> None:

@@ -80,10 +80,10 @@ def test_the_chasing_camera_keeps_the_estimate_clear_of_the_panels(flight, aside
     """Seen towards the leader, the estimate lies to the right of the follower, or to the left."""
     away = flight.trajectory.position[flight.step_index(), 0] - flight.hydrophone(0)
     right = np.column_stack([away[:, 1], -away[:, 0]]) / np.hypot(away[:, 0], away[:, 1])[:, None]
-    (found,) = flight.estimates
-    state = found.state.copy()
+    (actual,) = flight.estimates
+    state = actual.state.copy()
     state[:, :2] = flight.hydrophone(0)[:, :2] + aside * right
-    parted = dataclasses.replace(flight, estimates=(dataclasses.replace(found, state=state),))
+    parted = dataclasses.replace(flight, estimates=(dataclasses.replace(actual, state=state),))
     data = FilmData(parted, 20.0)
     rig = CameraRig(data, 16 / 9)
     for t in np.linspace(5.0, 55.0, 11):

@@ -241,7 +241,7 @@ def test_pitch_errors_are_those_of_a_tilted_hull(example):
     flight = example.flight
     truth, level = flight.trajectory, tilted(flight.trajectory, 0.0)
     sites = [truth.site(f"leader/{name}") for name in ("tx_rear", "tx_front", "tx_middle")]
-    found = figures.pitch_errors(flight)
+    actual = figures.pitch_errors(flight)
     for message in (3, 17, 38):
         step = flight.measurements[0].message_step[message] * flight.stride
         hydrophone = truth.site_at("follower/hydrophone", truth.time[step])[0]
@@ -251,7 +251,7 @@ def test_pitch_errors_are_those_of_a_tilted_hull(example):
                 float(np.linalg.norm(truth.site_position[step, site] - hydrophone)), float(dz)
             )
             right = np.linalg.norm((level.site_position[step, site] - hydrophone)[:2])
-            assert found[message, i] == pytest.approx(used - right, abs=1e-9)
+            assert actual[message, i] == pytest.approx(used - right, abs=1e-9)
 
 
 def test_both_navigators_receive_the_same_and_the_colour_bar_covers_every_error(example):

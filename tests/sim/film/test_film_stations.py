@@ -37,10 +37,10 @@ def film_data_of(flight: FlightRecord, follower: int = 0) -> FilmData:
 def test_a_station_straight_behind_is_where_the_leader_was() -> None:
     """The leader moves at 1 m/s, so that 10 m behind it is where it was 10 s ago."""
     flight = in_formation()
-    found = film_data_of(flight).at(40.05).station
+    actual = film_data_of(flight).at(40.05).station
     leader = flight.trajectory.at(40.05 - BEHIND)[0][0, 0]
-    np.testing.assert_allclose(found[1], [*leader[:2], -DEPTH], atol=0.02)
-    assert np.isnan(found[[0, 2]]).all()
+    np.testing.assert_allclose(actual[1], [*leader[:2], -DEPTH], atol=0.02)
+    assert np.isnan(actual[[0, 2]]).all()
     assert not film_data_of(make_flight(5.0, 3)).on_stations
 
 

@@ -14,9 +14,9 @@ ROOT = Path(__file__).resolve().parents[3]
 
 
 def test_probe_examines_every_backend_and_gives_reasons():
-    found = graphics.probe()
-    assert tuple(b.name for b in found) == graphics.BACKENDS
-    assert all(b.detail for b in found)
+    actual = graphics.probe()
+    assert tuple(b.name for b in actual) == graphics.BACKENDS
+    assert all(b.detail for b in actual)
 
 
 def test_working_is_the_first_that_renders():
@@ -32,9 +32,9 @@ def test_this_process_keeps_its_environment():
 
 
 def test_a_backend_that_does_not_exist_is_reported_not_raised():
-    found = graphics._examine("no-such-backend")
-    assert not found.works
-    assert "no-such-backend" in found.detail
+    actual = graphics._examine("no-such-backend")
+    assert not actual.works
+    assert "no-such-backend" in actual.detail
 
 
 def test_a_library_that_is_not_installed_is_called_so(monkeypatch):

@@ -17,11 +17,11 @@ def crowd(n: int, seed: int) -> list[Label]:
 @pytest.mark.parametrize("seed", range(6))
 def test_labels_keep_clear_of_everything(seed: int) -> None:
     frame, panels = Canvas(1280, 720), [(16.0, 16.0, 292.0, 258.0), (1032.0, 16.0, 232.0, 232.0)]
-    wanted = crowd(25, seed)
-    placed = place_labels(wanted, panels, frame)
+    expected = crowd(25, seed)
+    placed = place_labels(expected, panels, frame)
     areas = [area for _, area, _ in placed]
     assert len(placed) > 15
-    markers = [(float(label.at[0]) - 5, float(label.at[1]) - 5, 10.0, 10.0) for label in wanted]
+    markers = [(float(label.at[0]) - 5, float(label.at[1]) - 5, 10.0, 10.0) for label in expected]
     for i, area in enumerate(areas):
         left, top, width, height = area
         assert left >= 0

@@ -130,14 +130,14 @@ def test_colours_are_converted_to_bt709() -> None:
 
 def static_text(board: Dashboard) -> list[Text]:
     """Text that is drawn: ticks beyond the ends of an axis are not."""
-    found = list(board.figure.texts)
+    actual = list(board.figure.texts)
     for axes in board.figure.axes:
         for axis, limits in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
             ticks = zip(axis.get_ticklocs(), axis.get_ticklabels(), strict=False)
-            found += [
+            actual += [
                 label for tick, label in ticks if axes.axison and limits[0] <= tick <= limits[1]
             ]
-    return found
+    return actual
 
 
 def static_boxes(board: Dashboard, height: int) -> dict[str, Area]:

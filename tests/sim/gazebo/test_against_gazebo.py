@@ -121,9 +121,9 @@ class Reference:
             spin = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
             return np.concatenate([to_world @ v, (to_world @ spin).ravel(), whole @ load])
 
-        found = solve_ivp(rate, (0.0, seconds), start, rtol=1e-8, atol=1e-9)
-        assert found.success
-        return np.asarray(found.y[:, -1])
+        actual = solve_ivp(rate, (0.0, seconds), start, rtol=1e-8, atol=1e-9)
+        assert actual.success
+        return np.asarray(actual.y[:, -1])
 
 
 def diagonal(*values: float) -> Floats:

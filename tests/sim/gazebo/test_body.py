@@ -60,8 +60,8 @@ def test_automatic_inertia_is_that_of_the_collisions(tmp_path: Path) -> None:
     assert hull.mass == pytest.approx(40.01)
     moments = 40.0 / 12.0 * np.array([0.16**2 + 0.15625**2, 1.6**2 + 0.15625**2, 1.6**2 + 0.16**2])
     moments += [0.001, 0.001 + 0.01 * 0.64, 0.001 + 0.01 * 0.64]
-    found = np.sort(hull.plant.model.body("own/hull").inertia)
-    np.testing.assert_allclose(found, np.sort(moments), rtol=1e-4)
+    actual = np.sort(hull.plant.model.body("own/hull").inertia)
+    np.testing.assert_allclose(actual, np.sort(moments), rtol=1e-4)
     denser = '<inertial auto="true"><density>990</density></inertial>'
     assert import_text(tmp_path, changed(PROBE, (HULL, denser))).mass == pytest.approx(39.61)
     stated = '<inertial auto="true"><mass>39</mass></inertial>'

@@ -66,9 +66,9 @@ def test_lift_and_drag_beyond_the_stall_angle(
     fin = import_text(tmp_path, WITH_FIN).effector("fin")
     along = np.array(velocity)
     across = np.array([-along[2], 0.0, along[0]])
-    found = force(fin, 0.0, velocity)
-    assert found @ across == pytest.approx(10.0 * expected[0])
-    assert found @ along == pytest.approx(-10.0 * expected[1])
+    actual = force(fin, 0.0, velocity)
+    assert actual @ across == pytest.approx(10.0 * expected[0])
+    assert actual @ along == pytest.approx(-10.0 * expected[1])
 
 
 def test_sweep_and_flow_from_behind_take_lift(tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ def test_a_thruster_that_pushes_astern_is_turned_with_its_range(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    ("limits", "found", "words"),
+    ("limits", "expected", "words"),
     [
         ("<max_thrust_cmd>60</max_thrust_cmd>", (-60, 60), ["min_thrust_cmd -60 N", "±1000"]),
         ("<min_thrust_cmd>-30</min_thrust_cmd>", (-30, 30), ["max_thrust_cmd 30 N"]),
@@ -48,10 +48,10 @@ def test_a_thruster_that_pushes_astern_is_turned_with_its_range(tmp_path: Path) 
     ],
 )
 def test_limits_that_are_missing_are_assumed_and_named(
-    tmp_path: Path, limits: str, found: tuple[float, float], words: list[str]
+    tmp_path: Path, limits: str, expected: tuple[float, float], words: list[str]
 ) -> None:
     hull = import_text(tmp_path, changed(PROBE, (LIMITS, limits)))
-    np.testing.assert_allclose(hull.effector("screw")["limits"], found)
+    np.testing.assert_allclose(hull.effector("screw")["limits"], expected)
     assert hull.says(*words), hull.notes
 
 
@@ -61,9 +61,9 @@ def test_a_large_hull_gets_the_thrust_that_it_needs(tmp_path: Path) -> None:
     np.testing.assert_allclose(import_text(tmp_path, text).effector("screw")["limits"][1], 901.5)
 
 
-@pytest.mark.parametrize(("coefficient", "found"), [(0.02, (-3.2, 7.2)), (-0.02, (-7.2, 3.2))])
+@pytest.mark.parametrize(("coefficient", "expected"), [(0.02, (-3.2, 7.2)), (-0.02, (-7.2, 3.2))])
 def test_a_command_of_rotation_becomes_the_thrust_of_its_rate(
-    tmp_path: Path, coefficient: float, found: tuple[float, float]
+    tmp_path: Path, coefficient: float, expected: tuple[float, float]
 ) -> None:
     """K_T ρ D⁴ ω|ω| at −40 and 60 rad/s, with 0.02, 1000 kg/m³ and 0.1 m."""
     more = (
@@ -71,7 +71,7 @@ def test_a_command_of_rotation_becomes_the_thrust_of_its_rate(
         "</thrust_coefficient><propeller_diameter>0.1</propeller_diameter><deadband>3</deadband>"
     )
     hull = import_text(tmp_path, changed(PROBE, (LIMITS, LIMITS + more)))
-    np.testing.assert_allclose(hull.effector("screw")["limits"], found, rtol=1e-9)
+    np.testing.assert_allclose(hull.effector("screw")["limits"], expected, rtol=1e-9)
     assert hull.says("deadband of 3 N", "not modelled")
     assert hull.says("commanded in Gazebo by its rate of rotation")
 

@@ -103,8 +103,8 @@ def test_no_damaged_log_gives_another_flight(
     with pytest.raises(LogError, match=r"^\S+a\.mcap: [^\n]+$"):
         read(path)
     with suppress(LogError):
-        found = read(recover(path))
-        assert bits(found) == bits(brief) or is_start_of(found, brief), what
+        actual = read(recover(path))
+        assert bits(actual) == bits(brief) or is_start_of(actual, brief), what
 
 
 @pytest.mark.system
@@ -116,10 +116,10 @@ def test_of_a_truncated_log_a_prefix_is_recovered(
     length = int(np.random.default_rng(seed).integers(len(brief_log) // 2, len(brief_log)))
     (tmp_path / "a.mcap").write_bytes(brief_log[:length])
     path = recover(tmp_path / "a.mcap")
-    found = read(path)
-    assert bits(found) == bits(brief) or is_start_of(found, brief)
+    actual = read(path)
+    assert bits(actual) == bits(brief) or is_start_of(actual, brief)
     # half of the file holds the first 20 s and more
-    assert found.trajectory.time[-1] >= 19.8
+    assert actual.trajectory.time[-1] >= 19.8
     scenes = {f"/scene/{name}" for name in ("hulls", "vehicles", "acoustics")}
     assert set(Contents(path).topics) == {"/log", "/tf", "/tf_static"} | scenes | {
         f"/{name}/{channel}"
@@ -209,9 +209,9 @@ def test_a_log_cut_twice_is_recovered_twice(
         data = path.read_bytes()
         path.write_bytes(data[: int(share * len(data))])
         path = recover(path)
-        found = read(path)
-        assert is_start_of(found, flight)
-    assert found.trajectory.time[-1] > 9
+        actual = read(path)
+        assert is_start_of(actual, flight)
+    assert actual.trajectory.time[-1] > 9
 
 
 def without_data_checksum(data: bytes) -> bytearray:

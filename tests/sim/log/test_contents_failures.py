@@ -355,9 +355,9 @@ def test_a_signal_at_any_time_leaves_a_log_without_an_end_or_a_complete_one(
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
     if partial_path(tmp_path / "a.mcap").exists():
-        found = read(recover(tmp_path / "a.mcap.partial"))
-        n = found.trajectory.time.size
-        assert found.trajectory.position.tobytes() == flight.trajectory.position[:n].tobytes()
+        actual = read(recover(tmp_path / "a.mcap.partial"))
+        n = actual.trajectory.time.size
+        assert actual.trajectory.position.tobytes() == flight.trajectory.position[:n].tobytes()
 
 
 def test_times_of_64_bits_are_recovered(tmp_path: Path) -> None:

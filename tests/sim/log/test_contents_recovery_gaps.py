@@ -55,8 +55,8 @@ def without(chunk: int) -> list[int]:
 def messages_of(chunk: int) -> set[int]:
     reader = StreamReader(BytesIO(several_chunks()), emit_chunks=True)
     chunks = [record for record in reader.records if isinstance(record, Chunk)]
-    found = chunks[chunk]
-    return set(range(found.message_start_time // 10**9, found.message_end_time // 10**9 + 1))
+    actual = chunks[chunk]
+    return set(range(actual.message_start_time // 10**9, actual.message_end_time // 10**9 + 1))
 
 
 @pytest.mark.system

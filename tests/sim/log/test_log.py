@@ -285,12 +285,12 @@ def test_the_documented_channels_are_those_of_the_log(flight: FlightRecord, tmp_
     }
     # of a leader that navigates, which this one does not
     del documented["/leader/error"]
-    found = {
+    actual = {
         topic: messages.schema.name
         for topic, messages in Contents(tmp_path / "a.mcap").topics.items()
     }
     assert {
-        topic: re.sub(r"_[0-9a-f]{8}$", "_", name) for topic, name in found.items()
+        topic: re.sub(r"_[0-9a-f]{8}$", "_", name) for topic, name in actual.items()
     } == documented
     assert {(f"/FOLLOWER/{type_.topic}", type_.schema.name) for type_ in DETAILS.values()} <= set(
         rows

@@ -124,8 +124,8 @@ def test_every_field_is_read_as_protobuf_reads_it(
     read = messages_of(type_, [message.SerializeToString() for message in written])
     for prefix in ("", "inner.", "inner.inner."):
         for name in (f"{prefix}{kind.lower()}" for kind in VALUES):
-            (found,) = read.columns([name])
-            values = found.tolist() if isinstance(found, np.ndarray) else found
+            (actual,) = read.columns([name])
+            values = actual.tolist() if isinstance(actual, np.ndarray) else actual
             assert repr(values) == repr([expected(message, name) for message in written])
 
 
@@ -148,8 +148,8 @@ def test_messages_of_one_length_are_read_by_their_own_fields(
     written = [type_(**row, string=text) for row in rows]
     read = messages_of(type_, [message.SerializeToString() for message in written])
     for name in (*NUMBERS, "string"):
-        (found,) = read.columns([name])
-        assert repr(list(np.asarray(found, dtype=object))) == repr(
+        (actual,) = read.columns([name])
+        assert repr(list(np.asarray(actual, dtype=object))) == repr(
             [expected(message, name) for message in written]
         )
 
@@ -162,9 +162,9 @@ def test_numbers_of_a_flights_channels_are_what_another_decoder_reads(tmp_path: 
         ("/leader/state", "pitch"),
         ("/follower/filter", "vx"),
     ):
-        (found,) = topics[topic].columns([name])
-        assert isinstance(found, np.ndarray)
-        assert found.tolist() == [expected(message, name) for message in messages(path, topic)]
+        (actual,) = topics[topic].columns([name])
+        assert isinstance(actual, np.ndarray)
+        assert actual.tolist() == [expected(message, name) for message in messages(path, topic)]
 
 
 def test_what_is_no_value_is_refused() -> None:
@@ -200,10 +200,10 @@ def test_messages_out_of_order_are_sorted_and_those_of_equal_time_stay_as_they_c
         for at, content in given_:
             writer.add_message(channel, at, content, at)
         writer.finish()  # type: ignore[no-untyped-call]
-    found = Contents(tmp_path / "a.mcap").topics["/a"]
+    actual = Contents(tmp_path / "a.mcap").topics["/a"]
     ordered = sorted(given_, key=itemgetter(0))
-    assert found.time_ns.tolist() == [at for at, _ in ordered]
-    assert found.data == [content for _, content in ordered]
+    assert actual.time_ns.tolist() == [at for at, _ in ordered]
+    assert actual.data == [content for _, content in ordered]
 
 
 def memory(what: str) -> int:
@@ -293,11 +293,11 @@ def test_many_messages_of_different_lengths_take_little_time_and_memory(tmp_path
     read_recording(many_messages(tmp_path / "b.mcap", 10), "follower")
     Path("/proc/self/clear_refs").write_text("5")
     before = memory("VmRSS")
-    found = read_recording(path, "follower").measurements
+    actual = read_recording(path, "follower").measurements
     assert memory("VmHWM") - before < 300 * n
-    assert found.dt == 0.01
-    np.testing.assert_array_equal(found.speed, np.arange(1.0, n + 2))
-    assert np.flatnonzero(found.heading).tolist() == [0]
+    assert actual.dt == 0.01
+    np.testing.assert_array_equal(actual.speed, np.arange(1.0, n + 2))
+    assert np.flatnonzero(actual.heading).tolist() == [0]
     assert seconds(lambda: read_recording(path, "follower")) < 3 * seconds(records)
 
 

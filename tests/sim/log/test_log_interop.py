@@ -236,13 +236,13 @@ def test_typescript_reads_the_same_numbers(flight: FlightRecord, written: Path) 
         pytest.skip(f"node lacks {', '.join(absent)}; npm install them and set NODE_PATH")
     done = node(READ_WITH_TYPESCRIPT, str(written))
     assert done.returncode == 0, done.stderr
-    found: dict[str, Any] = json.loads(done.stdout)
-    assert found["counts"] == {
+    actual: dict[str, Any] = json.loads(done.stdout)
+    assert actual["counts"] == {
         topic: len(messages.times) for topic, messages in Contents(written).topics.items()
     }
     m, t = flight.measurements[0], flight.trajectory
-    assert (found["motion"]["speed"], found["motion"]["heading"]) == (m.speed[-1], m.heading[-1])
-    assert tuple(found["pose"]["pose"]["position"][axis] for axis in "xyz") == tuple(
+    assert (actual["motion"]["speed"], actual["motion"]["heading"]) == (m.speed[-1], m.heading[-1])
+    assert tuple(actual["pose"]["pose"]["position"][axis] for axis in "xyz") == tuple(
         t.position[-1, 0]
     )
 

@@ -278,8 +278,8 @@ def test_beacons_hundreds_of_metres_apart_place_the_vehicle(tmp_path: Path, vari
     for placed, expected in ((True, ""), (False, f"transmitters_m = {offsets}")):
         log, place = beacon_log(tmp_path / "a.mcap", placed=placed)
         rows, output = replayed(tmp_path, log, expected, "--variant", variant)
-        found = np.array([[float(row["x_m"]), float(row["y_m"])] for row in rows])
-        assert np.abs(found - place).max() < 1e-6
+        actual = np.array([[float(row["x_m"]), float(row["y_m"])] for row in rows])
+        assert np.abs(actual - place).max() < 1e-6
         assert "lost" not in output
         assert all(head in output for head in ("Δt [s]", "x [m]", "y [m]"))
         assert float(rows[-1]["time_s"]) == pytest.approx(0.2 * 1000, abs=0.1)
@@ -310,7 +310,7 @@ def test_a_channel_without_the_fields_is_named(tmp_path: Path) -> None:
         LogError, match="/follower/motion lacks speed, heading, depth; its fields: timestamp"
     ):
         read_recording(tmp_path / "a.mcap")
-    for encoding, schema, found in (
+    for encoding, schema, actual in (
         ("json", "jsonschema", "'json'"),
         ("protobuf", None, "'protobuf' without a schema"),
     ):
@@ -323,7 +323,7 @@ def test_a_channel_without_the_fields_is_named(tmp_path: Path) -> None:
             )
             writer.finish()  # type: ignore[no-untyped-call]
         with pytest.raises(
-            LogError, match=f"/follower/motion is encoded as {found}, expected protobuf"
+            LogError, match=f"/follower/motion is encoded as {actual}, expected protobuf"
         ):
             read_recording(tmp_path / "b.mcap")
         with pytest.raises(

@@ -67,11 +67,13 @@ def errors_of(flight: FlightRecord) -> Floats:
 
 def test_evo_finds_the_position_error_of_the_summary(flight: FlightRecord, folder: Path) -> None:
     files = ("follower_truth.tum", "follower_estimate.tum")
-    found = evo("evo_ape", *files, "--project_to_plane", "xy", folder=folder)
+    actual = evo("evo_ape", *files, "--project_to_plane", "xy", folder=folder)
     summary = summarise(flight)["followers"]["follower"]
-    assert found["mean"] == pytest.approx(summary["e_p_mean_m"], abs=1e-6)
-    assert found["max"] == pytest.approx(summary["e_p_max_m"], abs=1e-6)
-    assert found["rmse"] == pytest.approx(float(np.sqrt(np.mean(errors_of(flight) ** 2))), abs=1e-6)
+    assert actual["mean"] == pytest.approx(summary["e_p_mean_m"], abs=1e-6)
+    assert actual["max"] == pytest.approx(summary["e_p_max_m"], abs=1e-6)
+    assert actual["rmse"] == pytest.approx(
+        float(np.sqrt(np.mean(errors_of(flight) ** 2))), abs=1e-6
+    )
 
 
 def level(path: Path) -> Path:
@@ -90,18 +92,18 @@ def test_evo_finds_the_relative_error_of_the_summary(
 ) -> None:
     files = [level(folder / f"follower_{name}.tum") for name in ("truth", "estimate")]
     options = ["--delta", length, "--delta_unit", "m", "--all_pairs", "--pairs_from_reference"]
-    found = evo("evo_rpe", *files, *options, folder=folder)
+    actual = evo("evo_rpe", *files, *options, folder=folder)
     rows = summarise(flight)["followers"]["follower"]["relative_errors"]
     (row,) = (row for row in rows if row["length_m"] == length)
-    assert found["rmse"] == pytest.approx(row["rms_m"], rel=1e-5)
-    assert found["median"] == pytest.approx(row["median_m"], rel=1e-5)
+    assert actual["rmse"] == pytest.approx(row["rms_m"], rel=1e-5)
+    assert actual["median"] == pytest.approx(row["median_m"], rel=1e-5)
 
 
 def test_evo_runs_on_the_files_as_they_are(folder: Path) -> None:
     """With attitudes, of which the estimate's is the measured heading."""
     files = ("follower_truth.tum", "follower_estimate.tum")
-    found = evo("evo_rpe", *files, "--delta", 10, "--delta_unit", "m", folder=folder)
-    assert 0.0 < found["rmse"] < 5.0
+    actual = evo("evo_rpe", *files, "--delta", 10, "--delta_unit", "m", folder=folder)
+    assert 0.0 < actual["rmse"] < 5.0
 
 
 def test_two_formats_at_once_are_refused(folder: Path) -> None:

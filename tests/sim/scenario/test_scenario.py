@@ -293,8 +293,8 @@ def test_speeds_through_the_water_are_checked_against_the_current_of_the_time() 
     ):
         profile = [[0, 0, 270], *zip(times, (0, 1.0, 0), (270, 270, 270), strict=True)]
         scenario = Scenario(**table, ocean={"current_profile": profile})
-        found = [line for line in infeasibilities(scenario) if "through the water" in line]
-        assert [expected in line and "2 m/s through" in line for line in found] == [True] * bool(
+        actual = [line for line in infeasibilities(scenario) if "through the water" in line]
+        assert [expected in line and "2 m/s through" in line for line in actual] == [True] * bool(
             expected
         )
 
@@ -370,9 +370,9 @@ CURRENT = {"ocean": {"current_profile": [[0, 0, 0], [10, 0.2, 0]]}}
 def test_settings_unsupported_by_navigators_are_reported(
     change: dict[str, Any], expected: list[str]
 ) -> None:
-    found = cautions(Scenario(**{**MINIMAL, **change}))
-    assert len(found) == len(expected)
-    assert all(text in line for text, line in zip(expected, found, strict=True))
+    actual = cautions(Scenario(**{**MINIMAL, **change}))
+    assert len(actual) == len(expected)
+    assert all(text in line for text, line in zip(expected, actual, strict=True))
 
 
 def test_older_names_of_keys_are_accepted_with_a_note() -> None:

@@ -49,20 +49,20 @@ def places(kind: Kind, count: int, **options: Any) -> Floats:
 def test_five_followers_have_the_offsets_of_the_shape(
     kind: Kind, expected: list[tuple[float, float]]
 ) -> None:
-    found = places(kind, 5, spacing_m=8.0, behind_m=15.0)
-    np.testing.assert_allclose((found[:, :2] - [15.0, 0.0]) / 8.0, expected, atol=1e-6)
+    actual = places(kind, 5, spacing_m=8.0, behind_m=15.0)
+    np.testing.assert_allclose((actual[:, :2] - [15.0, 0.0]) / 8.0, expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("count", [2, 3, 5, 8])
 def test_a_ring_is_a_regular_polygon_whose_neighbours_are_a_spacing_apart(count: int) -> None:
-    found = places("ring", count, spacing_m=8.0, behind_m=15.0)[:, :2]
+    actual = places("ring", count, spacing_m=8.0, behind_m=15.0)[:, :2]
     middle = np.array([15.0 + 4.0 / math.sin(math.pi / count), 0.0])
-    np.testing.assert_allclose(found[0], [15.0, 0.0], atol=1e-6)
-    np.testing.assert_allclose(found.mean(axis=0), middle, atol=1e-6)
-    sides = np.hypot(*(found - np.roll(found, 1, axis=0)).T)
+    np.testing.assert_allclose(actual[0], [15.0, 0.0], atol=1e-6)
+    np.testing.assert_allclose(actual.mean(axis=0), middle, atol=1e-6)
+    sides = np.hypot(*(actual - np.roll(actual, 1, axis=0)).T)
     np.testing.assert_allclose(sides, 8.0, atol=1e-5)
     # the second is to port
-    assert found[1, 1] > 0.0 or count == 2
+    assert actual[1, 1] > 0.0 or count == 2
 
 
 def test_a_single_follower_stands_on_the_axis_where_a_shape_begins() -> None:

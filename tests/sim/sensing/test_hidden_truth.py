@@ -226,11 +226,11 @@ def test_commands_do_not_depend_on_what_is_hidden(
     monkeypatch.setattr(PythonClosedLoop, "_read_custom", taped_readings)
     expected = commands(world(variant, hidden=False, law=law), blind=False)
     tape.rewind()
-    found = commands(world(variant, hidden=True, law=law), blind=True)
+    actual = commands(world(variant, hidden=True, law=law), blind=True)
     assert expected.shape[0] == round(DURATION / 0.1) + 1
     # they do turn and hold their depth
     assert (np.ptp(expected, axis=0).max(axis=1) > 0.1).all()
-    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(actual, expected)
 
 
 def test_the_start_of_the_trail_is_what_the_leader_broadcasts(

@@ -198,13 +198,13 @@ def test_compiled_code_senses_the_bits_that_python_does() -> None:
     )
     assert len(alone.message_step) > 50
     errors = errors_of(SensingSettings.of(scenario), 1)
-    found = [
+    actual = [
         measure(truth, errors, seed=5, run=3, follower=1, use_compiled=truth is bulk)
         for truth in (alone, bulk)
     ]
-    for one, other in ((alone, bulk), found):
+    for one, other in ((alone, bulk), actual):
         for name, value in vars(one).items():
             if isinstance(value, np.ndarray):
                 assert value.tobytes() == getattr(other, name).tobytes(), name
-    assert np.isnan(found[0].ranges).any()
-    assert np.isfinite(found[0].message[:, 6:8]).all()
+    assert np.isnan(actual[0].ranges).any()
+    assert np.isfinite(actual[0].message[:, 6:8]).all()

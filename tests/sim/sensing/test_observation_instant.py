@@ -80,15 +80,17 @@ def test_perfect_instruments_read_pitch_and_the_rates_of_the_hull() -> None:
 
 def test_sensor_errors_have_the_scenarios_deviations_and_are_independent() -> None:
     n = 2000
-    found = read(sensor_model_of(SensingSettings.of(scenario(0.5, 0.1))), n)
+    actual = read(sensor_model_of(SensingSettings.of(scenario(0.5, 0.1))), n)
     sigma = np.deg2rad([0.5, 0.1, 0.1])
     # five standard deviations of a mean, and of a standard deviation
-    assert np.all(np.abs(found.mean(axis=0) - [PITCH, RATES[2], RATES[1]]) < 5 * sigma / np.sqrt(n))
-    assert found.std(axis=0) == pytest.approx(sigma, rel=5 / np.sqrt(2 * n))
-    assert np.abs(np.corrcoef(found.T) - np.eye(3)).max() < 5 / np.sqrt(n)
+    assert np.all(
+        np.abs(actual.mean(axis=0) - [PITCH, RATES[2], RATES[1]]) < 5 * sigma / np.sqrt(n)
+    )
+    assert actual.std(axis=0) == pytest.approx(sigma, rel=5 / np.sqrt(2 * n))
+    assert np.abs(np.corrcoef(actual.T) - np.eye(3)).max() < 5 / np.sqrt(n)
     other = read(sensor_model_of(SensingSettings.of(scenario(0.5, 0.1))), n, follower=1)
     assert np.abs(
-        [np.corrcoef(a, b)[0, 1] for a, b in zip(found.T, other.T, strict=True)]
+        [np.corrcoef(a, b)[0, 1] for a, b in zip(actual.T, other.T, strict=True)]
     ).max() < 5 / np.sqrt(n)
 
 
@@ -172,11 +174,11 @@ def test_each_range_has_the_error_of_its_own_ping(used: int, centre: float) -> N
             inbox,
         )
         assert inbox.outcome.tolist() == [0, RECEIVED]
-        found = inbox.ranges[1]
+        actual = inbox.ranges[1]
         drawn = uniforms(seed, run, Stream.RANGE_UNIFORM.number(1), [k])[0]
         psi = mean + sigma * normals(seed, run, Stream.RANGE_SCALE.number(1), [k])[0, 0]
         far = np.array([true[:used].max()] * 2 + [true.max()])
-        assert found == pytest.approx(
+        assert actual == pytest.approx(
             true + taus * (drawn[:3] - centre) + psi * true / far, abs=1e-9
         )
 
@@ -236,7 +238,7 @@ def test_a_ping_is_received_by_echo_late_clock_and_broken_channel_as_far_as_soun
             np.zeros((601, 2)),
             inbox,
         )
-        found, any_received = inbox.ranges[0], inbox.outcome[0] == RECEIVED
+        actual, any_received = inbox.ranges[0], inbox.outcome[0] == RECEIVED
         assert any_received or inbox.outcome[0] == NO_RANGES
         streams = Stream.ECHO, Stream.RANGE_UNIFORM, Stream.LOSS
         echo, width, fate = (
@@ -259,7 +261,7 @@ def test_a_ping_is_received_by_echo_late_clock_and_broken_channel_as_far_as_soun
         state = fate[0] >= 1 / 3 if state else fate[0] < 0.25
         if fate[1] < (0.8 if state else 0.1):
             expected[:] = np.nan
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-9)
         assert any_received == bool(np.isfinite(expected).any())
         received.append(any_received)
         in_bursts += state

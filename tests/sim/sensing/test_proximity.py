@@ -40,14 +40,14 @@ def seen(s: Scenario, follower: int, at: Floats, k: int = 1) -> Floats:
 
 def test_range_and_bearing_are_those_of_the_hulls_middles() -> None:
     """The follower heads east: what is 3 m east and 4 m north of it is 53.13° to port, 5 m away."""
-    found = seen(
+    actual = seen(
         sensor(range_m=6.0, **EXACT),
         0,
         poses((3.0, 4.0, -10.0), (0, 0, -10), (0, -2, -10), heading=np.pi / 2),
     )
-    assert found[0] == pytest.approx([5.0, -np.arctan2(4.0, 3.0)])
-    assert np.isnan(found[1]).all()
-    assert found[2] == pytest.approx([2.0, np.pi / 2])
+    assert actual[0] == pytest.approx([5.0, -np.arctan2(4.0, 3.0)])
+    assert np.isnan(actual[1]).all()
+    assert actual[2] == pytest.approx([2.0, np.pi / 2])
 
 
 @pytest.mark.parametrize(
@@ -65,19 +65,19 @@ def test_it_reaches_to_its_range_within_its_fan(
     place: tuple[float, float, float], received: bool
 ) -> None:
     """A fan of 20° opens by 4 m tan 10° = 0.705 m at 4 m."""
-    found = seen(sensor(**EXACT), 0, poses((90, 90, -10), (0, 0, -10), place))
-    assert np.isfinite(found[2]).all() == received
+    actual = seen(sensor(**EXACT), 0, poses((90, 90, -10), (0, 0, -10), place))
+    assert np.isfinite(actual[2]).all() == received
 
 
 def test_errors_have_the_spread_of_the_data_sheet_and_no_bias() -> None:
     s = sensor(range_sigma_m=0.2, bearing_sigma_deg=4.0)
     at = poses((90, 90, -10), (0, 0, -10), (3, 0, -10))
-    found = np.array([seen(s, 0, at, k)[2] for k in range(1, STEPS + 1)]) - [3.0, np.pi / 2]
+    actual = np.array([seen(s, 0, at, k)[2] for k in range(1, STEPS + 1)]) - [3.0, np.pi / 2]
     sigma = np.array([0.2, np.deg2rad(4.0)])
     # six standard errors of a mean and of a standard deviation
-    np.testing.assert_array_less(np.abs(found.mean(axis=0)), 6 * sigma / np.sqrt(STEPS))
-    np.testing.assert_allclose(found.std(axis=0), sigma, rtol=6 / np.sqrt(2 * STEPS))
-    assert abs(np.corrcoef(found.T)[0, 1]) < 6 / np.sqrt(STEPS)
+    np.testing.assert_array_less(np.abs(actual.mean(axis=0)), 6 * sigma / np.sqrt(STEPS))
+    np.testing.assert_allclose(actual.std(axis=0), sigma, rtol=6 / np.sqrt(2 * STEPS))
+    assert abs(np.corrcoef(actual.T)[0, 1]) < 6 / np.sqrt(STEPS)
 
 
 def test_the_error_of_a_look_at_a_vehicle_depends_on_no_other() -> None:
@@ -87,11 +87,11 @@ def test_the_error_of_a_look_at_a_vehicle_depends_on_no_other() -> None:
     s = sensor(run=2, range_sigma_m=0.2, bearing_sigma_deg=4.0)
     (draws,) = normals(5, 2, Stream.NEARBY.number(1) + 3, 40)
     places = [(90, 90, -10), (1, 1, -10), (0, 0, -10), (3, 0, -10), (2, 2, -10)]
-    found = seen(s, 1, poses(*places), 40)[3]
-    assert found == pytest.approx([3.0 + 0.2 * draws[0], np.pi / 2 + np.deg2rad(4.0) * draws[1]])
-    np.testing.assert_array_equal(found, seen(s, 1, poses(*places[:4]), 40)[3])
-    assert seen(sensor(run=3, range_sigma_m=0.2), 1, poses(*places), 40)[3, 0] != found[0]
-    assert found[1] != seen(s, 1, poses(*places), 45)[3, 1]
+    actual = seen(s, 1, poses(*places), 40)[3]
+    assert actual == pytest.approx([3.0 + 0.2 * draws[0], np.pi / 2 + np.deg2rad(4.0) * draws[1]])
+    np.testing.assert_array_equal(actual, seen(s, 1, poses(*places[:4]), 40)[3])
+    assert seen(sensor(run=3, range_sigma_m=0.2), 1, poses(*places), 40)[3, 0] != actual[0]
+    assert actual[1] != seen(s, 1, poses(*places), 45)[3, 1]
 
 
 def test_no_range_is_negative() -> None:

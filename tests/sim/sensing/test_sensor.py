@@ -34,8 +34,8 @@ STEPS = 200
 
 def blocks() -> dict[str, str]:
     text = PAGE.read_text("utf-8")
-    found = re.findall(r"^```\w+\n# (\w+\.\w+)\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
-    return dict(found)
+    actual = re.findall(r"^```\w+\n# (\w+\.\w+)\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
+    return dict(actual)
 
 
 @pytest.fixture

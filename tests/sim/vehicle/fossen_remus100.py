@@ -227,7 +227,7 @@ def fly(
     for begin, end in pairwise(ends):
         grid = np.arange(round(begin * 10) + 1, round(end * 10) + 1) / 10
         held = np.array(command(0.5 * (begin + end)))
-        found = solve_ivp(
+        actual = solve_ivp(
             lambda _, y, held=held: _rate(y, held, terms),
             (begin, end),
             state,
@@ -235,7 +235,7 @@ def fly(
             rtol=1e-7,
             atol=1e-9,
         )
-        state = found.y[:, -1]
-        states.append(found.y.T)
+        state = actual.y[:, -1]
+        states.append(actual.y.T)
         times.append(grid)
     return np.concatenate(times), np.vstack([states[0][None], *states[1:]])[:, :12]

@@ -64,10 +64,10 @@ class Published:
 
 
 def steady(vehicle: Published, guess: Floats, density: float) -> Floats:
-    solution, _, found, message = fsolve(
+    solution, _, actual, message = fsolve(
         vehicle.imbalance, guess, args=(density,), full_output=True
     )
-    assert found == 1, message
+    assert actual == 1, message
     return np.asarray(solution)
 
 

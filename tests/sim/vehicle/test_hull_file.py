@@ -75,7 +75,7 @@ def test_estimates_of_published_vehicles_have_no_bias() -> None:
         "force of the rudders per angle",
         "force of the stern planes per angle",
     ):
-        values = np.array([found[key] for found in ratios.values() if key in found])
+        values = np.array([actual[key] for actual in ratios.values() if key in actual])
         assert len(values) >= 3
         assert np.abs(np.log(values)).max() < np.log(2.0)
         assert abs(np.log(values).mean()) < np.log(1.2)

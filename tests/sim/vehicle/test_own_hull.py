@@ -31,9 +31,9 @@ SITES = ("depth_sensor", "cg")
 
 def without(kind: str, name: str, text: str = FOLLOWER) -> str:
     """A hull without one of its sites, actuators or numerics."""
-    found = re.sub(rf'<{kind} name="{name}"[^>]*/>', "", text)
-    assert found != text
-    return found
+    actual = re.sub(rf'<{kind} name="{name}"[^>]*/>', "", text)
+    assert actual != text
+    return actual
 
 
 def test_the_projects_own_hulls_lack_nothing() -> None:

@@ -54,10 +54,10 @@ def test_the_error_falls_with_the_square_of_the_spacing(tmp_path: Path) -> None:
     errors = []
     for halvings in range(3):
         file = metres_field(tmp_path / f"{halvings}.nc", 100.0 / 2**halvings, 40.0 / 2**halvings)
-        found = velocity_of(file, points, 13.0)
+        actual = velocity_of(file, points, 13.0)
         u, v = gyre_velocity(*points.T[:2], 13.0)
-        errors.append(np.sqrt(np.mean((found[:, :2] - np.column_stack([u, v])) ** 2)))
-        np.testing.assert_array_equal(found[:, 2], 0.0)
+        errors.append(np.sqrt(np.mean((actual[:, :2] - np.column_stack([u, v])) ** 2)))
+        np.testing.assert_array_equal(actual[:, 2], 0.0)
     ratios = np.divide(errors[:-1], errors[1:])
     assert ratios == pytest.approx([4.0, 4.0], rel=0.1), errors
 
@@ -124,8 +124,8 @@ def test_a_kilometre_at_60_degrees_north(tmp_path: Path) -> None:
     for place, (x_deg, y_deg, _) in zip(
         places, ocean_of(SeaSettings.of(scenario)).velocity(places, 0.0), strict=True
     ):
-        found = enu_of(60.0 + y_deg, 5.0 + x_deg, (60.0, 5.0))
-        assert np.hypot(*(found - place[:2])) < 0.3
+        actual = enu_of(60.0 + y_deg, 5.0 + x_deg, (60.0, 5.0))
+        assert np.hypot(*(actual - place[:2])) < 0.3
 
 
 def hycom(dataset: xarray.Dataset) -> xarray.Dataset:
@@ -173,8 +173,8 @@ def test_dates_and_zones(tmp_path: Path, reference: str) -> None:
     dataset = model_output()
     dataset.time.attrs["units"] = f"hours since {reference}"
     file = write(dataset, tmp_path / "a.nc")
-    found = velocity_of(file, np.array([[0.0, 0.0, -0.5]]), 18.0)
-    assert found[0, 1] == pytest.approx(-0.1 + 0.01 * (1.0 + 18.0 / 3600.0), abs=1e-9)
+    actual = velocity_of(file, np.array([[0.0, 0.0, -0.5]]), 18.0)
+    assert actual[0, 1] == pytest.approx(-0.1 + 0.01 * (1.0 + 18.0 / 3600.0), abs=1e-9)
 
 
 @pytest.mark.parametrize("change", [hycom, centimetres, upward, other_times, lambda same: same])
@@ -188,8 +188,8 @@ def test_conventions_of_files_make_no_difference(
     degrees = points[:, :2] / [DEGREE_EAST, DEGREE_NORTH]
     u = 0.1 + 2.0 * degrees[:, 0] + 0.002 * points[:, 2]
     v = -0.1 + 3.0 * degrees[:, 1] + 0.01 * (1.0 + 15.0 / 3600.0)
-    found = velocity_of(file, points, 15.0)
-    np.testing.assert_allclose(found[:, :2], np.column_stack([u, v]), atol=1e-7)
+    actual = velocity_of(file, points, 15.0)
+    np.testing.assert_allclose(actual[:, :2], np.column_stack([u, v]), atol=1e-7)
 
 
 def test_packed_numbers_land_and_the_floor(tmp_path: Path) -> None:
@@ -420,8 +420,8 @@ def test_a_malformed_file_is_refused_in_a_sentence(tmp_path: Path, name: str) ->
 
 def test_a_variable_by_its_standard_name_alone(tmp_path: Path) -> None:
     file = write(model_output().rename(uo="a", vo="b"), tmp_path / "a.nc")
-    found = velocity_of(file, np.array([[0.0, 0.0, -0.5]]), 0.0)
-    assert found[0] == pytest.approx([0.099, -0.09, 0.0], abs=1e-6)
+    actual = velocity_of(file, np.array([[0.0, 0.0, -0.5]]), 0.0)
+    assert actual[0] == pytest.approx([0.099, -0.09, 0.0], abs=1e-6)
 
 
 def test_contradictions_of_keys(tmp_path: Path) -> None:

@@ -236,14 +236,14 @@ def test_three_rays_in_a_channel() -> None:
     rays = traced_rays(np.column_stack([depth, speed]), LevelFloor(100.0))
     axis = (0.0, 0.0, -50.0)
     assert len(rays.rays(_DIRECT, axis, (500.0, 0.0, -50.0))) == 1
-    found = rays.rays(_DIRECT, axis, (615.0, 0.0, -50.0))
+    actual = rays.rays(_DIRECT, axis, (615.0, 0.0, -50.0))
     swing = math.acos(615.0 * root / math.pi)
-    departures = np.array(sorted(ray.departure for ray in found))
+    departures = np.array(sorted(ray.departure for ray in actual))
     np.testing.assert_allclose(departures[[0, -1]], [-swing, swing], atol=1e-4)
     # a cubic through points a metre apart has another curvature at its very minimum
     assert np.abs(departures[1:-1]).max() < 0.005
     assert 0.0 in departures.round(9)
-    assert [ray.time for ray in found] == sorted(ray.time for ray in found)
+    assert [ray.time for ray in actual] == sorted(ray.time for ray in actual)
 
 
 TOML = """

@@ -56,13 +56,13 @@ def test_flights_are_compared_by_errors_and_positions(monkeypatch: pytest.Monkey
 
     monkeypatch.setattr(flights, "load_scenario", load)
     monkeypatch.setattr(flights, "fly", fly)
-    found = {name: finding.value for name, finding in flights.findings().findings.items()}
+    actual = {name: finding.value for name, finding in flights.findings().findings.items()}
     lag, inner, outer = (
         synthetic.LAG_RAD,
         synthetic.LEADER_RADIUS_M,
         synthetic.LEADER_RADIUS_M + synthetic.LANE_M,
     )
-    assert found == pytest.approx(
+    assert actual == pytest.approx(
         {
             "T5 off-axis": 2.5,
             "T5 behind": outer * np.sin(lag),

@@ -41,24 +41,24 @@ def moved(
 
 def test_trials_are_read_as_speeds_rises_turns_and_pitch(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(remus, "run", moved)
-    found = {name: finding.value for name, finding in hull_trials._remus().items()}
+    actual = {name: finding.value for name, finding in hull_trials._remus().items()}
     for rpm, speed in PUBLISHED_SPEED.items():
         # after 100 s nothing is left of the lag but exp(−100 / T) of the slowest
-        assert found[f"speed {rpm}"] == pytest.approx(speed, abs=1e-4)
-    assert (found["rise slowest"], found["rise quickest"]) == pytest.approx(
+        assert actual[f"speed {rpm}"] == pytest.approx(speed, abs=1e-4)
+    assert (actual["rise slowest"], actual["rise quickest"]) == pytest.approx(
         (6.013, 2.007), abs=1e-4
     )
-    assert found["turn apart"] == pytest.approx(0.02)
+    assert actual["turn apart"] == pytest.approx(0.02)
     # the slowest and the quickest turn, at 1 m/s and 1.525 m/s
     radii = [
         rpm / 1000.0 / np.deg2rad((1.02 if rudder == 10 else 0.99) * rate)
         for rpm, turns in PUBLISHED_TURN.items()
         for rudder, rate in turns.items()
     ]
-    assert (found["radius largest"], found["radius least"]) == pytest.approx(
+    assert (actual["radius largest"], actual["radius least"]) == pytest.approx(
         (max(radii), min(radii)), rel=1e-5
     )
-    assert (found["pitch 1000"], found["pitch 1525"]) == pytest.approx((10.0, 15.25))
+    assert (actual["pitch 1000"], actual["pitch 1525"]) == pytest.approx((10.0, 15.25))
 
 
 def test_the_righting_period_is_that_of_the_closed_form() -> None:

@@ -19,34 +19,34 @@ from tools.documents import real_ranges as study
 @cache
 def recorded() -> dict[str, float]:
     return {
-        name: float(found.value or 0.0)
-        for name, found in markers.records()["real-ranges"].findings.items()
+        name: float(actual.value or 0.0)
+        for name, actual in markers.records()["real-ranges"].findings.items()
     }
 
 
 @pytest.mark.parametrize("name", study.SETS)
 def test_two_beacons_at_a_time_hold_the_robot_within_decimetres(name: str) -> None:
-    found = recorded()
-    assert found[f"pairs tight {name}"] <= 0.40
-    assert found[f"worst-pair tight {name}"] <= 0.50
-    assert found[f"high tight {name}"] <= 1.0
-    assert found[f"nees-least tight {name}"] > 0.9
-    assert found[f"nees-most tight {name}"] < 3.5
+    actual = recorded()
+    assert actual[f"pairs tight {name}"] <= 0.40
+    assert actual[f"worst-pair tight {name}"] <= 0.50
+    assert actual[f"high tight {name}"] <= 1.0
+    assert actual[f"nees-least tight {name}"] > 0.9
+    assert actual[f"nees-most tight {name}"] < 3.5
 
 
 @pytest.mark.parametrize("name", study.SETS)
 def test_all_beacons_hold_it_closer(name: str) -> None:
-    found = recorded()
-    assert found[f"all tight {name}"] <= 0.28
-    assert found[f"all-high tight {name}"] <= 0.7
-    assert 1.0 < found[f"all-nees tight {name}"] < 3.5
+    actual = recorded()
+    assert actual[f"all tight {name}"] <= 0.28
+    assert actual[f"all-high tight {name}"] <= 0.7
+    assert 1.0 < actual[f"all-nees tight {name}"] < 3.5
 
 
 @pytest.mark.parametrize("name", study.SETS)
 def test_an_unknown_start_costs_nothing_after_a_minute(name: str) -> None:
-    found = recorded()
-    assert found[f"pairs unknown-start {name}"] <= 0.45
-    assert found[f"worst-pair unknown-start {name}"] <= 0.50
+    actual = recorded()
+    assert actual[f"pairs unknown-start {name}"] <= 0.45
+    assert actual[f"worst-pair unknown-start {name}"] <= 0.50
 
 
 @pytest.mark.system
@@ -148,10 +148,12 @@ def test_the_record_has_the_median_the_worst_and_all() -> None:
         pair: Score(float(k), 1.5 * k, 2.0 * k, 0.5 * k)
         for k, pair in zip((3, 6, 1, 5, 2, 4), pairs, strict=True)
     }
-    found = study.findings_of(
+    actual = study.findings_of(
         "Plaza1", {"tight": each | {tuple("1234"): Score(0.5, 0.6, 0.7, 0.8)}}
     )
-    assert {key.removesuffix(" tight Plaza1"): finding.value for key, finding in found.items()} == {
+    assert {
+        key.removesuffix(" tight Plaza1"): finding.value for key, finding in actual.items()
+    } == {
         "pairs": 3.5,
         "worst-pair": 6.0,
         "high": 12.0,
@@ -183,10 +185,10 @@ def test_range_errors_are_reported_as_scale_and_residual(monkeypatch: pytest.Mon
         ranges=1.03 * true + spread,
     )
     monkeypatch.setattr(study, "read_data_set", lambda _: moved)
-    found = study.ranges_of("Plaza1")
-    assert found["ranges Plaza1"].value == 90
-    assert found["scale Plaza1"].value == pytest.approx(0.03, abs=1e-5)
-    assert found["sigma Plaza1"].value == pytest.approx(0.5, rel=1e-3)
+    actual = study.ranges_of("Plaza1")
+    assert actual["ranges Plaza1"].value == 90
+    assert actual["scale Plaza1"].value == pytest.approx(0.03, abs=1e-5)
+    assert actual["sigma Plaza1"].value == pytest.approx(0.5, rel=1e-3)
 
 
 def test_errors_have_a_mean_a_root_mean_square_and_a_95th_percentile() -> None:

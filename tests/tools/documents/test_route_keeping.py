@@ -236,8 +236,8 @@ def test_the_record_has_every_vehicle_and_the_extremes_of_all() -> None:
         )
         for k, name in enumerate(names, start=1)
     ]
-    found = study.findings_of(reports, reports[1])
-    assert [found[f"off-rms {name}"].value for name in (*names, "T8-plan")] == [1.0, 2.0, 3.0, 2.0]
-    assert (found["off-max least"].value, found["off-max most"].value) == (1.0, 3.0)
-    assert found["pitch-max most"].value == pytest.approx(3.0)
-    assert found["roll-max T2"].value == pytest.approx(np.rad2deg(2.0), rel=1e-5)
+    actual = study.findings_of(reports, reports[1])
+    assert [actual[f"off-rms {name}"].value for name in (*names, "T8-plan")] == [1.0, 2.0, 3.0, 2.0]
+    assert (actual["off-max least"].value, actual["off-max most"].value) == (1.0, 3.0)
+    assert actual["pitch-max most"].value == pytest.approx(3.0)
+    assert actual["roll-max T2"].value == pytest.approx(np.rad2deg(2.0), rel=1e-5)

@@ -52,8 +52,8 @@ def plan(part: str = "missions", keys: dict[str, Any] | None = None) -> StudyPla
 
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory):
-    found = fly_studies([plan(keys=SHORT)], tmp_path_factory.mktemp("rows"), workers=1, quiet=True)
-    return [row for row in judged_rows({"missions": found[0]}) if row["variant"] == "laisn-2"]
+    actual = fly_studies([plan(keys=SHORT)], tmp_path_factory.mktemp("rows"), workers=1, quiet=True)
+    return [row for row in judged_rows({"missions": actual[0]}) if row["variant"] == "laisn-2"]
 
 
 @pytest.mark.system
@@ -136,8 +136,8 @@ def test_arms_differ_in_the_leaders_sensor_and_in_what_followers_make_of_it():
         "offset-0.5",
     }
     sigma = {arm: entry.scenario.sensors.leader_attitude_sigma_deg for arm, entry in arms.items()}
-    wanted = {"level-0.5": 0.5, "ahrs-0.5": 0.5, "attitude-0.5": 0.5, "attitude-2": 2.0}
-    assert sigma == dict.fromkeys(arms, 0.0) | wanted
+    expected = {"level-0.5": 0.5, "ahrs-0.5": 0.5, "attitude-0.5": 0.5, "attitude-2": 2.0}
+    assert sigma == dict.fromkeys(arms, 0.0) | expected
     offset = {
         arm
         for arm, entry in arms.items()

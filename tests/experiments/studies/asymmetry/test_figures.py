@@ -101,7 +101,7 @@ EVERY = [r for cause in ("trim", "dive", "waves") for r in rows(f"{cause}-x", ca
 def made(given: list[Record], **others: Any) -> Page:
     """The page of rows, without pictures, and blanks in place of the message and the map."""
     looks = (RUNS,)
-    found = record(
+    actual = record(
         "asymmetry", "laisn asymmetry", (), findings.findings_of_rows(given, CURVES, looks)
     )
     blank: dict[str, Any] = dict.fromkeys(
@@ -111,7 +111,7 @@ def made(given: list[Record], **others: Any) -> Page:
         "everything": figures.EVERYTHING,
         "abeam": np.zeros(1),
         "third_m": (0, 0),
-        "found": found,
+        "found": actual,
         "example": SimpleNamespace(title=""),
     }
     values = figures.missions_values(
@@ -121,7 +121,7 @@ def made(given: list[Record], **others: Any) -> Page:
         "experiments.studies.asymmetry",
         [],
         blank | values | {"offsets": (), "excess": ()} | others,
-        found,
+        actual,
     )
 
 

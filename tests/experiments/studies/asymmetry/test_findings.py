@@ -66,40 +66,40 @@ CURVES = [
 
 
 def test_the_record_is_that_of_the_rows() -> None:
-    found = findings_of_rows(rows(), CURVES)
-    assert (found["missions"].value, found["cells"].value, found["runs"].value) == (
+    actual = findings_of_rows(rows(), CURVES)
+    assert (actual["missions"].value, actual["cells"].value, actual["runs"].value) == (
         3,
         9,
         9 * 64 + 32,
     )
-    assert (found["first-runs"].value, found["most-runs"].value) == (64, 5120)
-    assert found["error trim-12N 10 laisn-2 level"].value == pytest.approx(0.2, abs=1e-3)
-    assert found["error trim-12N 10 laisn-2 real"].value == pytest.approx(2.2, abs=1e-3)
+    assert (actual["first-runs"].value, actual["most-runs"].value) == (64, 5120)
+    assert actual["error trim-12N 10 laisn-2 level"].value == pytest.approx(0.2, abs=1e-3)
+    assert actual["error trim-12N 10 laisn-2 real"].value == pytest.approx(2.2, abs=1e-3)
     for group in ("trim", "all"):
-        removed = found[f"removed ahrs-0.5 laisn-2 {group}"]
+        removed = actual[f"removed ahrs-0.5 laisn-2 {group}"]
         assert removed.value == pytest.approx(1 - 0.7 / 4.0, abs=1e-3)
         assert removed.low < removed.value < removed.high  # type: ignore[operator]
-        assert found[f"mirror-locked real laisn-2 {group}"].value == pytest.approx(48 / 192)
-        assert found[f"mirror-locks-removed ahrs-0.5 laisn-2 {group}"].value == pytest.approx(
+        assert actual[f"mirror-locked real laisn-2 {group}"].value == pytest.approx(48 / 192)
+        assert actual[f"mirror-locks-removed ahrs-0.5 laisn-2 {group}"].value == pytest.approx(
             1 - 36 / 48
         )
-        assert found[f"judged laisn-2 {group}"].value == 2
+        assert actual[f"judged laisn-2 {group}"].value == 2
         counts = [
-            found[f"error {v} ahrs-0.5 laisn-2 {group}"].value
+            actual[f"error {v} ahrs-0.5 laisn-2 {group}"].value
             for v in ("met", "open", "missed", "harmed")
         ]
         assert counts == [2, 0, 0, 2]
-        assert found[f"mirror_lock open ahrs-0.5 laisn-2 {group}"].value == 2
-    assert found["least ahrs-0.5 trim"].value == pytest.approx(0.8, abs=1e-3)
-    assert found["largest ahrs-0.5 trim"].value == pytest.approx(0.9, abs=1e-3)
+        assert actual[f"mirror_lock open ahrs-0.5 laisn-2 {group}"].value == 2
+    assert actual["least ahrs-0.5 trim"].value == pytest.approx(0.8, abs=1e-3)
+    assert actual["largest ahrs-0.5 trim"].value == pytest.approx(0.9, abs=1e-3)
     # limits that hold for two routes and three causes at once leave a sixth of the chance to each
     # (Bonferroni)
     worst = [e for e in paired(rows()) if e.real["route"] == "T4"]
     together = removed_in_all(worst, AHRS, confidence=1.0 - 0.05 / 6)
-    assert (found["least ahrs-0.5 trim"].low, found["least ahrs-0.5 trim"].high) == pytest.approx(
+    assert (actual["least ahrs-0.5 trim"].low, actual["least ahrs-0.5 trim"].high) == pytest.approx(
         together[1:], rel=1e-5
     )
-    stage = found["stage-4 0.06 10"]
+    stage = actual["stage-4 0.06 10"]
     assert (stage.value, stage.low, stage.high) == (5.0, 4.0, 8.0)
 
 

@@ -123,8 +123,8 @@ def test_sums_weigh_missions_by_what_pitch_adds() -> None:
         )
         for n, k in ((16, 4), (0, 0))
     ]
-    found = removed_in_all([m for one in lost for m in one], EXACT, "mirror_lock")
-    assert found.value == pytest.approx(0.75)
+    actual = removed_in_all([m for one in lost for m in one], EXACT, "mirror_lock")
+    assert actual.value == pytest.approx(0.75)
     # a level leader has 8 of them too, of the 24 with pitch: pitch adds 16, and the remedy, with
     # 12, keeps 4
     counts = {"level": 8, "real": 24, "attitude-0": 12}
@@ -144,8 +144,8 @@ def test_missions_are_chosen_by_the_closed_form_and_not_by_what_came_of_them() -
         + flown("T5", 0.5, 0.3, variant="laisn-3-2")
     )
 
-    def routes(**wanted: Any) -> list[str]:
-        return [e.real["route"] for e in select(missions, **wanted)]
+    def routes(**expected: Any) -> list[str]:
+        return [e.real["route"] for e in select(missions, **expected)]
 
     assert routes(variant="laisn-2", judged=True) == ["T2", "T4"]
     assert routes(variant="laisn-2", cause="waves", judged=True) == ["T4"]
@@ -265,8 +265,8 @@ def test_rows_are_those_of_the_arms_and_open_ones_go_on() -> None:
         ("trim", "trim-4N", "laisn-2")
     }
     assert [row["route"] for row in made] == 3 * ["T2"] + 3 * ["T3"]
-    wanted = {(1, f"{arm} laisn-2", 0): 384 for arm in ("level", "real", "ahrs-0.5")}
-    assert further_runs({"missions": outcomes}, (64, 384)) == {"missions": wanted}
+    expected = {(1, f"{arm} laisn-2", 0): 384 for arm in ("level", "real", "ahrs-0.5")}
+    assert further_runs({"missions": outcomes}, (64, 384)) == {"missions": expected}
     assert further_runs({"missions": outcomes}, (64,)) == {}
 
 

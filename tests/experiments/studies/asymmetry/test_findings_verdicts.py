@@ -48,27 +48,27 @@ def test_a_remedy_that_falls_short_is_hardly_ever_called_met(noise: float) -> No
     """It removes 85 % of 0.3 m against an aim of 90 %; noise: scatter of what it leaves, run by
     run [m].
     """
-    found = shares(0.85, 0.3, noise)
-    assert found[RemedyVerdict.MET] < WRONG
+    actual = shares(0.85, 0.3, noise)
+    assert actual[RemedyVerdict.MET] < WRONG
     if noise <= 0.05:
-        assert found[RemedyVerdict.MISSED] > 0.9
+        assert actual[RemedyVerdict.MISSED] > 0.9
 
 
 @pytest.mark.parametrize("noise", [0.05, 0.3])
 def test_a_remedy_that_does_enough_is_hardly_ever_called_missed(noise: float) -> None:
     """It removes 95 %."""
-    found = shares(0.95, 0.3, noise)
-    assert found[RemedyVerdict.MISSED] < WRONG
+    actual = shares(0.95, 0.3, noise)
+    assert actual[RemedyVerdict.MISSED] < WRONG
     if noise <= 0.05:
-        assert found[RemedyVerdict.MET] > 0.9
+        assert actual[RemedyVerdict.MET] > 0.9
 
 
 def test_either_error_has_its_nominal_rate_at_the_target() -> None:
-    found, trials = shares(0.9, 0.3, 0.1, trials=600), 600
+    actual, trials = shares(0.9, 0.3, 0.1, trials=600), 600
     # the interval's own error of some tenths of a per cent, beside the scatter of the trials
     most = WRONG + 3 * np.sqrt(WRONG / trials) + 0.005
-    assert found[RemedyVerdict.MET] < most
-    assert found[RemedyVerdict.MISSED] < most
+    assert actual[RemedyVerdict.MET] < most
+    assert actual[RemedyVerdict.MISSED] < most
 
 
 def test_random_outcomes_give_no_verdict() -> None:
@@ -171,13 +171,13 @@ def test_more_runs_are_worth_it_where_they_would_settle_the_question() -> None:
     # 5 of 64 is at the very edge
     for k in (2, 3, 4, *range(6, 20)):
         left = (np.arange(64) < k).astype(float)
-        found = judge(np.ones(64), left, 0.9, looks)
+        actual = judge(np.ones(64), left, 0.9, looks)
         # with a run for either side, as in the adjusted Wald interval
         spread = np.append(left, [0.9 + 0.2, -0.9]).std() / np.sqrt(66)
         expected = abs(k / 64 - 0.1) + 0.5 * spread >= 2.5758 * spread * np.sqrt(64 / 384)
-        assert found.runs == 64
-        assert found.promising == (expected and found.verdict is RemedyVerdict.OPEN), k
-        outcome[k] = found.promising
+        assert actual.runs == 64
+        assert actual.promising == (expected and actual.verdict is RemedyVerdict.OPEN), k
+        outcome[k] = actual.promising
     assert [k for k, worth in outcome.items() if not worth and k < 12] == [6, 7, 8]
     assert not judge(np.ones(384), np.tile(left, 6), 0.9, looks).promising
 
@@ -193,10 +193,10 @@ def test_an_open_question_reports_how_many_runs_would_settle_it(k: int) -> None:
     needed = judge(np.ones(512), left, 0.9, (512, 10**6)).needed
     for times, settled in ((int(0.95 * needed / 512), False), (int(1.05 * needed / 512) + 1, True)):
         runs = 512 * times
-        found = judge(np.ones(runs), np.tile(left, times), 0.9, (runs, 10**6))
-        assert (found.verdict is not RemedyVerdict.OPEN) == settled
-        assert np.isnan(found.needed) == settled
-    assert found.verdict is (RemedyVerdict.MET if k < 51 else RemedyVerdict.MISSED)
+        actual = judge(np.ones(runs), np.tile(left, times), 0.9, (runs, 10**6))
+        assert (actual.verdict is not RemedyVerdict.OPEN) == settled
+        assert np.isnan(actual.needed) == settled
+    assert actual.verdict is (RemedyVerdict.MET if k < 51 else RemedyVerdict.MISSED)
 
 
 def test_no_number_of_runs_settles_what_is_at_the_very_aim() -> None:

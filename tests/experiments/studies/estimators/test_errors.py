@@ -40,11 +40,11 @@ def test_every_error_changes_measurements() -> None:
     truth, errors = mission("T7", 5.0)
     clean = measure(truth, errors, seed=1, run=0)
     for name in ERRORS:
-        found = disturbed(clean, 0, name)
-        changed = [a.tobytes() != b.tobytes() for a, b in (
-            (found.ranges, clean.ranges), (found.speed, clean.speed), (found.heading, clean.heading)
-        )]  # fmt: skip
-        assert any(changed), name
+        actual = disturbed(clean, 0, name)
+        fields = ("ranges", "speed", "heading")
+        assert any(
+            getattr(actual, field).tobytes() != getattr(clean, field).tobytes() for field in fields
+        ), name
     with pytest.raises(ValueError, match="there is no error 'eco'; available: drift, "):
         Errors(["eco"])
 

@@ -146,7 +146,7 @@ def test_what_a_clock_costs_is_the_ratio_of_the_same_runs_in_each_part_of_the_mi
             steps = {"time_s": time, "e_p_mean_m": 0.3 * ratio, "bound_m": 0.1 * ratio**2}
             one = of_hand(route, 1.0, 1.0, case=case).where(arm="tight")
             flown.append(one._replace(steps=[steps]))
-    found = findings.clock_findings(together(*flown))
+    actual = findings.clock_findings(together(*flown))
     for name, value in (
         ("clock before", 2.0),
         ("clock after", 1.4),
@@ -154,7 +154,7 @@ def test_what_a_clock_costs_is_the_ratio_of_the_same_runs_in_each_part_of_the_mi
         ("clock-bound before", 4.0),
         ("clock-bound-worst after", 2.56),
     ):
-        assert found[name].value == pytest.approx(value, rel=1e-5)
+        assert actual[name].value == pytest.approx(value, rel=1e-5)
 
 
 @pytest.mark.parametrize(

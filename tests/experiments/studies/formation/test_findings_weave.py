@@ -61,6 +61,6 @@ def test_the_bound_shrinks_with_weave_amplitude_and_distance() -> None:
         assert errors == sorted(errors, reverse=True)
         assert errors[-1] < 0.6 * errors[0]
     assert all(least_error(a, p, 20.0) < least_error(a, p, 40.0) for a, p in WEAVES)
-    found = weave_findings()
-    assert len(found) == len(WEAVES) * (len(BEHIND) + 1)
-    assert found["weave 5 40 20"].value == pytest.approx(least_error(5.0, 40.0, 20.0), rel=1e-5)
+    actual = weave_findings()
+    assert len(actual) == len(WEAVES) * (len(BEHIND) + 1)
+    assert actual["weave 5 40 20"].value == pytest.approx(least_error(5.0, 40.0, 20.0), rel=1e-5)

@@ -55,10 +55,10 @@ def findings() -> Findings:
     """Of each condition two runs alike; condition i has distances of i + 1 metres, the third
     lost followers.
     """
-    found = {
+    rows = {
         name: [run_of(i + 1.0, lost=3 if i == 2 else 0)] * 2 for i, name in enumerate(CONDITIONS)
     }
-    outcomes: Any = SimpleNamespace(cells=cells_of(found))
+    outcomes: Any = SimpleNamespace(cells=cells_of(rows))
     return record("formation", "laisn formation", (), findings_of({"study": outcomes}))
 
 
@@ -87,10 +87,10 @@ def flown(monkeypatch: pytest.MonkeyPatch, findings: Findings) -> list[Any]:
 
 def test_the_page_is_the_golden_one(findings: Findings) -> None:
     """Each finding has a number of its own, so that rows, columns and phrases show theirs."""
-    found = numbered_record("formation", findings.findings)
+    actual = numbered_record("formation", findings.findings)
     outcomes: Any = {"study": SimpleNamespace(plan=PLAN)}
-    values = {"quick": False, "found": found} | figures.values(found, outcomes)
-    require_golden(page_of("experiments.studies.formation", [], values, found), "formation")
+    values = {"quick": False, "found": actual} | figures.values(actual, outcomes)
+    require_golden(page_of("experiments.studies.formation", [], values, actual), "formation")
 
 
 def test_of_a_formation_without_a_turn_no_distance_in_turns_is_shown(findings: Findings) -> None:

@@ -40,8 +40,8 @@ def test_numbers_of_a_title_are_those_of_its_condition(condition: PlanEntry) -> 
     sound, sensors, ocean = made.acoustics, made.sensors, made.ocean
 
     def in_title(words: str, usual: float = 0.0) -> float:
-        found = re.search(words, title)
-        return float(found[1]) if found else usual
+        actual = re.search(words, title)
+        return float(actual[1]) if actual else usual
 
     assert len(made.followers) == in_title(r"(\d+) followers", 10)
     assert made.navigation.transmitters == in_title(
@@ -146,28 +146,28 @@ def test_a_record_counts_what_runs_came_to() -> None:
         ]
         for i in range(3)
     ]
-    found = findings_of(outcomes_of({"calm": runs}))
+    actual = findings_of(outcomes_of({"calm": runs}))
     # of 1, 2, 9, 2, 4, 18, 3, 6, 27
-    assert (found["median calm"].value, found["worst calm"].value) == (4.0, 27.0)
+    assert (actual["median calm"].value, actual["worst calm"].value) == (4.0, 27.0)
     # medians of runs are 2, 4 and 6
-    assert found["run-median calm"].value == pytest.approx(4.0)
+    assert actual["run-median calm"].value == pytest.approx(4.0)
     # of 2, 4, 18 and one and two more, and of 0.5, 1, 4.5 likewise
-    assert (found["p95 calm"].value, found["leg calm"].value) == (5.0, 2.5)
-    assert (found["max calm"].value, found["turn calm"].value) == (243.0, 18.0)
+    assert (actual["p95 calm"].value, actual["leg calm"].value) == (5.0, 2.5)
+    assert (actual["max calm"].value, actual["turn calm"].value) == (243.0, 18.0)
     # means of runs are 0, 4 and 8, and 0, 10 and 40
-    assert (found["error calm"].value, found["power calm"].value) == pytest.approx(
+    assert (actual["error calm"].value, actual["power calm"].value) == pytest.approx(
         (4.0, 50 / 3), rel=1e-5
     )
-    assert (found["lost-runs calm"].value, found["closest calm"].value) == (2, 3.0)
-    assert found["lost-runs calm"].what == "followers lost, of 9"
-    assert found["lost calm"].value == pytest.approx(2 / 9, rel=1e-5)
-    assert found["away calm"].value == pytest.approx(1 / 9, rel=1e-5)
-    assert (found["within calm"].value, found["contact calm"].value) == (
+    assert (actual["lost-runs calm"].value, actual["closest calm"].value) == (2, 3.0)
+    assert actual["lost-runs calm"].what == "followers lost, of 9"
+    assert actual["lost calm"].value == pytest.approx(2 / 9, rel=1e-5)
+    assert actual["away calm"].value == pytest.approx(1 / 9, rel=1e-5)
+    assert (actual["within calm"].value, actual["contact calm"].value) == (
         4.0,
         pytest.approx(1 / 3, rel=1e-5),
     )
-    assert found["runs"].value == 3
-    assert [found[f"{what} calm"].unit for what in ("median", "error", "power", "lost")] == [
+    assert actual["runs"].value == 3
+    assert [actual[f"{what} calm"].unit for what in ("median", "error", "power", "lost")] == [
         "m",
         "m",
         "W",
@@ -203,10 +203,10 @@ def test_runs_are_numbered_from_zero_and_some_conditions_fly_every_other_one(
     assert numbers["calm"] == [0, 1, 2, 3, 4, 5]
     assert numbers["fifty"] == [0, 5]
     assert plan.entries[0].scenario.duration_s == 1000.0
-    found = read(tmp_path / "results.json")
-    assert found["runs"].value == 6
-    assert found["lost-runs calm"].value == 60
-    assert found["lost-runs fifty"].value == 100
+    actual = read(tmp_path / "results.json")
+    assert actual["runs"].value == 6
+    assert actual["lost-runs calm"].value == 60
+    assert actual["lost-runs fifty"].value == 100
 
 
 @pytest.mark.system

@@ -47,24 +47,24 @@ def outcome() -> dict[str, Part]:
 
 
 @pytest.fixture(scope="module")
-def found() -> dict[str, Finding]:
+def findings() -> dict[str, Finding]:
     return findings_of(outcome())  # type: ignore[arg-type]
 
 
-def test_stations_are_those_of_the_median_follower(found: dict[str, Finding]) -> None:
+def test_stations_are_those_of_the_median_follower(findings: dict[str, Finding]) -> None:
     # the median of 1 to 6 is 3.5; the noise is that of the run, and falls out of what is added
-    assert found["station tight still"].number == pytest.approx(0.35, abs=0.01)
-    assert found["added tight"].number == pytest.approx(3.5 * 0.3, abs=1e-9)
-    assert found["added tight"].high == pytest.approx(3.5 * 0.3, abs=1e-6)
-    assert found["error tight front"].number == pytest.approx(0.35)
-    assert found["lost laisn-2 front"].value == 3
-    assert found["lost tight front"].value == 0
-    assert found["closest tight front"].number == pytest.approx(4.0)
-    assert 7.1 < found["largest truth front"].number < 7.4
+    assert findings["station tight still"].number == pytest.approx(0.35, abs=0.01)
+    assert findings["added tight"].number == pytest.approx(3.5 * 0.3, abs=1e-9)
+    assert findings["added tight"].high == pytest.approx(3.5 * 0.3, abs=1e-6)
+    assert findings["error tight front"].number == pytest.approx(0.35)
+    assert findings["lost laisn-2 front"].value == 3
+    assert findings["lost tight front"].value == 0
+    assert findings["closest tight front"].number == pytest.approx(4.0)
+    assert 7.1 < findings["largest truth front"].number < 7.4
 
 
-def test_the_page_is_the_golden_one(found: dict[str, Finding]) -> None:
+def test_the_page_is_the_golden_one(findings: dict[str, Finding]) -> None:
     """Each finding has a number of its own."""
-    made = numbered_record("front", found)
+    made = numbered_record("front", findings)
     values = {"quick": False, "found": made, **figures.values(made, {})}
     require_golden(page_of("experiments.studies.front", [], values, made), "front")

@@ -64,8 +64,8 @@ def page_with(
         "agreement": Figures(panels=[]),
         "routes": Figures(panels=[]),
     }
-    found = findings_of_rows(rows, published, judgements)
-    record = Findings(study="reproduce", command="", modules=(), version="", findings=found)
+    actual = findings_of_rows(rows, published, judgements)
+    record = Findings(study="reproduce", command="", modules=(), version="", findings=actual)
     return page_of("experiments.studies.reproduce", [], values, record)
 
 

@@ -86,11 +86,11 @@ def test_the_record_quotes_medians_captures_and_claims() -> None:
         replace(judgements[1][1], criteria=[criterion]),
         judgements[1][2],
     )
-    found = findings_of_rows(ROWS, PUBLISHED, judgements)
-    ratio = found["ratio base laisn-2"]
+    actual = findings_of_rows(ROWS, PUBLISHED, judgements)
+    ratio = actual["ratio base laisn-2"]
     assert (ratio.value, ratio.low, ratio.high) == (0.9, 0.5, 3.0)
-    assert found["mirror-locked base laisn-2"].value == pytest.approx(9 / 180)
-    assert format(found["mirror-locked base laisn-2"], ".0% i") == "5 % (2 to 9 %)"
+    assert actual["mirror-locked base laisn-2"].value == pytest.approx(9 / 180)
+    assert format(actual["mirror-locked base laisn-2"], ".0% i") == "5 % (2 to 9 %)"
     expected = {
         "holds": (2, "1 and 5"),
         "depends": (1, "2"),
@@ -99,18 +99,18 @@ def test_the_record_quotes_medians_captures_and_claims() -> None:
         "undecided": (1, "6"),
     }
     for verdict, (number, which) in expected.items():
-        assert (found[f"our {verdict} number"].value, found[f"our {verdict}"].value) == (
+        assert (actual[f"our {verdict} number"].value, actual[f"our {verdict}"].value) == (
             number,
             which,
         )
-    assert format(found["criterion 2.1"], ".1f i") == "1.5 (1.4 to 1.6)"
-    assert found["criterion 2.1"].what == "median, ≤ 2: met; 99.8%"
-    assert found["the paper's holds number"].value == 6
-    assert found["the paper's depends"].value == "none"
-    assert found["error measured-gate laisn-2 T2"].value == 3.0
-    assert found["printed measured-gate laisn-2 T2"].value == 1.0
-    assert found["apart measured-gate laisn-2 T4"].value == pytest.approx(0.1)
-    assert (found["cells"].value, found["runs"].value) == (6, 60)
+    assert format(actual["criterion 2.1"], ".1f i") == "1.5 (1.4 to 1.6)"
+    assert actual["criterion 2.1"].what == "median, ≤ 2: met; 99.8%"
+    assert actual["the paper's holds number"].value == 6
+    assert actual["the paper's depends"].value == "none"
+    assert actual["error measured-gate laisn-2 T2"].value == 3.0
+    assert actual["printed measured-gate laisn-2 T2"].value == 1.0
+    assert actual["apart measured-gate laisn-2 T4"].value == pytest.approx(0.1)
+    assert (actual["cells"].value, actual["runs"].value) == (6, 60)
 
 
 def test_claims_without_data_do_not_count_against_the_others() -> None:

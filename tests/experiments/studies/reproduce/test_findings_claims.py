@@ -127,9 +127,9 @@ def test_followers_abeam_are_held_against_the_others() -> None:
     assert judged(1, top(1.5, 0.5)).verdict == "does not hold"
     abeam, astern = steps([80.0, 175.0], [1.0, 3.0]), steps([-100.0, 190.0], [2.0, 1.0])
     kept = {"T2": abeam, "T5": astern, "T6": abeam, "T7": steps([20.0, 160.0], [1.0, 1.0])}
-    found = judged(1, top(0.9, 0.5), kept)
-    assert found.verdict == "holds"
-    assert found.criteria[2].interval.value == pytest.approx(2 / 3)
+    actual = judged(1, top(0.9, 0.5), kept)
+    assert actual.verdict == "holds"
+    assert actual.criteria[2].interval.value == pytest.approx(2 / 3)
     del kept["T6"]
     assert judged(1, top(0.9, 0.5), kept).verdict == "depends"
 
@@ -147,13 +147,13 @@ def test_the_heading_claim_reports_the_explained_variance_of_a_line() -> None:
 
         return figure
 
-    found = judged(9, grown(5.1, 5.0))
+    actual = judged(9, grown(5.1, 5.0))
     d, e = np.array([*distance.values()]), np.array([*error.values()])
     _, (left,), *_ = np.linalg.lstsq(d[:, None], e, rcond=None)
     share = 100 * (1 - left / (e.size * e.var()))
     assert share > 80.0
-    assert found.verdict == "holds"
-    assert found.criteria[1].interval.value == pytest.approx(share / 100)
+    assert actual.verdict == "holds"
+    assert actual.criteria[1].interval.value == pytest.approx(share / 100)
     assert judged(9, grown(4.9, 4.0)).verdict == "depends"
     assert judged(9, grown(5.1, 5.2)).verdict == "depends"
 
@@ -181,8 +181,8 @@ def test_the_burst_gives_the_largest_bearing_error_soon_after_it() -> None:
     assert judged(10, bearing(2.0)).verdict == "holds"
     assert judged(10, bearing(2.0, 3.0)).verdict == "depends"
     assert judged(10, bearing(0.5, 3.0)).verdict == "does not hold"
-    found = judged(10, bearing(2.0), peak(30.0))
-    assert found.verdict == "holds"
+    actual = judged(10, bearing(2.0), peak(30.0))
+    assert actual.verdict == "holds"
     assert judged(10, bearing(2.0), peak(31.0)).verdict == "depends"
 
 
@@ -234,15 +234,15 @@ def test_every_judged_figure_decides_a_criterion() -> None:
 def test_a_criterion_whose_interval_contains_the_bound_is_undecided(
     low: float, high: float, relation: Relation, outcome: Outcome
 ) -> None:
-    found = Judged(
+    actual = Judged(
         quantity="ratio",
         interval=Interval(0.95, low, high),
         relation=relation,
         bound=1.0,
         margin=0.0,
     )
-    assert found.outcome == outcome
-    assert str(found) == f"ratio: 0.95 ({low:.2f} to {high:.2f}) {relation} 1: {outcome}"
+    assert actual.outcome == outcome
+    assert str(actual) == f"ratio: 0.95 ({low:.2f} to {high:.2f}) {relation} 1: {outcome}"
 
 
 @pytest.mark.parametrize(
@@ -279,11 +279,11 @@ def test_an_extreme_over_missions_is_judged_by_the_share_of_replications(
     largest = np.array([0.9 if m in ("T3", "T4") else 2.0 for m in ROUTES]) * np.ones((20, 1))
     # one of the others is at times located better than those abeam, the others hardly matter
     largest[:, ROUTES.index("T6")] = np.where(np.arange(20) < below, 1.0, 0.8)
-    found = CLAIMS[0].judge(MetricValues(each={("base laisn-2", "e_p_max_m"): largest}))
-    assert [found.criteria[0].outcome, found.criteria[1].outcome] == ["met", outcome]
-    assert found.criteria[1].interval.value == below / 20
+    actual = CLAIMS[0].judge(MetricValues(each={("base laisn-2", "e_p_max_m"): largest}))
+    assert [actual.criteria[0].outcome, actual.criteria[1].outcome] == ["met", outcome]
+    assert actual.criteria[1].interval.value == below / 20
     exact = stats.binomtest(below, 20).proportion_ci(0.998)
-    assert found.criteria[1].interval[1:] == pytest.approx((exact.low, exact.high), abs=1e-9)
+    assert actual.criteria[1].interval[1:] == pytest.approx((exact.low, exact.high), abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -330,8 +330,8 @@ def test_verdicts_of_independent_studies_agree_or_are_undecided() -> None:
             ("5s laisn-2", "e_p_mean_m"): 1.0 + 0.05 * rng.normal(size=(10, 8)),
             ("muD0.3 laisn-2", "e_p_mean_m"): 1.25 * (1.0 + 0.05 * rng.normal(size=(10, 8))),
         }
-        found = claim.judge(MetricValues(each=each))
-        decided += found.criteria[0].outcome != "undecided"
-        assert found.criteria[1].outcome == "met"
+        actual = claim.judge(MetricValues(each=each))
+        decided += actual.criteria[0].outcome != "undecided"
+        assert actual.criteria[1].outcome == "met"
     # less than 0.4 are expected of 200, and four or more come in a thousandth of trials
     assert decided <= 3

@@ -100,8 +100,8 @@ def test_columns_of_a_table_are_the_values_of_its_setting():
             {"dt_s": 1.0, "dt_range_s": 10.0, "beta_m2": 300.0, "threshold_m": 10.0},
         ),
     ):
-        found = columns(name)
-        assert {key: found[key] for key in base} == base | changed
+        actual = columns(name)
+        assert {key: actual[key] for key in base} == base | changed
 
 
 STATED = {
@@ -120,14 +120,14 @@ STATED = {
 
 @pytest.mark.parametrize("setting", SETTINGS, ids=lambda setting: setting.name)
 def test_a_setting_matches_its_title_in_the_stage_of_its_table(setting):
-    found = columns(setting.name)
+    actual = columns(setting.name)
     stated = {
         column: float(m[1])
         for words, column in STATED.items()
         if (m := re.search(words, setting.title))
     }
     assert stated
-    assert {column: found[column] for column in stated} == stated
+    assert {column: actual[column] for column in stated} == stated
     # Tables 1; 2 to 4; 5 and 6; 7; 8 and 9 are those of the five stages (paper, Section 3)
     stage_of = {"1": 1, "2-4": 2, "5": 3, "6": 3, "7": 4, "8": 5, "9": 5, "text": 4}
     model = next(s for s in SETTINGS if s.name == (setting.like or setting.name))

@@ -50,8 +50,8 @@ def test_a_reproduction_writes_tables_and_report(tmp_path):
         "independent replications",
     ):
         assert text in html
-    found = findings.read(tmp_path / findings.FILE)
-    assert found.command == (
+    actual = findings.read(tmp_path / findings.FILE)
+    assert actual.command == (
         "laisn reproduce --quick --set motion=kinematic --set followers.0.depth_m=8.0 --set "
         "duration_s=30.0 "
         "--vary 'case=[base,measured-gate,\"5s\"]'"
@@ -120,9 +120,9 @@ def test_resamples_scatter_as_means_over_replications_do():
 
 def test_seeds_are_compared_by_their_verdicts_on_all_claims():
     one, other = ["holds"] * 10, ["holds"] * 9 + ["undecided"]
-    found = claim_seeds.findings_of({seed: other if seed == 3 else one for seed in range(20)})
-    assert (found["same"].value, found["seeds"].value) == (19, 20)
-    assert (found["same 1"].value, found["same 10"].value, found["verdict 10"].value) == (
+    actual = claim_seeds.findings_of({seed: other if seed == 3 else one for seed in range(20)})
+    assert (actual["same"].value, actual["seeds"].value) == (19, 20)
+    assert (actual["same 1"].value, actual["same 10"].value, actual["verdict 10"].value) == (
         20,
         19,
         "holds",
@@ -135,10 +135,10 @@ def test_the_study_of_seeds_judges_each_of_them(tmp_path, monkeypatch):
     monkeypatch.setattr(claims, "published", dict)
     keys = {"set": SHORT, "vary": {"case": ["base", "5s"]}}
     claim_seeds.run(tmp_path, seeds=(3, 4), runs=1, keys=keys, workers=1, quiet=True)
-    found = findings.read(tmp_path / findings.FILE)
-    assert found["seeds"].value == 2
-    assert found["verdict 2"].value == "no data"
-    assert found["verdict 1"].value != "no data"
+    actual = findings.read(tmp_path / findings.FILE)
+    assert actual["seeds"].value == 2
+    assert actual["verdict 2"].value == "no data"
+    assert actual["verdict 1"].value != "no data"
 
 
 def test_claims_on_the_published_tables():
@@ -212,11 +212,11 @@ def test_errors_abeam_and_astern_take_their_sector():
     error = np.repeat([1.0, 5.0, 99.0, 3.0], 400)
     steps = {"bearing_deg": bearing, "e_p_mean_m": error, "e_b_max_deg": error, "speed_m_s": error}
     steps["time_s"] = np.arange(error.size)
-    found = claims.over_time(steps)
-    assert (found["e_p_abeam_m"], found["e_p_astern_m"]) == (2.0, 5.0)
-    found = claims.over_time({name: values[:400] for name, values in steps.items()})
-    assert found["e_p_abeam_m"] == 1.0
-    assert np.isnan(found["e_p_astern_m"])
+    actual = claims.over_time(steps)
+    assert (actual["e_p_abeam_m"], actual["e_p_astern_m"]) == (2.0, 5.0)
+    actual = claims.over_time({name: values[:400] for name, values in steps.items()})
+    assert actual["e_p_abeam_m"] == 1.0
+    assert np.isnan(actual["e_p_astern_m"])
 
 
 def test_the_command_of_a_row_repeats_its_cell():

@@ -32,7 +32,7 @@ def rows(error: float, runs: int, routes: int, *, by_route: float = 0.1, **more:
     i times `by_route` less its mean.
     """
     shift = by_route * (np.arange(routes) - (routes - 1) / 2)
-    found = [
+    actual = [
         [
             {
                 "e_p_mean_m": error + shift[i] + 0.01 * (-1) ** r,
@@ -48,7 +48,7 @@ def rows(error: float, runs: int, routes: int, *, by_route: float = 0.1, **more:
         ]
         for r in range(runs)
     ]
-    return cells_of({"": found})
+    return cells_of({"": actual})
 
 
 def findings_without(navigator: str = "") -> dict[str, Any]:
@@ -101,7 +101,7 @@ def findings_without(navigator: str = "") -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def found() -> dict[str, Any]:
+def actual() -> dict[str, Any]:
     return findings_without()
 
 
@@ -145,75 +145,75 @@ def test_the_follower_of_the_map_stays_at_its_distance_on_the_quarter(
         assert north_then == pytest.approx(north + 300.0, rel=1e-12)
 
 
-def test_findings_are_the_means_shares_and_differences_of_the_rows(found: dict[str, Any]) -> None:
-    error = found["error tight calm 5"]
+def test_findings_are_the_means_shares_and_differences_of_the_rows(actual: dict[str, Any]) -> None:
+    error = actual["error tight calm 5"]
     assert error.value == pytest.approx(0.3)
     # each route: variance 0.01² · 4/3 of four runs; of the mean of eight routes a 32nd
     assert error.high - error.value == pytest.approx(
         1.959964 * 0.01 * np.sqrt(4 / 3 / 32), rel=1e-3
     )
-    apart = found["less tight inverted-usbl calm 5"]
+    apart = actual["less tight inverted-usbl calm 5"]
     assert (apart.value, apart.low, apart.high) == pytest.approx((-0.1, -0.1, -0.1))
     assert (
-        found["better-than tight inverted-usbl"].value
-        == found["cases tight inverted-usbl"].value
+        actual["better-than tight inverted-usbl"].value
+        == actual["cases tight inverted-usbl"].value
         == 12
     )
-    assert found["cases tight factor-graph"].value == 12
+    assert actual["cases tight factor-graph"].value == 12
     # those of the inverted USBL, the filter on ranges with messages every second, and one with two
     # transmitters
-    assert found["better-than tight"].value == 14
-    assert found["cases tight imm"].value == 15
-    assert found["less tight imm two 5"].value == pytest.approx(-0.05)
-    assert "less laisn-3-2 imm two 5" not in found
+    assert actual["better-than tight"].value == 14
+    assert actual["cases tight imm"].value == 15
+    assert actual["less tight imm two 5"].value == pytest.approx(-0.05)
+    assert "less laisn-3-2 imm two 5" not in actual
     # the last of eight routes is 0.35 m above the mean
-    assert found["worst tight calm 5"].value == pytest.approx(0.65)
-    assert found["best-rival"].value == "inverted-usbl"
-    lost = found["lost owtt calm 5"]
+    assert actual["worst tight calm 5"].value == pytest.approx(0.65)
+    assert actual["best-rival"].value == "inverted-usbl"
+    lost = actual["lost owtt calm 5"]
     assert lost.value == 1.0
     # Clopper and Pearson of 32 of 32
     assert lost.low == pytest.approx(0.025 ** (1 / 32), rel=1e-4)
-    assert found["lost tight calm 5"].value == 0.0
-    assert found["high ekf calm 5"].value == pytest.approx(0.8)
+    assert actual["lost tight calm 5"].value == 0.0
+    assert actual["high ekf calm 5"].value == pytest.approx(0.8)
 
 
 def test_the_speed_as_a_state_is_compared_over_all_routes_and_on_its_best_and_worst(
-    found: dict[str, Any],
+    actual: dict[str, Any],
 ) -> None:
-    assert found["less tight tight-steady calm 5"].value == pytest.approx(-0.05)
+    assert actual["less tight tight-steady calm 5"].value == pytest.approx(-0.05)
     # 0.02 m a route about the mean difference of −0.02 m: seven steps from the first to the last
-    assert found["less tight tight-steady two 5"].value == pytest.approx(-0.02)
-    assert found["least tight tight-steady two 5"].value == pytest.approx(-0.02 - 3.5 * 0.02)
-    assert found["most tight tight-steady two 5"].value == pytest.approx(-0.02 + 3.5 * 0.02)
+    assert actual["less tight tight-steady two 5"].value == pytest.approx(-0.02)
+    assert actual["least tight tight-steady two 5"].value == pytest.approx(-0.02 - 3.5 * 0.02)
+    assert actual["most tight tight-steady two 5"].value == pytest.approx(-0.02 + 3.5 * 0.02)
     # it is no rival
-    assert "better-than tight tight-steady" not in found
+    assert "better-than tight tight-steady" not in actual
 
 
-def test_the_maps_have_their_points_and_their_intervals(found: dict[str, Any]) -> None:
-    assert (found["map-better"].value, found["map-points"].value) == (1, 36)
-    assert found["map-less 200 0 2"].value == pytest.approx(0.1)
+def test_the_maps_have_their_points_and_their_intervals(actual: dict[str, Any]) -> None:
+    assert (actual["map-better"].value, actual["map-points"].value) == (1, 36)
+    assert actual["map-less 200 0 2"].value == pytest.approx(0.1)
     # ten vehicles, 150 m: ten times 0.1 s and 300 m at 1500 m/s
-    assert found["turn 10 150"].value == pytest.approx(3.0)
+    assert actual["turn 10 150"].value == pytest.approx(3.0)
     # between 0.2 m at 2 s and 0.4 m at 5 s on logarithmic scales
     share = np.log(3.0 / 2.0) / np.log(5.0 / 2.0)
-    assert found["shared ekf 10 150"].value == pytest.approx(0.2 * 2.0**share, rel=1e-5)
-    assert found["shared ekf 1 50"].value == pytest.approx(0.1)
+    assert actual["shared ekf 10 150"].value == pytest.approx(0.2 * 2.0**share, rel=1e-5)
+    assert actual["shared ekf 1 50"].value == pytest.approx(0.1)
 
 
-def test_the_page_is_the_golden_one(found: dict[str, Any]) -> None:
+def test_the_page_is_the_golden_one(actual: dict[str, Any]) -> None:
     """The record of made-up cells, whose errors `findings_without` states."""
-    made = record("rivals", "laisn rivals", ("experiments.studies.rivals.findings",), found)
+    made = record("rivals", "laisn rivals", ("experiments.studies.rivals.findings",), actual)
     values = {"quick": False, "found": made, **figures.values(made, {})}
     require_golden(page_of("experiments.studies.rivals", [], values, made), "rivals")
 
 
 def test_the_page_is_made_without_what_was_left_out(tmp_path: Path) -> None:
     whole = findings_without()
-    found = findings_without(findings.SLOW)
-    assert {key for key in whole if key not in found} == {
+    actual = findings_without(findings.SLOW)
+    assert {key for key in whole if key not in actual} == {
         key for key in whole if findings.SLOW in key
     } | {"slow-runs"}
-    record("rivals", "laisn rivals", ("experiments.studies.rivals.findings",), found).write(
+    record("rivals", "laisn rivals", ("experiments.studies.rivals.findings",), actual).write(
         tmp_path / "results.json"
     )
     kept = read(tmp_path / "results.json")

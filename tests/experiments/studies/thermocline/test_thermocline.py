@@ -100,9 +100,9 @@ def test_the_page_is_the_golden_one(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("ray_picture", "profile_picture"):
         monkeypatch.setattr(figures, name, lambda *_: panel([], x_label="", y_label=""))
     recorded = read(RECORDS / "thermocline.json")
-    found = numbered_record("thermocline", recorded.findings)
-    values = {"quick": False, "found": found, **figures.values(found, {})}
-    require_golden(page_of("experiments.studies.thermocline", [], values, found), "thermocline")
+    actual = numbered_record("thermocline", recorded.findings)
+    values = {"quick": False, "found": actual, **figures.values(actual, {})}
+    require_golden(page_of("experiments.studies.thermocline", [], values, actual), "thermocline")
 
 
 @pytest.mark.typed
