@@ -40,7 +40,7 @@ Row = tuple[float, list[Text]]
 """A line of the panel of numbers: distance from the line above, and texts."""
 
 SIGMAS = 2.0  # half axes of the ellipse of uncertainty in standard deviations
-_SHORT = 576
+_SHORT_ROWS = 576
 """Frames of fewer rows have the short panel of numbers and one curve: text that can be read
 leaves no room for more.
 """
@@ -88,7 +88,7 @@ class Dashboard:
         self._s = s
         self._t = t
         self._size = (canvas.width, canvas.height)
-        self._short = canvas.height < _SHORT
+        self._short = canvas.height < _SHORT_ROWS
         left = 16 * s
         top = 16 * s
         width = 292 * s

@@ -39,7 +39,7 @@ _HULL_REACH_M = 1.5  # reach from a vehicle's middle to beyond its ends, propell
 WATER = (0.035, 0.26, 0.36)
 
 # points of a height field along each side: their number is a third of what a frame costs
-_CELLS = 48
+_POINTS = 48
 _TILE_M = 40.0
 _SPACINGS_M = (
     *(_TILE_M / k for k in range(16, 0, -1)),
@@ -50,7 +50,7 @@ _CREST_M = 25.0
 _TEXELS = 256
 
 
-def _tile(wavelength: float, seed: int) -> Floats:
+def _noise(wavelength: float, seed: int) -> Floats:
     """Periodic noise around one wavelength (a share of the tile), zero mean, unit variance,
     shape (size, size).
     """
@@ -65,9 +65,9 @@ def _tile(wavelength: float, seed: int) -> Floats:
     return np.asarray((noise - noise.mean()) / noise.std())
 
 
-def _network(wavelength: float, seed: int) -> Floats:
+def _caustics(wavelength: float, seed: int) -> Floats:
     """Bright curved lines, as light focused by ripples draws them, in [0, 1]."""
-    return np.asarray(np.exp(-4.0 * np.abs(_tile(wavelength, seed))))
+    return np.asarray(np.exp(-4.0 * np.abs(_noise(wavelength, seed))))
 
 
 def relief_of(floor: GriddedFloor) -> float:
@@ -87,8 +87,10 @@ def build(flight: FlightRecord, width_px: int, height_px: int) -> Any:
     )
     for flat in ("floor", "surface"):
         spec.delete(spec.geom(flat))
-    sand = 0.5 + 0.10 * _tile(0.03, 1) + 0.10 * _tile(0.22, 2) + 0.35 * (_network(0.13, 3) - 0.3)
-    sheen = 0.30 + 0.55 * _network(0.15, 4) * (0.6 + 0.4 * _network(0.35, 5)) + 0.08 * _tile(0.5, 6)
+    sand = 0.5 + 0.10 * _noise(0.03, 1) + 0.10 * _noise(0.22, 2) + 0.35 * (_caustics(0.13, 3) - 0.3)
+    sheen = (
+        0.30 + 0.55 * _caustics(0.15, 4) * (0.6 + 0.4 * _caustics(0.35, 5)) + 0.08 * _noise(0.5, 6)
+    )
     for name, shade, dark, bright in (
         ("seabed", sand, (0.20, 0.25, 0.22), (0.70, 0.72, 0.58)),
         ("sea", sheen, (0.10, 0.42, 0.52), (0.85, 1.0, 1.0)),
@@ -109,16 +111,16 @@ def build(flight: FlightRecord, width_px: int, height_px: int) -> Any:
         "type": mujoco.mjtGeom.mjGEOM_PLANE,
         "material": "seabed_look",
     }
-    heights = np.zeros(_CELLS**2)
+    heights = np.zeros(_POINTS**2)
     if isinstance(floor, GriddedFloor):
         size = [200, 200, relief_of(floor), 0.001]
-        spec.add_hfield(name="seabed", nrow=_CELLS, ncol=_CELLS, size=size, userdata=heights)
+        spec.add_hfield(name="seabed", nrow=_POINTS, ncol=_POINTS, size=size, userdata=heights)
         seabed |= {"type": mujoco.mjtGeom.mjGEOM_HFIELD, "hfieldname": "seabed"}
     else:
         seabed["size"] = [200, 200, 20]
     spec.worldbody.add_geom(**seabed, pos=[0, 0, -depth], **looks_only)
     spec.add_hfield(
-        name="sea", nrow=_CELLS, ncol=_CELLS, size=[200, 200, _CREST_M, 0.001], userdata=heights
+        name="sea", nrow=_POINTS, ncol=_POINTS, size=[200, 200, _CREST_M, 0.001], userdata=heights
     )
     # upside down: a height field shows only its upper face, and this one is seen from below
     spec.worldbody.add_geom(
@@ -167,22 +169,22 @@ class Sea:
 
     def grid(self, centre: Floats, reach: float) -> tuple[Floats, Floats]:
         """East and north of the height field's points, at least `reach` about `centre`, shape
-        (_CELLS,) each, [m].
+        (_POINTS,) each, [m].
         """
-        half_cells = (_CELLS - 1) / 2
-        cell = next((c for c in _SPACINGS_M if half_cells * c >= reach), _SPACINGS_M[-1])
+        half_count = (_POINTS - 1) / 2
+        spacing = next((c for c in _SPACINGS_M if half_count * c >= reach), _SPACINGS_M[-1])
         # points of one spacing always lie on the same lattice, or the surface would change shape
         # with the camera
         x, y = _TILE_M * np.round(np.asarray(centre[:2]) / _TILE_M)
-        offset = cell * (np.arange(_CELLS) - half_cells)
+        offset = spacing * (np.arange(_POINTS) - half_count)
         return x + offset, y + offset
 
     def elevation(self, x: Floats, y: Floats, time: float) -> Floats:
         """Height of the sea over the grid x by y without the waves too short for it, shape
         (len(y), len(x)), [m].
         """
-        cell = float(x[1] - x[0])
-        is_resolved = self._steepness * cell < 2.0
+        spacing = float(x[1] - x[0])
+        is_resolved = self._steepness * spacing < 2.0
         east, north = self._ocean.environment.current.at_time(time).drift.run
         amplitude, kx, ky, omega, phase = self._waves[is_resolved][:, [0, 1, 2, 4, 5]].T
         along_x = amplitude * np.exp(1j * (np.outer(x - east, kx) + phase - omega * time))
@@ -244,14 +246,15 @@ class GlScene:
     """
 
     def __init__(self, flight: FlightRecord, video: Video) -> None:
-        self.width, self.height = size = video.width_px, video.height_px
-        self._model = build(flight, *size)
+        self.width = video.width_px
+        self.height = video.height_px
+        self._model = build(flight, self.width, self.height)
         self._data = mujoco.MjData(self._model)
         self._vehicles = resolve(self._model, flight.trajectory.names)
         self._fins = [MovingFins(self._model, f"{name}/") for name in flight.trajectory.names]
         parts = [self._model.geom(g).name.split("/")[-1] for g in range(self._model.ngeom)]
         self._inside = {g for g, part_name in enumerate(parts) if part_name.startswith(_INSIDE)}
-        self._gl = mujoco.GLContext(*size)
+        self._gl = mujoco.GLContext(self.width, self.height)
         self._gl.make_current()
         self._context = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
