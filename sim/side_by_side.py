@@ -29,7 +29,7 @@ from sim.trajectory import StateHistory, Trajectory
 from sim.vehicle.effectors import Kinds
 from sim.vehicle.lanes import LaneMotion, handles_of_lanes, lane_motion_of, suits_lanes
 from sim.vehicle.stepping import OK, Fault, StepHandles, advance
-from sim.water.environment import Environment, flow, sea_at
+from sim.water.environment import Environment, sea_at, velocity_of_water
 
 FEW = 2  # missions that move faster one after the other
 
@@ -74,7 +74,7 @@ def _record_water(k: int, memory: LaneMemory, environment: Environment) -> None:
     sea = sea_at(environment, k * TICK)
     for i in range(pose.shape[0]):
         point = (pose[i, 0], pose[i, 1], pose[i, 2])
-        u = flow(sea, point, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)).velocity
+        u = velocity_of_water(sea, point)
         out[i, 0] = u[0]
         out[i, 1] = u[1]
         out[i, 2] = u[2]

@@ -25,8 +25,7 @@ class Environment(NamedTuple):
 
     def flow(self, position: Vector, time: float) -> Vector:
         """Velocity of the water at a place [m] and time [s], in the world [m/s]."""
-        at_rest = (0.0, 0.0, 0.0)
-        return flow(sea_at(self, time), position, at_rest, (1.0, 0.0, 0.0)).velocity
+        return velocity_of_water(sea_at(self, time), position)
 
     def arrivals(self, source: Vector, receiver: Vector) -> tuple[Ray, Ray, Ray]:
         """How sound gets from one place to another [m] that rest: directly, by the surface and by
@@ -92,13 +91,24 @@ def flow(sea: SeaInstant, position: Vector, velocity: Vector, axis: Vector) -> F
     )
 
 
+@inlined
+def velocity_of_water(sea: SeaInstant, position: Vector) -> Vector:
+    """The velocity of `flow` alone."""
+    drift = sea.current.drift
+    drifted_position = position[0] - drift.run[0], position[1] - drift.run[1], position[2]
+    at_rest = (0.0, 0.0, 0.0)
+    current = sea.current.flow(drifted_position, at_rest)
+    u = sea.waves.velocity_over(current.velocity, drifted_position, sea.time)
+    return u[0] + drift.velocity[0], u[1] + drift.velocity[1], u[2]
+
+
 @compiled
 def water_velocity(environment: Environment, position: Floats, time: float, out: Floats) -> None:
     """Write the velocity of the water at points of shape (n, 3) to `out`, likewise."""
     sea = sea_at(environment, time)
     for i in range(position.shape[0]):
         point = position[i, 0], position[i, 1], position[i, 2]
-        u = flow(sea, point, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)).velocity
+        u = velocity_of_water(sea, point)
         out[i, 0] = u[0]
         out[i, 1] = u[1]
         out[i, 2] = u[2]

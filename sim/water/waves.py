@@ -24,6 +24,7 @@ from sim.attitude import Matrix, Vector
 from sim.water.currents import CurrentFlow, Drift
 
 method_by_type("flow_over")
+method_by_type("velocity_over")
 method_by_type("elevation_at")
 method_by_type("room_for_orbits")
 
@@ -207,6 +208,13 @@ class WaveTrain(NamedTuple):
         return flow_without_waves(current)
 
     @compiled
+    def velocity_over(self, current: Vector, position: Vector, time: float) -> Vector:
+        """The velocity of that flow alone."""
+        if self.components.shape[1] > 0:
+            return add_velocity_of_waves(self, current, position, time)
+        return current
+
+    @compiled
     def elevation_at(self, x: float, y: float, time: float, drift: Drift) -> float:
         """Height of the surface above z = 0 at one place [m], time [s]."""
         return wave_elevation(self, x, y, time, drift)
@@ -235,6 +243,11 @@ class LaneWaves(NamedTuple):
         return add_waves(self, current, position, velocity, axis, time)
 
     @compiled
+    def velocity_over(self, current: Vector, position: Vector, time: float) -> Vector:
+        """As of `WaveTrain`."""
+        return add_velocity_of_waves(self, current, position, time)
+
+    @compiled
     def elevation_at(self, x: float, y: float, time: float, drift: Drift) -> float:
         """As of `WaveTrain`."""
         return wave_elevation(self, x, y, time, drift)
@@ -259,6 +272,11 @@ class CalmSurface(NamedTuple):
     ) -> "Flow":
         """A current alone."""
         return flow_without_waves(current)
+
+    @compiled
+    def velocity_over(self, current: Vector, position: Vector, time: float) -> Vector:
+        """The velocity of that current."""
+        return current
 
     @compiled
     def elevation_at(self, x: float, y: float, time: float, drift: Drift) -> float:
@@ -321,6 +339,28 @@ def _orbits(waves: AnyWaves, x: float, y: float, depth: float, time: float) -> F
 
 
 @compiled
+def _height_in(waves: AnyWaves, z: float) -> float:
+    """The height within the sea at which waves are what they are at z [m]."""
+    return max(min(z, 0.0), -waves.floor_depth)
+
+
+@compiled
+def add_velocity_of_waves(
+    waves: AnyWaves, current: Vector, position: Vector, time: float
+) -> Vector:
+    """Velocity of a current and the waves on it, as of `add_waves`."""
+    rows = waves.components
+    x, y, z = position
+    ux, uy, uz = like(current[0], x), like(current[1], x), like(current[2], x)
+    orbits = _orbits(waves, x, y, _height_in(waves, z), time)
+    for i in range(rows.shape[1]):
+        ux += orbits[0, i] * rows[EAST, i]
+        uy += orbits[0, i] * rows[NORTH, i]
+        uz += orbits[3, i]
+    return ux, uy, uz
+
+
+@compiled
 def add_waves(
     waves: AnyWaves,
     current: CurrentFlow,
@@ -346,7 +386,7 @@ def add_waves(
     gxx = gxy = gyy = gxz = gyz = gzz = zero
     bx = by = bz = zero
     cx = cy = cz = zero
-    height = max(min(z, 0.0), -waves.floor_depth)
+    height = _height_in(waves, z)
     # where waves do not change with height any more, neither does climbing count, nor what of an
     # axis points up
     varies = select(z == height, 1.0, 0.0)

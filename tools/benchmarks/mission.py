@@ -131,13 +131,23 @@ def physics() -> list[Row]:
 
 
 def engines() -> list[Row]:
-    """A physics step of one vehicle of T5, with autopilot and recording, by each solver, and of
-    missions side by side.
+    """A physics step of one vehicle of T5 by each solver, and of missions side by side, with
+    autopilot and recording, in calm water and in waves; and of eleven vehicles of one mission.
     """
-    scenario = _scenario(1, _ENGINES_S)
-    steps = round(_ENGINES_S / scenario.timing.physics_step_s) * 2
+    calm = _scenario(1, _ENGINES_S)
+    rough = load_scenario("T5", (f"duration_s={_ENGINES_S}", "ocean.waves.kind=jonswap"))
+    return [*_solvers(calm, "a vehicle"), *_solvers(rough, "a vehicle in JONSWAP"), *_fleet()]
+
+
+def _direct(scenario: Scenario) -> Scenario:
     timing = scenario.timing.model_copy(update={"engine": "direct"})
-    by_direct = scenario.model_copy(update={"timing": timing})
+    return scenario.model_copy(update={"timing": timing})
+
+
+def _solvers(scenario: Scenario, name: str) -> list[Row]:
+    """A physics step of one of two vehicles, by each solver and side by side."""
+    steps = round(_ENGINES_S / scenario.timing.physics_step_s) * 2
+    by_direct = _direct(scenario)
     motion = MotionSettings.of(by_direct)
     rounds = range(_REPEATS + 1)
     of_mujoco = [new_mission(scenario) for _ in rounds]
@@ -153,13 +163,37 @@ def engines() -> list[Row]:
     )
     lanes /= LANES
     return [
-        Row("a vehicle, by MuJoCo", mujoco / steps * 1e9, "ns/step"),
-        Row("a vehicle, direct", direct / steps * 1e9, "ns/step", mujoco / direct, "MuJoCo"),
+        Row(f"{name}, by MuJoCo", mujoco / steps * 1e9, "ns/step"),
+        Row(f"{name}, direct", direct / steps * 1e9, "ns/step", mujoco / direct, "MuJoCo"),
         Row(
-            "a vehicle, side by side in lanes",
+            f"{name}, side by side in lanes",
             lanes / steps * 1e9,
             "ns/step",
             mujoco / lanes,
+            "MuJoCo",
+        ),
+    ]
+
+
+def _fleet() -> list[Row]:
+    """A physics step of one of eleven vehicles with autopilots and recording, by MuJoCo and side by
+    side.
+    """
+    scenario = _scenario(10, _ENGINES_S)
+    steps = round(_ENGINES_S / scenario.timing.physics_step_s) * 11
+    rounds = range(_REPEATS + 1)
+    of_mujoco = [new_mission(scenario) for _ in rounds]
+    of_direct = [new_mission(_direct(scenario)) for _ in rounds]
+    mujoco, direct = least_times(
+        [lambda: of_mujoco.pop().fly(), lambda: of_direct.pop().fly()], _REPEATS
+    )
+    return [
+        Row("one of eleven vehicles, by MuJoCo", mujoco / steps * 1e9, "ns/step"),
+        Row(
+            "one of eleven vehicles, side by side",
+            direct / steps * 1e9,
+            "ns/step",
+            mujoco / direct,
             "MuJoCo",
         ),
     ]

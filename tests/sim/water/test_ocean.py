@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from laisn.arrays import Floats
-from sim.water.environment import elevation_at, flow, sea_at
+from sim.water.environment import elevation_at, flow, sea_at, velocity_of_water
 from sim.water.ocean import Ocean
 from sim.water.waves import Waves, wavenumber
 
@@ -248,6 +248,26 @@ def test_above_the_still_surface_waves_move_as_on_it() -> None:
     waves = Waves.regular(height_m=0.5, period_s=4.0)
     on, above = Ocean(waves=waves).velocity(np.array([[1.0, 2.0, 0.0], [1.0, 2.0, 0.3]]), 1.0)
     np.testing.assert_array_equal(on, above)
+
+
+@pytest.mark.parametrize("height", [0.0, 0.5])
+def test_the_velocity_alone_is_that_of_the_flow(height: float) -> None:
+    """In and above the sea, and below its floor."""
+    waves = Waves.none()
+    if height > 0.0:
+        waves = Waves.jonswap(
+            np.random.default_rng(2), significant_height_m=height, peak_period_s=5.0, spread_rad=0.4
+        )
+    ocean = Ocean(
+        current_speed_m_s=0.8,
+        current_shear_1_s=0.02,
+        current_change=np.array([[0.0, 0.0, 0.0], [10.0, 0.2, -0.1]]),
+        waves=waves,
+    )
+    sea = sea_at(ocean.environment, 7.0)
+    for z in (-8.0, 0.3, -90.0):
+        whole = flow(sea, (3.0, -20.0, z), (1.0, 0.5, -0.2), (0.6, 0.8, 0.0))
+        assert velocity_of_water(sea, (3.0, -20.0, z)) == whole.velocity
 
 
 @pytest.mark.parametrize(("depth", "speed"), [(0.0, 0.8), (10.0, 0.6), (40.0, 0.0)])
