@@ -1,7 +1,8 @@
 """LAISN for a block of runs side by side, one in each lane: what `navigator` does for one follower.
 
 A block is rows of `LANES` doubles in one flat array, a lane for each run; passes address `block[ROW
-+ lane]`. Rows of one array provably do not overlap, so that passes become vector instructions.
++ lane]`. Rows of one array provably do not overlap, so that passes become vector instructions. They
+compute the lanes that are in use, the first of each row.
 Every lane takes every branch and selects; only what is the same for all runs (the variant) branches
 truly. After a measurement with covariance R, P S⁻¹ R stands for P − P S⁻¹ P, without cancellation;
 it equals the Joseph form.
@@ -14,7 +15,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints, Records
-from laisn.compiled import compiled, compiled_apart, inlined
+from laisn.compiled import compiled, compiled_apart, inlined, jitable
 from laisn.errors import LaisnError
 from laisn.fix import (
     GATED,
@@ -43,6 +44,8 @@ from laisn.swarm import SwarmRecord, new_fix
 from laisn.vector_math import sin_cos
 
 LANES = 64
+_VECTOR = 8
+"""Lanes that are computed at once at most; what remains of a row is computed lane by lane."""
 
 _row = count(0, LANES)
 
@@ -73,7 +76,8 @@ ZX23, ZY23, SIGMA23, KIND23, SEP23, NIS23 = (next(_row) for _ in range(6))
 ZX, ZY, SIGMA, KIND, SEP, NIS = (next(_row) for _ in range(6))
 # 1 where an update of this message passed the gate.
 PASSED = next(_row)
-SIZE = next(_row)
+IDLE = next(_row)  # one number: how many of the last lanes are left out
+SIZE = IDLE + 1
 
 
 def tuning(settings: Settings) -> Tuning:
@@ -94,6 +98,18 @@ def tuning(settings: Settings) -> Tuning:
 def point_at(block: Floats, first: int, lane: int) -> Point:
     """The point whose two rows begin at `first`."""
     return Point(block[first + lane], block[first + LANES + lane])
+
+
+@jitable
+def lanes_for(runs: int) -> int:
+    """How many lanes to compute for so many runs: a run that is alone, or whole vectors."""
+    return 1 if runs == 1 else -(-runs // _VECTOR) * _VECTOR
+
+
+@inlined
+def in_use(block: Floats) -> int:
+    """How many lanes are computed, from the first on."""
+    return LANES - int(block[IDLE])
 
 
 @inlined
@@ -147,7 +163,7 @@ def own_motion(block: Floats, t: Tuning) -> None:
     """Take a step's own measurements: their γ, and the direction of motion; faster apart from
     `predict`.
     """
-    for lane in range(LANES):
+    for lane in range(in_use(block)):
         speed = block[SPEED + lane]
         heading = block[HEADING + lane]
         block[GAMMA_V + lane] = speed_share(block[LAST_SPEED + lane], speed, t.follower_speed_max)
@@ -162,7 +178,7 @@ def leader_motion(block: Floats, t: Tuning) -> None:
     """Take a message's speed and heading, if it has a range: γ becomes that of the vehicle that
     changed most.
     """
-    for lane in range(LANES):
+    for lane in range(in_use(block)):
         rear = block[R1 + lane]
         front = block[R2 + lane]
         middle = block[R3 + lane]
@@ -186,7 +202,7 @@ def leader_motion(block: Floats, t: Tuning) -> None:
 def predict(block: Floats, t: Tuning) -> None:
     """Constant velocity, with process noise that grows with manoeuvres (paper, Section 2.1)."""
     dt = t.dt
-    for lane in range(LANES):
+    for lane in range(in_use(block)):
         sigma_a = expected_acceleration(block[GAMMA_V + lane], block[GAMMA_THETA + lane], t)
         # x ← F x and P ← F P Fᵀ + σ_a² G Gᵀ with F = [I, Δt I; 0, I] and G = [½ Δt² I; Δt I]
         q = sigma_a * sigma_a * (dt * dt)
@@ -212,7 +228,7 @@ def predict(block: Floats, t: Tuning) -> None:
 @compiled
 def speed_update(block: Floats, t: Tuning) -> None:
     """Velocity from speed log and compass (paper, Section 2.1)."""
-    for lane in range(LANES):
+    for lane in range(in_use(block)):
         speed = block[SPEED + lane]
         s = block[SIN + lane]
         c = block[COS + lane]
@@ -262,7 +278,7 @@ def update(block: Floats, t: Tuning, k: int) -> None:
     """Gate the chosen fix, and update the state (Sections 2.1, 2.4); kind GATED or SINGULAR
     where that is skipped.
     """
-    for lane in range(LANES):
+    for lane in range(in_use(block)):
         zx = block[ZX + lane]
         zy = block[ZY + lane]
         kind = block[KIND + lane]
@@ -318,7 +334,7 @@ def update_gate(block: Floats, k: int) -> None:
     """Make the gate measure from the position and step of this message, in the lanes that
     accepted it.
     """
-    for lane in range(LANES):
+    for lane in range(in_use(block)):
         passed = block[PASSED + lane] > 0.0
         block[ACCEPTED_X + lane] = block[X + lane] if passed else block[ACCEPTED_X + lane]
         block[ACCEPTED_Y + lane] = block[Y + lane] if passed else block[ACCEPTED_Y + lane]
@@ -344,7 +360,7 @@ def _circle_at(block: Floats, first: int, lane: int) -> Circle:
 @compiled
 def place_transmitters(block: Floats, t: Tuning) -> None:
     """Transmitters as the message places them, and the horizontal ranges to them."""
-    for lane in range(LANES):
+    for lane in range(in_use(block)):
         heading = Turn(*sin_cos(block[LEADER_HEADING + lane]))
         pitched = Turn(0.0, 1.0)
         rolled = Turn(0.0, 1.0)
@@ -373,7 +389,7 @@ def _fix_pair(rear: int, front: int, out: int, from_front: bool) -> Pass:
 
     @compiled
     def fix(block: Floats, t: Tuning) -> None:
-        for lane in range(LANES):
+        for lane in range(in_use(block)):
             pair = Pair(_circle_at(block, rear, lane), _circle_at(block, front, lane), from_front)
             heading = Turn(block[LEADER_SIN + lane], block[LEADER_COS + lane])
             put_fix(block, out, lane, pair_fix(pair, heading, point_at(block, X, lane), t))
@@ -405,7 +421,7 @@ def _choice(otherwise: Pass, variant: Variant) -> Pass:
         if t.variant != number:
             otherwise(block, t)
         else:
-            for lane in range(LANES):
+            for lane in range(in_use(block)):
                 pairs = (
                     fix_at(block, ZX12, lane),
                     fix_at(block, ZX13, lane),
@@ -448,7 +464,7 @@ def _keep_prior(block: Floats, prior: Floats, update: int) -> None:
     """Copy the rows of `_PRIOR` before an update, 0 … 2 of a message, if there is room for them."""
     if prior.shape[0] > 0:
         for i, first in enumerate(_PRIOR):
-            for lane in range(LANES):
+            for lane in range(in_use(block)):
                 prior[update, i, lane] = block[first + lane]
 
 
@@ -643,5 +659,7 @@ def new_lanes(settings: NavigationSettings, starts: Floats) -> LaneSwarm:
     if len(starts) > LANES:
         raise LaisnError(f"{len(starts)} followers cannot navigate together, at most {LANES}")
     t = tuning(settings)
+    block = new_block(starts, t)
+    block[IDLE] = LANES - lanes_for(len(starts))
     gated = np.zeros(len(starts), dtype=np.int64)
-    return LaneSwarm(new_block(starts, t), t, gated, np.empty((3, len(_PRIOR), LANES)))
+    return LaneSwarm(block, t, gated, np.empty((3, len(_PRIOR), LANES)))

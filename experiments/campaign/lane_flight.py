@@ -87,7 +87,7 @@ def tally_step(
     truth = Point(hydrophone[0], hydrophone[1])
     origin = Point(leader[0], leader[1])
     axis = turn(leader[2])
-    for lane in range(LANES):
+    for lane in range(lanes.in_use(block)):
         estimate = lanes.point_at(block, lanes.X, lane)
         squared = squared_error(estimate, truth)
         error = math.sqrt(squared)
@@ -128,7 +128,7 @@ def tally_fixes(block: Floats, tally: Floats, fixes: tuple[int, int, int]) -> No
 
     A pair of which nothing was received is no fix; a message without any fix counts as one LOST.
     """
-    for lane in range(LANES):
+    for lane in range(lanes.in_use(block)):
         received = False
         for fix in fixes:
             if fix >= 0:
@@ -212,6 +212,7 @@ class Noise(NamedTuple):
     offset: Floats  # two rows: what stays of them throughout a run, likewise
     walk: Floats  # two rows: of the leader's position, in steps of unit variance
     dt: float  # filter step [s]
+    lanes: int  # how many are computed
 
 
 @inlined
@@ -228,7 +229,7 @@ def _draw_uniforms(noise: Noise, stream: int, step: int) -> None:
     draws = noise.draws
     seed, first_run, follower = noise.address
     number = _number(stream, follower)
-    for lane in range(LANES):
+    for lane in range(noise.lanes):
         w0, w1, w2, _ = words(seed, first_run + np.uint64(lane), number, np.uint64(step))
         draws[_FIRST + lane] = uniform(w0)
         draws[_SECOND + lane] = uniform(w1)
@@ -241,17 +242,17 @@ def _draw_normals(noise: Noise, stream: int, step: int) -> None:
     draws = noise.draws
     seed, first_run, follower = noise.address
     number = _number(stream, follower)
-    for lane in range(LANES):
+    for lane in range(noise.lanes):
         w0, w1, w2, w3 = words(seed, first_run + np.uint64(lane), number, np.uint64(step))
         draws[_FIRST + lane], draws[_SECOND + lane] = two_units(w0, w1, w2, w3)
-    for lane in range(LANES):
+    for lane in range(noise.lanes):
         draws[_FIRST + lane], draws[_SECOND + lane] = two_normals(
             draws[_FIRST + lane], draws[_SECOND + lane]
         )
 
 
 @compiled
-def new_noise(address: Address, dt: float) -> Noise:
+def new_noise(address: Address, dt: float, used: int) -> Noise:
     """Room for the draws of a block, and the errors that its runs keep."""
     pair = 2 * LANES
     noise = Noise(
@@ -262,6 +263,7 @@ def new_noise(address: Address, dt: float) -> Noise:
         np.empty(pair),
         np.zeros(pair),
         dt,
+        used,
     )
     _draw_normals(noise, _LEADER_ATTITUDE, 0)
     copy_values(noise.draws, noise.offset)
@@ -286,7 +288,7 @@ def sense_own(
     """Read speed log and compass at step k."""
     draws = noise.draws
     _draw_normals(noise, _OWN_MOTION, k)
-    for lane in range(LANES):
+    for lane in range(noise.lanes):
         normals = draws[_FIRST + lane], draws[_SECOND + lane]
         block[lanes.SPEED + lane] = sensors.read_speed(errors, speed, normals)
         block[lanes.HEADING + lane] = sensors.read_heading(errors, heading, normals)
@@ -301,7 +303,7 @@ def _lose(
     draws = noise.draws
     burst = noise.burst
     _draw_uniforms(noise, _LOSS, emitted)
-    for lane in range(LANES):
+    for lane in range(noise.lanes):
         burst[lane] = sensors.is_bad(burst[lane], draws[_FIRST + lane], errors)
         is_heard = sensors.is_heard(draws[_THIRD + lane], errors, direct, received * noise.dt)
         if sensors.is_lost(burst[lane], draws[_SECOND + lane], errors) or not is_heard:
@@ -321,7 +323,7 @@ def _read_position(
             walk[i] += draws[i]
     _draw_if(errors.leader_position_sigma > 0.0, noise, _LEADER_POSITION, emitted)
     root = math.sqrt(noise.dt)
-    for lane in range(LANES):
+    for lane in range(noise.lanes):
         i = _FIRST + lane
         j = _SECOND + lane
         block[lanes.EAST + lane] = sensors.read_leader_position(
@@ -346,7 +348,7 @@ def _read_attitude(
     _draw_if(errors.leader_tilt_sigma > 0.0, noise, _LEADER_ATTITUDE, emitted)
     for i in range(2 * LANES):
         fluctuation[i] = sensors.gauss_markov_step(fluctuation[i], weight, spread_weight, draws[i])
-    for lane in range(LANES):
+    for lane in range(noise.lanes):
         i = _FIRST + lane
         j = _SECOND + lane
         block[lanes.PITCH + lane] = sensors.read_leader_attitude(
@@ -377,14 +379,14 @@ def _read_ranges(
         # above any chance
         draws[:] = 1.0
     for j in range(3):
-        for lane in range(LANES):
+        for lane in range(noise.lanes):
             i = j * LANES + lane
             path = sensors.path_taken(draws[lane if errors.common_echoes else i], errors)
             true[i] = sent[_ECHOES - 3 + j + 3 * path]
     _draw_normals(noise, _RANGE_SCALE, received)
     copy_values(draws[:LANES], normal)
     _draw_uniforms(noise, _RANGE_UNIFORM, received)
-    for lane in range(LANES):
+    for lane in range(noise.lanes):
         i = _FIRST + lane
         j = _SECOND + lane
         k = _THIRD + lane
@@ -430,18 +432,18 @@ def sense_message(
     speed = sent[3]
     leader_depth = sent[4]
     _draw_if(errors.depth_sigma > 0.0, noise, _DEPTH, received)
-    for lane in range(LANES):
+    for lane in range(noise.lanes):
         block[lanes.DEPTH + lane] = sensors.read_depth(errors, depth, (draws[_FIRST + lane], 0.0))
         block[lanes.EAST + lane] = east
         block[lanes.NORTH + lane] = north
     motion_errs = errors.leader_heading_sigma + errors.leader_speed_sigma > 0.0
     _draw_if(motion_errs, noise, _LEADER_MOTION, emitted)
-    for lane in range(LANES):
+    for lane in range(noise.lanes):
         normals = draws[_FIRST + lane], draws[_SECOND + lane]
         block[lanes.LEADER_SPEED + lane] = sensors.read_leader_speed(errors, speed, normals)
         block[lanes.LEADER_HEADING + lane] = sensors.read_leader_heading(errors, heading, normals)
     _draw_if(errors.leader_depth_sigma > 0.0, noise, _LEADER_DEPTH, emitted)
-    for lane in range(LANES):
+    for lane in range(noise.lanes):
         block[lanes.LEADER_DEPTH + lane] = sensors.read_leader_depth(
             errors, leader_depth, (draws[_FIRST + lane], 0.0)
         )
@@ -509,8 +511,10 @@ def fly_block(
     """
     n = truth.own.shape[0]
     m = truth.message_step.size
-    noise = new_noise(address, t.dt)
+    computed = lanes.lanes_for(used)
+    noise = new_noise(address, t.dt, computed)
     block = lanes.new_block(truth.start, t)
+    block[lanes.IDLE] = LANES - computed
     tally = np.zeros(SIZE)
     bins = np.zeros(2 * LANES, dtype=np.int64)
     histograms = np.zeros((2, BINS), dtype=np.int64)

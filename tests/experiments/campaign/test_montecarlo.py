@@ -271,6 +271,19 @@ def assert_same(one: CellResult, other: CellResult) -> None:
         assert values.tobytes() == other.runs[name].tobytes()
 
 
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_a_block_of_few_runs_computes_what_a_full_one_does(variant: Variant) -> None:
+    """A run that is alone, and runs that fill part of a vector, or parts of several."""
+    settings = NavigationSettings(dt=DT, variant=variant)
+    errors = ECHOES._replace(loss_probability=0.2)
+    cell = Cell(truth=make_truth(), errors=errors, settings=settings, runs=range(64))
+    full = simulate(cell).runs
+    for few in (range(1), range(7, 8), range(2), range(5, 14), range(20, 53)):
+        runs = simulate(replace(cell, runs=few)).runs
+        for name, values in runs.items():
+            np.testing.assert_array_equal(values, full[name][few.start : few.stop], err_msg=name)
+
+
 def test_perfect_sensors_recover_the_truth() -> None:
     truth = make_truth()
     perfect = SensorErrors(
