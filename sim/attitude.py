@@ -224,6 +224,20 @@ def heading_pitch_roll(quaternion: Floats) -> tuple[Floats, Floats, Floats]:
     return heading, pitch, roll
 
 
+@compiled
+def _pitches(rows: Floats, pitches: Floats) -> None:
+    for k in range(rows.shape[0]):
+        pitches[k] = pitch_of(rows[k])
+
+
+def pitch_angles(quaternion: Floats) -> Floats:
+    """The pitch alone, of shape (…,), [rad]."""
+    rows = np.ascontiguousarray(quaternion, dtype=np.float64).reshape(-1, 4)
+    pitches = np.empty(len(rows))
+    _pitches(rows, pitches)
+    return pitches.reshape(quaternion.shape[:-1])
+
+
 @jitable
 def _share(fraction: float, angle: float) -> float:
     """sin(fraction angle) / sin(angle), which becomes the fraction where the angle is zero."""

@@ -6,6 +6,7 @@ leader turns by 90°, stations that are as far ahead of each other as they are a
 flight, they are followed along the leader's plan (`closest_stations`).
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -36,23 +37,36 @@ FOLLOWER_HALF_M = 0.7
 HULL_RADIUS_M = 0.1  # its radius [m]
 
 
+@compiled
+def _cross_track(
+    planned_leg: Ints, start: Floats, legs: Floats, position: Floats, nearest: Floats
+) -> None:
+    last = legs.shape[0] - 1
+    for k in range(position.shape[0]):
+        least = math.inf
+        for leg in range(max(planned_leg[k] - 1, 0), min(planned_leg[k] + 1, last) + 1):
+            along_east = legs[leg, 0]
+            along_north = legs[leg, 1]
+            east = position[k, 0] - start[leg, 0]
+            north = position[k, 1] - start[leg, 1]
+            squared = along_east * along_east + along_north * along_north
+            # where the vehicle stops, the leg is a point
+            dot = east * along_east + north * along_north
+            share = min(max(dot / (squared if squared > 0.0 else 1.0), 0.0), 1.0)
+            distance = math.hypot(east - share * along_east, north - share * along_north)
+            least = min(least, distance)
+        nearest[k] = least
+
+
 def cross_track(route: Route, time: Floats, position: Floats) -> Floats:
     """Distance at times (n,), [s], from places (n, 2), [m], to the leg that is due or a
     neighbour, the nearest, [m].
     """
     last = route.time.size - 2
     planned_leg = np.clip(np.searchsorted(route.time, time, side="right") - 1, 0, last)
-    start = route.waypoint[:-1]
     legs = np.diff(route.waypoint, axis=0)
-    nearest = np.full(time.size, np.inf)
-    for shift in (-1, 0, 1):
-        leg = np.clip(planned_leg + shift, 0, last)
-        offset = position - start[leg]
-        squared = np.einsum("ni,ni->n", legs[leg], legs[leg])
-        # where the vehicle stops, the leg is a point
-        share = np.einsum("ni,ni->n", offset, legs[leg]) / np.where(squared > 0.0, squared, 1.0)
-        off_leg = offset - np.clip(share, 0.0, 1.0)[:, None] * legs[leg]
-        nearest = np.minimum(nearest, np.hypot(*off_leg.T))
+    nearest = np.empty(time.size)
+    _cross_track(planned_leg, route.waypoint, legs, np.ascontiguousarray(position), nearest)
     return nearest
 
 
@@ -278,7 +292,10 @@ def _first_contacts_within(pose: Floats) -> Ints:
     """The same of a block of instants."""
     position = pose[..., :3]
     count = pose.shape[1]
-    axis = np.stack(attitude.forward_of(np.moveaxis(pose[..., 3:], -1, 0)), axis=-1)
+
+    def axes(instants: Ints, vehicle: int) -> Floats:
+        return np.stack(attitude.forward_of(pose[instants, vehicle, 3:].T), axis=-1)
+
     half_lengths = [LEADER_HALF_M, *[FOLLOWER_HALF_M] * (count - 1)]
     first = np.full((count, count), -1)
     reach = np.add.outer(half_lengths, half_lengths) + 2.0 * HULL_RADIUS_M
@@ -289,8 +306,8 @@ def _first_contacts_within(pose: Floats) -> Ints:
         )
         gap = hull_gap(
             offsets[close_instants],
-            axis[close_instants, j],
-            axis[close_instants, i],
+            axes(close_instants, j),
+            axes(close_instants, i),
             (half_lengths[j], half_lengths[i]),
         )
         first[i, j] = next(iter(close_instants[gap < 2.0 * HULL_RADIUS_M]), -1)

@@ -204,7 +204,7 @@ class Trajectory(ArrayRecord):
     @property
     def pitch(self) -> Floats:
         """Positive nose up, shape (n, v), [rad]."""
-        return attitude.heading_pitch_roll(self.quaternion)[1]
+        return attitude.pitch_angles(self.quaternion)
 
     @property
     def roll(self) -> Floats:

@@ -15,8 +15,10 @@ from laisn.arrays import Bools, Floats
 from laisn.estimates import FixKind
 from laisn.geometry import pitch_fix_error
 from sim.assembly import routes_of
+from sim.attitude import heading_pitch_roll
 from sim.closed_loop import simulate_closed_loop
 from sim.flight import Termination
+from sim.power import thruster_power
 from sim.scenario.formation import MIN_LAYER_SPACING_M
 from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
@@ -82,39 +84,7 @@ METRICS: dict[str, Metric] = {
 # metrics that a run either has or has not: 1 or 0
 SHARES = frozenset({"mirror_locked", "lost", "touched", "ended"})
 
-DISC_DIAMETER_M = 0.1
-"""Disc of every thruster: the MJCF has thrusts and no propellers. Powers compare missions; they
-size no battery.
-"""
 TURNING_RAD_S = 1e-3  # A formation whose frame turns faster is in a turn [rad/s]
-
-
-def disc_power(thrust: Floats, inflow: Floats, density: float) -> Floats:
-    """Power of ideal actuator discs, |T| (v / 2 + √(v² / 4 + |T| / 2ρA)), [W].
-
-    Rankine-Froude momentum theory (Newman, Marine Hydrodynamics, 1977; Breslin & Andersen, 1994).
-    Thrust [N] has any sign; the inflow [m/s] is the disc's speed through the water, positive the
-    way it pushes. Water that comes from behind a disc is taken for still.
-    """
-    area = np.pi * DISC_DIAMETER_M**2 / 4
-    size = np.abs(thrust)
-    speed = np.maximum(inflow, 0.0)
-    return np.asarray(size * (speed / 2 + np.sqrt(speed**2 / 4 + size / (2 * density * area))))
-
-
-def thruster_power(trajectory: Trajectory, vehicle: int, density: float) -> Floats:
-    """Power of all thrusters of a vehicle at each instant, shape (n,), [W]; NaN if it has effectors
-    of other kinds.
-
-    The inflow of a thruster is the hull's forward speed along its axis; thrusters across the hull
-    have none.
-    """
-    thrust = trajectory.thrust[:, vehicle]
-    force = trajectory.effector_force[vehicle]
-    if np.any(thrust.any(axis=0) & ~force.any(axis=1)):
-        return np.full(len(thrust), np.nan)
-    inflow = trajectory.forward_speed[:, vehicle, None] * force[:, 0] * np.sign(thrust)
-    return np.asarray(disc_power(thrust, inflow, density).sum(axis=1))
 
 
 def _rms(values: Floats) -> float:
@@ -155,7 +125,8 @@ def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
     density = motion.sea.ocean.density_kg_m3
     span = float(time[-1] - time[0])
     touching = {name for contact in contacts(trajectory) for name in contact.pair}
-    pitch = np.rad2deg(trajectory.pitch)
+    pitch = trajectory.pitch
+    pitch_deg = np.rad2deg(pitch)
     layers = np.array([vehicle.layer_m for _, vehicle in plan.vehicles()])
 
     def depth_error(v: int) -> Floats:
@@ -165,13 +136,14 @@ def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
         mean = float(thruster_power(trajectory, v, density).mean())
         power = mean if motion.kind == "physics" and np.isfinite(mean) else None
         return {
-            "pitch_rms_deg": _rms(pitch[:, v]),
-            "pitch_max_deg": float(np.abs(pitch[:, v]).max()),
+            "pitch_rms_deg": _rms(pitch_deg[:, v]),
+            "pitch_max_deg": float(np.abs(pitch_deg[:, v]).max()),
             "depth_error_rms_m": _rms(depth_error(v)),
             "power_mean_w": power,
             "energy_j": None if power is None else power * span,
         }
 
+    heading, _, _ = heading_pitch_roll(trajectory.quaternion[instants, 0])
     leader = {f"leader_{name}": value for name, value in moved(0).items()}
     records = []
     for v, follower in enumerate(plan.followers, start=1):
@@ -179,9 +151,9 @@ def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
         offsets = np.delete(position, v, axis=1) - position[:, v : v + 1]
         separation = position[:, v] - position[:, 0]
         east, north, up = separation[instants].T
-        off_bow = np.arctan2(east, north) - trajectory.heading[instants, 0]
+        off_bow = np.arctan2(east, north) - heading
         fix_error = pitch_fix_error(
-            trajectory.pitch[instants, 0], -up, np.maximum(np.hypot(east, north), 1e-9), off_bow
+            pitch[instants, 0], -up, np.maximum(np.hypot(east, north), 1e-9), off_bow
         )
         level = np.hypot(offsets[..., 0], offsets[..., 1]).min(axis=0)
         layer = level[np.abs(np.delete(layers, v) - layers[v]) < MIN_LAYER_SPACING_M]

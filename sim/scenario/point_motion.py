@@ -12,6 +12,7 @@ Follower routes are drawn at random in the classes of the paper (Section 3).
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import product
 from typing import NamedTuple
 
@@ -188,8 +189,10 @@ def _stops(route: Route, k: int) -> bool:
     return k < route.leg_length.size and route.leg_length[k] == 0
 
 
+@lru_cache(maxsize=256)
 def plan(route: Route, least_radius: float = 0.0) -> Plan:
-    """The motion along a route, on time at every waypoint, with turns of a least radius [m].
+    """The motion along a route, on time at every waypoint, with turns of a least radius [m], in
+    arrays that cannot be written.
 
     LaisnError if the vehicle cannot fly the route; names the route, the waypoint (counted from 1),
     what it requires and the limit.
@@ -246,7 +249,9 @@ def plan(route: Route, least_radius: float = 0.0) -> Plan:
     planner.rows.append(
         (planner.time, planner.east, planner.north, planner.course, planner.speed, 0.0, 0.0)
     )
-    return Plan(*np.array(planner.rows).T)
+    segments = np.array(planner.rows).T
+    segments.flags.writeable = False
+    return Plan(*segments)
 
 
 # waypoints drawn for one route before the class counts as impossible; seldom more than 300 are

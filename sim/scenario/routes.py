@@ -71,10 +71,10 @@ def _profile(depth: float | DepthProfile) -> DepthProfile:
     return depth if isinstance(depth, DepthProfile) else DepthProfile.constant(depth)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Route:
     """Waypoints, each with the time at which the vehicle is to be there; straight legs between
-    them.
+    them. A route equals itself alone.
 
     At a place that is given twice in succession the vehicle stops until the second time; after the
     last waypoint it goes straight on, or stays where it stopped. A vehicle whose waypoints are all

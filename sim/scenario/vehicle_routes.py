@@ -1,13 +1,40 @@
 """Routes and depths of the vehicles of a scenario."""
 
 from dataclasses import replace
+from functools import lru_cache
+from typing import NamedTuple, Protocol
 
 from laisn.errors import LaisnError
 from sim.scenario.routes import DepthProfile, Route, library_route
 from sim.scenario.settings import Vehicle
 
 
-def depth_profile_of(vehicle: Vehicle) -> DepthProfile:
+class _Depths(Protocol):
+    """What the depth of a vehicle follows from."""
+
+    @property
+    def layer_m(self) -> float: ...
+    @property
+    def depth_profile(self) -> tuple[tuple[float, float], ...]: ...
+    @property
+    def saw_tooth_amplitude_m(self) -> float: ...
+    @property
+    def saw_tooth_period_s(self) -> float: ...
+
+
+class _RouteKeys(NamedTuple):
+    """Keys of a vehicle that its route follows from."""
+
+    route: str | None
+    waypoints: tuple[tuple[float, float, float], ...]
+    start_speed_m_s: float | None
+    layer_m: float
+    depth_profile: tuple[tuple[float, float], ...]
+    saw_tooth_amplitude_m: float
+    saw_tooth_period_s: float
+
+
+def depth_profile_of(vehicle: _Depths) -> DepthProfile:
     """Depth of a vehicle over time."""
     if vehicle.depth_profile:
         return DepthProfile.through(vehicle.depth_profile)
@@ -21,13 +48,20 @@ def depth_profile_of(vehicle: Vehicle) -> DepthProfile:
 def route_of(vehicle: Vehicle, name: str) -> Route:
     """Route of one vehicle; LaisnError if the library has none of that name, or if it begins with
     a stop at a speed.
+
+    Vehicles whose keys of the route are equal share one, and so its plan.
     """
-    speed = vehicle.start_speed_m_s
-    if not vehicle.waypoints:
-        assert vehicle.route is not None  # the scenario's validation
-        route = library_route(vehicle.route, depth_profile_of(vehicle))
+    return _route_of(_RouteKeys(*(getattr(vehicle, key) for key in _RouteKeys._fields)), name)
+
+
+@lru_cache(maxsize=256)
+def _route_of(keys: _RouteKeys, name: str) -> Route:
+    speed = keys.start_speed_m_s
+    if not keys.waypoints:
+        assert keys.route is not None  # the scenario's validation
+        route = library_route(keys.route, depth_profile_of(keys))
         return route if speed is None else replace(route, start_speed=speed)
-    route = Route.timed(name, vehicle.waypoints, depth_profile_of(vehicle), start_speed=speed)
+    route = Route.timed(name, keys.waypoints, depth_profile_of(keys), start_speed=speed)
     if speed is not None and route.start_speed != speed:
         raise LaisnError(
             f"route {name!r}: it begins with a stop, which start_speed_m_s = {speed:g} contradicts"

@@ -586,6 +586,28 @@ class Span(NamedTuple):
 
 
 @jitable
+def _true_steps(
+    clock: tuple[float, int],
+    e: sensors.SensorErrors,
+    span: Span,
+    last: int,
+    depth_sensor: Any,
+    truth: StateHistory,
+    readings: Floats,
+) -> None:
+    """What a follower's own sensors see at each filter step until the last one; `clock` is the
+    filter step [s] and its number of instants, and the others are as of `sense_steps`.
+    """
+    dt, stride = clock
+    v = span.follower + 1
+    for k in range(span.done + 1, last + 1):
+        i = (k - span.first) * stride
+        motion = (row(truth.pose, i, v), row(truth.twist, i, v), row(truth.water, i, v))
+        instant = sensors.instant_of((k * dt, span.follower), motion, depth_sensor, (0.0, 0.0))
+        true_readings(e, instant, readings[k - span.first - 1])
+
+
+@jitable
 def sense_steps(  # noqa: PLR0913 - compiled: a record of them would be packed for each mission
     s: SensorModel,
     e: sensors.SensorErrors,
@@ -606,18 +628,15 @@ def sense_steps(  # noqa: PLR0913 - compiled: a record of them would be packed f
     """
     follower = span.follower
     first = span.first
+    last = first + motion_of_vehicles.last // s.stride
     truth = motion_of_vehicles.truth
+    if readings.shape[0] > 0:
+        _true_steps((s.dt, s.stride), e, span, last, depth_sensor, truth, readings)
     m = span.messages
-    for k in range(span.done + 1, first + motion_of_vehicles.last // s.stride + 1):
-        if readings.shape[0] > 0:
-            i = (k - first) * s.stride
-            v = follower + 1
-            pose = row(truth.pose, i, v)
-            twist = row(truth.twist, i, v)
-            water = row(truth.water, i, v)
-            motion = (pose, twist, water)
-            instant = sensors.instant_of((k * s.dt, follower), motion, depth_sensor, (0.0, 0.0))
-            true_readings(e, instant, readings[k - first - 1])
+    for k in range(span.done + 1, last + 1):
+        # a call at each step would hand over all that sound depends on
+        if inbox.earliest_step[follower] > k:
+            continue
         sent, pings = poll_reception(s, k, follower, sites, motion_of_vehicles, inbox)
         if sent == 0:
             continue

@@ -16,15 +16,13 @@ from experiments.flight.library import load_scenario
 from experiments.study import measure
 from experiments.study.estimate import Condition, Results, over_realizations, over_runs
 from experiments.study.measure import (
-    DISC_DIAMETER_M,
-    disc_power,
     facts_of,
     records_of_run,
-    thruster_power,
 )
 from laisn.arrays import records
 from laisn.swarm import ESTIMATE
 from sim import tracking
+from sim.power import DISC_DIAMETER_M, disc_power, thruster_power
 from sim.scenario.formation import Station
 from sim.scenario.parts import MotionSettings
 from sim.tracking import STATION_PLACE, track_errors

@@ -1,0 +1,56 @@
+"""Power of thrusters, as of ideal actuator discs."""
+
+import numpy as np
+
+from laisn.arrays import Floats
+from laisn.compiled import compiled, jitable, select
+from sim.trajectory import Trajectory
+
+DISC_DIAMETER_M = 0.1
+"""Disc of every thruster: the MJCF has thrusts and no propellers. Powers compare missions; they
+size no battery.
+"""
+_DISC_AREA_M2 = np.pi * DISC_DIAMETER_M**2 / 4
+
+
+@jitable
+def disc_power(thrust: float | Floats, inflow: float | Floats, density: float) -> float | Floats:
+    """Power of ideal actuator discs, |T| (v / 2 + √(v² / 4 + |T| / 2ρA)), [W]; numbers or arrays.
+
+    Rankine-Froude momentum theory (Newman, Marine Hydrodynamics, 1977; Breslin & Andersen, 1994).
+    Thrust [N] has any sign; the inflow [m/s] is the disc's speed through the water, positive the
+    way it pushes. Water that comes from behind a disc is taken for still.
+    """
+    size = abs(thrust)
+    speed = select(inflow > 0.0, inflow, 0.0)
+    return size * (speed / 2 + np.sqrt(speed * speed / 4 + size / (2 * density * _DISC_AREA_M2)))  # type: ignore[no-any-return]
+
+
+@compiled
+def _disc_powers(
+    thrust: Floats, speed: Floats, along: Floats, density: float, power: Floats
+) -> None:
+    """Power of each of m thrusters, shape (n, m), by its force along the hull for a unit of
+    thrust, shape (m,), and the hull's forward speed, shape (n,).
+    """
+    for k in range(thrust.shape[0]):
+        for i in range(thrust.shape[1]):
+            inflow = speed[k] * along[i] * np.sign(thrust[k, i])
+            power[k, i] = disc_power(thrust[k, i], inflow, density)
+
+
+def thruster_power(trajectory: Trajectory, vehicle: int, density: float) -> Floats:
+    """Power of all thrusters of a vehicle at each instant, shape (n,), [W]; NaN if it has effectors
+    of other kinds.
+
+    The inflow of a thruster is the hull's forward speed along its axis; thrusters across the hull
+    have none.
+    """
+    thrust = np.ascontiguousarray(trajectory.thrust[:, vehicle])
+    force = trajectory.effector_force[vehicle]
+    if np.any(thrust.any(axis=0) & ~force.any(axis=1)):
+        return np.full(len(thrust), np.nan)
+    speed = np.ascontiguousarray(trajectory.forward_speed[:, vehicle])
+    power = np.empty(thrust.shape)
+    _disc_powers(thrust, speed, np.ascontiguousarray(force[:, 0]), density, power)
+    return np.asarray(power.sum(axis=1))
