@@ -1,5 +1,7 @@
 """Power of thrusters, as of ideal actuator discs."""
 
+from typing import Any
+
 import numpy as np
 
 from laisn.arrays import Floats
@@ -14,7 +16,7 @@ _DISC_AREA_M2 = np.pi * DISC_DIAMETER_M**2 / 4
 
 
 @jitable
-def disc_power(thrust: float | Floats, inflow: float | Floats, density: float) -> float | Floats:
+def disc_power(thrust: Any, inflow: Any, density: float) -> Any:
     """Power of ideal actuator discs, |T| (v / 2 + √(v² / 4 + |T| / 2ρA)), [W]; numbers or arrays.
 
     Rankine-Froude momentum theory (Newman, Marine Hydrodynamics, 1977; Breslin & Andersen, 1994).
@@ -23,7 +25,7 @@ def disc_power(thrust: float | Floats, inflow: float | Floats, density: float) -
     """
     size = abs(thrust)
     speed = select(inflow > 0.0, inflow, 0.0)
-    return size * (speed / 2 + np.sqrt(speed * speed / 4 + size / (2 * density * _DISC_AREA_M2)))  # type: ignore[no-any-return]
+    return size * (speed / 2 + np.sqrt(speed * speed / 4 + size / (2 * density * _DISC_AREA_M2)))
 
 
 @compiled
