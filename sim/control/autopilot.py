@@ -20,6 +20,7 @@ Functions take `d`, an autopilot, `memory`, of AUTOPILOT_MEMORY, and `reference`
 `sim.control.guidance`.
 """
 
+from functools import partial
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
@@ -124,6 +125,12 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
     vertical thrusters, else by thrust. LaisnError if its effectors or hull lack what its autopilot
     needs; the text names it.
     """
+    return plant.kept_design(depth_control, partial(_design, plant, depth_control))
+
+
+def _design(
+    plant: Plant, depth_control: tuple[DepthControl | None, ...]
+) -> npt.NDArray[np.void]:
     model = plant.model
     records = np.zeros(len(plant.names), DESIGN)
     allocations = dict[bytes, list[Floats]]()

@@ -9,7 +9,7 @@ A step itself is in `sim.vehicle.stepping`. With the solver "direct" vehicles th
 alone move side by side (`sim.vehicle.lanes`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -80,6 +80,35 @@ class _Fleet(NamedTuple):
     vehicles: list[VehicleIds]
     effectors: npt.NDArray[np.void]  # read-only, as of `Plant`
     fixed_fins: npt.NDArray[np.void]
+    coefficients: dict[tuple[float, ...], npt.NDArray[np.void]]
+    """Those of the MJCF by the densities in which buoyancies hold [kg/m³], as far as they were
+    read.
+    """
+    designs: dict[Any, npt.NDArray[np.void]]  # as of `Plant.kept_design`
+
+    def coefficients_in(
+        self, names: Sequence[str], densities: tuple[float, ...]
+    ) -> npt.NDArray[np.void]:
+        """Coefficients of the MJCF, records of `mjcf.RECORD`, shape (v,)."""
+        return _kept(
+            self.coefficients,
+            densities,
+            lambda: mjcf.read_coefficients(self.model, names, densities),
+        )
+
+
+_MOST_KEPT = 64  # densities or designs of a fleet
+
+
+def _kept(
+    records: dict[Any, npt.NDArray[np.void]], key: Any, make: Callable[[], npt.NDArray[np.void]]
+) -> npt.NDArray[np.void]:
+    """The records of a key; those that are new are made and kept."""
+    if key not in records:
+        if len(records) >= _MOST_KEPT:
+            records.clear()
+        records[key] = make()
+    return records[key]
 
 
 # of a study's missions, most differ in places and scales alone; to compile takes most of the time
@@ -95,7 +124,7 @@ def _compiled_fleet(
     fitted = effectors.read(model, vehicles)
     fixed = effectors.read_fixed(model, vehicles)
     fitted.flags.writeable = fixed.flags.writeable = False
-    return _Fleet(model, vehicles, fitted, fixed)
+    return _Fleet(model, vehicles, fitted, fixed, {}, {})
 
 
 def _fleet_of(setups: Sequence[VehicleSetup], floor_depth_m: float | None, dt: float) -> _Fleet:
@@ -181,9 +210,9 @@ class Plant:
         self._acceleration: Floats = data.qacc.reshape(n, 6)
         self._last_pose = np.empty((n, 7))
         self._last_twist = np.empty((n, 6))
-        self.coefficients = mjcf.read_coefficients(
-            model, self.names, [ocean.trim_density(-setup.position_m[2]) for setup in setups]
-        )
+        self._fleet = fleet
+        self._densities = tuple(ocean.trim_density(-setup.position_m[2]) for setup in setups)
+        self.coefficients = fleet.coefficients_in(self.names, self._densities)
         self.true_coefficients = mjcf.scaled_coefficients(self.coefficients, setups)
         all_effectors = np.concatenate([self.effectors, self.fixed_fins], axis=1)
         self.true_effectors = effectors.scaled_records(all_effectors, setups)
@@ -241,6 +270,14 @@ class Plant:
         `sim.vehicle.solvers.BODY`, shape (v,).
         """
         return bodies_of(self.model, self.names, self.true_coefficients)
+
+    def kept_design(
+        self, settings: tuple[object, ...], make: Callable[[], npt.NDArray[np.void]]
+    ) -> npt.NDArray[np.void]:
+        """What is designed with such settings for hulls as their MJCF has them; it is made once for
+        plants that differ in places, speeds and scales alone, and cannot be written.
+        """
+        return _kept(self._fleet.designs, (self._densities, settings), make)
 
     @property
     def sites(self) -> dict[str, Floats]:
