@@ -125,12 +125,13 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
     vertical thrusters, else by thrust. LaisnError if its effectors or hull lack what its autopilot
     needs; the text names it.
     """
-    return plant.kept_design(depth_control, partial(_design, plant, depth_control))
+    model = plant.model
+    masses = (model.body_mass, model.body_ipos, model.body_inertia, model.body_iquat)
+    settings = (depth_control, *(values.tobytes() for values in masses))
+    return plant.kept_design(settings, partial(_design, plant, depth_control))
 
 
-def _design(
-    plant: Plant, depth_control: tuple[DepthControl | None, ...]
-) -> npt.NDArray[np.void]:
+def _design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.NDArray[np.void]:
     model = plant.model
     records = np.zeros(len(plant.names), DESIGN)
     allocations = dict[bytes, list[Floats]]()
