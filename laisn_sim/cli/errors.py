@@ -3,6 +3,7 @@ like Ctrl-C.
 """
 
 import errno
+import gc
 import io
 import os
 import platform
@@ -195,6 +196,9 @@ def run(app: typer.Typer) -> None:
         app()
     finally:
         ended = sys.exc_info()[1]
+        # what is left goes with the process; Python would search all of it for garbage, several
+        # times
+        gc.freeze()
         if signal.getsignal(signal.SIGINT) is _interrupt:
             # Python's own finalisation has nothing to clean up
             signal.signal(signal.SIGINT, signal.SIG_DFL)

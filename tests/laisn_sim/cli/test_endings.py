@@ -210,6 +210,15 @@ def test_ctrl_c_at_the_very_end_kills_without_a_traceback() -> None:
     assert done.stdout.startswith("laisn-sim ")
 
 
+def test_the_end_of_a_command_searches_no_garbage() -> None:
+    """Python's search at its end would take a tenth of a flight."""
+    counting = "import atexit, gc; atexit.register(lambda: print(len(gc.get_objects())));"
+    command = [sys.executable, "-c", f"{counting} from laisn_sim import main; main()", "--version"]
+    ended = subprocess.run(command, capture_output=True, text=True, check=True)
+    searched = int(ended.stdout.splitlines()[-1])
+    assert searched < 1000
+
+
 def test_a_poor_encoding_costs_letters_and_nothing_else(tmp_path: Path) -> None:
     environment = os.environ | {"PYTHONIOENCODING": "ascii"}
     done = subprocess.run(
