@@ -274,10 +274,13 @@ def decimate(x: Floats, y: Floats, points: int = DRAWN_POINTS) -> tuple[Floats, 
 
 def numbers(values: Floats) -> list[float | None]:
     """Values with five digits, which no screen exceeds; None where there is nothing to draw."""
-    return [
-        float(f"{value:.5g}") if np.isfinite(value) else None
-        for value in np.asarray(values, dtype=float).tolist()
-    ]
+    given = np.asarray(values, dtype=float)
+    # one text of all takes a third of the time of a text of each
+    texts = " ".join(["%.5g"] * given.size) % tuple(given.tolist())
+    rounded: list[float | None] = [*map(float, texts.split())]
+    for missing in np.flatnonzero(~np.isfinite(given)).tolist():
+        rounded[missing] = None
+    return rounded
 
 
 _LOG_TICKS = [float(f"{digit}e{power}") for power in range(-6, 7) for digit in (1, 2, 5)]

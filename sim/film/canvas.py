@@ -108,10 +108,13 @@ class Canvas:
         """Draw polylines in their order, only inside `box` if given."""
         self._lines.set_segments([stroke.points for stroke in strokes])
         self._lines.set_color([stroke.colour for stroke in strokes])
+        # matplotlib pairs each width with each style that is set, also with those of the last call
+        self._lines.set_linestyle("-")
         self._lines.set_linewidth([stroke.width * self.scale for stroke in strokes])
-        self._lines.set_linestyle(
-            [(0.0, (4.0, 3.0)) if stroke.dashed else "-" for stroke in strokes]
-        )
+        if any(stroke.dashed for stroke in strokes):
+            self._lines.set_linestyle(
+                [(0.0, (4.0, 3.0)) if stroke.dashed else "-" for stroke in strokes]
+            )
         self._draw(self._lines, box)
 
     def shapes(self, shapes: Sequence[Polygon], box: Area | None = None) -> None:

@@ -38,9 +38,10 @@ _LAST_WORDS = 12
 GROUP = 30
 
 _X264 = {
-    # twice as small as "ultrafast" at equal looks, for a twelfth more of what a frame costs
-    "preset": "veryfast",
-    "crf": "22",
+    # takes three fifths of the time of "veryfast" at 22, at the same signal-to-noise ratio, for a
+    # fifth more bytes
+    "preset": "superfast",
+    "crf": "24",
     "bf": "0",
     "g": str(GROUP),
     # children are the parallelism; headers with every IDR frame let a reader start there
