@@ -22,6 +22,8 @@ CLOSED = {
 }
 """Closed loops, by the number of followers."""
 SEAS = {"regular": "leader and one follower in a regular wave", "jonswap": "in a JONSWAP sea"}
+STUDIED_S = 1000.0
+"""Length of the missions of the benchmark of studies, of two vehicles each [s]."""
 _STEP_S = 0.02  # of physics
 _FILTER_STEP_S = 0.1
 
@@ -233,25 +235,28 @@ class Cost(NamedTuple):
     """Processor times by which an experiment is estimated."""
 
     start_s: float  # a command with a report and a log, compiled code at hand
-    vehicle_step_us: float  # a physics step of one vehicle on a route
+    # a physics step of one vehicle on a route, with what is sensed and judged of it
+    vehicle_step_us: float
     station_step_us: float  # of one vehicle in a formation that navigates under way
     run_step_ns: float  # a filter step of a run of LAISN in lanes
     tight_step_ns: float  # of the tightly coupled navigator
-    mission_ms: float  # each mission beside its motion: checks, plans, measurements, results
+    mission_ms: float  # each mission, however long it is: checks, plans, results
 
     @classmethod
     def of(cls, record: Findings) -> "Cost":
         """From the record of the benchmarks."""
-        per_vehicle = record["physics: leader + 10: with autopilot and recording"].number / 11
         on_station = record["formation: leader + 10: closed loop"].number / 11
-        beside = _held(record, "study: T5 by mujoco, a mission beside its motion")
+        mission = record["study: T5 by mujoco, another mission with one run"].number
+        beside = record["study: T5 by mujoco, a mission beside its motion"].number
+        # all that grows with the length of a mission counts as its motion
+        steps = 2 * STUDIED_S / _STEP_S
         return cls(
             start_s=record["command: laisn fly T5 --no-video"].number,
-            vehicle_step_us=per_vehicle,
+            vehicle_step_us=(mission - beside) / steps * 1e3,
             station_step_us=on_station,
             run_step_ns=record["navigation: lanes, LAISN-2 with noise and metrics"].number,
             tight_step_ns=record["tight: tight, 3 transmitters, messages every 1 s"].number,
-            mission_ms=MISSION_MS if beside is None else beside.number,
+            mission_ms=beside,
         )
 
     def motion_s(self, vehicles: int, duration_s: float, *, closed_loop: bool = False) -> float:
@@ -263,10 +268,6 @@ class Cost(NamedTuple):
         """Processor time of a run of noise of a mission whose motion is there."""
         step_ns = self.tight_step_ns if tight else self.run_step_ns
         return duration_s / _FILTER_STEP_S * followers * step_ns * 1e-9
-
-
-MISSION_MS = 70.0
-"""What a mission of a study costs beside its motion where the record has no row for it [ms]."""
 
 
 def _time(seconds: float) -> str:
@@ -313,13 +314,13 @@ def costs(records: Records) -> str:
         ["`start`", "a command with its report and log", start],
         [
             "`m`",
-            "each mission beside its motion: checks, plans, measurements, results",
+            "each mission, however long it is: checks, plans, results",
             f"{cost.mission_ms:.0f} ms",
         ],
         [
             "`p`",
-            "a physics step of one vehicle: along a route; in a formation that senses and "
-            "navigates under way",
+            "a physics step of one vehicle: along a route, with what is sensed and judged of it; "
+            "in a formation that senses and navigates under way",
             f"{cost.vehicle_step_us:.2f} µs; {cost.station_step_us:.2f} µs",
         ],
         [
