@@ -49,7 +49,7 @@ class Finding:
         minus sign.
 
         `low` or `high` before it: a limit; ` i` after it: with the limits; ` ±`: with half of the
-        interval.
+        interval; a finding without limits is its value alone.
         """
         match = re.fullmatch(r"(?:(low|high) ?)?(\S*?)( i| ±)?", spec)
         if match is None:
@@ -59,9 +59,9 @@ class Finding:
         key, inner, added = match.groups()
         number = getattr(self, key) if key else self.value
         value, low, high = (_set(v, inner) for v in (number, self.low, self.high))
-        if added == " i":
+        if added == " i" and (self.low is not None or self.high is not None):
             return f"{value} ({low.removesuffix(' %')} to {high})"
-        if added and self.low is not None and self.high is not None:
+        if added == " ±" and self.low is not None and self.high is not None:
             return f"{value} ± {_set((self.high - self.low) / 2, inner)}"
         return value
 

@@ -198,7 +198,7 @@ def test_the_table_of_speeds_is_that_of_the_record() -> None:
     ]
     log = [Row("writing", 120.0, "k/s"), Row("size", 8.6, "MB")]
     tight = [Row("tight, 3 transmitters, messages every 1 s", 64.0, "ns/step", 0.2, "LAISN-2", 3.4)]
-    actual = record({"physics": [physics], "navigation": [navigation], "log": [log]})
+    actual = record({"physics": [physics] * 2, "navigation": [navigation] * 2, "log": [log] * 2})
     lines = speed({"benchmarks": actual}).splitlines()
     first = (
         "| 3.0 (3.0 to 3.0) µs a step, 6,667 times real time | bare `mj_step` 6.0 µs, its "
@@ -228,8 +228,8 @@ def test_the_table_of_speeds_is_that_of_the_record() -> None:
             ],
         }
     )
-    assert "64.0 (64.0 to 64.0) ns a step | 0.20 times as fast" in speed({"benchmarks": filmed})
-    assert "25 (25 to 25) frames/s" in speed({"benchmarks": filmed})
+    assert "64.0 ns a step | 0.20 times as fast" in speed({"benchmarks": filmed})
+    assert "25 frames/s" in speed({"benchmarks": filmed})
     assert "| 2.2 (2.0 to 2.5) s of the processor, 3.2 s by the clock |" in speed(
         {"benchmarks": filmed}
     )

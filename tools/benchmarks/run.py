@@ -356,6 +356,8 @@ def _beside(key: str, rows: Sequence[Row]) -> dict[str, Finding]:
 
 
 def _spread(values: Sequence[float], unit: str, description: str) -> Finding:
+    if len(values) == 1:
+        return plain(values[0], description, unit)
     return of(Interval(float(np.median(values)), min(values), max(values)), description, unit)
 
 
