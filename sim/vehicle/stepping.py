@@ -18,7 +18,7 @@ from sim.water.environment import Environment
 
 method_by_type("run_steps")
 
-# what ended a step, one of FINE … WARNED, and the index of the vehicle, or of MuJoCo's warning
+# what ended a step, one of OK … MUJOCO_WARNING, and the index of the vehicle, or of the warning
 Fault = tuple[int, int]
 OK, DIVERGED, NONFINITE_COMMAND, MUJOCO_WARNING = range(4)
 
