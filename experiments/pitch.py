@@ -20,7 +20,7 @@ from laisn.geometry import Arms, Point, fore_offset, pitch_fix_error, turn, turn
 from laisn.messages import Ranges
 from laisn.settings import NavigationSettings, SideRule, Tuning
 from reports.figures import Line, Panel, error_bands, panel
-from reports.page import Figures, page_of, write
+from reports.page import Figures, Page, page_of, write
 from reports.style import ERROR_LEVELS_M, ESTIMATE, FOLLOWER, FULL, INK, LEADER, SERIES, Legend
 
 BEARINGS_DEG = tuple(float(value) for value in range(0, 181, 15))
@@ -302,8 +302,8 @@ def _by_pitch(geometry: PitchGeometry) -> list[tuple[float, float, float, float]
     ]
 
 
-def write_pitch_page(geometry: PitchGeometry, path: Path, facts: Sequence[tuple[str, str]]) -> None:
-    """Write the page of a geometry; OSError if that fails."""
+def pitch_page(geometry: PitchGeometry, facts: Sequence[tuple[str, str]]) -> Page:
+    """The page of a geometry."""
     legend: Legend = [(LEADER, "leader's baseline"), (FOLLOWER, "true place"), (ESTIMATE, "fix")]
     values = {
         "g": geometry,
@@ -318,4 +318,9 @@ def write_pitch_page(geometry: PitchGeometry, path: Path, facts: Sequence[tuple[
         "off_axis": f"{_OFF_AXIS_DEG:g}",
         "side": _SIDES[geometry.side_rule],
     }
-    write(page_of("experiments", facts, values, name="pitch.md.j2"), path)
+    return page_of("experiments", facts, values, name="pitch.md.j2")
+
+
+def write_pitch_page(geometry: PitchGeometry, path: Path, facts: Sequence[tuple[str, str]]) -> None:
+    """Write the page of a geometry; OSError if that fails."""
+    write(pitch_page(geometry, facts), path)

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from experiments.pitch import PitchGeometry
+from experiments.pitch import PitchGeometry, pitch_page
 from laisn_sim.cli.main import app
+from tests.golden import require_golden
 from tests.reports.test_page import embedded
 
 BASELINE, PITCH, DISTANCE, BELOW = 3.0, 12.0, 30.0, 15.0
@@ -77,6 +78,12 @@ def test_the_map_has_the_error_at_every_pitch_and_bearing(asked: tuple[str, Path
     worst = max(value for value in curve["data"][0]["y"])
     assert f"largest error is {worst:.2f} m" in stdout
     assert "laisn pitch --baseline 3 --pitch 12 --distance 30 --below 15" in html
+
+
+def test_the_page_is_the_golden_one() -> None:
+    """Its numbers are those of the table and of the map above."""
+    geometry = PitchGeometry(baseline=BASELINE, pitch_deg=PITCH, distance=DISTANCE, below=BELOW)
+    require_golden(pitch_page(geometry, []), "pitch")
 
 
 def test_the_predicted_side_puts_a_follower_ahead() -> None:

@@ -17,7 +17,7 @@ from laisn.tight import navigator as mission
 from laisn.tight.model import refresh_output
 from laisn.tight.navigator import TightNavigator
 from tests.laisn.tight.mission import details
-from tests.laisn.tight.test_oracle import ALL_OF_2, Voyage
+from tests.laisn.tight.test_navigator_oracle import ALL_OF_2, Voyage
 from tests.synthetic import record
 
 FOLLOWERS, DT = 3, 0.5

@@ -16,7 +16,7 @@ EQUIVALENT = Path("tools/mutants/equivalent.toml")
     [
         ("laisn/fix.py", "tests/laisn/test_fix.py"),
         ("laisn/beacons.py", "tests/laisn/test_beacons.py"),
-        ("laisn/tight/estimator.py", "tests/laisn/tight/test_deviation.py"),
+        ("laisn/tight/estimator.py", "tests/laisn/tight/test_estimator_compass.py"),
         ("sim/vehicle/hydrodynamics.py", "tests/sim/vehicle/test_hydrodynamics.py"),
         ("reports/intervals.py", "tests/reports/test_intervals.py"),
         (
@@ -32,8 +32,8 @@ def test_the_covering_a_source_are_those_of_its_name_and_room(file: str, first: 
 
 
 def test_a_source_without_a_test_of_its_name_has_those_that_import_it_through_others() -> None:
-    assert distances()["tests/sim/scenario/test_scenario.py"]["sim.scenario.navigation"] > 1
-    assert "tests/sim/scenario/test_scenario.py" in covering("sim/scenario/navigation.py")
+    assert distances()["tests/sim/scenario/test_file.py"]["sim.scenario.navigation"] > 1
+    assert "tests/sim/scenario/test_file.py" in covering("sim/scenario/navigation.py")
 
 
 def test_what_tests_share_counts_as_theirs() -> None:

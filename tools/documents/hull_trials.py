@@ -31,7 +31,11 @@ from tests.sim.vehicle import fossen_remus100 as fossen
 from tests.sim.vehicle import remus_formation
 from tests.sim.vehicle import test_remus as remus
 from tests.sim.vehicle.tank import Tank, hull
-from tests.sim.vehicle.test_kirchhoff import SPHEROID_ADDED, SPHEROID_INERTIA, SPHEROID_MASS
+from tests.sim.vehicle.test_hydrodynamics_kirchhoff import (
+    SPHEROID_ADDED,
+    SPHEROID_INERTIA,
+    SPHEROID_MASS,
+)
 from tests.synthetic import only
 from tools.documents.route_keeping import tracking
 

@@ -10,7 +10,11 @@ from sim.water.ocean import Ocean
 from sim.water.waves import Waves
 from tests.sim.vehicle import test_remus as remus
 from tests.sim.vehicle.tank import Tank, hull
-from tests.sim.vehicle.test_kirchhoff import SPHEROID_ADDED, SPHEROID_INERTIA, SPHEROID_MASS
+from tests.sim.vehicle.test_hydrodynamics_kirchhoff import (
+    SPHEROID_ADDED,
+    SPHEROID_INERTIA,
+    SPHEROID_MASS,
+)
 from tools.documents.drawing import panel
 from tools.documents.hull_trials import PUBLISHED_SPEED, PUBLISHED_TURN
 

@@ -12,7 +12,7 @@ import pytest
 from jinja2 import nodes
 
 from reports.findings import read
-from tests.experiments.studies.rivals.test_rivals_study import findings_without
+from tests.experiments.studies.rivals.test_findings import findings_without
 from tools.documents.markers import RECORDS
 
 STUDIES = Path(__file__).parents[3] / "experiments" / "studies"

@@ -9,7 +9,11 @@ import pytest
 from laisn.arrays import Floats
 from sim import attitude
 from tests.sim.vehicle import test_remus as remus
-from tests.sim.vehicle.test_kirchhoff import SPHEROID_ADDED, SPHEROID_INERTIA, SPHEROID_MASS
+from tests.sim.vehicle.test_hydrodynamics_kirchhoff import (
+    SPHEROID_ADDED,
+    SPHEROID_INERTIA,
+    SPHEROID_MASS,
+)
 from tools.documents import hull_trials
 from tools.documents.physics import PUBLISHED_SPEED, PUBLISHED_TURN
 

@@ -47,7 +47,7 @@ from sim.vehicle.plant import PlantError
         (["render", "T5", "--background", "transparent"], "a film cannot be transparent"),
         (["render", "missing.mcap"], "missing.mcap"),
         (["log", "info", __file__], "no MCAP file"),
-        (["log", "recover", __file__], "test_messages.py"),
+        (["log", "recover", __file__], "test_errors.py"),
         (["log", "export", __file__, "--format", "ros2"], "parquet or csv; write --ros2"),
         (["replay", __file__], "no MCAP file"),
         (["reproduce", "--seed", "-1"], "Invalid value for"),

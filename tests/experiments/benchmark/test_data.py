@@ -1,0 +1,147 @@
+"""Missions and files of LAISN-Bench: what they hold, and that they stay as they are."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments.benchmark.catalogue import missions
+from experiments.benchmark.data import MANIFEST
+from experiments.benchmark.tables import (
+    RANGES,
+    read_columns,
+    read_measurements,
+    read_truth,
+)
+from experiments.flight.library import load_scenario
+from laisn.messages import Ranges
+from sim.log.reader import read_recording
+from tests.experiments.benchmark.sample import SAMPLE, laisn, scores_of
+
+BOTTOM = (
+    "import numpy as np\n"
+    "class ByDvl:\n"
+    "    needs = ('dvl',)\n"
+    "    def __init__(self, settings, start):\n"
+    "        self.state, self.covariance = np.array(start, float), np.eye(4)\n"
+    "    def step(self, own, reception, dt):\n"
+    "        forward, port, _, _ = own.custom['dvl']\n"
+    "        if np.isfinite(forward):\n"
+    "            sine, cosine = np.sin(own.heading), np.cos(own.heading)\n"
+    "            self.state[2:] = forward * sine - port * cosine, forward * cosine + port * sine\n"
+    "        self.state[:2] += dt * self.state[2:]\n"
+)
+"""Dead reckoning by compass and DVL."""
+
+
+@pytest.mark.parametrize("name", list(missions()))
+def test_every_mission_can_be_flown_and_tells_its_transmitters(name: str) -> None:
+    mission = missions()[name]
+    scenario = mission.scenario(3)
+    assert scenario.seed == 3
+    assert scenario.name == name
+    assert scenario.navigation.assume.transmitters == mission.transmitters
+    assert sum(other.scored for other in missions().values()) == 20
+
+
+def test_the_importer_reads_the_same_measurements(tmp_path: Path) -> None:
+    """A table of the benchmark is one that `laisn log import` takes."""
+    table = SAMPLE / "measurements" / "astern" / "01" / "follower.csv"
+    laisn("log", "import", table, "--out", tmp_path / "run.mcap")
+    imported, _ = read_recording(tmp_path / "run.mcap")
+    measured = read_measurements(table)
+    assert imported.dt == measured.dt
+    np.testing.assert_array_equal(imported.message_step, measured.message_step)
+    for name in ("speed", "heading", "depth", "ranges", "message"):
+        np.testing.assert_allclose(
+            getattr(imported, name), getattr(measured, name), rtol=1e-12, err_msg=name
+        )
+
+
+def test_of_two_transmitters_the_third_has_no_column() -> None:
+    folder = SAMPLE / "measurements"
+    three = read_columns(folder / "astern" / "01" / "follower.csv")
+    two = read_columns(folder / "straight-astern-two" / "01" / "follower.csv")
+    assert RANGES[:2] == tuple(name for name in two if name.startswith("range_"))
+    assert tuple(name for name in three if name.startswith("range_")) == RANGES
+
+
+@pytest.mark.system
+def test_version_1_stays_as_it_is(tmp_path: Path) -> None:
+    """The sample of the repository is written anew, to a digit of the last decimal.
+
+    Files that differ more are another version of the benchmark: VERSION has to be raised.
+    """
+    manifest = json.loads((SAMPLE / MANIFEST).read_text(encoding="utf-8"))
+    chosen = [word for name in manifest["missions"] for word in ("--mission", name)]
+    seconds = manifest["seconds"]
+    data = tmp_path / "data"
+    laisn("bench-data", data, *chosen, "--seeds", 1, "--seconds", seconds, "--workers", 1)
+    written = json.loads((data / MANIFEST).read_text(encoding="utf-8"))
+    assert list(written["files"]) == list(manifest["files"])
+    for name in manifest["files"]:
+        if name.endswith(".toml"):
+            assert (data / name).read_text("utf-8") == (SAMPLE / name).read_text("utf-8")
+            continue
+        new, old = read_columns(data / name), read_columns(SAMPLE / name)
+        assert list(new) == list(old)
+        for column, values in old.items():
+            np.testing.assert_allclose(new[column], values, rtol=0, atol=1.01e-4, err_msg=column)
+
+
+@pytest.mark.system
+def test_further_sensors_are_in_all_formats_and_navigators_get_them(tmp_path: Path) -> None:
+    """The table is what the DVL measured: with it, a current is no error of dead reckoning."""
+    data = tmp_path / "data"
+    only = ("--mission", "bottom-lock", "--seeds", 1, "--seconds", 60, "--workers", 1)
+    laisn("bench-data", data, *only, "--format", "mcap")
+    measured = read_measurements(data / "measurements" / "bottom-lock" / "01" / "follower.csv")
+    log, _ = read_recording(data / "measurements" / "bottom-lock" / "01" / "measurements.mcap")
+    assert set(measured.custom) == {"dvl", "gyros", "inclinometer"}
+    for name, readings in measured.custom.items():
+        np.testing.assert_allclose(log.custom[name], readings, rtol=0, atol=1e-12, err_msg=name)
+    forward, port, _, altitude = measured.custom["dvl"].T
+    due = np.isfinite(forward)
+    # every 0.2 s, one in ten left out
+    assert np.isnan(forward[::2]).all()
+    assert 0.8 < 2.0 * due.mean() < 0.98
+    truth = read_truth(data / "truth" / "bottom-lock" / "01" / "follower.csv")
+    speed = np.hypot(*np.gradient(truth.position, measured.dt, axis=0).T)
+    np.testing.assert_allclose(np.hypot(forward, port)[due], speed[due], atol=0.06)
+    assert np.all(np.abs(altitude[due] + measured.depth[due] - 30.0) < 0.3)
+    (tmp_path / "bottom.py").write_text(BOTTOM, encoding="utf-8")
+    laisn(
+        *("score", "--navigator", "bottom:ByDvl", "--plugin", tmp_path / "bottom.py"),
+        *("--data", data, "--out", tmp_path / "scores.csv"),
+    )
+    (row,) = scores_of(tmp_path / "scores.csv")
+    # 60 s with a current of 0.3 m/s: 18 m by the log
+    assert float(row["e_p_max_m"]) < 9.0
+
+
+@pytest.mark.system
+def test_a_task_tells_the_profile_by_which_rays_bend(tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    only = ("--mission", "thermocline", "--seeds", 1, "--seconds", 20, "--workers", 1)
+    laisn("bench-data", data, *only)
+    task = load_scenario(str(data / "tasks" / "thermocline.toml"), ())
+    mission = missions()["thermocline"].scenario(1)
+    assert task.acoustics.sound_speed_profile == mission.acoustics.sound_speed_profile
+    assert task.acoustics.rays == mission.acoustics.rays == "refracted"
+    printed = laisn("score", "--navigator", "tight", "--data", data)
+    assert "geometric mean of 1 mission" in printed
+
+
+def test_the_manifest_tells_damage(tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    shutil.copytree(SAMPLE, data)
+    assert "files are as" in laisn("bench-data", data, "--check")
+    truth = data / "truth" / "astern" / "01" / "follower.csv"
+    truth.write_text(truth.read_text("utf-8").replace("90.0000", "90.0001", 1), "utf-8")
+    assert "truth/astern/01/follower.csv" in laisn("bench-data", data, "--check", code=2)
+
+
+def test_ranges_have_the_order_of_the_transmitters() -> None:
+    assert tuple(f"range_{name} [m]" for name in Ranges._fields) == RANGES

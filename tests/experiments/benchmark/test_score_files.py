@@ -1,0 +1,91 @@
+"""`laisn score`: estimates in files and in navigators have the same scores, and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments.benchmark.tables import read_truth
+from tests.experiments.benchmark.sample import SAMPLE, laisn, scores_of
+
+
+def estimates(folder: Path, offset: float) -> None:
+    """Estimates of the sample that are off to the north, as a folder of files."""
+    for path in sorted((SAMPLE / "truth").rglob("*.csv")):
+        truth = read_truth(path)
+        file = folder / path.relative_to(SAMPLE / "truth")
+        file.parent.mkdir(parents=True)
+        rows = np.column_stack([truth.time, truth.position + np.array([0.0, offset])])
+        np.savetxt(
+            file, rows, delimiter=",", header="time [s],east [m],north [m]", comments="", fmt="%.6f"
+        )
+
+
+def test_a_folder_and_a_file_with_labels_have_the_same_score(tmp_path: Path) -> None:
+    estimates(tmp_path / "estimates", 0.25)
+    laisn("score", tmp_path / "estimates", "--data", SAMPLE, "--out", tmp_path / "folder.csv")
+    rows = ["mission,seed,follower,time_s,x_m,y_m"]
+    for path in sorted((tmp_path / "estimates").rglob("*.csv")):
+        mission, seed = path.relative_to(tmp_path / "estimates").parts[:2]
+        rows += [
+            f"{mission},{seed},{path.stem},{line}"
+            for line in path.read_text("utf-8").splitlines()[1:]
+        ]
+    (tmp_path / "all.csv").write_text("\n".join(rows), encoding="utf-8")
+    printed = laisn("score", tmp_path / "all.csv", "--data", SAMPLE, "--out", tmp_path / "file.csv")
+    assert "geometric mean" in printed
+    assert scores_of(tmp_path / "folder.csv") == scores_of(tmp_path / "file.csv")
+    for row in scores_of(tmp_path / "file.csv"):
+        assert float(row["e_p_mean_m"]) == pytest.approx(0.25, abs=1e-6)
+
+
+@pytest.mark.system
+def test_a_navigator_and_its_estimates_have_the_same_score(tmp_path: Path) -> None:
+    """What `laisn replay` writes of an imported table is scored as the navigator itself."""
+    folder = SAMPLE / "measurements" / "astern" / "01"
+    laisn("log", "import", folder / "follower.csv", "--out", tmp_path / "run.mcap")
+    task = SAMPLE / "tasks" / "astern.toml"
+    states = tmp_path / "estimates" / "astern" / "01.csv"
+    states.parent.mkdir(parents=True)
+    laisn("replay", tmp_path / "run.mcap", "--scenario", task, "--out", states)
+    of = ("--data", SAMPLE, "--mission", "astern")
+    laisn("score", tmp_path / "estimates", *of, "--out", tmp_path / "file.csv")
+    laisn("score", "--navigator", "tight", *of, "--out", tmp_path / "navigator.csv")
+    (file,) = scores_of(tmp_path / "file.csv")
+    (navigator,) = scores_of(tmp_path / "navigator.csv")
+    for name in ("e_p_mean_m", "e_p_max_m", "nees", "relative_10m_rms_m", "e_b_mean_deg"):
+        assert float(file[name]) == pytest.approx(float(navigator[name]), rel=1e-9)
+    assert float(navigator["step_us"]) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("time_s,x_m\n1,2\n", "lacks column 'y_m'"),
+        ("time_s,x_m,y_m\n1,2,north\n", "column 'y_m' holds cells that are no numbers"),
+        ("time_s,x_m,y_m\n2,0,0\n1,0,0\n", "goes from 2 to 1 s"),
+        ("x,y\n", "lacks column"),
+    ],
+)
+def test_bad_estimates_are_refused_with_file_and_column(
+    tmp_path: Path, text: str, expected: str
+) -> None:
+    file = tmp_path / "astern" / "01" / "follower.csv"
+    file.parent.mkdir(parents=True)
+    file.write_text(text, encoding="utf-8")
+    message = laisn("score", tmp_path, "--data", SAMPLE, code=2)
+    assert expected in message
+    assert "follower.csv" in message
+
+
+def test_what_cannot_be_scored_is_said(tmp_path: Path) -> None:
+    (tmp_path / "mine.csv").write_text("time_s,x_m,y_m\n1,2,3\n", encoding="utf-8")
+    assert "expected a column 'seed'" in laisn("score", tmp_path, "--data", SAMPLE, code=2)
+    assert "no manifest" in laisn("score", tmp_path, "--data", tmp_path, code=2)
+    assert "none of the benchmark" in laisn(
+        "score", "--navigator", "tight", "--data", SAMPLE, "--mission", "T5", code=2
+    )
+    assert "--navigator NAME" in laisn("score", "--data", SAMPLE, code=2)
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "thesis.tex").write_text("", encoding="utf-8")
+    assert "thesis.tex" in laisn("bench-data", tmp_path / "data", "--mission", "astern", code=2)
