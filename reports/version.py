@@ -97,7 +97,20 @@ def _without_docstrings(source: bytes) -> bytes:
 
 
 def version_of(modules: Iterable[str] = (), root: Path = ROOT) -> str:
-    """Hash of names and contents of `sources`, without docstrings, 12 hexadecimal digits."""
+    """Hash of names and contents of `sources`, without docstrings, 12 hexadecimal digits.
+
+    That of the sources that are here is computed once in a process, which has loaded them once.
+    """
+    names = tuple(modules)
+    return _version_here(names) if root == ROOT else _version(names, root)
+
+
+@cache
+def _version_here(modules: tuple[str, ...]) -> str:
+    return _version(modules, ROOT)
+
+
+def _version(modules: tuple[str, ...], root: Path) -> str:
     digest = hashlib.sha256()
     for path in sources(modules, root):
         content = path.read_bytes()

@@ -14,13 +14,20 @@ WAYS = {"head": 270.0, "beam": 0.0, "following": 90.0}
 
 
 KEYS = {"scenario": ["T5"], "vary": {"offset_m": [2.0]}, "arm": [{"name": "real laisn-2"}]}
-PLAN = plan_of(study_of(str(built_in("asymmetry")["missions"]), KEYS))
+STUDY = study_of(str(built_in("asymmetry")["missions"]), KEYS)
 
 
-@pytest.mark.parametrize("entry", PLAN.entries, ids=lambda entry: PLAN.points[entry.point]["case"])
-def test_a_condition_has_the_settings_of_its_key(entry: PlanEntry) -> None:
-    case = PLAN.study.cases[PLAN.points[entry.point]["case"]]
-    flown, cause = entry.scenario, case.name.partition("-")[0]
+@pytest.fixture(scope="module")
+def entries() -> dict[str, PlanEntry]:
+    """Entries of the plan by the names of their conditions."""
+    plan = plan_of(STUDY)
+    return {plan.points[entry.point]["case"]: entry for entry in plan.entries}
+
+
+@pytest.mark.parametrize("name", STUDY.cases)
+def test_a_condition_has_the_settings_of_its_key(name: str, entries: dict[str, PlanEntry]) -> None:
+    case = STUDY.cases[name]
+    flown, cause = entries[name].scenario, case.name.partition("-")[0]
     leader, waves = flown.leader, flown.ocean.waves
     values = [float(v) for v in re.findall(r"[\d.]+", case.name)]
     trim, dive = (values[0] if cause == one else 0.0 for one in ("trim", "dive"))
