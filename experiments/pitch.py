@@ -49,7 +49,7 @@ class PitchedFix(NamedTuple):
     on_axis: bool  # by the rule for the leader's axis
 
     @property
-    def how(self) -> str:
+    def kind(self) -> str:
         return "on the axis" if self.on_axis else "two points"
 
 
@@ -108,7 +108,7 @@ class PitchGeometry:
         east, north, up = (sign * component for component in front)
         return math.hypot(position.east - east, position.north - north, -self.below - up)
 
-    def at(self, bearing_deg: float) -> PitchedFix:
+    def fix_at(self, bearing_deg: float) -> PitchedFix:
         """The fix at the leader's pitch."""
         return self.fix(math.radians(bearing_deg), self.pitch)
 
@@ -122,7 +122,7 @@ class PitchGeometry:
     def on_axis_deg(self) -> list[tuple[float, float]]:
         """Sectors of bearings, 0 … 180°, in which the rule for the axis decides."""
         grid = np.linspace(0.0, 180.0, 3601)
-        decides = np.array([self.at(bearing).on_axis for bearing in grid.tolist()])
+        decides = np.array([self.fix_at(bearing).on_axis for bearing in grid.tolist()])
         edges = np.flatnonzero(np.diff(decides.astype(int), prepend=0, append=0)).tolist()
         return [
             (float(grid[begin]), float(grid[end - 1]))
@@ -177,14 +177,14 @@ class PitchGeometry:
 def rows_by_bearing(geometry: PitchGeometry) -> list[tuple[float, PitchedFix, float]]:
     """Bearing [°], fix, and error by the closed form of each row of the table."""
     forms = geometry.closed_form(np.array(BEARINGS_DEG)).tolist()
-    return [(b, geometry.at(b), form) for b, form in zip(BEARINGS_DEG, forms, strict=True)]
+    return [(b, geometry.fix_at(b), form) for b, form in zip(BEARINGS_DEG, forms, strict=True)]
 
 
 def summary(geometry: PitchGeometry) -> str:
     """The answer in three sentences."""
     worst_at, worst = geometry.worst()
     _, worst_off_axis = geometry.worst(_OFF_AXIS_DEG)
-    abeam = geometry.at(90.0)
+    abeam = geometry.fix_at(90.0)
     sectors = geometry.on_axis_deg()
     if sectors:
         texts = " and ".join(f"{low:.1f}° to {high:.1f}°" for low, high in sectors)
@@ -206,7 +206,7 @@ _SIDES = {"behind": "behind it", "predicted": "on the side where it is predicted
 
 def _scale(geometry: PitchGeometry) -> float:
     """A round number of metres near to the error abeam: 1, 2 or 5 times a power of ten."""
-    error = max(geometry.at(90.0).error, _MIN_BASELINE_M)
+    error = max(geometry.fix_at(90.0).error, _MIN_BASELINE_M)
     power = 10.0 ** math.floor(math.log10(error))
     return power * min((1.0, 2.0, 5.0, 10.0), key=lambda step: abs(step - error / power))
 
@@ -234,7 +234,7 @@ def map_of_errors(geometry: PitchGeometry) -> Panel:
     )
 
 
-def from_above(geometry: PitchGeometry) -> Panel:
+def plan_view(geometry: PitchGeometry) -> Panel:
     """True places around the leader, and where the fixes put them."""
     bearings = np.linspace(0.0, 2.0 * np.pi, _RING_BEARINGS, endpoint=False)
     truth = geometry.distance * np.column_stack([np.sin(bearings), np.cos(bearings)])
@@ -267,7 +267,7 @@ def from_above(geometry: PitchGeometry) -> Panel:
 def curves(geometry: PitchGeometry) -> Panel:
     """The error over bearing at the leader's pitch, with its closed form."""
     bearings = np.linspace(0.0, 180.0, _CURVE_BEARINGS)
-    errors = np.array([geometry.at(bearing).error for bearing in bearings.tolist()])
+    errors = np.array([geometry.fix_at(bearing).error for bearing in bearings.tolist()])
     lines = [
         Line(x=bearings, y=errors, colour=SERIES[0], width=1.6, name="fix"),
         Line(
@@ -308,7 +308,7 @@ def pitch_page(geometry: PitchGeometry, facts: Sequence[tuple[str, str]]) -> Pag
     values = {
         "g": geometry,
         "summary": summary(geometry),
-        "figures": Figures(panels=[map_of_errors(geometry), from_above(geometry)], legend=legend),
+        "figures": Figures(panels=[map_of_errors(geometry), plan_view(geometry)], legend=legend),
         "curves": Figures(
             panels=[curves(geometry)],
             legend=[(SERIES[0], "fix, with the rule for the axis"), (SERIES[1], "closed form")],

@@ -157,10 +157,10 @@ def _expected_informations(
     informations = np.zeros((len(from_leader), _STATES, _STATES))
     for followers, received in _by_reception(arms):
         at_nodes = np.repeat(arms[np.ix_(followers, received)], len(_NODES), axis=0)
-        of_nodes = _range_information(
+        node_informations = _range_information(
             places[followers].reshape(-1, 2), at_nodes, received, noise
         ).reshape(followers.size, len(_NODES), _STATES, _STATES)
-        informations[followers] = np.einsum("q,fqij->fij", _WEIGHTS, of_nodes)
+        informations[followers] = np.einsum("q,fqij->fij", _WEIGHTS, node_informations)
     return informations
 
 
@@ -376,21 +376,21 @@ def position_bounds(
     together.
     """
     bounds = dict[int, Floats]()
-    together = dict[tuple[TrueNoise, float, int], list[int]]()
+    grouped = dict[tuple[TrueNoise, float, int], list[int]]()
     for i, (geometry, noise) in enumerate(zip(geometries, noises, strict=True)):
         if noise.speed_change == 0.0:
             kind = (noise, geometry.dt, geometry.arms.shape[1])
-            together.setdefault(kind, []).append(i)
+            grouped.setdefault(kind, []).append(i)
         elif lag > 0.0:
             raise ValueError("lag is not 0, expected 0 where the speed is a state")
         else:
             bounds[i] = _steady_speed_bound(geometry, noise, averaged)
-    for (noise, _, _), indices in together.items():
+    for (noise, _, _), indices in grouped.items():
         for first in range(0, len(indices), _MAX_FOLLOWERS):
-            some = indices[first : first + _MAX_FOLLOWERS]
-            of_some = [geometries[i] for i in some]
-            results = _dead_reckoning_bounds(of_some, noise, averaged, lag)
-            bounds.update(zip(some, results, strict=True))
+            batch = indices[first : first + _MAX_FOLLOWERS]
+            batch_geometries = [geometries[i] for i in batch]
+            results = _dead_reckoning_bounds(batch_geometries, noise, averaged, lag)
+            bounds.update(zip(batch, results, strict=True))
     return [bounds[i] for i in range(len(geometries))]
 
 
@@ -444,21 +444,21 @@ def _intervals(
     step = np.empty((lasts.size, u, u))
     process_noise = np.empty((lasts.size, u, u))
     for length in np.unique(lengths):
-        alike = np.flatnonzero(lengths == length)
-        at = begins[alike][:, None] - start + np.arange(length)
-        way = _transitions(speed[at], ahead[at], geometry.dt, noise)
-        rows[at] = way.rows[..., unknown]
-        added[at] = way.added
-        onward[at] = way.onward[..., unknown]
-        step[alike] = way.step[:, unknown[:, None], unknown]
-        process_noise[alike] = way.process_noise[:, unknown[:, None], unknown]
+        same_length = np.flatnonzero(lengths == length)
+        interval_steps = begins[same_length][:, None] - start + np.arange(length)
+        way = _transitions(speed[interval_steps], ahead[interval_steps], geometry.dt, noise)
+        rows[interval_steps] = way.rows[..., unknown]
+        added[interval_steps] = way.added
+        onward[interval_steps] = way.onward[..., unknown]
+        step[same_length] = way.step[:, unknown[:, None], unknown]
+        process_noise[same_length] = way.process_noise[:, unknown[:, None], unknown]
     block = slice(first, min(first + lasts.size, geometry.message_step.size))
     messages = max(block.stop - first, 0)
-    of_messages = _leader_way_information(geometry, noise, block, lengths[:messages])
+    message_information = _leader_way_information(geometry, noise, block, lengths[:messages])
     if not mean:
-        of_messages = of_messages + _informations_at_truth(geometry, noise, block)
+        message_information = message_information + _informations_at_truth(geometry, noise, block)
     information = np.zeros((lasts.size, u, u))
-    information[:messages] = of_messages[:, unknown[:, None], unknown]
+    information[:messages] = message_information[:, unknown[:, None], unknown]
     interval = np.repeat(np.arange(lasts.size), lengths)
     return _Intervals(
         span,
@@ -475,15 +475,15 @@ def _intervals(
     )
 
 
-def _side_by_side(of_followers: Sequence[Floats], count: int, filler: Floats | float) -> Floats:
+def _side_by_side(arrays: Sequence[Floats], count: int, filler: Floats | float) -> Floats:
     """Arrays of up to `count` rows of each of f followers as one of shape (count, f, …), with a
     filler where a follower has fewer.
     """
-    together = np.empty((count, len(of_followers), *of_followers[0].shape[1:]))
-    together[:] = filler
-    for i, of_one in enumerate(of_followers):
-        together[: len(of_one), i] = of_one
-    return together
+    stacked = np.empty((count, len(arrays), *arrays[0].shape[1:]))
+    stacked[:] = filler
+    for i, array in enumerate(arrays):
+        stacked[: len(array), i] = array
+    return stacked
 
 
 class _Recursion(NamedTuple):
@@ -535,7 +535,7 @@ class _Smoothing:
         self._geometry = geometry
         self._cross_to_next = np.zeros((geometry.speed.size, 2, len(start)))
         self._predicted = [start[None]]
-        self._after = [start[None]]
+        self._updated = [start[None]]
         self._between = list[Floats]()
 
     def add(self, block: _Intervals, recursion: _Recursion, follower: int) -> None:
@@ -548,11 +548,11 @@ class _Smoothing:
         self._cross_to_next[block.begins[later] - 1] = between[later, :2]
         self._between.append(between)
         self._predicted.append(recursion.predicted[: block.messages, follower])
-        self._after.append(recursion.after[: block.messages, follower])
+        self._updated.append(recursion.after[: block.messages, follower])
 
     def smooth(self, bound: Floats, lag: float) -> Floats:
         """A bound, shape (n, 2, 2), with messages of up to a lag later [s]."""
-        after = np.concatenate(self._after)
+        after = np.concatenate(self._updated)
         between = np.concatenate(self._between)
         links = len(after)
         zeros = np.zeros((links, after.shape[1]))
@@ -566,8 +566,8 @@ class _Smoothing:
         messages = self._geometry.message_step
         steps = np.arange(1, len(bound) + 1)
         latest = np.searchsorted(messages, steps, side="right")
-        until = steps + round(lag / self._geometry.dt)
-        last = np.searchsorted(messages, until, side="right")
+        last_step = steps + round(lag / self._geometry.dt)
+        last = np.searchsorted(messages, last_step, side="right")
         means = np.zeros((len(bound), 2))
         return smooth(chain, latest, last, (means, bound), self._cross_to_next)[1]
 
@@ -609,8 +609,8 @@ def _dead_reckoning_bounds(
     covariance = np.repeat(start[None], len(geometries), axis=0)
     bounds = [np.empty((geometry.speed.size, 2, 2)) for geometry in geometries]
     smoothing = [_Smoothing(geometry, start) for geometry in geometries] if lag > 0.0 else []
-    most = max(_ends_of(geometry).size for geometry in geometries)
-    for first in range(0, most, _MAX_INTERVALS):
+    max_intervals = max(_ends_of(geometry).size for geometry in geometries)
+    for first in range(0, max_intervals, _MAX_INTERVALS):
         block = slice(first, first + _MAX_INTERVALS)
         blocks = [_intervals(geometry, noise, unknown, first, mean) for geometry in geometries]
         count = max(len(intervals.step) for intervals in blocks)

@@ -194,21 +194,21 @@ class _Cache(FunctionCache):
         files = self._cache_file
         self._folder = folder or Path(self.cache_path)
         self._cache_file = _Files(str(self._folder), self._impl.filename_base, files._source_stamp)
-        self._beside = dict[str, _Cache]()
+        self._custom_caches = dict[str, _Cache]()
 
     def _cache_of(self, sig: object) -> "_Cache | None":
         """Where the code of a signature is stored; None: nowhere."""
         custom = name_of_custom(sig)
         if not custom:
             return None if custom is None else self
-        if custom not in self._beside:
+        if custom not in self._custom_caches:
             project = cast(Path, FOLDER)
             folder = project.with_name(f"{project.name}-{custom}")
             with suppress(OSError):
                 # so that it stays; it is not there before something is stored
                 os.utime(folder)
-            self._beside[custom] = _Cache(self._py_func, folder / self._folder.name)
-        return self._beside[custom]
+            self._custom_caches[custom] = _Cache(self._py_func, folder / self._folder.name)
+        return self._custom_caches[custom]
 
     def load_overload(self, sig: object, target_context: object) -> Any:
         """The stored code of a signature, None if there is none."""

@@ -78,7 +78,7 @@ class _Description:
 
     def __init__(self) -> None:
         self.lines: list[str] = []
-        self._seen: dict[int, int] = {}
+        self._first_lines: dict[int, int] = {}
         # so that no other object gets its identity
         self._objects: list[object] = []
 
@@ -88,10 +88,10 @@ class _Description:
             raise _UndescribedError
         if isinstance(value, _SIMPLE_TYPES):
             self.lines.append(f"{type(value).__name__} {value!r}")
-        elif id(value) in self._seen:
-            self.lines.append(f"as {self._seen[id(value)]}")
+        elif id(value) in self._first_lines:
+            self.lines.append(f"as {self._first_lines[id(value)]}")
         else:
-            self._seen[id(value)] = len(self.lines)
+            self._first_lines[id(value)] = len(self.lines)
             self._objects.append(value)
             self.lines.append(type(value).__qualname__)
             self._add_object(value, depth + 1)
@@ -237,14 +237,14 @@ def name_of_custom(signature: object) -> str | None:
     """A name for what stands in the user's own classes in a signature of numba's: "" where it has
     none; None where no name tells that, as of classes of a notebook.
     """
-    named = _CustomCollector()
-    named.dump(signature)
-    if named.has_functions:
+    collector = _CustomCollector()
+    collector.dump(signature)
+    if collector.has_functions:
         return None
-    if not named.classes:
+    if not collector.classes:
         return ""
     description = _Description()
-    classes = sorted(named.classes, key=lambda kind: f"{kind.__module__}:{kind.__qualname__}")
+    classes = sorted(collector.classes, key=lambda kind: f"{kind.__module__}:{kind.__qualname__}")
     try:
         for kind in classes:
             _describe_class(description, kind)

@@ -17,7 +17,7 @@ LONGEST_DELAY = 5.0
 """A message that seems to have been longer under way has a clock of its own [s]."""
 SMOOTHING_TIME = 1.5
 """The speed over the pings is the log's exponential mean over this time [s]."""
-ACCELERATION_SIGMA = 0.03
+MEAN_SPEED_SIGMA = 0.03
 """Random error of that speed, of what the vehicle accelerates [m/s]."""
 
 
@@ -25,7 +25,8 @@ class Delays(NamedTuple):
     """Of the pings from the rear, front and middle transmitter, shape (3,) each."""
 
     lag: Floats  # how long ago each arrived [s]; NaN where nothing was received
-    # how long the current has carried both vehicles since the message, less the way of the ping [s]
+    # time since the message's timestamp without the ping's travel [s]: for so long a current has
+    # carried leader and follower alike
     age: Floats
 
 
@@ -74,4 +75,4 @@ class MeanSpeed:
         independent.
         """
         share = dt / min(max(self.since_message, dt), SMOOTHING_TIME)
-        return speed_sigma**2 * share + ACCELERATION_SIGMA**2
+        return speed_sigma**2 * share + MEAN_SPEED_SIGMA**2

@@ -27,7 +27,7 @@ class LaisnWarning(UserWarning):
     """
 
 
-def plain(text: object) -> str:
+def printable(text: object) -> str:
     """The text on one line, with every character that is no visible one as its escape, such as
     `\\x1b`.
     """
@@ -49,7 +49,7 @@ def screenful(lines: Iterable[str], rows: int = ROWS) -> list[str]:
     """Lines, made plain, at most `rows` / 2 rows of 80 columns each, that fit; the last one
     counts the others.
     """
-    texts = [shortened(plain(line), COLUMNS * (rows // 2)) for line in lines]
+    texts = [shortened(printable(line), COLUMNS * (rows // 2)) for line in lines]
     ends = accumulate(max(1, math.ceil(len(text) / COLUMNS)) for text in texts)
     n_fitting = sum(end <= rows - (number < len(texts)) for number, end in enumerate(ends, start=1))
     return (

@@ -145,9 +145,9 @@ class Estimates(ArrayRecord):
 
     @classmethod
     def _fix_columns(cls) -> dict[str, tuple[tuple[int, ...], bool]]:
-        further = cls.DETAILS.columns if cls.DETAILS else ()
+        detail_columns = cls.DETAILS.columns if cls.DETAILS else ()
         return _FIX_COLUMNS | {
-            column.attribute: (column.shape, column.integer) for column in further
+            column.attribute: (column.shape, column.integer) for column in detail_columns
         }
 
     @classmethod
@@ -194,8 +194,8 @@ class Estimates(ArrayRecord):
     def __post_init__(self) -> None:
         n = self.state.shape[0]
         f = self.fix_step.size
-        of_fixes = {name: (f, *shape) for name, (shape, _) in self._fix_columns().items()}
-        require_shapes(self, {"state": (n, 4), "covariance": (n, 4, 4), **of_fixes})
+        fix_shapes = {name: (f, *shape) for name, (shape, _) in self._fix_columns().items()}
+        require_shapes(self, {"state": (n, 4), "covariance": (n, 4, 4), **fix_shapes})
         freeze_arrays(self)
 
 
@@ -248,7 +248,7 @@ _STATES = (
     "clock_offset_m",
     "clock_drift_m_s",
 )
-_KEPT = range(1, HYPOTHESES + 1)
+_HYPOTHESIS_NUMBERS = range(1, HYPOTHESES + 1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -263,14 +263,18 @@ class TightEstimates(Estimates):
             LogColumns("nis", ("nis",)),
             LogColumns("full_state", _STATES, (len(_STATES),)),
             LogColumns("full_sigma", tuple(f"sigma_{state}" for state in _STATES), (len(_STATES),)),
-            LogColumns("weight", tuple(f"weight_{h}" for h in _KEPT), (HYPOTHESES,)),
+            LogColumns("weight", tuple(f"weight_{h}" for h in _HYPOTHESIS_NUMBERS), (HYPOTHESES,)),
             LogColumns(
-                "hypothesis", tuple(f"{axis}_{h}" for h in _KEPT for axis in "xy"), (HYPOTHESES, 2)
+                "hypothesis",
+                tuple(f"{axis}_{h}" for h in _HYPOTHESIS_NUMBERS for axis in "xy"),
+                (HYPOTHESES, 2),
             ),
             LogColumns(
                 "hypothesis_covariance",
                 tuple(
-                    f"covariance_{h}_{pair}" for h in _KEPT for pair in ("x_x", "x_y", "x_y", "y_y")
+                    f"covariance_{h}_{pair}"
+                    for h in _HYPOTHESIS_NUMBERS
+                    for pair in ("x_x", "x_y", "x_y", "y_y")
                 ),
                 (HYPOTHESES, 2, 2),
             ),

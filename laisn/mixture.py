@@ -163,7 +163,9 @@ def merge_components(b: Mixture, i: int, j: int) -> None:
 
 
 @compiled
-def _is_same(b: Mixture, modes: int, g: int, h: int, further: int, same_radius: float) -> bool:
+def _is_same(
+    b: Mixture, modes: int, g: int, h: int, further_state: int, same_radius: float
+) -> bool:
     """Whether the heaviest components of two hypotheses are nearer than `same_radius`, a squared
     Mahalanobis distance by their mean covariance; in `further` too.
     """
@@ -171,9 +173,9 @@ def _is_same(b: Mixture, modes: int, g: int, h: int, further: int, same_radius: 
     j = heaviest(b, modes, h)
     x = b.state
     P = b.covariance
-    if further >= 0:
-        difference = x[i, further] - x[j, further]
-        variance = 0.5 * (P[i, further, further] + P[j, further, further])
+    if further_state >= 0:
+        difference = x[i, further_state] - x[j, further_state]
+        variance = 0.5 * (P[i, further_state, further_state] + P[j, further_state, further_state])
         if not difference * difference <= same_radius * variance:
             return False
     # dᵀ adj(P̄) d < same · det(P̄), so that nothing is divided by a vanishing determinant
@@ -192,7 +194,7 @@ def prune_and_merge(
     count: int,
     least_weight: float,
     max_count: int,
-    further: int,
+    further_state: int,
     same_radius: float,
 ) -> int:
     """Prune hypotheses lighter than `least_weight`, merge those nearer than `same_radius` (as of
@@ -210,7 +212,7 @@ def prune_and_merge(
     while g < count:
         h = g + 1
         while h < count:
-            if _is_same(b, modes, g, h, further, same_radius):
+            if _is_same(b, modes, g, h, further_state, same_radius):
                 for mode in range(modes):
                     merge_components(b, g * modes + mode, h * modes + mode)
                 count -= 1

@@ -228,7 +228,7 @@ class Navigator(OnlineNavigator[Estimates]):
         self._covariance = self._filter.covariance
         self._tuning = Tuning.of(settings)
         self._gate = Gate(self._tuning, Point(float(start[0]), float(start[1])))
-        self._own: OwnMotion | None = None
+        self._last_motion: OwnMotion | None = None
         self._message: LeaderMessage | None = None
         self._clock = 0.0
 
@@ -241,7 +241,7 @@ class Navigator(OnlineNavigator[Estimates]):
         self._filter.update_speed(
             own.speed, own.heading, settings.sigma_speed, settings.sigma_heading
         )
-        self._own = own
+        self._last_motion = own
         self._state = self._filter.state
         self._covariance = self._filter.covariance
         return records
@@ -252,9 +252,9 @@ class Navigator(OnlineNavigator[Estimates]):
         """
         t = self._tuning
         speed_change = turn = 0.0
-        if self._own is not None:
-            speed_change = speed_share(self._own.speed, own.speed, t.follower_speed_max)
-            turn = turn_share(self._own.heading, own.heading)
+        if self._last_motion is not None:
+            speed_change = speed_share(self._last_motion.speed, own.speed, t.follower_speed_max)
+            turn = turn_share(self._last_motion.heading, own.heading)
         if reception is not None and not np.all(np.isnan(reception.ranges)):
             last_message = self._message
             message = reception.message

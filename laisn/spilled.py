@@ -90,10 +90,10 @@ def released_regularly() -> Iterator[None]:
     """The memory of arrays in files is released again and again while the block runs, by a thread
     of its own: the block may go through all of them.
     """
-    over = threading.Event()
+    finished = threading.Event()
 
     def release_until_over() -> None:
-        while not over.wait(_RELEASE_EVERY_S):
+        while not finished.wait(_RELEASE_EVERY_S):
             release()
 
     thread = threading.Thread(target=release_until_over, daemon=True)
@@ -101,6 +101,6 @@ def released_regularly() -> Iterator[None]:
     try:
         yield
     finally:
-        over.set()
+        finished.set()
         thread.join()
         release()

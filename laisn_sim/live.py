@@ -109,7 +109,7 @@ class LiveView:
         if stream is None:
             raise ValueError("no mission has begun")
         if self.page:
-            self._send(stream.further(flight))
+            self._send(stream.next_part(flight))
             return
         replay = Replay(scene=stream.beginning(flight), live=True)
         name = flight.scenario.name

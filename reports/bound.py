@@ -85,7 +85,7 @@ class _Messages(NamedTuple):
     """m messages that one follower received, by filter steps since the begin of a motion."""
 
     arrived: Ints  # shape (m,)
-    sent: Ints  # shape (m,)
+    sent_step: Ints  # shape (m,)
     # where the rear, front and middle ping left, shape (m, 3, 3), the last axis in the world, [m]
     transmitter: Floats
 
@@ -126,7 +126,7 @@ def _geometry(
     stride = round(dt / CONTROL_STEP_S)
     n = (motion.time.size - 1) // stride
     instants = np.arange(1, n + 1) * stride
-    sent = messages.sent * stride
+    sent = messages.sent_step * stride
     hydrophone = motion.site_path(
         f"{motion.names[follower + 1]}/hydrophone", messages.arrived * stride
     )
@@ -158,7 +158,7 @@ class _Broadcasts:
         self._pings = dict[int, Floats]()
         self.motion = navigated_motion(flight.trajectory, sensing.links)
         """With the sender in the leader's place."""
-        self._of_vehicles = acoustics.motion_of(self.motion)
+        self._vehicle_motion = acoustics.motion_of(self.motion)
         sites = [self.motion.site(name) for name in acoustics.TRANSMITTERS]
         self._offsets = self.motion.site_offset[sites].tolist()
 
@@ -171,7 +171,7 @@ class _Broadcasts:
             self._pings[step] = np.array(
                 [
                     acoustics.site_at(
-                        self._sound, self._of_vehicles, 0, offset, first + i * self._sound.slot
+                        self._sound, self._vehicle_motion, 0, offset, first + i * self._sound.slot
                     )
                     for i, offset in enumerate(self._offsets)
                 ]

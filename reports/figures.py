@@ -274,11 +274,11 @@ def decimate(x: Floats, y: Floats, points: int = DRAWN_POINTS) -> tuple[Floats, 
 
 def numbers(values: Floats) -> list[float | None]:
     """Values with five digits, which no screen exceeds; None where there is nothing to draw."""
-    given = np.asarray(values, dtype=float)
+    array = np.asarray(values, dtype=float)
     # one text of all takes a third of the time of a text of each
-    texts = " ".join(["%.5g"] * given.size) % tuple(given.tolist())
+    texts = " ".join(["%.5g"] * array.size) % tuple(array.tolist())
     rounded: list[float | None] = [*map(float, texts.split())]
-    for missing in np.flatnonzero(~np.isfinite(given)).tolist():
+    for missing in np.flatnonzero(~np.isfinite(array)).tolist():
         rounded[missing] = None
     return rounded
 

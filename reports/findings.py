@@ -20,11 +20,11 @@ from sim.system import atomic_write
 
 SCHEMA = 1  # version of the file's layout
 FILE = "results.json"
-DIGITS = 6  # significant digits that are kept: more than is ever printed
+KEPT_DIGITS = 6  # significant digits that are kept: more than is ever printed
 
 
 def _rounded(value: float | None) -> float | None:
-    return None if value is None or math.isnan(value) else float(f"{value:.{DIGITS}g}")
+    return None if value is None or math.isnan(value) else float(f"{value:.{KEPT_DIGITS}g}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,15 +58,15 @@ class Finding:
             )
         key, inner, added = match.groups()
         number = getattr(self, key) if key else self.value
-        value, low, high = (_set(v, inner) for v in (number, self.low, self.high))
+        value, low, high = (_value_text(v, inner) for v in (number, self.low, self.high))
         if added == " i" and (self.low is not None or self.high is not None):
             return f"{value} ({low.removesuffix(' %')} to {high})"
         if added == " ±" and self.low is not None and self.high is not None:
-            return f"{value} ± {_set((self.high - self.low) / 2, inner)}"
+            return f"{value} ± {_value_text((self.high - self.low) / 2, inner)}"
         return value
 
 
-def _set(value: float | int | str | None, spec: str) -> str:
+def _value_text(value: float | int | str | None, spec: str) -> str:
     if value is None:
         return "–"
     if isinstance(value, str):
@@ -77,27 +77,27 @@ def _set(value: float | int | str | None, spec: str) -> str:
     return ("−" if negative else "") + text.removeprefix("-").replace("%", " %")
 
 
-def of(interval: Interval, meaning: str, unit: str = "") -> Finding:
+def interval_finding(interval: Interval, meaning: str, unit: str = "") -> Finding:
     """A finding with its confidence interval."""
     value, low, high = (_rounded(v) for v in interval)
     return Finding(value=value, low=low, high=high, unit=unit, what=meaning)
 
 
-def plain(value: float | int | str | None, meaning: str, unit: str = "") -> Finding:
+def plain_finding(value: float | int | str | None, meaning: str, unit: str = "") -> Finding:
     """A finding without limits."""
     return Finding(
         value=_rounded(value) if isinstance(value, float) else value, unit=unit, what=meaning
     )
 
 
-def median(values: Floats | Sequence[float], meaning: str, unit: str = "") -> Finding:
+def median_finding(values: Floats | Sequence[float], meaning: str, unit: str = "") -> Finding:
     """The median of values."""
-    return plain(float(np.median(values)), meaning, unit)
+    return plain_finding(float(np.median(values)), meaning, unit)
 
 
-def share(flags: Floats | Bools, meaning: str) -> Finding:
+def share_finding(flags: Floats | Bools, meaning: str) -> Finding:
     """Share of trials with an outcome, of any shape, which is not 0, with its exact limits."""
-    return of(proportion(int(np.count_nonzero(flags)), np.size(flags)), meaning)
+    return interval_finding(proportion(int(np.count_nonzero(flags)), np.size(flags)), meaning)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,7 +163,7 @@ def record(
     )
 
 
-def read(path: Path) -> Findings:
+def read_findings(path: Path) -> Findings:
     """A record; LaisnError if it is not there, or no record of this schema."""
     try:
         table = json.loads(path.read_text(encoding="utf-8"))

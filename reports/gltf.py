@@ -27,7 +27,7 @@ _FLOAT, _UNSIGNED = 5126, 5125  # component types
 _TYPES = {(): "SCALAR", (3,): "VEC3", (4,): "VEC4"}
 _LINE_STRIP = 3
 _DIAMOND_M = 0.12
-_UP = [-(0.5**0.5), 0.0, 0.0, 0.5**0.5]  # turns z up into y up: (x, y, z, w)
+_Z_UP_TO_Y_UP = [-(0.5**0.5), 0.0, 0.0, 0.5**0.5]  # turns z up into y up: (x, y, z, w)
 _MAGIC, _JSON, _BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
 
 
@@ -89,7 +89,7 @@ class _File:
             "material": material,
         }
 
-    def written(self) -> bytes:
+    def to_bytes(self) -> bytes:
         """The file: a header, the JSON and the arrays, each padded to four bytes."""
         arrays = bytes(self._bytes) + b"\0" * (-len(self._bytes) % 4)
         content = {
@@ -217,8 +217,8 @@ def write_gltf(flight: FlightRecord, path: Path) -> None:
         node, points = writer.estimate(follower)
         name = f"{truth.names[follower + 1]} estimated path"
         nodes += [node, writer.path(name, points, ESTIMATE)]
-    sea = file.add("nodes", name="sea", rotation=_UP, children=nodes)
+    sea = file.add("nodes", name="sea", rotation=_Z_UP_TO_Y_UP, children=nodes)
     file.add("scenes", name=flight.scenario.name, nodes=[sea])
     file.add("animations", name="mission", samplers=writer.samplers, channels=writer.channels)
     with atomic_write(path) as temporary:
-        temporary.write_bytes(file.written())
+        temporary.write_bytes(file.to_bytes())

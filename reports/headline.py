@@ -34,7 +34,7 @@ _LOCKED_SHARE = 0.01  # least share of the time on the wrong side that is a caus
 _TWO_TRANSMITTERS = 2
 
 
-def judged(value: float | None, good: tuple[float, float], bad: tuple[float, float]) -> Tone:
+def tone_of(value: float | None, good: tuple[float, float], bad: tuple[float, float]) -> Tone:
     """Good within the first interval, bad outside the second one, neither between them."""
     if value is None or not math.isfinite(value):
         return ""
@@ -43,7 +43,7 @@ def judged(value: float | None, good: tuple[float, float], bad: tuple[float, flo
     return "" if bad[0] <= value <= bad[1] else "bad"
 
 
-def figure(value: float, unit: str = "") -> str:
+def figure_text(value: float, unit: str = "") -> str:
     """A number with about three digits: 0.05 m, 12.3 m, 61 thousand."""
     if value >= 1e4:
         return f"{value / 1e3:,.0f} thousand{unit}"
@@ -97,7 +97,7 @@ def cause(transmitters: int, errors: Mapping[str, float], nees: float | None) ->
     if errors["wrong_side"] >= _LOCKED_SHARE:
         return f"{100 * errors['wrong_side']:.0f} % of the time it is on the wrong side of the axis"
     if nees is not None and nees > _BAD_NEES[1]:
-        return f"the filter is surer than right (mean NEES {figure(nees)}, {NEES:g} expected)"
+        return f"the filter is surer than right (mean NEES {figure_text(nees)}, {NEES:g} expected)"
     return ""
 
 
@@ -109,12 +109,12 @@ def _stations(summary: Mapping[str, Any]) -> str:
     largest = rows[worst]["station_max_m"]
     if len(rows) == 1:
         return (
-            f"It keeps station: {figure(rms[0], ' m')} off it (RMS), {figure(largest, ' m')} at "
-            "most."
+            f"It keeps station: {figure_text(rms[0], ' m')} off it (RMS), "
+            f"{figure_text(largest, ' m')} at most."
         )
     return (
-        f"All keep station: {figure(min(rms))} to {figure(max(rms), ' m')} off it (RMS), "
-        f"{figure(largest, ' m')} at most ({worst})."
+        f"All keep station: {figure_text(min(rms))} to {figure_text(max(rms), ' m')} off it (RMS), "
+        f"{figure_text(largest, ' m')} at most ({worst})."
     )
 
 
@@ -126,10 +126,12 @@ def headline(
     flight: FlightRecord, verdict: Verdict, summary: Mapping[str, Any], accuracies: Accuracies
 ) -> str:
     """Who did what, and how it went and why."""
-    told = verdict.sentence
-    quiet = flight.outcome is Termination.COMPLETED and not verdict.lost and "touched" not in told
+    sentence = verdict.sentence
+    quiet = (
+        flight.outcome is Termination.COMPLETED and not verdict.lost and "touched" not in sentence
+    )
     if quiet and on_stations(summary):
-        told = _stations(summary)
+        sentence = _stations(summary)
     elif quiet and accuracies:
         worst = max(accuracies, key=lambda name: accuracies[name]["mean"])
         nees = summary["followers"].get(worst, {}).get("nees")
@@ -138,9 +140,9 @@ def headline(
         reason = cause(transmitters, accuracies[worst], nees)
         if reason:
             owner = "" if len(accuracies) == 1 else f"of {worst}, "
-            told = f"{told.removesuffix('.')}: {owner}{reason}."
+            sentence = f"{sentence.removesuffix('.')}: {owner}{reason}."
     # no number is parted from its unit
-    return f"{subject(flight)} {told}".replace(" %", "\u00a0%")
+    return f"{subject(flight)} {sentence}".replace(" %", "\u00a0%")
 
 
 def _worst(values: Sequence[float | None]) -> float | None:
@@ -156,21 +158,21 @@ def _consistency(rows: Mapping[str, Any], accuracies: Accuracies) -> list[Tile]:
     tiles = []
     if nees:
         mean = float(np.mean(nees))
-        tone = judged(mean, _GOOD_NEES, _BAD_NEES)
+        tone = tone_of(mean, _GOOD_NEES, _BAD_NEES)
         expected = f"{prefix}{NEES:g} expected"
-        tiles.append(Tile(name="NEES", value=figure(mean), remark=expected, tone=tone))
+        tiles.append(Tile(name="NEES", value=figure_text(mean), remark=expected, tone=tone))
     outside = float(np.mean([errors["outside"] for errors in accuracies.values()]))
-    tone = judged(outside, _GOOD_OUTSIDE, _BAD_OUTSIDE)
+    tone = tone_of(outside, _GOOD_OUTSIDE, _BAD_OUTSIDE)
     remark = f"{prefix}{100 * OUTSIDE:.0f} % expected"
     tiles.append(
         Tile(name="outside its 2σ", value=f"{100 * outside:.0f} %", remark=remark, tone=tone)
     )
     ratio = _worst([row.get("rms_over_bound") for row in rows.values()])
     if ratio is not None:
-        tone = judged(ratio, _GOOD_BOUND, _BAD_BOUND)
+        tone = tone_of(ratio, _GOOD_BOUND, _BAD_BOUND)
         # a single flight may be luckier than the least error on average
         remark = "1 at best on average" + (", the worst" if prefix else "")
-        tiles.append(Tile(name="× bound", value=figure(ratio), remark=remark, tone=tone))
+        tiles.append(Tile(name="× bound", value=figure_text(ratio), remark=remark, tone=tone))
     return tiles
 
 
@@ -193,10 +195,10 @@ def _station_tiles(rows: Mapping[str, Any]) -> list[Tile]:
             else f"{len(rows) - len(on_station)} lost or never joined",
             tone="good" if all_held else "bad",
         ),
-        Tile(name="off station", value=figure(rms, " m"), remark="RMS of all"),
+        Tile(name="off station", value=figure_text(rms, " m"), remark="RMS of all"),
         Tile(
             name="farthest off station",
-            value=figure(rows[worst]["station_max_m"], " m"),
+            value=figure_text(rows[worst]["station_max_m"], " m"),
             remark=worst,
         ),
     ]
@@ -217,11 +219,12 @@ def tiles(summary: Mapping[str, Any], accuracies: Accuracies) -> list[Tile]:
     shown_tiles.append(
         Tile(
             name="mean error",
-            value=figure(mean, " m"),
-            remark=f"95 % below {figure(high, ' m')}" + (", worst follower" if has_several else ""),
+            value=figure_text(mean, " m"),
+            remark=f"95 % below {figure_text(high, ' m')}"
+            + (", worst follower" if has_several else ""),
         )
     )
-    largest = figure(accuracies[worst]["largest"], " m")
+    largest = figure_text(accuracies[worst]["largest"], " m")
     remark = f"{worst}, {time}" if has_several else time
     shown_tiles.append(Tile(name="largest error", value=largest, remark=remark))
     return [*shown_tiles, *_consistency(rows, accuracies)]

@@ -32,23 +32,29 @@ def _special() -> Any:
     return special
 
 
-def proportion(count: int, of: int, confidence: float = CONFIDENCE) -> Interval:
+def proportion(count: int, trials: int, confidence: float = CONFIDENCE) -> Interval:
     """Share of trials with an outcome, with the exact limits of Clopper and Pearson (Biometrika 26,
     1934).
 
     Where the chance differs from trial to trial they hold for its mean (Hoeffding 1956).
     ValueError: no trial, or a count that is not among 0 … of.
     """
-    if not 0 <= count <= of or of == 0:
-        raise ValueError(f"{count} of {of} is no proportion")
-    return Interval(count / of, *exact_limits(count, of, confidence))
+    if not 0 <= count <= trials or trials == 0:
+        raise ValueError(f"{count} of {trials} is no proportion")
+    return Interval(count / trials, *exact_limits(count, trials, confidence))
 
 
-def exact_limits(count: float, of: float, confidence: float = CONFIDENCE) -> tuple[float, float]:
+def exact_limits(
+    count: float, trials: float, confidence: float = CONFIDENCE
+) -> tuple[float, float]:
     """Limits of Clopper and Pearson for a count of trials, which need not be whole numbers."""
     tail = (1.0 - confidence) / 2.0
-    low = 0.0 if count == 0 else float(_special().betaincinv(count, of - count + 1, tail))
-    high = 1.0 if count == of else float(_special().betaincinv(count + 1, of - count, 1.0 - tail))
+    low = 0.0 if count == 0 else float(_special().betaincinv(count, trials - count + 1, tail))
+    high = (
+        1.0
+        if count == trials
+        else float(_special().betaincinv(count + 1, trials - count, 1.0 - tail))
+    )
     return low, high
 
 
@@ -130,11 +136,11 @@ def difference_of_shares(differences: Floats, confidence: float = CONFIDENCE) ->
 def _mean_and_covariance(missions: Sequence[Floats]) -> tuple[Floats, Floats]:
     """Sum over missions of the means over runs of columns, and its covariance matrix."""
     total = np.sum([mission.mean(axis=0) for mission in missions], axis=0)
-    each = [
+    covariances = [
         np.atleast_2d(np.cov(mission, rowvar=False, ddof=1)) / mission.shape[0]
         for mission in missions
     ]
-    return np.atleast_1d(total), np.sum(each, axis=0)
+    return np.atleast_1d(total), np.sum(covariances, axis=0)
 
 
 def mean_over_missions(missions: Sequence[Floats], confidence: float = CONFIDENCE) -> Interval:

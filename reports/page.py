@@ -344,8 +344,8 @@ class _Rendered:
         """Its page, with tiles and a replay of it; ValueError: it has not the form of one."""
         nodes = SyntaxTreeNode(_MARKDOWN.parse(self.text)).children
         if len(nodes) > 1 and nodes[1].type == "blockquote":
-            asked = _line(_text_of(nodes.pop(1))).removeprefix(_QUESTION)
-            first_screen = first_screen | {"question": asked}
+            question = _line(_text_of(nodes.pop(1))).removeprefix(_QUESTION)
+            first_screen = first_screen | {"question": question}
         if len(nodes) < 2 or nodes[0].tag != "h1" or nodes[1].type != "paragraph":
             raise ValueError(f"{self.name} does not start with a title and a summary")
         sections: list[tuple[str, list[Block]]] = []

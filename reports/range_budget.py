@@ -119,10 +119,10 @@ def range_error_budget(flight: FlightRecord, follower: int = 0) -> RangeErrorBud
     paths = [paths_taken(errors, Address(*origin, follower, step)) for step in emission.tolist()]
     path = np.array(paths, dtype=np.int64).reshape(-1, 3)
 
-    def taken(values: Floats) -> Floats:
+    def of_received(values: Floats) -> Floats:
         return np.asarray(np.take_along_axis(values[row], path[:, :, None], axis=2)[:, :, 0])
 
-    length = taken(sound.arrival.length)
+    length = of_received(sound.arrival.length)
     message = dict(zip(LeaderMessage._fields, measurements.message[pings].T, strict=True))
     height = navigation_settings(scenario, trajectory.sites, follower).hydrophone_height
     measured_difference = message["depth"] - (
@@ -136,8 +136,8 @@ def range_error_budget(flight: FlightRecord, follower: int = 0) -> RangeErrorBud
         ),
         Cause.MOTION: _on_plane(sound.arrival.length[row, :, Path.DIRECT], depth_difference),
         Cause.ECHO: _on_plane(length, depth_difference),
-        Cause.SOUND_SPEED: _on_plane(length * taken(sound.arrival.ratio), depth_difference),
-        Cause.CLOCK: _on_plane(taken(sound.range), depth_difference),
+        Cause.SOUND_SPEED: _on_plane(length * of_received(sound.arrival.ratio), depth_difference),
+        Cause.CLOCK: _on_plane(of_received(sound.range), depth_difference),
         Cause.RANDOM: _on_plane(measurements.ranges[pings], depth_difference),
         Cause.DEPTH: _on_plane(measurements.ranges[pings], measured_difference),
     }

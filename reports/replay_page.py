@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.errors import plain
+from laisn.errors import printable
 from laisn.estimates import FIX_WORDS, Estimates, FixKind
 from laisn.messages import LeaderMessage, Measurements
 from laisn.metrics import nis
 from reports.figures import Line, Panel, Subplot, panel
-from reports.headline import figure, judged
+from reports.headline import figure_text, tone_of
 from reports.page import Figures, Replay, Tile, number, page_of, write
 from reports.scene.measured import Measured, scene_of_measured
 from reports.style import ESTIMATE, FULL, INK, LEADER, SERIES, TRANSMITTERS, Colour
@@ -226,7 +226,7 @@ def _mean_nis(replayed: Replayed) -> float:
 
 def nis_judgement(value: float) -> str:
     """What a mean NIS tells of the filter; empty where there is none."""
-    tone = judged(value, GOOD_NIS, BAD_NIS)
+    tone = tone_of(value, GOOD_NIS, BAD_NIS)
     if not np.isfinite(value):
         return ""
     if tone == "good":
@@ -246,16 +246,18 @@ def _tiles(replayed: Sequence[Replayed]) -> list[Tile]:
     tiles = [
         Tile(
             name="2σ of position",
-            value=figure(float(np.median(two_sigma)), " m"),
-            remark=f"{owner}median; {figure(float(two_sigma.max()), ' m')} at most",
+            value=figure_text(float(np.median(two_sigma)), " m"),
+            remark=f"{owner}median; {figure_text(float(two_sigma.max()), ' m')} at most",
         ),
     ]
     if np.isfinite(value):
-        tone = judged(value, GOOD_NIS, BAD_NIS)
+        tone = tone_of(value, GOOD_NIS, BAD_NIS)
         remark = f"{owner}1 expected"
-        tiles.append(Tile(name="NIS per quantity", value=figure(value), remark=remark, tone=tone))
+        tiles.append(
+            Tile(name="NIS per quantity", value=figure_text(value), remark=remark, tone=tone)
+        )
     if np.isfinite(worst.mean_error):
-        error = figure(worst.mean_error, " m")
+        error = figure_text(worst.mean_error, " m")
         tiles.insert(0, Tile(name="mean error", value=error, remark=f"{owner}from the path"))
     kinds = worst.estimates.fix_kind
     rejected = float(np.mean(np.isin(kinds, (FixKind.GATED, FixKind.LOST)))) if kinds.size else 0.0
@@ -271,7 +273,7 @@ def write_replay_page(
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     values = {
-        "log": plain(log.name),
+        "log": printable(log.name),
         "vehicles": [_values(vehicle) for vehicle in replayed],
         "remarks": remarks,
     }
@@ -287,8 +289,8 @@ def write_replay_page(
         for vehicle in replayed
     ]
     replay = Replay(
-        scene=scene_of_measured(plain(log.name), measured),
-        alternative=f"Replay of {plain(log.name)} in 3D",
+        scene=scene_of_measured(printable(log.name), measured),
+        alternative=f"Replay of {printable(log.name)} in 3D",
         caption="Hulls, floor and depths that a log does not tell are stand-ins.",
     )
     page = page_of(

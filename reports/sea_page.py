@@ -7,7 +7,7 @@ import contourpy
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.errors import plain
+from laisn.errors import printable
 from reports.figures import Line, panel
 from reports.flight_figures import current_arrows
 from reports.page import Figures, page_of, write
@@ -114,7 +114,7 @@ def _section(sea: SeaSettings, paths: list[PlannedPath]) -> Any:
     return panel(lines, x_label="way [m]", y_label="height [m]", width=6.1, height=4.6)
 
 
-def _along(sea: SeaSettings, paths: list[PlannedPath]) -> Any:
+def _paths_panel(sea: SeaSettings, paths: list[PlannedPath]) -> Any:
     lines = []
     for i, path in enumerate(paths):
         east, north, up = path.position.T
@@ -149,7 +149,7 @@ def _profiles(sound: SoundSettings, paths: list[PlannedPath], *, flows: bool) ->
     if not flows:
         return Figures(panels=[_sound_profile(sound)])
     return Figures(
-        panels=[_along(sound.sea, paths), _current_profile(sound.sea), _sound_profile(sound)],
+        panels=[_paths_panel(sound.sea, paths), _current_profile(sound.sea), _sound_profile(sound)],
         legend=[
             (LEADER, "leader"),
             (FOLLOWER, "followers"),
@@ -171,21 +171,24 @@ def write_sea_page(scenario: Scenario, path: Path) -> None:
     ]
     lowest = min(float(height.min()) for height in heights)
     flows = fastest > _NEGLIGIBLE_CURRENT_M_S
-    moves = f"The current runs at up to {fastest:.3g} m/s at {scenario.leader.layer_m:g} m"
-    sentence = "There is no current"
-    summary = f"{moves if flows else sentence}; the plans keep {lowest:.3g} m above the floor."
+    current_text = "There is no current"
+    if flows:
+        current_text = (
+            f"The current runs at up to {fastest:.3g} m/s at {scenario.leader.layer_m:g} m"
+        )
+    summary = f"{current_text}; the plans keep {lowest:.3g} m above the floor."
     legend = [(LEADER, "leader"), (FOLLOWER, "followers")]
     if flows:
         legend.append((SERIES[0], "current"))
     values = {
-        "name": plain(scenario.name),
+        "name": printable(scenario.name),
         "summary": summary,
         "depth": f"{scenario.leader.layer_m:g}",
         "arrow": f"{fastest:.3g} m/s",
         "maps": Figures(panels=[chart, _section(sea, paths)], legend=legend),
         "flows": flows,
         "profiles": _profiles(sound, paths, flows=flows),
-        "files": [plain(line).split(": ", 1) for line in sea_report(sound)],
+        "files": [printable(line).split(": ", 1) for line in sea_report(sound)],
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     write(page_of("reports", [("Scenario", scenario.name)], values, name="sea_page.md.j2"), path)

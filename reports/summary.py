@@ -51,7 +51,7 @@ def mirror_locked_steps(flight: FlightRecord, follower: int) -> Bools:
     )
 
 
-def _kept(
+def _route_summary(
     flight: FlightRecord, follower: int, route: Route, track_errors: Floats
 ) -> dict[str, Any]:
     """How a follower kept its place and depth by its route, from its distances off it, shape (n,),
@@ -210,7 +210,7 @@ def summarise(flight: FlightRecord, bounds: list[Floats] | None = None) -> dict[
         "followers": {
             name: metrics.summarise(*errors[i])._asdict()
             | consistency(flight, i, bounds[i])
-            | _kept(flight, i, routes[i + 1], track_errors[:, i])
+            | _route_summary(flight, i, routes[i + 1], track_errors[:, i])
             | ({"gave_way_s": float(detection_s[i])} if sensing else {})
             | {"relative_errors": relative_error(flight, i)}
             | {"fixes": metrics.fix_counts(flight.estimates[i])}

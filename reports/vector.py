@@ -63,13 +63,13 @@ _STYLE: dict[Any, Any] = {
 
 def formula(text: str) -> str:
     """Text of a page with its symbols as formulas of matplotlib."""
-    plain = text.replace("$", r"\$").replace("<b>", "").replace("</b>", "").replace("<br>", " ")
+    markup = text.replace("$", r"\$").replace("<b>", "").replace("</b>", "").replace("<br>", " ")
 
     def symbol(match: re.Match[str]) -> str:
         index = f"_{{\\mathrm{{{match[2]}}}}}" if match[2] else ""
         return f"${match[1]}{index}$"
 
-    return _SYMBOL.sub(symbol, plain)
+    return _SYMBOL.sub(symbol, markup)
 
 
 def _slug(text: str) -> str:
@@ -118,7 +118,7 @@ def figures_of(page: Path) -> list[DrawnFigure]:
         raise LaisnError(f"{path}: {error}") from None
     if not figures:
         raise LaisnError(f"{path}: expected a page of laisn with figures")
-    named = []
+    drawn = []
     counts: dict[str, int] = {}
     for figure in map(light, figures):
         layout = figure["layout"]
@@ -127,8 +127,8 @@ def figures_of(page: Path) -> list[DrawnFigure]:
         counts[name] = counts.get(name, 0) + 1
         if counts[name] > 1:
             name = f"{name}-{counts[name]}"
-        named.append(DrawnFigure(name=name, data=figure["data"], layout=layout))
-    return named
+        drawn.append(DrawnFigure(name=name, data=figure["data"], layout=layout))
+    return drawn
 
 
 def chosen(figures: Sequence[DrawnFigure], names: Sequence[str]) -> list[DrawnFigure]:

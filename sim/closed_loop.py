@@ -91,17 +91,17 @@ class ClosedLoopState(NamedTuple):
     # control of the leader and of followers that steer by the truth; it holds all commands
     routes: RouteControl
     readings: Records  # readings of each follower's sensors, of `laisn.swarm.READING`, shape (f,)
-    read: Floats  # the same memory as numbers, shape (f, 6)
+    reading_values: Floats  # the same memory as numbers, shape (f, 6)
     inbox: observation.Inbox  # what each follower has received
     arrived: Bools  # whether a message is in at this filter step, shape (f,)
     # what accelerations add to the leader's measured pitch and roll, shape (n + 1, 2) [rad]; else
     # NaN
     tilts: Floats
-    seen: Records  # what each follower's last look around showed, of SIGHTING, shape (f, v)
+    sightings: Records  # what each follower's last look around showed, of SIGHTING, shape (f, v)
     estimates: Records  # estimate of each navigator, records of `laisn.swarm.ESTIMATE`, shape (f,)
     # trail of the leader as each follower has received it, of TRAIL, shape (f, room)
     trails: Records
-    counts: Ints  # points of the trails, shape (f, 1)
+    trail_counts: Ints  # points of the trails, shape (f, 1)
     memory: Records  # memory of each follower, of FOLLOWER_MEMORY, shape (f,)
     # reference of the autopilot of one follower at a time, of REFERENCE, shape (1,)
     reference: Records
@@ -177,14 +177,14 @@ def init_closed_loop(
         depth_sensors=np.array([offset[f"{name}/depth_sensor"] for name in names]),
         routes=routes,
         readings=readings,
-        read=numbers_of(readings),
+        reading_values=numbers_of(readings),
         inbox=observation.new_inbox(f, message_every),
         arrived=np.zeros(f, dtype=np.bool_),
         tilts=tilts,
-        seen=records(proximity.SIGHTING, f, f + 1),
+        sightings=records(proximity.SIGHTING, f, f + 1),
         estimates=records(ESTIMATE, f),
         trails=trails,
-        counts=counts,
+        trail_counts=counts,
         memory=memory,
         reference=records(REFERENCE, 1),
         measured=observation.MeasurementRecord.empty(f, steps, message_every),
@@ -209,13 +209,15 @@ def sense(k: int, truth: StateHistory, a: ClosedLoopState) -> bool:
     step = k // stride
     for i in range(a.kinds.size):
         body = truth.pose[k, i + 1], truth.twist[k, i + 1], truth.water[k, i + 1]
-        observation.read_instruments(a.sensors, step, i, body, a.depth_sensors[i], a.read[i])
+        observation.read_instruments(
+            a.sensors, step, i, body, a.depth_sensors[i], a.reading_values[i]
+        )
         on_station = a.kinds[i] >= ON_STATION_BY_TRUTH
         if k > 0 and a.look_every > 0 and k % a.look_every == 0 and on_station:
             proximity.sense_neighbours(
-                (a.sensors.seed, a.sensors.run), a.proximity, k, i, truth.pose[k], a.seen[i]
+                (a.sensors.seed, a.sensors.run), a.proximity, k, i, truth.pose[k], a.sightings[i]
             )
-            steering.update_avoidance(a.proximity, a.seen[i], a.estimates[i], a.memory[i])
+            steering.update_avoidance(a.proximity, a.sightings[i], a.estimates[i], a.memory[i])
         a.arrived[i] = False
         a.inbox.outcome[i] = observation.NO_MESSAGE
         # few calls, for what is handed over costs more than the question
@@ -231,8 +233,8 @@ def sense(k: int, truth: StateHistory, a: ClosedLoopState) -> bool:
             )
             a.arrived[i] = a.inbox.outcome[i] != observation.NO_MESSAGE
             if a.arrived[i] and a.broadcast.shape[0] > 0:
-                sent = a.broadcast[a.inbox.last_sent[i]]
-                copy_values(sent, a.inbox.message_values[i])
+                sent_message = a.broadcast[a.inbox.last_sent[i]]
+                copy_values(sent_message, a.inbox.message_values[i])
             if a.inbox.outcome[i] == observation.RECEIVED and on_station:
                 clock = (k * TICK, TICK)
                 message = a.inbox.message[i]
@@ -241,15 +243,15 @@ def sense(k: int, truth: StateHistory, a: ClosedLoopState) -> bool:
                     a.stations[i],
                     message,
                     a.trails[i],
-                    a.counts[i],
+                    a.trail_counts[i],
                     clock,
                     a.memory[i],
                 )
         if on_station:
             received = a.memory[i].last_received, a.memory[i].received_points
-            extend_as_planned(a.plan, a.trails[i], a.counts[i], received, (k, TICK))
+            extend_as_planned(a.plan, a.trails[i], a.trail_counts[i], received, (k, TICK))
         if k > 0:
-            observation.record_step(a.measured, a.inbox, step, i, a.read[i])
+            observation.record_step(a.measured, a.inbox, step, i, a.reading_values[i])
     return k > 0
 
 
@@ -309,7 +311,7 @@ def guide(k: int, truth: StateHistory, a: ClosedLoopState) -> None:
                 guidance.current[0] = body[2][0]
                 guidance.current[1] = body[2][1]
             _true_estimate(body, a.sites.hydrophones[f], guidance, senses.reading, senses.estimate)
-        trail = (a.trails[f], a.counts[f, 0])
+        trail = (a.trails[f], a.trail_counts[f, 0])
         clock = (k * TICK, TICK)
         memory = a.memory[f]
         station_command, motion = steering.keep_station(
@@ -416,7 +418,7 @@ class PythonClosedLoop:
         self.state = state
         self.groups = parts.groups
         self._group_of = [group for group in parts.groups for _ in group.followers]
-        self._own = parts.custom_control
+        self._custom_control = parts.custom_control
         self.sensing = parts.sensing
         self.receivers = parts.receivers
         self.leader = parts.leader
@@ -462,8 +464,8 @@ class PythonClosedLoop:
     def _readings_at(self, vehicle: int, step: int) -> dict[str, Floats]:
         """Readings of a vehicle's further sensors at a filter step, or the last one before."""
         if vehicle != LEADER:
-            return self.sensing[vehicle - 1].at(step)
-        return {} if self.leader is None else self.leader.sensing.at(step)
+            return self.sensing[vehicle - 1].readings_at(step)
+        return {} if self.leader is None else self.leader.sensing.readings_at(step)
 
     def _receive(self, k: int) -> None:
         """Receive further links at instant k, a filter step."""
@@ -471,7 +473,7 @@ class PythonClosedLoop:
         followers = range(self.state.kinds.size)
         for receiver in self.receivers.values():
             receiver.receive(k, followers)
-            receiver.record_readings(step, self.state.read)
+            receiver.record_readings(step, self.state.reading_values)
 
     def _answer(self, k: int, truth: StateHistory) -> None:
         """Let vehicles answer what has come to them at instant k, a filter step."""
@@ -503,14 +505,14 @@ class PythonClosedLoop:
         guide(k, truth, state)
         if self.leader is not None:
             self.leader.steer(k)
-        for i in self._own.due:
+        for i in self._custom_control.due:
             f = i - 1
             received = self.receptions(f) if is_due else {}
             main = received.pop(self.group_of(f).link, None)
             custom = self.latest_custom[f]
             reading = state.readings[f]
             readings = readings_of(k * TICK, reading, main, custom, received)
-            self._own.command(
+            self._custom_control.command(
                 k, i, readings, steering.Senses(reading, state.estimates[f]), state.memory[f]
             )
         return failed
@@ -622,11 +624,11 @@ def _fleet_of(
 ) -> Fleet:
     """Vehicles as links find them."""
     offset = plant.sites
-    of_leader = offset.get("leader/hydrophone", np.full(3, np.nan))
+    leader_hydrophone = offset.get("leader/hydrophone", np.full(3, np.nan))
     return Fleet(
         followers=state.kinds.size,
         instants=len(state.tilts),
-        hydrophones=np.array([*state.sites.hydrophones, of_leader]),
+        hydrophones=np.array([*state.sites.hydrophones, leader_hydrophone]),
         attitude_broadcast=attitude_broadcast,
         navigated=sensing_of,
     )
@@ -713,8 +715,8 @@ def _navigator_groups(
     for followers in spans:
         choice = choices[followers.start]
         spec = find(choice.variant)
-        several = bool(choice.further_links)
-        make = make_swarm or partial(spec.new_swarm, several_links=several)
+        has_further_links = bool(choice.further_links)
+        make = make_swarm or partial(spec.new_swarm, several_links=has_further_links)
         record = state.concluded
         if len(spans) > 1:
             links = sensing_of[followers.start].links
@@ -753,8 +755,10 @@ def closed_loop_of(
     navigations = [scenario.navigation_of(i) for i in range(len(scenario.followers))]
     settings = [navigation_settings(scenario, plant.sites, i) for i in range(len(navigations))]
     choices = [
-        _NavigatorChoice(navigation.variant, of_follower, navigation.link, navigation.further_links)
-        for navigation, of_follower in zip(navigations, settings, strict=True)
+        _NavigatorChoice(
+            navigation.variant, follower_settings, navigation.link, navigation.further_links
+        )
+        for navigation, follower_settings in zip(navigations, settings, strict=True)
     ]
     state = init_closed_loop(
         MotionSettings.of(scenario),

@@ -72,7 +72,7 @@ class Wrench(NamedTuple):
     yaw: float = 0.0  # about the upward axis, positive to port [N m]
 
 
-def require_command(command: Any, effectors: int, subject: str, where: str = "") -> None:
+def require_command(command: Any, effectors: int, subject: str, origin: str = "") -> None:
     """LaisnError, beginning with whose it is, if a command is none that a vehicle can be given.
 
     It is a `Command` or three numbers, a `Wrench`, or an array of the states of all effectors.
@@ -89,7 +89,7 @@ def require_command(command: Any, effectors: int, subject: str, where: str = "")
     if numbers.shape != (expected,) or not np.isfinite(numbers).all():
         raise LaisnError(
             f"{subject} {command!r:.80}; expected heading, speed and depth, a Wrench, "
-            f"or an array of the states of {effectors} effectors, all finite{where}"
+            f"or an array of the states of {effectors} effectors, all finite{origin}"
         )
 
 
@@ -174,9 +174,9 @@ class CustomControl:
         kind = type(controller).__name__
         with calling(f"controller {kind}: control"):
             answer = controller.control(readings, belief_of(estimate), CONTROL_STEP_S)
-        where = f" (class {kind}, at {readings.time:g} s)"
+        origin = f" (class {kind}, at {readings.time:g} s)"
         subject = f"controller of {self._names[i]} returned"
-        require_command(answer, self._effectors[i], subject, where)
+        require_command(answer, self._effectors[i], subject, origin)
         motion = steering.measured_motion(senses.reading, estimate, CONTROL_STEP_S, memory)
         command = self._routes.command[i]
         autopilot = self._routes.autopilot[i]

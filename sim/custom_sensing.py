@@ -104,7 +104,7 @@ class CustomSensing:
             self._rows[driver.name].append(reading)
         return readings
 
-    def at(self, step: int) -> dict[str, Floats]:
+    def readings_at(self, step: int) -> dict[str, Floats]:
         """Readings at a filter step, or the last one before, by the names of sensors."""
         return {name: rows[min(step, len(rows)) - 1] for name, rows in self._rows.items()}
 

@@ -223,7 +223,7 @@ def navigate(
         make = navigator or find(scenario.navigation_of(follower).variant).make
         sensing = sensing_of[follower]
         settings = navigation_settings(scenario, trajectory.sites, follower)
-        of_follower = measure(
+        follower_measurements = measure(
             observe(trajectory, sensing, follower),
             navigated_errors_of(sensing, follower),
             seed=sensing.seed,
@@ -232,8 +232,8 @@ def navigate(
             transmitters=settings.transmitters,
             further=further_errors_of(sensing, follower),
         )
-        measurements.append(of_follower)
-        estimates.append(make(settings, start_of(trajectory, follower)).run(of_follower))
+        measurements.append(follower_measurements)
+        estimates.append(make(settings, start_of(trajectory, follower)).run(follower_measurements))
     return FlightRecord(
         scenario=scenario,
         trajectory=trajectory,

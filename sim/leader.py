@@ -106,7 +106,7 @@ class LeaderUnit:
         self._memory[0].by_thrust = routes.autopilots[LEADER]["by_pitch"] == 0.0
         steps = (fleet.instants - 1) // self._stride
         self._measured = MeasurementRecord.empty(1, steps, max(steps, 1))
-        self._main, self._further = self._links_of(sensing.links)
+        self._main_receiver, self._further_receivers = self._links_of(sensing.links)
         model = sensor_model_of(sensing)
         self.sensing = CustomSensing(
             sensors.leader_custom_sensors(sensing),
@@ -132,8 +132,8 @@ class LeaderUnit:
             navigation = leader.navigation
             self._taken_links = navigation.further_links
             sites = plant.sites
-            if self._main is not None:
-                sites = self._main.link.with_sites(sites)
+            if self._main_receiver is not None:
+                sites = self._main_receiver.link.with_sites(sites)
             settings = settings_of(sensing, navigation, sites, "leader")
             spec = find(navigation.variant)
             self.swarm = SeparateNavigators(spec.make, settings, start[None])
@@ -162,15 +162,15 @@ class LeaderUnit:
 
     def receptions(self) -> tuple[Reception | None, dict[str, Reception]]:
         """What is in at this filter step: of the main link, and of all others by name."""
-        further = {}
-        for receiver in self._further:
+        further_receptions = {}
+        for receiver in self._further_receivers:
             reception = receiver.reception(self._number, self.latest_custom)
             if reception is not None:
-                further[receiver.name] = reception
+                further_receptions[receiver.name] = reception
         main = None
-        if self._main is not None:
-            main = self._main.reception(self._number, self.latest_custom)
-        return main, further
+        if self._main_receiver is not None:
+            main = self._main_receiver.reception(self._number, self.latest_custom)
+        return main, further_receptions
 
     def advance(self, k: int, truth: StateHistory) -> None:
         """Sense, receive and navigate at instant k."""
@@ -190,7 +190,7 @@ class LeaderUnit:
             if step > 0:
                 row = self.reading[0]
                 self._measured.own[0, step - 1] = row.speed, row.heading, row.depth
-                hearing = None if self._main is None else self._main.hearing
+                hearing = None if self._main_receiver is None else self._main_receiver.hearing
                 self.latest_custom = self.sensing.read(k, truth, hearing)
                 self._navigate(step)
                 self.steps[0] = step
@@ -206,8 +206,12 @@ class LeaderUnit:
     def _navigate(self, step: int) -> None:
         if self.swarm is None:
             return
-        main, further = self.receptions()
-        receptions = {name: further[name] for name in self._taken_links if name in further}
+        main, further_receptions = self.receptions()
+        receptions = {
+            name: further_receptions[name]
+            for name in self._taken_links
+            if name in further_receptions
+        }
         self.swarm.receptions = [receptions]
         self.swarm.custom = [self.latest_custom]
         self.swarm.advance(0, step, self.reading[0], main, self.estimate, self.concluded)
@@ -220,9 +224,11 @@ class LeaderUnit:
             return
         if self._control is not None:
             is_due = k > 0 and k % self._stride == 0
-            main, further = self.receptions() if is_due else (None, {})
+            main, further_receptions = self.receptions() if is_due else (None, {})
             time = k * CONTROL_STEP_S
-            readings = readings_of(time, self.reading[0], main, self.latest_custom, further)
+            readings = readings_of(
+                time, self.reading[0], main, self.latest_custom, further_receptions
+            )
             senses = steering.Senses(self.reading[0], self.estimate[0])
             self._control.command(k, LEADER, readings, senses, self._memory[0])
         elif self._by_estimate:
@@ -245,14 +251,16 @@ class LeaderUnit:
     def _record_until(self, steps: int) -> VehicleRecord:
         """The same of the first steps."""
         number = self._number
-        links = {receiver.name: receiver.messages(number, steps) for receiver in self._further}
+        links = {
+            receiver.name: receiver.messages(number, steps) for receiver in self._further_receivers
+        }
         custom = self.sensing.readings(range(steps))
         headers = self.sensing.headers
         measurements = self._measured.measurements(
             0, range(steps), self._dt, custom, headers, None, links
         )
-        if self._main is not None:
-            main = self._main.messages(number, steps)
+        if self._main_receiver is not None:
+            main = self._main_receiver.messages(number, steps)
             places = main.places
             measurements = replace(
                 measurements,

@@ -202,14 +202,14 @@ class Receiver:
         inbox = hearing.inbox
         dt = hearing.sensors.dt
         values = inbox.message_values[i]
-        sent = self.sent_time(i)
+        sent_time = self.sent_time(i)
         if self.sender is not None:
-            values[:] = self.sender.content(sent, dt)
+            values[:] = self.sender.content(sent_time, dt)
         values[self.link.hidden] = np.nan
         inbox.ranges[i, self.link.transmitters :] = np.nan
         self.content[i] = {}
         if self.readings_of is not None:
-            emission = math.floor(sent / dt + 1e-6)
+            emission = math.floor(sent_time / dt + 1e-6)
             readings = self.readings_of(self.link.sender, emission)
             nothing_received = np.full(0, np.nan)
             self.content[i] = {
@@ -224,10 +224,10 @@ class Receiver:
             hearing.measured.ranges[i, m] = inbox.ranges[i]
             self._contents[i].append(self.content[i])
 
-    def record_readings(self, step: int, read: Floats) -> None:
+    def record_readings(self, step: int, readings: Floats) -> None:
         """Record the followers' own readings at a filter step, shape (f, 6)."""
         if step > 0:
-            self.hearing.measured.own[: len(read), step - 1] = read[:, :3]
+            self.hearing.measured.own[: len(readings), step - 1] = readings[:, :3]
 
     def reception(self, i: int, custom: Mapping[str, Floats]) -> Reception | None:
         """What a receiver has received at this filter step; None: nothing."""
@@ -273,7 +273,7 @@ def receiver_number(vehicle: int, followers: int) -> int:
 class _Request(NamedTuple):
     """A message that is to be answered."""
 
-    sent: float  # [s]
+    sent_time: float  # [s]
     arrival: float  # of its rear ping by the direct path [s]
     detection: float  # error of that arrival as it is measured [s]
 
@@ -286,13 +286,13 @@ def _request_arrival(requests: Hearing, i: int, k: int) -> _Request | None:
     if inbox.outcome[i] != observation.RECEIVED or math.isnan(inbox.ranges[i, 0]):
         return None
     s = requests.sensors
-    sent = float(inbox.last_sent[i] * s.dt)
+    sent_time = float(inbox.last_sent[i] * s.dt)
     listener = listener_of(s, i, requests.sites.hydrophones[i].tolist())
     motion = Motion(requests.motion, 0.0, k)
-    _, pings = follow(s.sound, motion, requests.sites.transmitters.tolist(), listener, sent)
+    _, pings = follow(s.sound, motion, requests.sites.transmitters.tolist(), listener, sent_time)
     direct = pings[0][1][Path.DIRECT]
     true = direct.length * direct.ratio + direct.clock_range
-    return _Request(sent, direct.time, (inbox.ranges[i, 0] - true) / s.sound.assumed_speed)
+    return _Request(sent_time, direct.time, (inbox.ranges[i, 0] - true) / s.sound.assumed_speed)
 
 
 class _Answer(NamedTuple):
@@ -323,7 +323,7 @@ class AnswerReceiver(Receiver):
             for m in self._models
         ]
         self._under_way: list[_Answer] = []
-        self._next: Ints = np.zeros(len(self.content), dtype=np.int64)
+        self._next_answer: Ints = np.zeros(len(self.content), dtype=np.int64)
         self._leaves: Floats = np.zeros(len(self.content))
         self._trips: list[list[float]] = [[] for _ in self.content]
 
@@ -339,10 +339,10 @@ class AnswerReceiver(Receiver):
         if request is None:
             return
         leaves = request.arrival + self.link.delay
-        self._under_way.append(_Answer(leaves, request.sent, request.detection))
+        self._under_way.append(_Answer(leaves, request.sent_time, request.detection))
 
     def _poll(self, step: int, k: int, i: int) -> bool:
-        waiting = int(self._next[i])
+        waiting = int(self._next_answer[i])
         if waiting >= len(self._under_way):
             return False
         answer = self._under_way[waiting]
@@ -358,7 +358,7 @@ class AnswerReceiver(Receiver):
         )
         if reception_step(complete, s.dt) > step:
             return False
-        self._next[i] += 1
+        self._next_answer[i] += 1
         self._take(answer, pings, step, k, i)
         return True
 
@@ -380,12 +380,12 @@ class AnswerReceiver(Receiver):
         content[0] = answer.leaves
         content[EAST] = east
         content[NORTH] = north
-        sent = Address(s.seed, s.run, int(s.numbers[i]), emission)
+        address = Address(s.seed, s.run, int(s.numbers[i]), emission)
         inbox = hearing.inbox
         observation.read_reception(
             e,
             (int(s.transmitters[i]), s.dt),
-            (sent, sent._replace(step=step)),
+            (address, address._replace(step=step)),
             (content.tolist(), true.tolist()),
             inbox,
             i,

@@ -67,8 +67,8 @@ class OpenLoop:
             find(navigations[i].variant).make(settings[i], start_of(at_start, i)) for i in followers
         ]
         # messages of further links are sensed of the finished mission
-        self._further = any(navigation.further_links for navigation in navigations)
-        self.navigates = not self._further and all(
+        self._has_further_links = any(navigation.further_links for navigation in navigations)
+        self.navigates = not self._has_further_links and all(
             getattr(navigator, "runs_by_steps", False) for navigator in self._navigators
         )
         """Whether estimates are there as soon as the steps are over; else at the end."""
@@ -100,7 +100,7 @@ class OpenLoop:
         if not span:
             return
         for follower, sensing in enumerate(self._sensing):
-            if not self._further:
+            if not self._has_further_links:
                 sensing.advance(last)
             if self.navigates:
                 self._navigate(follower, span)
@@ -124,8 +124,8 @@ class OpenLoop:
         state = self._concluded.state[follower]
         covariance = self._concluded.covariance[follower]
         measurements = self._measurements(follower, span)
-        for k, (own, reception) in zip(span, measurements.steps(), strict=True):
-            self._fixes[follower].extend(navigator.step(own, reception))
+        for k, (own_motion, reception) in zip(span, measurements.steps(), strict=True):
+            self._fixes[follower].extend(navigator.step(own_motion, reception))
             state[k] = navigator.state
             covariance[k] = navigator.covariance
 
@@ -151,7 +151,7 @@ class OpenLoop:
 
         ValueError if it was too short for one filter step.
         """
-        if self._further:
+        if self._has_further_links:
             return navigate(self.scenario, trajectory, outcome=outcome)
         if self.steps < 1:
             end = trajectory.time[-1]
@@ -168,10 +168,12 @@ class OpenLoop:
         measurements = []
         estimates = []
         for i, navigator in enumerate(self._navigators):
-            of_follower = self._measurements(i, steps)
-            measurements.append(of_follower)
+            follower_measurements = self._measurements(i, steps)
+            measurements.append(follower_measurements)
             estimates.append(
-                self._estimates(i, steps) if self.navigates else navigator.run(of_follower)
+                self._estimates(i, steps)
+                if self.navigates
+                else navigator.run(follower_measurements)
             )
         return FlightRecord(
             scenario=self.scenario,

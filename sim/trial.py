@@ -95,9 +95,9 @@ def track_deviations(motion: MotionSettings, trajectory: Trajectory) -> list[str
     for i, (_, vehicle) in enumerate(motion.plan.vehicles()):
         if not is_custom(vehicle):
             continue
-        of_vehicle = _deviations_of(vehicle, trajectory, i, station_errors[:, max(i - 1, 0)])
-        if of_vehicle:
-            lines.append(f"{trajectory.names[i]}: {'; '.join(map(str, of_vehicle))}")
+        deviations = _deviations_of(vehicle, trajectory, i, station_errors[:, max(i - 1, 0)])
+        if deviations:
+            lines.append(f"{trajectory.names[i]}: {'; '.join(map(str, deviations))}")
     return lines
 
 

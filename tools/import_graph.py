@@ -90,11 +90,11 @@ def package_of(module: str) -> str:
 
 def package_imports(graph: Mapping[str, Iterable[str]]) -> Imports:
     """Which packages each package imports."""
-    of_packages: Imports = {}
+    between_packages: Imports = {}
     for module, names in graph.items():
-        targets = of_packages.setdefault(package_of(module), set())
+        targets = between_packages.setdefault(package_of(module), set())
         targets |= {package_of(name) for name in names} - {package_of(module)}
-    return of_packages
+    return between_packages
 
 
 def cycle(graph: Mapping[str, Iterable[str]]) -> list[str]:

@@ -40,13 +40,13 @@ def _mission(entry: dict[str, Any]) -> BenchmarkMission:
         del table["followers"]
         table["formation"] = {"shape": entry["formation"]}
     assume = {"transmitters": entry["transmitters"], **entry.get("assume", {})}
-    told = {f"navigation.assume.{key}": value for key, value in assume.items()}
+    assumptions = {f"navigation.assume.{key}": value for key, value in assume.items()}
     return BenchmarkMission(
         name=entry["name"],
         title=entry["title"],
         transmitters=entry["transmitters"],
         assume=assume,
-        table=assigned(table, entry.get("set", {}) | told),
+        table=assigned(table, entry.get("set", {}) | assumptions),
         scored=entry.get("scored", True),
     )
 

@@ -50,8 +50,8 @@ def flown(mission: BenchmarkMission, seed: int, seconds: float | None = None) ->
     flight, _ = fly(mission.scenario(seed))
     if seconds is not None and seconds < flight.trajectory.time[-1]:
         flight = excerpt(flight, 0.0, seconds)
-    written = tuple(as_written(m, mission.transmitters) for m in flight.measurements)
-    return replace(flight, measurements=written)
+    rounded = tuple(as_written(m, mission.transmitters) for m in flight.measurements)
+    return replace(flight, measurements=rounded)
 
 
 def truth_rows(flight: FlightRecord, follower: int) -> Floats:
@@ -187,8 +187,8 @@ def write_run(
     run = f"{mission.name}/{seed:02d}"
     measurements = folder / MEASUREMENTS / run
     names = flight.trajectory.names[1:]
-    for i, (name, of_follower) in enumerate(zip(names, flight.measurements, strict=True)):
-        write_measurements(measurements / f"{name}.csv", of_follower)
+    for i, (name, readings) in enumerate(zip(names, flight.measurements, strict=True)):
+        write_measurements(measurements / f"{name}.csv", readings)
         write_truth(folder / TRUTH / run / f"{name}.csv", truth_rows(flight, i))
     if "mcap" in formats:
         _write_log(measurements / "measurements.mcap", flight)
@@ -266,11 +266,11 @@ def generate(
         shutil.rmtree(folder / subfolder, ignore_errors=True)
     folder.mkdir(parents=True, exist_ok=True)
     # the first run writes the task of its mission, which no other process may do at the same time
-    first, *further = [(mission, seed) for seed in seeds for mission in missions]
+    first, *remaining = [(mission, seed) for seed in seeds for mission in missions]
     with progress("missions", len(missions) * len(seeds)) as advance, Pool(workers) as pool:
         write_run(folder, *first, formats, seconds)
         advance(1)
-        for _ in pool.each(write_run, ((folder, *run, formats, seconds) for run in further)):
+        for _ in pool.each(write_run, ((folder, *run, formats, seconds) for run in remaining)):
             advance(1)
     manifest = _manifest(folder, missions, seeds, seconds)
     with atomic_write(folder / MANIFEST) as unfinished:

@@ -244,7 +244,7 @@ def _track(path: Path, columns: Mapping[str, Any]) -> Track:
     return Track(numbers[:, 0], numbers[:, 1:], covariance)
 
 
-def _of_run(path: Path, track: Track, rows: Ints) -> Track:
+def _track_of_run(path: Path, track: Track, rows: Ints) -> Track:
     """The estimates of one run; LaisnError if their times do not increase."""
     time = track.time[rows]
     unordered = np.flatnonzero(~(np.diff(time) > 0.0))
@@ -314,7 +314,7 @@ def read_estimates(source: Path) -> Iterator[tuple[FollowerRun, Track]]:
         columns = read_columns(path)
         track = _track(path, columns)
         for run, rows in _labels(path, columns, stated):
-            yield run, _of_run(path, track, rows)
+            yield run, _track_of_run(path, track, rows)
 
 
 def navigate(

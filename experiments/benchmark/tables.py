@@ -4,6 +4,7 @@ Every number has a fixed number of decimals, so that machines whose last bits di
 files but for single digits.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +24,7 @@ DECIMALS = 4
 """Of lengths [m], speeds [m/s], times [s] and angles [°] in all tables."""
 _ANGLES = ("heading", "pitch", "roll", "heading_sigma")
 _LENGTHS = ("east", "north", "depth", "position_sigma")
-OWN = ("speed [m/s]", "heading_deg", "depth [m]")
+OWN_COLUMNS = ("speed [m/s]", "heading_deg", "depth [m]")
 RANGES = tuple(f"range_{name} [m]" for name in Ranges._fields)
 TRUTH_COLUMNS = (
     "time [s]",
@@ -65,7 +66,7 @@ def _further_sensor(name: str, header: SensorHeader) -> _FurtherSensor:
     )
 
 
-FURTHER = {
+FURTHER_SENSORS = {
     str(sensor.name): _further_sensor(sensor.name, header_of(sensor()))
     for sensor in SHIPPED.values()
 }
@@ -86,7 +87,7 @@ def _round_angles(values: Floats) -> Floats:
 def as_written(measurements: Measurements, transmitters: int) -> Measurements:
     """Measurements with the digits that tables have, and of two transmitters without the third."""
     custom = {
-        name: _round(readings * FURTHER[name].scale) / FURTHER[name].scale
+        name: _round(readings * FURTHER_SENSORS[name].scale) / FURTHER_SENSORS[name].scale
         for name, readings in measurements.custom.items()
     }
     message = _round(measurements.message)
@@ -106,7 +107,7 @@ def as_written(measurements: Measurements, transmitters: int) -> Measurements:
 
 def _texts(values: Floats) -> list[str]:
     """Numbers with their decimals; NaN as an empty cell."""
-    return [f"{value:.{DECIMALS}f}" if value == value else "" for value in values.tolist()]
+    return ["" if math.isnan(value) else f"{value:.{DECIMALS}f}" for value in values.tolist()]
 
 
 def _write(path: Path, columns: Mapping[str, Sequence[str]]) -> None:
@@ -123,10 +124,12 @@ def write_measurements(path: Path, measurements: Measurements) -> None:
     heard, are left out.
     """
     columns: dict[str, Sequence[str]] = {"time [s]": _texts(measurements.time)}
-    own = (measurements.speed, np.degrees(measurements.heading), measurements.depth)
-    columns |= {name: _texts(values) for name, values in zip(OWN, own, strict=True)}
+    own_readings = (measurements.speed, np.degrees(measurements.heading), measurements.depth)
+    columns |= {
+        name: _texts(values) for name, values in zip(OWN_COLUMNS, own_readings, strict=True)
+    }
     for name, readings in measurements.custom.items():
-        sensor = FURTHER[name]
+        sensor = FURTHER_SENSORS[name]
         values_by_channel = (readings * sensor.scale).T
         columns |= {
             header: _texts(values)
@@ -191,8 +194,8 @@ def require_numbers(path: Path, columns: Mapping[str, Any], names: Sequence[str]
 def read_measurements(path: Path) -> Measurements:
     """Read what `write_measurements` wrote; LaisnError if it cannot be read."""
     columns = read_columns(path)
-    own = require_numbers(path, columns, ("time [s]", *OWN))
-    n = len(own)
+    own_readings = require_numbers(path, columns, ("time [s]", *OWN_COLUMNS))
+    n = len(own_readings)
     empty = np.full(n, np.nan)
     message = np.column_stack([columns.get(name, empty) for name in LEADER])
     ranges = np.column_stack([columns.get(name, empty) for name in RANGES])
@@ -200,19 +203,19 @@ def read_measurements(path: Path) -> Measurements:
     rows = np.flatnonzero(np.isfinite(message[:, 1]))
     custom = {
         name: np.column_stack([columns[header] for header in sensor.columns]) / sensor.scale
-        for name, sensor in FURTHER.items()
+        for name, sensor in FURTHER_SENSORS.items()
         if set(sensor.columns) <= columns.keys()
     }
     return Measurements(
-        dt=round(float(own[-1, 0]) / n, DECIMALS),
-        speed=own[:, 1],
-        heading=np.radians(own[:, 2]),
-        depth=own[:, 3],
+        dt=round(float(own_readings[-1, 0]) / n, DECIMALS),
+        speed=own_readings[:, 1],
+        heading=np.radians(own_readings[:, 2]),
+        depth=own_readings[:, 3],
         message_step=rows + 1,
         message=message[rows],
         ranges=ranges[rows],
         custom=custom,
-        sensors={name: FURTHER[name].header for name in custom},
+        sensors={name: FURTHER_SENSORS[name].header for name in custom},
     )
 
 

@@ -17,7 +17,7 @@ from rich.progress import (
 from rich.table import Column, Table
 from rich.text import Text
 
-from laisn.errors import plain
+from laisn.errors import printable
 
 _LINE_EVERY_S = 10.0
 _COMPILING = "compiling (once for each version, half a minute to two minutes)"
@@ -31,7 +31,7 @@ def literal(text: object, style: str = "") -> Text:
     """Text of a file, a path or a user as it is: no markup, no emoji code, no control character
     of it takes effect.
     """
-    return Text(plain(text), style=style)
+    return Text(printable(text), style=style)
 
 
 def print_line(console: Console, text: object, label: str = "", style: str = "yellow") -> None:

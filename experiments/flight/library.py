@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from laisn.errors import plain, shortened
+from laisn.errors import printable, shortened
 from laisn.navigators import NAVIGATORS
 from sim.scenario.file import (
     LARGEST_BYTES,
@@ -65,7 +65,7 @@ def table_of(source: str) -> dict[str, Any]:
     # also of a name that no system has a file of
     if path.suffix != ".toml" and not os.path.exists(source):
         available = f"available: {', '.join(names())}, or a TOML file"
-        raise ScenarioError(f"unknown scenario '{shortened(plain(source), 200)}'; {available}")
+        raise ScenarioError(f"unknown scenario '{shortened(printable(source), 200)}'; {available}")
     return {"name": name_of(path)} | with_file_paths(read(path), path.parent)
 
 
@@ -138,7 +138,8 @@ def as_scenario(
     changes = {} if changes is None else changes
     if not isinstance(changes, Mapping):
         raise ScenarioError(
-            f"changes: expected a table of values by dotted key (given: {plain(repr(changes)):.80})"
+            "changes: expected a table of values by dotted key (given: "
+            f"{printable(repr(changes)):.80})"
         )
     if isinstance(source, Scenario):
         table = source.model_dump(mode="json", exclude_none=True)

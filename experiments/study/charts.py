@@ -310,17 +310,17 @@ def _heat_panel(
     y_labels = [value_text(value) for value in up.values]
     x_title = label_of(across.name)
     y_title = label_of(up.name)
-    written = [[*map(digits, cells)] for cells in values.tolist()]
+    texts = [[*map(digits, cells)] for cells in values.tolist()]
     hover = [
         [
             f"{x_title} {x_labels[j]}<br>{y_title} {y_labels[i]}<br>{cell}"
             for j, cell in enumerate(cells)
         ]
-        for i, cells in enumerate(written)
+        for i, cells in enumerate(texts)
     ]
     trace = {**scale, "z": [numbers(cells) for cells in values], "hovertext": hover}
     if len(x_labels) <= _MAX_WRITTEN_COLUMNS:
-        trace |= {"text": written, "texttemplate": "%{text}"}
+        trace |= {"text": texts, "texttemplate": "%{text}"}
     return panel(
         [],
         x_label=x_title,

@@ -11,7 +11,7 @@ import numpy as np
 
 from experiments.campaign.store import Record, read_table
 from experiments.flight.folder import LOG
-from experiments.study.estimate import over_runs, shown, verdict_of
+from experiments.study.estimate import interval_text, over_runs, verdict_of
 from experiments.study.file import METRIC
 from experiments.study.measure import METRICS, SHARES
 from experiments.study.study import RESULTS, RUNS, STUDY
@@ -60,9 +60,10 @@ def _flights(names: Sequence[str], flights: Sequence[FlightRecord]) -> dict[str,
     times = [flight.trajectory.time[flight.step_index()] for flight in flights]
     parts = []
     for row, label, scale in ((0, "E_P [m]", 1.0), (1, "E_B [°]", 180.0 / math.pi)):
-        each = zip(times, errors, SERIES, names, strict=False)
+        flight_curves = zip(times, errors, SERIES, names, strict=False)
         lines = [
-            Line(x=t, y=scale * e[row], colour=colour, name=name) for t, e, colour, name in each
+            Line(x=t, y=scale * e[row], colour=colour, name=name)
+            for t, e, colour, name in flight_curves
         ]
         parts.append(Subplot(lines=lines, y_label=label, y_limits=(0.0, None)))
     curves = Panel(parts=parts, x_label="time [s]", width=FULL, height=4.4)
@@ -185,7 +186,7 @@ def _values_of(table: Sequence[Record], keys: Sequence[str], metric: str) -> dic
 def _mean(runs: Runs, *, shares: bool, paired: bool = False) -> Interval:
     """Mean over runs by realization, as of `over_runs`."""
     realizations = groupby(sorted(runs.items()), key=lambda item: item[0][0])
-    values = [np.array([value for _, value in of_seed]) for _, of_seed in realizations]
+    values = [np.array([value for _, value in seed_runs]) for _, seed_runs in realizations]
     return over_runs(values, shares=shares, paired=paired)
 
 
@@ -212,8 +213,8 @@ def _studies(names: Sequence[str], folders: Sequence[Path]) -> dict[str, Any]:
     tables = [
         dotted(read_toml(folder / STUDY) | {"name": "", "question": ""}) for folder in folders
     ]
-    asked = {table.get("report.metric", METRIC) for table in tables}
-    metric = asked.pop() if len(asked) == 1 else METRIC
+    metric_names = {table.get("report.metric", METRIC) for table in tables}
+    metric = metric_names.pop() if len(metric_names) == 1 else METRIC
     rows = paired(folders, metric)
     changed = _differing(tables)
     differences = [interval for intervals in rows.values() for interval in intervals[1:]]
@@ -257,7 +258,7 @@ def page_of(sources: Sequence[str]) -> Page:
         values = _studies(names, paths)
     else:
         values = _flights(names, [read(log) for log in logs])
-    tools = {"words": words, "number": number, "shown": shown, "shortened": shortened}
+    tools = {"words": words, "number": number, "shown": interval_text, "shortened": shortened}
     facts = [("repeat it", f"laisn compare {' '.join(sources)}")]
     values |= {"names": names, **tools}
     return pages.page_of("experiments.study", facts, values, name="compare.md.j2")

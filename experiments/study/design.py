@@ -63,18 +63,19 @@ class Factor:
             if len({repr(value) for value in values}) < len(values):
                 raise ValueError("a value stands in the list twice")
             return cls(key=key, values=tuple(values))
-        factor = cls._of_range(key, values)
+        factor = cls._from_range(key, values)
         if sampled:
             return factor
         steps = values.get("steps") if isinstance(values, dict) else None
         if not isinstance(steps, int) or isinstance(steps, bool) or not 2 <= steps <= 10_000:
             raise ValueError(f"steps must be a whole number, 2 to 10000 (given: {steps!r})")
         return replace(
-            factor, values=tuple(_tidy(factor.at(i / (steps - 1))) for i in range(steps))
+            factor,
+            values=tuple(_tidy(factor.value_at_share(i / (steps - 1))) for i in range(steps)),
         )
 
     @classmethod
-    def _of_range(cls, key: str, table: object) -> "Factor":
+    def _from_range(cls, key: str, table: object) -> "Factor":
         """The whole range of a table."""
         if not isinstance(table, dict) or not {"from", "to"} <= table.keys():
             raise ValueError(
@@ -98,7 +99,7 @@ class Factor:
             )
         return cls(key=key, low=float(low), high=float(high), log=scale == "log")
 
-    def at(self, share: float) -> Any:
+    def value_at_share(self, share: float) -> Any:
         """The value a share of the way, 0 … 1, through the list or range."""
         if self.values:
             return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
@@ -145,14 +146,15 @@ def _sampled_points(
         raise ValueError(
             f"a sobol design has a power of two points, such as {power_of_two} (given: {number})"
         )
-    # as in `_of_distribution`
+    # as in `_distribution_quantile`
     from scipy.stats import qmc
 
     random = np.random.default_rng([_POINTS_KEY, seed])
     sampler = qmc.LatinHypercube if design == "latin-hypercube" else qmc.Sobol
     shares = sampler(d=len(factors), rng=random).random(number)
     return [
-        {f.key: f.at(float(share)) for f, share in zip(factors, row, strict=True)} for row in shares
+        {f.key: f.value_at_share(float(share)) for f, share in zip(factors, row, strict=True)}
+        for row in shares
     ]
 
 
@@ -233,7 +235,7 @@ the address.
 """
 
 
-def _of_distribution(name: str, parameters: object) -> Quantile:
+def _distribution_quantile(name: str, parameters: object) -> Quantile:
     # 45 MB and a second to import, and most studies draw nothing
     from scipy import stats
 
@@ -259,20 +261,20 @@ def _of_distribution(name: str, parameters: object) -> Quantile:
     return lambda share, _: kind(law.ppf(share))
 
 
-def _of_choice(values: object) -> Quantile:
+def _choice_quantile(values: object) -> Quantile:
     if not isinstance(values, list) or not values:
         raise ValueError(f"choice expects a list of values (given: {values!r:.60})")
     return lambda share, _: values[int(share * len(values))]
 
 
-def _of_route_class(name: object) -> Quantile:
+def _route_class_quantile(name: object) -> Quantile:
     if name != "any" and name not in CLASSES:
         raise ValueError(f"route_class expects any, {', '.join(CLASSES)} (given: {name!r:.60})")
     names = tuple(CLASSES) if name == "any" else (str(name),)
     return lambda share, address: random_waypoints(names[int(share * len(names))], address)
 
 
-def _of_formation(arguments: object) -> Quantile:
+def _formation_quantile(arguments: object) -> Quantile:
     try:
         area = Scatter.model_validate(arguments)
     except ValidationError as error:
@@ -286,11 +288,11 @@ def _of_formation(arguments: object) -> Quantile:
 
 
 LAWS: Mapping[str, Callable[[object], Quantile]] = {
-    "choice": _of_choice,
-    "route_class": _of_route_class,
-    "formation": _of_formation,
+    "choice": _choice_quantile,
+    "route_class": _route_class_quantile,
+    "formation": _formation_quantile,
     **{
-        name: partial(_of_distribution, name)
+        name: partial(_distribution_quantile, name)
         for name in sorted({*_LIST_DISTRIBUTIONS, *_SCIPY_NAMES})
     },
 }

@@ -56,7 +56,7 @@ def digits(value: float) -> str:
     return text.replace("-", "−")
 
 
-def shown(interval: Interval, unit: str = "") -> str:
+def interval_text(interval: Interval, unit: str = "") -> str:
     """An estimate and its unit, with limits in brackets if the data give them; a dash for NaN."""
     text = digits(interval.value)
     if unit and not math.isnan(interval.value):
@@ -135,7 +135,7 @@ def over_runs(
     return Interval(float(values[0]), math.nan, math.nan)
 
 
-def _whole(values: Floats) -> Floats:
+def _without_nan(values: Floats) -> Floats:
     return values[~np.isnan(values)]
 
 
@@ -149,7 +149,7 @@ def _interval(
         if not realizations.size or np.isnan(realizations).any():
             return NOTHING
         return over_realizations(realizations)
-    finite_runs = [_whole(values) for values in runs]
+    finite_runs = [_without_nan(values) for values in runs]
     if not finite_runs or not all(values.size for values in finite_runs):
         return NOTHING
     return over_runs(finite_runs, shares=metric in SHARES, paired=paired)
@@ -193,7 +193,7 @@ class Results:
         """
         runs = self.by_run(condition, metric)
         if runs is not None:
-            finite_runs = [_whole(values) for values in runs]
+            finite_runs = [_without_nan(values) for values in runs]
             return np.array([values.mean() if values.size else math.nan for values in finite_runs])
         return np.array([row.get(metric) for row in self.rows.get(condition, [])], dtype=np.float64)
 
@@ -327,7 +327,7 @@ def _coded_factors(plan: StudyPlan, places: Sequence[Condition]) -> dict[str, Fl
         values[ARM] = [condition.arm for condition in places]
     if len(plan.followers) > 1:
         values[FOLLOWER] = [condition.follower for condition in places]
-    return {name: _coded(plan, name, of_places) for name, of_places in values.items()}
+    return {name: _coded(plan, name, place_values) for name, place_values in values.items()}
 
 
 def _analysis_of_variance(

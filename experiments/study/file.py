@@ -15,7 +15,7 @@ from pydantic import ConfigDict, Discriminator, Field, Tag, ValidationError
 
 from experiments.flight.library import name_of, names
 from experiments.study.design import LAWS, Design, Draw, Factor, is_rule
-from laisn.errors import LaisnError, plain, screenful, shortened
+from laisn.errors import LaisnError, printable, screenful, shortened
 from reports.intervals import FEWEST_RUNS
 from sim.scenario.file import dotted, is_model_key, key_of, plain_values, read
 from sim.scenario.section import Section
@@ -227,7 +227,7 @@ def _lines_of(error: ValidationError) -> list[str]:
     lines = []
     for detail in error.errors(include_url=False, include_context=False):
         location = tuple(name for name in detail["loc"] if name not in ("", "table", "list"))
-        key = shortened(plain(key_of(location)), 100)
+        key = shortened(printable(key_of(location)), 100)
         if detail["type"] == "extra_forbidden":
             model = _SECTIONS.get(location[:-1], StudyFile)
             hint = _meant(str(location[-1]), [*model.model_fields])
@@ -241,9 +241,8 @@ def _lines_of(error: ValidationError) -> list[str]:
                 "this one"
             )
         else:
-            lines.append(
-                f"  {key}: {detail['msg']} (given: {shortened(plain(repr(detail['input'])), 80)})"
-            )
+            given = shortened(printable(repr(detail["input"])), 80)
+            lines.append(f"  {key}: {detail['msg']} (given: {given})")
     return lines
 
 
@@ -257,12 +256,12 @@ _SECTIONS: dict[tuple[int | str, ...], type[Section]] = {
 def _with_files(settings: Mapping[str, Any], rename: Callable[[str], str]) -> dict[str, Any]:
     """Values by dotted key, those of hulls' files, alone or in a list, under another name."""
 
-    def named(value: Any) -> Any:
+    def renamed(value: Any) -> Any:
         if isinstance(value, list):
-            return [named(name) for name in value]
+            return [renamed(name) for name in value]
         return rename(value) if isinstance(value, str) and not is_mjcf(value) else value
 
-    return {key: named(value) if is_model_key(key) else value for key, value in settings.items()}
+    return {key: renamed(value) if is_model_key(key) else value for key, value in settings.items()}
 
 
 class _Setting(NamedTuple):
@@ -273,7 +272,7 @@ class _Setting(NamedTuple):
     key: str
 
     @property
-    def where(self) -> str:
+    def origin_text(self) -> str:
         return self.kind + self.group
 
 
@@ -297,13 +296,15 @@ def _overlap(first: _Setting, second: _Setting) -> str | None:
     if first.key == second.key:
         if first.kind == "[set]" and second.group:
             return None
-        return f"  {first.key}: stands in {first.where} and in {second.where}; remove one"
+        return (
+            f"  {first.key}: stands in {first.origin_text} and in {second.origin_text}; remove one"
+        )
     outer, inner = sorted((first.key, second.key), key=len)
     if not inner.startswith(f"{outer}."):
         return None
     return (
-        f"  {second.key}: {second.where} sets {second.key}, {first.where} sets {first.key}; "
-        f"{inner} is part of {outer}, which replaces it: remove one"
+        f"  {second.key}: {second.origin_text} sets {second.key}, {first.origin_text} sets "
+        f"{first.key}; {inner} is part of {outer}, which replaces it: remove one"
     )
 
 
@@ -400,7 +401,9 @@ class _FileReader:
         return str(self.folder / name)
 
 
-def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Path()) -> Study:
+def study_from_table(
+    table: Mapping[str, Any], source: str, name: str, folder: Path = Path()
+) -> Study:
     """A study from the table of a study file; StudyError has a line for each error of the file's
     own keys.
 
@@ -491,7 +494,7 @@ def _source_of(source: str, *, varies: bool) -> _Source:
     path = Path(source)
     if source in shipped() and not path.exists():
         path = next(iter(built_in(source).values()), FOLDER / f"{source}.toml")
-    quoted = shortened(plain(source), 200)
+    quoted = shortened(printable(source), 200)
     if source not in names() and not path.exists():
         available = f"available: {', '.join(shipped())}, a TOML file, or a scenario with --vary"
         raise StudyError(f"unknown study '{quoted}'; {available}")
@@ -541,7 +544,7 @@ def study_of(
                 "also --runs"
             )
         table = _replaced(table, fewer)
-    return of_table(_replaced(table, keys), origin.title, origin.name, origin.folder)
+    return study_from_table(_replaced(table, keys), origin.title, origin.name, origin.folder)
 
 
 def table_in(study: Study, folder: Path) -> dict[str, Any]:
@@ -549,7 +552,7 @@ def table_in(study: Study, folder: Path) -> dict[str, Any]:
     there.
     """
 
-    def seen(settings: Mapping[str, Any]) -> dict[str, Any]:
+    def relative_to_folder(settings: Mapping[str, Any]) -> dict[str, Any]:
         return _with_files(settings, lambda name: relpath(name, folder))
 
     hulls = {
@@ -562,8 +565,8 @@ def table_in(study: Study, folder: Path) -> dict[str, Any]:
     return {
         **study.table,
         "scenario": scenarios if isinstance(study.table["scenario"], list) else scenarios[0],
-        "set": seen(study.settings),
-        "vary": dotted(study.table.get("vary", {}), _is_range) | seen(hulls),
-        "case": [case.options | seen(case.settings) for case in study.cases.values()],
-        "arm": [arm.options | seen(arm.settings) for arm in study.arms.values()],
+        "set": relative_to_folder(study.settings),
+        "vary": dotted(study.table.get("vary", {}), _is_range) | relative_to_folder(hulls),
+        "case": [case.options | relative_to_folder(case.settings) for case in study.cases.values()],
+        "arm": [arm.options | relative_to_folder(arm.settings) for arm in study.arms.values()],
     }

@@ -16,8 +16,8 @@ from experiments.study.estimate import (
     INTERACTIONS,
     Condition,
     Results,
+    interval_text,
     main_effects,
-    shown,
     verdict_of,
 )
 from experiments.study.file import METRIC, Study
@@ -59,7 +59,7 @@ def _place_text(plan: StudyPlan, condition: Condition) -> str:
 
 
 def _cell(interval: Interval) -> TableCell:
-    return TableCell(text=shown(interval), sort=number(interval.value).sort)
+    return TableCell(text=interval_text(interval), sort=number(interval.value).sort)
 
 
 def notable(
@@ -153,9 +153,9 @@ class StudyPage:
         """
         names = ("lowest", "highest") if len(self.extremes) > 1 else ("value",)
         tiles = [
-            Tile(name=f"{name} {self.metric.label.partition(' [')[0]}", value=text, remark=where)
+            Tile(name=f"{name} {self.metric.label.partition(' [')[0]}", value=text, remark=place)
             for name, (point, text) in zip(names, self.extremes, strict=True)
-            for where in (self.place_text(point),)
+            for place in (self.place_text(point),)
         ]
         name, effect = next(iter(self.effects.items()), ("", None))
         if effect is not None and effect.low > _DECIDES and name != INTERACTIONS:
@@ -195,8 +195,8 @@ class StudyPage:
     def has_lines(self) -> bool:
         """Whether the metric is drawn over one factor."""
         report = self.study.file.report
-        asked = any((report.against, report.lines, report.panels))
-        return self.factorial and (asked or len(self.factors) < 2)
+        has_curves = any((report.against, report.lines, report.panels))
+        return self.factorial and (has_curves or len(self.factors) < 2)
 
     @property
     def map_axes(self) -> list[str]:
@@ -220,7 +220,9 @@ class StudyPage:
     def ranked(self) -> list[Condition]:
         """Places with a value, the lowest first."""
         measured = [
-            condition for condition, of in self.estimates.items() if not math.isnan(of.value)
+            condition
+            for condition, estimate in self.estimates.items()
+            if not math.isnan(estimate.value)
         ]
         return sorted(measured, key=lambda condition: self.estimates[condition].value)
 
@@ -234,7 +236,8 @@ class StudyPage:
         """The places of the lowest and the highest value, and these in words."""
         places = self.ranked if len(self.ranked) < 2 else [self.ranked[0], self.ranked[-1]]
         return [
-            (condition, shown(self.estimates[condition], self.metric.unit)) for condition in places
+            (condition, interval_text(self.estimates[condition], self.metric.unit))
+            for condition in places
         ]
 
     @cached_property
@@ -356,10 +359,10 @@ def answer(plan: StudyPlan, results: Results) -> Answer:
         heads += [f"less {plan.arms[0]}", "verdict"]
     rows = []
     for point in places:
-        row = [page.place_text(point), shown(page.estimates[point])]
+        row = [page.place_text(point), interval_text(page.estimates[point])]
         if page.several_arms:
             other = point in page.differences
-            row.append(shown(page.differences[point]) if other else "–")
+            row.append(interval_text(page.differences[point]) if other else "–")
             row.append(page.verdicts[point] if other else "")
         rows.append(tuple(row))
     left_out = len(results.rows) - len(places)

@@ -101,7 +101,7 @@ class StudyResults:
         return Results.of(self.rows, self.runs)
 
 
-def _of_runs(
+def _row_and_lists(
     entry: PlanEntry, follower: int, runs: Sequence[list[Record]]
 ) -> tuple[Record, Record]:
     """Row and lists over runs of a follower of a closed loop."""
@@ -139,9 +139,15 @@ def _of_runs(
 def _labels(plan: StudyPlan, entry: PlanEntry, follower: int) -> Record:
     draws = {draw.key: entry.settings[draw.key] for draw in plan.study.draws}
     name = entry.scenario.followers[follower].name
-    where = {"arm": entry.arm, "realization": entry.realization, "follower": name}
+    entry_labels = {"arm": entry.arm, "realization": entry.realization, "follower": name}
     point = plan.points[entry.point]
-    return {"point": entry.point, **point, **plan.study.case_at(point).labels, **where, **draws}
+    return {
+        "point": entry.point,
+        **point,
+        **plan.study.case_at(point).labels,
+        **entry_labels,
+        **draws,
+    }
 
 
 def _cells(plan: StudyPlan, entry: PlanEntry) -> list[CellPlan]:
@@ -232,7 +238,7 @@ class _EntryFlight:
         """Row, lists over runs, and errors over time of a follower."""
         if self.tasks:
             runs = [campaign_results.tasks[name] for name in self.tasks]
-            row, lists = _of_runs(self.entry, follower, runs)
+            row, lists = _row_and_lists(self.entry, follower, runs)
             return row, lists, {}
         cell = self.cells[follower]
         row, arrays = campaign_results.cell(cell)
@@ -309,7 +315,7 @@ def fly_until_narrow(
     """
     while True:
         outcomes = fly_studies(plans, folder, **options)
-        numbers = [_next_runs(of_study) for of_study in outcomes]
+        numbers = [_next_runs(study_results) for study_results in outcomes]
         if numbers == [plan.study.runs for plan in plans]:
             return outcomes
         plans = [plan.part(plan.entries, runs) for plan, runs in zip(plans, numbers, strict=True)]
@@ -347,11 +353,13 @@ def fly_further(
                 run_count = len(lists_at[*condition, entry.scenario.followers[0].name]["run"])
                 scenario = entry.scenario.model_copy(update={"run": entry.scenario.run + run_count})
                 entries[number - run_count].append(replace(entry, scenario=scenario))
-            plans = [plan.part(of_number, number) for number, of_number in entries.items()]
-            for further in fly_studies(plans, folder, **options):
-                if further.failures:
-                    raise CampaignError("; ".join(sorted(further.failures)))
-                for labels, lists in further.runs:
+            plans = [
+                plan.part(number_entries, number) for number, number_entries in entries.items()
+            ]
+            for results in fly_studies(plans, folder, **options):
+                if results.failures:
+                    raise CampaignError("; ".join(sorted(results.failures)))
+                for labels, lists in results.runs:
                     all_runs = lists_at[place_of(labels)]
                     all_runs |= {
                         column: np.append(values, lists[column])
@@ -359,7 +367,7 @@ def fly_further(
                     }
 
 
-def of_one_type(columns: dict[str, list[Any]]) -> dict[str, list[Any]]:
+def with_uniform_types(columns: dict[str, list[Any]]) -> dict[str, list[Any]]:
     """Columns of one type each: where a factor's values are of several, they stand as text."""
     for name, values in columns.items():
         kinds = {float if type(v) is int else type(v) for v in values if v is not None}
@@ -374,7 +382,7 @@ def run_tables(runs: Sequence[tuple[Record, Record]]) -> Iterator[pa.Table]:
 
     A column that some lacks has no value there.
     """
-    labels = pa.table(of_one_type(columns_of([of_rows for of_rows, _ in runs])))
+    labels = pa.table(with_uniform_types(columns_of([rows for rows, _ in runs])))
     kinds = {name: values for _, lists in reversed(runs) for name, values in lists.items()}
     names = dict.fromkeys(name for _, lists in runs for name in lists)
     is_partial = not all(isinstance(values, np.ndarray) for values in kinds.values())
@@ -389,8 +397,8 @@ def run_tables(runs: Sequence[tuple[Record, Record]]) -> Iterator[pa.Table]:
             if all(isinstance(column, np.ndarray) for column in parts):
                 values = np.concatenate(parts)
             else:
-                values = of_one_type({name: [*chain(*parts)]})[name]
+                values = with_uniform_types({name: [*chain(*parts)]})[name]
             kind = None if is_partial else pa.from_numpy_dtype(kinds[name].dtype)
             columns[name] = pa.array(values, type=kind)
-        of_rows = labels.take(np.repeat(indices, sizes[indices]))
-        yield pa.table(dict(zip(of_rows.column_names, of_rows.columns, strict=True)) | columns)
+        rows = labels.take(np.repeat(indices, sizes[indices]))
+        yield pa.table(dict(zip(rows.column_names, rows.columns, strict=True)) | columns)

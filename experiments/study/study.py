@@ -30,14 +30,14 @@ from experiments.study.run import (
     fly_further,
     fly_studies,
     fly_until_narrow,
-    of_one_type,
     run_tables,
+    with_uniform_types,
 )
 from laisn.errors import LaisnError, LaisnWarning
 from laisn.lanes import LANES
 from laisn.plugins import plugins_version
 from reports import page as pages
-from reports.findings import Finding, Findings, of, read, record
+from reports.findings import Finding, Findings, interval_finding, read_findings, record
 from reports.tables import Table
 from reports.version import code_version
 from sim.system import atomic_write
@@ -68,10 +68,10 @@ def _cost(plan: StudyPlan, workers: int) -> tuple[float, float]:
     for entry in plan.entries:
         missions.setdefault(entry.place if closed else entry.motion, []).append(entry)
     sample = [*missions.values()][: (FEW_MISSIONS + 1) * workers]
-    firsts = [of_mission[0] for of_mission in sample]
+    firsts = [mission_entries[0] for mission_entries in sample]
     with TemporaryDirectory() as folder:
 
-        def took(entries: list[PlanEntry], runs: int) -> float:
+        def flight_time(entries: list[PlanEntry], runs: int) -> float:
             begin = perf_counter()
             (outcome,) = fly_studies(
                 [plan.part(entries, runs)], Path(folder), workers=workers, quiet=True
@@ -81,26 +81,28 @@ def _cost(plan: StudyPlan, workers: int) -> tuple[float, float]:
             return perf_counter() - begin
 
         with compiling_shown():
-            took([replace(entry, scenario=entry.scenario.first_messages) for entry in firsts], 1)
+            flight_time(
+                [replace(entry, scenario=entry.scenario.first_messages) for entry in firsts], 1
+            )
         runs = -(-workers // len(sample)) if closed else 1
         flights = plan.part(firsts, runs).flights
-        each = 0.0
+        entry_time = 0.0
         time = 0.0
         mission_count = 0
         # all is stored the second time
-        mission = took(firsts, runs)
-        idle = took(firsts, runs)
+        missions_time = flight_time(firsts, runs)
+        stored_time = flight_time(firsts, runs)
         size = sum(path.stat().st_size for path in Path(folder).glob("store/*")) / flights
         for count in () if closed else _TRIAL_ENTRIES:
-            entries = [entry for of_mission in sample for entry in of_mission[:count]]
+            entries = [entry for mission_entries in sample for entry in mission_entries[:count]]
             if len(entries) > mission_count and time < _QUICK_S:
-                time = took(entries, max(2, min(plan.study.runs, LANES)))
-                each = (time - idle) / (len(entries) - mission_count)
+                time = flight_time(entries, max(2, min(plan.study.runs, LANES)))
+                entry_time = (time - stored_time) / (len(entries) - mission_count)
                 mission_count = len(entries)
     blocks = -(-plan.study.runs // LANES)
-    seconds = plan.flights * max((mission - idle) / flights - each, 0.0) + len(
+    seconds = plan.flights * max((missions_time - stored_time) / flights - entry_time, 0.0) + len(
         plan.entries
-    ) * blocks * max(each, 0.0)
+    ) * blocks * max(entry_time, 0.0)
     return seconds, plan.flights * size
 
 
@@ -141,14 +143,16 @@ def findings_of(plan: StudyPlan, results: Results) -> dict[str, Finding]:
                 *(f"{key} = {value}" for key, value in plan.points[condition.point].items()),
             ]
         )
-        findings[name] = of(results.estimate(condition, metric), meaning, METRICS[metric].unit)
+        findings[name] = interval_finding(
+            results.estimate(condition, metric), meaning, METRICS[metric].unit
+        )
         if condition in differences:
             meaning = f"paired difference: {METRICS[metric].meaning}"
-            findings[f"{name}, less {first}"] = of(
+            findings[f"{name}, less {first}"] = interval_finding(
                 differences[condition], meaning, METRICS[metric].unit
             )
     for name, share in main_effects(plan, results, metric).items():
-        findings[f"share of variance: {name}"] = of(
+        findings[f"share of variance: {name}"] = interval_finding(
             share, f"of the variance of {metric} over all points"
         )
     return findings
@@ -161,7 +165,7 @@ def _write_tables(outcomes: StudyResults, folder: Path) -> None:
         unfinished.write_text(
             tomli_w.dumps(table_in(outcomes.plan.study, folder)), encoding="utf-8"
         )
-    write_table(folder / RESULTS, of_one_type(columns_of(outcomes.rows)))
+    write_table(folder / RESULTS, with_uniform_types(columns_of(outcomes.rows)))
     write_table(folder / RUNS, run_tables(outcomes.runs))
 
 
@@ -226,7 +230,7 @@ def _require_film(film: str, package: _Package) -> None:
 
 def _require_flown(outcomes: Sequence[StudyResults], package: _Package) -> None:
     """CampaignError if something of a built-in study, or all of another, could not be flown."""
-    failures = sorted({failure for of_part in outcomes for failure in of_part.failures})
+    failures = sorted({failure for part_results in outcomes for failure in part_results.failures})
     if failures and (package.study or not outcomes[0].rows):
         raise CampaignError("; ".join(failures))
 
@@ -250,7 +254,7 @@ def _write_record(
             findings=findings_of(first.plan, first.results),
         )
     findings.write(folder / RECORD)
-    return read(folder / RECORD)
+    return read_findings(folder / RECORD)
 
 
 def run_studies(
@@ -302,8 +306,8 @@ def run_studies(
     if hasattr(package.findings, "further_runs") and not quick:
         fly_further(outcomes, package.findings.further_runs, folder, **options)
     release_workers()
-    for study_part, of_part in outcomes.items():
-        _write_tables(of_part, folder / study_part if len(outcomes) > 1 else folder)
+    for study_part, part_results in outcomes.items():
+        _write_tables(part_results, folder / study_part if len(outcomes) > 1 else folder)
     findings = _write_record(outcomes, folder, command, package)
     if package.has_page:
         remarks = [f"{title}, which {reason}" for title, reason in left_out.items()]
@@ -345,9 +349,9 @@ def _write_own_page(
     values = {"quick": quick, "found": findings, **package.figures.values(findings, outcomes)}
     for table, columns in values.pop("tables", {}).items():
         write_table(folder / f"{table}.parquet", columns)
-    runs = dict.fromkeys(f"{of_part.plan.study.runs:,}" for of_part in outcomes.values())
+    runs = dict.fromkeys(f"{part_results.plan.study.runs:,}" for part_results in outcomes.values())
     engines = dict.fromkeys(
-        engine for of_part in outcomes.values() for engine in engines_of(of_part.plan)
+        engine for part_results in outcomes.values() for engine in engines_of(part_results.plan)
     )
     facts = [
         ("runs", ", ".join(runs)),
@@ -425,7 +429,7 @@ class StudyFolder:
         """The metric of the report at every point with its interval, and the differences of arms
         (`results.json`).
         """
-        return read(self.folder / RECORD).findings
+        return read_findings(self.folder / RECORD).findings
 
     def plot(self, x: str, y: str = "e_p_mean_m") -> Any:
         """A Plotly figure of a column over a numeric factor: a line for each arm, the mean of

@@ -126,7 +126,7 @@ class DeadReckoning(OnlineNavigator[Estimates]):
             np.square([settings.start_sigma, settings.start_sigma, *biases, current, current])
         )
         self._reading = np.empty((0, 2))
-        self._kept = list[tuple[Floats, Floats]]()
+        self._advances = list[tuple[Floats, Floats]]()
         self._track = LeaderTrack()
         # the place walks with the leader's errors: it is that in the broadcast positions' frame
         slip = math.hypot(settings.slip, settings.leader_position_walk)
@@ -195,7 +195,7 @@ class DeadReckoning(OnlineNavigator[Estimates]):
             steps = np.vstack([last_reading, readings])
             self.P = propagate(self.x, self.P, steps, durations, self._noise, (states, covariances))
             if self.KEEPS_READINGS and durations.any():
-                self._kept.append((steps, durations))
+                self._advances.append((steps, durations))
             self._reading = readings[-1:]
             self._state = states[-1]
             self._covariance = covariances[-1]
@@ -264,7 +264,7 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         """Odometry since the last call by the compass as it reads: Σ s u Δt, Σ u Δt, covariance
         of the former, time.
         """
-        advances = self._kept
+        advances = self._advances
         settings = self.settings
         speed, heading = np.vstack([advances[0][0][:1], *(steps[1:] for steps, _ in advances)]).T
         durations = np.concatenate([times for _, times in advances])
@@ -287,7 +287,7 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         )
         # one after another: the same to the bit in one call of `_advance` and in many
         *displacement, xx, xy, yy, time = np.cumsum(terms, axis=0)[-1].tolist()
-        self._kept = []
+        self._advances = []
         return (
             np.array(displacement[:2]),
             np.array(displacement[2:]),

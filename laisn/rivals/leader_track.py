@@ -35,15 +35,15 @@ class LeaderTrack:
 
     def __init__(self) -> None:
         self._begin: LeaderMessage | None = None
-        self._last: LeaderMessage | None = None
+        self._last_message: LeaderMessage | None = None
         self._first_time = 0.0
         self._through_water = np.zeros(2)
 
     def receive(self, message: LeaderMessage) -> SeenCurrent | None:
         """Take a message; the current, where a window ends with it."""
         begin = self._begin
-        last = self._last
-        self._last = message
+        last = self._last_message
+        self._last_message = message
         if begin is None or last is None:
             self._begin = message
             self._first_time = message.timestamp

@@ -364,17 +364,17 @@ def _turn_growth(
     after the last call.
     """
     sine, cosine = direction
-    started = turn.sin != 0.0 or turn.cos != 0.0
+    is_turning = turn.sin != 0.0 or turn.cos != 0.0
     angle = half_turn_angle(
         sine * turn.cos - cosine * turn.sin, sine * turn.sin + cosine * turn.cos
     )
     turn.still_time += time
-    if started and angle > max(turn.angle, min_angle):
+    if is_turning and angle > max(turn.angle, min_angle):
         gained: float = angle * angle - turn.angle * turn.angle
         turn.angle = angle
         turn.still_time = 0.0
         return gained
-    if not started or turn.still_time >= _TURN_OVER_AFTER - 1e-6:
+    if not is_turning or turn.still_time >= _TURN_OVER_AFTER - 1e-6:
         turn.sin = sine
         turn.cos = cosine
         turn.angle = 0.0
@@ -410,7 +410,7 @@ def inflate_bias_covariance(b: GaussianMixture, m: Model, signal: Signal) -> Non
 
 @compiled
 def _propagate_iterated(
-    b: GaussianMixture, m: Model, k: int, signal: Signal, of_ranges: Model
+    b: GaussianMixture, m: Model, k: int, signal: Signal, range_model: Model
 ) -> bool:
     """Predict component k; where its compass bias bends the way too much, at the biases of a
     first update by the model `of_ranges`.
@@ -428,7 +428,7 @@ def _propagate_iterated(
     if 0.5 * b.covariance[k, COMPASS, COMPASS] * distance >= _MAX_WAY_BEND:
         mixture.copy_component(b, k, SPARE)
         motion.predict_component(b, m, k, log_bias, compass_bias)
-        healthy = update(b, of_ranges, k, signal) >= 0
+        healthy = update(b, range_model, k, signal) >= 0
         log_bias = x[k, LOG]
         compass_bias = x[k, COMPASS]
         mixture.copy_component(b, SPARE, k)
@@ -549,25 +549,25 @@ def _update_components(b: GaussianMixture, m: Model, signal: Signal) -> int:
 
 
 @compiled
-def _use_ranges(b: GaussianMixture, m: Model, of_ranges: Model, signal: Signal) -> int:
+def _use_ranges(b: GaussianMixture, m: Model, range_model: Model, signal: Signal) -> int:
     """Predict all components to a message, of whose ranges the model is `of_ranges`, and update,
     weigh and merge them; returns as of `receive`.
     """
     for k in range(b.n_hypotheses * m.modes):
-        if not _propagate_iterated(b, m, k, signal, of_ranges):
+        if not _propagate_iterated(b, m, k, signal, range_model):
             return -1
     if not math.isnan(signal.ranges[0] + signal.ranges[1]):
-        split(b, of_ranges, signal)
-    most_ranges = _update_components(b, of_ranges, signal)
+        split(b, range_model, signal)
+    most_ranges = _update_components(b, range_model, signal)
     if most_ranges < 0:
         return -1
     if b.n_hypotheses * m.modes > 1 and not motion.update_weights(b, m):
         return -1
-    if of_ranges.leader != ABSENT:
+    if range_model.leader != ABSENT:
         update_leader_variance(b, m)
     if b.n_hypotheses > 1:
         prune_and_merge(b, m)
-    if not _check_consistency(b, of_ranges, signal, b.received, most_ranges):
+    if not _check_consistency(b, range_model, signal, b.received, most_ranges):
         return -1
     return int(most_ranges)
 
@@ -605,22 +605,22 @@ def receive(b: GaussianMixture, m: Model, signal: Signal) -> int:
 
 
 @compiled
-def receive_beside(b: GaussianMixture, m: Model, beside: Model, signal: Signal) -> int:
+def receive_beside(b: GaussianMixture, m: Model, link_model: Model, signal: Signal) -> int:
     """Take a message of a further link, whose model is `beside`: as `receive`, but for what only
     the main link's messages show, which are a start, the current and the leader's errors.
     """
     received = 0
-    for i in range(beside.transmitters):
+    for i in range(link_model.transmitters):
         received += signal.ranges[i] == signal.ranges[i]
-    _time_pings(b, beside, signal)
+    _time_pings(b, link_model, signal)
     if received == 0 or b.n_hypotheses == 0:
         return 0
     b.received = received
     mix_modes(b, m)
     # the leader's compass has turned meanwhile
     b.leader_turn.still_time += b.motion.elapsed
-    inflate_bias_covariance(b, beside, signal)
-    most_ranges = _use_ranges(b, m, beside, signal)
+    inflate_bias_covariance(b, link_model, signal)
+    most_ranges = _use_ranges(b, m, link_model, signal)
     if most_ranges < 0:
         return -1
     motion.reset_preintegration(b)

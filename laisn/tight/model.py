@@ -101,7 +101,7 @@ def prior_sigmas(settings: TightSettings) -> dict[int, float]:
     return sigmas
 
 
-def _of_modes(values: list[float]) -> tuple[float, ...]:
+def _per_mode(values: list[float]) -> tuple[float, ...]:
     """Values of each mode, filled up to `MAX_MODES`."""
     return (*values, *[0.0] * (MAX_MODES - len(values)))
 
@@ -119,11 +119,11 @@ def _modes_of(assume: Assume) -> dict[str, Any]:
         "drift_modes": len(drifts),
         "speed_modes": len(speeds),
         # of each mode, drift · speed
-        "log_walk": _of_modes([(drift * log_walk) ** 2 for _ in speeds for drift in drifts]),
-        "compass_walk": _of_modes(
+        "log_walk": _per_mode([(drift * log_walk) ** 2 for _ in speeds for drift in drifts]),
+        "compass_walk": _per_mode(
             [(drift * compass_walk) ** 2 for _ in speeds for drift in drifts]
         ),
-        "speed_walk": _of_modes([speed**2 for speed in speeds for _ in drifts]),
+        "speed_walk": _per_mode([speed**2 for speed in speeds for _ in drifts]),
     }
 
 

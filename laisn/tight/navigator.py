@@ -318,7 +318,7 @@ class _Leg:
         self._spread = b["covariance"][0, :count, : self._n, : self._n]
         self._rows = b["rows"][0, :4, : self._n]
         self._moments = b["mixture_mean"][0], b["mixture_covariance"][0]
-        self._whole = self._motion.copy()
+        self._whole_motion = self._motion.copy()
         self.mean, self.covariance = _merged(belief, m)
         mix_modes(belief, m)
         modes = belief.weight[: int(belief.n_hypotheses) * count].reshape(-1, count).sum(axis=0)
@@ -356,7 +356,7 @@ class _Leg:
         negative.
         """
         for name in _SUMS:
-            self._motion[name] = self._whole[name] - motion[name]
+            self._motion[name] = self._whole_motion[name] - motion[name]
         transition = self._matrix()
         self._motion[:] = motion
         self._begin()
@@ -395,7 +395,7 @@ class SmoothingNavigator(TightNavigator):
         self._motions: list[ScalarRecord] = []
         self._latest: list[int] = []
         self._steps = [0] if self._belief.n_hypotheses else []
-        self._before: list[tuple[ScalarRecord, ScalarRecord]] = []
+        self._priors: list[tuple[ScalarRecord, ScalarRecord]] = []
 
     def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
         if own.receptions:
@@ -415,7 +415,7 @@ class SmoothingNavigator(TightNavigator):
         if self._records[0]["motion"]["time"][0] == 0.0:
             self._steps.append(self._step)
             if prior["n_hypotheses"][0]:
-                self._before.append((prior, self._signal.copy()))
+                self._priors.append((prior, self._signal.copy()))
         return fix
 
     def run(self, measurements: Measurements) -> TightEstimates:
@@ -423,7 +423,7 @@ class SmoothingNavigator(TightNavigator):
         filter's.
         """
         estimates = super().run(measurements)
-        if not self._before:
+        if not self._priors:
             return estimates
         legs, chain = self._chain()
         times = np.concatenate([[0.0], measurements.time])
@@ -448,7 +448,7 @@ class SmoothingNavigator(TightNavigator):
         last, covariance = _merged(self._belief, self._model)
         legs = list[_Leg]()
         # from the end: a way is linearised at the biases that stand at its end
-        for before, signal in reversed(self._before):
+        for before, signal in reversed(self._priors):
             mean = legs[0].mean if legs else last
             legs.insert(
                 0, _Leg(before, signal, self._model, (float(mean[LOG]), float(mean[COMPASS])))
@@ -709,7 +709,7 @@ class TightSwarm(NamedTuple):
         """
         beliefs = self.beliefs
         m = self.model
-        whole = record.covariance.shape[1] > 0
+        records_covariance = record.covariance.shape[1] > 0
         for i in range(beliefs.size):
             b = beliefs[i]
             estimate = estimates[i]
@@ -722,7 +722,7 @@ class TightSwarm(NamedTuple):
                 received_ranges, used_ranges, _ = outcome_of(b, m, used)
                 self.gated[i] += received_ranges > 0 and used_ranges == 0
                 _write_outputs(b, m, estimate)
-                if whole:
+                if records_covariance:
                     fix = record.fix[i, new_fix(record, i, step, 0)]
                     write_fix(b, m, self.places, used, fix)
             estimate.position[0], estimate.position[1] = position(b)

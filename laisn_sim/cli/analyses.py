@@ -2,6 +2,7 @@
 its dimensions.
 """
 
+import math
 import os
 import sys
 from collections.abc import Iterator
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from laisn.errors import COLUMNS, ROWS, LaisnError, plain, shortened
+from laisn.errors import COLUMNS, ROWS, LaisnError, printable, shortened
 from laisn_sim.cli.outputs import optional_output
 from laisn_sim.cli.studies import ScenarioArgument, SetOption, SourceArgument
 
@@ -170,8 +171,8 @@ def pitch(
         [
             f"{bearing:.0f}°",
             f"{fix.error:.3f} m",
-            "–" if form != form else f"{form:.3f} m",
-            fix.how,
+            "–" if math.isnan(form) else f"{form:.3f} m",
+            fix.kind,
         ]
         for bearing, fix, form in fixes.rows_by_bearing(geometry)
     ]
@@ -230,7 +231,7 @@ def hull(
         text = file.xml()
         for remark in remarks:
             # names in a file may be of any length
-            typer.echo(shortened(plain(f"note: {remark}"), COLUMNS * ROWS // 2), err=True)
+            typer.echo(shortened(printable(f"note: {remark}"), COLUMNS * ROWS // 2), err=True)
         if errors := hull_errors(text, "leader"):
             raise LaisnError(
                 "\n".join(

@@ -24,7 +24,7 @@ import typer
 from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
-from laisn.errors import LaisnError, LaisnWarning, plain, screenful
+from laisn.errors import LaisnError, LaisnWarning, printable, screenful
 from laisn.plugins import PluginError, plugin_errors
 
 # exit codes
@@ -44,7 +44,7 @@ def _print(lines: Iterable[str], colour: str) -> None:
 def _show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
     """Print a warning of this project; those of libraries are for developers."""
     if issubclass(category, LaisnWarning):
-        _print([f"laisn: {plain(message)}"], "yellow")
+        _print([f"laisn: {printable(message)}"], "yellow")
 
 
 def _report(error: BaseException) -> str:
@@ -85,11 +85,14 @@ def _outcome(error: BaseException) -> tuple[int, list[str]]:
             "; ".join(["interrupted", *remarks])
         ]
     if isinstance(error, LaisnError):
-        notes += ["LAISN_DEBUG=1 shows all calls"] * isinstance(error, PluginError)
+        if isinstance(error, PluginError):
+            notes.append("LAISN_DEBUG=1 shows all calls")
         return USER_ERROR, [*(str(error).splitlines() or [type(error).__name__]), *notes]
     if isinstance(error, OSError) and error.errno is not None:
         return USER_ERROR, [_system_error(error), *notes]
-    text = (f"{type(error).__name__}: {plain(error)}" if str(error) else type(error).__name__)[:200]
+    text = (f"{type(error).__name__}: {printable(error)}" if str(error) else type(error).__name__)[
+        :200
+    ]
     compiled = sys.modules.get("laisn.compiled")
     if compiled is not None and compiled.remove_if_damaged(error):
         return USER_ERROR, [
@@ -161,7 +164,7 @@ class Commands(TyperGroup):
 
 def echo(text: object) -> None:
     """Print a line of text from a file or a user without control characters."""
-    typer.echo(plain(text))
+    typer.echo(printable(text))
 
 
 _signals: list[int] = []

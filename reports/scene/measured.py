@@ -126,7 +126,7 @@ def _leader(
     return None
 
 
-def _known(vehicle: Measured) -> float:
+def _known_from(vehicle: Measured) -> float:
     """When the first estimate is there [s]."""
     time = vehicle.measured.time
     return float(time[min(vehicle.estimates.unknown, time.size - 1)])
@@ -251,7 +251,7 @@ def scene_of_measured(name: str, vehicles: Sequence[Measured]) -> Scene:
         "columns": 0,
         "beacons": beacons.tolist(),
         "used": int(np.max(np.flatnonzero(np.any(received, axis=0)), initial=0)) + 1,
-        "known": [_known(vehicle) for vehicle in vehicles],
+        "known": [_known_from(vehicle) for vehicle in vehicles],
         "words": fix_words(),
         "refusedKinds": [int(kind) for kind in REFUSED],
         "events": [],

@@ -184,7 +184,7 @@ class SceneHulls(NamedTuple):
     """Hulls of vehicles."""
 
     shapes: list[dict[str, Any]]  # of different models
-    of_vehicle: list[int]  # the index of each vehicle's
+    index_of_vehicle: list[int]  # the index of each vehicle's
     effectors: list[int]  # that move what is seen of any
 
 
@@ -192,11 +192,15 @@ def hulls_of(models: Sequence[str]) -> SceneHulls:
     """Hulls of vehicles' models."""
     names = list(dict.fromkeys(models))
     hulls = [hull(name) for name in names]
-    moving = [piece for of_hull in hulls for piece in (*of_hull["fins"], *of_hull["propellers"])]
-    used = sorted({piece["effector"] for piece in moving})
+    moving = [
+        piece
+        for hull_pieces in hulls
+        for piece in (*hull_pieces["fins"], *hull_pieces["propellers"])
+    ]
+    effectors = sorted({piece["effector"] for piece in moving})
     for piece in moving:
-        piece["column"] = used.index(piece["effector"])
-    return SceneHulls(hulls, [names.index(model) for model in models], used)
+        piece["column"] = effectors.index(piece["effector"])
+    return SceneHulls(hulls, [names.index(model) for model in models], effectors)
 
 
 def _vehicles(flight: FlightRecord, hulls: Sequence[int]) -> list[SceneVehicle]:
@@ -295,7 +299,7 @@ def fix_words() -> dict[int, str]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sent:
+class SentCounts:
     """How much of a mission a page holds already."""
 
     rows: int = 0
@@ -309,15 +313,17 @@ class SceneUpdate:
 
     packer: Packer
     refused: list[list[Any]]  # messages lost or rejected: time, kind and follower
-    sent: Sent  # with this part
+    sent: SentCounts  # with this part
 
 
-def _every(hz: float, dt: float) -> int:
+def _stride(hz: float, dt: float) -> int:
     """Points of a trajectory from one row to the next."""
     return max(1, round(1 / (hz * dt)))
 
 
-def part_of(flight: FlightRecord, hulls: SceneHulls, duration: float, sent: Sent) -> SceneUpdate:
+def part_of(
+    flight: FlightRecord, hulls: SceneHulls, duration: float, sent: SentCounts
+) -> SceneUpdate:
     """Rows and messages of a flight that a page with these does not hold, at the rates of a
     mission of a duration [s].
     """
@@ -326,8 +332,8 @@ def part_of(flight: FlightRecord, hulls: SceneHulls, duration: float, sent: Sent
     start = float(truth.time[0])
     hz = rate_of(duration, len(truth.names))
     units = FINE if len(followers) <= CROWD else COARSE
-    grid = np.arange(0, truth.time.size, _every(hz, truth.dt))
-    slow = np.arange(0, truth.time.size, _every(min(SLOW_HZ, hz), truth.dt))
+    grid = np.arange(0, truth.time.size, _stride(hz, truth.dt))
+    slow = np.arange(0, truth.time.size, _stride(min(SLOW_HZ, hz), truth.dt))
     first_row = sent.rows
     first_slow = sent.slow_rows
     packer = Packer()
@@ -362,7 +368,7 @@ def part_of(flight: FlightRecord, hulls: SceneHulls, duration: float, sent: Sent
     return SceneUpdate(
         packer=packer,
         refused=refused,
-        sent=Sent(rows=grid.size, slow_rows=slow.size, messages=messages),
+        sent=SentCounts(rows=grid.size, slow_rows=slow.size, messages=messages),
     )
 
 
@@ -400,15 +406,15 @@ def meta_of(
     hz = rate_of(duration, len(truth.names))
     return {
         "name": flight.scenario.name,
-        "hz": 1 / (truth.dt * _every(hz, truth.dt)),
-        "slow_hz": 1 / (truth.dt * _every(min(SLOW_HZ, hz), truth.dt)),
+        "hz": 1 / (truth.dt * _stride(hz, truth.dt)),
+        "slow_hz": 1 / (truth.dt * _stride(min(SLOW_HZ, hz), truth.dt)),
         "start": float(truth.time[0]),
         "end": float(truth.time[-1]),
         "truth": True,
         "floor": -floor_of(SeaSettings.of(flight.scenario)).deepest,
         "seabed": seabed.layout if (seabed := seabed_of(flight)) else None,
         "hues": hues(),
-        "vehicles": [vars(vehicle) for vehicle in _vehicles(flight, hulls.of_vehicle)],
+        "vehicles": [vars(vehicle) for vehicle in _vehicles(flight, hulls.index_of_vehicle)],
         "models": hulls.shapes,
         "columns": len(hulls.effectors) if truth.thrust.shape[2] else 0,
         "beacons": [],
@@ -445,7 +451,7 @@ def scene_of(
     time = flight.trajectory.time
     duration = float(time[-1] - time[0])
     hulls = hulls_of(MissionPlan.of(flight.scenario).models)
-    update = part_of(flight, hulls, duration, Sent())
+    update = part_of(flight, hulls, duration, SentCounts())
     meta = meta_of(flight, hulls, duration, update) | events_of(flight, events, mirror_locked)
     waves = flight.scenario.ocean.waves.kind != "none"
     return Scene(meta=meta, data=update.packer.text(), waves=waves)

@@ -9,7 +9,7 @@ from typing import Any
 from laisn.arrays import Bools
 from reports.scene.mission import (
     Scene,
-    Sent,
+    SentCounts,
     events_of,
     hulls_of,
     known_from,
@@ -34,17 +34,17 @@ class SceneStream:
     def __init__(self, plan: MissionPlan) -> None:
         self._duration = plan.duration_s
         self._hulls = hulls_of(plan.models)
-        self._sent = Sent()
+        self._sent = SentCounts()
 
     def beginning(self, flight: FlightRecord) -> Scene:
         """The scene until now."""
-        update = part_of(flight, self._hulls, self._duration, Sent())
+        update = part_of(flight, self._hulls, self._duration, SentCounts())
         self._sent = update.sent
         meta = meta_of(flight, self._hulls, self._duration, update)
         meta["planned"] = meta["start"] + self._duration
         return Scene(meta=meta, data=update.packer.text())
 
-    def further(self, flight: FlightRecord) -> str:
+    def next_part(self, flight: FlightRecord) -> str:
         """What was added since."""
         update = part_of(flight, self._hulls, self._duration, self._sent)
         self._sent = update.sent
@@ -61,6 +61,6 @@ class SceneStream:
 
 def ending(flight: FlightRecord, events: Sequence[Event], mirror_locked: Sequence[Bools]) -> str:
     """What is known at the end alone: events, mirror locks, and how the mission ended."""
-    told = events_of(flight, events, mirror_locked)
-    del told["opening"]
-    return text_of({"over": flight.outcome.value, **told})
+    ending_events = events_of(flight, events, mirror_locked)
+    del ending_events["opening"]
+    return text_of({"over": flight.outcome.value, **ending_events})

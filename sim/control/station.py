@@ -203,7 +203,7 @@ def turned_since(trail: Records, count: int, arc: float) -> float:
 
 
 @compiled
-def at(trail: Records, count: int, arc: float) -> Place:
+def place_at(trail: Records, count: int, arc: float) -> Place:
     """The trail at a length of the way [m]; before the first point and after the last it is
     straight.
     """
@@ -250,7 +250,8 @@ def at(trail: Records, count: int, arc: float) -> Place:
 
 
 SPACING = 1.0  # planned points follow each other in a trail after this time [s]
-_HALF_TURN = 0.5 * SHARPEST_CUT / TURN_RATE  # a turn begins at most so long before its waypoint [s]
+# a turn begins at most so long before its waypoint [s]
+_HALF_TURN_TIME = 0.5 * SHARPEST_CUT / TURN_RATE
 # a leader farther off its plan than this has left it after the last waypoint that was received [m]
 _OFF_PLAN = 5.0
 
@@ -261,7 +262,7 @@ class LeaderPlan(NamedTuple):
     track: Records  # of REFERENCE, of which place and course are read, shape (n,)
     # until when a message sent at each step gives the track, shape (n,), [s]; of no length: none
     # does
-    until: Floats
+    known_until: Floats
 
 
 NO_PLAN = LeaderPlan(records(REFERENCE, 0), np.zeros(0))
@@ -279,10 +280,10 @@ def plan_of(track: Records, times: Floats, waypoints: int, dt: float) -> LeaderP
     if waypoints == 0:
         return NO_PLAN
     last = np.searchsorted(times, dt * np.arange(len(track)), side="right") + waypoints - 1
-    until = np.append(times[:-1] - _HALF_TURN, np.inf)[np.minimum(last, times.size - 1)]
+    known_until = np.append(times[:-1] - _HALF_TURN_TIME, np.inf)[np.minimum(last, times.size - 1)]
     # the start is known, but no message has been sent yet
-    until[0] = -np.inf
-    return LeaderPlan(np.ascontiguousarray(track), until)
+    known_until[0] = -np.inf
+    return LeaderPlan(np.ascontiguousarray(track), known_until)
 
 
 @compiled
@@ -303,8 +304,10 @@ def extend_as_planned(
     """
     k, dt = clock
     last, points = received
-    is_due = plan.until.size > 0 and k % round(SPACING / dt) == 0 and k * dt - last > 0.5 * SPACING
-    if not is_due or k * dt > plan.until[round(last / dt)]:
+    is_due = (
+        plan.known_until.size > 0 and k % round(SPACING / dt) == 0 and k * dt - last > 0.5 * SPACING
+    )
+    if not is_due or k * dt > plan.known_until[round(last / dt)]:
         return
     # of a leader that stands still, planned points take the place of the one that was received
     head = points - 1
@@ -341,13 +344,13 @@ def correct_planned(
         last -= 1
     if last < received:
         return
-    planned_east, planned_north, _, _, _ = at(trail, total, arc_at(trail, total, time))
+    planned_east, planned_north, _, _, _ = place_at(trail, total, arc_at(trail, total, time))
     off_east, off_north = east - planned_east, north - planned_north
     if np.hypot(off_east, off_north) > _OFF_PLAN:
         off_east = off_north = 0.0
     for i in range(received, last + 1):
-        when = trail[i].time
-        share = (when - begin) / (time - begin)
+        point_time = trail[i].time
+        share = (point_time - begin) / (time - begin)
         motion = trail[i].water_speed, trail[i].heading
         # a point is written where it was read, or before
         extend(
@@ -355,7 +358,7 @@ def correct_planned(
             count,
             trail[i].east + share * off_east,
             trail[i].north + share * off_north,
-            when,
+            point_time,
             motion,
         )
 
@@ -421,11 +424,11 @@ def _inner_room(trail: tuple[Records, int], arc: float, speed: float, radius: fl
     points, count = trail
     chord = _CHORD * radius
     first = arc - 0.5 * _CHORDS * chord
-    _, _, east, north, _ = at(points, count, first)
+    _, _, east, north, _ = place_at(points, count, first)
     course = np.arctan2(east, north)
     bend = 0.0
     for i in range(1, _CHORDS + 1):
-        _, _, east, north, _ = at(points, count, first + i * chord)
+        _, _, east, north, _ = place_at(points, count, first + i * chord)
         last_course = course
         course = np.arctan2(east, north)
         bend = max(bend, abs(wrap_angle(course - last_course)) / chord)
@@ -451,10 +454,10 @@ def turn_frame(
         max_rate = min(max_rate, _SIDEWAYS * across / width)
     for i in range(round((span[1] - span[0]) / dt)):
         arc = arc_at(points, count, span[0] + (i + 1) * dt) - station.behind
-        _, _, east, north, water_speed = at(points, count, arc)
+        _, _, east, north, water_speed = place_at(points, count, arc)
         ahead = clip(station.behind, 0.0, f.frame_lookahead)
         if ahead > 0.0:
-            _, _, east, north, _ = at(points, count, arc + ahead)
+            _, _, east, north, _ = place_at(points, count, arc + ahead)
         heading_error = wrap_angle(np.arctan2(east, north) - state.heading)
         rate = heading_error / f.frame_time_constant
         if rate * station.port > 0.0:
@@ -481,7 +484,7 @@ def station_at(
     port = station.port
     over_ground = points[count - 1].pace
     arc = arc_at(points, count, time) - station.behind
-    east, north, ahead_east, ahead_north, _ = at(points, count, arc)
+    east, north, ahead_east, ahead_north, _ = place_at(points, count, arc)
     sine = np.sin(state.heading)
     cosine = np.cos(state.heading)
     rate = state.rate
@@ -496,17 +499,19 @@ def station_at(
 
 
 @compiled
-def _planned_course(plan: LeaderPlan, trail: tuple[Records, int], arc: float, sent: float) -> float:
+def _planned_course(
+    plan: LeaderPlan, trail: tuple[Records, int], arc: float, sent_time: float
+) -> float:
     """Course of the leader at a length of its way beyond its trail [m], by the plan in the message
     sent at a time [s]; NaN: that does not give it [rad].
     """
     points, count = trail
     head = points[count - 1]
-    if plan.until.size == 0 or arc <= head.arc:
+    if plan.known_until.size == 0 or arc <= head.arc:
         return np.nan
     time = head.time + (arc - head.arc) / max(head.pace, 0.1)
     k = round(time / CONTROL_STEP_S)
-    if k >= plan.until.size or time > plan.until[round(sent / CONTROL_STEP_S)]:
+    if k >= plan.known_until.size or time > plan.known_until[round(sent_time / CONTROL_STEP_S)]:
         return np.nan
     return float(plan.track[k].course)
 
@@ -529,7 +534,7 @@ def _through_water(
     points, count = trail
     over_ground = points[count - 1].pace
     later_arc = arc + preview * over_ground
-    _, _, ahead_east, ahead_north, _ = at(points, count, later_arc)
+    _, _, ahead_east, ahead_north, _ = place_at(points, count, later_arc)
     if station.radius > 0.0:
         course = _planned_course(foreseen[0], trail, later_arc, foreseen[1])
         if course == course:

@@ -29,7 +29,7 @@ _MESSAGES = (
 )
 
 
-class Written(NamedTuple):
+class WrittenMessage(NamedTuple):
     """A message as it was recorded."""
 
     topic: str
@@ -49,26 +49,26 @@ def _number(path: Path) -> tuple[int, str]:
     return int(digits[1]) if digits else 0, path.name
 
 
-def _of_mcap(path: Path, topics: Collection[str]) -> Iterator[Written]:
+def _messages_of_mcap(path: Path, topics: Collection[str]) -> Iterator[WrittenMessage]:
     with path.open("rb") as stream:
         reader = make_reader(stream)
         for _, channel, message in reader.iter_messages(topics, log_time_order=False):
-            yield Written(channel.topic, message.log_time)
+            yield WrittenMessage(channel.topic, message.log_time)
 
 
-def _of_database(path: Path, topics: Collection[str]) -> Iterator[Written]:
+def _messages_of_database(path: Path, topics: Collection[str]) -> Iterator[WrittenMessage]:
     connection = sqlite3.connect(f"{path.resolve().as_uri()}?immutable=1", uri=True)
     try:
         for topic, time_ns in connection.execute(_MESSAGES):
             if topic in topics:
-                yield Written(topic, time_ns)
+                yield WrittenMessage(topic, time_ns)
     finally:
         connection.close()
 
 
-def _of_ros1(reader: "Reader", topics: Collection[str]) -> Iterator[Written]:
+def _messages_of_ros1(reader: "Reader", topics: Collection[str]) -> Iterator[WrittenMessage]:
     entries = [
-        ((entry.chunk_pos, entry.offset), Written(connection.topic, entry.time))
+        ((entry.chunk_pos, entry.offset), WrittenMessage(connection.topic, entry.time))
         for connection in reader.connections
         if connection.topic in topics
         for entry in reader.indexes[connection.id]
@@ -77,19 +77,19 @@ def _of_ros1(reader: "Reader", topics: Collection[str]) -> Iterator[Written]:
         yield written
 
 
-def written_order(path: Path, readers: Any, topics: Collection[str]) -> list[Written]:
+def written_order(path: Path, readers: Any, topics: Collection[str]) -> list[WrittenMessage]:
     """Messages of topics in the order in which they were written, which readers of rosbags give
     sorted by time; none where that cannot be told, as of compressed files.
     """
     if path.suffix == ".bag":
-        return [written for reader in readers for written in _of_ros1(reader, topics)]
-    written = list[Written]()
-    for suffix, read in ((".mcap", _of_mcap), (".db3", _of_database)):
+        return [messages for reader in readers for messages in _messages_of_ros1(reader, topics)]
+    messages = list[WrittenMessage]()
+    for suffix, read in ((".mcap", _messages_of_mcap), (".db3", _messages_of_database)):
         files = [path] if path.is_file() else sorted(path.glob(f"*{suffix}"), key=_number)
         for file in files:
             if file.suffix == suffix:
-                written += read(file, topics)
-    return written
+                messages += read(file, topics)
+    return messages
 
 
 class _Place(NamedTuple):
@@ -106,21 +106,21 @@ class RecorderClock:
         remarks: what was corrected.
     """
 
-    def __init__(self, order: list[Written]) -> None:
+    def __init__(self, order: list[WrittenMessage]) -> None:
         self.remarks: list[str] = []
-        self._places = defaultdict[Written, deque[_Place]](deque)
+        self._places = defaultdict[WrittenMessage, deque[_Place]](deque)
         self._count = 0
         if order:
             self._correct(order)
 
-    def _correct(self, order: list[Written]) -> None:
+    def _correct(self, order: list[WrittenMessage]) -> None:
         positions_by_topic = defaultdict[str, list[int]](list)
-        for position, written in enumerate(order):
-            positions_by_topic[written.topic].append(position)
+        for position, message in enumerate(order):
+            positions_by_topic[message.topic].append(position)
         # the topic with the most messages tells best when a step was
         reference = max(positions_by_topic, key=lambda topic: len(positions_by_topic[topic]))
         positions = np.array(positions_by_topic[reference])
-        times = np.array([written.time_ns for written in order], dtype=np.int64)
+        times = np.array([message.time_ns for message in order], dtype=np.int64)
         interval = _interval(times[positions])
         steps = steps_back(times[positions], interval)
         if not steps:
@@ -145,12 +145,12 @@ class RecorderClock:
                 f"the recorder's clock steps back by {shift / 1e9:.6g} s after message {step} of "
                 f"{reference}; later messages are shifted by as much"
             )
-        for position, written in enumerate(order):
-            self._places[written].append(_Place(position, int(shifted[position])))
+        for position, message in enumerate(order):
+            self._places[message].append(_Place(position, int(shifted[position])))
 
     def place(self, topic: str, time_ns: int) -> _Place:
         """Of the next message of a topic with a time of recording, as readers give them."""
-        places = self._places.get(Written(topic, time_ns))
+        places = self._places.get(WrittenMessage(topic, time_ns))
         if places:
             return places.popleft()
         self._count += 1

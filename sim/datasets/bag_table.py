@@ -41,18 +41,18 @@ class _Mapped:
     entries: Mapping[str, FieldEntry]
     series: Mapping[str, Series]  # of fields with a topic
 
-    def at(self, field: str, time_ns: Ints) -> Floats:
+    def values_at(self, field: str, time_ns: Ints) -> Floats:
         """Values of a field at times, shape (n,); NaN where there is none."""
         entry = self.entries[field]
         if entry.value is not None:
             return np.full(time_ns.size, entry.value)
         series = self.series[field]
         if entry.hold:
-            return _held(series, time_ns)
+            return _last_value(series, time_ns)
         return _interpolated(series, time_ns, is_angle=quantity_of(field) is ANGLE)
 
 
-def _held(series: Series, time_ns: Ints) -> Floats:
+def _last_value(series: Series, time_ns: Ints) -> Floats:
     """The last value at or before each time."""
     index = np.searchsorted(series.time_ns, time_ns, side="right") - 1
     values = np.full(time_ns.size, np.nan)
@@ -69,7 +69,7 @@ def _leader_times(series_of: _Mapped, heard_ns: Ints) -> Floats:
     if series is None or not series_of.entries["leader_east"].hold:
         return heard_ns.astype(np.float64)
     times = Series(time_ns=series.time_ns, values=series.time_ns.astype(np.float64))
-    return _held(times, heard_ns)
+    return _last_value(times, heard_ns)
 
 
 def _interpolated(series: Series, time_ns: Ints, *, is_angle: bool) -> Floats:
@@ -129,10 +129,10 @@ def _read(path: Path, field_map: FieldMap) -> tuple[_Mapped, list[str]]:
         if entry.topic is not None and entry.field is not None:
             where = tuple(sorted(entry.where.items()))
             requests[field] = Request(entry.topic, entry.field, where)
-    read = series_of(path, [*dict.fromkeys(requests.values())], field_map.settings.stamps)
-    numbers = {field: read.series[request] for field, request in requests.items()}
+    contents = series_of(path, [*dict.fromkeys(requests.values())], field_map.settings.stamps)
+    numbers = {field: contents.series[request] for field, request in requests.items()}
     origin, remarks = _origin(field_map, numbers)
-    remarks = [*read.remarks, *remarks]
+    remarks = [*contents.remarks, *remarks]
     series = dict[str, Series]()
     for field, raw in numbers.items():
         entry = field_map.entries[field]
@@ -261,7 +261,7 @@ def read_bag_table(path: Path, field_map: FieldMap) -> VehicleTable:
     require_complete(field_map)
     series_of, remarks = _read(path, field_map)
     steps_ns, steps = _step_times(series_of, field_map.settings.steps)
-    own_motion = {field: series_of.at(field, steps_ns) for field in OWN_MOTION.fields}
+    own_motion = {field: series_of.values_at(field, steps_ns) for field in OWN_MOTION.fields}
     range_fields = [field for field in field_map.entries if field.startswith("range_")]
     heard_ns, ranges = _receptions(series_of, range_fields, field_map.settings.ping_window_s)
     others = [
@@ -269,7 +269,7 @@ def read_bag_table(path: Path, field_map: FieldMap) -> VehicleTable:
         for field in field_map.entries
         if field not in (*OWN_MOTION.fields, *range_fields, "time")
     ]
-    received = {field: series_of.at(field, heard_ns) for field in others}
+    received = {field: series_of.values_at(field, heard_ns) for field in others}
     received |= {field: ranges[:, i] for i, field in enumerate(range_fields)}
     received.setdefault(TIMESTAMP, _leader_times(series_of, heard_ns) / 1e9)
     is_complete = np.all([np.isfinite(values) for values in own_motion.values()], axis=0)

@@ -22,7 +22,7 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
 
 from laisn.arrays import Floats
-from laisn.errors import LaisnError, plain, screenful, shortened
+from laisn.errors import LaisnError, printable, screenful, shortened
 from sim.attitude import FLATTENING, SEMI_MAJOR_AXIS
 from sim.datasets.range_data import text_of
 from sim.datasets.table_columns import ANGLE, FIELDS, NEEDED, quantity_of
@@ -192,14 +192,16 @@ class FieldMap:
 def _lines(error: ValidationError) -> list[str]:
     lines = []
     for detail in error.errors(include_url=False, include_context=False):
-        key = shortened(plain(".".join(map(str, detail["loc"]))), 100)
+        key = shortened(printable(".".join(map(str, detail["loc"]))), 100)
         if detail["type"] == "extra_forbidden":
             model = FieldEntry if len(detail["loc"]) > 1 else _Map
             keys = ", ".join(model.model_fields)
             lines.append(f"  {key}: unknown key; known here: {keys}")
             continue
         message = str(detail["msg"]).removeprefix("Value error, ")
-        lines.append(f"  {key}: {message} (given: {shortened(plain(repr(detail['input'])), 80)})")
+        lines.append(
+            f"  {key}: {message} (given: {shortened(printable(repr(detail['input'])), 80)})"
+        )
     return lines
 
 
@@ -240,18 +242,18 @@ def map_of(table: Mapping[str, Any], path: Path) -> FieldMap:
     return FieldMap(path=path, settings=settings, entries=entries)
 
 
-def missing_fields(fields: Iterable[str], further: Sequence[str] = ()) -> tuple[str, ...]:
+def missing_fields(fields: Iterable[str], required: Sequence[str] = ()) -> tuple[str, ...]:
     """What the navigator needs of a recording beside these fields; `further` is needed, too."""
     present = set(fields)
-    missing = [name for name in (*further, *NEEDED) if name not in present]
+    missing = [name for name in (*required, *NEEDED) if name not in present]
     if not any(name.startswith("range_") for name in present):
         missing.append("range_rear")
     return tuple(missing)
 
 
-def require_complete(field_map: FieldMap, further: Sequence[str] = ()) -> None:
+def require_complete(field_map: FieldMap, required: Sequence[str] = ()) -> None:
     """LaisnError naming the fields that a map lacks."""
-    if missing := missing_fields(field_map.entries, further):
+    if missing := missing_fields(field_map.entries, required):
         raise LaisnError(
             f"{field_map.path}: lacks {', '.join(missing)}; add a table of this name with column, "
             "or topic and field, or with a value"
@@ -276,7 +278,8 @@ class Proposal:
     def text(self) -> str:
         """The map as TOML, with notes."""
         lines = [
-            f"# Map of {plain(self.source)}, proposed from names and types: check it, and edit it.",
+            f"# Map of {printable(self.source)}, proposed from names and types: check it, and "
+            "edit it.",
             "# Tables have the names of the log's fields; docs/ros.md lists them and all keys.",
             "",
         ]
@@ -296,7 +299,7 @@ class Proposal:
                 "",
             ]
         if self.unused:
-            lines += ["# Not used:", *(f"#   {plain(name)}" for name in self.unused), ""]
+            lines += ["# Not used:", *(f"#   {printable(name)}" for name in self.unused), ""]
         return "\n".join(lines)
 
 

@@ -139,18 +139,18 @@ def _channels(data: RangeData) -> Iterator[LogChannel]:
     if data.moving:
         # the other robot's track, as it would broadcast it
         transmitters[row, slot, :2] = data.range_track[:, :2]
-        of_moving = np.isin(data.range_beacon, [data.beacons.index(name) for name in data.moving])
-        message[row[of_moving], 1:5] = data.range_track[of_moving]
+        is_moving = np.isin(data.range_beacon, [data.beacons.index(name) for name in data.moving])
+        message[row[is_moving], 1:5] = data.range_track[is_moving]
     transmitters[row, slot, 2] = 0.0
     arrays = {"message": message, "ranges": ranges, "transmitters": transmitters}
     yield numeric(f"/{VEHICLE}", PLACED_RECEPTION, _nanoseconds(time), arrays)
 
-    at, *coordinates = data.truth[np.argsort(data.truth[:, 0], kind="stable")].T
-    turn = np.tile([1.0, 0.0, 0.0, 0.0], (at.size, 1))
+    truth_time, *coordinates = data.truth[np.argsort(data.truth[:, 0], kind="stable")].T
+    turn = np.tile([1.0, 0.0, 0.0, 0.0], (truth_time.size, 1))
     yield poses(
         f"/{VEHICLE}/pose",
-        _nanoseconds(at),
-        np.column_stack([*coordinates, np.zeros(at.size)]),
+        _nanoseconds(truth_time),
+        np.column_stack([*coordinates, np.zeros(truth_time.size)]),
         turn,
     )
 

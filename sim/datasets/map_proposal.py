@@ -126,14 +126,14 @@ def _words(name: str) -> list[str]:
 
 def _unit_of(text: str) -> str:
     """The unit that a text stands for; "" for none."""
-    plain = text.strip().lower().replace(" ", "")
+    normalized = text.strip().lower().replace(" ", "")
     for unit, words in _UNIT_WORDS.items():
-        if plain == unit.lower() or plain in words:
+        if normalized == unit.lower() or normalized in words:
             return unit
-    return {"°": "deg", "m_s": "m/s", "m·s-1": "m/s", "m*s-1": "m/s"}.get(plain, "")
+    return {"°": "deg", "m_s": "m/s", "m·s-1": "m/s", "m*s-1": "m/s"}.get(normalized, "")
 
 
-class _Named(NamedTuple):
+class _NameWithUnit(NamedTuple):
     """A name without its unit."""
 
     bare: str
@@ -141,18 +141,18 @@ class _Named(NamedTuple):
     note: str  # on brackets that hold no known unit
 
 
-def _without_unit(name: str) -> _Named:
+def _without_unit(name: str) -> _NameWithUnit:
     """A name and its unit, in brackets or at its end."""
     bracketed = re.fullmatch(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*", name)
     if bracketed is not None:
         unit = _unit_of(bracketed[2])
         note = "" if unit else f"what unit is {bracketed[2]!r}?"
-        return _Named(bracketed[1], unit, note)
+        return _NameWithUnit(bracketed[1], unit, note)
     for ending in (r"(.+)[_ ]([cm]?m_s)", r"(.+)[_ ]([A-Za-z]+)"):
         suffixed = re.fullmatch(ending, name)
         if suffixed is not None and _unit_of(suffixed[2]):
-            return _Named(suffixed[1], _unit_of(suffixed[2]), "")
-    return _Named(name, "", "")
+            return _NameWithUnit(suffixed[1], _unit_of(suffixed[2]), "")
+    return _NameWithUnit(name, "", "")
 
 
 def _slot_of(words: Sequence[str]) -> tuple[str, str]:
@@ -184,7 +184,7 @@ def _range_match(words: Sequence[str], unit: str) -> Match | None:
     return Match(f"range_{slot}", unit, note)
 
 
-def match(name: str, *, of_leader: bool = False) -> Match | None:
+def match(name: str, *, in_leader_topic: bool = False) -> Match | None:
     """What a name stands for; None if for nothing. `of_leader`: the name is within a topic of the
     leader's.
     """
@@ -192,7 +192,7 @@ def match(name: str, *, of_leader: bool = False) -> Match | None:
     words = _words(bare)
     if not words:
         return None
-    leader = of_leader or bool(_LEADER & set(words))
+    leader = in_leader_topic or bool(_LEADER & set(words))
     matched = _range_match(words, unit) or _quantity_match(words, unit, leader=leader)
     if matched is None or not note:
         return matched
@@ -215,8 +215,8 @@ def _quantity_match(words: Sequence[str], unit: str, *, leader: bool) -> Match |
         slot = ""
     if slot:
         note = note or f"is {slot_word!r} the {slot} transmitter?"
-        of_place = quantity in ("east", "north", "depth")
-        return Match(f"{slot}_{quantity}", unit, note) if of_place else None
+        is_place = quantity in ("east", "north", "depth")
+        return Match(f"{slot}_{quantity}", unit, note) if is_place else None
     field = f"leader_{quantity}" if leader and quantity else _own_field(quantity, other_words[-1])
     return Match(field, unit, note) if field else None
 
@@ -354,7 +354,7 @@ def _ranges(topic: BagTopic, entry: dict[str, Any]) -> Iterator[_Candidate]:
     yield _Candidate(f"range_{slot or 'rear'}", 0 if slot else 2, entry, note)
 
 
-def _named(topic: BagTopic) -> Iterator[_Candidate]:
+def _candidates_by_name(topic: BagTopic) -> Iterator[_Candidate]:
     """What fields of a topic of another type hold, by their names and that of the topic."""
     leader = bool(_LEADER & set(_words(topic.name)))
     has_several_fields = sum(match(field) is not None for field in topic.fields) > 2
@@ -364,7 +364,7 @@ def _named(topic: BagTopic) -> Iterator[_Candidate]:
             continue
         # a message with many fields names them; one with a number alone is named by its topic
         name = field if words[-1:] != ["data"] else topic.name.rpartition("/")[2]
-        matched = match(name.rpartition(".")[2], of_leader=leader)
+        matched = match(name.rpartition(".")[2], in_leader_topic=leader)
         if matched is None or matched.field == "time":
             continue
         entry: dict[str, Any] = {"topic": topic.name, "field": field}
@@ -387,7 +387,7 @@ def _fields_of(topic: BagTopic) -> Iterator[_Candidate]:
     if set(RECEPTION.fields) <= set(topic.fields):
         return _own_type(topic)
     is_typed = topic.type_name in _FIELDS_BY_TYPE or topic.type_name in _POSES
-    return _typed(topic) if is_typed else _named(topic)
+    return _typed(topic) if is_typed else _candidates_by_name(topic)
 
 
 def _candidates(topics: Sequence[BagTopic]) -> Iterator[_Candidate]:
@@ -442,20 +442,22 @@ def _position(topic: BagTopic, letter: str, factor: float) -> dict[str, Any]:
     return entry if factor == 1.0 else entry | {"factor": factor}
 
 
-def _of_vehicle(topics: Sequence[BagTopic], vehicle: str | None) -> list[BagTopic]:
+def _topics_of_vehicle(topics: Sequence[BagTopic], vehicle: str | None) -> list[BagTopic]:
     """Topics of a vehicle and of the leader; LaisnError if the bag has none of this vehicle."""
     if vehicle is None:
         return [*topics]
     prefix = f"/{vehicle.strip('/')}/"
-    of_vehicle = [topic for topic in topics if topic.name.startswith(prefix)]
-    if not of_vehicle:
+    vehicle_topics = [topic for topic in topics if topic.name.startswith(prefix)]
+    if not vehicle_topics:
         spaces = sorted({topic.name.split("/")[1] for topic in topics if topic.name.count("/") > 1})
         raise LaisnError(
             f"--vehicle {vehicle}: the bag has no topic {prefix}…; it has those of "
             f"{', '.join(spaces) or 'no vehicle'}"
         )
-    return of_vehicle + [
-        topic for topic in topics if topic not in of_vehicle and _LEADER & set(_words(topic.name))
+    return vehicle_topics + [
+        topic
+        for topic in topics
+        if topic not in vehicle_topics and _LEADER & set(_words(topic.name))
     ]
 
 
@@ -474,7 +476,7 @@ def propose_for_bag(path: Path, vehicle: str | None = None) -> Proposal:
 
     LaisnError if the bag cannot be read, or has no topics of the vehicle.
     """
-    topics = _of_vehicle(topics_of(path), vehicle)
+    topics = _topics_of_vehicle(topics_of(path), vehicle)
     by_field: dict[str, list[_Candidate]] = {}
     for candidate in _candidates(topics):
         by_field.setdefault(candidate.field, []).append(candidate)
@@ -492,12 +494,12 @@ def propose_for_bag(path: Path, vehicle: str | None = None) -> Proposal:
         note = " ".join(filter(None, [candidates[0].note, _doubtful(field, candidates)]))
         if note:
             notes[field] = note
-    used = {entry["topic"] for entry in entries.values()}
+    used_topics = {entry["topic"] for entry in entries.values()}
     return Proposal(
         source=str(path),
         settings={},
         entries=entries,
         notes=notes,
         missing=missing_fields(entries),
-        unused=tuple(f"{t.name} ({t.type_name})" for t in topics if t.name not in used),
+        unused=tuple(f"{t.name} ({t.type_name})" for t in topics if t.name not in used_topics),
     )

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from laisn.arrays import Bools, Floats
-from laisn.errors import LaisnError, plain, shortened
+from laisn.errors import LaisnError, printable, shortened
 from sim.datasets.field_map import (
     LATITUDE,
     LONGITUDE,
@@ -47,7 +47,7 @@ def _positions(path: Path, field_map: FieldMap, headers: Sequence[str]) -> dict[
     for column, field in field_by_column.items():
         if names.count(column) != 1:
             problem = "twice" if column in names else "not"
-            headers_text = shortened(plain(", ".join(names)), 500)
+            headers_text = shortened(printable(", ".join(names)), 500)
             raise LaisnError(
                 f"{field_map.path}: {field}: column {column!r} is {problem} in {path}; its "
                 f"columns: {headers_text}"

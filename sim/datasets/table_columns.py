@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.errors import LaisnError, plain, shortened
+from laisn.errors import LaisnError, printable, shortened
 from sim.datasets.range_data import LARGEST, numbers, text_of
 from sim.log.clock import TIMESTAMP
 from sim.log.schema import OWN_MOTION, PLACES, RECEPTION
@@ -132,7 +132,7 @@ def cells_of(path: Path) -> tuple[list[str], list[list[str]]]:
     try:
         (headers,) = csv.reader(lines[:1], delimiter=delimiter, strict=True)
     except csv.Error as error:
-        start = shortened(plain(lines[0]), 2 * _MAX_CHARACTERS)
+        start = shortened(printable(lines[0]), 2 * _MAX_CHARACTERS)
         raise LaisnError(
             f"{path}: the header {start!r} cannot be read: {error}; is a quote not closed?"
         ) from None
@@ -159,7 +159,7 @@ def _require_columns(path: Path, fields: Mapping[str, int], headers: Sequence[st
     if not any(field.startswith("range_") for field in fields):
         missing.append("range_rear")
     if missing:
-        names = shortened(plain(", ".join(headers)), 500)
+        names = shortened(printable(", ".join(headers)), 500)
         raise LaisnError(
             f"{path}: lacks columns {', '.join(missing)}; its columns: {names}; a map tells which "
             f"holds what: laisn log import {path} --propose map.toml"

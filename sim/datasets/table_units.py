@@ -440,12 +440,12 @@ def _alternatives(columns: Columns, reading: Reading) -> list[_Alternative]:
         bare = _bare(columns, quantity)
         if not bare:
             continue
-        taken = quantity.units[reading[quantity.name]]
+        unit_size = quantity.units[reading[quantity.name]]
         sizes = {size: unit for unit, size in reversed(list(quantity.units.items()))}
         units = [
             unit
             for size, unit in sizes.items()
-            if abs(math.log(size / taken)) > math.log(_MIN_FACTOR)
+            if abs(math.log(size / unit_size)) > math.log(_MIN_FACTOR)
         ]
         groups = [bare]
         if len(bare) > 1 and quantity is not LENGTH:
@@ -472,9 +472,9 @@ def _require_fit(columns: Columns, reading: Reading) -> None:
     """
     taken_time = columns.time.unit or reading[TIME.name]
     usual = _usual_units(columns.time.values, list(TIME.units))
-    taken = _trial(columns, reading)
+    assumed = _trial(columns, reading)
     unusual = not columns.time.unit and taken_time not in usual
-    if _fits_all(taken) and math.isfinite(WAY_AT_SPEED.error(taken)) and not unusual:
+    if _fits_all(assumed) and math.isfinite(WAY_AT_SPEED.error(assumed)) and not unusual:
         return
     doubts = list[_Doubt]()
     for other in _alternatives(columns, reading):
@@ -484,12 +484,12 @@ def _require_fit(columns: Columns, reading: Reading) -> None:
             evidence.words
             for evidence in other.evidence
             if evidence.fits(trial)
-            and (evidence.prefers(trial, taken) or (unusual and not same_time))
+            and (evidence.prefers(trial, assumed) or (unusual and not same_time))
         ]
         if words and (same_time or _fits_all(trial)):
             doubts.append(_Doubt(other, words[0], _fits_all(trial)))
     if doubts:
-        doubt = max(doubts, key=lambda one: one.fits_all)
+        doubt = max(doubts, key=lambda alternative: alternative.fits_all)
         raise LaisnError(_refusal(columns, reading, doubt.other, doubt.words))
 
 
@@ -498,14 +498,14 @@ def _refusal(columns: Columns, reading: Reading, other: _Alternative, words: str
     headers = ", ".join(column.header.strip() for column in other.columns)
     unit = reading[other.columns[0].quantity.name]
     first = other.columns[0].header.strip()
-    taken = unit
+    units = unit
     instead = other.unit
     if not columns.time.unit and other.time_unit != reading[TIME.name]:
         time = columns.time.header.strip()
-        taken = f"{unit} and {time} in {reading[TIME.name]}"
+        units = f"{unit} and {time} in {reading[TIME.name]}"
         instead = f"{other.unit} and {time} in {other.time_unit}"
     return (
-        f"{columns.path}: {headers} without a unit would be in {taken}, but in {instead} they fit "
+        f"{columns.path}: {headers} without a unit would be in {units}, but in {instead} they fit "
         f"{words}; name the header '{first} [{other.unit}]' or '{first} [{unit}]'"
     )
 

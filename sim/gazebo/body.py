@@ -68,7 +68,7 @@ def hull_of(model: SdfModel, water: FileWater, remarks: Remarks) -> SdfHull:
                 pose = frame @ local_pose(collision)
                 if solid is None:
                     has_mesh = True
-                    remarks.of("link", name, _unread_shape(collision))
+                    remarks.add_for_part("link", name, _unread_shape(collision))
                     # Gazebo takes the pose of a mesh for the centre of its volume
                     centres.append(pose[:3, 3])
                     volumes.append(0.0)
@@ -161,7 +161,9 @@ def _moments(squares: Floats) -> Floats:
 def _share(name: str, link: Element, frame: Floats, remarks: Remarks) -> Share:
     inertial = link.find("inertial")
     if inertial is None:
-        remarks.of("link", name, "no <inertial>, thus as in Gazebo 1 kg and moments of 1 kg m²")
+        remarks.add_for_part(
+            "link", name, "no <inertial>, thus as in Gazebo 1 kg and moments of 1 kg m²"
+        )
         return Share(1.0, frame[:3, 3], np.eye(3), np.zeros((6, 6)), frame)
     if is_true(inertial.get("auto")):
         mass, centre, inertia = _automatic(name, link, inertial, frame, remarks)
@@ -175,7 +177,7 @@ def _share(name: str, link: Element, frame: Floats, remarks: Remarks) -> Share:
     if mass < 0.0:
         raise LaisnError(f"<mass> of link {name!r} must not be negative (given: {mass:g})")
     if child_text(link, "gravity").lower() in ("0", "false"):
-        remarks.of("link", name, "<gravity> is off in Gazebo; its weight is counted here")
+        remarks.add_for_part("link", name, "<gravity> is off in Gazebo; its weight is counted here")
     added = inertial.find("fluid_added_mass")
     return Share(mass, centre, inertia, _fluid_added_mass(added), frame)
 
@@ -183,7 +185,7 @@ def _share(name: str, link: Element, frame: Floats, remarks: Remarks) -> Share:
 def _tensor(name: str, inertial: Element, remarks: Remarks) -> Floats:
     inertia = inertial.find("inertia")
     if inertia is None or inertia.find("ixx") is None:
-        remarks.of("link", name, "no <ixx> …, thus as in Gazebo moments of 1 kg m²")
+        remarks.add_for_part("link", name, "no <ixx> …, thus as in Gazebo moments of 1 kg m²")
     if inertia is None:
         return np.eye(3)
     xx, yy, zz = (child_number(inertia, tag, 1.0) for tag in ("ixx", "iyy", "izz"))
@@ -202,7 +204,9 @@ def _automatic(
     for collision in link.findall("collision"):
         solid = solid_of(collision)
         if solid is None:
-            remarks.of("link", name, "<inertial auto> leaves out a collision that is not read")
+            remarks.add_for_part(
+                "link", name, "<inertial auto> leaves out a collision that is not read"
+            )
             continue
         pose = frame @ local_pose(collision)
         masses.append(child_number(collision, "density", default) * solid.volume)

@@ -44,11 +44,11 @@ def water_of(root: Element, model: SdfModel, remarks: Remarks) -> FileWater:
     for world in root.findall("world"):
         gravity = world.find("gravity")
         if gravity is not None:
-            down = float(-numbers(gravity.text, 3, "<gravity>")[2])
-            if abs(down - GRAVITY) > abs(EARTH - GRAVITY) + 1e-6:
-                remarks.add(f"<gravity> of {down:g} m/s² is not used: {GRAVITY:g} m/s²")
+            acceleration = float(-numbers(gravity.text, 3, "<gravity>")[2])
+            if abs(acceleration - GRAVITY) > abs(EARTH - GRAVITY) + 1e-6:
+                remarks.add(f"<gravity> of {acceleration:g} m/s² is not used: {GRAVITY:g} m/s²")
         for plugin in plugins_of(world, "Buoyancy"):
-            return _of_plugin(plugin, remarks)
+            return _water_of_plugin(plugin, remarks)
     for scope in model.all_models():
         for plugin in plugins_of(scope.element, "Hydrodynamics"):
             for tag in ("water_density", "waterDensity"):
@@ -62,7 +62,7 @@ def water_of(root: Element, model: SdfModel, remarks: Remarks) -> FileWater:
     return FileWater(DEFAULT_DENSITY, "default of Gazebo's Buoyancy")
 
 
-def _of_plugin(plugin: Element, remarks: Remarks) -> FileWater:
+def _water_of_plugin(plugin: Element, remarks: Remarks) -> FileWater:
     parameters = Parameters(plugin, "Buoyancy", remarks, repeated=("enable",))
     density = DEFAULT_DENSITY
     source = "Buoyancy, default"

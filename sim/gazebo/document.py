@@ -140,7 +140,7 @@ class Remarks:
         """Add a sentence, once."""
         self._sentences.setdefault(text, [])
 
-    def of(self, kind: str, name: str, text: str) -> None:
+    def add_for_part(self, kind: str, name: str, text: str) -> None:
         """Add what holds for a part of a kind; parts with the same text share a sentence."""
         names = self._sentences.setdefault(f"{kind} {{}}: {text}", [])
         if name not in names:
@@ -182,7 +182,7 @@ class Parameters:
         self.kind = kind
         self._remarks = remarks
         self._children: dict[str, Element] = {}
-        self._used: set[str] = set()
+        self._used_names: set[str] = set()
         counts = Counter(child.tag for child in element)
         for child in element:
             if child.tag in self._children:
@@ -202,7 +202,7 @@ class Parameters:
 
     def text(self, name: str) -> str:
         """Text without blanks around it; empty: there is no such element."""
-        self._used.add(name)
+        self._used_names.add(name)
         child = self._children.get(name)
         return "" if child is None else (child.text or "").strip()
 
@@ -228,12 +228,12 @@ class Parameters:
     def set_aside(self, names: Iterable[str], reason: str) -> None:
         """Remark on elements that are known to have no effect here, with the reason."""
         present = [name for name in names if name in self._children]
-        self._used.update(present)
+        self._used_names.update(present)
         self._remarks.unused(self.kind, present, reason)
 
     def close(self) -> None:
         """Remark on each element that was not asked for."""
-        left = [name for name in self._children if name not in self._used]
+        left = [name for name in self._children if name not in self._used_names]
         self._remarks.unused(self.kind, left)
 
 

@@ -49,14 +49,14 @@ def fins_of(model: SdfModel, density: float, nose: Floats, remarks: Remarks) -> 
     for scope in model.all_models():
         for plugin in plugins_of(scope.element, "LiftDrag"):
             parameters = Parameters(plugin, "LiftDrag", remarks)
-            fin = _read(scope, parameters, density, nose, remarks)
+            fin = _read_fin(scope, parameters, density, nose, remarks)
             parameters.close()
             if fin is not None:
                 fins.append(fin)
     return fins
 
 
-def _read(
+def _read_fin(
     scope: SdfModel, parameters: Parameters, density: float, nose: Floats, remarks: Remarks
 ) -> GazeboFin | None:
     name = parameters.text("link_name")
@@ -80,12 +80,12 @@ def _read(
     elif not np.linalg.norm(across) > 0.9:
         reason = "<upward> is along the hull"
     if reason:
-        remarks.of("LiftDrag of", name, f"left out, {reason}")
+        remarks.add_for_part("LiftDrag of", name, f"left out, {reason}")
         parameters.set_aside(list(parameters), "the fin is left out")
         return None
     is_reversible = parameters.flag("reversible")
     if ahead < 0.0 and not is_reversible:
-        remarks.of(
+        remarks.add_for_part(
             "LiftDrag of",
             name,
             "<forward> points astern, with which Gazebo has no lift ahead; taken as pointing ahead",
@@ -110,13 +110,15 @@ def _read(
 
 def _remark_on_unmodelled(name: str, parameters: Parameters, remarks: Remarks) -> None:
     if joint := parameters.text("control_joint_name"):
-        remarks.of(
+        remarks.add_for_part(
             "LiftDrag of",
             name,
             f"lift by the angle of joint {joint!r} (control_joint_name) is not modelled",
         )
     if parameters.flag("radial_symmetry"):
-        remarks.of("LiftDrag of", name, "radial_symmetry is not used, it lifts along <upward>")
+        remarks.add_for_part(
+            "LiftDrag of", name, "radial_symmetry is not used, it lifts along <upward>"
+        )
     parameters.set_aside(["control_joint_rad_to_cl"], "lift by another joint is not modelled")
     parameters.set_aside(
         ["cma", "cma_stall", "cm_delta"], "the moment about the centre of pressure is not modelled"
@@ -129,7 +131,7 @@ def _fluid_share(name: str, parameters: Parameters, density: float, remarks: Rem
     share = fluid / density
     if not 0.9 < share < 1.1:
         text = "air_density is" if "air_density" in parameters else "no air_density, thus"
-        remarks.of(
+        remarks.add_for_part(
             "LiftDrag of",
             name,
             f"{text} {fluid:g} kg/m³ as in Gazebo; forces are {share:.3g} of those in water of "
@@ -159,7 +161,7 @@ def _hinge(
                 continue
             rise = float(np.cross(scope.joint_axis(name), nose) @ upward)
             if abs(rise) < 0.9:
-                remarks.of(
+                remarks.add_for_part(
                     "fin",
                     link,
                     f"joint {name!r} does not turn it about its span; taken as if it did",
@@ -176,7 +178,9 @@ def _limits(model: SdfModel, name: str, remarks: Remarks) -> tuple[float, float]
         tags = [child.tag for child in limit if child.tag not in ("lower", "upper")]
         remarks.unused("joints of fins", tags, "the lag of fins is assumed instead")
     if low < -LARGEST_ANGLE or high > LARGEST_ANGLE:
-        remarks.of("joint", name, f"no limit of the fin's angle; ±{ASSUMED_ANGLE:g} rad is assumed")
+        remarks.add_for_part(
+            "joint", name, f"no limit of the fin's angle; ±{ASSUMED_ANGLE:g} rad is assumed"
+        )
         low = -ASSUMED_ANGLE if low < -LARGEST_ANGLE else low
         high = ASSUMED_ANGLE if high > LARGEST_ANGLE else high
     if not low < high:

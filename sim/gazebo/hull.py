@@ -29,7 +29,7 @@ from sim.vehicle.hull_file import EffectorPart, HullFile, Number
 from sim.water.waves import GRAVITY
 
 HYDRODYNAMICS = ("Hydrodynamics", hydrodynamics.TETHYS)
-READ = (*HYDRODYNAMICS, "Thruster", "LiftDrag")
+READ_PLUGINS = (*HYDRODYNAMICS, "Thruster", "LiftDrag")
 # Gazebo's thrusters and joints have controllers and no lag of their own [s]
 LAG = {"thruster": 0.2, "fin": 0.1}
 SLENDER = 2.0  # length over width from which a hull's longest axis is taken for its own
@@ -73,7 +73,9 @@ def from_sdf(text: str, folder: Path | None = None) -> tuple[HullFile, list[str]
     includes.put_in_place(root, folder, remarks)
     model = _chosen_model(root, remarks)
     for uri in _included(model.element):
-        remarks.of("<include> of", uri, f"not on this machine, so that it is missing; {EXPANDS}")
+        remarks.add_for_part(
+            "<include> of", uri, f"not on this machine, so that it is missing; {EXPANDS}"
+        )
     water = buoyancy.water_of(root, model, remarks)
     hull = body.hull_of(model, water, remarks)
     coefficients, coriolis = hydrodynamics.coefficients_of(model, hull, remarks)
@@ -253,11 +255,13 @@ def _remark_on_rest(
             if child_text(joint, "parent") == "world":
                 raise LaisnError(f"joint {name!r} fixes the model to the world")
             if kind != "fixed" and name not in propellers and child not in moving:
-                remarks.of("joint", name, f"{kind}, held where it is, as all links are one body")
+                remarks.add_for_part(
+                    "joint", name, f"{kind}, held where it is, as all links are one body"
+                )
         sensors += sum(len(link.findall("sensor")) for link in scope.links.values())
         for plugin in scope.element.findall("plugin"):
             kind = plugin_kind(plugin)
-            if kind not in READ:
+            if kind not in READ_PLUGINS:
                 others.append(kind.rpartition("::")[2] or plugin.get("filename", "?"))
             if kind == "BuoyancyEngine":
                 remarks.add("BuoyancyEngine is not read: its volume is left out of the buoyancy")
@@ -282,7 +286,7 @@ def _remark_on_loose_links(model: SdfModel, remarks: Remarks) -> None:
     loose = [name for scope, name in links if (id(scope), name) not in joined]
     if len(links) > 1 and loose:
         for name in loose:
-            remarks.of("link", name, "no joint holds it; fixed to the hull here")
+            remarks.add_for_part("link", name, "no joint holds it; fixed to the hull here")
 
 
 def _buoyancy(hull: body.SdfHull, water: buoyancy.FileWater, remarks: Remarks) -> tuple[float, str]:
@@ -364,7 +368,9 @@ def _thruster_parts(
         if axis[0] <= -0.9:
             axis = -axis
             limits = (-limits[1], -limits[0])
-            remarks.of("thruster", pusher.joint, "positive thrust is ahead here, astern in Gazebo")
+            remarks.add_for_part(
+                "thruster", pusher.joint, "positive thrust is ahead here, astern in Gazebo"
+            )
         parts.append(
             EffectorPart(
                 name=_name(pusher.joint),

@@ -63,9 +63,9 @@ def coefficients_of(
         plugins = [(plugin, False) for plugin in plugins_of(scope.element, "Hydrodynamics")]
         plugins += [(plugin, True) for plugin in plugins_of(scope.element, TETHYS)]
         for plugin, is_tethys in plugins:
-            read, has_coriolis = _read_plugin(scope, plugin, is_tethys, remarks)
-            by_link.append(read)
-            if read.added_mass.any():
+            coefficients, has_coriolis = _read_plugin(scope, plugin, is_tethys, remarks)
+            by_link.append(coefficients)
+            if coefficients.added_mass.any():
                 disabled.append(not has_coriolis)
     if has_fluid and disabled:
         remarks.add(
@@ -183,16 +183,16 @@ def _quadratic(parameters: Parameters, is_tethys: bool, remarks: Remarks) -> Flo
     mixed = []
     for i, j, k in np.ndindex(damping.shape):
         tag = f"{FORCES[i]}{RATES[j]}abs{RATES[k]}"
-        plain = f"{FORCES[i]}{RATES[j]}{RATES[k]}"
+        unsigned = f"{FORCES[i]}{RATES[j]}{RATES[k]}"
         value = parameters.number(tag, 0.0)
-        plain_value = parameters.number(plain, 0.0)
+        plain_value = parameters.number(unsigned, 0.0)
         if j != k:
-            mixed += [name for name, number in ((plain, plain_value), (tag, value)) if number]
+            mixed += [name for name, number in ((unsigned, plain_value), (tag, value)) if number]
             continue
         if i == j and value + plain_value > 0.0:
-            _refuse_driving(tag if value > 0.0 else plain, value + plain_value)
+            _refuse_driving(tag if value > 0.0 else unsigned, value + plain_value)
         if plain_value and not is_tethys:
-            signed.append(plain)
+            signed.append(unsigned)
         damping[i, j, k] = -value - plain_value
     if signed:
         tags = ", ".join(f"<{tag}>" for tag in signed)

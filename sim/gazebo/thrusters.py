@@ -30,13 +30,13 @@ class GazeboThruster:
 def thrusters_of(model: SdfModel, remarks: Remarks) -> list[GazeboThruster]:
     """All thrusters of a model and of those nested in it; LaisnError if a joint is missing."""
     return [
-        _read(scope, Parameters(plugin, "Thruster", remarks), remarks)
+        _read_thruster(scope, Parameters(plugin, "Thruster", remarks), remarks)
         for scope in model.all_models()
         for plugin in plugins_of(scope.element, "Thruster")
     ]
 
 
-def _read(scope: SdfModel, parameters: Parameters, remarks: Remarks) -> GazeboThruster:
+def _read_thruster(scope: SdfModel, parameters: Parameters, remarks: Remarks) -> GazeboThruster:
     name = parameters.text("joint_name")
     joint = scope.joints.get(name)
     target = None if joint is None else scope.find_link(child_text(joint, "child"))
@@ -46,7 +46,7 @@ def _read(scope: SdfModel, parameters: Parameters, remarks: Remarks) -> GazeboTh
     lowest, largest = _limits(name, parameters, remarks)
     band = parameters.number("deadband", 0.0)
     if band:
-        remarks.of(
+        remarks.add_for_part(
             "thruster",
             name,
             f"a deadband of {band:g} N, below which Gazebo gives no thrust, is not modelled",
@@ -72,7 +72,7 @@ def _limits(
     has_low = "min_thrust_cmd" in parameters
     has_high = "max_thrust_cmd" in parameters
     if high < low:
-        remarks.of(
+        remarks.add_for_part(
             "thruster",
             name,
             "max_thrust_cmd is below min_thrust_cmd; as in Gazebo, neither is used",
@@ -84,7 +84,7 @@ def _limits(
     coefficient = parameters.number("thrust_coefficient", 1.0)
     scale = parameters.number("fluid_density", 1000.0) * coefficient
     scale *= parameters.number("propeller_diameter", 0.02) ** 4
-    remarks.of(
+    remarks.add_for_part(
         "thruster",
         name,
         f"commanded in Gazebo by its rate of rotation, {scale:.4g} N per (rad/s)², here by its "
@@ -111,7 +111,7 @@ def with_limits(
             lowest = -largest if largest > 0.0 else -default
             assumed.append(f"min_thrust_cmd {lowest:.3g} N")
         if assumed:
-            remarks.of(
+            remarks.add_for_part(
                 "thruster",
                 thruster.joint,
                 f"no limit in the file, assumed {' and '.join(assumed)} (Gazebo: "

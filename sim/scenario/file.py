@@ -17,7 +17,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import to_json
 
 import models
-from laisn.errors import ROWS, LaisnError, LaisnWarning, plain, screenful, shortened
+from laisn.errors import ROWS, LaisnError, LaisnWarning, printable, screenful, shortened
 from sim.scenario.section import PATTERNS, Because
 from sim.scenario.settings import KEYS_ALONE, Scenario
 from sim.scenario.vehicles import is_mjcf
@@ -126,7 +126,7 @@ def _expected(error: Mapping[str, Any]) -> str:
         return f"expected a list of tables: write [[{names}]] with two brackets"
     if kind == "missing" and not isinstance(error["loc"][-1], int):
         return _missing(error["loc"], field)
-    if kind in _OF_FORMS and form and isinstance(error["loc"][-1], int):
+    if kind in _FORM_ERRORS and form and isinstance(error["loc"][-1], int):
         return f"expected {form[0]}"
     if kind == "model_type":
         return f"expected a table; its keys: {', '.join(_keys(error['loc']))}"
@@ -135,7 +135,7 @@ def _expected(error: Mapping[str, Any]) -> str:
     return message
 
 
-_OF_FORMS = ("missing", "too_long", "tuple_type", "list_type")
+_FORM_ERRORS = ("missing", "too_long", "tuple_type", "list_type")
 """Errors of a value in a list whose description begins with its form."""
 
 
@@ -169,7 +169,7 @@ def _expected_text(error: Mapping[str, Any]) -> str:
 
 
 def _line(error: Mapping[str, Any]) -> str:
-    key = shortened(plain(key_of(error["loc"])), 100)
+    key = shortened(printable(key_of(error["loc"])), 100)
     if error["type"] == "extra_forbidden":
         return f"{key}: unknown key; {_hint(error['loc'])}"
     message = _expected(error)
@@ -177,7 +177,7 @@ def _line(error: Mapping[str, Any]) -> str:
     if isinstance(value, dict | BaseModel) or error["type"] == "missing":
         return f"{key}: {message}"
     text = shortened(repr(value) if not isinstance(value, list | str) else repr(value[:80]), 80)
-    return f"{key}: {message} (given: {plain(text)}){_reason(error)}"
+    return f"{key}: {message} (given: {printable(text)}){_reason(error)}"
 
 
 def lines_of(error: ValidationError, where: Callable[[Location], str] = lambda _: "") -> list[str]:
@@ -310,7 +310,7 @@ def _require_bounded(table: object) -> None:
         else:
             problem = ""
         if problem:
-            key = f"{shortened(plain(key_of(location)), 100)}: " if location else ""
+            key = f"{shortened(printable(key_of(location)), 100)}: " if location else ""
             raise ScenarioError(f"{key}{problem}")
 
 
@@ -396,7 +396,7 @@ def _with_new_names(table: dict[str, Any]) -> dict[str, Any]:
             renamed = new.rpartition(".")[2]
             renamed_table = {renamed if k == name else k: value for k, value in target.items()}
             table = plain_values(table)
-            _put(table, ".".join(path), renamed_table)
+            _set_value(table, ".".join(path), renamed_table)
             _note_renamed(old)
     return table
 
@@ -461,7 +461,7 @@ def _toml(text: str) -> dict[str, Any]:
         if number is not None and "\n" in text and not isinstance(error, tomllib.TOMLDecodeError):
             reason += f" (at line {text.count(chr(10), 0, number.start()) + 1})"
         reason += _decimal_hint(text, reason)
-        raise ScenarioError(f"not valid TOML: {shortened(plain(reason), 300)}") from error
+        raise ScenarioError(f"not valid TOML: {shortened(printable(reason), 300)}") from error
 
 
 def _decimal_hint(text: str, reason: str) -> str:
@@ -511,7 +511,7 @@ def _parts_of(key: str) -> list[int | str]:
     return [int(name) if _INDEX.fullmatch(name) else name for name in key.split(".")]
 
 
-def _put(table: dict[str, Any], key: str, value: object) -> None:
+def _set_value(table: dict[str, Any], key: str, value: object) -> None:
     """Put a value at a dotted key; ScenarioError if the key leads through something that is no
     table or list.
     """
@@ -522,7 +522,7 @@ def _put(table: dict[str, Any], key: str, value: object) -> None:
         if isinstance(target, dict):
             target.setdefault(index, {})
         elif not (isinstance(target, list) and isinstance(index, int) and index < len(target)):
-            text = f"{shortened(plain(key), 100)} is no key of this scenario"
+            text = f"{shortened(printable(key), 100)} is no key of this scenario"
             raise ScenarioError(f"{text}{_list_hint(target, parts, n)}")
         if n == len(parts) - 1:
             target[index] = value
@@ -561,10 +561,10 @@ def dotted(
     return values
 
 
-def _each(table: Mapping[str, Any], key: str) -> list[str]:
+def _expanded_keys(table: Mapping[str, Any], key: str) -> list[str]:
     """A dotted key with each number in place of "*", of a list that is there."""
-    table_key, every, rest = key.partition(".*.")
-    if not every:
+    table_key, separator, rest = key.partition(".*.")
+    if not separator:
         return [key]
     target: Any = table
     for name in _parts_of(table_key):
@@ -573,9 +573,11 @@ def _each(table: Mapping[str, Any], key: str) -> list[str]:
         else:
             target = target.get(str(name)) if isinstance(target, Mapping) else None
     if not isinstance(target, list):
-        raise ScenarioError(f"{shortened(plain(key), 100)}: the scenario has no list {table_key}")
-    numbered = (f"{table_key}.{i}.{rest}" for i in range(len(target)))
-    return [expanded for number in numbered for expanded in _each(table, number)]
+        raise ScenarioError(
+            f"{shortened(printable(key), 100)}: the scenario has no list {table_key}"
+        )
+    numbered_keys = (f"{table_key}.{i}.{rest}" for i in range(len(target)))
+    return [expanded for number in numbered_keys for expanded in _expanded_keys(table, number)]
 
 
 def assigned(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -584,8 +586,8 @@ def assigned(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str,
     """
     result: dict[str, Any] = _with_new_names(plain_values(table))
     for name, value in settings.items():
-        for key in _each(result, _new_name(str(name).strip())):
-            _put(result, key, plain_values(value))
+        for key in _expanded_keys(result, _new_name(str(name).strip())):
+            _set_value(result, key, plain_values(value))
     return result
 
 
@@ -597,12 +599,12 @@ def values_of(assignments: Iterable[str], option: str = "--set") -> dict[str, An
     for text in assignments:
         key, equals, value = text.partition("=")
         if not equals or not key.strip():
-            quoted = shortened(plain(text), 200)
+            quoted = shortened(printable(text), 200)
             raise ScenarioError(
                 f"{option} {quoted}: expected key=value, such as sensors.speed_bias_m_s=0.1"
             )
         try:
             values[key.strip()] = value_of(value.strip())
         except ScenarioError as error:
-            raise ScenarioError(f"{option} {shortened(plain(key), 100)}: {error}") from None
+            raise ScenarioError(f"{option} {shortened(printable(key), 100)}: {error}") from None
     return values

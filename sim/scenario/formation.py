@@ -240,10 +240,10 @@ def station_inconsistencies(
     problems = list[str]()
     expected = f"at least {MIN_SEPARATION_M:g} m"
     for name, a in stations:
-        if (near := math.hypot(a.behind_m, a.port_m)) < MIN_SEPARATION_M:
+        if (leader_distance := math.hypot(a.behind_m, a.port_m)) < MIN_SEPARATION_M:
             problems.append(
-                f"{name}.station is {near:.3g} m from the leader's place; stations are {expected} "
-                "from it"
+                f"{name}.station is {leader_distance:.3g} m from the leader's place; stations are "
+                f"{expected} from it"
             )
     for (other, b), (name, a) in combinations(stations, 2):
         distance = math.hypot(a.behind_m - b.behind_m, a.port_m - b.port_m)

@@ -48,13 +48,13 @@ _TYPICAL_SOUND_M_S = 1500.0
 Kind = TypeVar("Kind")
 
 
-def _made(kind: type[Kind], values: Mapping[str, Any]) -> Kind:
+def _settings_from(kind: type[Kind], values: Mapping[str, Any]) -> Kind:
     """A dataclass of those values that are fields of it, or of a dataclass in it."""
     arguments = {}
     for field in fields(kind):  # type: ignore[arg-type]
         inner: Any = field.default_factory
         if is_dataclass(inner):
-            arguments[field.name] = _made(cast("type[Any]", inner), values)
+            arguments[field.name] = _settings_from(cast("type[Any]", inner), values)
         elif field.name in values:
             arguments[field.name] = values[field.name]
     return kind(**arguments)
@@ -199,7 +199,7 @@ class Navigation(FurtherKeys):
         if self.variant not in VARIANTS:
             # a navigator of one's own without settings of its own is no variant of LAISN
             values.pop("variant", None)
-        return _made(spec.settings, values)
+        return _settings_from(spec.settings, values)
 
     def _custom_settings(
         self, kind: type[Settings], names: set[str], defaults: Mapping[str, Any]

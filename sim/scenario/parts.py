@@ -134,12 +134,12 @@ class LinkSettings:
     def of(cls, scenario: Scenario) -> Self:
         """The links of a scenario."""
         followers = scenario.followers
-        of_leader = scenario.leader.navigation
+        leader_navigation = scenario.leader.navigation
         by_leader: tuple[str, ...] = ()
         main_of_leader = ""
-        if of_leader is not None:
-            by_leader = (of_leader.link, *of_leader.further_links)
-            main_of_leader = of_leader.link if of_leader.link != LEADER_LINK else ""
+        if leader_navigation is not None:
+            by_leader = (leader_navigation.link, *leader_navigation.further_links)
+            main_of_leader = leader_navigation.link if leader_navigation.link != LEADER_LINK else ""
         return cls(
             vehicles=("leader", *(follower.name for follower in followers)),
             tables=scenario.links,
@@ -221,14 +221,16 @@ class SensingSettings:
     def of(cls, scenario: Scenario) -> Self:
         """The sensing of a scenario."""
         navigation = scenario.navigation
-        of_leader = scenario.leader.navigation
+        leader_navigation = scenario.leader.navigation
         vehicles = (scenario.leader, *scenario.followers)
         return cls(
             seed=scenario.seed,
             run=scenario.run,
             sensors=scenario.sensors,
             needed_sensor=_needed_sensor(navigation.variant),
-            needed_by_leader="" if of_leader is None else _needed_sensor(of_leader.variant),
+            needed_by_leader=""
+            if leader_navigation is None
+            else _needed_sensor(leader_navigation.variant),
             of_vehicles=tuple(vehicle.sensors for vehicle in vehicles),
             broadcast_attitude=scenario.leader.broadcast_attitude,
             sound=SoundSettings.of(scenario),
@@ -273,12 +275,12 @@ class SensingSettings:
 
     def sensors_of_leader(self) -> Sensors:
         """`[sensors]` with the errors of the leader's own sensors in place of a follower's."""
-        of_leader = _errors_set_by(self.of_vehicles[0])
+        leader_errors = _errors_set_by(self.of_vehicles[0])
         values: dict[str, Any] = {"speed_drift_m_s": 0.0, "heading_drift_deg": 0.0, "custom": ()}
         for name in VehicleSensors.model_fields:
             broadcast = f"{LEADER_PREFIX}{name}"
-            if name in of_leader:
-                values[name] = of_leader[name]
+            if name in leader_errors:
+                values[name] = leader_errors[name]
             elif broadcast in Sensors.model_fields:
                 values[name] = getattr(self.sensors, broadcast)
         return self.sensors.model_copy(update=values)

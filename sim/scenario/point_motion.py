@@ -166,9 +166,9 @@ def _leg(route: Route, k: int, planner: _Planner, cut: float) -> tuple[float, fl
         # on an arc of that radius, what it saves is a distance
         speed = find(straight - planner.least_radius * saved * TURN_RATE, left, planner.speed)
     if not SPEED_MIN <= speed <= SPEED_MAX * (1 + 1e-9):
-        asked = f"{max(straight, 0.0) / left:.3g} m/s on average" if left > 0 else "more time"
+        requirement = f"{max(straight, 0.0) / left:.3g} m/s on average" if left > 0 else "more time"
         raise LaisnError(
-            f"{where}: {asked} required after {planner.speed:.3g} m/s; out of reach with "
+            f"{where}: {requirement} required after {planner.speed:.3g} m/s; out of reach with "
             f"{ACCELERATION:.3g} m/s² and speeds from {SPEED_MIN} to {SPEED_MAX:.3g} m/s"
         )
     ramp = abs(speed - planner.speed) / ACCELERATION
@@ -286,7 +286,7 @@ CLASSES: dict[str, RouteClass] = {
 }
 
 
-def _about(
+def _place_around(
     leader: PlannedMotion, i: int, rng: np.random.Generator, route_class: RouteClass
 ) -> tuple[float, float]:
     """A point near the leader as it is at instant i: east and north [m]."""
@@ -333,7 +333,7 @@ def random_route(
     """
     time = np.arange(0.0, duration + _CHECK_INTERVAL, _CHECK_INTERVAL)
     moving = plan(library_route("L")).at(time)
-    start = (0.0, *_about(moving, 0, rng, route_class))
+    start = (0.0, *_place_around(moving, 0, rng, route_class))
     points = [start]
     failed = 0
     for _ in range(_TRIES):
@@ -345,7 +345,7 @@ def random_route(
         )
         candidate = (
             arrival,
-            *_about(moving, int(np.searchsorted(time, arrival - 1e-9)), rng, route_class),
+            *_place_around(moving, int(np.searchsorted(time, arrival - 1e-9)), rng, route_class),
         )
         if _acceptable([*points, candidate], route_class, time, moving):
             points.append(candidate)
@@ -359,7 +359,9 @@ def random_route(
         if failed == 100:
             # a dead end: take back the last legs, or draw another start
             points = (
-                points[:-2] if len(points) > 2 else [(0.0, *_about(moving, 0, rng, route_class))]
+                points[:-2]
+                if len(points) > 2
+                else [(0.0, *_place_around(moving, 0, rng, route_class))]
             )
             failed = 0
     raise LaisnError(

@@ -218,13 +218,15 @@ def with_fields_of(
 
     def add(base: type[Kind]) -> type[Kind]:
         declared = {split_unit(key)[0] for key in base.model_fields}
-        further = {key: field for key, field in keys.items() if split_unit(key)[0] not in declared}
+        undeclared = {
+            key: field for key, field in keys.items() if split_unit(key)[0] not in declared
+        }
         return create_model(
             base.__name__,
             __base__=base,
             __module__=base.__module__,
             __doc__=base.__doc__,
-            **further,
+            **undeclared,
         )
 
     return add

@@ -197,7 +197,7 @@ CAMERAS = {  # names of the cameras and what they show
 }
 
 
-def _known(name: str) -> str:
+def _known_camera(name: str) -> str:
     if name not in CAMERAS:
         raise ValueError(f"unknown camera {name!r}; available: {', '.join(CAMERAS)}")
     return name
@@ -206,7 +206,7 @@ def _known(name: str) -> str:
 class Video(Section):
     """The film of the mission."""
 
-    camera: Annotated[Name, AfterValidator(_known)] = Field(
+    camera: Annotated[Name, AfterValidator(_known_camera)] = Field(
         "chase", description=" or ".join(", ".join(CAMERAS).rsplit(", ", 1))
     )
     width_px: Annotated[int, Field(ge=160, le=3840, multiple_of=2)] = 1280
@@ -231,7 +231,7 @@ _ORIGIN = {
 }
 """Keys of a scenario by those of `ocean.origin`."""
 
-_OF_MESSAGES = {"position", "heading", "speed", "depth"}
+_NEEDED_CONTENT = {"position", "heading", "speed", "depth"}
 """Content of messages that navigators of this project cannot do without."""
 
 # a follower in place of those of an invalid shape
@@ -331,8 +331,8 @@ class Scenario(Section):
             }
             self.__dict__["leader"] = self.leader.model_copy(update=defaults)
             if "use_attitude" not in self.navigation.model_fields_set:
-                used = {"use_attitude": self.leader.broadcast_attitude}
-                self.__dict__["navigation"] = self.navigation.model_copy(update=used)
+                attitude_default = {"use_attitude": self.leader.broadcast_attitude}
+                self.__dict__["navigation"] = self.navigation.model_copy(update=attitude_default)
         return self
 
     @model_validator(mode="after")
@@ -419,14 +419,14 @@ class Scenario(Section):
                 "timing.filter_step_s must keep its default where followers are on stations"
             )
         if stations or any(follower.guided_by_estimate for follower in self.followers):
-            where = (
+            advice = (
                 "must keep its default where followers are on stations or steer by their estimates"
             )
             for key, navigation in self.navigations():
                 if navigation.use_single_range and navigation.variant in VARIANTS:
-                    errors.append(f"{key}.use_single_range {where}")
+                    errors.append(f"{key}.use_single_range {advice}")
                 if navigation.transmitters_m:
-                    errors.append(f"{key}.transmitters_m {where}")
+                    errors.append(f"{key}.transmitters_m {advice}")
         return errors
 
     def _navigation_errors(self) -> list[str]:
@@ -437,10 +437,10 @@ class Scenario(Section):
             if navigation.use_attitude and not self.leader.broadcast_attitude:
                 errors.append(f"{key}.use_attitude needs leader.broadcast_attitude = true")
             places = len(navigation.transmitters_m)
-            used = navigation.transmitters
-            if 0 < places < used:
+            transmitters = navigation.transmitters
+            if 0 < places < transmitters:
                 errors.append(
-                    f"{key}.transmitters_m has {places} places, the navigator uses {used} "
+                    f"{key}.transmitters_m has {places} places, the navigator uses {transmitters} "
                     "transmitters"
                 )
         return errors
@@ -461,10 +461,12 @@ class Scenario(Section):
             errors += self._receiver_errors(key, link)
             errors += self._answer_errors(key, link)
             errors += self._schedule_errors(key, link)
-            deep = [beacon[2] for beacon in link.beacons_m if beacon[2] > self.ocean.floor_depth_m]
-            if deep:
+            beacons_below_floor = [
+                beacon[2] for beacon in link.beacons_m if beacon[2] > self.ocean.floor_depth_m
+            ]
+            if beacons_below_floor:
                 errors.append(
-                    f"{key}.beacons_m: {deep[0]:g} m is below the floor at "
+                    f"{key}.beacons_m: {beacons_below_floor[0]:g} m is below the floor at "
                     f"{self.ocean.floor_depth_m:g} m"
                 )
         for key, navigation in self.navigations():
@@ -580,20 +582,20 @@ class Scenario(Section):
         ]
 
     def _further_link_errors(self, key: str, navigation: Navigation) -> list[str]:
-        further = navigation.further_links
+        further_links = navigation.further_links
         links = [LEADER_LINK, *(link.name for link in self.links)]
         errors = [
             f"{key}.further_links: {name!r} is no link: {', '.join(links)}"
-            for name in further
+            for name in further_links
             if name not in links
         ]
-        if navigation.link in further:
+        if navigation.link in further_links:
             errors.append(f"{key}.further_links: {navigation.link!r} is {key}.link already")
         for link in self.links:
-            if link.name in further:
+            if link.name in further_links:
                 errors += self._lacking_content(f"{key}.further_links", navigation, link)
         shipped = NAVIGATORS.get(navigation.variant)
-        if further and shipped is not None and not shipped.takes_links:
+        if further_links and shipped is not None and not shipped.takes_links:
             names_with_links = ", ".join(
                 name for name, spec in NAVIGATORS.items() if spec.takes_links
             )
@@ -623,7 +625,7 @@ class Scenario(Section):
 
     def _lacking_content(self, key: str, navigation: Navigation, link: LinkTable) -> list[str]:
         """What a navigator lacks of the messages of a link."""
-        lacking = ", ".join(sorted(_OF_MESSAGES.difference(link.content)))
+        lacking = ", ".join(sorted(_NEEDED_CONTENT.difference(link.content)))
         if not lacking or navigation.variant not in NAVIGATORS:
             return []
         return [
@@ -732,8 +734,8 @@ class Scenario(Section):
         """The scenario in which these keys of navigation are those of all followers."""
         members = []
         for member in self.followers:
-            own = member.navigation
-            changed = None if own is None else own.model_copy(update=keys)
+            own_navigation = member.navigation
+            changed = None if own_navigation is None else own_navigation.model_copy(update=keys)
             members.append(member.model_copy(update={"navigation": changed}))
         navigation = self.navigation.model_copy(update=keys)
         changes = {"navigation": navigation, "followers": tuple(members)}
@@ -750,13 +752,13 @@ class Scenario(Section):
         has no own one, and own ones.
         """
         followers = list(enumerate(self.followers))
-        own = [
+        own_navigations = [
             (f"followers[{i}].navigation", self.navigation_of(i))
             for i, follower in followers
             if follower.navigation is not None
         ]
-        is_used = len(own) < len(followers)
-        return [("navigation", self.navigation), *own] if is_used else own
+        is_used = len(own_navigations) < len(followers)
+        return [("navigation", self.navigation), *own_navigations] if is_used else own_navigations
 
     @property
     def message_every(self) -> int:

@@ -92,7 +92,9 @@ class Link:
         hidden = [name for name in CONTENT if name not in self.content]
         return [LeaderMessage._fields.index(field) for name in hidden for field in _FIELDS[name]]
 
-    def copy_instants(self, truth: StateHistory, first: int, last: int, to: StateHistory) -> None:
+    def copy_instants(
+        self, truth: StateHistory, first: int, last: int, target_history: StateHistory
+    ) -> None:
         """Write instants `first` … `last` of a motion with the sender as its first vehicle, and the
         leader as the last one if there is room for one more.
         """
@@ -100,23 +102,23 @@ class Link:
         names = ("pose", "twist", "water")
         for name in names:
             source = getattr(truth, name)[span]
-            target = getattr(to, name)[span]
+            target = getattr(target_history, name)[span]
             vehicles = source.shape[1]
             target[:, 1:vehicles] = source[:, 1:]
             target[:, vehicles:] = source[:, :1]
             if self.sender != AT_REST:
                 target[:, 0] = source[:, self.sender]
         if self.sender == AT_REST:
-            to.pose[span, 0] = self.origin
-            to.twist[span, 0] = 0.0
-            to.water[span, 0] = 0.0
+            target_history.pose[span, 0] = self.origin
+            target_history.twist[span, 0] = 0.0
+            target_history.water[span, 0] = 0.0
 
     def with_sites(self, sites: Mapping[str, Floats]) -> dict[str, Floats]:
         """Sites of vehicles by their names, offsets of shape (3,), [m], with those of the sender in
         the leader's place.
         """
-        of_sender = dict(zip(_SITES, self.sites, strict=True))
-        return {**sites, **of_sender, "leader/depth_sensor": np.zeros(3)}
+        sender_sites = dict(zip(_SITES, self.sites, strict=True))
+        return {**sites, **sender_sites, "leader/depth_sensor": np.zeros(3)}
 
     def motion_of(self, trajectory: Trajectory) -> Trajectory:
         """A motion with the sender in the leader's place, and with its transmitters."""
@@ -188,12 +190,12 @@ def link_of(links: LinkSettings, table: LinkTable) -> Link:
 
 def further_links(links: LinkSettings) -> tuple[Link, ...]:
     """Links that somebody navigates on, or that state who receives or answers."""
-    used = {*links.navigated_by_any, *links.navigated_by_leader}
-    used |= {table.answers for table in links.tables if table.answers}
+    used_names = {*links.navigated_by_any, *links.navigated_by_leader}
+    used_names |= {table.answers for table in links.tables if table.answers}
     return tuple(
         link_of(links, table)
         for table in links.tables
-        if table.name in used or table.receivers or table.answers
+        if table.name in used_names or table.receivers or table.answers
     )
 
 

@@ -240,9 +240,10 @@ class SensorDriver:
         wrong = numbers.shape[: len(rows)] != rows or numbers.ndim < 1
         if wrong or (channels and numbers.shape[len(rows) :] != (channels,)):
             names = ", ".join(channel.name for channel in self.header.channels)
-            told = f" ({names})" if names else ""
+            names_text = f" ({names})" if names else ""
             raise LaisnError(
-                f"sensor {self.kind}: `{method}` gave {values!r:.60}; expected {expected}{told}"
+                f"sensor {self.kind}: `{method}` gave {values!r:.60}; expected {expected}"
+                f"{names_text}"
             )
         return numbers
 

@@ -668,14 +668,14 @@ def path_taken(uniform: float, e: SensorErrors) -> Any:
 
 
 @jitable
-def paths_taken(e: SensorErrors, sent: Address) -> tuple[int, int, int]:
+def paths_taken(e: SensorErrors, address: Address) -> tuple[int, int, int]:
     """`Path` that a receiver takes for the direct one from the rear, front and middle transmitter.
 
     `sent` is the address of the noise at the filter step at which a message is sent.
     """
     if e.surface_echo_probability + e.bottom_echo_probability == 0.0:
         return 0, 0, 0
-    uniforms = uniforms_at(sent, _ECHO)
+    uniforms = uniforms_at(address, _ECHO)
     rear = path_taken(uniforms[0], e)
     if e.common_echoes:
         return rear, rear, rear

@@ -41,7 +41,7 @@ class SenderMotion:
         sites of the vehicles, `truth` is the room for their motion.
         """
         self.link = navigated_link(sensing.links)
-        self.still = at_start if self.link is None else self.link.motion_of(at_start)
+        self.motion_at_start = at_start if self.link is None else self.link.motion_of(at_start)
         n, v, _ = truth.pose.shape
         self.truth = truth if self.link is None else StateHistory.empty(n, v, 0)
         self._senses_acceleration = (
@@ -78,7 +78,7 @@ class FollowerSensing:
     ) -> None:
         """Nothing is sensed yet; `transmitters` is N_T, how many of the sender's it uses."""
         link = sender.link
-        at_start = sender.still
+        at_start = sender.motion_at_start
         self._follower = follower
         self._sender = sender
         self._record = record
@@ -91,14 +91,14 @@ class FollowerSensing:
         seed, run = noise.seed_and_run(sensing.seed, sensing.run)
         self._address = Address(seed, run, follower, 0)
         hydrophones = [f"{name}/hydrophone" for name in at_start.names[1:]]
-        own = f"{at_start.names[follower + 1]}/depth_sensor"
-        names = (*acoustics.TRANSMITTERS, *hydrophones, own)
+        depth_sensor = f"{at_start.names[follower + 1]}/depth_sensor"
+        names = (*acoustics.TRANSMITTERS, *hydrophones, depth_sensor)
         self._offset = at_start.site_offset[[at_start.site(name) for name in names]]
         n = len(sender.tilts)
         steps = (n - 1) // self._model.stride
         self._compiled = n > LONG
-        self._sent = new_inbox(follower + 1, self._model.message_every)
-        self._read = new_inbox(1, 1)
+        self._message_inbox = new_inbox(follower + 1, self._model.message_every)
+        self._reading_inbox = new_inbox(1, 1)
         self._true_values = room((steps, 3))
         self._receptions = new_receptions(record.message_step.shape[1])
         self._drivers = sensors.custom_sensors(sensing, follower)
@@ -137,7 +137,7 @@ class FollowerSensing:
             view.flags.writeable = False
         motion = acoustics.Motion(StateHistory(*views), 0.0, last)
         tilts = self._sender.tilts
-        inbox = self._sent
+        inbox = self._message_inbox
         true_values = self._true_values
         receptions = self._receptions
         if self._compiled:
@@ -189,7 +189,14 @@ class FollowerSensing:
             sent = (taken_up, emitted, content, ranges)
             errors = self._model.errors[f]
             read_steps_compiled(
-                errors, self._navigator, self._address, span, true_values, sent, self._read, out
+                errors,
+                self._navigator,
+                self._address,
+                span,
+                true_values,
+                sent,
+                self._reading_inbox,
+                out,
             )
         else:
             # numbers of the new messages alone, after places of those before
@@ -204,7 +211,7 @@ class FollowerSensing:
                 span,
                 true_values,
                 (taken_up, emitted, *numbers),
-                self._read,
+                self._reading_inbox,
                 out,
             )
         record.ranges[f, new, self._transmitters :] = np.nan

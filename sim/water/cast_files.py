@@ -175,8 +175,8 @@ def read_columns(source: Source, origin: FieldOrigin, profile: int | None) -> Ca
     `profile` is the number of the cast in the file, from 1 on; None: the nearest to the origin.
     """
     if source.file.suffix.lower() in (".csv", ".txt", ".tsv"):
-        return _of_table(source, origin, profile)
-    return _of_dataset(source, origin, profile)
+        return _columns_of_table(source, origin, profile)
+    return _columns_of_dataset(source, origin, profile)
 
 
 def _chosen(
@@ -280,8 +280,8 @@ def _number(source: Source, row: _Row, index: int) -> float:
 
 
 def _header_index(header: list[str], names: tuple[str, ...]) -> int | None:
-    plain = [_plain_header(text) for text in header]
-    return next((plain.index(name) for name in names if name in plain), None)
+    plain_header = [_plain_header(text) for text in header]
+    return next((plain_header.index(name) for name in names if name in plain_header), None)
 
 
 def _casts_of_table(
@@ -315,7 +315,7 @@ def _casts_of_table(
     return casts, _Places(latitude=places[:, 0], longitude=places[:, 1])
 
 
-def _of_table(source: Source, origin: FieldOrigin, profile: int | None) -> CastColumns:
+def _columns_of_table(source: Source, origin: FieldOrigin, profile: int | None) -> CastColumns:
     header, rows = _rows(source)
     casts, places = _casts_of_table(source, header, rows)
     column = _chosen(source, places, origin, profile, lambda _: True)
@@ -361,7 +361,7 @@ class _Layout:
         return np.atleast_1d(np.asarray(cut.values, dtype=np.float64))
 
 
-def _along(dataset: "Dataset", dimension: str, kind: str) -> Floats | None:
+def _coordinates_along(dataset: "Dataset", dimension: str, kind: str) -> Floats | None:
     """Longitudes (X) or latitudes (Y) of the points of a dimension; None: there are none."""
     for name in dataset.variables:
         variable = dataset[name]
@@ -375,7 +375,9 @@ def _kinds(dataset: "Dataset", variable: "DataArray") -> dict[str, str]:
     kinds = {}
     for dimension in map(str, variable.dims):
         kind = axis_kind(dataset[dimension]) if dimension in dataset.coords else ""
-        is_projected = all(_along(dataset, dimension, axis) is not None for axis in "XY")
+        is_projected = all(
+            _coordinates_along(dataset, dimension, axis) is not None for axis in "XY"
+        )
         kinds[dimension] = "P" if is_projected and kind not in tuple("XYZ") else kind
     unknown = [dimension for dimension, kind in kinds.items() if kind == ""]
     if "Z" not in kinds.values() and unknown:
@@ -392,8 +394,8 @@ def _places(dataset: "Dataset", kinds: dict[str, str], across: tuple[str, ...]) 
     for axis, dimension in enumerate(across):
         shape = [1] * len(sizes)
         shape[axis] = -1
-        north = _along(dataset, dimension, "Y")
-        east = _along(dataset, dimension, "X")
+        north = _coordinates_along(dataset, dimension, "Y")
+        east = _coordinates_along(dataset, dimension, "X")
         if kinds[dimension] in "YP" and north is not None:
             latitude = np.broadcast_to(north.reshape(shape), sizes)
         if kinds[dimension] in "XP" and east is not None:
@@ -432,7 +434,7 @@ def _nearest_time(source: Source, axis: "DataArray", origin: FieldOrigin) -> int
     return int(np.argmin(finite))
 
 
-def _of_dataset(source: Source, origin: FieldOrigin, profile: int | None) -> CastColumns:
+def _columns_of_dataset(source: Source, origin: FieldOrigin, profile: int | None) -> CastColumns:
     with open_dataset(source) as dataset:
         variables = {}
         for key, declared in COLUMNS.items():

@@ -25,8 +25,8 @@ class _Profiled(NamedTuple):
     title: str  # in a sentence
     plural: str
     unit: str
-    least: float  # bounds of the sea, and of the keys
-    most: float
+    smallest: float  # bounds of the sea, and of the keys
+    largest: float
     digits: int  # in a report
 
 
@@ -47,16 +47,16 @@ def read_cast(source: Source, origin: FieldOrigin, profile: int | None = None) -
 
     `profile` is the number of the cast in a file of several; None: the nearest to the origin.
     """
-    return _read(source, file_digest(source.file), origin, profile, _SPEED)
+    return _read_profile(source, file_digest(source.file), origin, profile, _SPEED)
 
 
 def read_density(source: Source, origin: FieldOrigin, profile: int | None = None) -> Cast:
     """The density of a file, likewise."""
-    return _read(source, file_digest(source.file), origin, profile, _DENSITY)
+    return _read_profile(source, file_digest(source.file), origin, profile, _DENSITY)
 
 
 @lru_cache(maxsize=8)
-def _read(
+def _read_profile(
     source: Source,
     _digest: str | None,
     origin: FieldOrigin,
@@ -80,11 +80,11 @@ def _read(
     points = np.column_stack([depth[distinct], means])
     slowest = points[:, 1].min()
     fastest = points[:, 1].max()
-    if slowest < quantity.least or fastest > quantity.most:
+    if slowest < quantity.smallest or fastest > quantity.largest:
         raise source.error(
             f"its {quantity.plural} are {slowest:.4g} to {fastest:.4g} {quantity.unit}; expected "
-            f"{quantity.least:g} to {quantity.most:g} {quantity.unit}: are units of temperature, "
-            "salinity and depth right?"
+            f"{quantity.smallest:g} to {quantity.largest:g} {quantity.unit}: are units of "
+            "temperature, salinity and depth right?"
         )
     report = (
         f"{source.file.name}: {', '.join(columns.names)}; {len(points)} depths, "

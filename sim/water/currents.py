@@ -36,7 +36,7 @@ class CurrentFlow(NamedTuple):
 
 
 START = 0
-SET = slice(1, 3)
+CURRENT_AXES = slice(1, 3)
 ACCELERATION = slice(3, 5)
 RUN = slice(5, 7)
 """Columns of a changing current: time [s]; velocity then [m/s], its rate of change from then on

@@ -386,17 +386,17 @@ def _depth_axis(source: Source, axes: dict[str, Any]) -> _Axis:
     return _sorted(source, str(axis.name), -value if upward else value)
 
 
-def _time_axis(source: Source, axes: dict[str, Any], origin: FieldOrigin, until: float) -> _Axis:
+def _time_axis(source: Source, axes: dict[str, Any], origin: FieldOrigin, end_time: float) -> _Axis:
     """Times since the start of the mission [s]; one of 0 for a steady field."""
     if "T" not in axes or axes["T"].size == 1:
         return _Axis(np.zeros(1), np.zeros(1, dtype=np.int64))
     axis = axes["T"]
     time = _sorted(source, str(axis.name), seconds_from_start(source, axis, origin))
     first, last = time.value[0], time.value[-1]
-    if first > 0.0 or last < until:
+    if first > 0.0 or last < end_time:
         raise source.error(
             f"{axis.name} covers {first:g} to {last:g} s from the start of the mission, which "
-            f"lasts from 0 to {until:g} s; its time 0 is ocean.origin.time = {origin.time}"
+            f"lasts from 0 to {end_time:g} s; its time 0 is ocean.origin.time = {origin.time}"
         )
     return time
 
@@ -470,7 +470,7 @@ def _speed_scale(source: Source, variable: "DataArray") -> float:
 
 def _covered(east: _Axis, north: _Axis, region: Region) -> Region:
     """What axes cover."""
-    return Region(east.value[0], east.value[-1], north.value[0], north.value[-1], region.until)
+    return Region(east.value[0], east.value[-1], north.value[0], north.value[-1], region.end_time)
 
 
 def _require_overlap(source: Source, east: _Axis, north: _Axis, region: Region) -> None:
@@ -501,12 +501,12 @@ def _read_current(
                     "for all components"
                 )
         names = {kind: str(axis.name) for kind, axis in grid_axes.items()}
-        time = _time_axis(source, grid_axes, origin, region.until)
+        time = _time_axis(source, grid_axes, origin, region.end_time)
         depth = _depth_axis(source, grid_axes)
         east, north = _level_axes(source, grid_axes, origin)
         _require_overlap(source, east, north, region)
         axes = {
-            "T": time.part(0.0, region.until),
+            "T": time.part(0.0, region.end_time),
             "Z": depth,
             "Y": north.part(region.south, region.north),
             "X": east.part(region.west, region.east),

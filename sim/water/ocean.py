@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from laisn.arrays import Floats, freeze_arrays
-from sim.water.currents import ACCELERATION, RUN, SET, START, ShearedCurrent
+from sim.water.currents import ACCELERATION, CURRENT_AXES, RUN, START, ShearedCurrent
 from sim.water.custom import CustomCaller
 from sim.water.densities import DensityProfile, UniformDensity
 from sim.water.environment import Environment, water_velocity
@@ -47,13 +47,13 @@ class Ocean:
         freeze_arrays(self)
 
     @property
-    def _towards(self) -> Floats:
+    def _flow_direction(self) -> Floats:
         direction = self.current_direction_rad
         return np.array([np.sin(direction), np.cos(direction)])
 
     def _sheared_current(self) -> ShearedCurrent:
         """The current of the keys; floats, as compiled code has another version for other types."""
-        east, north = self._towards
+        east, north = self._flow_direction
         surface = (self.current_speed_m_s * east, self.current_speed_m_s * north)
         shear = (self.current_shear_1_s * east, self.current_shear_1_s * north)
         return ShearedCurrent(surface, shear, change_table(self.current_change))
@@ -110,7 +110,7 @@ def change_table(points: Floats) -> Floats:
     table = np.zeros((time.size, 7))
     dt = np.diff(time)[:, None]
     table[:, START] = time
-    table[:, SET] = velocity
+    table[:, CURRENT_AXES] = velocity
     table[:-1, ACCELERATION] = np.diff(velocity, axis=0) / dt
     table[1:, RUN] = np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * dt, axis=0)
     return table

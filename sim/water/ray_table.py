@@ -194,23 +194,23 @@ def ray_slowness(
 
 
 @jitable
-def _side(w: Water, source: float, receiver: float, of_source: bool) -> float:
+def _side(w: Water, source: float, receiver: float, at_source: bool) -> float:
     """Derivative of the drop's size by a depth: 1 or −1."""
     if w.by_surface > 0:
         return 1.0
     if w.by_floor > 0:
         return -1.0
-    return 1.0 if of_source == (source > receiver) else -1.0
+    return 1.0 if at_source == (source > receiver) else -1.0
 
 
 @jitable
-def _straight_slope(w: Water, source: float, receiver: float, of_source: bool) -> float:
+def _straight_slope(w: Water, source: float, receiver: float, at_source: bool) -> float:
     """Derivative of the straight path's mean slowness by a depth [s/m²]."""
-    speed, gradient, _ = speed_and_gradient(w.profile, source if of_source else receiver, 0)
+    speed, gradient, _ = speed_and_gradient(w.profile, source if at_source else receiver, 0)
     size = abs(drop(w, source, receiver))
     if size < 1e-3:
         return -0.5 * gradient / (speed * speed)
-    side = _side(w, source, receiver, of_source)
+    side = _side(w, source, receiver, at_source)
     return side * (1.0 / speed - straight_slowness(w, source, receiver)) / size
 
 
@@ -230,10 +230,10 @@ def _write_node(w: Water, places: tuple[float, float, float], ray: Eigenray, out
         at_receiver * math.sin(ray.arrival) / REFERENCE_M_S,
     )
     for number in range(2):
-        of_source = number == 0
-        length_slope = _side(w, source, receiver, of_source) * size / length
+        is_source = number == 0
+        length_slope = _side(w, source, receiver, is_source) * size / length
         slope = (by_depth[number] - slowness * length_slope) / length
-        out[1 + number] = (slope - _straight_slope(w, source, receiver, of_source)) / square
+        out[1 + number] = (slope - _straight_slope(w, source, receiver, is_source)) / square
     slope = (ray.horizontal - slowness * distance / length) / length
     out[3] = slope / square - 2.0 * out[0] / distance
 

@@ -79,7 +79,7 @@ class RefractedRays(NamedTuple):
         """The ray of a path that arrives first, traced; NaN if there is none."""
         leg = leg_of(self, path, source, receiver)
         eigenray, _ = earliest(leg.water, leg.source, leg.receiver, leg.distance)
-        return _seen(path, leg, eigenray)
+        return _ray_over_distance(path, leg, eigenray)
 
     def rays(self, path: int, source: Vector, receiver: Vector) -> tuple[Ray, ...]:
         """All rays of a path, the first to arrive first."""
@@ -87,7 +87,7 @@ class RefractedRays(NamedTuple):
         rows = np.empty((MAX_RAYS, len(Eigenray._fields)))
         count = eigenrays(leg.water, leg.source, leg.receiver, leg.distance, rows)
         in_order = sorted(rows[:count].tolist())
-        return tuple(_seen(path, leg, Eigenray(*numbers)) for numbers in in_order)
+        return tuple(_ray_over_distance(path, leg, Eigenray(*numbers)) for numbers in in_order)
 
 
 class Leg(NamedTuple):
@@ -132,7 +132,7 @@ def bottom_slowness(leg: Leg) -> float:
     return ray.time / length
 
 
-def _seen(path: int, leg: Leg, ray: Eigenray) -> Ray:
+def _ray_over_distance(path: int, leg: Leg, ray: Eigenray) -> Ray:
     length = math.hypot(leg.distance, drop(leg.water, leg.source, leg.receiver))
     # rays leave downwards at positive angles, and arrive from above at positive ones, too
     return Ray(Path(path), length, ray.time, ray.arrival, ray.departure)

@@ -20,7 +20,7 @@ class Region(NamedTuple):
     east: float
     south: float
     north: float
-    until: float  # [s]
+    end_time: float  # [s]
 
     def within(self, positions: Floats) -> Bools:
         """Which of the places, shape (n, 2), [m], are in it."""
@@ -51,8 +51,8 @@ def _waypoints(vehicle: Vehicle, duration: float) -> Floats:
     if duration <= time[-1] or len(positions) < 2:
         return np.asarray(path)
     step = positions[-1] - positions[-2]
-    further = positions[-1] + step * (duration - time[-1]) / (time[-1] - time[-2])
-    return np.vstack([path, further])
+    beyond = positions[-1] + step * (duration - time[-1]) / (time[-1] - time[-2])
+    return np.vstack([path, beyond])
 
 
 def region_of(plan: MissionPlan, margin: float = _MARGIN_M) -> Region:

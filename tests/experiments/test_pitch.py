@@ -89,9 +89,9 @@ def test_the_page_is_the_golden_one() -> None:
 def test_the_predicted_side_puts_a_follower_ahead() -> None:
     """Nose down the circles do not meet ahead: behind the leader the fix is a diameter off."""
     behind, ahead = (
-        PitchGeometry(baseline=3.0, pitch_deg=-12.0, distance=30.0, below=15.0, side_rule=rule).at(
-            0.0
-        )
+        PitchGeometry(
+            baseline=3.0, pitch_deg=-12.0, distance=30.0, below=15.0, side_rule=rule
+        ).fix_at(0.0)
         for rule in ("behind", "predicted")
     )
     assert behind.on_axis
@@ -106,7 +106,7 @@ def test_intersections_closer_than_the_threshold_are_one(threshold: float, on_ax
     geometry = PitchGeometry(
         baseline=3.0, pitch_deg=0.0, distance=DISTANCE, below=15.0, threshold=threshold
     )
-    assert geometry.at(90.0).on_axis == on_axis
+    assert geometry.fix_at(90.0).on_axis == on_axis
 
 
 @pytest.mark.system

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import pytest
 
-from reports.findings import Findings, read
+from reports.findings import Findings, read_findings
 from tools.documents.markers import RECORDS, ROOT
 
 
@@ -244,6 +244,6 @@ CONCLUSIONS = (
 def test_words_of_documents_follow_from_the_records(one: Conclusion) -> None:
     text = " ".join((ROOT / one.document).read_text(encoding="utf-8").split())
     assert one.words in text, "the words are not there any more: change or drop the conclusion"
-    assert one.holds(Record(read(RECORDS / f"{one.study}.json"))), (
+    assert one.holds(Record(read_findings(RECORDS / f"{one.study}.json"))), (
         f"docs/results/{one.study}.json differs"
     )

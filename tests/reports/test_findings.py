@@ -9,14 +9,22 @@ from pathlib import Path
 import pytest
 
 from laisn.errors import LaisnError
-from reports.findings import SCHEMA, Finding, Findings, of, plain, read, version_of
+from reports.findings import (
+    SCHEMA,
+    Finding,
+    Findings,
+    interval_finding,
+    plain_finding,
+    read_findings,
+    version_of,
+)
 from reports.intervals import Interval
 from reports.version import OWN_PACKAGES, ROOT
 from tools.documents import markers
 from tools.documents.hull_trials import PUBLISHED_SPEED
 from tools.documents.tables import closed_loop, markdown, ratios, tracking
 
-SHARE = of(Interval(0.98, 0.965, 0.9951), "share", "")
+SHARE = interval_finding(Interval(0.98, 0.965, 0.9951), "share", "")
 RECORD = Findings(
     study="dive",
     command="laisn dive",
@@ -24,11 +32,11 @@ RECORD = Findings(
     version="1",
     findings={
         "removed ahrs": SHARE,
-        "error level": plain(0.70449999, "mean", "m"),
-        "runs": plain(1_165_696, "runs"),
-        "held": plain("1 and 7", "claims"),
-        "harm": of(Interval(-0.176, -0.189, float("nan")), "share"),
-        "unknown": plain(float("nan"), "nothing"),
+        "error level": plain_finding(0.70449999, "mean", "m"),
+        "runs": plain_finding(1_165_696, "runs"),
+        "held": plain_finding("1 and 7", "claims"),
+        "harm": interval_finding(Interval(-0.176, -0.189, float("nan")), "share"),
+        "unknown": plain_finding(float("nan"), "nothing"),
     },
 )
 
@@ -52,12 +60,12 @@ def test_findings_are_printed_in_the_requested_form(key: str, spec: str, text: s
 
 
 def test_what_is_rounded_to_nothing_has_no_sign() -> None:
-    assert format(plain(-0.001, ""), ".1f") == "0.0"
+    assert format(plain_finding(-0.001, ""), ".1f") == "0.0"
 
 
 @pytest.mark.parametrize(("value", "text"), [(2.6, "3"), (-2.6, "−3"), (0.4, "0")])
 def test_whole_numbers_are_rounded_and_not_cut_off(value: float, text: str) -> None:
-    assert format(plain(value, ""), "d") == text
+    assert format(plain_finding(value, ""), "d") == text
 
 
 def test_a_format_that_is_none_is_refused() -> None:
@@ -68,7 +76,7 @@ def test_a_format_that_is_none_is_refused() -> None:
 def test_a_record_is_read_as_it_was_written(tmp_path: Path) -> None:
     path = tmp_path / "results.json"
     RECORD.write(path)
-    assert read(path) == RECORD
+    assert read_findings(path) == RECORD
     given = json.loads(path.read_text(encoding="utf-8"))
     assert given["schema"] == SCHEMA
     assert given["command"] == "laisn dive"
@@ -97,9 +105,9 @@ def test_a_file_that_is_no_record_is_reported(tmp_path: Path, text: str) -> None
     path = tmp_path / "results.json"
     path.write_text(text)
     with pytest.raises(LaisnError, match=r"results\.json: no record"):
-        read(path)
+        read_findings(path)
     with pytest.raises(LaisnError, match="no record"):
-        read(tmp_path / "none.json")
+        read_findings(tmp_path / "none.json")
 
 
 def test_an_unknown_finding_names_those_that_are_alike() -> None:
@@ -262,11 +270,11 @@ def test_tables_take_every_cell_from_its_finding() -> None:
         def __missing__(self, key: str) -> Finding:
             counts = {"missions": 40, "lost-runs laisn-2 T5": 4, "lost-runs laisn-2": 9}
             return (
-                plain(counts.get(key, 0), "")
+                plain_finding(counts.get(key, 0), "")
                 if "runs" in key or key in counts
                 else {
-                    "error laisn-2 T5": plain(1.26, ""),
-                    "off laisn-2 T5": plain(466.2, ""),
+                    "error laisn-2 T5": plain_finding(1.26, ""),
+                    "off laisn-2 T5": plain_finding(466.2, ""),
                 }.get(key, super().__missing__(key))
             )
 
@@ -283,7 +291,7 @@ def test_a_table_is_markdown() -> None:
 
 
 def test_the_record_of_hull_trials_has_the_published_figures() -> None:
-    actual = read(markers.RECORDS / "hull-trials.json")
+    actual = read_findings(markers.RECORDS / "hull-trials.json")
     for rpm, speed in PUBLISHED_SPEED.items():
         assert actual[f"speed {rpm}"].value == pytest.approx(speed, abs=1e-4)
     assert (actual["rise slowest"].value, actual["rise quickest"].value) == pytest.approx(

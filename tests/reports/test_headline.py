@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from reports.headline import cause, figure, headline, judged, tiles
+from reports.headline import cause, figure_text, headline, tiles, tone_of
 from reports.verdict import Loss, Verdict
 from sim.flight import FlightRecord
 from tests.reports.test_flight_report_stations import kept, steady
@@ -131,15 +131,15 @@ def test_the_tiles_of_several_followers_are_of_all_or_of_the_worst() -> None:
 
 
 def test_what_is_not_known_is_not_judged() -> None:
-    assert judged(None, (0.0, 1.0), (0.0, 2.0)) == ""
-    assert judged(float("nan"), (0.0, 1.0), (0.0, 2.0)) == ""
+    assert tone_of(None, (0.0, 1.0), (0.0, 2.0)) == ""
+    assert tone_of(float("nan"), (0.0, 1.0), (0.0, 2.0)) == ""
     assert [tile.name for tile in tiles(summary(nees=None, rms_over_bound=None), {"f": errors()})][
         2:
     ] == ["outside its 2σ"]
 
 
 def test_figures_have_about_three_digits() -> None:
-    assert [figure(value) for value in (0.052, 12.34, 123.4, 61387.0)] == [
+    assert [figure_text(value) for value in (0.052, 12.34, 123.4, 61387.0)] == [
         "0.05",
         "12.3",
         "123",

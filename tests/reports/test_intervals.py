@@ -249,7 +249,9 @@ def test_a_study_that_stops_by_its_interval_takes_as_many_runs_as_the_law_needs(
     """σ = 1 and half of an interval of 0.1 need (1.96 / 0.1)² = 384 runs; an interval is no
     wider than required.
     """
-    actual = [coverage.stopped("normal", np.random.default_rng(seed)) for seed in range(50)]
+    actual = [
+        coverage.interval_when_stopped("normal", np.random.default_rng(seed)) for seed in range(50)
+    ]
     halves = np.array([(one.high - one.low) / 2 for one in actual])
     assert halves.max() <= 0.1
     assert np.median(halves) > 0.08

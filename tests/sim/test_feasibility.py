@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from experiments.flight import library
-from laisn.errors import ROWS, plain
+from laisn.errors import ROWS, printable
 from laisn_sim.cli.fly import fly_and_write
 from sim import feasibility
 from sim.assembly import routes_of, setups_of
@@ -36,7 +36,7 @@ def accepted(table: dict[str, Any]) -> Scenario | None:
     head, *lines = wanted.split("\n")
     assert head.startswith("absurd.toml: ")
     assert 0 < len(lines) <= ROWS
-    assert all(plain(line) == line for line in lines)
+    assert all(printable(line) == line for line in lines)
     return None
 
 

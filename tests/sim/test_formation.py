@@ -196,7 +196,7 @@ def test_followers_that_sense_each_other_give_way() -> None:
     assert least(wary) > 2.0
     # what they saw at the last look is what the sensor makes of the truth at that instant
     look_at = np.concatenate([wary.position[-1], wary.quaternion[-1]], axis=1)
-    proximity, seen = Proximity().record(), np.empty_like(controller.state.seen[0])
+    proximity, seen = Proximity().record(), np.empty_like(controller.state.sightings[0])
     for i in range(2):
         sense_neighbours(
             (controller.state.sensors.seed, controller.state.sensors.run),
@@ -206,7 +206,7 @@ def test_followers_that_sense_each_other_give_way() -> None:
             look_at,
             seen,
         )
-        np.testing.assert_array_equal(controller.state.seen[i].tolist(), seen.tolist())
+        np.testing.assert_array_equal(controller.state.sightings[i].tolist(), seen.tolist())
 
 
 def test_a_proximity_sensor_without_detections_changes_nothing() -> None:

@@ -12,7 +12,7 @@ from experiments.campaign.store import CampaignError
 from experiments.flight.fly import MissionToFly
 from experiments.study.estimate import Results
 from experiments.study.measure import facts_of, records_of_run
-from experiments.study.run import _of_runs
+from experiments.study.run import _row_and_lists
 from sim import attitude
 from sim.assembly import routes_of, setups_of
 from sim.flight import Termination
@@ -167,7 +167,7 @@ def test_a_run_that_contact_ended_is_counted_and_in_no_mean() -> None:
     class Entry:
         scenario = meeting()
 
-    row, lists = _of_runs(Entry, 0, [[flown(0, 1.0)], [met[0]], [flown(2, 3.0)]])  # type: ignore[arg-type]
+    row, lists = _row_and_lists(Entry, 0, [[flown(0, 1.0)], [met[0]], [flown(2, 3.0)]])  # type: ignore[arg-type]
     assert (row["e_p_mean_m"], row["e_p_max_m"], row["worst_run"]) == (2.0, 3.0, 2)
     assert (row["ended_runs"], row["mirror_locked_runs"], row["fixes_gated"]) == (1, 0, 4)
     place = {"point": 0, "arm": "", "follower": "a", "sea": 0}

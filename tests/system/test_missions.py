@@ -23,7 +23,7 @@ from sim.tracking import off_station, station_keeping
 from sim.trial import OFF_DEPTH_M, OFF_ROUTE_M, OFF_STATION_M, trial
 from sim.vehicle.hull_file import from_dimensions
 from tools.documents import markers
-from tools.documents.vehicle_missions import ROLES, STATION, keeping, offs
+from tools.documents.vehicle_missions import ROLES, STATION, keeping, largest_deviations
 
 pytestmark = pytest.mark.system
 
@@ -99,7 +99,7 @@ def test_a_hull_that_hovers_stays_level_on_its_station() -> None:
         library.as_scenario({"duration_s": 60.0, "leader": leader, "followers": [follower]})
     )
     assert np.abs(np.rad2deg(flight.trajectory.pitch[:, 1])).max() < 5.0
-    _, _, station = offs(flight, 1)
+    _, _, station = largest_deviations(flight, 1)
     assert station < OFF_STATION_M
 
 
@@ -119,7 +119,7 @@ def test_check_says_how_far_a_hull_will_be_off_its_route(
     assert checked.exit_code == 0, checked.output
     output = " ".join(checked.output.split())
     flight, _ = fly(library.load_scenario(str(file), (), flyable=True))
-    level, depth, _ = offs(flight, 1)
+    level, depth, _ = largest_deviations(flight, 1)
     warned = "follower: it is up to" in output
     assert warned == (level > OFF_ROUTE_M or depth > OFF_DEPTH_M)
     if level > OFF_ROUTE_M:
@@ -184,6 +184,6 @@ def test_an_imported_hull_with_large_added_mass_flies(tmp_path: Path) -> None:
     # 9.07 u² of Munk moment against 11.5 kg × 9.81 × 0.02 m of righting, at 1.3 times the legs'
     assert 1.3 * speed == pytest.approx(np.sqrt(11.5 * 9.81 * 0.02 / 9.07), abs=0.03)
     flight, _ = fly(library.as_scenario(mission(speed)))
-    level, depth, _ = offs(flight, 1)
+    level, depth, _ = largest_deviations(flight, 1)
     assert level < OFF_ROUTE_M
     assert depth < OFF_DEPTH_M

@@ -15,7 +15,7 @@ from rich.table import Table
 from typer.testing import CliRunner
 
 from experiments.campaign.progress import literal, print_line
-from laisn.errors import plain, screenful
+from laisn.errors import printable, screenful
 from laisn_sim.cli import replaying
 from laisn_sim.cli.main import app
 
@@ -49,7 +49,7 @@ def terminal() -> Console:
 @example("\x1b]0;title\x07")
 @example("\ud800")
 def test_a_name_is_shown_as_it_is_and_steers_nothing(name: str) -> None:
-    as_it_is = plain(name)
+    as_it_is = printable(name)
     assert as_it_is.isprintable() or re.search(r"\s", as_it_is)
     assert not set(as_it_is) & set("\x00\x1b\x07\r\n\t\x9b\u202e\u2028\ud800")
     as_it_is.encode()
@@ -65,7 +65,7 @@ def test_a_name_is_shown_as_it_is_and_steers_nothing(name: str) -> None:
 
 def test_visible_text_stays_as_it_is() -> None:
     text = "σ = 2° – “Łódź” … 水 [x] \\ :a:"
-    assert plain(text) == text
+    assert printable(text) == text
 
 
 @given(st.lists(NAMES, max_size=60), st.integers(4, 40))
@@ -102,5 +102,5 @@ def test_a_folder_named_like_markup_takes_a_flight(folder: str, tmp_path: Path) 
         app, ["fly", "T5", "--set", "duration_s=2", "--no-video", "--out", str(out)]
     )
     assert result.exit_code == 0, result.output
-    assert f"results in {plain(out)}" in result.output
+    assert f"results in {printable(out)}" in result.output
     assert (out / "summary.json").is_file()

@@ -16,7 +16,7 @@ from laisn import lanes
 from laisn.errors import LaisnError
 from laisn.lanes import LANES
 from laisn.settings import NavigationSettings
-from reports.findings import plain, read, version_of
+from reports.findings import plain_finding, read_findings, version_of
 from sim.sensing.observation import measure
 from sim.sensing.sensors import SensorErrors
 from tests import synthetic
@@ -93,7 +93,7 @@ def test_a_goal_that_the_median_misses_is_named_and_fails_the_command(
         benchmarks.main()
     text = "1 goals are missed:\nlanes: late: 25 ns/step, the goal is ≤ 18"
     assert ended.value.code == text
-    actual = read(path)
+    actual = read_findings(path)
     assert actual["lanes: late, goal"].value == 18
     assert actual["lanes: late, goal"].what == "at most; missed by the median"
     assert actual["lanes: once, goal"].what == "at most; met by the median"
@@ -169,7 +169,9 @@ def test_rows_of_named_benchmarks_replace_those_of_a_record_of_this_machine() ->
     assert (values["sea: a"], values["log: c"]) == (5.0, 3.0)
     assert "sea: b" not in values
     assert (values["rounds"], values["sea: rounds"]) == (1, 2)
-    elsewhere = replace(new, findings={**new.findings, "machine": plain("64 cores", "where")})
+    elsewhere = replace(
+        new, findings={**new.findings, "machine": plain_finding("64 cores", "where")}
+    )
     with pytest.raises(LaisnError, match="this machine has 64 cores: record all benchmarks"):
         renewed(old, elsewhere)
 
@@ -377,7 +379,7 @@ def test_the_formula_of_waiting_comes_near_what_was_measured_as_a_whole() -> Non
     """Rows that enter the formula are steps; those that it is held against are whole missions and
     studies, as far as the record has them.
     """
-    measured = read(RECORDS / "benchmarks.json")
+    measured = read_findings(RECORDS / "benchmarks.json")
     cost = Cost.of(measured)
     swarm = measured["formation: leader + 10: a run of 1000 s, whole"].number
     assert cost.motion_s(11, 1000.0, closed_loop=True) == pytest.approx(swarm, rel=0.3)
@@ -404,7 +406,7 @@ def test_experiments_are_priced_by_vehicles_steps_and_runs() -> None:
     assert cost.run_s(3, 1000.0) == pytest.approx(1.5e-3)
     assert cost.run_s(1, 1000.0, tight=True) == pytest.approx(1e-3)
     assert "| one flight of T5 with report and log |" in waiting(
-        {"benchmarks": read(RECORDS / "benchmarks.json")}
+        {"benchmarks": read_findings(RECORDS / "benchmarks.json")}
     )
 
 
@@ -412,10 +414,10 @@ def test_the_symbols_of_the_formula_follow_the_record() -> None:
     """A mission of 100,000 vehicle steps that takes 323.4 ms, of which 123.4 do not grow with its
     length, has steps of 2 µs.
     """
-    measured = read(RECORDS / "benchmarks.json")
+    measured = read_findings(RECORDS / "benchmarks.json")
     of_missions = {
-        "study: T5 by mujoco, another mission with one run": plain(323.4, "", "ms"),
-        "study: T5 by mujoco, a mission beside its motion": plain(123.4, "", "ms"),
+        "study: T5 by mujoco, another mission with one run": plain_finding(323.4, "", "ms"),
+        "study: T5 by mujoco, a mission beside its motion": plain_finding(123.4, "", "ms"),
     }
     record = replace(measured, findings={**measured.findings, **of_missions})
     lines = {line.split("`")[1]: line for line in costs({"benchmarks": record}).splitlines()[2:]}

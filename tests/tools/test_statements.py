@@ -16,9 +16,9 @@ def _is_conditional_list(node: ast.expr) -> bool:
 
 
 def _is_truth(node: ast.expr) -> bool:
-    """Whether it is a comparison, a negation or a call of bool."""
+    """Whether it is a comparison, a negation or a call of bool or isinstance."""
     is_call = isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
-    if is_call and node.func.id == "bool":  # type: ignore[attr-defined]
+    if is_call and node.func.id in ("bool", "isinstance"):  # type: ignore[attr-defined]
         return True
     return isinstance(node, ast.Compare | ast.BoolOp) or (
         isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not)
@@ -62,6 +62,7 @@ def test_no_expression_has_to_be_unpacked(package: str) -> None:
         ("a if b else c", 0),
         ("[a] * (b > c)", 1),
         ("[a] * bool(b)", 1),
+        ("[a] * isinstance(b, int)", 1),
         ("[0.0] * 3", 0),
         ("[*([a] if b else []), c]", 1),
         ("[*a, c]", 0),

@@ -27,7 +27,7 @@ from laisn.messages import Measurements
 from laisn.navigator import Navigator
 from laisn.settings import NavigationSettings
 from laisn.swarm import MESSAGE
-from reports.findings import Finding, Findings, of, plain, read
+from reports.findings import Finding, Findings, interval_finding, plain_finding, read_findings
 from reports.findings import record as make_record
 from reports.intervals import Interval
 from sim.sensing.observation import IdealMeasurements, measure
@@ -290,14 +290,17 @@ def record(rounds: Mapping[str, Sequence[list[Row]]]) -> Findings:
         f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}, Python "
         f"{platform.python_version()}"
     )
-    findings = {"machine": plain(machine, "where"), "date": plain(str(date.today()), "when")}
+    findings = {
+        "machine": plain_finding(machine, "where"),
+        "date": plain_finding(str(date.today()), "when"),
+    }
     max_rounds = max(map(len, rounds.values()))
-    findings["rounds"] = plain(
+    findings["rounds"] = plain_finding(
         max_rounds, "of a benchmark; limits are the least and the largest of them"
     )
     for name, measured in rounds.items():
         if len(measured) < max_rounds:
-            findings[f"{name}: rounds"] = plain(len(measured), "of this benchmark")
+            findings[f"{name}: rounds"] = plain_finding(len(measured), "of this benchmark")
         for repeated in zip(*measured, strict=True):
             row = repeated[0]
             # the most memory that a process ever had grows in the first round alone
@@ -326,7 +329,9 @@ def renewed(old: Findings, new: Findings) -> Findings:
         )
     of_record = {"machine", "date", "rounds"}
     names = {key.partition(": ")[0] for key in new.findings} - of_record
-    rounds = {f"{name}: rounds": plain(new["rounds"].value, "of this benchmark") for name in names}
+    rounds = {
+        f"{name}: rounds": plain_finding(new["rounds"].value, "of this benchmark") for name in names
+    }
     kept = {key: f for key, f in old.findings.items() if key.partition(": ")[0] not in names}
     return replace(new, findings={**kept, **rounds, **new.findings, "rounds": old["rounds"]})
 
@@ -349,7 +354,7 @@ def _beside(key: str, rows: Sequence[Row]) -> dict[str, Finding]:
         value = float(np.median([r.value for r in rows]))
         verdict = "met" if row.goal.is_met(value) else "missed"
         bound = "at least" if row.goal.at_least else "at most"
-        findings[f"{key}, goal"] = plain(
+        findings[f"{key}, goal"] = plain_finding(
             row.goal.value, f"{bound}; {verdict} by the median", row.unit
         )
     return findings
@@ -357,8 +362,10 @@ def _beside(key: str, rows: Sequence[Row]) -> dict[str, Finding]:
 
 def _spread(values: Sequence[float], unit: str, description: str) -> Finding:
     if len(values) == 1:
-        return plain(values[0], description, unit)
-    return of(Interval(float(np.median(values)), min(values), max(values)), description, unit)
+        return plain_finding(values[0], description, unit)
+    return interval_finding(
+        Interval(float(np.median(values)), min(values), max(values)), description, unit
+    )
 
 
 def main() -> None:
@@ -389,7 +396,7 @@ def main() -> None:
     path = RECORDS / "benchmarks.json" if arguments.record else arguments.out
     findings = record(measured)
     if arguments.record and arguments.names and path.exists():
-        findings = renewed(read(path), findings)
+        findings = renewed(read_findings(path), findings)
     findings.write(path)
     print(f"written to {path}")
     missed = misses(measured)

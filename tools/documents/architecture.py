@@ -50,7 +50,9 @@ def positions(imports: Mapping[str, set[str]]) -> dict[str, tuple[float, float]]
     max_count = max(list(level.values()).count(layer) for layer in set(level.values()))
     for layer in sorted(set(level.values())):
         middle = {}
-        for package in sorted(package for package, of in level.items() if of == layer):
+        for package in sorted(
+            package for package, package_layer in level.items() if package_layer == layer
+        ):
             heights = [places_of[name][0] for name in imports[package]]
             middle[package] = sum(heights) / len(heights) if heights else max_count / 2
         start = (max_count - len(middle)) / 2

@@ -22,7 +22,7 @@ from experiments.benchmark.score import (
     score_all,
     total,
 )
-from reports.findings import FILE, Finding, of, plain, record
+from reports.findings import FILE, Finding, interval_finding, plain_finding, record
 
 COMMAND = "python -m tools.documents.studies benchmark"
 MODULES = ("tools.documents.benchmark_navigators",)
@@ -38,23 +38,25 @@ def findings_of(navigator: str, scores: Sequence[MissionScore]) -> dict[str, Fin
     for score in scores:
         key = f"{navigator} {score.mission}"
         findings |= {
-            f"mean {key}": of(score.mean_m, "mean position error over seeds", "m"),
-            f"ratio {key}": plain(score.times_bound, "RMS error over the bound"),
-            f"nees {key}": plain(score.nees, "mean NEES"),
-            f"relative {key}": plain(
+            f"mean {key}": interval_finding(score.mean_m, "mean position error over seeds", "m"),
+            f"ratio {key}": plain_finding(score.times_bound, "RMS error over the bound"),
+            f"nees {key}": plain_finding(score.nees, "mean NEES"),
+            f"relative {key}": plain_finding(
                 score.relative_m[1], f"RMS error over segments of {SEGMENTS_M[1]:g} m", "m"
             ),
         }
     worst = max(scores, key=lambda score: score.times_bound)
     runs = sum(score.runs for score in scores)
     return findings | {
-        f"score {navigator}": plain(total(scores), "geometric mean of RMS error over the bound"),
-        f"worst {navigator}": plain(worst.times_bound, "largest of these ratios"),
-        f"worst-mission {navigator}": plain(worst.mission, "where that is"),
-        f"far {navigator}": plain(
+        f"score {navigator}": plain_finding(
+            total(scores), "geometric mean of RMS error over the bound"
+        ),
+        f"worst {navigator}": plain_finding(worst.times_bound, "largest of these ratios"),
+        f"worst-mission {navigator}": plain_finding(worst.mission, "where that is"),
+        f"far {navigator}": plain_finding(
             sum(score.lost for score in scores) / runs, "share of runs with an error above 10 m"
         ),
-        f"step {navigator}": plain(
+        f"step {navigator}": plain_finding(
             max(score.step_us for score in scores), "processor time a filter step", "µs"
         ),
     }

@@ -13,7 +13,7 @@ from experiments.studies.reproduce.findings import CLAIMS, JUDGED, MetricValues,
 from experiments.study.file import built_in, study_of
 from experiments.study.plan import plan_of
 from experiments.study.run import fly_further, fly_studies
-from reports.findings import FILE, Finding, Findings, of, plain, record
+from reports.findings import FILE, Finding, Findings, interval_finding, plain_finding, record
 from reports.intervals import proportion
 
 MODULES = ("experiments.studies.reproduce.findings", "experiments.study.run")
@@ -25,20 +25,24 @@ by.
 
 def findings_of(verdicts: Mapping[int, Sequence[Verdict]]) -> Findings:
     """The record of the verdicts on all claims, by seed."""
-    commonest, seeds_alike = Counter(tuple(of_seed) for of_seed in verdicts.values()).most_common(
-        1
-    )[0]
+    commonest, seeds_alike = Counter(
+        tuple(seed_verdicts) for seed_verdicts in verdicts.values()
+    ).most_common(1)[0]
     findings: dict[str, Finding] = {
-        "seeds": plain(len(verdicts), "seeds"),
-        "same": plain(seeds_alike, "seeds whose verdicts on all claims are the commonest ones"),
-        "same share": of(proportion(seeds_alike, len(verdicts)), "their share of all seeds, 95 %"),
+        "seeds": plain_finding(len(verdicts), "seeds"),
+        "same": plain_finding(
+            seeds_alike, "seeds whose verdicts on all claims are the commonest ones"
+        ),
+        "same share": interval_finding(
+            proportion(seeds_alike, len(verdicts)), "their share of all seeds, 95 %"
+        ),
     }
     for i, claim in enumerate(CLAIMS):
-        findings[f"verdict {claim.number}"] = plain(
+        findings[f"verdict {claim.number}"] = plain_finding(
             commonest[i], f"commonest verdict on claim {claim.number}"
         )
-        agreements = sum(of_seed[i] == commonest[i] for of_seed in verdicts.values())
-        findings[f"same {claim.number}"] = plain(
+        agreements = sum(seed_verdicts[i] == commonest[i] for seed_verdicts in verdicts.values())
+        findings[f"same {claim.number}"] = plain_finding(
             agreements, f"seeds with this verdict on claim {claim.number}"
         )
     return record("claim-seeds", "python -m tools.documents.studies claim-seeds", MODULES, findings)

@@ -13,7 +13,7 @@ import numpy as np
 from experiments.study.file import Until
 from experiments.study.run import runs_wanted
 from laisn.arrays import Floats
-from reports.findings import FILE, Finding, Findings, of, plain, record
+from reports.findings import FILE, Finding, Findings, interval_finding, plain_finding, record
 from reports.intervals import Interval, mean_interval, proportion, ratio_intervals
 
 COMMAND = "python -m tools.documents.studies coverage"
@@ -30,13 +30,13 @@ Draw = Callable[[np.random.Generator, tuple[int, int]], tuple[Floats, Floats]]
 """Values above and below a ratio, of the given shape."""
 
 
-def _alone(values: Floats) -> tuple[Floats, Floats]:
+def _over_one(values: Floats) -> tuple[Floats, Floats]:
     return values, np.ones_like(values)
 
 
 def _mirror(rng: np.random.Generator, shape: tuple[int, int]) -> tuple[Floats, Floats]:
     error = rng.gamma(9.0, 1.0 / 9.0, shape)
-    return _alone(np.where(rng.random(shape) < LOCKED, _LOCKED_ERROR_M, _ERROR_M) * error)
+    return _over_one(np.where(rng.random(shape) < LOCKED, _LOCKED_ERROR_M, _ERROR_M) * error)
 
 
 def _ratio(rng: np.random.Generator, shape: tuple[int, int]) -> tuple[Floats, Floats]:
@@ -45,22 +45,28 @@ def _ratio(rng: np.random.Generator, shape: tuple[int, int]) -> tuple[Floats, Fl
 
 
 LAWS: Mapping[str, tuple[str, float, Draw]] = {
-    "normal": ("normal", 0.0, lambda rng, shape: _alone(rng.normal(0.0, 1.0, shape))),
-    "gamma": ("gamma of skewness 1.4", 2.0, lambda rng, shape: _alone(rng.gamma(2.0, 1.0, shape))),
+    "normal": ("normal", 0.0, lambda rng, shape: _over_one(rng.normal(0.0, 1.0, shape))),
+    "gamma": (
+        "gamma of skewness 1.4",
+        2.0,
+        lambda rng, shape: _over_one(rng.gamma(2.0, 1.0, shape)),
+    ),
     "exponential": (
         "exponential, skewness 2",
         1.0,
-        lambda rng, shape: _alone(rng.exponential(1.0, shape)),
+        lambda rng, shape: _over_one(rng.exponential(1.0, shape)),
     ),
     "lognormal": (
         "lognormal, skewness 6.2",
         float(np.exp(0.5)),
-        lambda rng, shape: _alone(rng.lognormal(0.0, 1.0, shape)),
+        lambda rng, shape: _over_one(rng.lognormal(0.0, 1.0, shape)),
     ),
     "difference": (
         "paired difference of skewed errors",
         0.3,
-        lambda rng, shape: _alone(rng.gamma(1.0, 1.0, shape) - 0.7 * rng.gamma(4.0, 0.25, shape)),
+        lambda rng, shape: _over_one(
+            rng.gamma(1.0, 1.0, shape) - 0.7 * rng.gamma(4.0, 0.25, shape)
+        ),
     ),
     "ratio": ("ratio of correlated errors", 0.5, _ratio),
     "mirror": (
@@ -84,7 +90,7 @@ def covered(law: str, runs: int, trials: int = TRIALS, seed: int = 1) -> int:
     )
 
 
-_UNTIL: Mapping[str, tuple[str, float, float]] = {
+SEQUENTIAL_LAWS: Mapping[str, tuple[str, float, float]] = {
     "normal": ("normal, σ = 1", 0.0, 0.1),
     "binary": ("an outcome of a tenth of the runs", LOCKED, 0.03),
 }
@@ -95,11 +101,11 @@ _BATCH = 60
 _MAX = 5_000
 
 
-def stopped(law: str, rng: np.random.Generator) -> Interval:
+def interval_when_stopped(law: str, rng: np.random.Generator) -> Interval:
     """The interval of a study that flies batches until it is narrow enough, as `[runs] until`
     does.
     """
-    _, mean, half_width = _UNTIL[law]
+    _, mean, half_width = SEQUENTIAL_LAWS[law]
     values = (
         rng.normal(size=_MAX) if law == "normal" else (rng.random(_MAX) < mean).astype(np.float64)
     )
@@ -120,34 +126,36 @@ def covered_when_stopped(law: str, trials: int = TRIALS, seed: int = 1) -> int:
     distribution.
     """
     rng = np.random.default_rng([seed, 0])
-    mean = _UNTIL[law][1]
+    mean = SEQUENTIAL_LAWS[law][1]
     return sum(
         interval.low <= mean <= interval.high
-        for interval in (stopped(law, rng) for _ in range(trials))
+        for interval in (interval_when_stopped(law, rng) for _ in range(trials))
     )
 
 
 def findings() -> Findings:
     """Coverage of every law and number of runs."""
     findings: dict[str, Finding] = {
-        "trials": plain(TRIALS, "intervals drawn of each law and number of runs")
+        "trials": plain_finding(TRIALS, "intervals drawn of each law and number of runs")
     }
     for law, (words, _, _) in LAWS.items():
         for runs in RUNS:
             meaning = (
                 f"share of 95 % intervals that hold the truth, {runs} runs, {words}; limits 95 %"
             )
-            findings[f"{law} {runs}"] = of(proportion(covered(law, runs), TRIALS), meaning)
-    for law, (words, _, half_width) in _UNTIL.items():
+            findings[f"{law} {runs}"] = interval_finding(
+                proportion(covered(law, runs), TRIALS), meaning
+            )
+    for law, (words, _, half_width) in SEQUENTIAL_LAWS.items():
         meaning = (
             "share of 95 % intervals that hold the truth, runs until half-width "
             f"{half_width:g}, {words}"
         )
-        findings[f"until {law}"] = of(
+        findings[f"until {law}"] = interval_finding(
             proportion(covered_when_stopped(law), TRIALS), f"{meaning}; limits 95 %"
         )
     for runs in RUNS:
-        findings[f"unseen {runs}"] = plain(
+        findings[f"unseen {runs}"] = plain_finding(
             (1.0 - LOCKED) ** runs, f"chance that none of {runs} runs is locked"
         )
     return record("coverage", COMMAND, MODULES, findings)

@@ -104,9 +104,9 @@ def draw(panel: Panel) -> Figure:
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(panel.width, panel.height))
         for subplot in reversed(panel.parts):
-            each = room * subplot.height / total_height
-            axes = _axes(figure, bottom, each)
-            bottom += each + gap
+            subplot_height = room * subplot.height / total_height
+            axes = _axes(figure, bottom, subplot_height)
+            bottom += subplot_height + gap
             _draw(axes, subplot, 10**9 if panel.equal else points)
             if panel.equal:
                 axes.set_aspect("equal", adjustable="datalim")

@@ -7,7 +7,7 @@ import numpy as np
 from experiments.campaign.montecarlo import CampaignMission, CellSettings
 from experiments.flight.fly import fly
 from experiments.flight.library import load_scenario
-from reports.findings import FILE, Finding, Findings, plain, record
+from reports.findings import FILE, Finding, Findings, plain_finding, record
 from sim.flight import FlightRecord, position_and_bearing_errors
 from sim.scenario.sensors import Sensors
 from sim.sensing.observation import IdealMeasurements
@@ -50,8 +50,8 @@ def _tilt(flight: FlightRecord) -> dict[str, Finding]:
     wrong = tilt_errors(flight.trajectory, ideal)[:, 0]
     rms = [float(np.rad2deg(np.sqrt(np.mean(angle**2)))) for angle in (pitch, wrong)]
     return {
-        "pitch following-sea": plain(rms[0], "pitch of the leader, RMS", "°"),
-        "inclinometer following-sea": plain(
+        "pitch following-sea": plain_finding(rms[0], "pitch of the leader, RMS", "°"),
+        "inclinometer following-sea": plain_finding(
             rms[1], "error of pitch that accelerations make, RMS", "°"
         ),
     }
@@ -60,7 +60,7 @@ def _tilt(flight: FlightRecord) -> dict[str, Finding]:
 def _slips(flight: FlightRecord) -> Finding:
     settings = CellSettings.of(flight.scenario)
     _, truth = CampaignMission(settings.motion, flight.trajectory).seen(settings, 0)
-    return plain(
+    return plain_finding(
         1e3 * slip(truth),
         "way in a second that log and compass do not see, RMS along one axis",
         "mm",
@@ -77,11 +77,13 @@ def findings() -> Findings:
     east, north = (flight.trajectory.position[index, 1] - flight.trajectory.position[index, 0])[:2]
     heading = float(flight.trajectory.heading[index, 0])
     findings: dict[str, Finding] = {
-        "T5 off-axis": plain(float(error[off_axis].max()), "largest E_P, 470 … 590 s, run 0", "m"),
-        "T5 behind": plain(
+        "T5 off-axis": plain_finding(
+            float(error[off_axis].max()), "largest E_P, 470 … 590 s, run 0", "m"
+        ),
+        "T5 behind": plain_finding(
             float(-east * np.sin(heading) - north * np.cos(heading)), "at 650 s", "m"
         ),
-        "T5 beside": plain(
+        "T5 beside": plain_finding(
             float(abs(east * np.cos(heading) - north * np.sin(heading))), "at 650 s", "m"
         ),
         "slip T5": _slips(flight),
@@ -89,7 +91,7 @@ def findings() -> Findings:
     for name, settings in SEAS.items():
         sea, _ = fly(load_scenario(name.replace("inclinometer", "ahrs"), settings))
         mean = float(position_and_bearing_errors(sea)[0][0].mean())
-        findings[f"error {name}"] = plain(mean, "mean E_P, run 0", "m")
+        findings[f"error {name}"] = plain_finding(mean, "mean E_P, run 0", "m")
         if name == "following-sea":
             findings |= {"slip following-sea": _slips(sea)} | _tilt(sea)
     return record("flights", COMMAND, MODULES, findings)

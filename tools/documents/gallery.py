@@ -20,7 +20,7 @@ _PACKAGES = ("laisn", "sim", "reports", "experiments", "laisn_sim", "models")
 _RESULT = "result.json"
 _PICTURES = (".png", ".jpg", ".svg")
 _LONGEST_S = 600
-_AT_ONCE = 2  # examples that run at a time
+_CONCURRENT_EXAMPLES = 2  # examples that run at a time
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +37,7 @@ class Executed:
         return self.name.replace("_", " ").capitalize()
 
     @property
-    def about(self) -> str:
+    def description(self) -> str:
         """Its docstring."""
         return ast.get_docstring(ast.parse(self.code)) or ""
 
@@ -74,10 +74,10 @@ def execute(path: Path, folder: Path) -> Executed:
         )
         if run.returncode:
             raise RuntimeError(f"{path}: {run.stderr[-2000:]}")
-        left = sorted(file for file in Path(work).iterdir() if file.suffix in _PICTURES)
-        if not left:
+        pictures_left = sorted(file for file in Path(work).iterdir() if file.suffix in _PICTURES)
+        if not pictures_left:
             raise RuntimeError(f"{path}: left no picture; it printed: {run.stdout[-500:]}")
-        pictures = [Path(shutil.copy(file, folder / file.name)) for file in left]
+        pictures = [Path(shutil.copy(file, folder / file.name)) for file in pictures_left]
     return Executed(name=path.stem, code=code, output=run.stdout, pictures=pictures)
 
 
@@ -105,7 +105,7 @@ def executed(folder: Path = OUTPUT) -> list[Executed]:
     first, *others = sorted(EXAMPLES.glob("*.py"))
     # the first one alone: it stores compiled code that the others have in common
     examples = [_kept_or_run(first, folder / first.stem, program)]
-    with ThreadPoolExecutor(_AT_ONCE) as pool:
+    with ThreadPoolExecutor(_CONCURRENT_EXAMPLES) as pool:
         examples += pool.map(lambda path: _kept_or_run(path, folder / path.stem, program), others)
     return examples
 
@@ -128,7 +128,7 @@ def page(examples: list[Executed], pictures: str) -> str:
         )
     lines += ["</div>", ""]
     for example in examples:
-        lines += [f"## {example.title} {{ #{anchor(example)} }}", "", example.about, ""]
+        lines += [f"## {example.title} {{ #{anchor(example)} }}", "", example.description, ""]
         lines += [f'``` {{ .python title="examples/{example.name}.py" }}', example.body, "```", ""]
         if example.output:
             lines += ['``` { .text title="prints" }', example.output.rstrip("\n"), "```", ""]

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 import laisn_sim
 import models
 from laisn.arrays import Floats
-from reports.findings import FILE, Finding, Findings, plain, record
+from reports.findings import FILE, Finding, Findings, plain_finding, record
 from sim import attitude
 from sim.assembly import routes_of
 from sim.scenario.parts import MissionPlan
@@ -86,32 +86,34 @@ def _remus() -> dict[str, Finding]:
     for rpm, published in PUBLISHED_SPEED.items():
         speed = remus.run(rpm, 100.0)[1][:, 0]
         # to the digits of the published table, lest it be rounded twice
-        findings[f"speed {rpm}"] = plain(round(float(speed[-1]), 4), "final speed", "m/s")
+        findings[f"speed {rpm}"] = plain_finding(round(float(speed[-1]), 4), "final speed", "m/s")
         aim = (1.0 - np.exp(-1.0)) * published
         k = int(np.argmax(speed >= aim))
         rises.append(remus.DT * (k - (speed[k] - aim) / (speed[k] - speed[k - 1])))
-    findings["rise slowest"] = plain(
+    findings["rise slowest"] = plain_finding(
         float(max(rises)), "rise to 63 % of the final speed at 300 /min", "s"
     )
-    findings["rise quickest"] = plain(
+    findings["rise quickest"] = plain_finding(
         float(min(rises)), "rise to 63 % of the final speed at 1525 /min", "s"
     )
     for rpm, turns in PUBLISHED_TURN.items():
         for rudder, published in turns.items():
             last = remus.run(rpm, 200.0, rudder_deg=rudder)[1][-1]
             rate = float(np.degrees(abs(last[5])))
-            findings[f"turn {rpm} {rudder}"] = plain(rate, f"turn rate, rudder {rudder}°", "°/s")
+            findings[f"turn {rpm} {rudder}"] = plain_finding(
+                rate, f"turn rate, rudder {rudder}°", "°/s"
+            )
             rates.append(abs(rate / published - 1.0))
             radii.append(float(np.linalg.norm(last[:3]) / abs(last[5])))
-    findings["turn apart"] = plain(
+    findings["turn apart"] = plain_finding(
         max(rates), "largest relative difference of turn rates from the published ones"
     )
-    findings["radius largest"] = plain(max(radii), "radius", "m")
-    findings["radius least"] = plain(min(radii), "radius", "m")
+    findings["radius largest"] = plain_finding(max(radii), "radius", "m")
+    findings["radius least"] = plain_finding(min(radii), "radius", "m")
     for rpm in PUBLISHED_TURN:
         tank, _ = remus.run(rpm, 200.0, stern_plane_deg=STERN_PLANE_DEG)
         pitch = abs(float(np.degrees(attitude.heading_pitch_roll(tank.pose[3:])[1])))
-        findings[f"pitch {rpm}"] = plain(
+        findings[f"pitch {rpm}"] = plain_finding(
             pitch, f"pitch under {STERN_PLANE_DEG:g}° of stern plane", "°"
         )
     return findings
@@ -131,7 +133,9 @@ def _righting(dt: float) -> Finding:
         if last_pitch > 0.0 >= pitch:
             crossings.append(tank.data.time - dt * pitch / (pitch - last_pitch))
         last_pitch = pitch
-    return plain(float(np.diff(crossings).mean()), f"righting period at a step of {dt:g} s", "s")
+    return plain_finding(
+        float(np.diff(crossings).mean()), f"righting period at a step of {dt:g} s", "s"
+    )
 
 
 REMUS_TERMS = {
@@ -203,25 +207,25 @@ def _shipped_remus() -> dict[str, Finding]:
     for rpm, turns in PUBLISHED_TURN.items():
         for rudder in turns:
             last = remus_flight(float(np.radians(rudder)), 0.0, rpm, {})[-1]
-            findings[f"shipped turn {rpm} {rudder}"] = plain(
+            findings[f"shipped turn {rpm} {rudder}"] = plain_finding(
                 float(np.degrees(abs(last[4]))),
                 f"turn rate of remus100.xml, rudder {rudder}°",
                 "°/s",
             )
         last = remus_flight(0.0, float(np.radians(STERN_PLANE_DEG)), rpm, {})[-1]
-        findings[f"shipped pitch {rpm}"] = plain(
+        findings[f"shipped pitch {rpm}"] = plain_finding(
             float(np.degrees(last[5])),
             f"pitch of remus100.xml under {STERN_PLANE_DEG:g}° of stern plane",
             "°",
         )
         last = remus_flight(0.0, 0.0, rpm, {})[-1]
-        findings[f"shipped speed {rpm}"] = plain(
+        findings[f"shipped speed {rpm}"] = plain_finding(
             float(last[3]), "final speed of remus100.xml", "m/s"
         )
     return findings
 
 
-def _held(command: tuple[float, float, float], _: float) -> tuple[float, float, float]:
+def _constant_command(command: tuple[float, float, float], _: float) -> tuple[float, float, float]:
     return command
 
 
@@ -245,23 +249,23 @@ def _fossen() -> dict[str, Finding]:
     values = {"ours": (last[0][4], last[1][5], last[2][3], 0.0)}
     for name, terms in REMUS_TERMS.items():
         turn, dive, ahead = (
-            fossen.fly(partial(_held, commands), MANOEUVRE_S, terms)[1][-1]
+            fossen.fly(partial(_constant_command, commands), MANOEUVRE_S, terms)[1][-1]
             for commands in ((rudder, 0.0, RPM), (0.0, plane, RPM), (0.0, 0.0, RPM))
         )
         _, path = fossen.fly(steps, MANOEUVRE_S, terms, (50.0,))
         distance = float(np.linalg.norm(path[:, :3] - ours[:, :3], axis=1).max())
         values[name] = turn[11], dive[4], ahead[6], distance
     for name, (turn_rate, pitch, speed, distance) in values.items():
-        findings[f"remus {name} turn"] = plain(
+        findings[f"remus {name} turn"] = plain_finding(
             float(np.degrees(turn_rate)), f"turn rate after 100 s, rudder 15°: {name}", "°/s"
         )
-        findings[f"remus {name} pitch"] = plain(
+        findings[f"remus {name} pitch"] = plain_finding(
             float(np.degrees(pitch)), f"pitch after 100 s, planes -5°: {name}", "°"
         )
-        findings[f"remus {name} speed"] = plain(
+        findings[f"remus {name} speed"] = plain_finding(
             float(speed), f"speed after 100 s, 1525 /min: {name}", "m/s"
         )
-        findings[f"remus {name} apart"] = plain(
+        findings[f"remus {name} apart"] = plain_finding(
             distance, f"largest distance from ours in 100 s of steps: {name}", "m"
         )
     return findings
@@ -421,7 +425,7 @@ def estimate_ratios(name: str) -> dict[str, float]:
 def _estimates() -> dict[str, Finding]:
     """Ratios of estimated to published coefficients."""
     return {
-        f"estimate {name} {key}": plain(ratio, f"{key}, estimated over published: {name}")
+        f"estimate {name} {key}": plain_finding(ratio, f"{key}, estimated over published: {name}")
         for name in PUBLISHED_HULLS
         for key, ratio in estimate_ratios(name).items()
     }
@@ -448,7 +452,7 @@ def _vehicles() -> dict[str, Finding]:
     drags = {"von Benzon": (13.7, 141.0), "Wu": (4.03, 18.18)}
     for name, (linear, square) in drags.items():
         speed = brentq(lambda u, a=linear, b=square: a * u + b * u * u - thrust, 0.0, 5.0)
-        findings[f"bluerov balance {name}"] = plain(
+        findings[f"bluerov balance {name}"] = plain_finding(
             float(speed), f"speed at full thrust by the drag of {name}", "m/s"
         )
     # in open loop the thrusters, above the centre of gravity, turn the hull over: the autopilot
@@ -460,21 +464,21 @@ def _vehicles() -> dict[str, Finding]:
     turn.step(np.array([[*np.sign(horizontal["torque"][:, 2]), 0, 0, 0, 0]]), 1500)
     way = float(np.hypot(*(ahead.position[-1, 0, :2] - ahead.position[-101, 0, :2])))
     speed = way / float(ahead.time[-1] - ahead.time[-101])
-    findings["bluerov speed"] = plain(speed, "speed at full thrust, simulated", "m/s")
-    findings["bluerov turn"] = plain(
+    findings["bluerov speed"] = plain_finding(speed, "speed at full thrust, simulated", "m/s")
+    findings["bluerov turn"] = plain_finding(
         float(np.degrees(abs(turn.twist[0, 5]))), "turn rate at full thrust, simulated", "°/s"
     )
     rate = np.degrees(np.sqrt(4 * 30.4 * (0.156 + 0.111) / np.sqrt(2) / 1.5))
-    findings["bluerov turn balance"] = plain(
+    findings["bluerov turn balance"] = plain_finding(
         float(rate), "turn rate by thrust and the paper's damping 1.5 r²", "°/s"
     )
 
     for trial, published in PUBLISHED_BLUEROV.items():
         unit = "rad/s" if trial == "turn" else "m/s"
-        findings[f"bluerov {trial} ours"] = plain(
+        findings[f"bluerov {trial} ours"] = plain_finding(
             bluerov_speed(trial), f"steady speed of the trial: {trial}", unit
         )
-        findings[f"bluerov {trial} published"] = plain(
+        findings[f"bluerov {trial} published"] = plain_finding(
             published, f"the same in the published code: {trial}", unit
         )
     hover = Route.timed(
@@ -483,7 +487,7 @@ def _vehicles() -> dict[str, Finding]:
     plant = _plant("bluerov2_heavy", heading=np.pi / 2, depth=10.0, current=0.3)
     motion = simulate(plant, [hover], 290.0, [None])
     distance = np.hypot(*motion.position[600:, 0, :2].T)
-    findings["bluerov hover"] = plain(
+    findings["bluerov hover"] = plain_finding(
         float(np.sqrt(np.mean(distance**2))), "RMS from a station in 0.3 m/s, 60 to 290 s", "m"
     )
     for model in models.VEHICLES:
@@ -493,10 +497,10 @@ def _vehicles() -> dict[str, Finding]:
                 role == "follower"
             ]
             key = f"route {model} {role}"
-            findings[f"{key} off"] = plain(
+            findings[f"{key} off"] = plain_finding(
                 report.cross_track_rms, f"RMS off its route: {model} as {role}", "m"
             )
-            findings[f"{key} depth"] = plain(
+            findings[f"{key} depth"] = plain_finding(
                 report.depth_error_rms, f"RMS error of depth: {model} as {role}", "m"
             )
     return findings
@@ -549,17 +553,19 @@ def _formation() -> dict[str, Finding]:
         0
     ]
     return {
-        "formation best": plain(min(rms), "least RMS distance from a station, ten REMUS 100", "m"),
-        "formation worst": plain(
+        "formation best": plain_finding(
+            min(rms), "least RMS distance from a station, ten REMUS 100", "m"
+        ),
+        "formation worst": plain_finding(
             max(rms), "largest RMS distance from a station, ten REMUS 100", "m"
         ),
-        "formation lost": plain(
+        "formation lost": plain_finding(
             sum(station.lost for station in stations), "followers lost, ten REMUS 100"
         ),
-        "formation depth": plain(
+        "formation depth": plain_finding(
             remus_formation.depth_rms(flight), "RMS error of depth, ten REMUS 100", "m"
         ),
-        "formation leader": plain(
+        "formation leader": plain_finding(
             leader.cross_track_rms, "RMS off its route: REMUS 100 that leads ten", "m"
         ),
     }

@@ -18,7 +18,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from laisn.errors import LaisnError
-from reports.findings import Findings, plain, read, version_of
+from reports.findings import Findings, plain_finding, read_findings, version_of
 from tools.documents.tables import TABLES
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -39,7 +39,7 @@ _ANY = re.compile(r"<!--= .*?-->|<!-- table .*?-->", re.DOTALL)
 
 def records(folder: Path = RECORDS) -> dict[str, Findings]:
     """All records by the name of their study."""
-    return {path.stem: read(path) for path in sorted(folder.glob("*.json"))}
+    return {path.stem: read_findings(path) for path in sorted(folder.glob("*.json"))}
 
 
 def filled(
@@ -63,7 +63,9 @@ def filled(
         name = match[1]
         key = match[2].strip()
         spec = match[3]
-        finding = plain(study(name).version, "version") if key == "version" else study(name)[key]
+        finding = (
+            plain_finding(study(name).version, "version") if key == "version" else study(name)[key]
+        )
         return f"<!--= {name} {key} {spec} -->{finding:{spec}}<!--/-->"
 
     def table(match: re.Match[str]) -> str:

@@ -24,7 +24,7 @@ from experiments.beacon_replay import (
 from laisn.estimates import Estimates
 from laisn.settings import NavigationSettings, TightSettings
 from laisn.tight.navigator import TightNavigator
-from reports.findings import FILE, Finding, plain, record
+from reports.findings import FILE, Finding, plain_finding, record
 from reports.version import ROOT
 from sim.datasets.log import Replayable, read_data_set, read_data_set_log, write_data_set
 
@@ -110,9 +110,13 @@ def scores(
 def findings_of(name: str, scores: dict[str, dict[tuple[str, ...], Score]]) -> dict[str, Finding]:
     """Findings on a data set."""
     result: dict[str, Finding] = {}
-    for navigator, each in scores.items():
-        pairs = np.array([errors for beacons, errors in each.items() if len(beacons) == 2])
-        all_errors = next(errors for beacons, errors in each.items() if len(beacons) > 2)
+    for navigator, errors_by_beacons in scores.items():
+        pairs = np.array(
+            [errors for beacons, errors in errors_by_beacons.items() if len(beacons) == 2]
+        )
+        all_errors = next(
+            errors for beacons, errors in errors_by_beacons.items() if len(beacons) > 2
+        )
         mean, _, high, nees = pairs.T
         values = {
             "pairs": (
@@ -129,7 +133,7 @@ def findings_of(name: str, scores: dict[str, dict[tuple[str, ...], Score]]) -> d
             "all-nees": (all_errors.nees, "with all beacons", ""),
         }
         for key, (value, meaning, unit) in values.items():
-            result[f"{key} {navigator} {name}"] = plain(value, meaning, unit)
+            result[f"{key} {navigator} {name}"] = plain_finding(value, meaning, unit)
     return result
 
 
@@ -142,9 +146,9 @@ def ranges_of(name: str) -> dict[str, Finding]:
     true = np.hypot(*(positions - data.places[data.range_beacon]).T)
     scale = float(data.ranges @ true / (true @ true))
     return {
-        f"ranges {name}": plain(data.ranges.size, "ranges to all beacons"),
-        f"scale {name}": plain(scale - 1.0, "common scale error of all ranges"),
-        f"sigma {name}": plain(
+        f"ranges {name}": plain_finding(data.ranges.size, "ranges to all beacons"),
+        f"scale {name}": plain_finding(scale - 1.0, "common scale error of all ranges"),
+        f"sigma {name}": plain_finding(
             float(np.std(data.ranges - scale * true)), "of what that leaves of the ranges", "m"
         ),
     }

@@ -15,7 +15,7 @@ import pdoc
 
 PACKAGES = ("laisn_sim", "laisn", "sim", "reports", "experiments", "models")
 FOLDER = Path("out") / "reference"
-_NAMED = re.compile(rf"<code>((?:{'|'.join(PACKAGES)})(?:\.\w+)+)</code>")
+_REFERENCES = re.compile(rf"<code>((?:{'|'.join(PACKAGES)})(?:\.\w+)+)</code>")
 """A dotted name in back quotes that pdoc did not turn into a link."""
 _LINK = re.compile(r'href="([^":$]*?)(?:#([^"]*))?"')
 
@@ -50,7 +50,7 @@ def broken_references(folder: Path) -> Iterator[str]:
                 anchor and not anchor.startswith("_") and anchor not in anchors[page]
             ):
                 yield f"{path.relative_to(folder)}: {target}#{anchor} does not exist"
-        for name in set(_NAMED.findall(text)):
+        for name in set(_REFERENCES.findall(text)):
             if not _exists(name):
                 yield f"{path.relative_to(folder)}: {name} does not exist"
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from experiments.flight.library import ROUTES
 from laisn.arrays import Floats
-from reports.findings import FILE, Finding, Findings, plain, record
+from reports.findings import FILE, Finding, Findings, plain_finding, record
 from sim.assembly import routes_of
 from sim.scenario.parts import MissionPlan
 from sim.scenario.point_motion import plan
@@ -67,14 +67,14 @@ def arrival_errors(route: Route, time: Floats, position: Floats) -> Floats:
     errors = []
     rests = route.leg_length == 0
     stops = np.append(rests, False) | np.append(False, rests)
-    for arrival, waypoint, first, until, is_stop in zip(
+    for arrival, waypoint, first, leg_end, is_stop in zip(
         route.time, route.waypoint, begin, end, stops, strict=True
     ):
         if arrival > time[-1] + 1e-9:
             break
         if is_stop:
             continue
-        window = np.flatnonzero((time >= first) & (time <= until))
+        window = np.flatnonzero((time >= first) & (time <= leg_end))
         errors.append(time[window[np.hypot(*(position[window] - waypoint).T).argmin()]] - arrival)
     return np.array(errors)
 
@@ -140,22 +140,29 @@ def _findings(report: TrackingReport, name: str) -> dict[str, Finding]:
         "pitch-sigma": (spread, "°"),
         "roll-max": (roll, "°"),
     }
-    return {f"{key} {name}": plain(float(value), "", unit) for key, (value, unit) in values.items()}
+    return {
+        f"{key} {name}": plain_finding(float(value), "", unit)
+        for key, (value, unit) in values.items()
+    }
 
 
 def findings_of(reports: Sequence[TrackingReport], planned: TrackingReport) -> Findings:
     """The record: every vehicle, the extremes of them all, and T8 as the point motion flies it."""
-    each = [_findings(report, report.name) for report in reports]
-    named: dict[str, Finding] = {
-        key: finding for findings in each for key, finding in findings.items()
+    report_findings = [_findings(report, report.name) for report in reports]
+    record_findings: dict[str, Finding] = {
+        key: finding for findings in report_findings for key, finding in findings.items()
     }
-    for row in zip(*(findings.items() for findings in each), strict=True):
+    for row in zip(*(findings.items() for findings in report_findings), strict=True):
         quantity = row[0][0].partition(" ")[0]
         values = [finding.number for _, finding in row]
-        named[f"{quantity} least"] = plain(min(values), "of all vehicles", row[0][1].unit)
-        named[f"{quantity} most"] = plain(max(values), "of all vehicles", row[0][1].unit)
-    named |= _findings(planned, "T8-plan")
-    return record("route-keeping", COMMAND, MODULES, named)
+        record_findings[f"{quantity} least"] = plain_finding(
+            min(values), "of all vehicles", row[0][1].unit
+        )
+        record_findings[f"{quantity} most"] = plain_finding(
+            max(values), "of all vehicles", row[0][1].unit
+        )
+    record_findings |= _findings(planned, "T8-plan")
+    return record("route-keeping", COMMAND, MODULES, record_findings)
 
 
 def run(folder: Path) -> None:

@@ -35,7 +35,7 @@ value out of bounds is refused, with its bounds.
 *Generated from `sim/scenario/settings.py` by `python -m tools.documents.scenario_reference`.*
 """
 
-_PLAIN = {(0, 1), (-180, 180), (-360, 360)}
+_UNSTATED_BOUNDS = {(0, 1), (-180, 180), (-360, 360)}
 """Intervals that follow from the quantity: probabilities and angles."""
 _UNBOUNDED = 100
 """Limits from here on only exclude numbers that a computation cannot handle."""
@@ -50,7 +50,7 @@ def _interval(schema: dict[str, Any]) -> str:
     low, high = (
         bounds.get(key, bounds.get(f"exclusive{key.title()}")) for key in ("minimum", "maximum")
     )
-    if low is None or high is None or (low, high) in _PLAIN or high >= _UNBOUNDED:
+    if low is None or high is None or (low, high) in _UNSTATED_BOUNDS or high >= _UNBOUNDED:
         return ""
     return f"{low:g} to {high:g}"
 

@@ -36,12 +36,12 @@ _CHAPTERS = {
 }  # fmt: skip
 
 
-def page_name(target: str, *, of_docs: bool) -> str:
+def page_name(target: str, *, in_docs: bool) -> str:
     """Where a link of README (else of a page in docs) leads on the site."""
     if re.match(r"\w+:", target):
         return target
     path = target
-    if of_docs:
+    if in_docs:
         path = target[3:] if target.startswith("../") else f"docs/{target}"
     example = re.fullmatch(r"examples/(\w+)\.py", path)
     module = re.fullmatch(r"(\w+(?:/\w+)*)\.py", path)
@@ -60,9 +60,9 @@ def page_name(target: str, *, of_docs: bool) -> str:
     return path.removeprefix("docs/")
 
 
-def converted(text: str, *, of_docs: bool) -> str:
+def converted(text: str, *, in_docs: bool) -> str:
     """A page of the repository as a page of the site."""
-    linked = _LINK.sub(lambda link: page_name(link[1], of_docs=of_docs), text)
+    linked = _LINK.sub(lambda link: page_name(link[1], in_docs=in_docs), text)
     return with_formulas(_COMMENT.sub("", linked))
 
 
@@ -73,7 +73,7 @@ def _write_sources(folder: Path) -> None:
     for path in sorted(Path("docs").glob("*.md")):
         sources[path] = _OVERVIEW if path.name == "index.md" else path.name
     for path, name in sources.items():
-        text = converted(path.read_text(encoding="utf-8"), of_docs=path.parent.name == "docs")
+        text = converted(path.read_text(encoding="utf-8"), in_docs=path.parent.name == "docs")
         (folder / name).write_text(text, encoding="utf-8")
     shutil.copytree(Path("docs") / "pictures", folder / "pictures")
     shutil.copytree(_FILES, folder / "assets")
@@ -91,9 +91,9 @@ def _navigation() -> list[object]:
     documents = {path.stem for path in Path("docs").glob("*.md")} - {"index"}
     names_in_chapters = {name for names in _CHAPTERS.values() for name in names}
     chapters = dict(_CHAPTERS)
-    further = tuple(sorted(documents - names_in_chapters))
-    if further:
-        chapters["Further"] = further
+    unlisted = tuple(sorted(documents - names_in_chapters))
+    if unlisted:
+        chapters["Further"] = unlisted
     entries: list[object] = [{"Home": _HOME}, {"Overview": _OVERVIEW}, {"Examples": "examples.md"}]
     entries += [
         {chapter: [f"{name}.md" for name in names if name in documents]}
@@ -161,13 +161,13 @@ class _Problems(logging.Handler):
 
 def outside(folder: Path) -> list[str]:
     """What pages would ask another host for, a line each."""
-    asked = re.compile(
+    requests = re.compile(
         r'<(?:script|link|img|iframe|source)\b[^>]*?(?:src|href)="((?:https?:)?//[^"]+)"'
     )
     return [
         f"{path.relative_to(folder)}: asks for {address}"
         for path in sorted(folder.rglob("*.html"))
-        for address in asked.findall(path.read_text(encoding="utf-8"))
+        for address in requests.findall(path.read_text(encoding="utf-8"))
     ]
 
 

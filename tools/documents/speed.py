@@ -28,7 +28,7 @@ _STEP_S = 0.02  # of physics
 _FILTER_STEP_S = 0.1
 
 
-def _held(record: Findings, key: str) -> Finding | None:
+def _finding_or_none(record: Findings, key: str) -> Finding | None:
     return record.findings.get(key)
 
 
@@ -50,16 +50,16 @@ def _physics(record: Findings) -> list[list[str]]:
             ]
         )
     for kind, words in SEAS.items():
-        step = _held(record, f"waves: leader + 1, {kind}")
+        step = _finding_or_none(record, f"waves: leader + 1, {kind}")
         if step is not None:
             calm = record["waves: leader + 1, calm"]
             rows.append([words, f"{step:.1f i} µs a step", f"calm {calm:.1f} µs"])
     for followers, words in CLOSED.items():
-        factor_of = _held(record, f"formation: leader + {followers}: real-time factor")
+        factor_of = _finding_or_none(record, f"formation: leader + {followers}: real-time factor")
         if factor_of is None:
             continue
-        step = _held(record, f"formation: leader + {followers}: closed loop")
-        bare_of = _held(record, f"formation: leader + {followers}: mj_step alone")
+        step = _finding_or_none(record, f"formation: leader + {followers}: closed loop")
+        bare_of = _finding_or_none(record, f"formation: leader + {followers}: mj_step alone")
         measured = f"{factor_of:,.0f} times real time"
         if step is not None:
             measured = f"{step:.1f i} µs a step, {measured}"
@@ -107,13 +107,13 @@ def _files(record: Findings) -> list[list[str]]:
     rows = [
         ["log", f"{messages:.0f i} thousand messages/s", f"{size:.1f} MB for 1000 s without film"]
     ]
-    reading = _held(record, "log: reading, to a flight")
+    reading = _finding_or_none(record, "log: reading, to a flight")
     if reading is not None:
         rows.append(["reading a log", f"{reading:.0f i} thousand messages/s", ""])
-    film = _held(record, "film: frames a second, once running")
+    film = _finding_or_none(record, "film: frames a second, once running")
     if film is not None:
-        frame = _held(record, "film: processor time of a frame")
-        bare = _held(record, "film: processor time of a frame of a bare renderer")
+        frame = _finding_or_none(record, "film: processor time of a frame")
+        bare = _finding_or_none(record, "film: processor time of a frame of a bare renderer")
         measured = f"{film:.0f i} frames/s"
         comparison = ""
         if frame is not None and bare is not None:
@@ -127,8 +127,8 @@ def _commands(record: Findings) -> list[list[str]]:
     rows = []
     for scenario in ("T5", "swarm"):
         name = f"command: laisn fly {scenario} --no-video"
-        finding = _held(record, name)
-        clock = _held(record, f"{name}, by the clock")
+        finding = _finding_or_none(record, name)
+        clock = _finding_or_none(record, f"{name}, by the clock")
         if finding is None:
             continue
         measured = f"{finding:.1f i} s by the clock"
@@ -136,8 +136,8 @@ def _commands(record: Findings) -> list[list[str]]:
             measured = f"{finding:.1f i} s of the processor, {clock:.1f} s by the clock"
         rows.append([f"`laisn fly {scenario} --no-video` as a whole", measured, ""])
         cold = f"cold: {scenario}: first flight of an installation"
-        compiling = _held(record, f"{cold}, compiling")
-        functions = _held(record, f"{cold}, compiled functions")
+        compiling = _finding_or_none(record, f"{cold}, compiling")
+        functions = _finding_or_none(record, f"{cold}, compiled functions")
         if compiling is not None and functions is not None:
             words = f"what its first flight compiles: {functions:d} functions"
             rows.append([words, f"{compiling:.0f} s of the processor", ""])
@@ -211,7 +211,7 @@ _TITLES = {
 def peers(records: Records) -> str:
     """Other programs beside rows of the record; those that the record measures come first."""
     record = records["benchmarks"]
-    fossen = _held(record, "peers: Python Vehicle Simulator, one REMUS 100")
+    fossen = _finding_or_none(record, "peers: Python Vehicle Simulator, one REMUS 100")
     filterpy = record["navigation: filterpy: predict and updates only"]
     numpy = record["navigation: NumPy vectorised over 60 runs: predict and updates only"]
     lanes = record["navigation: lanes, LAISN-2 filter only"]
@@ -247,16 +247,16 @@ class Cost(NamedTuple):
         """From the record of the benchmarks."""
         on_station = record["formation: leader + 10: closed loop"].number / 11
         mission = record["study: T5 by mujoco, another mission with one run"].number
-        beside = record["study: T5 by mujoco, a mission beside its motion"].number
+        overhead = record["study: T5 by mujoco, a mission beside its motion"].number
         # all that grows with the length of a mission counts as its motion
         steps = 2 * STUDIED_S / _STEP_S
         return cls(
             start_s=record["command: laisn fly T5 --no-video"].number,
-            vehicle_step_us=(mission - beside) / steps * 1e3,
+            vehicle_step_us=(mission - overhead) / steps * 1e3,
             station_step_us=on_station,
             run_step_ns=record["navigation: lanes, LAISN-2 with noise and metrics"].number,
             tight_step_ns=record["tight: tight, 3 transmitters, messages every 1 s"].number,
-            mission_ms=beside,
+            mission_ms=overhead,
         )
 
     def motion_s(self, vehicles: int, duration_s: float, *, closed_loop: bool = False) -> float:
@@ -306,7 +306,7 @@ def waiting(records: Records) -> str:
 def costs(records: Records) -> str:
     """The symbols of the formula, with their values by the record."""
     cost = Cost.of(records["benchmarks"])
-    swarm = _held(records["benchmarks"], "command: laisn fly swarm --no-video")
+    swarm = _finding_or_none(records["benchmarks"], "command: laisn fly swarm --no-video")
     start = f"{cost.start_s:.1f} s"
     if swarm is not None:
         start += f"; of a formation of ten {swarm:.1f} s, which holds its 1000 s of motion"

@@ -158,9 +158,9 @@ def real_ranges(records: Records) -> str:
             cells.append(f"{record[f'all {navigator} {name}']:.2f}")
         rows.append(cells)
     heads = [
-        f"{name}: {of}"
+        f"{name}: {score}"
         for name in ("Plaza 1", "Plaza 2")
-        for of in ("two beacons, median (worst pair)", "all four")
+        for score in ("two beacons, median (worst pair)", "all four")
     ]
     return markdown(["mean error [m]", *heads], rows)
 
@@ -451,11 +451,13 @@ def vehicle_missions(records: Records) -> str:
     for model in ("leader", "follower", "remus100", "lauv", "bluerov2_heavy"):
         cells = [f"`{model}`"]
         for role in ("leader", "follower"):
-            cells += [f"{record[f'{model} {role} {of}']:.2f}" for of in ("route", "depth")]
+            cells += [
+                f"{record[f'{model} {role} {quantity}']:.2f}" for quantity in ("route", "depth")
+            ]
         cells.append(f"{record[f'{model} station station']:.2f}")
         cells += [
-            " / ".join(f"{record[f'{model} {role} {of}']:d}" for role in ROLES)
-            for of in ("refused", "warned")
+            " / ".join(f"{record[f'{model} {role} {quantity}']:d}" for role in ROLES)
+            for quantity in ("refused", "warned")
         ]
         rows.append(cells)
     heads = [

@@ -12,7 +12,7 @@ from reports.style import FRAME, INK, SERIES
 
 _HALF_BASELINE = 1.0  # [m], drawn larger than the project's
 _TRUTH = np.array([5.6, -4.6])
-_OFF = np.array([-1.3, -1.1])  # of the estimate from the truth
+_ESTIMATE_ERROR = np.array([-1.3, -1.1])  # of the estimate from the truth
 _ERRORS = 120  # drawn of a filter whose errors have a standard deviation of 1 m along each axis
 _SIGMA_OF_BOUND = 0.7  # [m]
 
@@ -62,7 +62,7 @@ def picture() -> Figure:
             linewidth=0.7,
         )
     mirror = _TRUTH * (-1.0, 1.0)
-    estimate = _TRUTH + _OFF
+    estimate = _TRUTH + _ESTIMATE_ERROR
     _point(axes, _TRUTH, "truth", truth_colour, (7, 2))
     _point(axes, estimate, "estimate", estimate_colour, (-6, -14))
     _point(axes, mirror, "mirror image", mirror_colour, (-68, -12))

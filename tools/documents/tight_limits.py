@@ -20,7 +20,7 @@ from laisn.arrays import Floats
 from laisn.messages import LeaderMessage, Measurements
 from laisn.settings import TightSettings
 from laisn.tight.navigator import run_mission
-from reports.findings import FILE, Finding, of, plain, record, share
+from reports.findings import FILE, Finding, interval_finding, plain_finding, record, share_finding
 from reports.intervals import mean_interval, mean_over_missions
 
 COMMAND = "python -m tools.documents.studies tight-limits"
@@ -115,16 +115,16 @@ def map_of_nees(runs: int = RUNS) -> Iterator[tuple[str, Finding]]:
                     all_errors.append(nees)
                     yield (
                         f"nees {bearing:g} {distance:g} {deeper:g} {interval:g}",
-                        plain(float(np.median(nees)), "NEES, median of runs"),
+                        plain_finding(float(np.median(nees)), "NEES, median of runs"),
                     )
         medians = np.median(all_errors, axis=1)
-        yield f"nees-least {interval:g}", plain(float(medians.min()), "of all places")
-        yield f"nees-most {interval:g}", plain(float(medians.max()), "of all places")
+        yield f"nees-least {interval:g}", plain_finding(float(medians.min()), "of all places")
+        yield f"nees-most {interval:g}", plain_finding(float(medians.max()), "of all places")
         locked = np.array(all_errors).ravel() > LOCKED_NEES
-        yield f"nees-locked {interval:g}", share(locked, "share of runs that lock, 95 %")
+        yield f"nees-locked {interval:g}", share_finding(locked, "share of runs that lock, 95 %")
 
 
-def of_case(case: str, arms: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
+def case_findings(case: str, arms: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
     """Errors, NEES and paired differences of all arms in a case, of means over routes and of the
     worst route.
     """
@@ -132,24 +132,33 @@ def of_case(case: str, arms: Mapping[str, Cells]) -> Iterator[tuple[str, Finding
         errors = routes.runs("e_p_mean_m")
         nees = routes.runs("nees").mean(axis=0)
         name = f"{arm} {case}"
-        yield f"error {name}", of(mean_over_missions([*errors.T]), "mean E_P over routes", "m")
+        yield (
+            f"error {name}",
+            interval_finding(mean_over_missions([*errors.T]), "mean E_P over routes", "m"),
+        )
         worst = float(errors.mean(axis=0).max())
-        yield f"worst {name}", plain(worst, "mean E_P on the worst route", "m")
-        yield f"nees-least {name}", plain(float(nees.min()), "mean NEES, of all routes")
-        yield f"nees-most {name}", plain(float(nees.max()), "mean NEES, of all routes")
+        yield f"worst {name}", plain_finding(worst, "mean E_P on the worst route", "m")
+        yield f"nees-least {name}", plain_finding(float(nees.min()), "mean NEES, of all routes")
+        yield f"nees-most {name}", plain_finding(float(nees.max()), "mean NEES, of all routes")
     for ours, rivals in RIVALS.items():
         better = 0
         for rival in rivals:
             advantage = arms[rival].runs("e_p_mean_m") - arms[ours].runs("e_p_mean_m")
             name = f"{rival} {case}"
             meaning = f"paired difference of mean E_P: {rival} less {ours}"
-            yield f"less {name}", of(mean_over_missions([*advantage.T]), f"{meaning}, 95 %", "m")
-            each = [mean_interval(of_route) for of_route in advantage.T]
-            nearest = min(each, key=lambda interval: interval.value)
-            yield f"least {name}", of(nearest, f"{meaning}, on the route of the least, 95 %", "m")
-            better += sum(interval.high < 0.0 for interval in each)
+            yield (
+                f"less {name}",
+                interval_finding(mean_over_missions([*advantage.T]), f"{meaning}, 95 %", "m"),
+            )
+            intervals = [mean_interval(route_advantage) for route_advantage in advantage.T]
+            nearest = min(intervals, key=lambda interval: interval.value)
+            yield (
+                f"least {name}",
+                interval_finding(nearest, f"{meaning}, on the route of the least, 95 %", "m"),
+            )
+            better += sum(interval.high < 0.0 for interval in intervals)
         meaning = "routes on which a rival's mean E_P is smaller, the whole interval below 0"
-        yield f"better-than {ours} {case}", plain(better, meaning)
+        yield f"better-than {ours} {case}", plain_finding(better, meaning)
 
 
 def run(
@@ -165,13 +174,17 @@ def run(
     results = fly_studies([plan_of(study_of(STUDY, keys or {}))], folder, **options)[0]
     cells = results.cells.by("arm", "case")
     arms = list(results.plan.study.arms)
-    findings: dict[str, Finding] = {"runs": plain(len(next(iter(cells.values())).runs("run")), "")}
+    findings: dict[str, Finding] = {
+        "runs": plain_finding(len(next(iter(cells.values())).runs("run")), "")
+    }
     for case in results.plan.study.cases:
-        findings |= dict(of_case(case, {arm: cells[f"{arm} {case}"] for arm in arms}))
+        findings |= dict(case_findings(case, {arm: cells[f"{arm} {case}"] for arm in arms}))
     for ours in RIVALS:
         total = sum(
             findings[f"better-than {ours} {case}"].number for case in results.plan.study.cases
         )
-        findings[f"better-than {ours}"] = plain(int(total), "the same of all cases together")
+        findings[f"better-than {ours}"] = plain_finding(
+            int(total), "the same of all cases together"
+        )
     findings |= dict(map_of_nees(map_runs))
     record("tight-limits", COMMAND, MODULES, findings).write(folder / FILE)

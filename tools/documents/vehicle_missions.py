@@ -15,7 +15,7 @@ import models
 from experiments.flight import library
 from experiments.flight.fly import fly
 from laisn.arrays import Floats
-from reports.findings import FILE, Finding, Findings, plain, record
+from reports.findings import FILE, Finding, Findings, plain_finding, record
 from sim.flight import FlightRecord, Termination
 from sim.hull import hull_of, limits_of
 from sim.scenario.file import ScenarioError
@@ -73,9 +73,9 @@ def table_of(name: str, model: str, role: str) -> dict[str, Any]:
     return table | {"followers": followers}
 
 
-def fastest_over_ground(ways: Floats, current: Floats, through_water: float) -> Floats:
+def fastest_over_ground(directions: Floats, current: Floats, through_water: float) -> Floats:
     """Speeds along unit vectors of shape (n, 2) that have a speed through the water [m/s]."""
-    following = ways @ current
+    following = directions @ current
     across_squared = current @ current - following**2
     return following + np.sqrt(through_water**2 - across_squared)
 
@@ -89,11 +89,11 @@ def retimed(table: dict[str, Any]) -> dict[str, Any]:
     if limits.least_speed > 0.0:
         slowest = 1.2 * limits.least_speed + scenario.ocean.current_speed_m_s
 
-    def in_time(key: str, of: Vehicle) -> dict[str, Any]:
-        route = route_of(of, key)
+    def in_time(key: str, timed_vehicle: Vehicle) -> dict[str, Any]:
+        route = route_of(timed_vehicle, key)
         current = scenario.ocean.current_at(vehicle.layer_m, 0.0)
-        ways = np.diff(route.waypoint, axis=0) / route.leg_length[:, None]
-        fastest = fastest_over_ground(ways, current, 0.75 * limits.top_speed)
+        directions = np.diff(route.waypoint, axis=0) / route.leg_length[:, None]
+        fastest = fastest_over_ground(directions, current, 0.75 * limits.top_speed)
         assert (slowest < fastest).all()
         speed = np.clip(route.leg_speed, slowest, fastest)
         times = np.concatenate([[0.0], np.cumsum(route.leg_length / speed)])
@@ -118,7 +118,7 @@ def with_sites(table: dict[str, Any], model: str, role: str) -> dict[str, Any]:
     return table | {"followers": [f | {"model": text} for f in table["followers"]]}
 
 
-def loaded(table: dict[str, Any], model: str, role: str) -> tuple[Scenario, bool]:
+def scenario_or_advised(table: dict[str, Any], model: str, role: str) -> tuple[Scenario, bool]:
     """The scenario, or that which follows the advice of the refusal, and whether it was refused."""
     try:
         return library.as_scenario(table), False
@@ -130,7 +130,7 @@ def loaded(table: dict[str, Any], model: str, role: str) -> tuple[Scenario, bool
     return library.as_scenario(retimed(table)), True
 
 
-def offs(flight: FlightRecord, i: int) -> tuple[float, float, float]:
+def largest_deviations(flight: FlightRecord, i: int) -> tuple[float, float, float]:
     """Largest distances of vehicle i from its route, its depth and its station [m]."""
     scenario = flight.scenario
     truth = flight.trajectory
@@ -146,14 +146,14 @@ def offs(flight: FlightRecord, i: int) -> tuple[float, float, float]:
 
 def keeping(model: str, name: str, role: str) -> Keeping:
     """Load and fly a built-in scenario with a vehicle in a role."""
-    scenario, refused = loaded(table_of(name, model, role), model, role)
+    scenario, refused = scenario_or_advised(table_of(name, model, role), model, role)
     predicted = trial(scenario)
     flight, _ = fly(scenario)
     worst = np.zeros(3)
     for i, (_, vehicle) in enumerate(scenario.vehicles()):
         start = f"{flight.trajectory.names[i]}: "
         if vehicle.model and not any(line.startswith(start) for line in predicted):
-            worst = np.maximum(worst, offs(flight, i))
+            worst = np.maximum(worst, largest_deviations(flight, i))
     return Keeping(
         outcome=flight.outcome,
         refused=refused,
@@ -165,7 +165,7 @@ def keeping(model: str, name: str, role: str) -> Keeping:
     )
 
 
-def _of_role(model: str, role: str) -> dict[str, Finding]:
+def _role_findings(model: str, role: str) -> dict[str, Finding]:
     """How a vehicle keeps to what it is to keep in a role of all built-in scenarios."""
     missions = [keeping(model, name, role) for name in library.names()]
     largest = {
@@ -175,18 +175,20 @@ def _of_role(model: str, role: str) -> dict[str, Finding]:
     }
     key = f"{model} {role}"
     findings = {
-        f"{key} {quantity}": plain(value, f"largest distance from its {quantity}, {key}", "m")
+        f"{key} {quantity}": plain_finding(
+            value, f"largest distance from its {quantity}, {key}", "m"
+        )
         for quantity, value in largest.items()
         if (quantity == "station") == (role == "station")
     }
     return findings | {
-        f"{key} warned": plain(
+        f"{key} warned": plain_finding(
             sum(bool(mission.predicted) for mission in missions), f"missions with a warning, {key}"
         ),
-        f"{key} refused": plain(
+        f"{key} refused": plain_finding(
             sum(mission.refused for mission in missions), f"missions refused at first, {key}"
         ),
-        f"{key} completed": plain(
+        f"{key} completed": plain_finding(
             sum(mission.outcome is Termination.COMPLETED for mission in missions),
             f"missions flown to their end, {key}",
         ),
@@ -198,7 +200,7 @@ def findings() -> Findings:
     findings = dict[str, Finding]()
     for model in models.VEHICLES:
         for role in ROLES:
-            findings |= _of_role(model, role)
+            findings |= _role_findings(model, role)
             print(f"  {model} as {role}", flush=True)
     return record("vehicle-missions", COMMAND, MODULES, findings)
 

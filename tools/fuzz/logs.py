@@ -27,11 +27,11 @@ COMMANDS = (
 
 
 _RECOVERED = "in.recovered.mcap"
-_OF_AN_INSTANT = 20  # most messages; the instant before a gap is left out
+_MAX_MESSAGES_OF_INSTANT = 20  # most messages; the instant before a gap is left out
 
 
 @cache
-def _whole(duration_s: float = 5.0) -> bytes:
+def _undamaged_log(duration_s: float = 5.0) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "whole.mcap"
         writer.write(make_flight(duration_s), path)
@@ -50,7 +50,7 @@ class _StoredChunk:
 @cache
 def _chunks() -> tuple[_StoredChunk, ...]:
     """Those of a log of some minutes."""
-    content = _whole(120.0)
+    content = _undamaged_log(120.0)
     chunks = list[_StoredChunk]()
     for record in StreamReader(io.BytesIO(content), emit_chunks=True).records:
         if isinstance(record, Chunk):
@@ -77,7 +77,7 @@ def _keeps(number: int) -> Callable[[Path], list[str]]:
 
 def _damaged_chunks(random: Random) -> FuzzCase:
     """A log with a bit turned in some of its chunks."""
-    content = bytearray(_whole(120.0))
+    content = bytearray(_undamaged_log(120.0))
     chunks = _chunks()
     lost = random.sample(chunks, random.randrange(1, len(chunks)))
     for chunk in lost:
@@ -87,7 +87,7 @@ def _damaged_chunks(random: Random) -> FuzzCase:
         words=["log", "recover", "in.mcap"],
         files={"in.mcap": bytes(content)},
         written=(_RECOVERED,),
-        judge=_keeps(intact - _OF_AN_INSTANT * len(lost)),
+        judge=_keeps(intact - _MAX_MESSAGES_OF_INSTANT * len(lost)),
     )
 
 
@@ -95,5 +95,5 @@ def make(random: Random) -> FuzzCase:
     """A log of a flight with some of its bytes changed."""
     if random.random() < 0.2:
         return _damaged_chunks(random)
-    content = damaged(_whole(), random, random.choice((1, 1, 2, 8)))
+    content = damaged(_undamaged_log(), random, random.choice((1, 1, 2, 8)))
     return FuzzCase(words=list(random.choice(COMMANDS)), files={"in.mcap": content})

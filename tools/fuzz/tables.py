@@ -8,11 +8,17 @@ from random import Random
 from tools.fuzz.case import FuzzCase
 from tools.fuzz.values import WILD, damaged
 
-_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
-_RECEIVED = ("leader_timestamp", "leader_east", "leader_north", "leader_heading", "leader_speed")
+_UNITS_PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+_LEADER_FIELDS = (
+    "leader_timestamp",
+    "leader_east",
+    "leader_north",
+    "leader_heading",
+    "leader_speed",
+)
 _FIELDS = (
     ("time", "speed", "heading", "depth"),
-    (*_RECEIVED, "leader_depth", "range_rear", "range_front"),
+    (*_LEADER_FIELDS, "leader_depth", "range_rear", "range_front"),
 )
 
 
@@ -42,7 +48,7 @@ def _headers(random: Random, unit: str, degrees: bool) -> dict[str, str]:
 def _columns(random: Random) -> list[FuzzColumn]:
     """A vehicle 20 m beside its leader, in any units."""
     degrees = random.random() < 0.5
-    unit = random.choice(list(_SECOND))
+    unit = random.choice(list(_UNITS_PER_SECOND))
     step = random.choice((0.1, 0.2, 1.0))
     speed = random.choice((0.5, 1.0, 3.0))
     course = random.uniform(0.0, 2.0 * math.pi)
@@ -54,7 +60,7 @@ def _columns(random: Random) -> list[FuzzColumn]:
         course += turn * step
         east += speed * step * math.sin(course)
         north += speed * step * math.cos(course)
-        time = (begin + step * k) * _SECOND[unit]
+        time = (begin + step * k) * _UNITS_PER_SECOND[unit]
         heading = math.degrees(course % math.tau) if degrees else course % math.tau
         row = [time, speed * (1.0 + random.gauss(0.0, 0.01)), heading, 8.0]
         if k % max(1, round(1.0 / step)) == 0:
@@ -82,11 +88,11 @@ def _replace_header(columns: list[FuzzColumn], random: Random) -> None:
     )
 
 
-def _drop(columns: list[FuzzColumn], random: Random) -> None:
+def _drop_column(columns: list[FuzzColumn], random: Random) -> None:
     columns.pop(random.randrange(len(columns)))
 
 
-def _swap(columns: list[FuzzColumn], random: Random) -> None:
+def _swap_cells(columns: list[FuzzColumn], random: Random) -> None:
     first, other = random.choices(columns, k=2)
     first.cells, other.cells = other.cells, first.cells
 
@@ -110,7 +116,7 @@ def _stand_still(columns: list[FuzzColumn], random: Random) -> None:
     column.cells = [column.cells[0]] * len(column.cells)
 
 
-def _shuffle(columns: list[FuzzColumn], random: Random) -> None:
+def _shuffle_cells(columns: list[FuzzColumn], random: Random) -> None:
     random.shuffle(random.choice(columns).cells)
 
 
@@ -120,7 +126,7 @@ def _change_unit(columns: list[FuzzColumn], random: Random) -> None:
     column.header = field + random.choice((" [deg]", "_rad", " [ms]", " [kn]", " [parsec]"))
 
 
-def _negate(columns: list[FuzzColumn], random: Random) -> None:
+def _negate_cells(columns: list[FuzzColumn], random: Random) -> None:
     column = random.choice(columns)
     column.cells = [f"-{cell}" if cell else "" for cell in column.cells]
 
@@ -133,14 +139,14 @@ def _fill_cell(columns: list[FuzzColumn], random: Random) -> None:
 CHANGES: tuple[Callable[[list[FuzzColumn], Random], None], ...] = (
     _replace_cells,
     _replace_header,
-    _drop,
-    _swap,
+    _drop_column,
+    _swap_cells,
     _step_clock,
     _lose_cells,
     _stand_still,
-    _shuffle,
+    _shuffle_cells,
     _change_unit,
-    _negate,
+    _negate_cells,
     _fill_cell,
 )
 

@@ -17,7 +17,7 @@ from sim.log.reader import read_recording
 from tools.fuzz.case import FuzzCase
 
 _LOG = "out.mcap"
-_OWN = ("time", "speed", "heading", "depth")
+_OWN_COLUMNS = ("time", "speed", "heading", "depth")
 _LEADER = ("leader_east", "leader_north", "leader_heading", "leader_speed", "leader_depth")
 _RANGES = ("range_rear", "range_front")
 
@@ -47,18 +47,18 @@ def _passage(random: Random) -> Passage:
     heading: Floats = (course + turns) % math.tau
     ahead = np.column_stack([np.sin(heading), np.cos(heading)])
     leader = np.cumsum(speed * interval * ahead, axis=0) + random.uniform(-300.0, 300.0)
-    own = leader + np.array([random.uniform(-40.0, 40.0), random.uniform(15.0, 40.0)])
+    own_position = leader + np.array([random.uniform(-40.0, 40.0), random.uniform(15.0, 40.0)])
     depth, leader_depth = random.choice(((8.0, 8.0), (2.0, 30.0)))
     ranges = [
-        np.hypot(np.linalg.norm(leader + x * ahead - own, axis=1), depth - leader_depth)
+        np.hypot(np.linalg.norm(leader + x * ahead - own_position, axis=1), depth - leader_depth)
         for x in (-1.0, 1.0)
     ]
-    every = max(1, round(random.choice((1.0, 10.0)) / interval))
+    message_stride = max(1, round(random.choice((1.0, 10.0)) / interval))
     level = np.ones(k.size)
-    received = np.where(k % every == 0, 1.0, np.nan)
+    received = np.where(k % message_stride == 0, 1.0, np.nan)
     own_values: list[Floats] = [time, speed * level, heading, depth * level]
     leader_values: list[Floats] = [*leader.T, heading, speed * level, leader_depth * level]
-    fields: dict[str, Floats] = dict(zip(_OWN, own_values, strict=True))
+    fields: dict[str, Floats] = dict(zip(_OWN_COLUMNS, own_values, strict=True))
     names = ("leader_timestamp", *_LEADER, *_RANGES)
     for name, values in zip(names, [time, *leader_values, *ranges], strict=True):
         fields[name] = values * received
@@ -172,12 +172,12 @@ def make(random: Random) -> FuzzCase:
     fault = random.choice(("", "", "", "step", "twice", "heights"))
     delimiter = random.choice(",;\t|")
     style = _style(random, delimiter)
-    written = dict(passage.fields)
+    fields = dict(passage.fields)
     if fault == "step":
-        written["time"] = _step_back(written["time"], passage.interval, random)
+        fields["time"] = _step_back(fields["time"], passage.interval, random)
     elif fault == "heights":
-        written["depth"] = -written["depth"]
-    columns = [style.column(field, values, random) for field, values in written.items()]
+        fields["depth"] = -fields["depth"]
+    columns = [style.column(field, values, random) for field, values in fields.items()]
     if fault == "twice":
         header, *cells = random.choice(columns)
         columns.append([random.choice((header, header.upper(), f" {header}")), *cells])

@@ -21,7 +21,7 @@ from pathlib import Path
 from cosmic_ray.work_item import MutationSpec
 from scipy.stats import binomtest
 
-from reports.findings import Finding, Findings, plain, read, version_of
+from reports.findings import Finding, Findings, plain_finding, read_findings, version_of
 from tools import import_graph
 from tools.documents.markers import RECORDS
 from tools.import_graph import ROOT
@@ -59,13 +59,13 @@ def draw(pattern: str, count: int | None, seed: int) -> tuple[list[MutationSpec]
     ), len(candidates)
 
 
-def summary(package: str, trials: list[Tried], of: int) -> str:
+def summary(package: str, trials: list[Tried], candidates: int) -> str:
     """How many were killed, with Wilson's interval where they were drawn from more."""
     killed = sum(t.killed for t in trials)
     text = f"{package}: {killed} of {len(trials)} killed, {killed / len(trials):.0%}"
-    if len(trials) < of:
+    if len(trials) < candidates:
         limits = binomtest(killed, len(trials)).proportion_ci(method="wilson")
-        text += f" (95 %: {limits.low:.0%} to {limits.high:.0%}), drawn from {of}"
+        text += f" (95 %: {limits.low:.0%} to {limits.high:.0%}), drawn from {candidates}"
     timed_out = sum(t.timed_out for t in trials)
     equivalent = sum(bool(t.equivalent) and not t.killed for t in trials)
     others = f"{timed_out} timed out and {equivalent} are equivalent to the original"
@@ -101,7 +101,7 @@ def record(
         else {}
     )
     findings = dict(others)
-    for package, (trials, of) in results.items():
+    for package, (trials, candidates) in results.items():
         equivalent = sum(bool(t.equivalent) and not t.killed for t in trials)
         killed = sum(t.killed for t in trials)
         counted = len(trials) - equivalent
@@ -114,13 +114,15 @@ def record(
                 what="share of the mutants drawn, without equivalent ones, that a test kills; "
                 "Wilson, 95 %",
             ),
-            f"drawn {package}": plain(len(trials), f"mutants tried, of {of}"),
-            f"nothing {package}": plain(equivalent, "of these that are equivalent to the original"),
-            f"survived {package}": plain(
+            f"drawn {package}": plain_finding(len(trials), f"mutants tried, of {candidates}"),
+            f"nothing {package}": plain_finding(
+                equivalent, "of these that are equivalent to the original"
+            ),
+            f"survived {package}": plain_finding(
                 counted - killed, "of these that no test kills, or not in time"
             ),
-            f"seed {package}": plain(seed, "of the draw"),
-            f"taken {package}": plain(
+            f"seed {package}": plain_finding(seed, "of the draw"),
+            f"taken {package}": plain_finding(
                 f"{date.today()}, version {version}", f"Python {platform.python_version()}"
             ),
         }
@@ -171,10 +173,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         spawn = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(arguments.jobs, spawn, enter_copy, (Path(folder),)) as pool:
-            took = dict(zip(tests, pool.map(time_of, tests), strict=True))
-            for package, (mutants, of) in drawn_mutants.items():
+            times = dict(zip(tests, pool.map(time_of, tests), strict=True))
+            for package, (mutants, candidates) in drawn_mutants.items():
                 trials = []
-                for trial in pool.map(attempt, mutants, [took] * len(mutants)):
+                for trial in pool.map(attempt, mutants, [times] * len(mutants)):
                     trials.append(trial)
                     if trial.killed:
                         print(".", end="", flush=True)
@@ -187,11 +189,11 @@ def main() -> None:
                             f"  {ending}",
                             flush=True,
                         )
-                results[package] = trials, of
+                results[package] = trials, candidates
                 print(f"\n{summary(package, *results[package])}", flush=True)
     if arguments.record:
         path = RECORDS / "mutants.json"
-        record(results, arguments.seed, read(path) if path.is_file() else None).write(path)
+        record(results, arguments.seed, read_findings(path) if path.is_file() else None).write(path)
 
 
 if __name__ == "__main__":

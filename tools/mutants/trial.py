@@ -142,14 +142,14 @@ def time_of(test: str) -> float:
     return time.monotonic() - begin
 
 
-def attempt(mutant: MutationSpec, took: Mapping[str, float]) -> Tried:
+def attempt(mutant: MutationSpec, times: Mapping[str, float]) -> Tried:
     """Test a mutant by the tests that cover it, the quickest first; `took` is the time of each
     without mutants [s].
     """
     file = str(mutant.module_path)
     location = f"{mutant.module_path}:{mutant.start_pos[0]}"
-    tests = sorted(covering(file), key=took.__getitem__)
-    timeout = MIN_TIMEOUT_S + TIMEOUT_RATIO * sum(took[test] for test in tests)
+    tests = sorted(covering(file), key=times.__getitem__)
+    timeout = MIN_TIMEOUT_S + TIMEOUT_RATIO * sum(times[test] for test in tests)
     # without a test it survives; pytest without a file would run all tests
     result = mutate_and_test([mutant], pytest_command(tests) if tests else "true", timeout)
     if result.diff is None:

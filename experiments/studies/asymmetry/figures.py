@@ -31,7 +31,7 @@ from experiments.study.run import StudyResults
 from laisn.arrays import Bools, Floats
 from laisn.settings import NavigationSettings
 from reports.figures import Line, Panel, error_bands, panel
-from reports.findings import Finding, Findings, of
+from reports.findings import Finding, Findings, interval_finding
 from reports.flight_report import asymmetry_over_time, legend_of, share_table
 from reports.intervals import Interval
 from reports.page import Code, Figures, TableCell, share_of
@@ -114,9 +114,9 @@ class Message(NamedTuple):
         port), [m].
         """
         rear, front = self.assumed[:, 0]
-        used = self.used_range
-        forward = float((used[0] ** 2 - used[1] ** 2) / (2 * (front - rear)))
-        sideways = np.sqrt(max(used[0] ** 2 - (forward - rear) ** 2, 0.0))
+        ranges = self.used_range
+        forward = float((ranges[0] ** 2 - ranges[1] ** 2) / (2 * (front - rear)))
+        sideways = np.sqrt(max(ranges[0] ** 2 - (forward - rear) ** 2, 0.0))
         return np.array([forward, np.copysign(sideways, self.hydrophone[1])])
 
 
@@ -247,8 +247,8 @@ def excess_over_lever(missions: Missions) -> Panel:
     equal = np.array([0.005, 1.1 * top])
     lines = [Line(x=equal, y=equal, colour=MUTED, dash="--")]
     for cause, colour in CAUSE_COLOURS.items():
-        of_cause = select(missions, cause=cause)
-        points = np.array([(m.lever, max(m.added, 1e-3)) for m in of_cause]).reshape(-1, 2)
+        cause_missions = select(missions, cause=cause)
+        points = np.array([(m.lever, max(m.added, 1e-3)) for m in cause_missions]).reshape(-1, 2)
         lines.append(
             Line(
                 x=points[:, 0],
@@ -278,13 +278,15 @@ def over_offset(missions: Missions) -> list[Panel]:
     """
     lines_of: dict[str, list[Line]] = {}
     for cause, title in CAUSES.items():
-        of_cause = select(missions, cause=cause)
-        offsets = sorted({m.real["depth_offset_m"] for m in of_cause})
+        cause_missions = select(missions, cause=cause)
+        offsets = sorted({m.real["depth_offset_m"] for m in cause_missions})
         for arm, (colour, name), dash in zip(
             (LEVEL, REAL, AHRS), LEGEND, ("-", "-", "--"), strict=True
         ):
             error = [
-                np.median([m.arms[arm]["e_p_mean_m"] for m in select(of_cause, depth_offset_m=o)])
+                np.median(
+                    [m.arms[arm]["e_p_mean_m"] for m in select(cause_missions, depth_offset_m=o)]
+                )
                 for o in offsets
             ]
             line = Line(x=np.array(offsets), y=np.array(error), colour=colour, width=1.4, dash=dash)
@@ -451,7 +453,7 @@ def against(finding: Finding | Interval, aim: float) -> TableCell:
     """A share with its interval, green if the whole of it is beyond its aim, red if it is short
     of it.
     """
-    interval = of(finding, "") if isinstance(finding, Interval) else finding
+    interval = interval_finding(finding, "") if isinstance(finding, Interval) else finding
     tone = "yes" if interval.low is not None and interval.low >= aim else ""
     return replace(
         share_of(interval), tone="no" if interval.high is not None and interval.high < aim else tone
@@ -469,16 +471,16 @@ def missions_values(
 
     `titles` are the words for conditions and arms by their names.
     """
-    of_laisn_2 = select(missions, variant="laisn-2")
-    judged = select(of_laisn_2, judged=True)
+    laisn_2_missions = select(missions, variant="laisn-2")
+    judged = select(laisn_2_missions, judged=True)
     paired_verdicts = [
         m.judge("error", findings.READINGS, looks, findings.LEVEL_BROADCAST).verdict for m in judged
     ]
     return {
-        "offsets": Figures(panels=over_offset(of_laisn_2), legend=LEGEND),
+        "offsets": Figures(panels=over_offset(laisn_2_missions), legend=LEGEND),
         "worst": max(judged, key=lambda m: m.added, default=None),
         "excess": Figures(
-            panels=[excess_over_lever(of_laisn_2)],
+            panels=[excess_over_lever(laisn_2_missions)],
             legend=[(colour, CAUSES[cause]) for cause, colour in CAUSE_COLOURS.items()],
         ),
         "missed_paired": paired_verdicts.count(findings.RemedyVerdict.MISSED),
@@ -495,7 +497,9 @@ def missions_values(
         "radians": np.deg2rad,
         "stage_4_taus": findings.STAGE_4_TAU_M,
         "names": {"laisn-2": "LAISN-2", "laisn-3-2": "LAISN-3(2)"},
-        "shown": lambda interval, spec: format(of(interval, ""), spec).replace(" (– to –)", ""),
+        "shown": lambda interval, spec: format(interval_finding(interval, ""), spec).replace(
+            " (– to –)", ""
+        ),
         "against": against,
     }
 
@@ -509,10 +513,10 @@ def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, 
     titles = arms | {name: case.title for name, case in plan.study.cases.items()}
     with compiling_shown():
         chart = fix_map.measure_map(MAP, NavigationSettings(side_rule="predicted"))
-    of_runs = findings.OF_RUNS.values()
+    run_columns = findings.RUN_COLUMNS.values()
     tables = {
         "missions": columns_of(
-            [{name: row[name] for name in row if name not in of_runs} for row in rows]
+            [{name: row[name] for name in row if name not in run_columns} for row in rows]
         ),
         "equivalents": columns_of([asdict(curve) for curve in curves]),
         "map": {name: column.astype(np.float32) for name, column in chart.items()},

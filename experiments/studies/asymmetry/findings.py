@@ -23,7 +23,7 @@ from experiments.campaign.store import Record
 from experiments.study.run import Choice, StudyResults
 from laisn.arrays import Bools, Floats
 from reports import intervals
-from reports.findings import Finding, of, plain
+from reports.findings import Finding, interval_finding, plain_finding
 from reports.intervals import CONFIDENCE, Interval, proportion
 
 CAUSES = {"trim": "trim", "dive": "depth changes", "waves": "waves"}
@@ -40,7 +40,7 @@ REMEDIES = (*BROADCASTS, ROUGH, CONSTANT, INFLATED)
 ARMS = (LEVEL, REAL, LEVEL_BROADCAST, *REMEDIES)
 """Arms without their variants; a remedy is held against the level leader."""
 # share of the pitch-driven error that a remedy should remove
-WANTED = dict.fromkeys(REMEDIES, 0.9) | {EXACT: 0.99}
+SHARES_WANTED = dict.fromkeys(REMEDIES, 0.9) | {EXACT: 0.99}
 LOOKS = (64, 192, 512, 1280, 5120)
 """Numbers of runs after which verdicts are computed: of every cell, then of those whose verdict
 is open.
@@ -49,8 +49,8 @@ WRONG = 0.025
 """Chance, at most, that a remedy which just misses its aim is called met, and the same the other
 way round.
 """
-_OF_ERRORS = 0.015
-_OF_LOCKS = 0.01
+_ERRORS_RISK = 0.015
+_LOCKS_RISK = 0.01
 """Confidence of the limits: limits over 64 skewed runs may be crossed half as often again, and
 those of rare mirror locks twice as often and more."""
 _REACH = 0.5
@@ -66,11 +66,14 @@ LOCKS_WANTED = 0.9
 thousands of runs.
 """
 Question = Literal["error", "mirror_lock"]
-OF_RUNS: Mapping[Question, str] = {"error": "e_p_run_mean_m", "mirror_lock": "mirror_locked_run"}
+RUN_COLUMNS: Mapping[Question, str] = {
+    "error": "e_p_run_mean_m",
+    "mirror_lock": "mirror_locked_run",
+}
 """What a remedy is judged by, and columns of a row with a value for each run: mean E_P [m], and
 mirror lock.
 """
-QUESTIONS = tuple(OF_RUNS)
+QUESTIONS = tuple(RUN_COLUMNS)
 JUDGEMENTS = (*((arm, LEVEL) for arm in REMEDIES), (READINGS, LEVEL_BROADCAST))
 
 
@@ -112,7 +115,7 @@ def judge(
 
     if not interval(added, looks[0], 1.0 - 2.0 * WRONG).low > 0.0:
         return RemedyJudgement(RemedyVerdict.NO_HARM, looks[0])
-    confidence = 1.0 - 2.0 * (_OF_LOCKS if free is None else _OF_ERRORS) / len(looks)
+    confidence = 1.0 - 2.0 * (_LOCKS_RISK if free is None else _ERRORS_RISK) / len(looks)
     judgement = RemedyJudgement(RemedyVerdict.OPEN, looks[0])
     slack = _REACH / float(ndtri((1.0 + confidence) / 2.0))
     for runs in (look for look in looks if look <= added.size):
@@ -169,7 +172,9 @@ class ComparedMission:
 
     def first_runs(self, arm: str, question: Question = "error") -> Floats:
         """Mean error [m], or 1 if locked, of each of the first runs, shape (R,)."""
-        return np.array(self.arms[arm][OF_RUNS[question]][: self.real["runs"]], dtype=np.float64)
+        return np.array(
+            self.arms[arm][RUN_COLUMNS[question]][: self.real["runs"]], dtype=np.float64
+        )
 
     def compared(
         self, question: Question, arm: str, base: str = LEVEL
@@ -178,10 +183,10 @@ class ComparedMission:
         the comparison locks.
         """
         rows = [self.arms[key] for key in (REAL, LEVEL, arm, base)]
-        runs = min(len(row[OF_RUNS[question]]) for row in rows)
+        runs = min(len(row[RUN_COLUMNS[question]]) for row in rows)
         locked, (real, level, remedy, other) = (
-            np.array([row[OF_RUNS[of]][:runs] for row in rows], dtype=np.float64)
-            for of in ("mirror_lock", question)
+            np.array([row[RUN_COLUMNS[outcome]][:runs] for row in rows], dtype=np.float64)
+            for outcome in ("mirror_lock", question)
         )
         return real - level, remedy - other, np.logical_not(locked.any(axis=0))
 
@@ -192,13 +197,13 @@ class ComparedMission:
         locks, that pitch adds.
         """
         added, remaining, free = self.compared(question, arm, base)
-        of_errors = question == "error"
+        judges_errors = question == "error"
         return judge(
             added,
             remaining,
-            WANTED[arm] if of_errors else LOCKS_WANTED,
+            SHARES_WANTED[arm] if judges_errors else LOCKS_WANTED,
             looks,
-            free if of_errors else None,
+            free if judges_errors else None,
         )
 
 
@@ -219,7 +224,7 @@ def rows_of(outcomes: StudyResults) -> list[Record]:
     rows = []
     for row, (_, lists) in zip(outcomes.rows, outcomes.runs, strict=True):
         arm, _, variant = row["arm"].rpartition(" ")
-        where = {
+        labels = {
             "condition": row["case"],
             "cause": row["case"].partition("-")[0],
             "route": row["scenario"],
@@ -227,11 +232,11 @@ def rows_of(outcomes: StudyResults) -> list[Record]:
             "variant": variant,
             "arm": arm,
         }
-        of_runs = {
-            OF_RUNS["error"]: lists["e_p_mean_m"],
-            OF_RUNS["mirror_lock"]: lists["mirror_locked"],
+        run_lists = {
+            RUN_COLUMNS["error"]: lists["e_p_mean_m"],
+            RUN_COLUMNS["mirror_lock"]: lists["mirror_locked"],
         }
-        rows.append(row | where | of_runs)
+        rows.append(row | labels | run_lists)
     return rows
 
 
@@ -257,11 +262,11 @@ def further_runs(
     """
     numbers: dict[tuple[int, str, int], int] = {}
     for mission in paired(rows_of(outcomes["missions"])):
-        runs = max(len(row[OF_RUNS["error"]]) for row in mission.arms.values())
-        for look, further in pairwise(looks):
+        runs = max(len(row[RUN_COLUMNS["error"]]) for row in mission.arms.values())
+        for look, next_look in pairwise(looks):
             for arm in undecided(mission, looks, look) if look == runs else ():
                 row = mission.arms[arm]
-                numbers[row["point"], f"{arm} {row['variant']}", row["realization"]] = further
+                numbers[row["point"], f"{arm} {row['variant']}", row["realization"]] = next_look
     return {"missions": numbers} if numbers else {}
 
 
@@ -352,7 +357,7 @@ class Curve:
     def excess_at(self, value: float) -> Interval:
         """The excess at one of the values that were flown, with its interval [m]."""
         excess, half_width = (
-            float(each[self.value.index(value)]) for each in (self.excess, self.excess_half_m)
+            float(values[self.value.index(value)]) for values in (self.excess, self.excess_half_m)
         )
         return Interval(excess, excess - half_width, excess + half_width)
 
@@ -380,9 +385,9 @@ def curves_of(outcomes: StudyResults) -> list[Curve]:
     drops out.
     """
     curves = []
-    every = zip(outcomes.rows, outcomes.runs, strict=True)
+    cells = zip(outcomes.rows, outcomes.runs, strict=True)
     for (_, interval), flown in groupby(
-        every, key=lambda curve: (curve[0]["point"], curve[0]["arm"].split()[1])
+        cells, key=lambda curve: (curve[0]["point"], curve[0]["arm"].split()[1])
     ):
         rows, runs = zip(*flown, strict=True)
         means = [lists["e_p_mean_m"] for _, lists in runs]
@@ -451,7 +456,7 @@ def _errors(missions: Missions) -> dict[str, Finding]:
         )
         for arm in (LEVEL, REAL) if missions_of_route else ():
             name = f"error {condition} {offset:g} {variant} {arm}"
-            findings[name] = of(
+            findings[name] = interval_finding(
                 mean_error(missions_of_route, arm), "mean E_P over the routes, 95 % over runs", "m"
             )
     return findings
@@ -473,7 +478,7 @@ def _on_routes(missions: Missions, cause: str) -> dict[str, Finding]:
                 f"{name} share removed of what pitch adds on a route, limits that hold for all "
                 "routes and causes"
             )
-            findings[f"{name} {arm} {cause}"] = of(extreme(shares), meaning)
+            findings[f"{name} {arm} {cause}"] = interval_finding(extreme(shares), meaning)
     return findings
 
 
@@ -487,7 +492,9 @@ def _verdicts(missions: Missions, arm: str, name: str, looks: Sequence[int]) -> 
         judged = f"missions, of {len(verdicts)} judged,"
         for verdict in (RemedyVerdict.MET, RemedyVerdict.OPEN, RemedyVerdict.MISSED):
             meaning = f"{judged} with this verdict on {question}s"
-            findings[f"{question} {verdict} {name}"] = plain(verdicts.count(verdict), meaning)
+            findings[f"{question} {verdict} {name}"] = plain_finding(
+                verdicts.count(verdict), meaning
+            )
         undecided = [
             m
             for m, verdict in zip(missions, verdicts, strict=True)
@@ -497,9 +504,11 @@ def _verdicts(missions: Missions, arm: str, name: str, looks: Sequence[int]) -> 
         meaning = (
             f"of the open ones, missions that would take more than {SETTLING_RUNS:,} runs to settle"
         )
-        findings[f"{question} beyond {name}"] = plain(unsettled, meaning)
+        findings[f"{question} beyond {name}"] = plain_finding(unsettled, meaning)
         harmed = len(verdicts) - verdicts.count(RemedyVerdict.NO_HARM)
-        findings[f"{question} harmed {name}"] = plain(harmed, f"{judged} on which harm is shown")
+        findings[f"{question} harmed {name}"] = plain_finding(
+            harmed, f"{judged} on which harm is shown"
+        )
     return findings
 
 
@@ -510,21 +519,23 @@ def _remedies(
     group = f"{variant} {cause or 'all'}"
     all_routes = select(missions, variant=variant, cause=cause)
     judged = select(all_routes, judged=True)
-    findings = {f"judged {group}": plain(len(judged), "missions on which remedies are judged")}
+    findings = {
+        f"judged {group}": plain_finding(len(judged), "missions on which remedies are judged")
+    }
     for arm in (a for a in ARMS if all_routes and a in all_routes[0].arms):
         rows = [m.arms[arm] for m in all_routes]
         name = f"{arm} {group}"
         locked = proportion(
             sum(row["mirror_locked_runs"] for row in rows), sum(row["runs"] for row in rows)
         )
-        findings[f"mirror-locked {name}"] = of(
+        findings[f"mirror-locked {name}"] = interval_finding(
             locked, "probability of a mirror lock, missions of any kind"
         )
         if arm in REMEDIES and judged:
             meaning = "share removed of what pitch adds to errors, judged missions, 95 %"
-            findings[f"removed {name}"] = of(removed_in_all(judged, arm), meaning)
+            findings[f"removed {name}"] = interval_finding(removed_in_all(judged, arm), meaning)
             meaning = "share removed of the mirror locks that pitch adds, 95 %"
-            findings[f"mirror-locks-removed {name}"] = of(
+            findings[f"mirror-locks-removed {name}"] = interval_finding(
                 removed_in_all(all_routes, arm, "mirror_lock"), meaning
             )
             findings |= _verdicts(judged, arm, name, looks)
@@ -553,13 +564,13 @@ def findings_of_rows(
     """All findings, from rows with verdicts and curves."""
     missions = paired(rows)
     findings = {
-        "missions": plain(
+        "missions": plain_finding(
             len({(r["condition"], r["route"], r["depth_offset_m"]) for r in rows}), "missions flown"
         ),
-        "cells": plain(len(rows), "missions, arms and variants"),
-        "first-runs": plain(looks[0], "runs of every cell"),
-        "most-runs": plain(looks[-1], "runs of cells whose verdict was open"),
-        "runs": plain(sum(len(r[OF_RUNS["error"]]) for r in rows), "runs flown"),
+        "cells": plain_finding(len(rows), "missions, arms and variants"),
+        "first-runs": plain_finding(looks[0], "runs of every cell"),
+        "most-runs": plain_finding(looks[-1], "runs of cells whose verdict was open"),
+        "runs": plain_finding(sum(len(r[RUN_COLUMNS["error"]]) for r in rows), "runs flown"),
     }
     findings |= _errors(missions)
     for cause in CAUSES:

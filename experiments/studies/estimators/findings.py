@@ -9,7 +9,7 @@ import numpy as np
 
 from experiments.study.run import Cells, StudyResults
 from laisn.arrays import Floats
-from reports.findings import Finding, median, of, plain, share
+from reports.findings import Finding, interval_finding, median_finding, plain_finding, share_finding
 from reports.intervals import Interval, mean_interval, ratio_intervals
 from sim.scenario.routes import library_route
 
@@ -98,31 +98,35 @@ def mission_findings(key: str, missions: Cells) -> dict[str, Finding]:
     meaning = "share of instants whose mean eᵀP⁻¹e is within its 95 % χ² interval"
     locked = "locked on the mirror image"
     findings = {
-        "ratio": of(
+        "ratio": interval_finding(
             median_ratio(missions), f"mean E_P over LAISN-2's, median of {missions_text}, 95 %"
         ),
-        "worst": plain(max(column["ratio"]), f"the same, largest of {missions_text}"),
-        "error": of(
+        "worst": plain_finding(max(column["ratio"]), f"the same, largest of {missions_text}"),
+        "error": interval_finding(
             mean_of(tight.runs("e_p_mean_m")), f"mean E_P, mean of {missions_text}, 95 %", "m"
         ),
-        "laisn-2": of(
+        "laisn-2": interval_finding(
             mean_of(other.runs("e_p_mean_m")), f"of LAISN-2, mean of {missions_text}, 95 %", "m"
         ),
-        "largest": plain(max(column["largest"]), f"largest E_P of {missions_text}", "m"),
-        "nees": of(
+        "largest": plain_finding(max(column["largest"]), f"largest E_P of {missions_text}", "m"),
+        "nees": interval_finding(
             mean_of(tight.runs("nees")), f"mean eᵀP⁻¹e, mean of {missions_text}, 95 %; right: 2"
         ),
-        "nees-least": plain(min(column["nees"]), f"smallest of {missions_text}"),
-        "nees-most": plain(max(column["nees"]), f"largest of {missions_text}"),
-        "inside": plain(float(np.mean(column["inside"])), meaning),
+        "nees-least": plain_finding(min(column["nees"]), f"smallest of {missions_text}"),
+        "nees-most": plain_finding(max(column["nees"]), f"largest of {missions_text}"),
+        "inside": plain_finding(float(np.mean(column["inside"])), meaning),
         # of a range, where the engine counts pairs
-        "nis": of(
+        "nis": interval_finding(
             mean_of(0.5 * tight.runs("nis")),
             f"squared residual of a range, mean of {missions_text}; right: 1",
         ),
-        "mirror-locked": share(tight.runs("mirror_locked"), f"share of runs {locked}, 95 %"),
-        "mirror-locked-runs": plain(sum(column["mirror_locked"]), f"runs {locked} of {runs}"),
-        "mirror-locked-laisn-2": share(
+        "mirror-locked": share_finding(
+            tight.runs("mirror_locked"), f"share of runs {locked}, 95 %"
+        ),
+        "mirror-locked-runs": plain_finding(
+            sum(column["mirror_locked"]), f"runs {locked} of {runs}"
+        ),
+        "mirror-locked-laisn-2": share_finding(
             other.runs("mirror_locked"), f"share of LAISN-2's runs {locked}, 95 %"
         ),
     }
@@ -131,18 +135,18 @@ def mission_findings(key: str, missions: Cells) -> dict[str, Finding]:
         ratios = [
             bound / row["bound_rms_m"] for bound, row in zip(smoothed, tight.rows, strict=True)
         ]
-        findings["smoothing"] = median(
+        findings["smoothing"] = median_finding(
             ratios, f"bound of smoothing over that of filtering, median of {missions_text}"
         )
     if None not in column["over_bound"]:
-        findings["bound"] = median(
+        findings["bound"] = median_finding(
             column["over_bound"], f"RMS E_P over the bound, median of {missions_text}"
         )
-        findings["least"] = median(
+        findings["least"] = median_finding(
             column["bound_over_laisn"],
             f"the bound over LAISN-2's RMS E_P, median of {missions_text}",
         )
-        findings["bound-worst"] = plain(
+        findings["bound-worst"] = plain_finding(
             max(column["over_bound"]), f"the same, largest of {missions_text}"
         )
     return {f"{name} {key}": finding for name, finding in findings.items()}
@@ -166,9 +170,9 @@ def clock_findings(missions: Cells) -> dict[str, Finding]:
                 (pair[0]["time_s"] > first + 0.01) & (pair[0]["time_s"] < last + 0.01)
             )
             for name, values in ratios.items():
-                of_steps = [steps[name][consistent].astype(np.float64) for steps in pair]
+                pair_values = [steps[name][consistent].astype(np.float64) for steps in pair]
                 unknown, exact = (
-                    np.sqrt(np.mean(x**2)) if name == "bound_m" else np.mean(x) for x in of_steps
+                    np.sqrt(np.mean(x**2)) if name == "bound_m" else np.mean(x) for x in pair_values
                 )
                 values.append(float(unknown / exact))
         errors, bounds = ratios.values()
@@ -176,14 +180,14 @@ def clock_findings(missions: Cells) -> dict[str, Finding]:
             f"mean E_P with an unknown clock over that with exact ones, {phase} the leader's "
             "first turn"
         )
-        findings[f"clock {phase}"] = median(errors, f"{meaning}, median of {missions_text}")
-        findings[f"clock-worst {phase}"] = plain(
+        findings[f"clock {phase}"] = median_finding(errors, f"{meaning}, median of {missions_text}")
+        findings[f"clock-worst {phase}"] = plain_finding(
             max(errors), f"the same, largest of {missions_text}"
         )
-        findings[f"clock-bound {phase}"] = median(
+        findings[f"clock-bound {phase}"] = median_finding(
             bounds, f"RMS of the bound likewise, median of {missions_text}"
         )
-        findings[f"clock-bound-worst {phase}"] = plain(
+        findings[f"clock-bound-worst {phase}"] = plain_finding(
             max(bounds), f"the same, largest of {missions_text}"
         )
     return findings
@@ -203,23 +207,23 @@ def plain_filter_findings(key: str, missions: Cells) -> dict[str, Finding]:
         tight_errors.sum(axis=1, keepdims=True), ekf_errors.sum(axis=1, keepdims=True)
     )[0]
     findings = {
-        f"ekf {key}": of(
+        f"ekf {key}": interval_finding(
             mean_of(ekf_errors), f"mean E_P of a plain EKF, mean of {missions_text}, 95 %", "m"
         ),
-        f"over-ekf {key}": of(total_ratio, f"{meaning}, {missions_text}, 95 %"),
-        f"ekf-nees {key}": of(
+        f"over-ekf {key}": interval_finding(total_ratio, f"{meaning}, {missions_text}, 95 %"),
+        f"ekf-nees {key}": interval_finding(
             mean_of(ekf.runs("nees")),
             f"mean eᵀP⁻¹e of a plain EKF, {missions_text}, 95 %; right: 2",
         ),
-        f"ekf-mirror-locked {key}": share(
+        f"ekf-mirror-locked {key}": share_finding(
             locked, "share of a plain EKF's runs locked on the mirror image, 95 %"
         ),
     }
     for row, mean, ratio in zip(
         ekf.rows, ekf_errors.T, ratio_intervals(tight_errors, ekf_errors), strict=True
     ):
-        findings[f"over-ekf {key} {row['scenario']}"] = of(ratio, f"{meaning}, 95 %")
-        findings[f"ekf {key} {row['scenario']}"] = of(
+        findings[f"over-ekf {key} {row['scenario']}"] = interval_finding(ratio, f"{meaning}, 95 %")
+        findings[f"ekf {key} {row['scenario']}"] = interval_finding(
             mean_interval(mean), "mean E_P of a plain EKF, 95 %", "m"
         )
     return findings
@@ -229,10 +233,12 @@ def mirror_lock_findings(key: str, mission: Cells) -> dict[str, Finding]:
     """Findings of many runs of one mission that were flown for their mirror locks alone."""
     tight, laisn = (mission.where(arm=arm).runs("mirror_locked") for arm in ("tight", "laisn-2"))
     return {
-        f"many-runs {key}": plain(tight.size, "runs"),
-        f"many {key}": share(tight, "share of runs locked on the mirror image, 95 %"),
-        f"many-mirror-locked {key}": plain(int(tight.sum()), "runs locked on the mirror image"),
-        f"many-laisn-2 {key}": share(
+        f"many-runs {key}": plain_finding(tight.size, "runs"),
+        f"many {key}": share_finding(tight, "share of runs locked on the mirror image, 95 %"),
+        f"many-mirror-locked {key}": plain_finding(
+            int(tight.sum()), "runs locked on the mirror image"
+        ),
+        f"many-laisn-2 {key}": share_finding(
             laisn, "share of LAISN-2's runs locked on the mirror image, 95 %"
         ),
     }
@@ -240,13 +246,13 @@ def mirror_lock_findings(key: str, mission: Cells) -> dict[str, Finding]:
 
 def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     """Findings of all parts of the study."""
-    parts = {name: missions_of(of_part) for name, of_part in outcomes.items()}
+    parts = {name: missions_of(part_results) for name, part_results in outcomes.items()}
     study = outcomes["cases"].plan.study
     seed = study.file.seed
     runs = study.runs
     findings = {
-        "seed": plain(seed, "of all noise"),
-        "runs": plain(runs, "runs of each mission of G1 to G7"),
+        "seed": plain_finding(seed, "of all noise"),
+        "runs": plain_finding(runs, "runs of each mission of G1 to G7"),
     }
     for key, missions in parts["cases"].by("case", INTERVAL).items():
         findings |= mission_findings(key, missions)
@@ -273,8 +279,8 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     for key, mission in parts["weave"].by("case", "scenario").items():
         (rms,) = _rms(mission.where(arm="tight")).tolist()
         row, *_ = mission.rows
-        findings[f"rms {key}"] = plain(rms, "RMS E_P with two transmitters", "m")
-        findings[f"rms-bound {key}"] = plain(row["bound"], "its bound", "m")
+        findings[f"rms {key}"] = plain_finding(rms, "RMS E_P with two transmitters", "m")
+        findings[f"rms-bound {key}"] = plain_finding(row["bound"], "its bound", "m")
     for key, mission in parts["locks"].by("case", "scenario").items():
         findings |= mirror_lock_findings(key, mission)
     return findings

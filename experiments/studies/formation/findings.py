@@ -12,7 +12,7 @@ import numpy as np
 
 from experiments.study.run import Cells, StudyResults
 from laisn.bound import BoundGeometry, TrueNoise, position_bound
-from reports.findings import Finding, median, of, plain, share
+from reports.findings import Finding, interval_finding, median_finding, plain_finding, share_finding
 from reports.intervals import mean_interval
 from sim.scenario.formation import Station
 from sim.scenario.settings import Acoustics, Leader, Scenario
@@ -104,7 +104,7 @@ class LeaderBroadcast:
 
 WEAVES = ((0.0, 40.0), (2.0, 40.0), (5.0, 20.0), (5.0, 40.0), (5.0, 80.0), (10.0, 40.0))
 """Amplitudes [°] and periods [s] of a weaving leader's heading."""
-BEHIND = (20, 40)
+DISTANCES_BEHIND_M = (20, 40)
 _SPEED = 1.0
 _DEPTH_DIFFERENCE_M = 10.0
 _HALF_BASELINE_M = 1.0
@@ -167,15 +167,15 @@ def weave_findings() -> dict[str, Finding]:
     findings = {}
     for amplitude, period in WEAVES:
         name = f"weave {amplitude:g} {period:g}"
-        for behind in BEHIND:
+        for distance in DISTANCES_BEHIND_M:
             meaning = (
-                f"least RMS error {behind} m behind, leader's heading swings by {amplitude:g}° "
+                f"least RMS error {distance} m behind, leader's heading swings by {amplitude:g}° "
                 f"each {period:g} s"
             )
-            findings[f"{name} {behind}"] = plain(
-                least_error(amplitude, period, float(behind)), meaning, "m"
+            findings[f"{name} {distance}"] = plain_finding(
+                least_error(amplitude, period, float(distance)), meaning, "m"
             )
-        findings[f"{name} way"] = plain(
+        findings[f"{name} way"] = plain_finding(
             longer(amplitude), "way that this weave costs, as a share of the way made good"
         )
     return findings
@@ -190,37 +190,45 @@ def condition_findings(name: str, followers: Cells) -> dict[str, Finding]:
     by_run = mean_interval(np.median(rms, axis=1))
     power = mean_interval(column("power_mean_w").mean(axis=1))
     findings = {
-        "median": median(rms, "RMS distance from the station, median of followers", "m"),
-        "run-median": of(by_run, "median of a run's followers, mean of runs, 95 %", "m"),
-        "worst": plain(float(rms.max()), "RMS distance from the station, worst follower", "m"),
-        "p95": median(column("station_p95_m"), "95 % of the time within, median follower", "m"),
-        "max": plain(float(column("station_max_m").max()), "largest distance from a station", "m"),
-        "turn": plain(
+        "median": median_finding(rms, "RMS distance from the station, median of followers", "m"),
+        "run-median": interval_finding(
+            by_run, "median of a run's followers, mean of runs, 95 %", "m"
+        ),
+        "worst": plain_finding(
+            float(rms.max()), "RMS distance from the station, worst follower", "m"
+        ),
+        "p95": median_finding(
+            column("station_p95_m"), "95 % of the time within, median follower", "m"
+        ),
+        "max": plain_finding(
+            float(column("station_max_m").max()), "largest distance from a station", "m"
+        ),
+        "turn": plain_finding(
             float(column("station_turn_max_m").max()), "largest distance in the turn", "m"
         ),
-        "leg": median(column("station_leg_rms_m"), "RMS on legs, median of followers", "m"),
-        "error": of(
+        "leg": median_finding(column("station_leg_rms_m"), "RMS on legs, median of followers", "m"),
+        "error": interval_finding(
             mean_interval(column("e_p_mean_m").mean(axis=1)), "mean E_P, mean of runs, 95 %", "m"
         ),
-        "lost-runs": plain(int(lost.sum()), f"followers lost, of {rms.size}"),
-        "lost": share(lost, "share of followers lost, 95 %"),
-        "away": share(
+        "lost-runs": plain_finding(int(lost.sum()), f"followers lost, of {rms.size}"),
+        "lost": share_finding(lost, "share of followers lost, 95 %"),
+        "away": share_finding(
             column("track_error_end_m") > LOST_M,
             "share of followers more than 10 m off at the end, 95 %",
         ),
-        "closest": plain(
+        "closest": plain_finding(
             float(column("closest_horizontal_m").min()),
             "least horizontal distance of two vehicles",
             "m",
         ),
         # None where every vehicle has a layer of its own
-        "within": plain(
+        "within": plain_finding(
             None if np.isnan(layer).all() else float(np.nanmin(layer)),
             "least horizontal distance of two vehicles of one layer",
             "m",
         ),
-        "contact": share(column("touched").max(axis=1), "share of runs with contact"),
-        "power": of(power, "mean power of a follower's thrusters, 95 %", "W"),
+        "contact": share_finding(column("touched").max(axis=1), "share of runs with contact"),
+        "power": interval_finding(power, "mean power of a follower's thrusters, 95 %", "W"),
     }
     return {f"{key} {name}": finding for key, finding in findings.items()}
 
@@ -229,7 +237,9 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     """Findings of all conditions, and of the bound behind a weaving leader."""
     cells = outcomes["study"].cells
     findings = {
-        "runs": plain(max(len(lists["run"]) for lists in cells.lists), "runs of most conditions")
+        "runs": plain_finding(
+            max(len(lists["run"]) for lists in cells.lists), "runs of most conditions"
+        )
     }
     for name, followers in cells.by("arm").items():
         findings |= condition_findings(name, followers)

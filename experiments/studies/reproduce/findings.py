@@ -24,7 +24,7 @@ from experiments.flight.library import ROUTES
 from experiments.study.run import Choice, StudyResults
 from laisn.arrays import Bools, Floats
 from laisn.geometry import signed_angle
-from reports.findings import Finding, of, plain
+from reports.findings import Finding, interval_finding, plain_finding
 from reports.intervals import Interval, proportion
 from sim.trajectory import Trajectory
 
@@ -167,7 +167,7 @@ class Judged:
 class MetricValues:
     """Figures of the eight missions by setting with variant ("base laisn-2") and metric."""
 
-    each: Mapping[tuple[str, str], Floats]
+    values: Mapping[tuple[str, str], Floats]
     exact: bool = False
 
     @classmethod
@@ -177,7 +177,7 @@ class MetricValues:
         """
         figures: dict[tuple[str, str], Floats] = {}
 
-        def put(cell: str, metric: str, route: str, values: Floats) -> None:
+        def store(cell: str, metric: str, route: str, values: Floats) -> None:
             table = figures.setdefault(
                 (cell, metric), np.full((values.size, len(ROUTES)), math.nan)
             )
@@ -188,12 +188,12 @@ class MetricValues:
         for labels, lists in tables.runs:
             cell = f"{labels['case']} {labels['arm']}"
             for metric in COMPARED if cell in JUDGED else ():
-                each = lists[metric].reshape(-1, tables.plan.study.runs)
-                put(
+                run_values = lists[metric].reshape(-1, tables.plan.study.runs)
+                store(
                     cell,
                     metric,
                     labels["scenario"],
-                    each.max(axis=1) if "_max_" in metric else each.mean(axis=1),
+                    run_values.max(axis=1) if "_max_" in metric else run_values.mean(axis=1),
                 )
         rows = [
             (row["scenario"], over_time(steps))
@@ -202,19 +202,19 @@ class MetricValues:
         for entry in {entry.motion: entry for entry in timed.plan.entries}.values():
             rows_of_route = [row for route, row in rows if route == entry.source][:REPLICATIONS]
             for name in TIMED:
-                put(BASE, name, entry.source, np.array([row[name] for row in rows_of_route]))
-            put(
+                store(BASE, name, entry.source, np.array([row[name] for row in rows_of_route]))
+            store(
                 BASE,
                 "distance_m",
                 entry.source,
                 np.full(len(rows_of_route), mean_distance(timed.motion(entry))),
             )
-        return cls(each=figures)
+        return cls(values=figures)
 
     @property
     def count(self) -> int:
         """Number of replications."""
-        return len(next(iter(self.each.values())))
+        return len(next(iter(self.values.values())))
 
     @cached_property
     def _weights(self) -> Floats:
@@ -229,19 +229,19 @@ class MetricValues:
         )
         return np.concatenate([mean, resampled_counts / self.count])
 
-    def known(self, cell: str, metric: str) -> Floats:
+    def means_or_nan(self, cell: str, metric: str) -> Floats:
         """Means over replications, and over such as are drawn again, alike in all cells, shape
         (1 + B, 8); or NaN.
         """
-        values = self.each.get((cell, metric))
+        values = self.values.get((cell, metric))
         if values is None:
             return np.full((1, len(ROUTES)), math.nan)
         # not by BLAS, whose sums depend on processor and threads
         return np.asarray(np.einsum("bk,km->bm", self._weights, values))
 
     def means(self, cell: str, metric: str = "e_p_mean_m") -> Floats:
-        """As `known`; NoDataError where there are none."""
-        values = self.known(cell, metric)
+        """As `means_or_nan`; NoDataError where there are none."""
+        values = self.means_or_nan(cell, metric)
         if not np.all(np.isfinite(values)):
             raise NoDataError
         return values
@@ -319,7 +319,7 @@ def _median_over_others(values: Floats, routes: Bools) -> Floats:
     return _statistic("median", values[:, routes]) / _statistic("median", values[:, ~routes])
 
 
-def _of_ratios(claim: "Claim", figures: MetricValues) -> list[Judged]:
+def _ratio_criteria(claim: "Claim", figures: MetricValues) -> list[Judged]:
     ratios = []
     for ratio in claim.ratios:
         routes = np.isin(ROUTES, ratio.get("missions", ROUTES))
@@ -345,7 +345,7 @@ def _of_ratios(claim: "Claim", figures: MetricValues) -> list[Judged]:
 
 def _lateral(figures: MetricValues) -> list[Judged]:
     error = figures.means(BASE, "e_p_max_m")
-    largest = figures.each[BASE, "e_p_max_m"]
+    largest = figures.values[BASE, "e_p_max_m"]
     is_below = largest[:, LATERAL].max(axis=1) < largest[:, ~LATERAL].min(axis=1)
     meaning = "share of replications with E_P max abeam below each other"
     criteria = [
@@ -354,7 +354,9 @@ def _lateral(figures: MetricValues) -> list[Judged]:
         ),
         figures.judge(meaning, np.mean(is_below, keepdims=True), ">", 0.5, "replications"),
     ]
-    abeam, astern = (figures.known(BASE, f"e_p_{where}_m") for where in ("abeam", "astern"))
+    abeam, astern = (
+        figures.means_or_nan(BASE, f"e_p_{sector}_m") for sector in ("abeam", "astern")
+    )
     finite = np.isfinite(abeam + astern).all(axis=0)
     better = np.mean((astern / abeam)[:, finite] > 1.0, axis=1) if finite.any() else None
     meaning = "share of missions better abeam than astern"
@@ -370,7 +372,7 @@ def _heading(figures: MetricValues) -> list[Judged]:
     distance = figures.means(BASE, "distance_m")
     growth = error / figures.means(BASE)
     growth_there, growth_elsewhere = (
-        _statistic("median", growth[:, at]) for at in (LATERAL, ~LATERAL)
+        _statistic("median", growth[:, mask]) for mask in (LATERAL, ~LATERAL)
     )
     slope = np.sum(error * distance, axis=1) / np.sum(distance**2, axis=1)
     # of a line through the origin: what it leaves over the spread about the mean
@@ -386,10 +388,10 @@ def _heading(figures: MetricValues) -> list[Judged]:
 
 def _burst(figures: MetricValues) -> list[Judged]:
     error = figures.means(BASE, "e_b_max_deg")
-    largest = figures.each[BASE, "e_b_max_deg"]
+    largest = figures.values[BASE, "e_b_max_deg"]
     is_largest = largest[:, BURST].max(axis=1) > largest[:, ~BURST].max(axis=1)
     shares = {"with the largest E_B in a burst": np.mean(is_largest, keepdims=True)}
-    peaks = figures.known(BASE, "e_b_peaks_at_burst")[:, BURST]
+    peaks = figures.means_or_nan(BASE, "e_b_peaks_at_burst")[:, BURST]
     if np.isfinite(peaks).all():
         shares[f"with the peak within {NEAR_BURST_S:.0f} s of the burst"] = peaks.mean(axis=1)
     error_ratio = _median_over_others(error, BURST)
@@ -421,7 +423,7 @@ class Claim:
     def judge(self, figures: MetricValues) -> ClaimJudgement:
         """The verdict on figures of the missions."""
         try:
-            criteria = _TESTS[self.test](figures) if self.test else _of_ratios(self, figures)
+            criteria = _TESTS[self.test](figures) if self.test else _ratio_criteria(self, figures)
         except NoDataError:
             return ClaimJudgement(verdict="no data")
         return ClaimJudgement(
@@ -446,7 +448,7 @@ def judge(
     ours: MetricValues, published: Mapping[Key, Mapping[str, float]]
 ) -> list[tuple[Claim, ClaimJudgement, ClaimJudgement]]:
     """Every claim on our figures and on the published ones, which have our distances."""
-    each = {
+    published_values = {
         (f"{setting} {variant}", metric): np.array(
             [[published[setting, route, variant][metric] for route in ROUTES]]
         )
@@ -455,8 +457,10 @@ def judge(
         )
         for metric in METRICS
     }
-    each |= {key: values[:1] for key, values in ours.each.items() if key[1] == "distance_m"}
-    theirs = MetricValues(each=each, exact=True)
+    published_values |= {
+        key: values[:1] for key, values in ours.values.items() if key[1] == "distance_m"
+    }
+    theirs = MetricValues(values=published_values, exact=True)
     return [(claim, claim.judge(ours), claim.judge(theirs)) for claim in CLAIMS]
 
 
@@ -489,7 +493,7 @@ def ratios(
     )
 
 
-def _of_cells(
+def _cell_findings(
     setting: str,
     variant: str,
     rows: Mapping[Key, Record],
@@ -506,18 +510,18 @@ def _of_cells(
     locked = proportion(
         *(sum(int(row[c]) for row in mine.values()) for c in ("mirror_locked_runs", "runs"))
     )
-    findings[f"mirror-locked {name}"] = of(
+    findings[f"mirror-locked {name}"] = interval_finding(
         locked, "probability of a mirror lock over all missions, 95 %"
     )
     for mission, row in mine.items():
         if row["like"]:
             ours = row["e_p_mean_m"]
             theirs = published[row["like"], mission, variant]["e_p_mean_m"]
-            findings[f"error {name} {mission}"] = plain(ours, "mean E_P", "m")
-            findings[f"printed {name} {mission}"] = plain(
+            findings[f"error {name} {mission}"] = plain_finding(ours, "mean E_P", "m")
+            findings[f"printed {name} {mission}"] = plain_finding(
                 theirs, "mean E_P that the paper prints", "m"
             )
-            findings[f"apart {name} {mission}"] = plain(
+            findings[f"apart {name} {mission}"] = plain_finding(
                 abs(ours - theirs), "the difference of the two", "m"
             )
     return findings
@@ -530,22 +534,27 @@ def findings_of_rows(
 ) -> dict[str, Finding]:
     """All findings, from rows and verdicts."""
     runs = next(iter(rows.values()))["runs"]
-    findings = {"cells": plain(len(rows), "cells flown"), "runs": plain(runs, "runs of each cell")}
+    findings = {
+        "cells": plain_finding(len(rows), "cells flown"),
+        "runs": plain_finding(runs, "runs of each cell"),
+    }
     for i, owner in ((1, "our"), (2, "the paper's")):
         for verdict in VERDICTS:
             numbers = [judged[0].number for judged in judgements if judged[i].verdict == verdict]  # type: ignore[union-attr]
             meaning = f"claims of the paper, judged on {owner} figures: {verdict}"
-            findings[f"{owner} {verdict} number"] = plain(len(numbers), meaning)
-            findings[f"{owner} {verdict}"] = plain(listed(numbers), meaning)
+            findings[f"{owner} {verdict} number"] = plain_finding(len(numbers), meaning)
+            findings[f"{owner} {verdict}"] = plain_finding(listed(numbers), meaning)
     for claim, ours, _ in judgements:
         for number, criterion in enumerate(ours.criteria, start=1):
             meaning = (
                 f"{criterion.quantity}, {criterion.relation} {criterion.bound:g}: "
                 f"{criterion.outcome}; {VERDICT_CONFIDENCE:.1%}"
             )
-            findings[f"criterion {claim.number}.{number}"] = of(criterion.interval, meaning)
+            findings[f"criterion {claim.number}.{number}"] = interval_finding(
+                criterion.interval, meaning
+            )
     for setting, variant in dict.fromkeys((setting, variant) for setting, _, variant in rows):
-        findings |= _of_cells(setting, variant, rows, published)
+        findings |= _cell_findings(setting, variant, rows, published)
     return findings
 
 

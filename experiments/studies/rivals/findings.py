@@ -16,7 +16,7 @@ import numpy as np
 from experiments.flight.library import load_scenario
 from experiments.study.run import Cells, StudyResults
 from laisn.navigators import find
-from reports.findings import Finding, median, of, plain, share
+from reports.findings import Finding, interval_finding, median_finding, plain_finding, share_finding
 from reports.intervals import mean_over_missions
 from sim.flight import navigation_settings
 from sim.scenario.parts import SensingSettings
@@ -49,7 +49,7 @@ STEADY = "tight-steady"
 OURS = ("laisn-2", "laisn-3-1", "laisn-3-2", "tight", STEADY)
 SLOW = "factor-graph"  # simulated in fewer runs
 INTERVAL = "timing.message_interval_s"
-INTERVALS, FURTHER = (tuple(study["vary"][INTERVAL]) for study in (_ROUTES, _SHARED))
+INTERVALS, SHARED_INTERVALS = (tuple(study["vary"][INTERVAL]) for study in (_ROUTES, _SHARED))
 """Of messages, and of those on channels that many share [s]."""
 USUAL = 5.0
 SHARING = tuple(_titles(_SHARED["arm"]))  # navigators on such channels
@@ -123,24 +123,37 @@ def arm_findings(name: str, routes: Cells) -> Iterator[tuple[str, Finding]]:
     """Mean error, 95th percentile, NEES, mirror-locked and lost shares of an arm on the routes."""
     yield (
         f"error {name}",
-        of(mean_over_missions([*routes.runs("e_p_mean_m").T]), "mean E_P over routes, 95 %", "m"),
+        interval_finding(
+            mean_over_missions([*routes.runs("e_p_mean_m").T]), "mean E_P over routes, 95 %", "m"
+        ),
     )
     high, nees = (routes.runs(metric)[0] for metric in ("e_p_p95_m", "nees"))
-    yield f"high {name}", plain(float(high.mean()), "95th percentile of E_P, mean over routes", "m")
-    yield f"nees {name}", median(nees, "NEES, median of routes; 2 if the covariance is right")
+    yield (
+        f"high {name}",
+        plain_finding(float(high.mean()), "95th percentile of E_P, mean over routes", "m"),
+    )
+    yield (
+        f"nees {name}",
+        median_finding(nees, "NEES, median of routes; 2 if the covariance is right"),
+    )
     yield (
         f"locked {name}",
-        share(routes.runs("mirror_locked"), "share of missions locked on the mirror image, 95 %"),
+        share_finding(
+            routes.runs("mirror_locked"), "share of missions locked on the mirror image, 95 %"
+        ),
     )
     meaning = f"share of missions with an error beyond {FAR_OFF_M:g} m, 95 %"
-    yield f"lost {name}", share(routes.runs("e_p_max_m") > FAR_OFF_M, meaning)
+    yield f"lost {name}", share_finding(routes.runs("e_p_max_m") > FAR_OFF_M, meaning)
 
 
 def worst_routes(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
     """Mean error of each arm on its worst route."""
     for name, routes in cells.items():
         errors = routes.runs("e_p_mean_m").mean(axis=0)
-        yield f"worst {name}", plain(float(errors.max()), "mean E_P on the worst route", "m")
+        yield (
+            f"worst {name}",
+            plain_finding(float(errors.max()), "mean E_P on the worst route", "m"),
+        )
 
 
 def difference(first: Cells, second: Cells, description: str) -> Finding:
@@ -148,7 +161,7 @@ def difference(first: Cells, second: Cells, description: str) -> Finding:
     errors = [cells.runs("e_p_mean_m") for cells in (first, second)]
     n = min(map(len, errors))
     mean = mean_over_missions([*(errors[0][:n] - errors[1][:n]).T])
-    return of(mean, f"paired difference of mean E_P: {description}, 95 %", "m")
+    return interval_finding(mean, f"paired difference of mean E_P: {description}, 95 %", "m")
 
 
 def compared(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
@@ -170,9 +183,12 @@ def compared(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
             continue
         yield (
             f"better-than {ours} {rival}",
-            plain(better, "cases with a smaller mean E_P, the whole interval below 0"),
+            plain_finding(better, "cases with a smaller mean E_P, the whole interval below 0"),
         )
-        yield f"cases {ours} {rival}", plain(total, "cases of condition and message interval")
+        yield (
+            f"cases {ours} {rival}",
+            plain_finding(total, "cases of condition and message interval"),
+        )
 
 
 def with_speed_as_state(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
@@ -191,7 +207,9 @@ def with_speed_as_state(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Findi
         ):
             yield (
                 f"{end} tight {name}",
-                of(mean_over_missions([by_route[:, route]]), f"the {end} of all routes, 95 %", "m"),
+                interval_finding(
+                    mean_over_missions([by_route[:, route]]), f"the {end} of all routes, 95 %", "m"
+                ),
             )
 
 
@@ -203,11 +221,17 @@ def steered(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
             continue
         routes = cells[case]
         error = mean_over_missions([*routes.runs("e_p_mean_m").T])
-        yield f"closed-error {case}", of(error, "mean E_P, 95 %", "m")
-        off = routes.runs("track_error_rms_m")
-        yield f"closed-off {case}", median(off, "RMS off its place, median of missions", "m")
+        yield f"closed-error {case}", interval_finding(error, "mean E_P, 95 %", "m")
+        track_error = routes.runs("track_error_rms_m")
+        yield (
+            f"closed-off {case}",
+            median_finding(track_error, "RMS off its place, median of missions", "m"),
+        )
         meaning = f"share of missions that end more than {FAR_OFF_M:g} m off their place, 95 %"
-        yield f"closed-lost {case}", share(routes.runs("track_error_end_m") > FAR_OFF_M, meaning)
+        yield (
+            f"closed-lost {case}",
+            share_finding(routes.runs("track_error_end_m") > FAR_OFF_M, meaning),
+        )
 
 
 def mapped(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
@@ -219,39 +243,42 @@ def mapped(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
         names = [f"map {name} {distance} {bias:g} {baseline:g}" for name in MAPPED]
         laisn, usbl = (cells[name].runs("e_p_mean_m")[:, :1].T for name in names)
         for name, errors in zip(names, (laisn, usbl), strict=True):
-            yield name, of(mean_over_missions([*errors]), "mean E_P, 95 %", "m")
-        difference = of(
+            yield name, interval_finding(mean_over_missions([*errors]), "mean E_P, 95 %", "m")
+        difference = interval_finding(
             mean_over_missions([*(usbl - laisn)]), "paired difference of mean E_P, 95 %", "m"
         )
         yield f"map-less {distance} {bias:g} {baseline:g}", difference
         better = better + int(difference.high is not None and difference.high < 0.0)
         total = total + 1
-    yield "map-better", plain(better, "points where the inverted USBL's mean E_P is smaller")
-    yield "map-points", plain(total, "points of the map")
+    yield (
+        "map-better",
+        plain_finding(better, "points where the inverted USBL's mean E_P is smaller"),
+    )
+    yield "map-points", plain_finding(total, "points of the map")
 
 
 def shared(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
     """Errors of vehicles that interrogate in turn, interpolated over the interval, on
     logarithmic scales.
     """
-    simulated = sorted({*INTERVALS, *FURTHER})
+    simulated = sorted({*INTERVALS, *SHARED_INTERVALS})
     for name in SHARING:
         arms = [cells[case_name(name, "calm", interval)] for interval in simulated]
         errors = [float(routes.runs("e_p_mean_m").mean()) for routes in arms]
         for interval, error in zip(simulated, errors, strict=True):
-            yield f"interval {name} {interval:g}", plain(error, "mean E_P over routes", "m")
+            yield f"interval {name} {interval:g}", plain_finding(error, "mean E_P over routes", "m")
         for vehicles, distance in product(VEHICLES, REACHES_M):
             interval = shared_interval_s(vehicles, distance)
             error = math.exp(np.interp(math.log(interval), np.log(simulated), np.log(errors)))
             yield (
                 f"shared {name} {vehicles} {distance:g}",
-                plain(error, "mean E_P where vehicles ask in turn", "m"),
+                plain_finding(error, "mean E_P where vehicles ask in turn", "m"),
             )
     for vehicles, distance in product(VEHICLES, REACHES_M):
         interval = shared_interval_s(vehicles, distance)
         yield (
             f"turn {vehicles} {distance:g}",
-            plain(interval, "interval of ranges of one vehicle", "s"),
+            plain_finding(interval, "interval of ranges of one vehicle", "s"),
         )
 
 
@@ -267,17 +294,17 @@ def findings_of_rows(
     findings = {
         name: finding for arm, runs in routes.items() for name, finding in arm_findings(arm, runs)
     }
-    for more in (
+    for part in (
         compared(routes),
         with_speed_as_state(routes),
         steered(closed),
         mapped(points),
         shared(routes),
     ):
-        findings |= dict(more)
+        findings |= dict(part)
     calm = {name: findings[key_of_error(name)] for name in navigators_in(findings)}
     best = min((name for name in calm if name not in OURS), key=lambda name: calm[name].number)
-    findings["best-rival"] = plain(
+    findings["best-rival"] = plain_finding(
         best, "rival of least mean E_P in calm water, messages every 5 s"
     )
     for ours in ("laisn-3-2", "tight"):
@@ -286,19 +313,23 @@ def findings_of_rows(
             for name, finding in findings.items()
             if name.startswith(f"better-than {ours} ")
         ]
-        findings[f"better-than {ours}"] = plain(int(sum(wins)), "the same of all rivals together")
+        findings[f"better-than {ours}"] = plain_finding(
+            int(sum(wins)), "the same of all rivals together"
+        )
     findings |= {
-        f"step {name}": plain(time, "processor time of a filter step", "µs")
+        f"step {name}": plain_finding(time, "processor time of a filter step", "µs")
         for name, time in step_us.items()
     }
     findings |= dict(worst_routes(routes))
     slow = case_name(SLOW, "calm", USUAL)
     if slow in routes:
         number = len(routes[slow].runs("run"))
-        findings["slow-runs"] = plain(number, "of the factor graph")
+        findings["slow-runs"] = plain_finding(number, "of the factor graph")
     return findings | {
-        "runs": plain(len(next(iter(routes.values())).runs("run")), "runs of each mission"),
-        "closed-runs": plain(len(next(iter(closed.values())).runs("run")), "in closed loop"),
+        "runs": plain_finding(len(next(iter(routes.values())).runs("run")), "runs of each mission"),
+        "closed-runs": plain_finding(
+            len(next(iter(closed.values())).runs("run")), "in closed loop"
+        ),
     }
 
 
@@ -307,11 +338,11 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     measured here.
     """
 
-    cells = {study_part: of_part.cells for study_part, of_part in outcomes.items()}
+    cells = {study_part: part_results.cells for study_part, part_results in outcomes.items()}
     routes: dict[str, Cells] = {}
     for study_part in ("routes", "shared", "slow", "two"):
         if study_part in cells:
             routes |= cells[study_part].by("arm", "case", INTERVAL)
     grid = cells["map"].by("arm", "case", "sensors.heading_bias_deg", "leader.baseline_m")
-    points = {f"map {name}": of_part for name, of_part in grid.items()}
+    points = {f"map {name}": part_results for name, part_results in grid.items()}
     return findings_of_rows(routes, cells["closed"].by("arm", "case"), points, step_times_us())

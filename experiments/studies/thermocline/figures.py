@@ -79,7 +79,7 @@ def profile_picture() -> Panel:
     )
 
 
-def _off(navigator: str, season: str, sound: str = "straight") -> str:
+def _off_key(navigator: str, season: str, sound: str = "straight") -> str:
     """The finding of a follower that steers by its estimate."""
     name = f"off {navigator} {season}".removesuffix(" strong")
     return f"{name} {sound}"
@@ -96,9 +96,11 @@ def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, 
             if f"error tight {season} 8-20 100" in record.findings
         ],
         "flown": [
-            season for season in study.BENDING_SEASONS if _off("tight", season) in record.findings
+            season
+            for season in study.BENDING_SEASONS
+            if _off_key("tight", season) in record.findings
         ],
-        "off": _off,
+        "off": _off_key,
         "interval": lambda key, digits=2: with_limits(record[key], digits),
         "rays": Figures(panels=[ray_picture("strong")]),
         "profiles": Figures(panels=[profile_picture()], legend=legend),

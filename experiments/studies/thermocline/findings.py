@@ -16,7 +16,7 @@ from laisn.fix import SINGLE, Pair, circles, pair_fix
 from laisn.geometry import Arms, Point, Turn
 from laisn.messages import Ranges
 from laisn.settings import NavigationSettings, Tuning, Variant
-from reports.findings import Finding, of, plain
+from reports.findings import Finding, interval_finding, plain_finding
 from reports.intervals import mean_interval
 from sim.water.floors import LevelFloor
 from sim.water.rays import Path
@@ -33,7 +33,7 @@ SIZES = {"near": "within 43 m", "wide": "within 107 m"}
 PAIRS = ((8.0, 20.0), (16.0, 16.0), (20.0, 20.0))
 RANGES_M = (50.0, 100.0, 200.0)
 BASELINES_M = (1.0, 2.0)
-MATTERS_M = 0.5
+SPOILT_SHIFT_M = 0.5
 """A fix that bending alone shifts by more than this is spoilt [m]."""
 _MAX_RANGE_M = 400.0
 _MIDDLE_M = NavigationSettings().middle_offset  # of the middle transmitter, to port
@@ -89,11 +89,11 @@ class QuarterGeometry(NamedTuple):
         return Point(offset, -offset)
 
 
-def fix_error(season: str, variant: Variant, g: QuarterGeometry) -> float:
+def fix_error(season: str, variant: Variant, geometry: QuarterGeometry) -> float:
     """Error of a fix without noise by ranges of the mean speed [m]."""
-    leader, follower = g.depths
-    half_baseline = 0.5 * g.baseline
-    receiver = (*g.follower, -follower)
+    leader, follower = geometry.depths
+    half_baseline = 0.5 * geometry.baseline
+    receiver = (*geometry.follower, -follower)
     places = (
         (0.0, -half_baseline, -leader),
         (0.0, half_baseline, -leader),
@@ -105,12 +105,12 @@ def fix_error(season: str, variant: Variant, g: QuarterGeometry) -> float:
     north = Turn(0.0, 1.0)
     tuning = Tuning.of(NavigationSettings(variant=variant))
     pairs = (Pair(rear, front, False), Pair(rear, middle, False), Pair(middle, front, True))
-    fixes = tuple(pair_fix(pair, north, g.follower, tuning) for pair in pairs)
-    fix = SINGLE[variant](fixes, g.follower)  # type: ignore[arg-type]
-    return math.hypot(fix.east - g.follower.east, fix.north - g.follower.north)
+    fixes = tuple(pair_fix(pair, north, geometry.follower, tuning) for pair in pairs)
+    fix = SINGLE[variant](fixes, geometry.follower)  # type: ignore[arg-type]
+    return math.hypot(fix.east - geometry.follower.east, fix.north - geometry.follower.north)
 
 
-def range_where_it_matters(season: str, variant: Variant, baseline: float) -> float | None:
+def shortest_spoilt_range(season: str, variant: Variant, baseline: float) -> float | None:
     """Shortest range, over the depths of the study, at which a fix is spoilt [m]; None: there is
     none up to 400 m.
     """
@@ -119,15 +119,15 @@ def range_where_it_matters(season: str, variant: Variant, baseline: float) -> fl
         errors = [
             fix_error(season, variant, QuarterGeometry(pair, distance, baseline)) for pair in PAIRS
         ]
-        return max((error for error in errors if error == error), default=0.0)
+        return max((error for error in errors if not math.isnan(error)), default=0.0)
 
     last = 0.0
     for distance in range(10, round(_MAX_RANGE_M) + 1, 10):
-        if worst(float(distance)) > MATTERS_M:
+        if worst(float(distance)) > SPOILT_SHIFT_M:
             low, high = last, float(distance)
             while high - low > 0.5:
                 middle = 0.5 * (low + high)
-                low, high = (low, middle) if worst(middle) > MATTERS_M else (middle, high)
+                low, high = (low, middle) if worst(middle) > SPOILT_SHIFT_M else (middle, high)
             return high
         last = float(distance)
     return None
@@ -138,23 +138,26 @@ def fix_findings() -> Iterator[tuple[str, Finding]]:
     for season, pair, distance in product(BENDING_SEASONS, PAIRS, RANGES_M):
         error = range_error(season, pair, distance)
         name = f"{season} {pair_name(pair)} {distance:g}"
-        yield f"range {name}", plain(error, "range by the mean speed less the true one", "m")
+        yield (
+            f"range {name}",
+            plain_finding(error, "range by the mean speed less the true one", "m"),
+        )
         for variant, baseline in product(FIX_NAVIGATORS, BASELINES_M):
             shift = fix_error(season, variant, QuarterGeometry(pair, distance, baseline))
             key = f"fix {variant} {name} {baseline:g}"
-            yield key, plain(shift, "error of a fix without noise by the mean speed", "m")
+            yield key, plain_finding(shift, "error of a fix without noise by the mean speed", "m")
     for season, distance in product(BENDING_SEASONS, RANGES_M):
         errors = [range_error(season, pair, distance) for pair in PAIRS]
         yield (
             f"range-worst {season} {distance:g}",
-            plain(max(map(abs, errors)), "largest error of a range by the mean speed", "m"),
+            plain_finding(max(map(abs, errors)), "largest error of a range by the mean speed", "m"),
         )
     for season, variant, baseline in product(BENDING_SEASONS, FIX_NAVIGATORS, BASELINES_M):
         yield (
             f"from {variant} {season} {baseline:g}",
-            plain(
-                range_where_it_matters(season, variant, baseline),
-                f"range from which bending spoils a fix by {MATTERS_M} m",
+            plain_finding(
+                shortest_spoilt_range(season, variant, baseline),
+                f"range from which bending spoils a fix by {SPOILT_SHIFT_M} m",
                 "m",
             ),
         )
@@ -177,11 +180,11 @@ def _receivers(cells: Cells, *columns: str) -> Iterator[tuple[str, Mapping[str, 
     these columns name the condition.
     """
     conditions: dict[str, dict[str, Cells]] = {}
-    for arm_name, of_arm in cells.by("arm").items():
+    for arm_name, arm_cells in cells.by("arm").items():
         arm = LegArm.named(arm_name)
-        for condition, of_condition in of_arm.by(*columns).items():
+        for condition, condition_cells in arm_cells.by(*columns).items():
             name = f"{arm.navigator} {condition.removeprefix('formation-')}".replace(".toml", "")
-            conditions.setdefault(name, {})[arm.sound] = of_condition
+            conditions.setdefault(name, {})[arm.sound] = condition_cells
     yield from conditions.items()
 
 
@@ -200,12 +203,20 @@ def leg_findings(cells: Cells) -> Iterator[tuple[str, Finding]]:
     longest_baseline = f" {BASELINES_M[-1]:g}"
     for condition, by_sound in _receivers(cells, "scenario", "case", "leader.baseline_m"):
         key = condition.removesuffix(longest_baseline)
-        errors = {sound: of_arm.runs("e_p_mean_m")[:, 0] for sound, of_arm in by_sound.items()}
+        errors = {
+            sound: arm_cells.runs("e_p_mean_m")[:, 0] for sound, arm_cells in by_sound.items()
+        }
         for sound, error in errors.items():
             name, words = _KNOWLEDGE[sound]
-            yield f"{name} {key}", of(mean_interval(error), f"mean E_P by {words}, 95 %", "m")
+            yield (
+                f"{name} {key}",
+                interval_finding(mean_interval(error), f"mean E_P by {words}, 95 %", "m"),
+            )
         added = mean_interval(errors["straight"] - errors["profile"])
-        yield f"added {key}", of(added, "what the mean speed adds, paired by run, 95 %", "m")
+        yield (
+            f"added {key}",
+            interval_finding(added, "what the mean speed adds, paired by run, 95 %", "m"),
+        )
 
 
 def _off_findings(
@@ -213,9 +224,15 @@ def _off_findings(
 ) -> Iterator[tuple[str, Finding]]:
     """Distances of each run by what the receiver knows, shapes (R,), [m], and their difference."""
     for sound, error in errors.items():
-        yield f"{name} {sound}", of(mean_interval(error), f"RMS off {words}, 95 %", "m")
+        yield (
+            f"{name} {sound}",
+            interval_finding(mean_interval(error), f"RMS off {words}, 95 %", "m"),
+        )
     added = mean_interval(errors["straight"] - errors["profile"])
-    yield f"{name} added", of(added, "what the mean speed adds, paired by run, 95 %", "m")
+    yield (
+        f"{name} added",
+        interval_finding(added, "what the mean speed adds, paired by run, 95 %", "m"),
+    )
 
 
 def closed_findings(cells: Cells) -> Iterator[tuple[str, Finding]]:
@@ -223,7 +240,9 @@ def closed_findings(cells: Cells) -> Iterator[tuple[str, Finding]]:
     where it is not the strong one.
     """
     for condition, by_sound in _receivers(cells, "scenario"):
-        track_errors = {s: of_arm.runs("track_error_rms_m")[:, 0] for s, of_arm in by_sound.items()}
+        track_errors = {
+            s: arm_cells.runs("track_error_rms_m")[:, 0] for s, arm_cells in by_sound.items()
+        }
         name = f"off {condition}".removesuffix(" strong")
         yield from _off_findings(name, "its place, by its estimate", track_errors)
 
@@ -232,13 +251,14 @@ def formation_findings(cells: Cells) -> Iterator[tuple[str, Finding]]:
     """Distances from their stations of a formation, median of its followers."""
     for condition, by_sound in _receivers(cells, "scenario", "case"):
         station_errors = {
-            s: np.median(of_arm.runs("station_rms_m"), axis=1) for s, of_arm in by_sound.items()
+            s: np.median(arm_cells.runs("station_rms_m"), axis=1)
+            for s, arm_cells in by_sound.items()
         }
         yield from _off_findings(
             f"station {condition}", "stations, median of followers", station_errors
         )
-        lost = int(sum(of_arm.runs("lost").sum() for of_arm in by_sound.values()))
-        yield f"station {condition} lost", plain(lost, "followers lost in all runs")
+        lost = int(sum(arm_cells.runs("lost").sum() for arm_cells in by_sound.values()))
+        yield f"station {condition} lost", plain_finding(lost, "followers lost in all runs")
 
 
 def _runs_of(cells: Cells) -> int:
@@ -249,10 +269,10 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     """All findings."""
     legs, closed, formation = (outcomes[name].cells for name in ("legs", "closed", "formation"))
     return {
-        "matters": plain(MATTERS_M, "shift of a fix that spoils it", "m"),
-        "runs": plain(_runs_of(legs), "runs of each leg"),
-        "closed-runs": plain(_runs_of(closed), "runs of each closed loop"),
-        "formation-runs": plain(_runs_of(formation), "runs of each formation"),
+        "matters": plain_finding(SPOILT_SHIFT_M, "shift of a fix that spoils it", "m"),
+        "runs": plain_finding(_runs_of(legs), "runs of each leg"),
+        "closed-runs": plain_finding(_runs_of(closed), "runs of each closed loop"),
+        "formation-runs": plain_finding(_runs_of(formation), "runs of each formation"),
         **dict(fix_findings()),
         **dict(leg_findings(legs)),
         **dict(closed_findings(closed)),

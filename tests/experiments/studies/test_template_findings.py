@@ -11,7 +11,7 @@ import jinja2
 import pytest
 from jinja2 import nodes
 
-from reports.findings import read
+from reports.findings import read_findings
 from tests.experiments.studies.rivals.test_findings import findings_without
 from tools.documents.markers import RECORDS
 
@@ -104,7 +104,7 @@ def names_of(study: str) -> Collection[str]:
     """Names of a study's findings."""
     if study == "rivals":
         return findings_without()
-    return read(RECORDS / f"{RECORD_OF[study]}.json").findings
+    return read_findings(RECORDS / f"{RECORD_OF[study]}.json").findings
 
 
 @pytest.mark.parametrize("study", sorted(file.parent.name for file in STUDIES.glob("*/page.md.j2")))

@@ -11,7 +11,7 @@ from experiments.campaign.store import columns_of, read_table, write_table
 from experiments.flight.library import load_scenario
 from experiments.study import compare
 from experiments.study.compare import differing, page_of, paired
-from experiments.study.file import of_table
+from experiments.study.file import study_from_table
 from experiments.study.study import RESULTS, RUNS, STUDY, run_studies
 from laisn.errors import LaisnError
 from laisn_sim.cli.fly import fly_and_write
@@ -75,7 +75,9 @@ def test_studies_are_paired_where_they_share_places_and_runs(tmp_path):
             "set": {"duration_s": 20.0},
             "vary": {"leader.baseline_m": [1.0, 2.0]},
         }
-        run_studies({"study": of_table(table, name, name)}, tmp_path / name, workers=1, quiet=True)
+        run_studies(
+            {"study": study_from_table(table, name, name)}, tmp_path / name, workers=1, quiet=True
+        )
     actual = paired([tmp_path / name for name in "abcd"], "e_p_mean_m")
     pages = {b: page_of([str(tmp_path / "a"), str(tmp_path / b)]).summary for b in "bcd"}
     assert "nothing to compare: the studies have the same settings" in pages["b"]

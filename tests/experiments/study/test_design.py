@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from experiments.study.design import Draw, Factor, points_of, value_at
-from experiments.study.file import StudyError, of_table
+from experiments.study.file import StudyError, study_from_table
 from experiments.study.plan import plan_of
 from sim.scenario.point_motion import CLASSES
 
@@ -224,7 +224,7 @@ def test_a_study_gives_each_run_its_values_and_every_follower_the_same():
         "set": {"ocean.current_direction_deg": {"rotate": 90}},
         "arm": [arm],
     }
-    plan = plan_of(of_table(table, "s", "s"))
+    plan = plan_of(study_from_table(table, "s", "s"))
     (entry,) = plan.entries
     assert list(plan.runs_of(entry)) == [0, 2, 4]
     assert plan.flights == 3
@@ -261,4 +261,4 @@ def test_a_study_gives_each_run_its_values_and_every_follower_the_same():
 )
 def test_invalid_values_of_runs_are_refused(changed, message):
     with pytest.raises(StudyError, match=message):
-        plan_of(of_table({"scenario": "swarm"} | changed, "s", "s"))
+        plan_of(study_from_table({"scenario": "swarm"} | changed, "s", "s"))

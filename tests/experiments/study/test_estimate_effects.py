@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from experiments.study.estimate import INTERACTIONS, Results, explained, main_effects
-from experiments.study.file import of_table
+from experiments.study.file import study_from_table
 from experiments.study.plan import StudyPlan, plan_of
 
 TABLE = {"scenario": "T5", "runs": 40, "set": {"duration_s": 20.0}}
@@ -31,7 +31,9 @@ def results_of(plan: StudyPlan, mean, noise: float = 0.0) -> Results:
 def factorial() -> StudyPlan:
     vary = {"followers.0.depth_m": [10.0, 12.0, 14.0], "leader.depth_m": [5.0, 7.0]}
     return plan_of(
-        of_table(TABLE | {"vary": vary, "arm": [{"name": "a"}, {"name": "b"}]}, "mine.toml", "mine")
+        study_from_table(
+            TABLE | {"vary": vary, "arm": [{"name": "a"}, {"name": "b"}]}, "mine.toml", "mine"
+        )
     )
 
 
@@ -84,7 +86,7 @@ def test_sampled_ranges_have_their_sobol_indices(design: str) -> None:
     )
     keys = "followers.0.depth_m", "leader.depth_m", "sensors.speed_bias_m_s"
     table = TABLE | {"vary": dict(zip(keys, ends, strict=True)), "design": design, "points": 128}
-    plan = plan_of(of_table(table, "mine.toml", "mine"))
+    plan = plan_of(study_from_table(table, "mine.toml", "mine"))
 
     def mean(x: float, y: float, z: float, _: str) -> float:
         return (x - 10) / 2 + ((y - 5) / 2) ** 2 + (np.log10(z) + 2) / 2
@@ -99,7 +101,9 @@ def test_sampled_ranges_have_their_sobol_indices(design: str) -> None:
 
 def test_a_single_factor_and_constant_columns_are_not_discussed(factorial: StudyPlan) -> None:
     assert main_effects(factorial, results_of(factorial, lambda *_: 3.0), "e_p_mean_m") == {}
-    one = plan_of(of_table(TABLE | {"vary": {"leader.depth_m": [5.0, 7.0]}}, "mine.toml", "mine"))
+    one = plan_of(
+        study_from_table(TABLE | {"vary": {"leader.depth_m": [5.0, 7.0]}}, "mine.toml", "mine")
+    )
     assert main_effects(one, results_of(one, lambda y, _: y), "e_p_mean_m") == {}
 
 

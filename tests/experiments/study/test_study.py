@@ -31,8 +31,8 @@ from experiments.study.file import (
     FOLDER,
     StudyError,
     built_in,
-    of_table,
     shipped,
+    study_from_table,
     study_of,
     table_in,
 )
@@ -72,7 +72,7 @@ WIDE = 2**1024 - 1
 
 
 def study(text=SMALL, **changes):
-    return of_table(tomllib.loads(text) | changes, "mine.toml", "mine")
+    return study_from_table(tomllib.loads(text) | changes, "mine.toml", "mine")
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +123,7 @@ def test_a_study_in_its_folder_finds_scenario_and_hulls(tmp_path):
     key, name = "followers.0.model", "hulls/mine.xml"
     tables = [{"set": {key: name}}, {"vary": {key: [name]}}, {"arm": [{"name": "own", key: name}]}]
     for number, table in enumerate(tables):
-        first = of_table({"scenario": "two.toml"} | table, "s", "s", tmp_path)
+        first = study_from_table({"scenario": "two.toml"} | table, "s", "s", tmp_path)
         folder = tmp_path / "out" / str(number)
         folder.mkdir(parents=True)
         (folder / STUDY).write_text(tomli_w.dumps(table_in(first, folder)), encoding="utf-8")
@@ -169,7 +169,7 @@ def test_another_key_leaves_draws_as_they_were():
     more = tomllib.loads(SMALL)
     more["draw"]["leader.excess_buoyancy_n"] = {"uniform": [0, 5]}
     more["realizations"] = 4
-    before, after = plan_of(study()), plan_of(of_table(more, "more.toml", "more"))
+    before, after = plan_of(study()), plan_of(study_from_table(more, "more.toml", "more"))
     key = "ocean.waves.height_m"
     drawn = {e.realization: e.settings[key] for e in after.entries}
     assert {e.realization: e.settings[key] for e in before.entries} == {
@@ -489,7 +489,7 @@ def test_batches_are_flown_until_every_interval_is_narrow_enough(tmp_path):
     )
     for name in (RESULTS, RUNS, RECORD):
         assert (tmp_path / "until" / name).read_bytes() == (tmp_path / "fixed" / name).read_bytes()
-    actual = findings.read(tmp_path / "until" / RECORD).findings
+    actual = findings.read_findings(tmp_path / "until" / RECORD).findings
     assert max((f.high - f.low) / 2 for key, f in actual.items() if "point" in key) <= wanted
     most = UNTIL | {"until": {"half_width": 1e-6, "most": 30}}
     (outcomes,) = fly_until_narrow(
@@ -652,7 +652,7 @@ def test_the_time_of_a_study_is_that_of_its_missions_and_cells(monkeypatch, stee
 
     monkeypatch.setattr(study_module, "fly_studies", simulated)
     monkeypatch.setattr(study_module, "perf_counter", lambda: clock[0])
-    seconds, _ = study_module._cost(plan_of(of_table(table, "s", "s")), 2)
+    seconds, _ = study_module._cost(plan_of(study_from_table(table, "s", "s")), 2)
     assert seconds == pytest.approx(
         50 * runs * 3.0 / 2 if steered else (10 * 3.0 + 50 * blocks * 0.1) / 2
     )
@@ -663,7 +663,7 @@ def test_a_dry_run_reports_a_mission_that_cannot_be_flown(monkeypatch):
     monkeypatch.setattr(study_module, "fly_studies", lambda *_, **__: [failed])
     with pytest.raises(CampaignError, match="lost at 3 s"):
         study_module.effort_text(
-            of_table({"scenario": "T5", "set": {"duration_s": 20}}, "s", "s"), 1
+            study_from_table({"scenario": "T5", "set": {"duration_s": 20}}, "s", "s"), 1
         )
 
 
@@ -683,7 +683,9 @@ def test_points_are_counted_before_they_are_listed(tmp_path, options):
 def test_planning_many_scenarios_shows_progress(capsys, steps, shown):
     many = {"from": 0, "to": 1, "steps": steps}
     plan_of(
-        of_table({"scenario": "T5", "vary": {"acoustics.range_scale_mean_m": many}}, "s", "s"),
+        study_from_table(
+            {"scenario": "T5", "vary": {"acoustics.range_scale_mean_m": many}}, "s", "s"
+        ),
         quiet=False,
     )
     assert [line.partition(",")[0] for line in capsys.readouterr().err.splitlines()][-1:] == shown
@@ -691,7 +693,7 @@ def test_planning_many_scenarios_shows_progress(capsys, steps, shown):
 
 def test_drawn_formations_are_the_followers_of_their_sea():
     area = {"count": 4, "spacing_m": 7.0, "width_m": 60.0, "layer_m": 0.0}
-    one = of_table(
+    one = study_from_table(
         {"scenario": "swarm", "realizations": 3, "draw": {"followers": {"formation": area}}},
         "s",
         "s",

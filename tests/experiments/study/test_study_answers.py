@@ -13,12 +13,12 @@ import pytest
 from plotly.graph_objects import Figure
 
 from experiments.study import charts
-from experiments.study.estimate import Condition, Results, shown
-from experiments.study.file import of_table
+from experiments.study.estimate import Condition, Results, interval_text
+from experiments.study.file import study_from_table
 from experiments.study.measure import METRICS
 from experiments.study.page import answer, commands, notable, page_of, worst_entry
 from experiments.study.plan import StudyPlan, plan_of
-from experiments.study.run import _largest_half_width, _of_runs
+from experiments.study.run import _largest_half_width, _row_and_lists
 from experiments.study.study import findings_of
 from reports.figures import Line, light
 from reports.page import Figures, Notice, Page, PageTable, render
@@ -50,7 +50,7 @@ def plan() -> StudyPlan:
         "vary": {"followers.0.depth_m": [10.0, 12.0, 14.0]},
         "arm": [{"name": "plain"}, {"name": "aware", "leader.broadcast_attitude": True}],
     }
-    return plan_of(of_table(table, "mine.toml", "mine"))
+    return plan_of(study_from_table(table, "mine.toml", "mine"))
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +91,7 @@ def test_the_answer_names_the_best_the_worst_and_which_arm_wins_where(
 ) -> None:
     printed = page.summary
     best, worst = (
-        shown(results.estimate(place(*at), "e_p_mean_m"), "m")
+        interval_text(results.estimate(place(*at), "e_p_mean_m"), "m")
         for at in ((0, "aware"), (1, "aware"))
     )
     assert best.startswith("0.500 m (0.4")
@@ -117,7 +117,7 @@ def test_the_terminal_has_the_answer_as_a_small_table(plan: StudyPlan, results: 
     assert small.remark == ""
     where, value, difference, verdict = small.rows[1]
     assert where.endswith("arm aware")
-    assert value == shown(results.estimate(place(0, "aware"), "e_p_mean_m"))
+    assert value == interval_text(results.estimate(place(0, "aware"), "e_p_mean_m"))
     assert difference.startswith(("−0.500", "-0.500"))
     assert verdict == "lower"
     assert small.rows[0][2:] == ("–", "")
@@ -253,7 +253,7 @@ def test_three_factors_are_answered_by_shares_of_variance_and_many_places_by_ext
         "vary": {"followers.0.depth_m": [10, 11, 12, 13], "leader.depth_m": [5, 6, 7, 8],
                  "ocean.current_speed_m_s": [0.1, 0.2, 0.3, 0.4, 0.5]},
     }  # fmt: skip
-    plan = plan_of(of_table(table, "three.toml", "three"))
+    plan = plan_of(study_from_table(table, "three.toml", "three"))
     rows = [
         {
             "point": i,
@@ -296,7 +296,7 @@ def test_the_factor_that_decides_is_among_the_key_figures(depth_counts: bool) ->
         "scenario": "T5", "runs": 8, "set": {"duration_s": 20.0},
         "vary": {"followers.0.depth_m": [10, 12], "leader.depth_m": [5, 6]},
     }  # fmt: skip
-    plan = plan_of(of_table(table, "two.toml", "two"))
+    plan = plan_of(study_from_table(table, "two.toml", "two"))
     noise = np.random.default_rng(3).normal(0.0, 0.1, (len(plan.points), 8))
     rows = []
     for i, point in enumerate(plan.points):
@@ -455,7 +455,7 @@ def test_rows_of_closed_loops_are_extremes_roots_and_means_of_their_runs(plan: S
             }
         ],
     ]
-    row, lists = _of_runs(plan.entries[0], 0, actual)
+    row, lists = _row_and_lists(plan.entries[0], 0, actual)
     reported = {
         "runs": 2,
         "seed": 1,
@@ -478,10 +478,10 @@ def test_rows_of_closed_loops_are_extremes_roots_and_means_of_their_runs(plan: S
 def test_numbers_without_limits_stand_alone() -> None:
     nan = float("nan")
     given = Results.of([], []).estimate(Condition(0, "", ""), "e_p_mean_m")
-    assert shown(given) == "–"
-    assert shown(type(given)(-1.2345, nan, nan), "m") == "−1.23 m"
-    assert shown(type(given)(53124.6, nan, nan), "J") == "53,125 J"
-    assert shown(type(given)(1.2345, 0.5, 2.0), "m") == "1.23 m (0.500 to 2.00)"
+    assert interval_text(given) == "–"
+    assert interval_text(type(given)(-1.2345, nan, nan), "m") == "−1.23 m"
+    assert interval_text(type(given)(53124.6, nan, nan), "J") == "53,125 J"
+    assert interval_text(type(given)(1.2345, 0.5, 2.0), "m") == "1.23 m (0.500 to 2.00)"
 
 
 def test_maps_of_arms_have_one_scale() -> None:
@@ -489,7 +489,9 @@ def test_maps_of_arms_have_one_scale() -> None:
     elsewhere.
     """
     table = {"scenario": "T5", "vary": {"followers.0.depth_m": [10, 12], "leader.depth_m": [6, 8]}}
-    plan = plan_of(of_table(table | {"arm": [{"name": "a"}, {"name": "b"}]}, "maps", "maps"))
+    plan = plan_of(
+        study_from_table(table | {"arm": [{"name": "a"}, {"name": "b"}]}, "maps", "maps")
+    )
     rows = [
         {
             "point": i,
@@ -554,7 +556,7 @@ def test_a_page_has_a_row_for_each_follower_and_names_what_could_not_be_flown() 
         "set": {"duration_s": 20.0},
         "arm": [{"name": "x|y"}, {"name": "z"}],
     }
-    plan = plan_of(of_table(table, "mine.toml", "mine"))
+    plan = plan_of(study_from_table(table, "mine.toml", "mine"))
     assert len(plan.followers) > 1
     places = [*itertools.product((0, 1), plan.arms, plan.followers)]
     rows = [

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from experiments.campaign.montecarlo import CampaignMission, Cell, simulate, simulate_mission
-from experiments.study.file import StudyError, of_table, study_of
+from experiments.study.file import StudyError, study_from_table, study_of
 from experiments.study.plan import StudyPlan, plan_of
 from experiments.study.run import Choice, StudyResults, fly_further, fly_studies
 from sim.scenario.parts import MotionSettings
@@ -22,7 +22,7 @@ SHORT: dict[str, Any] = {
 
 
 def plan(table: dict[str, Any]) -> StudyPlan:
-    return plan_of(of_table(SHORT | table, "s", "s"))
+    return plan_of(study_from_table(SHORT | table, "s", "s"))
 
 
 def flown(folder: Path, table: dict[str, Any]) -> StudyResults:

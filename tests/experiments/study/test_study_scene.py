@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from experiments.campaign.store import read_table
-from experiments.study.file import of_table
+from experiments.study.file import study_from_table
 from experiments.study.study import RUNS, run_studies
 from reports.flight_report import scene_of_flight
 from reports.scene.mission import Scene
@@ -27,7 +27,7 @@ def test_a_page_shows_the_worst_run_in_3d(tmp_path: Path, monkeypatch: pytest.Mo
         return scene_of_flight(flight)
 
     monkeypatch.setattr("reports.flight_report.scene_of_flight", shown_in_3d)
-    study = of_table(table, "mine.toml", "mine")
+    study = study_from_table(table, "mine.toml", "mine")
     run_studies({"study": study}, tmp_path, workers=1, quiet=True, scene=True)
     (flight,) = seen
     runs = read_table(tmp_path / RUNS)

@@ -184,7 +184,7 @@ def test_covariances_along_a_straight_way_north_are_those_of_its_integrals() -> 
     speed, steps = 1.3, 40
     north = North(SmoothingNavigator(settings, np.zeros(4), 60.0), steps, speed)
     north.fly()
-    before, received = north.navigator._before[0]
+    before, received = north.navigator._priors[0]
     way = _Leg(before, received, north.navigator._model, (0.0, 0.0))
     model = north.navigator._model
     end, q_log, q_compass = 0.1 * steps, model.log_walk[0], model.compass_walk[0]
@@ -235,7 +235,7 @@ def test_the_prediction_includes_turns_and_both_drifts() -> None:
     north = North(SmoothingNavigator(settings, np.zeros(4), 60.0), steps, 1.0)
     north.fly(turn)
     model = north.navigator._model
-    before, received = north.navigator._before[0]
+    before, received = north.navigator._priors[0]
     before["weight"][0, :2] = 0.9, 0.1
     way = _Leg(before, received, model, (0.0, 0.0))
     slow = 0.5 + 0.4 * np.exp(-2.0 * 0.004 * 0.1 * steps)

@@ -58,7 +58,7 @@ def straight(
 @pytest.mark.parametrize("arc", [-30.0, 0.0, 12.34, 90.0, 120.0])
 def test_a_straight_trail_goes_on_at_both_ends(arc: float) -> None:
     trail, count, ahead = straight()
-    east, north, ahead_east, ahead_north, through = way.at(trail, count[0], arc)
+    east, north, ahead_east, ahead_north, through = way.place_at(trail, count[0], arc)
     assert (east, north) == pytest.approx(tuple(arc * ahead), abs=1e-9)
     assert (ahead_east, ahead_north, through) == pytest.approx((*ahead, 1.0))
     assert trail[count[0] - 1].pace == pytest.approx(1.5)
@@ -74,7 +74,7 @@ def test_a_trail_through_few_points_of_a_circle_is_the_circle() -> None:
     trail, count = laid(points, times, angle)
     assert trail[count[0] - 1].arc == pytest.approx(40.0, abs=1e-9)
     for arc in np.linspace(6.0, 34.0, 57):
-        east, north, ahead_east, ahead_north, _ = way.at(trail, count[0], arc)
+        east, north, ahead_east, ahead_north, _ = way.place_at(trail, count[0], arc)
         course = np.arctan2(ahead_east, ahead_north)
         assert np.hypot(east - radius, north) == pytest.approx(radius, abs=0.08)
         assert (course - arc / radius + np.pi) % (2 * np.pi) - np.pi == pytest.approx(0.0, abs=0.1)
@@ -89,7 +89,7 @@ def test_a_trail_of_uneven_pace_is_the_circle_everywhere(share: Callable[[Floats
     points = 30.0 * np.column_stack([1.0 - np.cos(angle), np.sin(angle)])
     trail, count = laid(points, np.arange(61.0), angle)
     for arc in np.linspace(5.0, 85.0, 160):
-        east, north, *_ = way.at(trail, count[0], arc)
+        east, north, *_ = way.place_at(trail, count[0], arc)
         assert np.hypot(east - 30.0, north) == pytest.approx(30.0, abs=0.02)
         assert 30.0 * np.arctan2(north, 30.0 - east) == pytest.approx(arc, abs=0.05)
 
@@ -195,7 +195,7 @@ def between_envelopes(
     later = FRAME.preview + np.arange(-10.0, 11.0)
     speed = trail[count - 1].pace
     arcs = way.arc_at(trail, count, time) - station.behind + later * speed
-    course = np.array([np.arctan2(*way.at(trail, count, arc)[2:4]) for arc in arcs])
+    course = np.array([np.arctan2(*way.place_at(trail, count, arc)[2:4]) for arc in arcs])
     frame, swept = memory.heading + later * memory.rate, station.port * memory.rate
     needed = speed * np.array([np.sin(course), np.cos(course)]) + swept * np.array(
         [np.sin(frame), np.cos(frame)]
@@ -230,7 +230,7 @@ def test_what_is_foreseen_is_between_the_envelopes_on_legs_and_in_bends() -> Non
             bends = (
                 np.ptp(
                     np.unwrap(
-                        [np.arctan2(*way.at(trail, n, late + j)[2:4]) for j in range(-10, 11)]
+                        [np.arctan2(*way.place_at(trail, n, late + j)[2:4]) for j in range(-10, 11)]
                     )
                 )
                 > 1.0
@@ -252,7 +252,7 @@ def test_the_turn_rate_of_a_curve_is_limited() -> None:
     )
     for since in (-8.0, 5.0, 48.5, 80.2, 98.9):
         arcs = np.linspace(since, trail[count[0] - 1].arc, 2000)
-        ways = np.array([way.at(trail, count[0], arc)[2:4] for arc in arcs])
+        ways = np.array([way.place_at(trail, count[0], arc)[2:4] for arc in arcs])
         turned = np.abs(np.diff(np.unwrap(np.arctan2(*ways.T)))).sum()
         command = way.turned_since(trail, count[0], since)
         assert command >= turned - 1e-9

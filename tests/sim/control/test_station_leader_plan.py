@@ -78,14 +78,14 @@ def planned(waypoints: int) -> LeaderPlan:
 
 def test_a_message_contains_the_track_until_the_turn_at_its_last_waypoint() -> None:
     """A corner of at most 135° is cut at 10°/s, half of it before the waypoint: 6.75 s."""
-    one, two = planned(1).until, planned(2).until
+    one, two = planned(1).known_until, planned(2).known_until
     np.testing.assert_allclose(one[1:400], 40.0 - 6.75)
     assert np.isinf(one[400:]).all()
     assert (one[400:] > 0).all()
     assert np.isinf(two[1:]).all()
     # nothing is known before the first message
     assert one[0] == two[0] == -np.inf
-    assert planned(0).until.size == 0
+    assert planned(0).known_until.size == 0
 
 
 def test_the_trail_of_a_plan_is_that_of_messages() -> None:

@@ -88,7 +88,7 @@ def test_each_child_that_is_not_asked_for_is_remarked() -> None:
 
 def test_parts_with_the_same_remark_share_a_sentence() -> None:
     remarks = Remarks()
-    remarks.of("link", "a", "is late")
+    remarks.add_for_part("link", "a", "is late")
     remarks.add("all is well")
-    remarks.of("link", "b", "is late")
+    remarks.add_for_part("link", "b", "is late")
     assert remarks.sentences() == ["link 'a', 'b': is late", "all is well"]

@@ -12,7 +12,7 @@ import pytest
 
 import laisn_sim
 import models
-from experiments.study.file import of_table
+from experiments.study.file import study_from_table
 from experiments.study.plan import plan_of
 from laisn.errors import LaisnError
 from laisn.metrics import position_errors
@@ -249,10 +249,10 @@ def test_a_study_finds_hulls_beside_its_file(folder: Path) -> None:
         "set": {"duration_s": 60.0},
         "vary": {"followers.0.model": ["mine.xml"]},
     }
-    (entry,) = plan_of(of_table(table, "s.toml", "s", folder)).entries
+    (entry,) = plan_of(study_from_table(table, "s.toml", "s", folder)).entries
     assert entry.scenario.followers[0].model == (folder / "mine.xml").read_text(encoding="utf-8")
     arms = [{"name": "usual"}, {"name": "mine", "followers": {"0": {"model": "mine.xml"}}}]
-    plan = plan_of(of_table({"scenario": "T2", "arm": arms}, "s.toml", "s", folder))
+    plan = plan_of(study_from_table({"scenario": "T2", "arm": arms}, "s.toml", "s", folder))
     assert [e.scenario.followers[0].model is None for e in plan.entries] == [True, False]
 
 

@@ -41,7 +41,7 @@ def test_each_formula_of_the_documents_is_one(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("target", "of_docs", "expected"),
+    ("target", "in_docs", "expected"),
     [
         ("docs/physics.md", False, "physics.md"),
         ("docs/pictures/swarm.jpg", False, "pictures/swarm.jpg"),
@@ -53,8 +53,8 @@ def test_each_formula_of_the_documents_is_one(path: Path) -> None:
         ("https://example.org/a.md", True, "https://example.org/a.md"),
     ],
 )
-def test_links_lead_to_pages_of_the_site(target: str, of_docs: bool, expected: str) -> None:
-    assert site.page_name(target, of_docs=of_docs) == expected
+def test_links_lead_to_pages_of_the_site(target: str, in_docs: bool, expected: str) -> None:
+    assert site.page_name(target, in_docs=in_docs) == expected
 
 
 DRAWS = '''"""Draws."""
@@ -75,7 +75,7 @@ def test_an_example_is_run_once_until_it_changes(
     monkeypatch.setattr(gallery, "EXAMPLES", examples)
     for _ in range(2):
         (one,) = gallery.executed(tmp_path / "kept")
-        assert (one.output, one.about, one.pictures[0].name) == ("drawn\n", "Draws.", "a.png")
+        assert (one.output, one.description, one.pictures[0].name) == ("drawn\n", "Draws.", "a.png")
         assert one.pictures[0].is_file()
         assert one.body.startswith("from PIL")
     assert capsys.readouterr().out.count("running") == 1

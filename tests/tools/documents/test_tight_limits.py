@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from laisn.arrays import Floats
-from reports.findings import read
+from reports.findings import read_findings
 from tools.documents.markers import RECORDS
-from tools.documents.tight_limits import RIVALS, abreast, normalised_errors, of_case
+from tools.documents.tight_limits import RIVALS, abreast, case_findings, normalised_errors
 
 
 class Routes:
@@ -36,7 +36,7 @@ def test_a_rival_counts_as_better_on_a_route_where_the_whole_interval_is() -> No
             ("laisn-2", 3.0 * ours, 100.0),
         )
     }
-    findings = dict(of_case("case", arms))  # type: ignore[arg-type]
+    findings = dict(case_findings("case", arms))  # type: ignore[arg-type]
     assert findings["better-than tight case"].number == 1
     assert findings["better-than tight-2 case"].number == 0
     assert findings["least ekf case"].number == pytest.approx(-0.1, abs=0.01)
@@ -73,7 +73,7 @@ def test_the_record_keeps_what_the_documents_say() -> None:
     """No rival is better with two transmitters, NEES is 1 to 3 on each route, and 4 at most on the
     map.
     """
-    record = read(RECORDS / "tight-limits.json")
+    record = read_findings(RECORDS / "tight-limits.json")
     assert record["better-than tight-2"].number == 0
     for case in ("exact", "0.1", "0.5", "2", "slot 0.1", "slot 0.2"):
         for ours, (_, laisn) in RIVALS.items():

@@ -20,7 +20,7 @@ from laisn.bound import TrueNoise
 from laisn.settings import TightSettings
 from laisn_sim.cli.main import app
 from reports.bound import noise_of
-from reports.findings import Findings, read
+from reports.findings import Findings, read_findings
 from reports.page import page_of
 from sim.scenario.parts import SensingSettings
 from sim.scenario.routes import library_route
@@ -277,7 +277,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> tuple[Findings, str]:
             studies, "fly_until_narrow", lambda plans, folder, **_: [made(plan) for plan in plans]
         )
         report = run("estimators", {}, folder, quick=True).report()
-    return read(folder / "results.json"), report.read_text(encoding="utf-8")
+    return read_findings(folder / "results.json"), report.read_text(encoding="utf-8")
 
 
 @pytest.mark.system

@@ -20,13 +20,18 @@ from experiments.study.plan import StudyPlan, plan_of
 from experiments.study.run import StudyResults
 from experiments.study.study import run
 from laisn_sim.cli.main import app
-from reports.findings import Findings, plain, record
+from reports.findings import Findings, plain_finding, record
 from reports.page import PageTable, page_of
 from tests.experiments.study.cells import cells_of
 from tests.golden import numbered_record, require_golden
 
-PLAN = plan_of(study_of("formation", {}))
-CONDITIONS = {arm: PLAN.study.title("arm", arm) for arm in PLAN.arms}
+STUDY = study_of("formation", {})
+CONDITIONS = {arm: STUDY.title("arm", arm) for arm in STUDY.arms}
+
+
+@pytest.fixture(scope="module")
+def plan() -> StudyPlan:
+    return plan_of(STUDY)
 
 
 def run_of(rms: float, *, lost: int = 0, turn: float = 3.0) -> list[Record]:
@@ -85,17 +90,21 @@ def flown(monkeypatch: pytest.MonkeyPatch, findings: Findings) -> list[Any]:
     return calls
 
 
-def test_the_page_is_the_golden_one(findings: Findings) -> None:
+def test_the_page_is_the_golden_one(findings: Findings, plan: StudyPlan) -> None:
     """Each finding has a number of its own, so that rows, columns and phrases show theirs."""
     actual = numbered_record("formation", findings.findings)
-    outcomes: Any = {"study": SimpleNamespace(plan=PLAN)}
+    outcomes: Any = {"study": SimpleNamespace(plan=plan)}
     values = {"quick": False, "found": actual} | figures.values(actual, outcomes)
     require_golden(page_of("experiments.studies.formation", [], values, actual), "formation")
 
 
-def test_of_a_formation_without_a_turn_no_distance_in_turns_is_shown(findings: Findings) -> None:
-    record = replace(findings, findings=findings.findings | {"turn calm": plain(0.0, "", "m")})
-    outcomes: Any = {"study": SimpleNamespace(plan=PLAN)}
+def test_of_a_formation_without_a_turn_no_distance_in_turns_is_shown(
+    findings: Findings, plan: StudyPlan
+) -> None:
+    record = replace(
+        findings, findings=findings.findings | {"turn calm": plain_finding(0.0, "", "m")}
+    )
+    outcomes: Any = {"study": SimpleNamespace(plan=plan)}
     values = {"quick": False, "found": record} | figures.values(record, outcomes)
     page = page_of("experiments.studies.formation", [], values, record)
     (table,) = (block for block in page.sections[0].blocks if isinstance(block, PageTable))

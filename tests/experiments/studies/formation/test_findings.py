@@ -16,7 +16,7 @@ from experiments.study.file import study_of
 from experiments.study.measure import METRICS, records_of_run
 from experiments.study.plan import PlanEntry, StudyPlan, plan_of
 from experiments.study.run import StudyResults
-from reports.findings import read
+from reports.findings import read_findings
 from sim.scenario.settings import Scenario
 from tests.experiments.study.cells import cells_of
 
@@ -203,7 +203,7 @@ def test_runs_are_numbered_from_zero_and_some_conditions_fly_every_other_one(
     assert numbers["calm"] == [0, 1, 2, 3, 4, 5]
     assert numbers["fifty"] == [0, 5]
     assert plan.entries[0].scenario.duration_s == 1000.0
-    actual = read(tmp_path / "results.json")
+    actual = read_findings(tmp_path / "results.json")
     assert actual["runs"].value == 6
     assert actual["lost-runs calm"].value == 60
     assert actual["lost-runs fifty"].value == 100

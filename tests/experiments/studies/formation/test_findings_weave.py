@@ -7,7 +7,7 @@ import pytest
 from scipy.special import j0
 
 from experiments.studies.formation.findings import (
-    BEHIND,
+    DISTANCES_BEHIND_M,
     WEAVES,
     geometry,
     least_error,
@@ -54,7 +54,7 @@ def test_a_weave_costs_the_value_of_a_bessel_function(amplitude: float) -> None:
 
 
 def test_the_bound_shrinks_with_weave_amplitude_and_distance() -> None:
-    for behind in BEHIND:
+    for behind in DISTANCES_BEHIND_M:
         errors = [
             least_error(amplitude, 40.0, float(behind)) for amplitude in (0.0, 2.0, 5.0, 10.0)
         ]
@@ -62,5 +62,5 @@ def test_the_bound_shrinks_with_weave_amplitude_and_distance() -> None:
         assert errors[-1] < 0.6 * errors[0]
     assert all(least_error(a, p, 20.0) < least_error(a, p, 40.0) for a, p in WEAVES)
     actual = weave_findings()
-    assert len(actual) == len(WEAVES) * (len(BEHIND) + 1)
+    assert len(actual) == len(WEAVES) * (len(DISTANCES_BEHIND_M) + 1)
     assert actual["weave 5 40 20"].value == pytest.approx(least_error(5.0, 40.0, 20.0), rel=1e-5)

@@ -50,7 +50,7 @@ def judged(
     for name in TIMED if timed else ():
         values = [(timed or {}).get(m, {}).get(name, np.nan) for m in ROUTES]
         each["base laisn-2", name] = np.array([values])
-    return CLAIMS[number - 1].judge(MetricValues(each=each, exact=True))
+    return CLAIMS[number - 1].judge(MetricValues(values=each, exact=True))
 
 
 def on_routes(setting: str, variants: tuple[str, ...], *values: float) -> Figure:
@@ -196,7 +196,7 @@ def test_missions_are_judged_by_their_median() -> None:
     )
     ratio = {**CLAIMS[6].ratios[0], "missions": ["T2", "T5", "T8"]}
     assert (
-        replace(CLAIMS[6], ratios=[ratio]).judge(MetricValues(each=each, exact=True)).verdict
+        replace(CLAIMS[6], ratios=[ratio]).judge(MetricValues(values=each, exact=True)).verdict
         == "depends"
     )
 
@@ -205,11 +205,11 @@ def test_every_judged_figure_decides_a_criterion() -> None:
     """Every claim has data from the cells that replications fly, and from nothing else."""
     each = {(cell, x): np.ones((1, 8)) for cell in JUDGED for x in (*METRICS, "distance_m", *TIMED)}
     assert all(
-        claim.judge(MetricValues(each=each, exact=True)).verdict != "no data" for claim in CLAIMS
+        claim.judge(MetricValues(values=each, exact=True)).verdict != "no data" for claim in CLAIMS
     )
     for cell in JUDGED:
         fewer = MetricValues(
-            each={key: values for key, values in each.items() if key[0] != cell}, exact=True
+            values={key: values for key, values in each.items() if key[0] != cell}, exact=True
         )
         assert "no data" in [claim.judge(fewer).verdict for claim in CLAIMS], cell
 
@@ -279,7 +279,7 @@ def test_an_extreme_over_missions_is_judged_by_the_share_of_replications(
     largest = np.array([0.9 if m in ("T3", "T4") else 2.0 for m in ROUTES]) * np.ones((20, 1))
     # one of the others is at times located better than those abeam, the others hardly matter
     largest[:, ROUTES.index("T6")] = np.where(np.arange(20) < below, 1.0, 0.8)
-    actual = CLAIMS[0].judge(MetricValues(each={("base laisn-2", "e_p_max_m"): largest}))
+    actual = CLAIMS[0].judge(MetricValues(values={("base laisn-2", "e_p_max_m"): largest}))
     assert [actual.criteria[0].outcome, actual.criteria[1].outcome] == ["met", outcome]
     assert actual.criteria[1].interval.value == below / 20
     exact = stats.binomtest(below, 20).proportion_ci(0.998)
@@ -311,8 +311,8 @@ def test_a_mean_over_replications_has_the_limits_of_students_t(kind: Kind) -> No
     """
     rng = np.random.default_rng(4)
     values = rng.normal(0.5, 0.01, 10)
-    figures = MetricValues(each={("base laisn-2", "x"): values[:, None]})
-    value, low, high = figures.interval(figures.known("base laisn-2", "x")[:, 0], kind)
+    figures = MetricValues(values={("base laisn-2", "x"): values[:, None]})
+    value, low, high = figures.interval(figures.means_or_nan("base laisn-2", "x")[:, 0], kind)
     half = stats.t.ppf(0.999, 9) * values.std(ddof=1) / np.sqrt(10)
     assert (value - low, high - value) == pytest.approx((half, half), rel=0.1)
     if kind == "ratio":
@@ -330,7 +330,7 @@ def test_verdicts_of_independent_studies_agree_or_are_undecided() -> None:
             ("5s laisn-2", "e_p_mean_m"): 1.0 + 0.05 * rng.normal(size=(10, 8)),
             ("muD0.3 laisn-2", "e_p_mean_m"): 1.25 * (1.0 + 0.05 * rng.normal(size=(10, 8))),
         }
-        actual = claim.judge(MetricValues(each=each))
+        actual = claim.judge(MetricValues(values=each))
         decided += actual.criteria[0].outcome != "undecided"
         assert actual.criteria[1].outcome == "met"
     # less than 0.4 are expected of 200, and four or more come in a thousandth of trials

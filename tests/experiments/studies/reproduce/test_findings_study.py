@@ -50,7 +50,7 @@ def test_a_reproduction_writes_tables_and_report(tmp_path):
         "independent replications",
     ):
         assert text in html
-    actual = findings.read(tmp_path / findings.FILE)
+    actual = findings.read_findings(tmp_path / findings.FILE)
     assert actual.command == (
         "laisn reproduce --quick --set motion=kinematic --set followers.0.depth_m=8.0 --set "
         "duration_s=30.0 "
@@ -81,7 +81,7 @@ def test_replications_have_the_figures_of_their_runs(tmp_path, monkeypatch):
         zip(plans, fly_studies([*plans.values()], tmp_path, workers=1, quiet=True), strict=True)
     )
     fly_further(outcomes, claims.further_runs, tmp_path, workers=1, quiet=True)
-    each, at = claims.MetricValues.of(outcomes).each, ROUTES.index("T3")
+    each, at = claims.MetricValues.of(outcomes).values, ROUTES.index("T3")
     scenario = next(e for e in plans["tables"].entries if e.arm == "laisn-2").scenario
     assert (scenario.seed, scenario.duration_s, scenario.followers[0].route) == (2, 30.0, "T3")
     for number in (0, 1):
@@ -110,8 +110,8 @@ def test_resamples_scatter_as_means_over_replications_do():
     rng = np.random.default_rng(3)
     shared = rng.normal(10.0, 1.0, (20, 8))
     each = {("a", "x"): shared, ("b", "x"): shared + rng.normal(0.0, 0.5, (20, 8))}
-    figures = claims.MetricValues(each=each)
-    first, other = (figures.known(name, "x") for name in "ab")
+    figures = claims.MetricValues(values=each)
+    first, other = (figures.means_or_nan(name, "x") for name in "ab")
     assert first[0] == pytest.approx(shared.mean(axis=0))
     assert first[1:, 0].std() == pytest.approx(shared[:, 0].std() / np.sqrt(20), rel=0.1)
     # replications are drawn alike in all cells, so that noise that both share drops out of a ratio
@@ -135,7 +135,7 @@ def test_the_study_of_seeds_judges_each_of_them(tmp_path, monkeypatch):
     monkeypatch.setattr(claims, "published", dict)
     keys = {"set": SHORT, "vary": {"case": ["base", "5s"]}}
     claim_seeds.run(tmp_path, seeds=(3, 4), runs=1, keys=keys, workers=1, quiet=True)
-    actual = findings.read(tmp_path / findings.FILE)
+    actual = findings.read_findings(tmp_path / findings.FILE)
     assert actual["seeds"].value == 2
     assert actual["verdict 2"].value == "no data"
     assert actual["verdict 1"].value != "no data"
@@ -143,7 +143,7 @@ def test_the_study_of_seeds_judges_each_of_them(tmp_path, monkeypatch):
 
 def test_claims_on_the_published_tables():
     distance = np.array([[42.3, 54.7, 76.5, 74.7, 39.5, 45.6, 40.8, 76.1]] * 2)
-    ours = claims.MetricValues(each={("base laisn-2", "distance_m"): distance})
+    ours = claims.MetricValues(values={("base laisn-2", "distance_m"): distance})
     verdicts = {c.number: theirs.verdict for c, _, theirs in claims.judge(ours, claims.published())}
     # μ_D = 0.3 has no published table; what the paper claims, its own tables bear out
     assert verdicts.pop(8) == "no data"
@@ -160,7 +160,7 @@ def verdict(number, figure):
         for v in s.variants
         for x in (*claims.METRICS, "distance_m")
     }
-    return claims.CLAIMS[number - 1].judge(claims.MetricValues(each=each, exact=True)).verdict
+    return claims.CLAIMS[number - 1].judge(claims.MetricValues(values=each, exact=True)).verdict
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from experiments.study.file import built_in, study_of
 from experiments.study.plan import StudyPlan, plan_of
 from experiments.study.run import Cells
 from laisn.navigators import NAVIGATORS
-from reports.findings import read, record
+from reports.findings import read_findings, record
 from reports.page import page_of, render
 from tests.experiments.study.cells import cells_of
 from tests.golden import require_golden
@@ -60,7 +60,7 @@ def findings_without(navigator: str = "") -> dict[str, Any]:
             strict=True,
         )
     )
-    shared = [*product(findings.SHARING, ["calm"], findings.FURTHER)]
+    shared = [*product(findings.SHARING, ["calm"], findings.SHARED_INTERVALS)]
     arms = {
         findings.case_name(*case): rows(errors[case[0]], 4, 8)
         for case in (*ROUTES, *shared)
@@ -216,7 +216,7 @@ def test_the_page_is_made_without_what_was_left_out(tmp_path: Path) -> None:
     record("rivals", "laisn rivals", ("experiments.studies.rivals.findings",), actual).write(
         tmp_path / "results.json"
     )
-    kept = read(tmp_path / "results.json")
+    kept = read_findings(tmp_path / "results.json")
     values = {"quick": True, "found": kept, **figures.values(kept, {})}
     facts = [("left out", "factor graph, which needs GTSAM")]
     page = render(page_of("experiments.studies.rivals", facts, values, kept))

@@ -14,12 +14,12 @@ from experiments.studies.thermocline.findings import (
     fix_error,
     leg_findings,
     range_error,
-    range_where_it_matters,
+    shortest_spoilt_range,
 )
 from experiments.study.run import Cells
 from laisn_sim.cli.main import app
 from reports.figures import panel
-from reports.findings import read
+from reports.findings import read_findings
 from reports.page import page_of
 from tests.golden import numbered_record, require_golden
 from tools.documents.markers import RECORDS
@@ -51,7 +51,7 @@ def test_a_fix_of_two_transmitters_shifts_as_the_difference_of_its_ranges() -> N
 
 
 def test_bending_matters_from_nearer_on_the_stronger_the_thermocline() -> None:
-    strong, moderate = (range_where_it_matters(s, "laisn-2", 2.0) for s in ("strong", "moderate"))
+    strong, moderate = (shortest_spoilt_range(s, "laisn-2", 2.0) for s in ("strong", "moderate"))
     assert strong is not None
     assert moderate is not None
     assert strong < moderate
@@ -99,7 +99,7 @@ def test_the_page_is_the_golden_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """The findings of the recorded study, each with a number of its own."""
     for name in ("ray_picture", "profile_picture"):
         monkeypatch.setattr(figures, name, lambda *_: panel([], x_label="", y_label=""))
-    recorded = read(RECORDS / "thermocline.json")
+    recorded = read_findings(RECORDS / "thermocline.json")
     actual = numbered_record("thermocline", recorded.findings)
     values = {"quick": False, "found": actual, **figures.values(actual, {})}
     require_golden(page_of("experiments.studies.thermocline", [], values, actual), "thermocline")
