@@ -1,8 +1,9 @@
 """Smooth edges without multisampling; compiled code stands apart, with no import but of `laisn`."""
 
 import numpy as np
+import numpy.typing as npt
 
-from laisn.arrays import Bytes
+from laisn.arrays import Bytes, Ints
 from laisn.compiled import compiled, inlined
 
 _CONTRAST = 20
@@ -50,49 +51,101 @@ def _edge_end(
     return _EDGE_PX, difference
 
 
+@inlined
+def _smooth_pixel(source: Bytes, target: Bytes, i: int, j: int) -> None:
+    m = _brightness(source, i, j)
+    n = _brightness(source, i - 1, j)
+    s = _brightness(source, i + 1, j)
+    w = _brightness(source, i, j - 1)
+    e = _brightness(source, i, j + 1)
+    nw = _brightness(source, i - 1, j - 1)
+    ne = _brightness(source, i - 1, j + 1)
+    sw = _brightness(source, i + 1, j - 1)
+    se = _brightness(source, i + 1, j + 1)
+    level = abs(nw + sw - 2 * w) + 2 * abs(n + s - 2 * m) + abs(ne + se - 2 * e)
+    upright = abs(nw + ne - 2 * n) + 2 * abs(w + e - 2 * m) + abs(sw + se - 2 * s)
+    before, after = (n, s) if level >= upright else (w, e)
+    # the edge runs between this pixel and that of its two neighbours which differs more
+    side = -1 if abs(before - m) >= abs(after - m) else 1
+    beyond = before if side < 0 else after
+    step_across = (side, 0) if level >= upright else (0, side)
+    mean = (m + beyond) / 2.0
+    limit = abs(beyond - m) / 4.0
+    step = (0, 1) if level >= upright else (1, 0)
+    backward = (-step[0], -step[1])
+    first, at_first = _edge_end(source, i, j, backward, step_across, mean, limit)
+    last, at_last = _edge_end(source, i, j, step, step_across, mean, limit)
+    nearest, at_nearest = (first, at_first) if first < last else (last, at_last)
+    # towards the nearer end the other side takes over, or this side does, which then is left as it
+    # is
+    if (at_nearest < 0) == (m < mean):
+        return
+    share = 0.5 - nearest / (first + last)
+    for channel in range(3):
+        value = float(source[i, j, channel])
+        other = float(source[i + step_across[0], j + step_across[1], channel])
+        target[i, j, channel] = np.uint8((1 - share) * value + share * other + 0.5)
+
+
+@inlined
+def _fill_greys(picture: Bytes, row: int, greys: npt.NDArray[np.int16]) -> None:
+    """Eight times the brightness of the pixels of a row."""
+    for j in range(picture.shape[1]):
+        greys[j] = (
+            2 * np.int16(picture[row, j, 0])
+            + 5 * np.int16(picture[row, j, 1])
+            + np.int16(picture[row, j, 2])
+        )
+
+
 @compiled
-def smooth(source: Bytes, target: Bytes, left: int, top: int, width: int, height: int) -> None:
-    """Write the smoothed edges of a part of a picture, in the manner of FXAA 3 (T. Lottes, NVIDIA,
-    2011).
+def smooth(source: Bytes, target: Bytes, areas: Ints) -> None:
+    """Write the smoothed edges of some areas of a picture, in the manner of FXAA 3 (T. Lottes,
+    NVIDIA, 2011).
 
     On a processor four samples a pixel cost as much again as the whole frame, this a hundredth.
-    `target` is another array with the picture of `source`, shape (rows, columns, 3).
+    `target` is another array with the picture of `source`, shape (rows, columns, 3 or 4). Areas
+    have left, top, width and height, shape (n, 4); they may overlap and reach beyond the picture.
     """
     rows = source.shape[0]
     columns = source.shape[1]
-    for i in range(max(top, 1), min(top + height, rows - 1)):
-        for j in range(max(left, 1), min(left + width, columns - 1)):
-            m = _brightness(source, i, j)
-            n = _brightness(source, i - 1, j)
-            s = _brightness(source, i + 1, j)
-            w = _brightness(source, i, j - 1)
-            e = _brightness(source, i, j + 1)
-            if max(m, n, s, w, e) - min(m, n, s, w, e) < _CONTRAST:
-                continue
-            nw = _brightness(source, i - 1, j - 1)
-            ne = _brightness(source, i - 1, j + 1)
-            sw = _brightness(source, i + 1, j - 1)
-            se = _brightness(source, i + 1, j + 1)
-            level = abs(nw + sw - 2 * w) + 2 * abs(n + s - 2 * m) + abs(ne + se - 2 * e)
-            upright = abs(nw + ne - 2 * n) + 2 * abs(w + e - 2 * m) + abs(sw + se - 2 * s)
-            before, after = (n, s) if level >= upright else (w, e)
-            # the edge runs between this pixel and that of its two neighbours which differs more
-            side = -1 if abs(before - m) >= abs(after - m) else 1
-            beyond = before if side < 0 else after
-            step_across = (side, 0) if level >= upright else (0, side)
-            mean = (m + beyond) / 2.0
-            limit = abs(beyond - m) / 4.0
-            step = (0, 1) if level >= upright else (1, 0)
-            backward = (-step[0], -step[1])
-            first, at_first = _edge_end(source, i, j, backward, step_across, mean, limit)
-            last, at_last = _edge_end(source, i, j, step, step_across, mean, limit)
-            nearest, at_nearest = (first, at_first) if first < last else (last, at_last)
-            # towards the nearer end the other side takes over, or this side does, which then is
-            # left as it is
-            if (at_nearest < 0) == (m < mean):
-                continue
-            share = 0.5 - nearest / (first + last)
-            for channel in range(3):
-                value = float(source[i, j, channel])
-                other = float(source[i + step_across[0], j + step_across[1], channel])
-                target[i, j, channel] = np.uint8((1 - share) * value + share * other + 0.5)
+    # rows of which three are in use at a time: an array of the whole picture would be new memory
+    # for every frame
+    greys = np.empty((3, columns), np.int16)
+    is_edge = np.empty(columns, np.uint8)
+    filled = -1
+    for i in range(1, rows - 1):
+        is_edge[:] = 0
+        first = columns
+        end = 0
+        for a in range(len(areas)):
+            left, top, width, height = areas[a]
+            if top <= i < top + height:
+                right = min(left + width, columns - 1)
+                left = max(left, 1)
+                is_edge[left : max(left, right)] = 1
+                first = min(first, left)
+                end = max(end, right)
+        if first >= end:
+            continue
+        for row in range(max(i - 1, filled + 1), i + 2):
+            _fill_greys(source, row, greys[row % 3])
+        filled = i + 1
+        here = greys[i % 3]
+        middle, above, below = (
+            here[first:end],
+            greys[(i - 1) % 3][first:end],
+            greys[(i + 1) % 3][first:end],
+        )
+        west, east = here[first - 1 : end - 1], here[first + 1 : end + 1]
+        marks = is_edge[first:end]
+        edges = np.uint8(0)
+        for k in range(end - first):
+            high = max(middle[k], above[k], below[k], west[k], east[k])
+            low = min(middle[k], above[k], below[k], west[k], east[k])
+            marks[k] &= high - low >= 8 * _CONTRAST
+            edges |= marks[k]
+        if edges:
+            for k in range(end - first):
+                if marks[k]:
+                    _smooth_pixel(source, target, i, first + k)

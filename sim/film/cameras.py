@@ -1,7 +1,9 @@
 """Cameras of the film: where they stand and what they look at, as pure functions of time."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -83,24 +85,45 @@ class View:
         """
         depth = (points - self.position) @ self.axes[2]
         in_front = depth >= _NEAR_M
-        position = np.linspace(0.0, 1.0, len(points))
-        crossing = np.flatnonzero(in_front[1:] != in_front[:-1])
-        if crossing.size:
-            share = (_NEAR_M - depth[crossing]) / (depth[crossing + 1] - depth[crossing])
-            cut = points[crossing] + share[:, None] * (points[crossing + 1] - points[crossing])
-            points = np.insert(points, crossing + 1, cut, axis=0)
-            position = np.insert(
-                position,
-                crossing + 1,
-                position[crossing] + share * (position[crossing + 1] - position[crossing]),
+        last = len(points) - 1
+        rows = np.column_stack([points, np.linspace(0.0, 1.0, last + 1)])
+
+        def cut(first: int) -> Floats:
+            """Where the line crosses the lens after a point."""
+            share = (_NEAR_M - depth[first]) / (depth[first + 1] - depth[first])
+            return np.asarray(
+                rows[first : first + 1] + share * np.diff(rows[first : first + 2], axis=0)
             )
-            in_front = np.insert(in_front, crossing + 1, True)
-        pixels, _ = self.project(points, width, height)
-        edges = np.flatnonzero(
-            np.diff(np.concatenate([[False], in_front, [False]]).astype(np.int8))
-        )
-        runs = [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]
-        return [(pixels[r], position[r]) for r in runs]
+
+        ends = [-1, *np.flatnonzero(in_front[1:] != in_front[:-1]).tolist(), last]
+        stretches = []
+        for before, end in pairwise(ends):
+            if in_front[end]:
+                parts = [cut(before)] if before >= 0 else []
+                parts.append(rows[before + 1 : end + 1])
+                parts += [cut(end)] if end < last else []
+                stretch = np.concatenate(parts)
+                if len(stretch) > 1:
+                    pixels, _ = self.project(stretch[:, :3], width, height)
+                    stretches.append((pixels, stretch[:, 3]))
+        return stretches
+
+    def lines(self, lines: Floats, width: int, height: int) -> Iterator[tuple[int, Floats, Floats]]:
+        """Polylines of shape (n, p, 3) in their order as by `line`: number, pixels and places of
+        each stretch.
+        """
+        count, length, _ = lines.shape
+        pixels, ahead = self.project(lines.reshape(-1, 3), width, height)
+        pixels = pixels.reshape(count, length, 2)
+        in_front = ahead.reshape(count, length) >= _NEAR_M
+        is_whole = in_front.all(axis=1) & (length > 1)
+        places = np.linspace(0.0, 1.0, length)
+        for number in np.flatnonzero(in_front.any(axis=1)).tolist():
+            if is_whole[number]:
+                yield number, pixels[number], places
+            else:
+                for stretch in self.line(lines[number], width, height):
+                    yield number, *stretch
 
 
 class Shot(NamedTuple):

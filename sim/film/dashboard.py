@@ -16,10 +16,20 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import IdentityTransform
 
-from laisn.arrays import Bytes, Floats
+from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS
 from laisn.messages import Ranges
-from sim.film.canvas import DIM, PALE, Area, Canvas, Colour, Stroke, new_figure
+from sim.film.canvas import (
+    DIM,
+    PALE,
+    Area,
+    Canvas,
+    Colour,
+    Layer,
+    Stroke,
+    layer_of,
+    new_figure,
+)
 from sim.film.film_data import (
     ESTIMATE,
     LEADER,
@@ -150,10 +160,8 @@ class Dashboard:
             self._add_caption(caption)
         self._layers = self._drawn()
 
-    def _drawn(self) -> list[tuple[int, int, Bytes]]:
-        """The figure as an image with straight alpha for each panel: left, top [px] and rows,
-        the lowest first.
-        """
+    def _drawn(self) -> list[tuple[int, int, Layer]]:
+        """The figure as an image for each panel, with the image's left and upper edge [px]."""
         agg: Any = FigureCanvasAgg(self.figure)
         agg.draw()
         pixels = np.asarray(agg.buffer_rgba())
@@ -161,7 +169,7 @@ class Dashboard:
         for x, y, width, height in self.places:
             left, top = (max(0, int(v) - _MARGIN_PX) for v in (x, y))
             panel = pixels[top : int(y + height) + _MARGIN_PX, left : int(x + width) + _MARGIN_PX]
-            images.append((left, top, np.ascontiguousarray(panel[::-1])))
+            images.append((left, top, layer_of(panel)))
         return images
 
     def _write(

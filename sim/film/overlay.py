@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Floats
+from laisn.arrays import Bools, Floats
 from sim.film.cameras import Shot, View
 from sim.film.canvas import PALE, Area, Canvas, Colour, Polygon, Stroke, corners
 from sim.film.dashboard import SIGMAS, Dashboard, Trail, round_length
@@ -30,7 +30,9 @@ _ELLIPSE_PX = 9.0
 """Half axis from which an ellipse of uncertainty is drawn, at 720 rows: below it would lie under
 the marker.
 """
-_ELLIPSE = np.linspace(0.0, 2 * np.pi, 49)
+_ELLIPSE = np.column_stack([f(np.linspace(0.0, 2 * np.pi, 49)) for f in (np.cos, np.sin)])
+_WIDEST = 8.0
+"""Width that no line exceeds, at 720 rows [px]: lines farther from the picture are not drawn."""
 _LABELS = 16  # followers beyond these go without a label
 _SMALL = (640, 360)  # frames below this size go without panels [px]
 _DARK: Colour = (0.0, 0.05, 0.08, 0.9)
@@ -143,10 +145,10 @@ class Overlay:
 
     def _draw_view(self, state: FilmFrame, view: View, box: Box, trails: list[Trail]) -> None:
         """Lines and markers as one camera sees them, inside its box."""
+        points = np.array([points for points, _ in trails])
         strokes = [
-            Stroke(pixels, (*colour[:3], 0.75 * age**0.8))
-            for points, colour in trails
-            for pixels, age in self._lines(view, box, points, _TRAIL_PIECES)
+            Stroke(pixels, (*trails[n][1][:3], 0.75 * age**0.8))
+            for n, pixels, age in self._lines(view, box, points, _TRAIL_PIECES)
         ]
         strokes += [*self._rays(state, view, box), *self._ellipses(state, view, box)]
         lines, markers = self._markers(state, view, box)
@@ -154,36 +156,40 @@ class Overlay:
         self.canvas.shapes(markers, box)
 
     def _lines(
-        self, view: View, box: Box, points: Floats, pieces: int = 1
-    ) -> Iterator[tuple[Floats, float]]:
-        """A polyline in about this number of pieces: pixels, and place of the middle along the
-        line, in [0, 1].
+        self, view: View, box: Box, lines: Floats, pieces: int = 1
+    ) -> Iterator[tuple[int, Floats, float]]:
+        """Polylines, shape (n, p, 3), each in about this number of pieces: number of the line,
+        pixels, and place of the middle along the line, in [0, 1].
         """
         left, top, width, height = box
-        for pixels, fractions in view.line(points, width, height):
+        margin = _WIDEST * self.canvas.scale
+        for number, pixels, fractions in view.lines(lines, width, height):
+            low, high = pixels.min(axis=0), pixels.max(axis=0)
+            if (high < -margin).any() or (low > (width + margin, height + margin)).any():
+                continue
+            shifted = np.add(pixels, (left, top))
+            places = fractions.tolist()
             step = max(1, -(-(len(pixels) - 1) // pieces))
             for first in range(0, len(pixels) - 1, step):
                 last = min(first + step, len(pixels) - 1)
-                yield (
-                    np.add(pixels[first : last + 1], (left, top)),
-                    float(fractions[first] + fractions[last]) / 2,
-                )
+                yield number, shifted[first : last + 1], (places[first] + places[last]) / 2
 
     def _rays(self, state: FilmFrame, view: View, box: Box) -> Iterator[Stroke]:
-        for f, i in np.argwhere(state.ray > 0.03):
-            if i in self._transmitters:
-                filmed = f == self._follower
-                colours = (
-                    self._annotations.ray_colours(state.message[f])
-                    if filmed
-                    else TRANSMITTER_COLOURS
-                )
-                clear = float(state.ray[f, i]) * (0.7 if filmed else 0.3)
-                for pixels, _ in self._lines(
-                    view, box, np.array([state.transmitter[i], state.hydrophone[f]])
-                ):
-                    yield Stroke(pixels, (*colours[i], 0.16 * clear), 7.0)
-                    yield Stroke(pixels, (*colours[i], 0.85 * clear), 1.8)
+        rays = [(f, i) for f, i in np.argwhere(state.ray > 0.03) if i in self._transmitters]
+        if not rays:
+            return
+        ends = np.array([(state.transmitter[i], state.hydrophone[f]) for f, i in rays])
+        for n, pixels, _ in self._lines(view, box, ends):
+            f, i = rays[n]
+            is_filmed = f == self._follower
+            colours = (
+                self._annotations.ray_colours(state.message[f])
+                if is_filmed
+                else TRANSMITTER_COLOURS
+            )
+            clear = float(state.ray[f, i]) * (0.7 if is_filmed else 0.3)
+            yield Stroke(pixels, (*colours[i], 0.16 * clear), 7.0)
+            yield Stroke(pixels, (*colours[i], 0.85 * clear), 1.8)
 
     def _trails(self, state: FilmFrame) -> list[Trail]:
         """Trails of all vehicles, of the other estimates and of the filmed follower's own, which
@@ -207,19 +213,20 @@ class Overlay:
 
     def _ellipses(self, state: FilmFrame, view: View, box: Box) -> Iterator[Stroke]:
         """The filters' uncertainty about their estimates, where it is large enough to be seen."""
-        for weight, centre, covariance in (
-            h for hypotheses in state.hypotheses for h in hypotheses
-        ):
-            if not np.all(np.isfinite(covariance)):
-                continue
-            variance, axes = np.linalg.eigh(covariance)
-            radii = SIGMAS * np.sqrt(np.maximum(variance, 0.0))
-            smallest = _ELLIPSE_PX * self.canvas.height / box[3] * metres_per_pixel(view, centre)
-            if radii.max() >= smallest:
-                flat = (np.column_stack([np.cos(_ELLIPSE), np.sin(_ELLIPSE)]) * radii) @ axes.T
-                ring = centre + np.column_stack([flat, np.zeros(len(flat))])
-                for pixels, _ in self._lines(view, box, ring):
-                    yield Stroke(pixels, (*ESTIMATE, 0.3 + 0.6 * weight), 1.5)
+        weights, centres, covariances = (
+            np.array(values)
+            for values in zip(*(h for hs in state.hypotheses for h in hs), strict=True)
+        )
+        is_finite = np.isfinite(covariances).all(axis=(1, 2))
+        variances, axes = np.linalg.eigh(np.where(is_finite[:, None, None], covariances, 0.0))
+        radii = SIGMAS * np.sqrt(np.maximum(variances, 0.0))
+        smallest = _ELLIPSE_PX * self.canvas.height / box[3] * metres_per_pixel(view, centres)
+        visible = np.flatnonzero(is_finite & (radii.max(axis=1) >= smallest))
+        flat = (_ELLIPSE * radii[visible, None]) @ axes[visible].transpose(0, 2, 1)
+        rings = np.repeat(centres[visible, None], len(_ELLIPSE), axis=1)
+        rings[..., :2] += flat
+        for n, pixels, _ in self._lines(view, box, rings):
+            yield Stroke(pixels, (*ESTIMATE, 0.3 + 0.6 * weights[visible[n]]), 1.5)
 
     def _markers(
         self, state: FilmFrame, view: View, box: Box
@@ -257,20 +264,22 @@ class Overlay:
             ),
             *((c.disc, hydrophone, 4.5, TRUTH, _DARK, []) for hydrophone in hydrophones),
         ]
-        for make, point, radius, fill, outline, link in marks:
-            pixel = self._pixel(view, box, point)
-            if pixel is not None:
-                shapes.append(make(pixel, radius, fill, outline))
-                links += [np.array(link)] if link else []
-        lines = [line for ends in links for line in self._lines(view, box, ends)]
-        return [Stroke(pixels, _WHITE, 1.3, dashed=True) for pixels, _ in lines], shapes
+        pixels, visible = self._pixels(view, box, np.array([mark[1] for mark in marks]))
+        for n in np.flatnonzero(visible):
+            make, _, radius, fill, outline, link = marks[n]
+            shapes.append(make(pixels[n], radius, fill, outline))
+            links += [np.array(link)] if link else []
+        lines = self._lines(view, box, np.array(links).reshape(-1, 2, 3))
+        return [Stroke(pixels, _WHITE, 1.3, dashed=True) for _, pixels, _ in lines], shapes
 
-    def _pixel(self, view: View, box: Box, point: Floats) -> Floats | None:
-        """Where a point appears inside a box, shape (2,), or None; None for a point of NaN."""
+    def _pixels(self, view: View, box: Box, points: Floats) -> tuple[Floats, Bools]:
+        """Where points, shape (n, 3), appear, shape (n, 2), and which do inside a box; not those
+        of NaN.
+        """
         left, top, width, height = box
-        (pixel,), (ahead,) = view.project(point, width, height)
-        is_visible = ahead > 0.15 and 0 <= pixel[0] < width and 0 <= pixel[1] < height
-        return np.add(pixel, (left, top)) if is_visible else None
+        pixels, ahead = view.project(points, width, height)
+        inside = ((pixels >= 0) & (pixels < (width, height))).all(axis=1)
+        return np.add(pixels, (left, top)), inside & (ahead > 0.15)
 
     def _labels(self, state: FilmFrame, view: View) -> list[Label]:
         """Labels of the picture, the most important first."""
@@ -304,14 +313,16 @@ class Overlay:
             candidates.append((level_axis(state)[0], "level", (1.0, 1.0, 1.0), 0))
         labels = []
         covered = self._dashboard.covered if self._dashboard else []
-        for point, words, colour, side in candidates:
-            at = self._pixel(view, self._box, point)
-            if at is not None and not any(
-                x <= at[0] <= x + w and y <= at[1] <= y + h for x, y, w, h in covered
-            ):
-                # the line leads clear of a hull
-                clear = float(np.clip(_HULL_CLEAR_M / metres_per_pixel(view, point), 30.0, 90.0))
-                labels.append(Label(at, words, colour, (side * clear if side else -20.0) * c.scale))
+        points = np.array([point for point, *_ in candidates])
+        pixels, visible = self._pixels(view, self._box, points)
+        # the line leads clear of a hull
+        clear = np.clip(_HULL_CLEAR_M / metres_per_pixel(view, points), 30.0, 90.0)
+        for n in np.flatnonzero(visible):
+            _, words, colour, side = candidates[n]
+            at = pixels[n]
+            if not any(x <= at[0] <= x + w and y <= at[1] <= y + h for x, y, w, h in covered):
+                rise = side * float(clear[n]) if side else -20.0
+                labels.append(Label(at, words, colour, rise * c.scale))
         return labels
 
     def _scale_bar(
@@ -351,23 +362,25 @@ def nearest(positions: Floats) -> Floats:
     return positions[[first[pair], second[pair]]]
 
 
-def metres_per_pixel(view: View, point: Floats) -> float:
-    """Scale at a point of shape (3,) in a frame of 720 rows [m]."""
-    _, (ahead,) = view.project(point, 1, 1)
-    return float(max(ahead, 0.15)) / view.focal(720)
+def metres_per_pixel(view: View, points: Floats) -> Floats:
+    """Scale at points of shape (n, 3) in a frame of 720 rows, shape (n,) [m]."""
+    _, ahead = view.project(points, 1, 1)
+    return np.maximum(ahead, 0.15) / view.focal(720)
 
 
-def _places(label: Label, width: float, height: float, scale: float) -> list[tuple[Area, Floats]]:
+def _places(
+    label: Label, width: float, height: float, scale: float
+) -> Iterator[tuple[Area, tuple[float, float]]]:
     """Places for the words, the most wanted first, with the end of the line that leads there."""
-    candidates = []
+    x, y = label.at.tolist()
     for distance, side, n, direction in product(
         _LABEL_ASIDE, (1, -1), range(_LABEL_ROWS), (1.0, -1.0)
     ):
-        rise = side * label.rise + np.sign(side * label.rise) * _LABEL_STEP * scale * n
-        end = label.at + np.array([distance * scale * direction, rise])
+        rise = side * label.rise
+        rise += float(np.sign(rise)) * _LABEL_STEP * scale * n
+        end = x + distance * scale * direction, y + rise
         left = end[0] + 2 * scale if direction > 0 else end[0] - 2 * scale - width
-        candidates.append(((float(left), float(end[1] - height / 2), width, height), end))
-    return candidates
+        yield (left, end[1] - height / 2, width, height), end
 
 
 def place_labels(
@@ -381,17 +394,12 @@ def place_labels(
     """
     s = canvas.scale
     labels = list(labels)
+    half_marker = _MARKER * s
     full = list(occupied)
     full.append((0.0, canvas.height - _FOOT * s, float(canvas.width), _FOOT * s))
-    half_marker = _MARKER * s
-    markers = [
-        (
-            float(m.at[0]) - half_marker,
-            float(m.at[1]) - half_marker,
-            2 * half_marker,
-            2 * half_marker,
-        )
-        for m in labels
+    full += [
+        (float(x) - half_marker, float(y) - half_marker, 2 * half_marker, 2 * half_marker)
+        for x, y in (m.at for m in labels)
     ]
     positions = []
     for label in labels:
@@ -402,13 +410,12 @@ def place_labels(
             left, top = area[:2]
             right = left + width
             bottom = top + height
-            others = [*full, *markers]
             fits = left >= 0 and top >= 0 and right <= canvas.width and bottom <= canvas.height
             if fits and all(
-                left >= x + w or x >= right or top >= y + h or y >= bottom for x, y, w, h in others
+                left >= x + w or x >= right or top >= y + h or y >= bottom for x, y, w, h in full
             ):
                 full.append(area)
-                positions.append((label, area, end))
+                positions.append((label, area, np.array(end)))
                 break
     return positions
 

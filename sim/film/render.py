@@ -2,6 +2,7 @@
 graphics library.
 """
 
+import gc
 import os
 import pickle
 import subprocess
@@ -224,7 +225,10 @@ def _send(results: Callable[[FilmJob, Callable[[float], Bytes]], Iterable[object
     os.dup2(2, 1)
     job = pickle.load(sys.stdin.buffer)
     with closing(GlScene(job.flight, job.video)) as scene:
-        for result in results(job, FrameRenderer(job, scene).frame):
+        renderer = FrameRenderer(job, scene)
+        # what is there stays there: searches for garbage need not pass it with every frame
+        gc.freeze()
+        for result in results(job, renderer.frame):
             pickle.dump(result, output)
 
 

@@ -6,6 +6,7 @@ Nothing here acts on a vehicle. The surface is the simulated one (`elevation_at`
 `sim.water.environment`).
 """
 
+from collections.abc import Iterator
 from typing import Any
 
 import mujoco
@@ -259,6 +260,7 @@ class GlScene:
         self._context = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         self._read_one_mipmap()
+        self._leave_stencil_out()
         self._scene = mujoco.MjvScene(self._model, _MAX_GEOMS)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = True
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False  # see `_add_backdrop`
@@ -268,7 +270,7 @@ class GlScene:
         self._options = mujoco.MjvOption()
         sea = SeaSettings.of(flight.scenario)
         self._sea = Sea(self._model, sea_of_keys(sea.ocean, sea.seed), floor_of(sea))
-        self._pixels = np.zeros((self.height, self.width, 3), np.uint8)
+        self._pixels = np.zeros((self.height, self.width, 4), np.uint8)
         self._smooth = np.zeros_like(self._pixels)
 
     def close(self) -> None:
@@ -279,8 +281,8 @@ class GlScene:
     def picture(
         self, state: FilmFrame, shot: Shot, insets: tuple[Box, ...], ground: float | None = None
     ) -> Bytes:
-        """Pixels of a state, bottom row first, shape (height, width, 3), the same array at every
-        call.
+        """Pixels of a state, bottom row first, shape (height, width, 4), the same array at every
+        call; the fourth channel is without meaning.
 
         Insets lie in boxes (left, top, width, height) [px]. With a ground, a grey from 0 to 1,
         there is no sea.
@@ -316,16 +318,33 @@ class GlScene:
             self._sea.show(view.target, _INSET_FOG[1], state.time, self._context, surface=False)
             mujoco.mj_kinematics(self._model, self._data)  # the sea has moved
             self._render(state, view, box)
-        mujoco.mjr_readPixels(self._pixels, None, mujoco.MjrRect(*full_box), self._context)
+        self._read()
         self._smooth[:] = self._pixels
-        for view, box in zip(
-            (shot.view, *(view for view, _ in shot.insets)), (full_box, *insets), strict=True
-        ):
-            self._smooth_hulls(state, view, box)
+        views = (shot.view, *(view for view, _ in shot.insets))
+        areas = [
+            area
+            for view, box in zip(views, (full_box, *insets), strict=True)
+            for area in self._areas_of_hulls(state, view, box)
+        ]
+        smooth(self._pixels, self._smooth, np.array(areas, np.int64).reshape(-1, 4))
         return self._smooth
 
-    def _smooth_hulls(self, state: FilmFrame, view: View, box: Box) -> None:
-        """Smooth the edges of what is seen near a vehicle; all else is water, without edges."""
+    def _read(self) -> None:
+        """Read the pixels with their opacity: of a format of three channels, OpenGL converts each
+        pixel.
+        """
+        # as in `_fog`
+        from OpenGL import GL
+
+        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._context.offFBO)
+        GL.glReadPixels(
+            0, 0, self.width, self.height, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, self._pixels
+        )
+
+    def _areas_of_hulls(self, state: FilmFrame, view: View, box: Box) -> Iterator[Box]:
+        """Where a vehicle is near, rows from below: left, first row, width, height [px]; all else
+        is water, without edges to smooth.
+        """
         left, top, width, height = box
         pixels, ahead = view.project(state.position, width, height)
         for (x, y), distance in zip(pixels, ahead, strict=True):
@@ -341,8 +360,7 @@ class GlScene:
             x0, x1 = (int(np.clip(v, 0, width)) for v in (x - reach, x + reach))
             y0, y1 = (int(np.clip(v, 0, height)) for v in (y - reach, y + reach))
             # rows of a picture that was read from OpenGL count from below
-            first = self.height - (top + y1)
-            smooth(self._pixels, self._smooth, left + x0, first, x1 - x0, y1 - y0)
+            yield left + x0, self.height - (top + y1), x1 - x0, y1 - y0
 
     def _fog(self, start: float, end: float) -> None:
         # loads the graphics library, which a process that only imports this file may not have
@@ -367,6 +385,21 @@ class GlScene:
                 GL.glTexParameteri(
                     GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR_MIPMAP_NEAREST
                 )
+
+    def _leave_stencil_out(self) -> None:
+        """Take a buffer of depths of the same precision without the stencil that MuJoCo gives it
+        for mirrors: half the bytes.
+        """
+        # as in `_fog`
+        from OpenGL import GL
+
+        frame, buffer = GL.GL_FRAMEBUFFER, GL.GL_RENDERBUFFER
+        depth = self._context.offDepthStencil
+        GL.glBindFramebuffer(frame, self._context.offFBO)
+        GL.glFramebufferRenderbuffer(frame, GL.GL_DEPTH_STENCIL_ATTACHMENT, buffer, 0)
+        GL.glBindRenderbuffer(buffer, depth)
+        GL.glRenderbufferStorage(buffer, GL.GL_DEPTH_COMPONENT32F, self.width, self.height)
+        GL.glFramebufferRenderbuffer(frame, GL.GL_DEPTH_ATTACHMENT, buffer, depth)
 
     def _render(self, state: FilmFrame, view: View, box: Box) -> None:
         left, top, width, height = box

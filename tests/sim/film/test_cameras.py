@@ -31,6 +31,25 @@ def test_a_line_is_cut_at_the_lens():
     assert view.line(np.array([[-5.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]), 200, 200) == []
 
 
+def test_lines_together_are_those_alone():
+    """Before the camera, behind it, of unknown points, and through the lens and back."""
+    view = View(position=np.zeros(3), target=np.array([1.0, 0, 0]), fovy_deg=90.0)
+    before = [[2.0, 1.0, 0.0], [3.0, 1.0, 0.5], [5.0, 1.0, 0.0], [6.0, 2.0, 0.0]]
+    behind = np.array(before) * [-1.0, 1.0, 1.0]
+    through = [[2.0, 1.0, 0.0], [-3.0, 1.0, 0.5], [-5.0, 1.0, 0.0], [1.0, 2.0, 0.0]]
+    lines = np.array([before, behind, np.full((4, 3), np.nan), through])
+    stretches = list(view.lines(lines, 200, 200))
+    assert [number for number, *_ in stretches] == [0, 3, 3]
+    alone = [*view.line(lines[0], 200, 200), *view.line(lines[3], 200, 200)]
+    for (_, pixels, place), (lone_pixels, lone_place) in zip(stretches, alone, strict=True):
+        np.testing.assert_allclose(pixels, lone_pixels)
+        np.testing.assert_allclose(place, lone_place)
+    # the second goes out of sight after 1.85 of 5 m, the last but one comes in sight 5.15 of 6 m
+    # along its third part
+    np.testing.assert_allclose(stretches[1][2], [0.0, 1.85 / 5 / 3])
+    np.testing.assert_allclose(stretches[2][2], [(2 + 5.15 / 6) / 3, 1.0])
+
+
 def test_a_camera_cannot_stand_on_its_target():
     with pytest.raises(ValueError, match="cannot look at itself"):
         View(position=np.ones(3), target=np.ones(3))

@@ -3,10 +3,12 @@ the encoder.
 """
 
 import dataclasses
+from typing import Any
 
 import av
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 from PIL import Image, ImageDraw
 
@@ -14,7 +16,7 @@ from laisn.estimates import FixKind
 from laisn.settings import Variant
 from sim.film import canvas, render
 from sim.film.cameras import View
-from sim.film.canvas import Area, Canvas, Polygon, Stroke
+from sim.film.canvas import Area, Canvas, Polygon, Stroke, layer_of
 from sim.film.dashboard import Dashboard, format_half_axes, round_length
 from sim.film.film_data import FilmData
 from sim.film.overlay import Overlay
@@ -81,10 +83,9 @@ def test_an_image_lies_upright_and_lets_the_frame_shine_through() -> None:
     ours = Canvas(64, 36)
     ours.pixels[:] = (200, 100, 0, 255)
     layer = np.zeros((4, 6, 4), np.uint8)
-    layer[0] = (0, 0, 250, 255)
-    layer[1:] = (0, 0, 250, 51)
-    ours.image(layer, 10, 20)
-    # the first row of an image is its lowest
+    layer[:3] = (0, 0, 250, 51)
+    layer[3] = (0, 0, 250, 255)
+    ours.image(layer_of(layer), 10, 20)
     np.testing.assert_array_equal(ours.pixels[23, 10:16, :3], [(0, 0, 250)] * 6)
     np.testing.assert_allclose(
         ours.pixels[20:23, 10:16, :3], np.tile([160, 80, 50], (3, 6, 1)), atol=2
@@ -92,11 +93,28 @@ def test_an_image_lies_upright_and_lets_the_frame_shine_through() -> None:
     assert (ours.pixels[:20] == (200, 100, 0, 255)).all()
 
 
+def test_an_image_lies_over_the_frame_as_agg_blends_it() -> None:
+    """Of random colours and opacities, to a level of 255."""
+    rng = np.random.default_rng(5)
+    ours = Canvas(64, 36)
+    ours.pixels[:] = rng.integers(0, 256, size=ours.pixels.shape)
+    ours.pixels[..., 3] = 255
+    agg: Any = FigureCanvasAgg(canvas.new_figure(64, 36))
+    renderer = agg.get_renderer()
+    expected = np.asarray(agg.buffer_rgba())
+    expected[:] = ours.pixels
+    image = rng.integers(0, 256, size=(20, 30, 4), dtype=np.uint8)
+    # rows of an image count from below
+    renderer.draw_image(renderer.new_gc(), 3, 36 - 2 - 20, np.ascontiguousarray(image[::-1]))
+    ours.image(layer_of(image), 3, 2)
+    np.testing.assert_allclose(ours.pixels.astype(int), expected.astype(int), atol=1)
+
+
 def test_a_picture_from_below_is_turned_upright() -> None:
-    source = np.random.default_rng(4).integers(0, 256, size=(6, 10, 3), dtype=np.uint8)
+    source = np.random.default_rng(4).integers(0, 256, size=(6, 10, 4), dtype=np.uint8)
     ours = Canvas(10, 6)
     ours.load(source)
-    np.testing.assert_array_equal(ours.pixels[..., :3], source[::-1])
+    np.testing.assert_array_equal(ours.pixels[..., :3], source[::-1, :, :3])
     assert (ours.pixels[..., 3] == 255).all()
 
 

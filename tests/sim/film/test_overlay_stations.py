@@ -71,7 +71,7 @@ def test_the_overlay_draws_rings_and_prints_the_distance() -> None:
     overlay = Overlay(data, Video())
     state = data.at(30.0)
     shot = CameraRig(data, 16 / 9).shot("top", state)
-    overlay.canvas.load(np.zeros((720, 1280, 3), dtype=np.uint8))
+    overlay.canvas.load(np.zeros((720, 1280, 4), dtype=np.uint8))
     overlay.draw(state, shot)
     station = state.station[1]
     (centre,), _ = shot.view.project(station, 1280, 720)
