@@ -318,16 +318,14 @@ class Navigator(OnlineNavigator[Estimates]):
         sigma_p = fix.sigma
         kind = FixKind(int(fix.kind))
         if kind is FixKind.LOST:
-            gain_and_complement = (
-                one_range(circles.circles, self._position())
-                if self.settings.use_single_range
-                else None
-            )
-            if gain_and_complement is None:
+            nearest = None
+            if self.settings.use_single_range:
+                nearest = one_range(circles.circles, self._position())
+            if nearest is None:
                 return FixRecord(
                     step=self._step, position=np.full(2, np.nan), sigma=np.nan, kind=kind
                 )
-            position, axis = gain_and_complement
+            position, axis = nearest
             sigma_p = 0.0
             kind = FixKind.ONE_RANGE
         sigma = math.sqrt(fix_variance(sigma_p, circles.depth_difference, self._tuning))

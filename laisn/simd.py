@@ -731,6 +731,15 @@ def lane_dtype(dtype: np.dtype[Any]) -> np.dtype[Any]:
     return np.dtype(fields, align=True)
 
 
+def _are_doubles(dtype: np.dtype[Any]) -> bool:
+    """Whether a record is numbers of double precision and nothing else."""
+    base = dtype.base
+    if base.names is None:
+        return base == np.float64
+    whole = base.itemsize == sum(base[name].itemsize for name in base.names)
+    return whole and all(_are_doubles(base[name]) for name in base.names)
+
+
 def in_lanes(arrays: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any]:
     """Arrays of up to eight missions side by side, of numbers or records; further lanes repeat the
     first.
@@ -748,6 +757,13 @@ def in_lanes(arrays: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any]:
             raise ValueError("whole numbers differ")
         return first.copy()
     out = np.zeros(first.shape, lane_dtype(first.dtype))
+    if _are_doubles(first.dtype):
+        # all fields at once: records lie side by side as numbers do
+        numbers = out.view(np.float64).reshape(first.size, -1, LANES)
+        for lane_number, array in enumerate(chosen):
+            values = np.ascontiguousarray(array).view(np.float64)
+            numbers[:, :, lane_number] = values.reshape(first.size, -1)
+        return out
     for name in first.dtype.names:
         out[name] = in_lanes([array[name] for array in chosen])
     return out

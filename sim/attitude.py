@@ -225,6 +225,20 @@ def heading_pitch_roll(quaternion: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 @compiled
+def _headings(rows: Floats, headings: Floats) -> None:
+    for k in range(rows.shape[0]):
+        headings[k] = heading_of(rows[k])
+
+
+def heading_angles(quaternion: Floats) -> Floats:
+    """The heading alone, of shape (…,), [rad]."""
+    rows = np.ascontiguousarray(quaternion, dtype=np.float64).reshape(-1, 4)
+    headings = np.empty(len(rows))
+    _headings(rows, headings)
+    return headings.reshape(quaternion.shape[:-1])
+
+
+@compiled
 def _pitches(rows: Floats, pitches: Floats) -> None:
     for k in range(rows.shape[0]):
         pitches[k] = pitch_of(rows[k])

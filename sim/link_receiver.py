@@ -34,7 +34,10 @@ from sim.sensing.sensors import update_tilt_error
 from sim.trajectory import StateHistory
 from sim.water.rays import Path
 
-EAST, NORTH, DEPTH = (LeaderMessage._fields.index(name) for name in ("east", "north", "depth"))
+TIME, EAST, NORTH, DEPTH, POSITION_SIGMA = (
+    LeaderMessage._fields.index(name)
+    for name in ("timestamp", "east", "north", "depth", "position_sigma")
+)
 
 
 class Hearing(NamedTuple):
@@ -97,7 +100,7 @@ class Sender(NamedTuple):
         row[:] = message
         if step > 0 and self.covariance.shape[0] > 0:
             variance = 0.5 * float(np.trace(self.covariance[step - 1, :2, :2]))
-            row[-1] = math.sqrt(max(variance, 0.0))
+            row[POSITION_SIGMA] = math.sqrt(max(variance, 0.0))
         return row
 
 
@@ -377,7 +380,7 @@ class AnswerReceiver(Receiver):
         e = s.errors[i]
         observation.true_reception(s, e, sender, step, pings, content, true)
         east, north, _ = site_at(s.sound, motion, 0, (0.0, 0.0, 0.0), answer.leaves)
-        content[0] = answer.leaves
+        content[TIME] = answer.leaves
         content[EAST] = east
         content[NORTH] = north
         address = Address(s.seed, s.run, int(s.numbers[i]), emission)

@@ -29,16 +29,18 @@ def disc_power(thrust: Any, inflow: Any, density: float) -> Any:
 
 
 @compiled
-def _disc_powers(
+def _total_powers(
     thrust: Floats, speed: Floats, along: Floats, density: float, power: Floats
 ) -> None:
-    """Power of each of m thrusters, shape (n, m), by its force along the hull for a unit of
-    thrust, shape (m,), and the hull's forward speed, shape (n,).
+    """Power of all m thrusters at each instant, shape (n,): of each the thrust, shape (n, m), and
+    force along the hull for a unit of it, shape (m,), at the hull's forward speed, shape (n,).
     """
     for k in range(thrust.shape[0]):
+        total = 0.0
         for i in range(thrust.shape[1]):
             inflow = speed[k] * along[i] * np.sign(thrust[k, i])
-            power[k, i] = disc_power(thrust[k, i], inflow, density)
+            total += disc_power(thrust[k, i], inflow, density)
+        power[k] = total
 
 
 def thruster_power(trajectory: Trajectory, vehicle: int, density: float) -> Floats:
@@ -50,9 +52,11 @@ def thruster_power(trajectory: Trajectory, vehicle: int, density: float) -> Floa
     """
     thrust = np.ascontiguousarray(trajectory.thrust[:, vehicle])
     force = trajectory.effector_force[vehicle]
-    if np.any(thrust.any(axis=0) & ~force.any(axis=1)):
-        return np.full(len(thrust), np.nan)
+    power = np.full(len(thrust), np.nan)
+    # records that pad a vehicle have no force, and never a thrust
+    others = ~force.any(axis=1)
+    if others.any() and thrust[:, others].any():
+        return power
     speed = np.ascontiguousarray(trajectory.forward_speed[:, vehicle])
-    power = np.empty(thrust.shape)
-    _disc_powers(thrust, speed, np.ascontiguousarray(force[:, 0]), density, power)
-    return np.asarray(power.sum(axis=1))
+    _total_powers(thrust, speed, np.ascontiguousarray(force[:, 0]), density, power)
+    return power

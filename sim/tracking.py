@@ -196,6 +196,12 @@ def _dot(first: Floats, second: Floats) -> Floats:
     )
 
 
+def squared_lengths(vectors: Floats) -> Floats:
+    """Squared lengths of vectors, shape (…, 2 or 3), added up in the same order on every
+    machine; sums over so short an axis are slow in NumPy."""
+    return np.asarray(sum(component * component for component in np.moveaxis(vectors, -1, 0)))
+
+
 def hull_gap(
     offsets: Floats, first: Floats, second: Floats, half_lengths: tuple[float, float]
 ) -> Floats:
@@ -252,14 +258,14 @@ def pair_distances(places: Floats) -> PairDistances:
             positions = places[block, vehicle]
             starts = np.repeat(at_looks[windows, vehicle], _WINDOW, axis=0)[: len(positions)]
             moves = positions - starts
-            moved_distance[windows, vehicle] = np.maximum.reduceat(
-                np.sqrt(np.sum(moves * moves, axis=1)), begins
+            moved_distance[windows, vehicle] = np.sqrt(
+                np.maximum.reduceat(squared_lengths(moves), begins)
             )
     at_instants = np.full((count, count), np.inf)
     bound = at_instants.copy()
     for i in range(1, count):
         offsets = at_looks[:, i, None] - at_looks[:, :i]
-        distance = np.sqrt(np.sum(offsets * offsets, axis=2))
+        distance = np.sqrt(squared_lengths(offsets))
         at_instants[i, :i] = distance.min(axis=0)
         bound[i, :i] = (distance - moved_distance[:, i, None] - moved_distance[:, :i]).min(axis=0)
     return PairDistances(at_instants, bound - _ROUNDING_M)

@@ -199,7 +199,7 @@ class Trajectory(ArrayRecord):
     @cached_property
     def heading(self) -> Floats:
         """Compass heading, clockwise from north in [0, 2π), shape (n, v), [rad]."""
-        return attitude.heading_pitch_roll(self.quaternion)[0]
+        return attitude.heading_angles(self.quaternion)
 
     @property
     def pitch(self) -> Floats:

@@ -7,6 +7,7 @@ compiled.
 """
 
 import math
+from functools import lru_cache
 from itertools import count
 from typing import NamedTuple
 
@@ -58,12 +59,15 @@ _FIRST_P = (1023 - 10 << _BINS_PER_OCTAVE_BITS) - 1
 _FIRST_B = (1023 - 18 << _BINS_PER_OCTAVE_BITS) - 1
 
 
+@lru_cache(maxsize=2)
 def bin_edges(lowest: float) -> Floats:
     """Edges of a histogram's bins, shape (BINS + 1,); the last bin takes all that is larger."""
     shares = 1.0 + np.arange(1 << _BINS_PER_OCTAVE_BITS) / (1 << _BINS_PER_OCTAVE_BITS)
     edges = (lowest * 2.0 ** np.arange(_OCTAVES)[:, None] * shares).ravel()
     top = lowest * 2.0**_OCTAVES
-    return np.concatenate([[0.0], edges, [top, np.inf]])
+    edges = np.concatenate([[0.0], edges, [top, np.inf]])
+    edges.flags.writeable = False
+    return edges
 
 
 @inlined

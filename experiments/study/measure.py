@@ -15,7 +15,7 @@ from laisn.arrays import Bools, Floats
 from laisn.estimates import FixKind
 from laisn.geometry import pitch_fix_error
 from sim.assembly import routes_of
-from sim.attitude import heading_pitch_roll
+from sim.attitude import heading_angles
 from sim.closed_loop import simulate_closed_loop
 from sim.flight import Termination
 from sim.power import thruster_power
@@ -23,7 +23,14 @@ from sim.scenario.formation import MIN_LAYER_SPACING_M
 from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.simulation import DivergedError, EndedError
-from sim.tracking import contacts, cross_track, station_keeping, track_errors, true_stations
+from sim.tracking import (
+    contacts,
+    cross_track,
+    squared_lengths,
+    station_keeping,
+    track_errors,
+    true_stations,
+)
 from sim.trajectory import Trajectory
 
 UNITS = {
@@ -129,8 +136,9 @@ def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
     pitch_deg = np.rad2deg(pitch)
     layers = np.array([vehicle.layer_m for _, vehicle in plan.vehicles()])
 
-    def depth_error(v: int) -> Floats:
-        return np.asarray(trajectory.depth[:, v] - routes[v].depth.at(time)[0])
+    depth_errors = [
+        trajectory.depth[:, v] - route.depth.depth_at(time) for v, route in enumerate(routes)
+    ]
 
     def moved(v: int) -> Record:
         mean = float(thruster_power(trajectory, v, density).mean())
@@ -138,12 +146,12 @@ def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
         return {
             "pitch_rms_deg": _rms(pitch_deg[:, v]),
             "pitch_max_deg": float(np.abs(pitch_deg[:, v]).max()),
-            "depth_error_rms_m": _rms(depth_error(v)),
+            "depth_error_rms_m": _rms(depth_errors[v]),
             "power_mean_w": power,
             "energy_j": None if power is None else power * span,
         }
 
-    heading, _, _ = heading_pitch_roll(trajectory.quaternion[instants, 0])
+    heading = heading_angles(trajectory.quaternion[instants, 0])
     leader = {f"leader_{name}": value for name, value in moved(0).items()}
     records = []
     for v, follower in enumerate(plan.followers, start=1):
@@ -161,8 +169,8 @@ def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
             "track_error_rms_m": _rms(errors),
             "track_error_max_m": float(errors.max()),
             "track_error_end_m": float(errors[-1]),
-            "depth_error_max_m": float(np.abs(depth_error(v)).max()),
-            "closest_approach_m": float(np.linalg.norm(offsets, axis=2).min()),
+            "depth_error_max_m": float(np.abs(depth_errors[v]).max()),
+            "closest_approach_m": float(np.sqrt(squared_lengths(offsets).min())),
             "closest_horizontal_m": float(level.min()),
             "closest_in_layer_m": float(layer.min()) if layer.size else None,
             "touched": float(trajectory.names[v] in touching),

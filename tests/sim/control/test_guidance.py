@@ -1,5 +1,7 @@
 """Guidance on vehicles without lag: a point that moves as commanded, in moving water."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -64,6 +66,13 @@ def test_routes_that_are_alike_share_a_reference_that_nobody_can_change():
     assert np.any(guidance.reference([route], time, [0.5]).acceleration != before.acceleration)
     assert np.any(guidance.reference([route], time, None, [9.0]).east != before.east)
     assert np.any(guidance.reference([route], time + 0.05).east != before.east)
+    for key, value in (("start_heading", 1.0), ("start_speed", 0.5)):
+        changed = guidance.reference([replace(route, **{key: value})], time)
+        assert np.any(changed.east != before.east), key
+    once = DepthProfile.through([[0.0, 5.0], [10.0, 7.0]])
+    again = replace(once, period=20.0)
+    depths = [guidance.reference([replace(route, depth=d)], time).depth for d in (once, again)]
+    assert np.any(depths[0] != depths[1])
 
 
 def test_on_the_path_nothing_is_corrected():

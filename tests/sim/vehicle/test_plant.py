@@ -11,6 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from laisn.arrays import Floats
 from sim import attitude
+from sim.control.autopilot import design
+from sim.hull import HULL_KEYS
 from sim.scenario.vehicles import Vehicle
 from sim.vehicle import effectors, hydrodynamics, mjcf
 from sim.vehicle.effectors import Fitted
@@ -217,6 +219,55 @@ def test_looks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
         plant.step(command, 500)
     assert without.pose.tobytes() == complete.pose.tobytes()
     assert without.twist.tobytes() == complete.twist.tobytes()
+
+
+CHANGED = {
+    "cg_offset_x_m": 0.02,
+    "cg_offset_z_m": -0.01,
+    "drag_scale": 1.3,
+    "added_mass_scale": 0.8,
+    "lift_scale": 1.2,
+    "thrust_scale": 0.9,
+    "trim": "neutral",
+    "excess_buoyancy_n": 4.0,
+    "hydrophone_m": (0.3, 0.0, 0.1),
+}
+"""Other values of the keys on which a hull depends, beside its model and its autopilot."""
+
+
+def _what_follows(settings: Vehicle, density: float) -> dict[str, bytes]:
+    """All that is computed of a vehicle before it moves."""
+    setup = VehicleSetup(
+        name="T2", model="follower", position_m=(0, 0, -10.0), heading_rad=EAST, settings=settings
+    )
+    plant = Plant([setup], Ocean(density_kg_m3=density), engine="direct")
+    of_pitch, of_thrust = (design(plant, (control,)) for control in ("pitch", "thrust"))
+    return {
+        "coefficients": plant.true_coefficients.tobytes(),
+        "effectors": plant.true_effectors.tobytes(),
+        "bodies": plant.bodies.tobytes(),
+        "sites": plant.site_offset.tobytes(),
+        "by pitch": of_pitch.tobytes(),
+        "by thrust": of_thrust.tobytes(),
+    }
+
+
+def test_every_key_of_a_hull_is_among_those_that_are_changed_here() -> None:
+    assert {*HULL_KEYS, "hydrophone_m"} == {*CHANGED, "depth_control"}
+
+
+def test_what_is_kept_of_a_hull_is_not_taken_for_another() -> None:
+    """Hulls, coefficients and designs of a study are made once for all missions that have them."""
+    hulls = [(Vehicle.model_construct(), 1025.0), (Vehicle.model_construct(), 1000.0)]
+    hulls += [(Vehicle.model_construct(**{key: value}), 1025.0) for key, value in CHANGED.items()]
+    anew = []
+    for settings, density in hulls:
+        _compiled_fleet.cache_clear()
+        anew.append(_what_follows(settings, density))
+    assert len({tuple(each.values()) for each in anew}) == len(hulls)
+    for _ in range(2):
+        for (settings, density), expected in zip(hulls, anew, strict=True):
+            assert _what_follows(settings, density) == expected
 
 
 def test_hulls_that_are_compiled_once_start_where_their_setups_have_them() -> None:
