@@ -31,6 +31,7 @@ def computed(tmp_path_factory):
     return folder, rows
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(("quiet", "first"), [(False, ["2.0 1"]), (True, [])])
 def test_what_processes_need_is_compiled_before_they_are_timed(tmp_path, monkeypatch, quiet, first):
     """By the smallest campaign that there is, two messages and one run, in a process whose
@@ -275,6 +276,7 @@ asyncio.run(work())
 """
 
 
+@pytest.mark.system
 def test_a_cluster_gives_the_same_bytes_and_bare_workers_are_refused_at_once(computed, tmp_path):
     distributed = pytest.importorskip("distributed")
     folder, rows = computed

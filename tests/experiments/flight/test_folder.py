@@ -176,6 +176,7 @@ with one_flight(Path(sys.argv[1])) as work:
 """
 
 
+@pytest.mark.system
 def test_a_second_flight_into_a_folder_is_refused_until_the_first_ends_or_is_killed(
     tmp_path: Path,
 ) -> None:

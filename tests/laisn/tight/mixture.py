@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from scipy.linalg import expm
@@ -97,7 +98,17 @@ def chances(modes: int, rate: float, time: float) -> Floats:
     """Of changing mode: exp(A t) of the chain's rates A [1/s], where there are two."""
     if modes == 1:
         return np.ones((1, 1))
-    return np.asarray(expm(rate * time * np.array([[-1.0, 1.0], [1.0, -1.0]])))
+    return _two_modes(rate * time)
+
+
+@cache
+def _two_modes(exponent: float) -> Floats:
+    return np.asarray(expm(exponent * np.array([[-1.0, 1.0], [1.0, -1.0]])))
+
+
+def outer(a: Floats, b: Floats) -> Floats:
+    """a bᵀ; `np.outer` takes several times as long for vectors so short."""
+    return a[:, None] * b
 
 
 def prune_and_merge(sides: list[Side], near: float = 1.0) -> None:

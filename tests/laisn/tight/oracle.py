@@ -35,6 +35,7 @@ from tests.laisn.tight.mixture import (
     mix,
     moments,
     normalise,
+    outer,
     prune_and_merge,
 )
 from tests.laisn.tight.ranges import (
@@ -201,8 +202,8 @@ class Oracle:
         for speed, direction, dt in self.readings:
             along, across = pair(direction), pair(1j * direction)
             if not self.by_speed:
-                noise += (self.settings.speed_sigma * dt) ** 2 * np.outer(along, along)
-            noise += (self.settings.heading_sigma * speed * dt) ** 2 * np.outer(across, across)
+                noise += (self.settings.speed_sigma * dt) ** 2 * outer(along, along)
+            noise += (self.settings.heading_sigma * speed * dt) ** 2 * outer(across, across)
             time += dt
         return complex(self.trapezoids[0]), complex(self.trapezoids[1]), noise, time
 
@@ -239,8 +240,8 @@ class Oracle:
         for state, rate in self.walks[c.mode].items():
             # a bias that wanders from 0, and its integral along a straight way
             own, through = np.eye(N)[state], np.concatenate([F[:2, state], np.zeros(N - 2)])
-            half = 0.5 * (np.outer(own, through) + np.outer(through, own))
-            Q += rate**2 * time * (np.outer(own, own) + half + np.outer(through, through) / 3.0)
+            half = 0.5 * (outer(own, through) + outer(through, own))
+            Q += rate**2 * time * (outer(own, own) + half + outer(through, through) / 3.0)
         return replace(c, x=x, P=F @ c.P @ F.T + Q), F
 
     def now(self) -> tuple[Floats, Floats]:
@@ -261,8 +262,8 @@ class Oracle:
             spread[:2, :2] = moved.P[:2, :2]
             ahead, across = pair(direction), pair(1j * direction)
             if not self.by_speed:
-                spread[2:, 2:] += self.settings.speed_sigma**2 * np.outer(ahead, ahead)
-            spread[2:, 2:] += (self.settings.heading_sigma * self.last[0]) ** 2 * np.outer(
+                spread[2:, 2:] += self.settings.speed_sigma**2 * outer(ahead, ahead)
+            spread[2:, 2:] += (self.settings.heading_sigma * self.last[0]) ** 2 * outer(
                 across, across
             )
             mean = np.concatenate([moved.x[:2], pair(velocity) + c.x[[EAST, NORTH]]])
@@ -447,9 +448,9 @@ class Oracle:
             around = np.array([out[1], -out[0]])
             P = self.started(np.diag(self.fresh))
             P[LEADER, LEADER] = 0.0
-            P[:2, :2] = 25.0 * np.outer(out, out) + (
-                0.6 * 2 * np.pi / 96 * distance
-            ) ** 2 * np.outer(around, around)
+            P[:2, :2] = 25.0 * outer(out, out) + (0.6 * 2 * np.pi / 96 * distance) ** 2 * outer(
+                around, around
+            )
             x = np.concatenate([centre[:2] + distance * out, np.zeros(N - 2)])
             x[SPEED] = self.last[0] if self.by_speed and self.last else 0.0
             c = Component(x, P, 1.0)
@@ -471,8 +472,8 @@ class Oracle:
                 x, P = moments(part)
                 turn = np.zeros(N)
                 turn[BENT] = -x[1], x[0], 1.0
-                P += self.fresh[LEADER] * np.outer(turn, turn)
-                P[:2, :2] += self.v * np.outer(turn[:2], turn[:2])
+                P += self.fresh[LEADER] * outer(turn, turn)
+                P[:2, :2] += self.v * outer(turn[:2], turn[:2])
                 x[:2] += received.place
                 weight *= share / total / modes
                 self.sides.append(

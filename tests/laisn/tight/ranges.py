@@ -28,6 +28,7 @@ from tests.laisn.tight.mixture import (
     Side,
     heaviest,
     log_density,
+    outer,
 )
 
 
@@ -217,7 +218,7 @@ def expected(
         rho = max(np.linalg.norm([*apart, arm[2]]), 0.01)
         J = np.array([[1.0, 0.0, s[1]], [0.0, 1.0, -s[0]]])
         g = J.T @ apart / rho
-        second = (J.T @ J + np.diag([0.0, 0.0, apart @ s]) - np.outer(g, g)) / rho
+        second = (J.T @ J + np.diag([0.0, 0.0, apart @ s]) - outer(g, g)) / rho
         bent.append(second @ C)
         H[j] = g @ rows
         H[j, SCALE] = received.ranges[j] / max(received.ranges.max(), 0.01)
@@ -239,13 +240,13 @@ def expected(
             + 0.5 * np.trace(bent[-1])
         )
         residual[j] = received.ranges[j] - mean
-    S = H @ c.P @ H.T + settings.range_scale_sigma**2 * np.outer(H[:, SCALE], H[:, SCALE])
-    S += v * np.outer(H[:, LEADER], H[:, LEADER]) + settings.range_sigma**2 * np.eye(t)
+    S = H @ c.P @ H.T + settings.range_scale_sigma**2 * outer(H[:, SCALE], H[:, SCALE])
+    S += v * outer(H[:, LEADER], H[:, LEADER]) + settings.range_sigma**2 * np.eye(t)
     if settings.transmitters == 2:
         S += np.diag((0.12 / np.maximum(received.ranges, 1.0) ** 2) ** 2)
-    S += received.speed_variance * np.outer(slipped[:, 0], slipped[:, 0])
+    S += received.speed_variance * outer(slipped[:, 0], slipped[:, 0])
     turned = (settings.heading_sigma * abs(v_own)) ** 2
-    S += turned * np.outer(slipped[:, 1], slipped[:, 1])
+    S += turned * outer(slipped[:, 1], slipped[:, 1])
     return residual, H, S + 0.5 * np.array([[np.trace(a @ b) for a in bent] for b in bent])
 
 
@@ -284,7 +285,7 @@ def update_with_ranges(settings: TightSettings, v: float, c: Component, received
 
     def likelihood(kind: tuple[Floats, Floats, Floats, float]) -> tuple[float, float]:
         A, correction, root, constant = kind
-        covariance = A @ (S + np.outer(root, root)) @ A.T
+        covariance = A @ (S + outer(root, root)) @ A.T
         density, squared = log_density(A @ (residual + correction), covariance)
         return density + constant, squared
 
@@ -294,7 +295,7 @@ def update_with_ranges(settings: TightSettings, v: float, c: Component, received
     (c.evidence, c.squared), c.excess, c.taken = likelihood(best), 0.0, len(A)
     c.normalised_innovation = (c.squared + 2.0 * (t - len(A)) * (direct - echo)) / t
     residual = residual + correction
-    S += np.outer(root, root)
+    S += outer(root, root)
     again = False
     if len(A) and not settings.assume.exact_leader:
         by_heading = A @ H[:, LEADER]
@@ -313,7 +314,7 @@ def update_with_ranges(settings: TightSettings, v: float, c: Component, received
     if again:
         residual, H, S = expected(settings, v, c, received, about)
         residual = residual + correction
-        S += np.outer(root, root)
+        S += outer(root, root)
     if len(A):
         c.update(A @ residual, A @ H, A @ S @ A.T)
     return len(A)
@@ -358,7 +359,7 @@ def half(c: Component, received: Message, sign: float) -> Component:
     if mass < 1e-12:
         return replace(c, weight=0.0)
     more = np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi) / mass
-    P = c.P - more * (more + z) * np.outer(column, column)
+    P = c.P - more * (more + z) * outer(column, column)
     return replace(c, x=c.x + sign * more * column, P=P, weight=c.weight * mass)
 
 
