@@ -9,6 +9,35 @@ import pytest
 
 TESTS = Path("tests")
 WITHOUT_PACKAGE = {"system", "data"}
+OF_SEVERAL_MODULES = {
+    "experiments/studies/asymmetry/test_conditions.py",
+    "experiments/studies/test_template_findings.py",
+    "laisn/test_extending.py",
+    "laisn/test_missing_depth.py",
+    "laisn/test_on_a_vehicle.py",
+    "reports/test_conclusions.py",
+    "sim/scenario/test_start_and_hover.py",
+    "sim/sensing/test_hidden_truth.py",
+    "sim/test_different_navigators.py",
+    "sim/test_formation.py",
+    "sim/test_mission_end.py",
+    "sim/test_roles.py",
+    "sim/test_station_plan.py",
+    "sim/vehicle/test_attitudes.py",
+    "sim/vehicle/test_buoyancy.py",
+    "sim/vehicle/test_fossen.py",
+    "sim/vehicle/test_moving_water.py",
+    "sim/vehicle/test_remus.py",
+    "sim/vehicle/test_scales.py",
+    "tools/test_class_names.py",
+    "tools/test_docstring_tables.py",
+    "tools/test_records.py",
+    "tools/test_scenario_scope.py",
+    "tools/test_statements.py",
+    "tools/test_tests.py",
+    "tools/test_workflows.py",
+}
+"""Tests that are named after what they require."""
 
 
 def folder_errors(files: list[Path]) -> list[str]:
@@ -21,6 +50,20 @@ def folder_errors(files: list[Path]) -> list[str]:
         if folder.parts and not any(folder.glob("*.py")):
             errors.append(f"{path}: there is no package {folder}")
     return errors
+
+
+def is_named_after_a_module(path: Path) -> bool:
+    """Whether a test file has the name of a module or package of its folder, perhaps with what of
+    it.
+    """
+    folder = path.relative_to(TESTS).parent
+    # the package itself, its modules, and packages within it
+    names = {
+        folder.name,
+        *(inner.stem for inner in folder.iterdir() if inner.suffix in ("", ".py")),
+    }
+    name = path.stem.removeprefix("test_")
+    return any(name == module or name.startswith(f"{module}_") for module in names)
 
 
 def import_errors(path: Path, source: str) -> list[str]:
@@ -57,6 +100,20 @@ def test_each_folder_is_that_of_a_package(files: list[Path]) -> None:
     assert folder_errors(files) == []
     stray = TESTS / "sim" / "boats" / "test_sail.py"
     assert folder_errors([stray]) == [f"{stray}: there is no package sim/boats"]
+
+
+def test_files_are_named_after_modules_unless_several_meet(files: list[Path]) -> None:
+    others = {
+        path.relative_to(TESTS).as_posix()
+        for path in files
+        if path.name.startswith("test_")
+        and path.relative_to(TESTS).parts[0] not in WITHOUT_PACKAGE
+        and not is_named_after_a_module(path)
+    }
+    assert others == OF_SEVERAL_MODULES
+    assert is_named_after_a_module(TESTS / "sim" / "test_tracking_contact.py")
+    assert is_named_after_a_module(TESTS / "laisn_sim" / "test_laisn_sim.py")
+    assert not is_named_after_a_module(TESTS / "sim" / "test_trackings.py")
 
 
 def test_what_tests_share_is_imported_by_one_path(files: list[Path]) -> None:
