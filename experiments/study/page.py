@@ -62,7 +62,7 @@ def _cell(interval: Interval) -> TableCell:
     return TableCell(text=interval_text(interval), sort=number(interval.value).sort)
 
 
-def notable(
+def worst_and_median_run(
     plan: StudyPlan, results: Results, condition: Condition
 ) -> tuple[tuple[int, int], tuple[int, int]]:
     """Realization and run of the worst and the median run of a place, by the report's metric if
@@ -74,14 +74,14 @@ def notable(
         or []
     )
     # a run that contact ended has no value, and is the first to look at
-    conditions = sorted(
+    ranked_runs = sorted(
         (math.inf if math.isnan(value) else value, row["realization"], int(run))
         for row, lists, values in zip(
             results.rows[condition], results.runs[condition], runs, strict=True
         )
         for run, value in zip(lists["run"], values.tolist(), strict=True)
     )
-    return conditions[-1][1:], conditions[(len(conditions) - 1) // 2][1:]
+    return ranked_runs[-1][1:], ranked_runs[(len(ranked_runs) - 1) // 2][1:]
 
 
 def worst_entry(plan: StudyPlan, results: Results) -> tuple[PlanEntry, int, str]:
@@ -92,7 +92,7 @@ def worst_entry(plan: StudyPlan, results: Results) -> tuple[PlanEntry, int, str]
         return -math.inf if math.isnan(value) else value
 
     condition = max(results.rows, key=size)
-    (realization, run), _ = notable(plan, results, condition)
+    (realization, run), _ = worst_and_median_run(plan, results, condition)
     return plan.by_place[condition.point, condition.arm, realization], run, condition.follower
 
 
@@ -101,7 +101,7 @@ def commands(plan: StudyPlan, results: Results) -> str:
     lines = []
     for condition in list(results.rows)[:_MAX_COMMANDS]:
         for extreme, (realization, run) in zip(
-            ("worst", "median"), notable(plan, results, condition), strict=True
+            ("worst", "median"), worst_and_median_run(plan, results, condition), strict=True
         ):
             realization_text = (
                 f" of realization {realization}" if plan.study.file.realizations > 1 else ""
@@ -195,8 +195,8 @@ class StudyPage:
     def has_lines(self) -> bool:
         """Whether the metric is drawn over one factor."""
         report = self.study.file.report
-        has_curves = any((report.against, report.lines, report.panels))
-        return self.factorial and (has_curves or len(self.factors) < 2)
+        states_layout = any((report.against, report.lines, report.panels))
+        return self.factorial and (states_layout or len(self.factors) < 2)
 
     @property
     def map_axes(self) -> list[str]:
@@ -290,7 +290,7 @@ class StudyPage:
         return bool(self.effects) and len(self.factors) > 2
 
     @property
-    def idle(self) -> list[str]:
+    def idle_draws(self) -> list[str]:
         """Keys of waves that are drawn although no point has any."""
         if any(entry.scenario.ocean.waves.kind != "none" for entry in self.plan.entries):
             return []

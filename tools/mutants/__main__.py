@@ -54,9 +54,10 @@ def draw(pattern: str, count: int | None, seed: int) -> tuple[list[MutationSpec]
     candidates = [
         mutant for file in files if re.fullmatch(pattern, file) for mutant in mutants_of(file)
     ]
-    return candidates if count is None else random.Random(seed).sample(
-        candidates, min(count, len(candidates))
-    ), len(candidates)
+    chosen = candidates
+    if count is not None:
+        chosen = random.Random(seed).sample(candidates, min(count, len(candidates)))
+    return chosen, len(candidates)
 
 
 def summary(package: str, trials: list[Tried], candidates: int) -> str:
@@ -78,7 +79,7 @@ def record(
     """What a draw found, for the documents.
 
     Args:
-        found: mutants tried of each package, and how many there are.
+        results: mutants tried of each package, and how many there are.
         seed: of the draw.
         before: the former record; its findings of other packages are kept, and with them its
             version.

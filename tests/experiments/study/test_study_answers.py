@@ -16,7 +16,7 @@ from experiments.study import charts
 from experiments.study.estimate import Condition, Results, interval_text
 from experiments.study.file import study_from_table
 from experiments.study.measure import METRICS
-from experiments.study.page import answer, commands, notable, page_of, worst_entry
+from experiments.study.page import answer, commands, page_of, worst_and_median_run, worst_entry
 from experiments.study.plan import StudyPlan, plan_of
 from experiments.study.run import _largest_half_width, _row_and_lists
 from experiments.study.study import findings_of
@@ -149,7 +149,7 @@ def test_the_record_has_estimates_and_paired_differences(plan: StudyPlan, result
 def test_worst_and_median_runs_are_those_of_their_place(plan: StudyPlan, results: Results) -> None:
     for point, arm in itertools.product(range(3), ("plain", "aware")):
         (values,) = results.by_run(place(point, arm), "e_p_mean_m") or []
-        (realization, worst), (_, median) = notable(plan, results, place(point, arm))
+        (realization, worst), (_, median) = worst_and_median_run(plan, results, place(point, arm))
         assert (realization, worst) == (0, int(values.argmax()))
         # of 40 the twentieth
         assert np.count_nonzero(values < values[median]) == 19
@@ -171,7 +171,7 @@ def test_a_run_that_contact_ended_is_the_first_to_look_at(
     ended[7] = np.nan
     lists = [dict(results.runs[at][0]) | {"e_p_mean_m": ended.tolist()}]
     actual = replace(results, runs={**results.runs, at: lists})
-    (_, worst), (_, median) = notable(plan, actual, at)
+    (_, worst), (_, median) = worst_and_median_run(plan, actual, at)
     assert worst == 7
     assert np.count_nonzero(ended < ended[median]) == 19
     assert actual.estimate(at, "e_p_mean_m").value == pytest.approx(np.delete(values, 7).mean())
