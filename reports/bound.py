@@ -233,6 +233,6 @@ def flight_bounds(
     return [bounds[i] for i in chosen]
 
 
-def flight_bound(flight: FlightRecord, follower: int = 0, lag: float = 0.0) -> Floats:
+def flight_bound(flight: FlightRecord, follower: int, lag: float = 0.0) -> Floats:
     """`flight_bounds` of one follower."""
     return flight_bounds(flight, [follower], lag)[0]

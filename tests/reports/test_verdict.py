@@ -15,6 +15,7 @@ from reports.flight_report import flight_report
 from reports.summary import route_events, summarise
 from reports.verdict import verdict
 from sim.flight import FlightRecord, Termination, position_and_bearing_errors
+from sim.scenario.formation import Station
 from sim.scenario.parts import MotionSettings
 from sim.tracking import track_errors
 from tests.synthetic import make_flight
@@ -137,6 +138,24 @@ def test_a_vehicle_off_its_route_with_a_right_estimate_could_not_move_there(
     assert loss.time_s == pytest.approx(200.0)
     assert loss.what == "more than 10 m off its route"
     assert loss.cause.startswith("not its estimate, which was 0.5 m off, but its motion, at ")
+
+
+def test_a_follower_on_its_way_to_its_station_is_not_lost(flight: FlightRecord) -> None:
+    station = Station(behind_m=20.0, port_m=0.0, depth_m=10.0)
+    plan = flight.scenario.followers[0].model_copy(update={"station": station})
+    scenario = flight.scenario.model_copy(
+        update={"followers": (plan, *flight.scenario.followers[1:])}
+    )
+    on_station = dataclasses.replace(flight, scenario=scenario)
+    off = KEPT.copy()
+    off[:1000, 0] = 30.0
+    assert verdict(on_station, off).lost == ()
+    off[4000:, 0] = 12.0
+    (loss,) = verdict(on_station, off).lost
+    assert (loss.time_s, loss.what) == (pytest.approx(400.0), "more than 10 m off its station")
+    off[:, 0] = 30.0
+    (loss,) = verdict(on_station, off).lost
+    assert (loss.time_s, loss.what) == (pytest.approx(600.0), "never reached its station")
 
 
 def test_a_controller_of_ones_own_is_not_lost_off_the_route(flight: FlightRecord) -> None:

@@ -194,7 +194,7 @@ def test_the_summary_begins_where_the_start_is_found(
     normalised = np.einsum(
         "ni,nij,nj->n", off, np.linalg.inv(estimates.covariance[9:, :2, :2]), off
     )
-    bound = flight_bound(flight)[9:]
+    bound = flight_bound(flight, 0)[9:]
     assert row["nees"] == pytest.approx(normalised.mean(), rel=1e-9)
     assert row["bound_rms_m"] == pytest.approx(np.sqrt(np.mean(bound**2)))
     assert row["rms_over_bound"] == pytest.approx(
@@ -205,18 +205,18 @@ def test_the_summary_begins_where_the_start_is_found(
 
 def test_more_transmitters_and_more_messages_can_be_better(flight: FlightRecord) -> None:
     three = fly(scenario("navigation.assume.transmitters=3"))[0]
-    assert np.all(flight_bound(three)[10:] < flight_bound(flight)[10:])
+    assert np.all(flight_bound(three, 0)[10:] < flight_bound(flight, 0)[10:])
     (received,) = flight.measurements
     ranges = received.ranges.copy()
     ranges[5:] = np.nan
     deaf = replace(flight, measurements=(replace(received, ranges=ranges),))
-    assert np.array_equal(flight_bound(deaf)[:59], flight_bound(flight)[:59])
-    assert np.all(np.diff(flight_bound(deaf)[60:]) > 0.0)
+    assert np.array_equal(flight_bound(deaf, 0)[:59], flight_bound(flight, 0)[:59])
+    assert np.all(np.diff(flight_bound(deaf, 0)[60:]) > 0.0)
 
 
 def _parts(flight: FlightRecord, errors: list[Any]) -> list[str]:
     """Labels of what the report draws over time."""
-    (over_time,) = follower_curves(flight, 0, errors[0], flight_bound(flight)).panels
+    (over_time,) = follower_curves(flight, 0, errors[0], flight_bound(flight, 0)).panels
     return [part.y_label for part in over_time.parts]
 
 

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from experiments.study.estimate import INTERACTIONS, Results, explained, main_effects
+from experiments.study.estimate import INTERACTIONS, Results, _limits, explained, main_effects
 from experiments.study.file import study_from_table
 from experiments.study.plan import StudyPlan, plan_of
 
@@ -105,6 +105,11 @@ def test_a_single_factor_and_constant_columns_are_not_discussed(factorial: Study
         study_from_table(TABLE | {"vary": {"leader.depth_m": [5.0, 7.0]}}, "mine.toml", "mine")
     )
     assert main_effects(one, results_of(one, lambda y, _: y), "e_p_mean_m") == {}
+
+
+def test_limits_leave_a_fortieth_of_the_resamples_at_each_end() -> None:
+    assert _limits(np.arange(1001.0)) == pytest.approx((25.0, 975.0))
+    assert _limits(np.array([np.nan, 3.0, 3.0])) == (3.0, 3.0)
 
 
 def test_a_regression_explains_what_lies_in_its_columns() -> None:

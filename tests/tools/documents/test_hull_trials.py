@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from laisn.arrays import Floats
+from reports.findings import read_findings
 from sim import attitude
 from tests.sim.vehicle import test_remus as remus
 from tests.sim.vehicle.test_hydrodynamics_kirchhoff import (
@@ -15,6 +16,7 @@ from tests.sim.vehicle.test_hydrodynamics_kirchhoff import (
     SPHEROID_MASS,
 )
 from tools.documents import hull_trials
+from tools.documents.markers import RECORDS
 from tools.documents.physics import PUBLISHED_SPEED, PUBLISHED_TURN
 
 LAG = dict(zip(PUBLISHED_SPEED, (6.013, 5.0, 4.0, 3.0, 2.5, 2.007), strict=True))
@@ -76,3 +78,25 @@ def test_the_righting_period_is_that_of_the_closed_form() -> None:
     inertia -= (SPHEROID_MASS * arm) ** 2 / (SPHEROID_MASS + SPHEROID_ADDED[0, 0])
     period = 2 * np.pi * np.sqrt(inertia / (SPHEROID_MASS * 9.81 * arm))
     assert hull_trials._righting(0.02).value == pytest.approx(period, rel=1e-3)
+
+
+RECORDED = read_findings(RECORDS / "hull-trials.json")
+
+
+def test_estimates_of_the_record_are_those_of_this_code() -> None:
+    estimates = hull_trials._estimates()
+    assert {*estimates} == {name for name in RECORDED.findings if name.startswith("estimate ")}
+    for name, finding in estimates.items():
+        assert finding.value == pytest.approx(RECORDED[name].value, rel=1e-9), name
+
+
+@pytest.mark.system
+def test_motions_of_the_record_are_those_of_this_code() -> None:
+    """A hundred seconds of Fossen's model, term by term, beside ours."""
+    motions = hull_trials._fossen()
+    of_fossen = {f"remus {name} " for name in ("ours", *hull_trials.REMUS_TERMS)}
+    assert {*motions} == {
+        name for name in RECORDED.findings if any(name.startswith(each) for each in of_fossen)
+    }
+    for name, finding in motions.items():
+        assert finding.value == pytest.approx(RECORDED[name].value, rel=1e-6), name

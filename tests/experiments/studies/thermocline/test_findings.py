@@ -12,6 +12,7 @@ from experiments.studies.thermocline.findings import (
     QuarterGeometry,
     closed_findings,
     fix_error,
+    fix_findings,
     leg_findings,
     range_error,
     shortest_spoilt_range,
@@ -48,6 +49,16 @@ def test_a_fix_of_two_transmitters_shifts_as_the_difference_of_its_ranges() -> N
     assert shift == pytest.approx(expected, rel=0.05)
     # bearing errors of 0.4 to 1.5 m at 100 m, computed beside this project
     assert 0.3 < shift < 1.6
+
+
+@pytest.mark.system
+def test_fixes_of_the_record_are_those_of_this_code() -> None:
+    recorded = read_findings(RECORDS / "thermocline.json")
+    fixes = dict(fix_findings())
+    kinds = ("range ", "fix ", "range-worst ", "from ")
+    assert {*fixes} == {name for name in recorded.findings if name.startswith(kinds)}
+    for name, finding in fixes.items():
+        assert finding.value == pytest.approx(recorded[name].value, rel=1e-6, abs=1e-9), name
 
 
 def test_bending_matters_from_nearer_on_the_stronger_the_thermocline() -> None:
