@@ -8,7 +8,6 @@ import numpy as np
 from laisn import lanes
 from laisn import lanes as row
 from laisn.arrays import Floats, Ints
-from laisn.compiled import compiled, copy_values
 from laisn.lanes import LANES
 from laisn.messages import Measurements
 from laisn.settings import NavigationSettings, Tuning
@@ -23,18 +22,18 @@ class LaneEstimates(NamedTuple):
     fix_kind: Ints
 
 
-@compiled
 def _run_block(
     own: Floats, message_step: Ints, messages: Floats, start: Floats, t: Tuning
 ) -> tuple[Floats, Floats]:
+    """In Python, which finds the code of a step stored: that of functions of tests is not."""
     state, kinds = np.zeros((own.shape[0], 4 * LANES)), np.zeros((messages.shape[0], 3, LANES))
     block, i = row.new_block(start, t), 0
     prior = lanes.no_prior()
     for k in range(1, own.shape[0] + 1):
-        copy_values(own[k - 1], block[row.SPEED : row.SIN])
+        block[row.SPEED : row.SIN] = own[k - 1]
         received = i < message_step.size and message_step[i] == k
         if received:
-            copy_values(messages[i], block[row.EAST : row.X1])
+            block[row.EAST : row.X1] = messages[i]
         lanes.advance(block, t, k, received, prior)
         state[k - 1] = block[row.X : row.X + 4 * LANES]
         if received:
