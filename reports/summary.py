@@ -60,7 +60,7 @@ def _route_summary(
     truth = flight.trajectory
     vehicle = follower + 1
     planned = route.depth.at(truth.time)[0]
-    depth_error = truth.depth[:, vehicle] - planned
+    depth_error = -truth.position[:, vehicle, 2] - planned
     row: dict[str, Any] = {
         "track_error_rms_m": float(np.sqrt(np.mean(track_errors**2))),
         "depth_error_rms_m": float(np.sqrt(np.mean(depth_error**2))),
@@ -370,7 +370,7 @@ def stray_events(flight: FlightRecord) -> list[Event]:
     time = flight.trajectory.time
     planned = (flight.scenario.leader, *flight.scenario.followers)
     for vehicle, (name, plan) in enumerate(zip(flight.trajectory.names, planned, strict=True)):
-        depth = flight.trajectory.depth[:, vehicle]
+        depth = -flight.trajectory.position[:, vehicle, 2]
         floor_depth = floor.depths_at(*flight.trajectory.position[:, vehicle, :2].T)
         surfaced = (depth < 0) & (plan.layer_m > 1)
         for outside, text in (

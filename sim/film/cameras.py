@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Floats
+from laisn.arrays import Bools, Floats
 from sim import attitude
 from sim.film.film_data import FilmData, FilmFrame
 from sim.scenario.parts import SeaSettings
@@ -77,6 +77,17 @@ class View:
         return np.stack(
             [width / 2 + scale * local[:, 0], height / 2 - scale * local[:, 1]], axis=1
         ), ahead
+
+    def sees(self, points: Floats, reach: Floats, aspect: float) -> Bools:
+        """Whether anything of balls about points, shape (n, 3), of radii, shape (n,), may lie in a
+        frame, `aspect` times as wide as high, shape (n,).
+        """
+        right, up, ahead = ((points - self.position) @ self.axes.T).T
+        slope = np.tan(np.radians(self.fovy_deg) / 2)
+        visible = ahead > -reach
+        for aside, tangent in ((right, slope * aspect), (up, slope)):
+            visible &= np.abs(aside) < ahead * tangent + reach * np.hypot(1.0, tangent)
+        return np.asarray(visible)
 
     def line(self, points: Floats, width: int, height: int) -> list[tuple[Floats, Floats]]:
         """A polyline of shape (n, 3) as the stretches of it before the camera, cut at the lens.

@@ -34,6 +34,7 @@ _GHOST_FULL_M = 1.5
 _MIN_GHOST = 0.05
 _INSIDE = ("nozzle", "band")  # parts that shine through a translucent hull and make blotches of it
 _MAX_GEOMS = 6000
+_UNSEEN = mujoco.mjNGROUP - 1  # group of geoms that are not drawn
 _INSET_FOG = (3.0, 110.0)
 _HULL_REACH_M = 1.5  # reach from a vehicle's middle to beyond its ends, propeller included
 # colour of the fog, and so of all that is far, so that no band remains at the horizon
@@ -268,6 +269,14 @@ class GlScene:
         self._ground: float | None = None
         self._floor = mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_GEOM, "seabed")
         self._options = mujoco.MjvOption()
+        self._options.geomgroup[_UNSEEN] = 0
+        roots = self._model.body_rootid[self._model.geom_bodyid]
+        bodies = np.array([vehicle.body for vehicle in self._vehicles])
+        self._hulls = np.flatnonzero(np.isin(roots, bodies))  # geoms of vehicles
+        self._vehicle_of_hulls = np.argmax(roots[self._hulls, None] == bodies, axis=1)
+        self._groups = self._model.geom_group[self._hulls]
+        bounds = self._model.geom_rbound[self._hulls]
+        self._reaches = np.where(bounds > 0, bounds, np.inf)  # MuJoCo gives planes none
         sea = SeaSettings.of(flight.scenario)
         self._sea = Sea(self._model, sea_of_keys(sea.ocean, sea.seed), floor_of(sea))
         self._pixels = np.zeros((self.height, self.width, 4), np.uint8)
@@ -406,6 +415,7 @@ class GlScene:
         scene = self._scene
         model = self._model
         model.vis.global_.fovy = view.fovy_deg
+        self._show_what_is_seen(state, view, width / height)
         camera = mujoco.MjvCamera()
         categories = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(model, self._data, self._options, None, camera, categories, scene)
@@ -420,6 +430,17 @@ class GlScene:
         mujoco.mjr_render(
             mujoco.MjrRect(left, self.height - top - height, width, height), scene, self._context
         )
+
+    def _show_what_is_seen(self, state: FilmFrame, view: View, aspect: float) -> None:
+        """Leave out parts of hulls that lie outside the picture with their ghosts: OpenGL would
+        compute all their corners.
+        """
+        places = self._data.geom_xpos[self._hulls]
+        shift = np.concatenate([np.zeros((1, 3)), state.estimate - state.hydrophone])
+        ghosts = places + shift[self._vehicle_of_hulls]
+        visible = view.sees(places, self._reaches, aspect)
+        visible |= view.sees(ghosts, self._reaches, aspect)
+        self._model.geom_group[self._hulls] = np.where(visible, self._groups, _UNSEEN)
 
     def _add(
         self, shape: int, size: Floats, position: Floats, turn: Floats, rgba: tuple[float, ...]

@@ -21,6 +21,27 @@ def test_projection_is_that_of_a_pinhole():
     np.testing.assert_allclose(ahead, [10.0])
 
 
+def test_a_ball_is_seen_as_soon_as_a_point_of_it_is():
+    """Balls about the edges of the frame, of which points at random are projected; those far aside
+    and behind are not seen.
+    """
+    rng = np.random.default_rng(6)
+    view = View(position=np.array([1.0, 2.0, -3.0]), target=np.array([4.0, 1.0, -5.0]))
+    middles = view.position + rng.normal(0.0, 8.0, size=(400, 3))
+    reach = rng.uniform(0.1, 3.0, size=400)
+    directions = rng.normal(size=(300, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    seen = view.sees(middles, reach, 320 / 180)
+    for middle, radius, is_seen in zip(middles, reach, seen, strict=True):
+        pixels, ahead = view.project(middle + radius * directions, 320, 180)
+        inside = (ahead > 0) & (pixels >= 0).all(axis=1) & (pixels < (320, 180)).all(axis=1)
+        assert is_seen or not inside.any()
+    right, _, forward = view.axes
+    far = view.position + np.array([10 * forward + 20 * right, 10 * forward - 20 * right, -forward])
+    assert not view.sees(far, np.full(3, 0.5), 320 / 180).any()
+    assert view.sees(far, np.array([0.5, 0.5, np.inf]), 320 / 180).tolist() == [False, False, True]
+
+
 def test_a_line_is_cut_at_the_lens():
     view = View(position=np.zeros(3), target=np.array([1.0, 0, 0]), fovy_deg=90.0)
     ((pixels, place),) = view.line(np.array([[-5.0, 1.0, 0.0], [5.0, 1.0, 0.0]]), 200, 200)
