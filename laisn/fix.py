@@ -337,7 +337,7 @@ def laisn_main(pairs: Pairs, predicted: Point) -> Fix:
     return highest(pairs, _usable_score(pairs[0]), _usable_score(pairs[1]), _usable_score(pairs[2]))
 
 
-SINGLE: dict[Variant, Callable[[Pairs, Point], Fix]] = {
+CHOOSE_PAIR: dict[Variant, Callable[[Pairs, Point], Fix]] = {
     "laisn-2": laisn_2,
     "laisn-3-2": laisn_3_2,
     "laisn-best": laisn_best,

@@ -18,10 +18,10 @@ from laisn.arrays import Bools, Floats, Ints, Records
 from laisn.compiled import compiled, compiled_apart, inlined, jitable
 from laisn.errors import LaisnError
 from laisn.fix import (
+    CHOOSE_PAIR,
     GATED,
     LOST,
     SEQUENTIAL,
-    SINGLE,
     SINGULAR,
     Circle,
     Fix,
@@ -414,7 +414,7 @@ def _choice(otherwise: Pass, variant: Variant) -> Pass:
     functions.
     """
     number = VARIANTS.index(variant)
-    single_fix = SINGLE[variant]
+    single_fix = CHOOSE_PAIR[variant]
 
     @compiled
     def choose(block: Floats, t: Tuning) -> None:
@@ -438,7 +438,7 @@ def _choose_nothing(block: Floats, t: Tuning) -> None:
 
 
 choose: Pass = _choose_nothing
-for _variant in SINGLE:
+for _variant in CHOOSE_PAIR:
     choose = _choice(choose, _variant)
 
 _SEQUENTIAL = VARIANTS.index(SEQUENTIAL)

@@ -17,7 +17,15 @@ from laisn.arrays import Floats, Two
 from laisn.compiled import formula
 from laisn.delays import delays_of
 from laisn.estimates import Estimates, FixKind, FixRecord
-from laisn.fix import SEQUENTIAL, SINGLE, Fix, RangeCircles, fix_variance, one_range, to_circles
+from laisn.fix import (
+    CHOOSE_PAIR,
+    SEQUENTIAL,
+    Fix,
+    RangeCircles,
+    fix_variance,
+    one_range,
+    to_circles,
+)
 from laisn.geometry import Point, angle_between, is_singular
 from laisn.later import later
 from laisn.messages import LeaderMessage, OwnMotion, Reception
@@ -288,11 +296,9 @@ class Navigator(OnlineNavigator[Estimates]):
             first, second, third = (
                 circles.fix(pair, predicted, self._tuning) for pair in circles.pairs()
             )
-            records = [
-                self._apply_fix(
-                    SINGLE[self.settings.variant]((first, second, third), predicted), circles, own
-                )
-            ]
+            choose = CHOOSE_PAIR[self.settings.variant]
+            fix = choose((first, second, third), predicted)
+            records = [self._apply_fix(fix, circles, own)]
         else:
             # LAISN-3(1): one update after the other, the state carried along (paper, Section 2.3.1)
             records = []

@@ -66,7 +66,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     variants, settings = root / "laisn" / "fix.py", root / "laisn" / "settings.py"
     text, table, entry = (
         variants.read_text(encoding="utf-8"),
-        "SINGLE: dict[",
+        "CHOOSE_PAIR: dict[",
         '"laisn-closest": laisn_closest,',
     )
     assert text.count(table) == 1

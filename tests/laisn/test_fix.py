@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from laisn.estimates import FixKind
 from laisn.fix import (
-    SINGLE,
+    CHOOSE_PAIR,
     Circle,
     Circles,
     Fix,
@@ -59,7 +59,7 @@ def found_by(
     settings: NavigationSettings = SETTINGS,
 ) -> Fix:
     """The fix of a variant."""
-    return SINGLE[variant](pair_fixes(circles, predicted, settings), Point(*predicted))  # type: ignore[index]
+    return CHOOSE_PAIR[variant](pair_fixes(circles, predicted, settings), Point(*predicted))  # type: ignore[index]
 
 
 def place(fix: Fix) -> tuple[float, float]:
@@ -67,7 +67,7 @@ def place(fix: Fix) -> tuple[float, float]:
 
 
 @given(x=st.floats(-90, 90), y=st.floats(1.0, 90), port=st.booleans())
-@pytest.mark.parametrize("variant", SINGLE)
+@pytest.mark.parametrize("variant", CHOOSE_PAIR)
 def test_error_free_ranges_give_the_true_place(
     variant: str, x: float, y: float, port: bool
 ) -> None:
@@ -238,7 +238,7 @@ def test_missing_ranges() -> None:
     assert fused.sigma == pytest.approx(only_13.sigma / 3)
     assert fused.kind == FixKind.TWO_POINTS
     nothing = arrived(np.nan, np.nan, 20.1)
-    for variant in SINGLE:
+    for variant in CHOOSE_PAIR:
         assert found_by(variant, nothing, (0.0, 20.0)).kind == FixKind.LOST
 
 
@@ -290,4 +290,4 @@ def test_variance_of_a_fix() -> None:
 
 
 def test_every_variant_has_a_formula() -> None:
-    assert set(VARIANTS) == {*SINGLE, "laisn-3-1"}
+    assert set(VARIANTS) == {*CHOOSE_PAIR, "laisn-3-1"}

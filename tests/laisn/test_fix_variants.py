@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from laisn.estimates import FixKind
-from laisn.fix import SINGLE, Fix, Pairs, laisn_2, laisn_3_2, laisn_best, laisn_main
+from laisn.fix import CHOOSE_PAIR, Fix, Pairs, laisn_2, laisn_3_2, laisn_best, laisn_main
 from laisn.geometry import Point
 
 NOWHERE = Point(0.0, 0.0)
@@ -58,8 +58,8 @@ def check(three: list[tuple[FixKind, float, float]]) -> None:
     there = received(pairs)
     assert_is(laisn_2(pairs, NOWHERE), pairs[0])
     if not there:
-        for variant in SINGLE:
-            assert SINGLE[variant](pairs, NOWHERE).kind == FixKind.LOST
+        for variant in CHOOSE_PAIR:
+            assert CHOOSE_PAIR[variant](pairs, NOWHERE).kind == FixKind.LOST
         return
     # the most certain one: one point, else the widest two
     best = max(there, key=lambda fix: np.inf if fix.kind == FixKind.TANGENT else fix.separation)

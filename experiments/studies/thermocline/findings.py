@@ -12,7 +12,7 @@ import numpy as np
 
 from experiments.study.run import Cells, StudyResults
 from laisn.arrays import Floats
-from laisn.fix import SINGLE, Pair, circles, pair_fix
+from laisn.fix import CHOOSE_PAIR, Pair, circles, pair_fix
 from laisn.geometry import Arms, Point, Turn
 from laisn.messages import Ranges
 from laisn.settings import NavigationSettings, Tuning, Variant
@@ -106,7 +106,7 @@ def fix_error(season: str, variant: Variant, geometry: QuarterGeometry) -> float
     tuning = Tuning.of(NavigationSettings(variant=variant))
     pairs = (Pair(rear, front, False), Pair(rear, middle, False), Pair(middle, front, True))
     fixes = tuple(pair_fix(pair, north, geometry.follower, tuning) for pair in pairs)
-    fix = SINGLE[variant](fixes, geometry.follower)  # type: ignore[arg-type]
+    fix = CHOOSE_PAIR[variant](fixes, geometry.follower)  # type: ignore[arg-type]
     return math.hypot(fix.east - geometry.follower.east, fix.north - geometry.follower.north)
 
 
