@@ -320,7 +320,9 @@ def _preferred(columns: Columns, quantity: Quantity, bare: list[Column]) -> str 
     if quantity is TIME and stated:
         date_unit = _date_unit(float(bare[0].values.max()))
         (column,) = stated.values()
-        return column.unit if date_unit in (None, column.unit) else None
+        usual = _usual_units(bare[0].values, list(TIME.units))
+        in_doubt = date_unit not in (None, column.unit) or (usual and column.unit not in usual)
+        return None if in_doubt else column.unit
     if stated:
         (column,) = stated.values()
         # a depth in metres is common beside ranges in centimetres

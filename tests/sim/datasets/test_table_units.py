@@ -180,6 +180,19 @@ def test_a_date_in_another_unit_than_the_leaders_clock_is_refused(tmp_path: Path
         read_vehicle_table(path)
 
 
+def test_unusual_intervals_in_the_unit_of_the_leaders_clock_are_refused(tmp_path: Path) -> None:
+    """Rows every 0.2 s in microseconds would be 0.2 ms apart in the clock's nanoseconds."""
+    headers = {"time": "time", "leader_timestamp": "leader_timestamp [ns]"}
+    scales = {"time": 1e6, "leader_timestamp": 1e9}
+    # one reception tells nothing of intervals
+    path = table(tmp_path, headers, scales, interval_s=0.2, rows=8)
+    with pytest.raises(LaisnError, match=r"time without a unit may be in .*us.*'time \[.*us\]'"):
+        read_vehicle_table(path)
+    scales["time"] = 1e9
+    read = read_vehicle_table(table(tmp_path, headers, scales, interval_s=0.2, rows=40))
+    assert np.median(np.diff(read.time_ns)) == pytest.approx(2e8)
+
+
 def test_a_time_that_fits_in_no_unit_is_refused(tmp_path: Path) -> None:
     """The leader's way says seconds, its clock milliseconds."""
     headers = {"time": "time", "leader_timestamp": "leader_timestamp [ms]"}
