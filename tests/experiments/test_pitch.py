@@ -4,12 +4,13 @@ import csv
 import math
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from experiments.pitch import PitchGeometry, pitch_page
+from experiments.pitch import PitchGeometry, _scale, pitch_page
 from laisn_sim.cli.main import app
 from tests.golden import require_golden
 from tests.reports.test_page import embedded
@@ -134,3 +135,15 @@ def test_an_impossible_geometry_is_refused(option: str, value: str, tmp_path: Pa
     assert result.exit_code != 0
     assert f"{option}: expected" in str(result.exception) + result.output
     assert not page.exists()
+
+
+@pytest.mark.parametrize(
+    ("error", "expected"),
+    [(0.6, 0.5), (1.2, 1.0), (1.6, 2.0), (4.0, 5.0), (8.0, 10.0), (0.031, 0.02), (140.0, 100.0)],
+)
+def test_the_scale_is_the_round_number_nearest_to_the_error_abeam(
+    monkeypatch: pytest.MonkeyPatch, error: float, expected: float
+) -> None:
+    fix = SimpleNamespace(error=error)
+    monkeypatch.setattr(PitchGeometry, "fix_at", lambda *_: fix)
+    assert _scale(object.__new__(PitchGeometry)) == pytest.approx(expected)

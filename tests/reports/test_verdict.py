@@ -13,7 +13,7 @@ from laisn.arrays import Floats
 from laisn_sim.cli.main import app
 from reports.flight_report import flight_report
 from reports.summary import route_events, summarise
-from reports.verdict import verdict
+from reports.verdict import Loss, _lost_text, verdict
 from sim.flight import FlightRecord, Termination, position_and_bearing_errors
 from sim.scenario.formation import Station
 from sim.scenario.parts import MotionSettings
@@ -96,6 +96,15 @@ def test_several_losses_are_in_order_of_time(flight: FlightRecord) -> None:
     assert "no message for 20 s (280 s to 300 s)." in actual.sentence
     # 11 m with σ = 1 m
     assert "the record shows no single cause" in actual.lost[1].cause
+
+
+def test_of_many_losses_four_are_named() -> None:
+    lost = [
+        Loss(follower=f"f{i}", time_s=10.0 * i, what="adrift", cause="silence", silence_s=0.0)
+        for i in range(1, 7)
+    ]
+    assert "f4 at 40 s, 2 more; " in _lost_text(lost, 9)
+    assert "f4 at 40 s; " in _lost_text(lost[:4], 9)
 
 
 def test_an_error_that_is_set_and_not_assumed_is_a_cause(flight: FlightRecord) -> None:
