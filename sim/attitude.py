@@ -7,6 +7,7 @@ flight's arrays, and 0.4 s to import.
 """
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -230,26 +231,28 @@ def _headings(rows: Floats, headings: Floats) -> None:
         headings[k] = heading_of(rows[k])
 
 
-def heading_angles(quaternion: Floats) -> Floats:
-    """The heading alone, of shape (…,), [rad]."""
-    rows = np.ascontiguousarray(quaternion, dtype=np.float64).reshape(-1, 4)
-    headings = np.empty(len(rows))
-    _headings(rows, headings)
-    return headings.reshape(quaternion.shape[:-1])
-
-
 @compiled
 def _pitches(rows: Floats, pitches: Floats) -> None:
     for k in range(rows.shape[0]):
         pitches[k] = pitch_of(rows[k])
 
 
-def pitch_angles(quaternion: Floats) -> Floats:
-    """The pitch alone, of shape (…,), [rad]."""
+def _each_angle(write: Callable[[Floats, Floats], None], quaternion: Floats) -> Floats:
+    """What a compiled function writes of attitudes of shape (…, 4): of shape (…,)."""
     rows = np.ascontiguousarray(quaternion, dtype=np.float64).reshape(-1, 4)
-    pitches = np.empty(len(rows))
-    _pitches(rows, pitches)
-    return pitches.reshape(quaternion.shape[:-1])
+    angles = np.empty(len(rows))
+    write(rows, angles)
+    return angles.reshape(quaternion.shape[:-1])
+
+
+def heading_angles(quaternion: Floats) -> Floats:
+    """Compass heading alone, of attitudes of shape (…, 4): in [0, 2π), of shape (…,), [rad]."""
+    return _each_angle(_headings, quaternion)
+
+
+def pitch_angles(quaternion: Floats) -> Floats:
+    """Pitch alone, nose up, of attitudes of shape (…, 4): of shape (…,), [rad]."""
+    return _each_angle(_pitches, quaternion)
 
 
 @jitable

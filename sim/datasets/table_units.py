@@ -321,8 +321,9 @@ def _preferred(columns: Columns, quantity: Quantity, bare: list[Column]) -> str 
         date_unit = _date_unit(float(bare[0].values.max()))
         (column,) = stated.values()
         usual = _usual_units(bare[0].values, list(TIME.units))
-        in_doubt = date_unit not in (None, column.unit) or (usual and column.unit not in usual)
-        return None if in_doubt else column.unit
+        is_other_date = date_unit not in (None, column.unit)
+        is_unusual = bool(usual) and column.unit not in usual
+        return None if is_other_date or is_unusual else column.unit
     if stated:
         (column,) = stated.values()
         # a depth in metres is common beside ranges in centimetres
