@@ -14,7 +14,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from laisn.errors import LaisnError
 
@@ -42,6 +42,47 @@ def atomic_write(path: Path, *, durable: bool = True) -> Iterator[Path]:
         raise OSError(error.errno, error.strerror, str(path)) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def atomic_open(path: Path, *, durable: bool = True) -> Iterator[BinaryIO]:
+    """Yield an open file that replaces `path` as in `atomic_write`; `remove_unfinished` can tell
+    that its writer lives, by a lock on it.
+    """
+    with atomic_write(path, durable=durable) as temporary:
+        file = temporary.open("wb")
+        try:
+            # `remove_unfinished` may come between, and remove what is not locked yet
+            while not _claimed(file, temporary):
+                file.close()
+                file = temporary.open("wb")
+            yield file
+        finally:
+            file.close()
+
+
+def _claimed(file: BinaryIO, path: Path) -> bool:
+    """Lock an open file; whether `path` is still its path. A file system without locks is used
+    without.
+    """
+    with suppress(OSError):
+        fcntl.flock(file, fcntl.LOCK_EX)
+    try:
+        return os.path.samestat(os.fstat(file.fileno()), path.stat())
+    except FileNotFoundError:
+        return False
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove from a folder, and those in it, what killed processes have left half-written.
+
+    Files of `atomic_open` stay whose writers live, of this machine or another; `atomic_write` must
+    not be at work there.
+    """
+    for path in folder.rglob(".*.part"):
+        with suppress(OSError), path.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            path.unlink()
 
 
 @contextmanager

@@ -34,7 +34,7 @@ from sim.log.schema import MEASURED, Clock
 from sim.log.writer import further_readings, numeric, write_channels
 from sim.scenario.settings import Acoustics
 from sim.sensing.observation import start_of
-from sim.system import atomic_write
+from sim.system import atomic_write, remove_unfinished
 
 MANIFEST = "manifest.json"
 TASKS = "tasks"
@@ -267,11 +267,15 @@ def generate(
     folder.mkdir(parents=True, exist_ok=True)
     # the first run writes the task of its mission, which no other process may do at the same time
     first, *remaining = [(mission, seed) for seed in seeds for mission in missions]
-    with progress("missions", len(missions) * len(seeds)) as advance, Pool(workers) as pool:
-        write_run(folder, *first, formats, seconds)
-        advance(1)
-        for _ in pool.each(write_run, ((folder, *run, formats, seconds) for run in remaining)):
+    try:
+        with progress("missions", len(missions) * len(seeds)) as advance, Pool(workers) as pool:
+            write_run(folder, *first, formats, seconds)
             advance(1)
+            for _ in pool.each(write_run, ((folder, *run, formats, seconds) for run in remaining)):
+                advance(1)
+    finally:
+        # workers are killed if something fails
+        remove_unfinished(folder)
     manifest = _manifest(folder, missions, seeds, seconds)
     with atomic_write(folder / MANIFEST) as unfinished:
         unfinished.write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")

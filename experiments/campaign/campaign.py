@@ -10,7 +10,7 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from pathlib import Path
@@ -422,7 +422,10 @@ def fly(
     pool.size = min(pool.size, max(1, *map(len, missing)))
     if cluster is None and not quiet:
         _compile_before(campaign, pool.size, ahead)
-    with pool:
+    with ExitStack() as ending:
+        # workers are killed if something fails
+        ending.callback(store.remove_unfinished)
+        ending.enter_context(pool)
         lanes = campaign.lane_jobs(pool)
         if lanes:
             # what cannot be flown side by side is left, and flown alone below

@@ -27,7 +27,7 @@ from laisn.errors import LaisnError, LaisnWarning
 from laisn.plugins import plugin_digest, plugin_files, registered_tokens
 from reports.parquet import arrow_table
 from reports.version import code_version, version_of
-from sim.system import atomic_write, locked
+from sim.system import atomic_open, atomic_write, locked, remove_unfinished
 
 Record = dict[str, Any]  # a row: plain values by column
 Arrays = dict[str, npt.NDArray[Any]]  # columns of a result, shape (n,) each
@@ -142,6 +142,7 @@ class Store:
         self._force = force
         self.written = set[str]()
         self._results.mkdir(parents=True, exist_ok=True)
+        self.remove_unfinished()
         manifest = folder / STUDY_FILE
         stored_version = ""
         version = code_version()
@@ -164,6 +165,10 @@ class Store:
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"written": set()}  # another process has no use for it
+
+    def remove_unfinished(self) -> None:
+        """Remove what killed processes have left half-written."""
+        remove_unfinished(self._results)
 
     def path(self, key: str) -> Path:
         return self._results / f"{key}.npz"
@@ -220,6 +225,6 @@ class Store:
             content |= arrays
         # what a power failure cuts is found by its checksum, and computed again
         path = self.path(key)
-        with atomic_write(path, durable=False) as unfinished, unfinished.open("wb") as file:
-            np.savez(file, **content)
+        with atomic_open(path, durable=False) as unfinished:
+            np.savez(unfinished, **content)
         self.written.add(key)

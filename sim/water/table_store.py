@@ -15,7 +15,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from laisn.compiled import FOLDER
-from sim.system import atomic_write
+from sim.system import atomic_open, remove_unfinished
 from sim.water.ray_table import RayTable
 
 _MAX_TABLES = 24
@@ -39,8 +39,9 @@ def _read(file: Path) -> RayTable | None:
 
 def _write(table: RayTable, file: Path) -> None:
     file.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_write(file) as unfinished, unfinished.open("wb") as out:
-        np.savez(out, **table._asdict())
+    with atomic_open(file) as unfinished:
+        np.savez(unfinished, **table._asdict())
+    remove_unfinished(file.parent)
     tables = sorted(file.parent.glob("*.npz"), key=lambda path: path.stat().st_mtime)
     for old in tables[:-_MAX_TABLES]:
         old.unlink(missing_ok=True)

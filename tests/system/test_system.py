@@ -1,5 +1,6 @@
 """Files: no partial file under a final name after errors or kills, and locks between processes."""
 
+import fcntl
 import os
 import signal
 import subprocess
@@ -7,11 +8,12 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import BinaryIO
 
 import pytest
 
 from reports.version import ROOT
-from sim.system import atomic_write, locked
+from sim.system import atomic_open, atomic_write, locked, remove_unfinished
 
 pytestmark = pytest.mark.system
 
@@ -93,6 +95,60 @@ def test_a_killed_process_leaves_no_lock_and_no_partial_file_under_a_final_name(
         pass
     [part] = tmp_path.iterdir()
     assert (part.suffix, part.read_text()) == (".part", "half")
+
+
+OPEN_WRITER = """
+import sys, time
+from pathlib import Path
+from sim.system import atomic_open
+with atomic_open(Path(sys.argv[1]) / "a.txt") as file:
+    file.write(b"half")
+    file.flush()
+    print("ready", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_what_a_killed_process_left_is_removed_and_what_a_living_one_writes_is_not(
+    tmp_path: Path,
+) -> None:
+    writer = subprocess.Popen(
+        [sys.executable, "-c", OPEN_WRITER, str(tmp_path)],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert writer.stdout is not None
+    with writer, atomic_open(tmp_path / "b.txt") as file:
+        assert writer.stdout.readline() == "ready\n"
+        remove_unfinished(tmp_path)
+        assert len(names(tmp_path)) == 2
+        writer.send_signal(signal.SIGKILL)
+        writer.wait()
+        remove_unfinished(tmp_path)
+        [remaining] = names(tmp_path)
+        assert remaining.startswith(".b.txt.")
+        file.write(b"whole")
+    assert names(tmp_path) == ["b.txt"]
+    assert (tmp_path / "b.txt").read_bytes() == b"whole"
+
+
+def test_a_file_that_is_removed_before_it_is_locked_is_opened_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flock = fcntl.flock
+
+    def remove_first(file: BinaryIO, operation: int) -> None:
+        monkeypatch.setattr(fcntl, "flock", flock)
+        remove_unfinished(tmp_path)
+        assert names(tmp_path) == []
+        flock(file, operation)
+
+    monkeypatch.setattr(fcntl, "flock", remove_first)
+    with atomic_open(tmp_path / "a.txt") as file:
+        file.write(b"whole")
+    assert (tmp_path / "a.txt").read_bytes() == b"whole"
+    assert names(tmp_path) == ["a.txt"]
 
 
 def test_a_lock_is_waited_for(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from experiments.benchmark import data
 from experiments.benchmark.catalogue import missions
 from experiments.benchmark.data import MANIFEST
 from experiments.benchmark.tables import (
@@ -44,6 +45,20 @@ def test_every_mission_can_be_flown_and_tells_its_transmitters(name: str) -> Non
     assert scenario.name == name
     assert scenario.navigation.assume.transmitters == mission.transmitters
     assert sum(other.scored for other in missions().values()) == 20
+
+
+def test_what_killed_workers_left_half_written_is_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(folder: Path, *_: object) -> None:
+        (folder / "measurements" / "astern").mkdir(parents=True)
+        (folder / "measurements" / "astern" / ".follower.csv.1234.part").touch()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(data, "write_run", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        data.generate(tmp_path, list(missions().values())[:1], [1])
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
 
 def test_the_importer_reads_the_same_measurements(tmp_path: Path) -> None:

@@ -55,6 +55,22 @@ def test_rows_are_returned_unchanged_in_the_requested_order(tmp_path: Path) -> N
     assert np.isnan(actual[3][0]["missing"])
 
 
+def test_what_killed_workers_left_half_written_is_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        (tmp_path / "store" / ".a.npz.1234.part").touch()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(campaign, "run_jobs", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        flown(tmp_path, 2)
+    assert [*(tmp_path / "store").iterdir()] == []
+    (tmp_path / "store" / ".b.npz.1234.part").touch()
+    Store(tmp_path)
+    assert [*(tmp_path / "store").iterdir()] == []
+
+
 def test_what_is_stored_is_not_computed_again_unless_forced(tmp_path: Path) -> None:
     flown(tmp_path, 2)
     CALLS.clear()
