@@ -3,13 +3,18 @@
 import ast
 import hashlib
 import platform
+import re
+import sys
 from collections.abc import Iterable
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import version
 from modulefinder import ModuleFinder
 from pathlib import Path
 
+from laisn.compiled import FOLDER
 from laisn.navigators import code_of_navigators
+from sim.system import atomic_write
 
 ROOT = Path(__file__).resolve().parents[1]
 OWN_PACKAGES = ("models", "laisn", "sim", "reports", "experiments", "laisn_sim")
@@ -22,6 +27,7 @@ _COMPUTING = ("experiments.campaign.campaign", "sim.scenario.file", *code_of_nav
 """Modules that compute the numbers of cells. Tasks and facts add modules of their own."""
 _DATA = {".xml", ".json"}  # data files that modules of a package read: vehicles, routes
 _TABLES = {".toml", ".csv"}  # data files that a study reads beside its modules
+_MAX_STORED = 200  # versions on disk, of the same compiled sources
 
 
 def reachable(modules: Iterable[str], root: Path = ROOT) -> dict[str, Path]:
@@ -99,7 +105,7 @@ def _without_docstrings(source: bytes) -> bytes:
 def version_of(modules: Iterable[str] = (), root: Path = ROOT) -> str:
     """Hash of names and contents of `sources`, without docstrings, 12 hexadecimal digits.
 
-    That of the sources that are here is computed once in a process, which has loaded them once.
+    That of the sources that are here is looked up once in a process, which has loaded them once.
     """
     names = tuple(modules)
     return _version_here(names) if root == ROOT else _version(names, root)
@@ -107,7 +113,42 @@ def version_of(modules: Iterable[str] = (), root: Path = ROOT) -> str:
 
 @cache
 def _version_here(modules: tuple[str, ...]) -> str:
-    return _version(modules, ROOT)
+    """The version from disk, under a hash of every file that may decide it: who imports whom, and
+    where the docstrings are, takes a second to find out.
+    """
+    if FOLDER is None:
+        return _version(modules, ROOT)
+    file = FOLDER / "versions" / _digest_of_packages(modules)
+    with suppress(OSError, UnicodeDecodeError):
+        stored = file.read_text(encoding="ascii")
+        if re.fullmatch("[0-9a-f]{12}", stored):
+            return stored
+    computed = _version(modules, ROOT)
+    # that it is not stored costs the next process a second, and nothing else
+    with suppress(OSError):
+        file.parent.mkdir(exist_ok=True)
+        with atomic_write(file, durable=False) as unfinished:
+            unfinished.write_text(computed, encoding="ascii")
+        by_age = sorted(file.parent.iterdir(), key=lambda path: path.stat().st_mtime)
+        for old in by_age[:-_MAX_STORED]:
+            old.unlink(missing_ok=True)
+    return computed
+
+
+def _digest_of_packages(modules: tuple[str, ...]) -> str:
+    """Hash of the modules' names, of Python's version, and of names and contents of all files that
+    `sources` can reach from them.
+    """
+    folders = {*OWN_PACKAGES, *(name.partition(".")[0] for name in modules)}
+    if not folders.isdisjoint(_IN_CHECKOUT):
+        folders |= {*_IN_CHECKOUT}
+    suffixes = {".py", *_DATA, *_TABLES}
+    digest = hashlib.sha256(repr((sys.version, modules)).encode())
+    for path in sorted(path for folder in folders for path in (ROOT / folder).rglob("*")):
+        if path.suffix in suffixes:
+            content = hashlib.sha256(path.read_bytes()).hexdigest()
+            digest.update(f"{path.relative_to(ROOT).as_posix()} {content} ".encode())
+    return digest.hexdigest()[:32]
 
 
 def _version(modules: tuple[str, ...], root: Path) -> str:

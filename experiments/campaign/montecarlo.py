@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import cache, lru_cache, partial
+from functools import lru_cache, partial
 from itertools import chain, islice
 from typing import Any, NamedTuple, Self
 
@@ -115,16 +115,11 @@ class CampaignMission:
     def __init__(self, motion: MotionSettings, trajectory: Trajectory) -> None:
         """Of a trajectory that follows from these settings."""
         self._motion = motion
-        self._placed = cache(partial(with_transmitter_sites, trajectory))
-        self._observed = cache(self._observe)
-
-    def _observe(
-        self,
-        transmitters: tuple[tuple[str, int, float], ...],
-        sensing: SensingSettings,
-        follower: int,
-    ) -> IdealMeasurements:
-        return observe(self._placed(transmitters), sensing, follower, use_compiled=True)
+        # dictionaries, since a cached method would hold the mission, and all its arrays, in a cycle
+        # that the collector of garbage may take hundreds of missions to find
+        self._placed = dict[tuple[tuple[str, int, float], ...], Trajectory]()
+        self._observed = dict[Any, IdealMeasurements]()
+        self._trajectory = trajectory
 
     def seen(self, settings: CellSettings, follower: int) -> tuple[Trajectory, IdealMeasurements]:
         """Motion with the transmitters of a cell, and what one follower sees; LaisnError if
@@ -133,8 +128,14 @@ class CampaignMission:
         if settings.motion != self._motion:
             raise LaisnError("the scenario moves otherwise than the mission that was simulated")
         sensing = settings.sensing.without_random_errors
-        observed = self._observed(settings.transmitters, sensing, follower)
-        return self._placed(settings.transmitters), observed
+        places = settings.transmitters
+        if places not in self._placed:
+            self._placed[places] = with_transmitter_sites(self._trajectory, places)
+        trajectory = self._placed[places]
+        key = places, sensing, follower
+        if key not in self._observed:
+            self._observed[key] = observe(trajectory, sensing, follower, use_compiled=True)
+        return trajectory, self._observed[key]
 
 
 @lru_cache(maxsize=4)

@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 from pydantic import ValidationError
+from scipy.special import ndtri
 
 from sim.scenario.formation import Scatter, scattered_followers
 from sim.scenario.point_motion import CLASSES, random_waypoints
@@ -235,12 +236,12 @@ the address.
 """
 
 
-def _distribution_quantile(name: str, parameters: object) -> Quantile:
-    # 45 MB and a second to import, and most studies draw nothing
-    from scipy import stats
+_STANDARD_QUANTILES: Mapping[str, Callable[[float], float]] = {"uniform": float, "normal": ndtri}
+"""Quantiles at location 0 and scale 1, as scipy.stats has them, of laws that most draws name."""
 
+
+def _distribution_quantile(name: str, parameters: object) -> Quantile:
     form, make = _LIST_DISTRIBUTIONS.get(name, ("a table of its parameters in scipy.stats", None))
-    family: Any = getattr(stats, "norm" if name == "normal" else name)
     expected = f"{name} expects {form} (given: {parameters!r:.60})"
     if not isinstance(parameters, dict) and not (isinstance(parameters, list) and make):
         raise ValueError(expected)
@@ -251,12 +252,23 @@ def _distribution_quantile(name: str, parameters: object) -> Quantile:
             )
     if isinstance(parameters, list) and len(parameters) != form.count(",") + 1:
         raise ValueError(expected)
+    no_values = f"{expected}, and has no values with these parameters"
+    if isinstance(parameters, list) and make and name in _STANDARD_QUANTILES:
+        standard = _STANDARD_QUANTILES[name]
+        location, scale = make(*parameters)
+        if scale <= 0.0:
+            raise ValueError(no_values)
+        return lambda share, _: float(standard(share) * scale + location)
+    # 45 MB and a second to import
+    from scipy import stats
+
+    family: Any = getattr(stats, "norm" if name == "normal" else name)
     try:
         law = family(**parameters) if isinstance(parameters, dict) else family(*make(*parameters))  # type: ignore[misc]
     except (TypeError, ZeroDivisionError) as error:
         raise ValueError(f"{expected}: {error}") from None
     if not np.isfinite(law.ppf([0.01, 0.5, 0.99])).all():
-        raise ValueError(f"{expected}, and has no values with these parameters")
+        raise ValueError(no_values)
     kind = int if isinstance(law.dist, stats.rv_discrete) else float
     return lambda share, _: kind(law.ppf(share))
 

@@ -204,10 +204,15 @@ class Study:
 
 def _names_a_law(table: Mapping[str, Any]) -> bool:
     """Whether a table is a distribution, perhaps one that is misspelled, and no part of a key."""
+    ((name, arguments), *others) = table.items()
+    if others:
+        return False
+    if name in LAWS or isinstance(arguments, list):
+        return True
+    # a second to import
     from scipy import stats
 
-    ((name, arguments), *others) = table.items()
-    return not others and (name in LAWS or hasattr(stats, name) or isinstance(arguments, list))
+    return hasattr(stats, name)
 
 
 _OTHER_WORDS = {"factor": "vary", "factors": "vary", "sweep": "vary", "random": "draw"}

@@ -5,6 +5,7 @@ other.
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -128,6 +129,55 @@ def test_a_renamed_entry_is_detected(tree: Path) -> None:
             version.version_of(root=tree)
     finally:
         (tree / "file.py").rename(moved)
+
+
+@pytest.fixture
+def lookup(
+    tree: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Callable[[], str]]:
+    """Looks the version of the tree up as another process would."""
+    monkeypatch.setattr(version, "ROOT", tree)
+    monkeypatch.setattr(version, "FOLDER", tmp_path)
+
+    def look_up() -> str:
+        version._version_here.cache_clear()
+        return version.version_of(root=tree)
+
+    yield look_up
+    version._version_here.cache_clear()
+
+
+def test_a_process_reads_the_version_that_another_has_stored(
+    lookup: Callable[[], str], unedited: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert lookup() == unedited
+    with monkeypatch.context() as patched:
+        patched.delattr(version, "_version")
+        assert lookup() == unedited
+
+
+@pytest.mark.parametrize("name", ["sim/water/currents.py", "models/follower.xml"])
+def test_no_stored_version_hides_an_edit(
+    tree: Path, lookup: Callable[[], str], unedited: str, name: str
+) -> None:
+    assert lookup() == unedited
+    whole = (tree / name).read_bytes()
+    try:
+        (tree / name).write_bytes(whole + b"\n")
+        assert lookup() != unedited
+    finally:
+        (tree / name).write_bytes(whole)
+
+
+@pytest.mark.parametrize("content", [b"", b"0123", b"\xff\x00"])
+def test_a_damaged_stored_version_is_replaced(
+    tmp_path: Path, lookup: Callable[[], str], unedited: str, content: bytes
+) -> None:
+    lookup()
+    [file] = (tmp_path / "versions").iterdir()
+    file.write_bytes(content)
+    assert lookup() == unedited
+    assert file.read_text() == unedited
 
 
 @pytest.mark.system

@@ -1,5 +1,7 @@
 """Cells: what they share, what their keys hold, and whose noise they have."""
 
+import gc
+import weakref
 from typing import Any
 
 import numpy as np
@@ -53,6 +55,20 @@ def flown() -> Trajectory:
 
 def computed(flown: Trajectory, *plans: CellPlan) -> list[Any]:
     return [row for _, row, _ in compute(flown, plans)]
+
+
+def test_a_mission_goes_with_its_last_reference() -> None:
+    """Its arrays take megabytes, and the collector of garbage counts objects."""
+    gc.collect()
+    gc.disable()
+    try:
+        flown = montecarlo.simulate_mission(mission())
+        reference = weakref.ref(flown)
+        compute(flown, [CellPlan(scenario=mission(), follower=0, runs=1)])
+        del flown
+        assert reference() is None
+    finally:
+        gc.enable()
 
 
 def test_cells_that_differ_in_the_inclinometer_alone_do_not_share_what_they_see(

@@ -91,6 +91,19 @@ def test_draws_follow_their_law(given, law):
     )
 
 
+@pytest.mark.parametrize(
+    ("given", "law"),
+    [
+        ({"uniform": [0.2, 0.7]}, stats.uniform(0.2, 0.7 - 0.2)),
+        ({"normal": [1.1, 0.13]}, stats.norm(1.1, 0.13)),
+    ],
+)
+def test_draws_without_scipy_stats_are_those_with_it_to_the_bit(given, law):
+    quantile = Draw.of("leader.mass", given).quantile
+    shares = np.random.default_rng(1).random(1000)
+    assert [quantile(share, []) for share in shares.tolist()] == law.ppf(shares).tolist()
+
+
 def test_choices_come_alike_often():
     draw = Draw.of("navigation.variant", {"choice": ["a", "b", "c"]})
     actual = [draw.value(1, realization) for realization in range(1000)]
@@ -115,6 +128,8 @@ def test_draws_of_keys_realizations_and_seeds_are_independent():
         ({"uniforn": [0, 1]}, "unknown distribution"),
         ({"uniform": [1, 0]}, r"\[low, high\]"),
         ({"uniform": [1]}, r"\[low, high\]"),
+        ({"uniform": [1, 1]}, "no values"),
+        ({"normal": [1, 0]}, "no values"),
         ({"gamma": [2]}, "table of its parameters"),
         ({"gamma": {"b": 2}}, "gamma"),
         ({"normal": {"scale": -1}}, "no values"),
