@@ -58,12 +58,15 @@ def hull_of(motion: MotionSettings, vehicle: Vehicle) -> Hull:
 
 @lru_cache(maxsize=8)
 def calm_plant(hull: Hull) -> tuple[Plant, Any]:
-    """A vehicle alone in calm water, as a plant named "hull", and its autopilot's records."""
+    """A vehicle alone in calm water, as a plant named "hull" that is not settled, and its
+    autopilot's records.
+    """
     settings = hull.settings
     setup = VehicleSetup(
         name="hull", model=str(settings.model), position_m=(0.0, 0.0, -10.0), settings=settings
     )
-    plant = Plant([setup], Ocean(density_kg_m3=hull.density_kg_m3), hull.physics_step_s)
+    ocean = Ocean(density_kg_m3=hull.density_kg_m3)
+    plant = Plant([setup], ocean, hull.physics_step_s, settled=False)
     return plant, design(plant, (settings.depth_control,))
 
 

@@ -33,6 +33,7 @@ from sim.water.ocean import Ocean
 _SPEED_STEP = 0.25  # speeds are looked at in such steps, from the slowest of a mission [m/s]
 _TOLERATED_GROWTH = 0.02  # slower growth is left to the loops that are left out [1/s]
 _CATCH_UP_FACTOR = 1.0 + CATCH_UP  # largest commanded speed as a multiple of the speed of a route
+_ROUNDING = 1e-6  # of rates of growth [1/s]
 # sway and heave, and roll, pitch and yaw rates of a brisk turn
 _TURN_SWAY_HEAVE_M_S = (0.3, 0.3)
 _TURN_RATES_RAD_S = (0.2, 0.2, 0.2)
@@ -208,6 +209,11 @@ def _controlled_hull(plant: Plant, i: int, d: Autopilot) -> _ControlledHull:
     )
 
 
+def _straight_ahead(speed: float) -> Floats:
+    """Velocities and angles of a level, straight course at a speed, shape (9,)."""
+    return np.append(speed, np.zeros(8))
+
+
 def _motion(hull: _ControlledHull, equilibrium: Floats) -> Floats:
     """Matrix of the motion of a vehicle about 6 velocities and 3 angles: these, height and
     lagging wrench, (16, 16).
@@ -248,7 +254,7 @@ def _growth(hull: _ControlledHull, speed: float) -> tuple[float, str]:
     A hull without linear damping may swing by a degree or two, which its quadratic damping bounds:
     what swings is looked at about a slow swing.
     """
-    rates, modes = np.linalg.eig(_motion(hull, np.append(speed, np.zeros(8))))
+    rates, modes = np.linalg.eig(_motion(hull, _straight_ahead(speed)))
     worst = int(np.argmax(rates.real))
     if (
         rates[worst].real > _TOLERATED_GROWTH
@@ -315,7 +321,11 @@ def require_stable(
         _require_slow_motion(hull, plant.dt, max_speed, orbital_speed)
         top = max(min(_CATCH_UP_FACTOR * max_speed, top_speed(d)), min_speed)
         count = 1 + int(np.ceil((top - min_speed) / _SPEED_STEP))
-        for speed in np.linspace(min_speed, top, count):
+        speeds = np.linspace(min_speed, top, count)
+        matrices = [_motion(hull, _straight_ahead(speed)) for speed in speeds]
+        growths = np.linalg.eigvals(matrices).real.max(axis=1)
+        # eigenvalues without their modes differ from those with them by rounding
+        for speed in speeds[growths > _TOLERATED_GROWTH - _ROUNDING]:
             growth, plane = _growth(hull, float(speed))
             if growth <= _TOLERATED_GROWTH:
                 continue

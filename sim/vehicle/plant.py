@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, TypeVar
 
 import mujoco
 import numpy as np
@@ -85,6 +85,10 @@ class _Fleet(NamedTuple):
     read.
     """
     designs: dict[Any, npt.NDArray[np.void]]  # as of `Plant.kept_design`
+    placed: dict[Any, mujoco.MjModel]
+    """Models with the vehicles at their starts, for plants that are not settled; these only read
+    them.
+    """
 
     def coefficients_in(
         self, names: Sequence[str], densities: tuple[float, ...]
@@ -96,19 +100,28 @@ class _Fleet(NamedTuple):
             lambda: mjcf.read_coefficients(self.model, names, densities),
         )
 
+    def placed_at(self, setups: Sequence[VehicleSetup]) -> mujoco.MjModel:
+        """The model of `_at_start` that plants which are not settled share."""
+        starts = tuple((setup.position_m, setup.heading_rad) for setup in setups)
+        return _kept(self.placed, starts, lambda: _at_start(self.model, setups), _MOST_MODELS)
+
 
 _MOST_KEPT = 64  # densities or designs of a fleet
+_MOST_MODELS = 8  # of a fleet
+
+
+Made = TypeVar("Made")
 
 
 def _kept(
-    records: dict[Any, npt.NDArray[np.void]], key: Any, make: Callable[[], npt.NDArray[np.void]]
-) -> npt.NDArray[np.void]:
-    """The records of a key; those that are new are made and kept."""
-    if key not in records:
-        if len(records) >= _MOST_KEPT:
-            records.clear()
-        records[key] = make()
-    return records[key]
+    values: dict[Any, Made], key: Any, make: Callable[[], Made], most: int = _MOST_KEPT
+) -> Made:
+    """The value of a key; one that is new is made and kept, beside fewer than `most` others."""
+    if key not in values:
+        if len(values) >= most:
+            values.clear()
+        values[key] = make()
+    return values[key]
 
 
 # of a study's missions, most differ in places and scales alone; to compile takes most of the time
@@ -124,7 +137,7 @@ def _compiled_fleet(
     fitted = effectors.read(model, vehicles)
     fixed = effectors.read_fixed(model, vehicles)
     fitted.flags.writeable = fixed.flags.writeable = False
-    return _Fleet(model, vehicles, fitted, fixed, {}, {})
+    return _Fleet(model, vehicles, fitted, fixed, {}, {}, {})
 
 
 def _fleet_of(setups: Sequence[VehicleSetup], floor_depth_m: float | None, dt: float) -> _Fleet:
@@ -195,7 +208,8 @@ class Plant:
         self.dt = dt
         self.setups = tuple(setups)
         self.names = tuple(s.name for s in setups)
-        self.model = model = _at_start(fleet.model, setups)
+        model = _at_start(fleet.model, setups) if settled else fleet.placed_at(setups)
+        self.model = model
         self.data = data = mujoco.MjData(model)
 
         n = len(setups)

@@ -270,21 +270,31 @@ def test_what_is_kept_of_a_hull_is_not_taken_for_another() -> None:
             assert _what_follows(settings, density) == expected
 
 
-def test_hulls_that_are_compiled_once_start_where_their_setups_have_them() -> None:
+@pytest.mark.parametrize("settled", [True, False])
+def test_hulls_that_are_compiled_once_start_where_their_setups_have_them(settled: bool) -> None:
     """In the places and attitudes that MuJoCo's own compiler gives them."""
-    here = Plant(setups(), Ocean())
+    here = Plant(setups(), Ocean(), settled=settled)
     elsewhere = [
         replace(setup, position_m=(31.7, -0.3 * i, -12.1 - i), heading_rad=1.9 + i)
         for i, setup in enumerate(setups())
     ]
-    moved = Plant(elsewhere, Ocean())
-    for plant, placed in ((moved, elsewhere), (here, setups())):
+    moved = Plant(elsewhere, Ocean(), settled=settled)
+    again = Plant(setups(), Ocean(), settled=settled)
+    for plant, placed in ((moved, elsewhere), (here, setups()), (again, setups())):
         expected = compose(placed, with_geoms=False).compile()
         for name in ("qpos0", "qpos_spring", "body_pos", "body_quat"):
             np.testing.assert_array_equal(getattr(plant.model, name), getattr(expected, name))
         assert plant.pose.tobytes() == expected.qpos0.tobytes()
     heavier = Plant(setups(excess_buoyancy_n=-3.0), Ocean())
     assert heavier.coefficients["buoyancy"][0] == here.coefficients["buoyancy"][0] - 3.0
+
+
+def test_plants_that_can_be_stepped_share_no_model() -> None:
+    plants = [Plant(setups(), Ocean()) for _ in range(2)]
+    unsettled = [Plant(setups(), Ocean(), settled=False) for _ in range(2)]
+    assert len({id(plant.model) for plant in (*plants, *unsettled)}) == 3
+    unsettled[0].pose[0, 0] += 1.0
+    assert unsettled[1].pose[0, 0] == unsettled[0].pose[0, 0] - 1.0
 
 
 def test_same_start_gives_the_same_bytes() -> None:
