@@ -149,10 +149,25 @@ def test_classes_of_one_name_in_two_files_have_different_names(project: Project)
         sys.modules.pop("other", None)
 
 
-def test_a_class_of_a_notebooks_cell_or_a_script_has_no_name() -> None:
+@pytest.mark.parametrize("file", [None, "script.py"])
+def test_a_class_of_a_notebooks_cell_or_a_script_has_no_name(
+    monkeypatch: pytest.MonkeyPatch, file: str | None
+) -> None:
     """Another process has another `__main__`."""
-    space: dict[str, Any] = {"__name__": "__main__"}
+    main = ModuleType("__main__")
+    if file is not None:
+        main.__file__ = file
+    monkeypatch.setitem(sys.modules, "__main__", main)
     text = "from typing import NamedTuple\nclass Cell(NamedTuple):\n    a: float\n"
-    exec(compile(text, "<cell 1>", "exec"), space)
-    assert space["Cell"].__module__ == "__main__"
-    assert name_of_custom(numba.typeof(space["Cell"](1.0))) is None
+    exec(compile(text, "<cell 1>", "exec"), vars(main))
+    cell = vars(main)["Cell"]
+    assert cell.__module__ == "__main__"
+    assert name_of_custom(numba.typeof(cell(1.0))) is None
+
+
+def test_a_class_of_a_module_without_a_file_has_no_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = ModuleType("made")
+    monkeypatch.setitem(sys.modules, "made", made)
+    text = "from typing import NamedTuple\nclass Made(NamedTuple):\n    a: float\n"
+    exec(compile(text, "<string>", "exec"), vars(made))
+    assert name_of_custom(numba.typeof(vars(made)["Made"](1.0))) is None

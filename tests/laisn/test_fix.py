@@ -278,6 +278,27 @@ def test_hydrophone_above_the_depth_sensor_is_allowed_for() -> None:
     assert range_circles.depth_difference == pytest.approx(10.0)
 
 
+def test_circles_move_with_the_followers_way_and_the_leaders_until_each_ping() -> None:
+    """At 1 m/s to the east, pings half a second apart leave 0, 0.5 and 1 m on; transmitters that
+    settings place are where they are.
+    """
+    reception = _reception(0.0, 10.0, 0.0, 40.0)
+    way = np.array([[0.3, 2.0], [0.2, 1.5], [0.1, 1.0]])
+    settings = NavigationSettings(ping_slot=0.5)
+    moved = to_circles(reception, 18.0, settings, way).circles
+    np.testing.assert_allclose(
+        [circle.centre for circle in moved],
+        P + way + [[0.0, 0.0], [0.5, 0.0], [1.0, 0.0]],
+        atol=1e-12,
+    )
+    places = np.column_stack([P + 7.0, [8.0, 8.0, 8.0]])
+    placed = to_circles(reception._replace(transmitters=places), 18.0, settings, way).circles
+    np.testing.assert_allclose([circle.centre for circle in placed], P + 7.0 + way, atol=1e-12)
+    level = np.hypot(*(P - [0, 40]).T)
+    for circles in (moved, placed):
+        np.testing.assert_allclose([circle.radius for circle in circles], level)
+
+
 def test_variance_of_a_fix() -> None:
     """σp², not below the floor, and (Δz sin φ)² for an expected pitch φ."""
 

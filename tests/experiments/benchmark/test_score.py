@@ -1,14 +1,17 @@
 """Scores of LAISN-Bench against errors that are known in advance."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from experiments.benchmark import score as benchmark_score
 from experiments.benchmark.score import (
     SEGMENTS_M,
     FollowerRun,
     Track,
+    score_all,
     score_mission,
     score_run,
     total,
@@ -82,6 +85,18 @@ def test_no_estimate_covers_nothing() -> None:
     score = score_run(RUN, straight_truth(), track(np.full(2, np.nan), (1.0, 0.0, 1.0)))
     assert score.covered == 0.0
     assert math.isnan(score.mean_m)
+
+
+def test_a_run_without_estimates_is_among_the_scores_and_covers_nothing(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    other = FollowerRun("drift", 1, "follower")
+    monkeypatch.setattr(benchmark_score, "truth_of", lambda _, run: straight_truth())
+    tracks = [(RUN, track(np.zeros(2), (1.0, 0.0, 1.0)))]
+    scores = score_all(tmp_path, tracks, [other, RUN])
+    assert [score.run for score in scores] == [other, RUN]
+    assert [score.covered for score in scores] == [0.0, 1.0]
+    assert math.isnan(scores[0].mean_m)
 
 
 def test_the_score_is_the_geometric_mean_of_ratios_to_the_bound() -> None:

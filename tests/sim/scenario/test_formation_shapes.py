@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 from typer.testing import CliRunner
 
 import models
@@ -13,7 +14,7 @@ from laisn.arrays import Floats
 from laisn_sim.cli.main import app
 from sim import feasibility
 from sim.scenario.file import validate, with_file_paths
-from sim.scenario.formation import ShapeTable, followers_of
+from sim.scenario.formation import ShapeTable, Station, followers_of
 
 Kind = Literal["line", "v", "column", "grid", "ring"]
 
@@ -24,6 +25,24 @@ def places(kind: Kind, count: int, **options: Any) -> Floats:
     assert [table["name"] for table in tables] == [f"follower-{i + 1}" for i in range(count)]
     stations = [table["station"] for table in tables]
     return np.array([[s["behind_m"], s["port_m"], s["depth_m"]] for s in stations])
+
+
+def test_a_shape_without_further_keys_is_ten_metres_wide_behind_and_deep() -> None:
+    """As `docs/scenario.md` lists its defaults: spacing, distance and depth of 10 m, layers of
+    1 m.
+    """
+    expected = [(10.0, -5.0, 10.0), (10.0, 5.0, 11.0)]
+    np.testing.assert_allclose(sorted(map(tuple, places("line", 2))), expected)
+
+
+@pytest.mark.parametrize("key", ["behind_m", "port_m"])
+def test_a_station_is_within_a_kilometre(key: str) -> None:
+    table = {"behind_m": 10.0, "port_m": 0.0, "depth_m": 10.0}
+    for distance in (-1000.0, 1000.0):
+        assert getattr(Station.model_validate(table | {key: distance}), key) == distance
+    for distance in (-1000.1, 1000.1):
+        with pytest.raises(ValidationError, match=r"equal to -?1000"):
+            Station.model_validate(table | {key: distance})
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from itertools import groupby
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -124,6 +124,8 @@ def test_pings_leave_from_where_the_transmitter_is_in_its_slot():
 
 
 @given(upper=st.floats(0, 60), lower=st.floats(0, 60))
+@example(upper=40.0, lower=40.0)
+@example(upper=20.0005, lower=20.0)
 def test_mean_slowness_of_a_linear_profile(upper, lower):
     sound = SoundProfile.through([[0.0, 1450.0], [50.0, 1520.0]])
     c1, c2 = (1450.0 + 1.4 * min(d, 50.0) for d in (upper, lower))

@@ -12,6 +12,7 @@ from reports.bound import noise_of
 from sim.flight import FlightRecord
 from sim.scenario.parts import SensingSettings
 from sim.scenario.settings import Scenario
+from sim.sensing.sensors import errors_of, read_heading, read_leader_heading
 
 THREE = {
     "motion": "kinematic",
@@ -66,6 +67,23 @@ def test_a_campaign_has_the_errors_of_its_follower(
         noise = noise_of(SensingSettings.of(scenario), scenario.navigation)
         sigmas.append(noise.speed_sigma)
     assert sigmas == [0.7, 0.2]
+
+
+def test_a_bound_counts_compasses_by_the_scatter_of_their_readings() -> None:
+    """The random part adds to the bias whatever its sign, so that it scatters less than its
+    normals.
+    """
+    changes = {"sensors.heading_sigma_deg": 2.0, "sensors.leader_heading_sigma_deg": 3.0}
+    scenario = laisn_sim.load("T5", changes)
+    sensing = SensingSettings.of(scenario)
+    errors = errors_of(sensing, 0)
+    noise = noise_of(sensing, scenario.navigation)
+    normals = np.random.default_rng(3).standard_normal((2, 200_000))
+    own = read_heading(errors, 1.0, tuple(normals))
+    leader = read_leader_heading(errors, 1.0, tuple(normals))
+    assert noise.heading_sigma == pytest.approx(own.std(), rel=0.01)
+    assert noise.leader_heading_sigma == pytest.approx(leader.std(), rel=0.01)
+    assert leader.std() / own.std() == pytest.approx(1.5)
 
 
 def test_files_hold_the_keys_of_one_follower(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """What is heard by range, against published figures, and pings at the end of messages."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -87,3 +88,12 @@ def test_pings_at_the_end_of_a_message_show_where_the_ends_then_are() -> None:
     change = (ranges["end"][:n] - ranges["start"][:n])[:, 0]
     assert_allclose(change, -0.3, atol=2e-3)
     assert np.isfinite(ranges["end"]).all()
+
+
+def test_without_scatter_all_is_heard_up_to_the_range_of_no_excess_and_nothing_beyond() -> None:
+    """10 · 2 dB of spreading and 0.25 dB/m leave nothing of 45 dB at 100 m, without rounding."""
+    equation = SimpleNamespace(
+        sonar_margin=45.0, sonar_spreading=10.0, sonar_absorption=0.25, sonar_scatter=0.0
+    )
+    heard = [hearing_probability(equation, distance) for distance in (99.9, 100.0, 100.1)]
+    assert heard == [1.0, 1.0, 0.0]

@@ -100,3 +100,12 @@ def test_motions_of_the_record_are_those_of_this_code() -> None:
     }
     for name, finding in motions.items():
         assert finding.value == pytest.approx(RECORDED[name].value, rel=1e-6), name
+
+
+@pytest.mark.system
+def test_vehicles_of_the_record_are_those_of_this_code() -> None:
+    """The BlueROV2 at full thrust, and how the shipped vehicles keep routes and stations."""
+    vehicles = hull_trials._vehicles()
+    assert len(vehicles) > 30
+    for name, finding in vehicles.items():
+        assert finding.value == pytest.approx(RECORDED[name].value, rel=1e-6), name

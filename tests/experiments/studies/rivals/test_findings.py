@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from experiments.flight.library import load_scenario
 from experiments.studies.rivals import figures, findings
 from experiments.study.file import built_in, study_of
 from experiments.study.plan import StudyPlan, plan_of
 from experiments.study.run import Cells
-from laisn.navigators import NAVIGATORS
+from laisn.navigators import NAVIGATORS, find
 from reports.findings import read_findings, record
 from reports.page import page_of, render
+from sim.scenario.settings import Scenario
 from tests.experiments.study.cells import cells_of
 from tests.golden import require_golden
 
@@ -222,3 +224,23 @@ def test_the_page_is_made_without_what_was_left_out(tmp_path: Path) -> None:
     page = render(page_of("experiments.studies.rivals", facts, values, kept))
     assert page.count("factor graph") == 1
     assert "the best rival, inverted USBL" in page
+
+
+@pytest.mark.system
+def test_every_navigator_that_is_installed_has_a_time_of_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of a point mission as long as asked for, whose navigator has the arm's settings."""
+    flown = []
+
+    def load(name: str, assignments: list[str]) -> Scenario:
+        scenario = load_scenario(name, assignments)
+        flown.append((scenario.motion, scenario.duration_s, scenario.navigation.variant))
+        return scenario
+
+    monkeypatch.setattr(findings, "load_scenario", load)
+    arms = [arm for arm in findings._CLOSED["arm"] if not find(arm["navigation.variant"]).missing]
+    times = findings.step_times_us(2.0, 1)
+    assert [*times] == [arm["name"] for arm in arms]
+    assert flown == [("kinematic", 2.0, arm["navigation.variant"]) for arm in arms]
+    assert min(times.values()) > 0.0
