@@ -364,11 +364,7 @@ def score_all(
                 f"estimates of {run.mission}, seed {run.seed}, {run.follower} are given twice"
             )
         scores[run] = score_run(run, truth_of(folder, run), track)
-    empty = Track(np.empty(0), np.empty((0, 2)), np.empty((0, 3)))
-    for run in expected:
-        if run not in scores:
-            scores[run] = score_run(run, truth_of(folder, run), empty)
-    return [scores[run] for run in expected]
+    return [scores.get(run, RunScore(run=run)) for run in expected]
 
 
 def by_mission(scores: Sequence[RunScore]) -> list[MissionScore]:
