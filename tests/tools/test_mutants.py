@@ -26,14 +26,25 @@ EQUIVALENT = Path("tools/mutants/equivalent.toml")
     ],
 )
 def test_the_covering_a_source_are_those_of_its_name_and_room(file: str, first: str) -> None:
-    chosen = covering(file)
-    assert chosen[0] == first
-    assert {test.rpartition("/")[0] for test in chosen} == {first.rpartition("/")[0]}
+    home, elsewhere = covering(file)
+    assert home[0] == first
+    assert {test.rpartition("/")[0] for test in home} == {first.rpartition("/")[0]}
+    assert not {*home} & {*elsewhere}
 
 
 def test_a_source_without_a_test_of_its_name_has_those_that_import_it_through_others() -> None:
     assert distances()["tests/sim/scenario/test_file.py"]["sim.scenario.navigation"] > 1
-    assert "tests/sim/scenario/test_file.py" in covering("sim/scenario/navigation.py")
+    assert "tests/sim/scenario/test_file.py" in covering("sim/scenario/navigation.py").home
+
+
+@pytest.mark.system
+def test_what_is_tested_in_another_folder_is_covered_there() -> None:
+    """What followers sensed nearby by what the summary tells of it, tables of errors by the
+    functions of the public interface that return them.
+    """
+    summary = "tests/reports/test_summary_events.py"
+    assert summary in covering("sim/sensing/proximity.py").elsewhere
+    assert "tests/laisn_sim/test_laisn_sim.py" in covering("reports/tables.py").elsewhere
 
 
 def test_what_tests_share_counts_as_theirs() -> None:

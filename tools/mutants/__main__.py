@@ -167,7 +167,8 @@ def main() -> None:
             test
             for mutants, _ in drawn_mutants.values()
             for m in mutants
-            for test in covering(str(m.module_path))
+            for tests_of_place in covering(str(m.module_path))
+            for test in tests_of_place
         }
     )
     results = {}

@@ -2,9 +2,10 @@
 sources.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 from tools import import_graph
 from tools.import_graph import ROOT
@@ -46,30 +47,47 @@ def distances() -> dict[str, dict[str, int]]:
     return distance_of
 
 
-def covering(file: str) -> list[str]:
-    """The test files that cover a source, the one of its name and the nearest first.
+class Covering(NamedTuple):
+    """The test files that cover a source."""
 
-    They are those of its own folder, or else of its package, that have its name, or import it
-    themselves or by one module more than the nearest of them does; where there are none, those of
-    any folder that are as near as any.
+    home: list[str]
+    """Those of its own folder, or else of its package, that have its name, or import it themselves
+    or by one module more than the nearest of them does.
+    """
+    elsewhere: list[str]
+    """Those of other folders that are as near as any of them; nearly all that is not tested at home
+    is tested there.
+    """
+
+
+def covering(file: str) -> Covering:
+    """The test files that cover a source, in each list the one of its name and the nearest
+    first.
     """
     module = file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
-    homes = Path(file).parent.name, import_graph.package_of(module).rpartition(".")[2]
-    reach = {test: reached[module] for test, reached in distances().items() if module in reached}
-    at_home = (
-        {
-            t: n
-            for t, n in reach.items()
-            if Path(t).parent.name == home or Path(t).stem == f"test_{home}"
-        }
-        for home in homes
-    )
-    contexts = next(filter(None, at_home), {})
-    smallest = min((contexts or reach).values(), default=0)
     name = f"test_{Path(file).stem}"
-    nearest = {
+    reach = {test: reached[module] for test, reached in distances().items() if module in reached}
+    tests_of_folder = _of_folder(reach, Path(file).parent.name)
+    at_home = tests_of_folder or _of_folder(
+        reach, import_graph.package_of(module).rpartition(".")[2]
+    )
+    # one import more is allowed at home
+    most_at_home = min(at_home.values(), default=0) + 1
+    home = {test for test, n in at_home.items() if n <= most_at_home or Path(test).stem == name}
+    others = {test: n for test, n in reach.items() if test not in home}
+    most_elsewhere = min(others.values(), default=0)
+    elsewhere = {test for test, n in others.items() if n <= most_elsewhere}
+
+    def rank(test: str) -> tuple[bool, int, str]:
+        return Path(test).stem != name, reach[test], test
+
+    return Covering(sorted(home, key=rank), sorted(elsewhere, key=rank))
+
+
+def _of_folder(reach: Mapping[str, int], folder: str) -> dict[str, int]:
+    """Tests in a folder of this name, or with its name."""
+    return {
         test: n
-        for test, n in (contexts or reach).items()
-        if n <= smallest + bool(contexts) or Path(test).stem == name
+        for test, n in reach.items()
+        if Path(test).parent.name == folder or Path(test).stem == f"test_{folder}"
     }
-    return sorted(nearest, key=lambda test: (Path(test).stem != name, nearest[test], test))

@@ -143,12 +143,13 @@ def time_of(test: str) -> float:
 
 
 def attempt(mutant: MutationSpec, times: Mapping[str, float]) -> Tried:
-    """Test a mutant by the tests that cover it, the quickest first; `took` is the time of each
-    without mutants [s].
+    """Test a mutant by the tests that cover it, those of its own folder first, and of these the
+    quickest; `times` are of each without mutants [s].
     """
     file = str(mutant.module_path)
     location = f"{mutant.module_path}:{mutant.start_pos[0]}"
-    tests = sorted(covering(file), key=times.__getitem__)
+    home, elsewhere = covering(file)
+    tests = [*sorted(home, key=times.__getitem__), *sorted(elsewhere, key=times.__getitem__)]
     timeout = MIN_TIMEOUT_S + TIMEOUT_RATIO * sum(times[test] for test in tests)
     # without a test it survives; pytest without a file would run all tests
     result = mutate_and_test([mutant], pytest_command(tests) if tests else "true", timeout)
