@@ -12,6 +12,7 @@ from tools.import_graph import ROOT
 
 SOURCES = (*import_graph.PACKAGES, "tools")
 """Packages whose sources are changed."""
+_MOST_ELSEWHERE = 20
 
 
 def names_imported_by(test: Path) -> Iterator[str]:
@@ -55,8 +56,8 @@ class Covering(NamedTuple):
     or by one module more than the nearest of them does.
     """
     elsewhere: list[str]
-    """Those of other folders that are as near as any of them; nearly all that is not tested at home
-    is tested there.
+    """Those of other folders that are as near as any of them; none if these are many, since the
+    tests of what everything imports take an hour.
     """
 
 
@@ -77,6 +78,8 @@ def covering(file: str) -> Covering:
     others = {test: n for test, n in reach.items() if test not in home}
     most_elsewhere = min(others.values(), default=0)
     elsewhere = {test for test, n in others.items() if n <= most_elsewhere}
+    if home and len(elsewhere) > _MOST_ELSEWHERE:
+        elsewhere = set()
 
     def rank(test: str) -> tuple[bool, int, str]:
         return Path(test).stem != name, reach[test], test
