@@ -116,6 +116,18 @@ def _emit_load(_: object, held: types.Type) -> Any:
     return held.values(held), generate
 
 
+def _emit_borrowed(_: object, values: types.Type) -> Any:
+    def generate(
+        context: "BaseContext",
+        builder: "IRBuilder",
+        signature: "Signature",
+        args: Sequence["Value"],
+    ) -> "Value":
+        return _borrowed(context, builder, signature.return_type, args[0])
+
+    return values(values), generate
+
+
 def _emit_release(_: object, held: HeldType) -> Any:
     def generate(
         context: "BaseContext",
@@ -136,6 +148,10 @@ _store: Any = cast(Any, intrinsic(_emit_store))
 held_values: Any = cast(Any, intrinsic(_emit_load))
 """The values that a `Held` holds, which must not outlive it: counting references to its arrays
 would take some 5 % of a mission. To be called from compiled code only.
+"""
+borrowed_values: Any = cast(Any, intrinsic(_emit_borrowed))
+"""The same values, whose arrays count no references: for the arguments of a call, which those of
+its caller keep in memory. To be called from compiled code only.
 """
 _release: Any = cast(Any, intrinsic(_emit_release))
 

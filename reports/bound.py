@@ -171,7 +171,11 @@ class _Broadcasts:
             self._pings[step] = np.array(
                 [
                     acoustics.site_at(
-                        self._sound, self._vehicle_motion, 0, offset, first + i * self._sound.slot
+                        self._sound.on_grid,
+                        self._vehicle_motion,
+                        0,
+                        offset,
+                        first + i * self._sound.slot,
                     )
                     for i, offset in enumerate(self._offsets)
                 ]

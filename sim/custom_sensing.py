@@ -39,7 +39,7 @@ def _sources(hearing: Hearing | None, receiver: int, k: int) -> Floats:
     leaves = hearing.inbox.last_sent[receiver] * s.dt + s.sound.slot * np.arange(3)
     motion = Motion(hearing.motion, 0.0, k)
     for i, (site, time) in enumerate(zip(hearing.sites.transmitters, leaves, strict=True)):
-        source[0, i] = site_at(s.sound, motion, 0, site, time)
+        source[0, i] = site_at(s.sound.on_grid, motion, 0, site, time)
     return source
 
 

@@ -379,7 +379,7 @@ class AnswerReceiver(Receiver):
         )
         e = s.errors[i]
         observation.true_reception(s, e, sender, step, pings, content, true)
-        east, north, _ = site_at(s.sound, motion, 0, (0.0, 0.0, 0.0), answer.leaves)
+        east, north, _ = site_at(s.sound.on_grid, motion, 0, (0.0, 0.0, 0.0), answer.leaves)
         content[TIME] = answer.leaves
         content[EAST] = east
         content[NORTH] = north

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.compiled import jitable
+from laisn.compiled import formula, jitable
 from sim.attitude import Vector, body_point_in_world
 from sim.scenario.parts import SensingSettings
 from sim.scenario.settings import CONTROL_STEP_S
@@ -127,16 +127,33 @@ Pings = tuple[Ping, Ping, Ping]
 NO_PINGS = (((0.0, 0.0, 0.0), (NO_ARRIVAL, NO_ARRIVAL, NO_ARRIVAL)),) * 3
 
 
-@jitable
-def site_at(s: Sound, motion: Motion, vehicle: int, offset: Vector | Floats, time: float) -> Vector:
+@formula
+def site_at(
+    on_grid: bool, motion: Motion, vehicle: int, offset: Vector | Floats, time: float
+) -> Vector:
     """East, north and up of a site at a time that is known; at a later one, where it is last
     known [m].
+
+    `on_grid` is as of `Sound`: to hand over the whole of that takes longer than the rest.
     """
-    index = min(max((time - motion.begin) / CONTROL_STEP_S, 0.0), float(motion.last))
+    if on_grid:
+        i = round(_index_at(motion.begin, motion.last, time))
+        return body_point_in_world(row(motion.truth.pose, i, vehicle), offset)  # type: ignore[no-any-return]
+    return _site_between(motion, vehicle, offset, time)
+
+
+@jitable
+def _index_at(begin: float, last: int, time: float) -> float:
+    """Index of the instant at a time, with a fraction between two of them."""
+    return min(max((time - begin) / CONTROL_STEP_S, 0.0), float(last))
+
+
+@jitable
+def _site_between(motion: Motion, vehicle: int, offset: Vector | Floats, time: float) -> Vector:
+    """`site_at` a time between two instants."""
+    index = _index_at(motion.begin, motion.last, time)
     pose = motion.truth.pose
     twist = motion.truth.twist
-    if s.on_grid:
-        return body_point_in_world(row(pose, round(index), vehicle), offset)  # type: ignore[no-any-return]
     i = min(int(index), motion.last - 1)
     ends = row(pose, i, vehicle), row(pose, i + 1, vehicle)
     velocity = row(twist, i, vehicle), row(twist, i + 1, vehicle)
@@ -148,11 +165,9 @@ def _arrive(
     s: Sound, motion: Motion, listener: Listener, path: int, leaves: float, source: Vector
 ) -> Arrival:
     """How a ping arrives by one `Path` at a vehicle's hydrophone."""
-    if not s.paths[path]:
-        return NO_ARRIVAL
     vehicle = listener.vehicle
     hydrophone = listener.hydrophone
-    arrival_point = site_at(s, motion, vehicle, hydrophone, leaves)
+    arrival_point = site_at(s.on_grid, motion, vehicle, hydrophone, leaves)
     apparent = s.rays.apparent_source(path, source, arrival_point)
     time = leaves
     ratio = s.ratio
@@ -167,7 +182,7 @@ def _arrive(
             if arrives == time:
                 break
             time = arrives
-            arrival_point = site_at(s, motion, vehicle, hydrophone, arrives)
+            arrival_point = site_at(s.on_grid, motion, vehicle, hydrophone, arrives)
             apparent = s.rays.apparent_source(path, source, arrival_point)
     if s.rays.varies:
         slowness = s.rays.slowness(path, source, arrival_point)
@@ -192,10 +207,14 @@ def _arrive(
 def _follow_ping(
     s: Sound, motion: Motion, transmitter: Any, listener: Listener, leaves: float
 ) -> Ping:
-    source = site_at(s, motion, 0, transmitter, leaves)
+    source = site_at(s.on_grid, motion, 0, transmitter, leaves)
     direct = _arrive(s, motion, listener, _DIRECT, leaves, source)
-    surface = _arrive(s, motion, listener, _SURFACE, leaves, source)
-    bottom = _arrive(s, motion, listener, _BOTTOM, leaves, source)
+    surface = NO_ARRIVAL
+    if s.paths[_SURFACE]:
+        surface = _arrive(s, motion, listener, _SURFACE, leaves, source)
+    bottom = NO_ARRIVAL
+    if s.paths[_BOTTOM]:
+        bottom = _arrive(s, motion, listener, _BOTTOM, leaves, source)
     return source, (direct, surface, bottom)
 
 

@@ -14,7 +14,7 @@ from numba.extending import overload
 
 from laisn.arrays import Floats, Records, records
 from laisn.compiled import compiled, compiled_apart, jitable
-from laisn.held import Held, held_values
+from laisn.held import Held, borrowed_values, held_values
 from laisn.nesting import NestedLibrary
 
 pytestmark = pytest.mark.system
@@ -54,6 +54,29 @@ def test_held_values_are_those_of_python() -> None:
     assert _count(2, held) == 8.0
     assert outer.points[1].y == 4.0
     assert outer.pair[0].tolist() == [6.0, 0.0]
+
+
+@compiled
+def _count_borrowed(k: int, outer: Outer) -> float:
+    values = borrowed_values(outer)
+    values.points[1].y += k
+    values.pair[0][0] += values.inner.factor
+    return values.inner.numbers[k] if values.pair[1] else -1.0
+
+
+def test_borrowed_values_are_those_of_the_caller_who_keeps_them() -> None:
+    outer = outer_of()
+    arrays = (outer.inner.numbers, outer.points, outer.pair[0])
+    before = [sys.getrefcount(array) for array in arrays]
+    for _ in range(3):
+        assert _count_borrowed(2, outer) == 2.0
+    assert [sys.getrefcount(array) for array in arrays] == before
+    assert outer.points[1].y == 6.0
+    assert outer.pair[0].tolist() == [9.0, 0.0]
+    del arrays
+    again = _count_borrowed(3, outer_of())
+    gc.collect()
+    assert again == 3.0
 
 
 def test_held_arrays_live_as_long_as_they_are_held() -> None:
