@@ -64,12 +64,13 @@ def covering(file: str) -> list[str]:
         }
         for home in homes
     )
-    contexts = next(filter(None, at_home), {})
-    smallest = min((contexts or reach).values(), default=0)
+    tests_at_home = next(filter(None, at_home), {})
+    smallest = min((tests_at_home or reach).values(), default=0)
     name = f"test_{Path(file).stem}"
+    # at home one import more than the nearest test's is allowed
     nearest = {
         test: n
-        for test, n in (contexts or reach).items()
-        if n <= smallest + bool(contexts) or Path(test).stem == name
+        for test, n in (tests_at_home or reach).items()
+        if n <= smallest + bool(tests_at_home) or Path(test).stem == name
     }
     return sorted(nearest, key=lambda test: (Path(test).stem != name, nearest[test], test))
