@@ -9,7 +9,9 @@ times, distances = [], []
 
 
 def watch(block):
-    """Keep the distance of follower and leader."""
+    """Keep the distance of follower and leader: `block.truth.pose` has an instant in each row, then
+    a row for each vehicle, the leader first, of x, y, z [m] and a quaternion.
+    """
     leader, follower = np.moveaxis(block.truth.pose[:, :2, :3], 1, 0)
     times.extend(block.time)
     distances.extend(np.linalg.norm(follower - leader, axis=1))

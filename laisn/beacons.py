@@ -34,13 +34,15 @@ from laisn.navigators import OnlineNavigator
 from laisn.settings import BeaconSettings as BeaconSettings
 from laisn.settings import WaterBeaconSettings
 
-X, Y, SPEED, HEADING, GYRO, SCALE, EAST, NORTH = range(8)
+X, Y, SPEED_SCALE, HEADING_ERROR, GYRO_BIAS, RANGE_SCALE, CURRENT_EAST, CURRENT_NORTH = range(8)
+"""Indices of the states x, y, b_s, b_θ, b_ω, g and c, east and north."""
 SHARED = 8
-"""Number of states that all beacons share, which have these indices."""
-AT_REST = 3
-MOVING = 5
+"""Number of these states, which all beacons share; those of each beacon follow."""
+STATES_AT_REST = 3
+STATES_MOVING = 5
 """Number of states of a beacon at rest, and of one that moves by odometry of its own."""
-_OFFSET, _PLACE_EAST, _PLACE_NORTH, _TURN, _TURN_RATE = range(MOVING)
+# indices of d_i, δ_i east and north, ψ_i and ψ̇_i, counted from the beacon's first state
+_OFFSET, _PLACE_EAST, _PLACE_NORTH, _TURN, _TURN_RATE = range(STATES_MOVING)
 
 MAX_COMPONENTS = 256
 CAPACITY = 4 * MAX_COMPONENTS
@@ -63,7 +65,8 @@ class BeaconBelief(NamedTuple):
     weight: Floats  # shape (CAPACITY,); sum 1 over those alive
     outcome: Records  # whether it used the last range: field `used`, shape (CAPACITY,)
     states: int
-    n_hypotheses: Ints  # number of components, shape (1,)
+    # number of hypotheses, of one component each, shape (1,); `laisn.mixture` reads this name
+    n_hypotheses: Ints
     evidence: Floats  # logarithm of the probability density of all ranges so far, shape (1,)
     prior_variance: Floats  # variances of the states before the mission, shape (n,)
     first: Ints  # index of each beacon's first state, shape (B,)
@@ -87,35 +90,43 @@ def predict(
     for k in range(b.n_hypotheses[0]):
         x = b.state[k]
         P = b.covariance[k]
-        if b.prior_variance[GYRO] > 0.0:
-            x[HEADING] += time * x[GYRO]
+        if b.prior_variance[GYRO_BIAS] > 0.0:
+            x[HEADING_ERROR] += time * x[GYRO_BIAS]
             for j in range(n):
-                P[HEADING, j] += time * P[GYRO, j]
+                P[HEADING_ERROR, j] += time * P[GYRO_BIAS, j]
             for j in range(n):
-                P[j, HEADING] += time * P[j, GYRO]
-            P[GYRO, GYRO] += time * _GYRO_WALK
-        distance = speed * time * math.exp(x[SPEED])
+                P[j, HEADING_ERROR] += time * P[j, GYRO_BIAS]
+            P[GYRO_BIAS, GYRO_BIAS] += time * _GYRO_WALK
+        distance = speed * time * math.exp(x[SPEED_SCALE])
         east, north = (
-            distance * math.sin(heading - x[HEADING]),
-            distance * math.cos(heading - x[HEADING]),
+            distance * math.sin(heading - x[HEADING_ERROR]),
+            distance * math.cos(heading - x[HEADING_ERROR]),
         )
-        x[X] += east + time * x[EAST]
-        x[Y] += north + time * x[NORTH]
+        x[X] += east + time * x[CURRENT_EAST]
+        x[Y] += north + time * x[CURRENT_NORTH]
         for j in range(n):
-            P[X, j] += east * P[SPEED, j] - north * P[HEADING, j] + time * P[EAST, j]
-            P[Y, j] += north * P[SPEED, j] + east * P[HEADING, j] + time * P[NORTH, j]
+            P[X, j] += (
+                east * P[SPEED_SCALE, j] - north * P[HEADING_ERROR, j] + time * P[CURRENT_EAST, j]
+            )
+            P[Y, j] += (
+                north * P[SPEED_SCALE, j] + east * P[HEADING_ERROR, j] + time * P[CURRENT_NORTH, j]
+            )
         for j in range(n):
-            P[j, X] += east * P[j, SPEED] - north * P[j, HEADING] + time * P[j, EAST]
-            P[j, Y] += north * P[j, SPEED] + east * P[j, HEADING] + time * P[j, NORTH]
+            P[j, X] += (
+                east * P[j, SPEED_SCALE] - north * P[j, HEADING_ERROR] + time * P[j, CURRENT_EAST]
+            )
+            P[j, Y] += (
+                north * P[j, SPEED_SCALE] + east * P[j, HEADING_ERROR] + time * P[j, CURRENT_NORTH]
+            )
         P[Y, X] = P[X, Y]
         P[X, X] += slip * slip * time
         P[Y, Y] += slip * slip * time
-        P[HEADING, HEADING] += heading_walk * heading_walk * time
-        if b.prior_variance[SPEED] > 0.0:
-            P[SPEED, SPEED] += _SPEED_WALK * time
-        if b.prior_variance[EAST] > 0.0:
-            P[EAST, EAST] += _CURRENT_WALK * time
-            P[NORTH, NORTH] += _CURRENT_WALK * time
+        P[HEADING_ERROR, HEADING_ERROR] += heading_walk * heading_walk * time
+        if b.prior_variance[SPEED_SCALE] > 0.0:
+            P[SPEED_SCALE, SPEED_SCALE] += _SPEED_WALK * time
+        if b.prior_variance[CURRENT_EAST] > 0.0:
+            P[CURRENT_EAST, CURRENT_EAST] += _CURRENT_WALK * time
+            P[CURRENT_NORTH, CURRENT_NORTH] += _CURRENT_WALK * time
 
 
 @compiled
@@ -193,14 +204,14 @@ def moments(b: BeaconBelief, speed: float, heading: float) -> tuple[Floats, Floa
         north += b.weight[k] * b.state[k, Y]
     for k in range(b.n_hypotheses[0]):
         x = b.state[k]
-        s = speed * np.exp(x[SPEED])
-        vx, vy = s * np.sin(heading - x[HEADING]), s * np.cos(heading - x[HEADING])
-        rows[0, X] = rows[1, Y] = rows[2, EAST] = rows[3, NORTH] = 1.0
-        rows[2, SPEED] = vx
-        rows[2, HEADING] = -vy
-        rows[3, SPEED] = vy
-        rows[3, HEADING] = vx
-        centred = (x[X] - east, x[Y] - north, vx + x[EAST], vy + x[NORTH])
+        s = speed * np.exp(x[SPEED_SCALE])
+        vx, vy = s * np.sin(heading - x[HEADING_ERROR]), s * np.cos(heading - x[HEADING_ERROR])
+        rows[0, X] = rows[1, Y] = rows[2, CURRENT_EAST] = rows[3, CURRENT_NORTH] = 1.0
+        rows[2, SPEED_SCALE] = vx
+        rows[2, HEADING_ERROR] = -vy
+        rows[3, SPEED_SCALE] = vy
+        rows[3, HEADING_ERROR] = vx
+        centred = (x[X] - east, x[Y] - north, vx + x[CURRENT_EAST], vy + x[CURRENT_NORTH])
         mixture.add_moments(mean, covariance, b.weight[k], centred, rows, b.covariance[k])
     mixture.centre_moments(mean, covariance)
     mean[X], mean[Y] = mean[X] + east, mean[Y] + north
@@ -242,31 +253,33 @@ def predict_range(b: BeaconBelief, k: int, z: RangeMeasurement) -> tuple[float, 
     x = b.state[k]
     P = b.covariance[k]
     n = b.states
-    offset = b.first[z.beacon]
-    dx, dy = x[X] - z.east - x[offset + 1], x[Y] - z.north - x[offset + 2]
+    offset = b.first[z.beacon] + _OFFSET
+    place_east = b.first[z.beacon] + _PLACE_EAST
+    place_north = b.first[z.beacon] + _PLACE_NORTH
+    dx, dy = x[X] - z.east - x[place_east], x[Y] - z.north - x[place_north]
     distance = max(
         math.sqrt(dx * dx + dy * dy + z.depth_difference * z.depth_difference), _MIN_DISTANCE
     )
     flat = max(math.sqrt(dx * dx + dy * dy), _MIN_DISTANCE)
-    scale = 1.0 + x[SCALE]
+    scale = 1.0 + x[RANGE_SCALE]
     hx, hy = scale * dx / distance, scale * dy / distance
     for j in range(n):
         b.gain[j] = (
-            hx * (P[j, X] - P[j, offset + 1])
-            + hy * (P[j, Y] - P[j, offset + 2])
-            + distance * P[j, SCALE]
+            hx * (P[j, X] - P[j, place_east])
+            + hy * (P[j, Y] - P[j, place_north])
+            + distance * P[j, RANGE_SCALE]
             + P[j, offset]
         )
     gain = b.gain
     variance = (
-        hx * (gain[X] - gain[offset + 1])
-        + hy * (gain[Y] - gain[offset + 2])
-        + distance * gain[SCALE]
+        hx * (gain[X] - gain[place_east])
+        + hy * (gain[Y] - gain[place_north])
+        + distance * gain[RANGE_SCALE]
         + gain[offset]
     )
-    cxx = P[X, X] - 2.0 * P[X, offset + 1] + P[offset + 1, offset + 1]
-    cyy = P[Y, Y] - 2.0 * P[Y, offset + 2] + P[offset + 2, offset + 2]
-    cxy = P[X, Y] - P[X, offset + 2] - P[offset + 1, Y] + P[offset + 1, offset + 2]
+    cxx = P[X, X] - 2.0 * P[X, place_east] + P[place_east, place_east]
+    cyy = P[Y, Y] - 2.0 * P[Y, place_north] + P[place_north, place_north]
+    cxy = P[X, Y] - P[X, place_north] - P[place_east, Y] + P[place_east, place_north]
     per = scale / distance
     fxx = per * (1.0 - dx * dx / distance**2)
     fyy = per * (1.0 - dy * dy / distance**2)
@@ -321,13 +334,16 @@ def _split_component(b: BeaconBelief, k: int, z: RangeMeasurement) -> None:
     P = b.covariance[k]
     n = b.states
     column = b.gain
-    offset = b.first[z.beacon]
-    dx, dy = x[X] - z.east - x[offset + 1], x[Y] - z.north - x[offset + 2]
+    place_east = b.first[z.beacon] + _PLACE_EAST
+    place_north = b.first[z.beacon] + _PLACE_NORTH
+    dx, dy = x[X] - z.east - x[place_east], x[Y] - z.north - x[place_north]
     flat = math.sqrt(dx * dx + dy * dy)
     tx, ty = -dy / flat, dx / flat
     for j in range(n):
-        column[j] = tx * (P[j, X] - P[j, offset + 1]) + ty * (P[j, Y] - P[j, offset + 2])
-    sigma = math.sqrt(tx * (column[X] - column[offset + 1]) + ty * (column[Y] - column[offset + 2]))
+        column[j] = tx * (P[j, X] - P[j, place_east]) + ty * (P[j, Y] - P[j, place_north])
+    sigma = math.sqrt(
+        tx * (column[X] - column[place_east]) + ty * (column[Y] - column[place_north])
+    )
     for j in range(n):
         column[j] /= sigma
     for i in range(n):
@@ -382,7 +398,7 @@ def add_ring(b: BeaconBelief, z: RangeMeasurement, weight: float, lost: bool) ->
     If lost, other states are those of the heaviest component, but for the heading's variance;
     otherwise all are fresh.
     """
-    offset = b.first[z.beacon]
+    first = b.first[z.beacon]
     if b.n_hypotheses[0] + BEARINGS >= CAPACITY:
         return
     distance = max(
@@ -391,9 +407,9 @@ def add_ring(b: BeaconBelief, z: RangeMeasurement, weight: float, lost: bool) ->
     # wide beside all errors of a range, the update with which follows
     radial_variance = 4.0 * (
         b.variance[z.beacon]
-        + b.prior_variance[offset]
-        + b.prior_variance[offset + 1]
-        + b.prior_variance[SCALE] * distance * distance
+        + b.prior_variance[first + _OFFSET]
+        + b.prior_variance[first + _PLACE_EAST]
+        + b.prior_variance[RANGE_SCALE] * distance * distance
     )
     for i in range(BEARINGS):
         k = b.n_hypotheses[0]
@@ -403,7 +419,7 @@ def add_ring(b: BeaconBelief, z: RangeMeasurement, weight: float, lost: bool) ->
             mixture.copy_component(b, 0, k)
             for j in range(b.states):
                 P[X, j] = P[Y, j] = P[j, X] = P[j, Y] = 0.0
-            P[HEADING, HEADING] += b.prior_variance[HEADING]
+            P[HEADING_ERROR, HEADING_ERROR] += b.prior_variance[HEADING_ERROR]
         else:
             mixture.reset_component(b, k, b.prior_variance)
         mixture.place_on_ring(
@@ -506,7 +522,7 @@ def _allocate(s: BeaconSettings, moving: Bools) -> BeaconBelief:
     prior_variance = _variances(s, moving)
     n = prior_variance.size
     beacons = moving.size
-    counts = np.where(moving, MOVING, AT_REST)
+    counts = np.where(moving, STATES_MOVING, STATES_AT_REST)
     return BeaconBelief(
         state=np.zeros((CAPACITY, n)),
         covariance=np.zeros((CAPACITY, n, n)),
@@ -539,7 +555,7 @@ def with_beacon(
 ) -> BeaconBelief:
     """BeaconBelief with fresh states of one more beacon, which may move by odometry of its own."""
     counts = np.diff(belief.first, append=belief.states)
-    extended = _allocate(settings, np.append(counts == MOVING, moves))
+    extended = _allocate(settings, np.append(counts == STATES_MOVING, moves))
     states = belief.states
     # what is not alive stays untouched, and takes no memory
     alive = slice(int(belief.n_hypotheses[0]))

@@ -33,7 +33,7 @@ ESTIMATE = np.dtype(
             np.float64,
         ),  # largest standard deviation of the position at the last message [m]
         # where the position is ambiguous: from the mean to the likelier hypothesis [m]
-        ("offset_to_map", np.float64, 2),
+        ("offset_to_likelier", np.float64, 2),
     ]
 )
 """Estimate of one follower; a navigator without such states leaves their fields at zero."""

@@ -9,7 +9,9 @@ from laisn.errors import LaisnError
 
 
 def arrow_table(path: Path) -> Any:
-    """The `pyarrow.Table` in a file of `write_table`; LaisnError if the file is damaged."""
+    """The `pyarrow.Table` in a file that `write_table` of `experiments.campaign.store` wrote;
+    LaisnError if the file is damaged.
+    """
     try:
         # in this thread: one of Arrow's own that still reads when the process ends would abort it
         return pq.ParquetFile(path, page_checksum_verification=True).read(use_threads=False)

@@ -278,7 +278,7 @@ def _true_estimate(
     estimate.log_bias = estimate.compass_bias = estimate.position_sigma = 0.0
     estimate.position[0], estimate.position[1], _ = body_point_in_world(pose, hydrophone)
     for i in range(2):
-        estimate.velocity[i] = estimate.offset_to_map[i] = 0.0
+        estimate.velocity[i] = estimate.offset_to_likelier[i] = 0.0
         estimate.current[i] = guidance.current[i]
 
 

@@ -166,9 +166,11 @@ class CustomControl:
         return [i for i in self._controllers if not self._routes.outside[i]]
 
     def command(
-        self, k: int, i: int, readings: Readings, senses: steering.Senses, memory: Record
+        self, k: int, i: int, readings: Readings, senses: steering.Senses, follower_memory: Record
     ) -> None:
-        """Write the command of vehicle i from instant k on; `memory` is of FOLLOWER_MEMORY."""
+        """Write the command of vehicle i from instant k on; `follower_memory` is of
+        FOLLOWER_MEMORY.
+        """
         estimate = senses.estimate
         controller = self._controllers[i]
         kind = type(controller).__name__
@@ -177,16 +179,21 @@ class CustomControl:
         origin = f" (class {kind}, at {readings.time:g} s)"
         subject = f"controller of {self._names[i]} returned"
         require_command(answer, self._effectors[i], subject, origin)
-        motion = steering.measured_motion(senses.reading, estimate, CONTROL_STEP_S, memory)
-        command = self._routes.command[i]
-        autopilot = self._routes.autopilot[i]
+        motion = steering.measured_motion(senses.reading, estimate, CONTROL_STEP_S, follower_memory)
+        effector_command = self._routes.command[i]
         if isinstance(answer, Wrench):
-            autopilot.wrench[:] = answer
+            autopilot_design = self._routes.autopilots[i]
+            autopilot_memory = self._routes.autopilot[i]
+            autopilot_memory.wrench[:] = answer
             apply_wrench(
-                self._routes.kinds, self._routes.autopilots[i], motion.surge, autopilot, command
+                self._routes.kinds,
+                autopilot_design,
+                motion.surge,
+                autopilot_memory,
+                effector_command,
             )
         elif isinstance(answer, np.ndarray):
-            command[: len(answer)] = answer
+            effector_command[: len(answer)] = answer
         else:
             self._hold(k, i, Command(*map(float, answer)), motion)
 
@@ -198,15 +205,15 @@ class CustomControl:
         if k == 0:
             begin(routes.reference[0, i], motion.heading, motion.surge, (0.0, 0.0), guidance)
         steered = limit_command(demand.heading, demand.speed, CONTROL_STEP_S, guidance)
-        autopilot = routes.autopilots[i]
-        memory = routes.autopilot[i]
+        autopilot_design = routes.autopilots[i]
+        autopilot_memory = routes.autopilot[i]
         control(
             routes.kinds,
-            autopilot,
+            autopilot_design,
             steered,
             reference,
             motion,
             CONTROL_STEP_S,
-            memory,
+            autopilot_memory,
             routes.command[i],
         )

@@ -25,7 +25,7 @@ DECIMALS = 4
 _ANGLES = ("heading", "pitch", "roll", "heading_sigma")
 _LENGTHS = ("east", "north", "depth", "position_sigma")
 OWN_COLUMNS = ("speed [m/s]", "heading_deg", "depth [m]")
-RANGES = tuple(f"range_{name} [m]" for name in Ranges._fields)
+RANGE_COLUMNS = tuple(f"range_{name} [m]" for name in Ranges._fields)
 TRUTH_COLUMNS = (
     "time [s]",
     "east [m]",
@@ -71,7 +71,7 @@ FURTHER_SENSORS = {
     for sensor in SHIPPED.values()
 }
 """Further sensors by the names of their readings."""
-LEADER = tuple(map(_leader_column, LeaderMessage._fields))
+LEADER_COLUMNS = tuple(map(_leader_column, LeaderMessage._fields))
 _IN_DEGREES = np.array([name in _ANGLES for name in LeaderMessage._fields])
 
 
@@ -132,13 +132,13 @@ def write_measurements(path: Path, measurements: Measurements) -> None:
         sensor = FURTHER_SENSORS[name]
         values_by_channel = (readings * sensor.scale).T
         columns |= {
-            header: _texts(values)
-            for header, values in zip(sensor.columns, values_by_channel, strict=True)
+            column: _texts(values)
+            for column, values in zip(sensor.columns, values_by_channel, strict=True)
         }
     message = np.where(_IN_DEGREES, np.degrees(measurements.message), measurements.message)
     received = [
-        *zip(LEADER, message.T, strict=True),
-        *zip(RANGES, measurements.ranges.T, strict=True),
+        *zip(LEADER_COLUMNS, message.T, strict=True),
+        *zip(RANGE_COLUMNS, measurements.ranges.T, strict=True),
     ]
     rows = measurements.message_step - 1
     for name, values in received:
@@ -197,12 +197,12 @@ def read_measurements(path: Path) -> Measurements:
     own_readings = require_numbers(path, columns, ("time [s]", *OWN_COLUMNS))
     n = len(own_readings)
     empty = np.full(n, np.nan)
-    message = np.column_stack([columns.get(name, empty) for name in LEADER])
-    ranges = np.column_stack([columns.get(name, empty) for name in RANGES])
+    message = np.column_stack([columns.get(name, empty) for name in LEADER_COLUMNS])
+    ranges = np.column_stack([columns.get(name, empty) for name in RANGE_COLUMNS])
     message[:, _IN_DEGREES] = np.radians(message[:, _IN_DEGREES])
     rows = np.flatnonzero(np.isfinite(message[:, 1]))
     custom = {
-        name: np.column_stack([columns[header] for header in sensor.columns]) / sensor.scale
+        name: np.column_stack([columns[column] for column in sensor.columns]) / sensor.scale
         for name, sensor in FURTHER_SENSORS.items()
         if set(sensor.columns) <= columns.keys()
     }

@@ -34,6 +34,7 @@ from laisn.vector_math import half_turn_angle, sin_cos
 # matters, and at most [m]: far away halves that wide still drift to the wrong side
 _SPLIT = 0.2
 _MAX_SPLIT_SIGMA = 1.0
+# a hypothesis reaches across the axis that is within so many of its lateral standard deviations
 _REACH = 3.5
 _MIN_WEIGHT = 1e-5
 # squared Mahalanobis distance below which two hypotheses are one
@@ -51,12 +52,15 @@ def _lateral_offset(
     `b.gain`; its variance; and the distance ℓ_c at which the axis matters: where the difference of
     both ranges has bent by 1.4 of their errors.
     """
+    # vectors, east and north: e from transmitter 1 to 2 at the broadcast heading, t that direction
+    # turned by b_L; q from the leader and o from transmitter 1 to the follower; r what the way of
+    # the follower between both pings adds to the axis
     x = b.state
     P = b.covariance
     arms = signal.arms
     gain = b.gain
-    turning = m.leader != ABSENT
-    s, c = sin_cos(x[k, m.leader] if turning else 0.0)
+    has_leader_bias = m.leader != ABSENT
+    s, c = sin_cos(x[k, m.leader] if has_leader_bias else 0.0)
     ex, ey = arms[1, 0] - arms[0, 0], arms[1, 1] - arms[0, 1]
     qx, qy = relative_position(b, m, k, signal)
     if signal.late:
@@ -69,7 +73,7 @@ def _lateral_offset(
         qy -= signal.lag[0] * vy
     length = math.sqrt(ex * ex + ey * ey)
     tx, ty = (c * ex - s * ey) / length, (s * ex + c * ey) / length
-    away_x, away_y = relative_covariance(b, m, k)
+    relative_cov_x, relative_cov_y = relative_covariance(b, m, k)
     ox, oy = qx - (c * arms[0, 0] - s * arms[0, 1]), qy - (s * arms[0, 0] + c * arms[0, 1])
     # ∇ℓ by x, y and b_L
     gx = -ty
@@ -77,15 +81,15 @@ def _lateral_offset(
     gl = -(tx * qx + ty * qy)
     # P ∇ℓ, and its variance ∇ℓᵀ P ∇ℓ
     for i in range(m.states):
-        gain[i] = away_x[i] * gx + away_y[i] * gy
-        if turning:
+        gain[i] = relative_cov_x[i] * gx + relative_cov_y[i] * gy
+        if has_leader_bias:
             gain[i] += P[k, i, m.leader] * gl
     variance = gain[X] * gx + gain[Y] * gy
     if m.leader_position != ABSENT:
         variance -= gain[m.leader_position] * gx + gain[m.leader_position + 1] * gy
     if m.leader_position_walk != ABSENT:
         variance -= gain[m.leader_position_walk] * gx + gain[m.leader_position_walk + 1] * gy
-    if turning:
+    if has_leader_bias:
         variance += gain[m.leader] * gl
     critical = math.sqrt(qx * qx + qy * qy) * math.sqrt(2.8 * m.range_sigma / length)
     return tx * oy - ty * ox, variance, critical
@@ -160,16 +164,16 @@ def _rotate_to_bias(b: GaussianMixture, m: Model, k: int) -> None:
     P = b.covariance
     by_bias_x = -b.state[k, Y]
     by_bias_y = b.state[k, X]
-    bias = b.prior_variance[m.leader]
-    turn = bias + b.leader_variance
+    bias_variance = b.prior_variance[m.leader]
+    heading_variance = bias_variance + b.leader_variance
     # P += (v + σ_b²) g gᵀ of the position, with g = ∂(x, y)/∂b_L, and σ_b² g with b_L
-    P[k, X, X] += turn * by_bias_x * by_bias_x
-    P[k, Y, Y] += turn * by_bias_y * by_bias_y
-    P[k, X, Y] += turn * by_bias_x * by_bias_y
+    P[k, X, X] += heading_variance * by_bias_x * by_bias_x
+    P[k, Y, Y] += heading_variance * by_bias_y * by_bias_y
+    P[k, X, Y] += heading_variance * by_bias_x * by_bias_y
     P[k, Y, X] = P[k, X, Y]
-    P[k, X, m.leader] = P[k, m.leader, X] = bias * by_bias_x
-    P[k, Y, m.leader] = P[k, m.leader, Y] = bias * by_bias_y
-    P[k, m.leader, m.leader] = bias
+    P[k, X, m.leader] = P[k, m.leader, X] = bias_variance * by_bias_x
+    P[k, Y, m.leader] = P[k, m.leader, Y] = bias_variance * by_bias_y
+    P[k, m.leader, m.leader] = bias_variance
 
 
 @compiled
@@ -282,24 +286,24 @@ _TURN_OVER_AFTER = 10.0  # a turn is over where it has not gone on for so long [
 
 
 @compiled
-def longest_echo(m: Model, signal: Signal, deeper: float) -> float:
+def largest_echo_excess(m: Model, signal: Signal, deeper: float) -> float:
     """By how much the range of an echo may exceed the direct one, at most [m].
 
     With d and d' the distances of both vehicles from the surface or the floor, an echo's way is
     √(r² + 4 d d'); of a range that is an echo's itself r is shorter, but not by more than d − d'.
     """
-    shallow = signal.depth
+    leader_depth = signal.depth
     receiver_depth = signal.depth - deeper
-    product = shallow * receiver_depth
+    product = leader_depth * receiver_depth
     if m.floor_depth > 0.0:
-        product = max(product, (m.floor_depth - shallow) * (m.floor_depth - receiver_depth))
-    longest = 0.0
+        product = max(product, (m.floor_depth - leader_depth) * (m.floor_depth - receiver_depth))
+    largest = 0.0
     for i in range(m.transmitters):
         echo = signal.ranges[i]
         if product > 0.0 and echo == echo:
             direct = math.sqrt(max(echo * echo - 4.0 * product, deeper * deeper))
-            longest = max(longest, echo - direct)
-    return longest + _ECHO_MARGIN
+            largest = max(largest, echo - direct)
+    return largest + _ECHO_MARGIN
 
 
 _ECHO_MARGIN = 1.0  # errors of depths and ranges [m]
@@ -316,7 +320,7 @@ def place_arms(signal: Signal, m: Model, pitch: float, roll: float, deeper: floa
     if deeper != deeper:
         for i in range(3):
             signal.ranges[i] = np.nan
-    signal.echo_span = longest_echo(m, signal, deeper)
+    signal.echo_span = largest_echo_excess(m, signal, deeper)
     heading = Turn(*sin_cos(signal.heading))
     pitched = Turn(0.0, 1.0)
     rolled = Turn(0.0, 1.0)
@@ -351,9 +355,9 @@ def mix_modes(b: GaussianMixture, m: Model) -> None:
     if m.drift_modes == 1:
         return
     for h in range(b.n_hypotheses):
-        for speed in range(m.speed_modes):
-            slow = h * m.modes + 2 * speed
-            motion.mix_pair(b, m, slow, slow + 1, m.mode_switches * b.motion.elapsed)
+        for speed_mode in range(m.speed_modes):
+            slow_drift = h * m.modes + 2 * speed_mode
+            motion.mix_pair(b, m, slow_drift, slow_drift + 1, m.mode_switches * b.motion.elapsed)
 
 
 @compiled
@@ -388,7 +392,7 @@ def inflate_bias_covariance(b: GaussianMixture, m: Model, signal: Signal) -> Non
     message, where compasses have a deviation, and by the error of the leg's heading.
     """
     o = b.motion
-    turning = m.leader != ABSENT
+    has_leader_bias = m.leader != ABSENT
     compass_growth = 0.0
     leader_growth = 0.0
     b.leader_position_variance = signal.leader_position_variance
@@ -396,13 +400,13 @@ def inflate_bias_covariance(b: GaussianMixture, m: Model, signal: Signal) -> Non
         compass_growth = m.deviation * _turn_growth(
             b.turn, (o.sin, o.cos), _NEGLIGIBLE_TURN, o.elapsed
         )
-        if turning:
+        if has_leader_bias:
             leader_growth = m.deviation * _turn_growth(
                 b.leader_turn, sin_cos(signal.heading), _NEGLIGIBLE_LEADER_TURN, o.elapsed
             )
     for k in range(b.n_hypotheses * m.modes):
         b.covariance[k, COMPASS, COMPASS] += compass_growth
-        if turning:
+        if has_leader_bias:
             b.state[k, m.leader] += signal.shift
             b.covariance[k, m.leader, m.leader] += leader_growth
             b.covariance[k, m.leader, m.leader] += signal.added_variance
@@ -413,7 +417,9 @@ def _propagate_iterated(
     b: GaussianMixture, m: Model, k: int, signal: Signal, range_model: Model
 ) -> bool:
     """Predict component k; where its compass bias bends the way too much, at the biases of a
-    first update by the model `of_ranges`.
+    first update.
+
+    `range_model` is the model of the link that the ranges came by: `m` itself for the main link.
     """
     x = b.state
     distance = math.sqrt(b.motion.ax**2 + b.motion.ay**2)
@@ -504,6 +510,8 @@ def _time_pings(b: GaussianMixture, m: Model, signal: Signal) -> None:
         signal.lag[i] = signal.age[i] = 0.0
         if signal.ranges[i] == signal.ranges[i]:
             travel_time = m.sound_slowness * signal.ranges[i]
+            # over the lag, since it arrived, the follower has gone on; over the age, which begins
+            # with the message and not with this ping, the current has carried both vehicles
             signal.lag[i] = max(elapsed - i * m.ping_slot - travel_time, 0.0)
             signal.age[i] = max(elapsed - travel_time, 0.0)
             if signal.age[i] > _NEGLIGIBLE_DELAY:
@@ -550,8 +558,10 @@ def _update_components(b: GaussianMixture, m: Model, signal: Signal) -> int:
 
 @compiled
 def _use_ranges(b: GaussianMixture, m: Model, range_model: Model, signal: Signal) -> int:
-    """Predict all components to a message, of whose ranges the model is `of_ranges`, and update,
-    weigh and merge them; returns as of `receive`.
+    """Predict all components to a message, and update, weigh and merge them; returns as of
+    `receive`.
+
+    `range_model` is the model of the link that the message came by: `m` itself for the main link.
     """
     for k in range(b.n_hypotheses * m.modes):
         if not _propagate_iterated(b, m, k, signal, range_model):
@@ -606,8 +616,9 @@ def receive(b: GaussianMixture, m: Model, signal: Signal) -> int:
 
 @compiled
 def receive_beside(b: GaussianMixture, m: Model, link_model: Model, signal: Signal) -> int:
-    """Take a message of a further link, whose model is `beside`: as `receive`, but for what only
-    the main link's messages show, which are a start, the current and the leader's errors.
+    """Take a message of a further link, whose model is `link_model`, of `model_beside`: as
+    `receive`, but for what only the main link's messages show, which are a start, the current and
+    the leader's errors.
     """
     received = 0
     for i in range(link_model.transmitters):

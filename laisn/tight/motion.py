@@ -554,8 +554,8 @@ def _update_component(
     x = b.state[k]
     P = b.covariance[k]
     gain = b.gain
-    turning = m.leader != ABSENT
-    bias = x[m.leader] if turning else 0.0
+    has_leader_bias = m.leader != ABSENT
+    bias = x[m.leader] if has_leader_bias else 0.0
     c, s = math.cos(bias), math.sin(bias)
     # ν = z − ẑ and S = H P Hᵀ + R, with H of c and b_L
     logged_turned = (c * logged[0] - s * logged[1], s * logged[0] + c * logged[1])
@@ -567,9 +567,9 @@ def _update_component(
         state = m.current + axis
         for i in range(m.states):
             gain[i] = P[i, state] if m.current != ABSENT else 0.0
-            if turning:
+            if has_leader_bias:
                 gain[i] += slope * P[i, m.leader]
-        if turning:
+        if has_leader_bias:
             residual -= slope * (x[m.leader] - bias)
             spread += slope * gain[m.leader]
         if m.current != ABSENT:

@@ -33,7 +33,7 @@ from laisn.swarm import MESSAGE, SwarmRecord, new_fix
 from laisn.tight.details import FIX, kind_of_message, write_fix
 from laisn.tight.estimator import (
     inflate_bias_covariance,
-    longest_echo,
+    largest_echo_excess,
     mix_modes,
     place_arms,
     receive,
@@ -112,7 +112,7 @@ def _receive(
     if on_hull:
         place_arms(signal, m, message.pitch, message.roll, deeper)
     else:
-        signal.echo_span = longest_echo(m, signal, deeper)
+        signal.echo_span = largest_echo_excess(m, signal, deeper)
     return receive(b, m, signal)
 
 
@@ -152,14 +152,14 @@ def update_beside(
 
 @compiled
 def write_fix_of_message(
-    b: ScalarRecord, m: ScalarRecord, places: Ints, used: int, fixes: Records
+    b: ScalarRecord, m: ScalarRecord, indices: Ints, used: int, fixes: Records
 ) -> None:
     """Write the result of a message into the only one of fixes; see `details.write_fix`."""
-    write_fix(b[0], m[0], places, used, fixes[0])
+    write_fix(b[0], m[0], indices, used, fixes[0])
 
 
 def reported_states(settings: TightSettings) -> Ints:
-    """Places in `TightEstimates.names` of the first states; what errs in messages alone comes
+    """Indices in `TightEstimates.names` of the first states; what errs in messages alone comes
     after.
     """
     n_reported = len(TightEstimates.names)
@@ -183,7 +183,7 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
         super().__init__(settings, start if settings.known_start else None, settings.start_sigma)
         model = model_of(settings)
         self._model = model
-        self._places = reported_states(settings)
+        self._reported_indices = reported_states(settings)
         self._signal = scalar_record(new_signal())
         # of further links
         self._signal_beside = scalar_record(new_signal())
@@ -257,7 +257,7 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
     def _fix(self, used: int) -> FixRecord:
         """The result of a message of which so many ranges were used by any hypothesis."""
         fixes = records(FIX, 1)
-        write_fix_of_message(*self._records, self._places, used, fixes)
+        write_fix_of_message(*self._records, self._reported_indices, used, fixes)
         fix = fixes[0]
         details = {
             column.attribute: fix[column.attribute] for column in TightEstimates.DETAILS.columns
@@ -325,6 +325,7 @@ class _Leg:
         self._modes = modes / modes.sum()
         belief.n_hypotheses = 1
         belief.weight[:count] = self._modes
+        # covariance of the state at the beginning of the way with that at its end
         self.onward = self.covariance @ self._matrix().T
         self._begin()
         inflate_bias_covariance(belief, m, signal[0])
@@ -363,14 +364,14 @@ class _Leg:
         _moments(*self._records)
         rows = self._rows.copy()
         mean, covariance = (moment.copy() for moment in self._moments)
-        reading = covariance[2:, 2:] - rows[2:] @ self.covariance @ rows[2:].T
+        reading_covariance = covariance[2:, 2:] - rows[2:] @ self.covariance @ rows[2:].T
         # the position is two of the states that have come so far; velocities depend on those that
         # stay as they are
         rows[:2] = np.eye(2, self._n)
         state, spread = self._predicted()
         mean[:2] = state[:2]
         covariance = rows @ spread @ rows.T
-        covariance[2:, 2:] += reading
+        covariance[2:, 2:] += reading_covariance
         return mean, covariance, rows @ spread @ transition.T
 
 
@@ -392,9 +393,13 @@ class SmoothingNavigator(TightNavigator):
             raise ValueError(f"lag is {lag} s, expected a finite time, zero or more")
         super().__init__(settings, start)
         self._lag = lag
+        # of each step so far: the belief's motion since the last message that was used, and the
+        # index in the chain of the last belief at or before its end; −1: there is none yet
         self._motions: list[ScalarRecord] = []
         self._latest: list[int] = []
+        # steps of the chain's beliefs: 0 for a known start, and those of messages that were used
         self._steps = [0] if self._belief.n_hypotheses else []
+        # of each message that was used: the belief just before it, and its signal
         self._priors: list[tuple[ScalarRecord, ScalarRecord]] = []
 
     def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
@@ -428,7 +433,7 @@ class SmoothingNavigator(TightNavigator):
         legs, chain = self._chain()
         times = np.concatenate([[0.0], measurements.time])
         latest = np.array(self._latest)
-        last = (
+        last_to_use = (
             np.searchsorted(
                 times[self._steps], measurements.time + self._lag + _SAME_TIME, side="right"
             )
@@ -437,30 +442,30 @@ class SmoothingNavigator(TightNavigator):
         mean = estimates.state.copy()
         covariance = estimates.covariance.copy()
         cross_to_next = np.zeros((latest.size, 4, self._model.states))
-        last[latest < 0] = latest[latest < 0]
-        for i in np.flatnonzero(last > latest).tolist():
+        last_to_use[latest < 0] = latest[latest < 0]
+        for i in np.flatnonzero(last_to_use > latest).tolist():
             mean[i], covariance[i], cross_to_next[i] = legs[latest[i]].at(self._motions[i])
-        state, spread = smooth(chain, latest, last, (mean, covariance), cross_to_next)
+        state, spread = smooth(chain, latest, last_to_use, (mean, covariance), cross_to_next)
         return replace(estimates, state=state, covariance=spread)
 
     def _chain(self) -> tuple[list[_Leg], Chain]:
         """Ways between the messages, and the beliefs after them."""
-        last, covariance = _merged(self._belief, self._model)
+        final_mean, final_covariance = _merged(self._belief, self._model)
         legs = list[_Leg]()
         # from the end: a way is linearised at the biases that stand at its end
         for before, signal in reversed(self._priors):
-            mean = legs[0].mean if legs else last
+            mean = legs[0].mean if legs else final_mean
             legs.insert(
                 0, _Leg(before, signal, self._model, (float(mean[LOG]), float(mean[COMPASS])))
             )
         return legs, Chain(
-            mean=np.array([*(leg.mean for leg in legs), last]),
-            covariance=np.array([*(leg.covariance for leg in legs), covariance]),
+            mean=np.array([*(leg.mean for leg in legs), final_mean]),
+            covariance=np.array([*(leg.covariance for leg in legs), final_covariance]),
             predicted=np.array([legs[0].mean, *(leg.predicted for leg in legs)]),
             predicted_covariance=np.array(
                 [legs[0].covariance, *(leg.predicted_covariance for leg in legs)]
             ),
-            onward=np.array([*(leg.onward for leg in legs), np.zeros_like(covariance)]),
+            onward=np.array([*(leg.onward for leg in legs), np.zeros_like(final_covariance)]),
         )
 
 
@@ -664,7 +669,9 @@ def _write_outputs(b: GaussianMixture, m: Model, out: Record) -> None:
     out.position_sigma = math.sqrt(
         mean_variance + math.sqrt(half_difference * half_difference + xy * xy)
     )
-    out.offset_to_map[0], out.offset_to_map[1] = _offset_to_likelier_hypothesis(b, m, x, y)
+    out.offset_to_likelier[0], out.offset_to_likelier[1] = _offset_to_likelier_hypothesis(
+        b, m, x, y
+    )
 
 
 @compiled
@@ -691,7 +698,7 @@ class TightSwarm(NamedTuple):
     model: Model
     signal: Signal
     gated: Ints
-    places: Ints  # of the states in `TightEstimates.names`, shape (n,)
+    reported_indices: Ints  # of the states in `TightEstimates.names`, shape (n,)
 
     @compiled_apart
     def navigate(
@@ -724,7 +731,7 @@ class TightSwarm(NamedTuple):
                 _write_outputs(b, m, estimate)
                 if records_covariance:
                     fix = record.fix[i, new_fix(record, i, step, 0)]
-                    write_fix(b, m, self.places, used, fix)
+                    write_fix(b, m, self.reported_indices, used, fix)
             estimate.position[0], estimate.position[1] = position(b)
             estimate.velocity[0], estimate.velocity[1] = velocity(b)
             _record_state(b, m, estimate, i, step, record)

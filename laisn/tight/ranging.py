@@ -62,23 +62,23 @@ def relative_position(b: GaussianMixture, m: Model, k: int, signal: Signal) -> t
 def relative_covariance(b: GaussianMixture, m: Model, k: int) -> tuple[Floats, Floats]:
     """Covariance of `relative_position`, east and north, with the states, shapes (n,)."""
     P = b.covariance
-    away_x = P[k, X]
-    away_y = P[k, Y]
+    relative_cov_x = P[k, X]
+    relative_cov_y = P[k, Y]
     if m.leader_position != ABSENT or m.leader_position_walk != ABSENT:
-        away_x = b.work.relative_covariance[0]
-        away_y = b.work.relative_covariance[1]
+        relative_cov_x = b.work.relative_covariance[0]
+        relative_cov_y = b.work.relative_covariance[1]
         for h in range(m.states):
-            away_x[h] = P[k, X, h]
-            away_y[h] = P[k, Y, h]
+            relative_cov_x[h] = P[k, X, h]
+            relative_cov_y[h] = P[k, Y, h]
         if m.leader_position != ABSENT:
             for h in range(m.states):
-                away_x[h] -= P[k, m.leader_position, h]
-                away_y[h] -= P[k, m.leader_position + 1, h]
+                relative_cov_x[h] -= P[k, m.leader_position, h]
+                relative_cov_y[h] -= P[k, m.leader_position + 1, h]
         if m.leader_position_walk != ABSENT:
             for h in range(m.states):
-                away_x[h] -= P[k, m.leader_position_walk, h]
-                away_y[h] -= P[k, m.leader_position_walk + 1, h]
-    return away_x, away_y
+                relative_cov_x[h] -= P[k, m.leader_position_walk, h]
+                relative_cov_y[h] -= P[k, m.leader_position_walk + 1, h]
+    return relative_cov_x, relative_cov_y
 
 
 @inlined
@@ -201,9 +201,9 @@ def _linearise_range(
     P = b.covariance
     leader = m.leader
     clock = m.clock
-    turning = leader != ABSENT
+    has_leader_bias = leader != ABSENT
     hl = 0.0
-    bias = x[k, leader] + turn if turning else 0.0
+    bias = x[k, leader] + turn if has_leader_bias else 0.0
     s, c = sin_cos(bias)
     shift_x = w.shift[0]
     shift_y = w.shift[1]
@@ -217,10 +217,10 @@ def _linearise_range(
         if m.current != ABSENT:
             qx -= signal.age[i] * x[k, m.current]
             qy -= signal.age[i] * x[k, m.current + 1]
-    away_x, away_y = relative_covariance(b, m, k)
-    pxx = _relative_component(m, away_x, 0) - w.removed[0]
-    pxy = _relative_component(m, away_x, 1) - w.removed[1]
-    pyy = _relative_component(m, away_y, 1) - w.removed[2]
+    relative_cov_x, relative_cov_y = relative_covariance(b, m, k)
+    pxx = _relative_component(m, relative_cov_x, 0) - w.removed[0]
+    pxy = _relative_component(m, relative_cov_x, 1) - w.removed[1]
+    pyy = _relative_component(m, relative_cov_y, 1) - w.removed[2]
     # ρ = |q − Rot(b_L) a|, h = ∂ρ/∂(x, y, b_L)
     ax, ay = signal.arms[i, 0], signal.arms[i, 1]
     sx, sy = c * ax - s * ay, s * ax + c * ay
@@ -241,14 +241,14 @@ def _linearise_range(
     f[i, 1, 0] = fxy * pxx + fyy * pxy
     f[i, 1, 1] = fxy * pxy + fyy * pyy
     mean_shift = f[i, 0, 0] + f[i, 1, 1]
-    if turning:
+    if has_leader_bias:
         hl = hx * sy - hy * sx
         w.row_leader[i] = hl
         fxl = (sy - hx * hl) * per_rho
         fyl = (-sx - hy * hl) * per_rho
         fll = (qx * sx + qy * sy - hl * hl) * per_rho
-        pxl = away_x[leader]
-        pyl = away_y[leader]
+        pxl = relative_cov_x[leader]
+        pyl = relative_cov_y[leader]
         # the random error of this heading turns the arms just as the bias does
         pll = P[k, leader, leader] + turn_variance
         f[i, 0, 0] += fxl * pxl
@@ -272,8 +272,8 @@ def _linearise_range(
     gain = w.gain[i]
     n = m.states
     for h in range(n):
-        gain[h] = away_x[h] * hx + away_y[h] * hy + P[k, SCALE, h] * share
-    if turning:
+        gain[h] = relative_cov_x[h] * hx + relative_cov_y[h] * hy + P[k, SCALE, h] * share
+    if has_leader_bias:
         for h in range(n):
             gain[h] += P[k, leader, h] * hl
     if m.offset != ABSENT and i > 0:
@@ -293,7 +293,7 @@ def _fill_innovation_covariance(
     `work.innovation_covariance`.
     """
     w = b.work
-    turning = m.leader != ABSENT
+    has_leader_bias = m.leader != ABSENT
     for j in range(count):
         i = w.used[j]
         for h in range(j + 1):
@@ -310,7 +310,7 @@ def _fill_innovation_covariance(
             )
             if signal.late:
                 value += _delay_covariance(b, m, k, signal, i, g)
-            if turning:
+            if has_leader_bias:
                 second += (
                     f[0, 2] * e[2, 0] + f[2, 0] * e[0, 2] + f[1, 2] * e[2, 1] + f[2, 1] * e[1, 2]
                 )

@@ -34,14 +34,15 @@ class Model(RecordFields):
     modes: int  # drift_modes · speed_modes
     drift_modes: int
     speed_modes: int
-    # indices of states, or ABSENT
-    leader: int  # b_L
+    # where an optional state stands in the state, its first number for several, or ABSENT: indices,
+    # and not the quantities themselves
+    leader: int  # b_L, bias of the leader's compass
     current: int  # its east component; north comes next
-    offset: int  # d_2
+    offset: int  # d_2; d_3 comes next
     clock: int  # τ; τ̇ comes next
     leader_position: int  # error of the broadcast one, e, its east component; north comes next
     leader_position_walk: int  # w, likewise
-    speed: int  # v
+    speed: int  # v, through the water
     transmitters: int
     use_attitude: int
     compensate_motion: int

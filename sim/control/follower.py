@@ -299,7 +299,7 @@ def _to_station(
     the trail [m/s].
     """
     estimated_position = estimate.position
-    likelier = estimate.offset_to_map
+    likelier = estimate.offset_to_likelier
     position = estimated_position[0] + likelier[0], estimated_position[1] + likelier[1]
     current = estimate.current[0], estimate.current[1]
     if position[0] != position[0]:

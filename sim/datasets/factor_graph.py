@@ -120,7 +120,7 @@ class _Track(NamedTuple):
     beacon: int  # number of the beacon that it is
     pose: dict[str, int]  # its poses by their names
     state: Floats  # east, north [m], compass heading [rad] and speed [m/s] of each, shape (n, 4)
-    rates: Floats  # variances of its odometry's three numbers in a second, shape (m, 3)
+    variances_per_s: Floats  # of its odometry's three numbers in a second, shape (m, 3)
 
 
 def _poses_of(lines: list[_Line], robot: str) -> list[_Line]:
@@ -166,13 +166,13 @@ def _per_second(variances: Floats, durations: Floats) -> Floats:
 
 def _heard(lines: dict[str, list[_Line]], robot: str) -> set[str]:
     """Other robots that a robot has ranges to and whose odometry is whole."""
-    beacons = set[str]()
+    heard_robots = set[str]()
     for line in lines["EDGE_RANGE"]:
         letters = {name[0] for name in line.names if _POSE.fullmatch(name)}
         if len(letters) == 2 and robot in letters:
-            beacons |= letters - {robot}
+            heard_robots |= letters - {robot}
     complete = set[str]()
-    for other in beacons:
+    for other in heard_robots:
         poses = _poses_of(lines["VERTEX_SE2"], other)
         order = {line.names[0]: k for k, line in enumerate(poses)}
         joined = {
@@ -189,21 +189,21 @@ def _ranges(
     lines: list[_Line],
     order: dict[str, int],
     time: Floats,
-    beacons: dict[str, list[float]],
+    landmarks: dict[str, list[float]],
     tracks: dict[str, _Track],
 ) -> tuple[list[list[float]], list[float]]:
     """Rows of time, beacon, range and the beacon's state, and variances of ranges, from lines
     EDGE_RANGE.
     """
-    numbers_of = {name: i for i, name in enumerate(beacons)}
-    at_rest = {name: [*position, 0.0, 0.0] for name, position in beacons.items()}
+    numbers_of = {name: i for i, name in enumerate(landmarks)}
+    at_rest = {name: [*position, 0.0, 0.0] for name, position in landmarks.items()}
     rows = list[list[float]]()
     variances = list[float]()
     for line in lines:
         pose, other = line.names if line.names[0] in order else line.names[::-1]
         track = tracks.get(other[:1])
         moves = track is not None and other in track.pose
-        if pose not in order or not (other in beacons or moves):
+        if pose not in order or not (other in landmarks or moves):
             rows.append([0.0, -1, line.values[0], 0.0, 0.0, 0.0, 0.0])
             continue
         beacon = numbers_of.get(other, -1)
@@ -232,14 +232,14 @@ def _robot_with_most_poses(lines: dict[str, list[_Line]], source: str) -> tuple[
     return max(robots, key=lambda letter: (robots[letter], -ord(letter))), set(robots)
 
 
-def _robot_remarks(robot: str, robots: set[str], beacons: set[str]) -> list[str]:
+def _robot_remarks(robot: str, robots: set[str], heard_robots: set[str]) -> list[str]:
     """Which robots of several are used, a sentence each."""
     remarks = [
         f"of several robots {robot} is taken; its ranges to {name} are to the way that the "
         "odometry of that gives"
-        for name in sorted(beacons)
+        for name in sorted(heard_robots)
     ]
-    unused = sorted(robots - beacons - {robot})
+    unused = sorted(robots - heard_robots - {robot})
     if unused:
         remarks.append(f"of several robots {robot} is taken; left out: {', '.join(unused)}")
     return remarks
@@ -271,19 +271,19 @@ def _reference_path(
 
 
 def _stated_noise(
-    rates: Floats, track_rates: Floats, range_variances: list[float]
+    variances_per_s: Floats, track_variances_per_s: Floats, range_variances: list[float]
 ) -> dict[str, float]:
     """Noise that the file states, as `RangeData.stated`: medians of what is positive.
 
     Args:
-        rates: Variances of the three numbers of odometry in a second, shape (n, 3).
-        track_rates: The same of other robots, shape (m, 3).
+        variances_per_s: Of the three numbers of odometry in a second, shape (n, 3).
+        track_variances_per_s: The same of other robots, shape (m, 3).
         range_variances: Of each range [m²].
     """
-    samples = {"slip": rates[:, :2].mean(axis=1), "heading_walk": rates[:, 2]}
+    samples = {"slip": variances_per_s[:, :2].mean(axis=1), "heading_walk": variances_per_s[:, 2]}
     samples |= {
-        "track_slip": track_rates[:, :2].mean(axis=1),
-        "track_heading_walk": track_rates[:, 2],
+        "track_slip": track_variances_per_s[:, :2].mean(axis=1),
+        "track_heading_walk": track_variances_per_s[:, 2],
     }
     if range_variances and min(range_variances) > 0.0:
         samples["range_sigma"] = np.array(range_variances)
@@ -306,8 +306,8 @@ def read_factor_graph(path: Path) -> RangeData:
     source = str(path)
     lines = _parsed(text_of(path), source)
     robot, robots = _robot_with_most_poses(lines, source)
-    beacons = _heard(lines, robot)
-    remarks = _robot_remarks(robot, robots, beacons)
+    heard_robots = _heard(lines, robot)
+    remarks = _robot_remarks(robot, robots, heard_robots)
     poses = _poses_of(lines["VERTEX_SE2"], robot)
     for kind in ("VERTEX_SE2", "VERTEX_XY", "VERTEX_XY:PRIOR"):
         require_unique((line.names[0] for line in lines[kind]), f"{source}: {kind}")
@@ -317,25 +317,27 @@ def read_factor_graph(path: Path) -> RangeData:
         time = np.arange(time.size, dtype=np.float64)
         remarks.append(f"{source} has no times: poses are taken to be a second apart")
     odometry, variances = _odometry(lines["EDGE_SE2"], order, source)
-    joined = [line for line in lines["EDGE_SE2"] if line.names[0][0] not in beacons]
-    if len(joined) != len(odometry):
-        number = len(joined) - len(odometry)
+    candidate_edges = [line for line in lines["EDGE_SE2"] if line.names[0][0] not in heard_robots]
+    if len(candidate_edges) != len(odometry):
+        number = len(candidate_edges) - len(odometry)
         remarks.append(f"edges left out that are no steps of odometry: {number}")
     durations = np.diff(time)
     vertices = np.array([line.values for line in poses])
     truth, remark = _reference_path(time, vertices, odometry, durations)
     remarks.append(remark)
-    places = {
+    landmarks = {
         line.names[0]: line.values
         for kind in ("VERTEX_XY", "VERTEX_XY:PRIOR")
         for line in lines[kind]
     }
     tracks = {
-        name: _track_of(lines, name, len(places) + i, source)
-        for i, name in enumerate(sorted(beacons))
+        name: _track_of(lines, name, len(landmarks) + i, source)
+        for i, name in enumerate(sorted(heard_robots))
     }
-    ranges, range_variances = _ranges(lines["EDGE_RANGE"], order, time, places, tracks)
-    track_rates = np.vstack([np.empty((0, 3)), *(track.rates for track in tracks.values())])
+    ranges, range_variances = _ranges(lines["EDGE_RANGE"], order, time, landmarks, tracks)
+    track_variances_per_s = np.vstack(
+        [np.empty((0, 3)), *(track.variances_per_s for track in tracks.values())]
+    )
     track_starts = [track.state[0, :2].tolist() for track in tracks.values()]
     east, north, heading = _first_pose(lines, poses)
     return RangeData.collect(
@@ -343,11 +345,13 @@ def read_factor_graph(path: Path) -> RangeData:
         start=np.array([east, north, 0.5 * np.pi - heading]),
         time=time,
         odometry=odometry,
-        beacons=(*places, *tracks),
-        places=np.array([*places.values(), *track_starts], dtype=np.float64).reshape(-1, 2),
+        beacons=(*landmarks, *tracks),
+        places=np.array([*landmarks.values(), *track_starts], dtype=np.float64).reshape(-1, 2),
         ranges=ranges,
         moving=tuple(tracks),
-        stated=_stated_noise(_per_second(variances, durations), track_rates, range_variances),
+        stated=_stated_noise(
+            _per_second(variances, durations), track_variances_per_s, range_variances
+        ),
         truth=truth,
         remarks=remarks,
     )

@@ -243,7 +243,11 @@ def map_of(table: Mapping[str, Any], path: Path) -> FieldMap:
 
 
 def missing_fields(fields: Iterable[str], required: Sequence[str] = ()) -> tuple[str, ...]:
-    """What the navigator needs of a recording beside these fields; `further` is needed, too."""
+    """What the navigator needs of a recording beside these fields.
+
+    All recordings need NEEDED and a range; `required` is what one of this kind needs besides, as a
+    text table needs times.
+    """
     present = set(fields)
     missing = [name for name in (*required, *NEEDED) if name not in present]
     if not any(name.startswith("range_") for name in present):

@@ -95,9 +95,12 @@ def _column(
     header: str,
     values: Floats,
     origin: GeodeticOrigin | None,
-    where: str,
+    location: str,
 ) -> Column:
-    """A column with the unit that the map states, or converted where that is no mere factor."""
+    """A column with the unit that the map states, or converted where that is no mere factor.
+
+    `location` names file and column, for messages.
+    """
     entry = field_map.entries[field]
     if entry.is_plain:
         return Column(
@@ -105,7 +108,7 @@ def _column(
             field=field,
             unit=entry.unit,
             values=values * entry.factor + entry.offset,
-            where=where,
+            where=location,
         )
     if entry.angle == "yaw" and not entry.unit:
         raise LaisnError(f"{field_map.path}: {field}: a yaw needs its unit, deg or rad")
@@ -114,7 +117,7 @@ def _column(
     except ValueError as error:
         raise LaisnError(f"{field_map.path}: {field}: {error}") from None
     return Column(
-        header=header, field=field, unit=quantity_of(field).si, values=converted, where=where
+        header=header, field=field, unit=quantity_of(field).si, values=converted, where=location
     )
 
 
@@ -180,12 +183,14 @@ def read_mapped_columns(path: Path, field_map: FieldMap) -> Columns:
     for field, values in raw.items():
         entry = field_map.entries[field]
         header = field if entry.column is None else entry.column
-        where = f"{path}, column {header}"
+        location = f"{path}, column {header}"
         if entry.value is None:
-            fields[field] = _column(field_map, field, header, values, origin, where)
+            fields[field] = _column(field_map, field, header, values, origin, location)
         else:
             si = quantity_of(field).si
-            fields[field] = Column(header=header, field=field, unit=si, values=values, where=where)
+            fields[field] = Column(
+                header=header, field=field, unit=si, values=values, where=location
+            )
     unused = tuple(header for header in headers if header.strip() not in position)
     columns = Columns(path=path, time=time, fields=fields, dates=dates, unused=unused)
     has_conditions = any(entry.where for entry in field_map.entries.values())

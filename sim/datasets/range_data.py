@@ -164,11 +164,11 @@ class RangeData:
         `settings` are other fields.
         """
         is_first = np.append(True, np.diff(time) != 0.0)
-        last = np.flatnonzero(is_first[1:])
-        first = np.append(0, last[:-1] + 1)
-        steps = odometry[last]
-        for joined in np.flatnonzero(last > first).tolist():
-            steps[joined] = reduce(compose, odometry[first[joined] : last[joined] + 1])
+        group_end = np.flatnonzero(is_first[1:])
+        group_start = np.append(0, group_end[:-1] + 1)
+        steps = odometry[group_end]
+        for joined in np.flatnonzero(group_end > group_start).tolist():
+            steps[joined] = reduce(compose, odometry[group_start[joined] : group_end[joined] + 1])
         table = np.array(ranges, dtype=np.float64)
         table = table.reshape(len(table), -1) if table.size else np.empty((0, 3))
         is_placed = table[:, 1] >= 0
@@ -252,13 +252,13 @@ class RangeData:
         [rad], shape (k,).
         """
         ahead, port, turn = self.odometry.T
-        facing = self.start[2] - np.concatenate([[0.0], np.cumsum(turn)])[:-1]
+        heading = self.start[2] - np.concatenate([[0.0], np.cumsum(turn)])[:-1]
         speed = np.hypot(ahead, port) / np.diff(self.time)
-        heading = facing - np.arctan2(port, ahead)
+        course = heading - np.arctan2(port, ahead)
         in_time = (self.range_time > self.time[0]) & (self.range_time <= self.time[-1])
         end = np.union1d(self._cuts(), self.range_time[in_time])
         step = np.searchsorted(self.time, end) - 1
-        return end, speed[step], heading[step]
+        return end, speed[step], course[step]
 
 
 def _load_matlab(path: Path) -> dict[str, Floats]:

@@ -1,4 +1,4 @@
-"""Fins of gz-sim's LiftDrag, with its law of forces (NAME.foil), and their hinges.
+"""Fins of gz-sim's LiftDrag, with its law of forces (the MJCF numeric NAME.foil), and their hinges.
 
 LiftDrag acts at <cp> of its link: lift along <upward>, at the incidence of the flow on <forward>.
 The link turns with its joint. A fin here turns so that a positive angle of the joint is a positive

@@ -72,7 +72,9 @@ _OPTIONAL = (
     "range_middle",
 )
 """Fields of a reception that a vehicle's log may lack; they read as NaN, "not broadcast"."""
-_POSE = slice(0, 6)  # columns of a message that a navigator cannot do without
+# columns of a message that a navigator cannot do without: the leader's timestamp (column 0), place,
+# heading, speed and depth
+_REQUIRED_COLUMNS = slice(0, 6)
 
 
 class Recording(NamedTuple):
@@ -123,6 +125,7 @@ def _measured_types(links: LinkSettings) -> tuple[RecordType, ...]:
 
 def _kind_of_estimates(facts: Mapping[str, str], name: str) -> type[Estimates]:
     """The kind of a follower's estimates, by what the log says of the flight."""
+    # the fact that is called as the topic of the kind's details says who has it: names, or all
     for kind, type_ in DETAILS.items():
         fact = facts.get(type_.topic, "False")
         if fact == "True" or name in fact.split(", "):
@@ -412,6 +415,7 @@ def _optional(messages: Messages, names: Sequence[str]) -> Floats:
 
 def _rows_in_order(motion: Messages, reception: Messages, source: str, name: str) -> RecordedRows:
     """Own measurements and receptions in order of recording."""
+    # place of each message in the order of recording
     ordinals = np.concatenate([motion.ordinals, reception.ordinals])
     order = np.argsort(ordinals)
     has_motion = order < len(motion.ordinals)
@@ -462,8 +466,8 @@ def _correct_clock(
         if messages.ordinals:
             indices = np.searchsorted(ordinals, messages.ordinals, side="right") - 1
             messages.shift(shift_ns[np.maximum(indices, 0)])
-    heard = np.searchsorted(ordinals, reception.ordinals)
-    return _ClockCorrection(tuple(rows.remarks), leader_shift_s[heard])
+    reception_rows = np.searchsorted(ordinals, reception.ordinals)
+    return _ClockCorrection(tuple(rows.remarks), leader_shift_s[reception_rows])
 
 
 def _late_receptions(
@@ -519,12 +523,12 @@ def _since_start(stamps: Floats, heard_ns: Ints, start_ns: int) -> Floats:
     with the least delay had none; those of any other clock, and zeros, stay as they are.
     """
     is_stated = np.isfinite(stamps) & (stamps != 0.0)
-    log_less_stamp = (1e-9 * (heard_ns - start_ns) - stamps)[is_stated]
-    if not log_less_stamp.size or np.ptp(log_less_stamp) >= _SAME_CLOCK_S:
+    log_minus_stamp = (1e-9 * (heard_ns - start_ns) - stamps)[is_stated]
+    if not log_minus_stamp.size or np.ptp(log_minus_stamp) >= _SAME_CLOCK_S:
         return stamps
-    delays = log_less_stamp + 1e-9 * start_ns
+    delays = log_minus_stamp + 1e-9 * start_ns
     is_log_clock = np.all((delays > -1.0) & (delays < _SAME_CLOCK_S))
-    offset = -1e-9 * start_ns if is_log_clock else float(log_less_stamp.min())
+    offset = -1e-9 * start_ns if is_log_clock else float(log_minus_stamp.min())
     return np.where(is_stated, stamps + offset, stamps)
 
 
@@ -677,7 +681,7 @@ def _receptions_of(channels: _Channels, steps: _Steps, topic: str) -> _Reception
     heard_ns = channels.heard_ns
     step = np.searchsorted(steps.time_ns, heard_ns).astype(np.int64) + 1
     in_time = (heard_ns > steps.time_ns[0] - steps.dt_ns) & (step <= steps.time_ns.size)
-    usable = in_time & np.all(np.isfinite(channels.message[:, _POSE]), axis=1)
+    usable = in_time & np.all(np.isfinite(channels.message[:, _REQUIRED_COLUMNS]), axis=1)
     rows = np.flatnonzero(usable)
     latest = _last_of_equals(step[rows])
     remarks = [

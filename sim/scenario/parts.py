@@ -20,7 +20,7 @@ from sim.scenario.sensors import (
 from sim.scenario.settings import OceanTable, Scenario
 from sim.scenario.vehicles import Follower, Leader, Vehicle
 
-Kind = TypeVar("Kind", bound=Section)
+SectionType = TypeVar("SectionType", bound=Section)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,7 +188,7 @@ def _errors_set_by(vehicle: VehicleSensors) -> dict[str, float]:
     return {name: value for name, value in vehicle if value is not None}
 
 
-def _without_random_errors(section: Kind) -> Kind:
+def _without_random_errors(section: SectionType) -> SectionType:
     """A table with keys of PER_RUN at their defaults."""
     fields = type(section).model_fields
     return section.model_copy(update={key: fields[key].default for key in PER_RUN & fields.keys()})

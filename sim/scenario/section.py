@@ -51,13 +51,15 @@ PATTERNS = {
     ),
 }
 """What patterns of texts mean, for messages; what is in double quotes is a value."""
-Kind = TypeVar("Kind", bound="Section")
+SectionType = TypeVar("SectionType", bound="Section")
 LIST_OR_TUPLE = Strict(False)  # lets a tuple be given as a list too, as a TOML file has it
 
 
 class PerRun:
-    """In the annotation of a key: it changes what runs read and nothing before, as random errors
-    and biases do.
+    """In the annotation of a key: marks a random error or a constant bias.
+
+    Such a key changes the readings of each run, and nothing that the runs of a mission share: its
+    motion, and what of it is observed before errors are added.
     """
 
 
@@ -103,13 +105,13 @@ def split_unit(key: str) -> tuple[str, str, float]:
     return (key.removesuffix(ending), *UNITS.get(ending, ("", 1.0)))
 
 
-def in_si(table: Mapping[str, Any], fields: Collection[str] = ()) -> dict[str, Any]:
-    """Values in SI units and radians by keys without units; a key among `fields` stays, a value
-    of None is left out.
+def in_si(table: Mapping[str, Any], unconverted: Collection[str] = ()) -> dict[str, Any]:
+    """Values in SI units and radians by keys without units; keys among `unconverted` stay as they
+    are, a value of None is left out.
     """
     converted = {}
     for key, value in table.items():
-        name, _, scale = (key, "", 1.0) if key in fields else split_unit(key)
+        name, _, scale = (key, "", 1.0) if key in unconverted else split_unit(key)
         if value is not None:
             converted[name] = value if scale == 1.0 else value * scale
     return converted
@@ -175,7 +177,7 @@ _ENDINGS = {unit.replace("°", "rad"): ending for ending, (unit, _) in UNITS.ite
 """Endings of keys by the units of the numbers that they become."""
 
 
-def _beside_key(description: str) -> str:
+def _lower_first(description: str) -> str:
     """A description in lower case unless it begins with a symbol or an abbreviation."""
     if not description[:2].isupper() and description[1] not in ":_":
         return description[0].lower() + description[1:]
@@ -183,12 +185,12 @@ def _beside_key(description: str) -> str:
 
 
 def with_fields_of(
-    kind: Any,
+    settings_class: Any,
     *,
     positive: Collection[str] = (),
     excluded: Collection[str] = (),
     optional: bool = False,
-) -> Callable[[type[Kind]], type[Kind]]:
+) -> Callable[[type[SectionType]], type[SectionType]]:
     """Give a section a key for each field of a navigator's settings, a dataclass, which declares
     them.
 
@@ -197,14 +199,14 @@ def with_fields_of(
     which the section has a key. Numbers are not negative, and those in POSITIVE and `positive` not
     zero; `optional`: all defaults are None.
     """
-    types = get_type_hints(kind)
-    declared_here = inspect.get_annotations(kind)
+    types = get_type_hints(settings_class)
+    declared_here = inspect.get_annotations(settings_class)
     keys: dict[str, Any] = {}
-    for field in fields(kind):
+    for field in fields(settings_class):
         if field.name not in declared_here or not field.metadata or field.name in excluded:
             continue
         unit = field.metadata["unit"]
-        description = _beside_key(field.metadata["description"])
+        description = _lower_first(field.metadata["description"])
         ending = _ENDINGS[unit] if unit else ""
         value = field.default
         if ending.startswith("_deg"):
@@ -212,11 +214,13 @@ def with_fields_of(
             value = round(float(np.rad2deg(cast(float, value))), 9)
         bounded = types[field.name]
         if bounded is float:
-            bounded = Positive if field.name in {*kind.POSITIVE, *positive} else NonNegative
+            bounded = (
+                Positive if field.name in {*settings_class.POSITIVE, *positive} else NonNegative
+            )
         described = Field(None if optional else value, description=description)
         keys[field.name + ending] = (bounded | None if optional else bounded, described)
 
-    def add(base: type[Kind]) -> type[Kind]:
+    def add(base: type[SectionType]) -> type[SectionType]:
         declared = {split_unit(key)[0] for key in base.model_fields}
         undeclared = {
             key: field for key, field in keys.items() if split_unit(key)[0] not in declared

@@ -138,6 +138,8 @@ class Acoustics(Section):
     range_error_centred: Annotated[bool, PerRun] = Field(
         False, description="uniform error in −τ/2 … τ/2; false: 0 … τ (paper)"
     )
+    # mean and σ of ψ, one number for all ranges of a message: the longest range to a transmitter
+    # errs by ψ, a shorter one in proportion
     range_scale_mean_m: Annotated[float, Field(ge=-100, le=100), PerRun] = Field(
         0.1, description="μD, mean of the error common to all transmitters"
     )

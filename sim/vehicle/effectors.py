@@ -45,7 +45,7 @@ _CUSTOM: list[EffectorKind] = []
 
 
 class Fitted(NamedTuple):
-    """The effectors of all vehicles."""
+    """The effectors of v vehicles: up to m with a state, and up to q fixed fins, of each."""
 
     kinds: Kinds  # as of `kinds_of`
     records: Any  # of EFFECTOR, first those with a state, shape (v, m + q)
@@ -83,6 +83,7 @@ def _kind_named(suffix: str, where: str) -> EffectorKind:
             f"{where}: unknown kind of effector {suffix!r}; available: {available}, and "
             "module:Class of a plugin"
         )
+    # of "module" alone the class with this method is meant
     kind_class: type[EffectorKind] = find_class("effector", suffix, "load")
     if not (isinstance(kind_class, type) and issubclass(kind_class, EffectorKind)):
         raise LaisnError(f"{where}: {suffix} must be derived from laisn_sim.EffectorKind")
@@ -315,32 +316,32 @@ class MovingFins:
 
 @compiled
 def effector_wrench(
-    fitted: Fitted, number: int, water: HullFlow
+    fitted: Fitted, vehicle: int, water: HullFlow
 ) -> tuple[Vector, Vector, Vector, Vector]:
-    """Forces of all effectors and fixed fins of a vehicle, by its number.
+    """Forces of all effectors and fixed fins of a vehicle, by its index.
 
     Returns:
         Force [N] and moment about the origin [N m], in the body, of effectors that act wherever the
         hull is; likewise of all others, which fade where it leaves the water.
     """
-    thrust = (0.0, 0.0, 0.0)
-    torque = (0.0, 0.0, 0.0)
-    force = (0.0, 0.0, 0.0)
-    moment = (0.0, 0.0, 0.0)
+    steady_force = (0.0, 0.0, 0.0)
+    steady_moment = (0.0, 0.0, 0.0)
+    fading_force = (0.0, 0.0, 0.0)
+    fading_moment = (0.0, 0.0, 0.0)
     records = fitted.records
     states = fitted.states
     for i in range(records.shape[1]):
-        record = records[number, i]
+        record = records[vehicle, i]
         # fixed fins, and the zero records that pad them, have no state
-        state = states[number, i] if i < states.shape[1] else 0.0
+        state = states[vehicle, i] if i < states.shape[1] else 0.0
         push, turn = _load(fitted.kinds, record.kind, (record, state, water))
         if record.fades == 0:
-            thrust = plus(thrust, push)
-            torque = plus(torque, turn)
+            steady_force = plus(steady_force, push)
+            steady_moment = plus(steady_moment, turn)
         else:
-            force = plus(force, push)
-            moment = plus(moment, turn)
-    return thrust, torque, force, moment
+            fading_force = plus(fading_force, push)
+            fading_moment = plus(fading_moment, turn)
+    return steady_force, steady_moment, fading_force, fading_moment
 
 
 @compiled

@@ -215,7 +215,7 @@ class Coefficients(RecordFields):
     on depth, in that at one depth; `density` is the same.
     """
 
-    # numerics of its MJCF, damping as its diagonal
+    # numerics of its MJCF, damping as its diagonal; docs/vehicles.md says what each means
     added_mass: Annotated[Floats, (6, 6)]
     munk_factor: float
     linear_damping: Annotated[Floats, (6,)]
@@ -291,7 +291,7 @@ def read_coefficients(
     records = np.zeros(len(names), RECORD)
     sizes = dict[str, int]()
     densities = np.broadcast_to(np.asarray(density, dtype=np.float64), len(names)).tolist()
-    for record, name, reference in zip(records, names, densities, strict=True):
+    for record, name, water_density in zip(records, names, densities, strict=True):
         for key in NUMERICS:
             sizes[key] = _read_required(record, model, name, key)
         record["n_strips"] = sizes["strip_x"]
@@ -302,7 +302,7 @@ def read_coefficients(
             raise LaisnError(f"{name}: added_mass must be symmetric and positive semidefinite")
         _read_optional(record, model, name)
         record["gravity"] = -model.opt.gravity[2]
-        record["density"] = reference
+        record["density"] = water_density
         _displace(record, model, name)
     _take_roots(records)
     records.flags.writeable = False

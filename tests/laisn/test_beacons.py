@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 from laisn.arrays import Floats
 from laisn.beacons import (
     CAPACITY,
-    GYRO,
-    HEADING,
+    GYRO_BIAS,
+    HEADING_ERROR,
     MEDIA,
-    SCALE,
+    RANGE_SCALE,
     SHARED,
-    SPEED,
+    SPEED_SCALE,
     BeaconBelief,
     BeaconNavigator,
     BeaconSettings,
@@ -74,7 +74,7 @@ def with_covariance(made: BeaconBelief, covariance: Floats) -> BeaconBelief:
 def expected_range(x: Floats, place: tuple[float, float], deeper: float) -> float:
     own = SHARED
     off = np.array([x[X] - place[0] - x[own + 1], x[Y] - place[1] - x[own + 2], deeper])
-    return float((1.0 + x[SCALE]) * np.linalg.norm(off) + x[own])
+    return float((1.0 + x[RANGE_SCALE]) * np.linalg.norm(off) + x[own])
 
 
 def test_a_range_has_the_derivatives_of_finite_differences() -> None:
@@ -98,7 +98,7 @@ def test_a_range_has_the_mean_and_variance_of_many_draws() -> None:
     with_covariance(made, root @ root.T)
     x = made.state[0] + RANDOM.standard_normal((400_000, made.prior_variance.size)) @ root.T
     off = x[:, :2] - np.array(place) - x[:, SHARED + 1 : SHARED + 3]
-    drawn = (1.0 + x[:, SCALE]) * np.hypot(*off.T) + x[:, SHARED]
+    drawn = (1.0 + x[:, RANGE_SCALE]) * np.hypot(*off.T) + x[:, SHARED]
     residual, variance, _ = predict_range(made, 0, ranging(place, 0.0))
     error = drawn.std() / math.sqrt(drawn.size)
     assert -residual == pytest.approx(drawn.mean(), abs=5.0 * error)
@@ -110,10 +110,10 @@ def test_a_range_has_the_mean_and_variance_of_many_draws() -> None:
 def moved(x: Floats, speed: float, heading: float, time: float) -> Floats:
     """What a step of odometry does to a state, written down once more."""
     y = x.copy()
-    y[HEADING] += time * x[GYRO]
-    way = math.exp(x[SPEED]) * speed * time
+    y[HEADING_ERROR] += time * x[GYRO_BIAS]
+    way = math.exp(x[SPEED_SCALE]) * speed * time
     y[:2] += (
-        way * np.array([math.sin(heading - y[HEADING]), math.cos(heading - y[HEADING])])
+        way * np.array([math.sin(heading - y[HEADING_ERROR]), math.cos(heading - y[HEADING_ERROR])])
         + time * x[6:8]
     )
     return y
@@ -134,8 +134,8 @@ def test_odometry_moves_mean_and_covariance_as_finite_differences_do() -> None:
     grown = made.covariance[0] - rows @ before @ rows.T
     # what biases that wander add, and nothing else
     assert np.all(np.abs(grown - np.diag(np.diag(grown))) < 1e-8)
-    assert np.all(np.diag(grown)[[SPEED, HEADING, GYRO]] > 0.0)
-    np.testing.assert_allclose(np.diag(grown)[[X, Y, SCALE]], 0.0, atol=1e-8)
+    assert np.all(np.diag(grown)[[SPEED_SCALE, HEADING_ERROR, GYRO_BIAS]] > 0.0)
+    np.testing.assert_allclose(np.diag(grown)[[X, Y, RANGE_SCALE]], 0.0, atol=1e-8)
 
 
 def test_far_away_it_is_the_linear_filter_of_filterpy() -> None:
@@ -145,9 +145,9 @@ def test_far_away_it_is_the_linear_filter_of_filterpy() -> None:
     made, place = belief(place=(0.0, -4.0)), (0.0, 1e7)
     n = made.prior_variance.size
     root = 0.1 * RANDOM.standard_normal((n, n))
-    root[SCALE] = 0.0
+    root[RANGE_SCALE] = 0.0
     with_covariance(made, root @ root.T)
-    made.state[0, SCALE] = 0.0
+    made.state[0, RANGE_SCALE] = 0.0
     other = KalmanFilter(dim_x=n, dim_z=1)
     other.x, other.P, other.R = (
         made.state[0][:, None].copy(),
@@ -214,9 +214,9 @@ def test_without_noise_the_errors_of_all_sensors_are_found() -> None:
     navigator = BeaconNavigator(settings, np.array([*truth[0], 0.0, 0.0]))
     actual = navigator.run(measured)
     x = navigator._belief.state[0]
-    assert x[SCALE] == pytest.approx(0.07, abs=1e-3)
-    assert x[SPEED] == pytest.approx(0.02, abs=2e-3)
-    assert x[GYRO] == pytest.approx(math.radians(0.3), abs=math.radians(0.01))
+    assert x[RANGE_SCALE] == pytest.approx(0.07, abs=1e-3)
+    assert x[SPEED_SCALE] == pytest.approx(0.02, abs=2e-3)
+    assert x[GYRO_BIAS] == pytest.approx(math.radians(0.3), abs=math.radians(0.01))
     assert np.hypot(*(actual.state[:, :2] - truth[1:]).T)[-1000:].max() < 0.05
 
 

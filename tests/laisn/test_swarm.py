@@ -213,7 +213,7 @@ def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(settings: Tigh
                         [along @ update.hypothesis_covariance[h] @ along for h in range(2)]
                     )
                     lean = off[0] * (np.hypot(*apart) >= 2.0 * spreads.sum())
-                np.testing.assert_allclose(out[i].offset_to_map, lean, rtol=0, atol=1e-9)
+                np.testing.assert_allclose(out[i].offset_to_likelier, lean, rtol=0, atol=1e-9)
                 leant, upright = leant + lean.any(), upright + (not lean.any())
     assert settings.assume.drift or min(leant, upright) > 5
 
@@ -231,7 +231,7 @@ def test_two_places_are_two_where_twice_their_spreads_do_not_meet(half: float, l
     belief.covariance[:2] = np.diag([1.0, 9.0, *np.ones(15)])
     refresh_output(belief, model)
     mission._write_outputs(belief, model, out)
-    assert out.offset_to_map == pytest.approx((0.8 * half * leans, 0.0))
+    assert out.offset_to_likelier == pytest.approx((0.8 * half * leans, 0.0))
 
 
 def test_a_covariance_that_is_not_positive_definite_is_reported() -> None:

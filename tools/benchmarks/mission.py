@@ -97,13 +97,14 @@ def physics() -> list[Row]:
         model = spec.compile()
         data = mujoco.MjData(model)
         bare = least_time(partial(mujoco.mj_step, model, data, steps), 3) / steps * 1e6
+        # one for MuJoCo's stages alone, and one for whole steps, with hydrodynamics
         dry = Plant(setups, ocean, dt)
         wet = Plant(setups, ocean, dt)
         calls = calls_of(dry.model, dry.data)
         floor = least_time(partial(_stages, calls, steps), 3) / steps * 1e6
         with_water = least_time(partial(wet.step, thrust, steps), 3) / steps * 1e6
-        fleets = [Plant(setups, ocean, dt) for _ in range(4)]
-        seconds = least_time(lambda f=fleets, r=routes, d=duration: simulate(f.pop(), r, d), 3)  # type: ignore[misc]
+        plants = [Plant(setups, ocean, dt) for _ in range(4)]
+        seconds = least_time(lambda p=plants, r=routes, d=duration: simulate(p.pop(), r, d), 3)  # type: ignore[misc]
         per_step = seconds / steps * 1e6
         rows += [
             Row(f"{fleet}: mj_step alone, no water", bare, "µs/step"),
@@ -226,9 +227,9 @@ def waves() -> list[Row]:
         routes = routes_of(mission)
         ocean = ocean_of(SeaSettings.of(scenario))
         step_s = scenario.timing.physics_step_s
-        fleets = [Plant(setups_of(mission, routes), ocean, step_s) for _ in range(4)]
+        plants = [Plant(setups_of(mission, routes), ocean, step_s) for _ in range(4)]
         duration = scenario.duration_s
-        seconds = least_time(lambda f=fleets, r=routes, d=duration: simulate(f.pop(), r, d), 3)  # type: ignore[misc]
+        seconds = least_time(lambda p=plants, r=routes, d=duration: simulate(p.pop(), r, d), 3)  # type: ignore[misc]
         per_step = seconds / round(duration / step_s) * 1e6
         name = "calm" if kind == "none" else kind
         rows += [
@@ -312,11 +313,11 @@ def film() -> list[Row]:
     if backend is None:
         return [Row(f"not measured: {graphics.INSTALL}", np.nan, "")]
     flight, _ = fly(load_scenario("T5", ()))
-    # frames spread over the whole mission
-    frames = {}
+    processor_s = {}  # by the number of frames
     for number in (90, 390):
         video = flight.scenario.video
         length = float(flight.trajectory.time[-1] - flight.trajectory.time[0])
+        # frames spread over the whole mission
         paced = video.model_copy(update={"speed_up": length * video.frame_rate_hz / number})
         marks: list[tuple[float, float]] = []
         start_s = _processor_s()
@@ -330,12 +331,12 @@ def film() -> list[Row]:
                 progress=lambda done, m=marks: m.append((time.perf_counter(), done)),  # type: ignore[misc]
             )
             size = path.stat().st_size
-        frames[number] = _processor_s() - start_s
+        processor_s[number] = _processor_s() - start_s
     seconds = time.perf_counter() - begin
-    first, fixed_kib = marks[0]
+    first, share_at_first = marks[0]
     last, _ = marks[-1]
-    rate = number * (1.0 - fixed_kib) / max(last - first, 1e-9)
-    frame_s = (frames[390] - frames[90]) / 300
+    rate = number * (1.0 - share_at_first) / max(last - first, 1e-9)
+    frame_s = (processor_s[390] - processor_s[90]) / 300
     bare_s = _bare_frame_s(backend.name)
     return [
         Row("frames a second, once running", rate, "1/s", goal=Goal(20.0, at_least=True)),

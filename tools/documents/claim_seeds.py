@@ -17,6 +17,7 @@ from reports.findings import FILE, Finding, Findings, interval_finding, plain_fi
 from reports.intervals import proportion
 
 MODULES = ("experiments.studies.reproduce.findings", "experiments.study.run")
+"""Modules that the record's numbers depend on, and that its version is of."""
 SEEDS = range(101, 121)
 """Seeds 1 to 6 served to choose how many replications, and at what confidence, claims are judged
 by.

@@ -37,7 +37,7 @@ _CHAPTERS = {
 
 
 def page_name(target: str, *, in_docs: bool) -> str:
-    """Where a link of README (else of a page in docs) leads on the site."""
+    """Where a link leads on the site: a link of a page in docs with `in_docs`, else of README."""
     if re.match(r"\w+:", target):
         return target
     path = target

@@ -13,7 +13,7 @@ from tools.fuzz.case import FuzzCase
 from tools.fuzz.values import WILD, number
 
 _ROOT = Path(__file__).resolve().parents[2]
-_KEYS = (
+_ODD_KEYS = (
     "followers.*.depth_m",
     "followers.9.depth_m",
     "followers.-1.depth_m",
@@ -29,7 +29,7 @@ _KEYS = (
 )
 _WORDS = ("tight", "ekf", "laisn3(2)", "T5", "remus100", "mod:Class", "../../etc", "x:", "::")
 _TABLES = ("[followers]", "[[leader]]", "[[followers]]", "[factors]", "[draws]", "[[arms]]", "[x]")
-_SHORT = ["--set", "duration_s=1", "--set", "motion=kinematic"]
+_SHORT_STUDY = ["--set", "duration_s=1", "--set", "motion=kinematic"]
 
 
 def _keys_of(table: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
@@ -42,7 +42,7 @@ def _keys_of(table: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
 
 @cache
 def _keys() -> tuple[str, ...]:
-    return (*_keys_of(Scenario(followers=[{"route": "T5"}]).model_dump()), *_KEYS)
+    return (*_keys_of(Scenario(followers=[{"route": "T5"}]).model_dump()), *_ODD_KEYS)
 
 
 @cache
@@ -94,7 +94,7 @@ def _settings(random: Random) -> FuzzCase:
         words = ["check", "T7"]
         options = ["--set"]
     else:
-        words = ["study", random.choice(("T5", "T7", "T2")), "--dry-run", *_SHORT]
+        words = ["study", random.choice(("T5", "T7", "T2")), "--dry-run", *_SHORT_STUDY]
         options = ["--set", "--vary", "--draw"]
     for _ in range(random.choice((1, 1, 3))):
         value = random.choice((_value, _draw))(random)
@@ -128,7 +128,7 @@ def _file(random: Random) -> FuzzCase:
     text = random.choice(_texts())
     for _ in range(random.choice((1, 1, 2, 4))):
         text = _changed(text, random)
-    words = random.choice((["check", "in.toml"], ["study", "in.toml", "--dry-run", *_SHORT]))
+    words = random.choice((["check", "in.toml"], ["study", "in.toml", "--dry-run", *_SHORT_STUDY]))
     return FuzzCase(words=words, files={"in.toml": text.encode("utf-8", "surrogatepass")})
 
 

@@ -442,6 +442,7 @@ _COMPARED = (
     for cell in ratio[side]
 )
 JUDGED = frozenset([BASE, HEADING, *_COMPARED])
+"""Cells of the tables, "CASE ARM", whose figures claims are judged by."""
 
 
 def judge(

@@ -11,7 +11,7 @@ from experiments.benchmark import data
 from experiments.benchmark.catalogue import missions
 from experiments.benchmark.data import MANIFEST
 from experiments.benchmark.tables import (
-    RANGES,
+    RANGE_COLUMNS,
     read_columns,
     read_measurements,
     read_truth,
@@ -79,8 +79,8 @@ def test_of_two_transmitters_the_third_has_no_column() -> None:
     folder = SAMPLE / "measurements"
     three = read_columns(folder / "astern" / "01" / "follower.csv")
     two = read_columns(folder / "straight-astern-two" / "01" / "follower.csv")
-    assert RANGES[:2] == tuple(name for name in two if name.startswith("range_"))
-    assert tuple(name for name in three if name.startswith("range_")) == RANGES
+    assert RANGE_COLUMNS[:2] == tuple(name for name in two if name.startswith("range_"))
+    assert tuple(name for name in three if name.startswith("range_")) == RANGE_COLUMNS
 
 
 @pytest.mark.system
@@ -159,4 +159,4 @@ def test_the_manifest_tells_damage(tmp_path: Path) -> None:
 
 
 def test_ranges_have_the_order_of_the_transmitters() -> None:
-    assert tuple(f"range_{name} [m]" for name in Ranges._fields) == RANGES
+    assert tuple(f"range_{name} [m]" for name in Ranges._fields) == RANGE_COLUMNS

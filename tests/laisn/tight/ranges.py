@@ -111,7 +111,9 @@ def _delays(
     return late * lag, late * age
 
 
-def _longest_echo(settings: TightSettings, leader: float, own: float, ranges: Floats) -> float:
+def _largest_echo_excess(
+    settings: TightSettings, leader: float, own: float, ranges: Floats
+) -> float:
     """An echo of range e has a direct range of √(e² − 4 d d') at least, by the distances from the
     surface or the floor.
     """
@@ -174,7 +176,9 @@ def to_message(
         which,
         arms[:2],
         sigma**2,
-        _longest_echo(settings, message.depth, own.depth - settings.hydrophone_height, all_ranges),
+        _largest_echo_excess(
+            settings, message.depth, own.depth - settings.hydrophone_height, all_ranges
+        ),
         lag,
         age,
         complex(np.sin(own.heading), np.cos(own.heading)),

@@ -152,7 +152,7 @@ def test_who_may_be_at_either_of_two_places_steers_by_the_likelier() -> None:
     expected = []
     for lean in (-4.0, 0.0, 4.0):
         deck = Deck()
-        deck.estimate.offset_to_map[0] = lean
+        deck.estimate.offset_to_likelier[0] = lean
         expected.append(deck.ticks(20)[-1, 2])
     assert expected[1] == pytest.approx(0.0, abs=1e-9)
     assert expected[0] > 0.1
