@@ -359,6 +359,12 @@ def test_a_factor_graph_whose_window_holds_all_is_the_solution_of_the_whole_prob
         [*best.x[18:25]], abs=3e-2 * np.sqrt(spread.max())
     )
     assert navigator.P[:2, :2] == pytest.approx(spread, rel=0.1, abs=0.05 * spread.max())
+    # with the heading, in units of the standard deviations
+    covariance = np.linalg.inv(best.jac.T @ best.jac)[18:21, 18:21]
+    sigmas = np.sqrt(np.diag(covariance))
+    actual = navigator.P[np.ix_([0, 1, 3], [0, 1, 3])]
+    unit = np.outer(sigmas, sigmas)
+    np.testing.assert_allclose(actual / unit, covariance / unit, atol=0.1)
 
 
 def test_without_gtsam_the_factor_graph_names_the_command_that_installs_it(
