@@ -22,8 +22,10 @@ from laisn.plugins import register
 from laisn_sim.cli.main import app
 from sim.attitude import rotate
 from sim.flight import FlightRecord, navigate
+from sim.scenario.parts import sensing_of_each
 from sim.sensing.noise import STREAMS, normals
 from sim.sensing.sensor import Sensor
+from sim.sensing.sensors import custom_sensors
 from sim.trajectory import Trajectory
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "extending.md"
@@ -395,3 +397,23 @@ def test_a_sensor_meets_the_sound_of_the_sea_in_open_and_closed_loops(no_plugins
         way = np.linalg.norm(place - (0.0, 0.0, -20.0), axis=1)
         # the mean speed over depths of a few metres is known to 0.5 m/s
         np.testing.assert_allclose(rows[:, 0] * 1400.5 / way, 1.0, rtol=0, atol=4e-4)
+
+
+@pytest.mark.parametrize(
+    ("variant", "tables", "expected"),
+    [
+        ("laisn-2", [], []),
+        ("laisn-2", ["dvl"], ["dvl"]),
+        ("inverted-usbl", [], ["bearing"]),
+        ("inverted-usbl", ["dvl"], ["bearing", "dvl"]),
+        ("inverted-usbl", ["inverted-usbl"], ["bearing"]),
+        ("inverted-usbl", ["dvl", "inverted-usbl"], ["dvl", "bearing"]),
+    ],
+)
+def test_a_follower_has_the_sensor_that_its_navigator_needs_once(
+    variant: str, tables: list[str], expected: list[str]
+) -> None:
+    custom = [{"sensor": name} for name in tables]
+    scenario = laisn_sim.load("T5", {"navigation.variant": variant, "sensors.custom": custom})
+    sensing = sensing_of_each(scenario)[0]
+    assert [driver.name for driver in custom_sensors(sensing, 0)] == expected
