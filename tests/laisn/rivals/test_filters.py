@@ -538,3 +538,11 @@ def test_all_rivals_take_the_current_from_the_leaders_track(name: str, current: 
         navigator.step(OwnMotion(0.0, 0.0, 10.0), sent)
     expected = flow if current else np.zeros(2)
     np.testing.assert_allclose(navigator.state[2:], expected, atol=0.03)
+
+
+def test_the_first_step_whose_readings_are_not_finite_is_named(flight: Any) -> None:
+    speed = flight.measurements[0].speed.copy()
+    speed[[2, 6]] = np.nan, np.inf
+    broken = replace(flight.measurements[0], speed=speed)
+    with pytest.raises(LaisnError, match="step 3: log, compass or depth are not finite"):
+        by_name("ekf", SETTINGS, START).run(broken)
