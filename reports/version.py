@@ -12,7 +12,6 @@ from importlib.metadata import version
 from modulefinder import ModuleFinder
 from pathlib import Path
 
-from laisn.compiled import FOLDER
 from laisn.navigators import code_of_navigators
 from sim.system import atomic_write
 
@@ -116,9 +115,10 @@ def _version_here(modules: tuple[str, ...]) -> str:
     """The version from disk, under a hash of every file that may decide it: who imports whom, and
     where the docstrings are, takes a second to find out.
     """
-    if FOLDER is None:
+    folder = _folder()
+    if folder is None:
         return _version(modules, ROOT)
-    file = FOLDER / "versions" / _digest_of_packages(modules)
+    file = folder / _digest_of_packages(modules)
     with suppress(OSError, UnicodeDecodeError):
         stored = file.read_text(encoding="ascii")
         if re.fullmatch("[0-9a-f]{12}", stored):
@@ -133,6 +133,14 @@ def _version_here(modules: tuple[str, ...]) -> str:
         for old in by_age[:-_MAX_STORED]:
             old.unlink(missing_ok=True)
     return computed
+
+
+def _folder() -> Path | None:
+    """Where versions are stored; None: nowhere."""
+    # the compiler takes half a second to import, and pages need none of it
+    from laisn.compiled import FOLDER
+
+    return None if FOLDER is None else FOLDER / "versions"
 
 
 def _digest_of_packages(modules: tuple[str, ...]) -> str:

@@ -137,7 +137,7 @@ def lookup(
 ) -> Iterator[Callable[[], str]]:
     """Looks the version of the tree up as another process would."""
     monkeypatch.setattr(version, "ROOT", tree)
-    monkeypatch.setattr(version, "FOLDER", tmp_path)
+    monkeypatch.setattr(version, "_folder", lambda: tmp_path / "versions")
 
     def look_up() -> str:
         version._version_here.cache_clear()
