@@ -118,6 +118,7 @@ def import_recording(
         f"{data.time[-1] - data.time[0]:.1f} s",
     )
     for i, (name, (east, north)) in enumerate(zip(data.beacons, data.places[:, :2], strict=True)):
+        # each range has the number of its beacon
         ranges = (data.range_beacon == i).sum()
         print_line(
             console, f"beacon {name} at {east:.2f} m east, {north:.2f} m north: {ranges} ranges"

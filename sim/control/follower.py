@@ -158,7 +158,8 @@ class FollowerMemory(RecordFields):
 
     frame: stations.StationFrame
     kept_frame: stations.StationFrame  # as it was at the last message
-    integral: float  # of the approach
+    # of the approach: z of ILOS [s], the crab angle of ALOS [rad]
+    integral: float
     heading_wanted: float  # [rad]
     speed_wanted: float  # [m/s]
     depth_wanted: float  # [m]
@@ -166,8 +167,8 @@ class FollowerMemory(RecordFields):
     compass: float  # low-passed [rad]
     # whether vertical thrusters alone hold its depth: it sinks otherwise than it points
     by_thrust: bool
-    depth: float  # followed by its rate [m]
-    sinking: float  # that rate [m/s]
+    depth: float  # smoothed, as `_followed_sinking` tracks it [m]
+    sinking: float  # rate of the smoothed depth [m/s]
     # velocity away from vehicles that are sensed nearby, east and north [m/s]
     push: Annotated[Floats, (2,)]
     last_received: float  # time of the last message [s]
