@@ -15,11 +15,11 @@ sim = laisn_sim.Simulation(
 )
 while not sim.done:
     belief = sim.estimates["follower"]
-    east, north = GOAL - (belief.east, belief.north)
-    distance = np.hypot(east, north)
+    to_east, to_north = GOAL - (belief.east, belief.north)
+    distance = np.hypot(to_east, to_north)
     # slower the nearer it is
     speed = np.clip(0.2 * distance, 0.3, 1.2)
-    command = laisn_sim.Command(heading=np.arctan2(east, north), speed=speed, depth=8.0)
+    command = laisn_sim.Command(heading=np.arctan2(to_east, to_north), speed=speed, depth=8.0)
     sim.command("follower", command)
     sim.step(1.0)
 

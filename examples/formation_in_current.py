@@ -10,7 +10,9 @@ formation = laisn_sim.load(
     {
         "name": "formation",
         "duration_s": 150,
+        # waypoints: [time_s, east_m, north_m]
         "leader": {"waypoints": [[0, 0, 0], [100, 100, 0], [150, 120, 45]]},
+        # the current flows to the north
         "ocean": {"current_speed_m_s": 0.3, "current_direction_deg": 0.0},
         "navigation": {"variant": "tight", "assume": {"current": True}},
         "followers": [
@@ -28,10 +30,10 @@ for name, row in laisn_sim.summary(flight)["followers"].items():
     )
 truth = laisn_sim.truth(flight)
 for name in flight.trajectory.names[1:]:
-    own = truth["vehicle"] == name
+    is_own = truth["vehicle"] == name
     apart = np.hypot(
-        truth["east_m"][own] - truth["east_m"][truth["vehicle"] == "leader"],
-        truth["north_m"][own] - truth["north_m"][truth["vehicle"] == "leader"],
+        truth["east_m"][is_own] - truth["east_m"][truth["vehicle"] == "leader"],
+        truth["north_m"][is_own] - truth["north_m"][truth["vehicle"] == "leader"],
     )
     print(f"{name:10} {apart[-1]:.1f} m from the leader at the end")
 flight.draw("formation.png", "routes")

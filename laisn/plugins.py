@@ -27,7 +27,8 @@ from typing import Any, NamedTuple, TypeGuard
 from laisn.custom_sources import Sources, is_custom, remove_bytecode
 from laisn.errors import LaisnError
 
-VARIABLE = "LAISN_PLUGINS"
+PLUGINS_VARIABLE = "LAISN_PLUGINS"
+"""Environment variable with the files of plugins."""
 # of the user's own code in the message of an error
 _MAX_FRAMES = 5
 # imports of a plugin whose files change meanwhile
@@ -64,7 +65,7 @@ _IMPORTED: dict[Path, str] = {}
 
 def plugin_files() -> dict[str, Path]:
     """Files of the plugins by the names of their modules."""
-    files = map(Path, filter(None, os.environ.get(VARIABLE, "").split(os.pathsep)))
+    files = map(Path, filter(None, os.environ.get(PLUGINS_VARIABLE, "").split(os.pathsep)))
     return {file.stem: file for file in files}
 
 
@@ -161,7 +162,7 @@ def load_plugin(file: str | os.PathLike[str]) -> ModuleType:
         )
     module = _load(path).module
     files = plugin_files() | {path.stem: path}
-    os.environ[VARIABLE] = os.pathsep.join(map(str, files.values()))
+    os.environ[PLUGINS_VARIABLE] = os.pathsep.join(map(str, files.values()))
     return module
 
 

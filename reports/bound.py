@@ -13,7 +13,7 @@ from laisn.bound import BoundGeometry, TrueNoise, position_bound, position_bound
 from laisn.messages import LeaderMessage, Measurements
 from laisn.settings import Assume, TightSettings
 from laisn.tight.model import model_of
-from laisn.tight.motion import CURRENT_SIGMA
+from laisn.tight.motion import LEADER_WAY_SIGMA
 from sim.flight import FlightRecord
 from sim.scenario.parts import SensingSettings, sensing_of_each
 from sim.scenario.section import in_si
@@ -26,8 +26,8 @@ from sim.trajectory import Trajectory
 
 # standard deviation of |N(0, 1)|, as which compasses err (Eq. 27)
 _FOLDED_NORMAL_SIGMA = float(np.sqrt(1.0 - 2.0 / np.pi))
-# drift of the tightly coupled navigator's biases
-_DRIFTING = model_of(TightSettings(assume=Assume(drift=True)))
+# the tight navigator's model with drifting biases; its walks are variances a second, by mode
+_DRIFTING_MODEL = model_of(TightSettings(assume=Assume(drift=True)))
 _TIMESTAMP = LeaderMessage._fields.index("timestamp")
 _UNIFORM_SIGMA = 1.0 / float(np.sqrt(12.0))
 # from so many instants of all followers on, compiled code follows the sound: it takes ten seconds
@@ -49,17 +49,18 @@ def noise_of(sensing: SensingSettings, navigation: Navigation, follower: int = 0
     estimated = navigation.settings().estimated
     drift = navigation.assume.drift
     moves = sensing.sound.sea.ocean.moves
-    has_heading_bias = (
+    has_leader_heading_bias = (
         sensing.sensors.leader_heading_bias_deg != 0.0 or "leader_heading_bias" in estimated
     )
     clock = "clock" in estimated
-    acoustics = sensing.acoustics
+    acoustic_settings = sensing.acoustics
     # metres that a second of the clock makes in a range; a clock that is not estimated is right
-    assumed_speed = acoustics.sound_speed_m_s + acoustics.sound_speed_bias_m_s
+    assumed_speed = acoustic_settings.sound_speed_m_s + acoustic_settings.sound_speed_bias_m_s
     metres_per_s = assumed_speed if clock else 0.0
     return TrueNoise(
         speed_sigma=errors.speed_sigma,
         heading_sigma=errors.heading_sigma * _FOLDED_NORMAL_SIGMA,
+        # τ is the width in which a range's error is uniform, one for each transmitter
         range_sigma=float(np.sqrt(np.mean(np.square(errors.range_tau)))) * _UNIFORM_SIGMA,
         range_scale_sigma=errors.range_scale_sigma,
         leader_heading_sigma=errors.leader_heading_sigma * _FOLDED_NORMAL_SIGMA,
@@ -68,23 +69,27 @@ def noise_of(sensing: SensingSettings, navigation: Navigation, follower: int = 0
             name: assumed[f"{name}_sigma"]
             for name in ("speed_bias", "heading_bias", "range_scale_bias")
         },
-        leader_heading_bias=assumed["leader_heading_bias_sigma"] if has_heading_bias else 0.0,
+        leader_heading_bias=assumed["leader_heading_bias_sigma"]
+        if has_leader_heading_bias
+        else 0.0,
         current=assumed["current_sigma"] if moves or "current" in estimated else 0.0,
         range_offset=assumed["offset_sigma"] if "range_offset" in estimated else 0.0,
         clock_offset=metres_per_s * assumed["clock_offset_sigma"],
         clock_drift=metres_per_s * assumed["clock_drift_sigma"],
-        speed_walk=math.sqrt(_DRIFTING.log_walk[0]) if drift else 0.0,
-        heading_walk=math.sqrt(_DRIFTING.compass_walk[0]) if drift else 0.0,
-        current_walk=math.sqrt(_DRIFTING.current_walk) if "current" in estimated else 0.0,
-        clock_walk=math.sqrt(_DRIFTING.clock_walk) if clock else 0.0,
-        leader_way_sigma=CURRENT_SIGMA if estimated & {"current", "leader_heading_bias"} else 0.0,
+        speed_walk=math.sqrt(_DRIFTING_MODEL.log_walk[0]) if drift else 0.0,
+        heading_walk=math.sqrt(_DRIFTING_MODEL.compass_walk[0]) if drift else 0.0,
+        current_walk=math.sqrt(_DRIFTING_MODEL.current_walk) if "current" in estimated else 0.0,
+        clock_walk=math.sqrt(_DRIFTING_MODEL.clock_walk) if clock else 0.0,
+        leader_way_sigma=LEADER_WAY_SIGMA
+        if estimated & {"current", "leader_heading_bias"}
+        else 0.0,
     )
 
 
 class _Messages(NamedTuple):
     """m messages that one follower received, by filter steps since the begin of a motion."""
 
-    arrived: Ints  # shape (m,)
+    arrived_step: Ints  # shape (m,)
     sent_step: Ints  # shape (m,)
     # where the rear, front and middle ping left, shape (m, 3, 3), the last axis in the world, [m]
     transmitter: Floats
@@ -107,6 +112,7 @@ def geometry_of(
     motion = navigated_motion(trajectory, sensing.links)
     first = round(float(motion.time[0]) / sensing.links.filter_step_s)
     is_large = (len(motion.names) - 1) * motion.time.size >= _MANY_INSTANTS
+    # None leaves the choice to `propagate`
     receptions = propagate(trajectory, sensing, follower, use_compiled=is_large or None)
     messages = _Messages(
         receptions.message_step - first, receptions.emission_step - first, receptions.transmitter
@@ -119,7 +125,7 @@ def _geometry(
     sensing: SensingSettings,
     follower: int,
     messages: _Messages,
-    received: Bools | None,
+    ping_received: Bools | None,
 ) -> BoundGeometry:
     """As `geometry_of`, in a motion of `navigated_motion`, from the messages of a follower."""
     dt = sensing.links.filter_step_s
@@ -128,20 +134,21 @@ def _geometry(
     instants = np.arange(1, n + 1) * stride
     sent = messages.sent_step * stride
     hydrophone = motion.site_path(
-        f"{motion.names[follower + 1]}/hydrophone", messages.arrived * stride
+        f"{motion.names[follower + 1]}/hydrophone", messages.arrived_step * stride
     )
     leader = motion.position[sent, 0, :2]
     count = sensing.transmitters
+    # transmitters from the leader's origin: east, north, and how much deeper than the hydrophone
     arms = messages.transmitter[:, :count].copy()
     arms[..., :2] -= leader[:, None]
     arms[..., 2] = hydrophone[:, None, 2] - arms[..., 2]
-    if received is not None:
-        arms[~received[:, :count]] = np.nan
+    if ping_received is not None:
+        arms[~ping_received[:, :count]] = np.nan
     return BoundGeometry(
         dt=dt,
         speed=motion.forward_speed[instants, follower + 1],
         heading=motion.heading[instants, follower + 1],
-        message_step=messages.arrived,
+        message_step=messages.arrived_step,
         from_leader=hydrophone[:, :2] - leader,
         arms=arms,
         leader_velocity=motion.velocity[sent, 0, :2] - motion.water_velocity[sent, 0, :2],
@@ -167,7 +174,7 @@ class _Broadcasts:
         [m].
         """
         if step not in self._pings:
-            first = step * self._dt + self._sound.lead
+            first_ping_s = step * self._dt + self._sound.lead
             self._pings[step] = np.array(
                 [
                     acoustics.site_at(
@@ -175,7 +182,7 @@ class _Broadcasts:
                         self._vehicle_motion,
                         0,
                         offset,
-                        first + i * self._sound.slot,
+                        first_ping_s + i * self._sound.slot,
                     )
                     for i, offset in enumerate(self._offsets)
                 ]
@@ -214,21 +221,21 @@ def flight_bounds(
     With a lag [s], messages of up to so much later are used too. Ranges, log and compass are those
     of this flight, with constant biases: sideslip, drift and echoes only raise what can be reached.
     """
-    navigated = sensing_of_each(flight.scenario)
+    sensing_of = sensing_of_each(flight.scenario)
     links = dict[str, _Broadcasts]()
     geometries = []
     noises = []
-    chosen = [*range(len(navigated))] if followers is None else [*followers]
+    chosen = [*range(len(sensing_of))] if followers is None else [*followers]
     # what further links tell is not in the geometry
     bounded = [i for i in chosen if not flight.scenario.navigation_of(i).further_links]
     for i in bounded:
-        sensing = navigated[i]
+        sensing = sensing_of[i]
         link = sensing.links.main
         if link not in links:
             links[link] = _Broadcasts(flight, sensing)
         messages = links[link].received(flight.measurements[i])
-        received = np.isfinite(flight.measurements[i].ranges)
-        geometries.append(_geometry(links[link].motion, sensing, i, messages, received))
+        ping_received = np.isfinite(flight.measurements[i].ranges)
+        geometries.append(_geometry(links[link].motion, sensing, i, messages, ping_received))
         noises.append(noise_of(sensing, flight.scenario.navigation_of(i), i))
     bounds = {i: np.full(flight.measurements[i].speed.size, np.nan) for i in chosen}
     if bounded:

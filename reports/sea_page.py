@@ -21,23 +21,25 @@ from sim.water.region import Region, region_of
 _ARROWS = 14  # along the longer side of the map
 _FLOOR_POINTS = 61
 _MARGIN_M = 100.0  # of the map about the routes
-_LEVELS = 80  # of profiles
+_PROFILE_POINTS = 80  # of profiles
 _PROFILE_LEGEND = ((SERIES[0], "towards east, and sound"), (SERIES[1], "towards north"))
-_NEGLIGIBLE_CURRENT_M_S = 1e-4  # a current below it is none [m/s]
+_NEGLIGIBLE_CURRENT_M_S = 1e-4  # a current below it is none
+_LEVEL_FLOOR_M = 1e-4  # a floor whose depths differ by less is level
 
 
-class _Map(NamedTuple):
+class _MapExtent(NamedTuple):
     region: Region
     spacing: float  # of arrows [m]
 
 
-def _map_of(plan: MissionPlan) -> _Map:
+def _extent_of(plan: MissionPlan) -> _MapExtent:
     region = region_of(plan, _MARGIN_M)
     side = max(region.east - region.west, region.north - region.south)
-    return _Map(region, side / _ARROWS)
+    return _MapExtent(region, side / _ARROWS)
 
 
 def _colour(number: int) -> Colour:
+    # 0 is the leader
     return LEADER if number == 0 else FOLLOWER
 
 
@@ -60,7 +62,7 @@ def _contours(sea: SeaSettings, region: Region) -> list[Line]:
     north = np.linspace(region.south, region.north, _FLOOR_POINTS)
     x, y = np.meshgrid(east, north)
     depth = floor_of(sea).depths_at(x, y)
-    if np.ptp(depth) < _NEGLIGIBLE_CURRENT_M_S:
+    if np.ptp(depth) < _LEVEL_FLOOR_M:
         return []
     generator: Any = contourpy.contour_generator(x, y, depth)
     lines = []
@@ -74,9 +76,9 @@ def _contours(sea: SeaSettings, region: Region) -> list[Line]:
     return lines
 
 
-def _map(sea: SeaSettings, paths: list[PlannedPath]) -> tuple[Any, float]:
+def _map_figure(sea: SeaSettings, paths: list[PlannedPath]) -> tuple[Any, float]:
     """The map, and the speed whose arrow is as long as their spacing [m/s]."""
-    region, spacing = _map_of(sea.plan)
+    region, spacing = _extent_of(sea.plan)
     east = np.arange(region.west + 0.5 * spacing, region.east, spacing)
     north = np.arange(region.south + 0.5 * spacing, region.north, spacing)
     columns, rows = np.meshgrid(east, north)
@@ -94,7 +96,8 @@ def _map(sea: SeaSettings, paths: list[PlannedPath]) -> tuple[Any, float]:
     return figure, fastest
 
 
-def _way(path: PlannedPath) -> Floats:
+def _distance_along(path: PlannedPath) -> Floats:
+    """Horizontal distance along a path at its positions, shape (n,), [m]."""
     steps = np.hypot(*np.diff(path.position[:, :2], axis=0).T)
     return np.concatenate([[0.0], np.cumsum(steps)])
 
@@ -103,18 +106,20 @@ def _section(sea: SeaSettings, paths: list[PlannedPath]) -> Any:
     floor = floor_of(sea)
     lines = []
     for i, path in enumerate(paths):
-        displacement = _way(path)
+        distance_along = _distance_along(path)
         depth = floor.depths_at(*path.position[:, :2].T)
         name = f"floor below {path.key}"
-        lines.append(Line(x=displacement, y=-depth, colour=FRAME if i else INK, name=name))
+        lines.append(Line(x=distance_along, y=-depth, colour=FRAME if i else INK, name=name))
         lines.append(
-            Line(x=displacement, y=path.position[:, 2], colour=_colour(i), width=2.0, name=path.key)
+            Line(
+                x=distance_along, y=path.position[:, 2], colour=_colour(i), width=2.0, name=path.key
+            )
         )
     lines.append(Line(x=np.zeros(1), y=np.zeros(1), colour=MUTED, name="surface"))
     return panel(lines, x_label="way [m]", y_label="height [m]", width=6.1, height=4.6)
 
 
-def _paths_panel(sea: SeaSettings, paths: list[PlannedPath]) -> Any:
+def _current_along_paths(sea: SeaSettings, paths: list[PlannedPath]) -> Any:
     lines = []
     for i, path in enumerate(paths):
         east, north, up = path.position.T
@@ -124,8 +129,8 @@ def _paths_panel(sea: SeaSettings, paths: list[PlannedPath]) -> Any:
 
 
 def _current_profile(sea: SeaSettings) -> Any:
-    depth = np.linspace(0.0, floor_of(sea).deepest, _LEVELS)
-    zero = np.zeros(_LEVELS)
+    depth = np.linspace(0.0, floor_of(sea).deepest, _PROFILE_POINTS)
+    zero = np.zeros(_PROFILE_POINTS)
     current = current_at(sea, zero, zero, depth, zero)
     lines = [
         Line(x=current[:, 0], y=-depth, colour=SERIES[0], name="towards east"),
@@ -137,7 +142,7 @@ def _current_profile(sea: SeaSettings) -> Any:
 
 
 def _sound_profile(sound: SoundSettings) -> Any:
-    depth = np.linspace(0.0, floor_of(sound.sea).deepest, _LEVELS)
+    depth = np.linspace(0.0, floor_of(sound.sea).deepest, _PROFILE_POINTS)
     rays = rays_of(sound)
     speed = np.array([rays.speed(float(value)) for value in depth])
     lines = [Line(x=speed, y=-depth, name="sound")]
@@ -149,12 +154,15 @@ def _profiles(sound: SoundSettings, paths: list[PlannedPath], *, flows: bool) ->
     if not flows:
         return Figures(panels=[_sound_profile(sound)])
     return Figures(
-        panels=[_paths_panel(sound.sea, paths), _current_profile(sound.sea), _sound_profile(sound)],
+        panels=[
+            _current_along_paths(sound.sea, paths),
+            _current_profile(sound.sea),
+            _sound_profile(sound),
+        ],
         legend=[
             (LEADER, "leader"),
             (FOLLOWER, "followers"),
-            (SERIES[0], "towards east, and sound"),
-            (SERIES[1], "towards north"),
+            *_PROFILE_LEGEND,
         ],
     )
 
@@ -164,19 +172,19 @@ def write_sea_page(scenario: Scenario, path: Path) -> None:
     sound = SoundSettings.of(scenario)
     sea = sound.sea
     paths = list(planned_paths(sea.plan))
-    chart, fastest = _map(sea, paths)
+    chart, fastest = _map_figure(sea, paths)
     floor = floor_of(sea)
-    heights = [
+    heights_above_floor = [
         floor.depths_at(*planned.position[:, :2].T) + planned.position[:, 2] for planned in paths
     ]
-    lowest = min(float(height.min()) for height in heights)
+    least_clearance = min(float(height.min()) for height in heights_above_floor)
     flows = fastest > _NEGLIGIBLE_CURRENT_M_S
     current_text = "There is no current"
     if flows:
         current_text = (
             f"The current runs at up to {fastest:.3g} m/s at {scenario.leader.layer_m:g} m"
         )
-    summary = f"{current_text}; the plans keep {lowest:.3g} m above the floor."
+    summary = f"{current_text}; the plans keep {least_clearance:.3g} m above the floor."
     legend = [(LEADER, "leader"), (FOLLOWER, "followers")]
     if flows:
         legend.append((SERIES[0], "current"))

@@ -23,9 +23,11 @@ def disc_power(thrust: Any, inflow: Any, density: float) -> Any:
     Thrust [N] has any sign; the inflow [m/s] is the disc's speed through the water, positive the
     way it pushes. Water that comes from behind a disc is taken for still.
     """
-    size = abs(thrust)
+    magnitude = abs(thrust)
     speed = select(inflow > 0.0, inflow, 0.0)
-    return size * (speed / 2 + np.sqrt(speed * speed / 4 + size / (2 * density * _DISC_AREA_M2)))
+    return magnitude * (
+        speed / 2 + np.sqrt(speed * speed / 4 + magnitude / (2 * density * _DISC_AREA_M2))
+    )
 
 
 @compiled
@@ -50,12 +52,14 @@ def thruster_power(trajectory: Trajectory, vehicle: int, density: float) -> Floa
     The inflow of a thruster is the hull's forward speed along its axis; thrusters across the hull
     have none.
     """
+    # states of all effectors, which are thrusts [N] of thrusters alone
     thrust = np.ascontiguousarray(trajectory.thrust[:, vehicle])
     force = trajectory.effector_force[vehicle]
     power = np.full(len(thrust), np.nan)
-    # records that pad a vehicle have no force, and never a thrust
-    others = ~force.any(axis=1)
-    if others.any() and thrust[:, others].any():
+    # of fins and other effectors, whose states are no thrusts; records that pad a vehicle have no
+    # force either, and their state is always 0
+    not_thrusters = ~force.any(axis=1)
+    if not_thrusters.any() and thrust[:, not_thrusters].any():
         return power
     speed = np.ascontiguousarray(trajectory.forward_speed[:, vehicle])
     _total_powers(thrust, speed, np.ascontiguousarray(force[:, 0]), density, power)

@@ -24,11 +24,11 @@ class StateHistory(NamedTuple):
     # velocity in the world [m/s] and angular velocity in the body [rad/s], shape (n, v, 6)
     twist: Floats
     water: Floats  # velocity of the water in the world, shape (n, v, 3), [m/s]
-    thrust: Floats  # of the effectors, shape (n, v, m), [N]
+    thrust: Floats  # states of the effectors, as of `Trajectory.thrust`, shape (n, v, m)
 
     @classmethod
     def empty(cls, instants: int, vehicles: int, effectors: int) -> Self:
-        """Room for a number of instants."""
+        """Room for a number of instants, in files if these are many."""
         return cls(*(room((instants, vehicles, columns)) for columns in (7, 6, 3, effectors)))
 
 
@@ -84,20 +84,21 @@ def pose_between(
 
 
 @compiled
-def _poses_at(index: Floats, dt: float, pose: Floats, twist: Floats) -> Floats:
-    """Poses of v vehicles at m places on the grid, shape (m, v, 7)."""
-    poses = np.empty((index.size, pose.shape[1], 7))
-    for m in range(index.size):
-        i = min(int(index[m]), pose.shape[0] - 2)
+def _poses_at(grid_place: Floats, dt: float, pose: Floats, twist: Floats) -> Floats:
+    """Poses of v vehicles at m places on the grid, counted in its steps, shape (m, v, 7)."""
+    poses = np.empty((grid_place.size, pose.shape[1], 7))
+    for m in range(grid_place.size):
+        i = min(int(grid_place[m]), pose.shape[0] - 2)
         for v in range(pose.shape[1]):
             ends = (pose[i, v], pose[i + 1, v])
             velocity = (twist[i, v], twist[i + 1, v])
-            for j, value in enumerate(pose_between(index[m] - i, dt, ends, velocity)):
+            for j, value in enumerate(pose_between(grid_place[m] - i, dt, ends, velocity)):
                 poses[m, v, j] = value
     return poses
 
 
-_BLOCK = 1 << 16  # a multiple of what is looked at together, such as windows of `sim.tracking`
+# instants of a block: a multiple of what is looked at together, such as windows of `sim.tracking`
+_BLOCK = 1 << 16
 
 
 def blocks(instants: int) -> list[slice]:
@@ -264,8 +265,8 @@ class Trajectory(ArrayRecord):
             raise ValueError(
                 f"time {instants.min():g} … {instants.max():g} s lies outside {start:g} … {end:g} s"
             )
-        index = np.clip((instants - start) / self.dt, 0.0, self.time.size - 1)
-        poses = _poses_at(index, self.dt, self.pose, self.twist)
+        grid_place = np.clip((instants - start) / self.dt, 0.0, self.time.size - 1)
+        poses = _poses_at(grid_place, self.dt, self.pose, self.twist)
         return poses[..., :3], poses[..., 3:]
 
     def site_at(self, name: str, time: npt.ArrayLike) -> Floats:

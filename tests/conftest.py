@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, settings
 
 from laisn import plugins
-from laisn.plugins import VARIABLE, plugin_files
+from laisn.plugins import PLUGINS_VARIABLE, plugin_files
 
 # Compiling on first use takes longer than any deadline. Every run tries the same examples, so that
 # a test that passes today passes tomorrow; `make fuzz` looks for others, and what it finds becomes
@@ -112,8 +112,8 @@ def pytest_unconfigure() -> None:
 def no_plugins(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Plugins that a test loads are forgotten after it."""
     # set first, so that it is removed afterwards also if it was not there before
-    monkeypatch.setenv(VARIABLE, "")
-    monkeypatch.delenv(VARIABLE)
+    monkeypatch.setenv(PLUGINS_VARIABLE, "")
+    monkeypatch.delenv(PLUGINS_VARIABLE)
     monkeypatch.setattr(plugins, "_REGISTERED", {})
     path, modules = list(sys.path), set(sys.modules)
     yield

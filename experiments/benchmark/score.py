@@ -121,7 +121,7 @@ def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(np.square(values)))) if values.size else math.nan
 
 
-def _nearest(times: Floats, queries: Floats) -> tuple[Ints, Ints]:
+def _neighbours(times: Floats, queries: Floats) -> tuple[Ints, Ints]:
     """Indices of the neighbours of each time: the last not after it, and the first not before."""
     after = np.searchsorted(times, queries - 1e-6)
     before = np.searchsorted(times, queries + 1e-6) - 1
@@ -138,10 +138,10 @@ def score_run(run: FollowerRun, truth: Truth, track: Track) -> RunScore:
     times = track.time[usable]
     position = track.position[usable]
     covariance = track.covariance[usable]
-    before, after = _nearest(times, truth.time)
+    before, after = _neighbours(times, truth.time)
     covered = (before >= 0) & (after < times.size)
-    first = before[covered]
-    covered[covered] = times[after[covered]] - times[first] <= LONGEST_GAP_S
+    earlier = before[covered]
+    covered[covered] = times[after[covered]] - times[earlier] <= LONGEST_GAP_S
     if not covered.any():
         return RunScore(run=run, step_us=track.step_us)
     time = truth.time[covered]
@@ -206,7 +206,7 @@ def counted(scores: Sequence[MissionScore]) -> list[MissionScore]:
     return [score for score in scores if catalogue[score.mission].scored] or list(scores)
 
 
-def total(scores: Sequence[MissionScore]) -> float:
+def overall_score(scores: Sequence[MissionScore]) -> float:
     """The score of a navigator: geometric mean of RMS over bound of the missions that count; NaN
     where one has a run that is not complete.
     """
@@ -256,17 +256,19 @@ def _track_of_run(path: Path, track: Track, rows: Ints) -> Track:
     return Track(time, track.position[rows], track.covariance[rows])
 
 
-def _labels(
-    path: Path, columns: Mapping[str, Any], units: Mapping[str, str]
+def _rows_by_run(
+    path: Path, columns: Mapping[str, Any], stated: Mapping[str, str]
 ) -> Iterator[tuple[FollowerRun, Ints]]:
-    """The runs in a table with the rows of each, by its columns, or by the path to it."""
+    """The runs in a table with the rows of each, by its columns, or by what its path has
+    `stated`.
+    """
     n = len(next(iter(columns.values()), ()))
     labels = []
     for name in FollowerRun._fields:
         if name in columns:
             labels.append([str(value) for value in columns[name].tolist()])
-        elif name in units:
-            labels.append([units[name]] * n)
+        elif name in stated:
+            labels.append([stated[name]] * n)
         else:
             raise LaisnError(
                 f"{path}: says not of which {name} it is; expected a column {name!r}, or a folder "
@@ -313,7 +315,7 @@ def read_estimates(source: Path) -> Iterator[tuple[FollowerRun, Track]]:
     for path, stated in _tables(source):
         columns = read_columns(path)
         track = _track(path, columns)
-        for run, rows in _labels(path, columns, stated):
+        for run, rows in _rows_by_run(path, columns, stated):
             yield run, _track_of_run(path, track, rows)
 
 
@@ -329,11 +331,13 @@ def navigate(
         scenario = load_scenario(str(task), assignments, flyable=True)
         # two steps are enough for the starts of the routes
         short = {"motion": "kinematic", "duration_s": 2.0 * scenario.timing.filter_step_s}
-        begin = simulate_motion(scenario.model_copy(update=short))
-        follower = begin.names[1:].index(run.follower)
+        first_steps = simulate_motion(scenario.model_copy(update=short))
+        follower = first_steps.names[1:].index(run.follower)
         measurements = read_measurements(_path(folder, MEASUREMENTS, run))
-        settings = replace(navigation_settings(scenario, begin.sites, follower), dt=measurements.dt)
-        instance = find(navigator).make(settings, start_of(begin, follower))
+        settings = replace(
+            navigation_settings(scenario, first_steps.sites, follower), dt=measurements.dt
+        )
+        instance = find(navigator).make(settings, start_of(first_steps, follower))
         yield run, _timed(instance, measurements)
 
 

@@ -308,7 +308,7 @@ class _Campaign:
                 Job(
                     key=("lanes", group[0].motion),
                     kind="missions",
-                    results=keys,
+                    result_keys=keys,
                     run=partial(_given, work),
                     size=len(group),
                 )
@@ -319,7 +319,7 @@ class _Campaign:
         return Job(
             key=plan.motion,
             kind="missions",
-            results=[plan.motion, *self.facts_keys(plan.motion), *_result_keys(batch)],
+            result_keys=[plan.motion, *self.facts_keys(plan.motion), *_result_keys(batch)],
             run=lambda _: partial(_fly, plan, self.facts, batch),
         )
 
@@ -328,7 +328,7 @@ class _Campaign:
         return Job(
             key=name,
             kind="runs",
-            results=[key],
+            result_keys=[key],
             run=lambda _: partial(_rows, key, self.tasks[name]),
         )
 
@@ -352,7 +352,7 @@ def _cells_job(batch: Sequence[CellPlan], *, depends_on_mission: bool) -> Job:
     return Job(
         key=("cells", first.key),
         kind="points and arms",
-        results=_result_keys(batch),
+        result_keys=_result_keys(batch),
         run=lambda store: partial(compute, mission(first.scenario, store), batch),
         depends_on=[first.motion] if depends_on_mission else [],
         size=len(batch),

@@ -20,7 +20,7 @@ class Job:
 
     key: Hashable  # of this job alone
     kind: str  # the name under which progress counts it, such as "missions"
-    results: Sequence[str]  # keys under which its results are stored
+    result_keys: Sequence[str]  # keys under which its results are stored
     run: Callable[[Store], Work]
     """Makes the work just before a process takes it, so that what it reads from the store does not
     wait in memory.
@@ -92,7 +92,7 @@ def _attempt(key: Hashable, work: Work, store: Store | None, plugins: str) -> _O
         return _Outcome(key, results=results)
     for result in results:
         store.put(*result)
-    return _Outcome(key, stored=[of_result for of_result, _, _ in results])
+    return _Outcome(key, stored=[key_of_result for key_of_result, _, _ in results])
 
 
 def _compute(
@@ -109,9 +109,10 @@ def _compute(
 
         def missing() -> Iterator[tuple[Hashable, Work, Store | None, str]]:
             for job in random.sample(jobs, len(jobs)):
-                if store.has(*job.results):
+                if store.has(*job.result_keys):
                     advance(job.size)
                 else:
+                    # those of a cluster return their results, others store them themselves
                     shared = store if pool.cluster is None else None
                     yield job.key, job.run(store), shared, pool.plugins
 

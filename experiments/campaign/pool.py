@@ -13,7 +13,7 @@ from joblib.externals.loky import get_reusable_executor
 
 from experiments.campaign.store import CampaignError
 from laisn.errors import LaisnError
-from laisn.plugins import VARIABLE, plugin_errors, plugins_version
+from laisn.plugins import PLUGINS_VARIABLE, plugin_errors, plugins_version
 from reports.version import code_version
 from sim.system import exit_with_parent
 
@@ -68,7 +68,7 @@ class Pool:
         options: dict[str, Any] = {"backend": "sequential" if self._client is None else "dask"}
         if self._client is None and self.size > 1:
             # joblib starts new processes where the arguments differ from those before
-            begin = os.getpid(), (VARIABLE, os.environ.get(VARIABLE, ""))
+            begin = os.getpid(), (PLUGINS_VARIABLE, os.environ.get(PLUGINS_VARIABLE, ""))
             options = {"backend": "loky", "initializer": exit_with_parent, "initargs": begin}
             # a process that has compiled holds the compiler's memory, which loky takes for a leak;
             # it gives the process's further calls to a new one, so that none is lost

@@ -536,7 +536,8 @@ _GROWTH = 0.2
 _MAX_WINDOW_TURN = (
     0.2  # a window with more turn is not used: the way between messages is too uncertain [rad]
 )
-CURRENT_SIGMA = 0.05  # of the mean current over a window of 10 s [m/s]
+# of the mean current over a window of 10 s, as the leader's way over ground shows it [m/s]
+LEADER_WAY_SIGMA = 0.05
 
 
 @compiled
@@ -604,7 +605,7 @@ def update_current_from_leader_track(b: GaussianMixture, m: Model, signal: Signa
                 per * (signal.north - o.window_y) - logged[1],
             )
             # both ends of the window err
-            variance = CURRENT_SIGMA * CURRENT_SIGMA * 10.0 * per
+            variance = LEADER_WAY_SIGMA * LEADER_WAY_SIGMA * 10.0 * per
             variance += (
                 2.0 * b.leader_position_variance * per * per + m.leader_position_walk_rate * per
             )

@@ -113,7 +113,7 @@ def _row(score: "MissionScore") -> list[str]:
 def _show(scores: Sequence["RunScore"]) -> None:
     from rich.console import Console
 
-    from experiments.benchmark.score import SEGMENTS_M, by_mission, counted, total
+    from experiments.benchmark.score import SEGMENTS_M, by_mission, counted, overall_score
     from experiments.campaign.progress import print_line, show_table
 
     heads = (
@@ -135,7 +135,7 @@ def _show(scores: Sequence["RunScore"]) -> None:
         )
     else:
         number = f"{len(scored)} mission{'s' if len(scored) > 1 else ''}"
-        mean = f"{total(missions):.3f} × bound, geometric mean of {number}"
+        mean = f"{overall_score(missions):.3f} × bound, geometric mean of {number}"
         left_out = f"; without {', '.join(others)}" if others else ""
         print_line(console, f"{mean}{left_out}", "score:")
     steps = [score.step_us for score in missions if not math.isnan(score.step_us)]

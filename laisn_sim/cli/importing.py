@@ -18,6 +18,7 @@ _TABLES = (".csv", ".tsv")
 
 
 def _is_table(source: Path) -> bool:
+    # NAME_DR.csv is the odometry of a data set of ranging radios
     return source.suffix in _TABLES and not source.stem.endswith("_DR")
 
 
@@ -36,6 +37,7 @@ def _proposal(source: Path, vehicle: str | None) -> Proposal:
 
 def propose_map(source: Path, path: Path, vehicle: str | None) -> None:
     """Write the map that is proposed for a table or a bag, and print what is in doubt."""
+    # refused before the source is read if it cannot be written
     output = output_file(path, [".toml"], [source], "--propose")
     proposal = _proposal(source, vehicle)
     write_proposal(proposal, path)
@@ -116,6 +118,7 @@ def import_recording(
         f"{data.time[-1] - data.time[0]:.1f} s",
     )
     for i, (name, (east, north)) in enumerate(zip(data.beacons, data.places[:, :2], strict=True)):
+        # each range has the number of its beacon
         ranges = (data.range_beacon == i).sum()
         print_line(
             console, f"beacon {name} at {east:.2f} m east, {north:.2f} m north: {ranges} ranges"

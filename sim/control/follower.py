@@ -37,9 +37,13 @@ CONSTANT_BEARING, ILOS, ALOS = range(3)  # values of `formation.law`
 
 @compiled
 def _line_of_sight(
-    a: Record, t: stations.Target, offset: tuple[float, float], dt: float, integral: float
+    formation: Record, t: stations.Target, offset: tuple[float, float], dt: float, integral: float
 ) -> tuple[float, float, float]:
-    """Velocity through the water, east and north, and the integral brought forward."""
+    """Velocity through the water, east and north, and the integral brought forward.
+
+    `formation.integral` is σ of ILOS, γ Δ² of ALOS [m/s].
+    """
+    lookahead = formation.lookahead
     speed = np.hypot(t.velocity_east, t.velocity_north)
     course = (
         np.arctan2(t.velocity_east, t.velocity_north)
@@ -50,26 +54,27 @@ def _line_of_sight(
     along_track = offset[0] * sine + offset[1] * cosine
     across = offset[0] * cosine - offset[1] * sine
     # U = V − V_a s / √(s² + Δ²), with s along the track and Δ the lookahead
-    along_track_speed = speed - a.approach_speed * along_track / np.sqrt(
-        along_track * along_track + a.lookahead * a.lookahead
+    along_track_speed = speed - formation.approach_speed * along_track / np.sqrt(
+        along_track * along_track + lookahead * lookahead
     )
-    if a.law == ILOS:
+    if formation.law == ILOS:
         # ψ = χ − atan((y + σ z) / Δ), ż = Δ y / (Δ² + (y + σ z)²), with y across the track
-        pulled = across + a.integral * integral
-        integral += dt * a.lookahead * across / (a.lookahead * a.lookahead + pulled * pulled)
-        heading = course - np.arctan(pulled / a.lookahead)
+        across_with_integral = across + formation.integral * integral
+        squared = lookahead * lookahead + across_with_integral * across_with_integral
+        integral += dt * lookahead * across / squared
+        heading = course - np.arctan(across_with_integral / lookahead)
     else:
         # the crab angle itself is what is integrated
-        gain = a.integral / (a.lookahead * a.lookahead)
-        rate = gain * a.lookahead * across / np.sqrt(a.lookahead * a.lookahead + across * across)
+        gain = formation.integral / (lookahead * lookahead)
+        rate = gain * lookahead * across / np.sqrt(lookahead * lookahead + across * across)
         integral = clip(integral + dt * rate, -0.8, 0.8)
-        heading = course - integral - np.arctan(across / a.lookahead)
+        heading = course - integral - np.arctan(across / lookahead)
     return along_track_speed * np.sin(heading), along_track_speed * np.cos(heading), integral
 
 
 @compiled
 def approach(
-    a: Record,
+    formation: Record,
     t: stations.Target,
     position: tuple[float, float],
     current: tuple[float, float],
@@ -84,12 +89,14 @@ def approach(
     brought forward.
     """
     x, y = position[0] - t.east, position[1] - t.north
-    if a.law == CONSTANT_BEARING:
-        scale = a.approach_speed / np.sqrt(x * x + y * y + a.lookahead * a.lookahead)
+    if formation.law == CONSTANT_BEARING:
+        scale = formation.approach_speed / np.sqrt(
+            x * x + y * y + formation.lookahead * formation.lookahead
+        )
         east = t.velocity_east - scale * x - current[0]
         north = t.velocity_north - scale * y - current[1]
     else:
-        east, north, integral = _line_of_sight(a, t, (x, y), dt, integral)
+        east, north, integral = _line_of_sight(formation, t, (x, y), dt, integral)
     # a hull without way cannot be steered, nor one that goes astern
     way_east = t.way_east - current[0]
     way_north = t.way_north - current[1]
@@ -97,46 +104,53 @@ def approach(
     if water_speed > 0.0:
         way_east = way_east / water_speed
         way_north = way_north / water_speed
-        speed_deficit = max(a.min_along_track_speed - (east * way_east + north * way_north), 0.0)
+        speed_deficit = max(
+            formation.min_along_track_speed - (east * way_east + north * way_north), 0.0
+        )
         east, north = east + speed_deficit * way_east, north + speed_deficit * way_north
     size = np.hypot(east, north)
     if size > 0.0:
-        scale = clip(size, a.min_speed, a.max_speed) / size
+        scale = clip(size, formation.min_speed, formation.max_speed) / size
         east, north = east * scale, north * scale
     return east, north, integral
 
 
 @compiled
-def repulsion_velocity(p: Record, sightings: Records, heading: float) -> tuple[float, float]:
+def repulsion_velocity(
+    proximity: Record, sightings: Records, heading: float
+) -> tuple[float, float]:
     """Velocity away from vehicles in sight, of SIGHTING, shape (v,), east and north, up to the
     full speed [m/s].
     """
     east, north = 0.0, 0.0
     for j in range(sightings.shape[0]):
         if sightings[j].range == sightings[j].range:
-            share = (p.range - sightings[j].range) / (p.range - p.full_avoidance_range)
-            speed = p.max_avoidance_speed * clip(share, 0.0, 1.0)
+            share = (proximity.range - sightings[j].range) / (
+                proximity.range - proximity.full_avoidance_range
+            )
+            speed = proximity.max_avoidance_speed * clip(share, 0.0, 1.0)
             towards = heading + sightings[j].bearing
             east, north = east - speed * np.sin(towards), north - speed * np.cos(towards)
     size = np.hypot(east, north)
-    if size > p.max_avoidance_speed:
-        east, north = east * p.max_avoidance_speed / size, north * p.max_avoidance_speed / size
+    max_speed = proximity.max_avoidance_speed
+    if size > max_speed:
+        east, north = east * max_speed / size, north * max_speed / size
     return east, north
 
 
 @compiled
 def give_way(
-    f: Record, course: tuple[float, float], push: tuple[float, float]
+    formation: Record, course: tuple[float, float], push: tuple[float, float]
 ) -> tuple[float, float]:
     """Heading [rad] and speed through the water [m/s] with a velocity, east and north, added, as
     a hull can do it.
     """
     heading, speed = course
     sine, cosine = np.sin(heading), np.cos(heading)
-    along_track = max(speed + push[0] * sine + push[1] * cosine, f.min_along_track_speed)
+    along_track = max(speed + push[0] * sine + push[1] * cosine, formation.min_along_track_speed)
     across = push[0] * cosine - push[1] * sine
     heading += np.arctan2(across, along_track)
-    return heading, min(np.hypot(along_track, across), f.max_speed)
+    return heading, min(np.hypot(along_track, across), formation.max_speed)
 
 
 class FollowerMemory(RecordFields):
@@ -144,7 +158,8 @@ class FollowerMemory(RecordFields):
 
     frame: stations.StationFrame
     kept_frame: stations.StationFrame  # as it was at the last message
-    integral: float  # of the approach
+    # of the approach: z of ILOS [s], the crab angle of ALOS [rad]
+    integral: float
     heading_wanted: float  # [rad]
     speed_wanted: float  # [m/s]
     depth_wanted: float  # [m]
@@ -152,8 +167,8 @@ class FollowerMemory(RecordFields):
     compass: float  # low-passed [rad]
     # whether vertical thrusters alone hold its depth: it sinks otherwise than it points
     by_thrust: bool
-    depth: float  # followed by its rate [m]
-    sinking: float  # that rate [m/s]
+    depth: float  # smoothed, as `_followed_sinking` tracks it [m]
+    sinking: float  # rate of the smoothed depth [m/s]
     # velocity away from vehicles that are sensed nearby, east and north [m/s]
     push: Annotated[Floats, (2,)]
     last_received: float  # time of the last message [s]
@@ -172,8 +187,8 @@ _COMPASS_TIME = 2.0
 # both time constants of the rate of depth [s]; well below that of depth by thrust, 2 / ω
 _SINKING_TIME = 0.5
 _DIVE_RATE = 0.2  # a new depth is taken up at this rate [m/s]
-_SURFACE = 0.2  # depth at which a follower lies at the surface [m]
-_CIRCLE = float(np.deg2rad(4.0))  # rate at which a follower circles that has given up [rad/s]
+_SURFACE_DEPTH = 0.2  # depth at which a follower lies at the surface [m]
+_CIRCLE_RATE = float(np.deg2rad(4.0))  # rate at which a follower circles that has given up [rad/s]
 
 CONTINUE, CIRCLE, SURFACE = range(3)  # values of `formation.timeout_action`
 
@@ -272,6 +287,7 @@ def measured_motion(
         memory.compass = reading.heading
         memory.depth = reading.depth
     memory.log += (reading.speed - memory.log) * dt / _LOG_TIME
+    # turning is positive to port, headings are clockwise
     memory.compass -= reading.turning * dt
     memory.compass += wrap_angle(reading.heading - memory.compass) * dt / _COMPASS_TIME
     surge = memory.log - estimate.log_bias
@@ -307,9 +323,9 @@ def _to_station(
         position = target.east, target.north
     elif not sigma <= formation.max_trail_sigma:
         # a parallel course: of the way to the station only what lies along the leader's counts
-        water_speed = np.hypot(target.way_east, target.way_north)
-        if water_speed > 0.0:
-            ahead_east, ahead_north = target.way_east / water_speed, target.way_north / water_speed
+        pace = np.hypot(target.way_east, target.way_north)
+        if pace > 0.0:
+            ahead_east, ahead_north = target.way_east / pace, target.way_north / pace
             along_track = (position[0] - target.east) * ahead_east + (
                 position[1] - target.north
             ) * ahead_north
@@ -400,15 +416,15 @@ def keep_station(
     depth = station.depth
     heading = memory.heading_wanted
     speed = memory.speed_wanted
-    silent = current_time - memory.last_received
-    if silent > formation.message_timeout and formation.timeout_action != CONTINUE:
+    silence_s = current_time - memory.last_received
+    if silence_s > formation.message_timeout and formation.timeout_action != CONTINUE:
         speed = formation.timeout_speed
         if formation.timeout_action == CIRCLE:
-            heading += _CIRCLE * dt
+            heading += _CIRCLE_RATE * dt
         else:
-            depth = min(depth, _SURFACE)
+            depth = min(depth, _SURFACE_DEPTH)
     else:
-        if silent > 0.5 * dt:
+        if silence_s > 0.5 * dt:
             stations.turn_frame(
                 formation, station, trail, (current_time - dt, current_time), dt, memory.frame
             )
@@ -432,29 +448,31 @@ def keep_station(
         if station.radius > 0.0:
             target = plan_detour(t, planned_velocity, formation.lookahead, dt, memory)
         sigma = float(
-            np.hypot(estimate.position_sigma, formation.leader_velocity_sigma * max(silent, 0.0))
+            np.hypot(estimate.position_sigma, formation.leader_velocity_sigma * max(silence_s, 0.0))
         )
         east, north = _to_station(formation, target, estimate, sigma, dt, memory)
         heading = np.arctan2(east, north)
         speed = np.hypot(east, north)
-        if silent > 0.5 * dt and speed > formation.timeout_speed:
+        if silence_s > 0.5 * dt and speed > formation.timeout_speed:
             # full speed up to the bound, the slow one from twice the bound on
             slow = formation.timeout_speed
             speed = slow + clip(2.0 - sigma / formation.max_trail_sigma, 0.0, 1.0) * (speed - slow)
     push = memory.push[0], memory.push[1]
     if push[0] != 0.0 or push[1] != 0.0:
         heading, speed = give_way(formation, (heading, speed), push)
-    sinking = clip(depth - memory.depth_wanted, -_DIVE_RATE * dt, _DIVE_RATE * dt)
-    memory.depth_wanted += sinking
+    depth_step = clip(depth - memory.depth_wanted, -_DIVE_RATE * dt, _DIVE_RATE * dt)
+    memory.depth_wanted += depth_step
     reference.turn_acceleration = reference.acceleration = 0.0
     reference.depth = memory.depth_wanted
-    reference.sinking = sinking / dt
+    reference.sinking = depth_step / dt
     turn_rate = TURN_RATE
     if station.radius > 0.0:
         # what planned turns leave of the rudder is for corrections
         turn_rate = min(TURN_RATE, memory.speed_wanted / (TURN_RESERVE * station.radius))
-    turn = clip(wrap_angle(heading - memory.heading_wanted), -turn_rate * dt, turn_rate * dt)
-    memory.heading_wanted += turn
-    change = clip(speed - memory.speed_wanted, -ACCELERATION * dt, ACCELERATION * dt)
-    memory.speed_wanted = max(memory.speed_wanted + change, MIN_COMMANDED_SPEED)
-    return (memory.heading_wanted, turn / dt, memory.speed_wanted), motion
+    heading_step = clip(
+        wrap_angle(heading - memory.heading_wanted), -turn_rate * dt, turn_rate * dt
+    )
+    memory.heading_wanted += heading_step
+    speed_step = clip(speed - memory.speed_wanted, -ACCELERATION * dt, ACCELERATION * dt)
+    memory.speed_wanted = max(memory.speed_wanted + speed_step, MIN_COMMANDED_SPEED)
+    return (memory.heading_wanted, heading_step / dt, memory.speed_wanted), motion

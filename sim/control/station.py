@@ -369,7 +369,8 @@ class StationGeometry(RecordFields):
     behind: float
     port: float
     depth: float
-    # least radius of the hull's turns, as of `sim.control.stability.least_radius`
+    # least radius of the hull's turns, as of `sim.control.stability.least_radius`; 0: none
+    # limits them
     radius: float
 
 

@@ -29,7 +29,7 @@ _LEADER = {
     *("leader", "ldr", "lead", "mother", "mothership", "ship", "boat", "vessel", "asv", "usv"),
     *("master", "surface", "broadcast"),
 }
-_OWN_WORDS = {
+_FILLER_WORDS = {
     *("own", "auv", "uuv", "follower", "vehicle", "self", "robot", "rov", "meas", "measured"),
     *("value", "data", "sensor", "msg", "message", "raw", "filtered", "acoustic"),
     *("true", "mag", "magnetic", "gyro", "dvl", "ctd", "modem", "through", "water", "to"),
@@ -41,6 +41,7 @@ _SLOTS: dict[str, tuple[str, ...]] = {
     "front": ("front", "fore", "bow", "fwd", "forward", "nose", "2", "b"),
     "middle": ("middle", "mid", "center", "centre", "3", "c"),
 }
+"""Words for each transmitter; only those of `_CERTAIN_SLOTS` need no check."""
 _TRANSMITTER = {"tx", "transmitter", "beacon", "transponder", "pinger", "source", "anchor"}
 _CERTAIN_SLOTS = {"rear", "aft", "stern", "front", "fore", "bow", "fwd", "middle", "mid"}
 _WORDS: dict[str, set[str]] = {
@@ -106,7 +107,7 @@ _POSES = {
 _NO_MEASUREMENTS = ("/tf", "/tf_static", "/clock", "/rosout", "/parameter_events")
 _CONCLUSIONS = {"truth", "ground", "groundtruth", "gt", "estimate", "estimated", "filtered"}
 """Words of topics that hold no measurements, but what was concluded of them or is known apart."""
-_DEFINITION_WORDS = {"header", "stamp", "sec", "nanosec", "covariance", "seq"}
+_BOILERPLATE_WORDS = {"header", "stamp", "sec", "nanosec", "covariance", "seq"}
 
 
 class Match(NamedTuple):
@@ -172,7 +173,7 @@ def _range_match(words: Sequence[str], unit: str) -> Match | None:
     other_words = [
         word
         for word in words
-        if word not in (_RANGE | _OWN_WORDS | _LEADER | _TRANSMITTER | {"to"})
+        if word not in (_RANGE | _FILLER_WORDS | _LEADER | _TRANSMITTER | {"to"})
     ]
     slot, word = _slot_of(other_words)
     others = [other for other in other_words if other != word]
@@ -185,8 +186,8 @@ def _range_match(words: Sequence[str], unit: str) -> Match | None:
 
 
 def match(name: str, *, in_leader_topic: bool = False) -> Match | None:
-    """What a name stands for; None if for nothing. `of_leader`: the name is within a topic of the
-    leader's.
+    """What a name stands for; None if for nothing. `in_leader_topic`: the name is within a
+    topic of the leader's.
     """
     bare, unit, note = _without_unit(name)
     words = _words(bare)
@@ -201,7 +202,7 @@ def match(name: str, *, in_leader_topic: bool = False) -> Match | None:
 
 def _quantity_match(words: Sequence[str], unit: str, *, leader: bool) -> Match | None:
     """A quantity of the own vehicle, of the leader, or a place of a transmitter."""
-    other_words = [word for word in words if word not in (_LEADER | _OWN_WORDS | _TRANSMITTER)]
+    other_words = [word for word in words if word not in (_LEADER | _FILLER_WORDS | _TRANSMITTER)]
     slot, slot_word = _slot_of(other_words[:-1])
     other_words = [word for word in other_words if word != slot_word]
     # "compass heading" says one thing twice
@@ -304,6 +305,7 @@ def _typed(topic: BagTopic) -> Iterator[_Candidate]:
             yield from _ranges(topic, entry)
         elif quantity.startswith("leader_"):
             note = "" if leader else "is this topic the leader's?"
+            # `hold`: a reception takes the last position before it, and interpolates none
             yield _Candidate(quantity, 1, entry | {"hold": True}, note)
         else:
             field_of_log = f"leader_{quantity}" if leader else quantity
@@ -325,9 +327,9 @@ def _posed(topic: BagTopic, pose: str, *, leader: bool) -> Iterator[_Candidate]:
         if topic.type_name == _ODOMETRY:
             yield _Candidate("speed", 3, speed, note)
         return
-    yield _Candidate("leader_east", 0, _position(topic, "x", 1.0), "")
-    yield _Candidate("leader_north", 0, _position(topic, "y", 1.0), "")
-    yield _Candidate("leader_depth", 0, _position(topic, "z", -1.0), "")
+    yield _Candidate("leader_east", 0, _position_entry(topic, "x", 1.0), "")
+    yield _Candidate("leader_north", 0, _position_entry(topic, "y", 1.0), "")
+    yield _Candidate("leader_depth", 0, _position_entry(topic, "z", -1.0), "")
     yield _Candidate("leader_heading", 0, orientation, "")
     if topic.type_name == _ODOMETRY:
         yield _Candidate("leader_speed", 0, speed, "")
@@ -360,7 +362,7 @@ def _candidates_by_name(topic: BagTopic) -> Iterator[_Candidate]:
     has_several_fields = sum(match(field) is not None for field in topic.fields) > 2
     for field in topic.fields:
         words = _words(field)
-        if _DEFINITION_WORDS & set(words):
+        if _BOILERPLATE_WORDS & set(words):
             continue
         # a message with many fields names them; one with a number alone is named by its topic
         name = field if words[-1:] != ["data"] else topic.name.rpartition("/")[2]
@@ -383,7 +385,7 @@ def _own_type(topic: BagTopic) -> Iterator[_Candidate]:
         yield _Candidate(field, -2, entry, "")
 
 
-def _fields_of(topic: BagTopic) -> Iterator[_Candidate]:
+def _candidates_of(topic: BagTopic) -> Iterator[_Candidate]:
     if set(RECEPTION.fields) <= set(topic.fields):
         return _own_type(topic)
     is_typed = topic.type_name in _FIELDS_BY_TYPE or topic.type_name in _POSES
@@ -395,7 +397,7 @@ def _candidates(topics: Sequence[BagTopic]) -> Iterator[_Candidate]:
         if topic.name in _NO_MEASUREMENTS or not topic.messages:
             continue
         concluded = bool(_CONCLUSIONS & set(_words(topic.name)))
-        for candidate in _fields_of(topic):
+        for candidate in _candidates_of(topic):
             # the leader's estimate of itself is what it broadcasts
             rank = candidate.rank + (10 if concluded else 0)
             if concluded and not candidate.field.startswith("leader_"):
@@ -422,8 +424,8 @@ def _other_robots(
         entry = entries.get(f"range_{slot}")
         if entry is None:
             continue
-        places = [*entry.get("where", {}).values(), *str(entry["topic"]).split("/")[2:]]
-        names = (str(word).lower() for word in places)
+        name_parts = [*entry.get("where", {}).values(), *str(entry["topic"]).split("/")[2:]]
+        names = (str(word).lower() for word in name_parts)
         name = next((name for name in names if name in poses), None)
         if name is None or name in own_namespaces:
             continue
@@ -431,12 +433,12 @@ def _other_robots(
         poses_of_others.append(topic)
         note = f"is {topic.name} where the {slot} transmitter is?"
         for axis, letter, factor in (("east", "x", 1.0), ("north", "y", 1.0), ("depth", "z", -1.0)):
-            yield _Candidate(f"{slot}_{axis}", 0, _position(topic, letter, factor), note)
+            yield _Candidate(f"{slot}_{axis}", 0, _position_entry(topic, letter, factor), note)
     if poses_of_others:
         yield from _posed(poses_of_others[0], _POSES[poses_of_others[0].type_name], leader=True)
 
 
-def _position(topic: BagTopic, letter: str, factor: float) -> dict[str, Any]:
+def _position_entry(topic: BagTopic, letter: str, factor: float) -> dict[str, Any]:
     field = f"{_POSES[topic.type_name]}.position.{letter}"
     entry: dict[str, Any] = {"topic": topic.name, "field": field, "unit": "m"}
     return entry if factor == 1.0 else entry | {"factor": factor}

@@ -58,7 +58,8 @@ _PANEL: Colour = (0.01, 0.06, 0.10)
 _EDGE: Colour = (0.55, 0.80, 0.90)
 # a map of the whole mission shows several followers apart if they take at least this share of it
 _FLEET_SHARE = 0.25
-_COLUMNS = (-106.0, -12.0)  # right edges of the leader's and the follower's numbers
+# right edges of the leader's and the follower's numbers, from the right edge of the panel
+_COLUMNS = (-106.0, -12.0)
 _MARGIN_PX = 2
 
 
@@ -92,11 +93,12 @@ class Dashboard:
     def __init__(self, data: FilmData, canvas: Canvas, show_pitch: bool = False) -> None:
         self._data = data
         self._follower = data.follower
-        self._added = data.annotations
+        self._annotations = data.annotations
         s = canvas.scale
         t = canvas.text_scale
-        self._s = s
-        self._t = t
+        # pixels of figures that are given for frames of 720 rows; text has a least size
+        self._scale = s
+        self._text_scale = t
         self._size = (canvas.width, canvas.height)
         self._short = canvas.height < _SHORT_ROWS
         left = 16 * s
@@ -116,16 +118,16 @@ class Dashboard:
         bar: Area = (corner, top + side + gap, side, 72 * t)
         left_edge = left + width + gap
         caption: Area = (left_edge, top, corner - gap - left_edge, 60 * s)
-        self.scale: Area = (left, canvas.height - 26 * s - 32 * t, 240 * s, 36 * t)
+        self.scale_bar_area: Area = (left, canvas.height - 26 * s - 32 * t, 240 * s, 36 * t)
         """Where the scale of the picture stands."""
-        left_edges = [self._numbers, *curves]
-        rights = [self._map]
-        if self._added.rays:
-            rights.append(bar)
-        words = [caption] if self._added.caption else []
-        self.places: list[Area] = [*left_edges, *rights, *words]  # places of all panels
+        left_column = [self._numbers, *curves]
+        right_column = [self._map]
+        if self._annotations.rays:
+            right_column.append(bar)
+        words = [caption] if self._annotations.caption else []
+        self.places: list[Area] = [*left_column, *right_column, *words]  # places of all panels
         lower_left, lower_right = (
-            max(y + h for _, y, _, h in column) for column in (left_edges, rights)
+            max(y + h for _, y, _, h in column) for column in (left_column, right_column)
         )
         self.covered: list[Area] = [
             (0.0, 0.0, left + width, lower_left),
@@ -154,9 +156,9 @@ class Dashboard:
             for area, (label, values) in zip(curves, quantities, strict=False)
         ]
         self._add_map()
-        if self._added.rays:
-            self._add_colour_bar(bar, self._added.rays)
-        if self._added.caption:
+        if self._annotations.rays:
+            self._add_colour_bar(bar, self._annotations.rays)
+        if self._annotations.caption:
             self._add_caption(caption)
         self._layers = self._drawn()
 
@@ -186,7 +188,14 @@ class Dashboard:
         y = 1 - position[1] / self._size[1]
         weight = "bold" if size < 0 else "normal"
         self.figure.text(
-            x, y, words, color=colour, fontsize=abs(size) * self._t, fontweight=weight, ha=ha, va=va
+            x,
+            y,
+            words,
+            color=colour,
+            fontsize=abs(size) * self._text_scale,
+            fontweight=weight,
+            ha=ha,
+            va=va,
         )
 
     def _axes(self, area: Area) -> Axes:
@@ -197,7 +206,7 @@ class Dashboard:
             (x / columns, 1 - (y + height) / rows, width / columns, height / rows)
         )
         axes.set_frame_on(False)
-        axes.tick_params(length=0, pad=3, colors=DIM, labelsize=10.5 * self._t)
+        axes.tick_params(length=0, pad=3, colors=DIM, labelsize=10.5 * self._text_scale)
         return axes
 
     def _quantities(self, show_pitch: bool) -> list[tuple[str, list[tuple[Colour, Floats]]]]:
@@ -210,7 +219,7 @@ class Dashboard:
         errors: list[tuple[Colour, Floats]] = [
             *(
                 (other.colour, np.linalg.norm(other.position - truth, axis=1))
-                for other in self._added.others
+                for other in self._annotations.others
             ),
             (ESTIMATE, data.position_error[follower]),
         ]
@@ -229,23 +238,23 @@ class Dashboard:
 
     def _add_curve(self, area: Area, label: str, curves: list[tuple[Colour, Floats]]) -> Axes:
         left, top, width, height = area
-        t = self._t
+        t = self._text_scale
         data = self._data
         axes = self._axes((left + 46 * t, top + 26 * t, width - 66 * t, height - 45 * t))
         for colour, values in curves:
-            axes.plot(data.steps, values, color=colour, lw=1.5 * self._s, clip_on=False)
+            axes.plot(data.steps, values, color=colour, lw=1.5 * self._scale, clip_on=False)
         finite = np.concatenate([values[np.isfinite(values)] for _, values in curves])
         low, high = 1.08 * finite.min(initial=0.0), 1.08 * finite.max(initial=0.0)
         axes.set_ylim(low, high if high > low else 1.0)
         axes.set_xlim(data.start, float(data.steps[-1]))
         axes.tick_params(axis="y", pad=7 * t)
-        axes.grid(axis="y", color=(*_EDGE, 0.22), lw=self._s)
+        axes.grid(axis="y", color=(*_EDGE, 0.22), lw=self._scale)
         axes.yaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
         axes.xaxis.set_major_locator(
-            MaxNLocator(2 if self._s < self._t else 5, steps=[1, 2, 5, 10])
+            MaxNLocator(2 if self._scale < self._text_scale else 5, steps=[1, 2, 5, 10])
         )
-        self._write((left + 12 * self._s, top + 17 * t), label, PALE, 12, "left", "baseline")
-        if self._s >= self._t:
+        self._write((left + 12 * self._scale, top + 17 * t), label, PALE, 12, "left", "baseline")
+        if self._scale >= self._text_scale:
             self._write(
                 (left + width - 12 * t, top + 17 * t), "time [s]", DIM, 11, "right", "baseline"
             )
@@ -254,15 +263,19 @@ class Dashboard:
     def _add_map(self) -> None:
         data = self._data
         left, top, width, _ = self._map
-        s = self._s
+        s = self._scale
         tracks = data.flight.trajectory.position[..., :2]
         low, high = tracks.min(axis=(0, 1)), tracks.max(axis=(0, 1))
         self._centre = (low + high) / 2
+        # half of the map's side [m]: the tracks, and a tenth more
         self._reach = 0.55 * float(max((high - low).max(), 20.0))
-        fleet = float(np.ptp(tracks, axis=1).max())
-        self._moves = tracks.shape[1] > 2 and fleet < _FLEET_SHARE * 2 * self._reach
-        if self._moves:
-            self._reach = 0.75 * fleet
+        # most that the vehicles are ever apart, along an axis [m]
+        fleet_width = float(np.ptp(tracks, axis=1).max())
+        self._map_follows_fleet = (
+            tracks.shape[1] > 2 and fleet_width < _FLEET_SHARE * 2 * self._reach
+        )
+        if self._map_follows_fleet:
+            self._reach = 0.75 * fleet_width
         else:
             axes = self._axes(self._map)
             axes.set_axis_off()
@@ -278,7 +291,7 @@ class Dashboard:
                 )
             estimate = data.flight.estimates[self._follower].state
             for colour, track in [
-                *((o.colour, o.position) for o in self._added.others),
+                *((o.colour, o.position) for o in self._annotations.others),
                 (ESTIMATE, estimate),
             ]:
                 axes.plot(*track[:, :2].T, color=colour, alpha=0.6, lw=1.1 * s)
@@ -295,7 +308,7 @@ class Dashboard:
     def _add_colour_bar(self, area: Area, rays: RayErrors) -> None:
         """What the colours of the rays mean."""
         left, top, width, _ = area
-        t = self._t
+        t = self._text_scale
         axes = self._axes((left + 24 * t, top + 29 * t, width - 48 * t, 9 * t))
         gradient = diverging(np.linspace(-1.0, 1.0, 256))[None]
         axes.imshow(gradient, aspect="auto", extent=(-rays.limit, rays.limit, 0.0, 1.0))
@@ -312,18 +325,18 @@ class Dashboard:
     def _add_caption(self, area: Area) -> None:
         """What the film is about, and below it what its marks mean."""
         left, top, width, height = area
-        s = self._s
+        s = self._scale
         middle = left + width / 2
         self._write(
             (middle, top + 25 * s),
-            self._added.caption,
+            self._annotations.caption,
             (1, 1, 1),
-            -16 * s / self._t,
+            -16 * s / self._text_scale,
             "center",
             "baseline",
         )
-        others = [("D", o.colour, o.label) for o in self._added.others]
-        marks = [("o", TRUTH, "truth"), ("D", ESTIMATE, self._added.label), *others]
+        others = [("D", o.colour, o.label) for o in self._annotations.others]
+        marks = [("o", TRUTH, "truth"), ("D", ESTIMATE, self._annotations.label), *others]
         handles = [
             Line2D([], [], marker=m, ls="", ms=7 * s, color=colour, label=name)
             for m, colour, name in marks
@@ -347,9 +360,9 @@ class Dashboard:
         self._draw_map(canvas, state, trails)
         left, baseline, width, _ = self._numbers
         for height, texts in self._rows(state):
-            baseline += height * self._t
+            baseline += height * self._text_scale
             for x, words, colour, size in texts:
-                position = left + x * self._t + (0.0 if x > 0 else width)
+                position = left + x * self._text_scale + (0.0 if x > 0 else width)
                 canvas.text((position, baseline), words, colour, size, "ls" if x > 0 else "rs")
 
     def _rows(self, state: FilmFrame) -> list[Row]:
@@ -362,6 +375,7 @@ class Dashboard:
         e_p = "–" if np.isnan(position) else f"{position:.2f} m"
         e_b = "–" if np.isnan(bearing) else f"{abs(np.degrees(bearing)):.1f}°"
         half_axes = SIGMAS * np.sqrt(np.maximum(np.linalg.eigvalsh(state.covariance[f]), 0.0))
+        # the short panel has room for the longer one alone
         sigma = "" if np.isnan(position) else format_half_axes(*half_axes[self._short :])
         end = f"of {clock(self._data.end)}"
         if self._short:
@@ -406,7 +420,7 @@ class Dashboard:
         """Names of the transmitters in the colours of their rays, as their legend, and ranges."""
         f = self._follower
         count = self._data.flight.scenario.navigation_of(f).transmitters
-        colours = self._added.ray_colours(state.message[f])
+        colours = self._annotations.ray_colours(state.message[f])
         right = [-12.0 - 65.0 * (count - 1 - i) for i in range(count)]
         ranges = ["–" if np.isnan(r) else f"{r:.2f}" for r in state.ranges[f, :count]]
         return [
@@ -443,18 +457,20 @@ class Dashboard:
     def _draw_map(self, canvas: Canvas, state: FilmFrame, trails: Sequence[Trail]) -> None:
         left, top, width, height = self._map
         fleet = state.position[:, :2]
-        centre = (fleet.min(axis=0) + fleet.max(axis=0)) / 2 if self._moves else self._centre
+        centre = (
+            (fleet.min(axis=0) + fleet.max(axis=0)) / 2 if self._map_follows_fleet else self._centre
+        )
 
         def pixels(points: Floats) -> Floats:
             shifted = (points[..., :2] - centre) * (width / 2 / self._reach)
             return np.asarray(shifted * [1.0, -1.0] + [left + width / 2, top + height / 2])
 
-        if self._moves:
+        if self._map_follows_fleet:
             lines = [Stroke(pixels(points), (*colour[:3], 0.5), 1.2) for points, colour in trails]
             canvas.strokes(lines, self._map)
         estimates = [
             (o.colour, position)
-            for o, position in zip(self._added.others, state.others, strict=True)
+            for o, position in zip(self._annotations.others, state.others, strict=True)
         ]
         marks = [
             canvas.diamond(pixels(position), 4.5, colour)

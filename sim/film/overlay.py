@@ -132,10 +132,10 @@ class Overlay:
             return
         occupied = [*boxes, *covered]
         if board:
-            occupied.append(board.scale)
+            occupied.append(board.scale_bar_area)
             board.draw(c, state, trails)
             words = "" if shot.view.axes[2][2] < -0.99 else " at mid-distance"
-            self._scale_bar(shot.view, self._box, board.scale[:2], 0.12, words)
+            self._scale_bar(shot.view, self._box, board.scale_bar_area[:2], 0.12, words)
         draw_labels(self._labels(state, shot.view), occupied, c)
         scenario = self._data.flight.scenario
         words = f"LAISN-Sim  ·  {scenario.name}  ·  seed {scenario.seed}, run {scenario.run}"

@@ -11,7 +11,7 @@ from sim.gazebo.buoyancy import FileWater
 from sim.gazebo.document import Remarks, child_number, child_text, is_true, numbers
 from sim.gazebo.frames import SdfModel, local_pose
 
-WATER = 1000.0  # density of collisions of <inertial auto="true"> without any [kg/m³]
+DEFAULT_DENSITY = 1000.0  # density of collisions of <inertial auto="true"> without any [kg/m³]
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Share:
     centre: Floats  # of gravity [m]
     inertia: Floats  # 3×3, about the centre of gravity [kg m²]
     added_mass: Floats  # 6×6, about the link's origin, in its frame [kg], [kg m], [kg m²]
-    frame: Floats  # of the link
+    frame: Floats  # 4×4, from the link to the model
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class SdfHull:
     volume: float  # of the collisions that displace water [m³]
     buoyancy_centre: Floats  # [m]
     size: Floats  # of the box about the collisions [m]
-    has_mesh: bool
+    has_unread_shape: bool  # of a collision: a mesh, or another of unknown volume
 
 
 def hull_of(model: SdfModel, water: FileWater, remarks: Remarks) -> SdfHull:
@@ -57,17 +57,17 @@ def hull_of(model: SdfModel, water: FileWater, remarks: Remarks) -> SdfHull:
     volumes: list[float] = []
     centres: list[Floats] = []
     corners: list[Floats] = []
-    has_mesh = False
-    for scope in model.all_models():
-        for name, link in scope.links.items():
-            frame = scope.pose_of(name)
+    has_unread_shape = False
+    for sdf_model in model.all_models():
+        for name, link in sdf_model.links.items():
+            frame = sdf_model.pose_of(name)
             shares.append(_share(name, link, frame, remarks))
-            displaces = water.displaces(scope, name)
+            displaces = water.displaces(sdf_model, name)
             for collision in link.findall("collision"):
                 solid = solid_of(collision)
                 pose = frame @ local_pose(collision)
                 if solid is None:
-                    has_mesh = True
+                    has_unread_shape = True
                     remarks.add_for_part("link", name, _unread_shape(collision))
                     # Gazebo takes the pose of a mesh for the centre of its volume
                     centres.append(pose[:3, 3])
@@ -77,7 +77,7 @@ def hull_of(model: SdfModel, water: FileWater, remarks: Remarks) -> SdfHull:
                 centres.append(pose[:3, 3])
                 volumes.append(solid.volume * displaces)
                 corners.append(np.array([pose[:3, 3] - reach, pose[:3, 3] + reach]))
-    return _joined(shares, volumes, centres, corners, has_mesh)
+    return _joined(shares, volumes, centres, corners, has_unread_shape)
 
 
 def _joined(
@@ -85,7 +85,7 @@ def _joined(
     volumes: list[float],
     centres: list[Floats],
     corners: list[Floats],
-    has_mesh: bool,
+    has_unread_shape: bool,
 ) -> SdfHull:
     masses = np.array([share.mass for share in shares])
     mass = float(masses.sum())
@@ -106,7 +106,7 @@ def _joined(
         size = box[:, 1].max(axis=0) - box[:, 0].min(axis=0)
     else:
         size = _size_of(mass, inertia)
-    return SdfHull(shares, mass, centre, inertia, volume, buoyancy_centre, size, has_mesh)
+    return SdfHull(shares, mass, centre, inertia, volume, buoyancy_centre, size, has_unread_shape)
 
 
 def _size_of(mass: float, inertia: Floats) -> Floats:
@@ -137,18 +137,18 @@ def solid_of(collision: Element) -> Solid | None:
         return Solid(float(4.0 / 3.0 * np.pi * radius**3), radii, _moments(radii**2 / 5.0))
     length = child_number(shape, "length", 1.0)
     if shape.tag == "cone":
-        transverse_moment = 3.0 / 20.0 * radius**2
-        squares = np.array([transverse_moment, transverse_moment, 3.0 / 80.0 * length**2])
+        mean_square_x = 3.0 / 20.0 * radius**2
+        squares = np.array([mean_square_x, mean_square_x, 3.0 / 80.0 * length**2])
         half_size = np.array([radius, radius, length / 2.0])
         return Solid(np.pi * radius**2 * length / 3.0, half_size, _moments(squares))
     cylinder = np.pi * radius**2 * length
     ends = 4.0 / 3.0 * np.pi * radius**3 if shape.tag == "capsule" else 0.0
     volume = cylinder + ends
-    # mean squares of the coordinates over cylinder and both half spheres
-    axial_moment = cylinder * length**2 / 12.0
-    axial_moment += ends * (length**2 / 4.0 + 3.0 / 8.0 * length * radius + radius**2 / 5.0)
-    transverse_moment = cylinder * radius**2 / 4.0 + ends * radius**2 / 5.0
-    squares = np.array([transverse_moment, transverse_moment, axial_moment]) / max(volume, 1e-300)
+    # integrals of the squared coordinates over cylinder and both half spheres [m⁵]
+    integral_z2 = cylinder * length**2 / 12.0
+    integral_z2 += ends * (length**2 / 4.0 + 3.0 / 8.0 * length * radius + radius**2 / 5.0)
+    integral_x2 = cylinder * radius**2 / 4.0 + ends * radius**2 / 5.0
+    squares = np.array([integral_x2, integral_x2, integral_z2]) / max(volume, 1e-300)
     half_size = np.array([radius, radius, length / 2.0 + (radius if ends else 0.0)])
     return Solid(volume, half_size, _moments(squares))
 
@@ -197,7 +197,7 @@ def _automatic(
     name: str, link: Element, inertial: Element, frame: Floats, remarks: Remarks
 ) -> tuple[float, Floats, Floats]:
     """Mass, centre and inertia of <inertial auto="true">: those of the collisions."""
-    default = child_number(inertial, "density", WATER)
+    default = child_number(inertial, "density", DEFAULT_DENSITY)
     masses = []
     centres = []
     tensors = []

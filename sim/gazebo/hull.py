@@ -95,7 +95,7 @@ def from_sdf(text: str, folder: Path | None = None) -> tuple[HullFile, list[str]
     size = np.abs(turn) @ hull.size
     length = max(float(size[0]), 0.1)
     diameter = max(float(np.sqrt(size[1] * size[2])), 0.05)
-    if hull.has_mesh:
+    if hull.has_unread_shape:
         remarks.add(f"length {length:.3g} m and diameter {diameter:.3g} m are without the meshes")
     numerics = _numerics(hull, water, matrices, coriolis, placing, length, diameter, remarks)
     parts = [

@@ -188,7 +188,7 @@ def _link_fields(log: Contents, topic: str, headers: Mapping[str, SensorHeader])
     return link_reception(
         topic.rpartition(LINK)[2],
         with_position=names.issuperset(PLACES.names),
-        answers=ROUND_TRIP in names,
+        with_round_trip=ROUND_TRIP in names,
         content=tuple(content),
     )
 

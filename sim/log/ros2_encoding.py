@@ -31,7 +31,7 @@ class Leaf(NamedTuple):
 
     offset: int  # byte
     dtype: np.dtype[Any]
-    size: int  # numbers
+    n_numbers: int
 
 
 def typestore() -> Any:
@@ -45,10 +45,12 @@ def typestore() -> Any:
     return get_typestore(Stores.LATEST)
 
 
-def _zero(store: "Typestore", description: Any, value: Any) -> Any:
+def _value_or_zero(store: "Typestore", description: Any, value: Any) -> Any:
     """The value of a field by its type: `value` where it holds one, else zeros and empty texts."""
     from rosbags.interfaces import Nodetype
 
+    # rosbags: (NAME, type), (BASE, (type, most characters)), or (ARRAY or SEQUENCE, (element,
+    # length)) with the element described likewise
     kind, detail = description
     if kind == Nodetype.NAME:
         return build(store, detail, value or {})
@@ -74,7 +76,10 @@ def build(store: "Typestore", type_name: str, values: Mapping[str, Any]) -> Any:
     """
     _, fields = store.fielddefs[type_name]
     return store.types[type_name](
-        **{name: _zero(store, description, values.get(name)) for name, description in fields}
+        **{
+            name: _value_or_zero(store, description, values.get(name))
+            for name, description in fields
+        }
     )
 
 
@@ -180,11 +185,11 @@ class Template:
             filled[f"{path}.nanosec"] = nanoseconds
         for path, values in filled.items():
             leaf = leaves[path]
-            size = leaf.size * leaf.dtype.itemsize
+            n_bytes = leaf.n_numbers * leaf.dtype.itemsize
             numbers = np.ascontiguousarray(values, dtype=leaf.dtype).reshape(
-                time_ns.size, leaf.size
+                time_ns.size, leaf.n_numbers
             )
-            block[:, leaf.offset : leaf.offset + size] = numbers.view(np.uint8)
+            block[:, leaf.offset : leaf.offset + n_bytes] = numbers.view(np.uint8)
         data = block.tobytes()
         length = len(encoded)
         return [data[i : i + length] for i in range(0, len(data), length)]

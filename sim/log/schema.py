@@ -302,7 +302,7 @@ def link_reception(
     link: str,
     *,
     with_position: bool = False,
-    answers: bool = False,
+    with_round_trip: bool = False,
     content: tuple[tuple[str, tuple[str, ...]], ...] = (),
 ) -> RecordType:
     """Messages of a further link, perhaps with places of beacons, round trips of answers, and
@@ -311,7 +311,7 @@ def link_reception(
     columns = [*_RECEIVED]
     if with_position:
         columns.append(PLACES)
-    if answers:
+    if with_round_trip:
         columns += _numbers(ROUND_TRIP)
     for sensor, channels in content:
         columns.append(LogColumns(sensor, content_fields(sensor, channels), (len(channels),)))

@@ -32,11 +32,11 @@ def estimated_poses(flight: FlightRecord, follower: int) -> tuple[Floats, Floats
 def _write(path: Path, time_ns: Ints, position: Floats, quaternion: Floats) -> Path:
     lines = ["# time [s] east north up [m] qx qy qz qw\n"]
     xyzw = np.roll(quaternion, -1, axis=1)
-    for time_s, east_north_up, turn in zip(
+    for stamp_ns, east_north_up, qxyzw in zip(
         time_ns.tolist(), position.tolist(), xyzw.tolist(), strict=True
     ):
-        numbers = " ".join(f"{value:.9f}" for value in (*east_north_up, *turn))
-        lines.append(f"{time_s // 10**9}.{time_s % 10**9:09d} {numbers}\n")
+        numbers = " ".join(f"{value:.9f}" for value in (*east_north_up, *qxyzw))
+        lines.append(f"{stamp_ns // 10**9}.{stamp_ns % 10**9:09d} {numbers}\n")
     with atomic_write(path) as temporary:
         temporary.write_text("".join(lines), encoding="utf-8")
     return path
@@ -56,8 +56,8 @@ def write_trajectories(log_path: Path, out: Path) -> list[Path]:
         valid = np.flatnonzero(np.isfinite(position).all(axis=1))
         time_ns = clock.ns(flight.measurements[i].dt * (valid + 1))
         truth = flight.hydrophone(i)[valid]
-        turn = flight.trajectory.quaternion[steps[valid], i + 1]
-        files.append(_write(out / f"{name}_truth.tum", time_ns, truth, turn))
+        true_quaternion = flight.trajectory.quaternion[steps[valid], i + 1]
+        files.append(_write(out / f"{name}_truth.tum", time_ns, truth, true_quaternion))
         files.append(
             _write(out / f"{name}_estimate.tum", time_ns, position[valid], quaternion[valid])
         )

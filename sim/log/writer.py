@@ -227,7 +227,7 @@ def _transforms(
     return LogChannel(topic, fg.FrameTransforms.get_schema(), time_ns, rows)
 
 
-def _state(t: Trajectory, v: int, effectors: int) -> dict[str, Column]:
+def _state(t: Trajectory, v: int, effector_count: int) -> dict[str, Column]:
     """Columns of the true state of vehicle v."""
     computed: dict[str, Column] = {
         "depth": lambda part: -t.pose[part, v, 2],
@@ -244,13 +244,13 @@ def _state(t: Trajectory, v: int, effectors: int) -> dict[str, Column]:
         "forward_speed",
     )
     recorded = {name: getattr(t, name)[:, v] for name in names}
-    return computed | recorded | {"time": t.time, "thrust": t.thrust[:, v, :effectors]}
+    return computed | recorded | {"time": t.time, "thrust": t.thrust[:, v, :effector_count]}
 
 
 def _truth(flight: FlightRecord, clock: Clock) -> Iterator[LogChannel]:
     t = flight.trajectory
     time_ns = clock.ns(t.time)
-    second = round(1.0 / CONTROL_STEP_S)
+    rows_per_second = round(1.0 / CONTROL_STEP_S)
     yield _transforms("/tf", time_ns, ["world"] * len(t.names), t.names, t.position, t.quaternion)
     upright = np.tile([1.0, 0.0, 0.0, 0.0], (1, len(t.site_names), 1))
     parents = [t.names[v] for v in t.site_vehicle]
@@ -262,7 +262,9 @@ def _truth(flight: FlightRecord, clock: Clock) -> Iterator[LogChannel]:
         type_ = schema.vehicle_state(effectors)
         yield numeric(f"/{name}", type_, time_ns, _state(t, v, len(effectors)))
         yield poses(f"/{name}/pose", time_ns, t.position[:, v], t.quaternion[:, v])
-        yield _locations(flight, f"/{name}/fix", time_ns[::second], t.position[::second, v])
+        yield _locations(
+            flight, f"/{name}/fix", time_ns[::rows_per_second], t.position[::rows_per_second, v]
+        )
 
 
 def _steps_before(flight: FlightRecord) -> int:
@@ -303,7 +305,7 @@ def _links(flight: FlightRecord, name: str, m: Measurements, time_ns: Ints) -> I
         type_ = schema.link_reception(
             link,
             with_position=messages.places is not None,
-            answers=messages.round_trip is not None,
+            with_round_trip=messages.round_trip is not None,
             content=tuple(content),
         )
         yield numeric(f"/{name}", type_, time_ns[messages.message_step - 1], arrays)
@@ -317,6 +319,7 @@ def _of_vehicle(
     before = _steps_before(flight)
     time_ns = _step_times(flight, m, clock)
     measured = schema.MEASURED if m.transmitters is None else schema.PLACED_MEASURED
+    # arrays, and the types of the channels that hold them
     records: list[tuple[Any, Any]] = [(m, measured)]
     if e is not None:
         records.append((e, schema.estimated(type(e))))
@@ -383,11 +386,15 @@ def _follower(
     )
 
     yield _estimate(name, m, e, time_ns)
-    second = max(1, round(1.0 / m.dt))
-    each = slice(second - 1, None, second)
-    position = np.column_stack([e.state[each, :2], -m.depth[each]])
+    steps_per_second = max(1, round(1.0 / m.dt))
+    each_second = slice(steps_per_second - 1, None, steps_per_second)
+    position = np.column_stack([e.state[each_second, :2], -m.depth[each_second]])
     yield _locations(
-        flight, f"/{name}/estimate/fix", time_ns[each], position, e.covariance[each, :2, :2]
+        flight,
+        f"/{name}/estimate/fix",
+        time_ns[each_second],
+        position,
+        e.covariance[each_second, :2, :2],
     )
 
 
@@ -522,13 +529,16 @@ def _attach(time_ns: int, files: Mapping[str, bytes], mcap: MCAPWriter) -> None:
 
 
 def _facts(flight: FlightRecord, outcome: Termination) -> dict[str, str]:
+    """Metadata of a flight: how it ended, filter step, seed and run, and whose estimates have
+    details of a class: "True" or "False" for all followers, else their names.
+    """
     facts = {"outcome": outcome.name, "filter_step_s": repr(flight.measurements[0].dt)}
     facts |= {"seed": str(flight.scenario.seed), "run": str(flight.scenario.run)}
-    for kind, type_ in schema.DETAILS.items():
+    for estimates_class, type_ in schema.DETAILS.items():
         names = [
             name
             for name, estimates in zip(flight.trajectory.names[1:], flight.estimates, strict=True)
-            if type(estimates) is kind
+            if type(estimates) is estimates_class
         ]
         of_all = len(names) == len(flight.estimates)
         # names where followers navigate differently
@@ -652,6 +662,7 @@ class FlightLog:
         stride = round(dt / CONTROL_STEP_S)
         grids = [round(1.0 / CONTROL_STEP_S), stride * max(1, round(1.0 / dt))]
         grids += [driver.every * stride for driver in sensors_of_all(sensing_of)]
+        # instants at which rows of all rates fall together
         grid = math.lcm(*grids)
         instants = math.floor((self._written_s - TRAIL_S - _MARGIN_S) / CONTROL_STEP_S)
         return max(instants // grid, 0) * grid // stride

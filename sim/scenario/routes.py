@@ -170,7 +170,7 @@ class Route:
 
 
 @cache
-def _followers() -> dict[str, list[list[float]]]:
+def _follower_routes() -> dict[str, list[list[float]]]:
     text = (resources.files("sim.scenario") / "data" / "followers_T2_T9.json").read_text(
         encoding="utf-8"
     )
@@ -179,7 +179,7 @@ def _followers() -> dict[str, list[list[float]]]:
 
 def names() -> tuple[str, ...]:
     """All routes of the library."""
-    return (*_followers(), "L")
+    return (*_follower_routes(), "L")
 
 
 def library_route(name: str, depth: float | DepthProfile | None = None) -> Route:
@@ -192,10 +192,10 @@ def library_route(name: str, depth: float | DepthProfile | None = None) -> Route
     """
     if name == "L":
         return Route.at_speed("L", LEADER_L, START_SPEED, LEADER_DEPTH if depth is None else depth)
-    if name not in _followers():
-        first, *_, last = _followers()
+    if name not in _follower_routes():
+        first, *_, last = _follower_routes()
         raise LaisnError(f"unknown route {name!r}; available: {first} … {last}, L")
-    points = _followers()[name]
+    points = _follower_routes()[name]
     return Route.timed(
         name, points, FOLLOWER_DEPTH if depth is None else depth, start_heading=np.pi / 2
     )

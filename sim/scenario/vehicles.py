@@ -52,8 +52,8 @@ def _vehicle_hint(model: str) -> str:
 class Vehicle(Section):
     """Keys of leader and followers."""
 
-    UNMOVED: ClassVar[dict[str, Any]] = {"sensors": VehicleSensors()}
-    """Keys on which the motion of a vehicle does not depend, and what they are without them."""
+    MOTION_INDEPENDENT: ClassVar[dict[str, Any]] = {"sensors": VehicleSensors()}
+    """Keys on which the motion of a vehicle does not depend, and their values in `as_it_moves`."""
 
     route: Name | None = Field(None, description="library route: L, T2 … T9")
     waypoints: Annotated[tuple[TimedPoint, ...], LIST_OR_TUPLE, increasing("waypoint", "s")] = (
@@ -125,9 +125,9 @@ class Vehicle(Section):
     @property
     def as_it_moves(self) -> Self:
         """The vehicle as far as its motion depends on its keys: all others have the values of
-        UNMOVED.
+        MOTION_INDEPENDENT.
         """
-        return self.model_copy(update=self.UNMOVED)
+        return self.model_copy(update=self.MOTION_INDEPENDENT)
 
     @property
     def without_hidden_errors(self) -> Self:
@@ -183,8 +183,8 @@ class LeaderNavigation(Navigation):
 class Leader(Vehicle):
     """The vehicle with the transmitters."""
 
-    UNMOVED: ClassVar[dict[str, Any]] = {
-        **Vehicle.UNMOVED,
+    MOTION_INDEPENDENT: ClassVar[dict[str, Any]] = {
+        **Vehicle.MOTION_INDEPENDENT,
         # the transmitters are where the hull has them
         "baseline_m": None,
         "middle_offset_m": None,
@@ -195,6 +195,7 @@ class Leader(Vehicle):
     }
 
     route: Name | None = Field("L", description="library route: L, T2 … T9")
+    # the limits hold for a number; None takes the sites of the hull
     baseline_m: Annotated[
         Annotated[float, Field(ge=0.01, le=2.4)] | None, Because(text=_TRANSMITTERS_NEAR)
     ] = Field(2.0, description="L, rear to front transmitter; default on an own hull: its sites")
@@ -234,7 +235,7 @@ class Leader(Vehicle):
         return {"baseline_m": None, "middle_offset_m": None, **data} if has_hull_file else data
 
 
-def _keys_set(section: Section | None) -> dict[str, Any] | None:
+def _explicit_keys(section: Section | None) -> dict[str, Any] | None:
     """The keys of a table that are set, as a file has them."""
     if section is None:
         return None
@@ -244,7 +245,10 @@ def _keys_set(section: Section | None) -> dict[str, Any] | None:
 class Follower(Vehicle):
     """A vehicle with one hydrophone, on a route or on a station."""
 
-    UNMOVED: ClassVar[dict[str, Any]] = {**Vehicle.UNMOVED, "navigation": None}
+    MOTION_INDEPENDENT: ClassVar[dict[str, Any]] = {
+        **Vehicle.MOTION_INDEPENDENT,
+        "navigation": None,
+    }
 
     name: Name = "follower"
     depth_m: NonNegative = FOLLOWER_DEPTH
@@ -260,7 +264,7 @@ class Follower(Vehicle):
         None,
         description="position used for guidance; default: truth on a route, estimate on a station",
     )
-    navigation: Annotated[FollowerNavigation | None, PlainSerializer(_keys_set)] = Field(
+    navigation: Annotated[FollowerNavigation | None, PlainSerializer(_explicit_keys)] = Field(
         None, description="its own navigator: keys of [navigation] that differ for it"
     )
 

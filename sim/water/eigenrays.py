@@ -25,11 +25,11 @@ from sim.water.smooth_profile import SmoothProfile, mean_slowness, speed_and_gra
 
 REFERENCE_M_S = 1500.0
 _SQUARE = REFERENCE_M_S * REFERENCE_M_S
-_LEVEL_STEP_M = 2.0  # longest steps along a ray's horizontal
-_DEEP_STEP_M = 0.5  # and vertical extent
+_MAX_HORIZONTAL_STEP_M = 2.0  # of a step along a ray
+_MAX_VERTICAL_STEP_M = 0.5
 _MIN_STEPS = 8
-_MISS_M = 1e-8  # of the receiver's depth, at which the search for a ray ends
-_ENDS_M = 1e-4  # of a ray that ends at the receiver
+_SEARCH_TOLERANCE_M = 1e-8  # of the receiver's depth, at which the search for a ray ends
+_ACCEPTED_MISS_M = 1e-4  # of a ray that ends at the receiver
 CLEAR_M = 1e-3  # least distance of places from surface and floor
 FAN = 257  # rays of a fan
 _EDGE_HALVINGS = 14  # of the interval in which a fan's rays cease to be of the wanted path
@@ -55,7 +55,7 @@ class Eigenray(NamedTuple):
     time: float  # [s]
     departure: float  # angle at the source, positive downwards [rad]
     arrival: float  # angle at the receiver, positive where it runs downwards [rad]
-    horizontal: float  # p, horizontal part of the slowness [s/m]
+    horizontal: float  # horizontal part of the slowness [s/m]; p is this times 1500 m/s
 
 
 NO_RAY = Eigenray(math.nan, math.nan, math.nan, math.nan)
@@ -120,20 +120,20 @@ NO_STATE = RayState(math.nan, math.nan, math.nan, 0)
 def _advance(
     depths: Floats, cubic: Floats, horizontal: float, state: RayState, h: float
 ) -> RayState:
-    """A step h of σ on."""
+    """A step h of σ on; `horizontal` is p, a multiple of 1 / 1500 s/m."""
     z = state.depth
     q = state.vertical
-    first, k1, i = _medium(depths, cubic, z, state.interval)
+    n2_first, k1, i = _medium(depths, cubic, z, state.interval)
     # n² = p² + q² keeps what steps over kinks of the gradient would lose
-    vertical_squared = first - horizontal * horizontal
+    vertical_squared = n2_first - horizontal * horizontal
     if vertical_squared > _STEEP_SQUARE:
         q = math.copysign(math.sqrt(vertical_squared), q)
-    middle, k2, i = _medium(depths, cubic, z + 0.5 * h * q + 0.125 * h * h * k1, i)
-    last, k3, i = _medium(depths, cubic, z + h * q + 0.5 * h * h * k2, i)
+    n2_middle, k2, i = _medium(depths, cubic, z + 0.5 * h * q + 0.125 * h * h * k1, i)
+    n2_last, k3, i = _medium(depths, cubic, z + h * q + 0.5 * h * h * k2, i)
     return RayState(
         z + h * q + h * h / 6.0 * (k1 + 2.0 * k2),
         q + h / 6.0 * (k1 + 4.0 * k2 + k3),
-        state.time + h / 6.0 * (first + 4.0 * middle + last),
+        state.time + h / 6.0 * (n2_first + 4.0 * n2_middle + n2_last),
         i,
     )
 
@@ -181,7 +181,9 @@ def _launch(p: SmoothProfile, depth: float, angle: float) -> tuple[float, float]
 @jitable
 def _steps(distance: float, depth_change: float) -> int:
     return max(
-        _MIN_STEPS, math.ceil(distance / _LEVEL_STEP_M), math.ceil(abs(depth_change) / _DEEP_STEP_M)
+        _MIN_STEPS,
+        math.ceil(distance / _MAX_HORIZONTAL_STEP_M),
+        math.ceil(abs(depth_change) / _MAX_VERTICAL_STEP_M),
     )
 
 
@@ -219,7 +221,7 @@ def trace_fan(
         hits = (0, 0)
         last_range = 0.0
         for k in range(ranges.size):
-            steps = max(1, math.ceil((ranges[k] - last_range) / _LEVEL_STEP_M))
+            steps = max(1, math.ceil((ranges[k] - last_range) / _MAX_HORIZONTAL_STEP_M))
             h = (ranges[k] - last_range) / (steps * horizontal)
             if hits[0] > w.by_surface or hits[1] > w.by_floor:
                 depths[j, k] = math.nan
@@ -258,7 +260,7 @@ def refine(w: Water, source: float, receiver: float, distance: float, angle: flo
     slope = distance / math.cos(angle) ** 2
     for _ in range(12):
         miss = last.depth - receiver
-        if not abs(miss) > _MISS_M:
+        if not abs(miss) > _SEARCH_TOLERANCE_M:
             break
         change = -miss / slope
         change = min(max(change, -0.05), 0.05)
@@ -271,7 +273,7 @@ def refine(w: Water, source: float, receiver: float, distance: float, angle: flo
         slope = (end.depth - last.depth) / change if end.depth != last.depth else slope
         last = end
         last_angle = angle
-    if not abs(last.depth - receiver) <= _ENDS_M:
+    if not abs(last.depth - receiver) <= _ACCEPTED_MISS_M:
         return NO_RAY
     return _eigenray(w, source, last_angle, last, receiver)
 
@@ -297,7 +299,7 @@ def _between(
             angle = (a * miss_b - b * miss_a) / (miss_b - miss_a)
         end = trace(w, source, angle, distance, steps)
         miss = end.depth - receiver
-        if not abs(miss) > _MISS_M or b - a < 1e-15:
+        if not abs(miss) > _SEARCH_TOLERANCE_M or b - a < 1e-15:
             break
         if (miss < 0.0) == (miss_b < 0.0):
             b = angle
@@ -308,7 +310,7 @@ def _between(
             miss_a = miss
             miss_b *= 0.5
         # halved misses only steer; signs hold
-    if not abs(end.depth - receiver) <= _ENDS_M:
+    if not abs(end.depth - receiver) <= _ACCEPTED_MISS_M:
         return NO_RAY
     return _eigenray(w, source, angle, end, receiver)
 
@@ -364,9 +366,9 @@ def add_edges(
 
 
 @jitable
-def _turning_angle(fan: Fan, j: int, receiver: float) -> float:
-    """Angle at which the miss of a receiver's depth may have another sign than at three rays beside
-    it; NaN if there is none.
+def _vertex_angle(fan: Fan, j: int, receiver: float) -> float:
+    """Angle of the extremum of the miss of a receiver's depth, by a parabola through three rays;
+    NaN if they are not evenly spaced, or the extremum cannot have another sign than they have.
     """
     a, b, c = fan.depth[j - 1] - receiver, fan.depth[j] - receiver, fan.depth[j + 1] - receiver
     spacing = fan.angle[j + 1] - fan.angle[j]
@@ -379,7 +381,7 @@ def _turning_angle(fan: Fan, j: int, receiver: float) -> float:
 
 
 @jitable
-def _keep(
+def _add_between(
     w: Water,
     places: tuple[float, float, float],
     left: tuple[float, float],
@@ -410,7 +412,8 @@ def roots(
         places: depths of source and receiver, and their horizontal distance [m].
         fan: rays from the source at that distance.
         rays: how many it has.
-        candidates: out, fields of `Eigenray`, shape (16, 4).
+        candidates: out: a row of each ray, fields of `Eigenray`, shape (16, 4); later rows are
+            not written.
 
     Returns:
         How many there are, at most 16.
@@ -422,16 +425,17 @@ def roots(
         right = fan.angle[j], fan.depth[j] - receiver
         if left[1] != left[1] or right[1] != right[1]:
             continue
-        count = _keep(w, places, left, right, count, candidates)
+        count = _add_between(w, places, left, right, count, candidates)
         if j + 1 < rays and fan.depth[j + 1] == fan.depth[j + 1]:
-            turn = _turning_angle(fan, j, receiver)
-            if turn == turn:
+            vertex_angle = _vertex_angle(fan, j, receiver)
+            if vertex_angle == vertex_angle:
                 steps = _steps(places[2], drop(w, places[0], receiver))
-                lowest = turn, trace(w, places[0], turn, places[2], steps).depth - receiver
+                end = trace(w, places[0], vertex_angle, places[2], steps)
+                vertex = vertex_angle, end.depth - receiver
                 # left and right are of one sign
                 following = fan.angle[j + 1], fan.depth[j + 1] - receiver
-                count = _keep(w, places, left, lowest, count, candidates)
-                count = _keep(w, places, lowest, following, count, candidates)
+                count = _add_between(w, places, left, vertex, count, candidates)
+                count = _add_between(w, places, vertex, following, count, candidates)
     return count
 
 
@@ -476,7 +480,8 @@ def eigenrays(w: Water, source: float, receiver: float, distance: float, candida
         source: depth between surface and floor [m].
         receiver: the same.
         distance: horizontal one [m].
-        candidates: out, fields of `Eigenray`, shape (16, 4).
+        candidates: out: a row of each ray, fields of `Eigenray`, shape (16, 4); later rows are
+            not written.
 
     Returns:
         How many there are, at most 16.
@@ -493,15 +498,17 @@ def eigenrays(w: Water, source: float, receiver: float, distance: float, candida
             for number in range(4):
                 candidates[0, number] = ray[number]
             return 1
-    last = min(steepest(w.profile, source, distance, depth_change) + 1e-3, 0.5 * math.pi - 1e-6)
-    angles = (-last, 2.0 * last / (FAN - 1))
+    max_angle = min(
+        steepest(w.profile, source, distance, depth_change) + 1e-3, 0.5 * math.pi - 1e-6
+    )
+    angles = (-max_angle, 2.0 * max_angle / (FAN - 1))
     steps = _steps(distance, depth_change)
     depths = np.empty(FAN)
     for j in range(FAN):
         depths[j] = trace(w, source, angles[0] + j * angles[1], distance, steps).depth
-    room = Fan(np.empty(3 * FAN), np.empty(3 * FAN))
-    rays = add_edges(w, source, distance, angles, depths, room)
-    return roots(w, places, room, rays, candidates)
+    fan = Fan(np.empty(3 * FAN), np.empty(3 * FAN))
+    rays = add_edges(w, source, distance, angles, depths, fan)
+    return roots(w, places, fan, rays, candidates)
 
 
 @jitable

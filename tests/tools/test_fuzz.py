@@ -133,5 +133,7 @@ def test_faults_of_answers(answer: CommandResult, faults: list[str]) -> None:
 
 
 def test_an_input_that_has_to_be_refused_may_not_succeed() -> None:
-    assert faults_of(FuzzCase(words=["x"], wrong=True), answered(DONE, "done")) == ["accepted"]
+    assert faults_of(FuzzCase(words=["x"], must_be_refused=True), answered(DONE, "done")) == [
+        "accepted"
+    ]
     assert faults_of(FuzzCase(words=["x"], may_interrupt=True), answered(INTERRUPTED)) == []

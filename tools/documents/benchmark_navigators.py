@@ -18,9 +18,9 @@ from experiments.benchmark.score import (
     MissionScore,
     by_mission,
     navigate,
+    overall_score,
     runs_of,
     score_all,
-    total,
 )
 from reports.findings import FILE, Finding, interval_finding, plain_finding, record
 
@@ -49,7 +49,7 @@ def findings_of(navigator: str, scores: Sequence[MissionScore]) -> dict[str, Fin
     runs = sum(score.runs for score in scores)
     return findings | {
         f"score {navigator}": plain_finding(
-            total(scores), "geometric mean of RMS error over the bound"
+            overall_score(scores), "geometric mean of RMS error over the bound"
         ),
         f"worst {navigator}": plain_finding(worst.times_bound, "largest of these ratios"),
         f"worst-mission {navigator}": plain_finding(worst.mission, "where that is"),

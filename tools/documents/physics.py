@@ -29,7 +29,7 @@ def remus_speed() -> Drawn:
         lines.append(
             Line(
                 x=np.linspace(0.0, 25.0, len(history), endpoint=False),
-                y=history[:, 0],
+                y=history[:, 0],  # surge
                 colour=SERIES[i],
                 width=1.2,
             )
@@ -58,9 +58,11 @@ def remus_turn() -> Drawn:
     lines = []
     rudders = np.linspace(0.0, 15.0, 13)
     for colour, (rpm, published) in zip(SERIES, PUBLISHED_TURN.items(), strict=False):
-        ours = [
-            float(np.degrees(abs(remus.run(rpm, 60.0, rudder_deg=r)[1][-1, 5]))) for r in rudders
-        ]
+        ours = list[float]()
+        for rudder in rudders:
+            _, history = remus.run(rpm, 60.0, rudder_deg=rudder)
+            # column 5 is the yaw rate [rad/s]
+            ours.append(float(np.degrees(abs(history[-1, 5]))))
         lines.append(Line(x=rudders, y=np.array(ours), colour=colour, width=1.2))
         lines.append(
             Line(
@@ -82,7 +84,9 @@ def pendulum() -> Drawn:
     dt = 0.002
     duration = 45.0
     tank = Tank(
-        hull(SPHEROID_MASS, SPHEROID_INERTIA, (0, 0, -arm), added_mass=SPHEROID_ADDED), Ocean(), dt
+        hull(SPHEROID_MASS, SPHEROID_INERTIA, cg=(0, 0, -arm), added_mass=SPHEROID_ADDED),
+        Ocean(),
+        dt,
     )
     tank.place(quaternion=attitude.from_euler(0.0, np.radians(1)))
     pitch = []
@@ -114,15 +118,15 @@ def orbits() -> Drawn:
         height_m=height, period_s=period, direction_rad=np.pi / 2, floor_depth_m=floor
     )
     ocean = Ocean(floor_depth_m=floor, waves=waves)
-    displaced = 1026 * 4 / 3 * np.pi * radius**3
+    displaced_mass = 1026 * 4 / 3 * np.pi * radius**3
     xml = hull(
-        displaced,
-        np.full(3, 0.4 * displaced * radius**2),
+        displaced_mass,
+        np.full(3, 0.4 * displaced_mass * radius**2),
         hull_radius=radius,
-        added_mass=np.diag([displaced / 2] * 3 + [0.0] * 3),
+        added_mass=np.diag([displaced_mass / 2] * 3 + [0.0] * 3),
     )
     k = float(np.hypot(*waves.wavenumber_1_m[0]))
-    turn = np.linspace(0, 2 * np.pi, 200)
+    phase = np.linspace(0, 2 * np.pi, 200)
     lines = []
     for depth in (1.0, 2.0, 3.0, 4.0, 5.0):
         tank = Tank(xml, ocean, dt)
@@ -133,11 +137,14 @@ def orbits() -> Drawn:
             tank.step()
             path.append(tank.pose[[0, 2]])
         path_flown = np.array(path)
-        across = height / 2 * np.cosh(k * (floor - depth)) / np.sinh(k * floor)
-        up = height / 2 * np.sinh(k * (floor - depth)) / np.sinh(k * floor)
+        half_width = height / 2 * np.cosh(k * (floor - depth)) / np.sinh(k * floor)
+        half_height = height / 2 * np.sinh(k * (floor - depth)) / np.sinh(k * floor)
         lines.append(
             Line(
-                x=across * np.cos(turn), y=-depth - up + up * np.sin(turn), colour=MUTED, width=2.4
+                x=half_width * np.cos(phase),
+                y=-depth - half_height + half_height * np.sin(phase),
+                colour=MUTED,
+                width=2.4,
             )
         )
         lines.append(Line(x=path_flown[:, 0], y=path_flown[:, 1], colour=SERIES[0], width=1.0))

@@ -14,7 +14,7 @@ from typing import Protocol
 
 from typer.testing import CliRunner
 
-from laisn.plugins import VARIABLE
+from laisn.plugins import PLUGINS_VARIABLE
 from laisn_sim.cli.main import app
 
 TOO_LONG = -1
@@ -35,8 +35,9 @@ class FuzzCase:
     words: list[str]
     files: dict[str, bytes] = field(default_factory=dict)
     written: tuple[str, ...] = ()  # what it writes if it succeeds, and only then
-    wrong: bool = False  # whether it has to be refused
-    named: tuple[str, ...] = ()  # of these words a refusal has one; none: any
+    must_be_refused: bool = False
+    # words of which a refusal has at least one; empty: it may have any text
+    named: tuple[str, ...] = ()
     may_interrupt: bool = False  # whether the input presses Ctrl-C
     judge: Callable[[Path], list[str]] | None = None
     """Says what is wrong with the files that the command wrote into a folder."""
@@ -86,7 +87,7 @@ def answer_to(case: FuzzCase, folder: Path) -> CommandResult:
     folder.mkdir(parents=True)
     for name, content in case.files.items():
         (folder / name).write_bytes(content)
-    os.environ.pop(VARIABLE, None)
+    os.environ.pop(PLUGINS_VARIABLE, None)
     begin = time.process_time()
     with chdir(folder):
         try:
@@ -121,7 +122,7 @@ def _faults_of_any(case: FuzzCase, answer: CommandResult) -> list[str]:
         faults.append("a bug in the program")
     if not answer.output.strip():
         faults.append("silent")
-    if case.wrong and answer.code == DONE:
+    if case.must_be_refused and answer.code == DONE:
         faults.append("accepted")
     return faults + [f"left {name}" for name in answer.files if name.endswith((".part", ".tmp"))]
 

@@ -172,5 +172,5 @@ def make(random: Random) -> FuzzCase:
         words=["log", "import", "in.csv", "--out", "out.mcap"],
         files={"in.csv": content},
         written=("out.mcap",),
-        wrong=doubled,
+        must_be_refused=doubled,
     )

@@ -188,6 +188,6 @@ def make(random: Random) -> FuzzCase:
         words=["log", "import", "in.csv", "--out", _LOG],
         files={"in.csv": f"{mark}{text}".encode()},
         written=(_LOG,),
-        wrong=wrong,
+        must_be_refused=wrong,
         judge=None if wrong else _judge(passage),
     )

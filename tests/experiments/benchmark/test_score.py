@@ -11,10 +11,10 @@ from experiments.benchmark.score import (
     SEGMENTS_M,
     FollowerRun,
     Track,
+    overall_score,
     score_all,
     score_mission,
     score_run,
-    total,
 )
 from experiments.benchmark.tables import Truth
 from laisn.arrays import Floats
@@ -78,7 +78,7 @@ def test_a_long_gap_is_not_covered() -> None:
     assert not score.complete
     mission = score_mission("astern", [score])
     assert mission.incomplete == 1
-    assert math.isnan(total([mission]))
+    assert math.isnan(overall_score([mission]))
 
 
 def test_no_estimate_covers_nothing() -> None:
@@ -108,7 +108,7 @@ def test_the_score_is_the_geometric_mean_of_ratios_to_the_bound() -> None:
     ]
     # 1 m and 4 m over 0.5 m: the root of 2 · 8
     assert [score.times_bound for score in scores] == pytest.approx([2.0, 8.0])
-    assert total(scores) == pytest.approx(4.0)
+    assert overall_score(scores) == pytest.approx(4.0)
 
 
 def test_missions_that_do_not_count_are_left_out_of_the_score() -> None:
@@ -118,5 +118,5 @@ def test_missions_that_do_not_count_are_left_out_of_the_score() -> None:
         )
         for name, x in (("astern", 1.0), ("drift", 4.0), ("bottom-lock", 100.0))
     ]
-    assert total(scores) == pytest.approx(4.0)
-    assert total(scores[2:]) == pytest.approx(200.0)
+    assert overall_score(scores) == pytest.approx(4.0)
+    assert overall_score(scores[2:]) == pytest.approx(200.0)

@@ -30,7 +30,7 @@ class Jobs:
             self.begun.append(name)
             return partial(_results, name, fails)
 
-        return Job(key=name, kind="jobs", results=[name], run=work, depends_on=depends_on)
+        return Job(key=name, kind="jobs", result_keys=[name], run=work, depends_on=depends_on)
 
 
 def _run(jobs: Sequence[Job], folder: Path, **how: bool) -> dict[Hashable, str]:

@@ -137,7 +137,9 @@ def order(folder: Path, stored: Callable[[int], bool], computed: list[int]) -> N
         computed.append(number)
         return list
 
-    jobs = [Job(key=n, kind="results", results=[str(n)], run=partial(work, n)) for n in range(100)]
+    jobs = [
+        Job(key=n, kind="results", result_keys=[str(n)], run=partial(work, n)) for n in range(100)
+    ]
     run_jobs(jobs, Results(folder, stored), Pool(1), quiet=True)
 
 
