@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -49,16 +49,14 @@ def atomic_open(path: Path, *, durable: bool = True) -> Iterator[BinaryIO]:
     """Yield an open file that replaces `path` as in `atomic_write`; `remove_unfinished` can tell
     that its writer lives, by a lock on it.
     """
-    with atomic_write(path, durable=durable) as temporary:
-        file = temporary.open("wb")
-        try:
-            # `remove_unfinished` may come between, and remove what is not locked yet
-            while not _claimed(file, temporary):
-                file.close()
-                file = temporary.open("wb")
-            yield file
-        finally:
-            file.close()
+    # the file is closed, and its lock gone, only when it has its name
+    with ExitStack() as ending, atomic_write(path, durable=durable) as temporary:
+        file = ending.enter_context(temporary.open("wb"))
+        # `remove_unfinished` may come between, and remove what is not locked yet
+        while not _claimed(file, temporary):
+            file = ending.enter_context(temporary.open("wb"))
+        yield file
+        file.flush()
 
 
 def _claimed(file: BinaryIO, path: Path) -> bool:
