@@ -12,6 +12,7 @@ change, and numba's index with such a class in it can be read by no process that
 
 import fcntl
 import hashlib
+import itertools
 import os
 import secrets
 import shutil
@@ -29,6 +30,7 @@ from typing import Any, TypeVar, cast
 import numba
 import numpy as np
 from numba import errors, types
+from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import (
     CompileResultCacheImpl,
     FunctionCache,
@@ -55,6 +57,20 @@ _MAX_UNUSED_S = 7 * 86_400.0
 def reached_sources() -> list[Path]:
     paths = [path for pattern in COMPILED_SOURCES for path in sorted(_ROOT.glob(pattern))]
     return [path for path in paths if not path.relative_to(_ROOT).as_posix().startswith(_EXCLUDED)]
+
+
+def _number_functions() -> None:
+    """Let this process number what it compiles from a number on that no other process has.
+
+    By it numba tells functions of one name apart, such as those that a factory makes, and it begins
+    with 1 in each process. Code of several functions that different processes have stored may then
+    have the same symbols for different ones, of which the linker takes those that it has met first.
+    """
+    FunctionIdentity._unique_ids = itertools.count(secrets.randbits(48) << 20)
+
+
+_number_functions()
+os.register_at_fork(after_in_child=_number_functions)
 
 
 class UnstoredCode(LaisnWarning):

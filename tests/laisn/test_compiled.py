@@ -440,3 +440,43 @@ def test_ctrl_c_while_code_is_compiled_ends_a_process_and_spoils_nothing(tmp_pat
         assert float(angle) == np.pi / 2
         compiled_now.append(int(functions))
     assert compiled_now == [1, 0]
+
+
+SYMBOLS = """
+import numpy as np
+from numba import typeof
+from laisn import lanes
+from laisn.settings import NavigationSettings
+
+kinds = typeof(np.zeros(lanes.SIZE)), typeof(lanes.tuning(NavigationSettings()))
+for function in (lanes.fix_rear_front, lanes.fix_rear_middle):
+    function.compile(kinds)
+    print(function.overloads[kinds].fndesc.mangled_name)
+"""
+
+FORKED = """
+import os
+from numba.core.bytecode import FunctionIdentity
+import laisn.compiled
+
+print(next(FunctionIdentity._unique_ids), flush=True)
+if os.fork() == 0:
+    print(next(FunctionIdentity._unique_ids), flush=True)
+    os._exit(0)
+os.wait()
+print(next(FunctionIdentity._unique_ids))
+"""
+
+
+def test_functions_of_a_factory_have_other_symbols_in_each_process(tmp_path: Path) -> None:
+    """Else the code of two processes, loaded by a third, takes one of them for another."""
+    processes = [child(SYMBOLS, tmp_path) for _ in range(2)]
+    symbols = [process.communicate()[0].split() for process in processes]
+    assert [len(names) for names in symbols] == [2, 2]
+    assert len({*symbols[0], *symbols[1]}) == 4
+
+
+def test_a_process_that_is_forked_numbers_functions_anew(tmp_path: Path) -> None:
+    first, forked, second = map(int, child(FORKED, tmp_path).communicate()[0].split())
+    assert second == first + 1
+    assert abs(forked - first) > 1000
