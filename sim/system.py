@@ -78,7 +78,8 @@ def remove_unfinished(folder: Path) -> None:
     not be at work there.
     """
     for path in folder.rglob(".*.part"):
-        with suppress(OSError), path.open("rb") as file:
+        # opened for writing, which locks of network file systems need
+        with suppress(OSError), path.open("r+b") as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             path.unlink()
 

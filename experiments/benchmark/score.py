@@ -259,9 +259,7 @@ def _track_of_run(path: Path, track: Track, rows: Ints) -> Track:
 def _rows_by_run(
     path: Path, columns: Mapping[str, Any], stated: Mapping[str, str]
 ) -> Iterator[tuple[FollowerRun, Ints]]:
-    """The runs in a table with the rows of each, by its columns, or by what its path has
-    `stated`.
-    """
+    """The runs in a table with the rows of each, by its columns, or by what its path states."""
     n = len(next(iter(columns.values()), ()))
     labels = []
     for name in FollowerRun._fields:

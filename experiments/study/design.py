@@ -8,7 +8,7 @@ worker changes none.
 import hashlib
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal
@@ -240,25 +240,37 @@ _STANDARD_QUANTILES: Mapping[str, Callable[[float], float]] = {"uniform": float,
 """Quantiles at location 0 and scale 1, as scipy.stats has them, of laws that most draws name."""
 
 
+def _quantile_without_stats(name: str, location: float, scale: float) -> Quantile | None:
+    """Of a law of `_STANDARD_QUANTILES`; None if it has no values with this scale."""
+    if scale <= 0.0:
+        return None
+    standard = _STANDARD_QUANTILES[name]
+    return lambda share, _: float(standard(share) * scale + location)
+
+
+def _require_bounded(name: str, parameters: Iterable[Any]) -> None:
+    """ValueError if a parameter is no number, or too large."""
+    for value in parameters:
+        if not is_number(value) or abs(value) > _MAX_NUMBER:
+            raise ValueError(
+                f"{name}: a parameter is a number within ±{_MAX_NUMBER:g} (given: {value!r:.60})"
+            )
+
+
 def _distribution_quantile(name: str, parameters: object) -> Quantile:
     form, make = _LIST_DISTRIBUTIONS.get(name, ("a table of its parameters in scipy.stats", None))
     expected = f"{name} expects {form} (given: {parameters!r:.60})"
     if not isinstance(parameters, dict) and not (isinstance(parameters, list) and make):
         raise ValueError(expected)
-    for value in parameters.values() if isinstance(parameters, dict) else parameters:
-        if not is_number(value) or abs(value) > _MAX_NUMBER:
-            raise ValueError(
-                f"{name}: a parameter is a number within ±{_MAX_NUMBER:g} (given: {value!r:.60})"
-            )
+    _require_bounded(name, parameters.values() if isinstance(parameters, dict) else parameters)
     if isinstance(parameters, list) and len(parameters) != form.count(",") + 1:
         raise ValueError(expected)
     no_values = f"{expected}, and has no values with these parameters"
     if isinstance(parameters, list) and make and name in _STANDARD_QUANTILES:
-        standard = _STANDARD_QUANTILES[name]
-        location, scale = make(*parameters)
-        if scale <= 0.0:
+        quantile = _quantile_without_stats(name, *make(*parameters))
+        if quantile is None:
             raise ValueError(no_values)
-        return lambda share, _: float(standard(share) * scale + location)
+        return quantile
     # 45 MB and a second to import
     from scipy import stats
 
