@@ -146,7 +146,9 @@ class StudyFile(Section):
     arm: list[Arm] = Field(default_factory=list)
     steps: bool = False
     engine: Literal["direct", "mujoco"] | None = None
-    """Solver of the vehicles' motion, in place of the scenario's `timing.engine`."""
+    """Solver of the vehicles' motion, in place of the scenario's `timing.engine`; None: the
+    scenario's if its file names one, else "direct" where all hulls allow it.
+    """
     bound_lag_s: Annotated[float, Field(ge=0, le=1e4)] = 0.0
     """Of messages that the bound of smoothing uses [s]; 0: it is not computed."""
     report: Report = Report()

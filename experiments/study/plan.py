@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from itertools import product
-from typing import Any
+from typing import Any, Literal
 
 from experiments.campaign.plans import disturbance_of
 from experiments.campaign.progress import progress
@@ -24,7 +24,7 @@ from sim.feasibility import engine_errors, infeasibilities
 from sim.scenario.file import ScenarioError, assigned, scenario_or_errors, validate
 from sim.scenario.parts import MotionSettings
 from sim.scenario.section import Section
-from sim.scenario.settings import Scenario, Timing
+from sim.scenario.settings import Scenario
 
 FOLLOWER = "follower"
 MAX_ENTRIES = 200_000
@@ -241,6 +241,14 @@ def _arm_errors(study: Study, point: Mapping[str, Any], entry: PlanEntry) -> lis
     return [f"  arm {entry.arm}: {text}" for text in errors]
 
 
+def _with_engine(scenario: Scenario, engine: Literal["mujoco", "direct"]) -> Scenario:
+    """A scenario whose vehicles another solver moves; itself if it names that one."""
+    if scenario.timing.engine == engine:
+        return scenario
+    timing = scenario.timing.model_copy(update={"engine": engine})
+    return scenario.model_copy(update={"timing": timing})
+
+
 class _Examination:
     """Examines the scenarios of a study one after the other; what many have in common is computed
     and kept once.
@@ -274,10 +282,10 @@ class _Examination:
         scenario, errors = scenario_or_errors(changed, partial(self._infeasibilities, motion))
         lines += invalid + errors
         if scenario is not None and not lines:
-            timing = self._timing(scenario.timing, scenario.motion, settings)
-            if timing is not scenario.timing:
-                settings["timing.engine"] = timing.engine
-                scenario = scenario.model_copy(update={"timing": timing})
+            moved = self._moved(scenario, changed, settings)
+            if moved is not scenario:
+                settings["timing.engine"] = moved.timing.engine
+                scenario = moved
             lines += engine_errors(MotionSettings.of(scenario))
         if scenario is not None and not lines:
             if motion not in self._motion_of:
@@ -300,15 +308,22 @@ class _Examination:
             for line in lines:
                 self._places_of.setdefault(line, []).append(where)
 
-    def _timing(self, timing: Timing, motion: str, settings: Mapping[str, Any]) -> Timing:
-        """The timing of a scenario with the solver that the study chooses, unless its settings
-        do, or vehicles move as points.
+    def _moved(
+        self, scenario: Scenario, table: Mapping[str, Any], settings: Mapping[str, Any]
+    ) -> Scenario:
+        """The scenario of a table with the solver that moves it: that of the study's settings, of
+        `engine`, or of the scenario's file; where none names one, each hull's own equations of
+        motion if they hold for all hulls.
         """
+        if scenario.motion != "physics" or "timing.engine" in settings or "timing" in settings:
+            return scenario
         engine = self.study.file.engine
-        names_engine = "timing.engine" in settings or "timing" in settings
-        if engine in (None, timing.engine) or names_engine or motion != "physics":
-            return timing
-        return timing.model_copy(update={"engine": engine})
+        if engine is not None:
+            return _with_engine(scenario, engine)
+        if "engine" in table.get("timing", {}):
+            return scenario
+        direct = _with_engine(scenario, "direct")
+        return scenario if engine_errors(MotionSettings.of(direct)) else direct
 
     def error_lines(self) -> list[str]:
         """A line for each error, and where it is unless all scenarios have it."""

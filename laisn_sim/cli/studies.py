@@ -120,7 +120,8 @@ def study(  # noqa: PLR0913 - an argument for each option of the command
     engine: Annotated[
         str | None,
         typer.Option(
-            metavar="direct|mujoco", help="solver of the motion (default: the scenario's)"
+            metavar="direct|mujoco",
+            help="solver of the motion (default: the one that the scenario names, or direct)",
         ),
     ] = None,
     workers: Annotated[
