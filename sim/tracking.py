@@ -38,24 +38,37 @@ HULL_RADIUS_M = 0.1  # its radius [m]
 
 
 @compiled
-def _cross_track(
-    planned_leg: Ints, start: Floats, legs: Floats, position: Floats, nearest: Floats
+def _squared_distances(
+    first: Ints, last: Ints, start: Floats, legs: Floats, position: Floats, nearest: Floats
 ) -> None:
-    last = legs.shape[0] - 1
+    """Squared distance of each of n places, shape (n, 2), to the nearest of the legs from number
+    `first` to `last`, shape (n,), that begin at `start` and lead along `legs`, shape (m, 2).
+    """
     for k in range(position.shape[0]):
         least = math.inf
-        for leg in range(max(planned_leg[k] - 1, 0), min(planned_leg[k] + 1, last) + 1):
+        for leg in range(first[k], last[k] + 1):
             along_east = legs[leg, 0]
             along_north = legs[leg, 1]
             east = position[k, 0] - start[leg, 0]
             north = position[k, 1] - start[leg, 1]
-            squared = along_east * along_east + along_north * along_north
+            length_squared = along_east * along_east + along_north * along_north
             # where the vehicle stops, the leg is a point
             dot = east * along_east + north * along_north
-            share = min(max(dot / (squared if squared > 0.0 else 1.0), 0.0), 1.0)
-            distance = math.hypot(east - share * along_east, north - share * along_north)
-            least = min(least, distance)
+            share = min(max(dot / (length_squared if length_squared > 0.0 else 1.0), 0.0), 1.0)
+            east -= share * along_east
+            north -= share * along_north
+            least = min(least, east * east + north * north)
         nearest[k] = least
+
+
+def _distances(first: Ints, last: Ints, points: Floats, position: Floats) -> Floats:
+    """Distance of each of n places, shape (n, 2), to the nearest of the legs between points from
+    number `first` to `last`, shape (n,).
+    """
+    legs = np.diff(points, axis=0)
+    nearest = np.empty(len(position))
+    _squared_distances(first, last, points, legs, np.ascontiguousarray(position), nearest)
+    return np.sqrt(nearest, out=nearest)
 
 
 def cross_track(route: Route, time: Floats, position: Floats) -> Floats:
@@ -64,10 +77,9 @@ def cross_track(route: Route, time: Floats, position: Floats) -> Floats:
     """
     last = route.time.size - 2
     planned_leg = np.clip(np.searchsorted(route.time, time, side="right") - 1, 0, last)
-    legs = np.diff(route.waypoint, axis=0)
-    nearest = np.empty(time.size)
-    _cross_track(planned_leg, route.waypoint, legs, np.ascontiguousarray(position), nearest)
-    return nearest
+    first_leg = np.maximum(planned_leg - 1, 0)
+    last_leg = np.minimum(planned_leg + 1, last)
+    return _distances(first_leg, last_leg, route.waypoint, position)
 
 
 def track_error(route: Route, time: Floats, position: Floats) -> Floats:
@@ -115,12 +127,9 @@ def distance_from_route(route: Route, time: Floats, position: Floats) -> Floats:
     last = points[-1] - points[-2]
     if last.any():
         points = np.vstack([points, points[-1] + _BEYOND_M * last / np.hypot(*last)])
-    legs = np.diff(points, axis=0)
-    offset = position[:, None, :2] - points[:-1]
-    squared = np.einsum("li,li->l", legs, legs)
-    share = np.einsum("nli,li->nl", offset, legs) / np.where(squared > 0.0, squared, 1.0)
-    separation = offset - np.clip(share, 0.0, 1.0)[..., None] * legs
-    level = np.hypot(separation[..., 0], separation[..., 1]).min(axis=1)
+    first_leg = np.zeros(time.size, dtype=np.int64)
+    last_leg = np.full(time.size, len(points) - 2)
+    level = _distances(first_leg, last_leg, points, position[:, :2])
     return np.asarray(np.hypot(level, position[:, 2] + route.depth.depth_at(time)))
 
 
