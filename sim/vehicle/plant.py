@@ -224,7 +224,8 @@ class Plant:
         self.names = tuple(s.name for s in setups)
         model = _at_start(fleet.model, setups) if settled else fleet.placed_at(setups)
         self.model = model
-        self.data = data = mujoco.MjData(model) if settled else _Start(model)
+        self.data: Any = mujoco.MjData(model) if settled else _Start(model)
+        data = self.data
 
         n = len(setups)
         vehicles = fleet.vehicles

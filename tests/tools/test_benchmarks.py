@@ -396,6 +396,7 @@ def test_experiments_are_priced_by_vehicles_steps_and_runs() -> None:
     cost = Cost(
         start_s=3.0,
         vehicle_step_us=1.0,
+        alone_step_us=4.0,
         station_step_us=2.0,
         run_step_ns=50.0,
         tight_step_ns=100.0,
@@ -411,17 +412,20 @@ def test_experiments_are_priced_by_vehicles_steps_and_runs() -> None:
 
 
 def test_the_symbols_of_the_formula_follow_the_record() -> None:
-    """A mission of 100,000 vehicle steps that takes 323.4 ms, of which 123.4 do not grow with its
-    length, has steps of 2 µs.
+    """Missions of 100,000 vehicle steps that take 323.4 and 73.4 ms, of which 123.4 and 23.4 do not
+    grow with their length, have steps of 2 and 0.5 µs; 550,000 steps in 0.11 s take 0.2 µs each.
     """
     measured = read_findings(RECORDS / "benchmarks.json")
     of_missions = {
         "study: T5 by mujoco, another mission with one run": plain_finding(323.4, "", "ms"),
         "study: T5 by mujoco, a mission beside its motion": plain_finding(123.4, "", "ms"),
+        "study: T5 by direct, another mission with one run": plain_finding(73.4, "", "ms"),
+        "study: T5 by direct, a mission beside its motion": plain_finding(23.4, "", "ms"),
+        "formation: leader + 10: a run of 1000 s, whole, by direct": plain_finding(0.11, "", "s"),
     }
     record = replace(measured, findings={**measured.findings, **of_missions})
     lines = {line.split("`")[1]: line for line in costs({"benchmarks": record}).splitlines()[2:]}
-    assert lines["m"].endswith("| 123 ms |")
-    assert "| 2.00 µs; " in lines["p"]
+    assert lines["m"].endswith("| 23 ms |")
+    assert lines["p"].endswith("| 0.50 µs; 2.00 µs; 0.20 µs |")
     lanes_ns = measured["navigation: lanes, LAISN-2 with noise and metrics"].number
     assert f"| {lanes_ns:.0f} ns; " in lines["n"]

@@ -28,6 +28,8 @@ MAX_FOLLOWERS = 200
 real time.
 """
 LARGEST_GOAL = 60.0
+DIRECT_GOAL = 5.0
+"""How many times as many runs of a formation the direct engine is to fly."""
 _WHOLE_S = 1000.0
 _LARGEST_S = 30.0
 _REPEATS = 4
@@ -118,12 +120,27 @@ def formation() -> list[Row]:
             goal=Goal(LARGEST_GOAL, at_least=True),
         )
     )
-    scenario = load_scenario("swarm", (f"duration_s={_WHOLE_S}",))
-    rows.append(
-        Row(
-            f"leader + 10: a run of {_WHOLE_S:g} s, whole",
-            least_time(partial(simulate_closed_loop, scenario), 2),
-            "s",
+    return [*rows, *_whole_runs()]
+
+
+def _whole_runs() -> list[Row]:
+    """A run of the scenario of a leader and ten followers, by each engine, as studies fly it."""
+    by_engine = [
+        partial(
+            simulate_closed_loop,
+            load_scenario("swarm", (f"duration_s={_WHOLE_S}", f"timing.engine={engine}")),
         )
-    )
-    return rows
+        for engine in ("mujoco", "direct")
+    ]
+    mujoco, direct = least_times(by_engine, 2)
+    name = f"leader + 10: a run of {_WHOLE_S:g} s"
+    return [
+        Row(f"{name}, whole", mujoco, "s"),
+        Row(f"{name}, whole, by direct", direct, "s"),
+        Row(
+            "leader + 10: runs by direct over mujoco",
+            mujoco / direct,
+            "x",
+            goal=Goal(DIRECT_GOAL, at_least=True),
+        ),
+    ]

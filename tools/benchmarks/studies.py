@@ -10,13 +10,19 @@ from tools.benchmarks.commands import LAISN
 from tools.benchmarks.row import Goal, Row, time_of_command
 
 MISSIONS = {"mujoco": (8, 72), "direct": (16, 144)}
+"""Of the smaller and of the larger study, by engine."""
 DIRECT_GOAL = 15.0
 """How many times as many missions of calm water the direct engine is to fly."""
+WAVES_GOAL = 4.0
+"""The same in a JONSWAP sea."""
+MISSION_GOAL_MS = 18.0
+"""Processor time with which two cores fly a million missions in two and a half hours [ms]."""
 RUNS = (1_000, 41_000)
 """Of the smaller and of the larger study: their difference is free of what each study costs."""
 WHOLE_S = 1000.0
 SHORT_S = 250.0
 """Lengths of missions, whose times differ by that of the motion [s]."""
+CALM = "none"
 _STUDY = """name = "speed"
 scenario = "T5"
 runs = {runs}
@@ -24,6 +30,7 @@ realizations = {missions}
 
 [set]
 duration_s = {duration_s}
+"ocean.waves.kind" = "{waves}"
 
 [draw]
 "followers.0.drag_scale" = {{ uniform = [0.8, 1.2] }}
@@ -36,49 +43,81 @@ class _Studies(NamedTuple):
     folder: Path
 
     def seconds(
-        self, runs: int, missions: int, engine: str = "mujoco", duration_s: float = WHOLE_S
+        self,
+        runs: int,
+        missions: int,
+        engine: str,
+        duration_s: float = WHOLE_S,
+        waves: str = CALM,
     ) -> float:
         """Processor time of a study that was not computed before [s]."""
         number = sum(1 for _ in self.folder.glob("*.toml"))
         path = self.folder / f"study-{number}.toml"
-        text = _STUDY.format(runs=runs, missions=missions, duration_s=duration_s)
+        text = _STUDY.format(runs=runs, missions=missions, duration_s=duration_s, waves=waves)
         path.write_text(text, encoding="utf-8")
         results = self.folder / path.stem
         options = ("--workers", "1", "--engine", engine, "--out", str(results))
         return time_of_command((*LAISN, "study", str(path), *options)).processor_s
 
-    def mission_s(self, engine: str, duration_s: float = WHOLE_S) -> float:
+    def mission_s(self, engine: str, duration_s: float = WHOLE_S, waves: str = CALM) -> float:
         """Processor time of a further mission with one run [s]."""
         fewest, most = MISSIONS[engine]
-        few_s = self.seconds(1, fewest, engine, duration_s)
-        many_s = self.seconds(1, most, engine, duration_s)
+        few_s = self.seconds(1, fewest, engine, duration_s, waves)
+        many_s = self.seconds(1, most, engine, duration_s, waves)
         return (many_s - few_s) / (most - fewest)
 
 
 def studies() -> list[Row]:
-    """A mission of T5 whose coefficients are drawn, with one run, and a further run of it."""
+    """A mission of T5 whose coefficients are drawn, with one run, in calm water and in waves, and a
+    further run of it.
+    """
     with tempfile.TemporaryDirectory() as name:
         timed = _Studies(Path(name))
-        mission_s = {}
+        calm_s = dict[str, float]()
+        short_s = dict[str, float]()
+        wavy_s = dict[str, float]()
         for engine in MISSIONS:
             # what is missing of compiled code
-            timed.seconds(1, 2, engine)
-            mission_s[engine] = timed.mission_s(engine)
-        short_s = timed.mission_s("mujoco", SHORT_S)
-        few_runs_s, many_runs_s = (timed.seconds(runs, 1) for runs in RUNS)
+            timed.seconds(1, 3, engine)
+            timed.seconds(1, 3, engine, SHORT_S, "jonswap")
+            calm_s[engine] = timed.mission_s(engine)
+            short_s[engine] = timed.mission_s(engine, SHORT_S)
+            wavy_s[engine] = timed.mission_s(engine, waves="jonswap")
+        few_runs_s, many_runs_s = (timed.seconds(runs, 1, "direct") for runs in RUNS)
     run_s = (many_runs_s - few_runs_s) / (RUNS[1] - RUNS[0])
     # the time of the motion is in proportion to its length
     share = SHORT_S / WHOLE_S
-    beside_s = (short_s - share * mission_s["mujoco"]) / (1.0 - share)
-    ratio = mission_s["mujoco"] / mission_s["direct"]
+    rows = list[Row]()
+    for engine in MISSIONS:
+        beside_s = (short_s[engine] - share * calm_s[engine]) / (1.0 - share)
+        goal = Goal(MISSION_GOAL_MS) if engine == "direct" else None
+        rows += [
+            Row(
+                f"T5 by {engine}, another mission with one run",
+                calm_s[engine] * 1e3,
+                "ms",
+                goal=goal,
+            ),
+            Row(f"T5 by {engine}, a mission beside its motion", beside_s * 1e3, "ms"),
+            Row(
+                f"T5 in JONSWAP waves by {engine}, another mission with one run",
+                wavy_s[engine] * 1e3,
+                "ms",
+            ),
+        ]
     return [
-        *(
-            Row(f"T5 by {engine}, another mission with one run", seconds * 1e3, "ms")
-            for engine, seconds in mission_s.items()
-        ),
-        Row("T5 by mujoco, a mission beside its motion", beside_s * 1e3, "ms"),
+        *rows,
         Row(
-            "T5, missions by direct over mujoco", ratio, "x", goal=Goal(DIRECT_GOAL, at_least=True)
+            "T5, missions by direct over mujoco",
+            calm_s["mujoco"] / calm_s["direct"],
+            "x",
+            goal=Goal(DIRECT_GOAL, at_least=True),
+        ),
+        Row(
+            "T5 in JONSWAP waves, missions by direct over mujoco",
+            wavy_s["mujoco"] / wavy_s["direct"],
+            "x",
+            goal=Goal(WAVES_GOAL, at_least=True),
         ),
         Row("T5, another run of the same mission", run_s * 1e6, "µs"),
     ]

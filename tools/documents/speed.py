@@ -235,9 +235,12 @@ class Cost(NamedTuple):
     """Processor times by which an experiment is estimated."""
 
     start_s: float  # a command with a report and a log, compiled code at hand
-    # a physics step of one vehicle on a route, with what is sensed and judged of it
+    # a physics step of one vehicle on a route, with what is sensed and judged of it: of missions
+    # side by side, and of one alone by MuJoCo
     vehicle_step_us: float
-    station_step_us: float  # of one vehicle in a formation that navigates under way
+    alone_step_us: float
+    # of one vehicle in a formation of a study that navigates under way
+    station_step_us: float
     run_step_ns: float  # a filter step of a run of LAISN in lanes
     tight_step_ns: float  # of the tightly coupled navigator
     mission_ms: float  # each mission, however long it is: checks, plans, results
@@ -245,22 +248,29 @@ class Cost(NamedTuple):
     @classmethod
     def of(cls, record: Findings) -> "Cost":
         """From the record of the benchmarks."""
-        on_station = record["formation: leader + 10: closed loop"].number / 11
-        mission = record["study: T5 by mujoco, another mission with one run"].number
-        overhead = record["study: T5 by mujoco, a mission beside its motion"].number
-        # all that grows with the length of a mission counts as its motion
-        steps = 2 * STUDIED_S / _STEP_S
+        formation_s = record["formation: leader + 10: a run of 1000 s, whole, by direct"].number
+        beside_ms = record["study: T5 by direct, a mission beside its motion"].number
+
+        def step_us(engine: str) -> float:
+            # all that grows with the length of a mission counts as its motion
+            mission_ms = record[f"study: T5 by {engine}, another mission with one run"].number
+            beside_ms = record[f"study: T5 by {engine}, a mission beside its motion"].number
+            return (mission_ms - beside_ms) / (2 * STUDIED_S / _STEP_S) * 1e3
+
         return cls(
             start_s=record["command: laisn fly T5 --no-video"].number,
-            vehicle_step_us=(mission - overhead) / steps * 1e3,
-            station_step_us=on_station,
+            vehicle_step_us=step_us("direct"),
+            alone_step_us=step_us("mujoco"),
+            station_step_us=formation_s / (11 * STUDIED_S / _STEP_S) * 1e6,
             run_step_ns=record["navigation: lanes, LAISN-2 with noise and metrics"].number,
             tight_step_ns=record["tight: tight, 3 transmitters, messages every 1 s"].number,
-            mission_ms=overhead,
+            mission_ms=beside_ms,
         )
 
     def motion_s(self, vehicles: int, duration_s: float, *, closed_loop: bool = False) -> float:
-        """Processor time of a mission's motion; in closed loop with its sensing and navigation."""
+        """Processor time of the motion of one of a study's missions; in closed loop with its
+        sensing and navigation.
+        """
         step_us = self.station_step_us if closed_loop else self.vehicle_step_us
         return duration_s / _STEP_S * vehicles * step_us * 1e-6
 
@@ -294,6 +304,7 @@ def waiting(records: Records) -> str:
             "1,000 missions like T5, each with 60 runs of `tight`",
             _time(1000 * (t5 + 60 * cost.run_s(1, 1000.0, tight=True))),
         ],
+        ["a million missions like T5, each with one run", _time(1e6 * (t5 + run))],
         ["1,000 runs of a formation of ten in closed loop", _time(1000 * formation)],
         [
             "100 runs of a formation of 200, 1000 s, in closed loop",
@@ -319,9 +330,11 @@ def costs(records: Records) -> str:
         ],
         [
             "`p`",
-            "a physics step of one vehicle: along a route, with what is sensed and judged of it; "
-            "in a formation that senses and navigates under way",
-            f"{cost.vehicle_step_us:.2f} µs; {cost.station_step_us:.2f} µs",
+            "a physics step of one vehicle with what is sensed and judged of it: of a study's "
+            "missions side by side; of a mission alone by MuJoCo; of one in a formation that "
+            "navigates under way",
+            f"{cost.vehicle_step_us:.2f} µs; {cost.alone_step_us:.2f} µs; "
+            f"{cost.station_step_us:.2f} µs",
         ],
         [
             "`n`",
