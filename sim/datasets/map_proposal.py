@@ -344,15 +344,13 @@ def _range_candidates(topic: BagTopic, entry: dict[str, Any]) -> Iterator[_Candi
     if len(frames) > 1:
         slots = dict.fromkeys(Ranges._fields, "")
         for frame in frames:
-            slot, word = _slot_of(_words(frame))
-            slot = (
-                slot if slot and not slots[slot] else next((s for s in slots if not slots[s]), "")
-            )
+            named, word = _slot_of(_words(frame))
+            is_free = bool(named) and not slots[named]
+            slot = named if is_free else next((s for s in slots if not slots[s]), "")
             if slot:
                 slots[slot] = frame
-                note = (
-                    "" if word in _CERTAIN_SLOT_WORDS else f"is {frame!r} the {slot} transmitter?"
-                )
+                is_certain = is_free and word in _CERTAIN_SLOT_WORDS
+                note = "" if is_certain else f"is {frame!r} the {slot} transmitter?"
                 where = {"where": {"header.frame_id": frame}}
                 yield _Candidate(f"range_{slot}", 0, entry | where, note)
         return
