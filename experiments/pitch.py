@@ -258,7 +258,7 @@ def plan_view(geometry: PitchGeometry) -> Panel:
         x_label="to starboard [m]",
         y_label="ahead [m]",
         title=f"From above, at a pitch of {geometry.pitch_deg:g}°",
-        equal=True,
+        equal_scales=True,
         width=FULL / 2,
         height=4.0,
     )

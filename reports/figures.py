@@ -3,6 +3,7 @@ page's CSS.
 """
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from textwrap import wrap
@@ -33,11 +34,10 @@ if TYPE_CHECKING:
 DRAWN_POINTS = 600
 PIXELS_PER_INCH = 96
 _KEPT_POINTS = 20_000  # most points that a line keeps; panels take fewer of them
+# lines of a panel with all their points; of more, each has fewer, so that a page of many vehicles
+# stays small
 _MAX_LINES = 14
-_FEWEST_POINTS = 200
-"""Lines of a panel with all their points; of more, each has fewer, so that a page of many
-vehicles stays small.
-"""
+_FEWEST_POINTS = 200  # that each line keeps in any case
 
 Limits = tuple[float | None, float | None]  # bottom and top of an axis; None leaves one to the data
 # where an axis has numbers, or words; none leaves that to the drawing
@@ -61,17 +61,17 @@ class Line:
     x: Floats
     y: Floats
     colour: Colour = SERIES[0]
-    width: float = 1.0
+    width: float = 1.0  # [pt]
     dash: str = "-"
     marker: str = ""
-    size: float = 2.4
+    size: float = 2.4  # of marks [pt]
     opacity: float = 1.0
     name: str = ""  # what it is, shown with its values under the pointer
     # lower and upper limits of y, or of x if `across`, drawn as bars
     interval: tuple[Floats, Floats] | None = None
     across: bool = False
-    text: str = ""
-    side: str = "middle right"
+    text: str = ""  # beside the last point
+    text_position: str = "middle right"
     # of each point of a map, shape (n,), [s]: where the time cursor of linked panels stands
     time: Floats | None = None
 
@@ -101,7 +101,7 @@ class Subplot:
     shaded: Sequence[tuple[float, float]] = ()  # stretches of the axis on a darker ground
     # what is no line, such as a map of colours, as Plotly describes it
     traces: Sequence[Mapping[str, Any]] = ()
-    height: float = 1.0
+    height: float = 1.0  # relative to the other parts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,12 +111,13 @@ class Panel:
     parts: Sequence[Subplot]
     x_label: str
     title: str = ""
-    equal: bool = False
+    # x and y are positions [m], at equal scales; lines keep all their points
+    equal_scales: bool = False
     x_limits: Limits = (None, None)
     x_log: bool = False
     x_ticks: Ticks = ()
     width: float = WIDTH  # [inch]; wider panels keep more points
-    height: float = HEIGHT
+    height: float = HEIGHT  # [inch]
     points: int = DRAWN_POINTS
     link: str = ""  # panels of a page with the same name share a time cursor
 
@@ -126,12 +127,12 @@ class Panel:
         data = list[dict[str, Any]]()
         layout = self._layout()
         lines = sum(len(subplot.lines) for subplot in self.parts)
-        stretch = min(max(1.0, self.width / WIDTH), _MAX_LINES / max(lines, 1))
-        points = max(round(self.points * stretch), _FEWEST_POINTS)
+        share_of_points = min(max(1.0, self.width / WIDTH), _MAX_LINES / max(lines, 1))
+        points = max(round(self.points * share_of_points), _FEWEST_POINTS)
         for number, subplot in enumerate(self.parts):
             axis = {"yaxis": f"y{number + 1}"} if number else {}
             data += [
-                _trace(line, None if self.equal else points, self.equal) | axis
+                _trace(line, None if self.equal_scales else points, self.equal_scales) | axis
                 for line in subplot.lines
             ]
             data += [dict(trace) | axis for trace in subplot.traces]
@@ -149,9 +150,9 @@ class Panel:
         total_height = sum(subplot.height for subplot in self.parts)
         low = 1.0
         values = [line.x for subplot in self.parts for line in subplot.lines]
-        across = _axis(self.x_label, self.x_limits, self.x_log, self.x_ticks, values)
-        across |= {
-            "showspikes": not self.equal,
+        x_axis = _axis(self.x_label, self.x_limits, self.x_log, self.x_ticks, values)
+        x_axis |= {
+            "showspikes": not self.equal_scales,
             "spikemode": "across",
             "spikethickness": 1,
             "spikedash": "solid",
@@ -159,11 +160,11 @@ class Panel:
             "spikesnap": "hovered data",
         }
         layout: dict[str, Any] = {
-            "xaxis": across | {"anchor": f"y{count}" if count > 1 else "y"},
+            "xaxis": x_axis | {"anchor": f"y{count}" if count > 1 else "y"},
             "shapes": [],
         }
         for number, subplot in enumerate(self.parts):
-            name = str(number + 1) if number else ""
+            suffix = str(number + 1) if number else ""
             top = low - (gap if number else 0.0)
             low = max(top - (1.0 - gap * (count - 1)) * subplot.height / total_height, 0.0)
             axis = _axis(
@@ -171,14 +172,14 @@ class Panel:
                 subplot.y_limits,
                 subplot.y_log,
                 subplot.ticks,
-                _heights(subplot.lines),
+                _y_values(subplot.lines),
             )
-            layout[f"yaxis{name}"] = axis | {"domain": [round(low, 4), round(top, 4)]}
+            layout[f"yaxis{suffix}"] = axis | {"domain": [round(low, 4), round(top, 4)]}
             layout["shapes"] += [
                 {
                     "type": "rect",
                     "xref": "x domain",
-                    "yref": f"y{name}",
+                    "yref": f"y{suffix}",
                     "x0": 0,
                     "x1": 1,
                     "y0": bottom,
@@ -189,7 +190,7 @@ class Panel:
                 }
                 for bottom, end in subplot.shaded
             ]
-        if self.equal:
+        if self.equal_scales:
             layout["yaxis"] |= {"scaleanchor": "x"}
         lines = wrap(self.title, round(11 * self.width))  # eleven characters in an inch
         if lines:
@@ -211,7 +212,7 @@ class Panel:
             "font": {"size": 12, "color": INK.css, "family": "system-ui, sans-serif"},
             "paper_bgcolor": "rgba(0,0,0,0)",
             "plot_bgcolor": "rgba(0,0,0,0)",
-            "hovermode": "closest" if self.equal else "x",
+            "hovermode": "closest" if self.equal_scales else "x",
             "hoversubplots": "axis",
             "hoverlabel": {"bgcolor": PAPER.css, "font": {"color": INK.css}},
         }
@@ -256,7 +257,7 @@ def decimate(x: Floats, y: Floats, points: int = DRAWN_POINTS) -> tuple[Floats, 
     if n <= points:
         return x, y
     stretches = points // 2
-    length = -(-n // stretches)
+    length = math.ceil(n / stretches)
     padded = np.full(stretches * length, np.nan)
     padded[:n] = y
     table = padded.reshape(stretches, length)
@@ -272,7 +273,7 @@ def decimate(x: Floats, y: Floats, points: int = DRAWN_POINTS) -> tuple[Floats, 
     return x[index], y[index]
 
 
-def numbers(values: Floats) -> list[float | None]:
+def rounded_numbers(values: Floats) -> list[float | None]:
     """Values with five digits, which no screen exceeds; None where there is nothing to draw."""
     array = np.asarray(values, dtype=float)
     # one text of all takes a third of the time of a text of each
@@ -305,10 +306,10 @@ def error_bands(
     band = np.interp(errors, [*levels, 2.0 * levels[-1]], np.arange(len(levels) + 1))
     return {
         "type": "contour",
-        "x": numbers(x),
-        "y": numbers(y),
-        "z": [numbers(row) for row in band],
-        "customdata": [numbers(row) for row in errors],
+        "x": rounded_numbers(x),
+        "y": rounded_numbers(y),
+        "z": [rounded_numbers(row) for row in band],
+        "customdata": [rounded_numbers(row) for row in errors],
         "hovertemplate": f"{hover}<extra></extra>",
         "contours": {"start": 1, "end": last, "size": 1, "showlines": False},
         "line": {"width": 0},
@@ -322,8 +323,8 @@ def error_bands(
     }
 
 
-def _heights(lines: Sequence[Line]) -> list[Floats]:
-    """Values up the axis of lines, with the ends of their intervals."""
+def _y_values(lines: Sequence[Line]) -> list[Floats]:
+    """Values of lines along the y axis, with the ends of their intervals."""
     values = [line.y for line in lines]
     for line in lines:
         if line.interval is not None and not line.across:
@@ -380,29 +381,30 @@ def _trace(line: Line, points: int | None, is_position: bool) -> dict[str, Any]:
     hover = "%{x:.1f} m, %{y:.1f} m" if is_position else "%{y:.4~g}"
     trace: dict[str, Any] = {
         "type": "scatter",
-        "x": numbers(x),
-        "y": numbers(y),
+        "x": rounded_numbers(x),
+        "y": rounded_numbers(y),
         "mode": "markers" if line.marker else "lines",
         "opacity": line.opacity,
     }
     if line.marker:
+        # from [pt] to [px], somewhat larger than on paper
         size = 9 if line.marker == "|" else round(1.7 * line.size, 1)
         trace["marker"] = {"symbol": _SYMBOLS[line.marker], "size": size, "color": line.colour.css}
     else:
         trace["line"] = {
             "color": line.colour.css,
-            "width": round(1.4 * line.width, 2),
+            "width": round(1.4 * line.width, 2),  # from [pt] to [px]
             "dash": _DASHES[line.dash],
         }
     if line.text:
         trace |= {
             "mode": trace["mode"] + "+text",
             "text": [""] * (len(trace["x"]) - 1) + [line.text],
-            "textposition": line.side,
+            "textposition": line.text_position,
             "textfont": {"color": line.colour.css},
         }
     if line.time is not None:
-        trace["customdata"] = numbers(line.time)
+        trace["customdata"] = rounded_numbers(line.time)
         hover += ", %{customdata:.0f} s"
     trace |= (
         {"hovertemplate": f"{hover}<extra>{symbols(line.name)}</extra>"}
@@ -411,12 +413,12 @@ def _trace(line: Line, points: int | None, is_position: bool) -> dict[str, Any]:
     )
     if line.interval is not None:
         centre = line.x if line.across else line.y
-        low, high = (np.abs(numbers_of - centre) for numbers_of in line.interval)
+        low, high = (np.abs(limit - centre) for limit in line.interval)
         trace["error_x" if line.across else "error_y"] = {
             "type": "data",
             "symmetric": False,
-            "array": numbers(high),
-            "arrayminus": numbers(low),
+            "array": rounded_numbers(high),
+            "arrayminus": rounded_numbers(low),
             "width": 0,
             "thickness": 1.2,
             "color": line.colour.css,

@@ -272,7 +272,9 @@ def track_map(
     if has_current(flight):
         lines.append(_arrows_along(flight, [0, *(i + 1 for i in followers)][:_ARROW_VEHICLES]))
     size: dict[str, Any] = {"width": width, "height": fitted_height(lines, width), "link": link}
-    return panel(lines, x_label="east [m]", y_label="north [m]", title="Routes", equal=True, **size)
+    return panel(
+        lines, x_label="east [m]", y_label="north [m]", title="Routes", equal_scales=True, **size
+    )
 
 
 def difference(flight: FlightRecord, follower: int, height: float = ROW_HEIGHT) -> Panel:
@@ -299,7 +301,7 @@ def difference(flight: FlightRecord, follower: int, height: float = ROW_HEIGHT) 
         x_label="east [m]",
         y_label="north [m]",
         title="Estimate minus truth",
-        equal=True,
+        equal_scales=True,
         width=HALF if len(flight.estimates) == 1 else DIFFERENCE_WIDTH,
         height=height,
         link=f"follower{follower}",

@@ -72,15 +72,16 @@ def _undo_skewness(y: Floats, skewness: Floats, runs: Floats) -> Floats:
 def ratio_intervals(
     numerators: Floats, denominators: Floats, confidence: float = CONFIDENCE
 ) -> list[Interval]:
-    """Ratios of sums over runs, Σ above / Σ below, with t intervals that account for skewness.
+    """Ratios of sums over runs, Σ numerator / Σ denominator, with t intervals that account for
+    skewness.
 
     Hall's cubic transformation removes the skewness γ; its quantiles are those of t with n − 1
     degrees of freedom (P. Hall, J. R. Stat. Soc. B 54, 1992, 221–228). A ratio is treated as the
-    mean of its linearisation, (above − ratio · below) / mean(below).
+    mean of its linearisation, (numerator − ratio · denominator) / mean(denominator).
 
     Args:
-        above: of each run, a column for each ratio, shape (R, k).
-        below: likewise, not negative; 0: the run does not count.
+        numerators: of each run, a column for each ratio, shape (R, k).
+        denominators: likewise, not negative; 0: the run does not count.
         confidence: of the intervals; limits are NaN where fewer than `FEWEST_RUNS` count.
     """
     runs = np.count_nonzero(denominators, axis=0).astype(np.float64)

@@ -146,7 +146,7 @@ def _map(replayed: Replayed) -> tuple[Panel, list[tuple[Colour, str]]]:
         lines,
         x_label="east [m]",
         y_label="north [m]",
-        equal=True,
+        equal_scales=True,
         width=_MAP_WIDTH,
         height=_HEIGHT,
         link=replayed.name,

@@ -91,7 +91,7 @@ def _map_figure(sea: SeaSettings, paths: list[PlannedPath]) -> tuple[Any, float]
         lines.append(current_arrows(grid, velocity, spacing / fastest))
     lines += _routes(paths)
     figure = panel(
-        lines, x_label="east [m]", y_label="north [m]", equal=True, width=6.1, height=4.6
+        lines, x_label="east [m]", y_label="north [m]", equal_scales=True, width=6.1, height=4.6
     )
     return figure, fastest
 

@@ -11,9 +11,9 @@ from sim.scenario.vehicle_routes import depth_profile_of, route_of
 from sim.vehicle.mjcf import VehicleSetup, transmitter_places
 
 
-def on_axis(sites: Floats) -> bool:
-    """Whether rear, front and middle transmitter, shape (3, 3), [m], are where a baseline and an
-    offset put them.
+def fit_baseline_and_offset(sites: Floats) -> bool:
+    """Whether rear, front and middle transmitter, shape (3, 3), [m], are at (−L/2, 0, 0),
+    (L/2, 0, 0) and (0, H, 0) with L, H > 0, as a baseline L and an offset H put them.
     """
     half_baseline = sites[1, 0]
     port_offset = sites[2, 1]
@@ -32,13 +32,14 @@ def _initial_route_of_station(follower: Follower, duration_s: float, leader: Rou
     """
     assert follower.station is not None
     ahead = leader.initial_direction
+    # a leg's direction has any length; that of a heading is 1
     if leader.start_heading is None:
         ahead = ahead / np.hypot(*ahead)
     port = np.array([-ahead[1], ahead[0]])
     start = leader.waypoint[0] - follower.station.behind_m * ahead + follower.station.port_m * port
     if follower.start_m is not None:
         start = np.array(follower.start_m)
-    # a route has legs; a follower that starts at rest begins to move at once
+    # a route needs a speed: of one that starts at rest, the least
     speed = leader.start_speed if follower.start_speed_m_s is None else follower.start_speed_m_s
     speed = speed or SPEED_MIN
     points = [start, start + max(duration_s, 1.0) * speed * ahead]
@@ -46,8 +47,8 @@ def _initial_route_of_station(follower: Follower, duration_s: float, leader: Rou
 
 
 def routes_of(plan: MissionPlan) -> tuple[Route, ...]:
-    """Routes of all vehicles, the leader's first, from stations straight on; LaisnError names
-    vehicle and waypoint.
+    """Routes of all vehicles, the leader's first; followers on stations go straight on from where
+    they begin. LaisnError names vehicle and waypoint.
     """
     leader = route_of(plan.leader, "leader")
     return (
@@ -62,13 +63,14 @@ def routes_of(plan: MissionPlan) -> tuple[Route, ...]:
 
 
 def setups_of(
-    plan: MissionPlan, routes: tuple[Route, ...], leader: Leader | None = None
+    plan: MissionPlan, routes: tuple[Route, ...], transmitter_keys: Leader | None = None
 ) -> tuple[VehicleSetup, ...]:
-    """All vehicles at the start of their routes, with transmitters where the keys of a leader place
-    them; None: where its hull has them.
+    """All vehicles at the start of their routes. The leader's transmitters are where keys of
+    `transmitter_keys` place them; None: where its hull has them.
     """
     vehicles = (plan.leader, *plan.followers)
-    places = [{} if leader is None else transmitter_places(leader), *[{}] * len(plan.followers)]
+    of_leader = {} if transmitter_keys is None else transmitter_places(transmitter_keys)
+    places = [of_leader, *[{}] * len(plan.followers)]
     return tuple(
         VehicleSetup(
             name=name,

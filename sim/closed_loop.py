@@ -689,7 +689,7 @@ def _sensing_of(
             Carrier(
                 vehicle=f + 1,
                 receiver=f,
-                number=f,
+                noise_number=f,
                 hydrophone=state.sites.hydrophones[f],
                 depth_sensor=state.depth_sensors[f],
             ),

@@ -23,23 +23,24 @@ class Carrier:
 
     vehicle: int  # its index
     receiver: int  # its number among the receivers of a link
-    number: int  # its number in the noise
-    hydrophone: Floats  # its offset, shape (3,), [m]
-    depth_sensor: Floats  # likewise
+    noise_number: int  # which random numbers are its own, as of `sim.sensing.noise`
+    hydrophone: Floats  # its place in the hull, shape (3,), [m]
+    depth_sensor: Floats  # its place in the hull, shape (3,), [m]
 
 
 def _sources(hearing: Hearing | None, receiver: int, k: int) -> Floats:
-    """Where the pings left of a message that a receiver has taken up at instant k, shape (1, 3, 3),
-    [m]; NaN where there is none.
+    """Where the pings of the message that a receiver took up at instant k left, shape (1, 3, 3),
+    [m]; NaN if it took up none.
     """
     source = np.full((1, 3, 3), np.nan)
     if hearing is None or hearing.inbox.outcome[receiver] != observation.RECEIVED:
         return source
-    s = hearing.sensors
-    leaves = hearing.inbox.last_sent[receiver] * s.dt + s.sound.slot * np.arange(3)
+    sensors = hearing.sensors
+    sent_s = hearing.inbox.last_sent[receiver] * sensors.dt
+    departures_s = sent_s + sensors.sound.slot * np.arange(3)
     motion = Motion(hearing.motion, 0.0, k)
-    for i, (site, time) in enumerate(zip(hearing.sites.transmitters, leaves, strict=True)):
-        source[0, i] = site_at(s.sound.on_grid, motion, 0, site, time)
+    for i, (site, time) in enumerate(zip(hearing.sites.transmitters, departures_s, strict=True)):
+        source[0, i] = site_at(sensors.sound.on_grid, motion, 0, site, time)
     return source
 
 
@@ -53,7 +54,7 @@ class CustomSensing:
         environment: Environment,
         model: observation.SensorModel,
     ) -> None:
-        """Nothing is read yet; `model` has the run of the noise and the filter steps."""
+        """Nothing is read yet; `model` gives the seed, the run and the filter step."""
         self._drivers = drivers
         self._carrier = carrier
         self._environment = environment
@@ -78,6 +79,7 @@ class CustomSensing:
         hydrophone = np.array([body_point_in_world(motion[0][0], carrier.hydrophone)])
         places = (hydrophone, _sources(hearing, carrier.receiver, k))
         time = np.array([k * TICK])
+        # vehicle 0 is the leader, which counts as follower 0 here
         follower = max(v - 1, 0)
         return VehicleState.of_motion(time, motion, carrier.depth_sensor, places, follower)
 
@@ -96,7 +98,7 @@ class CustomSensing:
         readings = {}
         for driver in self._drivers:
             true = driver.true(state, self._environment, step)
-            draws = driver.draws(*self._seed_and_run, carrier.number, np.array([step]))
+            draws = driver.draws(*self._seed_and_run, carrier.noise_number, np.array([step]))
             reading: Floats = driver.read(true, draws)[0]
             if driver.acoustic and not is_heard:
                 reading[:] = np.nan
@@ -105,9 +107,13 @@ class CustomSensing:
         return readings
 
     def readings_at(self, step: int) -> dict[str, Floats]:
-        """Readings at a filter step, or the last one before, by the names of sensors."""
+        """Readings at a filter step, counted from 1, or the last one before, by the names of
+        sensors; IndexError if nothing was read yet.
+        """
         return {name: rows[min(step, len(rows)) - 1] for name, rows in self._rows.items()}
 
     def readings(self, steps: range) -> dict[str, Floats]:
-        """Readings in filter steps `steps.start` + 1 … `steps.stop` by name, shape (n, c)."""
+        """Readings of filter steps `steps.start` + 1 to `steps.stop` (the first step is 1), by
+        name, shape (n, c).
+        """
         return {name: np.array(rows[steps.start : steps.stop]) for name, rows in self._rows.items()}

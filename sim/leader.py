@@ -113,7 +113,7 @@ class LeaderUnit:
             Carrier(
                 vehicle=LEADER,
                 receiver=self._number,
-                number=noise.LEADER_NUMBER,
+                noise_number=noise.LEADER_NUMBER,
                 hydrophone=self._hydrophone,
                 depth_sensor=self._depth_sensor,
             ),

@@ -580,14 +580,14 @@ def simulate_points(
 def plant_of(
     motion: MotionSettings,
     routes: tuple[Route, ...],
-    leader: Leader | None = None,
+    transmitter_keys: Leader | None = None,
     *,
     settled: bool = True,
 ) -> Plant:
     """Vehicles in their sea at the start of their routes, with transmitters as of `setups_of`, and
     `settled` as of `Plant`; LaisnError if the sea is none.
     """
-    setups = setups_of(motion.plan, routes, leader)
+    setups = setups_of(motion.plan, routes, transmitter_keys)
     ocean = ocean_of(motion.sea)
     return Plant(setups, ocean, motion.physics_step_s, motion.engine, settled=settled)
 
@@ -606,12 +606,14 @@ def new_mission(scenario: Scenario, make_controller: ControllerFactory | None = 
 
 
 def _mission_of(
-    motion: MotionSettings, leader: Leader | None, make_controller: ControllerFactory | None = None
+    motion: MotionSettings,
+    transmitter_keys: Leader | None,
+    make_controller: ControllerFactory | None = None,
 ) -> Mission:
     """A mission of rigid bodies before its first instant, with transmitters as of `plant_of`."""
     routes = routes_of(motion.plan)
     depth_control = [vehicle.depth_control for _, vehicle in motion.plan.vehicles()]
-    plant = plant_of(motion, routes, leader)
+    plant = plant_of(motion, routes, transmitter_keys)
     return Mission(plant, routes, motion.plan.duration_s, depth_control, make_controller)
 
 
@@ -707,7 +709,7 @@ def require_open_loop(name: str, keys: Sequence[str]) -> None:
 
 def simulate_open_loop(
     motion: MotionSettings,
-    leader: Leader | None = None,
+    transmitter_keys: Leader | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
     """Motion that follows from these settings alone: vehicles keep to their routes by the truth.
@@ -715,8 +717,8 @@ def simulate_open_loop(
     Transmitters are as of `setups_of`; errors and `progress` are as of `simulate_motion`.
     """
     if motion.kind == "physics":
-        return fly_mission(motion, _mission_of(motion, leader), progress)
+        return fly_mission(motion, _mission_of(motion, transmitter_keys), progress)
     routes = routes_of(motion.plan)
-    plant = plant_of(motion, routes, leader)
+    plant = plant_of(motion, routes, transmitter_keys)
     trajectory = simulate_points(motion.plan.names, routes, motion.plan.duration_s, plant)
     return _require_no_contact(trajectory) if motion.contact == "end" else trajectory

@@ -15,7 +15,7 @@ from experiments.study.estimate import NOTHING, Condition, Results, digits
 from experiments.study.measure import METRICS, without_unit
 from experiments.study.plan import ARM, FOLLOWER, StudyPlan, levels, varied
 from laisn.arrays import Floats
-from reports.figures import Line, Panel, numbers, panel, plotly
+from reports.figures import Line, Panel, panel, plotly, rounded_numbers
 from reports.intervals import Interval
 from reports.page import Figures
 from reports.style import FRAME, FULL, PAPER, SERIES, WIDTH, Legend
@@ -318,7 +318,7 @@ def _heat_panel(
         ]
         for i, cells in enumerate(texts)
     ]
-    trace = {**scale, "z": [numbers(cells) for cells in values], "hovertext": hover}
+    trace = {**scale, "z": [rounded_numbers(cells) for cells in values], "hovertext": hover}
     if len(x_labels) <= _MAX_WRITTEN_COLUMNS:
         trace |= {"text": texts, "texttemplate": "%{text}"}
     return panel(

@@ -28,8 +28,8 @@ from sim.datasets.vehicle_table import VehicleTable
 from sim.log.clock import TIMESTAMP
 from sim.log.schema import OWN_MOTION
 
-_MAX_GAP_INTERVALS = 5.0  # that is interpolated [intervals between messages]
-_MIN_GAP_S = 1.0
+_BRIDGED_INTERVALS = 5.0  # gaps up to so many intervals between messages are interpolated
+_BRIDGED_S = 1.0  # and all gaps up to this long [s]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,12 +61,12 @@ def _last_value(series: Series, time_ns: Ints) -> Floats:
     return values
 
 
-def _leader_times(series_of: _Mapped, heard_ns: Ints) -> Floats:
-    """When the leader was where receptions have it [ns], of a map without its clock: at the message
-    that is held, or at the reception itself.
+def _leader_times(mapped: _Mapped, heard_ns: Ints) -> Floats:
+    """Times at which the leader was where a reception says it was [ns], for maps without its
+    clock: of the held message, or of the reception itself.
     """
-    series = series_of.series.get("leader_east")
-    if series is None or not series_of.entries["leader_east"].hold:
+    series = mapped.series.get("leader_east")
+    if series is None or not mapped.entries["leader_east"].hold:
         return heard_ns.astype(np.float64)
     times = Series(time_ns=series.time_ns, values=series.time_ns.astype(np.float64))
     return _last_value(times, heard_ns)
@@ -85,7 +85,7 @@ def _interpolated(series: Series, time_ns: Ints, *, is_angle: bool) -> Floats:
     after = np.minimum(after, times.size - 1)
     span = times[after] - times[before]
     interval = float(np.median(np.diff(times))) if times.size > 1 else 0.0
-    longest = max(_MAX_GAP_INTERVALS * interval, 1e9 * _MIN_GAP_S)
+    longest_ns = max(_BRIDGED_INTERVALS * interval, 1e9 * _BRIDGED_S)
     share = np.divide(time_ns - times[before], span, out=np.zeros(time_ns.size), where=span > 0)
     change = values[after] - values[before]
     if is_angle:
@@ -94,17 +94,17 @@ def _interpolated(series: Series, time_ns: Ints, *, is_angle: bool) -> Floats:
     result = np.where(share > 0.0, values[before] + share * change, values[before])
     if is_angle:
         result = np.where(share > 0.0, np.remainder(result, 2.0 * np.pi), result)
-    return np.where(is_covered & (span <= longest), result, np.nan)
+    return np.where(is_covered & (span <= longest_ns), result, np.nan)
 
 
 def _origin(
-    field_map: FieldMap, numbers: Mapping[str, Series]
+    field_map: FieldMap, raw_series: Mapping[str, Series]
 ) -> tuple[GeodeticOrigin | None, list[str]]:
     """The map's origin, or else the first place of the leader, which a remark names."""
     if field_map.settings.origin is not None:
         return field_map.settings.origin, []
     first = dict[str, float]()
-    for field, series in numbers.items():
+    for field, series in raw_series.items():
         unit = field_map.entries[field].unit
         finite = series.values[np.isfinite(series.values)]
         if unit in (LATITUDE, LONGITUDE) and finite.size:
@@ -119,6 +119,9 @@ def _origin(
 
 
 def _read(path: Path, field_map: FieldMap) -> tuple[_Mapped, list[str]]:
+    """Values of all fields of a map from a bag, and remarks; LaisnError if a topic, field or unit
+    does not fit.
+    """
     requests = dict[str, Request]()
     for field, entry in field_map.entries.items():
         if entry.column is not None:
@@ -130,11 +133,11 @@ def _read(path: Path, field_map: FieldMap) -> tuple[_Mapped, list[str]]:
             where = tuple(sorted(entry.where.items()))
             requests[field] = Request(entry.topic, entry.field, where)
     contents = series_of(path, [*dict.fromkeys(requests.values())], field_map.settings.stamps)
-    numbers = {field: contents.series[request] for field, request in requests.items()}
-    origin, remarks = _origin(field_map, numbers)
+    raw_series = {field: contents.series[request] for field, request in requests.items()}
+    origin, remarks = _origin(field_map, raw_series)
     remarks = [*contents.remarks, *remarks]
     series = dict[str, Series]()
-    for field, raw in numbers.items():
+    for field, raw in raw_series.items():
         entry = field_map.entries[field]
         if not raw.time_ns.size:
             raise LaisnError(
@@ -176,7 +179,7 @@ def _order_remarks(topic: str, series: Series) -> list[str]:
 
 
 def _derived(field_map: FieldMap, series: Mapping[str, Series]) -> dict[str, Series]:
-    """Heading and speed of the leader by its places, where the map has them so."""
+    """Heading and speed of the leader from its positions, for fields with `derive`."""
     fields = [field for field, entry in field_map.entries.items() if entry.derive]
     if not fields:
         return {}
@@ -197,17 +200,15 @@ def _derived(field_map: FieldMap, series: Mapping[str, Series]) -> dict[str, Ser
     return {field: Series(time_ns=east.time_ns, values=values[field]) for field in fields}
 
 
-def _receptions(series_of: _Mapped, fields: list[str], window_s: float) -> tuple[Ints, Floats]:
+def _receptions(mapped: _Mapped, fields: list[str], window_s: float) -> tuple[Ints, Floats]:
     """Times of receptions [ns] and their ranges in the order of the fields, NaN where there is
     none, shapes (m,) and (m, r).
     """
     ranges_received = list[tuple[int, int, float]]()
     for slot, field in enumerate(fields):
-        series = series_of.series.get(field)
+        series = mapped.series.get(field)
         if series is None:
-            raise LaisnError(
-                f"{series_of.map_path}: {field}: expected topic and field, no constant"
-            )
+            raise LaisnError(f"{mapped.map_path}: {field}: expected topic and field, no constant")
         positive = np.isfinite(series.values) & (series.values > 0.0)
         times = series.time_ns[positive].tolist()
         ranges_received += [
@@ -230,23 +231,22 @@ def _receptions(series_of: _Mapped, fields: list[str], window_s: float) -> tuple
     return np.array(times_ns, dtype=np.int64), table
 
 
-def _step_times(series_of: _Mapped, steps: str | None) -> tuple[Ints, str]:
+def _step_times(mapped: _Mapped, step_topic: str | None) -> tuple[Ints, str]:
     """Times of the filter steps [ns], and their topic."""
     times_by_topic = dict[str, Ints]()
     for field in OWN_MOTION.fields:
-        source = series_of.entries[field].topic
+        source = mapped.entries[field].topic
         if source is not None:
-            times_by_topic.setdefault(source, series_of.series[field].time_ns)
+            times_by_topic.setdefault(source, mapped.series[field].time_ns)
     if not times_by_topic:
         raise LaisnError(
-            f"{series_of.map_path}: speed, heading and depth are constants; one of them needs a "
-            "topic"
+            f"{mapped.map_path}: speed, heading and depth are constants; one of them needs a topic"
         )
-    topic = steps or next(iter(times_by_topic))
+    topic = step_topic or next(iter(times_by_topic))
     if topic not in times_by_topic:
         topics = ", ".join(map(str, times_by_topic))
         raise LaisnError(
-            f"{series_of.map_path}: steps: expected the topic of speed, heading or depth: {topics} "
+            f"{mapped.map_path}: steps: expected the topic of speed, heading or depth: {topics} "
             f"(given: {topic!r})"
         )
     return times_by_topic[topic], topic
@@ -259,44 +259,45 @@ def read_bag_table(path: Path, field_map: FieldMap) -> VehicleTable:
     topic, field or unit that is not there.
     """
     require_complete(field_map)
-    series_of, remarks = _read(path, field_map)
-    steps_ns, steps = _step_times(series_of, field_map.settings.steps)
-    own_motion = {field: series_of.values_at(field, steps_ns) for field in OWN_MOTION.fields}
+    mapped, remarks = _read(path, field_map)
+    steps_ns, step_topic = _step_times(mapped, field_map.settings.steps)
+    own_motion = {field: mapped.values_at(field, steps_ns) for field in OWN_MOTION.fields}
     range_fields = [field for field in field_map.entries if field.startswith("range_")]
-    heard_ns, ranges = _receptions(series_of, range_fields, field_map.settings.ping_window_s)
+    heard_ns, ranges = _receptions(mapped, range_fields, field_map.settings.ping_window_s)
     others = [
         field
         for field in field_map.entries
         if field not in (*OWN_MOTION.fields, *range_fields, "time")
     ]
-    received = {field: series_of.values_at(field, heard_ns) for field in others}
+    received = {field: mapped.values_at(field, heard_ns) for field in others}
     received |= {field: ranges[:, i] for i, field in enumerate(range_fields)}
-    received.setdefault(TIMESTAMP, _leader_times(series_of, heard_ns) / 1e9)
+    received.setdefault(TIMESTAMP, _leader_times(mapped, heard_ns) / 1e9)
     is_complete = np.all([np.isfinite(values) for values in own_motion.values()], axis=0)
     if not is_complete.any():
         raise LaisnError(
-            f"{path}: at no message of {steps} there are speed, heading and depth at once; do the "
-            'topics overlap in time? stamps = "log" takes the times of recording'
+            f"{path}: at no message of {step_topic} there are speed, heading and depth at once; do "
+            'the topics overlap in time? stamps = "log" takes the times of recording'
         )
     for name, values in (own_motion | received).items():
         if "depth" in name:
             require_depths(f"{path}, {name}", values)
-    left = int(np.count_nonzero(~is_complete))
-    remarks += [f"{left} messages of {steps} outside of the other topics left out"] if left else []
-    remarks.append(f"filter steps: {int(is_complete.sum())} messages of {steps}")
+    left_out = int(np.count_nonzero(~is_complete))
+    if left_out:
+        remarks.append(f"{left_out} messages of {step_topic} outside of the other topics left out")
+    remarks.append(f"filter steps: {int(is_complete.sum())} messages of {step_topic}")
     remarks.append(f"receptions: {heard_ns.size}, of {np.isfinite(ranges).sum()} ranges")
     time_ns = np.concatenate([steps_ns[is_complete], heard_ns])
-    distance = np.full(heard_ns.size, np.nan)
-    absent = np.full(int(is_complete.sum()), np.nan)
+    no_own_motion = np.full(heard_ns.size, np.nan)
+    no_reception = np.full(int(is_complete.sum()), np.nan)
     columns = {
-        field: np.concatenate([values[is_complete], distance])
+        field: np.concatenate([values[is_complete], no_own_motion])
         for field, values in own_motion.items()
     }
-    columns |= {field: np.concatenate([absent, values]) for field, values in received.items()}
+    columns |= {field: np.concatenate([no_reception, values]) for field, values in received.items()}
     order = np.argsort(time_ns, kind="stable")
     return VehicleTable(
-        time_ns[order],
-        time_ns[order],
-        {field: values[order] for field, values in columns.items()},
-        tuple(remarks),
+        time_ns=time_ns[order],
+        reception_ns=time_ns[order],
+        columns={field: values[order] for field, values in columns.items()},
+        remarks=tuple(remarks),
     )

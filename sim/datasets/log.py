@@ -34,7 +34,12 @@ _RECORD = "data set"  # metadata record by which such a log is known
 _STATED_ERRORS = ("range_sigma", "slip", "heading_walk", "track_slip", "track_heading_walk")
 _SLOTS = Ranges._fields
 _nanoseconds = Clock("1970-01-01T00:00:00Z").ns
-_SEPARATION = 1e-6  # between ranges of one instant that one reception cannot hold [s]
+# a range that does not fit into the reception of its instant is received so much later [s]
+_SEPARATION = 1e-6
+_COLUMN_OF = {name: column for column, name in enumerate(LeaderMessage._fields)}
+_POSITION_COLUMNS = slice(_COLUMN_OF["east"], _COLUMN_OF["heading"])  # east, north
+# east, north, heading, speed, as of `RangeData.range_track`
+_TRACK_COLUMNS = slice(_COLUMN_OF["east"], _COLUMN_OF["depth"])
 
 
 def read_data_set(path: Path) -> RangeData:
@@ -83,31 +88,34 @@ def _slots(data: RangeData) -> tuple[Floats, Ints]:
     """When each range is received [s], and of which transmitter it is.
 
     Two or three beacons have a transmitter each. Of more, ranges of one instant take rear, front
-    and middle in turn, and those that move always the same one. What finds no free one is received
-    a microsecond later, as is a second one that moves: a message has one place of a robot.
+    and middle in turn, and a robot that moves always has the same transmitter. What finds no free
+    one is received a microsecond later, as is the range to a second robot: a message has one place
+    of a robot.
     """
-    robots = {data.beacons.index(name): i % len(_SLOTS) for i, name in enumerate(data.moving)}
+    slot_of_robot = {
+        data.beacons.index(name): i % len(_SLOTS) for i, name in enumerate(data.moving)
+    }
     times = np.empty(data.ranges.size)
     slots = np.empty(data.ranges.size, dtype=np.int64)
     has_own_slots = len(data.beacons) <= len(_SLOTS)
     used_slots = set[int]()
-    has_moved = False
+    has_robot = False
     last = -1.0
     for i, (time, beacon) in enumerate(
         zip(data.range_time.tolist(), data.range_beacon.tolist(), strict=True)
     ):
         if time > last:
             used_slots = set()
-            has_moved = False
+            has_robot = False
         free = next((s for s in range(len(_SLOTS)) if s not in used_slots), 0)
-        slot = beacon if has_own_slots else robots.get(beacon, free)
+        slot = beacon if has_own_slots else slot_of_robot.get(beacon, free)
         last = max(time, last)
-        if slot in used_slots or (has_moved and beacon in robots):
+        if slot in used_slots or (has_robot and beacon in slot_of_robot):
             last = last + _SEPARATION
             used_slots = set()
-            has_moved = False
+            has_robot = False
         used_slots.add(slot)
-        has_moved = has_moved or beacon in robots
+        has_robot = has_robot or beacon in slot_of_robot
         times[i] = last
         slots[i] = slot
     return times, slots
@@ -115,8 +123,8 @@ def _slots(data: RangeData) -> tuple[Floats, Ints]:
 
 def _channels(data: RangeData) -> Iterator[LogChannel]:
     """Own motion, receptions and true path."""
-    times, slot = _slots(data)
-    end, speed, heading = replace(data, range_time=times).legs()
+    range_times, range_slots = _slots(data)
+    end, speed, heading = replace(data, range_time=range_times).legs()
     # the first ends a step that begins at rest, so that the next one begins at the start
     depth = np.zeros(end.size + 1)
     motion = {
@@ -127,31 +135,32 @@ def _channels(data: RangeData) -> Iterator[LogChannel]:
     yield numeric(f"/{VEHICLE}", OWN_MOTION, _nanoseconds(np.append(data.time[0], end)), motion)
 
     # what was received at one time is one reception
-    time, row = np.unique(times, return_inverse=True)
-    message = np.zeros((time.size, len(LeaderMessage._fields)))
-    message[:, 0] = time
-    message[:, 1:3] = data.places.mean(axis=0)
-    message[:, LeaderMessage._fields.index("pitch") :] = np.nan
-    ranges = np.full((time.size, len(_SLOTS)), np.nan)
-    transmitters = np.full((time.size, *PLACES.shape), np.nan)
-    ranges[row, slot] = data.ranges
-    transmitters[row, slot, :2] = data.places[data.range_beacon]
+    reception_times, reception_rows = np.unique(range_times, return_inverse=True)
+    message = np.zeros((reception_times.size, len(LeaderMessage._fields)))
+    message[:, _COLUMN_OF["timestamp"]] = reception_times
+    message[:, _POSITION_COLUMNS] = data.places.mean(axis=0)
+    message[:, _COLUMN_OF["pitch"] :] = np.nan
+    ranges = np.full((reception_times.size, len(_SLOTS)), np.nan)
+    transmitters = np.full((reception_times.size, *PLACES.shape), np.nan)
+    ranges[reception_rows, range_slots] = data.ranges
+    transmitters[reception_rows, range_slots, :2] = data.places[data.range_beacon]
     if data.moving:
         # the other robot's track, as it would broadcast it
-        transmitters[row, slot, :2] = data.range_track[:, :2]
+        transmitters[reception_rows, range_slots, :2] = data.range_track[:, :2]
         is_moving = np.isin(data.range_beacon, [data.beacons.index(name) for name in data.moving])
-        message[row[is_moving], 1:5] = data.range_track[is_moving]
-    transmitters[row, slot, 2] = 0.0
+        message[reception_rows[is_moving], _TRACK_COLUMNS] = data.range_track[is_moving]
+    transmitters[reception_rows, range_slots, 2] = 0.0
     arrays = {"message": message, "ranges": ranges, "transmitters": transmitters}
-    yield numeric(f"/{VEHICLE}", PLACED_RECEPTION, _nanoseconds(time), arrays)
+    yield numeric(f"/{VEHICLE}", PLACED_RECEPTION, _nanoseconds(reception_times), arrays)
 
     truth_time, *coordinates = data.truth[np.argsort(data.truth[:, 0], kind="stable")].T
-    turn = np.tile([1.0, 0.0, 0.0, 0.0], (truth_time.size, 1))
+    # no attitude is known: identity
+    level = np.tile([1.0, 0.0, 0.0, 0.0], (truth_time.size, 1))
     yield poses(
         f"/{VEHICLE}/pose",
         _nanoseconds(truth_time),
         np.column_stack([*coordinates, np.zeros(truth_time.size)]),
-        turn,
+        level,
     )
 
 
@@ -214,21 +223,21 @@ def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
     """Read a log of `write_data_set`; LogError if it is damaged or of something else, or has too
     long a gap.
     """
-    pose = f"/{VEHICLE}/pose"
-    motion = f"/{VEHICLE}/motion"
-    log = Contents(path, lambda topic, _: topic == pose)
+    pose_topic = f"/{VEHICLE}/pose"
+    motion_topic = f"/{VEHICLE}/motion"
+    log = Contents(path, lambda topic, _: topic == pose_topic)
     if _RECORD not in log.metadata:
         raise LogError(f"{path}: no log of a data set; laisn log import FILE --out LOG makes one")
     measurements, remarks = read_recording(path, VEHICLE, longest_gap_s)
     with log_errors(path):
         facts = log.metadata[_RECORD]
         truth = np.empty((0, 3))
-        if pose in log.topics:
+        if pose_topic in log.topics:
             # the first step of Δt ends where the data set begins
-            start_ns = (
-                log.topics[pose].time_ns - log.topics[motion].time_ns.min()
+            since_start_s = (
+                log.topics[pose_topic].time_ns - log.topics[motion_topic].time_ns.min()
             ) / 1e9 + measurements.dt
-            truth = np.column_stack([start_ns, log.topics[pose].table(POSE_FIELDS[:2])])
+            truth = np.column_stack([since_start_s, log.topics[pose_topic].table(POSE_FIELDS[:2])])
         start = np.array([float(facts["start_east"]), float(facts["start_north"]), 0.0, 0.0])
-        facts_stated = {name: float(facts[name]) for name in _STATED_ERRORS if facts.get(name)}
-    return Replayable(measurements, start, facts_stated, truth, remarks)
+        stated = {name: float(facts[name]) for name in _STATED_ERRORS if facts.get(name)}
+    return Replayable(measurements, start, stated, truth, remarks)

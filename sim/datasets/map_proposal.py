@@ -25,7 +25,7 @@ from sim.datasets.field_map import (
 from sim.datasets.table_columns import FIELDS, TIME_NAMES, cells_of, quantity_of
 from sim.log.schema import RECEPTION
 
-_LEADER = {
+_LEADER_WORDS = {
     *("leader", "ldr", "lead", "mother", "mothership", "ship", "boat", "vessel", "asv", "usv"),
     *("master", "surface", "broadcast"),
 }
@@ -35,16 +35,16 @@ _FILLER_WORDS = {
     *("true", "mag", "magnetic", "gyro", "dvl", "ctd", "modem", "through", "water", "to"),
 }
 """Words that say nothing of the quantity."""
-_RANGE = {"range", "rng", "ranges", "r", "dist", "distance", "slant"}
-_SLOTS: dict[str, tuple[str, ...]] = {
+_RANGE_WORDS = {"range", "rng", "ranges", "r", "dist", "distance", "slant"}
+_SLOT_WORDS: dict[str, tuple[str, ...]] = {
     "rear": ("rear", "aft", "stern", "back", "tail", "1", "a"),
     "front": ("front", "fore", "bow", "fwd", "forward", "nose", "2", "b"),
     "middle": ("middle", "mid", "center", "centre", "3", "c"),
 }
-"""Words for each transmitter; only those of `_CERTAIN_SLOTS` need no check."""
-_TRANSMITTER = {"tx", "transmitter", "beacon", "transponder", "pinger", "source", "anchor"}
-_CERTAIN_SLOTS = {"rear", "aft", "stern", "front", "fore", "bow", "fwd", "middle", "mid"}
-_WORDS: dict[str, set[str]] = {
+"""Words for each transmitter; only those of `_CERTAIN_SLOT_WORDS` need no check."""
+_TRANSMITTER_WORDS = {"tx", "transmitter", "beacon", "transponder", "pinger", "source", "anchor"}
+_CERTAIN_SLOT_WORDS = {"rear", "aft", "stern", "front", "fore", "bow", "fwd", "middle", "mid"}
+_QUANTITY_WORDS: dict[str, set[str]] = {
     "heading": {"heading", "hdg", "head", "compass", "psi", "yaw", "hding"},
     "speed": {"speed", "spd", "stw", "vel", "velocity", "surge", "u", "log"},
     "depth": {"depth", "dep", "dpth", "dpt", "d", "pressure", "press", "p"},
@@ -105,8 +105,8 @@ _POSES = {
     _ODOMETRY: "pose.pose",
 }
 _NO_MEASUREMENTS = ("/tf", "/tf_static", "/clock", "/rosout", "/parameter_events")
-_CONCLUSIONS = {"truth", "ground", "groundtruth", "gt", "estimate", "estimated", "filtered"}
-"""Words of topics that hold no measurements, but what was concluded of them or is known apart."""
+_CONCLUSION_WORDS = {"truth", "ground", "groundtruth", "gt", "estimate", "estimated", "filtered"}
+"""Words of topics that hold no measurements: estimates and ground truth."""
 _BOILERPLATE_WORDS = {"header", "stamp", "sec", "nanosec", "covariance", "seq"}
 
 
@@ -134,54 +134,55 @@ def _unit_of(text: str) -> str:
     return {"°": "deg", "m_s": "m/s", "m·s-1": "m/s", "m*s-1": "m/s"}.get(normalized, "")
 
 
-class _NameWithUnit(NamedTuple):
-    """A name without its unit."""
+class _NameAndUnit(NamedTuple):
+    """A name split into what is left without its unit, and the unit."""
 
     bare: str
     unit: str  # "" for none, or one that is not known
     note: str  # on brackets that hold no known unit
 
 
-def _without_unit(name: str) -> _NameWithUnit:
+def _split_unit(name: str) -> _NameAndUnit:
     """A name and its unit, in brackets or at its end."""
     bracketed = re.fullmatch(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*", name)
     if bracketed is not None:
         unit = _unit_of(bracketed[2])
         note = "" if unit else f"what unit is {bracketed[2]!r}?"
-        return _NameWithUnit(bracketed[1], unit, note)
+        return _NameAndUnit(bracketed[1], unit, note)
     for ending in (r"(.+)[_ ]([cm]?m_s)", r"(.+)[_ ]([A-Za-z]+)"):
         suffixed = re.fullmatch(ending, name)
         if suffixed is not None and _unit_of(suffixed[2]):
-            return _NameWithUnit(suffixed[1], _unit_of(suffixed[2]), "")
-    return _NameWithUnit(name, "", "")
+            return _NameAndUnit(suffixed[1], _unit_of(suffixed[2]), "")
+    return _NameAndUnit(name, "", "")
 
 
 def _slot_of(words: Sequence[str]) -> tuple[str, str]:
-    """The transmitter that a word stands for, and the word; "" for none."""
+    """The transmitter that the first word for one stands for, and this word; "" for none."""
     for word in words:
-        for slot, names in _SLOTS.items():
+        for slot, names in _SLOT_WORDS.items():
             if word in names:
                 return slot, word
     return "", ""
 
 
-def _quantity_of(word: str) -> str:
-    return next((quantity for quantity, names in _WORDS.items() if word in names), "")
+def _quantity_of_word(word: str) -> str:
+    """The quantity that a word stands for; "" for none."""
+    return next((quantity for quantity, names in _QUANTITY_WORDS.items() if word in names), "")
 
 
 def _range_match(words: Sequence[str], unit: str) -> Match | None:
     other_words = [
         word
         for word in words
-        if word not in (_RANGE | _FILLER_WORDS | _LEADER | _TRANSMITTER | {"to"})
+        if word not in (_RANGE_WORDS | _FILLER_WORDS | _LEADER_WORDS | _TRANSMITTER_WORDS | {"to"})
     ]
     slot, word = _slot_of(other_words)
     others = [other for other in other_words if other != word]
-    if others or len(other_words) > 1 or not _RANGE & set(words):
+    if others or len(other_words) > 1 or not _RANGE_WORDS & set(words):
         return None
     if not slot:
         return Match("range_rear", unit, "of which transmitter is this range?")
-    note = "" if word in _CERTAIN_SLOTS else f"is {word!r} the {slot} transmitter?"
+    note = "" if word in _CERTAIN_SLOT_WORDS else f"is {word!r} the {slot} transmitter?"
     return Match(f"range_{slot}", unit, note)
 
 
@@ -189,11 +190,11 @@ def match(name: str, *, in_leader_topic: bool = False) -> Match | None:
     """What a name stands for; None if for nothing. `in_leader_topic`: the name is within a
     topic of the leader's.
     """
-    bare, unit, note = _without_unit(name)
+    bare, unit, note = _split_unit(name)
     words = _words(bare)
     if not words:
         return None
-    leader = in_leader_topic or bool(_LEADER & set(words))
+    leader = in_leader_topic or bool(_LEADER_WORDS & set(words))
     matched = _range_match(words, unit) or _quantity_match(words, unit, leader=leader)
     if matched is None or not note:
         return matched
@@ -202,11 +203,13 @@ def match(name: str, *, in_leader_topic: bool = False) -> Match | None:
 
 def _quantity_match(words: Sequence[str], unit: str, *, leader: bool) -> Match | None:
     """A quantity of the own vehicle, of the leader, or a place of a transmitter."""
-    other_words = [word for word in words if word not in (_LEADER | _FILLER_WORDS | _TRANSMITTER)]
+    other_words = [
+        word for word in words if word not in (_LEADER_WORDS | _FILLER_WORDS | _TRANSMITTER_WORDS)
+    ]
     slot, slot_word = _slot_of(other_words[:-1])
     other_words = [word for word in other_words if word != slot_word]
     # "compass heading" says one thing twice
-    quantities = {_quantity_of(word) for word in other_words}
+    quantities = {_quantity_of_word(word) for word in other_words}
     if len(quantities) != 1:
         return None
     (quantity,) = quantities
@@ -244,7 +247,7 @@ def _implied_unit(word: str) -> str:
     return ""
 
 
-def _order(field: str) -> int:
+def _order_of_field(field: str) -> int:
     return ("time", *FIELDS).index(field)
 
 
@@ -256,8 +259,8 @@ def propose_for_table(path: Path) -> Proposal:
     unused = list[str]()
     for i, header in enumerate(headers):
         matched = match(header)
-        numbers = any(_is_number(row[i]) for row in rows[:100])
-        if matched is None or not (numbers or matched.field == "time"):
+        has_numbers = any(_is_number(row[i]) for row in rows[:100])
+        if matched is None or not (has_numbers or matched.field == "time"):
             unused.append(header)
             continue
         if matched.field in entries:
@@ -270,7 +273,7 @@ def propose_for_table(path: Path) -> Proposal:
             entries[matched.field]["unit"] = matched.unit
         if matched.note:
             notes[matched.field] = f"{header!r}: {matched.note}"
-    ordered = dict(sorted(entries.items(), key=lambda item: _order(item[0])))
+    ordered = dict(sorted(entries.items(), key=lambda item: _order_of_field(item[0])))
     return Proposal(
         source=str(path),
         settings={},
@@ -296,13 +299,13 @@ class _Candidate(NamedTuple):
     note: str
 
 
-def _typed(topic: BagTopic) -> Iterator[_Candidate]:
+def _candidates_by_type(topic: BagTopic) -> Iterator[_Candidate]:
     """What a topic of a standard type holds."""
-    leader = bool(_LEADER & set(_words(topic.name)))
+    leader = bool(_LEADER_WORDS & set(_words(topic.name)))
     for quantity, field, unit in _FIELDS_BY_TYPE.get(topic.type_name, ()):
         entry: dict[str, Any] = {"topic": topic.name, "field": field, "unit": unit}
         if quantity == "range":
-            yield from _ranges(topic, entry)
+            yield from _range_candidates(topic, entry)
         elif quantity.startswith("leader_"):
             note = "" if leader else "is this topic the leader's?"
             # `hold`: a reception takes the last position before it, and interpolates none
@@ -311,10 +314,10 @@ def _typed(topic: BagTopic) -> Iterator[_Candidate]:
             field_of_log = f"leader_{quantity}" if leader else quantity
             yield _Candidate(field_of_log, 0, entry, "")
     if topic.type_name in _POSES:
-        yield from _posed(topic, _POSES[topic.type_name], leader=leader)
+        yield from _pose_candidates(topic, _POSES[topic.type_name], leader=leader)
 
 
-def _posed(topic: BagTopic, pose: str, *, leader: bool) -> Iterator[_Candidate]:
+def _pose_candidates(topic: BagTopic, pose: str, *, leader: bool) -> Iterator[_Candidate]:
     """Position, attitude and speed of a vehicle; those of the own vehicle are no measurements, but
     for its heading and speed where nothing else has them.
     """
@@ -335,30 +338,30 @@ def _posed(topic: BagTopic, pose: str, *, leader: bool) -> Iterator[_Candidate]:
         yield _Candidate("leader_speed", 0, speed, "")
 
 
-def _ranges(topic: BagTopic, entry: dict[str, Any]) -> Iterator[_Candidate]:
+def _range_candidates(topic: BagTopic, entry: dict[str, Any]) -> Iterator[_Candidate]:
     """Ranges by the name of the topic, or by frames where one topic has those of several."""
     frames = topic.texts.get("header.frame_id", ())
     if len(frames) > 1:
         slots = dict.fromkeys(Ranges._fields, "")
         for frame in frames:
-            slot, word = _slot_of(_words(frame))
-            slot = (
-                slot if slot and not slots[slot] else next((s for s in slots if not slots[s]), "")
-            )
+            named, word = _slot_of(_words(frame))
+            is_free = bool(named) and not slots[named]
+            slot = named if is_free else next((s for s in slots if not slots[s]), "")
             if slot:
                 slots[slot] = frame
-                note = "" if word in _CERTAIN_SLOTS else f"is {frame!r} the {slot} transmitter?"
+                is_certain = is_free and word in _CERTAIN_SLOT_WORDS
+                note = "" if is_certain else f"is {frame!r} the {slot} transmitter?"
                 where = {"where": {"header.frame_id": frame}}
                 yield _Candidate(f"range_{slot}", 0, entry | where, note)
         return
     slot, word = _slot_of(_words(topic.name)[::-1])
-    note = "" if word in _CERTAIN_SLOTS else f"of which transmitter is {topic.name}?"
+    note = "" if word in _CERTAIN_SLOT_WORDS else f"of which transmitter is {topic.name}?"
     yield _Candidate(f"range_{slot or 'rear'}", 0 if slot else 2, entry, note)
 
 
 def _candidates_by_name(topic: BagTopic) -> Iterator[_Candidate]:
     """What fields of a topic of another type hold, by their names and that of the topic."""
-    leader = bool(_LEADER & set(_words(topic.name)))
+    leader = bool(_LEADER_WORDS & set(_words(topic.name)))
     has_several_fields = sum(match(field) is not None for field in topic.fields) > 2
     for field in topic.fields:
         words = _words(field)
@@ -378,7 +381,7 @@ def _candidates_by_name(topic: BagTopic) -> Iterator[_Candidate]:
         yield _Candidate(matched.field, -1 if has_several_fields else 1, entry, note)
 
 
-def _own_type(topic: BagTopic) -> Iterator[_Candidate]:
+def _own_reception_candidates(topic: BagTopic) -> Iterator[_Candidate]:
     """Fields of a reception as this project writes it, which need no check."""
     for field in RECEPTION.fields:
         entry = {"topic": topic.name, "field": field, "unit": quantity_of(field).si}
@@ -387,16 +390,16 @@ def _own_type(topic: BagTopic) -> Iterator[_Candidate]:
 
 def _candidates_of(topic: BagTopic) -> Iterator[_Candidate]:
     if set(RECEPTION.fields) <= set(topic.fields):
-        return _own_type(topic)
+        return _own_reception_candidates(topic)
     is_typed = topic.type_name in _FIELDS_BY_TYPE or topic.type_name in _POSES
-    return _typed(topic) if is_typed else _candidates_by_name(topic)
+    return _candidates_by_type(topic) if is_typed else _candidates_by_name(topic)
 
 
 def _candidates(topics: Sequence[BagTopic]) -> Iterator[_Candidate]:
     for topic in topics:
         if topic.name in _NO_MEASUREMENTS or not topic.messages:
             continue
-        concluded = bool(_CONCLUSIONS & set(_words(topic.name)))
+        concluded = bool(_CONCLUSION_WORDS & set(_words(topic.name)))
         for candidate in _candidates_of(topic):
             # the leader's estimate of itself is what it broadcasts
             rank = candidate.rank + (10 if concluded else 0)
@@ -435,7 +438,9 @@ def _other_robots(
         for axis, letter, factor in (("east", "x", 1.0), ("north", "y", 1.0), ("depth", "z", -1.0)):
             yield _Candidate(f"{slot}_{axis}", 0, _position_entry(topic, letter, factor), note)
     if poses_of_others:
-        yield from _posed(poses_of_others[0], _POSES[poses_of_others[0].type_name], leader=True)
+        yield from _pose_candidates(
+            poses_of_others[0], _POSES[poses_of_others[0].type_name], leader=True
+        )
 
 
 def _position_entry(topic: BagTopic, letter: str, factor: float) -> dict[str, Any]:
@@ -451,20 +456,22 @@ def _topics_of_vehicle(topics: Sequence[BagTopic], vehicle: str | None) -> list[
     prefix = f"/{vehicle.strip('/')}/"
     vehicle_topics = [topic for topic in topics if topic.name.startswith(prefix)]
     if not vehicle_topics:
-        spaces = sorted({topic.name.split("/")[1] for topic in topics if topic.name.count("/") > 1})
+        namespaces = sorted(
+            {topic.name.split("/")[1] for topic in topics if topic.name.count("/") > 1}
+        )
         raise LaisnError(
             f"--vehicle {vehicle}: the bag has no topic {prefix}…; it has those of "
-            f"{', '.join(spaces) or 'no vehicle'}"
+            f"{', '.join(namespaces) or 'no vehicle'}"
         )
     return vehicle_topics + [
         topic
         for topic in topics
-        if topic not in vehicle_topics and _LEADER & set(_words(topic.name))
+        if topic not in vehicle_topics and _LEADER_WORDS & set(_words(topic.name))
     ]
 
 
-def _doubtful(field: str, candidates: Sequence[_Candidate]) -> str:
-    """A note where several topics may hold a field equally well."""
+def _rivals_note(candidates: Sequence[_Candidate]) -> str:
+    """A question that names other topics that may hold the same field equally well; "" for none."""
     best = candidates[0]
     equals = [c for c in candidates[1:] if c.rank == best.rank]
     if not equals:
@@ -484,16 +491,16 @@ def propose_for_bag(path: Path, vehicle: str | None = None) -> Proposal:
         by_field.setdefault(candidate.field, []).append(candidate)
     chosen = {
         field: sorted(by_field[field], key=lambda candidate: candidate.rank)
-        for field in sorted(by_field, key=_order)
+        for field in sorted(by_field, key=_order_of_field)
     }
     for candidate in _other_robots(topics, {field: c[0].entry for field, c in chosen.items()}):
         chosen.setdefault(candidate.field, [candidate])
     entries: dict[str, Mapping[str, Any]] = {}
     notes = dict[str, str]()
-    for field in sorted(chosen, key=_order):
+    for field in sorted(chosen, key=_order_of_field):
         candidates = chosen[field]
         entries[field] = candidates[0].entry
-        note = " ".join(filter(None, [candidates[0].note, _doubtful(field, candidates)]))
+        note = " ".join(filter(None, [candidates[0].note, _rivals_note(candidates)]))
         if note:
             notes[field] = note
     used_topics = {entry["topic"] for entry in entries.values()}

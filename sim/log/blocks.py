@@ -17,7 +17,8 @@ from mcap.well_known import MessageEncoding
 
 from laisn.arrays import Ints
 
-BLOCK_NS = 20 * 10**9  # what was logged of this time is in the file before more is logged [ns]
+# mission time of a block [ns]: what was logged of it is in the file before more is logged
+BLOCK_NS = 20 * 10**9
 END_NS = 2**62  # later than all messages [ns]
 
 
@@ -27,13 +28,13 @@ class LogChannel(NamedTuple):
     topic: str
     schema: foxglove.Schema
     time_ns: Ints  # time of each message since 1970, shape (n,), [ns]
-    rows: Callable[[slice], Iterable[bytes]]  # serialised messages of a stretch
+    serialised: Callable[[slice], Iterable[bytes]]  # messages of a stretch of rows
 
 
 class _Buffer(BytesIO):
     """What was written since the last `take`; positions count from the start of the file."""
 
-    taken = 0
+    taken = 0  # bytes that were taken; positions before their end cannot be reached
 
     def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
         return self.taken + super().seek(
@@ -92,20 +93,21 @@ class BlockFile:
                     message_encoding=MessageEncoding.Protobuf,
                     context=self._context,
                 )
-        numbers = {
+        block_numbers = {
             number
             for channel in channels
             for number in np.unique(_between(channel, begin_ns, end_ns)[1] // BLOCK_NS).tolist()
         }
-        for number in sorted(numbers):
+        for number in sorted(block_numbers):
             span = (max(number * BLOCK_NS, begin_ns), min((number + 1) * BLOCK_NS, end_ns))
             self.append_block(channels, span)
 
     def append_block(
         self, channels: Sequence[LogChannel], span: tuple[int, int] = (0, END_NS)
     ) -> None:
-        """Write the messages of channels of `append` from one time until before another as one
-        block, also of times before what is written.
+        """Write the messages of `span` (from one time until before another, [ns]) as one block,
+        also if they are earlier than what the file already has. Each channel must have been given
+        to `append` before.
         """
         self._call(partial(self._fill, channels, span))
         self._flush()
@@ -117,7 +119,7 @@ class BlockFile:
         for channel in channels:
             rows, channel_times = _between(channel, *span)
             times.append(channel_times)
-            messages += channel.rows(rows)
+            messages += channel.serialised(rows)
             senders += [self._channels[channel.topic].base.log] * channel_times.size
         time_ns = np.concatenate(times) if times else np.empty(0, dtype=np.int64)
         if len(messages) != time_ns.size:

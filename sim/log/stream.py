@@ -69,7 +69,8 @@ class FoxgloveStream:
             rows = slice(first, count)
             times = channel.time_ns[rows].tolist()
             messages += [
-                (time_ns, send, row) for time_ns, row in zip(times, channel.rows(rows), strict=True)
+                (time_ns, send, row)
+                for time_ns, row in zip(times, channel.serialised(rows), strict=True)
             ]
         messages.sort(key=lambda message: message[0])
         for time_ns, send, row in messages:

@@ -17,7 +17,7 @@ CAST_NUMBER: Any = Field(
 
 
 class MapOrigin(Section):
-    """Where and when on the map (0, 0) and time 0 are; `lat` and `lon` will do, too."""
+    """Where (0, 0) and time 0 of the scenario are on the map; `lat` and `lon` are accepted, too."""
 
     latitude_deg: Annotated[float, Field(ge=-89, le=89)] | None = Field(
         None, description="default: origin_latitude_deg"
@@ -55,24 +55,30 @@ class SeaFile(Section):
 
     file: str | None = Field(None, description="NetCDF file, path relative to this file")
     sha256: _SHA256 | None = Field(
-        None, description="of the file, filled in where a scenario is read; another one is refused"
+        None,
+        description="of the file's content, filled in when a scenario is read; a file with other "
+        "content is refused",
     )
 
     @field_validator("file")
     @classmethod
     def _absolute(cls, file: str | None) -> str | None:
+        """From here on absolute; the reader of scenario files has put the file's folder before
+        it.
+        """
         return None if file is None else str(Path(file).absolute())
 
     @model_validator(mode="after")
     def _with_digest(self) -> Self:
         """With the digest of the file, so that results are those of its content."""
         if self.file is not None and self.sha256 is None:
+            # the model is frozen
             self.__dict__["sha256"] = file_digest(Path(self.file))
         return self
 
 
 class CustomKeys(Section):
-    """Fields of the own class, with or without unit."""
+    """Fields of the user's class, with or without unit."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -80,14 +86,14 @@ class CustomKeys(Section):
 
 
 class CurrentSource(SeaFile):
-    """A current from a file, or of an own class, in place of the keys `current_…`."""
+    """A current from a file, or from the user's class, in place of the keys `current_…`."""
 
     file: str | None = Field(
         None,
         description="NetCDF file with eastward and northward velocity, path relative to this file",
     )
     model: Annotated[str, Field(pattern=CUSTOM_CLASS)] | None = Field(
-        None, description="own class, module:Class"
+        None, description="the user's class, module:Class"
     )
     custom: CustomKeys = CustomKeys()
 
@@ -126,6 +132,6 @@ class DensitySource(SeaFile):
     profile: CastNumber = CAST_NUMBER
     trim_depth_m: Annotated[float, Field(ge=0, le=11000)] | None = Field(
         None,
-        description="where the buoyancy of all hulls is that of their files, or of their trim; "
-        "default: of each where it starts",
+        description="depth at which hulls have the buoyancy that their files or trim say; "
+        "default: where each starts",
     )

@@ -53,7 +53,8 @@ class VehicleState(NamedTuple):
     roll: Floats  # positive starboard down [rad]
     speed: Floats  # through the water, along the hull [m/s]
     depth: Floats  # of the pressure sensor [m]
-    follower: int  # index of the follower that carries the sensor
+    # index of the follower that carries the sensor; the leader counts as follower 0
+    follower: int
 
     @classmethod
     def of_motion(
@@ -71,7 +72,7 @@ class VehicleState(NamedTuple):
             motion: poses, twists and velocities of the water, shapes (n, 7), (n, 6) and (n, 3).
             depth_sensor: its place in the hull, shape (3,), [m].
             places: of the hydrophone, shape (n, 3), and of the sources, shape (n, 3, 3), [m].
-            follower: index of the follower.
+            follower: index of the follower; 0 of the leader, too.
         """
         pose, twist, water = motion
         heading, pitch, roll = heading_pitch_roll(pose[:, 3:])

@@ -20,7 +20,7 @@ from reports.intervals import (
     share_removed,
 )
 from tools.documents import coverage
-from tools.documents.coverage import covered
+from tools.documents.coverage import count_covering
 
 
 @pytest.mark.parametrize(
@@ -103,12 +103,14 @@ def test_intervals_have_about_their_nominal_coverage(law: str, runs: int, least:
     88 %.
     """
     trials = 4000
-    assert least <= covered(law, runs, trials) / trials < 0.985
+    assert least <= count_covering(law, runs, trials) / trials < 0.985
 
 
 def test_coverage_counts_what_is_inside(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(
-        coverage.LAWS, "known", ("", 0.5, lambda rng, shape: (np.linspace(0, 1, 7)[None], None))
+        coverage.LAWS,
+        "known",
+        coverage.Law("", 0.5, lambda rng, shape: (np.linspace(0, 1, 7)[None], None)),
     )
     ends = [
         (0.5, 0.6),
@@ -122,7 +124,7 @@ def test_coverage_counts_what_is_inside(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(
         coverage, "ratio_intervals", lambda above, below: [Interval(0.5, *pair) for pair in ends]
     )
-    assert covered("known", 20, 7) == 3
+    assert count_covering("known", 20, 7) == 3
 
 
 def test_only_runs_that_count_are_in_a_mean() -> None:
@@ -255,4 +257,4 @@ def test_a_study_that_stops_by_its_interval_takes_as_many_runs_as_the_law_needs(
     halves = np.array([(one.high - one.low) / 2 for one in actual])
     assert halves.max() <= 0.1
     assert np.median(halves) > 0.08
-    assert coverage.covered_when_stopped("normal", 200) == pytest.approx(190, abs=12)
+    assert coverage.count_covering_when_stopped("normal", 200) == pytest.approx(190, abs=12)

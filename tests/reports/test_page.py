@@ -164,7 +164,7 @@ def test_figures_are_valid_and_take_their_colours_from_the_page():
 
 
 def test_numbers_of_figures_have_five_digits_and_gaps():
-    assert figures.numbers(np.array([1234.5678, np.nan, 1e-7 / 3, np.inf])) == [
+    assert figures.rounded_numbers(np.array([1234.5678, np.nan, 1e-7 / 3, np.inf])) == [
         1234.6,
         None,
         3.3333e-08,

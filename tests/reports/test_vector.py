@@ -50,7 +50,10 @@ def page(tmp_path: Path) -> Path:
         x_label="time [s]",
     )
     route = panel(
-        [Line(x=X, y=3 * X, name="leader")], x_label="east [m]", y_label="north [m]", equal=True
+        [Line(x=X, y=3 * X, name="leader")],
+        x_label="east [m]",
+        y_label="north [m]",
+        equal_scales=True,
     )
     heat = panel(
         [],

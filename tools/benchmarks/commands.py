@@ -12,9 +12,9 @@ COLD_GOALS_S = {"T5": 14.0, "swarm": 55.0}
 """Processor time of compiling for the same flights."""
 OTHERS = {"laisn check T5": ("check", "T5"), "laisn --help": ("--help",)}
 _REPEATS = 2
-"""Of a command in each round, after one that is not counted."""
+"""How often a command is timed, after one run that does not count."""
 # flies, and writes how many functions were compiled for that
-_COUNTED = """
+_FLIGHT_THAT_COUNTS = """
 import sys
 from laisn_sim.cli.main import main
 
@@ -41,34 +41,34 @@ def commands() -> list[Row]:
     with tempfile.TemporaryDirectory() as folder:
         for scenario, goal in FLIGHT_GOALS_S.items():
             call = (*LAISN, "fly", scenario, "--no-video", "--out", f"{folder}/{scenario}")
-            seconds = least_time_of_command(call, _REPEATS)
+            times = least_time_of_command(call, _REPEATS)
             name = f"laisn fly {scenario} --no-video"
             rows += [
-                Row(name, seconds.processor_s, "s", goal=Goal(goal)),
-                Row(f"{name}, by the clock", seconds.wall_s, "s"),
+                Row(name, times.processor_s, "s", goal=Goal(goal)),
+                Row(f"{name}, by the clock", times.wall_s, "s"),
             ]
         for name, arguments in OTHERS.items():
-            seconds = least_time_of_command((*LAISN, *arguments), _REPEATS)
-            rows.append(Row(name, seconds.processor_s, "s"))
+            times = least_time_of_command((*LAISN, *arguments), _REPEATS)
+            rows.append(Row(name, times.processor_s, "s"))
     return rows
 
 
 def cold() -> list[Row]:
-    """The first flight of an installation, in a home of its own: functions that are compiled, and
-    the processor time that it takes over one with compiled code at hand.
+    """The first flight after an installation, with an empty cache: how many functions it compiles,
+    and how much more processor time it takes than the same flight with compiled code at hand.
     """
     rows = []
     # bytecode is there, whether other rows were measured or not
     time_of_command(("-c", "import laisn_sim.cli.fly, reports.flight_report"))
     for scenario, goal in COLD_GOALS_S.items():
         with tempfile.TemporaryDirectory() as folder:
-            home = {"XDG_CACHE_HOME": str(Path(folder) / "cache")}
+            environment = {"XDG_CACHE_HOME": str(Path(folder) / "cache")}
             count = Path(folder) / "count"
             flight = ("fly", scenario, "--no-video", "--out", f"{folder}/flight")
-            program = ("-c", _COUNTED.format(count=str(count)), "laisn", *flight)
-            first = time_of_command(program, home)
+            program = ("-c", _FLIGHT_THAT_COUNTS.format(count=str(count)), "laisn", *flight)
+            first = time_of_command(program, environment)
             functions = int(count.read_text())
-            warm = time_of_command((*LAISN, *flight), home)
+            warm = time_of_command((*LAISN, *flight), environment)
         name = f"{scenario}: first flight of an installation"
         compiling = first.processor_s - warm.processor_s
         rows += [

@@ -7,6 +7,7 @@ intervals that hold it.
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,14 +21,24 @@ COMMAND = "python -m tools.documents.studies coverage"
 MODULES = ("tools.documents.coverage",)
 RUNS = (20, 60)
 TRIALS = 10_000
-LOCKED = 0.1
+LOCK_CHANCE = 0.1
 """Chance that a run locks on the mirror image."""
 _ERROR_M = 0.5
 _LOCKED_ERROR_M = 20.0
 """Mean error of a run that does not lock, and of one that does [m]."""
 
 Draw = Callable[[np.random.Generator, tuple[int, int]], tuple[Floats, Floats]]
-"""Values above and below a ratio, of the given shape."""
+"""Numerators and denominators of a ratio, each of the given shape; the denominators of a mean are
+ones.
+"""
+
+
+class Law(NamedTuple):
+    """How runs are drawn, and the true mean or ratio that their interval should hold."""
+
+    words: str
+    truth: float
+    draw: Draw
 
 
 def _over_one(values: Floats) -> tuple[Floats, Floats]:
@@ -36,7 +47,7 @@ def _over_one(values: Floats) -> tuple[Floats, Floats]:
 
 def _mirror(rng: np.random.Generator, shape: tuple[int, int]) -> tuple[Floats, Floats]:
     error = rng.gamma(9.0, 1.0 / 9.0, shape)
-    return _over_one(np.where(rng.random(shape) < LOCKED, _LOCKED_ERROR_M, _ERROR_M) * error)
+    return _over_one(np.where(rng.random(shape) < LOCK_CHANCE, _LOCKED_ERROR_M, _ERROR_M) * error)
 
 
 def _ratio(rng: np.random.Generator, shape: tuple[int, int]) -> tuple[Floats, Floats]:
@@ -44,41 +55,40 @@ def _ratio(rng: np.random.Generator, shape: tuple[int, int]) -> tuple[Floats, Fl
     return errors * rng.gamma(4.0, 0.25, shape), errors + rng.gamma(2.0, 1.0, shape)
 
 
-LAWS: Mapping[str, tuple[str, float, Draw]] = {
-    "normal": ("normal", 0.0, lambda rng, shape: _over_one(rng.normal(0.0, 1.0, shape))),
-    "gamma": (
+LAWS: Mapping[str, Law] = {
+    "normal": Law("normal", 0.0, lambda rng, shape: _over_one(rng.normal(0.0, 1.0, shape))),
+    "gamma": Law(
         "gamma of skewness 1.4",
         2.0,
         lambda rng, shape: _over_one(rng.gamma(2.0, 1.0, shape)),
     ),
-    "exponential": (
+    "exponential": Law(
         "exponential, skewness 2",
         1.0,
         lambda rng, shape: _over_one(rng.exponential(1.0, shape)),
     ),
-    "lognormal": (
+    "lognormal": Law(
         "lognormal, skewness 6.2",
         float(np.exp(0.5)),
         lambda rng, shape: _over_one(rng.lognormal(0.0, 1.0, shape)),
     ),
-    "difference": (
+    "difference": Law(
         "paired difference of skewed errors",
         0.3,
         lambda rng, shape: _over_one(
             rng.gamma(1.0, 1.0, shape) - 0.7 * rng.gamma(4.0, 0.25, shape)
         ),
     ),
-    "ratio": ("ratio of correlated errors", 0.5, _ratio),
-    "mirror": (
+    "ratio": Law("ratio of correlated errors", 0.5, _ratio),
+    "mirror": Law(
         "a tenth of the runs locked on the mirror image",
-        LOCKED * _LOCKED_ERROR_M + (1.0 - LOCKED) * _ERROR_M,
+        LOCK_CHANCE * _LOCKED_ERROR_M + (1.0 - LOCK_CHANCE) * _ERROR_M,
         _mirror,
     ),
 }
-"""Laws of a run: words, the true mean or ratio, and how they are drawn."""
 
 
-def covered(law: str, runs: int, trials: int = TRIALS, seed: int = 1) -> int:
+def count_covering(law: str, runs: int, trials: int = TRIALS, seed: int = 1) -> int:
     """Number of intervals, of a number of trials with some runs each, that contain the true mean
     of a distribution.
     """
@@ -90,15 +100,20 @@ def covered(law: str, runs: int, trials: int = TRIALS, seed: int = 1) -> int:
     )
 
 
-SEQUENTIAL_LAWS: Mapping[str, tuple[str, float, float]] = {
-    "normal": ("normal, σ = 1", 0.0, 0.1),
-    "binary": ("an outcome of a tenth of the runs", LOCKED, 0.03),
+class SequentialLaw(NamedTuple):
+    """A law of the runs of a study that ends when its interval is narrow."""
+
+    words: str
+    mean: float
+    half_width: float  # half of the interval at which the study ends
+
+
+SEQUENTIAL_LAWS: Mapping[str, SequentialLaw] = {
+    "normal": SequentialLaw("normal, σ = 1", 0.0, 0.1),
+    "binary": SequentialLaw("an outcome of a tenth of the runs", LOCK_CHANCE, 0.03),
 }
-"""Laws of a run of a study that ends when its interval is narrow: words, the true mean, and half
-of the interval.
-"""
 _BATCH = 60
-_MAX = 5_000
+_MAX_RUNS = 5_000
 
 
 def interval_when_stopped(law: str, rng: np.random.Generator) -> Interval:
@@ -107,9 +122,11 @@ def interval_when_stopped(law: str, rng: np.random.Generator) -> Interval:
     """
     _, mean, half_width = SEQUENTIAL_LAWS[law]
     values = (
-        rng.normal(size=_MAX) if law == "normal" else (rng.random(_MAX) < mean).astype(np.float64)
+        rng.normal(size=_MAX_RUNS)
+        if law == "normal"
+        else (rng.random(_MAX_RUNS) < mean).astype(np.float64)
     )
-    until = Until(half_width=half_width, most=_MAX)
+    until = Until(half_width=half_width, most=_MAX_RUNS)
     runs = 0
     count = _BATCH
     interval = Interval(mean, math.nan, math.nan)
@@ -121,12 +138,12 @@ def interval_when_stopped(law: str, rng: np.random.Generator) -> Interval:
     return interval
 
 
-def covered_when_stopped(law: str, trials: int = TRIALS, seed: int = 1) -> int:
+def count_covering_when_stopped(law: str, trials: int = TRIALS, seed: int = 1) -> int:
     """Number of intervals, of a number of such studies, that contain the true mean of a
     distribution.
     """
     rng = np.random.default_rng([seed, 0])
-    mean = SEQUENTIAL_LAWS[law][1]
+    mean = SEQUENTIAL_LAWS[law].mean
     return sum(
         interval.low <= mean <= interval.high
         for interval in (interval_when_stopped(law, rng) for _ in range(trials))
@@ -135,7 +152,7 @@ def covered_when_stopped(law: str, trials: int = TRIALS, seed: int = 1) -> int:
 
 def findings() -> Findings:
     """Coverage of every law and number of runs."""
-    findings: dict[str, Finding] = {
+    shares: dict[str, Finding] = {
         "trials": plain_finding(TRIALS, "intervals drawn of each law and number of runs")
     }
     for law, (words, _, _) in LAWS.items():
@@ -143,22 +160,22 @@ def findings() -> Findings:
             meaning = (
                 f"share of 95 % intervals that hold the truth, {runs} runs, {words}; limits 95 %"
             )
-            findings[f"{law} {runs}"] = interval_finding(
-                proportion(covered(law, runs), TRIALS), meaning
+            shares[f"{law} {runs}"] = interval_finding(
+                proportion(count_covering(law, runs), TRIALS), meaning
             )
     for law, (words, _, half_width) in SEQUENTIAL_LAWS.items():
         meaning = (
             "share of 95 % intervals that hold the truth, runs until half-width "
             f"{half_width:g}, {words}"
         )
-        findings[f"until {law}"] = interval_finding(
-            proportion(covered_when_stopped(law), TRIALS), f"{meaning}; limits 95 %"
+        shares[f"until {law}"] = interval_finding(
+            proportion(count_covering_when_stopped(law), TRIALS), f"{meaning}; limits 95 %"
         )
     for runs in RUNS:
-        findings[f"unseen {runs}"] = plain_finding(
-            (1.0 - LOCKED) ** runs, f"chance that none of {runs} runs is locked"
+        shares[f"unseen {runs}"] = plain_finding(
+            (1.0 - LOCK_CHANCE) ** runs, f"chance that none of {runs} runs is locked"
         )
-    return record("coverage", COMMAND, MODULES, findings)
+    return record("coverage", COMMAND, MODULES, shares)
 
 
 def run(folder: Path) -> None:

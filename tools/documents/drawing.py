@@ -107,14 +107,14 @@ def draw(panel: Panel) -> Figure:
             subplot_height = room * subplot.height / total_height
             axes = _axes(figure, bottom, subplot_height)
             bottom += subplot_height + gap
-            _draw(axes, subplot, 10**9 if panel.equal else points)
-            if panel.equal:
+            _draw(axes, subplot, 10**9 if panel.equal_scales else points)
+            if panel.equal_scales:
                 axes.set_aspect("equal", adjustable="datalim")
-            axes.margins(x=0.05 if panel.equal else 0.0)
+            axes.margins(x=0.05 if panel.equal_scales else 0.0)
             axes.set_ylabel(subplot.y_label, labelpad=3)
             axes.set_xscale("log" if panel.x_log else "linear")
             axes.set_yscale("log" if subplot.y_log else "linear")
-            if not panel.equal:
+            if not panel.equal_scales:
                 axes.set_ylim(*subplot.y_limits)
                 axes.set_xlim(*panel.x_limits)
             _ticks(axes.set_yticks, subplot.ticks)

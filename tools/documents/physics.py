@@ -153,7 +153,7 @@ def orbits() -> Drawn:
         x_label="along the wave [m]",
         y_label="height [m]",
         title="Orbits",
-        equal=True,
+        equal_scales=True,
         height=4.0,
     )
     return figure, [

@@ -101,7 +101,7 @@ def real_ranges() -> Drawn:
         Line(x=estimated.state[steps, 0], y=estimated.state[steps, 1], colour=ESTIMATE, width=0.8),
         Line(x=data.places[:, 0], y=data.places[:, 1], colour=SERIES[1], marker="^", size=7.0),
     ]
-    figure = panel(lines, x_label="east [m]", y_label="north [m]", equal=True, height=4.0)
+    figure = panel(lines, x_label="east [m]", y_label="north [m]", equal_scales=True, height=4.0)
     return figure, [
         (SERIES[1], "▲ the two beacons"),
         (INK, "surveyed path"),

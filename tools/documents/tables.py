@@ -250,8 +250,8 @@ def coverage(records: Records) -> str:
     """How often a 95 % interval of a mean holds it, law by law."""
     record = records["coverage"]
     rows = [
-        [words, *(f"{record[f'{law} {runs}']:.1%}" for runs in RUNS)]
-        for law, (words, _, _) in LAWS.items()
+        [law.words, *(f"{record[f'{name} {runs}']:.1%}" for runs in RUNS)]
+        for name, law in LAWS.items()
     ]
     return markdown(["coverage of 95 % intervals", *(f"{runs} runs" for runs in RUNS)], rows)
 

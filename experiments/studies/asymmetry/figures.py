@@ -127,7 +127,7 @@ def _path(
     marker: str = "",
     *,
     text: str = "",
-    side: str = "middle right",
+    text_position: str = "middle right",
 ) -> Line:
     """A line through points of shape (n, 2), or marks there, perhaps with words beside the last."""
     return Line(
@@ -138,7 +138,7 @@ def _path(
         marker=marker,
         size=5.0,
         text=text,
-        side=side,
+        text_position=text_position,
     )
 
 
@@ -149,7 +149,7 @@ def _scene(lines: Sequence[Line], low: Floats, high: Floats, y_label: str, title
         y_label=y_label,
         title=title,
         height=3.4,
-        equal=True,
+        equal_scales=True,
         x_limits=(low[0], high[0]),
         y_limits=(low[1], high[1]),
     )
@@ -169,7 +169,9 @@ def message_hull(message: Message) -> Panel:
             side = f"{'top' if site[2] > 0 else 'bottom'} {'right' if site[0] > 0 else 'left'}"
             text = f"{name} {100 * site[2]:+.0f} cm" if colour is REAL_COLOUR else ""
             lines.append(_path(np.stack([site, message.hydrophone])[:, [0, 2]], colour, dash))
-            lines.append(_path(site[None, [0, 2]], colour, marker="o", text=text, side=side))
+            lines.append(
+                _path(site[None, [0, 2]], colour, marker="o", text=text, text_position=side)
+            )
     return _scene(
         lines, np.array([-2.1, -0.9]), np.array([2.1, 0.9]), "up [m]", "Bow and stern from the side"
     )
@@ -195,7 +197,7 @@ def message_top(message: Message) -> Panel:
     ):
         lines += [
             _path(np.stack([np.zeros(2), position]), colour, "--"),
-            _path(position[None], colour, "", mark, text=text, side=side),
+            _path(position[None], colour, "", mark, text=text, text_position=side),
         ]
     points = np.array([truth, fix, (-1.5, 0.0), (1.5, 0.0)])
     pad = distance * np.array([0.3, 0.12])

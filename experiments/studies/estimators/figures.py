@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.studies.estimators.findings import INTERVAL, figures_of, missions_of
+from experiments.studies.estimators.findings import MESSAGE_INTERVAL, figures_of, missions_of
 from experiments.study.plan import levels
 from experiments.study.run import StudyResults
 from reports.figures import Panel, marks, panel
@@ -53,7 +53,7 @@ def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, 
     return {
         "ratio": Figures(panels=[picture(record, cases)], legend=LEGEND),
         "titles": titles,
-        "intervals": levels(outcomes["cases"].plan, INTERVAL),
+        "intervals": levels(outcomes["cases"].plan, MESSAGE_INTERVAL),
         "baselined": [name for name in cases if f"ekf {name} 5" in record.findings],
         "on_axis": [*studies["locks"].scenarios],
         "offsets": levels(outcomes["offset"].plan, "leader.middle_offset_m"),

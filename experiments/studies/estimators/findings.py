@@ -2,7 +2,7 @@
 each navigator.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from reports.findings import Finding, interval_finding, median_finding, plain_fi
 from reports.intervals import Interval, mean_interval, ratio_intervals
 from sim.scenario.routes import library_route
 
-INTERVAL = "timing.message_interval_s"
+MESSAGE_INTERVAL = "timing.message_interval_s"  # key of the time between messages
 SETTLED_S = 60.0  # errors after the leader's first turn count from this time after it on [s]
 
 
@@ -25,18 +25,23 @@ def missions_of(outcomes: StudyResults) -> Cells:
     bounds = dict[int, float | None]()
     for row in outcomes.rows:
         point = outcomes.plan.points[row["point"]]
-        wrong = (
+        is_misstated = (
             study.disturb_at(point, "tight")
             or "sensors.leader_heading_bias_deg" in study.case_at(point).settings
         )
-        if not wrong and row.get("bound_rms_m"):
+        if not is_misstated and row.get("bound_rms_m"):
+            # the first row of a point that has a bound gives that of all its rows
             bounds.setdefault(row["point"], row["bound_rms_m"])
     return outcomes.cells._replace(
         rows=[row | {"bound": bounds.get(row["point"])} for row in outcomes.rows]
     )
 
 
-def _rms(cells: Cells) -> Floats:
+def _rms_of(values: Floats) -> np.float64:
+    return np.float64(np.sqrt(np.mean(values**2)))
+
+
+def _rms_of_missions(cells: Cells) -> Floats:
     """RMS error of all runs of each mission, shape (m,), [m]."""
     return np.asarray(np.sqrt(np.mean(cells.runs("e_p_rms_m") ** 2, axis=0)))
 
@@ -45,8 +50,8 @@ def figures_of(missions: Cells) -> list[dict[str, Any]]:
     """Figures of all runs of each mission by both navigators."""
     tight, laisn = (missions.where(arm=arm) for arm in ("tight", "laisn-2"))
     error, laisn_error = (cells.runs("e_p_mean_m").mean(axis=0) for cells in (tight, laisn))
-    rms = _rms(tight)
-    laisn_rms = _rms(laisn)
+    rms = _rms_of_missions(tight)
+    laisn_rms = _rms_of_missions(laisn)
     nees = tight.runs("nees").mean(axis=0)
     largest = tight.runs("e_p_max_m").max(axis=0)
     locked, laisn_locked = (cells.runs("mirror_locked").sum(axis=0) for cells in (tight, laisn))
@@ -54,7 +59,7 @@ def figures_of(missions: Cells) -> list[dict[str, Any]]:
         {
             "case": row.get("case"),
             "route": row["scenario"],
-            "interval": row.get(INTERVAL),
+            "interval": row.get(MESSAGE_INTERVAL),
             "error": float(error[i]),
             "laisn": float(laisn_error[i]),
             "ratio": float(error[i] / laisn_error[i]),
@@ -72,26 +77,26 @@ def figures_of(missions: Cells) -> list[dict[str, Any]]:
 
 
 def median_ratio(missions: Cells) -> Interval:
-    """Median over missions of mean E_P over LAISN-2's, with limits over runs, which all missions
-    share.
+    """Ratio of mean E_P to LAISN-2's of the mission in the middle, with the 95 % limits of that
+    mission over its runs; of an even number of missions, the mean of the two in the middle, limits
+    too.
     """
     tight, laisn = (missions.where(arm=arm).runs("e_p_mean_m") for arm in ("tight", "laisn-2"))
-    limits = ratio_intervals(tight, laisn)
-    ordered = sorted(limits, key=lambda limit: limit.value)
-    # of an even number the mean of both in the middle
-    middle = (ordered[(len(ordered) - 1) // 2], ordered[len(ordered) // 2])
-    return Interval(*(float(np.mean(column)) for column in zip(*middle, strict=True)))
+    ratios = sorted(ratio_intervals(tight, laisn), key=lambda ratio: ratio.value)
+    # of an odd number both are the one in the middle
+    low, high = ratios[(len(ratios) - 1) // 2], ratios[len(ratios) // 2]
+    return Interval(*np.mean([low, high], axis=0).tolist())
 
 
 def mean_of(values: Floats) -> Interval:
-    """Mean over all runs of all missions, shape (R, m), with limits over runs."""
+    """Mean over R runs of m missions, shape (R, m), with limits over runs."""
     return mean_interval(values.mean(axis=1))
 
 
 def mission_findings(key: str, missions: Cells) -> dict[str, Finding]:
     """Findings of some missions together, their names ending in `key`."""
     figures = figures_of(missions)
-    tight, other = (missions.where(arm=arm) for arm in ("tight", "laisn-2"))
+    tight, laisn = (missions.where(arm=arm) for arm in ("tight", "laisn-2"))
     missions_text = f"{len(figures)} missions"
     runs = tight.runs("run").size
     column = {name: [mission[name] for mission in figures] for name in figures[0]}
@@ -106,7 +111,7 @@ def mission_findings(key: str, missions: Cells) -> dict[str, Finding]:
             mean_of(tight.runs("e_p_mean_m")), f"mean E_P, mean of {missions_text}, 95 %", "m"
         ),
         "laisn-2": interval_finding(
-            mean_of(other.runs("e_p_mean_m")), f"of LAISN-2, mean of {missions_text}, 95 %", "m"
+            mean_of(laisn.runs("e_p_mean_m")), f"of LAISN-2, mean of {missions_text}, 95 %", "m"
         ),
         "largest": plain_finding(max(column["largest"]), f"largest E_P of {missions_text}", "m"),
         "nees": interval_finding(
@@ -115,7 +120,7 @@ def mission_findings(key: str, missions: Cells) -> dict[str, Finding]:
         "nees-least": plain_finding(min(column["nees"]), f"smallest of {missions_text}"),
         "nees-most": plain_finding(max(column["nees"]), f"largest of {missions_text}"),
         "inside": plain_finding(float(np.mean(column["inside"])), meaning),
-        # of a range, where the engine counts pairs
+        # `nis` sums two squares; half of it is that of one range
         "nis": interval_finding(
             mean_of(0.5 * tight.runs("nis")),
             f"squared residual of a range, mean of {missions_text}; right: 1",
@@ -127,7 +132,7 @@ def mission_findings(key: str, missions: Cells) -> dict[str, Finding]:
             sum(column["mirror_locked"]), f"runs {locked} of {runs}"
         ),
         "mirror-locked-laisn-2": share_finding(
-            other.runs("mirror_locked"), f"share of LAISN-2's runs {locked}, 95 %"
+            laisn.runs("mirror_locked"), f"share of LAISN-2's runs {locked}, 95 %"
         ),
     }
     smoothed = [row.get("bound_smoothed_rms_m") for row in tight.rows]
@@ -157,25 +162,28 @@ def clock_findings(missions: Cells) -> dict[str, Finding]:
     and after it.
     """
     findings = {}
-    turn = float(library_route("L").time[1])
+    first_turn_s = float(library_route("L").time[1])
     pairs = [
         [missions.where(scenario=route, case=case).steps[0] for case in ("unknown", "exact")]
         for route in dict.fromkeys(row["scenario"] for row in missions.rows)
     ]
     missions_text = f"{len(pairs)} missions"
-    for phase, first, last in (("before", 0.0, turn), ("after", turn + SETTLED_S, np.inf)):
+    for phase, begin_s, end_s in (
+        ("before", 0.0, first_turn_s),
+        ("after", first_turn_s + SETTLED_S, np.inf),
+    ):
         ratios: dict[str, list[float]] = {"e_p_mean_m": [], "bound_m": []}
         for pair in pairs:
-            (consistent,) = np.nonzero(
-                (pair[0]["time_s"] > first + 0.01) & (pair[0]["time_s"] < last + 0.01)
+            (in_phase,) = np.nonzero(
+                (pair[0]["time_s"] > begin_s + 0.01) & (pair[0]["time_s"] < end_s + 0.01)
             )
             for name, values in ratios.items():
-                pair_values = [steps[name][consistent].astype(np.float64) for steps in pair]
-                unknown, exact = (
-                    np.sqrt(np.mean(x**2)) if name == "bound_m" else np.mean(x) for x in pair_values
-                )
+                pair_values = [steps[name][in_phase].astype(np.float64) for steps in pair]
+                average: Callable[[Floats], np.float64] = _rms_of if name == "bound_m" else np.mean
+                unknown, exact = map(average, pair_values)
                 values.append(float(unknown / exact))
-        errors, bounds = ratios.values()
+        errors = ratios["e_p_mean_m"]
+        bounds = ratios["bound_m"]
         meaning = (
             f"mean E_P with an unknown clock over that with exact ones, {phase} the leader's "
             "first turn"
@@ -254,14 +262,14 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
         "seed": plain_finding(seed, "of all noise"),
         "runs": plain_finding(runs, "runs of each mission of G1 to G7"),
     }
-    for key, missions in parts["cases"].by("case", INTERVAL).items():
+    for key, missions in parts["cases"].by("case", MESSAGE_INTERVAL).items():
         findings |= mission_findings(key, missions)
         if missions.where(arm="ekf").rows:
             findings |= plain_filter_findings(key, missions)
     # the bound is that of the sensors, which stay as they are
     bound_of_route = {
         row["scenario"]: row["bound"]
-        for row in parts["cases"].where(case="G1", **{INTERVAL: 5.0}).rows
+        for row in parts["cases"].where(case="G1", **{MESSAGE_INTERVAL: 5.0}).rows
     }
     sigma = parts["sigma"]
     parts["sigma"] = sigma._replace(
@@ -277,7 +285,7 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
             findings |= mission_findings(f"{part} {key}", missions)
     findings |= clock_findings(parts["clock"])
     for key, mission in parts["weave"].by("case", "scenario").items():
-        (rms,) = _rms(mission.where(arm="tight")).tolist()
+        (rms,) = _rms_of_missions(mission.where(arm="tight")).tolist()
         row, *_ = mission.rows
         findings[f"rms {key}"] = plain_finding(rms, "RMS E_P with two transmitters", "m")
         findings[f"rms-bound {key}"] = plain_finding(row["bound"], "its bound", "m")

@@ -135,7 +135,12 @@ def routes(flights: Mapping[str, Trajectory]) -> Figures:
         ]
         panels.append(
             panel(
-                lines, x_label="east [m]", y_label="north [m]", title=name, equal=True, height=3.0
+                lines,
+                x_label="east [m]",
+                y_label="north [m]",
+                title=name,
+                equal_scales=True,
+                height=3.0,
             )
         )
     return Figures(panels=panels, legend=[(LEADER, "leader"), (FOLLOWER, "follower")])

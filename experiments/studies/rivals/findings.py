@@ -48,8 +48,10 @@ STEADY = "tight-steady"
 """The tightly coupled navigator with the speed through the water as a state."""
 OURS = ("laisn-2", "laisn-3-1", "laisn-3-2", "tight", STEADY)
 SLOW = "factor-graph"  # simulated in fewer runs
-INTERVAL = "timing.message_interval_s"
-INTERVALS, SHARED_INTERVALS = (tuple(study["vary"][INTERVAL]) for study in (_ROUTES, _SHARED))
+MESSAGE_INTERVAL = "timing.message_interval_s"  # key of the time between messages
+INTERVALS, SHARED_INTERVALS = (
+    tuple(study["vary"][MESSAGE_INTERVAL]) for study in (_ROUTES, _SHARED)
+)
 """Of messages, and of those on channels that many share [s]."""
 USUAL = 5.0
 SHARING = tuple(_titles(_SHARED["arm"]))  # navigators on such channels
@@ -63,7 +65,7 @@ REACHES_M = (50.0, 150.0, 500.0)
 PING_S = 0.1
 SOUND_M_S = 1500.0
 # A run whose error, or whose distance from its place at the end, is beyond this is called lost [m]
-FAR_OFF_M = 50.0
+LOST_FROM_M = 50.0
 
 
 def case_name(navigator: str, condition: str, interval: float) -> str:
@@ -142,8 +144,8 @@ def arm_findings(name: str, routes: Cells) -> Iterator[tuple[str, Finding]]:
             routes.runs("mirror_locked"), "share of missions locked on the mirror image, 95 %"
         ),
     )
-    meaning = f"share of missions with an error beyond {FAR_OFF_M:g} m, 95 %"
-    yield f"lost {name}", share_finding(routes.runs("e_p_max_m") > FAR_OFF_M, meaning)
+    meaning = f"share of missions with an error beyond {LOST_FROM_M:g} m, 95 %"
+    yield f"lost {name}", share_finding(routes.runs("e_p_max_m") > LOST_FROM_M, meaning)
 
 
 def worst_routes(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
@@ -227,10 +229,10 @@ def steered(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
             f"closed-off {case}",
             median_finding(track_error, "RMS off its place, median of missions", "m"),
         )
-        meaning = f"share of missions that end more than {FAR_OFF_M:g} m off their place, 95 %"
+        meaning = f"share of missions that end more than {LOST_FROM_M:g} m off their place, 95 %"
         yield (
             f"closed-lost {case}",
-            share_finding(routes.runs("track_error_end_m") > FAR_OFF_M, meaning),
+            share_finding(routes.runs("track_error_end_m") > LOST_FROM_M, meaning),
         )
 
 
@@ -342,7 +344,7 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     routes: dict[str, Cells] = {}
     for study_part in ("routes", "shared", "slow", "two"):
         if study_part in cells:
-            routes |= cells[study_part].by("arm", "case", INTERVAL)
+            routes |= cells[study_part].by("arm", "case", MESSAGE_INTERVAL)
     grid = cells["map"].by("arm", "case", "sensors.heading_bias_deg", "leader.baseline_m")
     points = {f"map {name}": part_results for name, part_results in grid.items()}
     return findings_of_rows(routes, cells["closed"].by("arm", "case"), points, step_times_us())

@@ -16,6 +16,7 @@ from rosbags.rosbag2 import StoragePlugin
 from typer.testing import CliRunner
 
 from laisn_sim.cli.main import app
+from sim.datasets.map_proposal import propose_for_bag
 from sim.log import writer
 from sim.log.reader import read_recording
 from tests.sim.datasets.bags import Message, stamped, write_ros1, write_ros2
@@ -324,6 +325,32 @@ def test_robots_are_found_by_the_names_of_frames(tmp_path: Path) -> None:
     assert proposed["heading"]["topic"] == "/auv/imu"
     arguments = ["--map", tmp_path / "map.toml", "--out", tmp_path / "dive.mcap"]
     assert run("import", bag, *arguments).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("frames", "slots", "asked"),
+    [
+        # of two frames that name the rear one, the second gets another
+        (("rear_1", "rear_2"), ("rear", "front"), "is 'rear_2' the front transmitter?"),
+        # a frame that names none has taken the rear one
+        (("alpha", "rear"), ("rear", "front"), "is 'rear' the front transmitter?"),
+        (("tx_bow", "tx_stern"), ("front", "rear"), ""),
+    ],
+)
+def test_a_frame_that_gets_another_transmitter_than_it_names_is_to_be_checked(
+    frames: tuple[str, str], slots: tuple[str, str], asked: str, tmp_path: Path
+) -> None:
+    messages = own_messages()
+    for k in range(1, 5):
+        for i, frame in enumerate(frames):
+            at = START_NS + 10**9 * k + 30_000_000 * i
+            values = stamped(at, frame, range=20.0)
+            messages.append(("/auv/acoustic", "sensor_msgs/msg/Range", at, values))
+    bag = write_ros2(tmp_path / "dive", in_order(messages))
+    proposal = propose_for_bag(bag)
+    for frame, slot in zip(frames, slots, strict=True):
+        assert proposal.entries[f"range_{slot}"]["where"] == {"header.frame_id": frame}
+    assert proposal.notes.get(f"range_{slots[1]}", "") == asked
 
 
 def test_stamps_that_step_back_are_told(tmp_path: Path) -> None:

@@ -30,8 +30,8 @@ def test_poses_are_those_of_the_sdk() -> None:
         ).encode()
         for at, row in zip(time.tolist(), numbers.tolist(), strict=True)
     ]
-    assert list(channel.rows(slice(None))) == expected
-    assert list(channel.rows(slice(37, 90))) == expected[37:90]
+    assert list(channel.serialised(slice(None))) == expected
+    assert list(channel.serialised(slice(37, 90))) == expected[37:90]
 
 
 @pytest.mark.parametrize("children", [1, 3])
@@ -57,8 +57,8 @@ def test_transforms_are_those_of_the_sdk(children: int) -> None:
         ).encode()
         for at, rows in zip(time.tolist(), numbers.tolist(), strict=True)
     ]
-    assert list(channel.rows(slice(None))) == expected
-    assert list(channel.rows(slice(0, 0))) == []
+    assert list(channel.serialised(slice(None))) == expected
+    assert list(channel.serialised(slice(0, 0))) == []
 
 
 def test_an_example_with_ambiguous_numbers_is_noticed() -> None:

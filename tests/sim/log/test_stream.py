@@ -89,7 +89,7 @@ def test_a_client_gets_the_channels_of_the_log(stream: FoxgloveStream) -> None:
     counts["/log"] -= 1
     counts["/tf_static"] = 0
     expected = {
-        c.topic: [*zip(c.time_ns.tolist(), c.rows(slice(None)), strict=True)][
+        c.topic: [*zip(c.time_ns.tolist(), c.serialised(slice(None)), strict=True)][
             counts.get(c.topic, 0) :
         ]
         for c in channels(flown(flight, Termination.COMPLETED), (), ())

@@ -10,7 +10,7 @@ from scipy import stats
 from typer.testing import CliRunner
 
 from experiments.studies.estimators import figures, findings
-from experiments.studies.estimators.findings import INTERVAL
+from experiments.studies.estimators.findings import MESSAGE_INTERVAL
 from experiments.study import study as studies
 from experiments.study.file import built_in, study_of
 from experiments.study.plan import StudyPlan, plan_of
@@ -65,7 +65,7 @@ def of_hand(
     }
     row = {
         "scenario": route,
-        INTERVAL: 5.0,
+        MESSAGE_INTERVAL: 5.0,
         "bound": 0.5,
         "nees_inside": error,
         "bound_rms_m": 0.5,

@@ -118,7 +118,11 @@ def test_every_case_is_valid_and_every_navigator_is_simulated(plans: dict[str, S
             assert entry.scenario.navigation.variant == ("tight" if steady else entry.arm)
             assert entry.scenario.navigation.assume.steady_speed == steady
     cases = [
-        (entry.arm, plan.points[entry.point]["case"], plan.points[entry.point][findings.INTERVAL])
+        (
+            entry.arm,
+            plan.points[entry.point]["case"],
+            plan.points[entry.point][findings.MESSAGE_INTERVAL],
+        )
         for plan in (plans[part] for part in ("routes", "slow"))
         for entry in plan.entries
     ]
