@@ -30,7 +30,7 @@ _ANGLES = np.linspace(0.0, 2.0 * np.pi, 41)
 GOOD_NIS = (0.5, 2.0)
 BAD_NIS = (0.1, 4.0)
 """Mean NIS per quantity of a filter that is right, and outside which it is far from that."""
-_NAMES = ("rear or first transmitter", "front or second", "middle or third")
+_NAMES = ("rear or first", "front or second", "middle or third")
 
 
 def _poses(measurements: Measurements) -> list[Floats]:
@@ -197,7 +197,7 @@ def _values(replayed: Replayed) -> dict[str, Any]:
     worst = int(two_sigma.argmax())
     chart, legend = _map(replayed)
     hues = [
-        (colour, f"residual of the {name}")
+        (colour, f"residual of the {name} transmitter")
         for colour, name in zip(TRANSMITTERS, _NAMES, strict=True)
     ]
     received = [bool(np.isfinite(column).any()) for column in replayed.residuals.T]

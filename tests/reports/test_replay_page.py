@@ -1,5 +1,6 @@
 """The page of a replay on measured data, for a vehicle whose numbers are known."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,13 @@ import pytest
 
 from laisn.estimates import Estimates, FixKind
 from laisn.messages import LeaderMessage, Measurements
-from reports.replay_page import Replayed, ellipse, nis_judgement, write_replay_page
+from reports.replay_page import (
+    Replayed,
+    _over_time,
+    ellipse,
+    nis_judgement,
+    write_replay_page,
+)
 
 N = 40
 
@@ -95,6 +102,16 @@ def test_the_page_names_uncertainty_error_and_remarks(tmp_path: Path) -> None:
     )
     for words in ("a gap of 3 s", "4 two points", "Replay of auv.mcap", "surveyed path", *drawn):
         assert words in text
+
+
+def test_curves_and_legend_name_each_transmitter_that_was_heard(tmp_path: Path) -> None:
+    names = ["rear or first transmitter", "front or second transmitter"]
+    _, residuals, _ = _over_time(vehicle()).parts
+    assert [line.name for line in residuals.lines] == names
+    path = tmp_path / "page.html"
+    write_replay_page([vehicle()], Path("log.mcap"), "tight", [], path)
+    html = path.read_text(encoding="utf-8")
+    assert re.findall("residual of the ([^<]*)<", html) == names
 
 
 @pytest.mark.parametrize(
