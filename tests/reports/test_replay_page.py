@@ -37,7 +37,7 @@ def vehicle(**changes: Any) -> Replayed:
     covariance = np.tile(np.diag([0.25, 4.0, 1.0, 1.0]), (N, 1, 1))
     # 1 m to either side of the leader along its heading, which is east
     ranges = np.tile([np.hypot(30.0, 1.0), np.hypot(30.0, 1.0), np.nan], (4, 1))
-    measured = Measurements(
+    measurements = Measurements(
         dt=1.0,
         speed=np.ones(N),
         heading=np.full(N, np.pi / 2),
@@ -59,7 +59,7 @@ def vehicle(**changes: Any) -> Replayed:
     path = np.column_stack([time, time, np.zeros(N)])
     given: dict[str, object] = {
         "name": "auv",
-        "measured": measured,
+        "measurements": measurements,
         "estimates": estimates,
         "baseline": 2.0,
         "path": path,
