@@ -45,7 +45,7 @@ class BeaconReplaySettings(FurtherKeys):
         return replace(base, **in_si(self.model_dump(exclude={"medium"})))
 
 
-def beacons_of(values: Mapping[str, object]) -> BeaconReplaySettings:
+def beacon_settings(values: Mapping[str, object]) -> BeaconReplaySettings:
     """Settings by their keys; LaisnError naming all keys that are unknown and values out of
     their range.
     """
@@ -111,7 +111,7 @@ def dead_reckoning(recorded: Replayable) -> Estimates:
     )
 
 
-def by_laisn(recorded: Replayable, navigation: NavigationSettings) -> Estimates:
+def navigate_by_laisn(recorded: Replayable, navigation: NavigationSettings) -> Estimates:
     """Estimates of LAISN: single ranges move the estimate along their line of sight."""
     settings = replace(navigation, dt=recorded.measurements.dt, hydrophone_height=0.0)
     return Navigator(settings, recorded.start).run(recorded.measurements)
@@ -121,7 +121,9 @@ def _settings(recorded: Replayable, beacons: BeaconReplaySettings, medium: str) 
     return beacons.over(replace(MEDIA[medium], dt=recorded.measurements.dt, **recorded.stated))
 
 
-def among_beacons(recorded: Replayable, beacons: BeaconReplaySettings) -> tuple[Estimates, str]:
+def navigate_among_beacons(
+    recorded: Replayable, beacons: BeaconReplaySettings
+) -> tuple[Estimates, str]:
     """Estimates of the navigator among beacons, and the medium: if it is open, that with the
     likeliest ranges.
     """

@@ -175,7 +175,7 @@ class Estimates(ArrayRecord):
         return []
 
     @property
-    def unknown(self) -> int:
+    def steps_without_estimate(self) -> int:
         """Steps before the first estimate: 0 where the start is known."""
         missing = np.isnan(self.state[:, 0])
         return missing.size if missing.all() else int(np.argmin(missing))

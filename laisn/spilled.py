@@ -1,7 +1,7 @@
 """Arrays of long missions in files of their own, which take disk in place of memory.
 
 Such an array is mapped from a file that has no name any more, and is gone with the process. The
-process has in its memory what it has touched since the last `release`, which
+process has in its memory what it has touched since the last `release_mapped_memory`, which
 `released_regularly` repeats.
 """
 
@@ -77,7 +77,7 @@ def is_spilled(owner: object) -> bool:
     return isinstance(owner, _Mapping)
 
 
-def release() -> None:
+def release_mapped_memory() -> None:
     """Leave to the system the memory of all arrays in files; their numbers stay."""
     with _CHANGES:
         mappings = list(_MAPPINGS)
@@ -94,7 +94,7 @@ def released_regularly() -> Iterator[None]:
 
     def release_until_over() -> None:
         while not finished.wait(_RELEASE_EVERY_S):
-            release()
+            release_mapped_memory()
 
     thread = threading.Thread(target=release_until_over, daemon=True)
     thread.start()
@@ -103,4 +103,4 @@ def released_regularly() -> Iterator[None]:
     finally:
         finished.set()
         thread.join()
-        release()
+        release_mapped_memory()

@@ -14,12 +14,12 @@ from laisn.estimates import FIX_WORDS, FixKind
 from laisn.messages import Ranges
 from laisn.metrics import normalised_errors
 from laisn.navigators import find
-from laisn.spilled import release
+from laisn.spilled import release_mapped_memory
 from reports import flight_figures, style
 from reports.bound import flight_bounds
 from reports.figures import Line, Panel, panel
 from reports.flight_figures import ON_AXIS_DEG, SIGMAS
-from reports.headline import OUTSIDE, headline, navigators, on_stations, tiles
+from reports.headline import CONSISTENT_OUTSIDE_SHARE, headline, navigators, on_stations, tiles
 from reports.page import (
     Code,
     Figures,
@@ -58,12 +58,12 @@ _CAUSES = (
     Cause.FORESHORTENING,
     Cause.ECHO,
 )
-COLOUR = dict(zip(_CAUSES, style.SERIES, strict=True))
+CAUSE_COLOURS = dict(zip(_CAUSES, style.SERIES, strict=True))
 """Colours of causes that affect bow and stern differently; clock and sound speed affect both
 (nearly) alike.
 """
 _NOTICEABLE_M = 1e-6
-_DRAWN_FOLLOWERS = 3
+_BUDGET_FOLLOWERS = 3  # followers whose range error budget is shown
 
 
 def _rms(values: Floats) -> float:
@@ -112,7 +112,7 @@ def asymmetry_over_time(
 ) -> Panel:
     """Shares of causes in D_front − D_rear over time, of shape (m,), [m]; width in [inch]."""
     lines = [
-        Line(x=time, y=100.0 * share, colour=COLOUR[cause], width=0.8, name=LABELS[cause])
+        Line(x=time, y=100.0 * share, colour=CAUSE_COLOURS[cause], width=0.8, name=LABELS[cause])
         for cause, share in shares.items()
     ]
     return panel(
@@ -121,7 +121,7 @@ def asymmetry_over_time(
 
 
 def legend_of(causes: Sequence[Cause]) -> list[tuple[style.Colour, str]]:
-    return [(COLOUR[cause], LABELS[cause]) for cause in causes]
+    return [(CAUSE_COLOURS[cause], LABELS[cause]) for cause in causes]
 
 
 def range_budget(flight: FlightRecord) -> dict[str, Any]:
@@ -132,7 +132,7 @@ def range_budget(flight: FlightRecord) -> dict[str, Any]:
     panels = list[Panel]()
     tables = list[PageTable]()
     width = style.FULL if len(names) == 1 else style.HALF
-    for i, name in enumerate(names[:_DRAWN_FOLLOWERS]):
+    for i, name in enumerate(names[:_BUDGET_FOLLOWERS]):
         budget = range_error_budget(flight, i)
         if not np.isfinite(budget.error).any():
             silent.append(name)
@@ -140,20 +140,20 @@ def range_budget(flight: FlightRecord) -> dict[str, Any]:
         title = name if len(names) > 1 else ""
         shares = {
             cause: share
-            for cause in COLOUR
+            for cause in CAUSE_COLOURS
             if _largest(share := budget.asymmetry[:, cause]) > _NOTICEABLE_M
         }
         causes |= set(shares)
         panels.append(asymmetry_over_time(budget.time, shares, title, width))
         used = flight.scenario.navigation_of(i).transmitters
         tables.append(share_table(budget, f"{name}. " if len(names) > 1 else "", used))
-    legend = legend_of([cause for cause in COLOUR if cause in causes])
+    legend = legend_of([cause for cause in CAUSE_COLOURS if cause in causes])
     return {
         "silent": silent,
         "figure": Figures(panels=panels, legend=legend) if panels else None,
-        "first": ""
-        if len(names) <= _DRAWN_FOLLOWERS
-        else f" The first {_DRAWN_FOLLOWERS} of {len(names)} followers.",
+        "note": ""
+        if len(names) <= _BUDGET_FOLLOWERS
+        else f" The first {_BUDGET_FOLLOWERS} of {len(names)} followers.",
         "tables": tables,
     }
 
@@ -162,15 +162,14 @@ SIDE_M = 1.0
 """Least distance of estimate and truth from the leader's axis, on opposite sides, at which the
 side is wrong [m].
 """
-CONSISTENT_SHARE = OUTSIDE
 
 
 class _Judged(NamedTuple):
     """A follower's estimates at n filter steps."""
 
     error: Floats  # distance from the truth, shape (n,), [m]
-    near: Bools  # as of `accuracy`
-    wrong: Bools
+    near_axis: Bools  # as of `accuracy`
+    wrong_side: Bools
     outside: Bools
 
 
@@ -184,35 +183,37 @@ def _judged(flight: FlightRecord, follower: int, part: slice) -> _Judged:
     heading = trajectory.heading[steps, 0]
     estimate = estimates.state[part, :2]
     starboard = np.column_stack([np.cos(heading), -np.sin(heading)])
-    side, estimated = (
+    true_side, estimated_side = (
         np.einsum("ni,ni->n", point - leader, starboard) for point in (truth, estimate)
     )
-    wrong = (np.minimum(np.abs(side), np.abs(estimated)) >= SIDE_M) & (side * estimated < 0)
+    nearer = np.minimum(np.abs(true_side), np.abs(estimated_side))
+    wrong_side = (nearer >= SIDE_M) & (true_side * estimated_side < 0)
     folded = np.mod(true_bearing(flight, follower, part), np.pi)
-    near = np.minimum(folded, np.pi - folded) < np.radians(ON_AXIS_DEG)
+    near_axis = np.minimum(folded, np.pi - folded) < np.radians(ON_AXIS_DEG)
     error = estimate - truth
     square = normalised_errors(error, estimates.covariance[part, POSITION, POSITION])
     # with a singular covariance any error is outside
     outside = np.where(np.isnan(square), np.any(estimate != truth, axis=1), square > SIGMAS**2)
-    return _Judged(np.hypot(*error.T), near, wrong, outside)
+    return _Judged(np.hypot(*error.T), near_axis, wrong_side, outside)
 
 
 def accuracy(flight: FlightRecord, follower: int) -> dict[str, float]:
     """Errors of a follower's estimate at the filter steps with an estimate, [m], and shares of
     these steps, 0 … 1.
 
-    `outside`: the truth is outside the filter's own 2σ ellipse; `near_axis`: the follower is near
-    the leader's axis, ahead or astern, with mean errors there and elsewhere; `wrong_side`: the
-    estimate is across that axis.
+    `mean`, `sigma`, `high` (95 % are below) and `largest`: of the error [m]; `largest_s`: when it
+    is largest [s]; `outside`: the truth is outside the filter's own 2σ ellipse; `near_axis`: the
+    follower is near the leader's axis, ahead or astern, with mean errors there and elsewhere [m];
+    `wrong_side`: the estimate is across that axis.
     """
     time = flight.trajectory.time[flight.step_index()]
     parts = [_judged(flight, follower, block) for block in blocks(time.size)]
-    error, near_axis, wrong, outside = map(np.concatenate, zip(*parts, strict=True))
+    error, near_axis, wrong_side, outside = map(np.concatenate, zip(*parts, strict=True))
     # with an unknown start there is no estimate before the first messages
     finite = np.isfinite(error)
     error = error[finite]
     near_axis = near_axis[finite]
-    wrong = wrong[finite]
+    wrong_side = wrong_side[finite]
     outside = outside[finite]
     k = int(error.argmax())
     return {
@@ -225,7 +226,7 @@ def accuracy(flight: FlightRecord, follower: int) -> dict[str, float]:
         "near_axis": float(near_axis.mean()),
         "mean_near": float(error[near_axis].mean()) if near_axis.any() else np.nan,
         "mean_elsewhere": float(error[~near_axis].mean()) if not near_axis.all() else np.nan,
-        "wrong_side": float(wrong.mean()),
+        "wrong_side": float(wrong_side.mean()),
     }
 
 
@@ -237,7 +238,11 @@ _IN_DEGREES = {
     "compass_bias_rad": "compass_bias_deg",
     "leader_compass_bias_rad": "leader_compass_bias_deg",
 }
-VEHICLES = ((style.LEADER, "leader"), (style.FOLLOWER, "follower"), (style.ESTIMATE, "estimate"))
+TRACK_LEGEND = (
+    (style.LEADER, "leader"),
+    (style.FOLLOWER, "follower"),
+    (style.ESTIMATE, "estimate"),
+)
 
 
 def _drawn(flight: FlightRecord) -> range:
@@ -247,7 +252,7 @@ def _drawn(flight: FlightRecord) -> range:
 def follower_curves(
     flight: FlightRecord, follower: int, errors: tuple[Floats, Floats], bound: Floats
 ) -> Figures:
-    """Curves of a follower over time; of one among several with estimate minus truth beside
+    """Curves of a follower over time; if there are several followers, estimate minus truth beside
     them.
     """
     used = range(flight.scenario.navigation_of(follower).transmitters)
@@ -276,7 +281,7 @@ def _curves(
 ) -> Figures:
     """`follower_curves`; the memory of arrays in files is released after it."""
     curves = follower_curves(flight, follower, errors, bound)
-    release()
+    release_mapped_memory()
     return curves
 
 
@@ -303,10 +308,10 @@ def final_states(flight: FlightRecord) -> dict[str, dict[str, FinalState]]:
         of_follower = dict[str, FinalState]()
         for name, value, sigma in flight.estimates[i].further_states():
             if np.isfinite(value):
-                per = 180.0 / np.pi if name in _IN_DEGREES else 1.0
+                scale = 180.0 / np.pi if name in _IN_DEGREES else 1.0
                 quantity, unit, _ = split_unit(_IN_DEGREES.get(name, name))
                 label = f"{quantity.replace('_', ' ')} [{unit}]"
-                of_follower[label] = FinalState(per * value, per * sigma)
+                of_follower[label] = FinalState(scale * value, scale * sigma)
         if of_follower:
             states[flight.trajectory.names[i + 1]] = of_follower
     return states
@@ -376,7 +381,7 @@ def leader_values(flight: FlightRecord, summary: Mapping[str, Any]) -> dict[str,
 
 
 def _overview(flight: FlightRecord, errors: Errors) -> Figures:
-    """Position errors of all followers, the one with the largest before the others."""
+    """Position errors of all followers, that with the largest error drawn on top of the others."""
     positions = [position for position, _ in errors]
     worst = max(range(len(positions)), key=lambda i: float(np.nanmax(positions[i], initial=0.0)))
     chart = flight_figures.position_errors(flight, positions, worst)
@@ -414,25 +419,25 @@ def _current(flight: FlightRecord) -> Figures | None:
     if not flight_figures.has_current(flight):
         return None
     vehicles = [0, *(i + 1 for i in _drawn(flight))]
-    return Figures(panels=[flight_figures.current(flight, vehicles)], legend=VEHICLES[:2])
+    return Figures(panels=[flight_figures.current(flight, vehicles)], legend=TRACK_LEGEND[:2])
 
 
 def _tracks(flight: FlightRecord) -> Figures:
-    """The map of the mission; of one follower beside it the way of the estimate from the truth."""
+    """The map of the mission; beside it, if there is one follower, estimate minus truth."""
     everyone = range(len(flight.estimates))
     maps = [flight_figures.track_map(flight, everyone, link="follower0")]
     if len(everyone) == 1:
         maps.append(flight_figures.difference(flight, 0, maps[0].height))
     arrows = [(style.SERIES[0], "current")] if flight_figures.has_current(flight) else []
-    return Figures(panels=maps, legend=[*VEHICLES, *arrows])
+    return Figures(panels=maps, legend=[*TRACK_LEGEND, *arrows])
 
 
-def _stations(flight: FlightRecord, on_station: Sequence[int]) -> Figures | None:
+def _stations(flight: FlightRecord, with_station: Sequence[int]) -> Figures | None:
     """Distances of followers, by index, from their stations; None without any."""
-    if not on_station:
+    if not with_station:
         return None
-    panels = flight_figures.station_errors(flight, on_station)
-    return Figures(panels=panels, legend=VEHICLES[1:2])
+    panels = flight_figures.station_errors(flight, with_station)
+    return Figures(panels=panels, legend=TRACK_LEGEND[1:2])
 
 
 def scene_of_flight(flight: FlightRecord, events: Sequence[Event] | None = None) -> Scene:
@@ -453,21 +458,21 @@ def flight_report(
     """Write the report of a flight beside its film (MP4) and log; `bounds` as of `summarise`,
     `events` as of `scene_of_flight`; OSError if that fails.
     """
-    flight_bound = bounds or flight_bounds(flight)
+    bounds_by_follower = bounds or flight_bounds(flight)
     names = flight.trajectory.names[1:]
-    finite = [
+    finite_names = [
         name
         for name, estimates in zip(names, flight.estimates, strict=True)
-        if np.isfinite(estimates.state[estimates.unknown :]).all()
+        if np.isfinite(estimates.state[estimates.steps_without_estimate :]).all()
     ]
     detection_s = sightings(MotionSettings.of(flight.scenario), flight.trajectory).spent_s
-    on_station = [i for i in _drawn(flight) if flight.scenario.followers[i].station]
+    with_station = [i for i in _drawn(flight) if flight.scenario.followers[i].station]
     overview = _overview(flight, errors) if len(names) > 1 else None
-    release()
+    release_mapped_memory()
     accuracies = {}
-    if len(finite) == len(names):
+    if len(finite_names) == len(names):
         accuracies = {name: accuracy(flight, i) for i, name in enumerate(names)}
-    release()
+    release_mapped_memory()
     judgement = verdict(flight, track_errors(MotionSettings.of(flight.scenario), flight.trajectory))
     segments = _segments(summary)
     states = final_states(flight)
@@ -478,39 +483,39 @@ def flight_report(
         "followers": len(names),
         "drawn": len(_drawn(flight)),
         "events": [*route_events(flight), *approach_events(flight)],
-        "nearest": closest_approaches(flight.trajectory) if on_station else (),
+        "nearest": closest_approaches(flight.trajectory) if with_station else (),
         "gave_way": {name: s for name, s in zip(names, detection_s.tolist(), strict=True) if s > 0},
         "contacts": contacts(flight.trajectory),
-        "not_finite": [name for name in names if name not in finite],
-        "mirror_locked": mirror_locks(flight, finite),
+        "not_finite": [name for name in names if name not in finite_names],
+        "mirror_locked": mirror_locks(flight, finite_names),
         "mirror_lock_error_m": metrics.MIRROR_LOCK_ERROR,
         "overview": overview,
-        "errors": accuracies,
-        "consistent": CONSISTENT_SHARE,
+        "accuracies": accuracies,
+        "consistent": CONSISTENT_OUTSIDE_SHARE,
         "side_m": SIDE_M,
         "lost_m": LOST_M,
         "films": [Film(path=film, caption="The film of the mission.")] if film else [],
-        "followers_found": summary["followers"],
+        "summaries": summary["followers"],
         "segments": segments,
         "drifts": {name: _drifts(row, segments) for name, row in summary["followers"].items()},
         "kinds": _fix_kinds(summary),
-        "on_station": on_stations(summary),
+        "has_stations": on_stations(summary),
         "number": number,
         "words": words,
         "on_axis_deg": f"{ON_AXIS_DEG:g}",
-        "has_bound": any(np.isfinite(bound).any() for bound in flight_bound),
-        "rows": [_curves(flight, i, errors[i], flight_bound[i]) for i in _drawn(flight)],
+        "has_bound": any(np.isfinite(bound).any() for bound in bounds_by_follower),
+        "curves": [_curves(flight, i, errors[i], bounds_by_follower[i]) for i in _drawn(flight)],
         "states": states_table(states) if states else None,
         "leader": leader_values(flight, summary),
         "budget": range_budget(flight),
         "map": _tracks(flight),
-        "stations": _stations(flight, on_station),
-        "motion": Figures(panels=[flight_figures.motion(flight)], legend=VEHICLES[:2]),
+        "stations": _stations(flight, with_station),
+        "motion": Figures(panels=[flight_figures.motion(flight)], legend=TRACK_LEGEND[:2]),
         "current": _current(flight),
         "has_waves": flight.scenario.ocean.waves.kind != "none",
         "scenario": Code(text=flight.scenario.toml(), title="scenario.toml", folded=True),
     }
-    release()
+    release_mapped_memory()
     facts = _facts(flight, summary)
     replay = Replay(
         scene=scene_of_flight(flight, events), alternative=f"Mission {flight.scenario.name}"

@@ -22,7 +22,7 @@ NEES = 2.0
 """Of a consistent filter, on average."""
 _GOOD_NEES = (1.0, 4.0)
 _BAD_NEES = (0.25, 8.0)
-OUTSIDE = math.exp(-2.0)
+CONSISTENT_OUTSIDE_SHARE = math.exp(-2.0)
 """Share of errors outside the 2σ ellipse of a consistent filter (Rayleigh distribution)."""
 _GOOD_OUTSIDE = (0.0, 0.25)
 _BAD_OUTSIDE = (0.0, 0.40)
@@ -163,7 +163,7 @@ def _consistency(rows: Mapping[str, Any], accuracies: Accuracies) -> list[Tile]:
         tiles.append(Tile(name="NEES", value=figure_text(mean), remark=expected, tone=tone))
     outside = float(np.mean([errors["outside"] for errors in accuracies.values()]))
     tone = tone_of(outside, _GOOD_OUTSIDE, _BAD_OUTSIDE)
-    remark = f"{prefix}{100 * OUTSIDE:.0f} % expected"
+    remark = f"{prefix}{100 * CONSISTENT_OUTSIDE_SHARE:.0f} % expected"
     tiles.append(
         Tile(name="outside its 2σ", value=f"{100 * outside:.0f} %", remark=remark, tone=tone)
     )

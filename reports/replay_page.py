@@ -28,9 +28,9 @@ _TRACK_POINTS = 1500
 _ELLIPSES = 24
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, 41)
 GOOD_NIS = (0.5, 2.0)
-BAD_NIS = (0.1, 4.0)
+TOLERABLE_NIS = (0.1, 4.0)
 """Mean NIS per quantity of a filter that is right, and outside which it is far from that."""
-_NAMES = ("rear or first transmitter", "front or second", "middle or third")
+_TRANSMITTER_NAMES = ("rear or first", "front or second", "middle or third")
 
 
 def _poses(measurements: Measurements) -> list[Floats]:
@@ -43,8 +43,10 @@ def _poses(measurements: Measurements) -> list[Floats]:
 
 @dataclass(frozen=True, kw_only=True)
 class Replayed:
+    """A vehicle whose measurements were replayed, and what the navigator made of them."""
+
     name: str
-    measured: Measurements
+    measurements: Measurements
     estimates: Estimates
     # from the rear to the front transmitter, where messages do not hold their positions [m]
     baseline: float = np.nan
@@ -82,20 +84,24 @@ class Replayed:
         """Measured less estimated slant range of each message, after its update, shape (m, 3),
         [m].
         """
-        measured = self.measured
-        step = self.measured.message_step - 1
-        hydrophone = np.column_stack([self.estimates.state[step, :2], measured.last_depth[step]])
-        places = measured.transmitters
+        measurements = self.measurements
+        # steps count from 1
+        step = measurements.message_step - 1
+        depth = measurements.last_depth[step]
+        hydrophone = np.column_stack([self.estimates.state[step, :2], depth])
+        places = measurements.transmitters
         if places is None:
-            east, north, heading, depth = _poses(measured)
+            east, north, heading, leader_depth = _poses(measurements)
             arm = (
                 0.5
                 * self.baseline
                 * np.stack([np.sin(heading), np.cos(heading), np.zeros_like(heading)], axis=1)
             )
-            middle = np.column_stack([east, north, depth])
+            middle = np.column_stack([east, north, leader_depth])
             places = np.stack([middle - arm, middle + arm, np.full_like(middle, np.nan)], axis=1)
-        return np.asarray(measured.ranges - np.linalg.norm(places - hydrophone[:, None], axis=2))
+        return np.asarray(
+            measurements.ranges - np.linalg.norm(places - hydrophone[:, None], axis=2)
+        )
 
 
 def ellipse(centre: Floats, covariance: Floats) -> Floats:
@@ -114,14 +120,16 @@ def _map(replayed: Replayed) -> tuple[Panel, list[tuple[Colour, str]]]:
     estimated = np.flatnonzero(np.isfinite(state[:, 0]))
     rows = estimated[:: max(1, estimated.size // _TRACK_POINTS)]
     track = state[rows]
-    time = replayed.measured.time[rows]
+    time = replayed.measurements.time[rows]
     lines = [Line(x=track[:, 0], y=track[:, 1], colour=ESTIMATE, name="estimate", time=time)]
     legend = [(ESTIMATE, "estimate, with 2σ ellipses")]
     for step in estimated[:: max(1, estimated.size // _ELLIPSES)]:
         outline = ellipse(state[step, :2], covariance[step, :2, :2])
         lines.append(Line(x=outline[:, 0], y=outline[:, 1], colour=ESTIMATE, width=0.5))
-    if replayed.measured.transmitters is not None:
-        places = np.unique(replayed.measured.transmitters[..., :2].reshape(-1, 2).round(2), axis=0)
+    if replayed.measurements.transmitters is not None:
+        places = np.unique(
+            replayed.measurements.transmitters[..., :2].reshape(-1, 2).round(2), axis=0
+        )
         places = places[np.isfinite(places).all(axis=1)]
         lines.append(
             Line(
@@ -134,9 +142,9 @@ def _map(replayed: Replayed) -> tuple[Panel, list[tuple[Colour, str]]]:
             )
         )
         legend.append((LEADER, "transmitters"))
-    elif len(replayed.measured.message):
-        east, north, *_ = _poses(replayed.measured)
-        times = replayed.measured.time[replayed.measured.message_step - 1]
+    elif len(replayed.measurements.message):
+        east, north, *_ = _poses(replayed.measurements)
+        times = replayed.measurements.time[replayed.measurements.message_step - 1]
         lines.append(Line(x=east, y=north, colour=LEADER, name="leader", time=times))
         legend.append((LEADER, "leader, as broadcast"))
     if replayed.path is not None:
@@ -156,11 +164,11 @@ def _map(replayed: Replayed) -> tuple[Panel, list[tuple[Colour, str]]]:
 
 def _over_time(replayed: Replayed) -> Panel:
     """2σ of the position, range residuals of each transmitter, and NIS, where there are any."""
-    times_of_messages = replayed.measured.time[replayed.measured.message_step - 1]
+    times_of_messages = replayed.measurements.time[replayed.measurements.message_step - 1]
     residuals = replayed.residuals
-    squared = replayed.nis
+    nis_values = replayed.nis
     is_known = np.isfinite(residuals)
-    curve = Line(x=replayed.measured.time, y=2.0 * replayed.sigma, colour=ESTIMATE, name="2σ")
+    curve = Line(x=replayed.measurements.time, y=2.0 * replayed.sigma, colour=ESTIMATE, name="2σ")
     parts = [Subplot(lines=[curve], y_label="2σ of position [m]", y_limits=(0.0, None))]
     lines = [
         Line(
@@ -168,18 +176,18 @@ def _over_time(replayed: Replayed) -> Panel:
             y=residuals[is_known[:, i], i],
             colour=colour,
             marker="o",
-            name=f"{_NAMES[i]} transmitter",
+            name=f"{_TRANSMITTER_NAMES[i]} transmitter",
         )
         for i, colour in enumerate(TRANSMITTERS)
         if is_known[:, i].any()
     ]
     parts += [Subplot(lines=lines, y_label="range residual [m]")] if lines else []
-    if np.isfinite(squared).any():
-        top = max(2.0, float(np.nanpercentile(squared, 99)))
-        time = replayed.measured.time[replayed.estimates.fix_step - 1]
-        marks = Line(x=time, y=squared, colour=SERIES[2], marker="o", name="NIS")
+    if np.isfinite(nis_values).any():
+        top = max(2.0, float(np.nanpercentile(nis_values, 99)))
+        time = replayed.measurements.time[replayed.estimates.fix_step - 1]
+        marks = Line(x=time, y=nis_values, colour=SERIES[2], marker="o", name="NIS")
         parts.append(Subplot(lines=[marks], y_label="NIS per quantity", y_limits=(0.0, top)))
-    ends = (float(replayed.measured.time[0]), float(replayed.measured.time[-1]))
+    ends = (float(replayed.measurements.time[0]), float(replayed.measurements.time[-1]))
     width = FULL - _MAP_WIDTH
     return Panel(
         parts=parts,
@@ -193,26 +201,28 @@ def _over_time(replayed: Replayed) -> Panel:
 
 def _values(replayed: Replayed) -> dict[str, Any]:
     two_sigma = 2.0 * replayed.sigma
-    squared = replayed.nis
+    nis_values = replayed.nis
     worst = int(two_sigma.argmax())
     chart, legend = _map(replayed)
     hues = [
-        (colour, f"residual of the {name}")
-        for colour, name in zip(TRANSMITTERS, _NAMES, strict=True)
+        (colour, f"residual of the {name} transmitter")
+        for colour, name in zip(TRANSMITTERS, _TRANSMITTER_NAMES, strict=True)
     ]
     received = [bool(np.isfinite(column).any()) for column in replayed.residuals.T]
     legend += [hue for hue, used in zip(hues, received, strict=True) if used]
-    legend += [(SERIES[2], "NIS")] if np.isfinite(squared).any() else []
+    legend += [(SERIES[2], "NIS")] if np.isfinite(nis_values).any() else []
     return {
         "name": replayed.name,
         "steps": len(replayed.estimates.state),
-        "messages": len(replayed.measured.message),
+        "messages": len(replayed.measurements.message),
         "fixes": replayed.fixes,
-        "median": number(float(np.median(two_sigma))).text,
-        "largest": number(float(two_sigma[worst])).text,
-        "largest_s": number(float(replayed.measured.time[worst]), 0).text,
+        "median_two_sigma_m": number(float(np.median(two_sigma))).text,
+        "largest_two_sigma_m": number(float(two_sigma[worst])).text,
+        "largest_s": number(float(replayed.measurements.time[worst]), 0).text,
         "nis_judgement": nis_judgement(_mean_nis(replayed)),
-        "mean_nis": number(float(np.nanmean(squared)) if np.isfinite(squared).any() else None).text,
+        "mean_nis": number(
+            float(np.nanmean(nis_values)) if np.isfinite(nis_values).any() else None
+        ).text,
         "mean_error": number(replayed.mean_error).text,
         "figure": Figures(panels=[chart, _over_time(replayed)], legend=legend),
     }
@@ -220,13 +230,13 @@ def _values(replayed: Replayed) -> dict[str, Any]:
 
 def _mean_nis(replayed: Replayed) -> float:
     """Mean NIS per measured quantity; NaN without any."""
-    squared = replayed.nis
-    return float(np.nanmean(squared)) if np.isfinite(squared).any() else np.nan
+    nis_values = replayed.nis
+    return float(np.nanmean(nis_values)) if np.isfinite(nis_values).any() else np.nan
 
 
 def nis_judgement(value: float) -> str:
     """What a mean NIS tells of the filter; empty where there is none."""
-    tone = tone_of(value, GOOD_NIS, BAD_NIS)
+    tone = tone_of(value, GOOD_NIS, TOLERABLE_NIS)
     if not np.isfinite(value):
         return ""
     if tone == "good":
@@ -251,7 +261,7 @@ def _tiles(replayed: Sequence[Replayed]) -> list[Tile]:
         ),
     ]
     if np.isfinite(value):
-        tone = tone_of(value, GOOD_NIS, BAD_NIS)
+        tone = tone_of(value, GOOD_NIS, TOLERABLE_NIS)
         remark = f"{owner}1 expected"
         tiles.append(
             Tile(name="NIS per quantity", value=figure_text(value), remark=remark, tone=tone)
@@ -281,7 +291,7 @@ def write_replay_page(
     measured = [
         Measured(
             name=vehicle.name,
-            measured=vehicle.measured,
+            measurements=vehicle.measurements,
             estimates=vehicle.estimates,
             baseline=vehicle.baseline,
             path=vehicle.path,

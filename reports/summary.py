@@ -125,7 +125,7 @@ def relative_error(flight: FlightRecord, follower: int) -> list[dict[str, float]
     """
     truth = flight.hydrophone(follower)[:, :2]
     estimates = flight.estimates[follower]
-    estimated = slice(estimates.unknown, None)
+    estimated = slice(estimates.steps_without_estimate, None)
     rows = []
     for length in SEGMENTS_M:
         errors = metrics.relative_errors(estimates.state[estimated, :2], truth[estimated], length)
@@ -184,7 +184,7 @@ def summarise(flight: FlightRecord, bounds: list[Floats] | None = None) -> dict[
     bounds = flight_bounds(flight) if bounds is None else bounds
     errors_of_followers = position_and_bearing_errors(flight)
     errors = [
-        (p[e.unknown :], b[e.unknown :])
+        (p[e.steps_without_estimate :], b[e.steps_without_estimate :])
         for (p, b), e in zip(errors_of_followers, flight.estimates, strict=True)
     ]
     pooled = metrics.summarise(

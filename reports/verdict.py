@@ -219,7 +219,8 @@ def _errors_text(flight: FlightRecord) -> str:
     errors = [position for position, _ in position_and_bearing_errors(flight)]
     finite_masks = [np.isfinite(position) for position in errors]
     if not all(
-        finite[e.unknown :].all() for finite, e in zip(finite_masks, flight.estimates, strict=True)
+        finite[e.steps_without_estimate :].all()
+        for finite, e in zip(finite_masks, flight.estimates, strict=True)
     ):
         return "An estimate is not finite."
     means = [float(p[k].mean()) for p, k in zip(errors, finite_masks, strict=True)]

@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from laisn.navigators import NavigatorFactory, SteppedNavigator, find
-from laisn.spilled import release
+from laisn.spilled import release_mapped_memory
 from sim.flight import FlightRecord, FlightUnderWay, Termination, navigation_settings
 from sim.open_loop import OpenLoop
 from sim.scenario.file import ScenarioError, assigned, validate
@@ -178,7 +178,7 @@ class MissionToFly:
         if self._log is not None and self._under_way is not None:
             with self.watch.phase("log"):
                 self._log.update(self._under_way)
-        release()
+        release_mapped_memory()
 
     def flight(self, trajectory: Trajectory, outcome: Termination) -> FlightRecord:
         """The flight of a motion and an outcome of `simulate`."""

@@ -46,8 +46,8 @@ def names() -> tuple[str, ...]:
 
 
 def name_of(path: Path) -> str:
-    """A name for what a file holds, after the file; letters that no name may have become
-    hyphens.
+    """A name for what a file holds, after the file; characters that are not allowed in names are
+    replaced by hyphens.
     """
     name = re.sub(r"[^A-Za-z0-9_.-]", "-", path.stem)[:64]
     return name if re.match(r"[A-Za-z0-9]", name) else f"scenario{name}"[:64]
@@ -62,7 +62,7 @@ def table_of(source: str) -> dict[str, Any]:
     if source in names():
         return read(FOLDER / f"{source}.toml")
     path = Path(source)
-    # also of a name that no system has a file of
+    # os.path.exists is False, instead of raising, for names that no system allows
     if path.suffix != ".toml" and not os.path.exists(source):
         available = f"available: {', '.join(names())}, or a TOML file"
         raise ScenarioError(f"unknown scenario '{shortened(printable(source), 200)}'; {available}")
@@ -70,8 +70,11 @@ def table_of(source: str) -> dict[str, Any]:
 
 
 def _line_of(source: str, changes: Iterable[str]) -> Callable[[Location], str]:
-    """A function that says in which line of a user's file a key stands that is not changed."""
+    """A function that gives the line of a user's file in which a key stands; "" for keys in
+    `changes`.
+    """
 
+    # the file is read only if there is an error to place, and once
     @cache
     def of_file() -> Callable[[Location], str]:
         if source in names() or Path(source).suffix != ".toml":
@@ -218,6 +221,7 @@ def vehicle_rows() -> list[tuple[str, str, str, str]]:
         sides = np.max(middle + reach, axis=0) - np.min(middle - reach, axis=0)
         size = " × ".join(f"{side:.2f}" for side in sides) + " m"
         groups = Counter[str]()
+        # rows of a fleet are padded to the vehicle with most effectors
         for effector in plant.effectors[0, : len(plant.effector_names[0])]:
             kind = kind_of(effector)
             low, high = kind.unit_scale * effector["limits"]

@@ -35,12 +35,12 @@ def _proposal(source: Path, vehicle: str | None) -> Proposal:
     return propose_for_table(source)
 
 
-def propose_map(source: Path, path: Path, vehicle: str | None) -> None:
+def propose_map(source: Path, map_path: Path, vehicle: str | None) -> None:
     """Write the map that is proposed for a table or a bag, and print what is in doubt."""
     # refused before the source is read if it cannot be written
-    output = output_file(path, [".toml"], [source], "--propose")
+    output = output_file(map_path, [".toml"], [source], "--propose")
     proposal = _proposal(source, vehicle)
-    write_proposal(proposal, path)
+    write_proposal(proposal, map_path)
     console = Console()
     for field, entry in proposal.entries.items():
         source_text = entry.get("column") or f"{entry['topic']} {entry['field']}"
@@ -49,7 +49,9 @@ def propose_map(source: Path, path: Path, vehicle: str | None) -> None:
         print_line(console, f"{source_text}{unit}{note}", f"{field}:", "")
     if proposal.missing:
         print_line(console, f"nothing was found for {', '.join(proposal.missing)}", "note:")
-    print_line(console, f"map in {output}; edit it, then: laisn log import {source} --map {path}")
+    print_line(
+        console, f"map in {output}; edit it, then: laisn log import {source} --map {map_path}"
+    )
 
 
 def _proposed_map(source: Path, vehicle: str | None) -> FieldMap:
@@ -110,7 +112,8 @@ def import_recording(
         raise LaisnError(f"--map, --vehicle: expected with a table or a bag (given: {source})")
     data = read_data_set(source)
     if beacons is not None:
-        data = data.among([name.strip() for name in beacons.split(",") if name.strip()])
+        data = data.with_beacons([name.strip() for name in beacons.split(",") if name.strip()])
+    # as written: without robots that do not fit
     data = write_data_set(data, out)
     print_line(
         console,

@@ -38,7 +38,7 @@ from sim.simulation import simulate_motion
 _LARGE = 1e5  # errors beyond this are printed by their order of magnitude [m]
 
 
-def _figure(error: float) -> str:
+def _number_text(error: float) -> str:
     if math.isnan(error):
         return "–"
     return f"{error:.2f}" if error < _LARGE else f"{error:.0e}"
@@ -90,7 +90,8 @@ def replay_measurements(
     The log has `/NAME/motion` and `/NAME/reception` of every follower of the scenario `source`. Of
     the scenario, names and starts of the followers, the leader's baseline and the navigation are
     used; the filter steps are those of the log. A single range of a message is used, unless the
-    scenario sets `use_single_range = false`.
+    scenario sets `use_single_range = false`. LogError if two own measurements are further apart
+    than `longest_gap_s`.
     """
     output = optional_output(out, [".csv"], [path])
     scenario = load_scenario(source, assignments, flyable=True)
@@ -99,23 +100,25 @@ def replay_measurements(
         scenario = scenario.with_navigation(use_single_range=True)
     # two steps are enough for the starts of the routes
     two_steps = {"motion": "kinematic", "duration_s": 2 * scenario.timing.filter_step_s}
-    starts = simulate_motion(scenario.model_copy(update=two_steps))
+    motion = simulate_motion(scenario.model_copy(update=two_steps))
     heads = ("follower", "steps", "Δt [s]", "fixes", "x [m]", "y [m]")
     rows = list[list[str]]()
     remarks = list[str]()
     vehicles = list[Replayed]()
-    for i, name in enumerate(starts.names[1:]):
+    for i, name in enumerate(motion.names[1:]):
         variant = scenario.navigation_of(i).variant
         factory = _smoother(variant, smooth_s) or find(variant).make
         measurements, file_remarks = read_recording(path, name, longest_gap_s)
         remarks += file_remarks
-        settings = replace(navigation_settings(scenario, starts.sites, i), dt=measurements.dt)
+        settings = replace(navigation_settings(scenario, motion.sites, i), dt=measurements.dt)
         try:
-            estimates = factory(settings, start_of(starts, i)).run(measurements)
+            estimates = factory(settings, start_of(motion, i)).run(measurements)
         except ArithmeticError as error:
             raise LaisnError(f"{path}: {name}: the navigator diverged: {error}") from error
         baseline = scenario.leader.baseline_m or math.nan
-        vehicle = Replayed(name=name, measured=measurements, estimates=estimates, baseline=baseline)
+        vehicle = Replayed(
+            name=name, measurements=measurements, estimates=estimates, baseline=baseline
+        )
         x, y = estimates.state[-1, :2]
         rows.append(
             [
@@ -153,7 +156,7 @@ def _write_replay(
                 dict(zip(columns, (vehicle.name, time_s, *state, *variances), strict=True))
                 for vehicle in vehicles
                 for time_s, state, variances in zip(
-                    vehicle.measured.time.tolist(),
+                    vehicle.measurements.time.tolist(),
                     vehicle.estimates.state.tolist(),
                     vehicle.estimates.covariance[:, [0, 0, 1], [0, 1, 1]].tolist(),
                     strict=True,
@@ -244,11 +247,13 @@ def _show_smoothing(
     for i, name in enumerate(filtered.trajectory.names[1:]):
         row = [name]
         for flight, lag in ((filtered, 0.0), (smoothed, lag_s)):
-            agreement = consistency(flight, i, flight_bound(filtered, i, lag))
-            bound = agreement["bound_rms_m"]
-            over = agreement["rms_over_bound"]
-            values = (over * bound if over and bound else None, bound, agreement["nees"])
-            row += ["–" if value is None else f"{value:.3f}" for value in values]
+            values = consistency(flight, i, flight_bound(filtered, i, lag))
+            bound = values["bound_rms_m"]
+            ratio = values["rms_over_bound"]
+            # RMS error = its ratio to the bound × the bound
+            rms = ratio * bound if ratio and bound else None
+            cells = (rms, bound, values["nees"])
+            row += ["–" if value is None else f"{value:.3f}" for value in cells]
         rows.append(row)
     heads = (
         "follower",
@@ -262,10 +267,16 @@ def replay_data_set(
     path: Path, variant: str, assignments: Sequence[str], out: Path | None, longest_gap_s: float
 ) -> None:
     """Navigate on the log of a data set; print errors beside those of dead reckoning and write a
-    page.
+    page. LogError if two own measurements are further apart than `longest_gap_s`.
     """
     # filters that take half a second to load, and that no other command of logs needs
-    from experiments.beacon_replay import among_beacons, beacons_of, by_laisn, dead_reckoning, score
+    from experiments.beacon_replay import (
+        beacon_settings,
+        dead_reckoning,
+        navigate_among_beacons,
+        navigate_by_laisn,
+        score,
+    )
 
     output = optional_output(out, [".csv"], [path])
     takes_beacons = find(variant).beacons
@@ -278,8 +289,8 @@ def replay_data_set(
                 f"--set: expected {section}… for the variant {variant} in a data set (given: {key})"
             )
     if takes_beacons:
-        settings = beacons_of({key.removeprefix(section): value for key, value in values.items()})
-        estimates, medium = among_beacons(log, settings)
+        keys = {key.removeprefix(section): value for key, value in values.items()}
+        estimates, medium = navigate_among_beacons(log, beacon_settings(keys))
         title = f"{variant}, in {medium}"
     else:
         # of this scenario only the settings of navigation are used
@@ -290,19 +301,23 @@ def replay_data_set(
         ]
         scenario = load_scenario("T5", [*changes, "motion=kinematic", "duration_s=2"], flyable=True)
         motion = simulate_motion(scenario)
-        estimates = by_laisn(log, settings_as(NavigationSettings, scenario, motion.sites, 0))
+        navigation = settings_as(NavigationSettings, scenario, motion.sites, 0)
+        estimates = navigate_by_laisn(log, navigation)
         title = variant
     measurements = log.measurements
     heads = ("", "mean error [m]", "RMS [m]", "95 % [m]", "NEES", "ends at x, y [m]")
+    results = {"dead reckoning": dead_reckoning(log), title: estimates}
+    scores = {name: score(result, measurements, log.truth) for name, result in results.items()}
     rows = []
-    for name, result in (("dead reckoning", dead_reckoning(log)), (title, estimates)):
-        errors = score(result, measurements, log.truth)
+    for name, result in results.items():
         x, y = result.state[-1, :2]
-        rows.append([name, *map(_figure, errors), f"{x:.2f}, {y:.2f}"])
+        rows.append([name, *map(_number_text, scores[name]), f"{x:.2f}, {y:.2f}"])
     show_table(Console(), heads, rows)
-    truth = log.truth
-    mean = errors.mean
     vehicle = Replayed(
-        name=VEHICLE, measured=measurements, estimates=estimates, path=truth, mean_error=mean
+        name=VEHICLE,
+        measurements=measurements,
+        estimates=estimates,
+        path=log.truth,
+        mean_error=scores[title].mean,
     )
     _write_replay([vehicle], path, title, log.remarks, output)

@@ -41,7 +41,7 @@ class Measured:
     """A vehicle of a measured log, and what its navigator made of it."""
 
     name: str
-    measured: Measurements
+    measurements: Measurements
     estimates: Estimates
     baseline: float = np.nan  # from the leader's rear to its front transmitter [m]
     path: Floats | None = None  # surveyed: time [s], east, north [m], shape (t, 3)
@@ -67,17 +67,19 @@ def _level(heading: Floats) -> Floats:
 
 
 def _depth(vehicle: Measured, grid: Floats) -> Floats:
-    depth = np.nan_to_num(vehicle.measured.last_depth)
+    depth = np.nan_to_num(vehicle.measurements.last_depth)
     if not depth.any():
         return np.full(grid.size, _SHOWN_DEPTH_M)
-    return np.interp(grid, vehicle.measured.time, depth)
+    return np.interp(grid, vehicle.measurements.time, depth)
 
 
 def beacons_of(vehicles: Sequence[Measured]) -> Floats:
     """Places of fixed transmitters (east, north, up) that messages name, shape (b, 3), [m]; none
     where transmitters move.
     """
-    rows = [v.measured.transmitters for v in vehicles if v.measured.transmitters is not None]
+    rows = [
+        v.measurements.transmitters for v in vehicles if v.measurements.transmitters is not None
+    ]
     if not rows:
         return np.empty((0, 3))
     places = np.concatenate([row.reshape(-1, 3) for row in rows])
@@ -108,10 +110,10 @@ def _leader(
     None if no message holds where it is.
     """
     for vehicle in vehicles:
-        pose_columns = _columns(vehicle.measured, "east", "north", "heading", "depth")
+        pose_columns = _columns(vehicle.measurements, "east", "north", "heading", "depth")
         if pose_columns.size == 0 or not np.isfinite(pose_columns[:, :2]).all(axis=1).any():
             continue
-        times = vehicle.measured.time[vehicle.measured.message_step - 1]
+        times = vehicle.measurements.time[vehicle.measurements.message_step - 1]
         east_north = _between(times, pose_columns[:, :2], grid)
         depth = np.interp(grid, times, np.nan_to_num(pose_columns[:, 3], nan=_SHOWN_DEPTH_M))
         half_baseline = 0.5 * vehicle.baseline
@@ -128,8 +130,8 @@ def _leader(
 
 def _known_from(vehicle: Measured) -> float:
     """When the first estimate is there [s]."""
-    time = vehicle.measured.time
-    return float(time[min(vehicle.estimates.unknown, time.size - 1)])
+    time = vehicle.measurements.time
+    return float(time[min(vehicle.estimates.steps_without_estimate, time.size - 1)])
 
 
 class _Rows(NamedTuple):
@@ -145,8 +147,8 @@ class _Rows(NamedTuple):
 
 def _rows_of(vehicles: Sequence[Measured]) -> _Rows:
     """Rows of a replay, as many in a second as its length and its vehicles allow."""
-    start = min(float(vehicle.measured.time[0]) for vehicle in vehicles)
-    end = max(float(vehicle.measured.time[-1]) for vehicle in vehicles)
+    start = min(float(vehicle.measurements.time[0]) for vehicle in vehicles)
+    end = max(float(vehicle.measurements.time[-1]) for vehicle in vehicles)
     hz = rate_of(end - start, len(vehicles) + 1)
     slow_hz = min(SLOW_HZ, hz)
     return _Rows(
@@ -173,24 +175,24 @@ def _way_of_leader(vehicles: Sequence[Measured], rows: _Rows) -> _Way | None:
     leader = _leader(vehicles, rows.grid)
     if leader is None:
         return None
-    measured = vehicles[0].measured
-    times = measured.time[measured.message_step - 1]
-    return _Way(*leader, _between(times, _columns(measured, "speed"), rows.slow)[:, 0])
+    measurements = vehicles[0].measurements
+    times = measurements.time[measurements.message_step - 1]
+    return _Way(*leader, _between(times, _columns(measurements, "speed"), rows.slow)[:, 0])
 
 
 def _way_of_follower(
     vehicle: Measured, model: int, rows: _Rows, estimated: Floats, *, truth: bool
 ) -> _Way:
     """A follower on its true path, where that is known of all, or else on its estimated one."""
-    measured = vehicle.measured
+    measurements = vehicle.measurements
     path = estimated
     if truth and vehicle.path is not None:
         path = _between(vehicle.path[:, 0], vehicle.path[:, 1:3], rows.grid)
     return _Way(
         SceneVehicle(name=vehicle.name, role="follower", model=model),
         np.column_stack([path, -_depth(vehicle, rows.grid)]),
-        _level(_heading(measured.time, measured.heading, rows.grid)),
-        np.interp(rows.slow, measured.time, np.nan_to_num(measured.speed)),
+        _level(_heading(measurements.time, measurements.heading, rows.grid)),
+        np.interp(rows.slow, measurements.time, np.nan_to_num(measurements.speed)),
     )
 
 
@@ -206,7 +208,7 @@ def _pack(
     packer.add("estimate", states, units.estimate, 1)
     spread = []
     for vehicle in vehicles:
-        time = vehicle.measured.time
+        time = vehicle.measurements.time
         row = np.searchsorted(time, rows.slow).clip(0, time.size - 1)
         spread.append(vehicle.estimates.covariance[row, :2, :2])
     add_spread(packer, np.stack(spread, axis=1), units.spread)
@@ -219,7 +221,7 @@ def scene_of_measured(name: str, vehicles: Sequence[Measured]) -> Scene:
     beacons = beacons_of(vehicles)
     hulls, hull_of, _ = hulls_of(["leader", "follower"])
     states = [
-        _between(vehicle.measured.time, vehicle.estimates.state[:, :2], rows.grid)
+        _between(vehicle.measurements.time, vehicle.estimates.state[:, :2], rows.grid)
         for vehicle in vehicles
     ]
     leader = None if len(beacons) else _way_of_leader(vehicles, rows)
@@ -232,11 +234,11 @@ def scene_of_measured(name: str, vehicles: Sequence[Measured]) -> Scene:
     _pack(packer, vehicles, ways, rows, np.stack(states, axis=1))
     refused: list[list[Any]] = []
     for f, vehicle in enumerate(vehicles):
-        refused += add_messages(packer, f, vehicle.measured, vehicle.estimates, 0.0)
+        refused += add_messages(packer, f, vehicle.measurements, vehicle.estimates, 0.0)
         if len(beacons):
-            packer.add(f"source{f}", _sources(vehicle.measured, beacons), order=0)
+            packer.add(f"source{f}", _sources(vehicle.measurements, beacons), order=0)
     heights = np.concatenate([*(way.position[:, 2] for way in ways), beacons[:, 2]])
-    received = [np.isfinite(vehicle.measured.ranges).any(axis=0) for vehicle in vehicles]
+    received = [np.isfinite(vehicle.measurements.ranges).any(axis=0) for vehicle in vehicles]
     meta = {
         "name": name,
         "hz": rows.hz,

@@ -395,7 +395,9 @@ def seabed_of(flight: FlightRecord) -> Seabed | None:
 def known_from(flight: FlightRecord) -> list[float]:
     """When each follower has its first estimate [s]."""
     start = float(flight.trajectory.time[0])
-    return [start + (e.unknown + 1) * flight.measurements[0].dt for e in flight.estimates]
+    return [
+        start + (e.steps_without_estimate + 1) * flight.measurements[0].dt for e in flight.estimates
+    ]
 
 
 def meta_of(

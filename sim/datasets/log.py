@@ -80,7 +80,7 @@ def _with_robots_that_fit(data: RangeData) -> RangeData:
         f"ranges to {', '.join(left_out)} left out: at most {len(_SLOTS)} robots that move are "
         "taken, those with the most ranges; --beacons selects others"
     )
-    selection = data.among([name for name in data.beacons if name not in left_out])
+    selection = data.with_beacons([name for name in data.beacons if name not in left_out])
     return replace(selection, remarks=(*selection.remarks, remark))
 
 

@@ -209,7 +209,7 @@ class RangeData:
             **settings,
         )
 
-    def among(self, names: Sequence[str]) -> Self:
+    def with_beacons(self, names: Sequence[str]) -> Self:
         """Data with the ranges to some beacons only, in the order of their names; LaisnError
         naming one that lacks.
         """

@@ -1,4 +1,4 @@
-"""Smooth edges without multisampling; compiled code stands apart, with no import but of `laisn`."""
+"""Smooth edges without multisampling: compiled code, in a module that imports nothing of `sim`."""
 
 import numpy as np
 import numpy.typing as npt
@@ -10,7 +10,7 @@ _CONTRAST = 20
 """Smallest difference of brightness, of 255, that counts as an edge: hulls against water do,
 sand and sheen do not.
 """
-_EDGE_PX = 16  # how far along an edge its ends are looked for, at most
+_MAX_EDGE_PX = 16  # how far along an edge its ends are looked for, at most
 
 
 @inlined
@@ -32,13 +32,13 @@ def _edge_end(
     mean: float,
     limit: float,
 ) -> tuple[int, float]:
-    """Steps to where an edge ends, and by how much the brightness astride of it then differs
-    from `mean`.
+    """Steps to the end of an edge, and there the mean brightness of the two rows that it separates,
+    less `mean`.
     """
     height = source.shape[0]
     width = source.shape[1]
     difference = 0.0
-    for n in range(1, _EDGE_PX + 1):
+    for n in range(1, _MAX_EDGE_PX + 1):
         i = row + n * step[0]
         j = column + n * step[1]
         if not (0 <= i < height and 0 <= j < width):
@@ -48,7 +48,7 @@ def _edge_end(
         difference = (inner + outer) / 2.0 - mean
         if abs(difference) >= limit:
             return n, difference
-    return _EDGE_PX, difference
+    return _MAX_EDGE_PX, difference
 
 
 @inlined
@@ -62,22 +62,22 @@ def _smooth_pixel(source: Bytes, target: Bytes, i: int, j: int) -> None:
     ne = _brightness(source, i - 1, j + 1)
     sw = _brightness(source, i + 1, j - 1)
     se = _brightness(source, i + 1, j + 1)
-    level = abs(nw + sw - 2 * w) + 2 * abs(n + s - 2 * m) + abs(ne + se - 2 * e)
-    upright = abs(nw + ne - 2 * n) + 2 * abs(w + e - 2 * m) + abs(sw + se - 2 * s)
-    before, after = (n, s) if level >= upright else (w, e)
+    horizontal_strength = abs(nw + sw - 2 * w) + 2 * abs(n + s - 2 * m) + abs(ne + se - 2 * e)
+    vertical_strength = abs(nw + ne - 2 * n) + 2 * abs(w + e - 2 * m) + abs(sw + se - 2 * s)
+    before, after = (n, s) if horizontal_strength >= vertical_strength else (w, e)
     # the edge runs between this pixel and that of its two neighbours which differs more
     side = -1 if abs(before - m) >= abs(after - m) else 1
     beyond = before if side < 0 else after
-    step_across = (side, 0) if level >= upright else (0, side)
+    step_across = (side, 0) if horizontal_strength >= vertical_strength else (0, side)
     mean = (m + beyond) / 2.0
     limit = abs(beyond - m) / 4.0
-    step = (0, 1) if level >= upright else (1, 0)
+    step = (0, 1) if horizontal_strength >= vertical_strength else (1, 0)
     backward = (-step[0], -step[1])
     first, at_first = _edge_end(source, i, j, backward, step_across, mean, limit)
     last, at_last = _edge_end(source, i, j, step, step_across, mean, limit)
     nearest, at_nearest = (first, at_first) if first < last else (last, at_last)
-    # towards the nearer end the other side takes over, or this side does, which then is left as it
-    # is
+    # At the nearer end both rows take the brightness of one side. If it is this pixel's, the edge
+    # steps away from it, and the pixel stays as it is.
     if (at_nearest < 0) == (m < mean):
         return
     share = 0.5 - nearest / (first + last)
@@ -88,10 +88,10 @@ def _smooth_pixel(source: Bytes, target: Bytes, i: int, j: int) -> None:
 
 
 @inlined
-def _fill_greys(picture: Bytes, row: int, greys: npt.NDArray[np.int16]) -> None:
+def _fill_brightness_x8(picture: Bytes, row: int, brightness_x8: npt.NDArray[np.int16]) -> None:
     """Eight times the brightness of the pixels of a row."""
     for j in range(picture.shape[1]):
-        greys[j] = (
+        brightness_x8[j] = (
             2 * np.int16(picture[row, j, 0])
             + 5 * np.int16(picture[row, j, 1])
             + np.int16(picture[row, j, 2])
@@ -111,11 +111,11 @@ def smooth(source: Bytes, target: Bytes, areas: Ints) -> None:
     columns = source.shape[1]
     # rows of which three are in use at a time: an array of the whole picture would be new memory
     # for every frame
-    greys = np.empty((3, columns), np.int16)
-    is_edge = np.empty(columns, np.uint8)
+    brightness_x8 = np.empty((3, columns), np.int16)
+    is_candidate = np.empty(columns, np.uint8)
     filled = -1
     for i in range(1, rows - 1):
-        is_edge[:] = 0
+        is_candidate[:] = 0
         first = columns
         end = 0
         for a in range(len(areas)):
@@ -123,22 +123,22 @@ def smooth(source: Bytes, target: Bytes, areas: Ints) -> None:
             if top <= i < top + height:
                 right = min(left + width, columns - 1)
                 left = max(left, 1)
-                is_edge[left : max(left, right)] = 1
+                is_candidate[left : max(left, right)] = 1
                 first = min(first, left)
                 end = max(end, right)
         if first >= end:
             continue
         for row in range(max(i - 1, filled + 1), i + 2):
-            _fill_greys(source, row, greys[row % 3])
+            _fill_brightness_x8(source, row, brightness_x8[row % 3])
         filled = i + 1
-        here = greys[i % 3]
+        here = brightness_x8[i % 3]
         middle, above, below = (
             here[first:end],
-            greys[(i - 1) % 3][first:end],
-            greys[(i + 1) % 3][first:end],
+            brightness_x8[(i - 1) % 3][first:end],
+            brightness_x8[(i + 1) % 3][first:end],
         )
         west, east = here[first - 1 : end - 1], here[first + 1 : end + 1]
-        marks = is_edge[first:end]
+        marks = is_candidate[first:end]
         edges = np.uint8(0)
         for k in range(end - first):
             high = max(middle[k], above[k], below[k], west[k], east[k])

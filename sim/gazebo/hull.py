@@ -361,7 +361,7 @@ def _thruster_parts(
     pushers: list[thrusters.GazeboThruster], placing: Placing, default: float, remarks: Remarks
 ) -> list[EffectorPart]:
     parts = []
-    all_limits = thrusters.with_limits(pushers, default, remarks)
+    all_limits = thrusters.limits_of(pushers, default, remarks)
     for pusher, limits_in_file in zip(pushers, all_limits, strict=True):
         axis = placing.direction(pusher.axis)
         limits = limits_in_file

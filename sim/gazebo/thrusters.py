@@ -9,7 +9,8 @@ from laisn.errors import LaisnError
 from sim.gazebo.document import Parameters, Remarks, child_text, plugins_of
 from sim.gazebo.frames import SdfModel
 
-GAZEBO_LIMIT = 1000.0  # of a command without limits, either way [N] or [rad/s]
+# of a command for which the file has no limit: ± so many N or rad/s
+GAZEBO_LIMIT = 1000.0
 _ROTATION = ("thrust_coefficient", "fluid_density", "propeller_diameter")
 _CONTROL = ("velocity_control", "p_gain", "i_gain", "d_gain")
 _OPEN_WATER = ("alpha_1", "alpha_2", "wake_fraction")
@@ -42,8 +43,8 @@ def _read_thruster(scope: SdfModel, parameters: Parameters, remarks: Remarks) ->
     target = None if joint is None else scope.find_link(child_text(joint, "child"))
     if target is None:
         raise LaisnError(f"Thruster: there is no <joint name={name!r}> with a child link")
-    inner, link = target
-    lowest, largest = _limits(name, parameters, remarks)
+    owner, link = target
+    least, largest = _limits(name, parameters, remarks)
     band = parameters.number("deadband", 0.0)
     if band:
         remarks.add_for_part(
@@ -60,26 +61,26 @@ def _read_thruster(scope: SdfModel, parameters: Parameters, remarks: Remarks) ->
     )
     parameters.set_aside(["battery_name", "power_load"], "there is no battery")
     parameters.close()
-    return GazeboThruster(name, inner.pose_of(link)[:3, 3], scope.joint_axis(name), lowest, largest)
+    return GazeboThruster(name, owner.pose_of(link)[:3, 3], scope.joint_axis(name), least, largest)
 
 
 def _limits(
     name: str, parameters: Parameters, remarks: Remarks
 ) -> tuple[float | None, float | None]:
     """Least and largest thrust [N]; None where the file has none."""
-    low = parameters.number("min_thrust_cmd", -GAZEBO_LIMIT)
-    high = parameters.number("max_thrust_cmd", GAZEBO_LIMIT)
-    has_low = "min_thrust_cmd" in parameters
-    has_high = "max_thrust_cmd" in parameters
-    if high < low:
+    least_command = parameters.number("min_thrust_cmd", -GAZEBO_LIMIT)
+    largest_command = parameters.number("max_thrust_cmd", GAZEBO_LIMIT)
+    has_least = "min_thrust_cmd" in parameters
+    has_largest = "max_thrust_cmd" in parameters
+    if largest_command < least_command:
         remarks.add_for_part(
             "thruster",
             name,
             "max_thrust_cmd is below min_thrust_cmd; as in Gazebo, neither is used",
         )
-        has_low = has_high = False
+        has_least = has_largest = False
     if not parameters.flag("use_angvel_cmd"):
-        return (low if has_low else None), (high if has_high else None)
+        return (least_command if has_least else None), (largest_command if has_largest else None)
     # thrust K_T ρ D⁴ ω|ω|, commanded by the rate ω [rad/s]
     coefficient = parameters.number("thrust_coefficient", 1.0)
     scale = parameters.number("fluid_density", 1000.0) * coefficient
@@ -90,26 +91,28 @@ def _limits(
         f"commanded in Gazebo by its rate of rotation, {scale:.4g} N per (rad/s)², here by its "
         "thrust",
     )
-    lowest = scale * low * abs(low) if has_low else None
-    largest = scale * high * abs(high) if has_high else None
-    return (largest, lowest) if scale < 0.0 else (lowest, largest)
+    least = scale * least_command * abs(least_command) if has_least else None
+    largest = scale * largest_command * abs(largest_command) if has_largest else None
+    return (largest, least) if scale < 0.0 else (least, largest)
 
 
-def with_limits(
+def limits_of(
     thrusters: list[GazeboThruster], default: float, remarks: Remarks
 ) -> list[tuple[float, float]]:
-    """Limits [N], where the file has none those of the other direction, or the default."""
+    """Least and largest thrust [N] of each thruster; one that the file lacks mirrors the other, or
+    is ±`default`.
+    """
     limits = []
     for thruster in thrusters:
-        lowest = thruster.least
+        least = thruster.least
         largest = thruster.largest
         assumed = []
         if largest is None:
-            largest = -lowest if lowest is not None and lowest < 0.0 else default
+            largest = -least if least is not None and least < 0.0 else default
             assumed.append(f"max_thrust_cmd {largest:.3g} N")
-        if lowest is None:
-            lowest = -largest if largest > 0.0 else -default
-            assumed.append(f"min_thrust_cmd {lowest:.3g} N")
+        if least is None:
+            least = -largest if largest > 0.0 else -default
+            assumed.append(f"min_thrust_cmd {least:.3g} N")
         if assumed:
             remarks.add_for_part(
                 "thruster",
@@ -117,12 +120,12 @@ def with_limits(
                 f"no limit in the file, assumed {' and '.join(assumed)} (Gazebo: "
                 f"±{GAZEBO_LIMIT:g})",
             )
-        if not lowest < largest:
+        if not least < largest:
             raise LaisnError(
                 f"thruster {thruster.joint!r}: max_thrust_cmd must be above min_thrust_cmd (given: "
-                f"{lowest:g} and {largest:g})"
+                f"{least:g} and {largest:g})"
             )
-        limits.append((lowest, largest))
+        limits.append((least, largest))
     return limits
 
 

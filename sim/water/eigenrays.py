@@ -23,39 +23,51 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled, formula, jitable
 from sim.water.smooth_profile import SmoothProfile, mean_slowness, speed_and_gradient
 
+# `x != x` and negated comparisons such as `not x <= y` are meant: they are true for NaN
+
 REFERENCE_M_S = 1500.0
-_SQUARE = REFERENCE_M_S * REFERENCE_M_S
+_REFERENCE_SQUARED = REFERENCE_M_S * REFERENCE_M_S
 _MAX_HORIZONTAL_STEP_M = 2.0  # of a step along a ray
 _MAX_VERTICAL_STEP_M = 0.5
 _MIN_STEPS = 8
 _SEARCH_TOLERANCE_M = 1e-8  # of the receiver's depth, at which the search for a ray ends
 _ACCEPTED_MISS_M = 1e-4  # of a ray that ends at the receiver
-CLEAR_M = 1e-3  # least distance of places from surface and floor
-FAN = 257  # rays of a fan
+MIN_CLEARANCE_M = 1e-3  # least distance of places from surface and floor
+FAN_RAYS = 257  # rays of a fan
 _EDGE_HALVINGS = 14  # of the interval in which a fan's rays cease to be of the wanted path
 MAX_RAYS = 16
 _STEEP_SQUARE = 4e-4  # q² above which q follows from n² and p
-_VERTICAL = 1e-4  # horizontal by vertical distance, below which a ray does not bend noticeably
+# horizontal over vertical distance, below which bending is not noticeable
+_NEAR_VERTICAL_RATIO = 1e-4
 
 
 class Water(NamedTuple):
-    """Water in which rays run: its speed of sound, its floor, and how often a ray meets surface
-    and floor.
+    """Water in which rays run, and the path that is wanted: direct, or with one reflection at the
+    surface or the floor.
     """
 
     profile: SmoothProfile
     floor: float  # depth of the floor [m]
-    by_surface: int  # reflections that the wanted path has
+    # reflections that the wanted path has: 0 or 1; at most one of the two is 1
+    by_surface: int
     by_floor: int
+
+
+class Geometry(NamedTuple):
+    """Depths of source and receiver, and their horizontal distance [m]."""
+
+    source: float
+    receiver: float
+    distance: float
 
 
 class Eigenray(NamedTuple):
     """A ray that joins two places; NaN if there is none."""
 
     time: float  # [s]
-    departure: float  # angle at the source, positive downwards [rad]
-    arrival: float  # angle at the receiver, positive where it runs downwards [rad]
-    horizontal: float  # horizontal part of the slowness [s/m]; p is this times 1500 m/s
+    departure_angle: float  # at the source, positive downwards [rad]
+    arrival_angle: float  # at the receiver, positive where the ray runs downwards [rad]
+    horizontal_slowness: float  # horizontal part of the slowness [s/m]; p is this times 1500 m/s
 
 
 NO_RAY = Eigenray(math.nan, math.nan, math.nan, math.nan)
@@ -76,15 +88,15 @@ def straight_slowness(w: Water, source: float, receiver: float) -> float:
     """Mean of 1/c over the depths that a path crosses [s/m]."""
     if w.by_surface == 0 and w.by_floor == 0:
         return mean_slowness(w.profile, source, receiver)
-    turn = 0.0 if w.by_surface > 0 else w.floor
-    first = abs(source - turn)
-    second = abs(receiver - turn)
+    boundary = 0.0 if w.by_surface > 0 else w.floor
+    first = abs(source - boundary)
+    second = abs(receiver - boundary)
     if first + second == 0.0:
-        return 1.0 / speed_and_gradient(w.profile, turn, 0)[0]
-    legs = first * mean_slowness(w.profile, source, turn) + second * mean_slowness(
-        w.profile, receiver, turn
+        return 1.0 / speed_and_gradient(w.profile, boundary, 0)[0]
+    crossing_time = first * mean_slowness(w.profile, source, boundary) + second * mean_slowness(
+        w.profile, receiver, boundary
     )
-    return legs / (first + second)
+    return crossing_time / (first + second)
 
 
 @formula
@@ -99,7 +111,7 @@ def _medium(depths: Floats, cubic: Floats, depth: float, i: int) -> tuple[float,
     third = cubic[i, 3]
     speed = cubic[i, 0] + x * (cubic[i, 1] + x * (second + x * third))
     gradient = cubic[i, 1] + x * (2.0 * second + 3.0 * x * third)
-    square = _SQUARE / (speed * speed)
+    square = _REFERENCE_SQUARED / (speed * speed)
     return square, -square * gradient / speed, i
 
 
@@ -120,11 +132,11 @@ NO_STATE = RayState(math.nan, math.nan, math.nan, 0)
 def _advance(
     depths: Floats, cubic: Floats, horizontal: float, state: RayState, h: float
 ) -> RayState:
-    """A step h of σ on; `horizontal` is p, a multiple of 1 / 1500 s/m."""
+    """The state after a step `h` of σ; `horizontal` is p, a multiple of 1 / 1500 s/m."""
     z = state.depth
     q = state.vertical
     n2_first, k1, i = _medium(depths, cubic, z, state.interval)
-    # n² = p² + q² keeps what steps over kinks of the gradient would lose
+    # q from n² = p² + q²: an integrated q would keep the errors of steps over kinks of the gradient
     vertical_squared = n2_first - horizontal * horizontal
     if vertical_squared > _STEEP_SQUARE:
         q = math.copysign(math.sqrt(vertical_squared), q)
@@ -142,22 +154,25 @@ def _advance(
 def _reflect(
     w: Water, horizontal: float, state: RayState, h: float, hits: tuple[int, int]
 ) -> tuple[RayState, tuple[int, int]]:
-    """A step that meets surface or floor; it ends early where that is more often than wanted."""
+    """A step that meets surface or floor; it ends early where that is more often than wanted.
+
+    `hits`: reflections so far at surface and floor.
+    """
     depths = w.profile.depth
     cubic = w.profile.cubic
-    surface, bottom = hits
+    at_surface, at_floor = hits
     remaining = h
     while True:
         ahead = _advance(depths, cubic, horizontal, state, remaining)
         if 0.0 <= ahead.depth <= w.floor:
-            return ahead, (surface, bottom)
+            return ahead, (at_surface, at_floor)
         boundary = 0.0 if ahead.depth < 0.0 else w.floor
         if ahead.depth < 0.0:
-            surface += 1
+            at_surface += 1
         else:
-            bottom += 1
-        if surface > w.by_surface or bottom > w.by_floor:
-            return state, (surface, bottom)
+            at_floor += 1
+        if at_surface > w.by_surface or at_floor > w.by_floor:
+            return state, (at_surface, at_floor)
         # Newton for the part of the step at which the boundary is met
         step = remaining * (state.depth - boundary) / (state.depth - ahead.depth)
         reached = state
@@ -172,9 +187,9 @@ def _reflect(
 
 
 @jitable
-def _launch(p: SmoothProfile, depth: float, angle: float) -> tuple[float, float]:
+def _launch(profile: SmoothProfile, depth: float, angle: float) -> tuple[float, float]:
     """Horizontal and vertical slowness of a ray that leaves a depth at an angle."""
-    slowness = REFERENCE_M_S / speed_and_gradient(p, depth, 0)[0]
+    slowness = REFERENCE_M_S / speed_and_gradient(profile, depth, 0)[0]
     return slowness * math.cos(angle), slowness * math.sin(angle)
 
 
@@ -281,13 +296,16 @@ def refine(w: Water, source: float, receiver: float, distance: float, angle: flo
 @jitable
 def _between(
     w: Water,
-    places: tuple[float, float, float],
+    geometry: Geometry,
     steps: int,
     left: tuple[float, float],
     right: tuple[float, float],
 ) -> Eigenray:
-    """The eigenray between two angles with misses of different signs (Illinois method)."""
-    source, receiver, distance = places
+    """The eigenray between two angles with misses of different signs, by false position: the miss
+    of the end that stays is halved at every step (after the Illinois method), and every eighth step
+    bisects.
+    """
+    source, receiver, distance = geometry
     a, miss_a = left
     b, miss_b = right
     angle = a
@@ -309,25 +327,28 @@ def _between(
             a = angle
             miss_a = miss
             miss_b *= 0.5
-        # halved misses only steer; signs hold
+        # halving changes where the next angle lies, not the sign of a miss
     if not abs(end.depth - receiver) <= _ACCEPTED_MISS_M:
         return NO_RAY
     return _eigenray(w, source, angle, end, receiver)
 
 
 @jitable
-def _edge(w: Water, source: float, distance: float, valid: float, invalid: float) -> float:
-    """The last angle between one whose ray is of the wanted path and one whose is not, at which
-    it is.
+def _edge(
+    w: Water, source: float, distance: float, valid_angle: float, invalid_angle: float
+) -> float:
+    """Halve the interval between an angle whose ray is of the wanted path and one whose ray is not;
+    gives the end that still is.
     """
     steps = _steps(distance, 0.0)
     for _ in range(_EDGE_HALVINGS):
-        middle = 0.5 * (valid + invalid)
+        middle = 0.5 * (valid_angle + invalid_angle)
+        # NaN: not of the wanted path
         if trace(w, source, middle, distance, steps).depth >= 0.0:
-            valid = middle
+            valid_angle = middle
         else:
-            invalid = middle
-    return valid
+            invalid_angle = middle
+    return valid_angle
 
 
 class Fan(NamedTuple):
@@ -338,20 +359,27 @@ class Fan(NamedTuple):
 
 
 @compiled
-def add_edges(
-    w: Water, source: float, distance: float, angles: tuple[float, float], depths: Floats, fan: Fan
+def fill_fan(
+    w: Water,
+    source: float,
+    distance: float,
+    first: float,
+    spacing: float,
+    depths: Floats,
+    fan: Fan,
 ) -> int:
-    """Fill a fan with rays, whose depths have the shape (rays,), and with the last ray of the
-    wanted path beside each that is lost; gives their number.
+    """Write into `fan` rays of known depths, shape (rays,), and, wherever a ray of the wanted path
+    has a neighbour that is not, the last one that still is; gives how many rays it then has (`fan`
+    has room for more).
 
-    `angles` are that of the first ray and their spacing [rad].
+    `first` is the angle of the first of the known rays, `spacing` that between them [rad].
     """
     count = 0
     for j in range(depths.size):
-        angle = angles[0] + j * angles[1]
+        angle = first + j * spacing
         is_lost = depths[j] != depths[j]
         if j > 0 and is_lost != (depths[j - 1] != depths[j - 1]):
-            last_angle = angle - angles[1]
+            last_angle = angle - spacing
             if is_lost:
                 edge = _edge(w, source, distance, last_angle, angle)
             else:
@@ -367,15 +395,16 @@ def add_edges(
 
 @jitable
 def _vertex_angle(fan: Fan, j: int, receiver: float) -> float:
-    """Angle of the extremum of the miss of a receiver's depth, by a parabola through three rays;
-    NaN if they are not evenly spaced, or the extremum cannot have another sign than they have.
+    """Angle at which the miss, a parabola through three rays, is extreme; NaN if the rays are not
+    evenly spaced, or if the extremum is not on the side of zero, so that it cannot change the sign.
     """
     a, b, c = fan.depth[j - 1] - receiver, fan.depth[j] - receiver, fan.depth[j + 1] - receiver
     spacing = fan.angle[j + 1] - fan.angle[j]
-    is_even = abs(fan.angle[j] - fan.angle[j - 1] - spacing) < 1e-9
+    is_evenly_spaced = abs(fan.angle[j] - fan.angle[j - 1] - spacing) < 1e-9
     curve = a - 2.0 * b + c
     same_signs = (a > 0.0) == (b > 0.0) and (c > 0.0) == (b > 0.0)
-    if is_even and same_signs and abs(b) <= abs(a) and abs(b) <= abs(c) and curve * b > 0.0:
+    is_nearest = abs(b) <= abs(a) and abs(b) <= abs(c)
+    if is_evenly_spaced and same_signs and is_nearest and curve * b > 0.0:
         return float(fan.angle[j] - 0.5 * spacing * (c - a) / curve)
     return math.nan
 
@@ -383,7 +412,7 @@ def _vertex_angle(fan: Fan, j: int, receiver: float) -> float:
 @jitable
 def _add_between(
     w: Water,
-    places: tuple[float, float, float],
+    geometry: Geometry,
     left: tuple[float, float],
     right: tuple[float, float],
     count: int,
@@ -392,8 +421,8 @@ def _add_between(
     """Add the eigenray between two angles and misses, if these have different signs."""
     if (left[1] < 0.0) == (right[1] < 0.0) or count == MAX_RAYS:
         return count
-    steps = _steps(places[2], drop(w, places[0], places[1]))
-    ray = _between(w, places, steps, left, right)
+    steps = _steps(geometry.distance, drop(w, geometry.source, geometry.receiver))
+    ray = _between(w, geometry, steps, left, right)
     if ray.time != ray.time:
         return count
     for number in range(4):
@@ -402,62 +431,67 @@ def _add_between(
 
 
 @compiled
-def roots(
-    w: Water, places: tuple[float, float, float], fan: Fan, rays: int, candidates: Floats
+def eigenrays_of_fan(
+    w: Water, geometry: Geometry, fan: Fan, ray_count: int, candidates: Floats
 ) -> int:
     """Eigenrays among the rays of a fan.
 
     Args:
         w: the water.
-        places: depths of source and receiver, and their horizontal distance [m].
+        geometry: source, receiver and distance.
         fan: rays from the source at that distance.
-        rays: how many it has.
-        candidates: out: a row of each ray, fields of `Eigenray`, shape (16, 4); later rows are
-            not written.
+        ray_count: how many it has.
+        candidates: output, shape (16, 4): row k gets the fields of the k-th `Eigenray`; rows beyond
+            the count are left as they are.
 
     Returns:
         How many there are, at most 16.
     """
     count = 0
-    receiver = places[1]
-    for j in range(1, rays):
+    source, receiver, distance = geometry
+    for j in range(1, ray_count):
         left = fan.angle[j - 1], fan.depth[j - 1] - receiver
         right = fan.angle[j], fan.depth[j] - receiver
         if left[1] != left[1] or right[1] != right[1]:
             continue
-        count = _add_between(w, places, left, right, count, candidates)
-        if j + 1 < rays and fan.depth[j + 1] == fan.depth[j + 1]:
+        count = _add_between(w, geometry, left, right, count, candidates)
+        if j + 1 < ray_count and fan.depth[j + 1] == fan.depth[j + 1]:
             vertex_angle = _vertex_angle(fan, j, receiver)
             if vertex_angle == vertex_angle:
-                steps = _steps(places[2], drop(w, places[0], receiver))
-                end = trace(w, places[0], vertex_angle, places[2], steps)
+                steps = _steps(distance, drop(w, source, receiver))
+                end = trace(w, source, vertex_angle, distance, steps)
                 vertex = vertex_angle, end.depth - receiver
                 # left and right are of one sign
                 following = fan.angle[j + 1], fan.depth[j + 1] - receiver
-                count = _add_between(w, places, left, vertex, count, candidates)
-                count = _add_between(w, places, vertex, following, count, candidates)
+                count = _add_between(w, geometry, left, vertex, count, candidates)
+                count = _add_between(w, geometry, vertex, following, count, candidates)
     return count
 
 
 @jitable
-def steepest(p: SmoothProfile, depth: float, distance: float, depth_change: float) -> float:
-    """A bound of the angles at a depth of all rays that have a mean slope."""
-    speed = speed_and_gradient(p, depth, 0)[0]
-    return math.acos(min(1.0, distance / math.hypot(distance, depth_change) * speed / p.fastest))
+def steepest(profile: SmoothProfile, depth: float, distance: float, depth_change: float) -> float:
+    """Upper bound of the angle [rad] at a depth of any ray that covers `depth_change` over
+    `distance`.
+    """
+    speed = speed_and_gradient(profile, depth, 0)[0]
+    level = distance / math.hypot(distance, depth_change)
+    return math.acos(min(1.0, level * speed / profile.fastest))
 
 
 @jitable
-def may_turn(p: SmoothProfile, distance: float, depth_change: float) -> bool:
-    """Whether a ray with a mean slope may turn: else there is one, whose depth is monotone."""
-    return distance / math.hypot(distance, depth_change) * p.fastest >= p.slowest
+def may_turn(profile: SmoothProfile, distance: float, depth_change: float) -> bool:
+    """Whether a ray that covers `depth_change` over `distance` may turn on the way. If none may,
+    exactly one ray joins the two depths, and its depth is monotone.
+    """
+    return distance / math.hypot(distance, depth_change) * profile.fastest >= profile.slowest
 
 
 @jitable
-def _steep_ray(w: Water, places: tuple[float, float, float]) -> Eigenray:
-    """The one ray between places that no ray that turns can join."""
-    source, receiver, distance = places
+def _steep_ray(w: Water, geometry: Geometry) -> Eigenray:
+    """The only ray between places so steeply apart that no ray that turns joins them."""
+    source, receiver, distance = geometry
     depth_change = drop(w, source, receiver)
-    if distance < _VERTICAL * abs(depth_change):
+    if distance < _NEAR_VERTICAL_RATIO * abs(depth_change):
         slowness = straight_slowness(w, source, receiver)
         angle = math.atan2(depth_change, distance)
         length = math.hypot(depth_change, distance)
@@ -480,8 +514,8 @@ def eigenrays(w: Water, source: float, receiver: float, distance: float, candida
         source: depth between surface and floor [m].
         receiver: the same.
         distance: horizontal one [m].
-        candidates: out: a row of each ray, fields of `Eigenray`, shape (16, 4); later rows are
-            not written.
+        candidates: output, shape (16, 4): row k gets the fields of the k-th `Eigenray`; rows beyond
+            the count are left as they are.
 
     Returns:
         How many there are, at most 16.
@@ -491,9 +525,9 @@ def eigenrays(w: Water, source: float, receiver: float, distance: float, candida
         for number in range(4):
             candidates[0, number] = 0.0
         return 1
-    places = source, receiver, distance
+    geometry = Geometry(source, receiver, distance)
     if not may_turn(w.profile, distance, depth_change):
-        ray = _steep_ray(w, places)
+        ray = _steep_ray(w, geometry)
         if ray.time == ray.time:
             for number in range(4):
                 candidates[0, number] = ray[number]
@@ -501,14 +535,15 @@ def eigenrays(w: Water, source: float, receiver: float, distance: float, candida
     max_angle = min(
         steepest(w.profile, source, distance, depth_change) + 1e-3, 0.5 * math.pi - 1e-6
     )
-    angles = (-max_angle, 2.0 * max_angle / (FAN - 1))
+    first = -max_angle
+    spacing = 2.0 * max_angle / (FAN_RAYS - 1)
     steps = _steps(distance, depth_change)
-    depths = np.empty(FAN)
-    for j in range(FAN):
-        depths[j] = trace(w, source, angles[0] + j * angles[1], distance, steps).depth
-    fan = Fan(np.empty(3 * FAN), np.empty(3 * FAN))
-    rays = add_edges(w, source, distance, angles, depths, fan)
-    return roots(w, places, fan, rays, candidates)
+    depths = np.empty(FAN_RAYS)
+    for j in range(FAN_RAYS):
+        depths[j] = trace(w, source, first + j * spacing, distance, steps).depth
+    fan = Fan(np.empty(3 * FAN_RAYS), np.empty(3 * FAN_RAYS))
+    ray_count = fill_fan(w, source, distance, first, spacing, depths, fan)
+    return eigenrays_of_fan(w, geometry, fan, ray_count, candidates)
 
 
 @jitable
@@ -532,4 +567,5 @@ def earliest(w: Water, source: float, receiver: float, distance: float) -> tuple
         return earliest_of(candidates, count), count
     count = eigenrays(w, receiver, source, distance, candidates)
     ray = earliest_of(candidates, count)
-    return Eigenray(ray.time, -ray.arrival, -ray.departure, ray.horizontal), count
+    reverse = Eigenray(ray.time, -ray.arrival_angle, -ray.departure_angle, ray.horizontal_slowness)
+    return reverse, count

@@ -27,18 +27,18 @@ if TYPE_CHECKING:
     from xarray import DataArray, Dataset
 
 _MAX_BYTES = 1_000_000_000  # of what is read of a file
-_METRES = {"m": 1.0, "meter": 1.0, "metre": 1.0, "meters": 1.0, "metres": 1.0, "km": 1000.0}
-_EAST = ("degrees_east", "degree_east", "degrees_e", "degreee", "degree_e")
-_NORTH = ("degrees_north", "degree_north", "degrees_n", "degreen", "degree_n")
-_DEGREES = (*_EAST, *_NORTH, "degree", "degrees", "deg", "")
-_SPEEDS = {
+_LENGTH_UNITS = {"m": 1.0, "meter": 1.0, "metre": 1.0, "meters": 1.0, "metres": 1.0, "km": 1000.0}
+_EAST_UNITS = ("degrees_east", "degree_east", "degrees_e", "degreee", "degree_e")
+_NORTH_UNITS = ("degrees_north", "degree_north", "degrees_n", "degreen", "degree_n")
+_DEGREES = (*_EAST_UNITS, *_NORTH_UNITS, "degree", "degrees", "deg", "")  # no units: degrees
+_SPEED_UNITS = {
     **dict.fromkeys(("m/s", "m s-1", "m s^-1", "m.s-1", "meter/second", "meters/second"), 1.0),
     **dict.fromkeys(("meter second-1", "metre second-1", "m s**-1", "ms-1"), 1.0),
     **dict.fromkeys(("cm/s", "cm s-1", "cm s^-1", "centimeter/second"), 0.01),
 }
-_TIMES = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "min": 60.0, "minutes": 60.0}
-_TIMES |= {"h": 3600.0, "hour": 3600.0, "hours": 3600.0, "d": 86400.0, "day": 86400.0}
-_TIMES |= {"days": 86400.0}
+_TIME_UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "min": 60.0, "minutes": 60.0}
+_TIME_UNITS |= {"h": 3600.0, "hour": 3600.0, "hours": 3600.0, "d": 86400.0, "day": 86400.0}
+_TIME_UNITS |= {"days": 86400.0}
 _CALENDARS = ("standard", "gregorian", "proleptic_gregorian")
 
 
@@ -93,7 +93,7 @@ NORTHWARD = VariableNames(
 UPWARD = VariableNames(
     "upward velocity", ("upward_sea_water_velocity",), ("wo", "water_w", "w", "vovecrtz")
 )
-HEIGHT = VariableNames(
+FLOOR_LEVEL = VariableNames(
     "elevation or depth of the floor",
     (
         "sea_floor_depth_below_geoid",
@@ -140,7 +140,7 @@ class Source(NamedTuple):
         return FieldError(f"{self.key}: {self.file}: {problem}")
 
     def require_content(self, sha256: str | None) -> None:
-        """FieldError if the file is there with other content than that with a digest."""
+        """FieldError if the file is there and its SHA-256 is not this one."""
         digest = file_digest(self.file)
         if digest is not None and sha256 is not None and digest != sha256:
             raise self.error(
@@ -153,7 +153,8 @@ class CurrentField:
     """A current that was read."""
 
     current: GriddedCurrent
-    region: Region  # that the grid covers, within what was asked for
+    # what the kept grid covers: up to one point beyond what was asked for, less where the file ends
+    region: Region
     land: Bools  # columns without water, shape (j, i)
     report: str  # what was read, in a line
 
@@ -182,15 +183,15 @@ def _nearest(axis: Floats, values: Floats) -> Ints:
 
 
 def read_current(source: Source, origin: FieldOrigin, region: Region) -> CurrentField:
-    """The current of a file about an origin, as far as a region needs it; FieldError if it has
-    none such.
+    """The part that a region needs of the current in a file, about an origin; FieldError if the
+    file has no such field.
     """
     return _read_current(source, file_digest(source.file), origin, region)
 
 
 def read_floor(source: Source, origin: FieldOrigin, region: Region) -> FloorField:
-    """The floor of a file about an origin, as far as a region needs it; FieldError if it has none
-    such.
+    """The part that a region needs of the floor in a file, about an origin; FieldError if the file
+    has no such field.
     """
     return _read_floor(source, file_digest(source.file), origin, region)
 
@@ -258,9 +259,9 @@ def axis_kind(coordinate: "DataArray") -> str:
     for kind, quantity in _AXES.items():
         if standard in quantity.standard_names:
             return kind
-    if units in _EAST:
+    if units in _EAST_UNITS:
         return "X"
-    if units in _NORTH:
+    if units in _NORTH_UNITS:
         return "Y"
     for kind, quantity in _AXES.items():
         if str(coordinate.name).lower() in quantity.names:
@@ -276,10 +277,10 @@ def units_of(variable: "DataArray") -> str:
     return str(variable.attrs.get("units", "")).strip().lower()
 
 
-def _axes(
-    source: Source, dataset: "Dataset", variable: "DataArray", dimensions: str
-) -> dict[str, Any]:
-    """Coordinates of a variable's axes by kind, of those in `dimensions`, "TZYX" or "YX"."""
+def _axes(source: Source, dataset: "Dataset", variable: "DataArray", kinds: str) -> dict[str, Any]:
+    """Coordinates of a variable's dimensions by kind; only the kinds in `kinds`, "TZYX" or "YX",
+    are allowed.
+    """
     text = " ".join(
         [*map(str, dataset.variables), *(str(v.attrs) for v in dataset.variables.values())]
     )
@@ -298,12 +299,12 @@ def _axes(
                 "expected longitude, latitude, depth and time as axes of one dimension each"
             )
         kind = axis_kind(dataset[dimension])
-        if kind == "" or kind not in dimensions:
+        if kind == "" or kind not in kinds:
             if variable.sizes[dimension] == 1:
                 continue
             raise source.error(
                 f"{variable.name}: its dimension {dimension!r} is not understood; expected "
-                f"{', '.join(_AXES[key].title for key in dimensions)}"
+                f"{', '.join(_AXES[key].title for key in kinds)}"
             )
         if kind in axes:
             raise source.error(
@@ -346,13 +347,15 @@ def _sorted(source: Source, name: str, value: Floats) -> _Axis:
     return _Axis(value, order.astype(np.int64))
 
 
-def _level_axes(source: Source, axes: dict[str, Any], origin: FieldOrigin) -> tuple[_Axis, _Axis]:
+def _horizontal_axes(
+    source: Source, axes: dict[str, Any], origin: FieldOrigin
+) -> tuple[_Axis, _Axis]:
     """Axes of east and north about the origin [m]."""
     units = [units_of(axes[kind]) for kind in "XY"]
     values = [np.atleast_1d(np.asarray(axes[kind].values, dtype=np.float64)) for kind in "XY"]
     names = [str(axes[kind].name) for kind in "XY"]
-    if all(unit in _METRES for unit in units):
-        scaled = [value * _METRES[unit] for value, unit in zip(values, units, strict=True)]
+    if all(unit in _LENGTH_UNITS for unit in units):
+        scaled = [value * _LENGTH_UNITS[unit] for value, unit in zip(values, units, strict=True)]
         east, north = scaled
     elif all(unit.replace(" ", "_") in _DEGREES for unit in units):
         per_degree = metres_per_degree(origin.latitude_deg)
@@ -378,9 +381,9 @@ def _depth_axis(source: Source, axes: dict[str, Any]) -> _Axis:
         return _Axis(np.zeros(1), np.zeros(1, dtype=np.int64))
     axis = axes["Z"]
     units = units_of(axis)
-    if units and units not in _METRES:
+    if units and units not in _LENGTH_UNITS:
         raise source.error(f"{axis.name} has units {units!r}; expected metres of depth")
-    value = np.atleast_1d(np.asarray(axis.values, dtype=np.float64)) * _METRES.get(units, 1.0)
+    value = np.atleast_1d(np.asarray(axis.values, dtype=np.float64)) * _LENGTH_UNITS.get(units, 1.0)
     positive = str(axis.attrs.get("positive", "")).lower()
     upward = positive == "up" or (positive != "down" and bool((value <= 0.0).all()))
     return _sorted(source, str(axis.name), -value if upward else value)
@@ -405,19 +408,19 @@ def seconds_from_start(source: Source, axis: "DataArray", origin: FieldOrigin) -
     """Times of an axis since the start of the mission [s]; FieldError if it does not tell them."""
     units = units_of(axis)
     value = np.asarray(axis.values, dtype=np.float64)
-    if units in _TIMES:
-        return value * _TIMES[units]
-    step, separator, reference = units.partition(" since ")
+    if units in _TIME_UNITS:
+        return value * _TIME_UNITS[units]
+    unit, separator, reference = units.partition(" since ")
     calendar = str(axis.attrs.get("calendar", "standard")).lower()
-    if not separator or step not in _TIMES:
+    if not separator or unit not in _TIME_UNITS:
         raise source.error(
             f"{axis.name} has units {units!r}; expected such as 'hours since 2026-01-01', or 's' "
             "from the start of the mission"
         )
     if calendar not in _CALENDARS:
         raise source.error(f"{axis.name} has the calendar {calendar!r}; expected 'standard'")
-    start = _moment(source, str(axis.name), reference.strip())
-    return value * _TIMES[step] + (start - datetime.fromisoformat(origin.time)).total_seconds()
+    epoch = _moment(source, str(axis.name), reference.strip())
+    return value * _TIME_UNITS[unit] + (epoch - datetime.fromisoformat(origin.time)).total_seconds()
 
 
 def _moment(source: Source, name: str, text: str) -> datetime:
@@ -430,9 +433,11 @@ def _moment(source: Source, name: str, text: str) -> datetime:
         moment = datetime(year, month, day, hour, minute, tzinfo=UTC)
     except ValueError:
         raise source.error(f"{name}: {text!r} is no date such as 2026-01-01 00:00:00") from None
-    east = timedelta(hours=int(match["zone_h"] or 0), minutes=int(match["zone_min"] or 0))
     seconds = timedelta(seconds=float(match["second"] or 0.0))
-    return moment + seconds - (-east if match["sign"] == "-" else east)
+    zone_offset = timedelta(hours=int(match["zone_h"] or 0), minutes=int(match["zone_min"] or 0))
+    if match["sign"] == "-":
+        zone_offset = -zone_offset
+    return moment + seconds - zone_offset
 
 
 def _values(
@@ -463,9 +468,9 @@ def _values(
 
 def _speed_scale(source: Source, variable: "DataArray") -> float:
     units = " ".join(str(variable.attrs.get("units", "m s-1")).lower().split())
-    if units not in _SPEEDS:
+    if units not in _SPEED_UNITS:
         raise source.error(f"{variable.name} has units {units!r}; expected m s-1, or cm s-1")
-    return _SPEEDS[units]
+    return _SPEED_UNITS[units]
 
 
 def _covered(east: _Axis, north: _Axis, region: Region) -> Region:
@@ -485,6 +490,7 @@ def _require_overlap(source: Source, east: _Axis, north: _Axis, region: Region) 
     )
 
 
+# the digest is only a key of the cache: a changed file is read again
 @lru_cache(maxsize=4)
 def _read_current(
     source: Source, _digest: str | None, origin: FieldOrigin, region: Region
@@ -503,7 +509,7 @@ def _read_current(
         names = {kind: str(axis.name) for kind, axis in grid_axes.items()}
         time = _time_axis(source, grid_axes, origin, region.end_time)
         depth = _depth_axis(source, grid_axes)
-        east, north = _level_axes(source, grid_axes, origin)
+        east, north = _horizontal_axes(source, grid_axes, origin)
         _require_overlap(source, east, north, region)
         axes = {
             "T": time.part(0.0, region.end_time),
@@ -516,11 +522,11 @@ def _read_current(
         for i, variable in enumerate(components):
             scale = _speed_scale(source, variable)
             velocity[..., i] = scale * _values(source, variable, axes, names)
-    dry: Bools = np.asarray(~np.isfinite(velocity).all(axis=(0, 4)))
-    land: Bools = np.asarray(dry.all(axis=0))
+    no_value: Bools = np.asarray(~np.isfinite(velocity).all(axis=(0, 4)))
+    land: Bools = np.asarray(no_value.all(axis=0))
     if land.all():
         raise source.error(f"{eastward.name} has no values about the mission: land, or no data")
-    _fill(velocity, dry)
+    _fill(velocity, no_value)
     grid = CurrentGrid(
         time=axes["T"].value,
         depth=depth.value,
@@ -568,33 +574,34 @@ def _extent(axes: dict[str, _Axis], names: dict[str, str]) -> str:
     return text
 
 
-def _fill(velocity: Floats, dry: Bools) -> None:
-    """Give points without water a velocity: below the floor that of the deepest level above it, on
-    land none.
+def _fill(velocity: Floats, no_value: Bools) -> None:
+    """Give points without a value a velocity: below the floor that of the deepest level above it,
+    on land zero.
     """
-    for k in range(1, dry.shape[0]):
-        velocity[:, k][:, dry[k]] = velocity[:, k - 1][:, dry[k]]
+    for k in range(1, no_value.shape[0]):
+        velocity[:, k][:, no_value[k]] = velocity[:, k - 1][:, no_value[k]]
     velocity[np.isnan(velocity)] = 0.0
 
 
+# the digest is only a key of the cache, as above
 @lru_cache(maxsize=4)
 def _read_floor(
     source: Source, _digest: str | None, origin: FieldOrigin, region: Region
 ) -> FloorField:
     with open_dataset(source) as dataset:
-        variable = _require(source, dataset, HEIGHT)
+        variable = _require(source, dataset, FLOOR_LEVEL)
         grid_axes = _axes(source, dataset, variable, "YX")
         names = {kind: str(axis.name) for kind, axis in grid_axes.items()}
         units = units_of(variable)
-        if units and units not in _METRES:
+        if units and units not in _LENGTH_UNITS:
             raise source.error(f"{variable.name} has units {units!r}; expected metres")
-        east, north = _level_axes(source, grid_axes, origin)
+        east, north = _horizontal_axes(source, grid_axes, origin)
         _require_overlap(source, east, north, region)
         axes = {
             "Y": north.part(region.south, region.north),
             "X": east.part(region.west, region.east),
         }
-        depth = _METRES.get(units, 1.0) * _values(source, variable, axes, names)
+        depth = _LENGTH_UNITS.get(units, 1.0) * _values(source, variable, axes, names)
         if _is_upward(variable):
             depth = -depth
     missing = np.isnan(depth)

@@ -18,20 +18,21 @@ import numpy as np
 from laisn.arrays import Bytes, Floats
 from laisn.compiled import compiled, jitable
 from sim.water.eigenrays import (
-    CLEAR_M,
-    FAN,
+    FAN_RAYS,
+    MIN_CLEARANCE_M,
     NO_RAY,
     REFERENCE_M_S,
     Eigenray,
     Fan,
+    Geometry,
     Water,
-    add_edges,
     drop,
     earliest,
     earliest_of,
+    eigenrays_of_fan,
+    fill_fan,
     may_turn,
     refine,
-    roots,
     straight_slowness,
     trace_fan,
 )
@@ -138,9 +139,7 @@ def _interval(depths: Floats, depth: float) -> int:
 
 
 @jitable
-def _traced(
-    table: RayTable, w: Water, cell: tuple[int, int, int], places: tuple[float, float, float]
-) -> Eigenray:
+def _traced(table: RayTable, w: Water, cell: tuple[int, int, int], geometry: Geometry) -> Eigenray:
     """The earliest ray in a marked cell."""
     i, j, k = cell
     errors = np.empty(8)
@@ -154,12 +153,12 @@ def _traced(
         if is_new:
             errors[count] = angle
             count += 1
-            ray = refine(w, places[0], places[1], places[2], angle)
+            ray = refine(w, geometry.source, geometry.receiver, geometry.distance, angle)
             if not best.time <= ray.time and ray.time == ray.time:
                 best = ray
     if best.time == best.time:
         return best
-    return earliest(w, places[0], places[1], places[2])[0]
+    return earliest(w, geometry.source, geometry.receiver, geometry.distance)[0]
 
 
 @compiled
@@ -190,7 +189,7 @@ def ray_slowness(
         return straight + distance * distance * bending(table, _Cell(i, j, k, x, y, r - k))
     if kind == DARK:
         return math.nan
-    return _traced(table, w, (i, j, k), (source, receiver, distance)).time / length
+    return _traced(table, w, (i, j, k), Geometry(source, receiver, distance)).time / length
 
 
 @jitable
@@ -215,9 +214,9 @@ def _straight_slope(w: Water, source: float, receiver: float, at_source: bool) -
 
 
 @jitable
-def _write_node(w: Water, places: tuple[float, float, float], ray: Eigenray, out: Floats) -> None:
+def _write_node(w: Water, geometry: Geometry, ray: Eigenray, out: Floats) -> None:
     """Write G and its derivatives by source, receiver and distance."""
-    source, receiver, distance = places
+    source, receiver, distance = geometry
     size = abs(drop(w, source, receiver))
     length = math.hypot(distance, size)
     square = distance * distance
@@ -226,31 +225,31 @@ def _write_node(w: Water, places: tuple[float, float, float], ray: Eigenray, out
     at_source = REFERENCE_M_S / speed_and_gradient(w.profile, source, 0)[0]
     at_receiver = REFERENCE_M_S / speed_and_gradient(w.profile, receiver, 0)[0]
     by_depth = (
-        -at_source * math.sin(ray.departure) / REFERENCE_M_S,
-        at_receiver * math.sin(ray.arrival) / REFERENCE_M_S,
+        -at_source * math.sin(ray.departure_angle) / REFERENCE_M_S,
+        at_receiver * math.sin(ray.arrival_angle) / REFERENCE_M_S,
     )
     for number in range(2):
         is_source = number == 0
         length_slope = _side(w, source, receiver, is_source) * size / length
         slope = (by_depth[number] - slowness * length_slope) / length
         out[1 + number] = (slope - _straight_slope(w, source, receiver, is_source)) / square
-    slope = (ray.horizontal - slowness * distance / length) / length
+    slope = (ray.horizontal_slowness - slowness * distance / length) / length
     out[3] = slope / square - 2.0 * out[0] / distance
 
 
 @jitable
 def _earliest_in_fan(
     w: Water,
-    places: tuple[float, float, float],
+    geometry: Geometry,
     fan: Fan,
-    rays: int,
+    ray_count: int,
     candidates: Floats,
 ) -> Eigenray:
     """The earliest ray between places, by a fan of rays at that distance."""
-    source, receiver, distance = places
+    source, receiver, distance = geometry
     if not may_turn(w.profile, distance, drop(w, source, receiver)):
         return earliest(w, source, receiver, distance)[0]
-    return earliest_of(candidates, roots(w, places, fan, rays, candidates))
+    return earliest_of(candidates, eigenrays_of_fan(w, geometry, fan, ray_count, candidates))
 
 
 @compiled
@@ -269,16 +268,17 @@ def _earliest_rays(
     `Eigenray`, shape (m, r, 4).
     """
     widest = _widest(w, source)
-    angles = (-widest, 2.0 * widest / (FAN - 1))
-    depths = np.empty((FAN, ranges.size))
-    trace_fan(w, source, angles[0], angles[1], ranges, depths)
-    fan = Fan(np.empty(3 * FAN), np.empty(3 * FAN))
+    first = -widest
+    spacing = 2.0 * widest / (FAN_RAYS - 1)
+    depths = np.empty((FAN_RAYS, ranges.size))
+    trace_fan(w, source, first, spacing, ranges, depths)
+    fan = Fan(np.empty(3 * FAN_RAYS), np.empty(3 * FAN_RAYS))
     candidates = np.empty((16, 4))
     for k in range(ranges.size):
-        rays = add_edges(w, source, ranges[k], angles, depths[:, k], fan)
+        ray_count = fill_fan(w, source, ranges[k], first, spacing, depths[:, k], fan)
         for j in range(receivers.size):
-            places = (source, receivers[j], ranges[k])
-            ray = _earliest_in_fan(w, places, fan, rays, candidates)
+            geometry = Geometry(source, receivers[j], ranges[k])
+            ray = _earliest_in_fan(w, geometry, fan, ray_count, candidates)
             for number in range(4):
                 earliest_rays[j, k, number] = ray[number]
 
@@ -301,9 +301,10 @@ def _trace_nodes(
             for k in range(1, m):
                 numbers = rays[j - i, k - 1]
                 ray = Eigenray(numbers[0], numbers[1], numbers[2], numbers[3])
-                _write_node(w, (depth[i], depth[j], ranges[k - 1]), ray, node[k])
-                departure[i, j, k] = ray.departure
-                departure[j, i, k] = -ray.arrival
+                geometry = Geometry(depth[i], depth[j], ranges[k - 1])
+                _write_node(w, geometry, ray, node[k])
+                departure[i, j, k] = ray.departure_angle
+                departure[j, i, k] = -ray.arrival_angle
             # G is even in the distance
             for number in range(3):
                 node[0, number] = (4.0 * node[1, number] - node[2, number]) / 3.0
@@ -383,14 +384,14 @@ def _depths(profile: SmoothProfile, deepest: float) -> Floats:
     count *= depth[1] - depth[0]
     n = min(max(math.ceil(count[-1]), 4), _MAX_DEPTHS - 1) + 1
     nodes = np.interp(np.linspace(0.0, count[-1], n), count, depth)
-    nodes[0] = CLEAR_M
+    nodes[0] = MIN_CLEARANCE_M
     nodes[-1] = deepest
     return nodes
 
 
 def table_of(w: Water, deepest: float, farthest: float) -> RayTable:
     """The table of a path from the surface to a depth, and to a horizontal distance [m]."""
-    depth = _depths(w.profile, min(deepest, w.floor - CLEAR_M))
+    depth = _depths(w.profile, min(deepest, w.floor - MIN_CLEARANCE_M))
     n = depth.size
     range_step = farthest / (_RANGES - 1)
     value = np.zeros((n, n, _RANGES, 8))

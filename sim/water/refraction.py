@@ -15,8 +15,8 @@ import numpy.typing as npt
 from laisn.compiled import compiled, jitable
 from sim.attitude import Vector
 from sim.water.eigenrays import (
-    CLEAR_M,
     MAX_RAYS,
+    MIN_CLEARANCE_M,
     NO_RAY,
     Eigenray,
     Water,
@@ -107,8 +107,8 @@ def leg_of(rays: RefractedRays, path: int, source: Vector, receiver: Vector) -> 
     water = Water(rays.profile, floor, int(path == _SURFACE), int(path == _BOTTOM))
     return Leg(
         water,
-        min(max(-source[2], CLEAR_M), floor - CLEAR_M),
-        min(max(-receiver[2], CLEAR_M), floor - CLEAR_M),
+        min(max(-source[2], MIN_CLEARANCE_M), floor - MIN_CLEARANCE_M),
+        min(max(-receiver[2], MIN_CLEARANCE_M), floor - MIN_CLEARANCE_M),
         math.hypot(receiver[0] - source[0], receiver[1] - source[1]),
     )
 
@@ -135,7 +135,7 @@ def bottom_slowness(leg: Leg) -> float:
 def _ray_over_distance(path: int, leg: Leg, ray: Eigenray) -> Ray:
     length = math.hypot(leg.distance, drop(leg.water, leg.source, leg.receiver))
     # rays leave downwards at positive angles, and arrive from above at positive ones, too
-    return Ray(Path(path), length, ray.time, ray.arrival, ray.departure)
+    return Ray(Path(path), length, ray.time, ray.arrival_angle, ray.departure_angle)
 
 
 _NO_TABLE = RayTable(

@@ -45,7 +45,7 @@ def test_steps_before_the_first_estimate_are_counted() -> None:
         arrays = {item.name: getattr(whole, item.name) for item in fields(Estimates)} | {
             "state": state
         }
-        assert Estimates(**arrays).unknown == missing
+        assert Estimates(**arrays).steps_without_estimate == missing
 
 
 def test_arrays_of_another_shape_are_named() -> None:

@@ -24,7 +24,7 @@ def test_a_long_array_is_in_a_file_without_a_name_and_keeps_its_numbers(
     assert spilled.is_spilled(array.base)
     assert not array.any()
     array[:, 1] = np.arange(spilled.SPILLED_FROM)
-    spilled.release()
+    spilled.release_mapped_memory()
     np.testing.assert_array_equal(array[:, 1], np.arange(spilled.SPILLED_FROM))
     assert not array[:, 0].any()
     assert list(tmp_path.iterdir()) == []
@@ -73,7 +73,7 @@ def test_records_of_a_long_mission_have_their_fields() -> None:
     position = np.dtype([("east", np.float64), ("north", np.float64)])
     table = records(position, spilled.SPILLED_FROM, 2)
     table.north[5, 1] = 2.5
-    spilled.release()
+    spilled.release_mapped_memory()
     assert (table[5, 1].east, table[5, 1].north) == (0.0, 2.5)
 
 
@@ -82,7 +82,7 @@ def test_memory_is_released_again_and_again_until_the_block_is_over(
 ) -> None:
     released = threading.Semaphore(0)
     monkeypatch.setattr(spilled, "_RELEASE_EVERY_S", 0.001)
-    monkeypatch.setattr(spilled, "release", released.release)
+    monkeypatch.setattr(spilled, "release_mapped_memory", released.release)
     with spilled.released_regularly():
         for _ in range(3):
             assert released.acquire(timeout=30.0)

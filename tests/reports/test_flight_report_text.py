@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from reports import flight_report
+from reports.headline import CONSISTENT_OUTSIDE_SHARE
 from sim.flight import position_and_bearing_errors
 from tests.synthetic import make_flight
 
@@ -99,14 +100,14 @@ def test_consistency_is_reported_by_the_filters_own_ellipse(flight):
     """A Rayleigh distribution is above 2σ with probability exp(−2); and one error in five lies
     outside by hand.
     """
-    assert pytest.approx(0.1353, abs=1e-4) == flight_report.CONSISTENT_SHARE
+    assert pytest.approx(0.1353, abs=1e-4) == CONSISTENT_OUTSIDE_SHARE
     offsets = np.tile([1.9, 0.0], (600, 1))
     offsets[::5] = [0.0, 2.1]
     assert flight_report.accuracy(moved(flight, offsets), 0)["outside"] == pytest.approx(0.2)
     random = np.random.default_rng(5).normal(0.0, 1.0, (600, 2))
     # binomial: a standard deviation of 1.4 %
     assert flight_report.accuracy(moved(flight, random), 0)["outside"] == pytest.approx(
-        flight_report.CONSISTENT_SHARE, abs=0.045
+        CONSISTENT_OUTSIDE_SHARE, abs=0.045
     )
     # certain filters: right where they are exact, wrong where they are not
     certain = moved(flight, np.where(np.arange(600)[:, None] < 450, 0.0, 0.01), sigma=0.0)

@@ -1,5 +1,6 @@
 """The page of a replay on measured data, for a vehicle whose numbers are known."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,13 @@ import pytest
 
 from laisn.estimates import Estimates, FixKind
 from laisn.messages import LeaderMessage, Measurements
-from reports.replay_page import Replayed, ellipse, nis_judgement, write_replay_page
+from reports.replay_page import (
+    Replayed,
+    _over_time,
+    ellipse,
+    nis_judgement,
+    write_replay_page,
+)
 
 N = 40
 
@@ -30,7 +37,7 @@ def vehicle(**changes: Any) -> Replayed:
     covariance = np.tile(np.diag([0.25, 4.0, 1.0, 1.0]), (N, 1, 1))
     # 1 m to either side of the leader along its heading, which is east
     ranges = np.tile([np.hypot(30.0, 1.0), np.hypot(30.0, 1.0), np.nan], (4, 1))
-    measured = Measurements(
+    measurements = Measurements(
         dt=1.0,
         speed=np.ones(N),
         heading=np.full(N, np.pi / 2),
@@ -52,7 +59,7 @@ def vehicle(**changes: Any) -> Replayed:
     path = np.column_stack([time, time, np.zeros(N)])
     given: dict[str, object] = {
         "name": "auv",
-        "measured": measured,
+        "measurements": measurements,
         "estimates": estimates,
         "baseline": 2.0,
         "path": path,
@@ -95,6 +102,16 @@ def test_the_page_names_uncertainty_error_and_remarks(tmp_path: Path) -> None:
     )
     for words in ("a gap of 3 s", "4 two points", "Replay of auv.mcap", "surveyed path", *drawn):
         assert words in text
+
+
+def test_curves_and_legend_name_each_transmitter_that_was_heard(tmp_path: Path) -> None:
+    names = ["rear or first transmitter", "front or second transmitter"]
+    _, residuals, _ = _over_time(vehicle()).parts
+    assert [line.name for line in residuals.lines] == names
+    path = tmp_path / "page.html"
+    write_replay_page([vehicle()], Path("log.mcap"), "tight", [], path)
+    html = path.read_text(encoding="utf-8")
+    assert re.findall("residual of the ([^<]*)<", html) == names
 
 
 @pytest.mark.parametrize(

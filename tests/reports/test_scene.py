@@ -194,8 +194,8 @@ def test_fixed_transmitters_take_the_place_of_a_leader() -> None:
     replayed = vehicle()
     places = np.full((4, 3, 3), np.nan)
     places[:, 0], places[2:, 1] = [1.0, 2.0, 3.0], [10.0, 20.0, 30.0]
-    measured = dataclasses.replace(replayed.measured, transmitters=places)
-    scene = scene_of_measured("log", [measured_of(vehicle(measured=measured))])
+    measurements = dataclasses.replace(replayed.measurements, transmitters=places)
+    scene = scene_of_measured("log", [measured_of(vehicle(measurements=measurements))])
     assert scene.meta["beacons"] == [[1.0, 2.0, -3.0], [10.0, 20.0, -30.0]]
     assert [one["role"] for one in scene.meta["vehicles"]] == ["follower"]
     assert arrays_of(scene)["source0"].tolist() == [[1, 0, 0], [1, 0, 0], [1, 2, 0], [1, 2, 0]]
@@ -204,7 +204,7 @@ def test_fixed_transmitters_take_the_place_of_a_leader() -> None:
 def measured_of(replayed: Replayed) -> Measured:
     return Measured(
         name=replayed.name,
-        measured=replayed.measured,
+        measurements=replayed.measurements,
         estimates=replayed.estimates,
         baseline=replayed.baseline,
         path=replayed.path,

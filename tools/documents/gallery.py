@@ -19,7 +19,7 @@ OUTPUT = Path("out") / "gallery"
 _PACKAGES = ("laisn", "sim", "reports", "experiments", "laisn_sim", "models")
 _RESULT = "result.json"
 _PICTURES = (".png", ".jpg", ".svg")
-_LONGEST_S = 600
+_TIMEOUT_S = 600
 _CONCURRENT_EXAMPLES = 2  # examples that run at a time
 
 
@@ -49,8 +49,8 @@ class Executed:
         return "\n".join(lines[first.end_lineno or 0 :]).strip("\n")
 
 
-def _program() -> str:
-    """A digest of the program."""
+def _program_digest() -> str:
+    """SHA-256 of the sources of the program."""
     digest = hashlib.sha256()
     for package in _PACKAGES:
         for path in sorted(Path(package).rglob("*")):
@@ -70,7 +70,7 @@ def execute(path: Path, folder: Path) -> Executed:
         environment = os.environ | {"MPLBACKEND": "agg", "PYTHONPATH": str(Path.cwd())}
         command = [sys.executable, str(path.resolve())]
         run = subprocess.run(
-            command, cwd=work, env=environment, capture_output=True, text=True, timeout=_LONGEST_S
+            command, cwd=work, env=environment, capture_output=True, text=True, timeout=_TIMEOUT_S
         )
         if run.returncode:
             raise RuntimeError(f"{path}: {run.stderr[-2000:]}")
@@ -81,10 +81,10 @@ def execute(path: Path, folder: Path) -> Executed:
     return Executed(name=path.stem, code=code, output=run.stdout, pictures=pictures)
 
 
-def _kept_or_run(path: Path, folder: Path, program: str) -> Executed:
+def _kept_or_run(path: Path, folder: Path, program_digest: str) -> Executed:
     """An example as it was run with this program before, or run now."""
     code = path.read_text(encoding="utf-8")
-    key = hashlib.sha256(f"{program}{code}".encode()).hexdigest()
+    key = hashlib.sha256(f"{program_digest}{code}".encode()).hexdigest()
     record = folder / _RESULT
     if record.exists():
         result = json.loads(record.read_text(encoding="utf-8"))
@@ -92,26 +92,30 @@ def _kept_or_run(path: Path, folder: Path, program: str) -> Executed:
             pictures = [folder / name for name in result["pictures"]]
             return Executed(name=path.stem, code=code, output=result["output"], pictures=pictures)
     print(f"running {path}", flush=True)
-    outputs = execute(path, folder)
-    names = [picture.name for picture in outputs.pictures]
-    result = {"key": key, "output": outputs.output, "pictures": names}
+    example = execute(path, folder)
+    names = [picture.name for picture in example.pictures]
+    result = {"key": key, "output": example.output, "pictures": names}
     record.write_text(json.dumps(result), encoding="utf-8")
-    return outputs
+    return example
 
 
-def executed(folder: Path = OUTPUT) -> list[Executed]:
-    """All examples by name; of those that were run before with this program, what is kept."""
-    program = _program()
+def executed_examples(folder: Path = OUTPUT) -> list[Executed]:
+    """All examples in the order of their names; those run before with this program are taken from
+    what was kept.
+    """
+    program_digest = _program_digest()
     first, *others = sorted(EXAMPLES.glob("*.py"))
     # the first one alone: it stores compiled code that the others have in common
-    examples = [_kept_or_run(first, folder / first.stem, program)]
+    examples = [_kept_or_run(first, folder / first.stem, program_digest)]
     with ThreadPoolExecutor(_CONCURRENT_EXAMPLES) as pool:
-        examples += pool.map(lambda path: _kept_or_run(path, folder / path.stem, program), others)
+        examples += pool.map(
+            lambda path: _kept_or_run(path, folder / path.stem, program_digest), others
+        )
     return examples
 
 
-def page(examples: list[Executed], pictures: str) -> str:
-    """The gallery as Markdown; `pictures` is the folder of pictures, beside the page."""
+def page(examples: list[Executed], pictures_folder: str) -> str:
+    """The gallery as Markdown; `pictures_folder` is that of the pictures, beside the page."""
     lines = [
         "# Examples",
         "",
@@ -120,7 +124,7 @@ def page(examples: list[Executed], pictures: str) -> str:
         '<div class="gallery">',
     ]
     for example in examples:
-        picture = f"{pictures}/{example.name}/{example.pictures[0].name}"
+        picture = f"{pictures_folder}/{example.name}/{example.pictures[0].name}"
         words = example.title
         lines.append(
             f'<a href="#{anchor(example)}"><img src="{picture}" alt="" loading="lazy">'
@@ -133,11 +137,11 @@ def page(examples: list[Executed], pictures: str) -> str:
         if example.output:
             lines += ['``` { .text title="prints" }', example.output.rstrip("\n"), "```", ""]
         for drawn in example.pictures:
-            source = f"{pictures}/{example.name}/{drawn.name}"
+            source = f"{pictures_folder}/{example.name}/{drawn.name}"
             lines += [f"![{example.title}: {drawn.stem}]({source})", ""]
     return "\n".join(lines)
 
 
 def anchor(example: Executed) -> str:
-    """Of an example on the page."""
+    """The anchor (id of the heading) of an example on the page."""
     return example.name.replace("_", "-")

@@ -16,9 +16,9 @@ import numpy as np
 from experiments.beacon_replay import (
     BeaconReplaySettings,
     Score,
-    among_beacons,
-    by_laisn,
     dead_reckoning,
+    navigate_among_beacons,
+    navigate_by_laisn,
     score,
 )
 from laisn.estimates import Estimates
@@ -68,12 +68,14 @@ words that it has.
 
 
 def _among(settings: BeaconReplaySettings) -> Callable[[Replayable], Estimates]:
-    return lambda recorded: among_beacons(recorded, settings)[0]
+    return lambda recorded: navigate_among_beacons(recorded, settings)[0]
 
 
 NAVIGATORS: dict[str, Callable[[Replayable], Estimates]] = {
     "dead-reckoning": dead_reckoning,
-    "laisn-2": lambda recorded: by_laisn(recorded, NavigationSettings(use_single_range=True)),
+    "laisn-2": lambda recorded: navigate_by_laisn(
+        recorded, NavigationSettings(use_single_range=True)
+    ),
     "hull": lambda recorded: TightNavigator(
         replace(HULL, dt=recorded.measurements.dt), recorded.start
     ).run(recorded.measurements),
@@ -88,7 +90,7 @@ def recordings(name: str) -> Iterator[tuple[tuple[str, ...], Replayable]]:
     with TemporaryDirectory() as folder:
         for beacons in (*combinations(data.beacons, 2), data.beacons):
             log = Path(folder) / f"{'-'.join(beacons)}.mcap"
-            write_data_set(data.among(beacons), log)
+            write_data_set(data.with_beacons(beacons), log)
             yield beacons, read_data_set_log(log)
 
 

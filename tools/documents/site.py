@@ -77,7 +77,7 @@ def _write_sources(folder: Path) -> None:
         (folder / name).write_text(text, encoding="utf-8")
     shutil.copytree(Path("docs") / "pictures", folder / "pictures")
     shutil.copytree(_FILES, folder / "assets")
-    examples = gallery.executed()
+    examples = gallery.executed_examples()
     for example in examples:
         target = folder / "gallery" / example.name
         target.mkdir(parents=True)

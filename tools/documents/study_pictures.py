@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.beacon_replay import BeaconReplaySettings, among_beacons, dead_reckoning
+from experiments.beacon_replay import BeaconReplaySettings, dead_reckoning, navigate_among_beacons
 from experiments.campaign.store import read_table
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES
-from experiments.studies.asymmetry.fix_map import MAP, sweep
+from experiments.studies.asymmetry.fix_map import MAP_GRID, sweep
 from experiments.studies.reproduce.figures import agreement
 from experiments.study.file import study_of
 from experiments.study.plan import plan_of
@@ -33,14 +33,16 @@ _PLAZA_BEACONS = ("1", "6")
 
 def asymmetry() -> Drawn:
     """Error of a noiseless LAISN-2 fix around a pitched leader."""
-    reach = np.array(MAP["range_m"])
+    distance = np.array(MAP_GRID["range_m"])
     bearing = np.arange(0.0, 360.0, 2.0)
+    # rows: pitch [rad], depth of the follower below the leader [m], horizontal distance [m],
+    # bearing [rad]
     points = np.array(
-        [[np.deg2rad(_PITCH_DEG), _OFFSET_M, r, np.deg2rad(b)] for r in reach for b in bearing]
+        [[np.deg2rad(_PITCH_DEG), _OFFSET_M, r, np.deg2rad(b)] for r in distance for b in bearing]
     )
     error = sweep(points, NavigationSettings(side_rule="predicted"))
     title = f"Error of a fix: pitch {_PITCH_DEG:g}°, follower {_OFFSET_M:g} m below"
-    figure = heat(bearing, reach, np.hypot(*error.T).reshape(reach.size, bearing.size), title)
+    figure = heat(bearing, distance, np.hypot(*error.T).reshape(distance.size, bearing.size), title)
     return figure, ()
 
 
@@ -52,6 +54,7 @@ def closed_loop() -> Drawn:
     missions = {entry.arm: entry.scenario for entry in plan_of(study_of("closed-loop", {})).entries}
     for navigator, colour in (("laisn-2", SERIES[1]), ("laisn-3-2", SERIES[0])):
         mission = missions[f"{navigator} estimate"]
+        # the study's followers fly ROUTES in their order
         followers = (mission.followers[ROUTES.index("T5")],)
         flight, _ = fly(mission.model_copy(update={"followers": followers, "duration_s": 140.0}))
         steps = flight.step_index()
@@ -81,12 +84,12 @@ def real_ranges() -> Drawn:
     """Plaza 2 with two beacons: the gyro's drift bends dead reckoning; ranges hold the estimate
     on the path.
     """
-    data = read_data_set(DATA / "Plaza2.mat").among(_PLAZA_BEACONS)
+    data = read_data_set(DATA / "Plaza2.mat").with_beacons(_PLAZA_BEACONS)
     with tempfile.TemporaryDirectory() as folder:
         write_data_set(data, Path(folder) / "plaza.mcap")
         recorded = read_data_set_log(Path(folder) / "plaza.mcap")
     dead_reckoned = dead_reckoning(recorded)
-    estimated, _ = among_beacons(recorded, BeaconReplaySettings())
+    estimated, _ = navigate_among_beacons(recorded, BeaconReplaySettings())
     # what was driven in the first five minutes is crowded enough
     steps = np.flatnonzero(recorded.measurements.time < 300.0)
     true = recorded.truth[recorded.truth[:, 0] < 300.0]

@@ -25,7 +25,7 @@ from experiments.studies.asymmetry.findings import (
     paired,
     select,
 )
-from experiments.studies.asymmetry.fix_map import MAP, Chart
+from experiments.studies.asymmetry.fix_map import MAP_GRID, Chart
 from experiments.study.plan import StudyPlan
 from experiments.study.run import StudyResults
 from laisn.arrays import Bools, Floats
@@ -514,7 +514,7 @@ def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, 
     arms = {name.rpartition(" ")[0]: arm.title for name, arm in plan.study.arms.items()}
     titles = arms | {name: case.title for name, case in plan.study.cases.items()}
     with compiling_shown():
-        chart = fix_map.measure_map(MAP, NavigationSettings(side_rule="predicted"))
+        chart = fix_map.measure_map(MAP_GRID, NavigationSettings(side_rule="predicted"))
     run_columns = findings.RUN_COLUMNS.values()
     tables = {
         "missions": columns_of(

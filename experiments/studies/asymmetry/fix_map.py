@@ -25,7 +25,7 @@ from laisn.settings import VARIANTS, NavigationSettings, Tuning
 
 Grid = Mapping[str, Sequence[float]]
 Chart = Mapping[str, Floats]
-MAP: Grid = {
+MAP_GRID: Grid = {
     "pitch_deg": range(21), "depth_offset_m": (0.0, 1.0, 2.0, 5.0, 7.5, 10.0, 15.0),
     "range_m": (5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0),
     "bearing_deg": range(0, 360, 5),
@@ -80,6 +80,9 @@ def _sweep(points: Floats, ranges: Floats, t: Tuning, error: Floats) -> None:
 def sweep(points: Floats, settings: NavigationSettings) -> Floats:
     """Position errors of noiseless fixes east and north, shape (n, 2), [m]; the leader heads
     north.
+
+    Rows of `points`: pitch [rad], depth of the follower below the leader [m], horizontal distance
+    [m], bearing [rad].
     """
     ungated = replace(settings, gate="off", position_sigma0=_PREDICTION_SIGMA_M)
     error = np.empty((points.shape[0], 2))

@@ -1,5 +1,5 @@
-"""What the study found: how far followers are off their stations, by what they steer and by the
-current.
+"""What the study found: how far followers are off their stations, for each estimate that they
+steer by, and each current.
 """
 
 from collections.abc import Iterator, Mapping
@@ -20,7 +20,7 @@ ARMS = {
 CASES = {"still": "still water", "uniform": "0.4 m/s everywhere", "front": "front"}
 
 
-def _place_findings(name: str, cells: Cells) -> Iterator[tuple[str, Finding]]:
+def _findings_of_case(name: str, cells: Cells) -> Iterator[tuple[str, Finding]]:
     """Findings of an arm in a case, of six followers in each run."""
     station_errors = np.median(cells.runs("station_rms_m"), axis=1)
     error = cells.runs("e_p_mean_m").mean(axis=1)
@@ -49,8 +49,8 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     findings = {
         "runs": plain_finding(max(len(lists["run"]) for lists in cells.lists), "runs of each case")
     }
-    for name, cells_of_place in cells.by("arm", "case").items():
-        findings |= dict(_place_findings(name, cells_of_place))
+    for name, cells_of_case in cells.by("arm", "case").items():
+        findings |= dict(_findings_of_case(name, cells_of_case))
     for arm in ARMS:
         in_front, in_still_water = (cells.where(arm=arm, case=case) for case in ("front", "still"))
         if in_front.rows and in_still_water.rows:

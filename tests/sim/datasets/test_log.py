@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.io import loadmat, savemat
 from typer.testing import CliRunner
 
-from experiments.beacon_replay import BeaconReplaySettings, _settings, among_beacons, score
+from experiments.beacon_replay import BeaconReplaySettings, _settings, navigate_among_beacons, score
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from laisn_sim.cli.main import app
@@ -470,7 +470,7 @@ def received(path: Path) -> set[tuple[float, float]]:
 def test_no_range_is_lost_where_many_come_at_once(tmp_path: Path) -> None:
     write_data_set(straight(), tmp_path / "a.mcap")
     assert received(tmp_path / "a.mcap") == {(10 + k, 2 * k) for k in range(5)} | {(15, 0)}
-    twice = straight(range_beacon=np.array([0, 0, 1, 1, 1, 0])).among(["a", "b"])
+    twice = straight(range_beacon=np.array([0, 0, 1, 1, 1, 0])).with_beacons(["a", "b"])
     write_data_set(twice, tmp_path / "b.mcap")
     assert received(tmp_path / "b.mcap") == {(10, 0), (11, 0), (12, 2), (13, 2), (14, 2), (15, 0)}
     assert not [
@@ -479,7 +479,7 @@ def test_no_range_is_lost_where_many_come_at_once(tmp_path: Path) -> None:
 
 
 def test_two_beacons_are_the_ends_of_a_leader_at_rest(tmp_path: Path) -> None:
-    write_data_set(straight().among(["d", "a"]), tmp_path / "a.mcap")
+    write_data_set(straight().with_beacons(["d", "a"]), tmp_path / "a.mcap")
     recorded = read_data_set_log(tmp_path / "a.mcap")
     m = recorded.measurements
     np.testing.assert_array_equal(m.ranges, [[13.0, 10.0, np.nan], [np.nan, 15.0, np.nan]])
@@ -673,7 +673,7 @@ def test_ranges_to_another_robot_are_to_where_its_odometry_puts_it(tmp_path: Pat
         recorded.measurements.transmitters[:, 0, :2], np.array(expected)[:, :2], atol=1e-9
     )
     # 10 % are three times the default standard deviation of the odometry's scale
-    estimates, _ = among_beacons(
+    estimates, _ = navigate_among_beacons(
         recorded, BeaconReplaySettings(medium="air", speed_scale_sigma=0.1)
     )
     truth = np.column_stack([recorded.measurements.time - recorded.measurements.time[0]] * 2)
@@ -789,7 +789,9 @@ def test_robots_whose_odometry_drifts_are_navigated_by_consistently(tmp_path: Pa
             (scores, {}),
             (rigid, {"track_slip_m_sqrt_s": 0.0, "track_heading_walk_deg_sqrt_s": 0.0}),
         ):
-            estimates, _ = among_beacons(recorded, BeaconReplaySettings(medium="air", **keys))
+            estimates, _ = navigate_among_beacons(
+                recorded, BeaconReplaySettings(medium="air", **keys)
+            )
             results.append(score(estimates, recorded.measurements, recorded.truth))
     assert 0.7 < np.mean([each.nees for each in scores]) < 3.0
     assert np.mean([each.nees for each in rigid]) > 10.0

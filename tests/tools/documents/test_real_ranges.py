@@ -7,7 +7,13 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from experiments.beacon_replay import BeaconReplaySettings, Score, among_beacons, beacons_of, score
+from experiments.beacon_replay import (
+    BeaconReplaySettings,
+    Score,
+    beacon_settings,
+    navigate_among_beacons,
+    score,
+)
 from laisn.beacons import MEDIA, BeaconSettings
 from laisn.errors import LaisnError
 from laisn.estimates import Estimates
@@ -62,7 +68,7 @@ def test_the_record_is_what_comes_out() -> None:
 
 def test_the_medium_is_found() -> None:
     _, recorded = next(study.recordings("Plaza2"))
-    assert among_beacons(recorded, BeaconReplaySettings())[1] == "air"
+    assert navigate_among_beacons(recorded, BeaconReplaySettings())[1] == "air"
 
 
 def test_errors_are_those_at_the_times_of_the_survey() -> None:
@@ -101,7 +107,7 @@ def test_errors_are_those_at_the_times_of_the_survey() -> None:
 
 
 def test_settings_follow_the_medium_but_for_what_is_given() -> None:
-    expected = beacons_of(
+    expected = beacon_settings(
         {
             "medium": "water",
             "heading_sigma_deg": 2,
@@ -115,7 +121,7 @@ def test_settings_follow_the_medium_but_for_what_is_given() -> None:
     assert made.slip == 0.3
     assert made.range_scale_sigma == MEDIA["water"].range_scale_sigma
     with pytest.raises(LaisnError) as caught:
-        beacons_of({"outlier_probability": 1.0, "start_sigma_m": 0})
+        beacon_settings({"outlier_probability": 1.0, "start_sigma_m": 0})
     assert "beacons.outlier_probability: Input should be less than 1" in str(caught.value)
     assert "beacons.start_sigma_m: Input should be greater than 0" in str(caught.value)
 

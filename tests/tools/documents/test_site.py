@@ -74,20 +74,20 @@ def test_an_example_is_run_once_until_it_changes(
     (examples / "one.py").write_text(DRAWS)
     monkeypatch.setattr(gallery, "EXAMPLES", examples)
     for _ in range(2):
-        (one,) = gallery.executed(tmp_path / "kept")
+        (one,) = gallery.executed_examples(tmp_path / "kept")
         assert (one.output, one.description, one.pictures[0].name) == ("drawn\n", "Draws.", "a.png")
         assert one.pictures[0].is_file()
         assert one.body.startswith("from PIL")
     assert capsys.readouterr().out.count("running") == 1
     (examples / "one.py").write_text(DRAWS.replace('"drawn"', '"anew"'))
-    (one,) = gallery.executed(tmp_path / "kept")
+    (one,) = gallery.executed_examples(tmp_path / "kept")
     assert one.output == "anew\n"
     (examples / "one.py").write_text('print("nothing")')
     with pytest.raises(RuntimeError, match="left no picture"):
-        gallery.executed(tmp_path / "kept")
+        gallery.executed_examples(tmp_path / "kept")
     (examples / "one.py").write_text('raise SystemExit("no")')
     with pytest.raises(RuntimeError, match="no"):
-        gallery.executed(tmp_path / "kept")
+        gallery.executed_examples(tmp_path / "kept")
 
 
 @pytest.mark.system
@@ -100,7 +100,7 @@ def test_the_site_works_from_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         gallery.Executed(name=path.stem, code=DRAWS, output="drawn\n", pictures=[picture])
         for path in sorted(Path("examples").glob("*.py"))
     ]
-    monkeypatch.setattr(gallery, "executed", lambda: examples)
+    monkeypatch.setattr(gallery, "executed_examples", lambda: examples)
     monkeypatch.setattr(reference, "build", lambda folder: [])
     folder = tmp_path / "site"
     assert site.build(folder) == []
