@@ -91,7 +91,7 @@ def retimed(table: dict[str, Any]) -> dict[str, Any]:
 
     def in_time(key: str, timed_vehicle: Vehicle) -> dict[str, Any]:
         route = route_of(timed_vehicle, key)
-        current = scenario.ocean.current_at(vehicle.layer_m, 0.0)
+        current = scenario.ocean.current_at(vehicle.held_depth_m, 0.0)
         directions = np.diff(route.waypoint, axis=0) / route.leg_length[:, None]
         fastest = fastest_over_ground(directions, current, 0.75 * limits.top_speed)
         assert (slowest < fastest).all()
