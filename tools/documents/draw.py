@@ -143,7 +143,9 @@ def routes() -> Figure:
         )
         for v, (colour, dash, width) in enumerate(styles)
     ]
-    figure = drawing.panel(lines, x_label="east [m]", y_label="north [m]", equal=True, height=4.0)
+    figure = drawing.draw_lines(
+        lines, x_label="east [m]", y_label="north [m]", equal=True, height=4.0
+    )
     for v, (name, (colour, dash, _)) in enumerate(zip(("leader", *ROUTES), styles, strict=True)):
         words = name if dash == "-" else f"{name}, dashed"
         figure.axes[0].annotate(

@@ -15,7 +15,7 @@ import models
 from experiments.flight import library
 from experiments.flight.fly import fly
 from laisn.arrays import Floats
-from reports.findings import FILE, Finding, Findings, plain_finding, record
+from reports.findings import RESULTS_FILE, Finding, Findings, plain_finding, record
 from sim.flight import FlightRecord, Termination
 from sim.hull import hull_of, limits_of
 from sim.scenario.file import ScenarioError
@@ -208,4 +208,4 @@ def findings() -> Findings:
 def run(folder: Path) -> None:
     """Fly all missions and write the record into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    findings().write(folder / FILE)
+    findings().write(folder / RESULTS_FILE)

@@ -183,7 +183,7 @@ def weave_findings() -> dict[str, Finding]:
 
 def condition_findings(name: str, followers: Cells) -> dict[str, Finding]:
     """Findings of one condition, from a cell for each follower; intervals are over runs."""
-    column = followers.runs
+    column = followers.values_by_run
     rms = column("station_rms_m")
     layer = column("closest_in_layer_m")
     lost = column("lost")
