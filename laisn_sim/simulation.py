@@ -328,8 +328,9 @@ class Simulation:
             vehicle: its name: "leader", or that of a follower.
             command: heading [rad], speed through the water [m/s] and depth [m], which an autopilot
                 with true readings holds; a `Wrench` about the hull's axes; states of all effectors
-                in the order of the hull's actuators, shape (m,), in N, rad/s or rad; or None: the
-                vehicle is the scenario's again, and goes on along its route or to its station.
+                in the order of the hull's actuators, shape (m,), each in the unit of its kind: N,
+                revolutions per second [1/s], rad, or that of its curve; or None: the vehicle is the
+                scenario's again, and goes on along its route or to its station.
 
         Raises:
             LaisnError: there is no such vehicle, or the command is none.

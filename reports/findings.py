@@ -19,7 +19,7 @@ from reports.version import version_of as version_of
 from sim.system import atomic_write
 
 SCHEMA = 1  # version of the file's layout
-FILE = "results.json"
+RESULTS_FILE = "results.json"
 KEPT_DIGITS = 6  # significant digits that are kept: more than is ever printed
 
 

@@ -37,7 +37,7 @@ def proportion(count: int, trials: int, confidence: float = CONFIDENCE) -> Inter
     1934).
 
     Where the chance differs from trial to trial they hold for its mean (Hoeffding 1956).
-    ValueError: no trial, or a count that is not among 0 … of.
+    ValueError: no trial, or a count outside 0 … `trials`.
     """
     if not 0 <= count <= trials or trials == 0:
         raise ValueError(f"{count} of {trials} is no proportion")
@@ -58,15 +58,17 @@ def exact_limits(
     return low, high
 
 
-def _undo_skewness(y: Floats, skewness: Floats, runs: Floats) -> Floats:
+def _undo_skewness(transformed: Floats, skewness: Floats, runs: Floats) -> Floats:
     """Inverse of T + γ T² / 3 + γ² T³ / 27 + γ / (6 n), the cubic of T = (mean − μ) / s that is
     nearly normal.
     """
     third = skewness / 3.0
     with np.errstate(invalid="ignore", divide="ignore"):
-        bent = (np.cbrt(1.0 + 3.0 * third * (y - skewness / (6.0 * runs))) - 1.0) / third
+        untransformed = (
+            np.cbrt(1.0 + 3.0 * third * (transformed - skewness / (6.0 * runs))) - 1.0
+        ) / third
     # the limit of small skewness, where the difference above would be lost to rounding
-    return np.asarray(np.where(np.abs(third) < 1e-6, y, bent))
+    return np.asarray(np.where(np.abs(third) < 1e-6, transformed, untransformed))
 
 
 def ratio_intervals(
@@ -106,7 +108,7 @@ def mean_interval(
     values: Floats, counted: Bools | None = None, confidence: float = CONFIDENCE
 ) -> Interval:
     """Mean over runs that count, shape (R,) each, with its interval as of `ratio_intervals`;
-    None: all count.
+    `counted` None: all runs count.
     """
     mask = (
         np.ones(values.shape, dtype=np.float64) if counted is None else counted.astype(np.float64)
@@ -118,9 +120,9 @@ def difference_of_shares(differences: Floats, confidence: float = CONFIDENCE) ->
     """Mean over runs, shape (R,), of paired differences of outcomes that are 0 or 1, or of
     combinations, in −1 … 1.
 
-    The adjusted Wald interval of Bonett & Price (J. Educ. Behav. Stat. 37, 2012): a run that is
-    decisive for either side is added, so that outcomes which no run had are not taken for
-    impossible.
+    The adjusted Wald interval of Bonett & Price (J. Educ. Behav. Stat. 37, 2012): one run
+    decisive for each side (+1 and −1) is added, so that outcomes which no run had are not taken
+    for impossible.
     """
     adjusted = np.append(differences, [1.0, -1.0])
     half_width = (
@@ -134,8 +136,10 @@ def difference_of_shares(differences: Floats, confidence: float = CONFIDENCE) ->
     )
 
 
-def _mean_and_covariance(missions: Sequence[Floats]) -> tuple[Floats, Floats]:
-    """Sum over missions of the means over runs of columns, and its covariance matrix."""
+def _sum_and_covariance(missions: Sequence[Floats]) -> tuple[Floats, Floats]:
+    """Sum over missions of each column's mean over runs, shape (c,), and the covariance matrix of
+    that sum, shape (c, c).
+    """
     total = np.sum([mission.mean(axis=0) for mission in missions], axis=0)
     covariances = [
         np.atleast_2d(np.cov(mission, rowvar=False, ddof=1)) / mission.shape[0]
@@ -150,7 +154,7 @@ def mean_over_missions(missions: Sequence[Floats], confidence: float = CONFIDENC
 
     The interval is by the normal law for a sum of many runs.
     """
-    total, covariance = _mean_and_covariance([mission[:, None] for mission in missions])
+    total, covariance = _sum_and_covariance([mission[:, None] for mission in missions])
     half_width = float(_special().ndtri((1.0 + confidence) / 2.0)) * math.sqrt(
         float(covariance[0, 0])
     )
@@ -162,24 +166,24 @@ def mean_over_missions(missions: Sequence[Floats], confidence: float = CONFIDENC
 def share_removed(
     missions: Sequence[tuple[Floats, Floats]], confidence: float = CONFIDENCE
 ) -> Interval:
-    """Share of a sum over missions that is taken away, 1 − Σ mean(left) / Σ mean(part), by
+    """Share of a sum over missions that is taken away, 1 − Σ mean(left) / Σ mean(before), by
     Fieller's theorem.
 
-    Each mission has what there is to remove and what is left of it, run by run, shape (R,) each
-    (Fieller, J. R. Stat. Soc. B 16, 1954). Limits are NaN where the sum to remove cannot be
-    distinguished from zero.
+    Each mission is a pair (before, left): what there is to remove and what is left of it, run by
+    run, shape (R,) each (Fieller, J. R. Stat. Soc. B 16, 1954). Limits are NaN where the sum before
+    cannot be distinguished from zero.
     """
-    total, covariance = _mean_and_covariance([np.column_stack(pair) for pair in missions])
-    total_added, total_left = (float(v) for v in total)
-    if total_added == 0.0:
+    total, covariance = _sum_and_covariance([np.column_stack(pair) for pair in missions])
+    total_before, total_left = (float(v) for v in total)
+    if total_before == 0.0:
         return Interval(math.nan, math.nan, math.nan)
     z2 = float(_special().ndtri((1.0 + confidence) / 2.0)) ** 2
-    # roots t of (left − t part)² = z² Var(left − t part)
-    a = total_added * total_added - z2 * float(covariance[0, 0])
-    b = total_added * total_left - z2 * float(covariance[0, 1])
+    # roots t of (left − t before)² = z² Var(left − t before), i.e. a t² − 2 b t + c = 0
+    a = total_before * total_before - z2 * float(covariance[0, 0])
+    b = total_before * total_left - z2 * float(covariance[0, 1])
     c = total_left * total_left - z2 * float(covariance[1, 1])
-    root = b * b - a * c
-    if a <= 0.0 or root < 0.0:
-        return Interval(1.0 - total_left / total_added, math.nan, math.nan)
-    roots = sorted(((b - math.sqrt(root)) / a, (b + math.sqrt(root)) / a))
-    return Interval(1.0 - total_left / total_added, 1.0 - roots[1], 1.0 - roots[0])
+    discriminant = b * b - a * c
+    if a <= 0.0 or discriminant < 0.0:
+        return Interval(1.0 - total_left / total_before, math.nan, math.nan)
+    roots = sorted(((b - math.sqrt(discriminant)) / a, (b + math.sqrt(discriminant)) / a))
+    return Interval(1.0 - total_left / total_before, 1.0 - roots[1], 1.0 - roots[0])

@@ -83,7 +83,7 @@ def _map_figure(sea: SeaSettings, paths: list[PlannedPath]) -> tuple[Any, float]
     north = np.arange(region.south + 0.5 * spacing, region.north, spacing)
     columns, rows = np.meshgrid(east, north)
     grid = np.stack([columns, rows], axis=-1).reshape(-1, 2)
-    depth = sea.plan.leader.layer_m
+    depth = sea.plan.leader.held_depth_m
     velocity = current_at(sea, grid[:, 0], grid[:, 1], depth, np.zeros(len(grid)))
     fastest = float(np.hypot(*velocity.T).max(initial=0.0))
     lines = _contours(sea, region)
@@ -182,7 +182,7 @@ def write_sea_page(scenario: Scenario, path: Path) -> None:
     current_text = "There is no current"
     if flows:
         current_text = (
-            f"The current runs at up to {fastest:.3g} m/s at {scenario.leader.layer_m:g} m"
+            f"The current runs at up to {fastest:.3g} m/s at {scenario.leader.held_depth_m:g} m"
         )
     summary = f"{current_text}; the plans keep {least_clearance:.3g} m above the floor."
     legend = [(LEADER, "leader"), (FOLLOWER, "followers")]
@@ -191,7 +191,7 @@ def write_sea_page(scenario: Scenario, path: Path) -> None:
     values = {
         "name": printable(scenario.name),
         "summary": summary,
-        "depth": f"{scenario.leader.layer_m:g}",
+        "depth": f"{scenario.leader.held_depth_m:g}",
         "arrow": f"{fastest:.3g} m/s",
         "maps": Figures(panels=[chart, _section(sea, paths)], legend=legend),
         "flows": flows,

@@ -304,7 +304,7 @@ def uncertainty_events(flight: FlightRecord) -> list[Event]:
         for j, other in enumerate(followers[:i])
         if follower.station
         and other.station
-        and abs(follower.layer_m - other.layer_m) < MIN_LAYER_SPACING_M
+        and abs(follower.held_depth_m - other.held_depth_m) < MIN_LAYER_SPACING_M
     ]
     if not pairs:
         return []
@@ -372,7 +372,7 @@ def stray_events(flight: FlightRecord) -> list[Event]:
     for vehicle, (name, plan) in enumerate(zip(flight.trajectory.names, planned, strict=True)):
         depth = -flight.trajectory.position[:, vehicle, 2]
         floor_depth = floor.depths_at(*flight.trajectory.position[:, vehicle, :2].T)
-        surfaced = (depth < 0) & (plan.layer_m > 1)
+        surfaced = (depth < 0) & (plan.held_depth_m > 1)
         for outside, text in (
             (depth > floor_depth, "goes below the sea floor"),
             (surfaced, "breaks the surface"),

@@ -141,17 +141,17 @@ def echo_delay_m(settings: SoundSettings) -> float:
     """Largest excess of an echo's path over the direct path between planned places [m]."""
     sound = settings.acoustics
     plan = settings.sea.plan
-    down = plan.leader.layer_m
+    down = plan.leader.held_depth_m
     floor = floor_of(settings.sea).deepest
     largest = 0.0
     for follower in plan.followers:
         level = float(distances(plan, follower).min())
-        direct = math.hypot(level, down - follower.layer_m)
+        direct = math.hypot(level, down - follower.held_depth_m)
         paths = []
         if sound.surface_echo_probability:
-            paths.append(math.hypot(level, down + follower.layer_m))
+            paths.append(math.hypot(level, down + follower.held_depth_m))
         if sound.bottom_echo_probability:
-            paths.append(math.hypot(level, 2.0 * floor - down - follower.layer_m))
+            paths.append(math.hypot(level, 2.0 * floor - down - follower.held_depth_m))
         largest = max([largest, *(path - direct for path in paths)])
     return largest
 
@@ -203,7 +203,7 @@ def _reach(sensing: SensingSettings, _: Settings) -> str:
     reach = sensing.acoustics.max_range_m
     plan = sensing.sound.sea.plan
     slant = [
-        np.hypot(distances(plan, follower), plan.leader.layer_m - follower.layer_m)
+        np.hypot(distances(plan, follower), plan.leader.held_depth_m - follower.held_depth_m)
         for follower in plan.followers
     ]
     ways = np.concatenate(slant)

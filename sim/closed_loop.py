@@ -156,7 +156,7 @@ def init_closed_loop(
     for i, follower in enumerate(followers):
         kinds[i] = _kind(follower)
         steering.init_memory(start, trails[i], counts[i], memory[i])
-        memory[i].by_thrust = routes.autopilots[i + 1]["by_pitch"] == 0.0
+        memory[i].by_thrust = routes.autopilot_designs[i + 1]["by_pitch"] == 0.0
     return ClosedLoopState(
         formations=formations_of(motion),
         proximity=(motion.formation.proximity or Proximity()).record(),
@@ -326,12 +326,12 @@ def guide(k: int, truth: StateHistory, a: ClosedLoopState) -> None:
         )
         control(
             routes.kinds,
-            routes.autopilots[i],
+            routes.autopilot_designs[i],
             station_command,
             a.reference[0],
             motion,
             TICK,
-            routes.autopilot[i],
+            routes.autopilot_memories[i],
             routes.command[i],
         )
 
@@ -505,7 +505,7 @@ class PythonClosedLoop:
         guide(k, truth, state)
         if self.leader is not None:
             self.leader.steer(k)
-        for i in self._custom_control.due:
+        for i in self._custom_control.self_commanded:
             f = i - 1
             received = self.receptions(f) if is_due else {}
             main = received.pop(self.group_of(f).link, None)

@@ -13,8 +13,8 @@ from laisn.errors import LaisnError
 from laisn.messages import Reception
 from laisn.plugins import calling, find_controller
 from sim.control import follower as steering
-from sim.control.autopilot import apply_wrench, control
-from sim.control.guidance import REFERENCE, begin, limit_command
+from sim.control.autopilot import HullMotion, apply_wrench, control
+from sim.control.guidance import REFERENCE, limit_command, start_guidance
 from sim.scenario.settings import CONTROL_STEP_S, Vehicle
 from sim.simulation import RouteControl
 from sim.vehicle.plant import Plant
@@ -32,12 +32,12 @@ class Readings(NamedTuple):
     pitch: float  # inclinometer, positive nose up [rad]
     yaw_rate: float  # gyro about the hull's upward axis, positive to port [rad/s]
     pitch_rate: float  # gyro about the hull's port axis, positive nose down [rad/s]
-    # message of the link that is navigated on, at the control step at which it is in
+    # message of the link used for navigation; only at the control step in which it has arrived
     reception: Reception | None
     custom: Mapping[str, Floats] = MappingProxyType({})
     """Readings of further sensors at the last filter step by their names, shape (c,)."""
     receptions: Mapping[str, Reception] = MappingProxyType({})
-    """What is in of further links at this control step by their names."""
+    """Messages of further links that arrived in this control step, by the links' names."""
 
 
 class Belief(NamedTuple):
@@ -47,8 +47,9 @@ class Belief(NamedTuple):
     north: float
     east_velocity: float  # velocity over ground [m/s]
     north_velocity: float
-    log_bias: float  # of the navigator, 0 if it estimates none [m/s]
-    compass_bias: float  # [rad]
+    # navigator's estimate of the speed log's bias, 0 if it estimates none [m/s]
+    log_bias: float
+    compass_bias: float  # likewise [rad]
     east_current: float  # [m/s]
     north_current: float
 
@@ -72,16 +73,17 @@ class Wrench(NamedTuple):
     yaw: float = 0.0  # about the upward axis, positive to port [N m]
 
 
-def require_command(command: Any, effectors: int, subject: str, origin: str = "") -> None:
-    """LaisnError, beginning with whose it is, if a command is none that a vehicle can be given.
+def require_command(command: Any, effector_count: int, subject: str, origin: str = "") -> None:
+    """LaisnError if `command` is not one a vehicle can be given; the message begins with `subject`
+    and ends with `origin`.
 
-    It is a `Command` or three numbers, a `Wrench`, or an array of the states of all effectors.
+    It may be a `Command` or three numbers, a `Wrench`, or an array of the states of all effectors.
     """
     expected = 3
     if isinstance(command, Wrench):
         expected = 6
     elif isinstance(command, np.ndarray):
-        expected = effectors
+        expected = effector_count
     try:
         numbers = np.asarray(command, dtype=np.float64)
     except (TypeError, ValueError):
@@ -89,7 +91,7 @@ def require_command(command: Any, effectors: int, subject: str, origin: str = ""
     if numbers.shape != (expected,) or not np.isfinite(numbers).all():
         raise LaisnError(
             f"{subject} {command!r:.80}; expected heading, speed and depth, a Wrench, "
-            f"or an array of the states of {effectors} effectors, all finite{origin}"
+            f"or an array of the states of {effector_count} effectors, all finite{origin}"
         )
 
 
@@ -145,15 +147,15 @@ class CustomControl:
     A controller is made of the vehicle's table, less what is hidden from it
     (`Vehicle.without_hidden_errors`). Its `control(readings, belief, dt)` returns what holds for
     the next `dt` seconds: a `Command` or a tuple of its three numbers, a `Wrench`, or an
-    array of the states of all effectors, in the order of the hull's actuators, shape (m,): N, rad/s
-    or rad.
+    array of the states of all effectors, in the order of the hull's actuators, shape (m,), each in
+    the unit of its kind: N, revolutions per second [1/s], rad, or that of its curve.
     """
 
     def __init__(self, vehicles: Mapping[int, Vehicle], plant: Plant, routes: RouteControl) -> None:
         """Make the controllers of vehicles by their index; LaisnError if there is no such class."""
         self._controllers = {i: _made_controller(vehicle) for i, vehicle in vehicles.items()}
         self._names = plant.names
-        self._effectors = [len(names) for names in plant.effector_names]
+        self._effector_counts = [len(names) for names in plant.effector_names]
         self._routes = routes
         self._reference = records(REFERENCE, 1)[0]
 
@@ -161,8 +163,8 @@ class CustomControl:
         return bool(self._controllers)
 
     @property
-    def due(self) -> list[int]:
-        """Indices of the vehicles that are not commanded from outside."""
+    def self_commanded(self) -> list[int]:
+        """Indices of the vehicles with own controllers that no outside command overrides."""
         return [i for i in self._controllers if not self._routes.outside[i]]
 
     def command(
@@ -178,12 +180,12 @@ class CustomControl:
             answer = controller.control(readings, belief_of(estimate), CONTROL_STEP_S)
         origin = f" (class {kind}, at {readings.time:g} s)"
         subject = f"controller of {self._names[i]} returned"
-        require_command(answer, self._effectors[i], subject, origin)
+        require_command(answer, self._effector_counts[i], subject, origin)
         motion = steering.measured_motion(senses.reading, estimate, CONTROL_STEP_S, follower_memory)
         effector_command = self._routes.command[i]
         if isinstance(answer, Wrench):
-            autopilot_design = self._routes.autopilots[i]
-            autopilot_memory = self._routes.autopilot[i]
+            autopilot_design = self._routes.autopilot_designs[i]
+            autopilot_memory = self._routes.autopilot_memories[i]
             autopilot_memory.wrench[:] = answer
             apply_wrench(
                 self._routes.kinds,
@@ -193,20 +195,27 @@ class CustomControl:
                 effector_command,
             )
         elif isinstance(answer, np.ndarray):
+            # rows are as long as the largest number of effectors
             effector_command[: len(answer)] = answer
         else:
             self._hold(k, i, Command(*map(float, answer)), motion)
 
-    def _hold(self, k: int, i: int, demand: Command, motion: Any) -> None:
+    def _hold(self, k: int, i: int, demand: Command, motion: HullMotion) -> None:
+        """Write what the autopilot commands to hold `demand`.
+
+        Of `_reference`, a scratch record, only the depth is set; the rest stays 0.
+        """
         routes = self._routes
         reference = self._reference
         guidance: Record = routes.guidance[i]
         reference.depth = demand.depth
         if k == 0:
-            begin(routes.reference[0, i], motion.heading, motion.surge, (0.0, 0.0), guidance)
+            start_guidance(
+                routes.reference[0, i], motion.heading, motion.surge, (0.0, 0.0), guidance
+            )
         steered = limit_command(demand.heading, demand.speed, CONTROL_STEP_S, guidance)
-        autopilot_design = routes.autopilots[i]
-        autopilot_memory = routes.autopilot[i]
+        autopilot_design = routes.autopilot_designs[i]
+        autopilot_memory = routes.autopilot_memories[i]
         control(
             routes.kinds,
             autopilot_design,

@@ -4,7 +4,7 @@ from laisn.arrays import Record
 from laisn.compiled import compiled
 from sim.control import follower as steering
 from sim.control.autopilot import control
-from sim.control.guidance import begin, integrate_offset, steer, track_current
+from sim.control.guidance import integrate_offset, start_guidance, steer, track_current
 from sim.simulation import TICK, RouteControl
 
 
@@ -34,7 +34,7 @@ def follow_route(
     guidance = routes.guidance[i]
     motion = steering.measured_motion(senses.reading, estimate, TICK, memory)
     if k == 0:
-        begin(reference, motion.heading, motion.surge, (0.0, 0.0), guidance)
+        start_guidance(reference, motion.heading, motion.surge, (0.0, 0.0), guidance)
     position = estimate.position[0], estimate.position[1]
     if k < stride or position[0] != position[0]:
         # as long as there is no estimate, the reference itself
@@ -46,11 +46,11 @@ def follow_route(
     steering_command = steer(reference, position, TICK, guidance)
     control(
         routes.kinds,
-        routes.autopilots[i],
+        routes.autopilot_designs[i],
         steering_command,
         reference,
         motion,
         TICK,
-        routes.autopilot[i],
+        routes.autopilot_memories[i],
         routes.command[i],
     )

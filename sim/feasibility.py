@@ -169,9 +169,9 @@ def _speeds(sea: SeaSettings, vehicle: Vehicle) -> SpeedRange:
     """
     if isinstance(vehicle, Follower) and vehicle.station:
         leader = route_of(sea.plan.leader, "leader")
-        return _planned_speeds(sea, leader, [vehicle.layer_m])
+        return _planned_speeds(sea, leader, [vehicle.held_depth_m])
     depths = [depth for _, depth in vehicle.depth_profile] or [
-        vehicle.layer_m + side * vehicle.saw_tooth_amplitude_m for side in (-1.0, 1.0)
+        vehicle.held_depth_m + side * vehicle.saw_tooth_amplitude_m for side in (-1.0, 1.0)
     ]
     # a current of the keys changes linearly with depth
     levels = 2 if sea.ocean.current is None else _FIELD_LEVELS
@@ -384,7 +384,7 @@ def _station_speeds(formation: Formation, leader: SpeedRange, design: Autopilot)
 
 def _leader_too_fast(motion: MotionSettings) -> list[str]:
     fastest = motion.formation.max_speed_m_s
-    depths = {f.layer_m for f in motion.plan.followers if f.station}
+    depths = {f.held_depth_m for f in motion.plan.followers if f.station}
     for depth in sorted(depths):
         ends, legs = _through_water(motion.sea, route_of(motion.plan.leader, "leader"), depth)
         speed = ends.max(axis=0)

@@ -103,7 +103,7 @@ class LeaderUnit:
         self.estimate: Any = records(ESTIMATE, 1)
         self._memory = records(steering.FOLLOWER_MEMORY, 1)
         self._memory[0].log = self._memory[0].compass = np.nan
-        self._memory[0].by_thrust = routes.autopilots[LEADER]["by_pitch"] == 0.0
+        self._memory[0].by_thrust = routes.autopilot_designs[LEADER]["by_pitch"] == 0.0
         steps = (fleet.instants - 1) // self._stride
         self._measured = MeasurementRecord.empty(1, steps, max(steps, 1))
         self._main_receiver, self._further_receivers = self._links_of(sensing.links)

@@ -42,9 +42,9 @@ class LaneMemory(NamedTuple):
     motion: LaneMotion
     water: Floats  # velocity of the water at the vehicles, shape (v, 3, LANES), [m/s]
     reference: Records  # as of `RouteControl`, shape (n, v), as are the next three, shape (v,)
-    autopilots: Records
+    autopilot_designs: Records
     guidance: Records
-    autopilot: Records
+    autopilot_memories: Records
     outside: Bools  # as of `RouteControl`: none is
 
 
@@ -59,9 +59,9 @@ def _memory_of(missions: Sequence[Mission]) -> LaneMemory:
         motion=motion,
         water=np.zeros((v, 3, LANES)),
         reference=in_lanes([each.reference for each in routes]),
-        autopilots=in_lanes([each.autopilots for each in routes]),
+        autopilot_designs=in_lanes([each.autopilot_designs for each in routes]),
         guidance=in_lanes([each.guidance for each in routes]),
-        autopilot=in_lanes([each.autopilot for each in routes]),
+        autopilot_memories=in_lanes([each.autopilot_memories for each in routes]),
         outside=np.zeros(v, dtype=np.bool_),
     )
 
@@ -114,9 +114,9 @@ def _routes_of(memory: LaneMemory, kinds: Kinds) -> RouteControl:
     return RouteControl(
         kinds,
         lanes_of(memory.reference),
-        lanes_of(memory.autopilots),
+        lanes_of(memory.autopilot_designs),
         lanes_of(memory.guidance),
-        lanes_of(memory.autopilot),
+        lanes_of(memory.autopilot_memories),
         lanes_of(memory.motion.command),
         memory.outside,
     )

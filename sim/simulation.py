@@ -32,9 +32,9 @@ from sim.control.autopilot import (
 )
 from sim.control.guidance import (
     GUIDANCE_MEMORY,
-    begin,
     limit_command,
     reference,
+    start_guidance,
     steer,
     track_current,
 )
@@ -106,10 +106,12 @@ class RouteControl(NamedTuple):
 
     kinds: Kinds  # of the effectors that autopilots allocate forces to
     reference: Records  # of `sim.control.guidance.REFERENCE` at all instants, shape (n, v)
-    autopilots: Records  # of `sim.control.autopilot.DESIGN`, shape (v,)
+    autopilot_designs: Records  # of `sim.control.autopilot.DESIGN`, shape (v,)
     guidance: Records  # of GUIDANCE_MEMORY, shape (v,)
-    autopilot: Records  # of AUTOPILOT_MEMORY, shape (v,)
-    command: Floats  # commanded thrust of each effector, shape (v, m), [N]
+    autopilot_memories: Records  # of AUTOPILOT_MEMORY, shape (v,)
+    # commanded state of each effector, shape (v, m), each in the unit of its kind: N, revolutions
+    # per second [1/s], rad, or that of its curve
+    command: Floats
     # vehicles whose commands come from outside: no controller writes these, shape (v,)
     outside: Bools
 
@@ -156,17 +158,17 @@ def steer_vehicle(
     motion = vehicle_state(pose, twist, water)
     current = (water[0], water[1])
     if k == 0:
-        begin(reference, motion.heading, motion.surge, current, guidance)
+        start_guidance(reference, motion.heading, motion.surge, current, guidance)
     track_current(current, TICK, guidance)
     steered = steer(reference, (pose[0], pose[1]), TICK, guidance)
     control(
         routes.kinds,
-        routes.autopilots[i],
+        routes.autopilot_designs[i],
         steered,
         reference,
         motion,
         TICK,
-        routes.autopilot[i],
+        routes.autopilot_memories[i],
         routes.command[i],
     )
 
@@ -184,12 +186,12 @@ def hold_by_truth(
     reference[0].depth = command[2]
     control(
         routes.kinds,
-        routes.autopilots[i],
+        routes.autopilot_designs[i],
         limit_command(command[0], command[1], TICK, routes.guidance[i]),
         reference[0],
         motion,
         TICK,
-        routes.autopilot[i],
+        routes.autopilot_memories[i],
         routes.command[i],
     )
 
@@ -202,9 +204,9 @@ def apply_wrench_by_truth(
     about the hull's axes as far as they can, shape (6,), [N], [N m].
     """
     motion = vehicle_state(truth.pose[k, i], truth.twist[k, i], truth.water[k, i])
-    memory = routes.autopilot[i]
+    memory = routes.autopilot_memories[i]
     copy_values(wrench, memory.wrench)
-    apply_wrench(routes.kinds, routes.autopilots[i], motion.surge, memory, routes.command[i])
+    apply_wrench(routes.kinds, routes.autopilot_designs[i], motion.surge, memory, routes.command[i])
 
 
 @compiled
@@ -213,7 +215,9 @@ def take_over(k: int, truth: StateHistory, i: int, routes: RouteControl) -> None
     motion = vehicle_state(truth.pose[k, i], truth.twist[k, i], truth.water[k, i])
     water = truth.water[k, i]
     guidance = routes.guidance[i]
-    begin(routes.reference[k, i], motion.heading, motion.surge, (water[0], water[1]), guidance)
+    start_guidance(
+        routes.reference[k, i], motion.heading, motion.surge, (water[0], water[1]), guidance
+    )
 
 
 class LoopState(NamedTuple):
@@ -316,16 +320,16 @@ class Mission:
         self.plant = plant
         ticks = round(duration / TICK)
         v = len(plant.names)
-        autopilots = design(plant, tuple(depth_control or ["pitch"] * v))
-        lead = [float(lag) for lag in 0.25 / autopilots["omega"]]
-        radii = [least_radius(plant, i, d) for i, d in enumerate(autopilots)]
+        autopilot_designs = design(plant, tuple(depth_control or ["pitch"] * v))
+        lead = [float(lag) for lag in 0.25 / autopilot_designs["omega"]]
+        radii = [least_radius(plant, i, d) for i, d in enumerate(autopilot_designs)]
         time = np.arange(ticks + 1, dtype=np.float64) * TICK
         self.routes = RouteControl(
-            kinds=kinds_of(autopilots["effectors"]),
+            kinds=kinds_of(autopilot_designs["effectors"]),
             reference=reference(routes, time, lead, radii),
-            autopilots=autopilots,
+            autopilot_designs=autopilot_designs,
             guidance=records(GUIDANCE_MEMORY, v),
-            autopilot=records(AUTOPILOT_MEMORY, v),
+            autopilot_memories=records(AUTOPILOT_MEMORY, v),
             command=np.zeros_like(plant.thrust),
             outside=np.zeros(v, dtype=np.bool_),
         )

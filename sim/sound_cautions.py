@@ -5,7 +5,7 @@ import numpy as np
 from laisn.arrays import Floats
 from sim.scenario.parts import SoundSettings
 from sim.water.assembly import floor_of, planned_places, sound_points
-from sim.water.rays import Path
+from sim.water.rays import Path as SoundPath
 from sim.water.refraction import RefractedRays, traced_rays
 
 _INSTANTS = 25  # instants at which rays are traced
@@ -13,6 +13,7 @@ _NOTICEABLE_M = 0.1  # errors of ranges below this need no caution
 
 
 def _rays(sound: SoundSettings) -> RefractedRays | None:
+    """Traced rays of the sea; None where sound goes straight."""
     points = sound_points(sound)
     if points is None or np.ptp(points[:, 1]) == 0.0 or sound.acoustics.rays == "straight":
         return None
@@ -20,15 +21,18 @@ def _rays(sound: SoundSettings) -> RefractedRays | None:
 
 
 def _direct_rays(rays: RefractedRays, leader: Floats, follower: Floats) -> tuple[int, float]:
-    """How many direct rays join two places, and what bending takes off a range [m]."""
+    """How many direct rays join two places, and by how much the first ray's measured range is too
+    short [m].
+    """
     source, receiver = (
         (float(east), float(north), -float(depth)) for east, north, depth in (leader, follower)
     )
-    rays_between = rays.rays(int(Path.DIRECT), source, receiver)
+    rays_between = rays.rays(int(SoundPath.DIRECT), source, receiver)
     if not rays_between:
         return 0, 0.0
-    straight = rays.straight_slowness(int(Path.DIRECT), source, receiver)
-    return len(rays_between), rays_between[0].length - rays_between[0].time / straight
+    slowness = rays.straight_slowness(int(SoundPath.DIRECT), source, receiver)
+    # `Ray.length` is that of the straight path; what is measured is time / slowness
+    return len(rays_between), rays_between[0].length - rays_between[0].time / slowness
 
 
 def ray_cautions(sound: SoundSettings, assumed: str) -> list[str]:

@@ -588,7 +588,7 @@ def closest_approaches(trajectory: Trajectory) -> tuple[Approach, Approach]:
 
 def closest_in_a_layer(plan: MissionPlan, trajectory: Trajectory) -> Approach | None:
     """The pair of one layer that came nearest horizontally; None if no layer has two vehicles."""
-    depths = np.array([vehicle.layer_m for _, vehicle in plan.vehicles()])
+    depths = np.array([vehicle.held_depth_m for _, vehicle in plan.vehicles()])
     return _nearest(
         trajectory.names, trajectory.time, trajectory.position[..., :2], _in_one_layer(depths)
     )
@@ -607,7 +607,7 @@ def closest_stations(motion: MotionSettings) -> Approach | None:
     ]
     places = np.array(
         [
-            (0.0, 0.0, plan.leader.layer_m),
+            (0.0, 0.0, plan.leader.held_depth_m),
             *((s.behind_m, s.port_m, s.depth_m) for _, s in stationed),
         ]
     )
@@ -616,7 +616,7 @@ def closest_stations(motion: MotionSettings) -> Approach | None:
         return None
     time = np.arange(0.0, plan.duration_s + _STEP_S, _STEP_S)
     leader = planned_motion(route_of(plan.leader, "leader")).at(time)
-    depth = plan.leader.layer_m
+    depth = plan.leader.held_depth_m
     drift = current_at(motion.sea, leader.east, leader.north, depth, time)
     through = np.hypot(
         *(leader.speed * np.array([np.sin(leader.course), np.cos(leader.course)]) - drift.T)

@@ -134,7 +134,7 @@ def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
     touching = {name for contact in contacts(trajectory) for name in contact.pair}
     pitch = trajectory.pitch
     pitch_deg = np.rad2deg(pitch)
-    layers = np.array([vehicle.layer_m for _, vehicle in plan.vehicles()])
+    layers = np.array([vehicle.held_depth_m for _, vehicle in plan.vehicles()])
 
     depth_errors = [
         trajectory.depth[:, v] - route.depth.depth_at(time) for v, route in enumerate(routes)

@@ -29,7 +29,7 @@ from laisn.errors import LaisnError
 from sim.scenario.settings import Video
 from sim.trajectory import Trajectory
 
-# by which the number of runs grows at most from one look at their intervals to the next
+# largest factor by which runs grow from one look at their intervals to the next
 _MAX_GROWTH = 10.0
 _TABLE_ROWS = 60_000
 
@@ -57,8 +57,10 @@ class Cells(NamedTuple):
             name: self._take([other == name for other in names]) for name in dict.fromkeys(names)
         }
 
-    def runs(self, metric: str) -> Floats:
-        """A metric run by run, shape (R, m); where runs share the mission, that of the mission."""
+    def values_by_run(self, metric: str) -> Floats:
+        """A metric run by run, shape (R, m) for m cells; where runs share the mission, that of the
+        mission.
+        """
         values_by_cell = [
             lists[metric] if metric in lists else [row.get(metric)] * len(lists["run"])
             for row, lists in zip(self.rows, self.lists, strict=True)
@@ -124,6 +126,7 @@ def _row_and_lists(
             row[name] = float(np.sqrt(np.mean(finite**2)))
         elif name not in ("run", "mirror_locked", "gated"):
             row[name] = float(finite.mean())
+    # `ended` stays as a share too
     for count, name in (
         ("mirror_locked_runs", "mirror_locked"),
         ("fixes_gated", "gated"),
@@ -166,7 +169,8 @@ def _cells(plan: StudyPlan, entry: PlanEntry) -> list[CellPlan]:
         measured=entry.measured,
         facts=facts_of if entry.measured else None,
     )
-    # the scenario of `first` is as its own follower navigates
+    # `CellPlan` replaces its scenario by that of its follower's navigation, so pass the original
+    # again
     return [replace(first, scenario=scenario, follower=i) for i in range(len(scenario.followers))]
 
 
@@ -179,14 +183,14 @@ def fly_studies(
     Each has rows in the order of its plan: the same whatever the workers and interruptions.
     """
     flights = [
-        _EntryFlight.of(number, plan, entry)
-        for number, plan in enumerate(plans)
+        _EntryFlight.of(study_index, plan, entry)
+        for study_index, plan in enumerate(plans)
         for entry in plan.entries
     ]
     cells = [cell for flight in flights for cell in flight.cells]
     tasks = {name: task for flight in flights for name, task in flight.tasks.items()}
-    closed_loop = next((flight.entry for flight in flights if flight.tasks), None)
-    ahead = partial(fly, closed_loop.scenario.first_messages) if closed_loop else None
+    closed_loop_entry = next((flight.entry for flight in flights if flight.tasks), None)
+    ahead = partial(fly, closed_loop_entry.scenario.first_messages) if closed_loop_entry else None
     results_of_campaign = campaign.fly(
         cells, tasks, folder, facts=facts_of, ahead=ahead, tolerant=True, **options
     )
@@ -195,7 +199,7 @@ def fly_studies(
         for plan in plans
     ]
     for flight in flights:
-        _add_results(studies[flight.number], flight, results_of_campaign)
+        _add_results(studies[flight.study_index], flight, results_of_campaign)
     return studies
 
 
@@ -203,24 +207,24 @@ def fly_studies(
 class _EntryFlight:
     """What is flown for an entry of a study: cells of one mission, or tasks of a closed loop."""
 
-    number: int  # of the study
+    study_index: int  # of its plan among those flown together
     plan: StudyPlan
     entry: PlanEntry
     cells: Sequence[CellPlan]  # one for each follower
     tasks: Mapping[Any, Task]  # one for each run
 
     @classmethod
-    def of(cls, number: int, plan: StudyPlan, entry: PlanEntry) -> Self:
+    def of(cls, study_index: int, plan: StudyPlan, entry: PlanEntry) -> Self:
         cells: list[CellPlan] = []
         tasks: dict[Any, Task] = {}
         if entry.closed_loop:
             for run in plan.runs_of(entry):
                 # no number depends on the film
                 scenario = entry.scenario_at(run).model_copy(update={"video": Video()})
-                tasks[number, entry.place, run] = partial(records_of_run, scenario, run)
+                tasks[study_index, entry.place, run] = partial(records_of_run, scenario, run)
         else:
             cells = _cells(plan, entry)
-        return cls(number=number, plan=plan, entry=entry, cells=cells, tasks=tasks)
+        return cls(study_index=study_index, plan=plan, entry=entry, cells=cells, tasks=tasks)
 
     def failure(self, campaign_results: Flown) -> str | None:
         """Why it could not be flown."""
@@ -280,8 +284,8 @@ def _largest_half_width(results: Results, metric: str) -> float:
 
 
 def runs_wanted(runs: int, half_width: float, until: Until, batch: int) -> int:
-    """Runs after the next look at intervals, half of the widest of which is known; as many as there
-    are: no more.
+    """Total number of runs to fly before the next look at intervals, from the half-width of the
+    widest so far; `runs` itself if no more are needed.
 
     Intervals narrow with the square root of their number (Stein, Ann. Math. Stat. 16, 1945).
     `tools.documents.coverage` measures how often the intervals then hold the truth.
@@ -319,23 +323,25 @@ def fly_until_narrow(
         if numbers == [plan.study.runs for plan in plans]:
             return outcomes
         plans = [plan.part(plan.entries, runs) for plan, runs in zip(plans, numbers, strict=True)]
+        # only the first pass may discard stored results
         options |= {"force": False}
 
 
-Choice = Mapping[tuple[int, str, int], int]  # numbers of runs by point, arm and realization
+RunTotals = Mapping[tuple[int, str, int], int]
+"""Total runs wanted, by point, arm and realization."""
 
 
 def fly_further(
     outcomes: Mapping[str, StudyResults],
-    choose: Callable[[Mapping[str, StudyResults]], Mapping[str, Choice]],
+    choose: Callable[[Mapping[str, StudyResults]], Mapping[str, RunTotals]],
     folder: Path,
     **options: Unpack[ExecutionOptions],
 ) -> None:
-    """Add runs to outcomes as long as a function of them chooses some, by the names of the
-    outcomes.
+    """Fly further runs until `choose`, given the outcomes, asks for none; it returns run totals by
+    the names of outcomes.
 
-    Lists over runs grow; rows stay those of the first runs. CampaignError: something cannot be
-    flown.
+    Changes the lists over runs of `outcomes` in place; rows stay those of the first runs.
+    CampaignError: something cannot be flown.
     """
     place_of = itemgetter("point", "arm", "realization", "follower")
     options |= {"force": False}
@@ -377,17 +383,17 @@ def with_uniform_types(columns: dict[str, list[Any]]) -> dict[str, list[Any]]:
 
 
 def run_tables(runs: Sequence[tuple[Record, Record]]) -> Iterator[pa.Table]:
-    """Lists over runs as tables with a row for each run; arrays as several of some thousand rows,
-    to keep copies small.
+    """Lists over runs as tables with a row for each run.
 
-    A column that some lacks has no value there.
+    Where all columns are arrays, several tables of about `_TABLE_ROWS` rows, to keep copies small;
+    otherwise one. Where an entry lacks a column, its value is null.
     """
-    labels = pa.table(with_uniform_types(columns_of([rows for rows, _ in runs])))
-    kinds = {name: values for _, lists in reversed(runs) for name, values in lists.items()}
+    label_table = pa.table(with_uniform_types(columns_of([labels for labels, _ in runs])))
+    sample_columns = {name: values for _, lists in reversed(runs) for name, values in lists.items()}
     names = dict.fromkeys(name for _, lists in runs for name in lists)
-    is_partial = not all(isinstance(values, np.ndarray) for values in kinds.values())
+    has_lists = not all(isinstance(values, np.ndarray) for values in sample_columns.values())
     sizes = np.array([len(next(iter(lists.values()))) for _, lists in runs])
-    group = np.zeros_like(sizes) if is_partial else (sizes.cumsum() - sizes) // _TABLE_ROWS
+    group = np.zeros_like(sizes) if has_lists else (sizes.cumsum() - sizes) // _TABLE_ROWS
     for number in np.unique(group):
         (indices,) = np.nonzero(group == number)
         columns: dict[str, Any] = {}
@@ -398,7 +404,7 @@ def run_tables(runs: Sequence[tuple[Record, Record]]) -> Iterator[pa.Table]:
                 values = np.concatenate(parts)
             else:
                 values = with_uniform_types({name: [*chain(*parts)]})[name]
-            kind = None if is_partial else pa.from_numpy_dtype(kinds[name].dtype)
+            kind = None if has_lists else pa.from_numpy_dtype(sample_columns[name].dtype)
             columns[name] = pa.array(values, type=kind)
-        rows = labels.take(np.repeat(indices, sizes[indices]))
+        rows = label_table.take(np.repeat(indices, sizes[indices]))
         yield pa.table(dict(zip(rows.column_names, rows.columns, strict=True)) | columns)

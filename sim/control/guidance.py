@@ -200,7 +200,7 @@ def _write_shared_reference(
 
 
 @compiled
-def begin(
+def start_guidance(
     reference: Reference,
     heading: float,
     speed: float,

@@ -1,12 +1,12 @@
 """The units of a vehicle's table, decided once for all columns of a quantity: by their headers, and
 where these state none by physics.
 
-A reading gives every bare quantity a unit. It is refuted where the leader's course over ground, its
-way at its speed, its clock, or the vehicle's ranges along its own course fit another reading far
-far better. What then remains open is settled by the header of another column of the quantity, or by
-what is usual; otherwise the table is refused with the header that would settle it. So is a table
-that fits only if columns without a unit were in one that was not considered: speeds in km/h,
-lengths in feet.
+A choice of units gives every bare column, one without a unit in its header, a unit. It is refuted
+where the leader's course over ground, its way at its speed, its clock, or the vehicle's ranges
+along its own course fit another choice far better. What then remains open is settled by the header
+of another column of the quantity, or by what is usual; otherwise the table is refused with the
+header that would settle it. So is a table that fits only if columns without a unit were in one that
+was not considered: speeds in km/h, lengths in feet.
 """
 
 import math
@@ -40,15 +40,15 @@ _SMALL_ANGLE = math.radians(1.0)
 _FIRST_DATE_S = 946_684_800.0
 _LAST_DATE_S = 4_102_444_800.0
 # intervals between rows that are usual [s]
-_SHORTEST_S = 2e-3
-_LONGEST_S = 60.0
+_USUAL_MIN_INTERVAL_S = 2e-3
+_USUAL_MAX_INTERVAL_S = 60.0
 # intervals between rows that are possible [s]
 _MIN_INTERVAL_S = 1e-5
 _MAX_INTERVAL_S = 900.0
 _SEGMENT_M = 2.0  # length of the way of the leader that gives a course
 _MIN_DISTANCE_M = 5.0
 _MIN_SPEED_M_S = 0.05
-_MIN_NUMBER = 4  # of courses, or of ranges beyond the unknowns
+_MIN_OBSERVATIONS = 4  # fewest courses, or ranges beyond the two unknowns
 _MAX_RANGES = 200  # that the start is fitted to
 _ITERATIONS = 12
 _TIMES_WORSE = 3.0
@@ -56,13 +56,13 @@ _SPEED_MARGIN = 0.3
 _MIN_FACTOR = 2.5
 """Between units that motion tells from each other; a current may double a speed."""
 
-Reading = dict[str, str]
-"""A unit for each quantity with bare columns, by its name."""
+UnitChoice = dict[str, str]
+"""The unit chosen for each quantity with bare columns, by the quantity's name."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A table in SI units, as one reading has it."""
+    """A table in SI units, as one choice of units has it."""
 
     time: Floats  # since the first row, shape (n,), [s]
     columns: Mapping[str, Floats]  # by field, shape (n,)
@@ -88,29 +88,32 @@ def _course_error(trial: Trial) -> float:
         errors.append(abs(math.remainder(math.atan2(east, north) - heading, 2.0 * math.pi)))
         last = k
     # on one of two courses, radians and degrees may look alike
-    return float(np.quantile(errors, 0.75)) if len(errors) >= _MIN_NUMBER else math.nan
+    return float(np.quantile(errors, 0.75)) if len(errors) >= _MIN_OBSERVATIONS else math.nan
 
 
-def _way_ratio(trial: Trial) -> float:
-    """The leader's way over that at its speed; NaN if it hardly moves."""
+def _distance_ratio(trial: Trial) -> float:
+    """Distance along the leader's positions over the integral of its speed; NaN if it hardly
+    moves.
+    """
     names = ("leader_east", "leader_north", "leader_speed")
     leader = np.column_stack([trial.time, *(trial.columns[name] for name in names)])
     leader = leader[np.isfinite(leader).all(axis=1)]
     if len(leader) < 3:
         return math.nan
-    way = float(np.hypot(*np.diff(leader[:, 1:3], axis=0).T).sum())
-    # a clock that steps back must not shorten the way
+    travelled = float(np.hypot(*np.diff(leader[:, 1:3], axis=0).T).sum())
+    # a clock that steps back must not shorten the distance
     spans = np.maximum(np.diff(leader[:, 0]), 0.0)
     speed = np.abs(leader[:, 3])
-    at_speed = float(np.sum(0.5 * (speed[1:] + speed[:-1]) * spans))
-    if way < _MIN_DISTANCE_M or np.median(speed) < _MIN_SPEED_M_S or at_speed <= 0.0:
+    distance_at_speed = float(np.sum(0.5 * (speed[1:] + speed[:-1]) * spans))
+    is_slow = np.median(speed) < _MIN_SPEED_M_S
+    if travelled < _MIN_DISTANCE_M or is_slow or distance_at_speed <= 0.0:
         return math.nan
-    return way / at_speed
+    return travelled / distance_at_speed
 
 
 def _speed_error(trial: Trial) -> float:
-    """Logarithm of the leader's way over that at its speed, absolute; NaN if it hardly moves."""
-    return abs(math.log(_way_ratio(trial)))
+    """Logarithm of `_distance_ratio`, absolute; NaN if the leader hardly moves."""
+    return abs(math.log(_distance_ratio(trial)))
 
 
 def _clock_error(trial: Trial) -> float:
@@ -124,8 +127,8 @@ def _clock_error(trial: Trial) -> float:
 
 
 def _level_ranges(trial: Trial) -> tuple[Floats, Floats, Floats]:
-    """Rows, places (east, north) and level ranges of all slant ranges; shapes (m,), (m, 2), (m,),
-    in order of rows.
+    """Rows, places (east, north) and level ranges of at most `_MAX_RANGES` slant ranges, evenly
+    chosen; shapes (m,), (m, 2), (m,), in order of rows.
     """
     leader = np.column_stack([trial.columns["leader_east"], trial.columns["leader_north"]])
     depth = trial.columns["depth"]
@@ -138,13 +141,13 @@ def _level_ranges(trial: Trial) -> tuple[Floats, Floats, Floats]:
         if ranges is None:
             continue
         site = [trial.columns.get(f"{name}_{axis}") for axis in ("east", "north", "depth")]
-        east, north, below = (
+        east, north, source_depth = (
             fallback if values is None else values
             for values, fallback in zip(
                 site, (*leader.T, trial.columns["leader_depth"]), strict=True
             )
         )
-        level = np.sqrt(np.maximum(ranges**2 - (below - own_depth) ** 2, 0.0))
+        level = np.sqrt(np.maximum(ranges**2 - (source_depth - own_depth) ** 2, 0.0))
         parts.append(np.column_stack([rows, east, north, level]))
     table = np.concatenate(parts)
     table = table[np.isfinite(table).all(axis=1) & (table[:, 3] > 0.0)]
@@ -172,10 +175,10 @@ def _range_error(trial: Trial) -> float:
     best [m]; NaN for few ranges.
     """
     rows, places, ranges = _level_ranges(trial)
-    if ranges.size < _MIN_NUMBER + 2:
+    if ranges.size < _MIN_OBSERVATIONS + 2:
         return math.nan
     offsets = places - _dead_reckoning(trial)[rows.astype(np.int64)]
-    # the start lies on a circle about the first place; Gauss and Newton find the rest
+    # the start lies on a circle about the first place; Gauss–Newton refines eight starts
     angles = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
     directions = np.column_stack([np.cos(angles), np.sin(angles)])
     starts = offsets[0] + ranges[0] * directions
@@ -184,9 +187,10 @@ def _range_error(trial: Trial) -> float:
         lengths = np.maximum(np.linalg.norm(arms, axis=2), 1e-9)
         slopes = arms / lengths[..., None]
         residuals = ranges - lengths
-        # residuals of outliers count as if they were at the median
+        # residuals beyond three medians count as if they were three medians
         limit = 3.0 * np.median(np.abs(residuals), axis=1, keepdims=True) + 1e-9
         weights = np.minimum(1.0, limit / np.maximum(np.abs(residuals), 1e-12))
+        # s: start, m: range, i, j: east, north
         normal = np.einsum("smi,sm,smj->sij", slopes, weights, slopes) + 1e-6 * np.eye(2)
         gradient = np.einsum("smi,sm,sm->si", slopes, weights, residuals)
         starts = starts + np.linalg.solve(normal, gradient[..., None])[..., 0]
@@ -198,7 +202,7 @@ def _range_error(trial: Trial) -> float:
 class Evidence:
     """What a wrong unit contradicts."""
 
-    words: str
+    subject: str
     error: Callable[[Trial], float]
     margin: float  # differences below this may have other causes: current, sideslip, noise
 
@@ -212,17 +216,17 @@ class Evidence:
 
 
 WAY_AT_SPEED = Evidence(
-    words="the leader's way at its speed", error=_speed_error, margin=_SPEED_MARGIN
+    subject="the leader's way at its speed", error=_speed_error, margin=_SPEED_MARGIN
 )
 EVIDENCE = (
     Evidence(
-        words="the leader's course over ground",
+        subject="the leader's course over ground",
         error=_course_error,
         margin=math.radians(3.0),
     ),
     WAY_AT_SPEED,
-    Evidence(words="the leader's clock", error=_clock_error, margin=1.0),
-    Evidence(words="the ranges along the vehicle's course", error=_range_error, margin=1.0),
+    Evidence(subject="the leader's clock", error=_clock_error, margin=1.0),
+    Evidence(subject="the ranges along the vehicle's course", error=_range_error, margin=1.0),
 )
 
 
@@ -296,7 +300,11 @@ def _date_unit(time: float) -> str | None:
 def _usual_units(values: Floats, candidates: list[str]) -> list[str]:
     """Those of the units of time in which intervals between rows are usual."""
     interval = _interval(values)
-    return [u for u in candidates if _SHORTEST_S <= interval * TIME.units[u] <= _LONGEST_S]
+    return [
+        unit
+        for unit in candidates
+        if _USUAL_MIN_INTERVAL_S <= interval * TIME.units[unit] <= _USUAL_MAX_INTERVAL_S
+    ]
 
 
 def _usual_time_unit(values: Floats) -> str | None:
@@ -338,57 +346,61 @@ def _preferred(columns: Columns, quantity: Quantity, bare: list[Column]) -> str 
 
 
 def _trial(
-    columns: Columns, reading: Reading, others: Mapping[str, str] = MappingProxyType({})
+    columns: Columns, choice: UnitChoice, others: Mapping[str, str] = MappingProxyType({})
 ) -> Trial:
-    """A table by a reading, and by other units of single fields."""
+    """A table by a choice of units, and by other units of single fields."""
 
     def si(column: Column) -> Floats:
-        unit = others.get(column.field) or column.unit or reading[column.quantity.name]
+        unit = others.get(column.field) or column.unit or choice[column.quantity.name]
         return column.values * column.quantity.units[unit]
 
     fields = {f: si(column) for f, column in columns.fields.items() if f != TIMESTAMP}
     timestamp = columns.fields.get(TIMESTAMP)
     stated = None if timestamp is None or not timestamp.unit else si(timestamp)
-    unit = others.get(TIME.name) or columns.time.unit or reading[TIME.name]
+    unit = others.get(TIME.name) or columns.time.unit or choice[TIME.name]
     time = columns.time.values * TIME.units[unit]
     return Trial(time - time[0], fields, stated)
 
 
-def _unrefuted(columns: Columns, readings: list[Reading]) -> tuple[list[Reading], list[str]]:
-    """Readings that no evidence refutes, and what refuted the others."""
-    refuted = [False] * len(readings)
+def _unrefuted(columns: Columns, choices: list[UnitChoice]) -> tuple[list[UnitChoice], list[str]]:
+    """Choices of units that no evidence refutes, and what refuted the others."""
+    refuted = [False] * len(choices)
     reasons = list[str]()
-    trials = [_trial(columns, reading) for reading in readings]
+    trials = [_trial(columns, choice) for choice in choices]
     for evidence in EVIDENCE:
         errors = np.array([evidence.error(trial) for trial in trials])
         if np.isnan(errors).any():
             continue
         is_worse_than_best = errors > _TIMES_WORSE * errors.min() + evidence.margin
         if is_worse_than_best.any():
-            reasons.append(evidence.words)
+            reasons.append(evidence.subject)
         refuted = [
             was_refuted or bool(is_worse)
             for was_refuted, is_worse in zip(refuted, is_worse_than_best, strict=True)
         ]
-    return [r for r, is_refuted in zip(readings, refuted, strict=True) if not is_refuted], reasons
+    return [c for c, is_refuted in zip(choices, refuted, strict=True) if not is_refuted], reasons
 
 
-def _names(quantity: Quantity, bare: list[Column], units: list[str]) -> str:
+def _suggested_headers(bare: list[Column], units: list[str]) -> str:
     """Headers that would settle the unit of the first bare column."""
     header = bare[0].header.strip()
     return " or ".join(f"'{header} [{unit}]'" for unit in units)
 
 
 def _settled(
-    columns: Columns, quantity: Quantity, candidates: list[str], left: list[Reading], reason: str
+    columns: Columns,
+    quantity: Quantity,
+    candidates: list[str],
+    remaining: list[UnitChoice],
+    reason: str,
 ) -> str:
     """The unit of the bare columns of a quantity; LaisnError with the header that settles it."""
     bare = _bare(columns, quantity)
     headers = ", ".join(column.header.strip() for column in bare)
     preferred = _preferred(columns, quantity, bare)
-    units = list(dict.fromkeys(reading[quantity.name] for reading in left))
+    units = list(dict.fromkeys(choice[quantity.name] for choice in remaining))
     stated = _stated(columns, quantity)
-    advice = f"name the header {_names(quantity, bare, candidates)}"
+    advice = f"name the header {_suggested_headers(bare, candidates)}"
     if len(units) == 1 and stated and units != [preferred]:
         others = " and ".join(
             f"{c.header.strip()} is in {c.unit}" for c in stated.values() if c.unit != units[0]
@@ -426,16 +438,16 @@ class _Alternative:
         is_length = self.columns[0].quantity is LENGTH
         return (WAY_AT_SPEED,) if is_length else EVIDENCE
 
-    def trial(self, columns: Columns, reading: Reading) -> Trial:
+    def trial(self, columns: Columns, choice: UnitChoice) -> Trial:
         units = {column.field: self.unit for column in self.columns}
-        return _trial(columns, reading, {TIME.name: self.time_unit, **units})
+        return _trial(columns, choice, {TIME.name: self.time_unit, **units})
 
 
-def _alternatives(columns: Columns, reading: Reading) -> list[_Alternative]:
+def _alternatives(columns: Columns, choice: UnitChoice) -> list[_Alternative]:
     """Columns of a quantity without a unit in another one, together and each alone, at the unit of
     time that was taken; and all of them, at others that are usual.
     """
-    taken_time = columns.time.unit or reading[TIME.name]
+    taken_time = columns.time.unit or choice[TIME.name]
     times = [] if columns.time.unit else _time_candidates(columns.time.values)
     others = [u for u in _usual_units(columns.time.values, times) if u != taken_time]
     alternatives = list[_Alternative]()
@@ -443,7 +455,8 @@ def _alternatives(columns: Columns, reading: Reading) -> list[_Alternative]:
         bare = _bare(columns, quantity)
         if not bare:
             continue
-        unit_size = quantity.units[reading[quantity.name]]
+        unit_size = quantity.units[choice[quantity.name]]
+        # the first name of a size wins: m/s, not m_s
         sizes = {size: unit for unit, size in reversed(list(quantity.units.items()))}
         units = [
             unit
@@ -465,62 +478,63 @@ class _Doubt:
     """Another unit that fits far better, and by what."""
 
     other: _Alternative
-    words: str
-    fits_all: bool  # whether nothing contradicts it
+    subject: str
+    is_uncontradicted: bool  # by any evidence
 
 
-def _require_fit(columns: Columns, reading: Reading) -> None:
+def _require_fit(columns: Columns, choice: UnitChoice) -> None:
     """LaisnError, with the header that settles it, if the evidence contradicts a unit that no
     header states and fits another one, or if rows at usual intervals fit another one.
     """
-    taken_time = columns.time.unit or reading[TIME.name]
+    taken_time = columns.time.unit or choice[TIME.name]
     usual = _usual_units(columns.time.values, list(TIME.units))
-    assumed = _trial(columns, reading)
+    assumed = _trial(columns, choice)
     unusual = not columns.time.unit and taken_time not in usual
-    if _fits_all(assumed) and math.isfinite(WAY_AT_SPEED.error(assumed)) and not unusual:
+    if _is_uncontradicted(assumed) and math.isfinite(WAY_AT_SPEED.error(assumed)) and not unusual:
         return
     doubts = list[_Doubt]()
-    for other in _alternatives(columns, reading):
-        trial = other.trial(columns, reading)
+    for other in _alternatives(columns, choice):
+        trial = other.trial(columns, choice)
         same_time = other.time_unit == taken_time
-        words = [
-            evidence.words
+        subjects = [
+            evidence.subject
             for evidence in other.evidence
             if evidence.fits(trial)
             and (evidence.prefers(trial, assumed) or (unusual and not same_time))
         ]
-        if words and (same_time or _fits_all(trial)):
-            doubts.append(_Doubt(other, words[0], _fits_all(trial)))
+        if subjects and (same_time or _is_uncontradicted(trial)):
+            doubts.append(_Doubt(other, subjects[0], _is_uncontradicted(trial)))
     if doubts:
-        doubt = max(doubts, key=lambda alternative: alternative.fits_all)
-        raise LaisnError(_refusal(columns, reading, doubt.other, doubt.words))
+        # the first that nothing contradicts, else the first
+        doubt = max(doubts, key=lambda alternative: alternative.is_uncontradicted)
+        raise LaisnError(_refusal(columns, choice, doubt.other, doubt.subject))
 
 
-def _refusal(columns: Columns, reading: Reading, other: _Alternative, words: str) -> str:
-    """Why a reading is in doubt, and the header that settles it."""
+def _refusal(columns: Columns, choice: UnitChoice, other: _Alternative, subject: str) -> str:
+    """Why a choice of units is in doubt, and the header that settles it."""
     headers = ", ".join(column.header.strip() for column in other.columns)
-    unit = reading[other.columns[0].quantity.name]
+    unit = choice[other.columns[0].quantity.name]
     first = other.columns[0].header.strip()
     units = unit
     instead = other.unit
-    if not columns.time.unit and other.time_unit != reading[TIME.name]:
+    if not columns.time.unit and other.time_unit != choice[TIME.name]:
         time = columns.time.header.strip()
-        units = f"{unit} and {time} in {reading[TIME.name]}"
+        units = f"{unit} and {time} in {choice[TIME.name]}"
         instead = f"{other.unit} and {time} in {other.time_unit}"
     return (
         f"{columns.path}: {headers} without a unit would be in {units}, but in {instead} they fit "
-        f"{words}; name the header '{first} [{other.unit}]' or '{first} [{unit}]'"
+        f"{subject}; name the header '{first} [{other.unit}]' or '{first} [{unit}]'"
     )
 
 
-def _fits_all(trial: Trial) -> bool:
-    """Whether no evidence contradicts."""
+def _is_uncontradicted(trial: Trial) -> bool:
+    """Whether no evidence contradicts; evidence that cannot be had does not."""
     return not any(evidence.error(trial) > evidence.margin for evidence in EVIDENCE)
 
 
-def _way_remark(columns: Columns, reading: Reading) -> list[str]:
+def _way_remark(columns: Columns, choice: UnitChoice) -> list[str]:
     """That the leader's way is not that at its speed."""
-    ratio = _way_ratio(_trial(columns, reading))
+    ratio = _distance_ratio(_trial(columns, choice))
     if not abs(math.log(ratio)) > _SPEED_MARGIN:
         return []
     return [
@@ -529,54 +543,61 @@ def _way_remark(columns: Columns, reading: Reading) -> list[str]:
     ]
 
 
-def decide_units(columns: Columns) -> tuple[Reading, list[str]]:
+def decide_units(columns: Columns) -> tuple[UnitChoice, list[str]]:
     """A unit for each quantity that has columns without one, but for the leader's clock; remarks
     tell by what it was decided.
 
     LaisnError, with the header that settles it, if headers and physics leave it open or disagree.
     """
     bare = {q.name: _bare(columns, q) for q in QUANTITIES}
-    open_ = {q: _candidates(columns, q, bare[q.name]) for q in QUANTITIES if bare[q.name]}
-    names = [quantity.name for quantity in open_]
-    readings = [dict(zip(names, units, strict=True)) for units in product(*open_.values())]
-    if len(readings) == 1:
-        _require_fit(columns, readings[0])
-        return readings[0], _way_remark(columns, readings[0])
-    left, reasons = _unrefuted(columns, readings)
-    reason = " and ".join(reasons)
-    reading = {
-        quantity.name: _settled(columns, quantity, candidates, left, reason)
-        for quantity, candidates in open_.items()
+    candidates_by_quantity = {
+        q: _candidates(columns, q, bare[q.name]) for q in QUANTITIES if bare[q.name]
     }
-    _require_fit(columns, reading)
+    names = [quantity.name for quantity in candidates_by_quantity]
+    choices = [
+        dict(zip(names, units, strict=True)) for units in product(*candidates_by_quantity.values())
+    ]
+    if len(choices) == 1:
+        _require_fit(columns, choices[0])
+        return choices[0], _way_remark(columns, choices[0])
+    remaining, reasons = _unrefuted(columns, choices)
+    reason = " and ".join(reasons)
+    choice = {
+        quantity.name: _settled(columns, quantity, candidates, remaining, reason)
+        for quantity, candidates in candidates_by_quantity.items()
+    }
+    _require_fit(columns, choice)
     remarks = [
         f"{', '.join(c.header.strip() for c in bare[quantity.name])}: without a unit, in "
-        f"{reading[quantity.name]} by {reason}"
-        for quantity, candidates in open_.items()
+        f"{choice[quantity.name]} by {reason}"
+        for quantity, candidates in candidates_by_quantity.items()
         if len(candidates) > 1 and reason and quantity in (TIME, ANGLE, SPEED)
     ]
-    return reading, remarks + _way_remark(columns, reading)
+    return choice, remarks + _way_remark(columns, choice)
 
 
 def timestamp_unit(columns: Columns, time_s: Floats, time_unit: str) -> str:
-    """The unit of the leader's clock, whose header may state none: that of the vehicle's, unless
-    its size or its ticks contradict; LaisnError if the ticks do.
+    """The unit of the leader's clock, whose header may state none: that of the vehicle's times,
+    unless the ticks or, where they tell nothing, the size of the numbers show another; LaisnError
+    if the ticks contradict and both are possible.
     """
     column = columns.fields[TIMESTAMP]
     if column.unit:
         return column.unit
     expected = "s" if columns.dates else time_unit
     ratio = tick_ratio(column.values, time_s)
-    ticks = next(
+    tick_unit = next(
         (u for u, s in TIME.units.items() if ratio and abs(math.log10(ratio * s)) < 0.5), None
     )
-    if ticks is None or ticks == expected:
+    if tick_unit is None:
         largest = float(np.nanmax(np.abs(column.values), initial=0.0))
-        return (_date_unit(largest) or expected) if ticks is None else expected
+        return _date_unit(largest) or expected
+    if tick_unit == expected:
+        return expected
     if columns.dates or np.nanmax(np.abs(column.values)) * TIME.units[expected] > LARGEST:
-        return ticks
+        return tick_unit
     header = column.header.strip()
     raise LaisnError(
-        f"{column.where}: counts {ticks} by the times of the rows, which are in {time_unit}; name "
-        f"the header '{header} [{ticks}]' or '{header} [{expected}]'"
+        f"{column.where}: counts {tick_unit} by the times of the rows, which are in {time_unit}; "
+        f"name the header '{header} [{tick_unit}]' or '{header} [{expected}]'"
     )

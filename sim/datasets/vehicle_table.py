@@ -24,7 +24,7 @@ from sim.datasets.table_columns import (
     read_columns,
     require_depths,
 )
-from sim.datasets.table_units import Reading, decide_units, timestamp_unit
+from sim.datasets.table_units import UnitChoice, decide_units, timestamp_unit
 from sim.log.clock import (
     TIMESTAMP,
     RecordedRows,
@@ -61,7 +61,9 @@ def _time_ns(columns: Columns, unit: str) -> Ints:
     return times
 
 
-def _si(columns: Columns, reading: Reading, time_s: Floats) -> tuple[dict[str, Floats], list[str]]:
+def _si(
+    columns: Columns, choice: UnitChoice, time_s: Floats
+) -> tuple[dict[str, Floats], list[str]]:
     """Columns in SI units, and what unit each was taken in."""
     table = dict[str, Floats]()
     remarks = list[str]()
@@ -77,10 +79,10 @@ def _si(columns: Columns, reading: Reading, time_s: Floats) -> tuple[dict[str, F
 
     for field, column in columns.fields.items():
         if field == TIMESTAMP:
-            time_unit = columns.time.unit or reading[TIME.name]
+            time_unit = columns.time.unit or choice[TIME.name]
             add(column, timestamp_unit(columns, time_s, time_unit))
         else:
-            add(column, column.unit or reading[column.quantity.name])
+            add(column, column.unit or choice[column.quantity.name])
     return table, remarks
 
 
@@ -96,10 +98,10 @@ def read_vehicle_table(path: Path, field_map: FieldMap | None = None) -> Vehicle
     columns = read_columns(path) if field_map is None else read_mapped_columns(path, field_map)
     if columns.time.unit:
         _require_bounded(columns, columns.time.unit)
-    reading, reasons = decide_units(columns)
-    unit = columns.time.unit or reading[TIME.name]
+    choice, reasons = decide_units(columns)
+    unit = columns.time.unit or choice[TIME.name]
     time_ns = _time_ns(columns, unit)
-    table, units = _si(columns, reading, (time_ns - time_ns[0]) / 1e9)
+    table, units = _si(columns, choice, (time_ns - time_ns[0]) / 1e9)
     ranges = {field: values for field, values in table.items() if field.startswith("range_")}
     received = np.any(np.isfinite(list(ranges.values())), axis=0)
     if not received.any():

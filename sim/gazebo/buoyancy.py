@@ -84,6 +84,6 @@ def _water_of_plugin(plugin: Element, remarks: Remarks) -> FileWater:
                 f"water has {density:g} kg/m³ up to its surface"
             )
     parameters.text("enable")
-    parameters.close()
+    parameters.remark_unused()
     enabled = frozenset((element.text or "").strip() for element in plugin.findall("enable"))
     return FileWater(density, f"{source} of the world's Buoyancy", enabled)

@@ -14,9 +14,9 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.errors import LaisnError, shortened
 
-DEEPEST = 100  # elements within one another
+DEEPEST = 100  # most levels of nested elements
 MAX_ELEMENTS = 200_000
-LARGEST = 1e12  # of a number that must be finite
+LARGEST = 1e12  # largest magnitude of a number; also refuses infinity
 UUV_PLUGIN = "uuv_underwater_object"
 GZ_NAMESPACES = ("gz::sim::systems", "ignition::gazebo::systems", "ignition::gazebo", "gz::sim")
 
@@ -78,12 +78,12 @@ def _other_format(root: Element) -> str:
     )
     if root.tag != "robot":
         return f"no SDF: its root is <{root.tag[:40]}>, expected <sdf>"
-    converts = "gz sdf -p model.urdf > model.sdf"
+    conversion = "gz sdf -p model.urdf > model.sdf"
     if is_xacro:
-        return f"a xacro file, not SDF: xacro FILE > model.urdf, then {converts}, converts it"
+        return f"a xacro file, not SDF: xacro FILE > model.urdf, then {conversion}, converts it"
     if any(UUV_PLUGIN in element.get("filename", "") for element in elements):
-        return f"URDF, not SDF: {converts} converts it; {uuv_advice()}"
-    return f"URDF, not SDF: {converts} converts it"
+        return f"URDF, not SDF: {conversion} converts it; {uuv_advice()}"
+    return f"URDF, not SDF: {conversion} converts it"
 
 
 def uuv_advice() -> str:
@@ -102,6 +102,7 @@ def numbers(text: str | None, count: int, label: str, largest: float = LARGEST) 
         values = np.array([float(word) for word in (text or "").split()])
     except ValueError:
         values = np.zeros(0)
+    # `not … <=` refuses NaN too
     if values.size != count or not np.all(np.abs(values) <= largest):
         plural = "s" if count > 1 else ""
         raise LaisnError(
@@ -146,7 +147,7 @@ class Remarks:
         if name not in names:
             names.append(name)
 
-    def unused(self, kind: str, tags: Iterable[str], reason: str = "") -> None:
+    def add_unused(self, kind: str, tags: Iterable[str], reason: str = "") -> None:
         """Note elements of a kind of plugin or part that have no effect here."""
         for tag in tags:
             entries = self._unused.setdefault((kind, reason), [])
@@ -229,12 +230,12 @@ class Parameters:
         """Remark on elements that are known to have no effect here, with the reason."""
         present = [name for name in names if name in self._children]
         self._used_names.update(present)
-        self._remarks.unused(self.kind, present, reason)
+        self._remarks.add_unused(self.kind, present, reason)
 
-    def close(self) -> None:
+    def remark_unused(self) -> None:
         """Remark on each element that was not asked for."""
         left = [name for name in self._children if name not in self._used_names]
-        self._remarks.unused(self.kind, left)
+        self._remarks.add_unused(self.kind, left)
 
 
 def plugins_of(model: Element, kind: str) -> list[Element]:

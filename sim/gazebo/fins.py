@@ -50,7 +50,7 @@ def fins_of(model: SdfModel, density: float, nose: Floats, remarks: Remarks) -> 
         for plugin in plugins_of(scope.element, "LiftDrag"):
             parameters = Parameters(plugin, "LiftDrag", remarks)
             fin = _read_fin(scope, parameters, density, nose, remarks)
-            parameters.close()
+            parameters.remark_unused()
             if fin is not None:
                 fins.append(fin)
     return fins
@@ -176,7 +176,7 @@ def _limits(model: SdfModel, name: str, remarks: Remarks) -> tuple[float, float]
     high = np.inf if limit is None else child_number(limit, "upper", np.inf, np.inf)
     if limit is not None:
         tags = [child.tag for child in limit if child.tag not in ("lower", "upper")]
-        remarks.unused("joints of fins", tags, "the lag of fins is assumed instead")
+        remarks.add_unused("joints of fins", tags, "the lag of fins is assumed instead")
     if low < -LARGEST_ANGLE or high > LARGEST_ANGLE:
         remarks.add_for_part(
             "joint", name, f"no limit of the fin's angle; ±{ASSUMED_ANGLE:g} rad is assumed"

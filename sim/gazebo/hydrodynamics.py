@@ -133,7 +133,7 @@ def _read_plugin(
         ["default_current", "lookup_current_x", "lookup_current_y", "lookup_current_z"],
         "the current is the scenario's",
     )
-    parameters.close()
+    parameters.remark_unused()
     mean = -(added + added.T) / 2.0
     return LinkCoefficients(scope.pose_of(link), mean, -linear, quadratic), has_coriolis
 

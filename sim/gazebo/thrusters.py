@@ -60,7 +60,7 @@ def _read_thruster(scope: SdfModel, parameters: Parameters, remarks: Remarks) ->
         "of the rotation; without thrust_coefficient and with use_angvel_cmd also of the thrust",
     )
     parameters.set_aside(["battery_name", "power_load"], "there is no battery")
-    parameters.close()
+    parameters.remark_unused()
     return GazeboThruster(name, owner.pose_of(link)[:3, 3], scope.joint_axis(name), least, largest)
 
 

@@ -40,6 +40,7 @@ from sim.log.schema import Clock, fixed_layout, message_class_of
 from sim.scenario import file as scenario_file
 from sim.system import atomic_write
 
+# attachments of a flight's log
 SCENARIO = "scenario.toml"
 VEHICLES = "vehicles.json"
 SUMMARY = "summary.json"
@@ -52,8 +53,8 @@ _PARTIAL = ".partial"
 _MAX_NAMED_PLACES = 10  # most damaged places that are named
 _CHUNK_BYTES = 2**18  # of a recovered log: the last chunk is lost where the log is cut again
 # a file of n bytes may decompress to 8 MiB + 16 n; flights decompress to 6 n
-_ALLOWANCE = 8 << 20
-_RATIO = 16
+_DECOMPRESSED_BASE_BYTES = 8 << 20
+_DECOMPRESSED_PER_BYTE = 16
 
 
 class LogError(LaisnError):
@@ -91,8 +92,9 @@ def log_errors(path: Path) -> Iterator[None]:
 
 
 def _intact(stream: IO[bytes], attachment: Attachment) -> bool:
-    """Whether the checksum of an attachment that was just read matches; the library skips it. 0
-    stands for none.
+    """Whether the checksum of an attachment that was just read matches; the library skips it.
+
+    A stored checksum of 0 means that there is none.
     """
     stream.seek(-4, os.SEEK_CUR)
     stored = stream.read(4)
@@ -109,7 +111,8 @@ class _Verifier:
 
     def __init__(self, stream: IO[bytes], size: int) -> None:
         self._stream = stream
-        self._allowance = _ALLOWANCE + _RATIO * size  # bytes that chunks may still decompress to
+        # bytes that chunks may still decompress to
+        self._allowance = _DECOMPRESSED_BASE_BYTES + _DECOMPRESSED_PER_BYTE * size
         self._messages = 0
         self._ended = False
 
@@ -177,7 +180,7 @@ def _records(path: Path) -> Iterator[McapRecord]:
 
 @dataclass
 class Messages:
-    """The messages of a topic, in order of time."""
+    """The messages of a topic in order of time, or their times alone in order of recording."""
 
     schema: Any  # None: unknown
     encoding: str = MessageEncoding.Protobuf
@@ -205,7 +208,10 @@ class Messages:
             self.ordinals.append(ordinal)
 
     def sort(self) -> None:
-        """Put the messages in order of time; those at one time stay as they were recorded."""
+        """Put the messages in order of time; those at one time stay as they were recorded.
+
+        Messages kept as times alone stay as recorded.
+        """
         if not self.holds_data or np.all(self.time_ns[1:] >= self.time_ns[:-1]):
             return
         order = np.argsort(self.time_ns, kind="stable").tolist()
@@ -227,49 +233,51 @@ class Messages:
     def message_class(self) -> Any:
         return message_class_of(self.schema)
 
-    def path(self, name: str) -> list[Any]:
+    def field_path(self, name: str) -> list[Any]:
         """Descriptors of the field "name", or of all in "name.of.a.nested.one"; empty if there
         is no such field.
         """
         descriptor = self.message_class.DESCRIPTOR
         fields = list[Any]()
         for component in name.split("."):
-            field = descriptor.fields_by_name.get(component) if descriptor is not None else None
-            if field is None:
+            descriptor_of_field = (
+                descriptor.fields_by_name.get(component) if descriptor is not None else None
+            )
+            if descriptor_of_field is None:
                 return []
-            fields.append(field)
-            descriptor = field.message_type
+            fields.append(descriptor_of_field)
+            descriptor = descriptor_of_field.message_type
         return fields
 
     def columns(self, names: Sequence[str]) -> list[npt.NDArray[Any] | list[Any]]:
         """Values of fields ("pose.position.x"), n each, None where unset; ValueError: malformed,
         or no single value.
         """
-        paths = [self.path(name) for name in names]
+        paths = [self.field_path(name) for name in names]
         for name, (*_, last) in zip(names, paths, strict=True):
             if last.is_repeated or last.message_type is not None:
                 raise ValueError(f"field {name} holds no single value")
-        block = self._block()
-        if block is not None:
-            return [block[name].copy() for name in names]
-        steps = [[(field.name, field.has_presence) for field in path] for path in paths]
+        records = self._fixed_records()
+        if records is not None:
+            return [records[name].copy() for name in names]
+        named_paths = [[(field.name, field.has_presence) for field in path] for path in paths]
         columns: list[Any] = [[] for _ in names]
         for message in map(self.message_class.FromString, self.data):
-            for values, path in zip(columns, steps, strict=True):
+            for values, path in zip(columns, named_paths, strict=True):
                 values.append(_value(message, path))
         return columns
 
-    def _block(self) -> npt.NDArray[Any] | None:
+    def _fixed_records(self) -> npt.NDArray[Any] | None:
         """Messages with a number of eight bytes in every field, as those of a flight, as records,
         shape (n,); None if some are others.
         """
         layout = fixed_layout(self.message_class)
         if not layout or {len(data) for data in self.data} != {len(layout.example)}:
             return None
-        block = np.frombuffer(b"".join(self.data), layout.dtype)
-        each = block.view(np.uint8).reshape(block.size, -1)
+        records = np.frombuffer(b"".join(self.data), layout.dtype)
+        message_bytes = records.view(np.uint8).reshape(records.size, -1)
         example = np.frombuffer(layout.example, np.uint8)
-        return block if np.all(each[:, layout.tags] == example[layout.tags]) else None
+        return records if np.all(message_bytes[:, layout.tags] == example[layout.tags]) else None
 
     def table(self, names: Sequence[str]) -> Floats:
         """Numbers by the names of their fields, NaN for what is absent, read-only, shape (n,
@@ -357,6 +365,10 @@ class Contents:
     def cut(self, end_ns: int) -> None:
         """Leave out messages from a time on [ns]."""
         for messages in self.topics.values():
+            if not messages.holds_data:
+                # times alone are in order of recording
+                messages.times = array("q", [time for time in messages.times if time < end_ns])
+                continue
             number = int(np.searchsorted(messages.time_ns, end_ns))
             del messages.times[number:]
             del messages.data[number:]
@@ -372,13 +384,13 @@ class Contents:
             ).epoch_ns
         return min((int(m.time_ns[0]) for m in self.topics.values() if m.data), default=0)
 
-    def require(self, topic: str, names: Sequence[str], empty: Any = None) -> Messages:
+    def require(self, topic: str, names: Sequence[str], empty_schema: Any = None) -> Messages:
         """The messages of a topic that have fields of these names.
 
-        A channel without a message, which is not in the file, has the schema `empty`; None: it must
-        be there. LogError if there is no such channel or field.
+        `empty_schema` is that of a channel which may have no message and then is not in the file;
+        None: it must be there. LogError if there is no such channel or field.
         """
-        messages = self.topics.get(topic, empty and Messages(empty))
+        messages = self.topics.get(topic, empty_schema and Messages(empty_schema))
         if messages is None:
             raise LogError(
                 f"{self.path}: lacks channel {topic}; available: "
@@ -390,7 +402,7 @@ class Contents:
                 f"{self.path}: channel {topic} is encoded as {encoding}, expected protobuf and its "
                 "schema"
             )
-        if missing := [name for name in names if not messages.path(name)]:
+        if missing := [name for name in names if not messages.field_path(name)]:
             fields = ", ".join(f.name for f in messages.message_class.DESCRIPTOR.fields)
             raise LogError(
                 f"{self.path}: channel {topic} lacks {', '.join(missing)}; its fields: {fields}"
@@ -399,7 +411,7 @@ class Contents:
 
 
 def holds_messages(path: Path) -> bool:
-    """Whether a partial log holds an intact block of messages."""
+    """Whether a message is readable before the first damage."""
     try:
         return any(isinstance(record, Message) for record in _records(path))
     except LogError:
@@ -418,7 +430,7 @@ class _Copy:
         self._schema_ids = {0: 0}
         self._channel_ids = dict[int, int]()
         # schemas and channels of a broken chunk stand in the summary again
-        self._described = {
+        self._summary_records = {
             Schema: {record.id: record for record in summary.of(Schema)},
             Channel: {record.id: record for record in summary.of(Channel)},
         }
@@ -427,8 +439,9 @@ class _Copy:
         self.times_ns = array("Q")
         self.attachments = 0
         self.undescribed = 0  # messages of a channel that no intact record describes
-        self.first_gap_ns: int | None = None  # behind the last instant before a gap in a flight
-        self._broken = False
+        # just after the last complete instant before the first gap [ns]
+        self.first_gap_ns: int | None = None
+        self._gap_pending = False
 
     def _add_schema(self, record: Schema) -> None:
         if record.id not in self._schema_ids:
@@ -439,8 +452,8 @@ class _Copy:
     def _add_channel(self, record: Channel) -> None:
         if record.id in self._channel_ids:
             return
-        if record.schema_id in self._described[Schema]:
-            self._add_schema(self._described[Schema][record.schema_id])
+        if record.schema_id in self._summary_records[Schema]:
+            self._add_schema(self._summary_records[Schema][record.schema_id])
         self._channel_ids[record.id] = self._writer.register_channel(
             record.topic,
             record.message_encoding,
@@ -450,15 +463,15 @@ class _Copy:
 
     def _add_message(self, record: Message) -> None:
         if record.channel_id not in self._channel_ids:
-            described = self._described[Channel].get(record.channel_id)
+            described = self._summary_records[Channel].get(record.channel_id)
             if described is None:
                 self.undescribed += 1
                 return
             self._add_channel(described)
         if self._instant and self._instant[0].log_time != record.log_time:
             self.write_instant()
-        if self._broken:
-            self._broken = False
+        if self._gap_pending:
+            self._gap_pending = False
             if self.first_gap_ns is None:
                 self.first_gap_ns = max(self.times_ns, default=-1) + 1
         self._instant.append(record)
@@ -479,9 +492,11 @@ class _Copy:
             self._writer.add_metadata(record.name, record.metadata)
             self.metadata[record.name] = record.metadata
 
-    def break_off(self) -> None:
-        """Messages are missing from here on; the last instant of a flight may lack some."""
-        self._broken = True
+    def mark_gap(self) -> None:
+        """Note that messages are missing at this place; the last instant of a flight before it may
+        lack some, and is dropped.
+        """
+        self._gap_pending = True
         if FLIGHT in self.metadata:
             self._instant.clear()
         else:
@@ -496,7 +511,10 @@ class _Copy:
         self._instant.clear()
 
     def finish(self, is_complete: bool, remarks: Sequence[str]) -> None:
-        """`is_complete` tells whether the data section is there to its end."""
+        """Write the rest, the facts of an interrupted flight and the remarks, and close the log.
+
+        `is_complete` tells whether the data section is there to its end.
+        """
         if is_complete or FLIGHT not in self.metadata:
             self.write_instant()
         if FLIGHT in self.metadata and (not is_complete or self.first_gap_ns is not None):
@@ -520,8 +538,9 @@ def _salvage(salvage: Salvage, copy: _Copy, remarks: list[str]) -> tuple[list[Da
         elif isinstance(item, Damage):
             damages.append(item)
             if item.loses_messages and not is_complete:
-                copy.break_off()
+                copy.mark_gap()
         else:
+            # `Salvage` yields no record after DataEnd
             is_complete = isinstance(item, DataEnd)
             copy.add(item)
     return damages, is_complete
@@ -537,7 +556,7 @@ def _copy(path: Path, target: Path, remarks: list[str]) -> list[str]:
             mmap.mmap(source.fileno(), 0, access=mmap.ACCESS_READ) as data,
             target.open("wb") as stream,
         ):
-            salvage = Salvage(data, _ALLOWANCE + _RATIO * size)
+            salvage = Salvage(data, _DECOMPRESSED_BASE_BYTES + _DECOMPRESSED_PER_BYTE * size)
             copy = _Copy(stream, salvage.summary)
             damages, is_complete = _salvage(salvage, copy, remarks)
             problems = [f"damaged or cut off at byte {d.at}: {d.reason}" for d in damages]
@@ -554,7 +573,7 @@ def _copy(path: Path, target: Path, remarks: list[str]) -> list[str]:
         )
     promised = salvage.summary.message_count
     has_lost_messages = promised is not None and promised > len(copy.times_ns)
-    remarks += _counts(copy, f" of {promised}" if has_lost_messages else "")
+    remarks += _count_lines(copy, f" of {promised}" if has_lost_messages else "")
     if has_lost_messages and not problems:
         problems = [f"the summary promises {promised} messages"]
     remarks += [f"left out: {problem}" for problem in problems[:_MAX_NAMED_PLACES]]
@@ -563,11 +582,13 @@ def _copy(path: Path, target: Path, remarks: list[str]) -> list[str]:
     return problems
 
 
-def _counts(copy: _Copy, total: str) -> list[str]:
+def _count_lines(copy: _Copy, of_promised: str) -> list[str]:
     """How much a copy holds, and what it lacks for want of a description."""
     span_s = np.ptp(copy.times_ns) / 1e9 if copy.times_ns else 0.0
     number = len(copy.times_ns)
-    lines = [f"kept {number}{total} messages of {span_s:g} s and {copy.attachments} attachments"]
+    lines = [
+        f"kept {number}{of_promised} messages of {span_s:g} s and {copy.attachments} attachments"
+    ]
     if copy.undescribed:
         lines.append(
             f"left out: {copy.undescribed} messages of channels that no intact record describes"
@@ -603,6 +624,7 @@ def recover(path: Path, report: Callable[[str], None] = lambda remark: None) -> 
             if not problems and not unfinished:
                 raise LogError(f"{path}: is complete; there is nothing to recover")
             if not problems:
+                # complete, only not renamed: keep its bytes instead of the copy's
                 os.replace(path, work)
     except OSError as error:
         raise LogError(f"{target}: cannot be written: {error.strerror or error}") from error

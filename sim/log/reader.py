@@ -244,7 +244,7 @@ def _leader_of(
     if f"/leader/{_OWN.topic}" not in log.topics:
         return None
     reception = log.topics.get(f"/leader/{_RECEIVED.topic}")
-    has_positions = reception is not None and reception.path(PLACES.names[0])
+    has_positions = reception is not None and reception.field_path(PLACES.names[0])
     custom = _custom_readings(log, "leader", steps_ns, headers)
     measurements = Measurements(
         dt=dt,
@@ -403,11 +403,11 @@ def _optional(messages: Messages, names: Sequence[str]) -> Floats:
     Where a type cannot distinguish zero from an absent number (protobuf 3 without `optional`), zero
     in a range, or in a quantity that need not be broadcast, stands for one that is not there.
     """
-    present = [name for name in names if messages.path(name)]
+    present = [name for name in names if messages.field_path(name)]
     values = np.full((len(messages.data), len(names)), np.nan)
     values[:, [names.index(name) for name in present]] = messages.table(present)
     for name in {*_OPTIONAL, *_RECEIVED.columns[1].names} & set(present):
-        if not messages.path(name)[-1].has_presence:
+        if not messages.field_path(name)[-1].has_presence:
             column = values[:, names.index(name)]
             column[column == 0.0] = np.nan
     return values

@@ -39,14 +39,18 @@ class OwnSensors(Section):
     )
     depth_sigma_m: Sigma = 0.0
     speed_drift_m_s: float = Field(
-        0.0, ge=-10, le=10, description="amplitude of a sinusoidal drift of the bias"
+        0.0, ge=-10, le=10, description="amplitude of a sinusoidal drift of the speed bias"
     )
-    heading_drift_deg: Annotated[float, Field(ge=-180, le=180)] = Field(0.0, description="the same")
+    heading_drift_deg: Annotated[float, Field(ge=-180, le=180)] = Field(
+        0.0, description="amplitude of a sinusoidal drift of the heading bias"
+    )
     drift_period_s: Positive = 400.0
     speed_drift_phase_deg: Angle = Field(
         0.0, description="at the start; each further follower adds 137.5°"
     )
-    heading_drift_phase_deg: Angle = Field(0.0, description="the same")
+    heading_drift_phase_deg: Angle = Field(
+        0.0, description="at the start; each further follower adds 137.5°"
+    )
     gyro_sigma_deg_s: Sigma = Field(0.1, description="for followers on stations")
     tilt_sigma_deg: Sigma = Field(0.5, description="of the inclinometer, for followers on stations")
 
@@ -97,8 +101,9 @@ class Sensors(OwnSensors):
 
 
 LEADER_PREFIX = "leader_"
-"""Of the keys of `[sensors]` that are of what the leader broadcasts."""
+"""Prefix of the keys of `[sensors]` for the leader's own sensors and broadcasts."""
 
+# for type checkers; at run time every key is optional: None means that `[sensors]` holds
 if TYPE_CHECKING:
 
     class VehicleSensors(OwnSensors):
@@ -141,12 +146,16 @@ class Acoustics(Section):
     # mean and σ of ψ, one number for all ranges of a message: the longest range to a transmitter
     # errs by ψ, a shorter one in proportion
     range_scale_mean_m: Annotated[float, Field(ge=-100, le=100), PerRun] = Field(
-        0.1, description="μD, mean of the error common to all transmitters"
+        0.1,
+        description="μD, mean of ψ: error of a message's longest range; shorter ones err in "
+        "proportion",
     )
     range_scale_sigma_m: Annotated[_RangeError, PerRun] = Field(
-        0.05, description="σD, its standard deviation"
+        0.05, description="σD, standard deviation of ψ"
     )
-    travel_time: bool = Field(False, description="vehicles move during propagation")
+    travel_time: bool = Field(
+        False, description="vehicles move while sound is under way; false: it arrives at once"
+    )
     ping_slot_s: Annotated[float, Field(ge=0, le=2)] = Field(
         0.0, description="between rear, front and middle ping"
     )
@@ -163,7 +172,8 @@ class Acoustics(Section):
     )
     rays: Literal["straight", "refracted"] = Field(
         "straight",
-        description="straight at the mean slowness, or bent by the profile, which is then smooth",
+        description="straight at the mean slowness, or refracted: bent by a smooth curve through "
+        "the profile",
     )
     clock_offset_s: float = Field(
         0.0, ge=-1, le=1, description="follower's minus leader's clock at the start"
@@ -172,7 +182,9 @@ class Acoustics(Section):
     surface_echo_probability: Chance = Field(
         0.0, description="probability that a ping's surface echo is taken for it"
     )
-    bottom_echo_probability: Chance = Field(0.0, description="the same")
+    bottom_echo_probability: Chance = Field(
+        0.0, description="probability that a ping's bottom echo is taken for it"
+    )
     common_echoes: Annotated[bool, PerRun] = Field(
         False, description="all pings of a message take the same path"
     )
@@ -184,7 +196,7 @@ class Acoustics(Section):
     burst_loss_probability: LossProbability = Field(1.0, description="of a message within a burst")
     max_range_m: NonNegative = Field(0.0, description="of reception; 0: no limit")
     message_length_s: Annotated[float, Field(ge=0, le=10)] = Field(
-        0.0, description="how long a message takes; it is in when all of it is"
+        0.0, description="duration of a message; it is received when its end has arrived"
     )
     ranging_pulse: Literal["start", "end"] = Field(
         "start", description="pings at the start of a message, or when it ends"
@@ -207,12 +219,14 @@ class Acoustics(Section):
     )
     wind_m_s: Annotated[float, Field(ge=0, le=40)] = Field(5.0, description="for ambient noise")
     shipping: Annotated[float, Field(ge=0, le=1)] = Field(
-        0.5, description="the same: ships, from none to many"
+        0.5, description="ships, from 0 (none) to 1 (heavy traffic), for ambient noise"
     )
     water_temperature_c: Annotated[float, Field(ge=-2, le=35)] = Field(
         10.0, description="for absorption"
     )
-    salinity: Annotated[float, Field(ge=0, le=42)] = Field(35.0, description="the same")
+    salinity: Annotated[float, Field(ge=0, le=42)] = Field(
+        35.0, description="for absorption [g/kg]"
+    )
 
     @model_validator(mode="after")
     def _chances_add_up(self) -> Self:

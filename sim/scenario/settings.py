@@ -668,9 +668,9 @@ class Scenario(Section):
 
     def _depth_errors(self, key: str, vehicle: Vehicle) -> list[str]:
         errors = []
-        depths = [depth for _, depth in vehicle.depth_profile] or [vehicle.layer_m]
+        depths = [depth for _, depth in vehicle.depth_profile] or [vehicle.held_depth_m]
         deepest = max(depths) + vehicle.saw_tooth_amplitude_m
-        if vehicle.saw_tooth_amplitude_m > vehicle.layer_m and not vehicle.depth_profile:
+        if vehicle.saw_tooth_amplitude_m > vehicle.held_depth_m and not vehicle.depth_profile:
             errors.append(
                 f"{key}: saw_tooth_amplitude_m = {vehicle.saw_tooth_amplitude_m:g} about depth_m = "
                 f"{vehicle.depth_m:g} would leave the water"

@@ -13,7 +13,7 @@ class _Depths(Protocol):
     """What the depth of a vehicle follows from."""
 
     @property
-    def layer_m(self) -> float: ...
+    def held_depth_m(self) -> float: ...
     @property
     def depth_profile(self) -> tuple[tuple[float, float], ...]: ...
     @property
@@ -28,7 +28,7 @@ class _RouteKeys(NamedTuple):
     route: str | None
     waypoints: tuple[tuple[float, float, float], ...]
     start_speed_m_s: float | None
-    layer_m: float
+    held_depth_m: float
     depth_profile: tuple[tuple[float, float], ...]
     saw_tooth_amplitude_m: float
     saw_tooth_period_s: float
@@ -40,16 +40,17 @@ def depth_profile_of(vehicle: _Depths) -> DepthProfile:
         return DepthProfile.through(vehicle.depth_profile)
     if vehicle.saw_tooth_amplitude_m > 0:
         return DepthProfile.saw_tooth(
-            vehicle.layer_m, vehicle.saw_tooth_amplitude_m, vehicle.saw_tooth_period_s
+            vehicle.held_depth_m, vehicle.saw_tooth_amplitude_m, vehicle.saw_tooth_period_s
         )
-    return DepthProfile.constant(vehicle.layer_m)
+    return DepthProfile.constant(vehicle.held_depth_m)
 
 
 def route_of(vehicle: Vehicle, name: str) -> Route:
-    """Route of one vehicle; LaisnError if the library has none of that name, or if it begins with
-    a stop at a speed.
+    """Route of one vehicle; LaisnError if the library has no route `vehicle.route`, or if waypoints
+    that begin with a stop have a start speed.
 
-    Vehicles whose keys of the route are equal share one, and so its plan.
+    `name` is for messages, and the name of a route of own waypoints. Calls with equal keys and name
+    give the same object, and so the same plan.
     """
     return _route_of(_RouteKeys(*(getattr(vehicle, key) for key in _RouteKeys._fields)), name)
 

@@ -157,7 +157,7 @@ class Vehicle(Section):
         return text
 
     @property
-    def layer_m(self) -> float:
+    def held_depth_m(self) -> float:
         """Depth that the vehicle holds where there is no profile."""
         return self.depth_m
 
@@ -275,7 +275,7 @@ class Follower(Vehicle):
         return bool(self.controller) or position == "estimate"
 
     @property
-    def layer_m(self) -> float:
+    def held_depth_m(self) -> float:
         """Depth that the vehicle holds where there is no profile."""
         return self.station.depth_m if self.station else self.depth_m
 

@@ -21,14 +21,14 @@ MAX_CURVE_POINTS = 32  # largest number of points of a thruster's curve
 MAX_PARAMETERS = 8  # largest number of values of a numeric, but for a curve
 # speed below which allocation leaves fins out, and hulls that need them cannot be steered [m/s]
 MIN_STEERAGE_SPEED = 0.5
-MIN_FLOW = 0.01  # speed up to which gz-sim's LiftDrag gives no force [m/s]
+MIN_FLOW_SPEED = 0.01  # speed up to which gz-sim's LiftDrag gives no force [m/s]
 
 
 class Effector(RecordFields):
     """One actuator or fixed fin of a vehicle, as its MJCF gives it."""
 
-    force: Annotated[Floats, (3,)]  # force of a unit of thrust, in the body frame [-]
-    torque: Annotated[Floats, (3,)]  # its torque about the body's origin [m]
+    force: Annotated[Floats, (3,)]  # force per thrust, in the body frame [-]
+    torque: Annotated[Floats, (3,)]  # torque about the body's origin per thrust [m]
     lag: float  # time constant of the state [s]
     limits: Annotated[Floats, (2,)]  # lowest and highest state: thrust [N], or as of the kind
     kind: int  # number of its kind, as of `sim.vehicle.effectors.kind_of`
@@ -153,14 +153,14 @@ class EffectorKind(_NoFields):
         for i, (name, bounds) in enumerate(self.parameters.items()):
             bounds.require(values[i], name, f"{where}: value {i + 1}")
 
-    def scale(self, record: Effector, thrust: float, lift: float) -> None:
+    def scale(self, record: Effector, thrust_ratio: float, lift_ratio: float) -> None:
         """Change a record to what it really gives, by the vehicle's true over nominal thrust and
         lift.
         """
 
 
 class Thruster(EffectorKind):
-    """A force along the axis; the state is the force [N], wherever the hull is."""
+    """A force along the axis; the state is the force [N], also where the hull leaves the water."""
 
     label = "thruster"
     unit = "N"
@@ -180,10 +180,10 @@ class Thruster(EffectorKind):
         """See `EffectorKind.state_for`."""
         return force
 
-    def scale(self, record: Effector, thrust: float, lift: float) -> None:
+    def scale(self, record: Effector, thrust_ratio: float, lift_ratio: float) -> None:
         """See `EffectorKind.scale`."""
-        record["force"] *= thrust
-        record["torque"] *= thrust
+        record["force"] *= thrust_ratio
+        record["torque"] *= thrust_ratio
 
 
 @compiled
@@ -247,25 +247,36 @@ class CurveThruster(EffectorKind):
         record["points"] = len(pairs)
         record["curve"][: len(pairs)] = pairs
 
-    def scale(self, record: Effector, thrust: float, lift: float) -> None:
+    def scale(self, record: Effector, thrust_ratio: float, lift_ratio: float) -> None:
         """See `EffectorKind.scale`."""
-        record["curve"][..., 1] *= thrust
+        record["curve"][..., 1] *= thrust_ratio
 
 
 @compiled
-def propeller_load(p: Floats, density: float, rate: float, inflow: float) -> tuple[float, float]:
+def propeller_load(
+    parameters: Floats, density: float, rate: float, inflow: float
+) -> tuple[float, float]:
     """Thrust, less its deduction [N], and torque on the hull [N m] (Fossen 2021, chapter 9).
 
     K_T and K_Q fall linearly with J = (1 − w) u / (n D), with `rate` n [1/s] and `inflow` u, the
     speed of the propeller along its axis [m/s]. Astern, and in water from behind, they are those of
-    J = 0. `p` are its parameters.
+    J = 0. `parameters` are those of `Propeller`.
     """
-    size = density * (p[0] * p[0] * p[0]) * abs(rate)
-    rotation = rate * p[0]
-    advance = select(rate > 0.0, (1.0 - p[5]) * max(inflow, 0.0), 0.0)
-    return (1.0 - p[6]) * size * (p[1] * rotation + p[2] * advance), p[7] * size * p[0] * (
-        p[3] * rotation + p[4] * advance
-    )
+    diameter = parameters[0]
+    kt0 = parameters[1]
+    kt_slope = parameters[2]
+    kq0 = parameters[3]
+    kq_slope = parameters[4]
+    wake = parameters[5]
+    deduction = parameters[6]
+    torque_share = parameters[7]
+    # thrust K_T ρ |n| n D⁴ and torque K_Q ρ |n| n D⁵, with J n D = (1 − w) u: no division by n
+    mass_rate = density * (diameter * diameter * diameter) * abs(rate)
+    rotation = rate * diameter
+    advance = select(rate > 0.0, (1.0 - wake) * max(inflow, 0.0), 0.0)
+    thrust = (1.0 - deduction) * mass_rate * (kt0 * rotation + kt_slope * advance)
+    torque = torque_share * mass_rate * diameter * (kq0 * rotation + kq_slope * advance)
+    return thrust, torque
 
 
 class Propeller(EffectorKind):
@@ -300,58 +311,65 @@ class Propeller(EffectorKind):
 
     def force_limits(self, effector: Effector, density: float, speed: float) -> tuple[float, float]:
         """See `EffectorKind.force_limits`."""
-        p = effector.parameters
+        parameters = effector.parameters
         inflow = speed * effector.force[0]
-        low = propeller_load(p, density, effector.limits[0], inflow)[0]
-        return low, propeller_load(p, density, effector.limits[1], inflow)[0]
+        low = propeller_load(parameters, density, effector.limits[0], inflow)[0]
+        return low, propeller_load(parameters, density, effector.limits[1], inflow)[0]
 
     def state_for(self, effector: Effector, density: float, force: float, speed: float) -> float:
         """See `EffectorKind.state_for`."""
-        p = effector.parameters
-        size = (1.0 - p[6]) * density * (p[0] * p[0] * p[0])
-        square = size * p[1] * p[0]
-        half_slope = 0.5 * size * p[2] * (1.0 - p[5]) * max(speed * effector.force[0], 0.0)
-        discriminant = half_slope * half_slope + square * force
+        diameter = effector.parameters[0]
+        kt0 = effector.parameters[1]
+        kt_slope = effector.parameters[2]
+        wake = effector.parameters[5]
+        deduction = effector.parameters[6]
+        inflow = max(speed * effector.force[0], 0.0)
+        # thrust = quadratic n² + 2 half_linear n ahead, −quadratic n² astern
+        scale = (1.0 - deduction) * density * (diameter * diameter * diameter)
+        quadratic = scale * kt0 * diameter
+        half_linear = 0.5 * scale * kt_slope * (1.0 - wake) * inflow
+        discriminant = half_linear * half_linear + quadratic * force
         is_ahead = discriminant >= 0.0
-        ahead = (-half_slope + np.sqrt(select(is_ahead, discriminant, 0.0))) / square
-        astern = -np.sqrt(select(is_ahead, 0.0, -force / square))
+        ahead = (-half_linear + np.sqrt(select(is_ahead, discriminant, 0.0))) / quadratic
+        astern = -np.sqrt(select(is_ahead, 0.0, -force / quadratic))
         return float(select(is_ahead, ahead, astern))
 
-    def scale(self, record: Effector, thrust: float, lift: float) -> None:
+    def scale(self, record: Effector, thrust_ratio: float, lift_ratio: float) -> None:
         """See `EffectorKind.scale`."""
-        record["parameters"][1:3] *= thrust
+        record["parameters"][1:3] *= thrust_ratio
 
 
 @compiled
 def fin_force(record: Effector, density: float, deflection: float, local: Vector) -> Vector:
     """Force of a fin by the velocity of its place relative to the water, in the body [N].
 
-    Across the deflected chord acts ½ρ S a U² sin α |cos α|, with α the incidence of the flow on the
-    chord, beyond the stall angle that of this angle (an assumption): it tilts back with the fin.
-    Along the flow acts ½ρ S C_D0 U².
+    Across the deflected chord acts ½ρ S a U² sin α |cos α|, so that its direction turns with the
+    fin. α is the incidence of the flow on the chord; beyond the stall angle the force stays at its
+    value there (an assumption). Along the flow acts ½ρ S C_D0 U².
     """
     e = record.force
     p = record.parameters
     u = local[0]
     across = local[0] * e[0] + local[1] * e[1] + local[2] * e[2]
-    square = u * u + across * across
-    flows = square >= 1e-12
+    in_plane_squared = u * u + across * across
+    flows = in_plane_squared >= 1e-12
     # without flow there is no force, and no speed to divide by
-    speed = np.sqrt(select(flows, square, 1.0))
+    speed = np.sqrt(select(flows, in_plane_squared, 1.0))
     sine = 0.0
     cosine = 1.0
-    limit = 1.0
+    sin_stall = 1.0
     # fixed fins, which are met at every step, need no sine
     if any_lane(deflection != 0.0):
         sine, cosine = np.sin(deflection), np.cos(deflection)
     if any_lane(p[2] < 0.5 * np.pi):
-        limit = select(p[2] < 0.5 * np.pi, np.sin(p[2]), 1.0)
-    incidence = min(max((u * sine - across * cosine) / speed, -limit), limit)
+        sin_stall = select(p[2] < 0.5 * np.pi, np.sin(p[2]), 1.0)
+    sin_incidence = min(max((u * sine - across * cosine) / speed, -sin_stall), sin_stall)
     scale = 0.5 * density * p[0]
-    normal = scale * p[1] * square * incidence * np.sqrt(1.0 - incidence * incidence)
-    drag = scale * p[3] * speed
-    force_across = select(flows, normal * cosine - drag * across, 0.0)
-    force_forward = select(flows, -normal * sine - drag * u, 0.0)
+    cos_incidence = np.sqrt(1.0 - sin_incidence * sin_incidence)
+    normal = scale * p[1] * in_plane_squared * sin_incidence * cos_incidence
+    drag_per_speed = scale * p[3] * speed
+    force_across = select(flows, normal * cosine - drag_per_speed * across, 0.0)
+    force_forward = select(flows, -normal * sine - drag_per_speed * u, 0.0)
     return force_forward, force_across * e[1], force_across * e[2]
 
 
@@ -367,24 +385,29 @@ def foil_force(record: Effector, density: float, deflection: float, local: Vecto
     p = record.parameters
     ahead_speed = local[0]
     across = local[0] * e[0] + local[1] * e[1] + local[2] * e[2]
-    total = local[0] * local[0] + local[1] * local[1] + local[2] * local[2]
-    square = ahead_speed * ahead_speed + across * across
-    ahead = ahead_speed * np.cos(deflection) + across * np.sin(deflection)
+    speed_squared = local[0] * local[0] + local[1] * local[1] + local[2] * local[2]
+    in_plane_squared = ahead_speed * ahead_speed + across * across
+    chordwise_speed = ahead_speed * np.cos(deflection) + across * np.sin(deflection)
     # in water at rest, and from behind, there may be no force
-    acts = (total > MIN_FLOW * MIN_FLOW) & (square != 0.0) & ((ahead > 0.0) | (p[7] != 0.0))
+    flows = (speed_squared > MIN_FLOW_SPEED * MIN_FLOW_SPEED) & (in_plane_squared != 0.0)
+    acts = flows & ((chordwise_speed > 0.0) | (p[7] != 0.0))
     incidence = p[4] + deflection + np.arctan2(-across, ahead_speed)
     while any_lane(abs(incidence) > 0.5 * np.pi):
         reversed_incidence = incidence - np.copysign(np.pi, incidence)
         incidence = select(abs(incidence) > 0.5 * np.pi, reversed_incidence, incidence)
     beyond_stall = max(abs(incidence) - p[2], 0.0)
     below_stall = min(abs(incidence), p[2])
-    lift = np.copysign(max(p[1] * below_stall + p[3] * beyond_stall, 0.0), incidence)
-    drag = abs(p[5] * below_stall + p[6] * beyond_stall)
+    lift_coefficient = np.copysign(max(p[1] * below_stall + p[3] * beyond_stall, 0.0), incidence)
+    drag_coefficient = abs(p[5] * below_stall + p[6] * beyond_stall)
     # dynamic pressure times area and the squared cosine of the sweep, over the speed in the plane
-    sweep = square / select(acts, total, 1.0)
-    scale = 0.5 * density * p[0] * np.sqrt(square) * sweep
-    force_across = select(acts, scale * (lift * ahead_speed - drag * across), 0.0)
-    force_forward = select(acts, -scale * (lift * across + drag * ahead_speed), 0.0)
+    cos2_sweep = in_plane_squared / select(acts, speed_squared, 1.0)
+    scale = 0.5 * density * p[0] * np.sqrt(in_plane_squared) * cos2_sweep
+    force_across = select(
+        acts, scale * (lift_coefficient * ahead_speed - drag_coefficient * across), 0.0
+    )
+    force_forward = select(
+        acts, -scale * (lift_coefficient * across + drag_coefficient * ahead_speed), 0.0
+    )
     return force_forward, force_across * e[1], force_across * e[2]
 
 
@@ -444,10 +467,10 @@ class Fin(EffectorKind):
             )
         record["lift_area"] = values[0] * values[1]
 
-    def scale(self, record: Effector, thrust: float, lift: float) -> None:
+    def scale(self, record: Effector, thrust_ratio: float, lift_ratio: float) -> None:
         """See `EffectorKind.scale`."""
-        record["parameters"][1] *= lift
-        record["lift_area"] *= lift
+        record["parameters"][1] *= lift_ratio
+        record["lift_area"] *= lift_ratio
 
 
 class Foil(Fin):
@@ -475,9 +498,9 @@ class Foil(Fin):
         """See `Fin.force_limits`."""
         lift = fin_lift(effector, density, speed)
         stall = effector.parameters[2]
-        at_rest = effector.parameters[4]
-        low = lift * max(effector.limits[0] + at_rest, -stall)
-        return low, lift * min(effector.limits[1] + at_rest, stall)
+        incidence_undeflected = effector.parameters[4]
+        low = lift * max(effector.limits[0] + incidence_undeflected, -stall)
+        return low, lift * min(effector.limits[1] + incidence_undeflected, stall)
 
     def state_for(self, effector: Effector, density: float, force: float, speed: float) -> float:
         """See `EffectorKind.state_for`."""

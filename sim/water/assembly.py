@@ -83,7 +83,9 @@ def planned_places(plan: MissionPlan) -> list[Floats]:
         station = getattr(vehicle, "station", None)
         if station is not None:
             farthest_behind = leader[:, :2] - (math.hypot(station.behind_m, station.port_m), 0.0)
-            places.append(np.column_stack([farthest_behind, np.full(_INSTANTS, vehicle.layer_m)]))
+            places.append(
+                np.column_stack([farthest_behind, np.full(_INSTANTS, vehicle.held_depth_m)])
+            )
             continue
         route = route_of(vehicle, key)
         motion = planned_motion(route).at(time)

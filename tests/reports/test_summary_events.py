@@ -133,7 +133,7 @@ def test_stations_nearer_than_three_sigma_are_reported() -> None:
 def test_a_shape_stands_for_its_followers() -> None:
     shaped = Scenario(name="s", formation={"shape": {"kind": "v", "count": 6, "depth_m": 12.0}})
     assert [f.name for f in shaped.followers] == [f"follower-{i}" for i in range(1, 7)]
-    assert [f.layer_m for f in shaped.followers] == [12.0 + i for i in range(6)]
+    assert [f.held_depth_m for f in shaped.followers] == [12.0 + i for i in range(6)]
     with pytest.raises(ValueError, match="kind"):
         validate({"name": "s", "formation": {"shape": {"kind": "star", "count": 6}}}, "test")
     beside = {

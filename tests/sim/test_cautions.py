@@ -121,7 +121,7 @@ def test_a_bias_in_the_leaders_own_table_is_stated_as_that_of_its_messages() -> 
 def test_a_reach_below_the_planned_distances_is_stated() -> None:
     plan = MissionPlan.of(scenario_of({}))
     (follower,) = plan.followers
-    ways = np.hypot(distances(plan, follower), plan.leader.layer_m - follower.layer_m)
+    ways = np.hypot(distances(plan, follower), plan.leader.held_depth_m - follower.held_depth_m)
     reach = float(np.median(ways))
     line = the_caution({"acoustics.max_range_m": reach})
     assert line.startswith(f"messages reach {reach:g} m, and ")

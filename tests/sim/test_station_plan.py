@@ -156,7 +156,7 @@ def test_layers_are_taken_in_turn() -> None:
     scenario = scenario_of(
         {"formation": {"shape": GRID | {"layer_m": 1.5, "layers": 4, "depth_m": 9.0}}}
     )
-    assert [f.layer_m for f in scenario.followers] == [9.0, 10.5, 12.0, 13.5] * 3
+    assert [f.held_depth_m for f in scenario.followers] == [9.0, 10.5, 12.0, 13.5] * 3
 
 
 @pytest.mark.parametrize(

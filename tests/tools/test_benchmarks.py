@@ -334,7 +334,7 @@ def test_a_closed_loop_is_reported_beside_the_solver_alone(monkeypatch: pytest.M
     assert actual["solver over closed loop"].goal == Goal(1.0, at_least=True)
     assert actual["real-time factor"][1:3] == pytest.approx((1000.0, "x"))
     assert actual["a run of 1000 s, whole"][1:3] == (3.0, "s")
-    assert {f.layer_m for f in formation.swarm(50, 1.0).followers} == {10.0}
+    assert {f.held_depth_m for f in formation.swarm(50, 1.0).followers} == {10.0}
 
 
 def test_a_log_is_reported_in_thousand_messages_and_megabytes(

@@ -73,9 +73,7 @@ def test_a_wrong_unit_and_a_clock_that_is_sorted_are_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """As tables were read before: radians where nothing is said, and rows in order of time."""
-    monkeypatch.setattr(
-        "sim.datasets.table_units._unrefuted", lambda _, readings: (readings[:1], [])
-    )
+    monkeypatch.setattr("sim.datasets.table_units._unrefuted", lambda _, choices: (choices[:1], []))
     monkeypatch.setattr("sim.datasets.table_units._require_fit", lambda *_: None)
     assert search("vehicles", 1, 20, tmp_path) > 0
     assert " differs by " in capsys.readouterr().out

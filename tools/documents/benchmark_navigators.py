@@ -22,7 +22,7 @@ from experiments.benchmark.score import (
     runs_of,
     score_all,
 )
-from reports.findings import FILE, Finding, interval_finding, plain_finding, record
+from reports.findings import RESULTS_FILE, Finding, interval_finding, plain_finding, record
 
 COMMAND = "python -m tools.documents.studies benchmark"
 MODULES = ("tools.documents.benchmark_navigators",)
@@ -83,4 +83,4 @@ def run(folder: Path) -> None:
     findings = dict[str, Finding]()
     for name, scores in all_scores(data, NAVIGATORS).items():
         findings |= findings_of(name, scores)
-    record("benchmark", COMMAND, MODULES, findings).write(folder / FILE)
+    record("benchmark", COMMAND, MODULES, findings).write(folder / RESULTS_FILE)

@@ -5,7 +5,7 @@ tools.documents.studies bending`.
 from pathlib import Path
 
 from experiments.studies.thermocline.findings import SPOILT_SHIFT_M, fix_findings
-from reports.findings import FILE, plain_finding, record
+from reports.findings import RESULTS_FILE, plain_finding, record
 
 COMMAND = "python -m tools.documents.studies bending"
 MODULES = ("tools.documents.bending",)
@@ -16,4 +16,4 @@ def run(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     matters = plain_finding(SPOILT_SHIFT_M, "shift of a fix that spoils it", "m")
     findings = {"matters": matters} | dict(fix_findings())
-    record("bending", COMMAND, MODULES, findings).write(folder / FILE)
+    record("bending", COMMAND, MODULES, findings).write(folder / RESULTS_FILE)

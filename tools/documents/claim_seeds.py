@@ -13,7 +13,14 @@ from experiments.studies.reproduce.findings import CLAIMS, JUDGED, MetricValues,
 from experiments.study.file import built_in, study_of
 from experiments.study.plan import plan_of
 from experiments.study.run import fly_further, fly_studies
-from reports.findings import FILE, Finding, Findings, interval_finding, plain_finding, record
+from reports.findings import (
+    RESULTS_FILE,
+    Finding,
+    Findings,
+    interval_finding,
+    plain_finding,
+    record,
+)
 from reports.intervals import proportion
 
 MODULES = ("experiments.studies.reproduce.findings", "experiments.study.run")
@@ -81,4 +88,4 @@ def run(
         values = MetricValues.of(outcomes)
         claims_judged = claims.judge(values, claims.published())
         verdicts[seed] = [ours.verdict for _, ours, _ in claims_judged]
-    findings_of(verdicts).write(folder / FILE)
+    findings_of(verdicts).write(folder / RESULTS_FILE)

@@ -14,7 +14,14 @@ import numpy as np
 from experiments.study.file import Until
 from experiments.study.run import runs_wanted
 from laisn.arrays import Floats
-from reports.findings import FILE, Finding, Findings, interval_finding, plain_finding, record
+from reports.findings import (
+    RESULTS_FILE,
+    Finding,
+    Findings,
+    interval_finding,
+    plain_finding,
+    record,
+)
 from reports.intervals import Interval, mean_interval, proportion, ratio_intervals
 
 COMMAND = "python -m tools.documents.studies coverage"
@@ -180,4 +187,4 @@ def findings() -> Findings:
 
 def run(folder: Path) -> None:
     """Draw everything and write the record into a folder."""
-    findings().write(folder / FILE)
+    findings().write(folder / RESULTS_FILE)

@@ -143,7 +143,7 @@ def routes() -> Figure:
         )
         for v, (colour, dash, width) in enumerate(styles)
     ]
-    figure = drawing.panel(
+    figure = drawing.draw_lines(
         lines, x_label="east [m]", y_label="north [m]", equal_scales=True, height=4.0
     )
     for v, (name, (colour, dash, _)) in enumerate(zip(("leader", *ROUTES), styles, strict=True)):

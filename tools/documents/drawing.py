@@ -41,12 +41,14 @@ _STYLE: Any = {
     "lines.solid_joinstyle": "round",
     "path.simplify": True,
 }
+_ALL_POINTS = 10**9  # maps are not decimated
 _SYMBOL = re.compile(r"(?<=[> ,])([EDHσ])_([A-Za-z]+)(?=[^<>\"]*</text>)")
 """A symbol with an index, such as E_P, in the words of a drawing."""
 
 
 def with_subscripts(text: str) -> str:
     """The text of a drawing with the indices of symbols below the line."""
+    # the zero-width space raises the line again
     return _SYMBOL.sub(
         r'\1<tspan dy="2" font-size="70%">\2</tspan><tspan dy="-2">&#8203;</tspan>', text
     )
@@ -54,11 +56,16 @@ def with_subscripts(text: str) -> str:
 
 def _axes(figure: Figure, bottom: float, height: float) -> Axes:
     """Axes over the width of a figure, with room for numbers at the left; places in inches."""
-    width_in, high = figure.get_size_inches()
+    width_in, height_in = figure.get_size_inches()
     left = 0.595
     right = 0.09
     return figure.add_axes(
-        (left / width_in, bottom / high, (width_in - left - right) / width_in, height / high)
+        (
+            left / width_in,
+            bottom / height_in,
+            (width_in - left - right) / width_in,
+            height / height_in,
+        )
     )
 
 
@@ -81,7 +88,10 @@ def _draw(axes: Axes, subplot: Subplot, points: int) -> None:
             alpha=line.opacity,
         )
         for k, (low, high) in enumerate(zip(*line.interval, strict=True) if line.interval else ()):
-            ends = ([low, high], [line.y[k]] * 2) if line.across else ([line.x[k]] * 2, [low, high])
+            if line.across:
+                ends = [low, high], [line.y[k]] * 2
+            else:
+                ends = [line.x[k]] * 2, [low, high]
             axes.plot(*ends, color=line.colour.light, linewidth=1.4)
 
 
@@ -125,16 +135,17 @@ def draw(panel: Panel) -> Figure:
                 axes.tick_params(axis="x", labelbottom=False, length=0)
         figure.align_ylabels()
         if panel.title:
+            # the last axes drawn are the topmost
             axes.set_title(panel.title, loc="left", fontsize=8.5, fontweight="bold", pad=5)
     return figure
 
 
-def panel(lines: Sequence[Line], **settings: Any) -> Figure:
-    """A panel of lines, drawn; settings as of `figures.panel`."""
+def draw_lines(lines: Sequence[Line], **settings: Any) -> Figure:
+    """Lines as a figure of one panel; settings as of `figures.panel`."""
     return draw(figures.panel(lines, **settings))
 
 
-def heat(bearing_deg: Floats, range_m: Floats, error: Floats, title: str) -> Figure:
+def heat_map(bearing_deg: Floats, range_m: Floats, error: Floats, title: str) -> Figure:
     """Position error over bearing and range.
 
     Args:
@@ -143,7 +154,7 @@ def heat(bearing_deg: Floats, range_m: Floats, error: Floats, title: str) -> Fig
         error: shape (r, b), [m].
         title: of the panel.
     """
-    figure = panel(
+    figure = draw_lines(
         [], x_label="bearing B of the follower [°]", y_label="range [m]", title=title, height=2.6
     )
     (axes,) = figure.axes

@@ -7,7 +7,7 @@ import numpy as np
 from experiments.campaign.montecarlo import CampaignMission, CellSettings
 from experiments.flight.fly import fly
 from experiments.flight.library import load_scenario
-from reports.findings import FILE, Finding, Findings, plain_finding, record
+from reports.findings import RESULTS_FILE, Finding, Findings, plain_finding, record
 from sim.flight import FlightRecord, position_and_bearing_errors
 from sim.scenario.sensors import Sensors
 from sim.sensing.observation import IdealMeasurements
@@ -99,4 +99,4 @@ def findings() -> Findings:
 
 def run(folder: Path) -> None:
     """Fly them and write the record into a folder."""
-    findings().write(folder / FILE)
+    findings().write(folder / RESULTS_FILE)

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 import laisn_sim
 import models
 from laisn.arrays import Floats
-from reports.findings import FILE, Finding, Findings, plain_finding, record
+from reports.findings import RESULTS_FILE, Finding, Findings, plain_finding, record
 from sim import attitude
 from sim.assembly import routes_of
 from sim.scenario.parts import MissionPlan
@@ -587,4 +587,4 @@ def findings() -> Findings:
 
 def run(folder: Path) -> None:
     """Run all trials and write the record into a folder."""
-    findings().write(folder / FILE)
+    findings().write(folder / RESULTS_FILE)

@@ -15,7 +15,7 @@ from tests.sim.vehicle.test_hydrodynamics_kirchhoff import (
     SPHEROID_INERTIA,
     SPHEROID_MASS,
 )
-from tools.documents.drawing import panel
+from tools.documents.drawing import draw_lines
 from tools.documents.hull_trials import PUBLISHED_SPEED, PUBLISHED_TURN
 
 Drawn = tuple[Figure, Legend]
@@ -39,7 +39,9 @@ def remus_speed() -> Drawn:
                 x=np.array([0.0, 25.0]), y=np.full(2, speed), colour=SERIES[i], width=0.8, dash=":"
             )
         )
-    figure = panel(lines, x_label="time [s]", y_label="speed [m/s]", title="REMUS 100, from rest")
+    figure = draw_lines(
+        lines, x_label="time [s]", y_label="speed [m/s]", title="REMUS 100, from rest"
+    )
     for i, (rpm, speed) in enumerate(PUBLISHED_SPEED.items()):
         figure.axes[0].annotate(
             f"{rpm} rpm",
@@ -72,7 +74,7 @@ def remus_turn() -> Drawn:
                 marker="o",
             )
         )
-    figure = panel(
+    figure = draw_lines(
         lines, x_label="rudder [°]", y_label="turn rate [°/s]", title="REMUS 100, steady turn"
     )
     return figure, [(SERIES[0], "1000 rpm"), (SERIES[1], "1525 rpm; dots: published")]
@@ -103,7 +105,7 @@ def pendulum() -> Drawn:
         Line(x=time, y=np.array(pitch), colour=SERIES[0], width=1.2),
         Line(x=marks, y=np.cos(2 * np.pi * marks / period), colour=SERIES[1], marker="o"),
     ]
-    figure = panel(lines, x_label="time [s]", y_label="pitch [°]", title="Righting, no drag")
+    figure = draw_lines(lines, x_label="time [s]", y_label="pitch [°]", title="Righting, no drag")
     return figure, [(SERIES[1], f"dots: closed form, period {period:.2f} s")]
 
 
@@ -148,7 +150,7 @@ def orbits() -> Drawn:
             )
         )
         lines.append(Line(x=path_flown[:, 0], y=path_flown[:, 1], colour=SERIES[0], width=1.0))
-    figure = panel(
+    figure = draw_lines(
         lines,
         x_label="along the wave [m]",
         y_label="height [m]",

@@ -24,7 +24,7 @@ from experiments.beacon_replay import (
 from laisn.estimates import Estimates
 from laisn.settings import NavigationSettings, TightSettings
 from laisn.tight.navigator import TightNavigator
-from reports.findings import FILE, Finding, plain_finding, record
+from reports.findings import RESULTS_FILE, Finding, plain_finding, record
 from reports.version import ROOT
 from sim.datasets.log import Replayable, read_data_set, read_data_set_log, write_data_set
 
@@ -161,4 +161,4 @@ def run(folder: Path) -> None:
     findings: dict[str, Finding] = {}
     for name in SETS:
         findings |= ranges_of(name) | findings_of(name, scores(name))
-    record("real-ranges", COMMAND, MODULES, findings).write(folder / FILE)
+    record("real-ranges", COMMAND, MODULES, findings).write(folder / RESULTS_FILE)

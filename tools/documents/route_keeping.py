@@ -12,7 +12,7 @@ import numpy as np
 
 from experiments.flight.library import ROUTES
 from laisn.arrays import Floats
-from reports.findings import FILE, Finding, Findings, plain_finding, record
+from reports.findings import RESULTS_FILE, Finding, Findings, plain_finding, record
 from sim.assembly import routes_of
 from sim.scenario.parts import MissionPlan
 from sim.scenario.point_motion import plan
@@ -168,4 +168,4 @@ def findings_of(reports: Sequence[TrackingReport], planned: TrackingReport) -> F
 def run(folder: Path) -> None:
     """Fly everything and write the record into a folder."""
     planned = measure(scenario(("T8",)).model_copy(update={"motion": "kinematic"}))[1]
-    findings_of(measure(scenario()), planned).write(folder / FILE)
+    findings_of(measure(scenario()), planned).write(folder / RESULTS_FILE)

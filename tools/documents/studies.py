@@ -11,8 +11,8 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from experiments.study.study import run
-from reports.findings import FILE
+from experiments.study.study import run as run_study
+from reports.findings import RESULTS_FILE
 from tools.documents import (
     benchmark_navigators,
     bending,
@@ -35,27 +35,28 @@ STUDIES: dict[str, Callable[[Path], object]] = {
     "vehicle-missions": vehicle_missions.run,
     "route-keeping": route_keeping.run,
     "coverage": coverage.run,
-    "reproduce-physics": partial(run, "reproduce", {}),
-    "reproduce-kinematic": partial(run, "reproduce", POINT_MOTION),
+    "reproduce-physics": partial(run_study, "reproduce", {}),
+    "reproduce-kinematic": partial(run_study, "reproduce", POINT_MOTION),
     "claim-seeds": claim_seeds.run,
-    "closed-loop": partial(run, "closed-loop", {}),
-    "formation": partial(run, "formation", {}),
-    "asymmetry": partial(run, "asymmetry", {}),
-    "estimators": partial(run, "estimators", {}),
+    "closed-loop": partial(run_study, "closed-loop", {}),
+    "formation": partial(run_study, "formation", {}),
+    "asymmetry": partial(run_study, "asymmetry", {}),
+    "estimators": partial(run_study, "estimators", {}),
     "tight-limits": tight_limits.run,
     "real-ranges": real_ranges.run,
-    "rivals": partial(run, "rivals", {}),
+    "rivals": partial(run_study, "rivals", {}),
     "benchmark": benchmark_navigators.run,
     "bending": bending.run,
-    "thermocline": partial(run, "thermocline", {}),
-    "front": partial(run, "front", {}),
+    "thermocline": partial(run_study, "thermocline", {}),
+    "front": partial(run_study, "front", {}),
 }
-"""How each is flown into a folder."""
+"""Function that flies each study into the folder it is given."""
 
 
 def main() -> None:
     """Fly the studies named on the command line, or all of them."""
     parser = argparse.ArgumentParser(description=main.__doc__)
+    # argparse checks the default of `*`, [], against choices too
     parser.add_argument(
         "names", nargs="*", choices=[*STUDIES, []], help="studies; all if none is named"
     )
@@ -72,7 +73,7 @@ def main() -> None:
             shutil.rmtree(folder, ignore_errors=True)
         STUDIES[name](folder)
         RECORDS.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(folder / FILE, RECORDS / f"{name}.json")
+        shutil.copyfile(folder / RESULTS_FILE, RECORDS / f"{name}.json")
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from laisn.settings import NavigationSettings
 from reports.figures import Line
 from reports.style import ESTIMATE, INK, MUTED, SERIES, Legend
 from sim.datasets.log import read_data_set, read_data_set_log, write_data_set
-from tools.documents.drawing import draw, heat, panel
+from tools.documents.drawing import draw, draw_lines, heat_map
 from tools.documents.real_ranges import DATA
 
 Drawn = tuple[Figure, Legend]
@@ -42,7 +42,9 @@ def asymmetry() -> Drawn:
     )
     error = sweep(points, NavigationSettings(side_rule="predicted"))
     title = f"Error of a fix: pitch {_PITCH_DEG:g}°, follower {_OFFSET_M:g} m below"
-    figure = heat(bearing, distance, np.hypot(*error.T).reshape(distance.size, bearing.size), title)
+    figure = heat_map(
+        bearing, distance, np.hypot(*error.T).reshape(distance.size, bearing.size), title
+    )
     return figure, ()
 
 
@@ -71,7 +73,7 @@ def closed_loop() -> Drawn:
                     x=flight.trajectory.time[steps], y=lateral, colour=colour, dash=dash, width=1.4
                 )
             )
-    figure = panel(
+    figure = draw_lines(
         lines, x_label="time [s]", y_label="to starboard of the leader's axis [m]", height=3.0
     )
     return figure, [
@@ -104,7 +106,9 @@ def real_ranges() -> Drawn:
         Line(x=estimated.state[steps, 0], y=estimated.state[steps, 1], colour=ESTIMATE, width=0.8),
         Line(x=data.places[:, 0], y=data.places[:, 1], colour=SERIES[1], marker="^", size=7.0),
     ]
-    figure = panel(lines, x_label="east [m]", y_label="north [m]", equal_scales=True, height=4.0)
+    figure = draw_lines(
+        lines, x_label="east [m]", y_label="north [m]", equal_scales=True, height=4.0
+    )
     return figure, [
         (SERIES[1], "▲ the two beacons"),
         (INK, "surveyed path"),

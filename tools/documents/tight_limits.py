@@ -20,7 +20,14 @@ from laisn.arrays import Floats
 from laisn.messages import LeaderMessage, Measurements
 from laisn.settings import TightSettings
 from laisn.tight.navigator import run_mission
-from reports.findings import FILE, Finding, interval_finding, plain_finding, record, share_finding
+from reports.findings import (
+    RESULTS_FILE,
+    Finding,
+    interval_finding,
+    plain_finding,
+    record,
+    share_finding,
+)
 from reports.intervals import mean_interval, mean_over_missions
 
 COMMAND = "python -m tools.documents.studies tight-limits"
@@ -129,8 +136,8 @@ def case_findings(case: str, arms: Mapping[str, Cells]) -> Iterator[tuple[str, F
     worst route.
     """
     for arm, routes in arms.items():
-        errors = routes.runs("e_p_mean_m")
-        nees = routes.runs("nees").mean(axis=0)
+        errors = routes.values_by_run("e_p_mean_m")
+        nees = routes.values_by_run("nees").mean(axis=0)
         name = f"{arm} {case}"
         yield (
             f"error {name}",
@@ -143,7 +150,8 @@ def case_findings(case: str, arms: Mapping[str, Cells]) -> Iterator[tuple[str, F
     for ours, rivals in RIVALS.items():
         better = 0
         for rival in rivals:
-            advantage = arms[rival].runs("e_p_mean_m") - arms[ours].runs("e_p_mean_m")
+            rival_error = arms[rival].values_by_run("e_p_mean_m")
+            advantage = rival_error - arms[ours].values_by_run("e_p_mean_m")
             name = f"{rival} {case}"
             meaning = f"paired difference of mean E_P: {rival} less {ours}"
             yield (
@@ -175,7 +183,7 @@ def run(
     cells = results.cells.by("arm", "case")
     arms = list(results.plan.study.arms)
     findings: dict[str, Finding] = {
-        "runs": plain_finding(len(next(iter(cells.values())).runs("run")), "")
+        "runs": plain_finding(len(next(iter(cells.values())).values_by_run("run")), "")
     }
     for case in results.plan.study.cases:
         findings |= dict(case_findings(case, {arm: cells[f"{arm} {case}"] for arm in arms}))
@@ -187,4 +195,4 @@ def run(
             int(total), "the same of all cases together"
         )
     findings |= dict(map_of_nees(map_runs))
-    record("tight-limits", COMMAND, MODULES, findings).write(folder / FILE)
+    record("tight-limits", COMMAND, MODULES, findings).write(folder / RESULTS_FILE)

@@ -15,7 +15,7 @@ import models
 from experiments.flight import library
 from experiments.flight.fly import fly
 from laisn.arrays import Floats
-from reports.findings import FILE, Finding, Findings, plain_finding, record
+from reports.findings import RESULTS_FILE, Finding, Findings, plain_finding, record
 from sim.flight import FlightRecord, Termination
 from sim.hull import hull_of, limits_of
 from sim.scenario.file import ScenarioError
@@ -91,7 +91,7 @@ def retimed(table: dict[str, Any]) -> dict[str, Any]:
 
     def in_time(key: str, timed_vehicle: Vehicle) -> dict[str, Any]:
         route = route_of(timed_vehicle, key)
-        current = scenario.ocean.current_at(vehicle.layer_m, 0.0)
+        current = scenario.ocean.current_at(vehicle.held_depth_m, 0.0)
         directions = np.diff(route.waypoint, axis=0) / route.leg_length[:, None]
         fastest = fastest_over_ground(directions, current, 0.75 * limits.top_speed)
         assert (slowest < fastest).all()
@@ -208,4 +208,4 @@ def findings() -> Findings:
 def run(folder: Path) -> None:
     """Fly all missions and write the record into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    findings().write(folder / FILE)
+    findings().write(folder / RESULTS_FILE)

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from experiments.campaign.store import Record
-from experiments.study.run import Choice, StudyResults
+from experiments.study.run import RunTotals, StudyResults
 from laisn.arrays import Bools, Floats
 from reports import intervals
 from reports.findings import Finding, interval_finding, plain_finding
@@ -256,7 +256,7 @@ def undecided(mission: ComparedMission, looks: Sequence[int], runs: int) -> list
 
 def further_runs(
     outcomes: Mapping[str, StudyResults], looks: Sequence[int] = LOOKS
-) -> dict[str, Choice]:
+) -> dict[str, RunTotals]:
     """Runs up to the next look of arms whose verdict is open, unless even the last would hardly
     settle it.
     """

@@ -21,11 +21,11 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
         by_truth, by_estimate, in_current = (
             arms[f"{navigator} {guidance}"] for guidance in ("truth", "estimate", "current")
         )
-        is_lost = by_estimate.runs("track_error_end_m") > LOST_FROM_M
-        is_lost_in_current = in_current.runs("track_error_end_m") > LOST_FROM_M
-        navigation_error = by_truth.runs("e_p_mean_m")
-        track_error = by_estimate.runs("track_error_rms_m")
-        track_error_in_current = in_current.runs("track_error_rms_m")
+        is_lost = by_estimate.values_by_run("track_error_end_m") > LOST_FROM_M
+        is_lost_in_current = in_current.values_by_run("track_error_end_m") > LOST_FROM_M
+        navigation_error = by_truth.values_by_run("e_p_mean_m")
+        track_error = by_estimate.values_by_run("track_error_rms_m")
+        track_error_in_current = in_current.values_by_run("track_error_rms_m")
         findings |= {
             "runs": plain_finding(len(is_lost), "runs of each route"),
             "missions": plain_finding(is_lost.size, "missions of each navigator"),

@@ -43,18 +43,22 @@ def _rms_of(values: Floats) -> np.float64:
 
 def _rms_of_missions(cells: Cells) -> Floats:
     """RMS error of all runs of each mission, shape (m,), [m]."""
-    return np.asarray(np.sqrt(np.mean(cells.runs("e_p_rms_m") ** 2, axis=0)))
+    return np.asarray(np.sqrt(np.mean(cells.values_by_run("e_p_rms_m") ** 2, axis=0)))
 
 
 def figures_of(missions: Cells) -> list[dict[str, Any]]:
     """Figures of all runs of each mission by both navigators."""
     tight, laisn = (missions.where(arm=arm) for arm in ("tight", "laisn-2"))
-    error, laisn_error = (cells.runs("e_p_mean_m").mean(axis=0) for cells in (tight, laisn))
+    error, laisn_error = (
+        cells.values_by_run("e_p_mean_m").mean(axis=0) for cells in (tight, laisn)
+    )
     rms = _rms_of_missions(tight)
     laisn_rms = _rms_of_missions(laisn)
-    nees = tight.runs("nees").mean(axis=0)
-    largest = tight.runs("e_p_max_m").max(axis=0)
-    locked, laisn_locked = (cells.runs("mirror_locked").sum(axis=0) for cells in (tight, laisn))
+    nees = tight.values_by_run("nees").mean(axis=0)
+    largest = tight.values_by_run("e_p_max_m").max(axis=0)
+    locked, laisn_locked = (
+        cells.values_by_run("mirror_locked").sum(axis=0) for cells in (tight, laisn)
+    )
     return [
         {
             "case": row.get("case"),
@@ -81,7 +85,9 @@ def median_ratio(missions: Cells) -> Interval:
     mission over its runs; of an even number of missions, the mean of the two in the middle, limits
     too.
     """
-    tight, laisn = (missions.where(arm=arm).runs("e_p_mean_m") for arm in ("tight", "laisn-2"))
+    tight, laisn = (
+        missions.where(arm=arm).values_by_run("e_p_mean_m") for arm in ("tight", "laisn-2")
+    )
     ratios = sorted(ratio_intervals(tight, laisn), key=lambda ratio: ratio.value)
     # of an odd number both are the one in the middle
     low, high = ratios[(len(ratios) - 1) // 2], ratios[len(ratios) // 2]
@@ -98,7 +104,7 @@ def mission_findings(key: str, missions: Cells) -> dict[str, Finding]:
     figures = figures_of(missions)
     tight, laisn = (missions.where(arm=arm) for arm in ("tight", "laisn-2"))
     missions_text = f"{len(figures)} missions"
-    runs = tight.runs("run").size
+    runs = tight.values_by_run("run").size
     column = {name: [mission[name] for mission in figures] for name in figures[0]}
     meaning = "share of instants whose mean eᵀP⁻¹e is within its 95 % χ² interval"
     locked = "locked on the mirror image"
@@ -108,31 +114,36 @@ def mission_findings(key: str, missions: Cells) -> dict[str, Finding]:
         ),
         "worst": plain_finding(max(column["ratio"]), f"the same, largest of {missions_text}"),
         "error": interval_finding(
-            mean_of(tight.runs("e_p_mean_m")), f"mean E_P, mean of {missions_text}, 95 %", "m"
+            mean_of(tight.values_by_run("e_p_mean_m")),
+            f"mean E_P, mean of {missions_text}, 95 %",
+            "m",
         ),
         "laisn-2": interval_finding(
-            mean_of(laisn.runs("e_p_mean_m")), f"of LAISN-2, mean of {missions_text}, 95 %", "m"
+            mean_of(laisn.values_by_run("e_p_mean_m")),
+            f"of LAISN-2, mean of {missions_text}, 95 %",
+            "m",
         ),
         "largest": plain_finding(max(column["largest"]), f"largest E_P of {missions_text}", "m"),
         "nees": interval_finding(
-            mean_of(tight.runs("nees")), f"mean eᵀP⁻¹e, mean of {missions_text}, 95 %; right: 2"
+            mean_of(tight.values_by_run("nees")),
+            f"mean eᵀP⁻¹e, mean of {missions_text}, 95 %; right: 2",
         ),
         "nees-least": plain_finding(min(column["nees"]), f"smallest of {missions_text}"),
         "nees-most": plain_finding(max(column["nees"]), f"largest of {missions_text}"),
         "inside": plain_finding(float(np.mean(column["inside"])), meaning),
         # `nis` sums two squares; half of it is that of one range
         "nis": interval_finding(
-            mean_of(0.5 * tight.runs("nis")),
+            mean_of(0.5 * tight.values_by_run("nis")),
             f"squared residual of a range, mean of {missions_text}; right: 1",
         ),
         "mirror-locked": share_finding(
-            tight.runs("mirror_locked"), f"share of runs {locked}, 95 %"
+            tight.values_by_run("mirror_locked"), f"share of runs {locked}, 95 %"
         ),
         "mirror-locked-runs": plain_finding(
             sum(column["mirror_locked"]), f"runs {locked} of {runs}"
         ),
         "mirror-locked-laisn-2": share_finding(
-            laisn.runs("mirror_locked"), f"share of LAISN-2's runs {locked}, 95 %"
+            laisn.values_by_run("mirror_locked"), f"share of LAISN-2's runs {locked}, 95 %"
         ),
     }
     smoothed = [row.get("bound_smoothed_rms_m") for row in tight.rows]
@@ -208,9 +219,9 @@ def plain_filter_findings(key: str, missions: Cells) -> dict[str, Finding]:
     ekf, tight = (missions.where(arm=arm) for arm in ("ekf", "tight"))
     missions_text = f"{len(ekf.rows)} missions"
     meaning = "mean E_P of the tightly coupled navigator over a plain EKF's"
-    tight_errors = tight.runs("e_p_mean_m")
-    ekf_errors = ekf.runs("e_p_mean_m")
-    locked = ekf.runs("mirror_locked")
+    tight_errors = tight.values_by_run("e_p_mean_m")
+    ekf_errors = ekf.values_by_run("e_p_mean_m")
+    locked = ekf.values_by_run("mirror_locked")
     total_ratio = ratio_intervals(
         tight_errors.sum(axis=1, keepdims=True), ekf_errors.sum(axis=1, keepdims=True)
     )[0]
@@ -220,7 +231,7 @@ def plain_filter_findings(key: str, missions: Cells) -> dict[str, Finding]:
         ),
         f"over-ekf {key}": interval_finding(total_ratio, f"{meaning}, {missions_text}, 95 %"),
         f"ekf-nees {key}": interval_finding(
-            mean_of(ekf.runs("nees")),
+            mean_of(ekf.values_by_run("nees")),
             f"mean eᵀP⁻¹e of a plain EKF, {missions_text}, 95 %; right: 2",
         ),
         f"ekf-mirror-locked {key}": share_finding(
@@ -239,7 +250,9 @@ def plain_filter_findings(key: str, missions: Cells) -> dict[str, Finding]:
 
 def mirror_lock_findings(key: str, mission: Cells) -> dict[str, Finding]:
     """Findings of many runs of one mission that were flown for their mirror locks alone."""
-    tight, laisn = (mission.where(arm=arm).runs("mirror_locked") for arm in ("tight", "laisn-2"))
+    tight, laisn = (
+        mission.where(arm=arm).values_by_run("mirror_locked") for arm in ("tight", "laisn-2")
+    )
     return {
         f"many-runs {key}": plain_finding(tight.size, "runs"),
         f"many {key}": share_finding(tight, "share of runs locked on the mirror image, 95 %"),

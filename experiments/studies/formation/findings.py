@@ -78,7 +78,7 @@ class LeaderBroadcast:
     def reach_m(self) -> float:
         """Distance from the transmitter that is farther away to the farthest station [m]."""
         half_baseline = 0.5 * (self.leader.baseline_m or 0.0)
-        depth = self.leader.layer_m
+        depth = self.leader.held_depth_m
         return max(
             math.hypot(abs(s.behind_m) + half_baseline, s.port_m, s.depth_m - depth)
             for s in self.stations
@@ -183,7 +183,7 @@ def weave_findings() -> dict[str, Finding]:
 
 def condition_findings(name: str, followers: Cells) -> dict[str, Finding]:
     """Findings of one condition, from a cell for each follower; intervals are over runs."""
-    column = followers.runs
+    column = followers.values_by_run
     rms = column("station_rms_m")
     layer = column("closest_in_layer_m")
     lost = column("lost")

@@ -22,11 +22,11 @@ CASES = {"still": "still water", "uniform": "0.4 m/s everywhere", "front": "fron
 
 def _findings_of_case(name: str, cells: Cells) -> Iterator[tuple[str, Finding]]:
     """Findings of an arm in a case, of six followers in each run."""
-    station_errors = np.median(cells.runs("station_rms_m"), axis=1)
-    error = cells.runs("e_p_mean_m").mean(axis=1)
-    largest = float(cells.runs("station_max_m").max())
-    lost = int(cells.runs("lost").sum())
-    closest = float(cells.runs("closest_horizontal_m").min())
+    station_errors = np.median(cells.values_by_run("station_rms_m"), axis=1)
+    error = cells.values_by_run("e_p_mean_m").mean(axis=1)
+    largest = float(cells.values_by_run("station_max_m").max())
+    lost = int(cells.values_by_run("lost").sum())
+    closest = float(cells.values_by_run("closest_horizontal_m").min())
     station = interval_finding(
         mean_interval(station_errors), "RMS off the station, median of followers, 95 %", "m"
     )
@@ -54,8 +54,8 @@ def findings_of(outcomes: Mapping[str, StudyResults]) -> dict[str, Finding]:
     for arm in ARMS:
         in_front, in_still_water = (cells.where(arm=arm, case=case) for case in ("front", "still"))
         if in_front.rows and in_still_water.rows:
-            added = np.median(in_front.runs("station_rms_m"), axis=1)
-            added = added - np.median(in_still_water.runs("station_rms_m"), axis=1)
+            added = np.median(in_front.values_by_run("station_rms_m"), axis=1)
+            added = added - np.median(in_still_water.values_by_run("station_rms_m"), axis=1)
             meaning = "what the front adds to the distance from the station, paired by run, 95 %"
             findings[f"added {arm}"] = interval_finding(mean_interval(added), meaning, "m")
     return findings

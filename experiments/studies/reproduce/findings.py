@@ -21,7 +21,7 @@ from scipy.special import stdtrit
 
 from experiments.campaign.store import Arrays, Record
 from experiments.flight.library import ROUTES
-from experiments.study.run import Choice, StudyResults
+from experiments.study.run import RunTotals, StudyResults
 from laisn.arrays import Bools, Floats
 from laisn.geometry import signed_angle
 from reports.findings import Finding, interval_finding, plain_finding
@@ -559,7 +559,7 @@ def findings_of_rows(
     return findings
 
 
-def further_runs(outcomes: Mapping[str, StudyResults]) -> dict[str, Choice]:
+def further_runs(outcomes: Mapping[str, StudyResults]) -> dict[str, RunTotals]:
     """The runs of all replications of the cells that claims compare."""
     runs = REPLICATIONS * outcomes["tables"].plan.study.runs
     numbers = {

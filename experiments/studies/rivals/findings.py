@@ -126,10 +126,12 @@ def arm_findings(name: str, routes: Cells) -> Iterator[tuple[str, Finding]]:
     yield (
         f"error {name}",
         interval_finding(
-            mean_over_missions([*routes.runs("e_p_mean_m").T]), "mean E_P over routes, 95 %", "m"
+            mean_over_missions([*routes.values_by_run("e_p_mean_m").T]),
+            "mean E_P over routes, 95 %",
+            "m",
         ),
     )
-    high, nees = (routes.runs(metric)[0] for metric in ("e_p_p95_m", "nees"))
+    high, nees = (routes.values_by_run(metric)[0] for metric in ("e_p_p95_m", "nees"))
     yield (
         f"high {name}",
         plain_finding(float(high.mean()), "95th percentile of E_P, mean over routes", "m"),
@@ -141,17 +143,18 @@ def arm_findings(name: str, routes: Cells) -> Iterator[tuple[str, Finding]]:
     yield (
         f"locked {name}",
         share_finding(
-            routes.runs("mirror_locked"), "share of missions locked on the mirror image, 95 %"
+            routes.values_by_run("mirror_locked"),
+            "share of missions locked on the mirror image, 95 %",
         ),
     )
     meaning = f"share of missions with an error beyond {LOST_FROM_M:g} m, 95 %"
-    yield f"lost {name}", share_finding(routes.runs("e_p_max_m") > LOST_FROM_M, meaning)
+    yield f"lost {name}", share_finding(routes.values_by_run("e_p_max_m") > LOST_FROM_M, meaning)
 
 
 def worst_routes(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
     """Mean error of each arm on its worst route."""
     for name, routes in cells.items():
-        errors = routes.runs("e_p_mean_m").mean(axis=0)
+        errors = routes.values_by_run("e_p_mean_m").mean(axis=0)
         yield (
             f"worst {name}",
             plain_finding(float(errors.max()), "mean E_P on the worst route", "m"),
@@ -160,7 +163,7 @@ def worst_routes(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
 
 def difference(first: Cells, second: Cells, description: str) -> Finding:
     """Paired difference of mean errors of two arms, over the runs that both have."""
-    errors = [cells.runs("e_p_mean_m") for cells in (first, second)]
+    errors = [cells.values_by_run("e_p_mean_m") for cells in (first, second)]
     n = min(map(len, errors))
     mean = mean_over_missions([*(errors[0][:n] - errors[1][:n]).T])
     return interval_finding(mean, f"paired difference of mean E_P: {description}, 95 %", "m")
@@ -202,7 +205,8 @@ def with_speed_as_state(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Findi
         if name not in cells or other not in cells:
             continue
         yield f"less tight {name}", difference(cells[name], cells[other], f"{STEADY} less tight")
-        by_route = cells[name].runs("e_p_mean_m") - cells[other].runs("e_p_mean_m")
+        error, other_error = (cells[n].values_by_run("e_p_mean_m") for n in (name, other))
+        by_route = error - other_error
         for end, route in (
             ("least", int(by_route.mean(axis=0).argmin())),
             ("most", int(by_route.mean(axis=0).argmax())),
@@ -222,9 +226,9 @@ def steered(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
         if case not in cells:
             continue
         routes = cells[case]
-        error = mean_over_missions([*routes.runs("e_p_mean_m").T])
+        error = mean_over_missions([*routes.values_by_run("e_p_mean_m").T])
         yield f"closed-error {case}", interval_finding(error, "mean E_P, 95 %", "m")
-        track_error = routes.runs("track_error_rms_m")
+        track_error = routes.values_by_run("track_error_rms_m")
         yield (
             f"closed-off {case}",
             median_finding(track_error, "RMS off its place, median of missions", "m"),
@@ -232,7 +236,7 @@ def steered(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
         meaning = f"share of missions that end more than {LOST_FROM_M:g} m off their place, 95 %"
         yield (
             f"closed-lost {case}",
-            share_finding(routes.runs("track_error_end_m") > LOST_FROM_M, meaning),
+            share_finding(routes.values_by_run("track_error_end_m") > LOST_FROM_M, meaning),
         )
 
 
@@ -243,7 +247,7 @@ def mapped(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
     better = total = 0
     for distance, bias, baseline in product(RANGES_M, BIASES_DEG, BASELINES_M):
         names = [f"map {name} {distance} {bias:g} {baseline:g}" for name in MAPPED]
-        laisn, usbl = (cells[name].runs("e_p_mean_m")[:, :1].T for name in names)
+        laisn, usbl = (cells[name].values_by_run("e_p_mean_m")[:, :1].T for name in names)
         for name, errors in zip(names, (laisn, usbl), strict=True):
             yield name, interval_finding(mean_over_missions([*errors]), "mean E_P, 95 %", "m")
         difference = interval_finding(
@@ -266,7 +270,7 @@ def shared(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
     simulated = sorted({*INTERVALS, *SHARED_INTERVALS})
     for name in SHARING:
         arms = [cells[case_name(name, "calm", interval)] for interval in simulated]
-        errors = [float(routes.runs("e_p_mean_m").mean()) for routes in arms]
+        errors = [float(routes.values_by_run("e_p_mean_m").mean()) for routes in arms]
         for interval, error in zip(simulated, errors, strict=True):
             yield f"interval {name} {interval:g}", plain_finding(error, "mean E_P over routes", "m")
         for vehicles, distance in product(VEHICLES, REACHES_M):
@@ -325,12 +329,14 @@ def findings_of_rows(
     findings |= dict(worst_routes(routes))
     slow = case_name(SLOW, "calm", USUAL)
     if slow in routes:
-        number = len(routes[slow].runs("run"))
+        number = len(routes[slow].values_by_run("run"))
         findings["slow-runs"] = plain_finding(number, "of the factor graph")
     return findings | {
-        "runs": plain_finding(len(next(iter(routes.values())).runs("run")), "runs of each mission"),
+        "runs": plain_finding(
+            len(next(iter(routes.values())).values_by_run("run")), "runs of each mission"
+        ),
         "closed-runs": plain_finding(
-            len(next(iter(closed.values())).runs("run")), "in closed loop"
+            len(next(iter(closed.values())).values_by_run("run")), "in closed loop"
         ),
     }
 

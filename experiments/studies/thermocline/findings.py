@@ -204,7 +204,8 @@ def leg_findings(cells: Cells) -> Iterator[tuple[str, Finding]]:
     for condition, by_sound in _receivers(cells, "scenario", "case", "leader.baseline_m"):
         key = condition.removesuffix(longest_baseline)
         errors = {
-            sound: arm_cells.runs("e_p_mean_m")[:, 0] for sound, arm_cells in by_sound.items()
+            sound: arm_cells.values_by_run("e_p_mean_m")[:, 0]
+            for sound, arm_cells in by_sound.items()
         }
         for sound, error in errors.items():
             name, words = _KNOWLEDGE[sound]
@@ -241,7 +242,8 @@ def closed_findings(cells: Cells) -> Iterator[tuple[str, Finding]]:
     """
     for condition, by_sound in _receivers(cells, "scenario"):
         track_errors = {
-            s: arm_cells.runs("track_error_rms_m")[:, 0] for s, arm_cells in by_sound.items()
+            s: arm_cells.values_by_run("track_error_rms_m")[:, 0]
+            for s, arm_cells in by_sound.items()
         }
         name = f"off {condition}".removesuffix(" strong")
         yield from _off_findings(name, "its place, by its estimate", track_errors)
@@ -251,13 +253,13 @@ def formation_findings(cells: Cells) -> Iterator[tuple[str, Finding]]:
     """Distances from their stations of a formation, median of its followers."""
     for condition, by_sound in _receivers(cells, "scenario", "case"):
         station_errors = {
-            s: np.median(arm_cells.runs("station_rms_m"), axis=1)
+            s: np.median(arm_cells.values_by_run("station_rms_m"), axis=1)
             for s, arm_cells in by_sound.items()
         }
         yield from _off_findings(
             f"station {condition}", "stations, median of followers", station_errors
         )
-        lost = int(sum(arm_cells.runs("lost").sum() for arm_cells in by_sound.values()))
+        lost = int(sum(arm_cells.values_by_run("lost").sum() for arm_cells in by_sound.values()))
         yield f"station {condition} lost", plain_finding(lost, "followers lost in all runs")
 
 

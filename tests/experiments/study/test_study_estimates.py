@@ -330,7 +330,7 @@ def test_a_run_is_measured_by_its_stations_errors_and_powers(
     # discs at rest: T^1.5 / √(2ρA)
     area = np.pi * DISC_DIAMETER_M**2 / 4
     np.testing.assert_allclose(run["power_mean_w"], each**1.5 / np.sqrt(2 * 1026.0 * area))
-    depths = [vehicle.layer_m for vehicle in (scenario.leader, *scenario.followers)]
+    depths = [vehicle.held_depth_m for vehicle in (scenario.leader, *scenario.followers)]
     for i in range(1, 11):
         others = [j for j in range(11) if j != i]
         apart = [

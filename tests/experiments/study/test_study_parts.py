@@ -9,7 +9,7 @@ import pytest
 from experiments.campaign.montecarlo import CampaignMission, Cell, simulate, simulate_mission
 from experiments.study.file import StudyError, study_from_table, study_of
 from experiments.study.plan import StudyPlan, plan_of
-from experiments.study.run import Choice, StudyResults, fly_further, fly_studies
+from experiments.study.run import RunTotals, StudyResults, fly_further, fly_studies
 from sim.scenario.parts import MotionSettings
 from sim.trajectory import tilted
 
@@ -212,7 +212,7 @@ def test_runs_that_a_study_adds_are_those_of_a_longer_study(tmp_path: Path) -> N
     arms = [{"name": "a"}, {"name": "b", "navigation.gate": "off"}]
     actual, asked = {"part": flown(tmp_path, {"arm": arms})}, []
 
-    def choose(outcomes: Any) -> dict[str, Choice]:
+    def choose(outcomes: Any) -> dict[str, RunTotals]:
         asked.append([len(lists["run"]) for _, lists in outcomes["part"].runs])
         return {"part": {(0, "b", 0): 5}} if len(asked) == 1 else {}
 

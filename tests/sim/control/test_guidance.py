@@ -27,7 +27,7 @@ def follow(route, duration, water=(0.0, 0.0), offset=(0.0, 0.0), heading=0.0, kn
     velocity = table[0].speed * np.array([np.sin(heading), np.cos(heading)]) - np.array(water)
     along = float(velocity @ [np.sin(heading), np.cos(heading)])
     memory = record(guidance.GUIDANCE_MEMORY)
-    guidance.begin(table[0], heading, along, water if known else (0.0, 0.0), memory)
+    guidance.start_guidance(table[0], heading, along, water if known else (0.0, 0.0), memory)
     rows = []
     for row in table:
         if known:
@@ -151,7 +151,7 @@ def test_commands_change_no_faster_than_the_vehicle_may(position, water, time, h
 def test_the_start_is_taken_as_it_is():
     row = guidance.reference([CORNER], np.zeros(1))[0, 0]
     memory = record(guidance.GUIDANCE_MEMORY)
-    guidance.begin(row, 2.0, 0.7, (0.1, -0.2), memory)
+    guidance.start_guidance(row, 2.0, 0.7, (0.1, -0.2), memory)
     assert (memory.heading, memory.speed, *memory.current) == pytest.approx((2.0, 0.7, 0.1, -0.2))
 
 

@@ -82,7 +82,7 @@ def test_each_child_that_is_not_asked_for_is_remarked() -> None:
     assert parameters.number("e", 2.0) == 2.0
     assert parameters.flag("d")
     parameters.set_aside(["b", "z"], "reason")
-    parameters.close()
+    parameters.remark_unused()
     assert remarks.sentences() == ["Kind: <b> is not used (reason)", "Kind: <c> is not used"]
 
 

@@ -206,6 +206,25 @@ def test_messages_out_of_order_are_sorted_and_those_of_equal_time_stay_as_they_c
     assert actual.data == [content for _, content in ordered]
 
 
+def test_messages_from_a_time_on_are_left_out_whatever_the_order_of_recording(
+    tmp_path: Path,
+) -> None:
+    recorded = [3, 9, 1, 5, 4, 8, 0, 5]
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        for topic in ("/data", "/times"):
+            channel = writer.register_channel(topic, "", 0)
+            for at in recorded:
+                writer.add_message(channel, at, bytes([at]), at)
+        writer.finish()  # type: ignore[no-untyped-call]
+    contents = Contents(tmp_path / "a.mcap", lambda topic, _: topic == "/data")
+    contents.cut(5)
+    assert contents.topics["/data"].time_ns.tolist() == [0, 1, 3, 4]
+    assert contents.topics["/data"].data == [bytes([at]) for at in (0, 1, 3, 4)]
+    assert contents.topics["/times"].time_ns.tolist() == [3, 1, 4, 0]
+
+
 def memory(what: str) -> int:
     """Memory of this process as the system counts it [bytes]."""
     status = Path("/proc/self/status").read_text()

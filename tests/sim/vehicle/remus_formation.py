@@ -56,5 +56,5 @@ def keeping(flight: FlightRecord) -> list[StationKeeping]:
 
 def depth_rms(flight: FlightRecord) -> float:
     """Error of the followers' depths after the first 30 s, root mean square [m]."""
-    depths = np.array([follower.layer_m for follower in flight.scenario.followers])
+    depths = np.array([follower.held_depth_m for follower in flight.scenario.followers])
     return float(np.sqrt(np.mean((flight.trajectory.depth[300:, 1:] - depths) ** 2)))

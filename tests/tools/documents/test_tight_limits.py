@@ -16,7 +16,7 @@ class Routes:
         self.errors = errors
         self.nees = nees
 
-    def runs(self, metric: str) -> Floats:
+    def values_by_run(self, metric: str) -> Floats:
         return self.errors if metric == "e_p_mean_m" else np.full(self.errors.shape, self.nees)
 
 

@@ -102,9 +102,9 @@ def test_conditions_match_their_titles() -> None:
     assert min(behind) >= 20.0
     fifty = made("fifty")
     assert len(fifty.followers) == 50
-    assert {f.layer_m for f in fifty.followers} == {10.0, 11.0, 12.0, 13.0}
+    assert {f.held_depth_m for f in fifty.followers} == {10.0, 11.0, 12.0, 13.0}
     near = made("fifty near")
-    assert {f.layer_m for f in near.followers} == {10.0}
+    assert {f.held_depth_m for f in near.followers} == {10.0}
     assert near.formation.proximity
     directions = {made("ins", run).sensors.leader_position_drift_deg for run in range(5)}
     assert len(directions) == 5

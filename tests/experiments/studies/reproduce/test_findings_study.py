@@ -50,7 +50,7 @@ def test_a_reproduction_writes_tables_and_report(tmp_path):
         "independent replications",
     ):
         assert text in html
-    actual = findings.read_findings(tmp_path / findings.FILE)
+    actual = findings.read_findings(tmp_path / findings.RESULTS_FILE)
     assert actual.command == (
         "laisn reproduce --quick --set motion=kinematic --set followers.0.depth_m=8.0 --set "
         "duration_s=30.0 "
@@ -135,7 +135,7 @@ def test_the_study_of_seeds_judges_each_of_them(tmp_path, monkeypatch):
     monkeypatch.setattr(claims, "published", dict)
     keys = {"set": SHORT, "vary": {"case": ["base", "5s"]}}
     claim_seeds.run(tmp_path, seeds=(3, 4), runs=1, keys=keys, workers=1, quiet=True)
-    actual = findings.read_findings(tmp_path / findings.FILE)
+    actual = findings.read_findings(tmp_path / findings.RESULTS_FILE)
     assert actual["seeds"].value == 2
     assert actual["verdict 2"].value == "no data"
     assert actual["verdict 1"].value != "no data"
