@@ -573,7 +573,10 @@ def test_an_infeasible_mission_is_reported_and_the_others_continue(tmp_path, mon
     from experiments.campaign import montecarlo
     from experiments.campaign.store import CampaignError
 
-    plan, whole = plan_of(study()), montecarlo.simulate_mission
+    # one after the other
+    alone = study(engine="mujoco")
+    plan = plan_of(alone)
+    whole = montecarlo.simulate_mission
 
     def some(scenario):
         if scenario.followers[0].depth_m == 14:
@@ -581,7 +584,7 @@ def test_an_infeasible_mission_is_reported_and_the_others_continue(tmp_path, mon
         return whole(scenario)
 
     monkeypatch.setattr(montecarlo, "simulate_mission", some)
-    run_studies({"study": study()}, tmp_path, workers=1, quiet=True)
+    run_studies({"study": alone}, tmp_path, workers=1, quiet=True)
     assert {r["point"] for r in pq.read_table(tmp_path / RESULTS).to_pylist()} == {0}
     page = (tmp_path / REPORT).read_text()
     assert "lost at 3 s: 4 scenarios" in page
