@@ -318,9 +318,12 @@ def test_times_of_physics_are_reported_per_step_of_a_fleet(monkeypatch: pytest.M
 
 
 def test_a_closed_loop_is_reported_beside_the_solver_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """0.2 s of MuJoCo, 0.1 s of the closed loop, 0.16 s of one with sensors, 3 s of a whole run."""
+    """0.2 s of MuJoCo, 0.1 s of the closed loop, 0.16 s of one with sensors, 3 s of a whole run by
+    MuJoCo, 0.5 s by the other engine.
+    """
+    times = {3: [0.2, 0.1, 0.16], 2: [3.0, 0.5]}
     monkeypatch.setattr(formation, "SWARMS", {10: 100.0})
-    monkeypatch.setattr(formation, "least_times", lambda *_: [0.2, 0.1, 0.16])
+    monkeypatch.setattr(formation, "least_times", lambda works, _: times[len(works)])
     monkeypatch.setattr(formation, "least_time", lambda *_: 3.0)
     monkeypatch.setattr(formation, "MAX_FOLLOWERS", 12)
     actual = {row.name.removeprefix("leader + 10: "): row for row in formation.formation()}
@@ -334,6 +337,9 @@ def test_a_closed_loop_is_reported_beside_the_solver_alone(monkeypatch: pytest.M
     assert actual["solver over closed loop"].goal == Goal(1.0, at_least=True)
     assert actual["real-time factor"][1:3] == pytest.approx((1000.0, "x"))
     assert actual["a run of 1000 s, whole"][1:3] == (3.0, "s")
+    assert actual["a run of 1000 s, whole, by direct"][1:3] == (0.5, "s")
+    assert actual["runs by direct over mujoco"][1:3] == pytest.approx((6.0, "x"))
+    assert actual["runs by direct over mujoco"].goal == Goal(5.0, at_least=True)
     assert {f.held_depth_m for f in formation.swarm(50, 1.0).followers} == {10.0}
 
 
@@ -376,16 +382,18 @@ def test_the_least_of_several_times_counts_of_each_that_take_turns() -> None:
 
 
 def test_the_formula_of_waiting_comes_near_what_was_measured_as_a_whole() -> None:
-    """Rows that enter the formula are steps; those that it is held against are whole missions and
-    studies, as far as the record has them.
+    """Rows that enter the formula are of whole missions and runs; those that it is held against are
+    steps and runs.
     """
     measured = read_findings(RECORDS / "benchmarks.json")
     cost = Cost.of(measured)
-    swarm = measured["formation: leader + 10: a run of 1000 s, whole"].number
-    assert cost.motion_s(11, 1000.0, closed_loop=True) == pytest.approx(swarm, rel=0.3)
     # a step of a study's mission has more to it than that of a flight, and less than twice as much
-    step = measured["physics: leader + 1: with autopilot and recording"].number / 2
-    assert step < cost.vehicle_step_us < 2.0 * step
+    step_us = measured["physics: leader + 1: with autopilot and recording"].number / 2
+    assert 0.8 * step_us < cost.alone_step_us < 2.0 * step_us
+    lanes_us = 1e-3 * measured["engines: a vehicle, side by side in lanes"].number
+    assert lanes_us < cost.vehicle_step_us < 4.0 * lanes_us
+    by_mujoco_us = measured["formation: leader + 10: closed loop"].number / 11
+    assert 0.2 * by_mujoco_us < cost.station_step_us < by_mujoco_us
     run = measured.findings.get("study: T5, another run of the same mission")
     if run is not None:
         assert cost.run_s(1, 1000.0) * 1e6 == pytest.approx(run.number, rel=0.3)
