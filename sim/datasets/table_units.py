@@ -20,7 +20,7 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from laisn.messages import Ranges
-from sim.datasets.range_data import LARGEST
+from sim.datasets.range_data import LARGEST_NUMBER
 from sim.datasets.table_columns import (
     ANGLE,
     LENGTH,
@@ -275,7 +275,7 @@ def _interval(values: Floats) -> float:
 def _time_candidates(values: Floats) -> list[str]:
     """Units in which bare times are within the bound, at intervals that are possible."""
     largest = float(np.nanmax(np.abs(values), initial=0.0))
-    bounded = [unit for unit, scale in TIME.units.items() if largest * scale <= LARGEST]
+    bounded = [unit for unit, scale in TIME.units.items() if largest * scale <= LARGEST_NUMBER]
     interval = _interval(values)
     possible = [
         unit
@@ -573,7 +573,7 @@ def timestamp_unit(columns: Columns, time_s: Floats, time_unit: str) -> str:
     if ticks is None or ticks == expected:
         largest = float(np.nanmax(np.abs(column.values), initial=0.0))
         return (_date_unit(largest) or expected) if ticks is None else expected
-    if columns.dates or np.nanmax(np.abs(column.values)) * TIME.units[expected] > LARGEST:
+    if columns.dates or np.nanmax(np.abs(column.values)) * TIME.units[expected] > LARGEST_NUMBER:
         return ticks
     header = column.header.strip()
     raise LaisnError(
