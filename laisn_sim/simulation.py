@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any, Self, cast
 import numpy as np
 
 from experiments.campaign.progress import compiling_shown
-from experiments.flight.fly import OUTCOMES
+from experiments.flight.fly import OUTCOME_BY_ERROR
 from experiments.flight.library import as_scenario
 from experiments.flight.results import Flight
 from laisn.arrays import Floats, records
 from laisn.errors import LaisnError
 from laisn.messages import Reception
 from laisn.swarm import reception_of
-from reports.summary import flight_events, summarise
+from reports.summary import flight_events, mirror_locked_steps, summarise
 from sim import attitude
 from sim.closed_loop import (
     AnyClosedLoop,
@@ -59,12 +59,12 @@ from sim.tracking import bounds_of
 if TYPE_CHECKING:
     from laisn_sim.live import LiveView
 
-_LONGEST_PICTURE_S = 20.0  # of mission between two pictures of a live page
-_SAME_TIME = 1e-6  # times within this are one: they are sums of control steps [s]
+_LONGEST_PICTURE_S = 20.0  # longest time of the mission between two pictures of a live page
+_SAME_TIME = 1e-6  # times no further apart are the same; they are sums of control steps [s]
 
 
-def _end_log(log: FlightLog, flight: ClosedLoopFlight) -> None:
-    """End the log of a mission that goes on."""
+def _interrupt_log(log: FlightLog, flight: ClosedLoopFlight) -> None:
+    """End the log of a mission that is not over, if it has begun."""
     if not log.ended and flight.steps > 0:
         log.finish(flight, Termination.INTERRUPTED)
 
@@ -128,16 +128,17 @@ class Simulation:
         """Set out on a scenario's mission; source, changes and errors are as of `load`.
 
         `observers` are functions or objects that are called with each `Block` of instants as soon
-        as they are over, each instant once: by `step(30.0)` with 30 s, or where vehicles are
-        commanded from outside with each instant. LaisnError also if vehicles move as points.
+        as they are over, each instant once: `step(30.0)` calls them once with a block of 30 s, or,
+        while vehicles are commanded from outside, at each instant, and with `live` at each picture
+        of its page. LaisnError also if vehicles move as points.
 
         `live` shows the mission on a page of this machine, `live.address`: True at ten times its
         time, a number at that many seconds a second, inf as fast as it can. `step` then returns
         when its time has come, and waits while the page pauses the mission.
 
-        `log` is the file of an MCAP log of the flight, which is written meanwhile; it gets its end
-        and its name with that of the mission, with `close` or at the end of the process, and until
-        then is what `laisn log recover` reads, `NAME.partial`.
+        `log`: path of an MCAP log, written during the mission as `NAME.partial` (which `laisn log
+        recover` reads) and given its end and name at the end of the mission, by `close`, or when
+        the process ends.
         """
         self.scenario = as_scenario(source, changes)
         self._observers = list(observers)
@@ -165,7 +166,7 @@ class Simulation:
                 self._log = FlightLog(self._log_path)
                 self._mission.observers = [self._write_log, *self._observers]
                 # without a reference to this object
-                self._at_exit = weakref.finalize(self, _end_log, self._log, self._flown)
+                self._at_exit = weakref.finalize(self, _interrupt_log, self._log, self._flown)
             self._mission.advance(0)
         if self.live:
             self.live.begin(MissionPlan.of(self.scenario))
@@ -193,7 +194,7 @@ class Simulation:
         if self._log is None or self._log.ended or self._flown.steps < 1:
             return
         if not self.done:
-            _end_log(self._log, self._flown)
+            _interrupt_log(self._log, self._flown)
             return
         flight = self.flight()
         summary = json.dumps(summarise(flight), indent=2, allow_nan=False) + "\n"
@@ -234,8 +235,9 @@ class Simulation:
         """Advance to the next control instant, or by a duration [s], a multiple of 0.1 s, at most
         to the end of the mission.
 
-        LaisnError if the mission is over or the duration is none; DivergedError if the simulation
-        left finite numbers; ArithmeticError naming a follower whose navigator failed.
+        LaisnError if the mission is over or the duration is no positive multiple of 0.1 s;
+        DivergedError if the simulation left finite numbers; ArithmeticError naming a follower whose
+        navigator failed.
         """
         if self.done:
             raise LaisnError(f"the mission has ended at {self.time:g} s: {self.outcome.value}")
@@ -271,8 +273,6 @@ class Simulation:
         """Show on the live page that the mission is over with a flight."""
         if self.live is None:
             return
-        from reports.summary import flight_events, mirror_locked_steps
-
         locks = [mirror_locked_steps(flight, i) for i in range(len(flight.estimates))]
         self.live.finish(flight, flight_events(flight), locks)
 
@@ -303,7 +303,7 @@ class Simulation:
             self._mission.instants = error.trajectory.time.size
             raise
         except EndedError as error:
-            self._outcome = OUTCOMES[type(error)]
+            self._outcome = OUTCOME_BY_ERROR[type(error)]
             self._mission.instants = error.trajectory.time.size
 
     def _apply(self, vehicle: int, command: Command | Wrench | Floats) -> None:
@@ -333,7 +333,8 @@ class Simulation:
                 scenario's again, and goes on along its route or to its station.
 
         Raises:
-            LaisnError: there is no such vehicle, or the command is none.
+            LaisnError: there is no such vehicle, or the command is not one that a vehicle can be
+                given.
         """
         if vehicle not in self.names:
             raise LaisnError(f"vehicle {vehicle!r}: expected one of {', '.join(self.names)}")
@@ -376,7 +377,7 @@ class Simulation:
             )
         return states
 
-    def _custom(self, follower: int) -> dict[str, Floats]:
+    def _custom_readings(self, follower: int) -> dict[str, Floats]:
         if isinstance(self._loop, PythonClosedLoop):
             return dict(self._loop.latest_custom[follower])
         return {}
@@ -400,8 +401,8 @@ class Simulation:
 
     @property
     def receptions(self) -> dict[str, Reception | None]:
-        """What each vehicle has received at this instant of the link that it navigates on by name;
-        None: nothing. The leader is among them if it senses under way.
+        """By vehicle, what it has received at this instant on the link that it navigates on; None:
+        nothing. The leader is among them if it senses under way.
         """
         state = self._loop.state
         is_due = self._is_filter_step
@@ -435,7 +436,7 @@ class Simulation:
             )
         for i, name in enumerate(self.names[1:]):
             row = self._loop.state.readings[i]
-            custom = self._custom(i)
+            custom = self._custom_readings(i)
             further = self._further_receptions(i)
             readings[name] = readings_of(self.time, row, receptions[name], custom, further)
         return readings
@@ -474,4 +475,5 @@ class Simulation:
             raise LaisnError("there is no flight yet: no filter step is over")
         trajectory = self._mission.trajectory()
         flight = self._flown.flight(trajectory, self.outcome)
+        # the same fields, with plot, report and log
         return Flight(**vars(flight))

@@ -33,7 +33,7 @@ from laisn.swarm import (
 from sim.assembly import routes_of
 from sim.attitude import body_point_in_world
 from sim.control import follower as steering
-from sim.control.autopilot import control, vehicle_state
+from sim.control.autopilot import control, true_motion
 from sim.control.guidance import (
     REFERENCE,
     track_current,
@@ -267,7 +267,7 @@ def _true_estimate(
     velocity of the water.
     """
     pose, twist, water = body
-    motion = vehicle_state(pose, twist, water)
+    motion = true_motion(pose, twist, water)
     reading.speed = speed_through_water(pose, twist, water)
     reading.heading = motion.heading
     reading.depth = motion.depth

@@ -28,7 +28,7 @@ from sim.control.autopilot import (
     apply_wrench,
     control,
     design,
-    vehicle_state,
+    true_motion,
 )
 from sim.control.guidance import (
     GUIDANCE_MEMORY,
@@ -106,7 +106,7 @@ class RouteControl(NamedTuple):
 
     kinds: Kinds  # of the effectors that autopilots allocate forces to
     reference: Records  # of `sim.control.guidance.REFERENCE` at all instants, shape (n, v)
-    autopilot_designs: Records  # of `sim.control.autopilot.DESIGN`, shape (v,)
+    autopilot_designs: Records  # of `sim.control.autopilot.AUTOPILOT`, shape (v,)
     guidance: Records  # of GUIDANCE_MEMORY, shape (v,)
     autopilot_memories: Records  # of AUTOPILOT_MEMORY, shape (v,)
     # commanded state of each effector, shape (v, m), each in the unit of its kind: N, revolutions
@@ -155,7 +155,7 @@ def steer_vehicle(
     reference = routes.reference[k, i]
     guidance = routes.guidance[i]
     pose, twist, water = state
-    motion = vehicle_state(pose, twist, water)
+    motion = true_motion(pose, twist, water)
     current = (water[0], water[1])
     if k == 0:
         start_guidance(reference, motion.heading, motion.surge, current, guidance)
@@ -182,7 +182,7 @@ def hold_by_truth(
 
     `command` are these three, `reference` room for a record of REFERENCE, shape (1,).
     """
-    motion = vehicle_state(truth.pose[k, i], truth.twist[k, i], truth.water[k, i])
+    motion = true_motion(truth.pose[k, i], truth.twist[k, i], truth.water[k, i])
     reference[0].depth = command[2]
     control(
         routes.kinds,
@@ -203,7 +203,7 @@ def apply_wrench_by_truth(
     """Find the command of vehicle i, from the recorded instant k on, whose effectors give a wrench
     about the hull's axes as far as they can, shape (6,), [N], [N m].
     """
-    motion = vehicle_state(truth.pose[k, i], truth.twist[k, i], truth.water[k, i])
+    motion = true_motion(truth.pose[k, i], truth.twist[k, i], truth.water[k, i])
     memory = routes.autopilot_memories[i]
     copy_values(wrench, memory.wrench)
     apply_wrench(routes.kinds, routes.autopilot_designs[i], motion.surge, memory, routes.command[i])
@@ -212,7 +212,7 @@ def apply_wrench_by_truth(
 @compiled
 def take_over(k: int, truth: StateHistory, i: int, routes: RouteControl) -> None:
     """Begin the guidance of vehicle i anew where it is, at the recorded instant k."""
-    motion = vehicle_state(truth.pose[k, i], truth.twist[k, i], truth.water[k, i])
+    motion = true_motion(truth.pose[k, i], truth.twist[k, i], truth.water[k, i])
     water = truth.water[k, i]
     guidance = routes.guidance[i]
     start_guidance(

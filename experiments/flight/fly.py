@@ -70,7 +70,7 @@ def processor_time() -> float:
     return sum(usage.ru_utime + usage.ru_stime for usage in usages)
 
 
-OUTCOMES: dict[type[EndedError], Termination] = {
+OUTCOME_BY_ERROR: dict[type[EndedError], Termination] = {
     DivergedError: Termination.DIVERGED,
     GroundedError: Termination.GROUNDED,
     OffRouteError: Termination.OFF_ROUTE,
@@ -132,7 +132,7 @@ class MissionToFly:
             self._outcome = Termination.COMPLETED
         except EndedError as error:
             trajectory = error.trajectory
-            self._outcome = OUTCOMES[type(error)]
+            self._outcome = OUTCOME_BY_ERROR[type(error)]
         finally:
             # navigation and log, which go on meanwhile, have their own times
             for name in ("navigate", "log"):

@@ -41,7 +41,7 @@ _DESCRIPTIONS = {
 }
 
 
-def names() -> tuple[str, ...]:
+def scenario_names() -> tuple[str, ...]:
     return (*ROUTES, *sorted(path.stem for path in FOLDER.glob("*.toml")))
 
 
@@ -59,12 +59,12 @@ def table_of(source: str) -> dict[str, Any]:
     """
     if source in ROUTES:
         return {"name": source, "followers": [{"route": source}]}
-    if source in names():
+    if source in scenario_names():
         return read(FOLDER / f"{source}.toml")
     path = Path(source)
     # os.path.exists is False, instead of raising, for names that no system allows
     if path.suffix != ".toml" and not os.path.exists(source):
-        available = f"available: {', '.join(names())}, or a TOML file"
+        available = f"available: {', '.join(scenario_names())}, or a TOML file"
         raise ScenarioError(f"unknown scenario '{shortened(printable(source), 200)}'; {available}")
     return {"name": name_of(path)} | with_file_paths(read(path), path.parent)
 
@@ -77,7 +77,7 @@ def _line_of(source: str, changes: Iterable[str]) -> Callable[[Location], str]:
     # the file is read only if there is an error to place, and once
     @cache
     def of_file() -> Callable[[Location], str]:
-        if source in names() or Path(source).suffix != ".toml":
+        if source in scenario_names() or Path(source).suffix != ".toml":
             return lambda _: ""
         return line_in(read_text(Path(source), LARGEST_BYTES), changes)
 
@@ -188,7 +188,7 @@ def fly_line(source: str, settings: Mapping[str, Any], run: int) -> str:
 
 def descriptions() -> dict[str, str]:
     """What happens in each built-in scenario, by name."""
-    toml = {name: FOLDER / f"{name}.toml" for name in names() if name not in ROUTES}
+    toml = {name: FOLDER / f"{name}.toml" for name in scenario_names() if name not in ROUTES}
     first_lines = {
         name: path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ")
         for name, path in toml.items()

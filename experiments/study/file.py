@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 from pydantic import ConfigDict, Discriminator, Field, Tag, ValidationError
 
-from experiments.flight.library import name_of, names
+from experiments.flight.library import name_of, scenario_names
 from experiments.study.design import LAWS, Design, Draw, Factor, is_rule
 from laisn.errors import LaisnError, printable, screenful, shortened
 from reports.intervals import FEWEST_RUNS
@@ -30,7 +30,7 @@ SCENARIO = "scenario"
 """Names of what varies beside the keys of scenarios: arms, and factors of named settings and of
 several scenarios.
 """
-ALONE = "all"  # name of the only arm of a study that names none
+ONLY_ARM = "all"  # name of the only arm of a study that names none
 Made = TypeVar("Made")
 Named = TypeVar("Named", bound="Group")
 
@@ -99,7 +99,7 @@ class Arm(Group):
     """Settings that are compared with others on the same noise and the same realizations."""
 
     every: Annotated[int, Field(ge=1)] = Field(
-        1, description="one of so many runs of a closed loop"
+        1, description="only every Nth run is flown, N being this number; closed loops only"
     )
     leader_pitch_deg: Annotated[float, Field(ge=-90, le=90)] | None = Field(
         None, description="ranges and messages of a leader that keeps this pitch on the same track"
@@ -121,6 +121,7 @@ class StudyFile(Section):
 
     name: Name | None = None
     question: str = Field("", max_length=2000)
+    # tags name the branch in error locations; `_lines_of` leaves them out
     scenario: Annotated[
         Annotated[str, Field(min_length=1), Tag("")]
         | Annotated[list[str], Field(min_length=1), Tag("list")],
@@ -150,7 +151,9 @@ class StudyFile(Section):
     scenario's if its file names one, else "direct" where all hulls allow it.
     """
     bound_lag_s: Annotated[float, Field(ge=0, le=1e4)] = 0.0
-    """Of messages that the bound of smoothing uses [s]; 0: it is not computed."""
+    """By how much later [s] messages may be that the bound of smoothing uses; 0: that bound is not
+    computed.
+    """
     report: Report = Report()
 
     @property
@@ -193,7 +196,7 @@ class Study:
 
     def arms_at(self, point: Mapping[str, Any]) -> tuple[str, ...]:
         """The arms that a point has, by its values."""
-        return tuple(self.case_at(point).arms or self.arms or [ALONE])
+        return tuple(self.case_at(point).arms or self.arms or [ONLY_ARM])
 
     def disturb_at(self, point: Mapping[str, Any], arm: str) -> Mapping[str, Any]:
         """The errors beside the scenario's that an arm, or else its case, adds at a point."""
@@ -205,7 +208,9 @@ class Study:
 
 
 def _names_a_law(table: Mapping[str, Any]) -> bool:
-    """Whether a table is a distribution, perhaps one that is misspelled, and no part of a key."""
+    """Whether a table is a distribution, perhaps a misspelled one, rather than a part of a dotted
+    key.
+    """
     ((name, arguments), *others) = table.items()
     if others:
         return False
@@ -221,7 +226,7 @@ _OTHER_WORDS = {"factor": "vary", "factors": "vary", "sweep": "vary", "random": 
 """Keys of a study by other words for them."""
 
 
-def _meant(name: str, names: list[str]) -> str:
+def _did_you_mean(name: str, names: list[str]) -> str:
     """The key that an unknown one may have meant, as a question; empty if none is close."""
     if _OTHER_WORDS.get(name) in names:
         return f"did you mean {_OTHER_WORDS[name]!r}? "
@@ -237,15 +242,15 @@ def _lines_of(error: ValidationError) -> list[str]:
         key = shortened(printable(key_of(location)), 100)
         if detail["type"] == "extra_forbidden":
             model = _SECTIONS.get(location[:-1], StudyFile)
-            hint = _meant(str(location[-1]), [*model.model_fields])
+            hint = _did_you_mean(str(location[-1]), [*model.model_fields])
             lines.append(
                 f"  {key}: unknown key of a study; {hint}known here: "
                 f"{', '.join(model.model_fields)}"
             )
         elif detail["type"] == "missing" and location == ("scenario",):
             lines.append(
-                f"  {key}: is missing; a built-in scenario, such as {names()[0]}, or a file beside "
-                "this one"
+                f"  {key}: is missing; a built-in scenario, such as {scenario_names()[0]}, or a "
+                "file beside this one"
             )
         else:
             given = shortened(printable(repr(detail["input"])), 80)
@@ -260,8 +265,10 @@ _SECTIONS: dict[tuple[int | str, ...], type[Section]] = {
 }
 
 
-def _with_files(settings: Mapping[str, Any], rename: Callable[[str], str]) -> dict[str, Any]:
-    """Values by dotted key, those of hulls' files, alone or in a list, under another name."""
+def _with_renamed_files(
+    settings: Mapping[str, Any], rename: Callable[[str], str]
+) -> dict[str, Any]:
+    """The settings, with `rename` applied to every name of a hull's file, alone or in a list."""
 
     def renamed(value: Any) -> Any:
         if isinstance(value, list):
@@ -295,8 +302,8 @@ def _settings_of(study: Study) -> list[_Setting]:
 
 
 def _overlap(first: _Setting, second: _Setting) -> str | None:
-    """The line of two settings, of which the second stands later in the file, that set the same
-    key, or one a table around the other.
+    """The error line of two settings, `second` later in the file, where both set one key or one
+    sets a table around the other's key; None if neither.
     """
     if first.kind == second.kind and first.group != second.group:
         return None
@@ -334,7 +341,9 @@ def _overlaps(study: Study) -> list[str]:
 
 
 def _is_range(table: Mapping[str, Any]) -> bool:
-    """Whether a table is a range of values, perhaps an incomplete one, and no part of a key."""
+    """Whether a table is a range of values, perhaps an incomplete one, rather than a part of a
+    dotted key.
+    """
     return bool({"from", "to", "steps"} & set(table))
 
 
@@ -348,7 +357,7 @@ class _FileReader:
 
     def settings(self, table: Mapping[str, Any]) -> dict[str, Any]:
         """Keys of the scenario, files of hulls named as seen from here."""
-        return _with_files(table, lambda name: str(self.folder / name))
+        return _with_renamed_files(table, lambda name: str(self.folder / name))
 
     def groups(self, section: str, groups: Sequence[Named]) -> dict[str, Named]:
         """Arms or cases by their names, their settings by dotted keys."""
@@ -380,7 +389,7 @@ class _FileReader:
         if selection is None:
             return list(available)
         names = selection if isinstance(selection, list) else [selection]
-        # a part of a study without cases takes no notice of theirs
+        # in a study of several files, one that has no cases ignores a vary.case given for all
         if available or key == SCENARIO:
             self.lines.extend(
                 f"  vary.{key}: there is no {key} {name!r:.60}"
@@ -389,7 +398,7 @@ class _FileReader:
             )
         return [name for name in names if name in available]
 
-    def valid(
+    def valid_parts(
         self, section: str, table: Mapping[str, Any], make: Callable[[str, Any], Made]
     ) -> tuple[Made, ...]:
         """Factors or draws of a part of the file; an invalid one is left out, with a line."""
@@ -403,7 +412,7 @@ class _FileReader:
 
     def scenario(self, name: str) -> str:
         """A built-in scenario, or a file named as seen from here."""
-        if name in names() or Path(name).is_absolute():
+        if name in scenario_names() or Path(name).is_absolute():
             return name
         return str(self.folder / name)
 
@@ -443,10 +452,10 @@ def study_from_table(
         scenarios={scenario: reader.scenario(scenario) for scenario in scenarios},
         runs=file.batch,
         settings=reader.settings(dotted(file.set, is_rule)),
-        factors=reader.valid(
+        factors=reader.valid_parts(
             "vary", varied, partial(Factor.of, sampled=file.design != "factorial")
         ),
-        draws=reader.valid("draw", dotted(file.draw, _names_a_law), Draw.of),
+        draws=reader.valid_parts("draw", dotted(file.draw, _names_a_law), Draw.of),
         cases={name: cases[name] for name in levels[CASE]},
         arms=arms,
         table=table,
@@ -462,7 +471,7 @@ def study_from_table(
     return study
 
 
-def built_in(name: str) -> dict[str, Path]:
+def built_in_files(name: str) -> dict[str, Path]:
     """The files of a built-in study with findings of its own, by their names without "study-"; none
     of other names.
 
@@ -483,7 +492,7 @@ def shipped() -> tuple[str, ...]:
     """
     folders = [path.parent.name.replace("_", "-") for path in FOLDER.glob("*/findings.py")]
     return tuple(
-        sorted([*(path.stem for path in FOLDER.glob("*.toml")), *filter(built_in, folders)])
+        sorted([*(path.stem for path in FOLDER.glob("*.toml")), *filter(built_in_files, folders)])
     )
 
 
@@ -500,18 +509,18 @@ def _source_of(source: str, *, varies: bool) -> _Source:
     """The source of a study file, of one that ships, or of a scenario that options vary."""
     path = Path(source)
     if source in shipped() and not path.exists():
-        path = next(iter(built_in(source).values()), FOLDER / f"{source}.toml")
+        path = next(iter(built_in_files(source).values()), FOLDER / f"{source}.toml")
     quoted = shortened(printable(source), 200)
-    if source not in names() and not path.exists():
+    if source not in scenario_names() and not path.exists():
         available = f"available: {', '.join(shipped())}, a TOML file, or a scenario with --vary"
         raise StudyError(f"unknown study '{quoted}'; {available}")
-    table = {} if source in names() else read(path)
+    table = {} if source in scenario_names() else read(path)
     if "scenario" in table:
         return _Source(table, name_of(path), source, path.parent)
     if {"vary", "draw", "arm", "case", "runs"} & set(table):
         raise StudyError(
             f"{quoted}: a study needs scenario = the name of a built-in one, such as "
-            f"{names()[0]!r}, or of a file beside this one"
+            f"{scenario_names()[0]!r}, or of a file beside this one"
         )
     if not varies:
         raise StudyError(f"{quoted} is a scenario: give --vary, or a study")
@@ -543,14 +552,14 @@ def study_of(
         varies = any(keys.get(section) for section in ("vary", "draw", "arm"))
         origin = _source_of(source, varies=varies)
     table = origin.table
-    fewer = table.pop("quick", {})
+    quick_keys = table.pop("quick", {})
     if quick:
-        if not fewer or not isinstance(fewer, dict):
+        if not quick_keys or not isinstance(quick_keys, dict):
             raise StudyError(
                 f"{origin.title}: --quick: the study has no [quick], keys of its trial run; see "
                 "also --runs"
             )
-        table = _replaced(table, fewer)
+        table = _replaced(table, quick_keys)
     return study_from_table(_replaced(table, keys), origin.title, origin.name, origin.folder)
 
 
@@ -560,13 +569,13 @@ def table_in(study: Study, folder: Path) -> dict[str, Any]:
     """
 
     def relative_to_folder(settings: Mapping[str, Any]) -> dict[str, Any]:
-        return _with_files(settings, lambda name: relpath(name, folder))
+        return _with_renamed_files(settings, lambda name: relpath(name, folder))
 
     hulls = {
         factor.key: list(factor.values) for factor in study.factors if is_model_key(factor.key)
     }
     scenarios = [
-        scenario if scenario in names() else relpath(scenario, folder)
+        scenario if scenario in scenario_names() else relpath(scenario, folder)
         for scenario in study.scenarios.values()
     ]
     return {

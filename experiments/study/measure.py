@@ -70,7 +70,7 @@ class Metric(NamedTuple):
 
 _DATA = tomllib.loads((resources.files(__package__) / "metrics.toml").read_text(encoding="utf-8"))
 # labels and meanings of what is measured of a mission
-MISSION: dict[str, list[str]] = _DATA["mission"]
+MISSION_METRICS: dict[str, list[str]] = _DATA["mission"]
 _PERCENTILES = {
     f"e_{kind}_p{p}_{unit}": [f"{p}th percentile of E_{kind.upper()}", "over steps and runs"]
     for kind, unit in (("p", "m"), ("b", "deg"))
@@ -83,10 +83,16 @@ _FIXES = {
     ]
     for kind in FixKind
 }
+
+
+def _metric(name: str, label: str, meaning: str) -> Metric:
+    _, unit = without_unit(name)
+    return Metric(f"{label} [{unit}]" if unit else label, meaning, unit)
+
+
+_LABELS_AND_MEANINGS = _DATA["errors"] | _PERCENTILES | _FIXES | MISSION_METRICS
 METRICS: dict[str, Metric] = {
-    name: Metric(f"{label} [{unit}]" if unit else label, meaning, unit)
-    for name, (label, meaning) in (_DATA["errors"] | _PERCENTILES | _FIXES | MISSION).items()
-    for _, unit in [without_unit(name)]
+    name: _metric(name, label, meaning) for name, (label, meaning) in _LABELS_AND_MEANINGS.items()
 }
 # metrics that a run either has or has not: 1 or 0
 SHARES = frozenset({"mirror_locked", "lost", "touched", "ended"})
@@ -128,7 +134,7 @@ def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
     on_stations = any(follower.station for follower in plan.followers)
     stations = true_stations(motion, trajectory) if on_stations else None
     errors_of_tracks = track_errors(motion, trajectory, stations)
-    instants = np.arange(round(1.0 / CONTROL_STEP_S), time.size, round(1.0 / CONTROL_STEP_S))
+    whole_seconds = np.arange(round(1.0 / CONTROL_STEP_S), time.size, round(1.0 / CONTROL_STEP_S))
     density = motion.sea.ocean.density_kg_m3
     span = float(time[-1] - time[0])
     touching = {name for contact in contacts(trajectory) for name in contact.pair}
@@ -140,7 +146,8 @@ def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
         trajectory.depth[:, v] - route.depth.depth_at(time) for v, route in enumerate(routes)
     ]
 
-    def moved(v: int) -> Record:
+    def motion_columns(v: int) -> Record:
+        """Columns of the motion of vehicle v."""
         mean = float(thruster_power(trajectory, v, density).mean())
         power = mean if motion.kind == "physics" and np.isfinite(mean) else None
         return {
@@ -151,32 +158,35 @@ def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
             "energy_j": None if power is None else power * span,
         }
 
-    heading = heading_angles(trajectory.quaternion[instants, 0])
-    leader = {f"leader_{name}": value for name, value in moved(0).items()}
+    leader_heading = heading_angles(trajectory.quaternion[whole_seconds, 0])
+    leader_columns = {f"leader_{name}": value for name, value in motion_columns(0).items()}
     records = []
     for v, follower in enumerate(plan.followers, start=1):
         errors = errors_of_tracks[:, v - 1]
         offsets = np.delete(position, v, axis=1) - position[:, v : v + 1]
         separation = position[:, v] - position[:, 0]
-        east, north, up = separation[instants].T
-        off_bow = np.arctan2(east, north) - heading
+        east, north, up = separation[whole_seconds].T
+        off_bow = np.arctan2(east, north) - leader_heading
         fix_error = pitch_fix_error(
-            pitch[instants, 0], -up, np.maximum(np.hypot(east, north), 1e-9), off_bow
+            pitch[whole_seconds, 0], -up, np.maximum(np.hypot(east, north), 1e-9), off_bow
         )
-        level = np.hypot(offsets[..., 0], offsets[..., 1]).min(axis=0)
-        layer = level[np.abs(np.delete(layers, v) - layers[v]) < MIN_LAYER_SPACING_M]
+        horizontal = np.hypot(offsets[..., 0], offsets[..., 1]).min(axis=0)
+        is_in_layer = np.abs(np.delete(layers, v) - layers[v]) < MIN_LAYER_SPACING_M
+        horizontal_in_layer = horizontal[is_in_layer]
         row: Record = {
             "track_error_rms_m": _rms(errors),
             "track_error_max_m": float(errors.max()),
             "track_error_end_m": float(errors[-1]),
             "depth_error_max_m": float(np.abs(depth_errors[v]).max()),
             "closest_approach_m": float(np.sqrt(squared_lengths(offsets).min())),
-            "closest_horizontal_m": float(level.min()),
-            "closest_in_layer_m": float(layer.min()) if layer.size else None,
+            "closest_horizontal_m": float(horizontal.min()),
+            "closest_in_layer_m": (
+                float(horizontal_in_layer.min()) if horizontal_in_layer.size else None
+            ),
             "touched": float(trajectory.names[v] in touching),
             "range_mean_m": float(np.hypot(*separation[:, :2].T).mean()),
             "depth_offset_rms_m": _rms(separation[:, 2]),
-            "pitch_fix_error_m": float(fix_error.mean()) if instants.size else None,
+            "pitch_fix_error_m": float(fix_error.mean()) if whole_seconds.size else None,
         }
         if follower.station and stations is not None:
             row |= _station(errors, np.abs(stations.rate[:, v - 1]) > TURNING_RAD_S, time)
@@ -187,11 +197,11 @@ def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
                 "cross_track_rms_m": _rms(lateral_offsets),
                 "cross_track_max_m": float(lateral_offsets.max()),
             }
-        records.append(row | moved(v) | leader)
+        records.append(row | motion_columns(v) | leader_columns)
     return records
 
 
-_OF_ENDED = ("run", "touched", "ended")
+_COLUMNS_OF_ENDED = ("run", "touched", "ended")
 
 
 def records_of_run(scenario: Scenario, run: int) -> list[Record]:
@@ -201,11 +211,11 @@ def records_of_run(scenario: Scenario, run: int) -> list[Record]:
     A run that contact, the floor or a lost route ended has no other results than that: a mean over
     missions of unlike length would hide it. CampaignError: the simulation left finite numbers.
     """
-    of_run = scenario.model_copy(update={"run": run})
-    stride = round(of_run.timing.filter_step_s / CONTROL_STEP_S)
+    scenario_of_run = scenario.model_copy(update={"run": run})
+    stride = round(scenario_of_run.timing.filter_step_s / CONTROL_STEP_S)
     ended = False
     try:
-        trajectory, loop = simulate_closed_loop(of_run)
+        trajectory, loop = simulate_closed_loop(scenario_of_run)
         flown = (trajectory.time.size - 1) // stride
         estimates = np.moveaxis(loop.state.concluded.state[:, :flown, :2], 0, 1)
         gated = loop.gated.tolist()
@@ -214,31 +224,34 @@ def records_of_run(scenario: Scenario, run: int) -> list[Record]:
     except EndedError as error:
         trajectory = error.trajectory
         ended = True
-        followers = len(of_run.followers)
+        followers = len(scenario_of_run.followers)
         estimates = np.full(((trajectory.time.size - 1) // stride, followers, 2), np.nan)
         gated = [0] * followers
     steps = slice(stride, len(estimates) * stride + 1, stride)
     leader = trajectory.position[steps, 0, :2]
     heading = trajectory.heading[steps, 0]
     rows = []
-    for i, facts in enumerate(facts_of(MotionSettings.of(of_run), trajectory)):
+    for i, facts in enumerate(facts_of(MotionSettings.of(scenario_of_run), trajectory)):
         estimate = estimates[:, i]
         truth = trajectory.site_path(f"{trajectory.names[i + 1]}/hydrophone")[steps, :2]
-        position = metrics.position_errors(estimate, truth)
-        degrees = np.rad2deg(metrics.bearing_errors(estimate, truth, leader))
+        position_error = metrics.position_errors(estimate, truth)
+        bearing_error_deg = np.rad2deg(metrics.bearing_errors(estimate, truth, leader))
         locked = metrics.mirror_locked_steps(estimate, truth, leader, heading)
         row: Record = {
             "run": run,
-            "e_p_max_m": float(position.max()),
-            "e_p_mean_m": float(position.mean()),
-            "e_b_max_deg": float(degrees.max()),
-            "e_b_mean_deg": float(degrees.mean()),
-            "mirror_locked": metrics.longest_mirror_lock(locked) >= of_run.message_every,
+            "e_p_max_m": float(position_error.max()),
+            "e_p_mean_m": float(position_error.mean()),
+            "e_b_max_deg": float(bearing_error_deg.max()),
+            "e_b_mean_deg": float(bearing_error_deg.mean()),
+            "mirror_locked": metrics.longest_mirror_lock(locked) >= scenario_of_run.message_every,
             "gated": gated[i],
             **facts,
             "ended": ended,
         }
         rows.append(
-            {name: value if not ended or name in _OF_ENDED else None for name, value in row.items()}
+            {
+                name: value if not ended or name in _COLUMNS_OF_ENDED else None
+                for name, value in row.items()
+            }
         )
     return rows

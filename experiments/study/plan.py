@@ -15,9 +15,9 @@ from experiments.campaign.progress import progress
 from experiments.campaign.store import key_of
 from experiments.flight.library import missing_extras, table_of, text_of
 from experiments.study.design import follows_run, is_number, is_rule, points_of, value_at
-from experiments.study.file import ALONE, CASE, SCENARIO, Study, refusal
 from experiments.study.file import ARM as ARM
-from experiments.study.measure import METRICS, MISSION
+from experiments.study.file import CASE, ONLY_ARM, SCENARIO, Study, refusal
+from experiments.study.measure import METRICS, MISSION_METRICS
 from laisn.errors import LaisnError
 from laisn.lanes import LANES
 from sim.feasibility import engine_errors, infeasibilities
@@ -167,10 +167,10 @@ def _resolved(settings: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, st
                 lines.append(f"  {key}: {text}")
         elif is_rule(value, "measured"):
             columns[key] = str(resolved.pop(key)["measured"])
-            if columns[key] not in MISSION:
+            if columns[key] not in MISSION_METRICS:
                 lines.append(
                     f"  {key}: unknown column of a mission {columns[key]!r:.60}; known: "
-                    f"{', '.join(MISSION)}"
+                    f"{', '.join(MISSION_METRICS)}"
                 )
     for name in used - Scenario.model_fields.keys():
         if "." not in name:
@@ -417,7 +417,7 @@ def plan_of(study: Study, *, quiet: bool = True) -> StudyPlan:
     errors = _number_errors(study, examination.entries) + examination.error_lines()
     if errors:
         raise refusal(study.source, errors)
-    arms = tuple(study.arms or [ALONE])
+    arms = tuple(study.arms or [ONLY_ARM])
     return StudyPlan(study=study, points=points, arms=arms, entries=examination.entries)
 
 

@@ -22,7 +22,7 @@ from experiments.flight.fly import fly
 from experiments.flight.library import text_of
 from experiments.study.estimate import Results, main_effects
 from experiments.study.extras import arms_left_out, installed
-from experiments.study.file import FOLDER, Study, built_in, study_of, table_in
+from experiments.study.file import FOLDER, Study, built_in_files, study_of, table_in
 from experiments.study.measure import METRICS
 from experiments.study.plan import PlanEntry, StudyPlan, engines_of, many, plan_of
 from experiments.study.run import (
@@ -458,7 +458,7 @@ def studies_of(
     if isinstance(source, Mapping):
         return {"study": study_of(source, keys, quick=quick)}, ""
     name = "" if Path(source).exists() else str(source)
-    files = built_in(name)
+    files = built_in_files(name)
     if files:
         return {
             study_part: study_of(str(file), keys, quick=quick) for study_part, file in files.items()

@@ -187,7 +187,7 @@ class FactorGraph(DeadReckoning):
         ahead = np.array([np.sin(own.heading), np.cos(own.heading)])
         for i in received.tolist():
             delays = float(self._delays.lag[i]), float(self._delays.age[i])
-            water = self._mean.speed * ahead
+            water = self._mean_speed.speed * ahead
             ping = _Ping(transmitters[i], float(ranges[i]), longest, *delays, water, ahead)
             graph.add(gtsam.CustomFactor(range_noise, keys, partial(_range_error, ping)))
         try:

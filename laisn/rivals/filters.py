@@ -37,12 +37,13 @@ def propagate(
     sigma: Four,
     out: tuple[Floats, Floats],
 ) -> Floats:
-    """Filter steps without a message: x ← f(x), P ← F P Fᵀ + Q; returns P.
+    """Filter steps without a message: x ← f(x), P ← F P Fᵀ + Q; x is changed in place, the new P is
+    returned.
 
     `readings` are log [m/s] and compass [rad] before the first step and after each of n, shape (n +
-    1, 2), `durations` of the steps [s]. `sigma` are random errors of log and compass, random walks
-    of motion beside the log [m/√s] and of the current [m/s/√s]. `out` gets x, y, vx, vy after each
-    step, shape (n, 4), and their covariance, shape (n, 4, 4).
+    1, 2), `durations` of the steps [s]. `sigma` are random errors of log and compass, the random
+    walk of the position that the log does not see [m/√s] and that of the current [m/s/√s]. `out`
+    gets x, y, vx, vy after each step, shape (n, 4), and their covariance, shape (n, 4, 4).
     """
     states, covariances = out
     for k in range(durations.size):
@@ -105,9 +106,10 @@ def propagate(
 class DeadReckoning(OnlineNavigator[Estimates]):
     """Takes no ranges at all; a subclass updates `x` and `P` in `_update`."""
 
-    # for `_odometry`, of methods that move from message to message
+    # whether readings since the last call of `_odometry` are kept for it
     KEEPS_READINGS: ClassVar[bool] = False
-    # by the delays of pings, at the biases so far
+    # whether transmitters are moved by the way of the vehicle over the delays of pings, by the
+    # estimated biases and current
     MOVES_TRANSMITTERS: ClassVar[bool] = True
 
     def __init__(self, settings: TightSettings, start: Floats) -> None:
@@ -128,10 +130,11 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         self._reading = np.empty((0, 2))
         self._advances = list[tuple[Floats, Floats]]()
         self._track = LeaderTrack()
-        # the place walks with the leader's errors: it is that in the broadcast positions' frame
+        # the state is a place in the frame of the broadcast positions, so it walks with the
+        # leader's error too
         slip = math.hypot(settings.slip, settings.leader_position_walk)
         self._noise = settings.speed_sigma, settings.heading_sigma, slip, walk
-        self._mean = MeanSpeed()
+        self._mean_speed = MeanSpeed()
         self._delays = Delays(np.zeros(3), np.zeros(3))
 
     @property
@@ -168,18 +171,18 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         covariances = np.empty((n, 4, 4))
         fixes = []
         depth = measurements.last_depth
-        for i, last_step in enumerate([*measurements.message_step.tolist(), n]):
-            steps = slice(self._step, last_step)
+        for i, end in enumerate([*measurements.message_step.tolist(), n]):
+            steps = slice(self._step, end)
             states[steps], covariances[steps] = self._advance(readings[steps], durations[steps])
-            self._step = last_step
+            self._step = end
             if i < measurements.message_step.size:
-                speed, heading = readings[last_step - 1].tolist()
-                own = OwnMotion(speed, heading, float(depth[last_step - 1]))
+                speed, heading = readings[end - 1].tolist()
+                own = OwnMotion(speed, heading, float(depth[end - 1]))
                 reception = measurements.reception(i)
-                require_valid(last_step, own, reception, None)
+                require_valid(end, own, reception, None)
                 fixes.append(self._receive(own, reception))
-                states[last_step - 1] = self._state
-                covariances[last_step - 1] = self._covariance
+                states[end - 1] = self._state
+                covariances[end - 1] = self._covariance
         return Estimates.of(states, covariances, fixes)
 
     def _advance(self, readings: Floats, durations: Floats) -> tuple[Floats, Floats]:
@@ -189,7 +192,7 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         covariances = np.empty((n, 4, 4))
         for speed, dt in zip(readings[:, 0].tolist(), durations.tolist(), strict=True):
             if dt > 0.0:
-                self._mean.advance(speed, dt)
+                self._mean_speed.advance(speed, dt)
         if n:
             last_reading = self._reading if self._reading.size else readings[:1]
             steps = np.vstack([last_reading, readings])
@@ -204,14 +207,14 @@ class DeadReckoning(OnlineNavigator[Estimates]):
     def _receive(
         self, own: OwnMotion, reception: Reception, *, sends_as_leader: bool = True
     ) -> FixRecord:
-        """Update with a message: the fix is the estimate after it. The way of who `sends_as_leader`
-        shows the current.
+        """Update with a message; the fix is the estimate after it. `sends_as_leader`: the sender is
+        the leader, whose way shows the current too.
         """
         places = place_transmitters(reception, self.settings)
         transmitters = places - (0.0, 0.0, own.depth - self.settings.hydrophone_height)
         if self.settings.compensate_motion:
             self._delays = delays_of(
-                reception.message, reception.ranges, self._mean.clock, self.settings
+                reception.message, reception.ranges, self._mean_speed.clock, self.settings
             )
             if self.MOVES_TRANSMITTERS:
                 # as if each ping had left so much farther on, and had been received here and now
@@ -230,13 +233,13 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         if used:
             # velocity by the new biases; no time passes
             self._advance(self._reading, np.zeros(1))
-            self._mean.since_message = 0.0
+            self._mean_speed.since_message = 0.0
         return self._fix_at_estimate(FixKind.RANGES if used else FixKind.LOST)
 
     def _velocity_over_pings(self, own: OwnMotion) -> Floats:
         """Velocity through the water over the pings of a message, shape (2,), [m/s]."""
         heading = own.heading - self.x[3]
-        speed = self._mean.speed - self.x[2]
+        speed = self._mean_speed.speed - self.x[2]
         return np.asarray(speed * np.array([math.sin(heading), math.cos(heading)]))
 
     def _leader_position_variance(self, reception: Reception) -> float:
@@ -272,6 +275,7 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         dt = durations[:, None]
         v = speed[:, None] * u
         longitudinal = settings.speed_sigma * dt * u[1:]
+        # velocity turned by 90°
         across = settings.heading_sigma * dt * v[1:, ::-1] * (-1.0, 1.0)
         noise = [
             longitudinal[:, i] * longitudinal[:, j] + across[:, i] * across[:, j]
@@ -286,11 +290,11 @@ class DeadReckoning(OnlineNavigator[Estimates]):
             [0.5 * dt * (v[:-1] + v[1:]), 0.5 * dt * (u[:-1] + u[1:]), *noise, dt]
         )
         # one after another: the same to the bit in one call of `_advance` and in many
-        *displacement, xx, xy, yy, time = np.cumsum(terms, axis=0)[-1].tolist()
+        *sums, xx, xy, yy, time = np.cumsum(terms, axis=0)[-1].tolist()
         self._advances = []
         return (
-            np.array(displacement[:2]),
-            np.array(displacement[2:]),
+            np.array(sums[:2]),
+            np.array(sums[2:]),
             np.array([[xx, xy], [xy, yy]]) + 1e-12 * np.eye(2),
             time,
         )
@@ -304,14 +308,18 @@ def single_transmitter(ranges: Floats) -> int:
 
 
 def slant(x: Floats, transmitter: Floats) -> tuple[float, Floats]:
-    """Slant range [m] and the direction from a transmitter to the state's position, shape (2,)."""
+    """Slant range [m], and the horizontal part of the unit vector from a transmitter to the state's
+    position, shape (2,).
+    """
     separation = x[:2] - transmitter[:2]
     rho = math.sqrt(float(separation @ separation) + float(transmitter[2]) ** 2)
     return rho, separation / rho
 
 
 def leader_position_variance(settings: TightSettings, message: LeaderMessage) -> float:
-    """Of what errs anew in the broadcast position of a message, along each axis [m²]."""
+    """Variance of the error of the broadcast position that is independent from message to message,
+    along each axis [m²].
+    """
     sigma = message.position_sigma
     return float((settings.leader_position_sigma if math.isnan(sigma) else sigma) ** 2)
 
@@ -343,7 +351,7 @@ class RangeFilter(DeadReckoning):
     h_i = ρ_i (1 + b_r / max z); R = σ² I + σ_s² s sᵀ + σ_L² u uᵀ with s_i = ρ_i / max z and rows
     u_i of the directions from the transmitters (Y. Bar-Shalom, X. R. Li, T. Kirubarajan, Estimation
     with Applications to Tracking and Navigation, 2001, section 10.3). Where pings arrived at other
-    times, R has what speed and course may err over these.
+    times, R includes the errors of speed and course over the delays.
     """
 
     def _receive_further(self, own: OwnMotion, reception: Reception) -> None:
@@ -357,15 +365,15 @@ class RangeFilter(DeadReckoning):
         R += self._leader_position_variance(reception) * directions @ directions.T
         if self.settings.compensate_motion:
             received = np.flatnonzero(np.isfinite(ranges))
-            R += self._add_delay_terms(H, directions, received, own)
+            R += self._fill_delay_terms(H, directions, received, own)
         self.x, self.P = kalman_update(self.x, self.P, H, innovation, R)
         return True
 
-    def _add_delay_terms(
+    def _fill_delay_terms(
         self, H: Floats, directions: Floats, received: Ints, own: OwnMotion
     ) -> Floats:
-        """Fill in the derivatives of the ranges by biases and current over the delays; covariance
-        of what else errs over them.
+        """Fill in the derivatives of the ranges by biases and current over the delays; returns the
+        covariance of what else errs over them.
         """
         settings: TightSettings = self.settings
         lag = self._delays.lag[received]
@@ -379,7 +387,7 @@ class RangeFilter(DeadReckoning):
             H[:, 5:7] = -self._delays.age[received, None] * directions
         axial = lag * (directions @ ahead)
         across = lag * (directions @ starboard)
-        variance = self._mean.variance(settings.dt, settings.speed_sigma)
+        variance = self._mean_speed.variance(settings.dt, settings.speed_sigma)
         lateral_variance = settings.heading_sigma**2 * (east**2 + north**2)
         return np.asarray(
             variance * np.outer(axial, axial) + lateral_variance * np.outer(across, across)
@@ -419,7 +427,7 @@ class GeodeticAdjustment(DeadReckoning):
         estimated states.
         """
         super().__init__(settings, start)
-        self._biases = self.P[2:, 2:].copy()
+        self._bias_covariance = self.P[2:, 2:].copy()
 
     def _update(
         self, transmitters: Floats, ranges: Floats, own: OwnMotion, reception: Reception
@@ -446,11 +454,12 @@ class GeodeticAdjustment(DeadReckoning):
         # mean errors of course and speed act again until the next message
         self.P = np.zeros((STATES, STATES))
         self.P[:2, :2] = np.linalg.inv(normal)
-        self.P[2:, 2:] = self._biases
+        self.P[2:, 2:] = self._bias_covariance
         return True
 
 
-_USBL = "bearing"  # name of the readings of the sensor that the registry gives this navigator
+# key of [azimuth, elevation] in Reception.custom, from the sensor "inverted-usbl"
+_BEARING_READING = "bearing"
 
 
 class InvertedUsbl(DeadReckoning):
@@ -468,7 +477,7 @@ class InvertedUsbl(DeadReckoning):
         self, transmitters: Floats, ranges: Floats, own: OwnMotion, reception: Reception
     ) -> bool:
         settings = self.settings
-        reading = reception.custom.get(_USBL)
+        reading = reception.custom.get(_BEARING_READING)
         if reading is None or np.shape(reading) != (2,):
             raise LaisnError(
                 f"step {self._step}: the message has no azimuth and elevation of an inverted USBL; "

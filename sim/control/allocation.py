@@ -24,7 +24,7 @@ SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)
 PRIORITY = (PITCH, YAW, HEAVE, SWAY, SURGE)
 # order in which components are looked for that effectors can give
 _SEARCH_ORDER = (SURGE, YAW, PITCH, HEAVE, SWAY)
-FAST = 2.0  # speed beyond which the weights of fins change no more [m/s]
+FULL_STEERAGE_SPEED = 2.0  # speed beyond which the weights of fins change no more [m/s]
 # smallest singular value of a component that is given, over the largest force or moment of an
 # effector
 _MIN = 1e-6
@@ -65,11 +65,13 @@ def pseudo_inverse(records: npt.NDArray[np.void], limits: Floats) -> Floats:
 
 @compiled
 def at_speed(slow: Floats, fast: Floats, speed: float, out: Floats) -> None:
-    """Write P at a speed along the hull, between those of `MIN_STEERAGE_SPEED` and `FAST`, with the
-    same B, shape (M, 6).
+    """Write P at a speed along the hull, between those of `MIN_STEERAGE_SPEED` and
+    `FULL_STEERAGE_SPEED`, with the same B, shape (M, 6).
     """
     slowest_square = MIN_STEERAGE_SPEED**2
-    share = clip((speed * abs(speed) - slowest_square) / (FAST**2 - slowest_square), 0.0, 1.0)
+    share = clip(
+        (speed * abs(speed) - slowest_square) / (FULL_STEERAGE_SPEED**2 - slowest_square), 0.0, 1.0
+    )
     for i in range(slow.shape[0]):
         for axis in range(6):
             out[i, axis] = slow[i, axis] + share * (fast[i, axis] - slow[i, axis])

@@ -32,7 +32,7 @@ from laisn.errors import LaisnError
 from laisn.geometry import signed_angle
 from sim.attitude import Pose, Twist, Vector, rotation, transposed
 from sim.control.allocation import (
-    FAST,
+    FULL_STEERAGE_SPEED,
     HEAVE,
     PITCH,
     ROLL,
@@ -76,7 +76,8 @@ INCIDENCE_MAX = float(np.deg2rad(12.0))
 PITCH_RATE_MAX = float(np.deg2rad(5.0))  # largest rate of the pitch command [rad/s]
 # effectors that follow faster make the loops no faster, which run ten times a second [s]
 MIN_LAG = 0.3
-# below, vertical thrusters alone hold depth; above, the hull does [m/s]
+# below SPEED_HEAVE vertical thrusters alone hold depth, above SPEED_PITCH the hull alone; shared
+# between [m/s]
 SPEED_HEAVE = 0.3
 SPEED_PITCH = 0.6
 
@@ -99,27 +100,27 @@ class Autopilot(RecordFields):
     # damping moment: [N m s], per speed [N s² per rad], per rate [N m s² per rad²]
     yaw_damping: Annotated[Floats, (3,)]
     pitch_damping: Annotated[Floats, (3,)]
-    # nose-up moment per downward and forward speed that fins do not outweigh [kg]
+    # nose-up moment per (downward speed · forward speed), as far as fins do not outweigh it [kg]
     pitch_munk: float
-    # moment per angle of slip and speed² that fins do not outweigh, of the slip with which a turn
-    # begins [kg]
+    # yaw moment per heading error and speed² [kg]: Munk moment that fins do not outweigh, times
+    # surge_mass / sway_mass, the slip per angle that is turned as a turn begins
     yaw_munk: float
     by_pitch: float  # 1: depth by pitch, 0: by thrust
     has_heave: float  # 1: vertical thrusters, 0: depth by pitch at any speed
     density: float  # [kg/m³]
     scheduled: bool  # whether the allocation depends on the speed, as with fins
     effectors: Annotated[Records, EFFECTOR, (MAX_EFFECTORS,)]
-    # forces per unit of a wrench, at `MIN_STEERAGE_SPEED` and at `allocation.FAST`
+    # forces per unit of a wrench, at `MIN_STEERAGE_SPEED` and at `allocation.FULL_STEERAGE_SPEED`
     slow_allocation: Annotated[Floats, (MAX_EFFECTORS, 6)]
     fast_allocation: Annotated[Floats, (MAX_EFFECTORS, 6)]
 
 
-DESIGN = row_dtype(Autopilot)
+AUTOPILOT = row_dtype(Autopilot)
 
 
 def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.NDArray[np.void]:
-    """Autopilots of all vehicles, from their MJCF as the plant has compiled it: records of DESIGN,
-    shape (v,).
+    """Autopilots of all vehicles, from their MJCF as the plant has compiled it: records of
+    AUTOPILOT, shape (v,).
 
     A vehicle without `depth_control` holds its depth by pitch if its hull or fins lift or it has no
     vertical thrusters, else by thrust. LaisnError if its effectors or hull lack what its autopilot
@@ -127,13 +128,13 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
     """
     model = plant.model
     masses = (model.body_mass, model.body_ipos, model.body_inertia, model.body_iquat)
-    settings = (depth_control, *(values.tobytes() for values in masses))
-    return plant.kept_design(settings, partial(_design, plant, depth_control))
+    cache_key = (depth_control, *(values.tobytes() for values in masses))
+    return plant.kept_design(cache_key, partial(_design, plant, depth_control))
 
 
 def _design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.NDArray[np.void]:
     model = plant.model
-    records = np.zeros(len(plant.names), DESIGN)
+    records = np.zeros(len(plant.names), AUTOPILOT)
     allocations = dict[bytes, list[Floats]]()
     for i, (record, c, name) in enumerate(
         zip(records, plant.coefficients, plant.names, strict=True)
@@ -146,7 +147,7 @@ def _design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt
         if fitted.tobytes() not in allocations:
             allocations[fitted.tobytes()] = [
                 pseudo_inverse(fitted, effectors.force_limits_of(fitted, c["density"], speed))
-                for speed in (MIN_STEERAGE_SPEED, FAST)
+                for speed in (MIN_STEERAGE_SPEED, FULL_STEERAGE_SPEED)
             ]
         slow, fast = allocations[fitted.tobytes()]
         turns_hull = slow[:, [PITCH, YAW]].any(axis=1)
@@ -178,10 +179,13 @@ def _design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt
         yaw_munk = max(c["munk_factor"] * (added[1] - added[0]) + fin_moments[0], 0.0)
         record["yaw_munk"] = yaw_munk * record["surge_mass"] / record["sway_mass"]
         if not c["linear_damping_fade"][2]:
-            record["lift"] += c["linear_damping"][2]  # of 1 m/s
+            # heave damping that does not fade acts as lift per incidence, D·u·α: taken as D·u²·α,
+            # right at 1 m/s
+            record["lift"] += c["linear_damping"][2]
         strips = 0.5 * c["density"] * np.sum(c["strip_area"] * np.abs(c["strip_x"]) ** 3)
         for plane, axis in enumerate(("pitch", "yaw")):
-            other = 1 - plane  # records have sideways first
+            # coefficients are those sideways and upward, in this order: pitch is by those upward
+            other = 1 - plane
             cross_flow_damping = (
                 strips * c["cross_flow_drag"][other] + c["quadratic_damping"][4 + plane]
             )
@@ -284,13 +288,11 @@ def _damping(coefficients: Floats, speed: float, rate: float) -> float:
 
 
 @compiled
-def _increment(rate: float, demanded: float, achieved: float) -> float:
-    """Change of an integral by its rate, or none where it would go further beyond what thrusters
-    give.
-    """
-    too_high = (rate > 0.0) & (demanded > achieved + 1e-9)
-    too_low = (rate < 0.0) & (demanded < achieved - 1e-9)
-    return float(select(too_high | too_low, 0.0, rate))
+def _increment(increment: float, demanded: float, achieved: float) -> float:
+    """`increment`, or 0 where it would drive an integral further beyond what thrusters give."""
+    too_high = (increment > 0.0) & (demanded > achieved + 1e-9)
+    too_low = (increment < 0.0) & (demanded < achieved - 1e-9)
+    return float(select(too_high | too_low, 0.0, increment))
 
 
 @compiled
@@ -303,42 +305,47 @@ def _hold_depth(
     dt: float,
     memory: AutopilotMemory,
 ) -> tuple[float, float, float, float]:
-    """Pitch wanted [rad] and its rate [rad/s], heave force wanted [N] (up), and the integral's
-    rate [N].
+    """Pitch wanted [rad] and its rate [rad/s], heave force wanted, upward [N], and what is added to
+    the depth integral in this step [N].
     """
     share = clip((speed - SPEED_HEAVE) / (SPEED_PITCH - SPEED_HEAVE), 0.0, 1.0)
     by_pitch = d.by_pitch * select(d.has_heave > 0.0, share, 1.0)
     speed = max(speed, SPEED_HEAVE)
-    height_above = reference.depth - depth
+    height_error = reference.depth - depth
 
     # through pitch: the angle of climb, and the incidence whose lift the integral demands
-    lift = d.lift * speed * speed
+    lift_slope = d.lift * speed * speed
     uses_pitch = by_pitch > 0.0
-    demand = by_pitch * memory.depth_integral / select(uses_pitch, lift, 1.0)
-    incidence = select(uses_pitch, clip(demand, -INCIDENCE_MAX, INCIDENCE_MAX), 0.0)
+    incidence_wanted = by_pitch * memory.depth_integral / select(uses_pitch, lift_slope, 1.0)
+    incidence = select(uses_pitch, clip(incidence_wanted, -INCIDENCE_MAX, INCIDENCE_MAX), 0.0)
     max_sink_rate = speed * np.sin(CLIMB_MAX)
-    pitch_bandwidth = d.omega / 5.0
-    sink_rate = reference.sinking + pitch_bandwidth * height_above
+    depth_by_pitch_bandwidth = d.omega / 5.0
+    sink_rate = reference.sinking + depth_by_pitch_bandwidth * height_error
     climb = -np.arcsin(clip(sink_rate, -max_sink_rate, max_sink_rate) / speed)
     last_command = memory.pitch_command
     step = PITCH_RATE_MAX * dt
     memory.pitch_command += clip(by_pitch * climb + incidence - last_command, -step, step)
 
     # through heave: a level hull that sinks is held back by its lift
-    heave_bandwidth = d.omega / 2.0
+    depth_by_heave_bandwidth = d.omega / 2.0
     heave_demand = d.heave_mass * (
-        heave_bandwidth * heave_bandwidth * height_above
-        + 2.0 * heave_bandwidth * (reference.sinking - sinking)
+        depth_by_heave_bandwidth * depth_by_heave_bandwidth * height_error
+        + 2.0 * depth_by_heave_bandwidth * (reference.sinking - sinking)
     )
     heave_demand += d.lift * speed * reference.sinking
-    force = memory.depth_integral - incidence * lift - (1.0 - by_pitch) * heave_demand
+    force = memory.depth_integral - incidence * lift_slope - (1.0 - by_pitch) * heave_demand
 
-    rate = by_pitch * 0.25 * pitch_bandwidth * pitch_bandwidth * d.lift * speed + (
-        1.0 - by_pitch
-    ) * 0.2 * d.heave_mass * (heave_bandwidth * heave_bandwidth * heave_bandwidth)
+    gain = (
+        by_pitch * 0.25 * depth_by_pitch_bandwidth * depth_by_pitch_bandwidth * d.lift * speed
+        + (1.0 - by_pitch)
+        * 0.2
+        * d.heave_mass
+        * (depth_by_heave_bandwidth * depth_by_heave_bandwidth * depth_by_heave_bandwidth)
+    )
     # a depth far away is a matter of climbing, not of lift
-    rate = select(by_pitch * abs(sink_rate) < max_sink_rate, -rate * height_above * dt, 0.0)
-    return memory.pitch_command, (memory.pitch_command - last_command) / dt, force, rate
+    is_near = by_pitch * abs(sink_rate) < max_sink_rate
+    depth_increment = select(is_near, -gain * height_error * dt, 0.0)
+    return memory.pitch_command, (memory.pitch_command - last_command) / dt, force, depth_increment
 
 
 class HullMotion(NamedTuple):
@@ -355,7 +362,7 @@ class HullMotion(NamedTuple):
 
 
 @compiled
-def vehicle_state(pose: Pose, twist: Twist, water: Vector | Floats) -> HullMotion:
+def true_motion(pose: Pose, twist: Twist, water: Vector | Floats) -> HullMotion:
     """True motion of a vehicle, from rows of `sim.trajectory.StateHistory`."""
     forward, port, _ = transposed(rotation(pose[3:7]))
     flow = (twist[0] - water[0], twist[1] - water[1], twist[2] - water[2])
@@ -370,8 +377,8 @@ def vehicle_state(pose: Pose, twist: Twist, water: Vector | Floats) -> HullMotio
 def apply_wrench(
     kinds: effectors.Kinds, d: Autopilot, surge: float, memory: AutopilotMemory, command: Floats
 ) -> None:
-    """Command effectors to give the wrench in the memory, out: what they give, at a speed
-    through the water [m/s].
+    """Write commands that give `memory.wrench` at a speed through the water [m/s]; `memory.wrench`
+    becomes what the effectors really give.
     """
     limits = memory.limits
     for i in range(command.shape[0]):
@@ -414,7 +421,7 @@ def control(
     pitch = motion.pitch
     speed = abs(surge)
     omega = d.omega
-    lag = 0.25 / omega
+    lag = 0.25 / omega  # as of the module: ω = 1 / (4 · lag)
 
     # X = m_u (a_r + ½ ω (u_r − u)) + integral + D(u). With the hull pitched, its way over ground is
     # shorter than its way through the water. Drag, here and below, is that of when the thrusters
@@ -449,19 +456,19 @@ def control(
 
     # M = I_y (ω² (θ_d − θ) + 2 ω (q_d − q)) − Munk + integral + k θ_d + D(q_d); moments nose up are
     # positive here, and negative about the body's axis to port
-    pitch_wanted, pitching, heave_force, rate = _hold_depth(
+    pitch_wanted, pitch_rate_wanted, heave_force, depth_increment = _hold_depth(
         d, reference, motion.depth, motion.sinking, speed, dt, memory
     )
     pitch_error = pitch_wanted - pitch
     pitch_moment = d.pitch_inertia * (
-        omega * omega * pitch_error + 2.0 * omega * (pitching + motion.pitching)
+        omega * omega * pitch_error + 2.0 * omega * (pitch_rate_wanted + motion.pitching)
     )
     # the Munk moment that fins leave, by the speed across the hull
     pitch_moment -= d.pitch_munk * surge * (motion.sinking + surge * np.sin(pitch)) / cos_pitch
     pitch_moment += (
         memory.pitch_integral
         + d.righting * pitch_wanted
-        + _damping(d.pitch_damping, speed, pitching)
+        + _damping(d.pitch_damping, speed, pitch_rate_wanted)
     )
 
     wrench = memory.wrench
@@ -482,4 +489,4 @@ def control(
     memory.pitch_integral += _increment(
         0.1 * d.pitch_inertia * omega_cubed * pitch_error * dt, pitch_moment, -wrench[PITCH]
     )
-    memory.depth_integral += _increment(rate, heave_force, wrench[HEAVE])
+    memory.depth_integral += _increment(depth_increment, heave_force, wrench[HEAVE])

@@ -139,7 +139,7 @@ def steady_turn(plant: Plant, i: int, d: Autopilot, speed: float) -> tuple[float
     turn's radius [m].
 
     Sway and yaw balance the effectors; without a balance the rate is infinite. `d` is its
-    autopilot, a record of DESIGN.
+    autopilot, a record of AUTOPILOT.
     """
     # takes half a second to load, and hulls without fins need none of it
     from scipy.optimize import fsolve

@@ -26,10 +26,17 @@ from laisn.errors import LaisnError
 from laisn.geometry import place_transmitters
 from laisn.messages import Measurements
 from laisn.settings import TightSettings
-from sim.datasets.range_data import LARGEST, RangeData, compose, numbers, require_unique, text_of
+from sim.datasets.range_data import (
+    LARGEST_NUMBER,
+    RangeData,
+    compose,
+    parse_numbers,
+    require_unique,
+    text_of,
+)
 from sim.system import atomic_write
 
-_WORDS = {
+_WORD_COUNTS = {
     "VERTEX_SE2": (1, 1, 3, 0),
     "VERTEX_XY": (0, 1, 2, 0),
     "VERTEX_SE2:PRIOR": (1, 1, 3, 6),
@@ -38,8 +45,8 @@ _WORDS = {
     "EDGE_RANGE": (1, 2, 1, 1),
     "EDGE_SE2_XY": (1, 2, 2, 3),
 }
-"""How many times, names, measured numbers and numbers of noise a line of each kind has."""
-# vertices that differ from the odometry by less than this share of the way are composed of it
+"""Of a line of each kind: number of time stamps, names, measured numbers and numbers of noise."""
+# vertices within this share of the path's length of the composed odometry count as composed of it
 _SAME_PATH = 1e-4
 _POSE = re.compile(r"([A-KM-Za-km-z])([0-9]{1,15})")
 
@@ -53,36 +60,37 @@ class _Line(NamedTuple):
 
 def _parsed(text: str, source: str) -> dict[str, list[_Line]]:
     """Lines by their kind, with times in s; LaisnError naming the first that is invalid."""
-    lines: dict[str, list[_Line]] = {kind: [] for kind in _WORDS}
+    lines: dict[str, list[_Line]] = {kind: [] for kind in _WORD_COUNTS}
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.split()
         if not words or words[0].startswith("#"):
             continue
         kind = words[0]
         where = f"{source}, line {number}: {kind[:40]!r}"
-        if kind not in _WORDS:
+        if kind not in _WORD_COUNTS:
             raise LaisnError(
-                f"{where} is no kind of line of a planar graph; known: {', '.join(_WORDS)}"
+                f"{where} is no kind of line of a planar graph; known: {', '.join(_WORD_COUNTS)}"
             )
-        times, names, values, noise = _WORDS[kind]
+        times, names, values, noise = _WORD_COUNTS[kind]
         where = f"{source}, line {number}: {kind}"
         first = 1 + times + names
         expected = 1 + times + names + values + noise
         if len(words) != expected:
             raise LaisnError(f"{where} with {len(words)} words, expected {expected}")
-        time = numbers(words[1 : 1 + times], where, 1e9 * LARGEST).tolist()
-        values_and_variances = numbers(words[first:], where).tolist()
+        time = parse_numbers(words[1 : 1 + times], where, 1e9 * LARGEST_NUMBER).tolist()
+        values_and_variances = parse_numbers(words[first:], where).tolist()
         if not np.all(np.isfinite([*time, *values_and_variances])):
             raise LaisnError(f"{where} holds a number that is not finite")
         lines[kind].append(
             _Line(
-                sum(time),
+                time[0] if time else 0.0,
                 words[1 + times : first],
                 values_and_variances[:values],
                 values_and_variances[values:],
             )
         )
-    if max((abs(line.time) for kind in lines.values() for line in kind), default=0.0) <= LARGEST:
+    largest_time = max((abs(line.time) for kind in lines.values() for line in kind), default=0.0)
+    if largest_time <= LARGEST_NUMBER:
         return lines
     return {
         kind: [line._replace(time=1e-9 * line.time) for line in lines_of_kind]
@@ -90,11 +98,11 @@ def _parsed(text: str, source: str) -> dict[str, list[_Line]]:
     }
 
 
-def _odometry(lines: list[_Line], order: dict[str, int], source: str) -> tuple[Floats, Floats]:
+def _odometry(lines: list[_Line], pose_index: dict[str, int], source: str) -> tuple[Floats, Floats]:
     """Steps from each pose to the next, and variances of their three numbers."""
-    steps, variances = np.full((2, len(order) - 1, 3), np.nan)
+    steps, variances = np.full((2, len(pose_index) - 1, 3), np.nan)
     for line in lines:
-        first, second = (order.get(name) for name in line.names)
+        first, second = (pose_index.get(name) for name in line.names)
         if first is None or second != first + 1:
             continue
         if not np.isnan(steps[first, 0]):
@@ -106,7 +114,7 @@ def _odometry(lines: list[_Line], order: dict[str, int], source: str) -> tuple[F
         variances[first] = line.noise[0], line.noise[3], line.noise[5]
     gaps = np.flatnonzero(np.isnan(steps[:, 0]))
     if gaps.size:
-        names = list(order)
+        names = list(pose_index)
         raise LaisnError(
             f"{source}: no odometry (EDGE_SE2) from {names[gaps[0]]} to {names[gaps[0] + 1]}, nor "
             f"in {gaps.size - 1} other places of {len(steps)}"
@@ -118,9 +126,10 @@ class _Track(NamedTuple):
     """The way of another robot by its odometry."""
 
     beacon: int  # number of the beacon that it is
-    pose: dict[str, int]  # its poses by their names
+    pose_index: dict[str, int]  # row of `state` of each of its poses, by name
     state: Floats  # east, north [m], compass heading [rad] and speed [m/s] of each, shape (n, 4)
-    variances_per_s: Floats  # of its odometry's three numbers in a second, shape (m, 3)
+    # of its odometry's three numbers [m²/s, m²/s, rad²/s], shape (m, 3)
+    variances_per_s: Floats
 
 
 def _poses_of(lines: list[_Line], robot: str) -> list[_Line]:
@@ -143,23 +152,23 @@ def _track_of(lines: dict[str, list[_Line]], robot: str, beacon: int, source: st
     LaisnError: there is none between two of its poses.
     """
     poses = _poses_of(lines["VERTEX_SE2"], robot)
-    order = {line.names[0]: k for k, line in enumerate(poses)}
-    steps, variances = _odometry(lines["EDGE_SE2"], order, source)
+    pose_index = {line.names[0]: k for k, line in enumerate(poses)}
+    steps, variances = _odometry(lines["EDGE_SE2"], pose_index, source)
     track = np.array(list(accumulate(steps, compose, initial=np.array(_first_pose(lines, poses)))))
     time = np.array([line.time for line in poses])
     if np.ptp(time) == 0.0:
         time = np.arange(time.size, dtype=np.float64)
-    lasted = np.diff(time)
+    durations = np.diff(time)
     distances = np.hypot(*steps[:, :2].T) if len(steps) else np.zeros(0)
-    speed = np.divide(distances, lasted, out=np.zeros_like(distances), where=lasted > 0.0)
+    speed = np.divide(distances, durations, out=np.zeros_like(distances), where=durations > 0.0)
     # a pose has the speed of the step that leads to it
     speed = np.concatenate([speed[:1], speed]) if speed.size else np.zeros(1)
     state = np.column_stack([track[:, :2], 0.5 * np.pi - track[:, 2], speed])
-    return _Track(beacon, order, state, _per_second(variances, lasted))
+    return _Track(beacon, pose_index, state, _per_second(variances, durations))
 
 
 def _per_second(variances: Floats, durations: Floats) -> Floats:
-    """Variances of steps in a second, of those steps that take time."""
+    """Variances per second of the steps that take time."""
     lasting = durations > 0.0
     return variances[lasting] / durations[lasting, None]
 
@@ -174,11 +183,12 @@ def _heard(lines: dict[str, list[_Line]], robot: str) -> set[str]:
     complete = set[str]()
     for other in heard_robots:
         poses = _poses_of(lines["VERTEX_SE2"], other)
-        order = {line.names[0]: k for k, line in enumerate(poses)}
+        pose_index = {line.names[0]: k for k, line in enumerate(poses)}
         joined = {
-            order[line.names[0]]
+            pose_index[line.names[0]]
             for line in lines["EDGE_SE2"]
-            if line.names[0] in order and order.get(line.names[1]) == order[line.names[0]] + 1
+            if line.names[0] in pose_index
+            and pose_index.get(line.names[1]) == pose_index[line.names[0]] + 1
         }
         if len(poses) > 1 and len(joined) == len(poses) - 1:
             complete.add(other)
@@ -187,31 +197,32 @@ def _heard(lines: dict[str, list[_Line]], robot: str) -> set[str]:
 
 def _ranges(
     lines: list[_Line],
-    order: dict[str, int],
+    pose_index: dict[str, int],
     time: Floats,
     landmarks: dict[str, list[float]],
     tracks: dict[str, _Track],
 ) -> tuple[list[list[float]], list[float]]:
-    """Rows of time, beacon, range and the beacon's state, and variances of ranges, from lines
-    EDGE_RANGE.
+    """Rows of time [s], beacon, range [m] and the beacon's state, sorted; beacon −1, and zeros for
+    time and state, where a range joins no known pose and beacon. Also the variances [m²] of the
+    other ranges, in the file's order.
     """
-    numbers_of = {name: i for i, name in enumerate(landmarks)}
+    beacon_of = {name: i for i, name in enumerate(landmarks)}
     at_rest = {name: [*position, 0.0, 0.0] for name, position in landmarks.items()}
     rows = list[list[float]]()
     variances = list[float]()
     for line in lines:
-        pose, other = line.names if line.names[0] in order else line.names[::-1]
+        pose, other = line.names if line.names[0] in pose_index else line.names[::-1]
         track = tracks.get(other[:1])
-        moves = track is not None and other in track.pose
-        if pose not in order or not (other in landmarks or moves):
+        moves = track is not None and other in track.pose_index
+        if pose not in pose_index or not (other in landmarks or moves):
             rows.append([0.0, -1, line.values[0], 0.0, 0.0, 0.0, 0.0])
             continue
-        beacon = numbers_of.get(other, -1)
+        beacon = beacon_of.get(other, -1)
         state = at_rest.get(other, [])
         if track is not None and moves:
             beacon = track.beacon
-            state = track.state[track.pose[other]].tolist()
-        k = order[pose]
+            state = track.state[track.pose_index[other]].tolist()
+        k = pose_index[pose]
         # the time in the line if it lies between the poses beside its own, and otherwise its pose's
         low, high = time[max(k - 1, 0)], time[min(k + 1, time.size - 1)]
         when = line.time if low < line.time < high else float(time[k])
@@ -229,14 +240,15 @@ def _robot_with_most_poses(lines: dict[str, list[_Line]], source: str) -> tuple[
             f"{source}: no planar pose (VERTEX_SE2) of a robot, called by a letter and a number "
             "such as A0"
         )
+    # of several with as many poses the first letter
     return max(robots, key=lambda letter: (robots[letter], -ord(letter))), set(robots)
 
 
 def _robot_remarks(robot: str, robots: set[str], heard_robots: set[str]) -> list[str]:
     """Which robots of several are used, a sentence each."""
     remarks = [
-        f"of several robots {robot} is taken; its ranges to {name} are to the way that the "
-        "odometry of that gives"
+        f"of several robots {robot} is taken; its ranges to {name} are to the path that {name}'s "
+        "odometry gives"
         for name in sorted(heard_robots)
     ]
     unused = sorted(robots - heard_robots - {robot})
@@ -298,10 +310,10 @@ def read_factor_graph(path: Path) -> RangeData:
 
     Places of landmarks are those of their priors, or else of their vertices. The path to compare
     with is that of the poses' vertices, unless these are only composed of the odometry. The start
-    is that of the first pose's prior, or else of its vertex. Odometry's covariances give `slip` and
-    `heading_walk`, their medians per second, and those of the other robots the same of their
-    tracks. LaisnError, naming the line, if the file cannot be
-    read, is no planar graph, or lacks odometry or ranges.
+    is that of the first pose's prior, or else of its vertex. `slip` and `heading_walk` are medians
+    per second of the odometry's covariances; `track_slip` and `track_heading_walk` are those of the
+    other robots' odometry. LaisnError, naming the line, if the file cannot be read, is no planar
+    graph, or lacks odometry or ranges.
     """
     source = str(path)
     lines = _parsed(text_of(path), source)
@@ -311,12 +323,12 @@ def read_factor_graph(path: Path) -> RangeData:
     poses = _poses_of(lines["VERTEX_SE2"], robot)
     for kind in ("VERTEX_SE2", "VERTEX_XY", "VERTEX_XY:PRIOR"):
         require_unique((line.names[0] for line in lines[kind]), f"{source}: {kind}")
-    order = {line.names[0]: k for k, line in enumerate(poses)}
+    pose_index = {line.names[0]: k for k, line in enumerate(poses)}
     time = np.array([line.time for line in poses])
     if np.ptp(time) == 0.0:
         time = np.arange(time.size, dtype=np.float64)
         remarks.append(f"{source} has no times: poses are taken to be a second apart")
-    odometry, variances = _odometry(lines["EDGE_SE2"], order, source)
+    odometry, variances = _odometry(lines["EDGE_SE2"], pose_index, source)
     candidate_edges = [line for line in lines["EDGE_SE2"] if line.names[0][0] not in heard_robots]
     if len(candidate_edges) != len(odometry):
         number = len(candidate_edges) - len(odometry)
@@ -325,6 +337,7 @@ def read_factor_graph(path: Path) -> RangeData:
     vertices = np.array([line.values for line in poses])
     truth, remark = _reference_path(time, vertices, odometry, durations)
     remarks.append(remark)
+    # priors replace vertices
     landmarks = {
         line.names[0]: line.values
         for kind in ("VERTEX_XY", "VERTEX_XY:PRIOR")
@@ -334,7 +347,7 @@ def read_factor_graph(path: Path) -> RangeData:
         name: _track_of(lines, name, len(landmarks) + i, source)
         for i, name in enumerate(sorted(heard_robots))
     }
-    ranges, range_variances = _ranges(lines["EDGE_RANGE"], order, time, landmarks, tracks)
+    ranges, range_variances = _ranges(lines["EDGE_RANGE"], pose_index, time, landmarks, tracks)
     track_variances_per_s = np.vstack(
         [np.empty((0, 3)), *(track.variances_per_s for track in tracks.values())]
     )
@@ -357,13 +370,14 @@ def read_factor_graph(path: Path) -> RangeData:
     )
 
 
-def _line(*words: object) -> str:
+def _line_text(*words: object) -> str:
     return (
         " ".join(f"{word:.10g}" if isinstance(word, float) else str(word) for word in words) + "\n"
     )
 
 
 def _triangle(*variances: float) -> list[float]:
+    """Upper triangle, row by row, of a diagonal covariance."""
     matrix = np.diag(variances)
     return [float(v) for v in matrix[np.triu_indices(len(variances))]]
 
@@ -393,7 +407,7 @@ def write_factor_graph(
     way = np.vstack([np.zeros(2), np.cumsum(0.5 * dt[:, None] * (v[:-1] + v[1:]), axis=0)])
     steps = [0, *measurements.message_step.tolist()]
     lines = [
-        _line(
+        _line_text(
             "VERTEX_SE2",
             float(truth[k, 0]),
             f"A{i}",
@@ -408,7 +422,7 @@ def write_factor_graph(
         settings.heading_bias_sigma**2 + settings.heading_sigma**2,
     )
     first = float(truth[0, 0]), "A0", float(start[0]), float(start[1]), float(angle[0])
-    lines.append(_line("VERTEX_SE2:PRIOR", *first, *_triangle(*prior)))
+    lines.append(_line_text("VERTEX_SE2:PRIOR", *first, *_triangle(*prior)))
     sigma = np.linalg.norm(
         [settings.range_sigma, settings.range_scale_sigma, settings.range_scale_bias_sigma]
     )
@@ -424,33 +438,43 @@ def write_factor_graph(
         across_variance = (
             settings.heading_sigma * np.mean(speed[last_step + 1 : k + 1])
         ) ** 2 * np.sum(durations**2)
-        spread = _triangle(
+        noise = _triangle(
             float(along_variance),
             float(across_variance),
+            # a turn is the difference of two readings, 2 σ². Successive turns share a reading, so
+            # that their sum has no more, but a graph takes edges as independent and adds up their
+            # variances: the division by the number of steps makes up for that in part. 1e-8 keeps
+            # the covariance regular where σ is 0
             2.0 * settings.heading_sigma**2 / n + 1e-8,
         )
         turn = float(
             np.arctan2(np.sin(angle[k] - angle[last_step]), np.cos(angle[k] - angle[last_step]))
         )
         lines.append(
-            _line("EDGE_SE2", time, f"A{i}", f"A{i + 1}", float(ahead), float(port), turn, *spread)
+            _line_text(
+                "EDGE_SE2", time, f"A{i}", f"A{i + 1}", float(ahead), float(port), turn, *noise
+            )
         )
         reception = measurements.reception(i)
-        hydrophone = measurements.last_depth[k - 1] - settings.hydrophone_height
+        hydrophone_depth = measurements.last_depth[k - 1] - settings.hydrophone_height
         places = place_transmitters(reception, settings)
         for j in np.flatnonzero(
             np.isfinite(places).all(axis=1) & np.isfinite(reception.ranges)
         ).tolist():
             landmark = f"L{3 * i + j}"
             position = places[j, :2].tolist()
-            level = float(
-                np.sqrt(max(reception.ranges[j] ** 2 - (hydrophone - places[j, 2]) ** 2, 0.0))
+            horizontal_range = float(
+                np.sqrt(max(reception.ranges[j] ** 2 - (hydrophone_depth - places[j, 2]) ** 2, 0.0))
             )
-            lines.append(_line("VERTEX_XY", landmark, *position))
+            lines.append(_line_text("VERTEX_XY", landmark, *position))
             lines.append(
-                _line("VERTEX_XY:PRIOR", time, landmark, *position, *_triangle(1e-6, 1e-6))
+                _line_text("VERTEX_XY:PRIOR", time, landmark, *position, *_triangle(1e-6, 1e-6))
             )
-            lines.append(_line("EDGE_RANGE", time, f"A{i + 1}", landmark, level, float(sigma) ** 2))
+            lines.append(
+                _line_text(
+                    "EDGE_RANGE", time, f"A{i + 1}", landmark, horizontal_range, float(sigma) ** 2
+                )
+            )
     with atomic_write(path) as part_file:
         part_file.write_text("".join(lines), encoding="utf-8")
     return path

@@ -18,7 +18,7 @@ from sim.datasets.field_map import (
     GeodeticOrigin,
     require_complete,
 )
-from sim.datasets.range_data import LARGEST, numbers
+from sim.datasets.range_data import LARGEST_NUMBER, parse_numbers
 from sim.datasets.table_columns import (
     Column,
     Columns,
@@ -176,8 +176,8 @@ def read_mapped_columns(path: Path, field_map: FieldMap) -> Columns:
         mask = _chosen(entry, rows, position)
         cells = [word if is_read else "" for word, is_read in zip(words(entry), mask, strict=True)]
         # a bound in seconds holds once the unit is known
-        largest = 1e9 * LARGEST if field == TIMESTAMP else LARGEST
-        raw[field] = numbers(cells, f"{path}, column {entry.column}", largest)
+        largest = 1e9 * LARGEST_NUMBER if field == TIMESTAMP else LARGEST_NUMBER
+        raw[field] = parse_numbers(cells, f"{path}, column {entry.column}", largest)
     origin = _origin(field_map, raw)
     fields = dict[str, Column]()
     for field, values in raw.items():

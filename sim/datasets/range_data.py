@@ -30,7 +30,7 @@ from sim.system import background_process, read_text
 
 # larger files are refused [bytes]; a table takes 20 times its size in memory
 _LARGEST_BYTES = 100_000_000
-LARGEST = 4e9  # larger numbers are no measurements, and no times in seconds
+LARGEST_NUMBER = 4e9  # larger numbers are no measurements, and no times in seconds
 # mean speeds beyond these are doubtful [m/s]
 _MIN_SPEED = 0.01
 _MAX_SPEED = 50.0
@@ -51,7 +51,7 @@ def text_of(path: Path) -> str:
         raise LaisnError(f"{path}: cannot be read: {error}") from None
 
 
-def numbers(words: Iterable[str], where: str, largest: float = LARGEST) -> Floats:
+def parse_numbers(words: Iterable[str], where: str, largest: float = LARGEST_NUMBER) -> Floats:
     """The numbers that words stand for, NaN where they are empty; LaisnError naming the first
     that is none.
     """
@@ -119,9 +119,9 @@ class RangeData:
     def __post_init__(self) -> None:
         for item in fields(self):
             value = getattr(self, item.name)
-            if isinstance(value, np.ndarray) and not np.all(np.abs(value) <= LARGEST):
+            if isinstance(value, np.ndarray) and not np.all(np.abs(value) <= LARGEST_NUMBER):
                 raise LaisnError(
-                    f"{self.source}: {item.name} must be finite and within ±{LARGEST:g}"
+                    f"{self.source}: {item.name} must be finite and within ±{LARGEST_NUMBER:g}"
                 )
         if self.time.size < 3:
             raise LaisnError(
@@ -350,13 +350,13 @@ def _checked(path: Path, name: str, table: npt.NDArray[Any]) -> Floats:
             f"{path}: table {name} has the shape {table.shape}, expected {_COLUMNS[name]} columns"
         )
     node_columns = table[:, _NODES.get(name, [])]
-    usable = np.all(np.abs(table) <= LARGEST, axis=1) & np.all(
+    usable = np.all(np.abs(table) <= LARGEST_NUMBER, axis=1) & np.all(
         node_columns == np.rint(node_columns), axis=1
     )
     if not usable.all():
         raise LaisnError(
             f"{path}: table {name}, row {int(np.argmin(usable)) + 1}: expected numbers within "
-            f"±{LARGEST:g}, and whole ones for nodes"
+            f"±{LARGEST_NUMBER:g}, and whole ones for nodes"
         )
     return np.asarray(table, dtype=np.float64)
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.errors import LaisnError, printable, shortened
-from sim.datasets.range_data import LARGEST, numbers, text_of
+from sim.datasets.range_data import LARGEST_NUMBER, parse_numbers, text_of
 from sim.log.clock import TIMESTAMP
 from sim.log.schema import OWN_MOTION, PLACES, RECEPTION
 
@@ -180,7 +180,7 @@ def _dates(words: Sequence[str]) -> Floats | None:
 def times_of(words: Sequence[str], header: str, unit: str, where: str) -> tuple[Column, bool]:
     """The column of times, and whether they are dates."""
     try:
-        values = numbers(words, where, 1e9 * LARGEST)
+        values = parse_numbers(words, where, 1e9 * LARGEST_NUMBER)
     except LaisnError as error:
         dates = _dates(words)
         if dates is None:
@@ -226,8 +226,8 @@ def read_columns(path: Path) -> Columns:
     for field, i in index.items():
         where = f"{path}, column {headers[i]}"
         # a bound in seconds holds once the unit is known
-        largest = 1e9 * LARGEST if field == TIMESTAMP else LARGEST
-        values = numbers(words(i), where, largest)
+        largest = 1e9 * LARGEST_NUMBER if field == TIMESTAMP else LARGEST_NUMBER
+        values = parse_numbers(words(i), where, largest)
         fields[field] = Column(
             header=headers[i], field=field, unit=fields_and_units[i][1], values=values, where=where
         )

@@ -20,7 +20,7 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from laisn.messages import Ranges
-from sim.datasets.range_data import LARGEST
+from sim.datasets.range_data import LARGEST_NUMBER
 from sim.datasets.table_columns import (
     ANGLE,
     LENGTH,
@@ -279,7 +279,7 @@ def _interval(values: Floats) -> float:
 def _time_candidates(values: Floats) -> list[str]:
     """Units in which bare times are within the bound, at intervals that are possible."""
     largest = float(np.nanmax(np.abs(values), initial=0.0))
-    bounded = [unit for unit, scale in TIME.units.items() if largest * scale <= LARGEST]
+    bounded = [unit for unit, scale in TIME.units.items() if largest * scale <= LARGEST_NUMBER]
     interval = _interval(values)
     possible = [
         unit
@@ -594,7 +594,7 @@ def timestamp_unit(columns: Columns, time_s: Floats, time_unit: str) -> str:
         return _date_unit(largest) or expected
     if tick_unit == expected:
         return expected
-    if columns.dates or np.nanmax(np.abs(column.values)) * TIME.units[expected] > LARGEST:
+    if columns.dates or np.nanmax(np.abs(column.values)) * TIME.units[expected] > LARGEST_NUMBER:
         return tick_unit
     header = column.header.strip()
     raise LaisnError(

@@ -15,7 +15,7 @@ from laisn.arrays import Floats, Ints
 from laisn.errors import LaisnError
 from sim.datasets.field_map import FieldMap
 from sim.datasets.mapped_table import read_mapped_columns
-from sim.datasets.range_data import LARGEST
+from sim.datasets.range_data import LARGEST_NUMBER
 from sim.datasets.table_columns import (
     DATES,
     TIME,
@@ -47,8 +47,10 @@ class VehicleTable(NamedTuple):
 
 def _require_bounded(columns: Columns, unit: str) -> None:
     """LaisnError if times are too large for their unit."""
-    if np.abs(columns.time.values).max() * TIME.units[unit] > LARGEST:
-        raise LaisnError(f"{columns.time.where}: in {unit}, times are not within ±{LARGEST:g} s")
+    if np.abs(columns.time.values).max() * TIME.units[unit] > LARGEST_NUMBER:
+        raise LaisnError(
+            f"{columns.time.where}: in {unit}, times are not within ±{LARGEST_NUMBER:g} s"
+        )
 
 
 def _time_ns(columns: Columns, unit: str) -> Ints:
@@ -70,8 +72,10 @@ def _si(
 
     def add(column: Column, unit: str) -> None:
         values = column.values * column.quantity.units[unit]
-        if np.nanmax(np.abs(values), initial=0.0) > LARGEST:
-            raise LaisnError(f"{column.where}: in {unit}, values are not within ±{LARGEST:g} s")
+        if np.nanmax(np.abs(values), initial=0.0) > LARGEST_NUMBER:
+            raise LaisnError(
+                f"{column.where}: in {unit}, values are not within ±{LARGEST_NUMBER:g} s"
+            )
         if "depth" in column.field:
             require_depths(column.where, values)
         table[column.field] = values

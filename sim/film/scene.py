@@ -187,7 +187,7 @@ class Sea:
         """
         spacing = float(x[1] - x[0])
         is_resolved = self._steepness * spacing < 2.0
-        east, north = self._ocean.environment.current.at_time(time).drift.run
+        east, north = self._ocean.environment.current.at_time(time).drift.displacement
         amplitude, kx, ky, omega, phase = self._waves[is_resolved][:, [0, 1, 2, 4, 5]].T
         along_x = amplitude * np.exp(1j * (np.outer(x - east, kx) + phase - omega * time))
         return np.asarray((np.exp(1j * np.outer(y - north, ky)) @ along_x.T).real)

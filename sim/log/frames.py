@@ -37,13 +37,15 @@ from mcap.records import (
 
 MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")  # kind and length of a record
+# the footer record and the magic behind it
 _FOOTER_BYTES = _HEAD.size + 20 + len(MAGIC)
 _DATA_END_BYTES = _HEAD.size + 4
 _PRIVATE = 0x80  # kinds from here on belong to the writing program
-# compression stands behind three times of eight bytes and a checksum of four
+# compression stands behind start time, end time and uncompressed size, of eight bytes each, and a
+# checksum of four
 _COMPRESSION_AT = _HEAD.size + 28
 _COMPRESSION = re.compile(rb"\x04\0\0\0zstd|\x03\0\0\0lz4")
-_CHUNK_FIELDS = 40  # bytes of a chunk beside compression and data
+_CHUNK_FIELD_BYTES = 40  # bytes of a chunk beside compression and data
 _BLOCK = 1 << 20  # bytes that a checksum takes at once
 _READERS: dict[int, Callable[[ReadDataStream], Any]] = {
     Opcode.HEADER: Header.read,
@@ -78,7 +80,8 @@ def parsed(kind: int, content: bytes) -> McapRecord | None:
 
 
 def chunk_data(chunk: Chunk, max_size: int) -> bytes:
-    """What a chunk holds, of at most so many bytes, after its checksum was verified; ValueError.
+    """What a chunk holds, of at most so many bytes, after its checksum was verified; ValueError if
+    it is too large, of unknown compression or damaged.
 
     It is decompressed as a stream: at once, any size that the chunk states would be allocated.
     """
@@ -145,7 +148,7 @@ class DamagedAttachment:
 class SummarySection:
     """What stands behind the data of a finished file; empty if that is damaged."""
 
-    start: int = 0  # byte
+    start: int = 0  # byte; 0: there is none, or offsets are of no use
     records: list[McapRecord] = field(default_factory=list)
 
     def of(self, kind: type) -> list[Any]:
@@ -177,14 +180,14 @@ def _summary_at(data: Bytes, start: int, footer: Footer) -> list[McapRecord]:
     checked = data[start : len(data) - len(MAGIC) - 4]
     if footer.summary_crc not in (0, zlib.crc32(checked)):
         return []
-    return [record for record in _framed(data[start:footer_at]) if record is not None]
+    return [record for record in _parsed_records(data[start:footer_at]) if record is not None]
 
 
 def summary_of(data: Bytes) -> SummarySection:
     """The summary of a file, if it is intact.
 
-    Where bytes before it were lost or added, it stands behind the last end of data, and its
-    offsets are of no use.
+    Where bytes before it were lost or added, it is not where the footer has it: it is looked for
+    behind the last record of the end of data, and only its records without offsets are kept.
     """
     size = len(data)
     try:
@@ -195,15 +198,17 @@ def summary_of(data: Bytes) -> SummarySection:
         if records := _summary_at(data, footer.summary_start, footer):
             return SummarySection(footer.summary_start, records)
         start = data.rfind(_HEAD.pack(Opcode.DATA_END, 4)) + _DATA_END_BYTES
-        described = (Schema, Channel, Statistics)
+        without_offsets = (Schema, Channel, Statistics)
         summary = _summary_at(data, start, footer)
-        return SummarySection(0, [record for record in summary if isinstance(record, described)])
+        return SummarySection(
+            0, [record for record in summary if isinstance(record, without_offsets)]
+        )
     except Exception:
         # foreign bytes make the library fail in many ways
         return SummarySection()
 
 
-def _framed(data: bytes) -> Iterator[McapRecord | None]:
+def _parsed_records(data: bytes) -> Iterator[McapRecord | None]:
     offset = 0
     while offset + _HEAD.size <= len(data):
         kind, length = _HEAD.unpack_from(data, offset)
@@ -211,19 +216,19 @@ def _framed(data: bytes) -> Iterator[McapRecord | None]:
         offset += _HEAD.size + length
 
 
-def _chunk_frame(data: Bytes, offset: int) -> bool:
+def _is_chunk_at(data: Bytes, offset: int) -> bool:
     """Whether a chunk of consistent lengths begins at a byte."""
-    if offset < 0 or offset + _HEAD.size + _CHUNK_FIELDS > len(data):
+    if offset < 0 or offset + _HEAD.size + _CHUNK_FIELD_BYTES > len(data):
         return False
     kind, length = _HEAD.unpack_from(data, offset)
     if kind != Opcode.CHUNK or offset + _HEAD.size + length > len(data):
         return False
-    (name,) = struct.unpack_from("<I", data, offset + _COMPRESSION_AT)
-    data_at = offset + _COMPRESSION_AT + 4 + name
-    if name > 16 or data_at + 8 > len(data):
+    (name_length,) = struct.unpack_from("<I", data, offset + _COMPRESSION_AT)
+    data_at = offset + _COMPRESSION_AT + 4 + name_length
+    if name_length > 16 or data_at + 8 > len(data):
         return False
-    (stored,) = struct.unpack_from("<Q", data, data_at)
-    return bool(_CHUNK_FIELDS + name + stored == length)
+    (data_length,) = struct.unpack_from("<Q", data, data_at)
+    return bool(_CHUNK_FIELD_BYTES + name_length + data_length == length)
 
 
 def _next_record(data: Bytes, after: int, summary: SummarySection) -> int | None:
@@ -232,7 +237,7 @@ def _next_record(data: Bytes, after: int, summary: SummarySection) -> int | None
     limit = len(data) if indexed is None else min(len(data), indexed + _COMPRESSION_AT)
     for match in _COMPRESSION.finditer(data, after, limit):
         chunk_offset = match.start() - _COMPRESSION_AT
-        if chunk_offset > after and _chunk_frame(data, chunk_offset):
+        if chunk_offset > after and _is_chunk_at(data, chunk_offset):
             return chunk_offset
     return indexed
 
@@ -255,12 +260,13 @@ def _frame(data: Bytes, offset: int) -> _Frame | str:
         return "a record is of no known kind"
     if end > len(data):
         return "the file ends within a record"
-    if kind == Opcode.CHUNK and not _chunk_frame(data, offset):
+    if kind == Opcode.CHUNK and not _is_chunk_at(data, offset):
         return "the lengths in a chunk do not match"
     return _Frame(offset, end, kind, data[offset + _HEAD.size : end])
 
 
 def _checksum(data: Bytes, end: int) -> int:
+    """CRC-32 of the first `end` bytes."""
     crc = 0
     for begin in range(0, end, _BLOCK):
         crc = zlib.crc32(data[begin : min(begin + _BLOCK, end)], crc)
@@ -277,7 +283,7 @@ class Salvage:
     def __init__(self, data: Bytes, max_size: int) -> None:
         self.summary = summary_of(data)
         self._data = data
-        self._left = max_size
+        self._bytes_left = max_size
         self._damaged = False
 
     def _damage(self, offset: int, end: int, reason: str) -> Damage:
@@ -285,9 +291,9 @@ class Salvage:
         chunks = self.summary.of(ChunkIndex)
         lost_chunks = [chunk for chunk in chunks if offset <= chunk.chunk_start_offset < end]
         if lost_chunks:
-            start = min(chunk.message_start_time for chunk in chunks)
-            first = (min(chunk.message_start_time for chunk in lost_chunks) - start) / 1e9
-            last = (max(chunk.message_end_time for chunk in lost_chunks) - start) / 1e9
+            begin_ns = min(chunk.message_start_time for chunk in chunks)
+            first = (min(chunk.message_start_time for chunk in lost_chunks) - begin_ns) / 1e9
+            last = (max(chunk.message_end_time for chunk in lost_chunks) - begin_ns) / 1e9
             reason = f"{reason} (messages from {first:g} s to {last:g} s)"
         return Damage(offset, reason, bool(lost_chunks) or not chunks)
 
@@ -295,8 +301,8 @@ class Salvage:
         """What a frame holds; errors of the library if that is malformed."""
         record = parsed(frame.kind, frame.content)
         if isinstance(record, Chunk):
-            records = records_of(record, self._left)
-            self._left -= record.uncompressed_size
+            records = records_of(record, self._bytes_left)
+            self._bytes_left -= record.uncompressed_size
             return [*records]
         if isinstance(record, Attachment) and not intact_attachment(frame.content):
             return [DamagedAttachment(record.name)]

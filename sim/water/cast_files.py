@@ -1,4 +1,4 @@
-"""Columns of casts out of tables and NetCDF files, in the units of TEOS-10.
+"""Values of casts out of tables and NetCDF files, in the units of TEOS-10.
 
 A file may hold many columns of water: a grid of longitude and latitude, a list of profiles with
 places of their own (as those of Argo floats), or rows of a table that name their cast or place. One
@@ -7,8 +7,9 @@ is taken: that of a number, or the nearest to the origin that has values.
 
 import csv
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from sim.water.field_files import (
     Source,
     VariableNames,
     axis_kind,
-    find,
+    find_variable,
     open_dataset,
     seconds_from_start,
     units_of,
@@ -30,99 +31,99 @@ if TYPE_CHECKING:
     from xarray import DataArray, Dataset
 
 _LARGEST_BYTES = 50_000_000  # of a table
-_MAX_TRIALS = 400  # columns nearest to the origin that are searched for values
+_MAX_TRIALS = 400  # casts nearest to the origin that are searched for values
 
 
-class CastColumn(NamedTuple):
+class CastQuantity(NamedTuple):
     """A quantity of a cast, and what its units are multiplied by, and added, to have those of
     TEOS-10.
     """
 
-    quantity: VariableNames
+    variable_names: VariableNames
     units: dict[str, tuple[float, float]]  # factor and offset; "" if none is given
 
 
-_CELSIUS = dict.fromkeys(
+_TEMPERATURE_UNITS = dict.fromkeys(
     ("", "degc", "deg_c", "celsius", "degree_celsius", "degrees_celsius", "°c", "c", "degrees c"),
     (1.0, 0.0),
 ) | dict.fromkeys(("k", "kelvin", "degk"), (1.0, -273.15))
-_SALINITY = dict.fromkeys(
+_SALINITY_UNITS = dict.fromkeys(
     ("", "1", "psu", "1e-3", "0.001", "g/kg", "g kg-1", "pss-78", "ppt", "‰", "pss"), (1.0, 0.0)
 ) | {"kg/kg": (1000.0, 0.0), "kg kg-1": (1000.0, 0.0)}
-_DEPTH = dict.fromkeys(("", "m", "meter", "metre", "meters", "metres"), (1.0, 0.0))
-_PRESSURE = dict.fromkeys(("", "dbar", "decibar", "db"), (1.0, 0.0)) | {
+_DEPTH_UNITS = dict.fromkeys(("", "m", "meter", "metre", "meters", "metres"), (1.0, 0.0))
+_PRESSURE_UNITS = dict.fromkeys(("", "dbar", "decibar", "db"), (1.0, 0.0)) | {
     "pa": (1e-4, 0.0),
     "kpa": (0.1, 0.0),
     "bar": (10.0, 0.0),
     "mbar": (0.01, 0.0),
     "hpa": (0.01, 0.0),
 }
-_DENSITY = dict.fromkeys(
+_DENSITY_UNITS = dict.fromkeys(
     ("", "kg/m3", "kg/m³", "kg/m^3", "kg m-3", "kg m^-3", "kg m**-3"), (1.0, 0.0)
 ) | {"g/cm3": (1000.0, 0.0), "g cm-3": (1000.0, 0.0)}
-_SPEED = dict.fromkeys(("", "m/s", "m s-1", "meter/second", "m_s"), (1.0, 0.0))
+_SPEED_UNITS = dict.fromkeys(("", "m/s", "m s-1", "meter/second", "m_s"), (1.0, 0.0))
 
-COLUMNS = {
-    "speed": CastColumn(
+CAST_QUANTITIES = {
+    "speed": CastQuantity(
         VariableNames(
             "speed of sound",
             ("speed_of_sound_in_sea_water",),
             ("sound_speed", "soundspeed", "speed_of_sound", "svel", "sv", "sound_velocity", "c"),
         ),
-        _SPEED,
+        _SPEED_UNITS,
     ),
-    "conservative": CastColumn(
+    "conservative": CastQuantity(
         VariableNames(
             "conservative temperature",
             ("sea_water_conservative_temperature",),
             ("conservative_temperature", "ct"),
         ),
-        _CELSIUS,
+        _TEMPERATURE_UNITS,
     ),
-    "potential": CastColumn(
+    "potential": CastQuantity(
         VariableNames(
             "potential temperature",
             ("sea_water_potential_temperature",),
             ("potential_temperature", "thetao", "votemper", "water_temp", "pt", "theta"),
         ),
-        _CELSIUS,
+        _TEMPERATURE_UNITS,
     ),
-    "temperature": CastColumn(
+    "temperature": CastQuantity(
         VariableNames(
             "temperature", ("sea_water_temperature",), ("temperature", "temp", "t", "tem", "t90")
         ),
-        _CELSIUS,
+        _TEMPERATURE_UNITS,
     ),
-    "absolute": CastColumn(
+    "absolute": CastQuantity(
         VariableNames(
             "absolute salinity", ("sea_water_absolute_salinity",), ("absolute_salinity", "sa")
         ),
-        _SALINITY,
+        _SALINITY_UNITS,
     ),
-    "salinity": CastColumn(
+    "salinity": CastQuantity(
         VariableNames(
             "salinity",
             ("sea_water_practical_salinity", "sea_water_salinity"),
             ("practical_salinity", "salinity", "sal", "psal", "so", "vosaline", "s", "sp"),
         ),
-        _SALINITY,
+        _SALINITY_UNITS,
     ),
-    "density": CastColumn(
+    "density": CastQuantity(
         VariableNames("density", ("sea_water_density",), ("density", "rho", "insitu_density")),
-        _DENSITY,
+        _DENSITY_UNITS,
     ),
-    "pressure": CastColumn(
+    "pressure": CastQuantity(
         VariableNames("pressure", ("sea_water_pressure",), ("pressure", "pres", "press", "p")),
-        _PRESSURE,
+        _PRESSURE_UNITS,
     ),
-    "depth": CastColumn(
-        VariableNames("depth", ("depth",), ("depth", "z", "lev", "level", "deptht")), _DEPTH
+    "depth": CastQuantity(
+        VariableNames("depth", ("depth",), ("depth", "z", "lev", "level", "deptht")), _DEPTH_UNITS
     ),
 }
 _LEVELS = ("depth", "pressure")
 """Quantities that say where the values of the others are; coordinates may hold them."""
 
-_GROUPS = ("profile", "cast", "station", "profile_id", "cast_id", "station_id", "cast_number")
+_CAST_HEADERS = ("profile", "cast", "station", "profile_id", "cast_id", "station_id", "cast_number")
 _LATITUDES = ("latitude", "lat", "latitude_deg", "lat_deg")
 _LONGITUDES = ("longitude", "lon", "long", "longitude_deg", "lon_deg")
 """Headers of columns of a table that tell its casts apart."""
@@ -130,8 +131,8 @@ _SAME_PLACE_DEG = 0.02  # within which a ship drifts during a cast
 
 
 @dataclass(frozen=True, kw_only=True)
-class CastColumns:
-    """Quantities of a cast by the keys of `COLUMNS`, and what they were read from."""
+class CastValues:
+    """Quantities of a cast by the keys of `CAST_QUANTITIES`, and what they were read from."""
 
     values: dict[str, Floats]  # shapes (n,), from the file's first depth on
     names: tuple[str, ...]  # of the variables or columns of the file
@@ -157,32 +158,36 @@ class _Places:
         distance = np.hypot(degree.east * east, degree.north * north)
         return np.where(np.isfinite(distance), distance, np.inf)
 
-    def words(self, column: int, origin: FieldOrigin, *, is_nearest: bool) -> str:
-        """Which column was taken."""
+    def words(self, cast_index: int, origin: FieldOrigin, *, is_nearest: bool) -> str:
+        """Which cast was taken."""
         count = self.latitude.size
-        text = f"cast {column + 1} of {count}"
+        text = f"cast {cast_index + 1} of {count}"
         if not self.are_known:
             return text
-        distance = float(self.distances(origin)[column])
+        distance = float(self.distances(origin)[cast_index])
         if math.isfinite(distance):
             text += f", {distance / 1e3:.3g} km from the origin"
         return text + (", the nearest with values" if is_nearest else "")
 
 
-def read_columns(source: Source, origin: FieldOrigin, profile: int | None) -> CastColumns:
+def read_cast_values(source: Source, origin: FieldOrigin, profile: int | None) -> CastValues:
     """The quantities of one cast of a file; FieldError if it has none.
 
     `profile` is the number of the cast in the file, from 1 on; None: the nearest to the origin.
     """
     if source.file.suffix.lower() in (".csv", ".txt", ".tsv"):
-        return _columns_of_table(source, origin, profile)
-    return _columns_of_dataset(source, origin, profile)
+        return _values_of_table(source, origin, profile)
+    return _values_of_dataset(source, origin, profile)
 
 
 def _chosen(
-    source: Source, places: _Places, origin: FieldOrigin, profile: int | None, has_values: Any
+    source: Source,
+    places: _Places,
+    origin: FieldOrigin,
+    profile: int | None,
+    has_values: Callable[[int], bool],
 ) -> int:
-    """The column of water to take; `has_values(column)` tells whether there is anything in it."""
+    """Index of the cast to take; `has_values(index)` tells whether there is anything in one."""
     count = places.latitude.size
     if profile is not None:
         if profile > count:
@@ -198,27 +203,32 @@ def _chosen(
             f"profile = 1 … {count}"
         )
     nearest = np.argsort(places.distances(origin), kind="stable")[:_MAX_TRIALS].tolist()
-    for column in nearest:
-        if has_values(column):
-            return int(column)
-    raise source.error("none of its rows has all numbers that are needed")
+    for cast_index in nearest:
+        if has_values(cast_index):
+            return int(cast_index)
+    raise source.error(f"none of the {len(nearest)} casts nearest to the origin has values")
 
 
-def _scaled(source: Source, name: str, values: Floats, column: CastColumn, units: str) -> Floats:
-    if units not in column.units:
-        expected = ", ".join(unit for unit in list(column.units)[1:4])
+def _scaled(
+    source: Source, name: str, values: Floats, quantity: CastQuantity, units: str
+) -> Floats:
+    if units not in quantity.units:
+        expected = ", ".join([unit for unit in quantity.units if unit][:3])
         raise source.error(f"{name} has units {units!r}; expected {expected}")
-    factor, offset = column.units[units]
+    factor, offset = quantity.units[units]
     return factor * values + offset
 
 
-def _place(
-    places: _Places, column: int, origin: FieldOrigin, profile: int | None, moment: str = ""
+def _place_words(
+    places: _Places, cast_index: int, origin: FieldOrigin, profile: int | None, moment: str = ""
 ) -> str:
     """Which of several columns of water, and times, was taken."""
-    count = places.latitude.size
-    words = [places.words(column, origin, is_nearest=profile is None)] if count > 1 else []
-    return ", ".join([*words, moment] if moment else words)
+    words = []
+    if places.latitude.size > 1:
+        words.append(places.words(cast_index, origin, is_nearest=profile is None))
+    if moment:
+        words.append(moment)
+    return ", ".join(words)
 
 
 def _plain_header(header: str) -> str:
@@ -227,17 +237,20 @@ def _plain_header(header: str) -> str:
     return text.partition("[")[0].strip().replace(" ", "_")
 
 
-def _column_of(header: str) -> tuple[str, str] | None:
-    """The quantity and unit of a header, as `temperature_degC`, `Temperature [°C]` or `temp`."""
+def _quantity_of(header: str) -> tuple[str, str] | None:
+    """The quantity's key and the unit of a header, as `temperature_degC`, `Temperature [°C]` or
+    `temp`.
+    """
     text = header.strip().lower().replace("(", "[").rstrip(")]").strip()
     _, bracket, units = (piece.strip() for piece in text.partition("["))
     name = _plain_header(header)
-    for key, column in COLUMNS.items():
-        for quantity_name in (*column.quantity.standard_names, *column.quantity.names):
-            if name == quantity_name:
+    for key, quantity in CAST_QUANTITIES.items():
+        for usual_name in (*quantity.variable_names.standard_names, *quantity.variable_names.names):
+            if name == usual_name:
                 return key, units if bracket else ""
-            suffix = name.removeprefix(f"{quantity_name}_")
-            if not bracket and suffix != name and suffix in column.units:
+            prefix = f"{usual_name}_"
+            suffix = name.removeprefix(prefix)
+            if not bracket and name.startswith(prefix) and suffix in quantity.units:
                 return key, suffix
     return None
 
@@ -245,7 +258,7 @@ def _column_of(header: str) -> tuple[str, str] | None:
 class _Row(NamedTuple):
     """A row of a table."""
 
-    number: int  # in the file, from its header on
+    number: int  # of the lines that are neither blank nor comments; the header is 1
     cells: list[str]
 
 
@@ -288,70 +301,71 @@ def _casts_of_table(
     source: Source, header: list[str], rows: list[_Row]
 ) -> tuple[list[list[_Row]], _Places]:
     """Rows of each cast of a table, in the order of the file, and their places."""
-    group = _header_index(header, _GROUPS)
+    cast_column = _header_index(header, _CAST_HEADERS)
     indices = [_header_index(header, names) for names in (_LATITUDES, _LONGITUDES)]
 
     def place_of(row: _Row) -> tuple[float, ...]:
         return tuple(math.nan if i is None else _number(source, row, i) for i in indices)
 
     casts: list[list[_Row]] = []
-    if group is not None:
+    if cast_column is not None:
         by_name: dict[str, list[_Row]] = {}
         for row in rows:
-            by_name.setdefault(row.cells[group] if group < len(row.cells) else "", []).append(row)
+            name = row.cells[cast_column] if cast_column < len(row.cells) else ""
+            by_name.setdefault(name, []).append(row)
         casts = list(by_name.values())
     else:
-        first: tuple[float, ...] = ()
+        cast_place = place_of(rows[0])
         for row in rows:
-            position = place_of(row)
+            place = place_of(row)
             has_moved = [
-                abs(a - b) > _SAME_PLACE_DEG for a, b in zip(position, first, strict=False)
+                abs(a - b) > _SAME_PLACE_DEG for a, b in zip(place, cast_place, strict=True)
             ]
             if not casts or any(has_moved):
                 casts.append([])
-                first = position
+                cast_place = place
             casts[-1].append(row)
     places = np.array([place_of(cast[0]) for cast in casts])
     return casts, _Places(latitude=places[:, 0], longitude=places[:, 1])
 
 
-def _columns_of_table(source: Source, origin: FieldOrigin, profile: int | None) -> CastColumns:
+def _values_of_table(source: Source, origin: FieldOrigin, profile: int | None) -> CastValues:
     header, rows = _rows(source)
     casts, places = _casts_of_table(source, header, rows)
-    column = _chosen(source, places, origin, profile, lambda _: True)
+    cast_index = _chosen(source, places, origin, profile, lambda _: True)
     values: dict[str, Floats] = {}
     names = []
     for index, text in enumerate(header):
-        quantity = _column_of(text)
-        if quantity is None or quantity[0] in values:
+        key_and_unit = _quantity_of(text)
+        if key_and_unit is None or key_and_unit[0] in values:
             continue
-        key, units = quantity
-        numbers = np.array([_number(source, row, index) for row in casts[column]])
-        values[key] = _scaled(source, f"column {text!r}", numbers, COLUMNS[key], units)
+        key, units = key_and_unit
+        numbers = np.array([_number(source, row, index) for row in casts[cast_index]])
+        values[key] = _scaled(source, f"column {text!r}", numbers, CAST_QUANTITIES[key], units)
         names.append(text.strip())
     if not values:
         expected = "'depth', 'temperature', 'salinity', or 'depth', 'sound_speed'"
         raise source.error(
             f"its header {','.join(header)!r:.80} has none of the columns {expected}"
         )
-    place = _place(places, column, origin, profile)
-    return CastColumns(values=values, names=tuple(names), place=place)
+    place = _place_words(places, cast_index, origin, profile)
+    return CastValues(values=values, names=tuple(names), place=place)
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Layout:
     """How the variables of a file hold columns of water."""
 
-    across: tuple[str, ...]  # dimensions over which columns are counted
+    cast_dimensions: tuple[str, ...]  # dimensions over which casts are counted
     sizes: tuple[int, ...]  # of these
     fixed: dict[str, int]  # indices along further dimensions, as time
     places: _Places
     moment: str  # which of several times is taken, in words; "": there is one
 
-    def values(self, source: Source, variable: "DataArray", column: int) -> Floats:
-        """A variable along its one axis of depth in a column."""
-        index = np.unravel_index(column, self.sizes) if self.across else ()
-        indices = self.fixed | dict(zip(self.across, map(int, index), strict=True))
+    def values(self, source: Source, variable: "DataArray", cast_index: int) -> Floats:
+        """A variable along its one axis of depth in a cast."""
+        index = np.unravel_index(cast_index, self.sizes) if self.cast_dimensions else ()
+        indices = self.fixed | dict(zip(self.cast_dimensions, map(int, index), strict=True))
         cut = variable.isel({d: i for d, i in indices.items() if d in variable.dims})
         if cut.ndim > 1:
             raise source.error(
@@ -375,10 +389,9 @@ def _kinds(dataset: "Dataset", variable: "DataArray") -> dict[str, str]:
     kinds = {}
     for dimension in map(str, variable.dims):
         kind = axis_kind(dataset[dimension]) if dimension in dataset.coords else ""
-        is_projected = all(
-            _coordinates_along(dataset, dimension, axis) is not None for axis in "XY"
-        )
-        kinds[dimension] = "P" if is_projected and kind not in tuple("XYZ") else kind
+        # each point along the dimension has its own longitude and latitude
+        has_places = all(_coordinates_along(dataset, dimension, axis) is not None for axis in "XY")
+        kinds[dimension] = "P" if has_places and kind not in ("X", "Y", "Z") else kind
     unknown = [dimension for dimension, kind in kinds.items() if kind == ""]
     if "Z" not in kinds.values() and unknown:
         # levels stand last
@@ -387,19 +400,19 @@ def _kinds(dataset: "Dataset", variable: "DataArray") -> dict[str, str]:
     return kinds
 
 
-def _places(dataset: "Dataset", kinds: dict[str, str], across: tuple[str, ...]) -> _Places:
-    sizes = tuple(dataset.sizes[dimension] for dimension in across)
+def _places(dataset: "Dataset", kinds: dict[str, str], cast_dimensions: tuple[str, ...]) -> _Places:
+    sizes = tuple(dataset.sizes[dimension] for dimension in cast_dimensions)
     missing = np.full(sizes, np.nan)
     latitude = longitude = missing
-    for axis, dimension in enumerate(across):
+    for axis, dimension in enumerate(cast_dimensions):
         shape = [1] * len(sizes)
         shape[axis] = -1
-        north = _coordinates_along(dataset, dimension, "Y")
-        east = _coordinates_along(dataset, dimension, "X")
-        if kinds[dimension] in "YP" and north is not None:
-            latitude = np.broadcast_to(north.reshape(shape), sizes)
-        if kinds[dimension] in "XP" and east is not None:
-            longitude = np.broadcast_to(east.reshape(shape), sizes)
+        latitudes = _coordinates_along(dataset, dimension, "Y")
+        longitudes = _coordinates_along(dataset, dimension, "X")
+        if kinds[dimension] in "YP" and latitudes is not None:
+            latitude = np.broadcast_to(latitudes.reshape(shape), sizes)
+        if kinds[dimension] in "XP" and longitudes is not None:
+            longitude = np.broadcast_to(longitudes.reshape(shape), sizes)
     return _Places(latitude=latitude.ravel(), longitude=longitude.ravel())
 
 
@@ -407,7 +420,7 @@ def _layout(
     source: Source, dataset: "Dataset", variable: "DataArray", origin: FieldOrigin
 ) -> _Layout:
     kinds = _kinds(dataset, variable)
-    across = tuple(dimension for dimension, kind in kinds.items() if kind in "XYP")
+    cast_dimensions = tuple(dimension for dimension, kind in kinds.items() if kind in "XYP")
     fixed = {}
     moment = ""
     for dimension, kind in kinds.items():
@@ -417,9 +430,11 @@ def _layout(
         fixed[dimension] = _nearest_time(source, dataset[dimension], origin)
         if count > 1:
             moment = f"time {fixed[dimension] + 1} of {count}"
-    sizes = tuple(dataset.sizes[dimension] for dimension in across)
-    places = _places(dataset, kinds, across)
-    return _Layout(across=across, sizes=sizes, fixed=fixed, places=places, moment=moment)
+    sizes = tuple(dataset.sizes[dimension] for dimension in cast_dimensions)
+    places = _places(dataset, kinds, cast_dimensions)
+    return _Layout(
+        cast_dimensions=cast_dimensions, sizes=sizes, fixed=fixed, places=places, moment=moment
+    )
 
 
 def _nearest_time(source: Source, axis: "DataArray", origin: FieldOrigin) -> int:
@@ -434,11 +449,11 @@ def _nearest_time(source: Source, axis: "DataArray", origin: FieldOrigin) -> int
     return int(np.argmin(finite))
 
 
-def _columns_of_dataset(source: Source, origin: FieldOrigin, profile: int | None) -> CastColumns:
+def _values_of_dataset(source: Source, origin: FieldOrigin, profile: int | None) -> CastValues:
     with open_dataset(source) as dataset:
         variables = {}
-        for key, declared in COLUMNS.items():
-            variable = find(dataset, declared.quantity, coordinates=key in _LEVELS)
+        for key, quantity in CAST_QUANTITIES.items():
+            variable = find_variable(dataset, quantity.variable_names, coordinates=key in _LEVELS)
             if variable is not None:
                 variables[key] = variable
         measured = [variable for key, variable in variables.items() if key not in _LEVELS]
@@ -446,25 +461,25 @@ def _columns_of_dataset(source: Source, origin: FieldOrigin, profile: int | None
             raise source.error(
                 "it has no temperature, salinity or speed of sound by their usual names"
             )
-        fullest = max(measured, key=lambda variable: variable.ndim)
-        layout = _layout(source, dataset, fullest, origin)
+        most_dimensional = max(measured, key=lambda variable: variable.ndim)
+        layout = _layout(source, dataset, most_dimensional, origin)
 
-        def has_values(column: int) -> bool:
-            return bool(np.isfinite(layout.values(source, fullest, column)).any())
+        def has_values(cast_index: int) -> bool:
+            return bool(np.isfinite(layout.values(source, most_dimensional, cast_index)).any())
 
-        column = _chosen(source, layout.places, origin, profile, has_values)
+        cast_index = _chosen(source, layout.places, origin, profile, has_values)
         values = {}
         for key, variable in variables.items():
-            numbers = layout.values(source, variable, column)
+            numbers = layout.values(source, variable, cast_index)
             units = units_of(variable)
-            values[key] = _scaled(source, str(variable.name), numbers, COLUMNS[key], units)
+            values[key] = _scaled(source, str(variable.name), numbers, CAST_QUANTITIES[key], units)
             if key == "depth" and str(variable.attrs.get("positive", "")).lower() == "up":
                 values[key] = -values[key]
     names = tuple(str(variable.name) for variable in variables.values())
     if len({numbers.size for numbers in values.values()}) > 1:
         raise source.error(f"its variables {', '.join(names)} have different numbers of depths")
-    return CastColumns(
+    return CastValues(
         values=values,
         names=names,
-        place=_place(layout.places, column, origin, profile, layout.moment),
+        place=_place_words(layout.places, cast_index, origin, profile, layout.moment),
     )

@@ -14,14 +14,14 @@ import numpy as np
 
 from laisn.arrays import Floats
 from sim.system import file_digest
-from sim.water.cast_files import CastColumns, read_columns
+from sim.water.cast_files import CastValues, read_cast_values
 from sim.water.field_files import FieldOrigin, Source
 
 
 class _Profiled(NamedTuple):
     """A quantity that a cast gives by depth."""
 
-    key: str  # of `COLUMNS`, where a file has the quantity itself
+    key: str  # of `CAST_QUANTITIES`, where a file has the quantity itself
     title: str  # in a sentence
     plural: str
     unit: str
@@ -63,8 +63,8 @@ def _read_profile(
     profile: int | None,
     quantity: _Profiled,
 ) -> Cast:
-    columns = read_columns(source, origin, profile)
-    depth, value = _by_depth(source, columns, origin, quantity)
+    cast_values = read_cast_values(source, origin, profile)
+    depth, value = _by_depth(source, cast_values, origin, quantity)
     present = np.isfinite(depth) & np.isfinite(value)
     rows = present.size
     if not present.any():
@@ -87,22 +87,22 @@ def _read_profile(
             "temperature, salinity and depth right?"
         )
     report = (
-        f"{source.file.name}: {', '.join(columns.names)}; {len(points)} depths, "
+        f"{source.file.name}: {', '.join(cast_values.names)}; {len(points)} depths, "
         f"{points[0, 0]:.4g} to {points[-1, 0]:.4g} m, {slowest:.{quantity.digits}f} to "
         f"{fastest:.{quantity.digits}f} {quantity.unit}"
     )
-    if columns.place:
-        report += f"; {columns.place}"
+    if cast_values.place:
+        report += f"; {cast_values.place}"
     if not present.all():
         report += f"; {rows - int(present.sum())} of {rows} rows lack numbers and are left out"
     return Cast(points=points, report=report)
 
 
 def _by_depth(
-    source: Source, columns: CastColumns, origin: FieldOrigin, quantity: _Profiled
+    source: Source, cast_values: CastValues, origin: FieldOrigin, quantity: _Profiled
 ) -> tuple[Floats, Floats]:
     """Depths [m] of the rows of a cast, and a quantity there."""
-    values = columns.values
+    values = cast_values.values
     latitude = origin.latitude_deg
     if "depth" not in values and "pressure" not in values:
         raise source.error("it has neither depth nor pressure; expected a column 'depth'")

@@ -21,7 +21,7 @@ class Drift(NamedTuple):
 
     velocity: Two  # [m/s]
     acceleration: Two  # [m/s²]
-    run: Two  # way since time 0 [m]
+    displacement: Two  # since time 0 [m]
 
 
 NO_DRIFT = Drift((0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
@@ -36,11 +36,11 @@ class CurrentFlow(NamedTuple):
 
 
 START = 0
-CURRENT_AXES = slice(1, 3)
+VELOCITY = slice(1, 3)
 ACCELERATION = slice(3, 5)
-RUN = slice(5, 7)
+DISPLACEMENT = slice(5, 7)
 """Columns of a changing current: time [s]; velocity then [m/s], its rate of change from then on
-[m/s²] and the way of the water since the first point [m], each east and north."""
+[m/s²] and the displacement of the water since the first point [m], each east and north."""
 
 
 @compiled
@@ -58,8 +58,8 @@ def drift_at(time: float, change: Floats) -> Drift:
             high = middle
     _, ux, uy, ax, ay, dx, dy = change[low]
     dt = time - change[low, 0]
-    run = dx + (ux + 0.5 * ax * dt) * dt, dy + (uy + 0.5 * ay * dt) * dt
-    return Drift((ux + ax * dt, uy + ay * dt), (ax, ay), run)
+    displacement = dx + (ux + 0.5 * ax * dt) * dt, dy + (uy + 0.5 * ay * dt) * dt
+    return Drift((ux + ax * dt, uy + ay * dt), (ax, ay), displacement)
 
 
 class ShearedInstant(NamedTuple):

@@ -76,7 +76,11 @@ def flow(sea: SeaInstant, position: Vector, velocity: Vector, axis: Vector) -> F
     """
     drift = sea.current.drift
     # waves, and what else is not the same everywhere, are carried along
-    drifted_position = position[0] - drift.run[0], position[1] - drift.run[1], position[2]
+    drifted_position = (
+        position[0] - drift.displacement[0],
+        position[1] - drift.displacement[1],
+        position[2],
+    )
     relative = velocity[0] - drift.velocity[0], velocity[1] - drift.velocity[1], velocity[2]
     current = sea.current.flow(drifted_position, relative)
     water = sea.waves.flow_over(current, drifted_position, relative, axis, sea.time)
@@ -95,7 +99,11 @@ def flow(sea: SeaInstant, position: Vector, velocity: Vector, axis: Vector) -> F
 def velocity_of_water(sea: SeaInstant, position: Vector) -> Vector:
     """The velocity of `flow` alone."""
     drift = sea.current.drift
-    drifted_position = position[0] - drift.run[0], position[1] - drift.run[1], position[2]
+    drifted_position = (
+        position[0] - drift.displacement[0],
+        position[1] - drift.displacement[1],
+        position[2],
+    )
     at_rest = (0.0, 0.0, 0.0)
     current = sea.current.flow(drifted_position, at_rest)
     u = sea.waves.velocity_over(current.velocity, drifted_position, sea.time)

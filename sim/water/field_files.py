@@ -225,7 +225,7 @@ def open_dataset(source: Source) -> Any:
         raise source.error(f"it cannot be opened as NetCDF: {reason:.200}") from error
 
 
-def find(dataset: "Dataset", quantity: VariableNames, *, coordinates: bool = False) -> Any:
+def find_variable(dataset: "Dataset", quantity: VariableNames, *, coordinates: bool = False) -> Any:
     """The variable that is a quantity; None if there is none. `coordinates`: also among these."""
     names = [*dataset.data_vars, *(dataset.coords if coordinates else ())]
     variables = [dataset[name] for name in names]
@@ -241,7 +241,7 @@ def find(dataset: "Dataset", quantity: VariableNames, *, coordinates: bool = Fal
 
 
 def _require(source: Source, dataset: "Dataset", quantity: VariableNames) -> Any:
-    variable = find(dataset, quantity)
+    variable = find_variable(dataset, quantity)
     if variable is not None:
         return variable
     expected = f"standard_name {quantity.standard_names[0]!r}, or the name "
@@ -498,7 +498,7 @@ def _read_current(
     with open_dataset(source) as dataset:
         eastward = _require(source, dataset, EASTWARD)
         northward = _require(source, dataset, NORTHWARD)
-        upward = find(dataset, UPWARD)
+        upward = find_variable(dataset, UPWARD)
         grid_axes = _axes(source, dataset, eastward, "TZYX")
         for other in (northward, *(() if upward is None else (upward,))):
             if other.dims != eastward.dims:

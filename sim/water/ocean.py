@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from laisn.arrays import Floats, freeze_arrays
-from sim.water.currents import ACCELERATION, CURRENT_AXES, RUN, START, ShearedCurrent
+from sim.water.currents import ACCELERATION, DISPLACEMENT, START, VELOCITY, ShearedCurrent
 from sim.water.custom import CustomCaller
 from sim.water.densities import DensityProfile, UniformDensity
 from sim.water.environment import Environment, water_velocity
@@ -35,7 +35,9 @@ class Ocean:
     density_kg_m3: float = 1026.0
     density: DensityProfile | None = None  # by depth, in place of that
     trim_depth_m: float | None = None
-    """Depth at whose density the buoyancy of hulls holds; None: of each where it starts."""
+    """Depth [m] for whose density the hulls' buoyancy is stated; None: for each hull that at which
+    it starts.
+    """
     floor_depth_m: float = FLOOR_DEPTH_M  # that waves feel
     floor: LevelFloor | GriddedFloor | None = None  # None: a level one of this depth
     waves: Waves = field(default_factory=Waves.none)  # made for the same depth
@@ -52,7 +54,9 @@ class Ocean:
         return np.array([np.sin(direction), np.cos(direction)])
 
     def _sheared_current(self) -> ShearedCurrent:
-        """The current of the keys; floats, as compiled code has another version for other types."""
+        """The current that the fields describe, in floats: for other types the code would be
+        compiled again.
+        """
         east, north = self._flow_direction
         surface = (self.current_speed_m_s * east, self.current_speed_m_s * north)
         shear = (self.current_shear_1_s * east, self.current_shear_1_s * north)
@@ -61,27 +65,27 @@ class Ocean:
     @cached_property
     def environment(self) -> Environment:
         """The sea as compiled functions take it."""
-        steady = (0.0, 0.0)
+        surface_current = (0.0, 0.0)
         current = self.current
         if self.custom is not None:
             current = self.custom.record
         elif current is None:
             current = self._sheared_current()
-            steady = current.surface
+            surface_current = current.surface
         floor = self.floor or LevelFloor(float(self.floor_depth_m))
         rays = self.rays
         if rays is None:
             rays = StraightRays(SoundProfile.through([[0.0, _SOUND_SPEED_M_S]]), False, floor)
         return Environment(
             current=current,
-            waves=WaveTrain.on(self.waves, steady, self.floor_depth_m),
+            waves=WaveTrain.on(self.waves, surface_current, self.floor_depth_m),
             floor=floor,
             rays=rays,
             water=self.density or UniformDensity(float(self.density_kg_m3)),
         )
 
     def trim_density(self, depth: float) -> float:
-        """Density in which the buoyancy of a hull that starts at a depth [m] holds [kg/m³]."""
+        """Density [kg/m³] for which the buoyancy of a hull is stated that starts at a depth [m]."""
         if self.density is None:
             return self.density_kg_m3
         return self.density.density_at(depth if self.trim_depth_m is None else self.trim_depth_m)
@@ -102,15 +106,16 @@ class Ocean:
 
 
 def change_table(points: Floats) -> Floats:
-    """The changing part of a current as `sim.water.currents.drift_at` takes it, shape (m, 7), from
-    points of time [s] and velocity, east and north [m/s], shape (m, 3).
+    """The changing part of a current as `sim.water.currents.drift_at` takes it, shape (m, 7),
+    columns START, VELOCITY, ACCELERATION, DISPLACEMENT, from points of time [s] and velocity, east
+    and north [m/s], shape (m, 3).
     """
     time = points[:, 0]
     velocity = points[:, 1:]
     table = np.zeros((time.size, 7))
     dt = np.diff(time)[:, None]
     table[:, START] = time
-    table[:, CURRENT_AXES] = velocity
+    table[:, VELOCITY] = velocity
     table[:-1, ACCELERATION] = np.diff(velocity, axis=0) / dt
-    table[1:, RUN] = np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * dt, axis=0)
+    table[1:, DISPLACEMENT] = np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * dt, axis=0)
     return table

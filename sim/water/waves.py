@@ -307,8 +307,8 @@ def flow_without_waves(current: CurrentFlow) -> Flow:
 def wave_elevation(waves: AnyWaves, x: float, y: float, time: float, drift: Drift) -> float:
     """Height of the surface above z = 0 at one place [m], time [s]."""
     rows = waves.components
-    x = x - drift.run[0]
-    y = y - drift.run[1]
+    x = x - drift.displacement[0]
+    y = y - drift.displacement[1]
     height = like(0.0, x)
     for i in range(rows.shape[1]):
         phase = rows[KX, i] * x + rows[KY, i] * y - rows[FIXED_OMEGA, i] * time + rows[PHASE, i]

@@ -26,7 +26,7 @@ import pytest
 from typer.testing import CliRunner
 
 from experiments.flight.fly import fly
-from experiments.flight.library import FOLDER, names
+from experiments.flight.library import FOLDER, scenario_names
 from experiments.study.file import StudyFile, study_of
 from experiments.study.plan import plan_of
 from laisn_sim.cli.main import app
@@ -220,7 +220,7 @@ def test_commands_in_the_text_exist(document: Path) -> None:
             known = CliRunner().invoke(app, [*rest[:depth], "--help"], env={"COLUMNS": "200"})
             assert known.exit_code == 0, f"laisn {' '.join(rest)}"
             if rest[0] == "fly" and re.fullmatch(r"\w[\w-]*", "".join(rest[1:2])):
-                assert rest[1] in names()
+                assert rest[1] in scenario_names()
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.stem)

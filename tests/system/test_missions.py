@@ -46,7 +46,7 @@ def figures(model: str, role: str) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("role", ROLES)
-@pytest.mark.parametrize("name", library.names())
+@pytest.mark.parametrize("name", library.scenario_names())
 @pytest.mark.parametrize("model", models.VEHICLES)
 def test_a_shipped_vehicle_keeps_to_the_figures_of_the_documents_or_is_warned_of(
     model: str, name: str, role: str

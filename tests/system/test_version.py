@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.study.file import built_in, shipped
+from experiments.study.file import built_in_files, shipped
 from reports import version
 from reports.version import OWN_PACKAGES, ROOT
 from tools.documents import route_keeping
@@ -207,7 +207,7 @@ def test_every_module_loaded_for_a_campaign_is_among_the_sources() -> None:
         *(
             (f"experiments.studies.{name.replace('-', '_')}.findings", "experiments.study.run")
             for name in shipped()
-            if built_in(name)
+            if built_in_files(name)
         ),
     ],
 )

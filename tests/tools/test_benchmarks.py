@@ -278,7 +278,7 @@ def test_times_of_the_tightly_coupled_navigator_are_held_against_laisn_2_and_the
     monkeypatch.setattr(
         navigators, "least_times", lambda works, _: [1e-3 * (i + 1) for i in range(len(works))]
     )
-    actual = by_name(navigators.tight())
+    actual = by_name(navigators.navigator_rows())
     assert actual["LAISN-2 in lanes, filter only, messages every 5 s", ""].value == pytest.approx(
         50.0
     )

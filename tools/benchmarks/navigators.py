@@ -11,7 +11,6 @@ import numpy as np
 from experiments.campaign.montecarlo import Cell
 from experiments.flight.library import load_scenario
 from laisn import lanes
-from laisn import lanes as row
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled, copy_values
 from laisn.messages import Measurements
@@ -22,11 +21,13 @@ from tools.benchmarks.peak import peak_flops
 from tools.benchmarks.row import Goal, Row, least_times
 
 ROUTE = "T5"
-"""About the leader's axis, where two transmitters leave both sides open."""
+"""A route near the leader's axis, where ranges to two transmitters do not tell the sides apart."""
 RUNS = 60
 INTERVALS_S = (1.0, 5.0)
 GOALS_NS = {3: 60.0, 2: 250.0}
-"""What a step is to cost at most, by transmitters; of constant biases and an exact leader [ns]."""
+"""Most that a step may cost [ns], by number of transmitters, with constant biases and an exact
+leader.
+"""
 FLOPS_PER_STEP = 95
 FLOPS_PER_MESSAGE = 945
 """Operations of the tightly coupled navigator with five states, three transmitters and one
@@ -36,6 +37,7 @@ In a step: sine and cosine 40, dead reckoning 35, mean position 20. With a messa
 three ranges are expected to be 230, their covariance and its factor 160, likelihoods 75, update
 165, arms, axis and output 135.
 """
+# settings of the tightly coupled navigator, by the suffix that they give the name of a row
 _MODELS: dict[str, dict[str, Any]] = {
     "": {},
     ", all states": {
@@ -50,15 +52,15 @@ _MODELS: dict[str, dict[str, Any]] = {
 def filter_only(
     readings: Floats, message_step: Ints, messages: Floats, start: Floats, t: Tuning
 ) -> Floats:
-    """Steps of a block on measurements that lie ready."""
-    block = row.new_block(start, t)
+    """Step a block of lanes through measurements made beforehand; shapes as of `lanes.stacked`."""
+    block = lanes.new_block(start, t)
     prior = lanes.no_prior()
     i = 0
     for k in range(1, readings.shape[0] + 1):
-        copy_values(readings[k - 1], block[row.SPEED : row.SIN])
+        copy_values(readings[k - 1], block[lanes.SPEED : lanes.SIN])
         received = i < message_step.size and message_step[i] == k
         if received:
-            copy_values(messages[i], block[row.EAST : row.X1])
+            copy_values(messages[i], block[lanes.EAST : lanes.X1])
             i += 1
         lanes.advance(block, t, k, received, prior)
     return block
@@ -71,36 +73,42 @@ def _fly(settings: TightSettings, missions: Sequence[Measurements], start: Float
 
 def _rows(interval: float) -> Iterator[Row]:
     keys = ["motion=kinematic", "followers.0.depth_m=8", f"timing.message_interval_s={interval}"]
+    # its truth and errors alone are used, in which the variant makes no difference
     cell = Cell.of(load_scenario(ROUTE, [*keys, "navigation.variant=laisn-3-2"]))
     truth = cell.truth
     missions = [measure(cell.truth, cell.errors, seed=1, run=run) for run in range(RUNS)]
-    per = 1e9 / (RUNS * truth.speed.size)
+    ns_per_step_per_s = 1e9 / (RUNS * truth.speed.size)
     interval_text = f"messages every {interval:g} s"
     readings, messages = lanes.stacked(missions)
     start = truth.start[None]
-    tuned = row.tuning(NavigationSettings())
-    cases = [(count, words, model) for count in GOALS_NS for words, model in _MODELS.items()]
-    works: list[Callable[[], object]] = [
+    tuned = lanes.tuning(NavigationSettings())
+    cases = [(count, suffix, model) for count in GOALS_NS for suffix, model in _MODELS.items()]
+    tasks: list[Callable[[], object]] = [
         partial(filter_only, readings, truth.message_step, messages, start, tuned)
     ]
-    works += [
+    tasks += [
         partial(_fly, TightSettings(transmitters=count, **model), missions, truth.start)
         for count, _, model in cases
     ]
     # in turns, so that a machine that slows down changes no ratio
-    laisn, *others = (per * least_time for least_time in least_times(works, 7))
-    yield Row(f"LAISN-2 in lanes, filter only, {interval_text}", laisn, "ns/step")
+    laisn_ns, *others_ns = (ns_per_step_per_s * seconds for seconds in least_times(tasks, 7))
+    yield Row(f"LAISN-2 in lanes, filter only, {interval_text}", laisn_ns, "ns/step")
     floor = (FLOPS_PER_STEP + FLOPS_PER_MESSAGE * truth.dt / interval) / peak_flops() * 1e9
-    for (count, words, _), value in zip(cases, others, strict=True):
-        name = f"tight, {count} transmitters{words}, {interval_text}"
-        counted = count == 3 and not words
-        goal = None if words else Goal(GOALS_NS[count])
-        floor_shown = floor if counted else np.nan
-        yield Row(name, value, "ns/step", laisn / value, "LAISN-2", floor_shown, goal)
+    for (count, suffix, _), value in zip(cases, others_ns, strict=True):
+        counted = count == 3 and not suffix
+        yield Row(
+            f"tight, {count} transmitters{suffix}, {interval_text}",
+            value,
+            "ns/step",
+            ratio=laisn_ns / value,
+            against="LAISN-2",
+            floor=floor if counted else np.nan,
+            goal=None if suffix else Goal(GOALS_NS[count]),
+        )
 
 
-def tight() -> list[Row]:
-    """A filter step of one follower: states without covariances, as a campaign of mirror locks
-    takes them.
+def navigator_rows() -> list[Row]:
+    """Rows of what a filter step of one follower costs, LAISN-2 and tightly coupled, without
+    covariances.
     """
     return [row for interval in INTERVALS_S for row in _rows(interval)]

@@ -36,7 +36,7 @@ from tools.benchmarks import mission as benchmarks_mission
 from tools.benchmarks.commands import cold, commands
 from tools.benchmarks.formation import formation
 from tools.benchmarks.memory import memory
-from tools.benchmarks.navigators import filter_only, tight
+from tools.benchmarks.navigators import filter_only, navigator_rows
 from tools.benchmarks.peak import peak_flops
 from tools.benchmarks.peers import peers
 from tools.benchmarks.row import Goal, Row, least_time
@@ -248,7 +248,7 @@ def navigation() -> list[Row]:
 
 BENCHMARKS: dict[str, Callable[[], list[Row]]] = {
     "navigation": navigation,
-    "tight": tight,
+    "tight": navigator_rows,
     "physics": benchmarks_mission.physics,
     "engines": benchmarks_mission.engines,
     "plant": benchmarks_mission.plant,

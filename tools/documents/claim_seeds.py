@@ -10,7 +10,7 @@ from typing import Any, Unpack
 from experiments.campaign.campaign import ExecutionOptions
 from experiments.studies.reproduce import findings as claims
 from experiments.studies.reproduce.findings import CLAIMS, JUDGED, MetricValues, Verdict
-from experiments.study.file import built_in, study_of
+from experiments.study.file import built_in_files, study_of
 from experiments.study.plan import plan_of
 from experiments.study.run import fly_further, fly_studies
 from reports.findings import (
@@ -74,7 +74,7 @@ def run(
         settings = {**(keys or {}), "seed": seed, "runs": runs}
         plans = {
             study_part: plan_of(study_of(str(file), settings))
-            for study_part, file in built_in("reproduce").items()
+            for study_part, file in built_in_files("reproduce").items()
         }
         table_plan = plans["tables"]
         judged = [

@@ -17,7 +17,7 @@ from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES, load_scenario
 from experiments.studies.estimators import figures as estimators
 from experiments.studies.thermocline import figures as thermocline
-from experiments.study.file import built_in, study_of
+from experiments.study.file import built_in_files, study_of
 from reports.figures import Line, Panel
 from reports.flight_figures import error_parts
 from reports.style import INK, SERIES, Legend
@@ -172,7 +172,7 @@ def main() -> None:
         for name in {"T5", *(scenario for scenario, _, _ in STILLS.values())}
     }
     save(errors(flights["T5"]), "errors")
-    cases = study_of(str(built_in("estimators")["cases"]), {}).cases
+    cases = study_of(str(built_in_files("estimators")["cases"]), {}).cases
     figures = physics.all_figures() | {
         "asymmetry": study_pictures.asymmetry(),
         "closed-loop": study_pictures.closed_loop(),

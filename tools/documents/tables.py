@@ -6,7 +6,7 @@ from experiments.flight.library import ROUTES
 from experiments.studies.front.findings import ARMS as FRONT_ARMS
 from experiments.studies.front.findings import CASES as FRONT_CASES
 from experiments.studies.rivals.findings import CONDITIONS, INTERVALS, NAVIGATORS, USUAL, WITH_TWO
-from experiments.study.file import built_in, study_of
+from experiments.study.file import built_in_files, study_of
 from reports.findings import Finding
 from tools.documents.coverage import LAWS, RUNS
 from tools.documents.hull_trials import (
@@ -234,7 +234,7 @@ def _cases(records: Records, keys: Sequence[tuple[str, str]]) -> str:
 
 def estimators(records: Records) -> str:
     """The seven cases of the study of the estimators, messages every 5 s."""
-    study = study_of(str(built_in("estimators")["cases"]), {})
+    study = study_of(str(built_in_files("estimators")["cases"]), {})
     return _cases(
         records, [(f"{case}: {study.title('case', case)}", f"{case} 5") for case in study.cases]
     )
@@ -242,7 +242,7 @@ def estimators(records: Records) -> str:
 
 def estimators_at_sea(records: Records) -> str:
     """Physical missions by both navigators, messages every 1 s."""
-    study = study_of(str(built_in("estimators")["sea"]), {})
+    study = study_of(str(built_in_files("estimators")["sea"]), {})
     return _cases(records, [(study.title("case", sea), f"sea {sea}") for sea in study.cases])
 
 

@@ -167,7 +167,7 @@ def keeping(model: str, name: str, role: str) -> Keeping:
 
 def _role_findings(model: str, role: str) -> dict[str, Finding]:
     """How a vehicle keeps to what it is to keep in a role of all built-in scenarios."""
-    missions = [keeping(model, name, role) for name in library.names()]
+    missions = [keeping(model, name, role) for name in library.scenario_names()]
     largest = {
         "route": max(mission.route_m for mission in missions),
         "depth": max(mission.depth_m for mission in missions),

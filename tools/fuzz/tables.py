@@ -17,7 +17,8 @@ _LEADER_FIELDS = (
     "leader_speed",
 )
 _FIELDS = (
-    ("time", "speed", "heading", "depth"),
+    ("time", "speed", "heading", "depth"),  # of every row
+    # of rows with a message
     (*_LEADER_FIELDS, "leader_depth", "range_rear", "range_front"),
 )
 
@@ -120,7 +121,8 @@ def _shuffle_cells(columns: list[FuzzColumn], random: Random) -> None:
     random.shuffle(random.choice(columns).cells)
 
 
-def _change_unit(columns: list[FuzzColumn], random: Random) -> None:
+def _rename_column(columns: list[FuzzColumn], random: Random) -> None:
+    """Call a column by another field and unit."""
     column = random.choice(columns)
     field = random.choice(("heading", "leader_heading", "time", "leader_timestamp", "speed"))
     column.header = field + random.choice((" [deg]", "_rad", " [ms]", " [kn]", " [parsec]"))
@@ -133,6 +135,7 @@ def _negate_cells(columns: list[FuzzColumn], random: Random) -> None:
 
 def _fill_cell(columns: list[FuzzColumn], random: Random) -> None:
     cells = random.choice(columns).cells
+    # the second is beyond csv's largest field, 131,072
     cells[random.randrange(len(cells))] = random.choice("1x ") * random.choice((1000, 140_000))
 
 
@@ -145,7 +148,7 @@ CHANGES: tuple[Callable[[list[FuzzColumn], Random], None], ...] = (
     _lose_cells,
     _stand_still,
     _shuffle_cells,
-    _change_unit,
+    _rename_column,
     _negate_cells,
     _fill_cell,
 )

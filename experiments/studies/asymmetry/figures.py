@@ -507,7 +507,9 @@ def missions_values(
 
 
 def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
-    """What the page's template names, and tables that are written beside those of the parts."""
+    """The values that the page's template refers to, by name; and tables that are written beside
+    those of the parts.
+    """
     plan = outcomes["missions"].plan
     rows = findings.judged_rows(outcomes)
     curves = findings.all_curves(outcomes)

@@ -43,7 +43,7 @@ def picture(findings: Findings, cases: Collection[str]) -> Panel:
 
 
 def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
-    """What the page's template names."""
+    """The values that the page's template refers to, by name."""
     studies = {part: results.plan.study for part, results in outcomes.items()}
     titles = {
         part: {name: study.title("case", name) for name in study.cases}

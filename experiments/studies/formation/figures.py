@@ -49,7 +49,7 @@ def picture(findings: Findings, conditions: Mapping[str, str]) -> Panel:
 
 
 def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
-    """What the page's template names."""
+    """The values that the page's template refers to, by name."""
     study = outcomes["study"].plan.study
     conditions = {arm: study.title("arm", arm) for arm in study.arms}
     legend = [(colour, text) for colour, _, text in _SERIES.values()]

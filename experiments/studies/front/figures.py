@@ -14,14 +14,15 @@ from reports.style import FULL, SERIES
 
 
 def picture(findings: Findings) -> Panel:
-    """Distances from stations by what followers steer by, a colour for each case; a bar is a
-    95 % interval.
+    """RMS distance from the station, a row for each thing that followers steer by, a colour for
+    each case; bars are 95 % intervals.
     """
-    places = np.arange(len(study.ARMS), dtype=np.float64)[::-1]
+    rows = np.arange(len(study.ARMS), dtype=np.float64)[::-1]
     lines = [
         marks(
             [findings[f"station {arm} {case}"] for arm in study.ARMS],
-            places + 0.15 * (1 - i),
+            # three cases: above, on and below the row
+            rows + 0.15 * (1 - i),
             across=True,
             colour=SERIES[i],
             marker="o",
@@ -36,16 +37,16 @@ def picture(findings: Findings) -> Panel:
         width=FULL,
         height=2.4,
         x_log=True,
-        y_ticks=dict(zip(places.tolist(), study.ARMS.values(), strict=True)),
-        y_limits=(-0.7, places.size - 0.3),
+        y_ticks=dict(zip(rows.tolist(), study.ARMS.values(), strict=True)),
+        y_limits=(-0.7, rows.size - 0.3),
     )
 
 
-def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
-    """What the page's template names."""
+def values(findings: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
+    """The values that the page's template refers to, by name."""
     legend = [(SERIES[i], title) for i, title in enumerate(study.CASES.values())]
     return {
         "study": study,
-        "interval": lambda key, digits=2: with_limits(record[key], digits),
-        "stations": Figures(panels=[picture(record)], legend=legend),
+        "interval": lambda key, digits=2: with_limits(findings[key], digits),
+        "stations": Figures(panels=[picture(findings)], legend=legend),
     }

@@ -258,7 +258,9 @@ def page_values(
 
 
 def values(_: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
-    """What the page's template names, and the table that is written beside those of the parts."""
+    """The values that the page's template refers to, by name; and the table that is written beside
+    those of the parts.
+    """
     tables = outcomes["tables"]
     published = findings.published()
     plan = tables.plan

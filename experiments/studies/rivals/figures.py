@@ -53,7 +53,7 @@ def picture(findings: Findings) -> tuple[Panel, Legend]:
 
 
 def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
-    """What the page's template names."""
+    """The values that the page's template refers to, by name."""
     figure, legend = picture(record)
     return {
         "study": study,

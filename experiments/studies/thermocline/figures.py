@@ -86,7 +86,7 @@ def _off_key(navigator: str, season: str, sound: str = "straight") -> str:
 
 
 def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, Any]:
-    """What the page's template names."""
+    """The values that the page's template refers to, by name."""
     legend = [(SERIES[i], title) for i, title in enumerate(study.SEASONS.values())]
     return {
         "study": study,

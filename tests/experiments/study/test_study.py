@@ -30,7 +30,7 @@ from experiments.study.estimate import Results
 from experiments.study.file import (
     FOLDER,
     StudyError,
-    built_in,
+    built_in_files,
     shipped,
     study_from_table,
     study_of,
@@ -713,12 +713,12 @@ def test_drawn_formations_are_the_followers_of_their_sea():
 @pytest.mark.system
 @pytest.mark.parametrize("name", shipped())
 def test_studies_that_ship_are_valid_and_introduce_themselves(name):
-    for path in built_in(name).values() or [FOLDER / f"{name}.toml"]:
+    for path in built_in_files(name).values() or [FOLDER / f"{name}.toml"]:
         assert path.read_text(encoding="utf-8").startswith("# ")
         plan = plan_of(study_of(str(path), {}))
         assert plan.study.file.question
         assert plan.study.name.startswith(name)
-        if built_in(name):
+        if built_in_files(name):
             assert plan_of(study_of(str(path), {}, quick=True)).flights <= plan.flights
 
 

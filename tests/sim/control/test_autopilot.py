@@ -285,7 +285,7 @@ def test_vehicles_feel_their_way_through_the_water_along_their_own_axes():
     for turned in Rotation.random(5, rng=rng):
         pose = np.r_[3.0, 4.0, -9.0, turned.as_quat()[[3, 0, 1, 2]]]
         twist, water = rng.normal(size=6), rng.normal(size=3)
-        motion = autopilot.vehicle_state(pose, twist, water)
+        motion = autopilot.true_motion(pose, twist, water)
         through = turned.inv().apply(twist[:3] - water)
         forward = turned.apply([1.0, 0.0, 0.0])
         assert motion == pytest.approx(

@@ -660,7 +660,9 @@ def test_ranges_to_another_robot_are_to_where_its_odometry_puts_it(tmp_path: Pat
     lines.append(f"EDGE_SE2 120.0 A119 A120 1.1 0.0 0.0 {noise}")
     data = read_data_set(graph(tmp_path, "\n".join(lines)))
     assert data.beacons == data.moving == ("B",)
-    assert any("its ranges to B are to the way that the odometry" in line for line in data.remarks)
+    assert any(
+        "its ranges to B are to the path that B's odometry gives" in line for line in data.remarks
+    )
     assert data.ranges.size == n - 1
     expected = [[50.0, 10.0 + 0.2 * k, 0.0, 0.2] for k in range(1, n)]
     np.testing.assert_allclose(data.range_track, expected, atol=1e-9)

@@ -15,7 +15,7 @@ from PIL import Image
 
 from experiments.studies.asymmetry import figures
 from experiments.studies.asymmetry.figures import fly_example
-from experiments.study.file import built_in, study_of
+from experiments.study.file import built_in_files, study_of
 from experiments.study.plan import plan_of
 from laisn.geometry import horizontal_range
 from sim.film import graphics, render
@@ -58,7 +58,7 @@ def flight():
 @pytest.fixture(scope="module")
 def example():
     keys = {"set": {"duration_s": 40.0}, "scenario": ["T6"]}
-    return fly_example(plan_of(study_of(str(built_in("asymmetry")["missions"]), keys)))
+    return fly_example(plan_of(study_of(str(built_in_files("asymmetry")["missions"]), keys)))
 
 
 # what is added

@@ -28,7 +28,7 @@ from tools.documents import scenario_reference as reference
 MINIMAL: dict[str, Any] = {"name": "mine", "followers": [{"route": "T5"}]}
 
 
-@pytest.mark.parametrize("name", library.names())
+@pytest.mark.parametrize("name", library.scenario_names())
 def test_every_built_in_scenario_survives_toml(name: str) -> None:
     scenario = library.load_scenario(name, ())
     text = scenario.toml()

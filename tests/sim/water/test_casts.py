@@ -203,6 +203,15 @@ def test_a_column_on_land_gives_way_to_the_next_one(tmp_path: Path) -> None:
     assert first_speed(file, (-5.0, -20.0)) == pytest.approx(expected, abs=0.1)
 
 
+def test_an_atlas_without_values_is_refused(tmp_path: Path) -> None:
+    dataset = atlas()
+    dataset["theta"][:] = np.nan
+    toml = scenario(write(dataset, tmp_path / "empty.nc"), -5.0, -20.0)
+    result = CliRunner().invoke(app, ["check", str(toml)], env={"COLUMNS": "300"})
+    assert result.exit_code == 2, result.output
+    assert "none of the 48 casts nearest to the origin has values" in result.output
+
+
 def floats() -> xarray.Dataset:
     """Profiles as floats send them: a list, each at a place and with pressures of its own."""
     pressure = np.array([[5.0, 50.0, np.nan], [4.0, 40.0, 90.0], [6.0, 60.0, 95.0]])

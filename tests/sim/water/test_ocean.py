@@ -156,7 +156,7 @@ def test_a_linear_ramp_of_the_current() -> None:
             [[acceleration, 0, 0]] * 2,
             atol=1e-15,
         )
-        assert ocean.environment.current.at_time(t).drift.run == pytest.approx(
+        assert ocean.environment.current.at_time(t).drift.displacement == pytest.approx(
             (run, 0.0), abs=1e-12
         )
 
@@ -164,7 +164,9 @@ def test_a_linear_ramp_of_the_current() -> None:
 def test_elevation_is_carried_along_with_a_changing_current() -> None:
     still, moved = sea(), sea(change=CHANGE)
     run = way(71.0)
-    assert moved.environment.current.at_time(71.0).drift.run == pytest.approx(tuple(run), rel=1e-12)
+    assert moved.environment.current.at_time(71.0).drift.displacement == pytest.approx(
+        tuple(run), rel=1e-12
+    )
     x, y = np.array([0.0, 7.0, -30.0]), np.array([5.0, 5.0, 2.0])
     np.testing.assert_allclose(
         elevation(moved, x + run[0], y + run[1], 71.0), elevation(still, x, y, 71.0), atol=1e-12

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from experiments.study.file import built_in, study_of
+from experiments.study.file import built_in_files, study_of
 from experiments.study.plan import PlanEntry, plan_of
 
 PERIODS = {0.3: 4.0, 0.5: 4.0, 1.0: 5.0}
@@ -14,7 +14,7 @@ WAYS = {"head": 270.0, "beam": 0.0, "following": 90.0}
 
 
 KEYS = {"scenario": ["T5"], "vary": {"offset_m": [2.0]}, "arm": [{"name": "real laisn-2"}]}
-STUDY = study_of(str(built_in("asymmetry")["missions"]), KEYS)
+STUDY = study_of(str(built_in_files("asymmetry")["missions"]), KEYS)
 
 
 @pytest.fixture(scope="module")

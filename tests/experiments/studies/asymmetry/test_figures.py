@@ -10,7 +10,7 @@ from scipy import stats
 from experiments.campaign.store import Record
 from experiments.studies.asymmetry import figures, findings
 from experiments.studies.asymmetry.findings import Curve, paired
-from experiments.study.file import built_in, study_of
+from experiments.study.file import built_in_files, study_of
 from experiments.study.plan import plan_of
 from reports.findings import record
 from reports.page import Page, PageTable, Text, page_of
@@ -18,7 +18,7 @@ from tests.experiments.studies.asymmetry.test_findings_comparison import row
 from tests.golden import require_golden
 
 RUNS = 64
-STUDY = study_of(str(built_in("asymmetry")["missions"]), {})
+STUDY = study_of(str(built_in_files("asymmetry")["missions"]), {})
 TITLES = {name.rpartition(" ")[0]: arm.title for name, arm in STUDY.arms.items()}
 TITLES |= {name: case.title for name, case in STUDY.cases.items()}
 WOBBLE = np.tile([1.0, -1.0], RUNS // 2)
@@ -291,7 +291,9 @@ def test_figures_of_missions_are_levers_added_errors_and_medians() -> None:
 def test_a_message_is_drawn_from_the_motion() -> None:
     """A fix turns about the leader: cos B̂ = cos B cos φ − (Δz / D) sin φ."""
     keys = {"set": {"duration_s": 60.0}, "scenario": ["T6"]}
-    flown = figures.fly_example(plan_of(study_of(str(built_in("asymmetry")["missions"]), keys)))
+    flown = figures.fly_example(
+        plan_of(study_of(str(built_in_files("asymmetry")["missions"]), keys))
+    )
     message = figures.Message.of(flown.flight.trajectory, flown.step)
     ahead, port, up = message.hydrophone
     reach = np.hypot(ahead, port)

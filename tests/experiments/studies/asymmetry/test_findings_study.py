@@ -29,13 +29,13 @@ from experiments.studies.asymmetry.findings import (
     paired,
 )
 from experiments.studies.asymmetry.fix_map import deepest_offset, worst_error
-from experiments.study.file import built_in, study_of
+from experiments.study.file import built_in_files, study_of
 from experiments.study.plan import StudyPlan, plan_of
 from experiments.study.run import fly_studies
 from experiments.study.study import run
 from laisn.errors import LaisnError
 
-FILES = built_in("asymmetry")
+FILES = built_in_files("asymmetry")
 TRIM = {"name": "trim-12N", "leader.excess_buoyancy_n": 12.0}
 SHORT = {
     "scenario": ["T3", "T6"],

@@ -12,7 +12,7 @@ from experiments.studies.estimators.errors import (
     LOSS_CHANCE,
     Errors,
 )
-from experiments.study.file import built_in, study_of
+from experiments.study.file import built_in_files, study_of
 from experiments.study.plan import PlanEntry, plan_of
 from laisn.messages import Measurements
 from sim.sensing.observation import IdealMeasurements, measure
@@ -22,7 +22,7 @@ from sim.sensing.sensors import SensorErrors
 def entry_of(route: str, interval: float, case: str, arm: str) -> PlanEntry:
     """The entry of the seven cases that a route, an interval, a case and an arm have."""
     keys = {"scenario": route, "vary": {"timing.message_interval_s": [interval]}}
-    plan = plan_of(study_of(str(built_in("estimators")["cases"]), keys))
+    plan = plan_of(study_of(str(built_in_files("estimators")["cases"]), keys))
     return next(e for e in plan.entries if e.arm == arm and plan.points[e.point]["case"] == case)
 
 

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from experiments.studies.estimators import figures, findings
 from experiments.studies.estimators.findings import MESSAGE_INTERVAL
 from experiments.study import study as studies
-from experiments.study.file import built_in, study_of
+from experiments.study.file import built_in_files, study_of
 from experiments.study.plan import StudyPlan, plan_of
 from experiments.study.run import Cells, StudyResults
 from experiments.study.study import run
@@ -28,7 +28,7 @@ from tests.golden import numbered_record, require_golden
 
 PARTS = {
     part: plan_of(study_of(str(file), {}, quick=True))
-    for part, file in built_in("estimators").items()
+    for part, file in built_in_files("estimators").items()
 }
 TURN = float(library_route("L").time[1])
 
@@ -177,7 +177,7 @@ def test_a_bound_leaves_open_what_is_estimated_and_lets_it_walk(
 ) -> None:
     keys = {f"navigation.assume.{key}": value for key, value in assume.items()}
     study = study_of(
-        str(built_in("estimators")["clock"]), {"scenario": "T5", "set": keys, "case": []}
+        str(built_in_files("estimators")["clock"]), {"scenario": "T5", "set": keys, "case": []}
     )
     (entry,) = plan_of(study).entries
     noise = noise_of(SensingSettings.of(entry.scenario), entry.scenario.navigation)
@@ -187,7 +187,8 @@ def test_a_bound_leaves_open_what_is_estimated_and_lets_it_walk(
 @pytest.mark.system
 def test_the_parts_fly_the_settings_of_the_study() -> None:
     whole = {
-        part: plan_of(study_of(str(file), {})) for part, file in built_in("estimators").items()
+        part: plan_of(study_of(str(file), {}))
+        for part, file in built_in_files("estimators").items()
     }
     assert {part: (len(plan.points), plan.study.runs) for part, plan in whole.items()} == {
         "cases": (7 * 2 * 8, 60),

@@ -3,10 +3,10 @@
 from functools import reduce
 from typing import Any, NamedTuple
 
-from experiments.study.file import built_in, study_of
+from experiments.study.file import built_in_files, study_of
 from experiments.study.plan import PlanEntry, plan_of
 
-FILES = built_in("reproduce")
+FILES = built_in_files("reproduce")
 STUDY = study_of(str(FILES["tables"]), {})
 COLUMNS = {
     "dt_s": "timing.filter_step_s",

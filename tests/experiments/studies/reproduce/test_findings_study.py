@@ -13,7 +13,7 @@ from experiments.campaign.plans import steps_of
 from experiments.flight.library import ROUTES, load_scenario
 from experiments.studies.reproduce import findings as claims
 from experiments.studies.reproduce.figures import table_rows
-from experiments.study.file import built_in, study_of
+from experiments.study.file import built_in_files, study_of
 from experiments.study.plan import plan_of
 from experiments.study.run import StudyResults, fly_further, fly_studies
 from experiments.study.study import run
@@ -75,7 +75,7 @@ def test_replications_have_the_figures_of_their_runs(tmp_path, monkeypatch):
                 {"set": SHORT, "seed": 2, "runs": 3, "vary": vary[part] | {"scenario": ["T3"]}},
             )
         )
-        for part, file in built_in("reproduce").items()
+        for part, file in built_in_files("reproduce").items()
     }
     outcomes = dict(
         zip(plans, fly_studies([*plans.values()], tmp_path, workers=1, quiet=True), strict=True)
@@ -222,7 +222,8 @@ def test_errors_abeam_and_astern_take_their_sector():
 def test_the_command_of_a_row_repeats_its_cell():
     plan = plan_of(
         study_of(
-            str(built_in("reproduce")["tables"]), {"seed": 3, "vary": {"case": ["asymmetric"]}}
+            str(built_in_files("reproduce")["tables"]),
+            {"seed": 3, "vary": {"case": ["asymmetric"]}},
         )
     )
     rows = [

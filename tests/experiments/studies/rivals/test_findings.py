@@ -9,7 +9,7 @@ import pytest
 
 from experiments.flight.library import load_scenario
 from experiments.studies.rivals import figures, findings
-from experiments.study.file import built_in, study_of
+from experiments.study.file import built_in_files, study_of
 from experiments.study.plan import StudyPlan, plan_of
 from experiments.study.run import Cells
 from laisn.navigators import NAVIGATORS, find
@@ -19,7 +19,7 @@ from sim.scenario.settings import Scenario
 from tests.experiments.study.cells import cells_of
 from tests.golden import require_golden
 
-PARTS = built_in("rivals")
+PARTS = built_in_files("rivals")
 ROUTES = [*product(findings.NAVIGATORS, findings.CONDITIONS, findings.INTERVALS)]
 SLOW_CASES = [case for case in ROUTES if case[0] == findings.SLOW]
 
