@@ -241,14 +241,6 @@ def _arm_errors(study: Study, point: Mapping[str, Any], entry: PlanEntry) -> lis
     return [f"  arm {entry.arm}: {text}" for text in errors]
 
 
-def _with_engine(scenario: Scenario, engine: Literal["mujoco", "direct"]) -> Scenario:
-    """A scenario whose vehicles another solver moves; itself if it names that one."""
-    if scenario.timing.engine == engine:
-        return scenario
-    timing = scenario.timing.model_copy(update={"engine": engine})
-    return scenario.model_copy(update={"timing": timing})
-
-
 class _Examination:
     """Examines the scenarios of a study one after the other; what many have in common is computed
     and kept once.
@@ -282,10 +274,11 @@ class _Examination:
         scenario, errors = scenario_or_errors(changed, partial(self._infeasibilities, motion))
         lines += invalid + errors
         if scenario is not None and not lines:
-            moved = self._moved(scenario, changed, settings)
-            if moved is not scenario:
-                settings["timing.engine"] = moved.timing.engine
-                scenario = moved
+            engine = self._engine(MotionSettings.of(scenario), changed, settings)
+            if engine != scenario.timing.engine:
+                settings["timing.engine"] = engine
+                timing = scenario.timing.model_copy(update={"engine": engine})
+                scenario = scenario.model_copy(update={"timing": timing})
             lines += engine_errors(MotionSettings.of(scenario))
         if scenario is not None and not lines:
             if motion not in self._motion_of:
@@ -308,22 +301,21 @@ class _Examination:
             for line in lines:
                 self._places_of.setdefault(line, []).append(where)
 
-    def _moved(
-        self, scenario: Scenario, table: Mapping[str, Any], settings: Mapping[str, Any]
-    ) -> Scenario:
-        """The scenario of a table with the solver that moves it: that of the study's settings, of
-        `engine`, or of the scenario's file; where none names one, each hull's own equations of
-        motion if they hold for all hulls.
+    def _engine(
+        self, motion: MotionSettings, table: Mapping[str, Any], settings: Mapping[str, Any]
+    ) -> Literal["mujoco", "direct"]:
+        """The solver that moves a scenario of a table: that of the study's settings, of `engine`,
+        or of the scenario's file; where none names one, each hull's own equations of motion if they
+        hold for all hulls.
         """
-        if scenario.motion != "physics" or "timing.engine" in settings or "timing" in settings:
-            return scenario
+        if motion.kind != "physics" or "timing.engine" in settings or "timing" in settings:
+            return motion.engine
         engine = self.study.file.engine
         if engine is not None:
-            return _with_engine(scenario, engine)
+            return engine
         if "engine" in table.get("timing", {}):
-            return scenario
-        direct = _with_engine(scenario, "direct")
-        return scenario if engine_errors(MotionSettings.of(direct)) else direct
+            return motion.engine
+        return "mujoco" if engine_errors(replace(motion, engine="direct")) else "direct"
 
     def error_lines(self) -> list[str]:
         """A line for each error, and where it is unless all scenarios have it."""

@@ -276,7 +276,12 @@ def _rows(source: Source) -> tuple[list[str], list[_Row]]:
     if len(lines) < 2:
         raise source.error("it has no rows below a header")
     separator = max(",;\t", key=lines[0].count)
-    header, *rows = csv.reader(lines, delimiter=separator)
+    try:
+        header, *rows = csv.reader(lines, delimiter=separator)
+    except csv.Error as error:
+        raise source.error(f"it is no table: {error}") from None
+    if not rows:
+        raise source.error("it has no rows below its header, in which a quote is open")
     return header, [_Row(number, cells) for number, cells in enumerate(rows, start=2)]
 
 

@@ -120,6 +120,8 @@ def test_the_nearest_column_of_a_model(tmp_path: Path) -> None:
     ("text", "expected"),
     [
         ("", "it has no rows below a header"),
+        ('depth,"sound_speed\n1,1500\n2,1500\n', "its header, in which a quote is open"),
+        (f"depth,sound_speed\n1,{'9' * 200_000}\n", "it is no table: field larger"),
         ("depth,temperature\n1,10\n", "it has no salinity, and no speed of sound"),
         ("temperature,salinity\n10,35\n", "it has neither depth nor pressure"),
         ("a,b\n1,2\n", "has none of the columns"),
