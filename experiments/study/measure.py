@@ -15,12 +15,13 @@ from laisn.arrays import Bools, Floats
 from laisn.estimates import FixKind
 from laisn.geometry import pitch_fix_error
 from sim.assembly import routes_of
-from sim.attitude import heading_angles
+from sim.attitude import heading_angles, pitch_angles
 from sim.closed_loop import simulate_closed_loop
 from sim.flight import Termination
 from sim.power import thruster_power
 from sim.scenario.formation import MIN_LAYER_SPACING_M
 from sim.scenario.parts import MotionSettings
+from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.simulation import DivergedError, EndedError
 from sim.tracking import (
@@ -120,6 +121,63 @@ def _station(errors: Floats, turning: Bools, time: Floats) -> Record:
     }
 
 
+def _motion_columns(
+    motion: MotionSettings, trajectory: Trajectory, v: int, depth_error: Floats
+) -> Record:
+    """Columns of the motion of vehicle v, whose depth is off its route's, shape (n,), [m]."""
+    pitch_deg = np.rad2deg(pitch_angles(trajectory.quaternion[:, v]))
+    power = None
+    if motion.kind == "physics":
+        mean = float(thruster_power(trajectory, v, motion.sea.ocean.density_kg_m3).mean())
+        power = mean if np.isfinite(mean) else None
+    span_s = float(trajectory.time[-1] - trajectory.time[0])
+    return {
+        "pitch_rms_deg": _rms(pitch_deg),
+        "pitch_max_deg": float(np.abs(pitch_deg).max()),
+        "depth_error_rms_m": _rms(depth_error),
+        "power_mean_w": power,
+        "energy_j": None if power is None else power * span_s,
+    }
+
+
+def _distance_columns(motion: MotionSettings, position: Floats, v: int) -> Record:
+    """Columns of the distances of vehicle v from all others; positions of shape (n, v, 3)."""
+    held_depths = np.array([vehicle.held_depth_m for _, vehicle in motion.plan.vehicles()])
+    offsets = np.delete(position, v, axis=1) - position[:, v : v + 1]
+    horizontal = np.hypot(offsets[..., 0], offsets[..., 1]).min(axis=0)
+    is_in_layer = np.abs(np.delete(held_depths, v) - held_depths[v]) < MIN_LAYER_SPACING_M
+    horizontal_in_layer = horizontal[is_in_layer]
+    return {
+        "closest_approach_m": float(np.sqrt(squared_lengths(offsets).min())),
+        "closest_horizontal_m": float(horizontal.min()),
+        "closest_in_layer_m": (
+            float(horizontal_in_layer.min()) if horizontal_in_layer.size else None
+        ),
+    }
+
+
+def _pitch_fix_error(trajectory: Trajectory, v: int) -> float | None:
+    """Mean over whole seconds of what the leader's pitch takes a fix of vehicle v off its place
+    [m]; None: the mission has no whole second.
+    """
+    each_second = round(1.0 / CONTROL_STEP_S)
+    seconds = slice(each_second, None, each_second)
+    east, north, up = (trajectory.position[seconds, v] - trajectory.position[seconds, 0]).T
+    if not east.size:
+        return None
+    off_bow = np.arctan2(east, north) - heading_angles(trajectory.quaternion[seconds, 0])
+    horizontal = np.maximum(np.hypot(east, north), 1e-9)
+    leader_pitch = pitch_angles(trajectory.quaternion[seconds, 0])
+    return float(pitch_fix_error(leader_pitch, -up, horizontal, off_bow).mean())
+
+
+def _cross_track_columns(route: Route, trajectory: Trajectory, v: int) -> Record:
+    """Columns of the distances of vehicle v from the legs of its route, while that lasts."""
+    on_route = trajectory.time <= route.time[-1] + 1e-9
+    offsets = cross_track(route, trajectory.time[on_route], trajectory.position[on_route, v, :2])
+    return {"cross_track_rms_m": _rms(offsets), "cross_track_max_m": float(offsets.max())}
+
+
 def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
     """What the motion of a mission shows of each of its followers: a record by columns of
     `METRICS`.
@@ -129,75 +187,39 @@ def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
     """
     plan = motion.plan
     routes = routes_of(plan)
-    time = trajectory.time
     position = trajectory.position
+    depth_errors = [
+        trajectory.depth[:, v] - route.depth.depth_at(trajectory.time)
+        for v, route in enumerate(routes)
+    ]
     on_stations = any(follower.station for follower in plan.followers)
     stations = true_stations(motion, trajectory) if on_stations else None
     errors_of_tracks = track_errors(motion, trajectory, stations)
-    whole_seconds = np.arange(round(1.0 / CONTROL_STEP_S), time.size, round(1.0 / CONTROL_STEP_S))
-    density = motion.sea.ocean.density_kg_m3
-    span = float(time[-1] - time[0])
     touching = {name for contact in contacts(trajectory) for name in contact.pair}
-    pitch = trajectory.pitch
-    pitch_deg = np.rad2deg(pitch)
-    layers = np.array([vehicle.held_depth_m for _, vehicle in plan.vehicles()])
-
-    depth_errors = [
-        trajectory.depth[:, v] - route.depth.depth_at(time) for v, route in enumerate(routes)
-    ]
-
-    def motion_columns(v: int) -> Record:
-        """Columns of the motion of vehicle v."""
-        mean = float(thruster_power(trajectory, v, density).mean())
-        power = mean if motion.kind == "physics" and np.isfinite(mean) else None
-        return {
-            "pitch_rms_deg": _rms(pitch_deg[:, v]),
-            "pitch_max_deg": float(np.abs(pitch_deg[:, v]).max()),
-            "depth_error_rms_m": _rms(depth_errors[v]),
-            "power_mean_w": power,
-            "energy_j": None if power is None else power * span,
-        }
-
-    leader_heading = heading_angles(trajectory.quaternion[whole_seconds, 0])
-    leader_columns = {f"leader_{name}": value for name, value in motion_columns(0).items()}
+    of_leader = _motion_columns(motion, trajectory, 0, depth_errors[0])
+    leader_columns = {f"leader_{name}": value for name, value in of_leader.items()}
     records = []
     for v, follower in enumerate(plan.followers, start=1):
         errors = errors_of_tracks[:, v - 1]
-        offsets = np.delete(position, v, axis=1) - position[:, v : v + 1]
         separation = position[:, v] - position[:, 0]
-        east, north, up = separation[whole_seconds].T
-        off_bow = np.arctan2(east, north) - leader_heading
-        fix_error = pitch_fix_error(
-            pitch[whole_seconds, 0], -up, np.maximum(np.hypot(east, north), 1e-9), off_bow
-        )
-        horizontal = np.hypot(offsets[..., 0], offsets[..., 1]).min(axis=0)
-        is_in_layer = np.abs(np.delete(layers, v) - layers[v]) < MIN_LAYER_SPACING_M
-        horizontal_in_layer = horizontal[is_in_layer]
         row: Record = {
             "track_error_rms_m": _rms(errors),
             "track_error_max_m": float(errors.max()),
             "track_error_end_m": float(errors[-1]),
             "depth_error_max_m": float(np.abs(depth_errors[v]).max()),
-            "closest_approach_m": float(np.sqrt(squared_lengths(offsets).min())),
-            "closest_horizontal_m": float(horizontal.min()),
-            "closest_in_layer_m": (
-                float(horizontal_in_layer.min()) if horizontal_in_layer.size else None
-            ),
+            **_distance_columns(motion, position, v),
             "touched": float(trajectory.names[v] in touching),
             "range_mean_m": float(np.hypot(*separation[:, :2].T).mean()),
             "depth_offset_rms_m": _rms(separation[:, 2]),
-            "pitch_fix_error_m": float(fix_error.mean()) if whole_seconds.size else None,
+            "pitch_fix_error_m": _pitch_fix_error(trajectory, v),
         }
         if follower.station and stations is not None:
-            row |= _station(errors, np.abs(stations.rate[:, v - 1]) > TURNING_RAD_S, time)
+            is_turning = np.abs(stations.rate[:, v - 1]) > TURNING_RAD_S
+            row |= _station(errors, is_turning, trajectory.time)
         else:
-            on_route = time <= routes[v].time[-1] + 1e-9
-            lateral_offsets = cross_track(routes[v], time[on_route], position[on_route, v, :2])
-            row |= {
-                "cross_track_rms_m": _rms(lateral_offsets),
-                "cross_track_max_m": float(lateral_offsets.max()),
-            }
-        records.append(row | motion_columns(v) | leader_columns)
+            row |= _cross_track_columns(routes[v], trajectory, v)
+        of_follower = _motion_columns(motion, trajectory, v, depth_errors[v])
+        records.append(row | of_follower | leader_columns)
     return records
 
 
