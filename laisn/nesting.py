@@ -137,7 +137,8 @@ def nest(jit: Any, *, apart: bool) -> None:
             {name: _type_of(kind) for name, kind in keywords.items()},
         )
 
-    def compile_counted(signature: Any) -> Any:
+    def compile_on_stack(signature: Any) -> Any:
+        """Compile while this function is on the stack of those that are being compiled."""
         stack = _compiling.stack
         kinds = tuple(sigutils.normalize_signature(signature)[0])
         existing = jit.overloads.get(kinds)
@@ -173,6 +174,6 @@ def nest(jit: Any, *, apart: bool) -> None:
             add_overload(result)
 
     jit.get_call_template = template_without_literals
-    jit.compile = compile_counted
+    jit.compile = compile_on_stack
     jit._compile_for_args = compile_called
     jit.add_overload = add

@@ -453,7 +453,7 @@ def stations_of(motion: MotionSettings) -> Records:
         station.port = follower.station.port_m
         station.depth = follower.station.depth_m
         limits = _limits(motion, follower)
-        station.radius = 0.0 if limits is None else limits.least_radius
+        station.planned_radius = 0.0 if limits is None else limits.least_radius
     return stations
 
 
@@ -624,7 +624,7 @@ def closest_stations(motion: MotionSettings) -> Approach | None:
     stations = records(STATION, len(places))
     stations.behind, stations.port, stations.depth = places.T
     kept_by = [i for i, follower in enumerate(plan.followers) if follower.station]
-    stations.radius[1:] = stations_of(motion).radius[kept_by]
+    stations.planned_radius[1:] = stations_of(motion).planned_radius[kept_by]
     settings = [motion.formation.record(), *formations_of(motion)[kept_by]]
     formations = np.array(settings).view(np.recarray)
     way = np.column_stack([leader.east, leader.north])

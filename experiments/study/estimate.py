@@ -172,13 +172,13 @@ class Results:
     @classmethod
     def of(cls, rows: Sequence[Record], runs: Sequence[tuple[Record, Record]]) -> "Results":
         """Sort the rows of a study."""
-        by_place: dict[Condition, list[Record]] = {}
+        rows_of: dict[Condition, list[Record]] = {}
         runs_of: dict[Condition, list[Record]] = {}
         for row, (_, lists) in zip(rows, runs, strict=True):
             condition = Condition(row["point"], row["arm"], row["follower"])
-            by_place.setdefault(condition, []).append(row)
+            rows_of.setdefault(condition, []).append(row)
             runs_of.setdefault(condition, []).append(lists)
-        return cls(rows=by_place, runs=runs_of)
+        return cls(rows=rows_of, runs=runs_of)
 
     def by_run(self, condition: Condition, metric: str) -> list[Floats] | None:
         """Values of the runs of each realization; None if the metric is not one of single runs."""

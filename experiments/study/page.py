@@ -93,7 +93,7 @@ def worst_entry(plan: StudyPlan, results: Results) -> tuple[PlanEntry, int, str]
 
     condition = max(results.rows, key=size)
     (realization, run), _ = worst_and_median_run(plan, results, condition)
-    return plan.by_place[condition.point, condition.arm, realization], run, condition.follower
+    return plan.by_design_key[condition.point, condition.arm, realization], run, condition.follower
 
 
 def commands(plan: StudyPlan, results: Results) -> str:
@@ -109,7 +109,7 @@ def commands(plan: StudyPlan, results: Results) -> str:
             lines.append(
                 f"# {_place_text(plan, condition)}: {extreme} run, {run}{realization_text}"
             )
-            entry = plan.by_place[condition.point, condition.arm, realization]
+            entry = plan.by_design_key[condition.point, condition.arm, realization]
             measured = {key: results.rows[condition][0][key] for key in entry.measured}
             lines.append(fly_line(entry.source, entry.settings_at(run) | measured, run))
     return "\n".join(lines)

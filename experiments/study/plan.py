@@ -49,8 +49,8 @@ class PlanEntry:
     measured: Mapping[str, str] = field(default_factory=dict)
 
     @property
-    def place(self) -> tuple[int, str, int]:
-        """Where in the study it stands, which no other does."""
+    def design_key(self) -> tuple[int, str, int]:
+        """Point, arm and realization, which are no other entry's."""
         return self.point, self.arm, self.realization
 
     @cached_property
@@ -87,9 +87,9 @@ class StudyPlan:
     entries: list[PlanEntry]
 
     @cached_property
-    def by_place(self) -> dict[tuple[int, str, int], PlanEntry]:
-        """Entries by point, arm and realization."""
-        return {entry.place: entry for entry in self.entries}
+    def by_design_key(self) -> dict[tuple[int, str, int], PlanEntry]:
+        """Entries by their `design_key`."""
+        return {entry.design_key: entry for entry in self.entries}
 
     @cached_property
     def followers(self) -> tuple[str, ...]:

@@ -221,7 +221,7 @@ class _EntryFlight:
             for run in plan.runs_of(entry):
                 # no number depends on the film
                 scenario = entry.scenario_at(run).model_copy(update={"video": Video()})
-                tasks[study_index, entry.place, run] = partial(records_of_run, scenario, run)
+                tasks[study_index, entry.design_key, run] = partial(records_of_run, scenario, run)
         else:
             cells = _cells(plan, entry)
         return cls(study_index=study_index, plan=plan, entry=entry, cells=cells, tasks=tasks)
@@ -354,9 +354,9 @@ def fly_further(
             lists_at = {place_of(labels): lists for labels, lists in outcomes[name].runs}
             # by the number of their further runs
             entries = defaultdict[int, list[PlanEntry]](list)
-            for condition, number in numbers.items():
-                entry = plan.by_place[condition]
-                run_count = len(lists_at[*condition, entry.scenario.followers[0].name]["run"])
+            for design_key, number in numbers.items():
+                entry = plan.by_design_key[design_key]
+                run_count = len(lists_at[*design_key, entry.scenario.followers[0].name]["run"])
                 scenario = entry.scenario.model_copy(update={"run": entry.scenario.run + run_count})
                 entries[number - run_count].append(replace(entry, scenario=scenario))
             plans = [

@@ -66,7 +66,7 @@ def _cost(plan: StudyPlan, workers: int) -> tuple[float, float]:
     closed = plan.entries[0].closed_loop
     missions = dict[Any, list[PlanEntry]]()
     for entry in plan.entries:
-        missions.setdefault(entry.place if closed else entry.motion, []).append(entry)
+        missions.setdefault(entry.design_key if closed else entry.motion, []).append(entry)
     sample = [*missions.values()][: (FEW_MISSIONS + 1) * workers]
     firsts = [mission_entries[0] for mission_entries in sample]
     with TemporaryDirectory() as folder:
@@ -130,7 +130,9 @@ def effort_text(study: Study, workers: int) -> str:
 
 
 def findings_of(plan: StudyPlan, results: Results) -> dict[str, Finding]:
-    """The metric of the report at every place, and the arms' differences from the first of them."""
+    """The metric of the report at every condition, the arms' differences from the first of them,
+    and shares of the variance.
+    """
     metric = plan.study.file.report.metric
     first = plan.arms[0]
     findings = dict[str, Finding]()
@@ -193,9 +195,9 @@ class LeftOut(LaisnWarning):
 
 @dataclass(frozen=True, kw_only=True)
 class _Package:
-    """The modules of a built-in study in `experiments/studies`; without a name there are none."""
+    """The modules of a built-in study in `experiments/studies`."""
 
-    study: str
+    study: str  # name; empty: it is not built in, and has no modules
 
     @property
     def name(self) -> str:
@@ -426,8 +428,8 @@ class StudyFolder:
 
     @property
     def findings(self) -> Mapping[str, Finding]:
-        """The metric of the report at every point with its interval, and the differences of arms
-        (`results.json`).
+        """The metric of the report at every point with its interval, the differences of arms and
+        shares of the variance; of a built-in study what its own modules find (`results.json`).
         """
         return read_findings(self.folder / RECORD).findings
 

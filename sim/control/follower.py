@@ -29,7 +29,7 @@ from laisn.geometry import wrap_angle
 from sim.control import station as stations
 from sim.control.allocation import clip
 from sim.control.autopilot import HullMotion
-from sim.control.guidance import MIN_COMMANDED_SPEED, TURN_RESERVE, Reference
+from sim.control.guidance import MIN_COMMANDED_SPEED, PLANNED_TURN_SHARE, Reference
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE
 
 CONSTANT_BEARING, ILOS, ALOS = range(3)  # values of `formation.law`
@@ -402,7 +402,8 @@ def keep_station(
         trail: the leader's trail as received, records of TRAIL, and how many points it has, at
             least one.
         clock: time, and time since the last call [s].
-        reference: out: of the autopilot, record of REFERENCE; the place is not written.
+        reference: out: of the autopilot, record of REFERENCE, of which the depth, its rate and
+            the accelerations are written.
         plan: the leader's, as far as its messages carry it.
     """
     estimate = senses.estimate
@@ -445,7 +446,7 @@ def keep_station(
         target = stations.Target(
             t.east, t.north, planned_velocity[0], planned_velocity[1], t.way_east, t.way_north
         )
-        if station.radius > 0.0:
+        if station.planned_radius > 0.0:
             target = plan_detour(t, planned_velocity, formation.lookahead, dt, memory)
         sigma = float(
             np.hypot(estimate.position_sigma, formation.leader_velocity_sigma * max(silence_s, 0.0))
@@ -466,9 +467,11 @@ def keep_station(
     reference.depth = memory.depth_wanted
     reference.sinking = depth_step / dt
     turn_rate = TURN_RATE
-    if station.radius > 0.0:
+    if station.planned_radius > 0.0:
         # what planned turns leave of the rudder is for corrections
-        turn_rate = min(TURN_RATE, memory.speed_wanted / (TURN_RESERVE * station.radius))
+        turn_rate = min(
+            TURN_RATE, memory.speed_wanted / (PLANNED_TURN_SHARE * station.planned_radius)
+        )
     heading_step = clip(
         wrap_angle(heading - memory.heading_wanted), -turn_rate * dt, turn_rate * dt
     )

@@ -78,7 +78,7 @@ OFFSET_GAIN = 1.0 / 400.0
 MAX_OFFSET = 2.0  # offset along an axis that is integrated at most [m]
 MAX_INTEGRAL = 1.0  # current along an axis that comes of the integral at most [m/s]
 # turns are planned with the least radius over this, which leaves some rudder for corrections
-TURN_RESERVE = 0.9
+PLANNED_TURN_SHARE = 0.9
 # least speed through the water on the way; slower, a hull has no heading to keep [m/s]
 MIN_COMMANDED_SPEED = 0.1
 # greatest speed along an axis that leads back to the place where a route stops [m/s]

@@ -18,7 +18,7 @@ from laisn.errors import LaisnError
 from sim.attitude import Vector, cross, matvec, minus, plus, transposed
 from sim.control.allocation import HEAVE, PITCH, SURGE, SWAY, YAW, at_speed, clip
 from sim.control.autopilot import SPEED_HEAVE, SPEED_PITCH, Autopilot, greatest_forces, top_speed
-from sim.control.guidance import CATCH_UP, TURN_RESERVE
+from sim.control.guidance import CATCH_UP, PLANNED_TURN_SHARE
 from sim.scenario.point_motion import SPEED_MIN, TURN_RATE
 from sim.scenario.routes import START_SPEED
 from sim.scenario.section import CONTROL_STEP_S
@@ -172,7 +172,7 @@ def least_radius(plant: Plant, i: int, d: Autopilot) -> float:
     if not d["effectors"]["lift_area"].any():
         return 0.0
     rate, radius = steady_turn(plant, i, d, START_SPEED)
-    return 0.0 if rate > TURN_RATE else min(radius / TURN_RESERVE, 1e4)
+    return 0.0 if rate > TURN_RATE else min(radius / PLANNED_TURN_SHARE, 1e4)
 
 
 class _ControlledHull(NamedTuple):

@@ -369,9 +369,9 @@ class StationGeometry(RecordFields):
     behind: float
     port: float
     depth: float
-    # least radius of the hull's turns, as of `sim.control.stability.least_radius`; 0: none
-    # limits them
-    radius: float
+    # least radius with which turns of the hull are planned, as of
+    # `sim.control.stability.least_radius`; 0: none limits them
+    planned_radius: float
 
 
 STATION = row_dtype(StationGeometry)
@@ -450,8 +450,8 @@ def turn_frame(
     over_ground = points[count - 1].pace
     width = max(abs(station.port), _MIN_OFFSET)
     max_rate = f.max_station_acceleration / width
-    if station.radius > 0.0:
-        across = max(over_ground * over_ground / station.radius, 1e-3)
+    if station.planned_radius > 0.0:
+        across = max(over_ground * over_ground / station.planned_radius, 1e-3)
         max_rate = min(max_rate, _SIDEWAYS * across / width)
     for i in range(round((span[1] - span[0]) / dt)):
         arc = arc_at(points, count, span[0] + (i + 1) * dt) - station.behind
@@ -465,8 +465,8 @@ def turn_frame(
             room = min(f.outer_speedup * over_ground, max(f.outer_max_speed - water_speed, 0.1))
         else:
             room = min(f.inner_slowdown * over_ground, max(water_speed - f.inner_min_speed, 0.1))
-            if station.radius > 0.0:
-                room = min(room, _inner_room(trail, arc, over_ground, station.radius))
+            if station.planned_radius > 0.0:
+                room = min(room, _inner_room(trail, arc, over_ground, station.planned_radius))
         # what is turned has to be stopped again
         limit = min(room / width, np.sqrt(max_rate * abs(heading_error)))
         rate = clip(rate, -limit, limit)
@@ -536,7 +536,7 @@ def _through_water(
     over_ground = points[count - 1].pace
     later_arc = arc + preview * over_ground
     _, _, ahead_east, ahead_north, _ = place_at(points, count, later_arc)
-    if station.radius > 0.0:
+    if station.planned_radius > 0.0:
         course = _planned_course(foreseen[0], trail, later_arc, foreseen[1])
         if course == course:
             ahead_east, ahead_north = np.sin(course), np.cos(course)
@@ -570,8 +570,8 @@ def rate_limited_velocity(
     speed = np.sqrt(east * east + north * north)
     agility = AGILITY
     step = STEP
-    if station.radius > 0.0:
-        agility = min(AGILITY, max(speed, 0.1) / station.radius)
+    if station.planned_radius > 0.0:
+        agility = min(AGILITY, max(speed, 0.1) / station.planned_radius)
         step = max(STEP, _HALF_CORNER / (agility * STEPS))
     reach = STEPS * step
     bend = turned_since(points, count, arc + (f.preview - reach) * over_ground)
@@ -579,7 +579,7 @@ def rate_limited_velocity(
     steps = STEPS
     # headings nearby surely differ by less than a hull turns in more steps than these, on straight
     # legs in a single one; what is foreseen of a leader's plan is in no trail yet
-    if station.radius == 0.0 and changes < speed:
+    if station.planned_radius == 0.0 and changes < speed:
         steps = min(int(np.arcsin(changes / speed) / (agility * step)), STEPS)
     if steps > 0:
         required_heading = np.arctan2(east, north)

@@ -15,7 +15,7 @@ _ON_HULL = ((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.1, 0.0))
 
 
 class LinkTable(Section):
-    """Messages of a vehicle, or of beacons at rest, to all followers but the sender."""
+    """Messages of a vehicle, or of beacons at rest, to `receivers`."""
 
     name: Name = Field(description='what navigation.link calls it; not "leader"')
     sender: Name | None = Field(None, description="name of the vehicle that sends")

@@ -47,12 +47,14 @@ def _write(table: RayTable, file: Path) -> None:
         old.unlink(missing_ok=True)
 
 
-def stored_table(content: object, compute: Callable[[], RayTable]) -> RayTable:
-    """The table of numbers, which JSON can hold, from disk, or computed and stored there."""
+def stored_table(inputs: object, compute: Callable[[], RayTable]) -> RayTable:
+    """The table that is computed from `inputs`, which JSON can hold: from disk, or computed and
+    stored there.
+    """
     folder = _folder()
     if folder is None:
         return compute()
-    digest = hashlib.sha256(json.dumps(content).encode()).hexdigest()
+    digest = hashlib.sha256(json.dumps(inputs).encode()).hexdigest()
     file = folder / f"{digest[:32]}.npz"
     table = _read(file)
     if table is None:

@@ -2,7 +2,8 @@
 
 Plaza 1 and 2 are navigated on with two beacons at a time and with all four, from a known start and
 from none: by dead reckoning, LAISN-2, the tightly coupled navigator of a leader's hull, and that
-among beacons, which also has to do without some of its states.
+among beacons, which also has to do without some of its states, or with a scale that is known
+better.
 """
 
 from collections.abc import Callable, Iterator
@@ -47,7 +48,9 @@ AMONG = {
         medium="air", survey_sigma_m=0.0, range_offset_sigma_m=0.0
     ),
 }
-"""The navigator among beacons as it is, from an unknown start, and without some of its states."""
+"""The navigator among beacons as it is, from an unknown start, without some of its states, and
+with a scale of ranges that is known better.
+"""
 
 
 HULL = TightSettings(
@@ -62,8 +65,8 @@ HULL = TightSettings(
     outlier_span=20.0,
     slip=0.05,
 )
-"""The tightly coupled navigator of a leader's hull, settings how good these sensors are in the
-words that it has.
+"""The tightly coupled navigator of a leader's hull: how good these sensors are, in the settings
+that it has.
 """
 
 

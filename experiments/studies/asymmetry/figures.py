@@ -326,7 +326,7 @@ def fly_example(plan: StudyPlan) -> Example:
     points = [
         i for i, p in enumerate(plan.points) if (p["case"], p["offset_m"]) == (EXAMPLE, OFFSET_M)
     ]
-    settings = plan.by_place[points[0], f"{REAL} laisn-2", 0].settings_at(0)
+    settings = plan.by_design_key[points[0], f"{REAL} laisn-2", 0].settings_at(0)
     changes: tuple[Mapping[str, Any], ...] = (
         {},
         EVERYTHING,

@@ -186,7 +186,7 @@ def table_rows(
     """Published and own figures side by side, a row for each cell."""
     table = []
     for row in outcomes.rows:
-        entry = outcomes.plan.by_place[row["point"], row["arm"], 0]
+        entry = outcomes.plan.by_design_key[row["point"], row["arm"], 0]
         theirs = published.get(findings.key_of(row), {})
         line: Record = {
             "setting": row["case"],

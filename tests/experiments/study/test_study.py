@@ -647,10 +647,10 @@ def test_the_time_of_a_study_is_that_of_its_missions_and_cells(monkeypatch, stee
         for entry in part.entries:
             length = entry.scenario.duration_s
             for run in part.runs_of(entry) if steered else ():
-                take((entry.place, run, length), 3.0)
+                take((entry.design_key, run, length), 3.0)
             if not steered:
                 take((entry.motion, length), 3.0)
-                take((entry.place, part.study.runs, length), 0.1)
+                take((entry.design_key, part.study.runs, length), 0.1)
         return [SimpleNamespace(failures={})]
 
     monkeypatch.setattr(study_module, "fly_studies", simulated)
