@@ -56,7 +56,7 @@ AMONG_BEACONS = {
     "tight": "tight, among beacons",
     "unknown-start": "the same, unknown start, after a minute",
     "steady-gyro": "the same without the gyro's drift",
-    "known-scale": "the same, with a scale error of the ranges of 0.3 % in place of 10 %",
+    "known-scale": "the same, the scale of the ranges taken as known to 0.3 % in place of 10 %",
     "exact-speed": "the same without a scale of speed",
     "exact-beacons": "the same without beacons' own errors",
 }
