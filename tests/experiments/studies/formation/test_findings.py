@@ -224,8 +224,8 @@ def test_every_run_of_a_condition_has_values_of_its_own(
     with pytest.raises(InterruptedError):
         engine.fly_studies([PLAN], tmp_path)
     (tasks,) = given
-    place = CONDITIONS["current"].place
-    flown = [tasks[0, place, run].args for run in range(60)]
+    design_key = CONDITIONS["current"].design_key
+    flown = [tasks[0, design_key, run].args for run in range(60)]
     assert [run for _, run in flown] == list(range(60))
     assert [scenario.ocean.current_speed_m_s for scenario, _ in flown[:6]] == [
         0.1,
