@@ -239,11 +239,11 @@ _STATES = (
     "y_m",
     "log_bias_m_s",
     "compass_bias_rad",
-    "range_scale_m",
+    "range_scale_m",  # error in proportion to a range, at the largest range
     "leader_compass_bias_rad",
     "current_east_m_s",
     "current_north_m_s",
-    "offset_2_m",
+    "offset_2_m",  # constant error of ranges to the second transmitter, the next of the third
     "offset_3_m",
     "clock_offset_m",
     "clock_drift_m_s",

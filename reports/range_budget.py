@@ -100,11 +100,11 @@ def range_error_budget(flight: FlightRecord, follower: int = 0) -> RangeErrorBud
     sound = propagate(trajectory, sensing, follower)
     # sound counts steps from the start of the mission, a flight from its own
     first = round(float(trajectory.time[0]) / measurements.dt)
-    _, row, pings = np.intersect1d(
+    _, sound_row, measured_row = np.intersect1d(
         sound.message_step - first, measurements.message_step, return_indices=True
     )
-    emission = sound.emission_step[row]
-    fix = measurements.message_step[pings] * flight.stride
+    emission = sound.emission_step[sound_row]
+    fix = measurements.message_step[measured_row] * flight.stride
     instants = (emission - first) * flight.stride
 
     broadcast = _transmitters(trajectory, instants, trajectory.quaternion[instants, 0])
@@ -120,13 +120,13 @@ def range_error_budget(flight: FlightRecord, follower: int = 0) -> RangeErrorBud
     path = np.array(paths, dtype=np.int64).reshape(-1, 3)
 
     def of_received(values: Floats) -> Floats:
-        return np.asarray(np.take_along_axis(values[row], path[:, :, None], axis=2)[:, :, 0])
+        return np.asarray(np.take_along_axis(values[sound_row], path[:, :, None], axis=2)[:, :, 0])
 
     length = of_received(sound.arrival.length)
-    message = dict(zip(LeaderMessage._fields, measurements.message[pings].T, strict=True))
+    message = dict(zip(LeaderMessage._fields, measurements.message[measured_row].T, strict=True))
     height = navigation_settings(scenario, trajectory.sites, follower).hydrophone_height
     measured_difference = message["depth"] - (
-        measurements.depth[measurements.message_step[pings] - 1] - height
+        measurements.depth[measurements.message_step[measured_row] - 1] - height
     )
     d_level = np.linalg.norm(level[..., :2] - hydrophone[:, None, :2], axis=2)
     steps = {
@@ -134,12 +134,12 @@ def range_error_budget(flight: FlightRecord, follower: int = 0) -> RangeErrorBud
         Cause.LEVER_ARM: _on_plane(
             np.linalg.norm(broadcast - hydrophone[:, None], axis=2), depth_difference
         ),
-        Cause.MOTION: _on_plane(sound.arrival.length[row, :, Path.DIRECT], depth_difference),
+        Cause.MOTION: _on_plane(sound.arrival.length[sound_row, :, Path.DIRECT], depth_difference),
         Cause.ECHO: _on_plane(length, depth_difference),
         Cause.SOUND_SPEED: _on_plane(length * of_received(sound.arrival.ratio), depth_difference),
         Cause.CLOCK: _on_plane(of_received(sound.range), depth_difference),
-        Cause.RANDOM: _on_plane(measurements.ranges[pings], depth_difference),
-        Cause.DEPTH: _on_plane(measurements.ranges[pings], measured_difference),
+        Cause.RANDOM: _on_plane(measurements.ranges[measured_row], depth_difference),
+        Cause.DEPTH: _on_plane(measurements.ranges[measured_row], measured_difference),
     }
     chain = np.stack([d_level, *(steps[cause] for cause in Cause)], axis=2)
     share = np.diff(chain, axis=2)

@@ -58,9 +58,7 @@ COLOURS = (PAPER, INK, FRAME, GRID, MUTED, *SERIES, LEADER, FOLLOWER, ESTIMATE, 
 WIDTH = 4.4
 HEIGHT = 2.5
 FULL = 12.4
-"""Width of a panel that stands alone, or of panels side by side together [inch]; the page shows
-them at this size.
-"""
+"""Width of a panel that stands alone, or of panels side by side together, on the page [inch]."""
 HALF = 6.1
 
 

@@ -50,7 +50,7 @@ class ExecutionOptions(TypedDict, total=False):
     # local processes, at most one for each mission, cell or task; None: one for each core
     workers: int | None
     cluster: str | None  # address of a Dask scheduler (tcp://…); its workers compute instead
-    force: bool
+    force: bool  # stored results count as missing
     quiet: bool
     # version of the plugins of which keys were made; a later edit ends the campaign
     plugins: str
@@ -61,7 +61,7 @@ class Flown:
     """What came of cells and tasks."""
 
     store: Store
-    facts: Facts | None
+    facts: Facts | None  # measures the facts of a mission, which are in the store
     # rows of tasks by their names, in their order; those that failed are missing
     tasks: Mapping[Any, list[Record]]
     failures: Mapping[Any, str]

@@ -110,11 +110,11 @@ def _require_common_points(folders: Sequence[Path], values: Sequence[Mapping[Pla
 
 
 def paired(folders: Sequence[Path], metric: str) -> dict[Place, list[Interval | None]]:
-    """For every place that studies share with the first of them: its mean, and the others' paired
-    differences.
+    """For every place of the first study: its mean, and the others' paired differences.
 
-    Runs of the same seed and number are paired. None: a study has other seeds or runs there.
-    LaisnError: there is no such metric of single runs, or a study has no such place.
+    Runs of the same seed and number are paired. None: a study lacks the place, or has other seeds
+    or runs there. LaisnError: there is no such metric of single runs, or a study has no place in
+    common with the first.
     """
     tables = [_runs_of(folder, metric) for folder in folders]
     keys = _place_keys(tables)

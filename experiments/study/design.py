@@ -320,7 +320,7 @@ LAWS: Mapping[str, Callable[[object], Quantile]] = {
         for name in sorted({*_LIST_DISTRIBUTIONS, *_SCIPY_NAMES})
     },
 }
-"""Laws of draws by their names: each makes the values of its parameters."""
+"""Laws of draws by their names: each makes a quantile of its parameters."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,7 +27,7 @@ from reports import page as pages
 from reports.intervals import Interval
 from reports.page import Code, Film, Page, Replay, TableCell, Tile, number, words
 
-_MAX_COMMANDS = 400
+_MAX_COMMAND_PLACES = 400  # places whose runs have commands
 _MAX_ANSWERS = 12  # places of the table on the terminal
 _MAX_ARMS = 3  # arms with a key figure of their own
 _DECIDES = 0.5  # least share of the variance of the factor that decides
@@ -97,9 +97,9 @@ def worst_entry(plan: StudyPlan, results: Results) -> tuple[PlanEntry, int, str]
 
 
 def commands(plan: StudyPlan, results: Results) -> str:
-    """For every place the commands that fly its worst and its median run alone."""
+    """For each place, up to so many, the commands that fly its worst and its median run alone."""
     lines = []
-    for condition in list(results.rows)[:_MAX_COMMANDS]:
+    for condition in list(results.rows)[:_MAX_COMMAND_PLACES]:
         for extreme, (realization, run) in zip(
             ("worst", "median"), worst_and_median_run(plan, results, condition), strict=True
         ):
@@ -154,8 +154,8 @@ class StudyPage:
         names = ("lowest", "highest") if len(self.extremes) > 1 else ("value",)
         tiles = [
             Tile(name=f"{name} {self.metric.label.partition(' [')[0]}", value=text, remark=place)
-            for name, (point, text) in zip(names, self.extremes, strict=True)
-            for place in (self.place_text(point),)
+            for name, (condition, text) in zip(names, self.extremes, strict=True)
+            for place in (self.place_text(condition),)
         ]
         name, effect = next(iter(self.effects.items()), ("", None))
         if effect is not None and effect.low > _DECIDES and name != INTERACTIONS:
@@ -358,12 +358,12 @@ def answer(plan: StudyPlan, results: Results) -> Answer:
     if page.several_arms:
         heads += [f"less {plan.arms[0]}", "verdict"]
     rows = []
-    for point in places:
-        row = [page.place_text(point), interval_text(page.estimates[point])]
+    for condition in places:
+        row = [page.place_text(condition), interval_text(page.estimates[condition])]
         if page.several_arms:
-            other = point in page.differences
-            row.append(interval_text(page.differences[point]) if other else "–")
-            row.append(page.verdicts[point] if other else "")
+            other = condition in page.differences
+            row.append(interval_text(page.differences[condition]) if other else "–")
+            row.append(page.verdicts[condition] if other else "")
         rows.append(tuple(row))
     left_out = len(results.rows) - len(places)
     return Answer(
@@ -403,10 +403,10 @@ def page_of(
     plan: StudyPlan,
     results: Results,
     failures: Mapping[str, list[PlanEntry]],
-    films: Sequence[Film | Replay] = (),
+    looks: Sequence[Film | Replay] = (),
 ) -> Page:
     """The page of a study; arguments as of `StudyPage`."""
-    page = StudyPage(plan=plan, results=results, failures=failures, looks=films)
+    page = StudyPage(plan=plan, results=results, failures=failures, looks=looks)
     values = {"page": page, "plan": plan, "study": plan.study, "results": results, **_FORMATS}
     return pages.page_of(
         "experiments.study", page.facts, values, tiles=page.tiles, question=page.question_text

@@ -410,7 +410,8 @@ class Target(NamedTuple):
     north: float
     velocity_east: float  # over ground [m/s]
     velocity_north: float
-    way_east: float  # velocity over ground of the leader, when it was there [m/s]
+    # velocity along the trail: the way of the leader, when it was there, at its latest pace [m/s]
+    way_east: float
     way_north: float
 
 

@@ -144,7 +144,9 @@ class FilmFrame:
     message: Ints  # index of the last message, shape (f,); -1 before the first
     fix_kind: tuple[FixKind | None, ...]  # outcome of the last message, per follower
     position_error: Floats
-    bearing_error: Floats  # shape (f,), as `position_error`, [m]; NaN before the first step
+    bearing_error: (
+        Floats  # shape (f,), [rad]; NaN before the first step, as is `position_error` [m]
+    )
 
 
 class FilmData:

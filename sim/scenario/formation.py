@@ -210,7 +210,11 @@ class Formation(Section):
         description="σ of the leader's mean velocity since its last message; adds to the trail "
         "position σ",
     )
-    timeout_speed_m_s: Speed = Field(0.5, description="speed through water after this slowdown")
+    timeout_speed_m_s: Speed = Field(
+        0.5,
+        description="speed through water from twice max_trail_sigma_m on, and after "
+        "message_timeout_s",
+    )
     message_timeout_s: Positive = Field(
         600.0, description="time without messages before timeout_action"
     )

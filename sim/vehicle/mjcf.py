@@ -286,7 +286,8 @@ def read_coefficients(
     of one for each [kg/m³].
 
     Records of RECORD, shape (v,), read-only. LaisnError if a numeric is missing, of the wrong size
-    or negative, or the added mass is not symmetric positive semidefinite.
+    or of a sign that it cannot have, strips lack a position or an area, or the added mass is not
+    symmetric positive semidefinite.
     """
     records = np.zeros(len(names), RECORD)
     sizes = dict[str, int]()

@@ -14,7 +14,7 @@ _MARGIN_M = 1000.0
 
 
 class Region(NamedTuple):
-    """A rectangle about the origin, and a time from the start."""
+    """A rectangle, in coordinates from the origin, and a time from the start."""
 
     west: float  # [m]
     east: float

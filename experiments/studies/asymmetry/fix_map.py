@@ -1,9 +1,9 @@
 """What a pitch of the leader does to one noiseless fix, over pitch, depth offset, range and
 bearing.
 
-Every point is one message to a follower whose fix decides, computed by the campaign engine; and the
-closed form of LAISN-2 (docs/asymmetry.md) with range D, bearing B, the follower Δz deeper and a
-leader pitched up by φ,
+Every point is one message to a follower whose fix decides, computed by `laisn.lanes`, as campaigns
+are; and the closed form of LAISN-2 (docs/asymmetry.md) with range D, bearing B, the follower Δz
+deeper and a leader pitched up by φ,
 
     cos B̂ = cos B cos φ − (Δz / D) sin φ,   error = 2 D sin(|B̂ − B| / 2) ≈ Δz sin φ / |sin B|.
 """

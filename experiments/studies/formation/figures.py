@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from experiments.flight.library import load_scenario
-from experiments.studies.formation import findings as limits
+from experiments.studies.formation import findings as formation_findings
 from experiments.study.run import StudyResults
 from reports.figures import Panel, marks, panel
 from reports.findings import Findings
@@ -58,6 +58,6 @@ def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, 
         "interval": lambda key, digits=2: with_limits(record[key], digits),
         "share": lambda key: share_of(record[key]),
         "stations": Figures(panels=[picture(record, conditions)], legend=legend),
-        "channel": limits.LeaderBroadcast.of(load_scenario("swarm", ())),
-        "limits": limits,
+        "channel": formation_findings.LeaderBroadcast.of(load_scenario("swarm", ())),
+        "constants": formation_findings,
     }
