@@ -110,7 +110,8 @@ def commands(plan: StudyPlan, results: Results) -> str:
                 f"# {_place_text(plan, condition)}: {extreme} run, {run}{realization_text}"
             )
             entry = plan.by_design_key[condition.point, condition.arm, realization]
-            measured = {key: results.rows[condition][0][key] for key in entry.measured}
+            row = next(row for row in results.rows[condition] if row["realization"] == realization)
+            measured = {key: row[key] for key in entry.measured}
             lines.append(fly_line(entry.source, entry.settings_at(run) | measured, run))
     return "\n".join(lines)
 

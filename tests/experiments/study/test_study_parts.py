@@ -1,5 +1,6 @@
 """Cases, several scenarios, level leaders, numbers of runs and errors over time of studies."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ import pytest
 
 from experiments.campaign.montecarlo import CampaignMission, Cell, simulate, simulate_mission
 from experiments.study.file import StudyError, study_from_table, study_of
+from experiments.study.page import commands
 from experiments.study.plan import StudyPlan, plan_of
 from experiments.study.run import RunTotals, StudyResults, fly_further, fly_studies
 from sim.scenario.parts import MotionSettings
@@ -206,6 +208,22 @@ def test_a_measured_value_is_that_of_the_mission(tmp_path: Path) -> None:
     assert row[key] == row["leader_pitch_rms_deg"] > 1.0
     assert row["e_p_mean_m"] == given["e_p_mean_m"]
     assert row["e_p_mean_m"] != flown(tmp_path, {}).rows[0]["e_p_mean_m"]
+
+
+def test_commands_have_the_measured_value_of_their_realization(tmp_path: Path) -> None:
+    """Leaders in three realizations of waves pitch differently."""
+    key = "navigation.expected_pitch_deg"
+    arms = [{"name": "measured", key: {"measured": "leader_pitch_rms_deg"}}]
+    settings = SHORT["set"] | {"ocean.waves.kind": "jonswap"}
+    outcomes = flown(tmp_path, {"arm": arms, "set": settings, "realizations": 3})
+    pitch = {row["realization"]: row["leader_pitch_rms_deg"] for row in outcomes.rows}
+    assert len({*pitch.values()}) == 3
+    text = commands(outcomes.plan, outcomes.results)
+    found = re.findall(rf"of realization (\d)\n.*--set {key}=(\S+)", text)
+    assert len(found) == 2
+    assert {int(number) for number, _ in found} != {0}
+    for number, value in found:
+        assert float(value) == pytest.approx(pitch[int(number)], rel=1e-9)
 
 
 def test_runs_that_a_study_adds_are_those_of_a_longer_study(tmp_path: Path) -> None:
