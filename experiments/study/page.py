@@ -97,7 +97,7 @@ def worst_entry(plan: StudyPlan, results: Results) -> tuple[PlanEntry, int, str]
 
 
 def commands(plan: StudyPlan, results: Results) -> str:
-    """For each place, up to so many, the commands that fly its worst and its median run alone."""
+    """For the first places the commands that fly the worst and the median run alone."""
     lines = []
     for condition in list(results.rows)[:_MAX_COMMAND_PLACES]:
         for extreme, (realization, run) in zip(
@@ -154,9 +154,12 @@ class StudyPage:
         """
         names = ("lowest", "highest") if len(self.extremes) > 1 else ("value",)
         tiles = [
-            Tile(name=f"{name} {self.metric.label.partition(' [')[0]}", value=text, remark=place)
+            Tile(
+                name=f"{name} {self.metric.label.partition(' [')[0]}",
+                value=text,
+                remark=self.place_text(condition),
+            )
             for name, (condition, text) in zip(names, self.extremes, strict=True)
-            for place in (self.place_text(condition),)
         ]
         name, effect = next(iter(self.effects.items()), ("", None))
         if effect is not None and effect.low > _DECIDES and name != INTERACTIONS:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from itertools import product
-from typing import Any, Literal
+from typing import Any
 
 from experiments.campaign.plans import disturbance_of
 from experiments.campaign.progress import progress
@@ -25,6 +25,7 @@ from sim.scenario.file import ScenarioError, assigned, scenario_or_errors, valid
 from sim.scenario.parts import MotionSettings
 from sim.scenario.section import Section
 from sim.scenario.settings import Scenario
+from sim.vehicle.solvers import Engine
 
 FOLLOWER = "follower"
 MAX_ENTRIES = 200_000
@@ -303,7 +304,7 @@ class _Examination:
 
     def _engine(
         self, motion: MotionSettings, table: Mapping[str, Any], settings: Mapping[str, Any]
-    ) -> Literal["mujoco", "direct"]:
+    ) -> Engine:
         """The solver that moves a scenario of a table: that of the study's settings, of `engine`,
         or of the scenario's file; where none names one, each hull's own equations of motion if they
         hold for all hulls.

@@ -163,8 +163,8 @@ def _at_start(model: mujoco.MjModel, setups: Sequence[VehicleSetup]) -> mujoco.M
 
 
 class _Start:
-    """What is used of MuJoCo's data, of a plant that is never stepped: MuJoCo's own take half of
-    the time that such a plant takes.
+    """The state of a plant that is never stepped, in place of MuJoCo's data, which take longer to
+    make than all else of such a plant.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -200,7 +200,8 @@ class Plant:
         site_names, site_vehicle, site_offset: "vehicle/site" of all sites, shape (s,), index of the
             vehicle that carries it, and place in its body frame, shape (s, 3), [m].
         response: share of the effectors' lags that passes in a step, shape (v, m).
-        model, data: MuJoCo's own, without geoms of the vehicles.
+        model, data: MuJoCo's own, without geoms of the vehicles; `data` of a plant that is not
+            settled is its state alone.
     """
 
     def __init__(

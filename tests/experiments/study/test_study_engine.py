@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 import models
-from experiments.study.file import study_from_table
+from experiments.study.file import StudyError, study_from_table
 from experiments.study.plan import engines_of, plan_of
 from experiments.study.study import RESULTS
 from laisn_sim.cli.main import app
@@ -43,7 +43,7 @@ def test_a_hull_that_mujoco_alone_solves_is_moved_by_it(tmp_path: Path) -> None:
     hull.write_text(text.replace('<body name="hull"', '<body name="hull" gravcomp="0.01"', 1))
     table = {"vary": {"followers.0.model": ["follower", str(hull)]}}
     assert engines(table) == ["direct", "mujoco"]
-    with pytest.raises(Exception, match="gravcomp, which MuJoCo alone solves"):
+    with pytest.raises(StudyError, match="gravcomp, which MuJoCo alone solves"):
         engines(table | {"engine": "direct"})
 
 
