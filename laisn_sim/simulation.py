@@ -341,7 +341,7 @@ class Simulation:
         index = self.names.index(vehicle)
         if command is None:
             self._commands.pop(index, None)
-            self._mission.routes.outside[index] = False
+            self._mission.routes.commanded_from_outside[index] = False
             take_over(self._instant, self._mission.truth, index, self._mission.routes)
             return
         effectors = len(self._mission.plant.effector_names[index])
@@ -352,7 +352,7 @@ class Simulation:
             checked_command = Command(*map(float, command))
         if index not in self._commands:
             take_over(self._instant, self._mission.truth, index, self._mission.routes)
-        self._mission.routes.outside[index] = True
+        self._mission.routes.commanded_from_outside[index] = True
         self._commands[index] = checked_command
         # whoever commands it may lead it off its route
         routes = list(self._bounds.routes)

@@ -65,8 +65,10 @@ def routes_of(plan: MissionPlan) -> tuple[Route, ...]:
 def setups_of(
     plan: MissionPlan, routes: tuple[Route, ...], transmitter_keys: Leader | None = None
 ) -> tuple[VehicleSetup, ...]:
-    """All vehicles at the start of their routes. The leader's transmitters are where keys of
-    `transmitter_keys` place them; None: where its hull has them.
+    """All vehicles at the start of their routes.
+
+    `transmitter_keys` is the leader's table, whose baseline and offset place its transmitters;
+    None: they are where its hull has them.
     """
     vehicles = (plan.leader, *plan.followers)
     of_leader = {} if transmitter_keys is None else transmitter_places(transmitter_keys)

@@ -183,7 +183,7 @@ def heading_of(quaternion: Quaternion) -> float:
 
 @jitable
 def pitch_of(quaternion: Quaternion) -> float:
-    """Its pitch, positive nose up [rad]."""
+    """Pitch of an attitude of four numbers, positive nose up [rad]."""
     w = quaternion[0]
     x = quaternion[1]
     y = quaternion[2]
@@ -194,7 +194,7 @@ def pitch_of(quaternion: Quaternion) -> float:
 
 @jitable
 def roll_of(quaternion: Quaternion) -> float:
-    """Its roll, positive starboard down [rad]."""
+    """Roll of an attitude of four numbers, positive starboard down [rad]."""
     w = quaternion[0]
     x = quaternion[1]
     y = quaternion[2]
@@ -205,8 +205,8 @@ def roll_of(quaternion: Quaternion) -> float:
 
 @compiled
 def _angles(rows: Floats, angles: Floats) -> None:
-    """Heading, pitch and roll of attitudes, shape (n, 4): the same bits for one as for many,
-    unlike NumPy's.
+    """Write heading, pitch and roll of attitudes, shape (n, 4), as rows of `angles`, shape (3, n):
+    the same bits for one as for many, unlike NumPy's.
     """
     for k in range(rows.shape[0]):
         angles[0, k] = heading_of(rows[k])
@@ -256,7 +256,7 @@ def pitch_angles(quaternion: Floats) -> Floats:
 
 
 @jitable
-def _share(fraction: float, angle: float) -> float:
+def _slerp_weight(fraction: float, angle: float) -> float:
     """sin(fraction angle) / sin(angle), which becomes the fraction where the angle is zero."""
     return math.sin(fraction * angle) / math.sin(angle) if angle != 0.0 else fraction
 
@@ -266,8 +266,8 @@ def slerp(start: Quaternion, end: Quaternion, fraction: float) -> tuple[float, f
     """Spherical interpolation of two attitudes of four numbers; fraction in [0, 1]."""
     cosine = start[0] * end[0] + start[1] * end[1] + start[2] * end[2] + start[3] * end[3]
     angle = math.acos(min(abs(cosine), 1.0))
-    a = _share(1.0 - fraction, angle)
-    b = math.copysign(_share(fraction, angle), cosine)
+    a = _slerp_weight(1.0 - fraction, angle)
+    b = math.copysign(_slerp_weight(fraction, angle), cosine)
     # q = (sin((1 − s) θ) q_0 ± sin(s θ) q_1) / sin θ with cos θ = |q_0 · q_1|, of length 1 again
     w = a * start[0] + b * end[0]
     x = a * start[1] + b * end[1]

@@ -22,7 +22,9 @@ from sim.scenario.vehicle_routes import route_of
 from sim.water.assembly import floor_of
 
 _NOTICEABLE_M = 0.1  # errors of positions and ranges below this need no caution
-_NOTICEABLE_SLOT_M = 0.003  # the random error of a good range
+# smaller changes of a range between the pings of a message need no caution: they are below the
+# random error of a good range
+_NOTICEABLE_SLOT_M = 0.003
 _INSTANTS = 200  # instants at which distances are looked at
 
 
@@ -70,7 +72,8 @@ def distances(plan: MissionPlan, follower: Follower) -> Floats:
     return np.hypot(leader.east - other.east, leader.north - other.north)
 
 
-def _planned(plan: MissionPlan) -> Floats:
+def _planned_distances(plan: MissionPlan) -> Floats:
+    """`distances` of all followers, one after the other, shape (n,), [m]."""
     return np.concatenate([distances(plan, follower) for follower in plan.followers])
 
 
@@ -81,8 +84,8 @@ def _broadcast_errors(sensing: SensingSettings) -> Sensors:
 
 def _current(sensing: SensingSettings, _: Settings) -> str:
     # the paper's point motion is not carried along
-    carries = sensing.kind == "physics" and sensing.sound.sea.ocean.moves
-    return "there is a current" if carries else ""
+    has_current = sensing.kind == "physics" and sensing.sound.sea.ocean.moves
+    return "there is a current" if has_current else ""
 
 
 def clock_error_s(sensing: SensingSettings) -> float:
@@ -103,8 +106,10 @@ def _clock(sensing: SensingSettings, _: Settings) -> str:
     )
 
 
-def closing_speed(plan: MissionPlan) -> float:
-    """Largest planned speed at which a follower and its leader move to each other [m/s]."""
+def max_range_rate(plan: MissionPlan) -> float:
+    """Largest planned rate of the horizontal distance of a follower from its leader, growing or
+    shrinking [m/s].
+    """
     speeds = [0.0]
     spacing = plan.duration_s / (_INSTANTS - 1)
     for follower in plan.followers:
@@ -115,7 +120,7 @@ def closing_speed(plan: MissionPlan) -> float:
 
 
 def _slots(sensing: SensingSettings, settings: Settings) -> str:
-    change = sensing.acoustics.ping_slot_s * closing_speed(sensing.sound.sea.plan)
+    change = sensing.acoustics.ping_slot_s * max_range_rate(sensing.sound.sea.plan)
     if change < _NOTICEABLE_SLOT_M:
         return ""
     return (
@@ -127,7 +132,9 @@ def _slots(sensing: SensingSettings, settings: Settings) -> str:
 def _leader_compass(sensing: SensingSettings, _: Settings) -> str:
     bias = math.radians(abs(_broadcast_errors(sensing).leader_heading_bias_deg))
     error = (
-        2.0 * math.sin(bias / 2.0) * float(_planned(sensing.sound.sea.plan).max()) if bias else 0.0
+        2.0 * math.sin(bias / 2.0) * float(_planned_distances(sensing.sound.sea.plan).max())
+        if bias
+        else 0.0
     )
     if error < _NOTICEABLE_M:
         return ""
@@ -137,21 +144,23 @@ def _leader_compass(sensing: SensingSettings, _: Settings) -> str:
     )
 
 
-def echo_delay_m(settings: SoundSettings) -> float:
+def echo_excess_m(settings: SoundSettings) -> float:
     """Largest excess of an echo's path over the direct path between planned places [m]."""
     sound = settings.acoustics
     plan = settings.sea.plan
-    down = plan.leader.held_depth_m
-    floor = floor_of(settings.sea).deepest
+    leader_depth = plan.leader.held_depth_m
+    floor_depth = floor_of(settings.sea).deepest
     largest = 0.0
     for follower in plan.followers:
-        level = float(distances(plan, follower).min())
-        direct = math.hypot(level, down - follower.held_depth_m)
+        horizontal = float(distances(plan, follower).min())
+        direct = math.hypot(horizontal, leader_depth - follower.held_depth_m)
         paths = []
         if sound.surface_echo_probability:
-            paths.append(math.hypot(level, down + follower.held_depth_m))
+            paths.append(math.hypot(horizontal, leader_depth + follower.held_depth_m))
         if sound.bottom_echo_probability:
-            paths.append(math.hypot(level, 2.0 * floor - down - follower.held_depth_m))
+            paths.append(
+                math.hypot(horizontal, 2.0 * floor_depth - leader_depth - follower.held_depth_m)
+            )
         largest = max([largest, *(path - direct for path in paths)])
     return largest
 
@@ -159,7 +168,7 @@ def echo_delay_m(settings: SoundSettings) -> float:
 def _common_echoes(sensing: SensingSettings, settings: Settings) -> str:
     span = getattr(settings, "outlier_span", math.inf)
     sound = sensing.sound
-    delay = echo_delay_m(sound) if sound.acoustics.common_echoes else 0.0
+    delay = echo_excess_m(sound) if sound.acoustics.common_echoes else 0.0
     if delay <= span:
         return ""
     return (
@@ -168,7 +177,7 @@ def _common_echoes(sensing: SensingSettings, settings: Settings) -> str:
     )
 
 
-def _leader_position(sensing: SensingSettings, _: Settings) -> str:
+def _leader_position_drift(sensing: SensingSettings, _: Settings) -> str:
     drift = _broadcast_errors(sensing).leader_position_drift_m_s * sensing.sound.sea.plan.duration_s
     if drift < _NOTICEABLE_M:
         return ""
@@ -206,12 +215,12 @@ def _reach(sensing: SensingSettings, _: Settings) -> str:
         np.hypot(distances(plan, follower), plan.leader.held_depth_m - follower.held_depth_m)
         for follower in plan.followers
     ]
-    ways = np.concatenate(slant)
-    if reach == 0.0 or ways.max() <= reach:
+    slant_ranges = np.concatenate(slant)
+    if reach == 0.0 or slant_ranges.max() <= reach:
         return ""
     return (
-        f"messages reach {reach:g} m, and {np.mean(ways > reach):.0%} of the planned distances are "
-        f"longer, up to {ways.max():.3g} m"
+        f"messages reach {reach:g} m, and {np.mean(slant_ranges > reach):.0%} of the planned "
+        f"distances are longer, up to {slant_ranges.max():.3g} m"
     )
 
 
@@ -288,7 +297,7 @@ RULES = (
         keys=("sensors.leader_position_drift_m_s",),
         assumption="",
         is_assumed=has("leader_position_sigma", "leader_position_walk"),
-        effect=_leader_position,
+        effect=_leader_position_drift,
         needs="an exact position of the leader",
     ),
     Rule(
@@ -312,7 +321,8 @@ def _sentence(rule: Rule, effect: str, navigation: Navigation) -> str:
     variant = navigation.variant
     navigator = f"navigator {variant!r}"
     section, _, name = rule.assumption.partition(".")
-    # of those that have the assumption, some only share the section with others
+    # navigators that are compared with the bound read the keys of `[navigation.assume]`; settings
+    # of others have this table too, and do not use it
     if section and find(variant).compare_with_crlb:
         value = getattr(getattr(navigation, section), name)
         text = str(value).lower() if isinstance(value, bool) else f"{value:g}"

@@ -72,7 +72,7 @@ ON_ROUTE, ON_ROUTE_BY_ESTIMATE, BY_OWN_CONTROL, ON_STATION_BY_TRUTH, ON_STATION 
 
 
 class ClosedLoopState(NamedTuple):
-    """All that control works on beside the truth and the navigators; f followers."""
+    """All that control works on beside the truth and the navigators; f followers, v vehicles."""
 
     formations: Records  # settings of `[formation]`, as each follower's hull can do it, shape (f,)
     proximity: Record  # settings of `[formation.proximity]`
@@ -81,12 +81,13 @@ class ClosedLoopState(NamedTuple):
     kinds: Ints  # ON_ROUTE … ON_STATION of each follower, shape (f,)
     estimates_current: Bools  # whether the navigator of each follower estimates a current, (f,)
     leader_on_route: bool  # whether the leader keeps to its route by the truth
-    # what messages of the leader hold that left at each filter step, where that is not its true
-    # state with errors, shape (n + 1, 10); else (0, 10)
+    # what messages of the leader hold that left at each of n filter steps and at the start, where
+    # that is its own estimate: numbers of `LeaderMessage`, shape (n + 1, 10). Else, where messages
+    # hold its true state with errors, shape (0, 10)
     broadcast: Floats
     plan: LeaderPlan  # the leader's, as far as its messages carry it
     stations: Records  # of STATION, shape (f,)
-    sites: Sites
+    sites: Sites  # offsets of the transmitters and of the hydrophones of the followers [m]
     depth_sensors: Floats  # offsets of the followers' pressure sensors, shape (f, 3), [m]
     # control of the leader and of followers that steer by the truth; it holds all commands
     routes: RouteControl
@@ -94,8 +95,8 @@ class ClosedLoopState(NamedTuple):
     reading_values: Floats  # the same memory as numbers, shape (f, 6)
     inbox: observation.Inbox  # what each follower has received
     arrived: Bools  # whether a message is in at this filter step, shape (f,)
-    # what accelerations add to the leader's measured pitch and roll, shape (n + 1, 2) [rad]; else
-    # NaN
+    # what accelerations add to the leader's measured pitch and roll at each instant, shape
+    # (instants, 2), [rad]; NaN where its messages do not hold them
     tilts: Floats
     sightings: Records  # what each follower's last look around showed, of SIGHTING, shape (f, v)
     estimates: Records  # estimate of each navigator, records of `laisn.swarm.ESTIMATE`, shape (f,)
@@ -140,22 +141,22 @@ def init_closed_loop(
     link = navigated_link(sensing.links)
     messages = steps // (link.every if link else message_every) + 1
     by_estimate = leader.broadcast_position == "estimate"
-    kind = find(navigations[0].variant).estimates
-    offset = plant.sites
+    estimates_type = find(navigations[0].variant).estimates
+    site_offsets = plant.sites
     names = [follower.name for follower in followers]
     memory = records(steering.FOLLOWER_MEMORY, f)
     readings = records(READING, f)
     kinds = np.zeros(f, dtype=np.int64)
     waypoints = leader.broadcast_waypoints
     plan = plan_of(routes.reference[:, 0], routes_of(motion.plan)[0].time, waypoints, TICK)
-    planned = n // round(SPACING / TICK) if waypoints else 0
-    trails = records(TRAIL, f, n // message_every + planned + 2)
+    planned_points = n // round(SPACING / TICK) if waypoints else 0
+    trails = records(TRAIL, f, n // message_every + planned_points + 2)
     counts = np.zeros((f, 1), dtype=np.int64)
     water = plant.ocean.velocity(plant.pose[:, :3], plant.time)[0]
-    start = observation.first_message(sensors, plant.pose[0], plant.twist[0], water)
+    first_message = observation.first_message(sensors, plant.pose[0], plant.twist[0], water)
     for i, follower in enumerate(followers):
         kinds[i] = _kind(follower)
-        steering.init_memory(start, trails[i], counts[i], memory[i])
+        steering.init_memory(first_message, trails[i], counts[i], memory[i])
         memory[i].by_thrust = routes.autopilot_designs[i + 1]["by_pitch"] == 0.0
     return ClosedLoopState(
         formations=formations_of(motion),
@@ -171,10 +172,10 @@ def init_closed_loop(
         plan=plan,
         stations=stations_of(motion),
         sites=Sites(
-            transmitters=np.array([offset[name] for name in TRANSMITTERS]),
-            hydrophones=np.array([offset[f"{name}/hydrophone"] for name in names]),
+            transmitters=np.array([site_offsets[name] for name in TRANSMITTERS]),
+            hydrophones=np.array([site_offsets[f"{name}/hydrophone"] for name in names]),
         ),
-        depth_sensors=np.array([offset[f"{name}/depth_sensor"] for name in names]),
+        depth_sensors=np.array([site_offsets[f"{name}/depth_sensor"] for name in names]),
         routes=routes,
         readings=readings,
         reading_values=numbers_of(readings),
@@ -188,70 +189,81 @@ def init_closed_loop(
         memory=memory,
         reference=records(REFERENCE, 1),
         measured=observation.MeasurementRecord.empty(f, steps, message_every),
-        concluded=SwarmRecord.empty(f, steps, messages, kind, whole=whole),
+        concluded=SwarmRecord.empty(f, steps, messages, estimates_type, whole=whole),
     )
 
 
 @compiled_apart
-def sense(k: int, truth: StateHistory, a: ClosedLoopState) -> bool:
+def sense(k: int, truth: StateHistory, state: ClosedLoopState) -> bool:
     """All sensors at instant k, and messages that are in; whether navigators are due, else
     followers dead-reckon.
     """
-    stride = a.sensors.stride
-    if k > 0 and a.sensors.senses_acceleration:
-        update_tilt_error(a.sensors.tilt_share, k, truth.pose[:, 0], truth.twist[:, 0], a.tilts)
+    stride = state.sensors.stride
+    if k > 0 and state.sensors.senses_acceleration:
+        update_tilt_error(
+            state.sensors.tilt_share, k, truth.pose[:, 0], truth.twist[:, 0], state.tilts
+        )
     if k % stride != 0:
-        for i in range(a.kinds.size):
-            estimate = a.estimates[i]
+        for i in range(state.kinds.size):
+            estimate = state.estimates[i]
             for j in range(2):
                 estimate.position[j] += TICK * estimate.velocity[j]
         return False
     step = k // stride
-    for i in range(a.kinds.size):
+    for i in range(state.kinds.size):
         body = truth.pose[k, i + 1], truth.twist[k, i + 1], truth.water[k, i + 1]
         observation.read_instruments(
-            a.sensors, step, i, body, a.depth_sensors[i], a.reading_values[i]
+            state.sensors, step, i, body, state.depth_sensors[i], state.reading_values[i]
         )
-        on_station = a.kinds[i] >= ON_STATION_BY_TRUTH
-        if k > 0 and a.look_every > 0 and k % a.look_every == 0 and on_station:
+        on_station = state.kinds[i] >= ON_STATION_BY_TRUTH
+        if k > 0 and state.look_every > 0 and k % state.look_every == 0 and on_station:
             proximity.sense_neighbours(
-                (a.sensors.seed, a.sensors.run), a.proximity, k, i, truth.pose[k], a.sightings[i]
+                (state.sensors.seed, state.sensors.run),
+                state.proximity,
+                k,
+                i,
+                truth.pose[k],
+                state.sightings[i],
             )
-            steering.update_avoidance(a.proximity, a.sightings[i], a.estimates[i], a.memory[i])
-        a.arrived[i] = False
-        a.inbox.outcome[i] = observation.NO_MESSAGE
-        # few calls, for what is handed over costs more than the question
-        if a.inbox.earliest_step[i] <= step:
+            steering.update_avoidance(
+                state.proximity, state.sightings[i], state.estimates[i], state.memory[i]
+            )
+        state.arrived[i] = False
+        state.inbox.outcome[i] = observation.NO_MESSAGE
+        # asked here and not in `receive`: the call costs more than the comparison
+        if state.inbox.earliest_step[i] <= step:
             observation.receive(
-                a.sensors,
+                state.sensors,
                 step,
                 i,
-                a.sites,
+                state.sites,
                 Motion(truth, 0.0, k),
-                a.tilts,
-                a.inbox,
+                state.tilts,
+                state.inbox,
             )
-            a.arrived[i] = a.inbox.outcome[i] != observation.NO_MESSAGE
-            if a.arrived[i] and a.broadcast.shape[0] > 0:
-                sent_message = a.broadcast[a.inbox.last_sent[i]]
-                copy_values(sent_message, a.inbox.message_values[i])
-            if a.inbox.outcome[i] == observation.RECEIVED and on_station:
+            state.arrived[i] = state.inbox.outcome[i] != observation.NO_MESSAGE
+            if state.arrived[i] and state.broadcast.shape[0] > 0:
+                sent_message = state.broadcast[state.inbox.last_sent[i]]
+                copy_values(sent_message, state.inbox.message_values[i])
+            if state.inbox.outcome[i] == observation.RECEIVED and on_station:
                 clock = (k * TICK, TICK)
-                message = a.inbox.message[i]
+                message = state.inbox.message[i]
                 steering.extend_trail(
-                    a.formations[i],
-                    a.stations[i],
+                    state.formations[i],
+                    state.stations[i],
                     message,
-                    a.trails[i],
-                    a.trail_counts[i],
+                    state.trails[i],
+                    state.trail_counts[i],
                     clock,
-                    a.memory[i],
+                    state.memory[i],
                 )
         if on_station:
-            received = a.memory[i].last_received, a.memory[i].received_points
-            extend_as_planned(a.plan, a.trails[i], a.trail_counts[i], received, (k, TICK))
+            received = state.memory[i].last_received, state.memory[i].received_points
+            extend_as_planned(
+                state.plan, state.trails[i], state.trail_counts[i], received, (k, TICK)
+            )
         if k > 0:
-            observation.record_step(a.measured, a.inbox, step, i, a.reading_values[i])
+            observation.record_step(state.measured, state.inbox, step, i, state.reading_values[i])
     return k > 0
 
 
@@ -263,8 +275,14 @@ def _true_estimate(
     reading: Record,
     estimate: Record,
 ) -> None:
-    """Replace readings and estimates of a follower that steers by the truth: pose, twist and
-    velocity of the water.
+    """Write the truth in place of readings and estimate of a follower that steers by it.
+
+    Args:
+        body: its pose, twist and the velocity of the water, rows of StateHistory.
+        hydrophone: its offset from the origin of the hull, shape (3,), [m].
+        guidance: memory of its guidance, of GUIDANCE_MEMORY, which follows the current.
+        reading: out: of READING.
+        estimate: out: of ESTIMATE.
     """
     pose, twist, water = body
     motion = true_motion(pose, twist, water)
@@ -283,52 +301,54 @@ def _true_estimate(
 
 
 @compiled_apart
-def guide(k: int, truth: StateHistory, a: ClosedLoopState) -> None:
+def guide(k: int, truth: StateHistory, state: ClosedLoopState) -> None:
     """Find the commands of all vehicles that hold from instant k until k + 1.
 
     Of the truth until then only that of the leader and of followers that steer by the truth is
     read.
     """
-    routes = a.routes
-    if a.leader_on_route and not routes.outside[0]:
+    routes = state.routes
+    if state.leader_on_route and not routes.commanded_from_outside[0]:
         steer_along_route(k, truth, 0, routes)
-    for f in range(a.kinds.size):
+    for f in range(state.kinds.size):
         i = f + 1
-        if routes.outside[i]:
+        if routes.commanded_from_outside[i]:
             continue
-        senses = steering.Senses(a.readings[f], a.estimates[f])
-        if a.kinds[f] == ON_ROUTE:
+        senses = steering.Senses(state.readings[f], state.estimates[f])
+        if state.kinds[f] == ON_ROUTE:
             steer_along_route(k, truth, i, routes)
-        elif a.kinds[f] == ON_ROUTE_BY_ESTIMATE:
-            stride = a.sensors.stride
-            follow_route(k, i, senses, a.memory[f], routes, stride, a.estimates_current[f])
-        if a.kinds[f] < ON_STATION_BY_TRUTH:
+        elif state.kinds[f] == ON_ROUTE_BY_ESTIMATE:
+            stride = state.sensors.stride
+            follow_route(k, i, senses, state.memory[f], routes, stride, state.estimates_current[f])
+        if state.kinds[f] < ON_STATION_BY_TRUTH:
             continue
-        if a.kinds[f] == ON_STATION_BY_TRUTH:
+        if state.kinds[f] == ON_STATION_BY_TRUTH:
             body = (truth.pose[k, i], truth.twist[k, i], truth.water[k, i])
             guidance = routes.guidance[i]
             if k == 0:
                 guidance.current[0] = body[2][0]
                 guidance.current[1] = body[2][1]
-            _true_estimate(body, a.sites.hydrophones[f], guidance, senses.reading, senses.estimate)
-        trail = (a.trails[f], a.trail_counts[f, 0])
+            _true_estimate(
+                body, state.sites.hydrophones[f], guidance, senses.reading, senses.estimate
+            )
+        trail = (state.trails[f], state.trail_counts[f, 0])
         clock = (k * TICK, TICK)
-        memory = a.memory[f]
+        memory = state.memory[f]
         station_command, motion = steering.keep_station(
-            a.formations[f],
-            a.stations[f],
+            state.formations[f],
+            state.stations[f],
             senses,
             trail,
             clock,
             memory,
-            a.reference[0],
-            a.plan,
+            state.reference[0],
+            state.plan,
         )
         control(
             routes.kinds,
             routes.autopilot_designs[i],
             station_command,
-            a.reference[0],
+            state.reference[0],
             motion,
             TICK,
             routes.autopilot_memories[i],
@@ -425,6 +445,7 @@ class PythonClosedLoop:
         self._broadcast_offsets = parts.broadcast_offsets
         self.latest_custom: list[dict[str, Floats]] = [{} for _ in parts.sensing]
         """Readings of further sensors at the last filter step, of each follower."""
+        # how many filter steps have been navigated, shape (1,), as senders of messages look it up
         self._steps = np.zeros(1, dtype=np.int64)
         for receiver in self.receivers.values():
             self._set_content(receiver)
@@ -458,6 +479,7 @@ class PythonClosedLoop:
             receiver.readings_of = self._readings_at
 
     def _start(self, f: int) -> Floats:
+        """Position [m] and velocity [m/s] that a follower is taken to start with, shape (4,)."""
         estimate = self.state.estimates[f]
         return np.concatenate([estimate.position, estimate.velocity])
 
@@ -538,7 +560,9 @@ class PythonClosedLoop:
     def _hand_over(
         self, group: NavigatorGroup, swarm: SeparateNavigators, hearing: Hearing
     ) -> None:
-        """Hand to navigators what is no number of a record."""
+        """Hand to navigators in Python what `Swarm.navigate` has no argument for: further
+        readings, places of beacons, content of messages and further links.
+        """
         swarm.custom = self.latest_custom[group.rows]
         swarm.places = hearing.places
         if group.link in self.receivers:
@@ -623,8 +647,8 @@ def _fleet_of(
     attitude_broadcast: bool,
 ) -> Fleet:
     """Vehicles as links find them."""
-    offset = plant.sites
-    leader_hydrophone = offset.get("leader/hydrophone", np.full(3, np.nan))
+    site_offsets = plant.sites
+    leader_hydrophone = site_offsets.get("leader/hydrophone", np.full(3, np.nan))
     return Fleet(
         followers=state.kinds.size,
         instants=len(state.tilts),
@@ -657,14 +681,14 @@ class _NavigatorChoice(NamedTuple):
     further_links: tuple[str, ...]
 
 
-def _runs_of_equals(choices: Sequence[_NavigatorChoice]) -> list[range]:
+def _runs_of_equal_choices(choices: Sequence[_NavigatorChoice]) -> list[range]:
     """Consecutive followers that navigate alike."""
     begins = [i for i in range(len(choices)) if i == 0 or choices[i] != choices[i - 1]]
     return [range(first, end) for first, end in pairwise([*begins, len(choices)])]
 
 
 def _record_of(
-    links: LinkSettings, concluded: SwarmRecord, followers: range, kind: type[Estimates]
+    links: LinkSettings, concluded: SwarmRecord, followers: range, estimates_type: type[Estimates]
 ) -> SwarmRecord:
     """The record of some followers that navigate on these links: states and covariances in that of
     all, and room for fixes.
@@ -674,11 +698,13 @@ def _record_of(
     link = navigated_link(links)
     messages = steps // (link.every if link else links.message_every) + 1
     with_covariance = concluded.covariance.shape[1] > 0
-    fixes_only = SwarmRecord.empty(len(followers), 0, messages, kind, whole=with_covariance)
+    fixes_only = SwarmRecord.empty(
+        len(followers), 0, messages, estimates_type, whole=with_covariance
+    )
     return fixes_only._replace(state=concluded.state[rows], covariance=concluded.covariance[rows])
 
 
-def _sensing_of(
+def _custom_sensing_of(
     sensing_of: Sequence[SensingSettings], plant: Plant, state: ClosedLoopState
 ) -> tuple[CustomSensing, ...]:
     """Further sensors of each follower."""
@@ -710,7 +736,7 @@ def _navigator_groups(
     """A group for consecutive followers that navigate alike, from their starts, shape (f, 4); their
     first estimates are written into the state.
     """
-    spans = _runs_of_equals(choices)
+    spans = _runs_of_equal_choices(choices)
     groups = []
     for followers in spans:
         choice = choices[followers.start]
@@ -773,14 +799,15 @@ def closed_loop_of(
     groups = _navigator_groups(choices, starts, sensing_of, state, make_swarm)
     controlled = {i: f for i, f in enumerate(scenario.followers, 1) if f.controller}
     custom_control = CustomControl(controlled, plant, routes)
-    custom_sensing = _sensing_of(sensing_of, plant, state)
+    custom_sensing = _custom_sensing_of(sensing_of, plant, state)
     fleet = _fleet_of(plant, state, sensing_of, attitude_broadcast=sensing.broadcast_attitude)
     receivers = _receivers_of(sensing, fleet)
     leader = None
     if needs_unit(scenario.leader, sensing.links):
         leader = LeaderUnit(scenario.leader, sensing, plant, routes, receivers, fleet)
-    in_python = custom_control or any(custom_sensing) or receivers or leader or len(groups) > 1
-    if isinstance(groups[0].swarm, tuple) and not in_python:
+    needs_python = custom_control or any(custom_sensing) or receivers or leader or len(groups) > 1
+    # compiled swarms are tuples
+    if isinstance(groups[0].swarm, tuple) and not needs_python:
         return ClosedLoop(state, groups[0].swarm)
     parts = LoopParts(
         groups=groups,
@@ -822,7 +849,7 @@ def simulate_closed_loop(
 class ClosedLoopFlight:
     """The flight of a mission of `closed_loop_mission`, as it was: nothing is computed again."""
 
-    navigates = True
+    navigates = True  # estimates are there as soon as the steps are over
 
     def __init__(self, scenario: Scenario, mission: Mission) -> None:
         """Of a mission under way."""
@@ -836,12 +863,14 @@ class ClosedLoopFlight:
         return (self._mission.instants - 1) // self._loop.state.sensors.stride
 
     def part(self, first: int) -> FlightRecord:
-        """The flight from a filter step on until now, with the fixes that hold there."""
+        """The flight from a filter step on until now."""
         trajectory = self._mission.motion_since(first * self._loop.state.sensors.stride)
         return self._flight(first, trajectory, Termination.INTERRUPTED)
 
     def flight(self, trajectory: Trajectory, outcome: Termination) -> FlightRecord:
-        """The flight of the part of the motion that counts, from the start."""
+        """The flight from the start until the end of `trajectory`, which may end before the mission
+        did.
+        """
         if outcome is not Termination.INTERRUPTED:
             concluded = self._loop.state.concluded
             for array in (concluded.state, concluded.covariance):
@@ -859,9 +888,9 @@ class ClosedLoopFlight:
         leader = None
         for i in range(len(self.scenario.followers)):
             if isinstance(loop, ClosedLoop):
-                kind = find(self.scenario.navigation_of(i).variant).estimates
+                estimates_type = find(self.scenario.navigation_of(i).variant).estimates
                 measurements.append(loop.state.measured.measurements(i, steps, dt, {}, {}))
-                estimates.append(concluded.estimates(i, steps, kind))
+                estimates.append(concluded.estimates(i, steps, estimates_type))
                 continue
             leader = loop.leader
             group = loop.group_of(i)

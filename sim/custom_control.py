@@ -165,7 +165,7 @@ class CustomControl:
     @property
     def self_commanded(self) -> list[int]:
         """Indices of the vehicles with own controllers that no outside command overrides."""
-        return [i for i in self._controllers if not self._routes.outside[i]]
+        return [i for i in self._controllers if not self._routes.commanded_from_outside[i]]
 
     def command(
         self, k: int, i: int, readings: Readings, senses: steering.Senses, follower_memory: Record

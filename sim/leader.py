@@ -220,7 +220,7 @@ class LeaderUnit:
         """Write the leader's command from instant k on, unless it comes from outside or the leader
         keeps to its route by the truth.
         """
-        if self._routes.outside[LEADER]:
+        if self._routes.commanded_from_outside[LEADER]:
             return
         if self._control is not None:
             is_due = k > 0 and k % self._stride == 0

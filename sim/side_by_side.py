@@ -45,7 +45,7 @@ class LaneMemory(NamedTuple):
     autopilot_designs: Records
     guidance: Records
     autopilot_memories: Records
-    outside: Bools  # as of `RouteControl`: none is
+    commanded_from_outside: Bools  # as of `RouteControl`: none is
 
 
 def _memory_of(missions: Sequence[Mission]) -> LaneMemory:
@@ -62,7 +62,7 @@ def _memory_of(missions: Sequence[Mission]) -> LaneMemory:
         autopilot_designs=in_lanes([each.autopilot_designs for each in routes]),
         guidance=in_lanes([each.guidance for each in routes]),
         autopilot_memories=in_lanes([each.autopilot_memories for each in routes]),
-        outside=np.zeros(v, dtype=np.bool_),
+        commanded_from_outside=np.zeros(v, dtype=np.bool_),
     )
 
 
@@ -118,7 +118,7 @@ def _routes_of(memory: LaneMemory, kinds: Kinds) -> RouteControl:
         lanes_of(memory.guidance),
         lanes_of(memory.autopilot_memories),
         lanes_of(memory.motion.command),
-        memory.outside,
+        memory.commanded_from_outside,
     )
 
 

@@ -113,13 +113,13 @@ class RouteControl(NamedTuple):
     # per second [1/s], rad, or that of its curve
     command: Floats
     # vehicles whose commands come from outside: no controller writes these, shape (v,)
-    outside: Bools
+    commanded_from_outside: Bools
 
     @compiled
     def control(self, k: int, truth: StateHistory) -> int:
         """Find the commands of all vehicles; see `Controller.control`."""
         for i in range(self.command.shape[0]):
-            if not self.outside[i]:
+            if not self.commanded_from_outside[i]:
                 steer_along_route(k, truth, i, self)
         return 0
 
@@ -331,7 +331,7 @@ class Mission:
             guidance=records(GUIDANCE_MEMORY, v),
             autopilot_memories=records(AUTOPILOT_MEMORY, v),
             command=np.zeros_like(plant.thrust),
-            outside=np.zeros(v, dtype=np.bool_),
+            commanded_from_outside=np.zeros(v, dtype=np.bool_),
         )
         self.controller: Controller = self.routes
         if make_controller is not None:

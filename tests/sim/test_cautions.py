@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from experiments.flight.fly import fly
 from experiments.flight.library import as_scenario
 from laisn_sim.cli.main import app
-from sim.cautions import RULES, clock_error_s, closing_speed, distances, echo_delay_m
+from sim.cautions import RULES, clock_error_s, distances, echo_excess_m, max_range_rate
 from sim.feasibility import cautions
 from sim.flight import FlightRecord, position_and_bearing_errors
 from sim.scenario.parts import MissionPlan, SensingSettings, SoundSettings
@@ -75,7 +75,7 @@ def test_clocks_that_differ_change_every_range_by_what_is_stated(quiet: FlightRe
 def test_pings_in_slots_change_ranges_by_what_is_stated(quiet: FlightRecord) -> None:
     """The middle ping goes two slots after the rear one."""
     changes = {"acoustics.ping_slot_s": 0.2}
-    slot_m = 0.2 * closing_speed(MissionPlan.of(scenario_of(changes)))
+    slot_m = 0.2 * max_range_rate(MissionPlan.of(scenario_of(changes)))
     in_slots = flown(changes).measurements[0].ranges
     # the last message ends after the mission
     error = np.abs(in_slots - quiet.measurements[0].ranges[: len(in_slots)])
@@ -154,10 +154,10 @@ def test_common_echoes_are_longer_than_the_span_by_what_is_stated(quiet: FlightR
     direct = flown({**changes, "acoustics.surface_echo_probability": 0.0})
     delay = flown(changes).measurements[0].ranges - direct.measurements[0].ranges
     assert stated(line.replace("beyond the 4.5 m", "")) == pytest.approx(
-        echo_delay_m(SoundSettings.of(scenario_of(changes))), rel=0.05
+        echo_excess_m(SoundSettings.of(scenario_of(changes))), rel=0.05
     )
     assert np.nanmax(delay) == pytest.approx(
-        echo_delay_m(SoundSettings.of(scenario_of(changes))), rel=0.05
+        echo_excess_m(SoundSettings.of(scenario_of(changes))), rel=0.05
     )
     assert np.nanmin(delay) > 4.5
     assert line.endswith("beyond the 4.5 m; navigator 'ekf' assumes echoes within that span")
