@@ -38,7 +38,7 @@ from sim.control.guidance import (
     REFERENCE,
     track_current,
 )
-from sim.control.station import SPACING, TRAIL, LeaderPlan, extend_as_planned, plan_of
+from sim.control.station import PLANNED_INTERVAL, TRAIL, LeaderPlan, extend_as_planned, plan_of
 from sim.custom_control import CustomControl, readings_of
 from sim.custom_sensing import Carrier, CustomSensing
 from sim.estimated_route import follow_route
@@ -149,7 +149,7 @@ def init_closed_loop(
     kinds = np.zeros(f, dtype=np.int64)
     waypoints = leader.broadcast_waypoints
     plan = plan_of(routes.reference[:, 0], routes_of(motion.plan)[0].time, waypoints, TICK)
-    planned_points = n // round(SPACING / TICK) if waypoints else 0
+    planned_points = n // round(PLANNED_INTERVAL / TICK) if waypoints else 0
     trails = records(TRAIL, f, n // message_every + planned_points + 2)
     counts = np.zeros((f, 1), dtype=np.int64)
     water = plant.ocean.velocity(plant.pose[:, :3], plant.time)[0]

@@ -3,9 +3,9 @@
 The forces are those of the weighted pseudo-inverse (Fossen, Handbook of Marine Craft Hydrodynamics
 and Motion Control, 2nd ed. 2021, chapter 11), u = P τ, P = W⁻¹ Bᵀ (B W⁻¹ Bᵀ)⁻¹, with the wrenches
 of unit forces as the columns of B and W = diag(1 / range²). Ranges of fins, and W with them, grow
-with the square of the speed (`at_speed`). Where limits do not allow u, components of τ are added
-one after another in the order of `PRIORITY`, each with the largest share that keeps all effectors
-within their limits.
+with the square of the speed (`pseudo_inverse_at`). Where limits do not allow u, components of τ are
+added one after another in the order of `PRIORITY`, each with the largest share that keeps all
+effectors within their limits.
 """
 
 import numpy as np
@@ -27,7 +27,7 @@ _SEARCH_ORDER = (SURGE, YAW, PITCH, HEAVE, SWAY)
 FULL_STEERAGE_SPEED = 2.0  # speed beyond which the weights of fins change no more [m/s]
 # smallest singular value of a component that is given, over the largest force or moment of an
 # effector
-_MIN = 1e-6
+_MIN_SINGULAR_VALUE = 1e-6
 
 
 @compiled
@@ -52,7 +52,7 @@ def pseudo_inverse(records: npt.NDArray[np.void], limits: Floats) -> Floats:
     independent: list[int] = []
     for axis in _SEARCH_ORDER:
         values = np.linalg.svd(scaled[:, [*independent, axis]], compute_uv=False)
-        if len(independent) < len(records) and values[len(independent)] > _MIN:
+        if len(independent) < len(records) and values[len(independent)] > _MIN_SINGULAR_VALUE:
             independent.append(axis)
     out = np.zeros((len(records), 6))
     b = unit[:, independent].T
@@ -64,9 +64,10 @@ def pseudo_inverse(records: npt.NDArray[np.void], limits: Floats) -> Floats:
 
 
 @compiled
-def at_speed(slow: Floats, fast: Floats, speed: float, out: Floats) -> None:
-    """Write P at a speed along the hull, between those of `MIN_STEERAGE_SPEED` and
-    `FULL_STEERAGE_SPEED`, with the same B, shape (M, 6).
+def pseudo_inverse_at(slow: Floats, fast: Floats, speed: float, out: Floats) -> None:
+    """Write the pseudo-inverse P at a speed along the hull [m/s], interpolated in its square
+    between `slow`, P at `MIN_STEERAGE_SPEED`, and `fast`, at `FULL_STEERAGE_SPEED`, of the same B;
+    all of shape (M, 6).
     """
     slowest_square = MIN_STEERAGE_SPEED**2
     share = clip(
@@ -82,7 +83,7 @@ def allocate(inverse: Floats, limits: Floats, wrench: Floats, command: Floats) -
     """Forces of effectors that give a wrench, or of it what limits allow.
 
     Args:
-        inverse: of `at_speed`, zero in rows beyond the vehicle's effectors, shape (M, 6).
+        inverse: of `pseudo_inverse_at`, zero in rows beyond the vehicle's effectors, shape (M, 6).
         limits: lowest and highest force, shape (M, 2), [N].
         wrench: wanted; out: what the forces give of it, shape (6,), [N] and [N m].
         command: out: forces, shape (m,), m ≤ M, [N].

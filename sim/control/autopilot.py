@@ -16,8 +16,8 @@ cannot lift, and all of it when it is slow, vertical thrusters carry, where it h
 they carry all. Integrals stand still while limits withhold their part of the wrench and they would
 push further (conditional integration).
 
-Functions take `d`, an autopilot, `memory`, of AUTOPILOT_MEMORY, and `reference`, of
-`sim.control.guidance`.
+Functions take `d`, the design of an autopilot, a record of AUTOPILOT; `memory`, of
+AUTOPILOT_MEMORY; and `reference`, of `sim.control.guidance`.
 """
 
 from functools import partial
@@ -40,9 +40,9 @@ from sim.control.allocation import (
     SWAY,
     YAW,
     allocate,
-    at_speed,
     clip,
     pseudo_inverse,
+    pseudo_inverse_at,
 )
 from sim.control.guidance import Reference
 from sim.vehicle import effectors
@@ -86,18 +86,21 @@ class Autopilot(RecordFields):
     """Parameters of the autopilot of one vehicle; rows beyond its effectors are zero."""
 
     omega: float  # bandwidth of the attitude loops [rad/s]
-    surge_mass: float  # [kg], added mass included, as below
+    # masses and inertias include the added ones
+    surge_mass: float  # [kg]
     sway_mass: float
     heave_mass: float
     pitch_inertia: float  # [kg m²]
     yaw_inertia: float
-    righting: float  # [N m/rad]
-    drag_linear: float  # surge [N s/m], with its fade [s/m]
-    drag_fade: float
-    drag: float  # surge [N s²/m²]
+    righting: float  # righting moment of weight and buoyancy per pitch [N m/rad]
+    # drag of surge at u: (drag_linear exp(−drag_fade |u|) + drag |u|) u
+    drag_linear: float  # [N s/m]
+    drag_fade: float  # [s/m]
+    drag: float  # [N s²/m²]
     lift: float  # vertical force per incidence and speed² [N s²/m² per rad]
     fin_side: float  # side force of the fins per turn rate and speed [N s²/m per rad]
-    # damping moment: [N m s], per speed [N s² per rad], per rate [N m s² per rad²]
+    # damping moment over the rate: constant [N m s/rad], per speed [N s²/rad], per rate
+    # [N m s²/rad²], as of `_damping`
     yaw_damping: Annotated[Floats, (3,)]
     pitch_damping: Annotated[Floats, (3,)]
     # nose-up moment per (downward speed · forward speed), as far as fins do not outweigh it [kg]
@@ -251,7 +254,7 @@ def _greatest_forces(
         for i in range(6):
             wrench[i] = 0.0
         wrench[axis] = side * 1e6
-        at_speed(d.slow_allocation, d.fast_allocation, speeds[k], memory.allocation)
+        pseudo_inverse_at(d.slow_allocation, d.fast_allocation, speeds[k], memory.allocation)
         allocate(memory.allocation, limits, wrench, forces[k])
         components[k] = wrench[axis]
     return components, forces
@@ -289,7 +292,9 @@ def _damping(coefficients: Floats, speed: float, rate: float) -> float:
 
 @compiled
 def _increment(increment: float, demanded: float, achieved: float) -> float:
-    """`increment`, or 0 where it would drive an integral further beyond what thrusters give."""
+    """`increment`, or 0 where it would drive an integral further beyond what the effectors give:
+    `demanded` and `achieved` are the component of the wrench before and after allocation.
+    """
     too_high = (increment > 0.0) & (demanded > achieved + 1e-9)
     too_low = (increment < 0.0) & (demanded < achieved - 1e-9)
     return float(select(too_high | too_low, 0.0, increment))
@@ -311,7 +316,7 @@ def _hold_depth(
     share = clip((speed - SPEED_HEAVE) / (SPEED_PITCH - SPEED_HEAVE), 0.0, 1.0)
     by_pitch = d.by_pitch * select(d.has_heave > 0.0, share, 1.0)
     speed = max(speed, SPEED_HEAVE)
-    height_error = reference.depth - depth
+    height_error = reference.depth - depth  # positive where the vehicle is too high
 
     # through pitch: the angle of climb, and the incidence whose lift the integral demands
     lift_slope = d.lift * speed * speed
@@ -326,7 +331,7 @@ def _hold_depth(
     step = PITCH_RATE_MAX * dt
     memory.pitch_command += clip(by_pitch * climb + incidence - last_command, -step, step)
 
-    # through heave: a level hull that sinks is held back by its lift
+    # through heave, force downward: a level hull that sinks is held back by its lift
     depth_by_heave_bandwidth = d.omega / 2.0
     heave_demand = d.heave_mass * (
         depth_by_heave_bandwidth * depth_by_heave_bandwidth * height_error
@@ -384,7 +389,7 @@ def apply_wrench(
     for i in range(command.shape[0]):
         limits[i, 0], limits[i, 1] = effectors.force_limits(kinds, d.effectors[i], d.density, surge)
     if d.scheduled:
-        at_speed(d.slow_allocation, d.fast_allocation, surge, memory.allocation)
+        pseudo_inverse_at(d.slow_allocation, d.fast_allocation, surge, memory.allocation)
         allocate(memory.allocation, limits, memory.wrench, command)
     else:
         allocate(d.slow_allocation, limits, memory.wrench, command)
@@ -410,7 +415,7 @@ def control(
         steering: heading [rad], its rate [rad/s], speed through the water [m/s], as of `steer`.
         reference: accelerations, depth and sinking are read.
         motion: how the vehicle moves.
-        dt: since the last call [s].
+        dt: time since the last call [s].
         memory: brought forward.
         command: out: in the units of the effectors' states, shape (m,).
     """

@@ -39,9 +39,10 @@ CONSTANT_BEARING, ILOS, ALOS = range(3)  # values of `formation.law`
 def _line_of_sight(
     formation: Record, t: stations.Target, offset: tuple[float, float], dt: float, integral: float
 ) -> tuple[float, float, float]:
-    """Velocity through the water, east and north, and the integral brought forward.
+    """Velocity through the water, east and north [m/s], and the integral brought forward.
 
-    `formation.integral` is σ of ILOS, γ Δ² of ALOS [m/s].
+    `offset` is the place less that of the station, east and north [m]; `integral` that of
+    FollowerMemory. `formation.integral` is its gain: σ of ILOS, γ Δ² of ALOS [m/s].
     """
     lookahead = formation.lookahead
     speed = np.hypot(t.velocity_east, t.velocity_north)
@@ -119,11 +120,14 @@ def approach(
 def repulsion_velocity(
     proximity: Record, sightings: Records, heading: float
 ) -> tuple[float, float]:
-    """Velocity away from vehicles in sight, of SIGHTING, shape (v,), east and north, up to the
-    full speed [m/s].
+    """Velocity away from vehicles in sight, east and north, up to the full speed [m/s].
+
+    `sightings` are records of `sim.sensing.proximity.SIGHTING`, shape (v,), with bearings from the
+    bow, `heading` is the own one [rad].
     """
     east, north = 0.0, 0.0
     for j in range(sightings.shape[0]):
+        # NaN: this vehicle is not in sight
         if sightings[j].range == sightings[j].range:
             share = (proximity.range - sightings[j].range) / (
                 proximity.range - proximity.full_avoidance_range
@@ -140,12 +144,12 @@ def repulsion_velocity(
 
 @compiled
 def give_way(
-    formation: Record, course: tuple[float, float], push: tuple[float, float]
+    formation: Record, heading_and_speed: tuple[float, float], push: tuple[float, float]
 ) -> tuple[float, float]:
-    """Heading [rad] and speed through the water [m/s] with a velocity, east and north, added, as
-    a hull can do it.
+    """Heading [rad] and speed through the water [m/s] with the velocity `push`, east and north
+    [m/s], added, as a hull can do it.
     """
-    heading, speed = course
+    heading, speed = heading_and_speed
     sine, cosine = np.sin(heading), np.cos(heading)
     along_track = max(speed + push[0] * sine + push[1] * cosine, formation.min_along_track_speed)
     across = push[0] * cosine - push[1] * sine
@@ -156,15 +160,15 @@ def give_way(
 class FollowerMemory(RecordFields):
     """Memory of one follower, from one control step to the next."""
 
-    frame: stations.StationFrame
+    frame: stations.StationFrame  # of its station
     kept_frame: stations.StationFrame  # as it was at the last message
     # of the approach: z of ILOS [s], the crab angle of ALOS [rad]
     integral: float
     heading_wanted: float  # [rad]
     speed_wanted: float  # [m/s]
     depth_wanted: float  # [m]
-    log: float  # low-passed [m/s]; NaN before the first reading
-    compass: float  # low-passed [rad]
+    log: float  # readings of the speed log, low-passed [m/s]; NaN before the first one
+    compass: float  # those of the compass, low-passed [rad]
     # whether vertical thrusters alone hold its depth: it sinks otherwise than it points
     by_thrust: bool
     depth: float  # smoothed, as `_followed_sinking` tracks it [m]
@@ -210,7 +214,7 @@ def extend_trail(
 
     Args:
         message: of `laisn.swarm.MESSAGE`.
-        clock: time, no earlier than that of the message, and step of the frame [s].
+        clock: time now, no earlier than that of the message, and time step of the frame [s].
     """
     current_time, dt = clock
     time = message.timestamp
@@ -311,8 +315,10 @@ def _to_station(
     dt: float,
     memory: FollowerMemory,
 ) -> tuple[float, float]:
-    """Velocity through the water towards the station, by the standard deviation of the place in
-    the trail [m/s].
+    """Velocity through the water towards the station, east and north [m/s].
+
+    `sigma` is the standard deviation of the follower's place relative to the leader's trail [m]. If
+    it is too large, or NaN, the follower keeps its offset across the trail.
     """
     estimated_position = estimate.position
     likelier = estimate.offset_to_likelier

@@ -86,7 +86,7 @@ HOLD_SPEED = 0.3
 
 
 def _mean(value: Callable[[Floats], Floats], time: Floats, width: float) -> Floats:
-    """Mean of a function over an interval about each instant."""
+    """Mean of a function over an interval of a width [s] about each instant, by midpoints."""
     first, *others = ((np.arange(12) + 0.5) / 12 - 0.5).tolist()
     total = value(time + first * width)
     # one after the other: all at once they take much memory over a day
@@ -153,7 +153,7 @@ def reference(
     None: 0. LaisnError if a route cannot be flown.
     """
     table = records(REFERENCE, time.size, len(routes))
-    write = _write_reference if time.size > _MOST_SHARED else _write_shared_reference
+    write = _write_reference if time.size > _MAX_SHARED_INSTANTS else _write_shared_reference
     for i, route in enumerate(routes):
         write(
             route,
@@ -165,13 +165,15 @@ def reference(
     return table
 
 
-# references of so many instants are kept, which missions with the same routes share: 6 MB each
-_MOST_SHARED = 100_000
+# references of up to so many instants are kept for other missions with the same routes: 6 MB each
+_MAX_SHARED_INSTANTS = 100_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Course:
-    """A route at instants, and the numbers that its reference follows from."""
+class _SharedKey:
+    """Key of `_shared_reference`: the numbers that a reference follows from; route and times stand
+    beside them and are not compared.
+    """
 
     values: tuple[object, ...]
     route: Route = field(compare=False)
@@ -179,9 +181,9 @@ class _Course:
 
 
 @lru_cache(maxsize=4)
-def _shared_reference(course: _Course, lead: float, least_radius: float) -> Records:
-    shared = records(REFERENCE, course.time.size)
-    _write_reference(course.route, course.time, lead, least_radius, shared)
+def _shared_reference(key: _SharedKey, lead: float, least_radius: float) -> Records:
+    shared = records(REFERENCE, key.time.size)
+    _write_reference(key.route, key.time, lead, least_radius, shared)
     return shared
 
 
@@ -195,8 +197,8 @@ def _write_shared_reference(
         route.start_heading,
         route.start_speed,
     )
-    course = _Course(values=values, route=route, time=time)
-    out[:] = _shared_reference(course, lead, least_radius)
+    key = _SharedKey(values=values, route=route, time=time)
+    out[:] = _shared_reference(key, lead, least_radius)
 
 
 @compiled
@@ -278,14 +280,17 @@ def _way_to_place(
     """Heading and speed of `steer` where the route stops, before limits."""
     sin, cos = np.sin(reference.course), np.cos(reference.course)
     east, north = reference.east - position[0], reference.north - position[1]
-    through_east = clip(east / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory.current[0]
-    through_north = clip(north / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory.current[1]
+    through_water_east = clip(east / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory.current[0]
+    through_water_north = (
+        clip(north / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory.current[1]
+    )
     # the smaller this velocity, the more the heading is that of the course
     heading = np.arctan2(
-        through_east + MIN_COMMANDED_SPEED * sin, through_north + MIN_COMMANDED_SPEED * cos
+        through_water_east + MIN_COMMANDED_SPEED * sin,
+        through_water_north + MIN_COMMANDED_SPEED * cos,
     )
     ahead = memory.heading
-    return heading, through_east * np.sin(ahead) + through_north * np.cos(ahead)
+    return heading, through_water_east * np.sin(ahead) + through_water_north * np.cos(ahead)
 
 
 @compiled
@@ -303,8 +308,10 @@ def _way_along(
     bound = CATCH_UP * reference.speed
     speed = reference.speed + clip(along_track / ALONG_TRACK_TIME, -bound, bound)
 
-    through_east = speed * np.sin(course) - memory.current[0]
-    through_north = speed * np.cos(course) - memory.current[1]
+    through_water_east = speed * np.sin(course) - memory.current[0]
+    through_water_north = speed * np.cos(course) - memory.current[1]
 
-    speed_through = max(np.hypot(through_east, through_north), MIN_COMMANDED_SPEED)
-    return np.arctan2(through_east, through_north), speed_through
+    speed_through_water = max(
+        np.hypot(through_water_east, through_water_north), MIN_COMMANDED_SPEED
+    )
+    return np.arctan2(through_water_east, through_water_north), speed_through_water

@@ -1,10 +1,10 @@
 """Whether an autopilot stabilises its hull: eigenvalues of the motion about a straight course,
 speed by speed.
 
-The forces are those of `sim.vehicle.hydrodynamics`, with all scales of a setup, linearised by
-differences; effectors follow the linear law of the autopilot, designed for the MJCF's coefficients,
-with their lag. Limits of effectors and the slow loops (integrals, depth through pitch) are left
-out.
+The forces are those of `sim.vehicle.hydrodynamics`, with the true coefficients, those of the MJCF
+times `drag_scale`, `added_mass_scale` and the like, linearised by differences; effectors follow the
+linear law of the autopilot, designed for the MJCF's coefficients, with their lag. Limits of
+effectors and the slow loops (integrals, depth through pitch) are left out.
 """
 
 from collections.abc import Iterable
@@ -16,7 +16,7 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.errors import LaisnError
 from sim.attitude import Vector, cross, matvec, minus, plus, transposed
-from sim.control.allocation import HEAVE, PITCH, SURGE, SWAY, YAW, at_speed, clip
+from sim.control.allocation import HEAVE, PITCH, SURGE, SWAY, YAW, clip, pseudo_inverse_at
 from sim.control.autopilot import SPEED_HEAVE, SPEED_PITCH, Autopilot, greatest_forces, top_speed
 from sim.control.guidance import CATCH_UP, PLANNED_TURN_SHARE
 from sim.scenario.point_motion import SPEED_MIN, TURN_RATE
@@ -37,9 +37,10 @@ _ROUNDING = 1e-6  # of rates of growth [1/s]
 # sway and heave, and roll, pitch and yaw rates of a brisk turn
 _TURN_SWAY_HEAVE_M_S = (0.3, 0.3)
 _TURN_RATES_RAD_S = (0.2, 0.2, 0.2)
-_DIFFERENCE_STEP = 1e-4
-# a mode swings if it turns so much faster than it grows; roll, pitch and yaw rates of a slow swing
+_DIFFERENCE_STEP = 1e-4  # of velocities and angles, for derivatives [m/s], [rad/s], [rad]
+# a mode swings if the imaginary part of its eigenvalue is so many times the real part
 _SWING_RATIO = 5.0
+# roll, pitch and yaw rates of a slow swing
 _SWING_RATES_RAD_S = (0.05, 0.05, 0.05)
 # physics steps that are advised are this share of the longest possible one
 _STEP_RESERVE = 0.8
@@ -60,8 +61,11 @@ def _forces(
     sea: SeaInstant,
     fitted: Fitted,
 ) -> Floats:
-    """Wrenches of water, weight and inertia in the body, shape (n, 6), of velocities (6) and small
-    angles about the body's axes (3), shape (n, 9).
+    """Wrenches of water, weight and inertia in the body, shape (n, 6), [N] and [N m].
+
+    `rigid` is the rigid body's inertia about the origin, shape (6, 6), `centre` its centre of
+    gravity [m]. `states` are velocities (6) and small angles about the body's axes (3), shape
+    (n, 9), [m/s], [rad/s], [rad].
     """
     out = np.empty((states.shape[0], 6))
     for k in range(states.shape[0]):
@@ -77,8 +81,8 @@ def _forces(
             (0.5 * x * z - y, 0.5 * y * z + x, 1.0 - 0.5 * (x * x + y * y)),
         )
         to_body = transposed(to_world)
-        real = np.sqrt(1.0 - 0.25 * (x * x + y * y + z * z))
-        pose = (0.0, 0.0, -10.0, real, 0.5 * x, 0.5 * y, 0.5 * z)
+        scalar = np.sqrt(1.0 - 0.25 * (x * x + y * y + z * z))
+        pose = (0.0, 0.0, -10.0, scalar, 0.5 * x, 0.5 * y, 0.5 * z)
         over_ground = matvec(to_world, velocity)
         force, moment, _ = wrench(c, pose, over_ground + spin, sea, fitted, 0)
         weight = matvec(to_body, (0.0, 0.0, -rigid[0, 0] * c.gravity))
@@ -100,8 +104,8 @@ def _forces(
 
 
 def _feedback(d: Autopilot, climb: Floats, speed: float) -> Floats:
-    """Wrench that the autopilot commands by velocities (6), angles (3) and height, as is
-    `climb`, the rate of climb.
+    """Linear law of the autopilot: the wrench that it commands per velocities (6), angles (3) and
+    height, shape (6, 10). `climb` is the rate of climb per each of the same, shape (10,).
     """
     feedback = np.zeros((6, 10))
     omega = d["omega"]
@@ -186,7 +190,7 @@ class _ControlledHull(NamedTuple):
     inverse: Floats  # of the inertia with added mass, (6, 6)
     fitted: Fitted
     sea: SeaInstant
-    # wrenches that act for a unit of the commanded forces, (6, m)
+    # true wrenches, with the scales of thrust and lift, for a unit of each commanded force, (6, m)
     unit_wrench: Floats
 
 
@@ -214,9 +218,10 @@ def _straight_ahead(speed: float) -> Floats:
     return np.append(speed, np.zeros(8))
 
 
-def _motion(hull: _ControlledHull, equilibrium: Floats) -> Floats:
-    """Matrix of the motion of a vehicle about 6 velocities and 3 angles: these, height and
-    lagging wrench, (16, 16).
+def _state_matrix(hull: _ControlledHull, equilibrium: Floats) -> Floats:
+    """Matrix A of the linear motion ẋ = A x of a controlled vehicle about an equilibrium of 6
+    velocities and 3 angles, shape (9,). The state x is made of these, the height and the lagging
+    wrench; shape (16, 16).
     """
     d = hull.d
     speed = float(equilibrium[0])
@@ -225,7 +230,7 @@ def _motion(hull: _ControlledHull, equilibrium: Floats) -> Floats:
     forces = _forces(hull.c, hull.rigid, hull.centre, states, hull.sea, hull.fitted)
     count = hull.unit_wrench.shape[1]
     allocation = np.empty((count, 6))
-    at_speed(d["slow_allocation"][:count], d["fast_allocation"][:count], speed, allocation)
+    pseudo_inverse_at(d["slow_allocation"][:count], d["fast_allocation"][:count], speed, allocation)
     lag = 0.25 / d["omega"]
     matrix = np.zeros((16, 16))
     matrix[:6, :9] = hull.inverse @ (forces[:9] - forces[9:]).T / (2.0 * _DIFFERENCE_STEP)
@@ -254,27 +259,27 @@ def _growth(hull: _ControlledHull, speed: float) -> tuple[float, str]:
     A hull without linear damping may swing by a degree or two, which its quadratic damping bounds:
     what swings is looked at about a slow swing.
     """
-    rates, modes = np.linalg.eig(_motion(hull, _straight_ahead(speed)))
+    rates, modes = np.linalg.eig(_state_matrix(hull, _straight_ahead(speed)))
     worst = int(np.argmax(rates.real))
     if (
         rates[worst].real > _TOLERATED_GROWTH
         and abs(rates[worst].imag) > _SWING_RATIO * rates[worst].real
     ):
         equilibrium = np.array([speed, 0.0, 0.0, *_SWING_RATES_RAD_S, 0.0, 0.0, 0.0])
-        rates, modes = np.linalg.eig(_motion(hull, equilibrium))
+        rates, modes = np.linalg.eig(_state_matrix(hull, equilibrium))
         worst = int(np.argmax(rates.real))
     size = np.abs(modes[:10, worst])
     plane = max(_PLANES, key=lambda name: size[list(_PLANES[name])].max())
     return float(rates[worst].real), plane
 
 
-def _require_slow_motion(
+def _require_short_steps(
     hull: _ControlledHull, dt: float, max_speed: float, orbital_speed: float
 ) -> None:
     """LaisnError naming a physics step that is short enough, or what makes the motion too fast."""
     speed = _CATCH_UP_FACTOR * max_speed + orbital_speed
     turning = np.array([speed, *_TURN_SWAY_HEAVE_M_S, *_TURN_RATES_RAD_S, 0.0, 0.0, 0.0])
-    matrix = _motion(hull, turning)
+    matrix = _state_matrix(hull, turning)
     rate = np.abs(np.linalg.eigvals(matrix)).max() if np.all(np.isfinite(matrix)) else np.inf
     if rate * dt < 1.0:
         return
@@ -318,11 +323,11 @@ def require_stable(
     """
     for i, (name, d) in enumerate(zip(plant.names, autopilots, strict=True)):
         hull = _controlled_hull(plant, i, d)
-        _require_slow_motion(hull, plant.dt, max_speed, orbital_speed)
+        _require_short_steps(hull, plant.dt, max_speed, orbital_speed)
         top = max(min(_CATCH_UP_FACTOR * max_speed, top_speed(d)), min_speed)
         count = 1 + int(np.ceil((top - min_speed) / _SPEED_STEP))
         speeds = np.linspace(min_speed, top, count)
-        matrices = [_motion(hull, _straight_ahead(speed)) for speed in speeds]
+        matrices = [_state_matrix(hull, _straight_ahead(speed)) for speed in speeds]
         growths = np.linalg.eigvals(matrices).real.max(axis=1)
         # eigenvalues without their modes differ from those with them by rounding
         for speed in speeds[growths > _TOLERATED_GROWTH - _ROUNDING]:
@@ -333,10 +338,13 @@ def require_stable(
                 "give the hull fins at the stern or hull lift (NAME.fin, hull_lift), or a centre "
                 "of gravity below its origin"
             )
-            stable = _stable_below(hull, float(speed))
-            leg = np.floor(100.0 * stable / _CATCH_UP_FACTOR) / 100.0
-            if leg >= SPEED_MIN:
-                advice = f"it is stable on legs of up to {leg:g} m/s through the water; or {advice}"
+            stable_speed = _stable_below(hull, float(speed))
+            leg_speed = np.floor(100.0 * stable_speed / _CATCH_UP_FACTOR) / 100.0
+            if leg_speed >= SPEED_MIN:
+                advice = (
+                    f"it is stable on legs of up to {leg_speed:g} m/s through the water; "
+                    f"or {advice}"
+                )
             raise LaisnError(
                 f"{name}: the autopilot cannot stabilise {plane} at {speed:.3g} m/s, they grow by "
                 f"a factor of e in {1.0 / growth:.2g} s; {advice}"

@@ -249,7 +249,7 @@ def place_at(trail: Records, count: int, arc: float) -> Place:
     )
 
 
-SPACING = 1.0  # planned points follow each other in a trail after this time [s]
+PLANNED_INTERVAL = 1.0  # time from one planned point of a trail to the next [s]
 # a turn begins at most so long before its waypoint [s]
 _HALF_TURN_TIME = 0.5 * SHARPEST_CUT / TURN_RATE
 # a leader farther off its plan than this has left it after the last waypoint that was received [m]
@@ -303,14 +303,16 @@ def extend_as_planned(
         clock: control step, and its length [s].
     """
     k, dt = clock
-    last, points = received
+    last_received, received_points = received
     is_due = (
-        plan.known_until.size > 0 and k % round(SPACING / dt) == 0 and k * dt - last > 0.5 * SPACING
+        plan.known_until.size > 0
+        and k % round(PLANNED_INTERVAL / dt) == 0
+        and k * dt - last_received > 0.5 * PLANNED_INTERVAL
     )
-    if not is_due or k * dt > plan.known_until[round(last / dt)]:
+    if not is_due or k * dt > plan.known_until[round(last_received / dt)]:
         return
     # of a leader that stands still, planned points take the place of the one that was received
-    head = points - 1
+    head = received_points - 1
     first_step = round(trail[head].time / dt)
     if k <= first_step:
         return
@@ -340,7 +342,7 @@ def correct_planned(
         return
     begin = trail[received - 1].time
     last = total - 1
-    while last >= received and trail[last].time > time - 0.5 * SPACING:
+    while last >= received and trail[last].time > time - 0.5 * PLANNED_INTERVAL:
         last -= 1
     if last < received:
         return
@@ -389,18 +391,18 @@ FRAME_STATE = row_dtype(StationFrame)
 _MIN_OFFSET = 5.0  # a station nearer to the trail is turned as if it were this far aside [m]
 # rate of turn that a follower counts on [rad/s]; 10°/s is what it is allowed
 AGILITY = float(np.deg2rad(8.0))
-STEP = 1.0  # a follower looks ahead and back in steps of this time [s]
-STEPS = 10  # number of these steps
+PREVIEW_STEP = 1.0  # a follower looks ahead and back in steps of this time [s]
+PREVIEW_STEPS = 10  # number of these steps
 # a hull of a least radius looks so far that it can begin half of a right angle before a corner
 _HALF_CORNER = 0.25 * np.pi
 # the curvature of a trail is looked up over this share of a hull's least radius …
-_CHORD = 0.25
+_CHORD_SHARE = 0.25
 # … so many times, from half of a right angle of its turn before a place to as much behind it
 _CHORDS = 6
 # a frame turns at least this fast: at the inner station this share of the leader's speed
-_MIN_ROOM = 0.05
+_MIN_MARGIN_SHARE = 0.05
 # share of a hull's greatest acceleration across its way that turning frames may ask for
-_SIDEWAYS = 0.3
+_SIDEWAYS_SHARE = 0.3
 
 
 class Target(NamedTuple):
@@ -416,7 +418,9 @@ class Target(NamedTuple):
 
 
 @compiled
-def _inner_room(trail: tuple[Records, int], arc: float, speed: float, radius: float) -> float:
+def _inner_speed_margin(
+    trail: tuple[Records, int], arc: float, speed: float, radius: float
+) -> float:
     """By how much an inner station may be slower than the leader, where a hull of a least radius
     can still follow its path [m/s].
 
@@ -424,17 +428,17 @@ def _inner_room(trail: tuple[Records, int], arc: float, speed: float, radius: fl
     κ, as far as its own turns reach about the place.
     """
     points, count = trail
-    chord = _CHORD * radius
+    chord = _CHORD_SHARE * radius
     first = arc - 0.5 * _CHORDS * chord
     _, _, east, north, _ = place_at(points, count, first)
     course = np.arctan2(east, north)
-    bend = 0.0
+    curvature = 0.0
     for i in range(1, _CHORDS + 1):
         _, _, east, north, _ = place_at(points, count, first + i * chord)
         last_course = course
         course = np.arctan2(east, north)
-        bend = max(bend, abs(wrap_angle(course - last_course)) / chord)
-    return float(speed * max(1.0 - np.sqrt(bend * radius), _MIN_ROOM))
+        curvature = max(curvature, abs(wrap_angle(course - last_course)) / chord)
+    return float(speed * max(1.0 - np.sqrt(curvature * radius), _MIN_MARGIN_SHARE))
 
 
 @compiled
@@ -448,12 +452,12 @@ def turn_frame(
 ) -> None:
     """Turn a station's frame from one time to another [s], along the trail as it is known now."""
     points, count = trail
-    over_ground = points[count - 1].pace
+    pace = points[count - 1].pace
     width = max(abs(station.port), _MIN_OFFSET)
     max_rate = f.max_station_acceleration / width
     if station.planned_radius > 0.0:
-        across = max(over_ground * over_ground / station.planned_radius, 1e-3)
-        max_rate = min(max_rate, _SIDEWAYS * across / width)
+        across_acceleration = max(pace * pace / station.planned_radius, 1e-3)
+        max_rate = min(max_rate, _SIDEWAYS_SHARE * across_acceleration / width)
     for i in range(round((span[1] - span[0]) / dt)):
         arc = arc_at(points, count, span[0] + (i + 1) * dt) - station.behind
         _, _, east, north, water_speed = place_at(points, count, arc)
@@ -463,13 +467,15 @@ def turn_frame(
         heading_error = wrap_angle(np.arctan2(east, north) - state.heading)
         rate = heading_error / f.frame_time_constant
         if rate * station.port > 0.0:
-            room = min(f.outer_speedup * over_ground, max(f.outer_max_speed - water_speed, 0.1))
+            speed_margin = min(f.outer_speedup * pace, max(f.outer_max_speed - water_speed, 0.1))
         else:
-            room = min(f.inner_slowdown * over_ground, max(water_speed - f.inner_min_speed, 0.1))
+            speed_margin = min(f.inner_slowdown * pace, max(water_speed - f.inner_min_speed, 0.1))
             if station.planned_radius > 0.0:
-                room = min(room, _inner_room(trail, arc, over_ground, station.planned_radius))
+                speed_margin = min(
+                    speed_margin, _inner_speed_margin(trail, arc, pace, station.planned_radius)
+                )
         # what is turned has to be stopped again
-        limit = min(room / width, np.sqrt(max_rate * abs(heading_error)))
+        limit = min(speed_margin / width, np.sqrt(max_rate * abs(heading_error)))
         rate = clip(rate, -limit, limit)
         state.rate += dt * clip(
             (rate - state.rate) / f.frame_rate_time_constant, -max_rate, max_rate
@@ -484,7 +490,7 @@ def station_at(
     """Where a station is, by its frame as it stands."""
     points, count = trail
     port = station.port
-    over_ground = points[count - 1].pace
+    pace = points[count - 1].pace
     arc = arc_at(points, count, time) - station.behind
     east, north, ahead_east, ahead_north, _ = place_at(points, count, arc)
     sine = np.sin(state.heading)
@@ -493,10 +499,10 @@ def station_at(
     return Target(
         east - port * cosine,
         north + port * sine,
-        over_ground * ahead_east + port * rate * sine,
-        over_ground * ahead_north + port * rate * cosine,
-        over_ground * ahead_east,
-        over_ground * ahead_north,
+        pace * ahead_east + port * rate * sine,
+        pace * ahead_north + port * rate * cosine,
+        pace * ahead_east,
+        pace * ahead_north,
     )
 
 
@@ -519,7 +525,7 @@ def _planned_course(
 
 
 @compiled
-def _through_water(
+def _velocity_needed(
     station: StationGeometry,
     trail: tuple[Records, int],
     arc: float,
@@ -528,23 +534,24 @@ def _through_water(
     state: StationFrame,
     foreseen: tuple[LeaderPlan, float],
 ) -> tuple[float, float]:
-    """Velocity through the water that a station needs so much later (less than 0: earlier), east
-    and north [m/s].
+    """Velocity through the water that a station needs a time `preview` later (less than 0: earlier)
+    [s], east and north [m/s].
 
-    `arc` is the length of the way to where the station is in the trail [m].
+    `arc` is the length of the way to where the station is in the trail [m]; `foreseen` as of
+    `rate_limited_velocity`.
     """
     points, count = trail
-    over_ground = points[count - 1].pace
-    later_arc = arc + preview * over_ground
+    pace = points[count - 1].pace
+    later_arc = arc + preview * pace
     _, _, ahead_east, ahead_north, _ = place_at(points, count, later_arc)
     if station.planned_radius > 0.0:
         course = _planned_course(foreseen[0], trail, later_arc, foreseen[1])
         if course == course:
             ahead_east, ahead_north = np.sin(course), np.cos(course)
-    frame = state.heading + preview * state.rate
-    swept = station.port * state.rate
-    east = over_ground * ahead_east + swept * np.sin(frame)
-    north = over_ground * ahead_north + swept * np.cos(frame)
+    frame_heading = state.heading + preview * state.rate
+    swing_speed = station.port * state.rate
+    east = pace * ahead_east + swing_speed * np.sin(frame_heading)
+    north = pace * ahead_north + swing_speed * np.cos(frame_heading)
     return east - current[0], north - current[1]
 
 
@@ -566,29 +573,29 @@ def rate_limited_velocity(
     """
     points, count = trail
     arc = arc_at(points, count, time) - station.behind
-    over_ground = points[count - 1].pace
-    east, north = _through_water(station, trail, arc, f.preview, current, state, foreseen)
+    pace = points[count - 1].pace
+    east, north = _velocity_needed(station, trail, arc, f.preview, current, state, foreseen)
     speed = np.sqrt(east * east + north * north)
     agility = AGILITY
-    step = STEP
+    step = PREVIEW_STEP
     if station.planned_radius > 0.0:
         agility = min(AGILITY, max(speed, 0.1) / station.planned_radius)
-        step = max(STEP, _HALF_CORNER / (agility * STEPS))
-    reach = STEPS * step
-    bend = turned_since(points, count, arc + (f.preview - reach) * over_ground)
-    changes = over_ground * bend + abs(station.port * state.rate * state.rate) * reach
-    steps = STEPS
+        step = max(PREVIEW_STEP, _HALF_CORNER / (agility * PREVIEW_STEPS))
+    horizon = PREVIEW_STEPS * step
+    turned = turned_since(points, count, arc + (f.preview - horizon) * pace)
+    velocity_change = pace * turned + abs(station.port * state.rate * state.rate) * horizon
+    steps = PREVIEW_STEPS
     # headings nearby surely differ by less than a hull turns in more steps than these, on straight
     # legs in a single one; what is foreseen of a leader's plan is in no trail yet
-    if station.planned_radius == 0.0 and changes < speed:
-        steps = min(int(np.arcsin(changes / speed) / (agility * step)), STEPS)
+    if station.planned_radius == 0.0 and velocity_change < speed:
+        steps = min(int(np.arcsin(velocity_change / speed) / (agility * step)), PREVIEW_STEPS)
     if steps > 0:
         required_heading = np.arctan2(east, north)
         upper = lower = required_heading
         for side in (-1.0, 1.0):
             neighbour_heading = required_heading
             for j in range(1, steps + 1):
-                x, y = _through_water(
+                x, y = _velocity_needed(
                     station, trail, arc, f.preview + side * j * step, current, state, foreseen
                 )
                 neighbour_heading += wrap_angle(np.arctan2(x, y) - neighbour_heading)
