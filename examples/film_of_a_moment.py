@@ -7,6 +7,7 @@ import numpy as np
 import laisn_sim
 
 flight = laisn_sim.fly("diving", {"duration_s": 120})
+# a row for each instant of 0.1 s, a column for each vehicle, the leader first
 pitch = np.degrees(flight.trajectory.pitch[:, 0])
 moment = float(flight.trajectory.time[np.argmax(np.abs(pitch))])
 print(f"largest pitch of the leader: {pitch[np.argmax(np.abs(pitch))]:.1f}° at {moment:.1f} s")

@@ -10,6 +10,7 @@ for name, changes in {
     "in bursts": {"acoustics.burst_probability": 0.05, "acoustics.burst_mean_messages": 20},
 }.items():
     flight = laisn_sim.fly("T4", {"duration_s": 300, **changes})
+    # ranges: a row for each message, a column for each transmitter, NaN where it was not heard
     received = np.isfinite(flight.measurements[0].ranges).any(axis=1).mean()
     errors = laisn_sim.errors(flight)["e_p_m"]
     print(

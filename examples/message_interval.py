@@ -1,4 +1,6 @@
-"""How the error grows with the interval of messages, for LAISN-2 and on the ranges themselves."""
+"""How the error grows with the interval of messages, for LAISN-2 and for the tight navigator, whose
+filter takes the ranges themselves.
+"""
 
 import matplotlib.pyplot as plt
 

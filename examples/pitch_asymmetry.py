@@ -25,7 +25,9 @@ SETTINGS = NavigationSettings(baseline=BASELINE)
 
 
 def slant_ranges(pitch: float, follower: np.ndarray) -> Ranges:
-    """Ranges to the ends of the baseline of a leader at the origin that heads east."""
+    """Ranges to the ends of the baseline of a leader at the origin that heads east; pitch [rad] is
+    positive with the bow up, `follower` is its place east, north and up [m].
+    """
     along = BASELINE / 2 * np.array([math.cos(pitch), 0.0, math.sin(pitch)])
     rear, front = (float(np.linalg.norm(follower + side * along)) for side in (1, -1))
     return Ranges(rear=rear, front=front, middle=math.nan)
@@ -35,6 +37,7 @@ def fix_of(ranges: Ranges, predicted: Point) -> Fix:
     """LAISN-2's fix, which takes the leader for level."""
     message = LeaderMessage(0.0, east=0.0, north=0.0, heading=math.pi / 2, speed=1.0, depth=0.0)
     circles = to_circles(Reception(message, ranges), DEPTH_DIFFERENCE, SETTINGS)
+    # the first pair is that of the rear and the front transmitter
     return circles.fix(circles.pairs()[0], predicted, Tuning.of(SETTINGS))
 
 
@@ -57,5 +60,6 @@ for degrees, pitches in ((90, (1, 5, 10)), (60, (1, 5, 10)), (30, (1, 5, 10)), (
             f"{degrees:6}°   {pitch_deg:6}°   {asymmetry:21.3f} m   {moved:14.2f} m   "
             f"{formula:>18}   {FIX_WORDS[FixKind(int(fix.kind))]}"
         )
+# the error over bearing and pitch; the width is in inches
 shown = PitchGeometry(baseline=BASELINE, pitch_deg=5.0, distance=DISTANCE, below=DEPTH_DIFFERENCE)
 write_panel(map_of_errors(shown), Path("pitch.png"), width=6.0)

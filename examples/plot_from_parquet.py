@@ -17,18 +17,18 @@ laisn_sim.study(
 )
 runs = pq.read_table("out/compass/runs.parquet").to_pydict()
 bias, error = np.array(runs["sensors.heading_bias_deg"]), np.array(runs["e_p_mean_m"])
-factors = np.unique(bias)
+bias_levels = np.unique(bias)
 low, middle, high = (
-    np.array([np.quantile(error[bias == b], q) for b in factors]) for q in (0.25, 0.5, 0.75)
+    np.array([np.quantile(error[bias == b], q) for b in bias_levels]) for q in (0.25, 0.5, 0.75)
 )
 
 figure, axes = plt.subplots(figsize=(6, 3.5), layout="constrained")
-axes.fill_between(factors, low, high, alpha=0.3, label="quartiles of 30 runs")
-axes.plot(factors, middle, "o-", label="median")
+axes.fill_between(bias_levels, low, high, alpha=0.3, label="quartiles of 30 runs")
+axes.plot(bias_levels, middle, "o-", label="median")
 axes.set(xlabel="compass bias [°]", ylabel="mean position error E_P of a run [m]")
 axes.legend()
 figure.savefig("compass.png", dpi=120)
 print(
     "figure in compass.png; medians [m]:",
-    dict(zip(factors.tolist(), middle.round(3).tolist(), strict=True)),
+    dict(zip(bias_levels.tolist(), middle.round(3).tolist(), strict=True)),
 )

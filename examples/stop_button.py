@@ -7,7 +7,7 @@ import laisn_sim
 sim = laisn_sim.Simulation("T5", {"duration_s": 300})
 error = 0.0
 while error < 3.0 and not sim.done:
-    sim.step()
+    sim.step()  # 0.1 s
     belief = sim.estimates["follower"]
     # the hull's origin and the hydrophone, whose place is estimated, are a few centimetres apart
     east, north, _ = sim.truth["follower"].position

@@ -7,7 +7,7 @@ import laisn_sim
 sim = laisn_sim.Simulation("T5", {"duration_s": 60})
 idle = np.zeros_like(sim.truth["follower"].effectors)
 
-# 6 N ahead and a little to port; the follower lets go of all its effectors
+# 6 N ahead and 0.4 N m to port; the follower lets go of all its effectors
 sim.command("leader", laisn_sim.Wrench(surge=6.0, yaw=0.4))
 sim.command("follower", idle)
 for _ in range(4):

@@ -1,5 +1,5 @@
-"""A leader near the surface in an irregular sea: how far it pitches, and what its followers' fixes
-make of it.
+"""A leader near the surface in an irregular sea: how far it pitches, and how much that adds to
+its follower's position error.
 """
 
 import numpy as np

@@ -9,8 +9,9 @@ LAISN = ("-m", "laisn_sim.cli.main")
 FLIGHT_GOALS_S = {"T5": 2.4, "swarm": 5.0}
 """Processor time of a flight without its film, compiled code at hand [s]."""
 COLD_GOALS_S = {"T5": 14.0, "swarm": 55.0}
-"""Processor time of compiling for the same flights."""
+"""Processor time of compiling for the same flights [s]."""
 OTHERS = {"laisn check T5": ("check", "T5"), "laisn --help": ("--help",)}
+"""Commands without a goal: name of the row, and arguments."""
 _REPEATS = 2
 """How often a command is timed, after one run that does not count."""
 # flies, and writes how many functions were compiled for that

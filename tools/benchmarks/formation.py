@@ -24,21 +24,22 @@ SWARMS = {10: 400.0, 50: 100.0}
 GOALS = {10: 1.0, 50: 2.0}
 """How many times cheaper than the bare solver a closed loop is to be."""
 MAX_FOLLOWERS = 200
-"""Followers of the largest formation, whose closed loop is to be at least so many times as fast as
-real time.
-"""
+"""Followers of the largest formation."""
 LARGEST_GOAL = 60.0
+"""Least real-time factor that its closed loop is to reach."""
 DIRECT_GOAL = 5.0
-"""How many times as many runs of a formation the direct engine is to fly."""
-_WHOLE_S = 1000.0
-_LARGEST_S = 30.0
-_REPEATS = 4
+"""How many times as many runs of a formation as MuJoCo the direct engine is to fly."""
+_WHOLE_S = 1000.0  # length of the mission that is flown by each engine
+_LARGEST_S = 30.0  # of that of the largest formation
+_REPEATS = 4  # how often the time of each is taken
 
 
 def swarm(followers: int, duration: float, *settings: str) -> Scenario:
-    """A grid of followers, each in its layer where there is room for that, in a current."""
-    layer = 1.0 if followers <= 20 else 0.0
-    shape = f'{{ kind = "grid", count = {followers}, spacing_m = 10.0, layer_m = {layer} }}'
+    """A grid of followers in a current: up to 20 of them each 1 m deeper than the one before, more
+    than that all at one depth.
+    """
+    layer_m = 1.0 if followers <= 20 else 0.0
+    shape = f'{{ kind = "grid", count = {followers}, spacing_m = 10.0, layer_m = {layer_m} }}'
     return load_scenario(
         "swarm",
         (
@@ -84,32 +85,37 @@ def formation() -> list[Row]:
     """
     rows = []
     for followers, duration in SWARMS.items():
-        blind = swarm(followers, duration)
-        sensing = swarm(followers, duration, "formation.proximity.range_m=8")
-        steps = round(duration / blind.timing.physics_step_s)
-        bare, seconds, wary = least_times(
-            [_bare(blind), _closed(blind), _closed(sensing)], _REPEATS
+        without_proximity = swarm(followers, duration)
+        with_proximity = swarm(followers, duration, "formation.proximity.range_m=8")
+        steps = round(duration / without_proximity.timing.physics_step_s)
+        bare_s, closed_s, proximity_s = least_times(
+            [_bare(without_proximity), _closed(without_proximity), _closed(with_proximity)],
+            _REPEATS,
         )
         fleet = f"leader + {followers}"
         rows += [
-            Row(f"{fleet}: mj_step alone", bare / steps * 1e6, "µs/step"),
+            Row(f"{fleet}: mj_step alone", bare_s / steps * 1e6, "µs/step"),
             Row(
-                f"{fleet}: closed loop", seconds / steps * 1e6, "µs/step", bare / seconds, "mj_step"
+                f"{fleet}: closed loop",
+                closed_s / steps * 1e6,
+                "µs/step",
+                bare_s / closed_s,
+                "mj_step",
             ),
             Row(
                 f"{fleet}: followers sense each other",
-                wary / steps * 1e6,
+                proximity_s / steps * 1e6,
                 "µs/step",
-                bare / wary,
+                bare_s / proximity_s,
                 "mj_step",
             ),
             Row(
                 f"{fleet}: solver over closed loop",
-                bare / seconds,
+                bare_s / closed_s,
                 "x",
                 goal=Goal(GOALS[followers], at_least=True),
             ),
-            Row(f"{fleet}: real-time factor", duration / seconds, "x"),
+            Row(f"{fleet}: real-time factor", duration / closed_s, "x"),
         ]
     largest = swarm(MAX_FOLLOWERS, _LARGEST_S)
     rows.append(
@@ -124,7 +130,9 @@ def formation() -> list[Row]:
 
 
 def _whole_runs() -> list[Row]:
-    """A run of the scenario of a leader and ten followers, by each engine, as studies fly it."""
+    """A run of the scenario of a leader and ten followers, by each engine (MuJoCo, and the direct
+    solver in its place), as studies fly it.
+    """
     by_engine = [
         partial(
             simulate_closed_loop,

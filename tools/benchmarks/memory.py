@@ -14,14 +14,14 @@ from pathlib import Path
 from tools.benchmarks.row import Row
 
 HOURS = (3, 6)
-"""Lengths of two missions, above that from which the command saves memory; both grow alike with
-their length.
+"""Lengths of two missions. Both are so long that the command keeps their arrays in files, so that
+their memory grows alike with their length.
 """
 RUNS = 100_000
-POINTS = 4
+POINTS = 4  # values that the study varies
 WORKERS = 2
-LEG_S = 1800
-SAMPLE_S = 0.1
+LEG_S = 1800  # of the routes
+SAMPLE_S = 0.1  # between two readings of the memory
 
 
 def _processes(first: int) -> list[int]:
@@ -61,7 +61,9 @@ def peak_of(*arguments: str) -> float:
 
 
 def mission_of(hours: float) -> str:
-    """Scenario of a leader and a follower 30 m aside that weave to the north-east."""
+    """Scenario of a leader and a follower 30 m south of it that weave towards east, at 1 m/s of
+    easting."""
+    # time [s], east and north [m]
     legs = range(round(hours * 3600 / LEG_S) + 1)
     leader = [[k * LEG_S, k * LEG_S, 600.0 * (k % 4 // 2)] for k in legs]
     follower = [[t, east, north - 30.0] for t, east, north in leader]
@@ -95,6 +97,7 @@ def memory() -> list[Row]:
             out = str(work / f"{hours} h")
             peaks.append(peak_of("fly", str(work / f"{hours}.toml"), "--no-video", "--out", out))
         command = ("study", str(work / "study.toml"), "--workers", str(WORKERS))
+        # the first one compiles
         study = [peak_of(*command, "--out", str(work / name)) for name in ("study", "again")][1]
     growth = (peaks[1] - peaks[0]) / (HOURS[1] - HOURS[0])
     return [

@@ -42,13 +42,16 @@ four fins.
 """
 GOALS = {"leader + 1": 4500.0, "leader + 10": 1500.0, "leader + 50": 350.0, "leader + 200": 60.0}
 """Real-time factors that they are to reach on one core."""
-_ENGINES_S = 200.0
+_ENGINES_S = 200.0  # length of the missions by which solvers are compared
 _REPEATS = 3
-LINEAR = 5.0
+MODEL_TIME_RATIO_GOAL = 5.0
 """A model of four times as many vehicles is to be made in at most so many times the time."""
 
 
 def _scenario(followers: int, duration: float, model: str = "follower") -> Scenario:
+    """T5 with so many followers on its route, each 1 m deeper than the one before, for a duration
+    [s]; a model other than the follower's is the leader's, too.
+    """
     swarm = tuple(
         Follower(name=f"follower{i}", route="T5", depth_m=9.0 + i, model=model)
         for i in range(followers)
@@ -66,6 +69,7 @@ def _scenario(followers: int, duration: float, model: str = "follower") -> Scena
 
 @compiled
 def _stages(calls: Calls, steps: int) -> None:
+    """The functions of MuJoCo that a step of the plant calls, without anything between them."""
     stages, model, data = calls
     for _ in range(steps):
         for stage in stages:
@@ -76,33 +80,34 @@ def physics() -> list[Row]:
     """A physics step of a fleet: the solver alone, with hydrodynamics, and with autopilot and
     recording too.
 
-    The floor is what a step calls of MuJoCo, and nothing else.
+    The floor is the time of what a step calls of MuJoCo, alone.
     """
     rows = []
     for fleet, (followers, duration) in FLEETS.items():
-        kind = "remus100" if fleet.startswith("remus100") else "follower"
-        scenario = _scenario(followers, duration, kind)
+        vehicle_model = "remus100" if fleet.startswith("remus100") else "follower"
+        scenario = _scenario(followers, duration, vehicle_model)
         routes = routes_of(MissionPlan.of(scenario))
         dt = scenario.timing.physics_step_s
         setups = setups_of(MissionPlan.of(scenario), routes)
         ocean = ocean_of(SeaSettings.of(scenario))
         steps = round(duration / dt)
-        thrust = np.zeros((followers + 1, len(spec_of(kind).actuators)))
-        # N of a thruster, 1/s of a propeller
-        thrust[:, 0] = 10.0
+        commands = np.zeros((followers + 1, len(spec_of(vehicle_model).actuators)))
+        # of the first effector: N of a thruster, 1/s of a propeller
+        commands[:, 0] = 10.0
 
         spec = compose(setups, ocean.floor_depth_m)
         spec.option.timestep = dt
         spec.option.disableflags |= NO_CONTACT
         model = spec.compile()
         data = mujoco.MjData(model)
+        # times of a step from here on [µs]
         bare = least_time(partial(mujoco.mj_step, model, data, steps), 3) / steps * 1e6
         # one for MuJoCo's stages alone, and one for whole steps, with hydrodynamics
         dry = Plant(setups, ocean, dt)
         wet = Plant(setups, ocean, dt)
         calls = calls_of(dry.model, dry.data)
         floor = least_time(partial(_stages, calls, steps), 3) / steps * 1e6
-        with_water = least_time(partial(wet.step, thrust, steps), 3) / steps * 1e6
+        with_water = least_time(partial(wet.step, commands, steps), 3) / steps * 1e6
         plants = [Plant(setups, ocean, dt) for _ in range(4)]
         seconds = least_time(lambda p=plants, r=routes, d=duration: simulate(p.pop(), r, d), 3)  # type: ignore[misc]
         per_step = seconds / steps * 1e6
@@ -141,6 +146,7 @@ def engines() -> list[Row]:
 
 
 def _direct(scenario: Scenario) -> Scenario:
+    """A scenario by the direct solver."""
     timing = scenario.timing.model_copy(update={"engine": "direct"})
     return scenario.model_copy(update={"timing": timing})
 
@@ -162,7 +168,7 @@ def _solvers(scenario: Scenario, name: str) -> list[Row]:
         ],
         _REPEATS,
     )
-    lanes /= LANES
+    lanes /= LANES  # a group flies as many missions
     return [
         Row(f"{name}, by MuJoCo", mujoco / steps * 1e9, "ns/step"),
         Row(f"{name}, direct", direct / steps * 1e9, "ns/step", mujoco / direct, "MuJoCo"),
@@ -177,8 +183,8 @@ def _solvers(scenario: Scenario, name: str) -> list[Row]:
 
 
 def _fleet() -> list[Row]:
-    """A physics step of one of eleven vehicles with autopilots and recording, by MuJoCo and side by
-    side.
+    """A physics step of one of eleven vehicles with autopilots and recording, by MuJoCo and by the
+    direct solver, which steps the vehicles side by side in lanes.
     """
     scenario = _scenario(10, _ENGINES_S)
     steps = round(_ENGINES_S / scenario.timing.physics_step_s) * 11
@@ -214,7 +220,7 @@ def plant() -> list[Row]:
     ratio = times[200] / times[50]
     return [
         *(Row(f"leader + {n}: model", seconds * 1e3, "ms") for n, seconds in times.items()),
-        Row("leader + 200: model, over that of 50", ratio, "x", goal=Goal(LINEAR)),
+        Row("leader + 200: model, over that of 50", ratio, "x", goal=Goal(MODEL_TIME_RATIO_GOAL)),
     ]
 
 
@@ -244,20 +250,22 @@ def log() -> list[Row]:
     flight, _ = fly(load_scenario("T5", ()))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "flight.mcap"
-        seconds = least_time(lambda: writer.write(flight, path), 3)
+        writing_s = least_time(lambda: writer.write(flight, path), 3)
+        # selects no topic: the times of messages are enough
         messages = sum(
             len(channel.times) for channel in Contents(path, lambda topic, _: False).topics.values()
         )
         size = path.stat().st_size
-        reading = least_time(partial(reader.read, path), 3)
+        reading_s = least_time(partial(reader.read, path), 3)
     return [
         Row("messages", messages / 1000, "k"),
-        Row("writing", messages / seconds / 1000, "k/s", goal=Goal(50.0, at_least=True)),
-        Row("reading, to a flight", messages / reading / 1000, "k/s"),
+        Row("writing", messages / writing_s / 1000, "k/s", goal=Goal(50.0, at_least=True)),
+        Row("reading, to a flight", messages / reading_s / 1000, "k/s"),
         Row("size", size / 1e6, "MB"),
     ]
 
 
+# program of such a child process
 _BARE = """
 import sys
 from tools.benchmarks.mission import render_bare
@@ -265,7 +273,9 @@ from tools.benchmarks.mission import render_bare
 render_bare(int(sys.argv[1]))
 """
 BARE_FRAMES = (30, 90)
-"""Frames of two children: their difference is free of what each costs by itself."""
+"""Frames that each of two child processes renders: the difference of their times is free of what a
+process costs by itself.
+"""
 
 
 def render_bare(frames: int) -> None:
@@ -314,11 +324,13 @@ def film() -> list[Row]:
         return [Row(f"not measured: {graphics.INSTALL}", np.nan, "")]
     flight, _ = fly(load_scenario("T5", ()))
     processor_s = {}  # by the number of frames
+    # the rows but for the processor time are of the longer film, the last one
     for number in (90, 390):
         video = flight.scenario.video
         length = float(flight.trajectory.time[-1] - flight.trajectory.time[0])
         # frames spread over the whole mission
         paced = video.model_copy(update={"speed_up": length * video.frame_rate_hz / number})
+        # clock [s] and share of the frames that is done, at each report of progress
         marks: list[tuple[float, float]] = []
         start_s = _processor_s()
         begin = time.perf_counter()
@@ -330,7 +342,7 @@ def film() -> list[Row]:
                 path,
                 progress=lambda done, m=marks: m.append((time.perf_counter(), done)),  # type: ignore[misc]
             )
-            size = path.stat().st_size
+            size = path.stat().st_size  # [byte]
         processor_s[number] = _processor_s() - start_s
     seconds = time.perf_counter() - begin
     first, share_at_first = marks[0]

@@ -35,7 +35,7 @@ hypothesis.
 
 In a step: sine and cosine 40, dead reckoning 35, mean position 20. With a message: motion 180, what
 three ranges are expected to be 230, their covariance and its factor 160, likelihoods 75, update
-165, arms, axis and output 135.
+165, lever arms, the rule for the leader's axis and output 135.
 """
 # settings of the tightly coupled navigator, by the suffix that they give the name of a row
 _MODELS: dict[str, dict[str, Any]] = {
@@ -66,12 +66,13 @@ def filter_only(
     return block
 
 
-def _fly(settings: TightSettings, missions: Sequence[Measurements], start: Floats) -> None:
+def _navigate(settings: TightSettings, missions: Sequence[Measurements], start: Floats) -> None:
     for mission in missions:
         run_mission(settings, mission, start, covariance=False)
 
 
 def _rows(interval: float) -> Iterator[Row]:
+    """Rows at an interval of messages [s]."""
     keys = ["motion=kinematic", "followers.0.depth_m=8", f"timing.message_interval_s={interval}"]
     # its truth and errors alone are used, in which the variant makes no difference
     cell = Cell.of(load_scenario(ROUTE, [*keys, "navigation.variant=laisn-3-2"]))
@@ -87,7 +88,7 @@ def _rows(interval: float) -> Iterator[Row]:
         partial(filter_only, readings, truth.message_step, messages, start, tuned)
     ]
     tasks += [
-        partial(_fly, TightSettings(transmitters=count, **model), missions, truth.start)
+        partial(_navigate, TightSettings(transmitters=count, **model), missions, truth.start)
         for count, _, model in cases
     ]
     # in turns, so that a machine that slows down changes no ratio

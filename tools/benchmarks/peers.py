@@ -35,6 +35,7 @@ def peers() -> list[Row]:
         kinematics = import_module("python_vehicle_simulator.lib.gnc")
     except ImportError:
         return [Row(f"not measured: {FOSSEN}", np.nan, "")]
+    # to 10 m and 30° by a propeller at 1200 /min, in a current of 0.3 m/s towards 30°
     vehicle = vehicles.remus100("depthHeadingAutopilot", 10.0, 30.0, 1200.0, 0.3, 30.0)
     seconds = least_time(_fossen_loop(vehicle, kinematics.attitudeEuler), 5)
     return [Row("Python Vehicle Simulator, one REMUS 100", seconds / _STEPS * 1e6, "µs/step")]

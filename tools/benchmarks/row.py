@@ -33,10 +33,10 @@ class Row(NamedTuple):
     value: float
     unit: str
     ratio: float = np.nan
-    """How many times faster than the peer named in `against`."""
+    """How many times faster than the peer named in `against`; NaN: there is none."""
     against: str = ""
     floor: float = np.nan
-    """What the machine could do at best, in the same unit."""
+    """What the machine could do at best, in the same unit; NaN: it is not known."""
     goal: Goal | None = None
     """What the value is to reach, in the same unit; None: it only informs."""
 
@@ -49,8 +49,8 @@ def least_time(work: Callable[[], object], repeats: int = 7) -> float:
 
 
 def least_times(works: Sequence[Callable[[], object]], repeats: int) -> list[float]:
-    """Least processor time of each of several that take turns, so that a machine that slows down
-    slows all of them.
+    """Least processor time [s] of each of several that take turns, so that a machine that slows
+    down slows all of them.
     """
     for work in works:
         work()

@@ -1,5 +1,5 @@
-"""Speed beside peers, all measured in one run of one process on one core: `python -m
-tools.benchmarks.run`.
+"""Speed beside peers, all measured in one run, on one core but for what needs several processes:
+`python -m tools.benchmarks.run`.
 
 Each benchmark is a function that returns rows; `BENCHMARKS` lists them. Times are the least of
 several, because other work on the machine can only add to them. A row that misses its goal is named
@@ -47,8 +47,8 @@ from tools.documents.markers import RECORDS
 
 RUNS = 60
 STEPS = 2000
-MESSAGE_EVERY = 10
-DT = 0.1
+MESSAGE_EVERY = 10  # steps
+DT = 0.1  # [s]
 FLOPS_PER_STEP = 200
 """Operations of LAISN-2 in a step: predict 50, sine and cosine 35, speed update 105, a tenth of
 a fix's update 12.
@@ -124,8 +124,16 @@ def filterpy_loop(mission: Measurements, start: Floats, settings: NavigationSett
 def vectorised_numpy(
     readings: Floats, messages: Floats, start: Floats, settings: NavigationSettings
 ) -> Floats:
-    """The Kalman filter of all runs at once with NumPy; `readings` (n, 2, R), fixes `messages`
-    (m, 2, R).
+    """The Kalman filter of all R runs at once with NumPy.
+
+    Args:
+        readings: speed [m/s] and heading [rad] of each step, shape (n, 2, R).
+        messages: fixes, east and north [m], shape (m, 2, R).
+        start: east, north [m] and velocity [m/s], shape (4,).
+        settings: of the filter.
+
+    Returns:
+        States at the end, shape (R, 4).
     """
     runs = readings.shape[2]
     x = np.tile(start, (runs, 1))
@@ -192,6 +200,7 @@ def navigation() -> list[Row]:
     filterpy_ns = (
         least_time(lambda: filterpy_loop(short, truth.start, settings), 3) / few_steps * 1e9
     )
+    # speeds of the log, headings of the compass
     log_and_compass = readings.reshape(n, 3, -1)[:, :2, :RUNS]
     # the leader's east and north stand in for fixes, as only the time counts; a lane holds 3
     # readings and 10 numbers of a message
@@ -213,14 +222,16 @@ def navigation() -> list[Row]:
         Row("NumPy vectorised over 60 runs: predict and updates only", vectorised_ns, "ns/step"),
     ]
 
-    def timed(name: str, work: Callable[[], object], steps: int, goal: Goal | None = None) -> None:
+    def add_rows(
+        name: str, work: Callable[[], object], steps: int, goal: Goal | None = None
+    ) -> None:
         value = least_time(work) / (steps * RUNS) * 1e9
         lane = f"lanes, {name}"
         rows.append(Row(lane, value, "ns/step", filterpy_ns / value, "filterpy", floor, goal))
         rows.append(Row(lane, value, "ns/step", vectorised_ns / value, "NumPy", floor))
 
     tuned = lanes.tuning(settings)
-    timed(
+    add_rows(
         "LAISN-2 filter only",
         lambda: filter_only(readings, truth.message_step, messages, truth.start[None], tuned),
         n,
@@ -242,7 +253,7 @@ def navigation() -> list[Row]:
         )
         goal = Goal(WHOLE_GOAL_NS) if variant == "laisn-2" else None
         name = f"{variant.upper()} with noise and metrics"
-        timed(name, lambda cell=cell: simulate(cell), 5 * n, goal)  # type: ignore[misc]
+        add_rows(name, lambda cell=cell: simulate(cell), 5 * n, goal)  # type: ignore[misc]
     return rows
 
 
@@ -334,7 +345,7 @@ def record(rounds: Mapping[str, Sequence[list[Row]]]) -> Findings:
 
 
 def renewed(old: Findings, new: Findings) -> Findings:
-    """A record in which the benchmarks of a newer one take the place of those of their names.
+    """The old record with the benchmarks that the new one has in place of its own.
 
     LaisnError if the records are of different machines.
     """
@@ -378,6 +389,7 @@ def _beside(key: str, rows: Sequence[Row]) -> dict[str, Finding]:
 
 
 def _spread(values: Sequence[float], unit: str, description: str) -> Finding:
+    """Median, least and largest of the values; of a single one no limits."""
     if len(values) == 1:
         return plain_finding(values[0], description, unit)
     return interval_finding(

@@ -20,11 +20,11 @@ from tools.benchmarks.row import Goal, Row, least_times
 FIELD_GOAL = 1.2
 """How many times as long a step in a current from a file may take as in a uniform one."""
 REFRACTION_GOAL = 1.02
-"""How many times as long a closed loop of ten may take with rays that bend."""
+"""How many times as long a closed loop of ten may take with bent rays as with straight ones."""
 DURATION_S = 400.0
 _REPEATS = 6
 _FRONT = resources.files("experiments") / "studies" / "front" / "front.nc"
-# a thermocline of 20 m/s about the followers
+# depth [m] and speed of sound [m/s]: a thermocline of 20 m/s about the followers
 _PROFILE = [[0.0, 1480.0], [10.0, 1480.0], [20.0, 1460.0], [40.0, 1460.0]]
 
 
@@ -37,14 +37,18 @@ def _flight(scenario: Scenario, *, closed: bool) -> Callable[[], object]:
     plants = [Plant(setups_of(mission, routes), ocean, step_s) for _ in range(_REPEATS + 1)]
     if not closed:
         return lambda: simulate(plants.pop(), routes, scenario.duration_s)
-    steering = partial(closed_loop_of, scenario, whole=False)
-    return lambda: simulate(plants.pop(), routes, scenario.duration_s, make_controller=steering)
+    make_controller = partial(closed_loop_of, scenario, whole=False)
+    return lambda: simulate(
+        plants.pop(), routes, scenario.duration_s, make_controller=make_controller
+    )
 
 
 def _pair(
     scenarios: Sequence[Scenario], names: Sequence[str], ratio: tuple[str, float], *, closed: bool
 ) -> list[Row]:
-    """Steps of two missions, and how many times as long the second one's take."""
+    """Steps of two missions, and how many times as long the second one's take; `ratio` has the name
+    and the goal of that row.
+    """
     first, second = scenarios
     steps = round(first.duration_s / first.timing.physics_step_s)
     times = least_times([_flight(each, closed=closed) for each in (first, second)], _REPEATS)
