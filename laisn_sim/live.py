@@ -26,10 +26,10 @@ from sim.log.writer import Event
 from sim.scenario.parts import MissionPlan
 
 HOST = "127.0.0.1"
-USUAL_SPEED = 10.0
+USUAL_SPEED = 10.0  # seconds of the mission in a second of the viewer's
 _SHOWN_EVERY_S = 0.2  # of the viewer's time
-_HEARTBEAT_S = 2.0
-_GOODBYE_S = 3.0
+_HEARTBEAT_S = 2.0  # longest time between two messages to a page, which shows that it is still open
+_GOODBYE_S = 3.0  # longest wait at the end for pages to receive the rest
 _LONGEST_REQUEST = 1000  # bytes of a request that controls
 _WAITING = """<!DOCTYPE html><meta charset="utf-8"><meta http-equiv="refresh" content="1">
 <title>Waiting</title><p style="font: 1.1rem system-ui; margin: 3rem">The mission has not begun yet.
@@ -37,7 +37,9 @@ _WAITING = """<!DOCTYPE html><meta charset="utf-8"><meta http-equiv="refresh" co
 
 
 def speed_of(value: object) -> float:
-    """Seconds of the mission a second, inf: as fast as possible; LaisnError if it is none."""
+    """A speed in seconds of the mission in a second of the viewer's, inf: as fast as possible;
+    LaisnError if the value is no such speed.
+    """
     number = float(value) if isinstance(value, int | float) else math.nan
     if not number > 0.0:
         raise LaisnError(f"live: expected a speed above 0, seconds a second (given: {value!r})")
@@ -51,23 +53,26 @@ class LiveView:
     """
 
     def __init__(self, speed: float | None = None, *, foxglove_port: int | None = None) -> None:
-        """Serve on a free port; `speed` in seconds of the mission a second, None: the usual one.
+        """Serve on a free port; `speed` as of `speed_of`, None: `USUAL_SPEED`.
+
         With a port, the channels of the log are served to Foxglove, too. LaisnError if the speed is
-        none, or the port is taken.
+        not valid, or the port is taken.
         """
         self.foxglove = None if foxglove_port is None else FoxgloveStream(foxglove_port)
         self.speed = speed_of(USUAL_SPEED if speed is None else speed)
         self.paused = False
-        self.changed = threading.Condition()
-        self.page = b""
-        self.messages: list[str] = []  # since the page's beginning
-        self.viewers = 0
-        self.seen = 0  # pages that were opened
+        self.changed = threading.Condition()  # guards what follows; notified of each change
+        self.page = b""  # HTML, with the mission until its first picture; empty: not begun
+        self.messages: list[str] = []  # JSON, since the page's beginning
+        self.open_pages = 0
+        self.pages_opened = 0  # until now, with those that were closed
         self.is_over = False
-        self.generation = 0
+        self.generation = 0  # number of missions that have begun
         self._stream: SceneStream | None = None
-        self._paced: tuple[float, float] | None = None  # wall clock and mission's time of a moment
-        self._shown_at = -math.inf
+        # one moment on the monotonic clock and in the mission [s], from which `wait` keeps the
+        # speed; None: it begins with the next call
+        self._paced: tuple[float, float] | None = None
+        self._shown_at = -math.inf  # when the last picture was sent, on the monotonic clock [s]
         self._server = _Server(self)
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
 
@@ -174,12 +179,14 @@ class LiveView:
     def wait_for_page(self, patience_s: float) -> bool:
         """Wait for the first page that is opened; whether there is one."""
         with self.changed:
-            return self.changed.wait_for(lambda: self.seen > 0, patience_s)
+            return self.changed.wait_for(lambda: self.pages_opened > 0, patience_s)
 
     def finish(
         self, flight: FlightRecord, events: Sequence[Event], mirror_locked: Sequence[Bools]
     ) -> None:
-        """Show the rest, and that the mission is over; wait until pages have it, for seconds."""
+        """Show the rest, and that the mission is over; wait until open pages have received it, for
+        at most `_GOODBYE_S`.
+        """
         if self.is_over:
             return
         self.show(flight)
@@ -187,7 +194,7 @@ class LiveView:
         with self.changed:
             self.is_over = True
             self.changed.notify_all()
-            self.changed.wait_for(lambda: self.viewers == 0, _GOODBYE_S)
+            self.changed.wait_for(lambda: self.open_pages == 0, _GOODBYE_S)
 
     def close(self) -> None:
         """Serve no more."""
@@ -210,14 +217,14 @@ class _Server(ThreadingHTTPServer):
         self.view = view
 
     def handle_error(self, *_: Any) -> None:
-        """A page that was closed is none."""
+        """Print no traceback: a page was closed while it was answered."""
 
 
 class _Handler(BaseHTTPRequestHandler):
     server: _Server
 
     def log_message(self, *_: Any) -> None:
-        """Requests of the page are no news."""
+        """Print no line for each request."""
 
     def _refuse(self, status: HTTPStatus) -> None:
         self.send_response(status)
@@ -282,8 +289,8 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Cache-Control", "no-store")
         self.end_headers()
         with view.changed:
-            view.viewers += 1
-            view.seen += 1
+            view.open_pages += 1
+            view.pages_opened += 1
             generation = view.generation
             view.changed.notify_all()
         try:
@@ -293,7 +300,7 @@ class _Handler(BaseHTTPRequestHandler):
             pass  # the page was closed
         finally:
             with view.changed:
-                view.viewers -= 1
+                view.open_pages -= 1
                 view.changed.notify_all()
 
     def _follow(self, view: LiveView, generation: int) -> None:
@@ -327,7 +334,9 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def live_view(live: bool | float | LiveView) -> LiveView:
-    """The view that a simulation is given, or a new one; LaisnError if a speed is none."""
+    """The view that a simulation is given, or a new one: of the usual speed for True, of this
+    speed for a number; LaisnError if it is not valid.
+    """
     if isinstance(live, LiveView):
         return live
     return LiveView(None if live is True else live)

@@ -155,10 +155,13 @@ class Simulation:
         with compiling_shown():
             self._mission = closed_loop_mission(self.scenario)
             self._loop = cast(AnyClosedLoop, self._mission.controller)
+            # from outside, by index of the vehicle
             self._commands: dict[int, Command | Wrench | Floats] = {}
-            self._reference = records(REFERENCE, 1)
+            self._reference = records(REFERENCE, 1)  # room for the state that a command asks for
             self._outcome = Termination.INTERRUPTED
+            # floor, areas and routes that end the mission if a vehicle leaves them
             self._bounds = bounds_of(MotionSettings.of(self.scenario))
+            # what was flown until now, which grows with the mission
             self._flown = ClosedLoopFlight(self.scenario, self._mission)
             self._mission.observers = self._observers
             self._log: FlightLog | None = None
@@ -212,6 +215,7 @@ class Simulation:
 
     @property
     def _instant(self) -> int:
+        """Index of the latest control instant, 0 at the start."""
         return self._mission.instants - 1
 
     @property

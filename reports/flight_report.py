@@ -465,7 +465,7 @@ def flight_report(
         for name, estimates in zip(names, flight.estimates, strict=True)
         if np.isfinite(estimates.state[estimates.steps_without_estimate :]).all()
     ]
-    detection_s = sightings(MotionSettings.of(flight.scenario), flight.trajectory).spent_s
+    gave_way_s = sightings(MotionSettings.of(flight.scenario), flight.trajectory).spent_s
     with_station = [i for i in _drawn(flight) if flight.scenario.followers[i].station]
     overview = _overview(flight, errors) if len(names) > 1 else None
     release_mapped_memory()
@@ -484,7 +484,7 @@ def flight_report(
         "drawn": len(_drawn(flight)),
         "events": [*route_events(flight), *approach_events(flight)],
         "nearest": closest_approaches(flight.trajectory) if with_station else (),
-        "gave_way": {name: s for name, s in zip(names, detection_s.tolist(), strict=True) if s > 0},
+        "gave_way": {name: s for name, s in zip(names, gave_way_s.tolist(), strict=True) if s > 0},
         "contacts": contacts(flight.trajectory),
         "not_finite": [name for name in names if name not in finite_names],
         "mirror_locked": mirror_locks(flight, finite_names),

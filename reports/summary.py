@@ -74,8 +74,8 @@ def _route_summary(
 
 
 def _nearest(flight: FlightRecord) -> dict[str, Any]:
-    """Vehicles that came nearest to each other: in space, horizontally, horizontally of one
-    layer; contacts.
+    """Vehicles that came nearest to each other: in space, horizontally, and horizontally of those
+    in one depth layer; contacts.
     """
     space, level = tracking.closest_approaches(flight.trajectory)
     row = dict[str, Any]()
@@ -93,11 +93,11 @@ def _nearest(flight: FlightRecord) -> dict[str, Any]:
 
 
 def consistency(flight: FlightRecord, follower: int, bound: Floats) -> dict[str, float | None]:
-    """Consistency of a follower's errors with its covariance, and their bound, from the first
-    estimate on.
+    """Consistency of a follower's errors with its covariance, and their bound, shape (n,), [m],
+    from the first estimate on.
 
     `nees` is the mean of eᵀ P⁻¹ e (2 if P is right; None: singular), `rms_over_bound` the RMS of
-    E_P over the bound's; a bound of NaN is none.
+    E_P over the bound's, `bound_rms_m`; with a bound of NaN both are None.
     """
     truth = flight.hydrophone(follower)[:, :2]
     estimates = flight.estimates[follower]
@@ -193,8 +193,8 @@ def summarise(flight: FlightRecord, bounds: list[Floats] | None = None) -> dict[
     names = flight.trajectory.names[1:]
     track_errors = tracking.track_errors(MotionSettings.of(flight.scenario), flight.trajectory)
     routes = routes_of(MissionPlan.of(flight.scenario))
-    sensing = flight.scenario.formation.proximity is not None
-    detection_s = sightings(MotionSettings.of(flight.scenario), flight.trajectory).spent_s
+    has_proximity_sensor = flight.scenario.formation.proximity is not None
+    gave_way_s = sightings(MotionSettings.of(flight.scenario), flight.trajectory).spent_s
     leader = leader_row(flight)
     return {
         "scenario": flight.scenario.name,
@@ -211,7 +211,7 @@ def summarise(flight: FlightRecord, bounds: list[Floats] | None = None) -> dict[
             name: metrics.summarise(*errors[i])._asdict()
             | consistency(flight, i, bounds[i])
             | _route_summary(flight, i, routes[i + 1], track_errors[:, i])
-            | ({"gave_way_s": float(detection_s[i])} if sensing else {})
+            | ({"gave_way_s": float(gave_way_s[i])} if has_proximity_sensor else {})
             | {"relative_errors": relative_error(flight, i)}
             | {"fixes": metrics.fix_counts(flight.estimates[i])}
             | _own_variant(flight, i)
@@ -222,11 +222,10 @@ def summarise(flight: FlightRecord, bounds: list[Floats] | None = None) -> dict[
 
 
 # least distance of two stations, in standard deviations of their followers' relative position error
-SIGMAS = 3.0
-OFF_ROUTE_M = 10.0
-NEAR_M = 1.0
-_ROUNDING = 1.0 + 1e-9
-"""Largest usual distance from the route, and least usual one between two vehicles' origins [m]."""
+STATION_GAP_SIGMAS = 3.0
+OFF_ROUTE_M = 10.0  # largest distance from the route without a warning
+NEAR_M = 1.0  # least distance of two vehicles' origins without a warning
+_ROUNDING = 1.0 + 1e-9  # more than the rounding of a squared distance, as a factor
 
 
 def route_events(flight: FlightRecord) -> list[Event]:
@@ -292,8 +291,8 @@ def largest_sigma(covariance: Floats) -> Floats:
 
 
 def uncertainty_events(flight: FlightRecord) -> list[Event]:
-    """An event where two stations of one layer are first nearer than `SIGMAS` σ of their
-    followers' relative error.
+    """An event where two stations of one layer are first nearer than `STATION_GAP_SIGMAS` σ of
+    their followers' relative error.
     """
     followers = flight.scenario.followers
     steps = flight.step_index()
@@ -311,17 +310,17 @@ def uncertainty_events(flight: FlightRecord) -> list[Event]:
     places = tracking.true_stations(MotionSettings.of(flight.scenario), flight.trajectory)[steps]
     east = np.ascontiguousarray(places.east.T)
     north = np.ascontiguousarray(places.north.T)
-    reach = np.square(
-        [SIGMAS * largest_sigma(estimates.covariance) for estimates in flight.estimates]
+    squared_reach = np.square(
+        [STATION_GAP_SIGMAS * largest_sigma(estimates.covariance) for estimates in flight.estimates]
     )
     for i, j in pairs:
         # the largest variance of a sum is at most the sum of the largest ones, which are at hand;
         # NaN is not excluded
         squared = (east[i] - east[j]) ** 2 + (north[i] - north[j]) ** 2
-        if np.all(squared > _ROUNDING * (reach[i] + reach[j])):
+        if np.all(squared > _ROUNDING * (squared_reach[i] + squared_reach[j])):
             continue
         distance = np.hypot(east[i] - east[j], north[i] - north[j])
-        is_near = distance < SIGMAS * largest_sigma(
+        is_near = distance < STATION_GAP_SIGMAS * largest_sigma(
             flight.estimates[i].covariance + flight.estimates[j].covariance
         )
         if is_near.any():
@@ -330,7 +329,7 @@ def uncertainty_events(flight: FlightRecord) -> list[Event]:
                 f"stations of {followers[i].name} and {followers[j].name}, {distance[k]:.1f} m "
                 "apart, are nearer"
             )
-            text += f" than {SIGMAS:g} sigma of their relative position error"
+            text += f" than {STATION_GAP_SIGMAS:g} sigma of their relative position error"
             events.append(
                 Event(float(flight.trajectory.time[steps[k]]), "warning", text, followers[i].name)
             )
@@ -356,9 +355,9 @@ def mirror_lock_events(flight: FlightRecord) -> list[Event]:
     return sorted(events, key=lambda event: event.time_s)
 
 
-def stray_events(flight: FlightRecord) -> list[Event]:
-    """Warnings: a vehicle leaves the water or its route, touches or nearly touches another, or
-    stations are close.
+def safety_warnings(flight: FlightRecord) -> list[Event]:
+    """Warnings: a vehicle leaves the water or its route, touches or nearly touches another, or two
+    stations are close for the uncertainty of their followers.
     """
     events = [
         *route_events(flight),
@@ -384,10 +383,10 @@ def stray_events(flight: FlightRecord) -> list[Event]:
     return sorted(events, key=lambda event: event.time_s)
 
 
-def flight_events(flight: FlightRecord, stray: Sequence[Event] | None = None) -> list[Event]:
-    """All events of a flight, in order of time; `stray` are its `stray_events`, computed here if
-    None.
+def flight_events(flight: FlightRecord, warnings: Sequence[Event] | None = None) -> list[Event]:
+    """All events of a flight, in order of time; `warnings` are its `safety_warnings`, computed here
+    if None.
     """
-    stray = stray_events(flight) if stray is None else stray
-    events = [*mirror_lock_events(flight), *giving_way_events(flight), *stray]
+    warnings = safety_warnings(flight) if warnings is None else warnings
+    events = [*mirror_lock_events(flight), *giving_way_events(flight), *warnings]
     return sorted(events, key=lambda event: event.time_s)

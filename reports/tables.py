@@ -19,8 +19,8 @@ from reports.parquet import arrow_table
 from reports.summary import mirror_locked_steps, true_bearing
 from sim.flight import FlightRecord, position_and_bearing_errors
 
-_MAX_SHOWN_FOLLOWERS = 5
-_MAX_NAMED_FOLLOWERS = 12
+_MAX_SHOWN_ROWS = 5
+_MAX_NAMED_COLUMNS = 12
 
 
 class Table:
@@ -69,15 +69,15 @@ class Table:
         return self.arrow.__arrow_c_stream__(requested_schema)
 
     def __repr__(self) -> str:
-        columns = self.columns[:_MAX_NAMED_FOLLOWERS]
-        if len(self.columns) > _MAX_NAMED_FOLLOWERS:
+        columns = self.columns[:_MAX_NAMED_COLUMNS]
+        if len(self.columns) > _MAX_NAMED_COLUMNS:
             columns.append("…")
         return f"<Table: {len(self)} rows, {len(self.columns)} columns: {', '.join(columns)}>"
 
     def _repr_html_(self) -> str:
         heads = "".join(f"<th>{html.escape(name)}</th>" for name in self.columns)
         rows = ""
-        for row in self.arrow.slice(0, _MAX_SHOWN_FOLLOWERS).to_pylist():
+        for row in self.arrow.slice(0, _MAX_SHOWN_ROWS).to_pylist():
             texts = (f"{v:.6g}" if isinstance(v, float) else str(v) for v in row.values())
             rows += f"<tr>{''.join(f'<td>{html.escape(text)}</td>' for text in texts)}</tr>"
         return (
@@ -87,6 +87,7 @@ class Table:
 
 
 def _place(position: npt.NDArray[Any]) -> dict[str, Any]:
+    """Columns of positions (east, north, up), shape (n, 3), [m]."""
     return {"east_m": position[:, 0], "north_m": position[:, 1], "depth_m": -position[:, 2]}
 
 
@@ -147,7 +148,7 @@ def truth_table(flight: FlightRecord) -> Table:
     return Table(pa.concat_tables(parts))
 
 
-_LEADER = (
+_LEADER_COLUMNS = (
     "time_s",
     "east_m",
     "north_m",
@@ -169,11 +170,11 @@ def _custom_columns(measurements: Measurements) -> Iterator[tuple[str, Floats]]:
         header = measurements.sensors.get(sensor, SensorHeader())
         units = [channel.unit for channel in header.channels] or [""] * rows.shape[1]
         for name, unit, values in zip(header.names(rows.shape[1]), units, rows.T, strict=True):
-            angle = unit.partition("/")[0] == "rad"
-            shown_unit = unit.replace("rad", "deg", 1) if angle else unit
+            is_angle = unit.partition("/")[0] == "rad"
+            shown_unit = unit.replace("rad", "deg", 1) if is_angle else unit
             ending = re.sub(r"\W+", "_", shown_unit).strip("_").lower()
             column = "_".join(filter(None, (sensor, name, ending)))
-            yield column, np.rad2deg(values) if angle else values
+            yield column, np.rad2deg(values) if is_angle else values
 
 
 def measurements_table(flight: FlightRecord) -> Table:
@@ -196,7 +197,8 @@ def measurements_table(flight: FlightRecord) -> Table:
             "depth_m": measurements.depth,
         }
         received = {
-            f"leader_{column}": measurements.message[:, i] for i, column in enumerate(_LEADER)
+            f"leader_{column}": measurements.message[:, i]
+            for i, column in enumerate(_LEADER_COLUMNS)
         }
         received |= {
             f"range_{transmitter}_m": measurements.ranges[:, i]

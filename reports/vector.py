@@ -25,7 +25,7 @@ _DPI = 200  # of pictures of pixels
 _MAX_PAGE_BYTES = 30_000_000
 _DATA = re.compile(r'<script type="application/octet-stream" id="figure-data">([^<]*)</script>')
 _SYMBOL = re.compile(r"<i>(.+?)</i>(?:<sub>(.+?)</sub>)?")
-_NAME = re.compile(r"<extra>(.*)</extra>")
+_TRACE_NAME = re.compile(r"<extra>(.*)</extra>")  # in a hover template
 _DASHES = {"solid": "-", "dash": (0, (4, 2.5)), "dot": (0, (1, 1.5))}
 _MARKERS = {
     "circle": "o",
@@ -39,10 +39,10 @@ _MARKERS = {
 _POINTS_PER_PIXEL = 0.75  # points to a pixel of the page
 _PART_INCH = 1.15  # height of one of several axes
 _ALONE_INCH = 2.3  # and of one that stands alone, of the usual width
-_USUAL_INCH = 3.5
-_MAX_LABELS = 4  # up an axis in letters of the usual size
-_SMALL_FONT = 5.5
-_TITLE_INCH = 0.75  # of axis, legend and margins
+_USUAL_INCH = 3.5  # width, that of a column of a paper
+_MAX_LABELS = 4  # words beside a y axis in the usual font; more are smaller
+_SMALL_FONT = 5.5  # [pt]
+_TITLE_INCH = 0.75  # height of the x axis' label, legend and margins
 _STYLE: dict[Any, Any] = {
     "font.size": 8.0,
     "font.family": "sans-serif",
@@ -99,6 +99,7 @@ class DrawnFigure:
 
 
 def _name_of(layout: Mapping[str, Any], is_first_map: bool) -> str:
+    """A figure's name: map, errors, or that of its title or first axis."""
     labels = [axis["title"]["text"] for key, axis in layout.items() if key.startswith("yaxis")]
     if is_first_map:
         return "map"
@@ -122,8 +123,8 @@ def figures_of(page: Path) -> list[DrawnFigure]:
     counts: dict[str, int] = {}
     for figure in map(light, figures):
         layout = figure["layout"]
-        is_map = "scaleanchor" in layout["yaxis"] and "map" not in counts
-        name = _name_of(layout, is_map)
+        is_first_map = "scaleanchor" in layout["yaxis"] and "map" not in counts
+        name = _name_of(layout, is_first_map)
         counts[name] = counts.get(name, 0) + 1
         if counts[name] > 1:
             name = f"{name}-{counts[name]}"
@@ -145,7 +146,7 @@ def _values(values: Sequence[float | None]) -> Floats:
 
 
 def _trace_name(trace: Mapping[str, Any]) -> str:
-    match = _NAME.search(trace.get("hovertemplate", ""))
+    match = _TRACE_NAME.search(trace.get("hovertemplate", ""))
     return formula(match[1]) if match else ""
 
 
@@ -181,8 +182,8 @@ def _scatter(axes: Axes, trace: Mapping[str, Any]) -> None:
             axes.annotate(formula(text), (x[index], y[index]), (3, 0), textcoords="offset points")
 
 
-def _colours(figure: Figure, axes: Axes, trace: Mapping[str, Any]) -> None:
-    """A map of bands, or of cells with their values."""
+def _colour_map(figure: Figure, axes: Axes, trace: Mapping[str, Any]) -> None:
+    """Draw a map of bands, or of cells with their values, and its colour bar."""
     z = np.array([_values(row) for row in trace["z"]])
     bar = trace["colorbar"]
     axes.grid(visible=False)
@@ -243,7 +244,7 @@ def _legend(figure: Figure, parts: Sequence[Axes]) -> None:
         figure.legend([*entries.values()], [*entries], loc="outside upper center", ncols=columns)
 
 
-def _shares(axes: Sequence[Mapping[str, Any]]) -> list[float]:
+def _height_ratios(axes: Sequence[Mapping[str, Any]]) -> list[float]:
     return [axis["domain"][1] - axis["domain"][0] for axis in axes]
 
 
@@ -252,8 +253,8 @@ def draw(drawing: DrawnFigure, width: float) -> Figure:
     count = len(drawing.axes)
     height = count * _PART_INCH if count > 1 else _ALONE_INCH * (width / _USUAL_INCH) ** 0.5
     figure = Figure(figsize=(width, height + _TITLE_INCH), layout="constrained")
-    shares = _shares(drawing.axes)
-    grid = figure.subplots(count, 1, sharex=True, squeeze=False, height_ratios=shares)
+    ratios = _height_ratios(drawing.axes)
+    grid = figure.subplots(count, 1, sharex=True, squeeze=False, height_ratios=ratios)
     parts: list[Axes] = grid.ravel().tolist()
     for number, (axes, axis) in enumerate(zip(parts, drawing.axes, strict=True)):
         name = f"y{number + 1}" if number else "y"
@@ -263,7 +264,7 @@ def draw(drawing: DrawnFigure, width: float) -> Figure:
         traces = [trace for trace in drawing.data if trace.get("yaxis", "y") == name]
         for trace in sorted(traces, key=lambda trace: "z" not in trace):
             if "z" in trace:
-                _colours(figure, axes, trace)
+                _colour_map(figure, axes, trace)
             else:
                 _scatter(axes, trace)
         if "scaleanchor" in axis:

@@ -17,13 +17,15 @@ from sim.scenario.parts import SensingSettings
 from sim.tracking import JOINED_M, LOST_M, contacts
 
 _BEFORE_S = 120.0  # causes are sought in this time before a loss
-_SILENCE_MESSAGES = 5.0  # least silence that is a cause [message intervals]
+# least silence that is a cause: the longer of these [message intervals] and [s]
+_SILENCE_MESSAGES = 5.0
 _SILENCE_S = 10.0
 _TURN_DEG = 45.0  # least turn of the leader that is named
-_RIGHT_SHARE = 0.3  # an error of the estimate below this share of the distance off is no cause
-_LOCKED_SHARE = 0.5  # of the last part of the time before a loss
+# an error of the estimate below this share of the distance off the route or station is no cause
+_RIGHT_SHARE = 0.3
+_LOCKED_SHARE = 0.5  # least share of the time within `_LOCKED_S` of a loss that is a cause
 _LOCKED_S = 20.0
-_CONSISTENT_NEES = 20.0  # mean NEES above this: the filter is surer than right (2 if consistent)
+_OVERCONFIDENT_NEES = 20.0  # mean NEES above this: the filter is surer than right (2: consistent)
 _NO_CAUSE = "the record shows no single cause"
 _MAX_NAMED_FOLLOWERS = 4  # most followers that the sentence names
 
@@ -34,7 +36,7 @@ class Loss:
 
     follower: str
     time_s: float  # when it first was
-    what: str
+    what: str  # in what respect: "more than 10 m off its station", and so on
     cause: str
     silence_s: float  # longest time without a message shortly before [s]
 
@@ -63,9 +65,12 @@ class Silence:
 
 
 def longest_silence(flight: FlightRecord, follower: int, begin_s: float, end_s: float) -> Silence:
-    """The longest time without a received message of a follower that reaches into begin … end."""
+    """The longest time without a received message of a follower that ends after `begin_s`, until
+    `end_s` at most.
+    """
     measurements = flight.measurements[follower]
     received = measurements.time[measurements.message_step - 1]
+    # with a range; the fields of a message alone give no position
     heard_times = received[np.isfinite(measurements.ranges).any(axis=1)]
     times = np.concatenate([[0.0], heard_times[heard_times <= end_s], [end_s]])
     spans = np.where(times[1:] > begin_s, np.diff(times), 0.0)
@@ -91,7 +96,9 @@ def _silence_text(silence: Silence) -> str:
 
 
 def _is_locked(flight: FlightRecord, follower: int, time: Floats, loss_s: float) -> bool:
-    """Whether the estimate was at the mirror image for most of the time around a loss."""
+    """Whether the estimate was at the mirror image for most of the time around a loss; `time` of
+    the filter steps, shape (n,), [s].
+    """
     steps = flight.step_index()
     truth = flight.trajectory
     locked = mirror_locked_steps(
@@ -111,7 +118,10 @@ def _first_true(condition: Bools) -> int | None:
 def _loss(
     flight: FlightRecord, follower: int, errors: Floats, track_error: Floats
 ) -> tuple[float, str] | None:
-    """When a follower was first lost, and in what respect; None if it was not.
+    """When a follower was first lost [s], and in what respect; None if it was not.
+
+    `errors` of its estimate at filter steps, `track_error` off its route or station at all
+    instants of the trajectory [m].
 
     On a station, or steering by its estimate, its place counts; on a route the estimate.
     """
@@ -136,14 +146,14 @@ def _loss(
 def _cause(
     flight: FlightRecord, follower: int, loss_s: float, errors: Floats, track_error: Floats
 ) -> str:
-    """The likeliest cause of a loss that the record shows."""
+    """The likeliest cause of a loss that the record shows; arguments as of `_loss`."""
     steps = flight.step_index()
     time = flight.trajectory.time[steps]
     step = min(int(np.searchsorted(time, loss_s)), time.size - 1)
     error = float(errors[step])
     plan = flight.scenario.followers[follower]
-    station_error = float(track_error[min(int(steps[step]), track_error.size - 1)])
-    if plan.guided_by_estimate and error < _RIGHT_SHARE * station_error:
+    distance_off = float(track_error[min(int(steps[step]), track_error.size - 1)])
+    if plan.guided_by_estimate and error < _RIGHT_SHARE * distance_off:
         speed = float(flight.trajectory.forward_speed[steps[step], follower + 1])
         return (
             f"not its estimate, which was {error:.1f} m off, but its motion, at {speed:.2g} m/s "
@@ -160,7 +170,7 @@ def _cause(
         return "an assumption that does not hold: " + "; ".join(cautions[:2])
     squares = nees(flight.estimates[follower], flight.hydrophone(follower)[:, :2])[: step + 1]
     finite = squares[np.isfinite(squares)]
-    if finite.size and finite.mean() > _CONSISTENT_NEES:
+    if finite.size and finite.mean() > _OVERCONFIDENT_NEES:
         return (
             f"the filter was surer than right (mean NEES {finite.mean():.3g} before, 2 if "
             "consistent): its assumed errors are too small for the true ones"

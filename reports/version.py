@@ -18,12 +18,14 @@ from sim.system import atomic_write
 ROOT = Path(__file__).resolve().parents[1]
 OWN_PACKAGES = ("models", "laisn", "sim", "reports", "experiments", "laisn_sim")
 # outside the wheel: some records of the documents are computed there
-_IN_CHECKOUT = ("tools", "tests")
+_CHECKOUT_ONLY = ("tools", "tests")
 # dependencies that shape results
 PACKAGES = ("mujoco", "numpy", "scipy", "numba", "mcap", "av", "pyarrow")
 
 _COMPUTING = ("experiments.campaign.campaign", "sim.scenario.file", *code_of_navigators())
-"""Modules that compute the numbers of cells. Tasks and facts add modules of their own."""
+"""Modules that compute the numbers of a study's cells. Tasks and facts (`experiments.campaign`) add
+modules of their own.
+"""
 _DATA = {".xml", ".json"}  # data files that modules of a package read: vehicles, routes
 _TABLES = {".toml", ".csv"}  # data files that a study reads beside its modules
 _MAX_STORED = 200  # versions on disk, of the same compiled sources
@@ -38,7 +40,7 @@ def reachable(modules: Iterable[str], root: Path = ROOT) -> dict[str, Path]:
     # an installed wheel has other packages beside it
     others = {path.name.partition(".")[0] for path in root.iterdir()} - {
         *OWN_PACKAGES,
-        *_IN_CHECKOUT,
+        *_CHECKOUT_ONLY,
     }
     finder = ModuleFinder([str(root)], excludes=others)
     # `ModuleFinder` finds no folders without `__init__.py`
@@ -148,8 +150,8 @@ def _digest_of_packages(modules: tuple[str, ...]) -> str:
     `sources` can reach from them.
     """
     folders = {*OWN_PACKAGES, *(name.partition(".")[0] for name in modules)}
-    if not folders.isdisjoint(_IN_CHECKOUT):
-        folders |= {*_IN_CHECKOUT}
+    if not folders.isdisjoint(_CHECKOUT_ONLY):
+        folders |= {*_CHECKOUT_ONLY}
     suffixes = {".py", *_DATA, *_TABLES}
     digest = hashlib.sha256(repr((sys.version, modules)).encode())
     for path in sorted(path for folder in folders for path in (ROOT / folder).rglob("*")):

@@ -121,9 +121,11 @@ class CampaignMission:
         self._observed = dict[Any, IdealMeasurements]()
         self._trajectory = trajectory
 
-    def seen(self, settings: CellSettings, follower: int) -> tuple[Trajectory, IdealMeasurements]:
-        """Motion with the transmitters of a cell, and what one follower sees; LaisnError if
-        vehicles move otherwise.
+    def motion_and_measurements(
+        self, settings: CellSettings, follower: int
+    ) -> tuple[Trajectory, IdealMeasurements]:
+        """Motion with the transmitters of a cell, and what one follower measures in it without
+        errors; LaisnError if vehicles move otherwise.
         """
         if settings.motion != self._motion:
             raise LaisnError("the scenario moves otherwise than the mission that was simulated")
@@ -198,7 +200,9 @@ class Cell:
             raise LaisnError(f"follower is {follower}, the scenario has {len(scenario.followers)}")
         scenario = scenario.navigated_as(follower)
         cell = CellSettings.of(scenario)
-        trajectory, truth = (mission or mission_of(scenario)).seen(cell, follower)
+        trajectory, truth = (mission or mission_of(scenario)).motion_and_measurements(
+            cell, follower
+        )
         return cls(
             truth=truth,
             errors=navigated_errors_of(cell.sensing, follower),

@@ -53,7 +53,7 @@ def bound(
         mission = mission_of(checked_scenario)
         settings = CellSettings.of(checked_scenario)
         for i, follower in enumerate(checked_scenario.followers):
-            trajectory, _ = mission.seen(settings, i)
+            trajectory, _ = mission.motion_and_measurements(settings, i)
             noise = noise_of(settings.sensing, settings.navigation, i)
             bound = least_rms(geometry_of(trajectory, settings.sensing, i), noise)
             bounds = [

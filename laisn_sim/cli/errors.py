@@ -47,9 +47,9 @@ def _show_warning(message: Warning | str, category: type[Warning], *_: Any, **__
         _print([f"laisn: {printable(message)}"], "yellow")
 
 
-def _report(error: BaseException) -> str:
-    """Write the traceback into a file that only this user can read; where it is, or why there is
-    none.
+def _write_traceback(error: BaseException) -> str:
+    """Write the traceback into a file that only this user can read; returns a sentence that says
+    where it is, or why there is none.
     """
     system = (
         f"laisn-sim {version('laisn-sim')}, Python {platform.python_version()} on "
@@ -98,7 +98,10 @@ def _outcome(error: BaseException) -> tuple[int, list[str]]:
         return USER_ERROR, [
             f"compiled code could not be read and is removed ({text}); run the command again"
         ]
-    return INTERNAL_ERROR, [f"this is a bug in the program ({text}); {_report(error)}", *notes]
+    return INTERNAL_ERROR, [
+        f"this is a bug in the program ({text}); {_write_traceback(error)}",
+        *notes,
+    ]
 
 
 @contextmanager
@@ -129,16 +132,18 @@ def report_errors() -> Iterator[None]:
 
 _MARKUP = re.compile(r"(\\*)(\[[a-z#/@][^\[]*?\])")
 """What Rich takes for a style, and leaves out: a unit such as [m]."""
-_NARROWEST = 20
+_MIN_COLUMNS = 20  # of the terminal, for help texts
 
 
-def _show_units(command: Any) -> None:
-    """Let help texts of a command and its subcommands stand as they are written."""
+def _escape_markup(command: Any) -> None:
+    """Escape what Rich would take for markup in the help texts of a command and its
+    subcommands.
+    """
     for option in command.params:
         if getattr(option, "help", None):
             option.help = _MARKUP.sub(r"\1\1\\\2", option.help)
     for inner in getattr(command, "commands", {}).values():
-        _show_units(inner)
+        _escape_markup(inner)
 
 
 class Commands(TyperGroup):
@@ -148,12 +153,14 @@ class Commands(TyperGroup):
         super().__init__(**attributes)
         # shells show help as it is
         if not any(name.endswith("_COMPLETE") for name in os.environ):
-            _show_units(self)
+            _escape_markup(self)
 
     def main(self, *arguments: Any, **options: Any) -> Any:
-        """Run the command, at least so wide that a word has room, whatever `COLUMNS` says."""
+        """Run the command; a width in the environment variable `COLUMNS` below `_MIN_COLUMNS`, or
+        one that is no number, is ignored.
+        """
         columns = os.environ.get("COLUMNS", "")
-        if columns and not (columns.isdecimal() and int(columns) >= _NARROWEST):
+        if columns and not (columns.isdecimal() and int(columns) >= _MIN_COLUMNS):
             del os.environ["COLUMNS"]
         return super().main(*arguments, **options)
 
@@ -167,7 +174,7 @@ def echo(text: object) -> None:
     typer.echo(printable(text))
 
 
-_signals: list[int] = []
+_signals: list[int] = []  # numbers of the signals that interrupted this process, in their order
 
 
 def _interrupt(number: int, _: FrameType | None) -> None:

@@ -31,7 +31,7 @@ from experiments.flight.folder import (
 from laisn.errors import LaisnError
 from laisn.spilled import released_regularly
 from reports.bound import flight_bounds
-from reports.summary import flight_events, stray_events, summarise
+from reports.summary import flight_events, safety_warnings, summarise
 from sim.feasibility import cautions
 from sim.flight import FlightRecord, Termination, navigate, position_and_bearing_errors
 from sim.log.contents import LogError
@@ -47,16 +47,18 @@ if TYPE_CHECKING:
     from sim.log.writer import FlightLog
 
 
-_LONG_S = 7200.0
-_STRETCH_S = 10.0  # of a live mission between two steps of its bar
-_MOST_OF_A_KIND = 10  # warnings that are printed
+_LONG_S = 7200.0  # of longer missions memory is given back while they are written
+_STRETCH_S = 10.0  # of a live mission between two steps of its progress bar
+_MOST_OF_A_KIND = 10  # warnings of one kind that are printed
 _PATIENCE_S = 30.0  # for the page of a live mission
 _LEGEND = """E_P, E_B: errors of position and bearing; track, depth: RMS off the route;
 NEES: 2 on average for a consistent filter; × bound: RMS of E_P over the bound"""
 
 
 def _show_stations(console: Console, flight: FlightRecord, summary: dict[str, Any]) -> None:
-    """Station errors, and the closest approaches of two vehicles, of all and of one layer."""
+    """Print station errors, and the closest approaches of two vehicles: of all, and of those in
+    one depth layer.
+    """
     rows = []
     for name, row in summary["followers"].items():
         if "station_rms_m" in row:
@@ -163,16 +165,18 @@ def _show_avoidance(console: Console, summary: dict[str, Any]) -> None:
         print_line(console, text, "avoidance:", "")
 
 
-def show_stray(console: Console, stray: Sequence[Event], names: Sequence[str]) -> None:
+def show_warnings(console: Console, warnings: Sequence[Event], names: Sequence[str]) -> None:
     """Print warnings of a flight of vehicles of these names; of very many of one kind, which large
     formations have, the first ones and how many more there are.
+
+    Texts that differ in names of vehicles and in numbers alone are of one kind.
     """
 
     def general(word: re.Match[str]) -> str:
         return "…" if word[0] in names or word[0][0].isdigit() else word[0]
 
     counts = Counter[str]()
-    for event in stray:
+    for event in warnings:
         kind = re.sub(r"[^\s,]+", general, event.text)
         counts[kind] += 1
         if counts[kind] <= _MOST_OF_A_KIND:
@@ -213,7 +217,8 @@ def _film(
 
 
 def fly_live(scenario: Scenario, view: "LiveView", progress: Update) -> FlightRecord:
-    """Fly a scenario as its page asks for; the flight is that of `laisn_sim.fly`.
+    """Fly a scenario at the speed, and with the pauses, that its live page asks for; the flight is
+    that of `laisn_sim.fly`.
 
     LaisnError if its vehicles move as points.
     """
@@ -257,8 +262,8 @@ class FlownFlight(NamedTuple):
 
     flight: FlightRecord
     summary: dict[str, Any]
-    stray: list[Event]
-    """Its `stray_events`."""
+    warnings: list[Event]
+    """Its `safety_warnings`."""
     film_error: Exception | None
     """A `LaisnError` or a bug that prevented a requested film."""
 
@@ -335,8 +340,8 @@ def write_flight(
                 flight = _simulate_and_navigate(mission, log, show_phase)
                 watch |= mission.watch
             errors = position_and_bearing_errors(flight)
-            stray = stray_events(flight)
-            events = flight_events(flight, stray)
+            warnings = safety_warnings(flight)
+            events = flight_events(flight, warnings)
             bounds = flight_bounds(flight)
             summary = summarise(flight, bounds)
             summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
@@ -380,7 +385,7 @@ def write_flight(
     }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
-    return FlownFlight(flight, summary, stray, film_error)
+    return FlownFlight(flight, summary, warnings, film_error)
 
 
 def _opened_view(console: Console, motion: str, foxglove: bool, live: bool) -> "LiveView":
@@ -434,7 +439,7 @@ def fly_and_write(
     replaces = (folder / SUMMARY).exists()
     view = _opened_view(console, scenario.motion, foxglove, live) if live or foxglove else None
     with one_flight(folder) as work:
-        flight, summary, stray, film_error = write_flight(
+        flight, summary, warnings, film_error = write_flight(
             scenario,
             work,
             Console(stderr=True),
@@ -447,7 +452,7 @@ def fly_and_write(
         deviations = track_deviations(MotionSettings.of(scenario), flight.trajectory)
     for deviation in deviations:
         print_line(console, deviation, "warning:")
-    show_stray(console, stray, flight.trajectory.names)
+    show_warnings(console, warnings, flight.trajectory.names)
     is_bug = film_error is not None and not isinstance(film_error, LaisnError)
     if film_error:
         print_line(console, "a bug in the program" if is_bug else film_error, "no film:")

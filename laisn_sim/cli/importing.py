@@ -66,8 +66,8 @@ def _proposed_map(source: Path, vehicle: str | None) -> FieldMap:
         raise LaisnError(
             "\n".join(
                 [
-                    f"{source}: needs --map, or --vehicle NAME where it has several; a proposal to "
-                    f"edit: {command}",
+                    f"{source}: needs --map, or --vehicle NAME if the bag has several vehicles; a "
+                    f"proposal to edit: {command}",
                     *doubts,
                 ]
             )

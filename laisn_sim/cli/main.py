@@ -232,7 +232,7 @@ def render(  # noqa: PLR0913 - an argument for each option of the command
     from rich.console import Console
 
     from experiments.campaign.progress import phases
-    from experiments.flight import results as files
+    from experiments.flight import results
     from laisn_sim.cli.outputs import output_file
     from sim.scenario.settings import Video
 
@@ -240,17 +240,17 @@ def render(  # noqa: PLR0913 - an argument for each option of the command
     changes = {name: value for name, value in settings.items() if value is not None}
     suffix = ".mp4" if still is None else ".png"
     # before the mission is simulated
-    files.video_of(Video(), changes)
+    results.video_of(Video(), changes)
     if out is not None:
         output_file(out, [suffix], [Path(source)])
 
-    flight = files.flight_of(
+    flight = results.flight_of(
         source,
         set_ or (),
-        lambda scenario: files.require_picture(
+        lambda scenario: results.require_picture(
             [vehicle.name for vehicle in scenario.followers],
             scenario.duration_s,
-            files.video_of(scenario.video, changes),
+            results.video_of(scenario.video, changes),
             time_s=still,
             follower=follower,
             view=view,
@@ -262,7 +262,7 @@ def render(  # noqa: PLR0913 - an argument for each option of the command
         phases(Console(stderr=True)) as phase,
         phase("video") if still is None else nullcontext() as update,
     ):
-        files.render(
+        results.render(
             flight,
             output.path,
             time_s=still,

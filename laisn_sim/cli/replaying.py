@@ -180,6 +180,7 @@ def export_factor_graphs(path: Path, out: Path) -> list[Path]:
     files = []
     for i, name in enumerate(flight.trajectory.names[1:]):
         positions = flight.trajectory.site_path(f"{name}/hydrophone", steps)
+        # time [s], east and north [m], heading [rad]
         truth = np.column_stack(
             [
                 flight.trajectory.time[steps],
@@ -197,6 +198,7 @@ def export_factor_graphs(path: Path, out: Path) -> list[Path]:
 
 def show_info(path: Path) -> None:
     """Print what a log holds; LogError if it cannot be read."""
+    # no message is kept, only their times
     log = Contents(path, lambda topic, _: False)
     console = Console()
     times = [time for messages in log.topics.values() for time in messages.times]

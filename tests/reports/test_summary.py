@@ -11,7 +11,7 @@ import pytest
 from experiments.flight import results
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
-from reports.summary import mirror_lock_events, stray_events, summarise
+from reports.summary import mirror_lock_events, safety_warnings, summarise
 from sim.assembly import routes_of
 from sim.flight import FlightRecord
 from sim.scenario.parts import MissionPlan
@@ -124,7 +124,7 @@ def test_leaving_the_water_is_reported_once(flight: FlightRecord) -> None:
     position, time = trajectory.position.copy(), trajectory.time
     position[(time > 11.95) & (time < 13) | (time > 25), 0, 2] = 0.05
     position[time > 19.95, 1, 2] = -flight.scenario.ocean.floor_depth_m - 0.05
-    events = stray_events(
+    events = safety_warnings(
         replace(flight, trajectory=synthetic.moved(trajectory, position=position))
     )
     reported = [
@@ -136,4 +136,4 @@ def test_leaving_the_water_is_reported_once(flight: FlightRecord) -> None:
         (pytest.approx(12.0), "leader breaks the surface"),
         (pytest.approx(20.0), "follower1 goes below the sea floor"),
     ]
-    assert all("off its route" in event.text for event in stray_events(flight))
+    assert all("off its route" in event.text for event in safety_warnings(flight))

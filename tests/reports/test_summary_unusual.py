@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from reports.summary import approach_events, route_events, stray_events
+from reports.summary import approach_events, route_events, safety_warnings
 from sim.assembly import routes_of
 from sim.scenario.parts import MissionPlan
 from sim.scenario.point_motion import plan
@@ -55,7 +55,7 @@ def test_vehicles_that_pass_close_to_each_other_or_touch_are_reported(apart_m, t
 
     flight = placed(above)
     at = flight.trajectory.time[100]
-    events = [event for event in stray_events(flight) if " is " not in event.text]
+    events = [event for event in safety_warnings(flight) if " is " not in event.text]
     assert [(event.time_s, event.text) for event in events] == [(at, text)] * bool(text)
     # contacts have events of their own
     assert [event.text for event in approach_events(flight)] == [text] * (apart_m == 0.25)

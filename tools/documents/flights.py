@@ -59,7 +59,9 @@ def _tilt(flight: FlightRecord) -> dict[str, Finding]:
 
 def _slips(flight: FlightRecord) -> Finding:
     settings = CellSettings.of(flight.scenario)
-    _, truth = CampaignMission(settings.motion, flight.trajectory).seen(settings, 0)
+    _, truth = CampaignMission(settings.motion, flight.trajectory).motion_and_measurements(
+        settings, 0
+    )
     return plain_finding(
         1e3 * slip(truth),
         "way in a second that log and compass do not see, RMS along one axis",

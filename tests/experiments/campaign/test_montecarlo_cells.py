@@ -161,7 +161,7 @@ def test_a_cell_depends_on_no_other_and_on_no_order(
     plans: list[CellPlan], data: st.DataObject
 ) -> None:
     cell = montecarlo.CellSettings.of(mission())
-    trajectory, _ = montecarlo.mission_of(mission()).seen(cell, 0)
+    trajectory, _ = montecarlo.mission_of(mission()).motion_and_measurements(cell, 0)
     alone = {plan.key: computed(trajectory, plan) for plan in plans}
     order = data.draw(st.permutations(plans))
     assert computed(trajectory, *order) == [row for plan in order for row in alone[plan.key]]

@@ -5,7 +5,7 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from laisn_sim.cli.fly import show_stray
+from laisn_sim.cli.fly import show_warnings
 from sim.log.writer import Event
 
 NAMES = ("leader", *(f"follower-{i}" for i in range(1, 201)))
@@ -13,7 +13,7 @@ NAMES = ("leader", *(f"follower-{i}" for i in range(1, 201)))
 
 def printed(events: list[Event]) -> list[str]:
     text = StringIO()
-    show_stray(Console(file=text, width=200), events, NAMES)
+    show_warnings(Console(file=text, width=200), events, NAMES)
     return text.getvalue().splitlines()
 
 

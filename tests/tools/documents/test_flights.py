@@ -37,7 +37,7 @@ def test_flights_are_compared_by_errors_and_positions(monkeypatch: pytest.Monkey
         error[np.argmin(np.abs(time - at))] = peak
     calls = []
     cell = CellSettings.of(whole.scenario)
-    _, seen = CampaignMission(cell.motion, whole.trajectory).seen(cell, 0)
+    _, seen = CampaignMission(cell.motion, whole.trajectory).motion_and_measurements(cell, 0)
     # leaders pitch ever more from flight to flight; that of the following sea by 0.2 rad
     pitched = {n: replace(whole, trajectory=tilted(whole.trajectory, 0.1 * n)) for n in range(1, 5)}
     shown = tilt_errors(pitched[2].trajectory, Sensors(leader_attitude_senses_acceleration=True))[
