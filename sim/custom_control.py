@@ -50,7 +50,8 @@ class Belief(NamedTuple):
     # navigator's estimate of the speed log's bias, 0 if it estimates none [m/s]
     log_bias: float
     compass_bias: float  # likewise [rad]
-    east_current: float  # [m/s]
+    # estimate of the current, 0 of a navigator that estimates none [m/s]
+    east_current: float
     north_current: float
 
 

@@ -29,8 +29,9 @@ class Carrier:
 
 
 def _sources(hearing: Hearing | None, receiver: int, k: int) -> Floats:
-    """Where the pings of the message that a receiver took up at instant k left, shape (1, 3, 3),
-    [m]; NaN if it took up none.
+    """Places of the transmitters when they sent the pings of the message that came in at a receiver
+    at instant k, shape (1, 3, 3): one instant, three transmitters, east, north and up [m]; NaN if
+    none came in.
     """
     source = np.full((1, 3, 3), np.nan)
     if hearing is None or hearing.inbox.outcome[receiver] != observation.RECEIVED:
@@ -60,6 +61,7 @@ class CustomSensing:
         self._environment = environment
         self._seed_and_run = (int(model.seed), int(model.run))
         self._stride = model.stride
+        # readings of all filter steps so far by sensor, each of shape (c,)
         self._rows: dict[str, list[Floats]] = {driver.name: [] for driver in drivers}
 
     def __bool__(self) -> bool:

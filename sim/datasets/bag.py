@@ -22,9 +22,8 @@ if TYPE_CHECKING:
 SUFFIXES = (".bag", ".db3", ".mcap")
 _TIME = "builtin_interfaces/msg/Time"
 _QUATERNION = "geometry_msgs/msg/Quaternion"
-_STAMP = "header.stamp"
 _MAX_NESTING = 12  # types within one another
-_SAMPLES = 20  # messages of a topic that are looked at for its frames
+_SAMPLES = 20  # messages of a topic whose texts, such as frames, are looked at
 _MAX_CHARACTERS = 60  # characters of a value that messages show
 
 
@@ -45,7 +44,7 @@ class Series:
 
     time_ns: Ints  # since 1970, increasing, shape (n,), [ns]
     values: Floats  # shape (n,), or (n, 4) of a quaternion (x, y, z, w)
-    steps_back: int = 0  # how often the times did in order of recording
+    steps_back: int = 0  # how often times stepped back in the order of recording
     repeated: int = 0  # messages at the very time of another, which are left out
     remarks: tuple[str, ...] = ()  # of the topic's clock
 
@@ -76,7 +75,9 @@ def _opened(path: Path) -> Iterator[Any]:
         ) from None
 
 
-def _leaves(store: "Typestore", type_name: str, prefix: str = "", depth: int = 0) -> Iterator[str]:
+def _number_fields(
+    store: "Typestore", type_name: str, prefix: str = "", depth: int = 0
+) -> Iterator[str]:
     """Fields of a type that hold a number, a time or an orientation."""
     from rosbags.interfaces import Nodetype
 
@@ -89,12 +90,13 @@ def _leaves(store: "Typestore", type_name: str, prefix: str = "", depth: int = 0
         ):
             yield path
         elif kind == Nodetype.NAME:
-            yield from _leaves(store, str(detail), f"{path}.", depth + 1)
+            yield from _number_fields(store, str(detail), f"{path}.", depth + 1)
 
 
 def _text_fields(
     store: "Typestore", type_name: str, prefix: str = "", depth: int = 0
 ) -> Iterator[str]:
+    """Fields of a type that hold a text."""
     from rosbags.interfaces import Nodetype
 
     if type_name not in store.fielddefs or depth > _MAX_NESTING:
@@ -121,15 +123,17 @@ def topics_of(path: Path) -> list[BagTopic]:
         texts: dict[str, dict[str, set[str]]] = {}
         connections = [c for c in reader.connections if c.msgtype in store.fielddefs]
         fields = {c.topic: [*_text_fields(store, c.msgtype)] for c in connections}
-        seen = dict.fromkeys(fields, 0)
-        open_ = {c.topic for c in connections if fields[c.topic]}
-        for connection, _, raw in reader.messages([c for c in connections if c.topic in open_]):
-            if seen[connection.topic] >= _SAMPLES:
-                open_.discard(connection.topic)
-                if not open_:
+        seen_counts = dict.fromkeys(fields, 0)
+        unfinished = {c.topic for c in connections if fields[c.topic]}
+        for connection, _, raw in reader.messages(
+            [c for c in connections if c.topic in unfinished]
+        ):
+            if seen_counts[connection.topic] >= _SAMPLES:
+                unfinished.discard(connection.topic)
+                if not unfinished:
                     break
                 continue
-            seen[connection.topic] += 1
+            seen_counts[connection.topic] += 1
             message = reader.deserialize(raw, connection.msgtype)
             values = texts.setdefault(connection.topic, {})
             for field in fields[connection.topic]:
@@ -144,7 +148,7 @@ def topics_of(path: Path) -> list[BagTopic]:
                 name=name,
                 type_name=types[name],
                 messages=counts[name],
-                fields=tuple(_leaves(store, types[name])),
+                fields=tuple(_number_fields(store, types[name])),
                 texts={
                     field: tuple(sorted(values)) for field, values in texts.get(name, {}).items()
                 },
@@ -176,7 +180,7 @@ def _number(value: Any, request: Request) -> Any:
 
 
 def _stamp_ns(message: object, logged_ns: int) -> int:
-    """Time in the header of a message, where it has one."""
+    """Time in the header of a message; without one, or with one of zero, that of recording."""
     header = getattr(message, "header", None)
     stamp = getattr(header, "stamp", None)
     if stamp is None or (stamp.sec == 0 and stamp.nanosec == 0):
@@ -185,6 +189,7 @@ def _stamp_ns(message: object, logged_ns: int) -> int:
 
 
 def _holds(message: object, where: Sequence[tuple[str, Any]]) -> bool:
+    """Whether fields of a message have the values of `Request.where`."""
     return all(_value(message, field.split(".")) == expected for field, expected in where)
 
 
@@ -246,7 +251,7 @@ def series_of(path: Path, requests: Sequence[Request], stamps: str = "header") -
                         continue
                     value = _value(message, request.field.split("."))
                 except (AttributeError, IndexError, TypeError):
-                    fields = [*_leaves(reader.typestore, connection.msgtype)]
+                    fields = [*_number_fields(reader.typestore, connection.msgtype)]
                     field_list = shortened(", ".join(fields), 800)
                     names = " or ".join([request.field, *(name for name, _ in request.where)])
                     raise LaisnError(
@@ -269,11 +274,11 @@ def _sorted(messages: list[_Message]) -> Series:
     numbers = np.array([message.value for message in messages], dtype=np.float64)
     time_ns, remarks = corrected_stamps(stamp_ns, recorded_ns)
     order = np.argsort(time_ns, kind="stable")
-    last = np.append(np.diff(time_ns[order]) > 0, True)[: order.size]
+    is_last = np.append(np.diff(time_ns[order]) > 0, True)[: order.size]
     return Series(
-        time_ns=time_ns[order][last],
-        values=numbers[order][last],
+        time_ns=time_ns[order][is_last],
+        values=numbers[order][is_last],
         steps_back=int(np.count_nonzero(np.diff(time_ns) < 0)),
-        repeated=int(np.count_nonzero(~last)),
+        repeated=int(np.count_nonzero(~is_last)),
         remarks=tuple(remarks),
     )

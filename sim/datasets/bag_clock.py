@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader
 
 _MAX_STEPS = 20  # more are no corrections of a clock
-_COMPARED_MESSAGES = 20  # messages on each side of a step whose delays are compared
-_MIN_MESSAGES = 3
+_COMPARED_MESSAGES = 20  # messages on each side of a step that are compared
+_MIN_MESSAGES = 3  # fewest of them on each side
 _MIN_GAP_INTERVALS = 10.0  # shortest gap between stamps that may be a step forward [intervals]
-_MIN_GAP_NS = 10**9
+_MIN_GAP_NS = 10**9  # and in time [ns]
 _MESSAGES = (
     "SELECT topics.name, messages.timestamp FROM messages "
     "JOIN topics ON topics.id = messages.topic_id ORDER BY messages.id"
@@ -43,8 +43,8 @@ def _interval(times: Ints) -> int:
     return int(np.median(rising)) if rising.size else 0
 
 
-def _number(path: Path) -> tuple[int, str]:
-    """By which the files of a bag are ordered: bag_2.db3 comes before bag_10.db3."""
+def _file_order(path: Path) -> tuple[int, str]:
+    """Key that orders the files of a bag: bag_2.db3 comes before bag_10.db3."""
     digits = re.search(r"(\d+)$", path.stem)
     return int(digits[1]) if digits else 0, path.name
 
@@ -85,7 +85,7 @@ def written_order(path: Path, readers: Any, topics: Collection[str]) -> list[Wri
         return [messages for reader in readers for messages in _messages_of_ros1(reader, topics)]
     messages = list[WrittenMessage]()
     for suffix, read in ((".mcap", _messages_of_mcap), (".db3", _messages_of_database)):
-        files = [path] if path.is_file() else sorted(path.glob(f"*{suffix}"), key=_number)
+        files = [path] if path.is_file() else sorted(path.glob(f"*{suffix}"), key=_file_order)
         for file in files:
             if file.suffix == suffix:
                 messages += read(file, topics)
@@ -109,7 +109,7 @@ class RecorderClock:
     def __init__(self, order: list[WrittenMessage]) -> None:
         self.remarks: list[str] = []
         self._places = defaultdict[WrittenMessage, deque[_Place]](deque)
-        self._count = 0
+        self._count = 0  # messages so far whose places are not in `_places`
         if order:
             self._correct(order)
 
@@ -118,8 +118,8 @@ class RecorderClock:
         for position, message in enumerate(order):
             positions_by_topic[message.topic].append(position)
         # the topic with the most messages tells best when a step was
-        reference = max(positions_by_topic, key=lambda topic: len(positions_by_topic[topic]))
-        positions = np.array(positions_by_topic[reference])
+        reference_topic = max(positions_by_topic, key=lambda topic: len(positions_by_topic[topic]))
+        positions = np.array(positions_by_topic[reference_topic])
         times = np.array([message.time_ns for message in order], dtype=np.int64)
         interval = _interval(times[positions])
         steps = steps_back(times[positions], interval)
@@ -133,23 +133,27 @@ class RecorderClock:
             return
         shifted = times.copy()
         for step in steps:
-            last, first = positions[step - 1 : step + 1].tolist()
-            shift = int(shifted[last]) + interval - int(shifted[first])
-            skipped = np.arange(last + 1, first)
-            # of the old clock or of the new one
-            distance = np.abs(times[skipped, None] - times[[last, first]])
+            before, after = positions[step - 1 : step + 1].tolist()
+            shift = int(shifted[before]) + interval - int(shifted[after])
+            skipped = np.arange(before + 1, after)
+            # messages of other topics in between are of the clock before or after the step: of that
+            # to whose time theirs is nearer
+            distance = np.abs(times[skipped, None] - times[[before, after]])
             is_later = distance[:, 1] < distance[:, 0]
             shifted[skipped[is_later]] += shift
-            shifted[first:] += shift
+            shifted[after:] += shift
             self.remarks.append(
                 f"the recorder's clock steps back by {shift / 1e9:.6g} s after message {step} of "
-                f"{reference}; later messages are shifted by as much"
+                f"{reference_topic}; later messages are shifted by as much"
             )
         for position, message in enumerate(order):
             self._places[message].append(_Place(position, int(shifted[position])))
 
     def place(self, topic: str, time_ns: int) -> _Place:
-        """Of the next message of a topic with a time of recording, as readers give them."""
+        """Place of the next message of a topic with a time of recording, as readers give them.
+
+        Without corrections messages are counted as they come.
+        """
         places = self._places.get(WrittenMessage(topic, time_ns))
         if places:
             return places.popleft()
@@ -157,7 +161,7 @@ class RecorderClock:
         return _Place(self._count, time_ns)
 
 
-def _delay(stamps: Ints, recorded: Ints) -> float:
+def _stamp_offset(stamps: Ints, recorded: Ints) -> float:
     """Median of stamps less times of recording [ns]; NaN of few messages, or if these were not
     recorded as fast as they were stamped, as in a bag that was converted.
     """
@@ -180,18 +184,18 @@ def corrected_stamps(stamps: Ints, recorded: Ints) -> Stamps:
     """
     interval = _interval(stamps)
     gap = max(_MIN_GAP_INTERVALS * interval, _MIN_GAP_NS)
-    ahead = np.flatnonzero(np.diff(stamps) - np.diff(recorded) > gap) + 1
-    places = sorted({*steps_back(stamps, interval), *ahead.tolist()})
-    if len(places) > _MAX_STEPS:
+    forward = np.flatnonzero(np.diff(stamps) - np.diff(recorded) > gap) + 1
+    step_indices = sorted({*steps_back(stamps, interval), *forward.tolist()})
+    if len(step_indices) > _MAX_STEPS:
         return Stamps(stamps, [])
     corrected = stamps.copy()
     remarks = list[str]()
-    ends = [*places[1:], stamps.size][: len(places)]
+    ends = [*step_indices[1:], stamps.size][: len(step_indices)]
     begin = 0
-    for index, end in zip(places, ends, strict=True):
+    for index, end in zip(step_indices, ends, strict=True):
         preceding = slice(max(begin, index - _COMPARED_MESSAGES), index)
         following = slice(index, min(end, index + _COMPARED_MESSAGES))
-        difference = _delay(corrected[preceding], recorded[preceding]) - _delay(
+        difference = _stamp_offset(corrected[preceding], recorded[preceding]) - _stamp_offset(
             corrected[following], recorded[following]
         )
         if not abs(difference) > interval:

@@ -201,31 +201,35 @@ def _derived(field_map: FieldMap, series: Mapping[str, Series]) -> dict[str, Ser
 
 
 def _receptions(mapped: _Mapped, fields: list[str], window_s: float) -> tuple[Ints, Floats]:
-    """Times of receptions [ns] and their ranges in the order of the fields, NaN where there is
-    none, shapes (m,) and (m, r).
+    """Times of receptions [ns] and their ranges in the order of the fields, one for each
+    transmitter, NaN where there is none, shapes (m,) and (m, r).
     """
     ranges_received = list[tuple[int, int, float]]()
-    for slot, field in enumerate(fields):
+    for field_index, field in enumerate(fields):
         series = mapped.series.get(field)
         if series is None:
             raise LaisnError(f"{mapped.map_path}: {field}: expected topic and field, no constant")
         positive = np.isfinite(series.values) & (series.values > 0.0)
         times = series.time_ns[positive].tolist()
         ranges_received += [
-            (time_ns, slot, value)
+            (time_ns, field_index, value)
             for time_ns, value in zip(times, series.values[positive], strict=True)
         ]
     ranges_received.sort(key=lambda entry: entry[:2])
     times_ns = list[int]()
     rows = list[list[float]]()
-    first_ns = 0
-    for reception_ns, slot, value in ranges_received:
-        new = not rows or reception_ns - first_ns > 1e9 * window_s or np.isfinite(rows[-1][slot])
-        if new:
-            first_ns = reception_ns
+    first_range_ns = 0
+    for reception_ns, field_index, value in ranges_received:
+        is_new = (
+            not rows
+            or reception_ns - first_range_ns > 1e9 * window_s
+            or np.isfinite(rows[-1][field_index])
+        )
+        if is_new:
+            first_range_ns = reception_ns
             times_ns.append(reception_ns)
             rows.append([np.nan] * len(fields))
-        rows[-1][slot] = value
+        rows[-1][field_index] = value
         times_ns[-1] = reception_ns
     table = np.array(rows, dtype=np.float64).reshape(len(rows), len(fields))
     return np.array(times_ns, dtype=np.int64), table

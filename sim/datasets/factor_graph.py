@@ -52,6 +52,8 @@ _POSE = re.compile(r"([A-KM-Za-km-z])([0-9]{1,15})")
 
 
 class _Line(NamedTuple):
+    """The words of a line after its kind, as of `_WORD_COUNTS`."""
+
     time: float  # 0 where it has none [s]
     names: list[str]
     values: list[float]
@@ -99,7 +101,9 @@ def _parsed(text: str, source: str) -> dict[str, list[_Line]]:
 
 
 def _odometry(lines: list[_Line], pose_index: dict[str, int], source: str) -> tuple[Floats, Floats]:
-    """Steps from each pose to the next, and variances of their three numbers."""
+    """Steps from each pose to the next, and variances of their three numbers: way ahead and to port
+    [m], turn anticlockwise [rad]; both of shape (n, 3) for n + 1 poses.
+    """
     steps, variances = np.full((2, len(pose_index) - 1, 3), np.nan)
     for line in lines:
         first, second = (pose_index.get(name) for name in line.names)
@@ -133,6 +137,7 @@ class _Track(NamedTuple):
 
 
 def _poses_of(lines: list[_Line], robot: str) -> list[_Line]:
+    """Vertices of the poses of a robot, by its letter, in the order of their numbers."""
     poses = [line for line in lines if line.names[0].startswith(robot)]
     return sorted(
         (line for line in poses if _POSE.fullmatch(line.names[0])),
@@ -207,7 +212,7 @@ def _ranges(
     other ranges, in the file's order.
     """
     beacon_of = {name: i for i, name in enumerate(landmarks)}
-    at_rest = {name: [*position, 0.0, 0.0] for name, position in landmarks.items()}
+    landmark_state = {name: [*position, 0.0, 0.0] for name, position in landmarks.items()}
     rows = list[list[float]]()
     variances = list[float]()
     for line in lines:
@@ -218,7 +223,7 @@ def _ranges(
             rows.append([0.0, -1, line.values[0], 0.0, 0.0, 0.0, 0.0])
             continue
         beacon = beacon_of.get(other, -1)
-        state = at_rest.get(other, [])
+        state = landmark_state.get(other, [])
         if track is not None and moves:
             beacon = track.beacon
             state = track.state[track.pose_index[other]].tolist()
@@ -401,10 +406,12 @@ def write_factor_graph(
         for values in (measurements.speed, measurements.heading)
     )
     dt = np.diff(truth[:, 0])
-    u = np.column_stack([np.sin(heading), np.cos(heading)])
-    v = speed[:, None] * u
-    angle = 0.5 * np.pi - heading
-    way = np.vstack([np.zeros(2), np.cumsum(0.5 * dt[:, None] * (v[:-1] + v[1:]), axis=0)])
+    direction = np.column_stack([np.sin(heading), np.cos(heading)])
+    velocity = speed[:, None] * direction
+    yaw = 0.5 * np.pi - heading
+    way = np.vstack(
+        [np.zeros(2), np.cumsum(0.5 * dt[:, None] * (velocity[:-1] + velocity[1:]), axis=0)]
+    )
     steps = [0, *measurements.message_step.tolist()]
     lines = [
         _line_text(
@@ -421,17 +428,17 @@ def write_factor_graph(
         settings.start_sigma**2,
         settings.heading_bias_sigma**2 + settings.heading_sigma**2,
     )
-    first = float(truth[0, 0]), "A0", float(start[0]), float(start[1]), float(angle[0])
+    first = float(truth[0, 0]), "A0", float(start[0]), float(start[1]), float(yaw[0])
     lines.append(_line_text("VERTEX_SE2:PRIOR", *first, *_triangle(*prior)))
-    sigma = np.linalg.norm(
+    range_sigma = np.linalg.norm(
         [settings.range_sigma, settings.range_scale_sigma, settings.range_scale_bias_sigma]
     )
     for i, (last_step, k) in enumerate(pairwise(steps)):
         time = float(truth[k, 0])
-        s, c = (np.sin(angle[last_step]), np.cos(angle[last_step]))
-        ahead, port = np.array([[c, s], [-s, c]]) @ (way[k] - way[last_step])
+        sine, cosine = (np.sin(yaw[last_step]), np.cos(yaw[last_step]))
+        ahead, port = np.array([[cosine, sine], [-sine, cosine]]) @ (way[k] - way[last_step])
         durations = dt[last_step:k]
-        n = k - last_step
+        step_count = k - last_step
         along_variance = (settings.speed_sigma**2 * np.sum(durations**2)) + (
             settings.speed_bias_sigma * np.sum(durations)
         ) ** 2
@@ -445,11 +452,9 @@ def write_factor_graph(
             # that their sum has no more, but a graph takes edges as independent and adds up their
             # variances: the division by the number of steps makes up for that in part. 1e-8 keeps
             # the covariance regular where σ is 0
-            2.0 * settings.heading_sigma**2 / n + 1e-8,
+            2.0 * settings.heading_sigma**2 / step_count + 1e-8,
         )
-        turn = float(
-            np.arctan2(np.sin(angle[k] - angle[last_step]), np.cos(angle[k] - angle[last_step]))
-        )
+        turn = float(np.arctan2(np.sin(yaw[k] - yaw[last_step]), np.cos(yaw[k] - yaw[last_step])))
         lines.append(
             _line_text(
                 "EDGE_SE2", time, f"A{i}", f"A{i + 1}", float(ahead), float(port), turn, *noise
@@ -472,7 +477,12 @@ def write_factor_graph(
             )
             lines.append(
                 _line_text(
-                    "EDGE_RANGE", time, f"A{i + 1}", landmark, horizontal_range, float(sigma) ** 2
+                    "EDGE_RANGE",
+                    time,
+                    f"A{i + 1}",
+                    landmark,
+                    horizontal_range,
+                    float(range_sigma) ** 2,
                 )
             )
     with atomic_write(path) as part_file:

@@ -43,7 +43,7 @@ QUATERNION = "quaternion"
 LATITUDE = "latitude"
 LONGITUDE = "longitude"
 """Units of places on the map [deg]; metres east and north of the origin follow."""
-_GRAVITY = 9.81
+_GRAVITY = 9.81  # [m/s²]
 
 
 class _Table(BaseModel):
@@ -58,7 +58,8 @@ class FieldEntry(_Table):
     field: str | None = None  # of the topic's messages, nested ones with dots
     value: float | None = None  # a constant in their place, in SI units
     derive: bool = False  # heading or speed of the leader by its places, in bags
-    unit: str = ""
+    unit: str = ""  # one of `units_of`; "": SI units in bags, detected in text tables
+    # numbers are multiplied by `factor` and `offset` is added, before the unit is applied
     factor: float = 1.0
     offset: float = 0.0
     # compass: clockwise from north; yaw: anticlockwise from east
@@ -78,10 +79,10 @@ class FieldEntry(_Table):
         return self
 
     def in_si(self, numbers: Floats, name: str, origin: "GeodeticOrigin | None") -> Floats:
-        """Numbers of the source, shape (n,), those of a quaternion (x, y, z, w) of shape (n, 4), as
-        the field has them, in SI units, shape (n,).
+        """Values of the field `name` in SI units, shape (n,), by numbers of its source, shape (n,),
+        or quaternions (x, y, z, w), shape (n, 4).
 
-        ValueError: the unit is none of the field's.
+        ValueError: the unit is none of the field's, or needs an `origin`.
         """
         if self.unit == QUATERNION:
             return _angle_of(numbers, name)
@@ -91,8 +92,8 @@ class FieldEntry(_Table):
                 raise ValueError(f"unit {self.unit!r} needs the table [origin] of the map")
             return origin.metres(values, self.unit)
         if self.unit in PRESSURES and name.endswith("depth"):
-            excess = values * PRESSURES[self.unit] - self.surface_pressure_pa
-            return np.asarray(excess / (self.density_kg_m3 * _GRAVITY))
+            gauge_pressure = values * PRESSURES[self.unit] - self.surface_pressure_pa
+            return np.asarray(gauge_pressure / (self.density_kg_m3 * _GRAVITY))
         if self.unit:
             values = values * self.size(name)
         return 0.5 * np.pi - values if self.angle == "yaw" else values
@@ -153,8 +154,8 @@ def units_of(name: str) -> dict[str, float]:
 
 
 def _angle_of(xyzw: Floats, name: str) -> Floats:
-    """Compass heading, pitch or roll of orientations from forward, port, up to east, north, up,
-    shape (n, 4).
+    """Compass heading, pitch or roll [rad], whichever the field `name` is, shape (n,), of
+    orientations from forward, port, up to east, north, up, shape (n, 4).
     """
     x, y, z, w = xyzw.T
     if name.endswith("pitch"):
@@ -189,7 +190,7 @@ class FieldMap:
     entries: Mapping[str, FieldEntry]  # by the names of the log's fields, and "time"
 
 
-def _lines(error: ValidationError) -> list[str]:
+def _error_lines(error: ValidationError) -> list[str]:
     lines = []
     for detail in error.errors(include_url=False, include_context=False):
         key = shortened(printable(".".join(map(str, detail["loc"]))), 100)
@@ -205,7 +206,7 @@ def _lines(error: ValidationError) -> list[str]:
     return lines
 
 
-def _wrong_units(entries: Mapping[str, FieldEntry]) -> list[str]:
+def _unit_errors(entries: Mapping[str, FieldEntry]) -> list[str]:
     lines = []
     for name, entry in entries.items():
         if entry.unit and entry.value is None and entry.unit not in units_of(name):
@@ -233,11 +234,13 @@ def map_of(table: Mapping[str, Any], path: Path) -> FieldMap:
     try:
         settings = _Map.model_validate(table)
     except ValidationError as error:
-        raise LaisnError("\n".join([f"{path}: invalid map", *screenful(_lines(error))])) from None
+        raise LaisnError(
+            "\n".join([f"{path}: invalid map", *screenful(_error_lines(error))])
+        ) from None
     entries = {
         name: entry for name in ("time", *FIELDS) if (entry := getattr(settings, name)) is not None
     }
-    if wrong := _wrong_units(entries):
+    if wrong := _unit_errors(entries):
         raise LaisnError("\n".join([f"{path}: invalid map", *screenful(wrong)]))
     return FieldMap(path=path, settings=settings, entries=entries)
 

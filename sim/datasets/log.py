@@ -32,10 +32,11 @@ _READERS = {
 _RECORD = "data set"  # metadata record by which such a log is known
 # what it holds of the sensors' errors, as the data set states them
 _STATED_ERRORS = ("range_sigma", "slip", "heading_walk", "track_slip", "track_heading_walk")
-_SLOTS = Ranges._fields
+_SLOTS = Ranges._fields  # names of the transmitters of a message, in order
 _nanoseconds = Clock("1970-01-01T00:00:00Z").ns
 # a range that does not fit into the reception of its instant is received so much later [s]
 _SEPARATION = 1e-6
+# columns of an array of messages
 _COLUMN_OF = {name: column for column, name in enumerate(LeaderMessage._fields)}
 _POSITION_COLUMNS = slice(_COLUMN_OF["east"], _COLUMN_OF["heading"])  # east, north
 # east, north, heading, speed, as of `RangeData.range_track`
@@ -84,8 +85,9 @@ def _with_robots_that_fit(data: RangeData) -> RangeData:
     return replace(selection, remarks=(*selection.remarks, remark))
 
 
-def _slots(data: RangeData) -> tuple[Floats, Ints]:
-    """When each range is received [s], and of which transmitter it is.
+def _times_and_transmitters(data: RangeData) -> tuple[Floats, Ints]:
+    """When each range is received [s], and of which transmitter it is, a number in `_SLOTS`;
+    shapes (m,).
 
     Two or three beacons have a transmitter each. Of more, ranges of one instant take rear, front
     and middle in turn, and a robot that moves always has the same transmitter. What finds no free
@@ -123,9 +125,9 @@ def _slots(data: RangeData) -> tuple[Floats, Ints]:
 
 def _channels(data: RangeData) -> Iterator[LogChannel]:
     """Own motion, receptions and true path."""
-    range_times, range_slots = _slots(data)
+    range_times, range_slots = _times_and_transmitters(data)
     end, speed, heading = replace(data, range_time=range_times).legs()
-    # the first ends a step that begins at rest, so that the next one begins at the start
+    # the first reading, at rest, ends a step at the first pose, so that the next step begins there
     depth = np.zeros(end.size + 1)
     motion = {
         "speed": np.append(0.0, speed),
@@ -155,12 +157,12 @@ def _channels(data: RangeData) -> Iterator[LogChannel]:
 
     truth_time, *coordinates = data.truth[np.argsort(data.truth[:, 0], kind="stable")].T
     # no attitude is known: identity
-    level = np.tile([1.0, 0.0, 0.0, 0.0], (truth_time.size, 1))
+    identity = np.tile([1.0, 0.0, 0.0, 0.0], (truth_time.size, 1))
     yield poses(
         f"/{VEHICLE}/pose",
         _nanoseconds(truth_time),
         np.column_stack([*coordinates, np.zeros(truth_time.size)]),
-        level,
+        identity,
     )
 
 
@@ -190,11 +192,11 @@ def write_vehicle_table(table: VehicleTable, path: Path) -> None:
     received = np.any(np.isfinite(ranges), axis=0)
     reception = PLACED_RECEPTION if set(PLACES.names) & set(table.columns) else RECEPTION
     channels = []
-    moving_rows = np.flatnonzero(has_motion)
+    motion_rows = np.flatnonzero(has_motion)
     received_rows = np.flatnonzero(received)
     received_rows = received_rows[np.argsort(table.reception_ns[received_rows], kind="stable")]
     for type_, rows, times in (
-        (OWN_MOTION, moving_rows, table.time_ns),
+        (OWN_MOTION, motion_rows, table.time_ns),
         (reception, received_rows, table.reception_ns),
     ):
         arrays = {

@@ -54,11 +54,13 @@ _QUANTITY_WORDS: dict[str, set[str]] = {
     "roll": {"roll", "heel", "phi"},
     "timestamp": {"timestamp", "time", "t", "stamp", "clock", "sent", "toe", "utc", "datetime"},
 }
+# measurements of the own vehicle
 _OWN_FIELDS = ("speed", "heading", "depth")
 _ONLY_LEADER = ("east", "north", "pitch", "roll", "timestamp")
 """Quantities that the log has of the leader alone."""
 _IN_DOUBT = {"yaw", "u", "vel", "velocity", "x", "y", "d", "p", "psi", "log", "pressure", "press"}
 """Words with several meanings."""
+# question about a word in doubt; about others "is this right?"
 _NOTES = {
     "yaw": 'is this a compass heading, or a yaw from east (angle = "yaw")?',
     "psi": 'is this a compass heading, or a yaw from east (angle = "yaw")?',
@@ -99,14 +101,17 @@ _FIELDS_BY_TYPE: dict[str, tuple[tuple[str, str, str], ...]] = {
 }
 """Quantities of types: what they hold, in which field, in which unit."""
 _ODOMETRY = "nav_msgs/msg/Odometry"
+# types with a pose, and the field that holds it
 _POSES = {
     "geometry_msgs/msg/PoseStamped": "pose",
     "geometry_msgs/msg/PoseWithCovarianceStamped": "pose.pose",
     _ODOMETRY: "pose.pose",
 }
+# topics of every bag that hold none
 _NO_MEASUREMENTS = ("/tf", "/tf_static", "/clock", "/rosout", "/parameter_events")
 _CONCLUSION_WORDS = {"truth", "ground", "groundtruth", "gt", "estimate", "estimated", "filtered"}
 """Words of topics that hold no measurements: estimates and ground truth."""
+# words of fields that many types have beside their measurement
 _BOILERPLATE_WORDS = {"header", "stamp", "sec", "nanosec", "covariance", "seq"}
 
 
@@ -171,6 +176,7 @@ def _quantity_of_word(word: str) -> str:
 
 
 def _range_match(words: Sequence[str], unit: str) -> Match | None:
+    """The range to a transmitter; None if the words are not of one."""
     other_words = [
         word
         for word in words
@@ -293,10 +299,12 @@ def _is_number(word: str) -> bool:
 
 
 class _Candidate(NamedTuple):
-    field: str
+    """A field of a topic that may hold a field of the log."""
+
+    field: str  # of the log
     rank: int  # the lower, the better
-    entry: dict[str, Any]
-    note: str
+    entry: dict[str, Any]  # table of the map
+    note: str  # what its user should check; "" for nothing
 
 
 def _candidates_by_type(topic: BagTopic) -> Iterator[_Candidate]:
@@ -399,11 +407,11 @@ def _candidates(topics: Sequence[BagTopic]) -> Iterator[_Candidate]:
     for topic in topics:
         if topic.name in _NO_MEASUREMENTS or not topic.messages:
             continue
-        concluded = bool(_CONCLUSION_WORDS & set(_words(topic.name)))
+        is_conclusion = bool(_CONCLUSION_WORDS & set(_words(topic.name)))
         for candidate in _candidates_of(topic):
             # the leader's estimate of itself is what it broadcasts
-            rank = candidate.rank + (10 if concluded else 0)
-            if concluded and not candidate.field.startswith("leader_"):
+            rank = candidate.rank + (10 if is_conclusion else 0)
+            if is_conclusion and not candidate.field.startswith("leader_"):
                 continue
             yield candidate._replace(rank=rank)
 

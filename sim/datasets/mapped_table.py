@@ -29,9 +29,9 @@ from sim.datasets.table_columns import (
 from sim.log.clock import TIMESTAMP
 
 
-def _positions(path: Path, field_map: FieldMap, headers: Sequence[str]) -> dict[str, int]:
-    """Numbers of the columns that a map names; LaisnError for one that the table has not, or has
-    twice.
+def _column_indices(path: Path, field_map: FieldMap, headers: Sequence[str]) -> dict[str, int]:
+    """Indices of the columns that a map names, by header; LaisnError for one that the table has
+    not, or has twice.
     """
     names = [header.strip() for header in headers]
     field_by_column = dict[str, str]()
@@ -65,11 +65,13 @@ def _equals(word: str, value: str | int | float | bool) -> bool:
         return False
 
 
-def _chosen(entry: FieldEntry, rows: Sequence[Sequence[str]], position: Mapping[str, int]) -> Bools:
+def _chosen(
+    entry: FieldEntry, rows: Sequence[Sequence[str]], column_index: Mapping[str, int]
+) -> Bools:
     """Rows whose cells have the values that an entry wants."""
     mask = np.ones(len(rows), dtype=np.bool_)
     for name, value in entry.where.items():
-        i = position[name.strip()]
+        i = column_index[name.strip()]
         mask &= np.array([_equals(row[i], value) for row in rows], dtype=np.bool_)
     return mask
 
@@ -155,17 +157,17 @@ def read_mapped_columns(path: Path, field_map: FieldMap) -> Columns:
     """
     require_complete(field_map, ["time"])
     headers, rows = cells_of(path)
-    position = _positions(path, field_map, headers)
+    column_index = _column_indices(path, field_map, headers)
 
     def words(entry: FieldEntry) -> list[str]:
-        i = position[str(entry.column).strip()]
+        i = column_index[str(entry.column).strip()]
         return [row[i] for row in rows]
 
     clock = field_map.entries["time"]
     if clock.column is None:
         raise LaisnError(f"{field_map.path}: time: expected a column")
     times = words(clock)
-    time, dates = times_of(times, clock.column, clock.unit, f"{path}, column {clock.column}")
+    time, has_dates = times_of(times, clock.column, clock.unit, f"{path}, column {clock.column}")
     raw = dict[str, Floats]()
     for field, entry in field_map.entries.items():
         if field == "time":
@@ -173,7 +175,7 @@ def read_mapped_columns(path: Path, field_map: FieldMap) -> Columns:
         if entry.value is not None:
             raw[field] = np.full(len(rows), entry.value)
             continue
-        mask = _chosen(entry, rows, position)
+        mask = _chosen(entry, rows, column_index)
         cells = [word if is_read else "" for word, is_read in zip(words(entry), mask, strict=True)]
         # a bound in seconds holds once the unit is known
         largest = 1e9 * LARGEST_NUMBER if field == TIMESTAMP else LARGEST_NUMBER
@@ -191,7 +193,7 @@ def read_mapped_columns(path: Path, field_map: FieldMap) -> Columns:
             fields[field] = Column(
                 header=header, field=field, unit=si, values=values, where=location
             )
-    unused = tuple(header for header in headers if header.strip() not in position)
-    columns = Columns(path=path, time=time, fields=fields, dates=dates, unused=unused)
+    unused = tuple(header for header in headers if header.strip() not in column_index)
+    columns = Columns(path=path, time=time, fields=fields, has_dates=has_dates, unused=unused)
     has_conditions = any(entry.where for entry in field_map.entries.values())
     return _merged(columns, times) if has_conditions else columns

@@ -34,11 +34,11 @@ LARGEST_NUMBER = 4e9  # larger numbers are no measurements, and no times in seco
 # mean speeds beyond these are doubtful [m/s]
 _MIN_SPEED = 0.01
 _MAX_SPEED = 50.0
-# longer steps are cut: in a log a gap of so much would be one of readings that are missing
+# longer steps are cut in pieces: readers of a log take longer gaps for missing readings
 _LONGEST_LEG_S = 5.0
 _COLUMNS = {"DR": 3, "TD": 4, "TL": 3, "GT": 4, "DRp": 4}  # columns of each table
 _NEEDED = ("DR", "TD", "TL")
-_NODES = {"TD": [1, 2], "TL": [0]}  # columns of nodes' numbers
+_NODES = {"TD": [1, 2], "TL": [0]}  # columns of tables that hold numbers of nodes
 _MAX_NUMBERS = 10_000_000  # in all tables; a compressed file of few bytes may state any number
 _TEXT = re.compile(r"(.*)_DR\.(txt|csv)")
 
@@ -155,8 +155,8 @@ class RangeData:
         remarks: Sequence[str],
         **settings: Any,
     ) -> Self:
-        """Data from poses of which some may be at one time, and ranges in any order to beacons of
-        which some may lack.
+        """Data from poses of which some may be at one time, and ranges in any order, of which some
+        may be to beacons without a known place.
 
         Poses at the `time` of the one before, shape (n + 1,), [s], are joined to it; `odometry` are
         the steps between them, shape (n, 3). Of `ranges`, rows of time [s], beacon and range [m],
@@ -210,8 +210,8 @@ class RangeData:
         )
 
     def with_beacons(self, names: Sequence[str]) -> Self:
-        """Data with the ranges to some beacons only, in the order of their names; LaisnError
-        naming one that lacks.
+        """Data with the ranges to some beacons only, in the order of `names`; LaisnError naming the
+        ones that it does not have.
         """
         unknown = [name for name in names if name not in self.beacons]
         if unknown or not names:
@@ -222,14 +222,14 @@ class RangeData:
         beacons = list(dict.fromkeys(names))
         index = [self.beacons.index(name) for name in beacons]
         is_chosen = np.isin(self.range_beacon, index)
-        number = np.full(len(self.beacons), -1, dtype=np.int64)
-        number[index] = np.arange(len(index))
+        new_index = np.full(len(self.beacons), -1, dtype=np.int64)
+        new_index[index] = np.arange(len(index))
         return replace(
             self,
             beacons=tuple(beacons),
             places=self.places[index],
             range_time=self.range_time[is_chosen],
-            range_beacon=number[self.range_beacon[is_chosen]],
+            range_beacon=new_index[self.range_beacon[is_chosen]],
             ranges=self.ranges[is_chosen],
             range_track=self.range_track[is_chosen] if self.moving else self.range_track,
             moving=tuple(name for name in beacons if name in self.moving),
@@ -241,8 +241,8 @@ class RangeData:
         pieces = np.ceil(duration / _LONGEST_LEG_S).astype(np.int64)
         step = np.repeat(np.arange(duration.size), pieces)
         piece = np.arange(step.size) - np.repeat(np.cumsum(pieces) - pieces, pieces) + 1
-        left = pieces[step] - piece
-        return self.time[step + 1] - left * (duration / pieces)[step]
+        pieces_left = pieces[step] - piece
+        return self.time[step + 1] - pieces_left * (duration / pieces)[step]
 
     def legs(self) -> tuple[Floats, Floats, Floats]:
         """The way as odometry has it, cut where a range was measured, so that each has its own

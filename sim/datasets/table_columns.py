@@ -28,6 +28,7 @@ class Quantity:
 
     @property
     def si(self) -> str:
+        """The SI unit, which is the first."""
         return next(iter(self.units))
 
 
@@ -51,6 +52,7 @@ QUANTITIES = (TIME, SPEED, ANGLE, LENGTH)
 
 TIME_NAMES = ("time", "timestamp", "t", "datetime")
 FIELDS = (*OWN_MOTION.fields, *RECEPTION.fields, *PLACES.names)
+"""Fields of the log that a column may hold, beside "time"."""
 NEEDED = (
     *OWN_MOTION.fields,
     "leader_east",
@@ -59,12 +61,15 @@ NEEDED = (
     "leader_speed",
     "leader_depth",
 )
-DATES = "dates (UTC)"
-_ABOVE_SURFACE_M = 1.0  # depths of waves and of a sensor's bias are not refused
+"""Fields without which a navigator cannot work, beside a range."""
+DATES = "dates (UTC)"  # how messages call the unit of times that are dates
+# depths of so much above the surface are not refused: waves and a sensor's bias give them
+_ABOVE_SURFACE_M = 1.0
 _MAX_CHARACTERS = 40  # characters of a cell or header that messages show
 
 
 def quantity_of(field: str) -> Quantity:
+    """The quantity of a field of the log, or of "time"."""
     if field == "time" or field == TIMESTAMP:
         return TIME
     if "speed" in field:
@@ -94,7 +99,7 @@ class Columns:
     path: Path
     time: Column
     fields: dict[str, Column]  # all others
-    dates: bool  # times are dates, converted to us since 1970
+    has_dates: bool  # times are dates, converted to us since 1970
     unused: tuple[str, ...]  # headers that name no field
 
 
@@ -216,7 +221,7 @@ def read_columns(path: Path) -> Columns:
         return [row[i] for row in rows]
 
     time_column = index.pop("time")
-    time, dates = times_of(
+    time, has_dates = times_of(
         words(time_column),
         headers[time_column],
         fields_and_units[time_column][1],
@@ -234,7 +239,7 @@ def read_columns(path: Path) -> Columns:
     unused = tuple(
         header for header, (field, _) in zip(headers, fields_and_units, strict=True) if not field
     )
-    return Columns(path=path, time=time, fields=fields, dates=dates, unused=unused)
+    return Columns(path=path, time=time, fields=fields, has_dates=has_dates, unused=unused)
 
 
 def require_depths(where: str, metres: Floats) -> None:

@@ -46,13 +46,14 @@ _USUAL_MAX_INTERVAL_S = 60.0
 _MIN_INTERVAL_S = 1e-5
 _MAX_INTERVAL_S = 900.0
 _SEGMENT_M = 2.0  # length of the way of the leader that gives a course
+# a leader that went less, or was slower in the median, hardly moves
 _MIN_DISTANCE_M = 5.0
 _MIN_SPEED_M_S = 0.05
 _MIN_OBSERVATIONS = 4  # fewest courses, or ranges beyond the two unknowns
 _MAX_RANGES = 200  # that the start is fitted to
-_ITERATIONS = 12
-_TIMES_WORSE = 3.0
-_SPEED_MARGIN = 0.3
+_ITERATIONS = 12  # of Gauss–Newton for the start
+_TIMES_WORSE = 3.0  # an error that is so many times another, and a margin, is far worse
+_SPEED_MARGIN = 0.3  # of the logarithm of `_distance_ratio`
 _MIN_FACTOR = 2.5
 """Between units that motion tells from each other; a current may double a speed."""
 
@@ -126,9 +127,9 @@ def _clock_error(trial: Trial) -> float:
     return math.nan if ratio is None else abs(math.log(ratio))
 
 
-def _level_ranges(trial: Trial) -> tuple[Floats, Floats, Floats]:
-    """Rows, places (east, north) and level ranges of at most `_MAX_RANGES` slant ranges, evenly
-    chosen; shapes (m,), (m, 2), (m,), in order of rows.
+def _horizontal_ranges(trial: Trial) -> tuple[Floats, Floats, Floats]:
+    """Rows of the table, places of transmitters (east, north) and horizontal ranges to them, of at
+    most `_MAX_RANGES` slant ranges, evenly chosen; shapes (m,), (m, 2), (m,), in order of rows.
     """
     leader = np.column_stack([trial.columns["leader_east"], trial.columns["leader_north"]])
     depth = trial.columns["depth"]
@@ -147,8 +148,8 @@ def _level_ranges(trial: Trial) -> tuple[Floats, Floats, Floats]:
                 site, (*leader.T, trial.columns["leader_depth"]), strict=True
             )
         )
-        level = np.sqrt(np.maximum(ranges**2 - (source_depth - own_depth) ** 2, 0.0))
-        parts.append(np.column_stack([rows, east, north, level]))
+        horizontal = np.sqrt(np.maximum(ranges**2 - (source_depth - own_depth) ** 2, 0.0))
+        parts.append(np.column_stack([rows, east, north, horizontal]))
     table = np.concatenate(parts)
     table = table[np.isfinite(table).all(axis=1) & (table[:, 3] > 0.0)]
     table = table[np.argsort(table[:, 0], kind="stable")]
@@ -174,7 +175,7 @@ def _range_error(trial: Trial) -> float:
     """Median residual of the ranges along the vehicle's own course from the start that fits them
     best [m]; NaN for few ranges.
     """
-    rows, places, ranges = _level_ranges(trial)
+    rows, places, ranges = _horizontal_ranges(trial)
     if ranges.size < _MIN_OBSERVATIONS + 2:
         return math.nan
     offsets = places - _dead_reckoning(trial)[rows.astype(np.int64)]
@@ -202,11 +203,12 @@ def _range_error(trial: Trial) -> float:
 class Evidence:
     """What a wrong unit contradicts."""
 
-    subject: str
-    error: Callable[[Trial], float]
+    subject: str  # what it is, for messages
+    error: Callable[[Trial], float]  # how badly a trial fits; NaN: nothing tells
     margin: float  # differences below this may have other causes: current, sideslip, noise
 
     def fits(self, trial: Trial) -> bool:
+        """Whether a trial fits; False where nothing tells."""
         return self.error(trial) <= self.margin
 
     def prefers(self, trial: Trial, other: Trial) -> bool:
@@ -257,6 +259,7 @@ def _stated(columns: Columns, quantity: Quantity) -> dict[float, Column]:
 
 
 def _largest(bare: list[Column]) -> float:
+    """Largest magnitude of numbers in columns, as they stand in the file."""
     return max(float(np.nanmax(np.abs(column.values), initial=0.0)) for column in bare)
 
 
@@ -356,10 +359,10 @@ def _trial(
 
     fields = {f: si(column) for f, column in columns.fields.items() if f != TIMESTAMP}
     timestamp = columns.fields.get(TIMESTAMP)
-    stated = None if timestamp is None or not timestamp.unit else si(timestamp)
+    leader_clock = None if timestamp is None or not timestamp.unit else si(timestamp)
     unit = others.get(TIME.name) or columns.time.unit or choice[TIME.name]
     time = columns.time.values * TIME.units[unit]
-    return Trial(time - time[0], fields, stated)
+    return Trial(time - time[0], fields, leader_clock)
 
 
 def _unrefuted(columns: Columns, choices: list[UnitChoice]) -> tuple[list[UnitChoice], list[str]]:
@@ -584,7 +587,7 @@ def timestamp_unit(columns: Columns, time_s: Floats, time_unit: str) -> str:
     column = columns.fields[TIMESTAMP]
     if column.unit:
         return column.unit
-    expected = "s" if columns.dates else time_unit
+    expected = "s" if columns.has_dates else time_unit
     ratio = tick_ratio(column.values, time_s)
     tick_unit = next(
         (u for u, s in TIME.units.items() if ratio and abs(math.log10(ratio * s)) < 0.5), None
@@ -594,7 +597,10 @@ def timestamp_unit(columns: Columns, time_s: Floats, time_unit: str) -> str:
         return _date_unit(largest) or expected
     if tick_unit == expected:
         return expected
-    if columns.dates or np.nanmax(np.abs(column.values)) * TIME.units[expected] > LARGEST_NUMBER:
+    if (
+        columns.has_dates
+        or np.nanmax(np.abs(column.values)) * TIME.units[expected] > LARGEST_NUMBER
+    ):
         return tick_unit
     header = column.header.strip()
     raise LaisnError(

@@ -56,8 +56,8 @@ def _require_bounded(columns: Columns, unit: str) -> None:
 def _time_ns(columns: Columns, unit: str) -> Ints:
     """Times of the rows; LaisnError if they lie before 1970, or are too large for their unit."""
     _require_bounded(columns, unit)
-    nanoseconds = round(1e9 * TIME.units[unit])
-    times = np.rint(columns.time.values * nanoseconds).astype(np.int64)
+    ns_per_unit = round(1e9 * TIME.units[unit])
+    times = np.rint(columns.time.values * ns_per_unit).astype(np.int64)
     if times.min() < 0:
         raise LaisnError(f"{columns.time.where}: times before 1970, or negative ones")
     return times
@@ -74,7 +74,8 @@ def _si(
         values = column.values * column.quantity.units[unit]
         if np.nanmax(np.abs(values), initial=0.0) > LARGEST_NUMBER:
             raise LaisnError(
-                f"{column.where}: in {unit}, values are not within ±{LARGEST_NUMBER:g} s"
+                f"{column.where}: in {unit}, values are not within ±{LARGEST_NUMBER:g} "
+                f"{column.quantity.si}"
             )
         if "depth" in column.field:
             require_depths(column.where, values)
@@ -102,10 +103,10 @@ def read_vehicle_table(path: Path, field_map: FieldMap | None = None) -> Vehicle
     columns = read_columns(path) if field_map is None else read_mapped_columns(path, field_map)
     if columns.time.unit:
         _require_bounded(columns, columns.time.unit)
-    choice, reasons = decide_units(columns)
+    choice, choice_remarks = decide_units(columns)
     unit = columns.time.unit or choice[TIME.name]
     time_ns = _time_ns(columns, unit)
-    table, units = _si(columns, choice, (time_ns - time_ns[0]) / 1e9)
+    table, unit_remarks = _si(columns, choice, (time_ns - time_ns[0]) / 1e9)
     ranges = {field: values for field, values in table.items() if field.startswith("range_")}
     received = np.any(np.isfinite(list(ranges.values())), axis=0)
     if not received.any():
@@ -128,9 +129,9 @@ def read_vehicle_table(path: Path, field_map: FieldMap | None = None) -> Vehicle
     table.setdefault(TIMESTAMP, time_ns / 1e9)
     header = columns.time.header.strip()
     remarks = [
-        f"{header}: time in {DATES if columns.dates else unit}, {np.ptp(time_ns) / 1e9:g} s",
-        *units,
-        *reasons,
+        f"{header}: time in {DATES if columns.has_dates else unit}, {np.ptp(time_ns) / 1e9:g} s",
+        *unit_remarks,
+        *choice_remarks,
         *recording.remarks,
     ]
     remarks += [f"not used: {', '.join(columns.unused)}"] if columns.unused else []

@@ -276,6 +276,17 @@ def test_a_time_beyond_the_bound_in_its_unit_is_refused(tmp_path: Path) -> None:
         read_vehicle_table(path)
 
 
+def test_a_length_beyond_the_bound_in_its_unit_is_refused_with_the_bound_in_metres(
+    tmp_path: Path,
+) -> None:
+    lengths = ("depth", "leader_east", "leader_north", "leader_depth")
+    headers = {name: f"{name} [m]" for name in lengths} | {"range_rear": "range_rear [km]"}
+    path = table(tmp_path, headers, {"range_rear": 1e6})
+    message = r"range_rear \[km\]: in km, values are not within ±4e\+09 m$"
+    with pytest.raises(LaisnError, match=message):
+        read_vehicle_table(path)
+
+
 def test_a_time_of_rows_beyond_the_bound_in_its_unit_is_refused(tmp_path: Path) -> None:
     with pytest.raises(LaisnError, match=r"time \[s\]: in s, times are not within ±4e\+09 s"):
         read_vehicle_table(table(tmp_path, {}, {"time": 1e3}, offset_s=1.7e9))
