@@ -19,7 +19,7 @@ from typing import (
 import numpy as np
 import numpy.typing as npt
 
-from laisn.spilled import is_long, is_spilled, room
+from laisn.spilled import is_long, is_spilled, spillable_zeros
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -36,13 +36,14 @@ Records: TypeAlias = Any
 
 def records(dtype: npt.DTypeLike, *shape: int) -> Records:
     """Records of a structured dtype, all zero."""
-    return room(shape, dtype).view(np.recarray)
+    return spillable_zeros(shape, dtype).view(np.recarray)
 
 
 class RecordFields:
-    """A class whose annotations declare the fields of a record of `record_dtype`: `float`, `int`,
-    another such class, or an array of one of them, as `Annotated[Floats, (3, 3)]`, or of a layout
-    that is made elsewhere, as `Annotated[Records, LAYOUT, (8,)]`.
+    """A class whose annotations declare the fields of a record of `record_dtype`: `float`, `int` or
+    another such class; an array of numbers, as `Annotated[Floats, (3, 3)]`; of another such class,
+    as `Annotated[list[Other], (8,)]`; or of a layout that is made elsewhere, as
+    `Annotated[Records, LAYOUT, (8,)]`.
 
     Its objects are records of numpy's.
     """
@@ -173,7 +174,7 @@ def _copied(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     in_order = all(before >= after for before, after in pairwise(array.strides))
     if not (in_order and is_long(array.shape)):
         return array.copy(order="K")
-    copy = room(array.shape, array.dtype)
+    copy = spillable_zeros(array.shape, array.dtype)
     copy[...] = array
     return copy
 

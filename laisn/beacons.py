@@ -64,7 +64,7 @@ class BeaconBelief(NamedTuple):
     covariance: Floats  # shape (CAPACITY, n, n)
     weight: Floats  # shape (CAPACITY,); sum 1 over those alive
     outcome: Records  # whether it used the last range: field `used`, shape (CAPACITY,)
-    states: int
+    states: int  # n, number of states
     # number of hypotheses, of one component each, shape (1,); `laisn.mixture` reads this name
     n_hypotheses: Ints
     evidence: Floats  # logarithm of the probability density of all ranges so far, shape (1,)
@@ -72,14 +72,15 @@ class BeaconBelief(NamedTuple):
     first: Ints  # index of each beacon's first state, shape (B,)
     variance: Floats  # of each beacon's random error, as estimated so far, shape (B,), [m²]
     rejected: Ints  # ranges of each beacon rejected in a row, shape (B,)
-    gain: Floats  # room for P Hᵀ, shape (n,)
+    gain: Floats  # room for P Hᵀ, which is not divided by S yet, shape (n,)
 
 
 @compiled
 def predict(
     b: BeaconBelief, errors: tuple[float, float], speed: float, heading: float, time: float
 ) -> None:
-    """One step of odometry, whose mean speed [m/s] and heading [rad] are measured, in a time [s].
+    """Predict over one step of odometry, whose mean speed [m/s] and heading [rad] are measured, and
+    which took a time Δt [s].
 
     The true way is e^{b_s} v Δt u(θ − b_θ) + c Δt, with u the direction of a compass heading.
     `errors` are the random walk of the position that odometry does not see [m/√s], and of the
@@ -137,10 +138,11 @@ def predict_track(
     displacement: tuple[float, float],
     time: float,
 ) -> None:
-    """Take that a beacon by its own odometry went a way, east and north [m], in a time [s].
+    """Predict the errors of a beacon that by its own odometry has moved by a displacement Δ, east
+    and north [m], in a time T [s].
 
-    The true way is Rot(ψ) Δ, with Rot anticlockwise, and the place's error grows by Rot(ψ) Δ − Δ.
-    `errors` are the random walks of its place [m/√s] and of its heading [rad/√s].
+    The true displacement is Rot(ψ) Δ, with Rot anticlockwise, and the place's error grows by
+    Rot(ψ) Δ − Δ. `errors` are the random walks of its place [m/√s] and of its heading [rad/√s].
     """
     n = b.states
     slip, heading_walk = errors
@@ -162,7 +164,7 @@ def predict_track(
         x[east] += true_east - displacement[0]
         x[north] += true_north - displacement[1]
         x[turn] += time * x[rate]
-        # F P Fᵀ with ∂δ/∂ψ = (−Δ_n, Δ_e) of the true way, ∂δ/∂ψ̇ half the time of that, ∂ψ/∂ψ̇ = T
+        # F P Fᵀ with ∂δ/∂ψ = (−Δ_n, Δ_e) of the true displacement, ∂δ/∂ψ̇ = ½ T ∂δ/∂ψ, ∂ψ/∂ψ̇ = T
         for j in range(n):
             turn_covariance = P[turn, j] + half_time * P[rate, j]
             P[east, j] -= true_north * turn_covariance
@@ -173,7 +175,8 @@ def predict_track(
             P[j, east] -= true_north * turn_covariance
             P[j, north] += true_east * turn_covariance
             P[j, turn] += time * P[j, rate]
-        # Q of a heading that walks on an even way: q T of ψ, q T/2 and q T/3 with the place
+        # Q of a heading that walks randomly while the beacon moves at a constant velocity, with
+        # g = ∂δ/∂ψ: q T of ψ, q T/3 g gᵀ of the place, and q T/2 g between both
         third = heading_variance / 3.0
         P[east, east] += slip * slip * time + third * true_north * true_north
         P[north, north] += slip * slip * time + third * true_east * true_east
@@ -190,11 +193,12 @@ def predict_track(
 
 @compiled
 def moments(b: BeaconBelief, speed: float, heading: float) -> tuple[Floats, Floats]:
-    """Mean of x, y, vx, vy over the mixture, at the last readings, and its covariance; NaN if it
-    is empty.
+    """Mean of x, y, vx, vy over the mixture, at the last readings of speed [m/s] and heading [rad],
+    and its covariance; NaN if it is empty.
     """
     mean = np.zeros(4)
     covariance = np.zeros((4, 4))
+    # derivatives of x, y, vx, vy by the states, and a row that `mixture.add_moments` works in
     rows = np.zeros((5, b.states))
     if b.n_hypotheses[0] == 0:
         return mean + np.nan, covariance + np.nan
@@ -233,7 +237,7 @@ class RangeMeasurement(NamedTuple):
     east: float  # its surveyed place [m]
     north: float
     depth_difference: float  # how much deeper it is than the receiver [m]
-    range: float
+    range: float  # measured slant range [m]
     variance: float  # of the settings' random error [m²]
     log_p_inlier: float  # logarithm of the chance that the range is right
     log_density_outlier: (
@@ -260,7 +264,7 @@ def predict_range(b: BeaconBelief, k: int, z: RangeMeasurement) -> tuple[float, 
     distance = max(
         math.sqrt(dx * dx + dy * dy + z.depth_difference * z.depth_difference), _MIN_DISTANCE
     )
-    flat = max(math.sqrt(dx * dx + dy * dy), _MIN_DISTANCE)
+    horizontal_distance = max(math.sqrt(dx * dx + dy * dy), _MIN_DISTANCE)
     scale = 1.0 + x[RANGE_SCALE]
     hx, hy = scale * dx / distance, scale * dy / distance
     for j in range(n):
@@ -288,15 +292,15 @@ def predict_range(b: BeaconBelief, k: int, z: RangeMeasurement) -> tuple[float, 
     ayx, ayy = fxy * cxx + fyy * cxy, fxy * cxy + fyy * cyy
     second = 0.5 * (axx * axx + 2.0 * axy * ayx + ayy * ayy)
     residual = z.range - scale * distance - x[offset] - 0.5 * (axx + ayy)
-    tx, ty = -dy / flat, dx / flat
-    bend = 0.5 * (tx * tx * cxx + 2.0 * tx * ty * cxy + ty * ty * cyy) / flat
+    tx, ty = -dy / horizontal_distance, dx / horizontal_distance
+    bend = 0.5 * (tx * tx * cxx + 2.0 * tx * ty * cxy + ty * ty * cyy) / horizontal_distance
     return residual, variance + second, bend
 
 
 @compiled
 def update(b: BeaconBelief, k: int, z: RangeMeasurement) -> float:
-    """Update component k with a range, unless that is likelier a wrong one; logarithm of its
-    density.
+    """Update component k with a range, unless that is likelier a wrong one. Returns the logarithm
+    of the range's probability density [1/m].
     """
     residual, expected, _ = predict_range(b, k, z)
     variance = expected + b.variance[z.beacon]
@@ -315,20 +319,20 @@ def update(b: BeaconBelief, k: int, z: RangeMeasurement) -> float:
 _SPLIT_BEND = 0.7
 _MIN_WEIGHT = 1e-8
 _MERGE_DISTANCE = 0.3  # squared Mahalanobis distance of positions, below which they are one
-BEARINGS = 48  # Gaussians of a ring
+N_RING_COMPONENTS = 48  # Gaussians whose sum is a ring
 STARTERS = 8  # first ranges, each of which may be the one that gives an unknown start
 # errors of ranges are estimated where one component has more weight than this
 _DOMINANT_WEIGHT = 0.9
-_MAX_MISSED = 8  # ranges of one beacon rejected in a row after which a ring about it is added
-_MAX_MISSED_OF_ONE = 24  # the same where the last range of another one was used
+_MAX_REJECTED = 8  # ranges of one beacon rejected in a row after which a ring about it is added
+_MAX_REJECTED_OF_ONE = 24  # the same where the last range of another one was used
 _RING_WEIGHT = 0.01  # of the ring that is added
 
 
 @compiled
 def _split_component(b: BeaconBelief, k: int, z: RangeMeasurement) -> None:
-    """Split component k in three along the tangent of the circle about a beacon: means −1, 0, 1,
-    weights ¼, ½, ¼ and variance ½ keep the first three moments; the other states follow by their
-    covariance.
+    """Split component k in three along the tangent of the circle about a beacon: in units of its
+    standard deviation there, means −1, 0, 1, weights ¼, ½, ¼ and variance ½ keep the first three
+    moments; the other states follow by their covariance.
     """
     x = b.state[k]
     P = b.covariance[k]
@@ -337,8 +341,8 @@ def _split_component(b: BeaconBelief, k: int, z: RangeMeasurement) -> None:
     place_east = b.first[z.beacon] + _PLACE_EAST
     place_north = b.first[z.beacon] + _PLACE_NORTH
     dx, dy = x[X] - z.east - x[place_east], x[Y] - z.north - x[place_north]
-    flat = math.sqrt(dx * dx + dy * dy)
-    tx, ty = -dy / flat, dx / flat
+    horizontal_distance = math.sqrt(dx * dx + dy * dy)
+    tx, ty = -dy / horizontal_distance, dx / horizontal_distance
     for j in range(n):
         column[j] = tx * (P[j, X] - P[j, place_east]) + ty * (P[j, Y] - P[j, place_north])
     sigma = math.sqrt(
@@ -395,11 +399,11 @@ def add_ring(b: BeaconBelief, z: RangeMeasurement, weight: float, lost: bool) ->
     """Add a ring of components about a beacon, of a weight where that of all others is 1; nothing
     without room.
 
-    If lost, other states are those of the heaviest component, but for the heading's variance;
-    otherwise all are fresh.
+    If the place was `lost`, the other states are those of the first component, with the prior
+    variance added to that of the heading; otherwise all have the mean and variance of the prior.
     """
     first = b.first[z.beacon]
-    if b.n_hypotheses[0] + BEARINGS >= CAPACITY:
+    if b.n_hypotheses[0] + N_RING_COMPONENTS >= CAPACITY:
         return
     distance = max(
         math.sqrt(max(z.range * z.range - z.depth_difference * z.depth_difference, 1.0)), 1.0
@@ -411,9 +415,12 @@ def add_ring(b: BeaconBelief, z: RangeMeasurement, weight: float, lost: bool) ->
         + b.prior_variance[first + _PLACE_EAST]
         + b.prior_variance[RANGE_SCALE] * distance * distance
     )
-    for i in range(BEARINGS):
+    for i in range(N_RING_COMPONENTS):
         k = b.n_hypotheses[0]
-        ux, uy = math.sin(2.0 * math.pi * i / BEARINGS), math.cos(2.0 * math.pi * i / BEARINGS)
+        ux, uy = (
+            math.sin(2.0 * math.pi * i / N_RING_COMPONENTS),
+            math.cos(2.0 * math.pi * i / N_RING_COMPONENTS),
+        )
         P = b.covariance[k]
         if lost:
             mixture.copy_component(b, 0, k)
@@ -423,9 +430,9 @@ def add_ring(b: BeaconBelief, z: RangeMeasurement, weight: float, lost: bool) ->
         else:
             mixture.reset_component(b, k, b.prior_variance)
         mixture.place_on_ring(
-            b, k, (z.east, z.north), distance, (ux, uy), (radial_variance, BEARINGS)
+            b, k, (z.east, z.north), distance, (ux, uy), (radial_variance, N_RING_COMPONENTS)
         )
-        b.weight[k] = weight / BEARINGS
+        b.weight[k] = weight / N_RING_COMPONENTS
         update(b, k, z)
         b.n_hypotheses[0] += 1
     mixture.normalise(b.weight, b.n_hypotheses[0])
@@ -437,17 +444,17 @@ def _has_lost_place(b: BeaconBelief, beacon: int) -> bool:
     where the last range of another one was used, rather those ranges are wrong.
     """
     rejected = b.rejected[beacon]
-    if rejected < _MAX_MISSED:
+    if rejected < _MAX_REJECTED:
         return False
     for i in range(b.rejected.shape[0]):
         if i != beacon and b.rejected[i] == 0:
-            return bool(rejected >= _MAX_MISSED_OF_ONE)
+            return bool(rejected >= _MAX_REJECTED_OF_ONE)
     return True
 
 
 @compiled
 def receive(b: BeaconBelief, z: RangeMeasurement, starter: int) -> bool:
-    """Take a range; whether the heaviest component used it.
+    """Take a range; whether the first component, the heaviest one before it, used it.
 
     With an unknown start each of the first ranges may be the first right one: the ring of the m-th
     has the weight of all earlier ones being wrong, beside the evidence of the components so far.
@@ -553,7 +560,9 @@ def new_belief(settings: BeaconSettings, start: tuple[float, float] | None) -> B
 def with_beacon(
     belief: BeaconBelief, settings: BeaconSettings, moves: bool = False
 ) -> BeaconBelief:
-    """BeaconBelief with fresh states of one more beacon, which may move by odometry of its own."""
+    """BeaconBelief with the states of one more beacon, which may move by odometry of its own, with
+    the mean and variance of the prior.
+    """
     counts = np.diff(belief.first, append=belief.states)
     extended = _allocate(settings, np.append(counts == STATES_MOVING, moves))
     states = belief.states
@@ -599,7 +608,7 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
         """
         super().__init__(settings, start if settings.known_start else None, settings.start_sigma)
         self._belief: BeaconBelief = new_belief(settings, self._start)
-        # number of each beacon by its place, or by its transmitter where that moves
+        # number of each beacon by its place, or by the index of its transmitter where that moves
         self._beacons: dict[tuple[float, float] | int, int] = {}
         self._moving = set[int]()
         self._tracks: dict[int, _Track] = {}
@@ -607,6 +616,7 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
         self._starter = 0 if self._start is None else -1
         chance = settings.outlier_probability
         span = settings.outlier_span
+        # the last three fields of `RangeMeasurement`
         self._errors = (
             settings.range_sigma**2,
             float(np.log1p(-chance)),
@@ -679,8 +689,8 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
     def _key(
         self, i: int, transmitter: Floats, message: LeaderMessage
     ) -> tuple[float, float] | int:
-        """What tells beacons apart: the place of one at rest; of one that moves, where its message
-        says that it is itself, which of the transmitters it is.
+        """What tells beacons apart: of one at rest its place, of one that moves the index of its
+        transmitter. A beacon moves if its message states its own place, and a speed that is not 0.
         """
         east, north, _ = map(float, transmitter)
         at_message_position = (east, north) == (message.east, message.north)
@@ -692,7 +702,7 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
         self, key: tuple[float, float] | int, transmitter: Floats, measured: float, depth: float
     ) -> bool:
         """Take one range; whether the heaviest component used it."""
-        east, north, deep = map(float, transmitter)
+        east, north, beacon_depth = map(float, transmitter)
         if key not in self._beacons:
             if len(self._beacons) == MAX_BEACONS:
                 raise LaisnError(
@@ -704,9 +714,9 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
             self._belief = with_beacon(self._belief, self.settings, drifts)
         if isinstance(key, int) and self._has_drifting_tracks:
             self._follow_track(self._beacons[key], east, north)
-        deeper = deep - (depth - self.settings.hydrophone_height)
+        depth_difference = beacon_depth - (depth - self.settings.hydrophone_height)
         z = RangeMeasurement(
-            self._beacons[key], east, north, deeper, float(measured), *self._errors
+            self._beacons[key], east, north, depth_difference, float(measured), *self._errors
         )
         used = receive(self._belief, z, self._starter)
         if self._starter >= 0:

@@ -17,9 +17,9 @@ import numpy as np
 from laisn.arrays import Floats, Ints, require_numbers
 from laisn.mixture import Chain, smooth
 
-_LINE, _SHARES = np.polynomial.hermite_e.hermegauss(5)
-_NODES = np.stack(np.meshgrid(_LINE, _LINE), axis=2).reshape(-1, 2)
-_WEIGHTS = np.outer(_SHARES, _SHARES).ravel() / _SHARES.sum() ** 2
+_NODES_1D, _WEIGHTS_1D = np.polynomial.hermite_e.hermegauss(5)
+_NODES = np.stack(np.meshgrid(_NODES_1D, _NODES_1D), axis=2).reshape(-1, 2)
+_WEIGHTS = np.outer(_WEIGHTS_1D, _WEIGHTS_1D).ravel() / _WEIGHTS_1D.sum() ** 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,11 +35,12 @@ class TrueNoise:
     # of a reading of the compass [rad]
     heading_sigma: float = float(np.deg2rad(2.0) * np.sqrt(1.0 - 2.0 / np.pi))
     range_sigma: float = 0.01 / float(np.sqrt(12.0))  # of each range [m]
-    # of ψ, drawn for each message; ranges share it in proportion [m]
+    # of ψ, the paper's error that is drawn for each message and that its ranges share in proportion
+    # to their length; at the longest range [m]
     range_scale_sigma: float = 0.05
     leader_heading_sigma: float = 0.0  # of the heading that the leader broadcasts [rad]
     leader_position_sigma: float = 0.0  # of its broadcast position, along each axis [m]
-    # constants
+    # constants: σ of what is known of each before the mission
     start: float = 0.0  # position at the start, along each axis [m]
     speed_bias: float = 0.3  # [m/s]
     heading_bias: float = float(np.deg2rad(8.0))  # [rad]
@@ -88,19 +89,19 @@ class BoundGeometry:
     leader_velocity: Floats | None = None
 
 
-_LOG = 2
-_COMPASS = 3
-_SCALE = 4
-_LEADER = 5
-_EAST = 6
-_NORTH = 7
-_OFFSET = 8
+_LOG_BIAS = 2
+_COMPASS_BIAS = 3
+_RANGE_SCALE = 4
+_LEADER_BIAS = 5  # of its compass
+_CURRENT_EAST = 6
+_CURRENT_NORTH = 7
+_RANGE_OFFSET = 8  # of the second transmitter; that of the third comes next
 _CLOCK = 10
 _DRIFT = 11
 _SPEED = 12
 _STATES = 13
-"""State x of s = 13 numbers as of `TightEstimates.names`, position first; what is known has the
-variance 0.
+"""Indices in the state x of s = 13 numbers: those of `TightEstimates.names`, position first, and
+the speed through the water. What is known has the variance 0.
 """
 _MAX_INTERVALS = 256  # between messages of a follower that are computed at once
 _MAX_FOLLOWERS = 32  # that are computed at once, so that little memory is taken
@@ -110,11 +111,11 @@ _ANY_SPEED = 10.0  # standard deviation of the speed before the first reading of
 def _range_information(
     from_leader: Floats, arms: Floats, received: Ints, noise: TrueNoise
 ) -> Floats:
-    """Fisher information of ranges to followers `from_leader` from the leader, shape (q, 2), shape
-    (q, s, s).
+    """Fisher information of the ranges to each of q places, shape (q, s, s).
 
-    `arms` are those of the transmitters `received`, of each follower or of all, shape (q, r, 3) or
-    (1, r, 3).
+    `from_leader` are these places as seen from the leader, shape (q, 2). `received` are the indices
+    of the r transmitters that are received, `arms` theirs as of `BoundGeometry`, for each place or
+    the same for all, shape (q, r, 3) or (1, r, 3).
     """
     if not received.size:
         return np.zeros((len(from_leader), _STATES, _STATES))
@@ -123,14 +124,14 @@ def _range_information(
     share = distance / distance.max(axis=1, keepdims=True)
     rows = np.zeros((*distance.shape, _STATES))
     rows[..., :2] = flat / distance[..., None]
-    rows[..., _SCALE] = share
+    rows[..., _RANGE_SCALE] = share
     rows[..., _CLOCK] = 1.0
     # a compass that reads too much puts the true arms further anticlockwise
     quarter_turned = np.stack([-arms[..., 1], arms[..., 0]], axis=-1)
     heading_row = -np.sum(rows[..., :2] * quarter_turned, axis=2)
-    rows[..., _LEADER] = heading_row
+    rows[..., _LEADER_BIAS] = heading_row
     for j in np.flatnonzero(received > 0):
-        rows[:, j, _OFFSET + received[j] - 1] = 1.0
+        rows[:, j, _RANGE_OFFSET + received[j] - 1] = 1.0
     covariance = noise.range_sigma**2 * np.eye(received.size)
     covariance = covariance + noise.range_scale_sigma**2 * share[..., :, None] * share[..., None, :]
     directions = rows[..., :2]
@@ -187,9 +188,9 @@ def _leader_way_information(
         return np.zeros((geometry.from_leader[i].shape[0], _STATES, _STATES))
     velocity = geometry.leader_velocity[i]
     jacobian = np.zeros((len(velocity), 2, _STATES))
-    jacobian[:, 0, _LEADER] = -velocity[:, 1]
-    jacobian[:, 1, _LEADER] = velocity[:, 0]
-    jacobian[:, :, _EAST : _NORTH + 1] = np.eye(2)
+    jacobian[:, 0, _LEADER_BIAS] = -velocity[:, 1]
+    jacobian[:, 1, _LEADER_BIAS] = velocity[:, 0]
+    jacobian[:, :, _CURRENT_EAST : _CURRENT_NORTH + 1] = np.eye(2)
     weights = geometry.dt * steps / (10.0 * noise.leader_way_sigma**2)
     return np.asarray(jacobian.swapaxes(1, 2) @ jacobian * weights[:, None, None])
 
@@ -211,52 +212,60 @@ def _informations_at_truth(geometry: BoundGeometry, noise: TrueNoise, i: slice) 
 class _Transitions(NamedTuple):
     """The way over b intervals between messages, of k filter steps each."""
 
-    rows: Floats  # each step's position by the state at the beginning, shape (b, k, 2, s)
-    step: Floats  # F, the state at the end by that, shape (b, s, s)
-    added: Floats  # covariance that each step's position has gained, shape (b, k, 2, 2)
-    onward: Floats  # that of this with what the state has gained at the end, shape (b, k, 2, s)
-    process_noise: Floats  # Q, of what the state has gained, shape (b, s, s)
+    # derivatives of the position at each step by the state at the beginning, shape (b, k, 2, s)
+    position_jacobian: Floats
+    transition: Floats  # F, of the state at the end by that at the beginning, shape (b, s, s)
+    # covariance of the process noise in the position from the beginning to each step, shape
+    # (b, k, 2, 2)
+    position_noise: Floats
+    # covariance of that noise with the one in the state at the end, shape (b, k, 2, s)
+    cross_to_end: Floats
+    process_noise: Floats  # Q, of the state at the end, shape (b, s, s)
 
 
 def _transitions(speed: Floats, ahead: Floats, dt: float, noise: TrueNoise) -> _Transitions:
-    """The way by speeds, shape (b, k), [m/s], and directions times Δt, shape (b, k, 2), [s]."""
+    """The way by speeds, shape (b, k), [m/s], and `ahead`, unit vectors of the headings times Δt,
+    shape (b, k, 2), [s].
+    """
     intervals, steps = speed.shape
     way = np.cumsum(speed[..., None] * ahead, axis=1)
     time = dt * np.arange(1, steps + 1)
     # x_k = rows_k x_0: the true way Rot(b_θ) Σ (v − b_v) u Δt + c t, linearised about b_θ = 0: the
     # measured one turned anticlockwise by the compass bias, less the log's bias
-    rows = np.zeros((intervals, steps, 2, _STATES))
-    rows[..., 0, 0] = rows[..., 1, 1] = 1.0
-    rows[..., _LOG] = -np.cumsum(ahead, axis=1)
-    rows[..., 0, _COMPASS] = -way[..., 1]
-    rows[..., 1, _COMPASS] = way[..., 0]
-    rows[..., 0, _EAST] = rows[..., 1, _NORTH] = time
+    position_jacobian = np.zeros((intervals, steps, 2, _STATES))
+    position_jacobian[..., 0, 0] = position_jacobian[..., 1, 1] = 1.0
+    position_jacobian[..., _LOG_BIAS] = -np.cumsum(ahead, axis=1)
+    position_jacobian[..., 0, _COMPASS_BIAS] = -way[..., 1]
+    position_jacobian[..., 1, _COMPASS_BIAS] = way[..., 0]
+    position_jacobian[..., 0, _CURRENT_EAST] = position_jacobian[..., 1, _CURRENT_NORTH] = time
     t = time[:, None]
     end = time[-1]
-    step = np.repeat(np.eye(_STATES)[None], intervals, axis=0)
-    step[:, :2] = rows[:, -1]
-    step[:, _CLOCK, _DRIFT] = end
+    transition = np.repeat(np.eye(_STATES)[None], intervals, axis=0)
+    transition[:, :2] = position_jacobian[:, -1]
+    transition[:, _CLOCK, _DRIFT] = end
     longitudinal = ahead[..., :, None] * ahead[..., None, :]
     heading_variance = ((speed * noise.heading_sigma) ** 2)[..., None, None]
-    added = np.cumsum(
+    position_noise = np.cumsum(
         noise.speed_sigma**2 * longitudinal + heading_variance * (dt**2 * np.eye(2) - longitudinal),
         axis=1,
     )
     cross_at_end = np.zeros((intervals, steps, 2, _STATES))
     process_noise = np.zeros((intervals, _STATES, _STATES))
-    cross_at_end[..., :2] = added
+    cross_at_end[..., :2] = position_noise
     current = noise.current_walk**2 if noise.current > 0.0 else 0.0
     walks = (
-        (_LOG, noise.speed_walk**2),
-        (_COMPASS, noise.heading_walk**2),
-        (_EAST, current),
-        (_NORTH, current),
+        (_LOG_BIAS, noise.speed_walk**2),
+        (_COMPASS_BIAS, noise.heading_walk**2),
+        (_CURRENT_EAST, current),
+        (_CURRENT_NORTH, current),
     )
     for state, rate in walks:
         # a bias that wanders moves the position by its mean over a straight way
-        state_rows = rows[..., state]
+        state_rows = position_jacobian[..., state]
         at_end = state_rows[:, -1, None, None, :]
-        added += rate * (t[..., None] / 3.0) * state_rows[..., :, None] * state_rows[..., None, :]
+        position_noise += (
+            rate * (t[..., None] / 3.0) * state_rows[..., :, None] * state_rows[..., None, :]
+        )
         cross_at_end[..., state] += rate * 0.5 * t * state_rows
         cross_at_end[..., :2] += (rate * (0.5 * t - t * t / (6.0 * end)) * state_rows)[
             ..., None
@@ -267,7 +276,7 @@ def _transitions(speed: Floats, ahead: Floats, dt: float, noise: TrueNoise) -> _
     process_noise[:, _CLOCK : _DRIFT + 1, _CLOCK : _DRIFT + 1] = noise.clock_walk**2 * np.array(
         [[end**3 / 3.0, end**2 / 2.0], [end**2 / 2.0, end]]
     )
-    return _Transitions(rows, step, added, cross_at_end, process_noise)
+    return _Transitions(position_jacobian, transition, position_noise, cross_at_end, process_noise)
 
 
 def _unknown_states(noise: TrueNoise) -> tuple[Floats, Ints]:
@@ -284,13 +293,20 @@ def _unknown_states(noise: TrueNoise) -> tuple[Floats, Ints]:
 
 
 def _message_information(
-    geometry: BoundGeometry, noise: TrueNoise, i: int, covariance: Floats, mean: bool, steps: int
+    geometry: BoundGeometry,
+    noise: TrueNoise,
+    i: int,
+    covariance: Floats,
+    takes_mean: bool,
+    steps: int,
 ) -> Floats:
     """Information of message i, `steps` after the one before it, shape (s, s): of its ranges, and
     of the leader's way since then.
+
+    With `takes_mean` that of the ranges is the mean over the positions that `covariance` allows.
     """
     message = slice(i, i + 1)
-    if mean:
+    if takes_mean:
         from_leader = geometry.from_leader[message]
         spread = covariance[None, :2, :2]
         information = _expected_informations(from_leader, spread, geometry.arms[message], noise)[0]
@@ -301,8 +317,8 @@ def _message_information(
 
 
 def _informed(covariance: Floats, information: Floats) -> Floats:
-    """(P⁻¹ + I)⁻¹ of matrices of shape (…, u, u), without the inverse of P, which a known start
-    makes singular.
+    """(P⁻¹ + I)⁻¹ of a covariance P and an information I, shapes (…, u, u), without the inverse of
+    P, which a known start makes singular.
     """
     informed = np.linalg.solve(np.eye(covariance.shape[-1]) + covariance @ information, covariance)
     return np.asarray(0.5 * (informed + informed.swapaxes(-1, -2)), dtype=np.float64)
@@ -311,22 +327,27 @@ def _informed(covariance: Floats, information: Floats) -> Floats:
 def _steady_speed_bound(geometry: BoundGeometry, noise: TrueNoise, averaged: bool | None) -> Floats:
     """As `position_bound`, where the speed is a random walk that the log measures in each step.
 
-    It is that of a speed which is held: an estimator that also expects manoeuvres is above it.
+    The walk is as slow as that of a vehicle that holds its speed: an estimator that also expects
+    manoeuvres is above this bound.
     """
     n = geometry.speed.size
     variances, unknown = _unknown_states(noise)
     block = np.ix_(unknown, unknown)
-    mean = averaged if averaged is not None else geometry.arms.shape[1] < 3
+    takes_mean = averaged if averaged is not None else geometry.arms.shape[1] < 3
     dt = geometry.dt
     walks = np.zeros(_STATES)
-    walks[[_LOG, _COMPASS, _SPEED]] = noise.speed_walk, noise.heading_walk, noise.speed_change
-    walks[[_EAST, _NORTH]] = noise.current_walk if noise.current > 0.0 else 0.0
+    walks[[_LOG_BIAS, _COMPASS_BIAS, _SPEED]] = (
+        noise.speed_walk,
+        noise.heading_walk,
+        noise.speed_change,
+    )
+    walks[[_CURRENT_EAST, _CURRENT_NORTH]] = noise.current_walk if noise.current > 0.0 else 0.0
     walks[_DRIFT] = noise.clock_walk
-    log = np.zeros((_STATES, _STATES))
-    log[np.ix_([_SPEED, _LOG], [_SPEED, _LOG])] = 1.0 / noise.speed_sigma**2
-    log = log[block]
+    log_information = np.zeros((_STATES, _STATES))
+    log_information[np.ix_([_SPEED, _LOG_BIAS], [_SPEED, _LOG_BIAS])] = 1.0 / noise.speed_sigma**2
+    log_information = log_information[block]
     # a reading before the first step, as the speed there must be known
-    covariance = _informed(np.diag(variances[unknown]), log)
+    covariance = _informed(np.diag(variances[unknown]), log_information)
     bound = np.empty((n, 2, 2))
     messages = dict(zip(geometry.message_step.tolist(), range(n), strict=False))
     last = 0
@@ -335,15 +356,15 @@ def _steady_speed_bound(geometry: BoundGeometry, noise: TrueNoise, averaged: boo
         across = np.array([-u[1], u[0]])
         F = np.eye(_STATES)
         F[:2, _SPEED] = u * dt
-        F[:2, _COMPASS] = geometry.speed[k] * across * dt
-        F[0, _EAST] = F[1, _NORTH] = F[_CLOCK, _DRIFT] = dt
+        F[:2, _COMPASS_BIAS] = geometry.speed[k] * across * dt
+        F[0, _CURRENT_EAST] = F[1, _CURRENT_NORTH] = F[_CLOCK, _DRIFT] = dt
         Q = np.diag(walks**2 * dt)
         Q[:2, :2] = (geometry.speed[k] * noise.heading_sigma * dt) ** 2 * np.outer(across, across)
-        step = F[block]
-        covariance = _informed(step @ covariance @ step.T + Q[block], log)
+        transition = F[block]
+        covariance = _informed(transition @ covariance @ transition.T + Q[block], log_information)
         if k + 1 in messages:
             information = _message_information(
-                geometry, noise, messages[k + 1], covariance, mean, k + 1 - last
+                geometry, noise, messages[k + 1], covariance, takes_mean, k + 1 - last
             )
             covariance = _informed(covariance, information[block])
             last = k + 1
@@ -403,12 +424,12 @@ class _Intervals(NamedTuple):
     begins: Ints  # first step of each interval, shape (b,)
     lasts: Ints  # its last step, shape (b,)
     interval: Ints  # of each step, its number among these, shape (k,)
-    messages: int  # how many intervals end with a message: all, but perhaps the last
+    n_messages: int  # how many intervals end with a message: all, but perhaps the last
     # what `_Transitions` has, of each step and of each interval
-    rows: Floats  # shape (k, 2, u)
-    added: Floats  # shape (k, 2, 2)
-    onward: Floats  # shape (k, 2, u)
-    step: Floats  # shape (b, u, u)
+    position_jacobian: Floats  # shape (k, 2, u)
+    position_noise: Floats  # shape (k, 2, 2)
+    cross_to_end: Floats  # shape (k, 2, u)
+    transition: Floats  # shape (b, u, u)
     process_noise: Floats  # shape (b, u, u)
     # of the message at the end of each interval, without the ranges' where their mean is taken;
     # shape (b, u, u)
@@ -423,7 +444,7 @@ def _ends_of(geometry: BoundGeometry) -> Ints:
 
 
 def _intervals(
-    geometry: BoundGeometry, noise: TrueNoise, unknown: Ints, first: int, mean: bool
+    geometry: BoundGeometry, noise: TrueNoise, unknown: Ints, first: int, takes_mean: bool
 ) -> _Intervals:
     """Intervals from number `first` on: all that does not depend on the covariance."""
     ends = _ends_of(geometry)
@@ -438,38 +459,38 @@ def _intervals(
     )
     speed = geometry.speed[span]
     u = unknown.size
-    rows = np.empty((steps, 2, u))
-    added = np.empty((steps, 2, 2))
-    onward = np.empty((steps, 2, u))
-    step = np.empty((lasts.size, u, u))
+    position_jacobian = np.empty((steps, 2, u))
+    position_noise = np.empty((steps, 2, 2))
+    cross_to_end = np.empty((steps, 2, u))
+    transition = np.empty((lasts.size, u, u))
     process_noise = np.empty((lasts.size, u, u))
     for length in np.unique(lengths):
         same_length = np.flatnonzero(lengths == length)
         interval_steps = begins[same_length][:, None] - start + np.arange(length)
         way = _transitions(speed[interval_steps], ahead[interval_steps], geometry.dt, noise)
-        rows[interval_steps] = way.rows[..., unknown]
-        added[interval_steps] = way.added
-        onward[interval_steps] = way.onward[..., unknown]
-        step[same_length] = way.step[:, unknown[:, None], unknown]
+        position_jacobian[interval_steps] = way.position_jacobian[..., unknown]
+        position_noise[interval_steps] = way.position_noise
+        cross_to_end[interval_steps] = way.cross_to_end[..., unknown]
+        transition[same_length] = way.transition[:, unknown[:, None], unknown]
         process_noise[same_length] = way.process_noise[:, unknown[:, None], unknown]
     block = slice(first, min(first + lasts.size, geometry.message_step.size))
-    messages = max(block.stop - first, 0)
-    message_information = _leader_way_information(geometry, noise, block, lengths[:messages])
-    if not mean:
+    n_messages = max(block.stop - first, 0)
+    message_information = _leader_way_information(geometry, noise, block, lengths[:n_messages])
+    if not takes_mean:
         message_information = message_information + _informations_at_truth(geometry, noise, block)
     information = np.zeros((lasts.size, u, u))
-    information[:messages] = message_information[:, unknown[:, None], unknown]
+    information[:n_messages] = message_information[:, unknown[:, None], unknown]
     interval = np.repeat(np.arange(lasts.size), lengths)
     return _Intervals(
         span,
         begins,
         lasts,
         interval,
-        messages,
-        rows,
-        added,
-        onward,
-        step,
+        n_messages,
+        position_jacobian,
+        position_noise,
+        cross_to_end,
+        transition,
         process_noise,
         information,
     )
@@ -490,7 +511,7 @@ class _Recursion(NamedTuple):
     """Covariances of f followers over b intervals, shapes (b, f, u, u)."""
 
     before: Floats  # where each interval begins
-    between: Floats  # of what is known there with what is known at its end
+    between: Floats  # of the state there with the state at its end
     predicted: Floats  # at its end
     after: Floats  # with the message that arrives there
 
@@ -507,15 +528,15 @@ def _advance(
     `messages` are hydrophones from the leader and arms, shapes (b, f, 2) and (b, f, t, 3), where
     the mean information of the ranges is taken.
     """
-    count = max(len(block.step) for block in blocks)
-    step = _side_by_side([block.step for block in blocks], count, np.eye(unknown.size))
+    count = max(len(block.transition) for block in blocks)
+    transition = _side_by_side([block.transition for block in blocks], count, np.eye(unknown.size))
     process_noise = _side_by_side([block.process_noise for block in blocks], count, 0.0)
     information = _side_by_side([block.information for block in blocks], count, 0.0)
-    recursion = _Recursion(*np.empty((4, *step.shape)))
+    recursion = _Recursion(*np.empty((4, *transition.shape)))
     for j in range(count):
         recursion.before[j] = covariance
-        recursion.between[j] = covariance @ step[j].swapaxes(1, 2)
-        covariance = step[j] @ recursion.between[j] + process_noise[j]
+        recursion.between[j] = covariance @ transition[j].swapaxes(1, 2)
+        covariance = transition[j] @ recursion.between[j] + process_noise[j]
         recursion.predicted[j] = covariance
         learnt = information[j]
         if messages is not None:
@@ -540,15 +561,15 @@ class _Smoothing:
 
     def add(self, block: _Intervals, recursion: _Recursion, follower: int) -> None:
         """Add a block of intervals, which the recursion has for several followers."""
-        spread = block.rows @ recursion.before[block.interval, follower]
-        moved = spread @ block.step[block.interval].swapaxes(1, 2) + block.onward
+        spread = block.position_jacobian @ recursion.before[block.interval, follower]
+        moved = spread @ block.transition[block.interval].swapaxes(1, 2) + block.cross_to_end
         self._cross_to_next[block.span] = moved
-        between = recursion.between[: len(block.step), follower]
+        between = recursion.between[: len(block.transition), follower]
         later = block.begins > 0
         self._cross_to_next[block.begins[later] - 1] = between[later, :2]
         self._between.append(between)
-        self._predicted.append(recursion.predicted[: block.messages, follower])
-        self._updated.append(recursion.after[: block.messages, follower])
+        self._predicted.append(recursion.predicted[: block.n_messages, follower])
+        self._updated.append(recursion.after[: block.n_messages, follower])
 
     def smooth(self, bound: Floats, lag: float) -> Floats:
         """A bound, shape (n, 2, 2), with messages of up to a lag later [s]."""
@@ -588,10 +609,10 @@ def _write_bounds(intervals: _Intervals, recursion: _Recursion, i: int, bound: F
     and with the message at the end of each.
     """
     before = recursion.before[intervals.interval, i]
-    rows = intervals.rows
-    bound[intervals.span] = rows @ before @ rows.swapaxes(1, 2) + intervals.added
-    informed = intervals.lasts[: intervals.messages]
-    bound[informed] = recursion.after[: intervals.messages, i, :2, :2]
+    jacobian = intervals.position_jacobian
+    bound[intervals.span] = jacobian @ before @ jacobian.swapaxes(1, 2) + intervals.position_noise
+    message_steps = intervals.lasts[: intervals.n_messages]
+    bound[message_steps] = recursion.after[: intervals.n_messages, i, :2, :2]
 
 
 def _dead_reckoning_bounds(
@@ -604,7 +625,7 @@ def _dead_reckoning_bounds(
     once, and the rest for all followers.
     """
     variances, unknown = _unknown_states(noise)
-    mean = averaged if averaged is not None else geometries[0].arms.shape[1] < 3
+    takes_mean = averaged if averaged is not None else geometries[0].arms.shape[1] < 3
     start = np.diag(variances[unknown])
     covariance = np.repeat(start[None], len(geometries), axis=0)
     bounds = [np.empty((geometry.speed.size, 2, 2)) for geometry in geometries]
@@ -612,9 +633,11 @@ def _dead_reckoning_bounds(
     max_intervals = max(_ends_of(geometry).size for geometry in geometries)
     for first in range(0, max_intervals, _MAX_INTERVALS):
         block = slice(first, first + _MAX_INTERVALS)
-        blocks = [_intervals(geometry, noise, unknown, first, mean) for geometry in geometries]
-        count = max(len(intervals.step) for intervals in blocks)
-        messages = _messages_side_by_side(geometries, block, count) if mean else None
+        blocks = [
+            _intervals(geometry, noise, unknown, first, takes_mean) for geometry in geometries
+        ]
+        count = max(len(intervals.transition) for intervals in blocks)
+        messages = _messages_side_by_side(geometries, block, count) if takes_mean else None
         recursion = _advance(covariance, blocks, messages, noise, unknown)
         covariance = recursion.after[-1]
         for i, intervals in enumerate(blocks):

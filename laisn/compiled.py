@@ -49,12 +49,14 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 COMPILED_SOURCES = ("laisn/**/*.py", "sim/**/*.py", "experiments/campaign/lane_*.py")
 """Sources that compiled code reads: a compiled module imports from them alone."""
 _EXCLUDED = ("sim/datasets", "sim/film", "sim/gazebo", "sim/log")
+"""What begins like this is none of them: no compiled module imports it."""
 _ROOT = Path(__file__).resolve().parents[1]
 _MAX_UNUSED_S = 7 * 86_400.0
 """Code of other versions is removed when it has not been used for so long."""
 
 
 def reached_sources() -> list[Path]:
+    """Files of this project that compiled code can reach."""
     paths = [path for pattern in COMPILED_SOURCES for path in sorted(_ROOT.glob(pattern))]
     return [path for path in paths if not path.relative_to(_ROOT).as_posix().startswith(_EXCLUDED)]
 
@@ -332,7 +334,9 @@ def jitable(function: Function) -> Function:
 
 
 def formula(function: Function) -> Function:
-    """The same of a short one, which is inlined; records are NamedTuples."""
+    """The same of a short one, which is inlined; structures that it takes or gives are
+    NamedTuples.
+    """
     return register_jitable(inline="always")(function)
 
 

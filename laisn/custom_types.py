@@ -36,7 +36,9 @@ from laisn.custom_sources import Sources, is_custom
 _SHARED = frozenset(
     ("experiments", "laisn", "laisn_sim", "reports", "sim", "numba", "numpy", "llvmlite")
 )
-"""Packages that the folder of compiled code is named by, beside the standard library."""
+"""Packages whose versions or contents are in the name of the folder of compiled code already, as
+those of the standard library are.
+"""
 _SIMPLE_TYPES = (bool, int, float, complex, str, bytes, type(None), type(...), range)
 _MAX_DEPTH = 60
 
@@ -78,8 +80,9 @@ class _Description:
 
     def __init__(self) -> None:
         self.lines: list[str] = []
+        # index of the line at which the description of an object begins, by the object's id
         self._first_lines: dict[int, int] = {}
-        # so that no other object gets its identity
+        # kept alive, so that no other object gets the id of one of them
         self._objects: list[object] = []
 
     def add(self, value: object, depth: int = 0) -> None:
@@ -196,7 +199,9 @@ class _Description:
             self._add_version(module.__name__)
 
     def _add_version(self, module: str) -> None:
-        """Of an installed package, whose files are not among the user's sources."""
+        """Add the version of a module's package: of an installed one, whose files are not among the
+        user's sources.
+        """
         package = sys.modules.get(_package(module))
         self.lines.append(str(getattr(package, "__version__", "")))
 

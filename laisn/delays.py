@@ -14,7 +14,7 @@ from laisn.messages import LeaderMessage, Ranges
 from laisn.settings import Settings
 
 LONGEST_DELAY = 5.0
-"""A message that seems to have been longer under way has a clock of its own [s]."""
+"""Of a message that seems to have been longer under way the sender's clock is another one [s]."""
 SMOOTHING_TIME = 1.5
 """The speed over the pings is the log's exponential mean over this time [s]."""
 MEAN_SPEED_SIGMA = 0.03
@@ -31,19 +31,21 @@ class Delays(NamedTuple):
 
 
 def delays_of(message: LeaderMessage, ranges: Ranges, clock: float, settings: Settings) -> Delays:
-    """Delays at a time since the start [s], by the time of the message on the same clock.
+    """Delays at a time `clock` since the start [s], by the timestamp of the message on the same
+    clock.
 
-    A time of the message that is no such time, or zero, which states none, is taken for that at
-    which the last ping arrives now.
+    If the timestamp is 0, which states none, or cannot be on that clock, the last ping counts as
+    arriving now.
     """
-    leaves = settings.ping_slot * np.arange(3)
+    emission_delays = settings.ping_slot * np.arange(3)
     travel_times = settings.sound_slowness * np.array(ranges)
-    last = float(np.nanmax(leaves + travel_times, initial=0.0))
+    last = float(np.nanmax(emission_delays + travel_times, initial=0.0))
     elapsed = clock - message.timestamp
     if message.timestamp == 0.0 or not last <= elapsed <= LONGEST_DELAY:
         elapsed = last
     return Delays(
-        np.maximum(elapsed - leaves - travel_times, 0.0), np.maximum(elapsed - travel_times, 0.0)
+        np.maximum(elapsed - emission_delays - travel_times, 0.0),
+        np.maximum(elapsed - travel_times, 0.0),
     )
 
 
@@ -58,9 +60,9 @@ class MeanSpeed:
     """Exponential mean of a log's readings, and the time since the start."""
 
     def __init__(self) -> None:
-        self.clock = 0.0
-        self.speed = 0.0
-        self.since_message = 0.0
+        self.clock = 0.0  # time since the start [s]
+        self.speed = 0.0  # the mean [m/s]
+        self.since_message = 0.0  # time since the last message, which the caller sets to 0 [s]
 
     def advance(self, speed: float, dt: float) -> None:
         """Take a reading at the end of a step that took a time [s]."""
@@ -69,7 +71,7 @@ class MeanSpeed:
         self.speed += dt * max(1.0 / SMOOTHING_TIME, 1.0 / self.clock) * (speed - self.speed)
 
     def variance(self, dt: float, speed_sigma: float) -> float:
-        """Of the mean, by that of a reading and the filter step [s], [m²/s²].
+        """Variance of the mean [m²/s²], by σ of a reading [m/s] and the filter step [s].
 
         It is of readings since the last message alone, so that the errors of messages are
         independent.

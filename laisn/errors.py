@@ -11,7 +11,7 @@ COLUMNS = 80
 ROWS = 20
 """A small terminal, less the lines around a message."""
 
-_STEERING = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}
+_INVISIBLE = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}
 """Categories of Unicode that are not visible."""
 
 
@@ -32,7 +32,7 @@ def printable(text: object) -> str:
     `\\x1b`.
     """
     return "".join(
-        c.encode("unicode_escape").decode("ascii") if unicodedata.category(c) in _STEERING else c
+        c.encode("unicode_escape").decode("ascii") if unicodedata.category(c) in _INVISIBLE else c
         for c in str(text)
     )
 

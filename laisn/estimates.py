@@ -283,7 +283,9 @@ class TightEstimates(Estimates):
     )
     names: ClassVar[tuple[str, ...]] = _STATES  # names of all states that there can be, with units
 
-    used: Ints  # how many of its ranges the heaviest hypothesis used, shape (f,)
+    # how many of its ranges the heaviest hypothesis used, shape (f,); one less where these have an
+    # echo in common, whose excess is estimated of them
+    used: Ints
     nis: Floats
     """Their squared residuals in units of S, shape (f,): `used` on average, if S is right; NaN if
     none was used, or nothing was expected of them."""

@@ -60,7 +60,7 @@ def is_long(shape: Sequence[int]) -> bool:
     return max(shape, default=0) >= SPILLED_FROM
 
 
-def room(shape: Sequence[int], dtype: npt.DTypeLike = np.float64) -> npt.NDArray[Any]:
+def spillable_zeros(shape: Sequence[int], dtype: npt.DTypeLike = np.float64) -> npt.NDArray[Any]:
     """An array of zeros, in a file if an axis is long."""
     layout = np.dtype(dtype)
     size = int(np.prod(shape, dtype=np.int64)) * layout.itemsize

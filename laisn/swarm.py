@@ -19,7 +19,7 @@ from laisn.compiled import compiled
 from laisn.estimates import Estimates, FixKind, FixRecord, FixTable
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
 from laisn.settings import Settings
-from laisn.spilled import room
+from laisn.spilled import spillable_zeros
 
 ESTIMATE = np.dtype(
     [
@@ -68,8 +68,8 @@ class SwarmRecord(NamedTuple):
         cls, followers: int, steps: int, messages: int, kind: type[Estimates], *, whole: bool
     ) -> Self:
         """Room for a mission; with `whole` for covariances and fixes, up to three of a message."""
-        state = room((followers, steps, 4))
-        covariance = room((followers, steps if whole else 0, 4, 4))
+        state = spillable_zeros((followers, steps, 4))
+        covariance = spillable_zeros((followers, steps if whole else 0, 4, 4))
         for numbers in (state, covariance):
             numbers[:] = np.nan
         return cls(

@@ -20,7 +20,7 @@ from laisn.estimates import Estimates
 from laisn.messages import LeaderMessage, LinkMessages, Reception
 from laisn.navigators import find
 from laisn.settings import Settings
-from laisn.spilled import room
+from laisn.spilled import spillable_zeros
 from laisn.swarm import (
     ESTIMATE,
     READING,
@@ -136,7 +136,7 @@ def init_closed_loop(
     message_every = sensing.links.message_every
     sensors = observation.sensor_model_of(sensing, sensing_of=sensing_of)
     steps = (n - 1) // sensors.stride
-    tilts = room((n, 2))
+    tilts = spillable_zeros((n, 2))
     tilts[:] = 0.0 if leader.broadcast_attitude else np.nan
     link = navigated_link(sensing.links)
     messages = steps // (link.every if link else message_every) + 1

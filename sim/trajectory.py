@@ -11,7 +11,7 @@ from numba.extending import overload
 
 from laisn.arrays import ArrayRecord, Floats, Ints, freeze_arrays, require_shapes
 from laisn.compiled import compiled, jitable
-from laisn.spilled import room
+from laisn.spilled import spillable_zeros
 from sim import attitude
 
 
@@ -29,7 +29,9 @@ class StateHistory(NamedTuple):
     @classmethod
     def empty(cls, instants: int, vehicles: int, effectors: int) -> Self:
         """Room for a number of instants, in files if these are many."""
-        return cls(*(room((instants, vehicles, columns)) for columns in (7, 6, 3, effectors)))
+        return cls(
+            *(spillable_zeros((instants, vehicles, columns)) for columns in (7, 6, 3, effectors))
+        )
 
 
 def row(array: Floats, k: int, vehicle: int) -> Any:

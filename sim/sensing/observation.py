@@ -21,7 +21,7 @@ from laisn.arrays import Bools, Floats, Ints, Record, Records, freeze_arrays, nu
 from laisn.compiled import compiled, copy_values, jitable
 from laisn.held import borrowed_values
 from laisn.messages import LeaderMessage, LinkMessages, Measurements, SensorHeader
-from laisn.spilled import room
+from laisn.spilled import spillable_zeros
 from laisn.swarm import MESSAGE
 from sim.attitude import body_point_in_world
 from sim.scenario.links import LEADER_LINK
@@ -238,10 +238,10 @@ class MeasurementRecord(NamedTuple):
         """Room for a mission of so many filter steps, with a message every so many of them."""
         q = steps // message_every + 1
         return cls(
-            own=room((followers, steps, 3)),
-            message_step=room((followers, q), np.int64),
-            message=room((followers, q, len(LeaderMessage._fields))),
-            ranges=room((followers, q, 3)),
+            own=spillable_zeros((followers, steps, 3)),
+            message_step=spillable_zeros((followers, q), np.int64),
+            message=spillable_zeros((followers, q, len(LeaderMessage._fields))),
+            ranges=spillable_zeros((followers, q, 3)),
             messages=np.zeros(followers, dtype=np.int64),
         )
 
@@ -572,9 +572,11 @@ class Receptions(NamedTuple):
 
 def new_receptions(messages: int) -> Receptions:
     """Room for so many messages."""
-    steps = room((2, messages), np.int64)
+    steps = spillable_zeros((2, messages), np.int64)
     shapes = ((_CONTENT,), (3, 3), (3, 3), (3, 3, 4))
-    return Receptions(steps[0], steps[1], *[room((messages, *shape)) for shape in shapes])
+    return Receptions(
+        steps[0], steps[1], *[spillable_zeros((messages, *shape)) for shape in shapes]
+    )
 
 
 class Span(NamedTuple):

@@ -7,7 +7,7 @@ import numpy as np
 
 from laisn.arrays import Floats, Ints
 from laisn.messages import SensorHeader
-from laisn.spilled import room
+from laisn.spilled import spillable_zeros
 from sim.attitude import body_point_in_world
 from sim.scenario.parts import SensingSettings
 from sim.scenario.settings import CONTROL_STEP_S
@@ -48,7 +48,7 @@ class SenderMotion:
             sensing.broadcast_attitude and sensing.sensors.leader_attitude_senses_acceleration
         )
         self._share = sensors.complementary_filter_gain(sensing.sensors)
-        self.tilts = room((n, 2))
+        self.tilts = spillable_zeros((n, 2))
         self.tilts[:] = 0.0 if sensing.broadcast_attitude else np.nan
         self._instants = 0
 
@@ -99,7 +99,7 @@ class FollowerSensing:
         self._compiled = n > LONG
         self._message_inbox = new_inbox(follower + 1, self._model.message_every)
         self._reading_inbox = new_inbox(1, 1)
-        self._true_values = room((steps, 3))
+        self._true_values = spillable_zeros((steps, 3))
         self._receptions = new_receptions(record.message_step.shape[1])
         self._drivers = sensors.custom_sensors(sensing, follower)
         self._environment = sensors.environment_of(sensing)

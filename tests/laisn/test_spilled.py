@@ -20,7 +20,7 @@ def test_a_long_array_is_in_a_file_without_a_name_and_keeps_its_numbers(
 ) -> None:
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
-    array = spilled.room((spilled.SPILLED_FROM, 3))
+    array = spilled.spillable_zeros((spilled.SPILLED_FROM, 3))
     assert spilled.is_spilled(array.base)
     assert not array.any()
     array[:, 1] = np.arange(spilled.SPILLED_FROM)
@@ -31,7 +31,7 @@ def test_a_long_array_is_in_a_file_without_a_name_and_keeps_its_numbers(
 
 
 def test_a_short_array_is_in_memory() -> None:
-    array = spilled.room((spilled.SPILLED_FROM - 1, 3))
+    array = spilled.spillable_zeros((spilled.SPILLED_FROM - 1, 3))
     assert array.base is None
     assert array.flags.owndata
 
@@ -42,7 +42,7 @@ def refuse(*_: object) -> NoReturn:
 
 def test_without_room_on_the_disk_arrays_are_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "posix_fallocate", refuse)
-    array = spilled.room((spilled.SPILLED_FROM,), np.int64)
+    array = spilled.spillable_zeros((spilled.SPILLED_FROM,), np.int64)
     assert not spilled.is_spilled(array.base)
     assert array.dtype == np.int64
 
