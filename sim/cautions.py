@@ -54,7 +54,9 @@ def has(*fields: str) -> Callable[[Settings, str], bool]:
 
 
 def _expects_common_echoes(settings: Settings, variant: str) -> bool:
-    """Whether the paths by surface and floor are computed from depths."""
+    """Whether the paths by surface and floor are computed from depths: by the tightly coupled
+    navigator, the one that is compared with the Cramér–Rao bound.
+    """
     return hasattr(settings, "floor_depth") and find(variant).compare_with_crlb
 
 
@@ -238,7 +240,9 @@ def _drift(sensing: SensingSettings, _: Settings) -> str:
 
 
 def _follows_drift(settings: Settings, variant: str) -> bool:
-    """Whether a navigator that estimates biases is told that they drift."""
+    """Whether a navigator that estimates biases, the tightly coupled one, is told that they drift;
+    True of one that estimates none.
+    """
     assume = getattr(settings, "assume", None)
     return not find(variant).compare_with_crlb or bool(getattr(assume, "drift", True))
 

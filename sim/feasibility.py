@@ -86,8 +86,8 @@ def film_errors(duration_s: float, video: Video) -> list[str]:
     ]
 
 
-def _cost(motion: MotionSettings) -> list[str]:
-    """Missions beyond the limits of memory and time."""
+def _cost_errors(motion: MotionSettings) -> list[str]:
+    """Errors of a mission that takes more memory or time than there is."""
     duration_s = motion.plan.duration_s
     step_s = motion.physics_step_s
     vehicles = 1 + len(motion.plan.followers)
@@ -110,6 +110,7 @@ def _cost(motion: MotionSettings) -> list[str]:
 
 
 def _errors_of(build: Callable[[], object], where: str) -> list[str]:
+    """The error that a call raises, which begins with `where`; no line if it raises none."""
     try:
         build()
     except np.linalg.LinAlgError:
@@ -120,9 +121,9 @@ def _errors_of(build: Callable[[], object], where: str) -> list[str]:
     return []
 
 
-def _through_water(sea: SeaSettings, route: Route, depth: float) -> tuple[Floats, Ints]:
-    """Speeds through water at a depth where the current or the leg changes, shape (2, n), [m/s],
-    and legs, (n,).
+def _stretch_speeds(sea: SeaSettings, route: Route, depth: float) -> tuple[Floats, Ints]:
+    """Speeds through the water at a depth [m] on stretches between instants at which the current or
+    the leg changes: at their start and end, shape (2, n), [m/s]; and the leg of each, from 0, (n,).
     """
     over_ground = np.diff(route.waypoint, axis=0) / np.diff(route.time)[:, None]
     changes = [time for time, *_ in sea.ocean.current_profile if time < route.time[-1]]
@@ -186,13 +187,13 @@ _USUAL_STEP_S = 0.02
 def _speed_errors(vehicle: Vehicle, speeds: SpeedRange, design: Autopilot) -> list[str]:
     """Speeds that a hull cannot have: more than its thrust, or less than its fins need."""
     lines = []
-    top = top_speed(design)
+    greatest_speed = top_speed(design)
     on_station = isinstance(vehicle, Follower) and vehicle.station is not None
     subject = "its station" if on_station else "its route"
     advice = "the leader's legs" if on_station else "legs"
-    if speeds.fastest > top:
+    if speeds.fastest > greatest_speed:
         lines.append(
-            f"its effectors drive it at {top:.2g} m/s at most, {subject} needs up to "
+            f"its effectors drive it at {greatest_speed:.2g} m/s at most, {subject} needs up to "
             f"{speeds.fastest:.3g} through the water; give {advice} more time or less current"
         )
     if needs_way(design) and speeds.slowest < MIN_STEERAGE_SPEED:
@@ -205,11 +206,14 @@ def _speed_errors(vehicle: Vehicle, speeds: SpeedRange, design: Autopilot) -> li
 
 
 @lru_cache(maxsize=1024)
-def _stability_errors(hull: Hull, speeds: SpeedRange, orbital: float) -> list[str]:
-    """What `require_stable` reports; a study has many scenarios with the same hulls and speeds."""
+def _stability_errors(hull: Hull, speeds: SpeedRange, orbital_speed: float) -> list[str]:
+    """What `require_stable` reports, in waves whose water moves at up to `orbital_speed` [m/s].
+
+    A study has many scenarios with the same hulls and speeds.
+    """
     plant, designs = calm_plant(hull)
     build = partial(
-        require_stable, plant, designs, speeds.fastest, orbital, min_speed=speeds.slowest
+        require_stable, plant, designs, speeds.fastest, orbital_speed, min_speed=speeds.slowest
     )
     return _errors_of(build, "hull")
 
@@ -230,7 +234,7 @@ def _vertical_forces(plant: Plant, design: Autopilot, speed: float) -> VerticalF
     effectors = design["effectors"]
     stiffness = design["righting"] - _moment_of_incidence(plant) * speed**2
     forces = []
-    for side in (-1.0, 1.0):
+    for side in (-1.0, 1.0):  # down, up
         force = 0.0
         if design["has_heave"]:
             force = side * _greatest(design, speed, HEAVE, side)
@@ -276,7 +280,9 @@ _LIFT_RESERVE = 0.3
 
 
 class DensityRange(NamedTuple):
-    """Densities at the planned depths of a vehicle, by that in which its buoyancy holds."""
+    """Densities at the planned depths of a vehicle, as shares of that for which its buoyancy is
+    stated.
+    """
 
     least: float
     greatest: float
@@ -315,27 +321,31 @@ def _weight_errors_in(hull: Hull, speeds: SpeedRange, share: float) -> list[str]
     plant, designs = calm_plant(hull)
     body = plant.model.body("hull/hull")
     coefficients = plant.true_coefficients[0]
-    excess = float(share * coefficients["buoyancy"] - body.mass[0] * coefficients["gravity"])
+    excess_buoyancy = float(
+        share * coefficients["buoyancy"] - body.mass[0] * coefficients["gravity"]
+    )
     forces = _vertical_forces(plant, designs[0], speeds.mean)
-    if -forces.up <= excess <= forces.down:
+    if -forces.up <= excess_buoyancy <= forces.down:
         return []
-    trim = -excess - (1.0 - _LIFT_RESERVE) * (forces.up if excess < 0.0 else -forces.down)
+    trim = -excess_buoyancy - (1.0 - _LIFT_RESERVE) * (
+        forces.up if excess_buoyancy < 0.0 else -forces.down
+    )
     trim += hull.settings.excess_buoyancy_n
     advice = f"trim it with excess_buoyancy_n = {trim:.3g}"
     if hull.settings.trim == "file" and hull.settings.excess_buoyancy_n == 0.0:
         advice += ' or trim = "neutral"'
     for speed in np.arange(speeds.mean, top_speed(designs[0]), 0.05):
         faster = _vertical_forces(plant, designs[0], float(speed))
-        reserve = (1.0 - _LIFT_RESERVE) * (faster.up if excess < 0.0 else faster.down)
-        if abs(excess) <= reserve:
+        reserve = (1.0 - _LIFT_RESERVE) * (faster.up if excess_buoyancy < 0.0 else faster.down)
+        if abs(excess_buoyancy) <= reserve:
             advice += f", or go at {speed + 0.05:.2g} m/s or more through the water"
             break
-    kind = "heavier" if excess < 0.0 else "lighter"
-    largest_force = forces.up if excess < 0.0 else forces.down
+    kind = "heavier" if excess_buoyancy < 0.0 else "lighter"
+    largest_force = forces.up if excess_buoyancy < 0.0 else forces.down
     return [
-        f"it is {abs(excess):.3g} N {kind} than the water that it displaces; hull lift, fins and "
-        f"thrusters hold {largest_force:.3g} N at {speeds.mean:.3g} m/s, the mean of its mission; "
-        f"{advice}"
+        f"it is {abs(excess_buoyancy):.3g} N {kind} than the water that it displaces; hull lift, "
+        f"fins and thrusters hold {largest_force:.3g} N at {speeds.mean:.3g} m/s, the mean of its "
+        f"mission; {advice}"
     ]
 
 
@@ -368,8 +378,8 @@ def _control_errors(motion: MotionSettings, key: str, vehicle: Vehicle) -> list[
         if not lines:
             lines = _weight_errors(hull, speeds, _densities(motion.sea, vehicle))
     if not lines:
-        orbital = 0.0 if waves.kind == "none" else np.pi * waves.height_m / waves.period_s
-        lines = _stability_errors(hull, speeds, float(orbital))
+        orbital_speed = 0.0 if waves.kind == "none" else np.pi * waves.height_m / waves.period_s
+        lines = _stability_errors(hull, speeds, float(orbital_speed))
     return [f"{key}{'.model' if custom else ''}: {line.removeprefix('hull: ')}" for line in lines]
 
 
@@ -383,16 +393,17 @@ def _station_speeds(formation: Formation, leader: SpeedRange, design: Autopilot)
 
 
 def _leader_too_fast(motion: MotionSettings) -> list[str]:
-    fastest = motion.formation.max_speed_m_s
+    limit = motion.formation.max_speed_m_s
     depths = {f.held_depth_m for f in motion.plan.followers if f.station}
     for depth in sorted(depths):
-        ends, legs = _through_water(motion.sea, route_of(motion.plan.leader, "leader"), depth)
-        speed = ends.max(axis=0)
-        k = int(np.argmax(speed))
-        if speed[k] > fastest:
+        speeds, legs = _stretch_speeds(motion.sea, route_of(motion.plan.leader, "leader"), depth)
+        fastest_on_stretch = speeds.max(axis=0)
+        k = int(np.argmax(fastest_on_stretch))
+        if fastest_on_stretch[k] > limit:
             return [
                 f"leader: on the way to waypoint {legs[k] + 2} followers at {depth:g} m would need "
-                f"{speed[k]:.3g} m/s through the water, formation.max_speed_m_s is {fastest:g} m/s"
+                f"{fastest_on_stretch[k]:.3g} m/s through the water, formation.max_speed_m_s is "
+                f"{limit:g} m/s"
             ]
     return []
 
@@ -482,7 +493,8 @@ def cautions(scenario: Scenario) -> list[str]:
         if follower.station
     ]
     for variant in dict.fromkeys(keeping):
-        # how good a navigator of the user's own is, its flight shows
+        # those compared with the Cramér–Rao bound come near it; how good a navigator of the user's
+        # own is, its flight shows
         if find(variant).compare_with_crlb or is_plugin_name(variant):
             continue
         better = ", ".join(
@@ -495,7 +507,7 @@ def cautions(scenario: Scenario) -> list[str]:
     return remarks
 
 
-def _planned(vehicle: Vehicle, name: str) -> Plan:
+def _route_motion(vehicle: Vehicle, name: str) -> Plan:
     """The motion along the route of a vehicle; LaisnError if it has none that can be flown."""
     return planned_motion(route_of(vehicle, name))
 
@@ -552,7 +564,7 @@ def infeasibilities(scenario: Scenario) -> list[str]:
     """Everything that keeps a scenario from being flown, filmed and logged, beyond
     `Scenario.inconsistencies`.
     """
-    shapes: list[str] = []
+    geometry_errors: list[str] = []
     motion = MotionSettings.of(scenario)
     sensing_of = sensing_of_each(scenario)
     variants = [scenario.navigation_of(i).variant for i in range(len(sensing_of))]
@@ -563,26 +575,28 @@ def infeasibilities(scenario: Scenario) -> list[str]:
         *_errors_of(partial(sea_of_keys, scenario.ocean, scenario.seed), "ocean.waves"),
         *_navigator_errors(scenario.navigations(), of_leader),
         *_errors_of(partial(_require_readings, sensing_of, variants, of_leader), ""),
-        *_cost(motion),
+        *_cost_errors(motion),
     ]
     for _, vehicle in scenario.vehicles():
         if vehicle.controller:
             problems += _errors_of(partial(find_controller, vehicle.controller), "")
     for (key, vehicle), name in zip(scenario.vehicles(), motion.plan.names, strict=True):
         role = "follower" if isinstance(vehicle, Follower) else "leader"
-        shapes += [
+        geometry_errors += [
             f"{key}.model: {line}"
             for line in (hull_errors(vehicle.model, role) if vehicle.model else ())
         ]
         if not (isinstance(vehicle, Follower) and vehicle.station):
             where = f"{key}.{'waypoints' if vehicle.waypoints else 'route'}"
             # a saw-tooth that leaves the water is an error of its own
-            level = vehicle.model_copy(update={"saw_tooth_amplitude_m": 0.0})
-            shapes += _errors_of(partial(_planned, level, name), where)
-    shapes += [] if shapes else _errors_of(partial(require_sea, motion.sea), "ocean")
-    if shapes:
+            without_saw_tooth = vehicle.model_copy(update={"saw_tooth_amplitude_m": 0.0})
+            geometry_errors += _errors_of(partial(_route_motion, without_saw_tooth, name), where)
+    geometry_errors += (
+        [] if geometry_errors else _errors_of(partial(require_sea, motion.sea), "ocean")
+    )
+    if geometry_errors:
         # what follows depends on hulls, routes and the sea
-        return [*problems, *shapes]
+        return [*problems, *geometry_errors]
     for key, vehicle in scenario.vehicles():
         problems += _control_errors(motion, key, vehicle)
     problems += engine_errors(motion)

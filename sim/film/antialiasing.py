@@ -15,6 +15,7 @@ _MAX_EDGE_PX = 16  # how far along an edge its ends are looked for, at most
 
 @inlined
 def _brightness(picture: Bytes, row: int, column: int) -> float:
+    """Brightness of a pixel in [0, 255]."""
     return (
         2 * int(picture[row, column, 0])
         + 5 * int(picture[row, column, 1])
@@ -53,6 +54,8 @@ def _edge_end(
 
 @inlined
 def _smooth_pixel(source: Bytes, target: Bytes, i: int, j: int) -> None:
+    """Write a pixel mixed with its neighbour across the edge on which it lies."""
+    # brightness of this pixel, m for the middle, and of its neighbours by directions of the compass
     m = _brightness(source, i, j)
     n = _brightness(source, i - 1, j)
     s = _brightness(source, i + 1, j)

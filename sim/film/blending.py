@@ -21,7 +21,10 @@ def blend(
     opacity: float,
 ) -> None:
     """Lay a colour, its channels and its opacity in [0, 1], over a frame, shape (rows, columns, 4),
-    as far as a mask, shape (h, w), covers it; what lies outside the frame is left out.
+    as far as a mask of values in [0, 255], shape (h, w), covers it.
+
+    `left` and `top` are where the mask's corner lies in the frame [px]; what lies outside is left
+    out.
     """
     colour = (255.0 * red, 255.0 * green, 255.0 * blue)
     for i in range(max(0, -top), min(mask.shape[0], frame.shape[0] - top)):

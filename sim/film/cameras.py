@@ -19,12 +19,12 @@ _STEADY_S = 3.0
 """Standard deviation of the smoothing for a camera that stays put while waves move its subject,
 in mission seconds.
 """
-_NEAR_M = 0.15
-_CLEARANCE_M = 1.2
+_NEAR_M = 0.15  # what is nearer to a camera is not drawn
+_CLEARANCE_M = 1.2  # a camera stays so far from surface and floor
 # left, right and upper edge of what the panels leave free, as shares of the frame
 _FREE = (0.26, 0.79, 0.04)
 _SIGHT_DOWN_M = 42.0  # how far below the vehicles the view from above reaches
-_ORBIT_FILM_S = 40.0
+_ORBIT_FILM_S = 40.0  # time in which the camera `orbit` goes around, in seconds of film
 _NORTH_UP = np.array([0.0, 1.0, 0.0])
 _PROFILE_TURN = np.radians(152.0)
 """From the bearing of the follower to that of the camera `profile`, seen from the leader: a camera
@@ -163,9 +163,9 @@ class OwnCamera:
 
     def shot(self, state: FilmFrame) -> Shot:
         """What it sees at a state."""
-        middle = np.zeros(3) if self.vehicle is None else state.position[self.vehicle]
+        origin = np.zeros(3) if self.vehicle is None else state.position[self.vehicle]
         view = View(
-            position=middle + self.position, target=middle + self.target, fovy_deg=self.fovy_deg
+            position=origin + self.position, target=origin + self.target, fovy_deg=self.fovy_deg
         )
         distance = float(np.linalg.norm(view.target - view.position))
         fog = (max(3.0, 0.25 * distance), max(150.0, 2.3 * distance))
@@ -195,16 +195,21 @@ class CameraRig:
             return np.asarray(gaussian_filter1d(values, sigma, axis=0, mode="nearest"))
 
         position = truth.position[::stride]
+        # arrays below hold values at `_time`; this one leads from the follower to the leader
         self._separation = smooth(position[:, 0] - position[:, self._vehicle])
         self._leader = smooth(position[:, 0], _STEADY_S / (truth.dt * stride))
+        # middle and half extent, east, north, up, of the box about all vehicles
         low, high = position.min(axis=1), position.max(axis=1)
         self._centre = (low + high) / 2
-        self._half = smooth((high - low) / 2)
+        self._half_extent = smooth((high - low) / 2)
         heading = np.unwrap(truth.heading[::stride], axis=0)
         self._heading = smooth(heading)
         ahead = np.stack([np.sin(heading[:, 0]), np.cos(heading[:, 0])], axis=1)
-        starboard = ahead[:, 1] * self._separation[:, 0] - ahead[:, 0] * self._separation[:, 1] < 0
-        self._side = 1.0 if starboard.mean() >= 0.5 else -1.0
+        is_starboard = (
+            ahead[:, 1] * self._separation[:, 0] - ahead[:, 0] * self._separation[:, 1] < 0
+        )
+        # 1: the follower is on the leader's starboard side most of the time, −1: to port
+        self._side = 1.0 if is_starboard.mean() >= 0.5 else -1.0
         # how far the estimate lies to the right of the follower, seen towards the leader
         errors = (
             data.flight.estimates[follower].state[:, :2] - data.flight.hydrophone(follower)[:, :2]
@@ -219,6 +224,7 @@ class CameraRig:
         self._aside = smooth(east * towards[:, 1] - north * towards[:, 0])
 
     def _value_at(self, values: Floats, time: float) -> Floats:
+        """Values at `_time` interpolated to a time."""
         index = float(np.interp(time, self._time, np.arange(self._time.size)))
         i = int(index)
         u = index % 1.0
@@ -230,12 +236,13 @@ class CameraRig:
         return np.append(position[:2], np.clip(position[2], floor + _CLEARANCE_M, -_CLEARANCE_M))
 
     def _towards_leader(self, time: float) -> Floats:
+        """Horizontal unit vector from the follower to the leader, east where there is none."""
         flat = self._value_at(self._separation, time) * [1.0, 1.0, 0.0]
         length = np.linalg.norm(flat)
         return flat / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
 
     def _close(self, state: FilmFrame, vehicle: int, distance: float = 3.4) -> View:
-        """A vehicle from its quarter, turning with its heading."""
+        """A vehicle from its starboard quarter at a distance [m], turning with its heading."""
         heading = float(self._value_at(self._heading, state.time)[vehicle])
         side = np.array([np.sin(heading + 2.2), np.cos(heading + 2.2), 0.28])
         position = state.position[vehicle]
@@ -272,14 +279,14 @@ class CameraRig:
         """
         left, right, _ = _FREE
         slope = np.tan(np.radians(fovy_deg) / 2)
-        across = width / ((right - left) * slope * self._aspect)
-        distance = max(float(np.hypot(across, deep)), high / (0.25 * slope) + deep, 6.0)
+        distance_across = width / ((right - left) * slope * self._aspect)
+        distance = max(float(np.hypot(distance_across, deep)), high / (0.25 * slope) + deep, 6.0)
         eye = self._in_water(target + distance * direction)
         # close below the surface, that would end in a line
         eye[2] = min(eye[2], 0.5 * target[2])
         view = View(position=eye, target=target, fovy_deg=fovy_deg)
-        frame = 2 * float(np.linalg.norm(target - eye)) * slope * self._aspect
-        shift = (0.5 - (left + right) / 2) * frame * view.axes[0]
+        frame_width = 2 * float(np.linalg.norm(target - eye)) * slope * self._aspect
+        shift = (0.5 - (left + right) / 2) * frame_width * view.axes[0]
         return replace(view, position=eye + shift, target=target + shift)
 
     def _top(self, state: FilmFrame, bottom: float) -> tuple[View, tuple[float, float]]:
@@ -288,15 +295,15 @@ class CameraRig:
         """
         left, right, top = _FREE
         centre = self._value_at(self._centre, state.time)
-        half_extent = self._value_at(self._half, state.time)
+        half_extent = self._value_at(self._half_extent, state.time)
         across = (right - left) * self._aspect
         down = bottom - top
-        frame = (
+        frame_height = (
             max(1.25 * 2 * half_extent[0] / across, 1.25 * 2 * half_extent[1] / down, 14.0) + 3.0
         )
         shift = np.array([0.5 - (left + right) / 2, (top + bottom) / 2 - 0.5, 0.0])
-        target = centre + frame * shift * [self._aspect, 1.0, 0.0]
-        height = frame / 2 / np.tan(np.radians(45.0) / 2)
+        target = centre + frame_height * shift * [self._aspect, 1.0, 0.0]
+        height = frame_height / 2 / np.tan(np.radians(45.0) / 2)
         view = View(
             position=target + np.array([0.0, 0.0, height]),
             target=target,
@@ -340,15 +347,17 @@ class CameraRig:
             return Shot(view, (close_leader,), near_fog, True)
         if camera == "profile":
             # the inset shows the follower and its estimate from above, north up
-            mark = state.hydrophone[follower - 1]
+            hydrophone = state.hydrophone[follower - 1]
             reach = 1.5 + 1.6 * float(np.clip(self._value_at(self._error, state.time), 1.0, 8.0))
-            eye = self._in_water(mark + np.array([0.0, 0.0, reach / np.tan(np.radians(60.0) / 2)]))
+            eye = self._in_water(
+                hydrophone + np.array([0.0, 0.0, reach / np.tan(np.radians(60.0) / 2)])
+            )
             from_above = View(
                 position=eye,
-                target=mark,
+                target=hydrophone,
                 up=_NORTH_UP,
                 fovy_deg=60.0,
-                plane_m=float(eye[2] - mark[2]),
+                plane_m=float(eye[2] - hydrophone[2]),
             )
             return Shot(
                 self._profile(state),
@@ -360,7 +369,7 @@ class CameraRig:
         if camera == "leader":
             return Shot(self._close(state, leader, 4.6), (close_follower,), near_fog, True)
         centre = self._value_at(self._centre, state.time)
-        half_extent = self._value_at(self._half, state.time)
+        half_extent = self._value_at(self._half_extent, state.time)
         # to the ends of the hulls
         radius = float(np.hypot(half_extent[0], half_extent[1])) + 1.0
         high = float(half_extent[2])

@@ -31,7 +31,7 @@ _MIN_TEXT = 0.8
 _CIRCLE = np.column_stack(
     [f(np.linspace(0.0, 2 * np.pi, 24, endpoint=False)) for f in (np.cos, np.sin)]
 )
-_DASH, _GAP = 4.0, 3.0
+_DASH, _GAP = 4.0, 3.0  # lengths of dashes and gaps, in widths of the line
 _NO_COLOURS = np.zeros((0, 4))
 _NO_TRANSFORMS = np.zeros((0, 3, 3))
 _ORIGIN = np.zeros((1, 2))
