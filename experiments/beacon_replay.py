@@ -41,7 +41,7 @@ class BeaconReplaySettings(FurtherKeys):
     )
 
     def over(self, base: BeaconSettings) -> BeaconSettings:
-        """Settings with what is given here instead of what stands there."""
+        """`base` with the settings that are given here in place of its own."""
         return replace(base, **in_si(self.model_dump(exclude={"medium"})))
 
 
@@ -102,12 +102,12 @@ def score(
 
 def dead_reckoning(recorded: Replayable) -> Estimates:
     """Estimates of odometry alone."""
-    no_values = {
+    no_messages = {
         name: getattr(recorded.measurements, name)[:0]
         for name in ("message_step", "message", "ranges")
     }
     return BeaconNavigator(MEDIA["air"], recorded.start).run(
-        replace(recorded.measurements, **no_values, transmitters=None)
+        replace(recorded.measurements, **no_messages, transmitters=None)
     )
 
 
@@ -124,8 +124,8 @@ def _settings(recorded: Replayable, beacons: BeaconReplaySettings, medium: str) 
 def navigate_among_beacons(
     recorded: Replayable, beacons: BeaconReplaySettings
 ) -> tuple[Estimates, str]:
-    """Estimates of the navigator among beacons, and the medium: if it is open, that with the
-    likeliest ranges.
+    """Estimates of the navigator among beacons, and the medium: of "auto", that in which the ranges
+    are the likeliest.
     """
     candidates = list[tuple[float, Estimates, str]]()
     for medium in MEDIA if beacons.medium == "auto" else (beacons.medium,):

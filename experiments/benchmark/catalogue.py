@@ -12,7 +12,7 @@ from sim.scenario.file import assigned, read
 from sim.scenario.settings import Scenario
 
 VERSION = 1
-"""Of the missions: what they are, and how their files are written."""
+"""Version of the benchmark: another one has other missions, or files of another layout."""
 SEEDS = 20
 """Seeds of each mission, counted from 1."""
 _FILE = Path(__file__).with_name("missions.toml")

@@ -138,10 +138,14 @@ def _write_log(path: Path, flight: FlightRecord) -> None:
     clock = Clock(flight.scenario.epoch)
     channels = []
     for name, m in zip(flight.trajectory.names[1:], flight.measurements, strict=True):
-        for type_ in MEASURED:
-            step = getattr(m, type_.steps) if type_.steps else np.arange(1, m.speed.size + 1)
-            arrays = {column.attribute: getattr(m, column.attribute) for column in type_.columns}
-            channels.append(numeric(f"/{name}", type_, clock.ns(m.dt * step), arrays))
+        for record_type in MEASURED:
+            step = np.arange(1, m.speed.size + 1)
+            if record_type.steps:
+                # records of messages: they stand at the steps of reception alone
+                step = getattr(m, record_type.steps)
+            names = [column.attribute for column in record_type.columns]
+            arrays = {attribute: getattr(m, attribute) for attribute in names}
+            channels.append(numeric(f"/{name}", record_type, clock.ns(m.dt * step), arrays))
         steps = np.arange(1, m.speed.size + 1)
         channels += further_readings(name, m, clock.ns(m.dt * steps))
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -170,6 +174,9 @@ def _write_graphs(folder: Path, flight: FlightRecord) -> None:
 
 
 def _with_tight(flight: FlightRecord) -> FlightRecord:
+    """The flight as if navigated by the tightly coupled navigator, whose settings state what is
+    assumed of errors.
+    """
     return replace(flight, scenario=flight.scenario.with_navigation(variant="tight"))
 
 

@@ -39,6 +39,7 @@ SEGMENTS_M = (10.0, 50.0, 100.0)
 """Lengths of the segments of relative errors [m]."""
 _TIMES = ("time_s", "time [s]")
 _PLACES = (("x_m", "y_m"), ("east [m]", "north [m]"))
+"""Columns of time, and of east and north, that a table of estimates may have."""
 COVARIANCE = ("xx_m2", "xy_m2", "yy_m2")
 """Columns of the covariance of an estimated position, which may be absent [m²]."""
 
@@ -73,7 +74,9 @@ class RunScore:
     bound_m: float = math.nan  # least RMS that is possible
     nees: float = math.nan  # mean; 2 if covariances are right, NaN if none is stated
     relative_m: tuple[float, ...] = (math.nan,) * len(SEGMENTS_M)
-    """RMS over segments of `SEGMENTS_M`."""
+    """RMS of the error of displacements over segments of the lengths in `SEGMENTS_M`, as of
+    `laisn.metrics.relative_errors`.
+    """
     step_us: float = math.nan  # processor time a filter step [µs]
 
     @property
@@ -110,9 +113,9 @@ class MissionScore:
     mean_m: Interval  # of the position error E_P, over seeds
     rms_m: float
     largest_m: float
-    times_bound: float  # RMS over the least that is possible
+    times_bound: float  # RMS divided by the least that is possible
     nees: float
-    relative_m: tuple[float, ...]
+    relative_m: tuple[float, ...]  # as of `RunScore`
     lost: int  # runs with an error beyond `LOST_M`
     step_us: float
 
@@ -237,11 +240,11 @@ def _track(path: Path, columns: Mapping[str, Any]) -> Track:
     """All estimates in a table; LaisnError if it lacks a column."""
     time_column = next((name for name in _TIMES if name in columns), _TIMES[0])
     places = next((names for names in _PLACES if names[0] in columns), _PLACES[0])
-    numbers = require_numbers(path, columns, (time_column, *places))
-    covariance = np.full((len(numbers), 3), np.nan)
+    values = require_numbers(path, columns, (time_column, *places))
+    covariance = np.full((len(values), 3), np.nan)
     if any(name in columns for name in COVARIANCE):
         covariance = require_numbers(path, columns, COVARIANCE)
-    return Track(numbers[:, 0], numbers[:, 1:], covariance)
+    return Track(values[:, 0], values[:, 1:], covariance)
 
 
 def _track_of_run(path: Path, track: Track, rows: Ints) -> Track:

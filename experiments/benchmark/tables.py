@@ -196,13 +196,16 @@ def read_measurements(path: Path) -> Measurements:
     columns = read_columns(path)
     own_readings = require_numbers(path, columns, ("time [s]", *OWN_COLUMNS))
     n = len(own_readings)
+    if not n:
+        raise LaisnError(f"{path}: has no rows")
     empty = np.full(n, np.nan)
-    message = np.column_stack([columns.get(name, empty) for name in LEADER_COLUMNS])
-    ranges = np.column_stack([columns.get(name, empty) for name in RANGE_COLUMNS])
+    received = {name: columns.get(name, empty) for name in (*LEADER_COLUMNS, *RANGE_COLUMNS)}
+    message = require_numbers(path, received, LEADER_COLUMNS)
+    ranges = require_numbers(path, received, RANGE_COLUMNS)
     message[:, _IN_DEGREES] = np.radians(message[:, _IN_DEGREES])
     rows = np.flatnonzero(np.isfinite(message[:, 1]))
     custom = {
-        name: np.column_stack([columns[column] for column in sensor.columns]) / sensor.scale
+        name: require_numbers(path, columns, sensor.columns) / sensor.scale
         for name, sensor in FURTHER_SENSORS.items()
         if set(sensor.columns) <= columns.keys()
     }

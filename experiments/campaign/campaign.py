@@ -39,7 +39,8 @@ It returns a list of records, stored as JSON values. It raises `CampaignError` i
 them."""
 # filter steps that a process computes before it reports: a third of a second
 BATCH_STEPS = 20_000_000
-# so many for each process are flown before their cells; of more each comes with its first cells
+# up to so many missions for each process are flown as jobs of their own, before their cells; if
+# there are more, each is flown in one job with its first cells
 FEW_MISSIONS = 4
 _MANY_RUNS = 10_000  # cells of so many runs take seconds, in which threads use all cores
 
@@ -57,11 +58,11 @@ class ExecutionOptions(TypedDict, total=False):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Flown:
-    """What came of cells and tasks."""
+class CampaignResults:
+    """What came of the cells and tasks of a campaign; cells are read from its store."""
 
     store: Store
-    facts: Facts | None  # measures the facts of a mission, which are in the store
+    facts: Facts | None  # function that measured the facts of missions, which are in the store
     # rows of tasks by their names, in their order; those that failed are missing
     tasks: Mapping[Any, list[Record]]
     failures: Mapping[Any, str]
@@ -80,7 +81,7 @@ class Flown:
     @cached_property
     def _facts_of(self) -> Callable[[str], list[Record]]:
         """Facts of a mission, which many cells share, by the key of its motion."""
-        return cache(lambda motion: self._stored(key_of(self.facts, motion))[0])
+        return cache(lambda motion_key: self._stored(key_of(self.facts, motion_key))[0])
 
     def cell(self, plan: CellPlan) -> tuple[Record, Arrays]:
         """The row of a cell with the facts of its mission, and its arrays over runs;
@@ -88,7 +89,7 @@ class Flown:
         """
         row, arrays = self._stored(plan.key)
         if self.facts:
-            row = row | self._facts_of(plan.motion)[plan.follower]
+            row = row | self._facts_of(plan.motion_key)[plan.follower]
         return row, arrays
 
     def steps(self, plan: CellPlan) -> Arrays:
@@ -100,12 +101,12 @@ def _batches(plans: Iterable[CellPlan], workers: int) -> list[list[CellPlan]]:
     """Cells of one mission at a time, few enough for a steady progress and many enough to share
     the mission.
     """
-    by_mission = sorted(plans, key=lambda plan: plan.motion)
+    by_mission = sorted(plans, key=lambda plan: plan.motion_key)
     limit = min(BATCH_STEPS, sum(plan.size for plan in by_mission) // (4 * workers))
     batches = list[list[CellPlan]]()
     size = 0
     for plan in by_mission:
-        if not batches or batches[-1][0].motion != plan.motion or size + plan.size > limit:
+        if not batches or batches[-1][0].motion_key != plan.motion_key or size + plan.size > limit:
             batches.append([])
             size = 0
         batches[-1].append(plan)
@@ -114,8 +115,9 @@ def _batches(plans: Iterable[CellPlan], workers: int) -> list[list[CellPlan]]:
 
 
 def _fly(plan: CellPlan, facts: Facts | None, batch: Sequence[CellPlan]) -> list[Result]:
-    """The mission of a cell, its facts, and cells of the same mission."""
-    return _flown(montecarlo.simulate_mission(plan.scenario), plan, facts, batch)
+    """Fly the mission of a cell; results as of `_mission_results`."""
+    trajectory = montecarlo.simulate_mission(plan.scenario)
+    return _mission_results(trajectory, plan, facts, batch)
 
 
 class _LaneMission(NamedTuple):
@@ -127,9 +129,9 @@ class _LaneMission(NamedTuple):
 
     def keys(self, facts: Facts | None) -> list[str]:
         """Keys of its results."""
-        keys = [self.plan.motion] if self.keep_motion else []
+        keys = [self.plan.motion_key] if self.keep_motion else []
         if facts:
-            keys.append(key_of(facts, self.plan.motion))
+            keys.append(key_of(facts, self.plan.motion_key))
         return keys + _result_keys(self.batch)
 
 
@@ -141,19 +143,21 @@ def _fly_side_by_side(missions: Sequence[_LaneMission], facts: Facts | None) -> 
     results = list[Result]()
     for motion, mission in zip(motions, missions, strict=True):
         if motion is not None:
-            flown = _flown(motion, mission.plan, facts, mission.batch)
-            results += flown if mission.keep_motion else flown[1:]
+            of_mission = _mission_results(motion, mission.plan, facts, mission.batch)
+            results += of_mission if mission.keep_motion else of_mission[1:]
     return results
 
 
-def _flown(
+def _mission_results(
     trajectory: Trajectory, plan: CellPlan, facts: Facts | None, batch: Sequence[CellPlan]
 ) -> list[Result]:
-    """A mission that was flown, its facts, and cells."""
-    results: list[Result] = [(plan.motion, None, trajectory.arrays)]
+    """Results of a mission that was flown, that of the cell `plan`: first its motion, then its
+    facts, if any are measured, and the cells of `batch`, which share it.
+    """
+    results: list[Result] = [(plan.motion_key, None, trajectory.arrays)]
     if facts:
         measured = facts(MotionSettings.of(plan.scenario), trajectory)
-        results.append((key_of(facts, plan.motion), measured, {}))
+        results.append((key_of(facts, plan.motion_key), measured, {}))
     return results + compute(trajectory, batch)
 
 
@@ -223,25 +227,25 @@ class _Campaign:
         """Cells whose missions, by the keys of their motions, have to be flown: for a missing
         cell, or for their facts.
         """
-        of_cells = {plan.motion for plan in self.missing_cells}
-        missions = {plan.motion: plan for plan in self.plans}
+        of_cells = {plan.motion_key for plan in self.missing_cells}
+        missions = {plan.motion_key: plan for plan in self.plans}
         missing = {}
-        for motion, plan in missions.items():
-            facts_keys = self.facts_keys(motion)
-            if motion in of_cells:
-                facts_keys.append(motion)
-            if not self.store.has(*facts_keys):
-                missing[motion] = plan
+        for motion_key, plan in missions.items():
+            needed_keys = self.facts_keys(motion_key)
+            if motion_key in of_cells:
+                needed_keys.append(motion_key)
+            if not self.store.has(*needed_keys):
+                missing[motion_key] = plan
         return missing
 
-    def facts_keys(self, motion: str) -> list[str]:
-        """Key of the facts of a mission, if any are measured."""
-        return [key_of(self.facts, motion)] if self.facts else []
+    def facts_keys(self, motion_key: str) -> list[str]:
+        """Key of the facts of a mission, by the key of its motion; none if none are measured."""
+        return [key_of(self.facts, motion_key)] if self.facts else []
 
     @property
     def is_one_long_mission(self) -> bool:
         """Whether many runs of one mission by compiled lanes are all that is missing."""
-        if self.missing_tasks or len({plan.motion for plan in self.missing_cells}) != 1:
+        if self.missing_tasks or len({plan.motion_key for plan in self.missing_cells}) != 1:
             return False
         return all(
             plan.runs >= _MANY_RUNS and find(plan.scenario.navigation.variant).lanes
@@ -261,52 +265,59 @@ class _Campaign:
         missions = self.missing_missions
         flown_with = self._flown_with(batches, pool)
         jobs = [
-            self._mission_job(plan, flown_with.get(motion, [])) for motion, plan in missions.items()
+            self._mission_job(plan, flown_with.get(motion_key, []))
+            for motion_key, plan in missions.items()
         ]
         jobs += [self._task_job(name) for name in self.missing_tasks]
         for batch in batches:
-            if batch is not flown_with.get(batch[0].motion):
-                jobs.append(_cells_job(batch, depends_on_mission=batch[0].motion in missions))
+            if batch is not flown_with.get(batch[0].motion_key):
+                jobs.append(_cells_job(batch, depends_on_mission=batch[0].motion_key in missions))
         return jobs
 
     def _flown_with(
         self, batches: Sequence[list[CellPlan]], pool: Pool
     ) -> dict[str, list[CellPlan]]:
-        """The first cells of each of many missions, by the keys of their motions."""
+        """The batch of cells that is computed in the job of each mission, by the key of its motion;
+        none where there are few missions.
+        """
         flown_with = dict[str, list[CellPlan]]()
         if len(self.missing_missions) > FEW_MISSIONS * pool.size:
             for batch in batches:
-                if batch[0].motion in self.missing_missions:
-                    flown_with.setdefault(batch[0].motion, batch)
+                if batch[0].motion_key in self.missing_missions:
+                    flown_with.setdefault(batch[0].motion_key, batch)
         return flown_with
 
     def lane_groups(self, workers: int) -> list[list[CellPlan]]:
-        """Missions that are missing and may be flown side by side."""
+        """Missions that are missing and may be flown side by side, each by one of its cells; a list
+        for each group that is flown together.
+        """
         missions = [
             plan
             for plan in self.missing_missions.values()
             if not plan.scenario.keys_needing_closed_loop()
         ]
-        batch = min(LANES, -(-len(missions) // workers))
+        group_size = min(LANES, -(-len(missions) // workers))
         motions = [MotionSettings.of(plan.scenario) for plan in missions]
-        return [[missions[i] for i in group] for group in groups_for_lanes(motions, batch)]
+        return [[missions[i] for i in group] for group in groups_for_lanes(motions, group_size)]
 
     def lane_jobs(self, pool: Pool) -> list[Job]:
         """Jobs for missions side by side, with first cells where these are flown with missions."""
         flown_with = self._flown_with(_batches(self.missing_cells, pool.size), pool)
-        cells = Counter(plan.motion for plan in self.missing_cells)
+        cells_of_mission = Counter(plan.motion_key for plan in self.missing_cells)
         jobs = list[Job]()
         for group in self.lane_groups(pool.size):
             missions = [
-                _LaneMission(plan, batch, keep_motion=len(batch) < cells[plan.motion])
+                _LaneMission(
+                    plan, batch, keep_motion=len(batch) < cells_of_mission[plan.motion_key]
+                )
                 for plan in group
-                for batch in [flown_with.get(plan.motion, [])]
+                for batch in [flown_with.get(plan.motion_key, [])]
             ]
             keys = [key for mission in missions for key in mission.keys(self.facts)]
             work = partial(_fly_side_by_side, missions, self.facts)
             jobs.append(
                 Job(
-                    key=("lanes", group[0].motion),
+                    key=("lanes", group[0].motion_key),
                     kind="missions",
                     result_keys=keys,
                     run=partial(_given, work),
@@ -317,9 +328,9 @@ class _Campaign:
 
     def _mission_job(self, plan: CellPlan, batch: Sequence[CellPlan]) -> Job:
         return Job(
-            key=plan.motion,
+            key=plan.motion_key,
             kind="missions",
-            result_keys=[plan.motion, *self.facts_keys(plan.motion), *_result_keys(batch)],
+            result_keys=[plan.motion_key, *self.facts_keys(plan.motion_key), *_result_keys(batch)],
             run=lambda _: partial(_fly, plan, self.facts, batch),
         )
 
@@ -354,7 +365,7 @@ def _cells_job(batch: Sequence[CellPlan], *, depends_on_mission: bool) -> Job:
         kind="points and arms",
         result_keys=_result_keys(batch),
         run=lambda store: partial(compute, mission(first.scenario, store), batch),
-        depends_on=[first.motion] if depends_on_mission else [],
+        depends_on=[first.motion_key] if depends_on_mission else [],
         size=len(batch),
     )
 
@@ -382,10 +393,10 @@ def fly(
     folder: Path,
     *,
     facts: Facts | None = None,
-    ahead: Callable[[], object] | None = None,
+    compile_tasks: Callable[[], object] | None = None,
     tolerant: bool = False,
     **options: Unpack[ExecutionOptions],
-) -> Flown:
+) -> CampaignResults:
     """Compute cells and tasks, or what is missing of them; results do not depend on workers and
     interruptions.
 
@@ -394,8 +405,8 @@ def fly(
         tasks: work of other kinds, by names.
         folder: of the results; made if it does not exist.
         facts: measured of every mission of the cells.
-        ahead: compiles in this process what each worker would else compile for itself before its
-            first task.
+        compile_tasks: compiles in this process what each worker would else compile for itself
+            before its first task.
         tolerant: go on without what cannot be flown.
         options: as of `ExecutionOptions`.
 
@@ -421,7 +432,7 @@ def fly(
     missing = campaign.missing_cells, campaign.missing_missions, campaign.missing_tasks
     pool.size = min(pool.size, max(1, *map(len, missing)))
     if cluster is None and not quiet:
-        _compile_before(campaign, pool.size, ahead)
+        _compile_before(campaign, pool.size, compile_tasks)
     with ExitStack() as ending:
         # workers are killed if something fails
         ending.callback(store.remove_unfinished)
@@ -435,4 +446,4 @@ def fly(
         failures = run_jobs(jobs, store, pool, tolerant=tolerant, quiet=quiet)
     results = {name: store.get(key) for name, key in campaign.task_keys.items()}
     rows = {name: result[0] for name, result in results.items() if result is not None}
-    return Flown(store=store, facts=facts, failures=failures, tasks=rows)
+    return CampaignResults(store=store, facts=facts, failures=failures, tasks=rows)

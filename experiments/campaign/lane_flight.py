@@ -38,12 +38,16 @@ from sim.sensing.sensors import SensorErrors
 _LOST = int(FixKind.LOST)
 
 _row = count(0, LANES)
+# Rows of a tally, a flat array with a number for each lane in each row, as a block of `laisn.lanes`
+# is: sums, sums of squares and maxima over steps of the errors of position P [m] and bearing B
+# [rad].
 SUM_P, SQUARES_P, MAX_P, SUM_B, SQUARES_B, MAX_B = (next(_row) for _ in range(6))
+# Sums and counts of NEES, over steps, and NIS, over fixes.
 SUM_NEES, COUNT_NEES, SUM_NIS, COUNT_NIS = (next(_row) for _ in range(4))
 # Steps that the estimate has been at the mirror image without a break, and the most of them.
 MIRROR_LOCK, LONGEST_MIRROR_LOCK = (next(_row) for _ in range(2))
 NEES = next(_row)  # of the last step; NaN where the covariance is singular
-KINDS = next(_row)
+KINDS = next(_row)  # counts of fixes: the first of a row for each `FixKind`
 SIZE = KINDS + len(FixKind) * LANES  # numbers of a tally
 
 # Histograms have 2⁷ bins an octave: percentiles read from them are right to a share of 2⁻⁷,
@@ -55,6 +59,8 @@ _OCTAVES = 20
 LOWEST_P = 2.0**-10
 LOWEST_B = 2.0**-18
 BINS = (_OCTAVES << _BINS_PER_OCTAVE_BITS) + 2
+# the leading bits of the lowest errors as doubles (exponents have an offset of 1023), less 1, so
+# that `_bin` numbers their bins 1
 _FIRST_P = (1023 - 10 << _BINS_PER_OCTAVE_BITS) - 1
 _FIRST_B = (1023 - 18 << _BINS_PER_OCTAVE_BITS) - 1
 
@@ -72,6 +78,9 @@ def bin_edges(lowest: float) -> Floats:
 
 @inlined
 def _bin(value: float, first: int) -> np.int64:
+    """Number of a value's bin, from its exponent and the first bits of its mantissa; `first` is
+    `_FIRST_P` or `_FIRST_B`.
+    """
     number = np.int64(to_bits(value) >> _BITS_SHIFT) - first
     number = number if number > 0 else np.int64(0)
     return number if number < BINS - 1 else np.int64(BINS - 1)
@@ -85,8 +94,11 @@ def tally_step(
     hydrophone: tuple[float, float],
     leader: tuple[float, float, float],
 ) -> None:
-    """Add the errors of a step of estimates to a tally, and their histogram bins, two rows, to
-    `bins`.
+    """Add the errors of a step of estimates to a tally, and write the numbers of their histogram
+    bins into `bins`, a row for position and one for bearing.
+
+    `block` holds the estimates, `hydrophone` is the follower's x and y [m], `leader` the leader's x
+    and y [m] and heading [rad].
     """
     truth = Point(hydrophone[0], hydrophone[1])
     origin = Point(leader[0], leader[1])
@@ -180,7 +192,7 @@ def percentile(histogram: Ints, lowest: float, share: float, largest: float) -> 
     return float(min(lower + bin_share * (upper - lower), largest))
 
 
-# Rows of draws.
+# Rows of draws, `Noise.draws`.
 _FIRST = 0
 _SECOND = LANES
 _THIRD = 2 * LANES
@@ -197,7 +209,7 @@ _LEADER_ATTITUDE = int(Stream.LEADER_ATTITUDE)
 _LEADER_POSITION = int(Stream.LEADER_POSITION)
 _LEADER_POSITION_WALK = int(Stream.LEADER_POSITION_WALK)
 
-# Column of `TruthRecord.sent` behind those of a block's rows.
+# First column of the echoes' ranges in `TruthRecord.sent`; the three before it are the true ranges.
 _ECHOES = 10
 
 
@@ -214,14 +226,17 @@ class Noise(NamedTuple):
     # two rows: Gauss–Markov part of the leader's pitch and roll errors, of unit variance
     fluctuation: Floats
     offset: Floats  # two rows: what stays of them throughout a run, likewise
-    walk: Floats  # two rows: of the leader's position, in steps of unit variance
+    # two rows: random walk of the error of the leader's position, in steps of unit variance
+    walk: Floats
     dt: float  # filter step [s]
     lanes: int  # how many are computed
 
 
 @inlined
 def _number(stream: int, follower: np.uint64) -> np.uint64:
-    """Number of a stream, outside of loops over lanes."""
+    """Number of a stream of noise in the generator: the leader's are the same of all followers, all
+    others are each follower's own. To be called outside of loops over lanes, which are vectorised.
+    """
     return np.uint64(stream) + (
         np.uint64(0) if stream >= LEADER_STREAMS else np.uint64(STREAMS) * follower
     )
@@ -302,7 +317,9 @@ def sense_own(
 def _lose(
     block: Floats, noise: Noise, errors: SensorErrors, direct: float, steps: tuple[int, int]
 ) -> None:
-    """Ranges of lost messages become NaN; `direct` is the range to the rear transmitter [m]."""
+    """Ranges of lost messages become NaN; `direct` is the range to the rear transmitter [m],
+    `steps` are those of reception and of emission.
+    """
     received, emitted = steps
     draws = noise.draws
     burst = noise.burst
@@ -372,7 +389,7 @@ def _read_ranges(
     sent: Floats,
     steps: tuple[int, int],
 ) -> None:
-    """Measure ranges on pings, or on echoes taken for them."""
+    """Measure ranges on pings, or on echoes taken for them; arguments as of `sense_message`."""
     draws = noise.draws
     received, emitted = steps
     true = np.empty(3 * LANES)
@@ -385,6 +402,7 @@ def _read_ranges(
     for j in range(3):
         for lane in range(noise.lanes):
             i = j * LANES + lane
+            # 0 direct, 1 by the surface, 2 by the bottom
             path = sensors.path_taken(draws[lane if errors.common_echoes else i], errors)
             true[i] = sent[_ECHOES - 3 + j + 3 * path]
     _draw_normals(noise, _RANGE_SCALE, received)
@@ -396,16 +414,16 @@ def _read_ranges(
         k = _THIRD + lane
         ranges = (true[i], true[j], true[k])
         rear, front, middle = errors.range_tau
-        used = sensors.longest_range(ranges, transmitters)
-        of_all = sensors.longest_range(ranges, 3)
+        longest_used = sensors.longest_range(ranges, transmitters)
+        longest = sensors.longest_range(ranges, 3)
         block[lanes.R1 + lane] = sensors.range_reading(
-            errors, rear, (ranges[0], used), (draws[i], normal[lane])
+            errors, rear, (ranges[0], longest_used), (draws[i], normal[lane])
         )
         block[lanes.R2 + lane] = sensors.range_reading(
-            errors, front, (ranges[1], used), (draws[j], normal[lane])
+            errors, front, (ranges[1], longest_used), (draws[j], normal[lane])
         )
         block[lanes.R3 + lane] = sensors.range_reading(
-            errors, middle, (ranges[2], of_all), (draws[k], normal[lane])
+            errors, middle, (ranges[2], longest), (draws[k], normal[lane])
         )
     if sensors.loses(errors):
         _lose(block, noise, errors, sent[_ECHOES - 3], steps)
@@ -462,14 +480,14 @@ def sense_message(
 class TruthRecord(NamedTuple):
     """`IdealMeasurements` as compiled code takes it."""
 
-    start: Floats
+    start: Floats  # state x, y [m], vx, vy [m/s], shape (1, 4)
     # speed, heading, depth and hydrophone x, y of the follower; x, y, heading of the leader; shape
     # (n, 8)
     own: Floats
-    message_step: Ints
-    emission_step: Ints
-    # true messages and ranges to them in the order of a block's rows from EAST to R3; ranges by way
-    # of the surface and of the bottom, NaN if the truth has none
+    message_step: Ints  # filter step of each reception, shape (m,)
+    emission_step: Ints  # filter step of each emission, shape (m,)
+    # true messages and ranges to the transmitters in the order of a block's rows from EAST to R3;
+    # then ranges by way of the surface and of the bottom, NaN if the truth has none; shape (m, 16)
     sent: Floats
 
 
@@ -489,13 +507,13 @@ def truth_record(truth: IdealMeasurements) -> TruthRecord:
     )
 
 
-class Given(NamedTuple):
-    """What runs of a block use in place of simulated measurements or estimates; empty where they
-    do not.
+class Prepared(NamedTuple):
+    """Measurements or estimates that runs of a block use in place of those that are simulated in
+    the loop; empty where they are simulated.
     """
 
-    own: Floats = np.empty((0, 3 * LANES))  # as of `laisn.lanes.stacked`
-    messages: Floats = np.empty((0, 10 * LANES))
+    own: Floats = np.empty((0, 3 * LANES))  # own readings, as of `laisn.lanes.stacked`
+    messages: Floats = np.empty((0, 10 * LANES))  # likewise
     # x, y and covariance xx, xy, yy of each step, shape (n, 5, LANES)
     states: Floats = np.empty((0, 5, LANES))
 
@@ -507,11 +525,13 @@ def fly_block(
     t: Tuning,
     address: Address,
     used: int,
-    prepared: Given,
+    prepared: Prepared,
     history: Floats,
 ) -> tuple[Floats, Ints, Floats]:
-    """Tally, histograms, and the sum over the first `used` lanes of the NEES of each step, shape
-    (n,); states go to `history`, shape (n, 4 LANES), unless it is empty.
+    """Fly a block of runs: tally, histograms, and the sum over the first `used` lanes of the NEES
+    of each step, shape (n,). States go to `history`, shape (n, 4 LANES), unless it is empty.
+
+    `address` is that of the first run; `used` lanes hold runs, the others are not counted.
     """
     n = truth.own.shape[0]
     m = truth.message_step.size

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from scipy.special import chdtri
 
-from experiments.campaign import lane_flight as lane
+from experiments.campaign import lane_flight
 from experiments.campaign.store import Arrays, CampaignError, Record
 from laisn import lanes
 from laisn.arrays import Floats, Ints
@@ -54,7 +54,8 @@ class CellSettings:
     """What the numbers of a cell follow from, beside its runs: its key is made of these."""
 
     motion: MotionSettings
-    transmitters: tuple[tuple[str, int, float], ...]  # sites, axes and coordinates [m]
+    # site, index of the axis (0 forward, 1 to port, 2 up) and coordinate [m] of each transmitter
+    transmitters: tuple[tuple[str, int, float], ...]
     sensing: SensingSettings  # of run 0
     navigation: Navigation
 
@@ -141,7 +142,7 @@ class CampaignMission:
 
 
 @lru_cache(maxsize=4)
-def _flown(motion: MotionSettings) -> CampaignMission:
+def _cached_mission(motion: MotionSettings) -> CampaignMission:
     return CampaignMission(motion, simulate_open_loop(motion))
 
 
@@ -151,7 +152,7 @@ def mission_of(scenario: Scenario) -> CampaignMission:
     """
     require_open_loop(scenario.name, scenario.keys_needing_closed_loop())
     with _ends_reported(scenario.name):
-        return _flown(MotionSettings.of(scenario))
+        return _cached_mission(MotionSettings.of(scenario))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,7 +161,7 @@ class Cell:
 
     truth: IdealMeasurements
     errors: SensorErrors = field(default_factory=SensorErrors)
-    # of further links by name
+    # errors of sensors by the names of further links
     further: Mapping[str, SensorErrors] = field(default_factory=dict)
     settings: Settings = field(default_factory=NavigationSettings)
     # None: the navigator of this project that takes these settings
@@ -247,13 +248,13 @@ def _summed(cell: Cell, blocks: Iterator[_Block]) -> CellResult:
     truth = cell.truth
     steps = cell.truth.speed.size
     size = len(cell.runs)
-    tally = np.empty((lane.SIZE // LANES, size))
+    tally = np.empty((lane_flight.SIZE // LANES, size))
     nees = np.zeros(steps)
-    histograms = np.zeros((2, lane.BINS), dtype=np.int64)
+    histograms = np.zeros((2, lane_flight.BINS), dtype=np.int64)
     for block in cell.blocks:
-        sums, counts, squares = next(blocks)
+        sums, counts, nees_sums = next(blocks)
         table = sums.reshape(-1, LANES)[:, : len(block)]
-        diverged = np.flatnonzero(~np.isfinite(table[lane.SUM_P // LANES]))
+        diverged = np.flatnonzero(~np.isfinite(table[lane_flight.SUM_P // LANES]))
         if diverged.size:
             raise LaisnError(
                 f"the estimate of run {block[int(diverged[0])]} left finite numbers; check the "
@@ -262,35 +263,47 @@ def _summed(cell: Cell, blocks: Iterator[_Block]) -> CellResult:
         first = block[0] - cell.runs[0]
         tally[:, first : first + len(block)] = table
         histograms += counts
-        nees += squares
+        nees += nees_sums
 
-    def of_runs(number: int) -> Floats:
-        return np.asarray(tally[number // LANES])
+    def of_runs(row: int) -> Floats:
+        """A row of the tally, such as `lane_flight.SUM_P`, shape (R,)."""
+        return np.asarray(tally[row // LANES])
 
     gaps = np.diff(truth.message_step)
-    mirror_locked = of_runs(lane.LONGEST_MIRROR_LOCK) >= (np.median(gaps) if gaps.size else steps)
+    mirror_locked = of_runs(lane_flight.LONGEST_MIRROR_LOCK) >= (
+        np.median(gaps) if gaps.size else steps
+    )
     runs: Arrays = {
         "run": np.array(cell.runs, dtype=np.int64),
-        "e_p_max_m": of_runs(lane.MAX_P),
-        "e_p_mean_m": of_runs(lane.SUM_P) / steps,
-        "e_p_rms_m": np.sqrt(of_runs(lane.SQUARES_P) / steps),
-        "e_b_max_deg": np.rad2deg(of_runs(lane.MAX_B)),
-        "e_b_mean_deg": np.rad2deg(of_runs(lane.SUM_B) / steps),
+        "e_p_max_m": of_runs(lane_flight.MAX_P),
+        "e_p_mean_m": of_runs(lane_flight.SUM_P) / steps,
+        "e_p_rms_m": np.sqrt(of_runs(lane_flight.SQUARES_P) / steps),
+        "e_b_max_deg": np.rad2deg(of_runs(lane_flight.MAX_B)),
+        "e_b_mean_deg": np.rad2deg(of_runs(lane_flight.SUM_B) / steps),
         "mirror_locked": mirror_locked,
-        "gated": of_runs(lane.KINDS + FixKind.GATED * LANES).astype(np.int64),
+        "gated": of_runs(lane_flight.KINDS + FixKind.GATED * LANES).astype(np.int64),
     }
     errors: Record = {"seed": cell.seed, "runs": size, "steps": steps}
     percentiles: Record = {}
     for kind, unit, convert, total, squared, largest, lowest, histogram in (
-        ("p", "m", float, lane.SUM_P, lane.SQUARES_P, lane.MAX_P, lane.LOWEST_P, histograms[0]),
+        (
+            "p",
+            "m",
+            float,
+            lane_flight.SUM_P,
+            lane_flight.SQUARES_P,
+            lane_flight.MAX_P,
+            lane_flight.LOWEST_P,
+            histograms[0],
+        ),
         (
             "b",
             "deg",
             math.degrees,
-            lane.SUM_B,
-            lane.SQUARES_B,
-            lane.MAX_B,
-            lane.LOWEST_B,
+            lane_flight.SUM_B,
+            lane_flight.SQUARES_B,
+            lane_flight.MAX_B,
+            lane_flight.LOWEST_B,
             histograms[1],
         ),
     ):
@@ -301,12 +314,12 @@ def _summed(cell: Cell, blocks: Iterator[_Block]) -> CellResult:
             errors[f"e_{kind}_{name}_{unit}"] = convert(value)
         for p in PERCENTILES:
             percentiles[f"e_{kind}_p{p}_{unit}"] = convert(
-                lane.percentile(histogram, lowest, p / 100.0, top)
+                lane_flight.percentile(histogram, lowest, p / 100.0, top)
             )
     means: Record = {}
     for name, total, count in (
-        ("nees", lane.SUM_NEES, lane.COUNT_NEES),
-        ("nis", lane.SUM_NIS, lane.COUNT_NIS),
+        ("nees", lane_flight.SUM_NEES, lane_flight.COUNT_NEES),
+        ("nis", lane_flight.SUM_NIS, lane_flight.COUNT_NIS),
     ):
         number = of_runs(count)
         count_of_all = of_runs(count).sum()
@@ -316,8 +329,8 @@ def _summed(cell: Cell, blocks: Iterator[_Block]) -> CellResult:
         means[name] = float(of_runs(total).sum() / count_of_all) if count_of_all else math.nan
     low, high = chdtri(2.0 * size, np.array([0.975, 0.025]))
     finite = nees[np.isfinite(nees)]
-    fixes = tally[lane.KINDS // LANES :].sum(axis=1)
-    series: Record = {
+    fixes = tally[lane_flight.KINDS // LANES :].sum(axis=1)
+    others: Record = {
         "nees": means["nees"],
         "nees_inside": float(np.mean((finite >= low) & (finite <= high))) if finite.size else None,
         "nis": means["nis"],
@@ -328,7 +341,7 @@ def _summed(cell: Cell, blocks: Iterator[_Block]) -> CellResult:
         if mirror_locked.all()
         else float(runs["e_p_mean_m"][~mirror_locked].mean()),
     }
-    return CellResult(errors | percentiles | series, runs)
+    return CellResult(errors | percentiles | others, runs)
 
 
 def _measured(cell: Cell, runs: Sequence[int]) -> list[Measurements]:
@@ -337,21 +350,24 @@ def _measured(cell: Cell, runs: Sequence[int]) -> list[Measurements]:
     """
     truth = cell.truth
     seed = cell.seed
-    series: dict[str, Any] = {
+    options: dict[str, Any] = {
         "follower": cell.follower,
         "transmitters": cell.settings.transmitters,
         "further": cell.further,
     }
     measured = [
-        measure(truth, cell.errors, seed=seed, run=run, use_compiled=True, **series) for run in runs
+        measure(truth, cell.errors, seed=seed, run=run, use_compiled=True, **options)
+        for run in runs
     ]
     if cell.disturbance is not None:
         disturb = cell.disturbance.disturb
         measured = [
-            disturb(mission, seed, run) for mission, run in zip(measured, runs, strict=True)
+            disturb(measurements, seed, run)
+            for measurements, run in zip(measured, runs, strict=True)
         ]
     if cell.spec.lanes and any(
-        not np.array_equal(mission.message_step, truth.message_step) for mission in measured
+        not np.array_equal(measurements.message_step, truth.message_step)
+        for measurements in measured
     ):
         raise LaisnError(
             "a disturbance changes when messages arrive; LAISN in campaigns takes lost ranges as "
@@ -363,20 +379,23 @@ def _measured(cell: Cell, runs: Sequence[int]) -> list[Measurements]:
 def single_runs(cell: Cell, runs: Sequence[int]) -> list[MissionResult]:
     """Runs of a cell one by one; errors as of its navigator."""
     return [
-        cell.spec.fly(cell.settings, mission, cell.truth.start) for mission in _measured(cell, runs)
+        cell.spec.fly(cell.settings, measurements, cell.truth.start)
+        for measurements in _measured(cell, runs)
     ]
 
 
-def _fly(cell: Cell, truth: lane.TruthRecord, runs: range, history: Floats = _NO_HISTORY) -> _Block:
-    """Results of up to LANES runs; of single ones squared innovations of r numbers count as r/2
-    updates of a position.
+def _fly(
+    cell: Cell, truth: lane_flight.TruthRecord, runs: range, history: Floats = _NO_HISTORY
+) -> _Block:
+    """Results of up to LANES runs. Where a navigator flies runs one by one, each squared innovation
+    of r dimensions counts as r/2 updates of a position, so that `nis` is 2 if S is right.
 
     Raises:
         LaisnError: the start is unknown, so that a run has no error before its first message.
         ArithmeticError: a covariance is not positive definite.
     """
     settings = cell.settings
-    prepared = lane.Given()
+    prepared = lane_flight.Prepared()
     results = list[MissionResult]()
     steps = cell.truth.speed.size
     if not cell.spec.lanes:
@@ -386,28 +405,28 @@ def _fly(cell: Cell, truth: lane.TruthRecord, runs: range, history: Floats = _NO
             )
         results = single_runs(cell, runs)
         settings = NavigationSettings()
-        prepared = lane.Given(states=np.ones((steps, 5, LANES)))
+        prepared = lane_flight.Prepared(states=np.ones((steps, 5, LANES)))
         for i, estimates in enumerate(results):
             prepared.states[:, :2, i] = estimates.state[:, :2]
             prepared.states[:, 2:, i] = estimates.covariance
     elif cell.disturbance:
-        prepared = lane.Given(*lanes.stacked(_measured(cell, runs)))
+        prepared = lane_flight.Prepared(*lanes.stacked(_measured(cell, runs)))
     address = np.uint64(cell.seed), np.uint64(runs[0]), np.uint64(cell.follower)
-    block = lane.fly_block(
+    block = lane_flight.fly_block(
         truth, cell.errors, lanes.tuning(settings), address, len(runs), prepared, history
     )
     for i, estimates in enumerate(results):
         of_run = block[0][i::LANES]
-        of_run[lane.SUM_NIS // LANES] = estimates.nis_sum
-        of_run[lane.COUNT_NIS // LANES] = 0.5 * estimates.nis_dof
+        of_run[lane_flight.SUM_NIS // LANES] = estimates.nis_sum
+        of_run[lane_flight.COUNT_NIS // LANES] = 0.5 * estimates.nis_dof
         for kind in estimates.kinds:
-            of_run[lane.KINDS // LANES + kind] += 1.0
+            of_run[lane_flight.KINDS // LANES + kind] += 1.0
     return block
 
 
 def simulate(cell: Cell, *, threads: int = 1) -> CellResult:
     """Fly a cell with so many threads; LaisnError if an estimate left finite numbers."""
-    fly = partial(_fly, cell, lane.truth_record(cell.truth))
+    fly = partial(_fly, cell, lane_flight.truth_record(cell.truth))
     if threads == 1:
         return _summed(cell, map(fly, cell.blocks))
     blocks = iter(cell.blocks)
@@ -424,7 +443,7 @@ def histories(cell: Cell) -> Floats:
             [estimates.state for runs in cell.blocks for estimates in single_runs(cell, runs)],
             axis=-1,
         )
-    truth = lane.truth_record(cell.truth)
+    truth = lane_flight.truth_record(cell.truth)
     parts = []
     for runs in cell.blocks:
         history = np.empty((cell.truth.speed.size, 4 * LANES))

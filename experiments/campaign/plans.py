@@ -31,7 +31,9 @@ from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory, tilted
 
 Facts = Callable[[MotionSettings, Trajectory], list[Record]]
-"""What is measured of a mission besides: a record for each follower."""
+"""A function that measures the facts of a mission, figures of its motion beside those of cells: a
+record for each follower.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,18 +50,18 @@ class CellPlan:
     leader_pitch_deg: float | None = None
     """Sense and navigate behind a leader that keeps this pitch on the same track; None: its own."""
     measured: Mapping[str, str] = field(default_factory=dict)
-    """Keys of the scenario whose values are measured of the mission, and the columns of `facts`
-    that they take.
+    """Columns of `facts` by the keys of the scenario that take their values, such as the pitch that
+    a navigator expects of the leader.
     """
     facts: Facts | None = None
-    threads: int = 1  # that compute it; the result does not depend on them
+    threads: int = 1  # number of threads that compute it; the result does not depend on them
     disturb: Mapping[str, Any] = field(default_factory=dict)
     """`use`, a `Disturbance` by its name "module:Class" in a plugin or a built-in study, and its
     arguments; or none.
     """
     lag_s: float = 0.0
-    """With a navigator near the bound: what smoothing with so much later messages could reach,
-    beside the bound [s].
+    """By how much later messages may be that the bound of smoothing uses [s]; 0: it is not
+    computed, nor for navigators that are not compared with the bound.
     """
 
     def __post_init__(self) -> None:
@@ -84,7 +86,7 @@ class CellPlan:
         )
         others += (dict(self.disturb), dict(self.measured), self.facts)
         name = self.disturb.get("use", "")
-        functions = [_disturbing(name).disturb] if name.startswith(_OWN) else []
+        functions = [_disturbing(name).disturb] if name.startswith(_BUILT_IN) else []
         return key_of(CellSettings.of(self.scenario), *others, *functions)
 
     @property
@@ -96,8 +98,8 @@ class CellPlan:
         return (self.key, self.steps_key) if self.keep_steps else (self.key,)
 
     @cached_property
-    def motion(self) -> str:
-        """Key of its mission, which others may share."""
+    def motion_key(self) -> str:
+        """Key of the motion of its mission, which others may share."""
         return key_of(MotionSettings.of(self.scenario))
 
     @property
@@ -106,7 +108,7 @@ class CellPlan:
         return self.runs * self.scenario.filter_steps
 
 
-_OWN = "experiments.studies."
+_BUILT_IN = "experiments.studies."
 """Start of names of classes of the built-in studies, which study files may give as if they were
 in a plugin.
 """
@@ -115,7 +117,7 @@ in a plugin.
 def _disturbing(name: str) -> Any:
     """The class of a name; LaisnError if there is none, or it cannot disturb measurements."""
     kind = None
-    if name.startswith(_OWN):
+    if name.startswith(_BUILT_IN):
         with suppress(ImportError, AttributeError, ValueError):
             kind = resolve_name(name)
     else:
@@ -143,7 +145,9 @@ def disturbance_of(table: Mapping[str, Any]) -> Disturbance | None:
 
 
 def steps_of(cell: Cell) -> Arrays:
-    """Errors at each step over all runs, and where the follower is, as the leader sees it."""
+    """Mean and largest errors at each step over all runs, and bearing, distance and speed of the
+    follower; shape (n,) each.
+    """
     truth = cell.truth
     leader = cell.truth.leader_position
     total = np.zeros((2, truth.speed.size))
@@ -169,7 +173,7 @@ def steps_of(cell: Cell) -> Arrays:
         "distance_m": np.hypot(*separation.T),
         "speed_m_s": truth.speed,
     }
-    # micrometres here, in half the room
+    # four bytes each: exact to micrometres at such values
     return {name: np.asarray(values, dtype=np.float32) for name, values in columns.items()}
 
 
@@ -181,10 +185,10 @@ def compute(trajectory: Trajectory, plans: Sequence[CellPlan]) -> list[Result]:
         return []
     mission_of_pitch = {}
     # alike of all cells of a mission
-    moves = MotionSettings.of(plans[0].scenario)
+    motion_settings = MotionSettings.of(plans[0].scenario)
     for pitch in {plan.leader_pitch_deg for plan in plans}:
         motion = trajectory if pitch is None else tilted(trajectory, np.deg2rad(pitch))
-        mission_of_pitch[pitch] = CampaignMission(moves, motion)
+        mission_of_pitch[pitch] = CampaignMission(motion_settings, motion)
     results = list[Result]()
     for plan in plans:
         runs = range(plan.first_run, plan.first_run + plan.runs)
@@ -195,7 +199,7 @@ def compute(trajectory: Trajectory, plans: Sequence[CellPlan]) -> list[Result]:
         adjusted = scenario
         variant = scenario.navigation.variant
         if plan.measured and plan.facts:
-            facts = plan.facts(moves, trajectory)[plan.follower]
+            facts = plan.facts(motion_settings, trajectory)[plan.follower]
             values = {key: facts.get(name) for key, name in plan.measured.items()}
             adjusted = validate(assigned(scenario.model_dump(mode="json"), values), scenario.name)
         cell = Cell.of(adjusted, plan.follower, runs, mission=mission, disturbance=disturbance)

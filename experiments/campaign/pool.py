@@ -17,8 +17,8 @@ from laisn.plugins import PLUGINS_VARIABLE, plugin_errors, plugins_version
 from reports.version import code_version
 from sim.system import exit_with_parent
 
-Made = TypeVar("Made")
-_CONNECT_S = 3
+Made = TypeVar("Made")  # what the function of `Pool.each` returns
+_CONNECT_S = 3  # longest wait for a scheduler [s]
 
 
 def _with_version(function: Callable[..., Made], *arguments: Any) -> tuple[str, Made]:
@@ -68,8 +68,8 @@ class Pool:
         options: dict[str, Any] = {"backend": "sequential" if self._client is None else "dask"}
         if self._client is None and self.size > 1:
             # joblib starts new processes where the arguments differ from those before
-            begin = os.getpid(), (PLUGINS_VARIABLE, os.environ.get(PLUGINS_VARIABLE, ""))
-            options = {"backend": "loky", "initializer": exit_with_parent, "initargs": begin}
+            parent = os.getpid(), (PLUGINS_VARIABLE, os.environ.get(PLUGINS_VARIABLE, ""))
+            options = {"backend": "loky", "initializer": exit_with_parent, "initargs": parent}
             # a process that has compiled holds the compiler's memory, which loky takes for a leak;
             # it gives the process's further calls to a new one, so that none is lost
             warnings.filterwarnings("ignore", message="A worker stopped while some jobs")

@@ -49,6 +49,7 @@ class CampaignError(LaisnError):
 
 @cache
 def _source(module: str) -> str:
+    """Version of a module and of all sources that it can reach."""
     return version_of([module])
 
 
@@ -140,7 +141,7 @@ class Store:
         self.folder = folder
         self._results = folder / "store"
         self._force = force
-        self.written = set[str]()
+        self.written = set[str]()  # keys of results that were stored by this command
         self._results.mkdir(parents=True, exist_ok=True)
         self.remove_unfinished()
         manifest = folder / STUDY_FILE

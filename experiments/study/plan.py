@@ -44,9 +44,9 @@ class PlanEntry:
     realization: int
     settings: Mapping[str, Any]  # all that differs from the study's scenario, by key
     scenario: Scenario  # of its first run
-    motion: str  # key of its mission, which others may share
+    motion_key: str  # key of the motion of its mission, which others may share
     source: str  # the scenario that the settings change
-    # columns of the mission that further keys take, by key
+    # as of `CellPlan`: columns of the mission's facts by the keys that take their values
     measured: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -100,7 +100,7 @@ class StudyPlan:
     @property
     def flights(self) -> int:
         """Missions to fly: each once for all entries that share it, each run of a closed loop."""
-        shared = {entry.motion for entry in self.entries if not entry.closed_loop}
+        shared = {entry.motion_key for entry in self.entries if not entry.closed_loop}
         return len(shared) + sum(
             len(self.runs_of(entry)) for entry in self.entries if entry.closed_loop
         )
@@ -255,7 +255,7 @@ class _Examination:
         self._places_of = dict[str, list[str]]()  # where in the design each error is, by its line
         # by name and settings, without those that neither motion nor feasibility depends on
         self._infeasibilities_of = dict[str, list[str]]()
-        self._motion_of = dict[str, str]()
+        self._motion_keys = dict[str, str]()  # keys of motions, likewise
         self._sections = dict[tuple[str, Section], Section]()
         self._drawn = cache(self._draw)
 
@@ -267,12 +267,12 @@ class _Examination:
         motion_settings = {
             key: value for key, value in settings.items() if not _READINGS.match(key)
         }
-        motion = repr((name, list(motion_settings.items())))
+        motion_text = repr((name, list(motion_settings.items())))
         # any number will do to find out whether a key exists that is to be measured
         changed, invalid = _assigned_or_errors(
             self.tables[name], settings | dict.fromkeys(columns, 1.0)
         )
-        scenario, errors = scenario_or_errors(changed, partial(self._infeasibilities, motion))
+        scenario, errors = scenario_or_errors(changed, partial(self._infeasibilities, motion_text))
         lines += invalid + errors
         if scenario is not None and not lines:
             engine = self._engine(MotionSettings.of(scenario), changed, settings)
@@ -282,8 +282,8 @@ class _Examination:
                 scenario = scenario.model_copy(update={"timing": timing})
             lines += engine_errors(MotionSettings.of(scenario))
         if scenario is not None and not lines:
-            if motion not in self._motion_of:
-                self._motion_of[motion] = key_of(MotionSettings.of(scenario))
+            if motion_text not in self._motion_keys:
+                self._motion_keys[motion_text] = key_of(MotionSettings.of(scenario))
             run = scenario.run + number * self.study.file.runs_apart
             entry = PlanEntry(
                 point=number,
@@ -292,7 +292,7 @@ class _Examination:
                 settings=settings,
                 source=self.study.scenarios[name],
                 scenario=scenario.model_copy(update={**self._shared(dict(scenario)), "run": run}),
-                motion=self._motion_of[motion],
+                motion_key=self._motion_keys[motion_text],
                 measured=columns,
             )
             self.entries.append(entry)
@@ -351,12 +351,14 @@ class _Examination:
     def _draw(self, first_seed: int, realization: int) -> Mapping[str, Any]:
         return {draw.key: draw.value(first_seed, realization) for draw in self.study.draws}
 
-    def _infeasibilities(self, motion: str, scenario: Scenario) -> list[str]:
-        """Found once for all scenarios that move and are filmed alike."""
-        if motion not in self._infeasibilities_of:
+    def _infeasibilities(self, motion_text: str, scenario: Scenario) -> list[str]:
+        """Found once for all scenarios that move and are filmed alike, of the same text of name and
+        settings.
+        """
+        if motion_text not in self._infeasibilities_of:
             lines = [*missing_extras(scenario.navigations()), *infeasibilities(scenario)]
-            self._infeasibilities_of[motion] = lines
-        return self._infeasibilities_of[motion]
+            self._infeasibilities_of[motion_text] = lines
+        return self._infeasibilities_of[motion_text]
 
     def _shared(self, keys: Mapping[str, Any]) -> dict[str, Section]:
         """Sections among the keys of a scenario as others have them: ten thousand scenarios differ

@@ -16,7 +16,7 @@ import numpy as np
 import pyarrow as pa
 
 from experiments.campaign import campaign
-from experiments.campaign.campaign import ExecutionOptions, Flown, Task
+from experiments.campaign.campaign import CampaignResults, ExecutionOptions, Task
 from experiments.campaign.plans import CellPlan
 from experiments.campaign.store import Arrays, CampaignError, Record, Store, columns_of
 from experiments.flight.fly import fly
@@ -190,16 +190,18 @@ def fly_studies(
     cells = [cell for flight in flights for cell in flight.cells]
     tasks = {name: task for flight in flights for name, task in flight.tasks.items()}
     closed_loop_entry = next((flight.entry for flight in flights if flight.tasks), None)
-    ahead = partial(fly, closed_loop_entry.scenario.first_messages) if closed_loop_entry else None
-    results_of_campaign = campaign.fly(
-        cells, tasks, folder, facts=facts_of, ahead=ahead, tolerant=True, **options
+    compile_tasks = (
+        partial(fly, closed_loop_entry.scenario.first_messages) if closed_loop_entry else None
+    )
+    campaign_results = campaign.fly(
+        cells, tasks, folder, facts=facts_of, compile_tasks=compile_tasks, tolerant=True, **options
     )
     studies = [
-        StudyResults(plan=plan, rows=[], runs=[], steps=[], store=results_of_campaign.store)
+        StudyResults(plan=plan, rows=[], runs=[], steps=[], store=campaign_results.store)
         for plan in plans
     ]
     for flight in flights:
-        _add_results(studies[flight.study_index], flight, results_of_campaign)
+        _add_results(studies[flight.study_index], flight, campaign_results)
     return studies
 
 
@@ -226,9 +228,9 @@ class _EntryFlight:
             cells = _cells(plan, entry)
         return cls(study_index=study_index, plan=plan, entry=entry, cells=cells, tasks=tasks)
 
-    def failure(self, campaign_results: Flown) -> str | None:
+    def failure(self, campaign_results: CampaignResults) -> str | None:
         """Why it could not be flown."""
-        names = list(self.tasks) or [self.entry.motion]
+        names = list(self.tasks) or [self.entry.motion_key]
         return next(
             (
                 campaign_results.failures[name]
@@ -238,7 +240,9 @@ class _EntryFlight:
             None,
         )
 
-    def result(self, follower: int, campaign_results: Flown) -> tuple[Record, Record, Arrays]:
+    def result(
+        self, follower: int, campaign_results: CampaignResults
+    ) -> tuple[Record, Record, Arrays]:
         """Row, lists over runs, and errors over time of a follower."""
         if self.tasks:
             runs = [campaign_results.tasks[name] for name in self.tasks]
@@ -250,7 +254,9 @@ class _EntryFlight:
         return row, arrays, campaign_results.steps(cell) if cell.keep_steps else {}
 
 
-def _add_results(outcomes: StudyResults, flight: _EntryFlight, campaign_results: Flown) -> None:
+def _add_results(
+    outcomes: StudyResults, flight: _EntryFlight, campaign_results: CampaignResults
+) -> None:
     """Add what came of an entry to the outcomes of its study."""
     entry = flight.entry
     failure = flight.failure(campaign_results)

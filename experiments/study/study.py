@@ -66,7 +66,7 @@ def _cost(plan: StudyPlan, workers: int) -> tuple[float, float]:
     closed = plan.entries[0].closed_loop
     missions = dict[Any, list[PlanEntry]]()
     for entry in plan.entries:
-        missions.setdefault(entry.design_key if closed else entry.motion, []).append(entry)
+        missions.setdefault(entry.design_key if closed else entry.motion_key, []).append(entry)
     sample = [*missions.values()][: (FEW_MISSIONS + 1) * workers]
     firsts = [mission_entries[0] for mission_entries in sample]
     with TemporaryDirectory() as folder:

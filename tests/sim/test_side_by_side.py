@@ -181,7 +181,7 @@ def test_a_study_gives_the_same_in_lanes_and_alone(
     assert flown == [5]
     # with all of its cells a motion is not stored; it is flown again where a page needs it
     store = in_lanes.store
-    assert not any(store.has(entry.motion) for entry in in_lanes.plan.entries)
+    assert not any(store.has(entry.motion_key) for entry in in_lanes.plan.entries)
     assert drawn(tmp_path / "lanes").rows == in_lanes.rows  # type: ignore[operator]
     assert flown == [5]
     assert engines_of(in_lanes.plan) == ["direct"]

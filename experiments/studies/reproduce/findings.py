@@ -199,7 +199,7 @@ class MetricValues:
             (row["scenario"], over_time(steps))
             for row, steps in zip(timed.rows, timed.steps, strict=True)
         ]
-        for entry in {entry.motion: entry for entry in timed.plan.entries}.values():
+        for entry in {entry.motion_key: entry for entry in timed.plan.entries}.values():
             rows_of_route = [row for route, row in rows if route == entry.source][:REPLICATIONS]
             for name in TIMED:
                 store(BASE, name, entry.source, np.array([row[name] for row in rows_of_route]))

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from experiments.benchmark.tables import (
     read_truth,
 )
 from experiments.flight.library import load_scenario
+from laisn.errors import LaisnError
 from laisn.messages import Ranges
 from sim.log.reader import read_recording
 from tests.experiments.benchmark.sample import SAMPLE, laisn, scores_of
@@ -59,6 +61,30 @@ def test_what_killed_workers_left_half_written_is_removed(
     with pytest.raises(KeyboardInterrupt):
         data.generate(tmp_path, list(missions().values())[:1], [1])
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
+@pytest.mark.parametrize(
+    ("broken", "problem"),
+    [
+        (lambda lines: lines[:1], "has no rows"),
+        (
+            lambda lines: [*lines[:-1], ",".join(["x"] * len(lines[0].split(",")))],
+            "column 'time .s.' holds cells that are no numbers",
+        ),
+        (
+            lambda lines: [*lines[:-1], lines[-1].rpartition(",")[0] + ",x"],
+            "column 'range_middle .m.' holds cells that are no numbers",
+        ),
+    ],
+)
+def test_broken_measurements_are_refused(
+    tmp_path: Path, broken: Callable[[list[str]], list[str]], problem: str
+) -> None:
+    table = SAMPLE / "measurements" / "astern" / "01" / "follower.csv"
+    copy = tmp_path / "follower.csv"
+    copy.write_text("\n".join(broken(table.read_text(encoding="utf-8").splitlines())) + "\n")
+    with pytest.raises(LaisnError, match=problem):
+        read_measurements(copy)
 
 
 def test_the_importer_reads_the_same_measurements(tmp_path: Path) -> None:

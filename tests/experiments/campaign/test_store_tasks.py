@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from experiments.campaign import campaign, store
-from experiments.campaign.campaign import Flown
+from experiments.campaign.campaign import CampaignResults
 from experiments.campaign.jobs import Job, run_jobs
 from experiments.campaign.pool import Pool
 from experiments.campaign.store import Arrays, CampaignError, Result, Store, key_of
@@ -42,7 +42,7 @@ def other(of: int) -> list[dict[str, Any]]:
     return [{"of": of}]
 
 
-def flown(folder: Path, *numbers: int, **how: Any) -> Flown:
+def flown(folder: Path, *numbers: int, **how: Any) -> CampaignResults:
     tasks = {n: partial(square, n, times=2) for n in numbers}
     return campaign.fly([], tasks, folder, workers=1, quiet=True, **how)
 
@@ -112,7 +112,7 @@ def test_compiling_ahead_is_done_once_and_only_if_something_is_missing(tmp_path:
     ahead: list[int] = []
     for _ in range(2):
         campaign.fly(
-            [], {2: partial(square, 2)}, tmp_path, ahead=lambda: ahead.append(1), workers=1
+            [], {2: partial(square, 2)}, tmp_path, compile_tasks=lambda: ahead.append(1), workers=1
         )
     assert ahead == [1]
 

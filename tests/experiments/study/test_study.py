@@ -157,11 +157,11 @@ def test_arms_share_realizations_and_noise(flown):
             for e in plan.entries
             if (e.point, e.realization) == (entry.point, entry.realization) and e.arm != entry.arm
         )
-        assert entry.motion == twin.motion
+        assert entry.motion_key == twin.motion_key
         assert entry.scenario.seed == twin.scenario.seed
         assert entry.settings["ocean.waves.height_m"] == twin.settings["ocean.waves.height_m"]
     assert plan.flights == 4
-    missions = {Store(flown).path(entry.motion) for entry in plan.entries}
+    missions = {Store(flown).path(entry.motion_key) for entry in plan.entries}
     assert [path.is_file() for path in missions] == [True] * 4
 
 
@@ -649,7 +649,7 @@ def test_the_time_of_a_study_is_that_of_its_missions_and_cells(monkeypatch, stee
             for run in part.runs_of(entry) if steered else ():
                 take((entry.design_key, run, length), 3.0)
             if not steered:
-                take((entry.motion, length), 3.0)
+                take((entry.motion_key, length), 3.0)
                 take((entry.design_key, part.study.runs, length), 0.1)
         return [SimpleNamespace(failures={})]
 
