@@ -28,19 +28,19 @@ from sim.tracking import LOST_M, off_station
 SIGMAS = 2.0  # size of the drawn uncertainty in standard deviations of the filter
 # within this angle of the leader's axis, ahead or astern, ranges hardly determine the direction
 ON_AXIS_DEG = 15.0
-ROW_HEIGHT = 5.6
-STACK_WIDTH = 8.6  # of a follower among several
-DIFFERENCE_WIDTH = FULL - STACK_WIDTH - 0.2
+ROW_HEIGHT = 5.6  # of a follower's figures [inch]
+STACK_WIDTH = 8.6  # of the curves of a follower among several [inch]
+DIFFERENCE_WIDTH = FULL - STACK_WIDTH - 0.2  # of estimate minus truth beside them [inch]
 _MAP_HEIGHTS = (2.8, 6.4)  # least and largest height of a map [inch]
 _MARGINS = (0.65, 0.6)  # of a map's axes, across and up [inch]
-_TRACK_POINTS = 4000
-_DOTS = 1200
+_TRACK_POINTS = 4000  # most points of all tracks of a map
+_DOTS = 1200  # most dots of estimate minus truth, of all followers
 _FEW_POINTS = 240  # points of a line of a follower among several, so that the page stays small
-_MIN_WEIGHT = 1e-3
+_MIN_WEIGHT = 1e-3  # hypotheses that never have so much are not drawn
 _ARROWS = 14  # of the current, along each track
 _ARROW_VEHICLES = 4  # with such arrows
 _LONGEST_ARROW = 0.1  # of the map
-_COMPASS = (0, 90, 180, 270, 360)
+_COMPASS = (0, 90, 180, 270, 360)  # ticks of an axis of directions [°]
 
 
 def without_wraps(angle_deg: Floats) -> Floats:
@@ -105,10 +105,10 @@ def error_parts(
             Line(x=time, y=bound, colour=MUTED, width=1.6, name="Cramér–Rao bound"),
         ]
     lines.append(Line(x=time, y=position, colour=ESTIMATE, name="E_P"))
-    turn = Line(x=time, y=np.rad2deg(np.abs(bearing)), colour=ESTIMATE, name="E_B")
+    bearing_line = Line(x=time, y=np.rad2deg(np.abs(bearing)), colour=ESTIMATE, name="E_B")
     return [
         Subplot(lines=lines, y_label="E_P [m]", y_limits=(0.0, top), height=1.6),
-        Subplot(lines=[turn], y_label="E_B [°]", y_limits=(0.0, None)),
+        Subplot(lines=[bearing_line], y_label="E_B [°]", y_limits=(0.0, None)),
         bearing_part(time, true_bearing(flight, follower)),
     ]
 
@@ -191,7 +191,9 @@ def position_errors(flight: FlightRecord, errors: Sequence[Floats], worst: int) 
 
 
 def current_arrows(place: Floats, velocity: Floats, scale: float) -> Line:
-    """Arrows of velocities, shape (n, 2), [m/s], from places, [m]; `scale` is of m for m/s."""
+    """Arrows of velocities, shape (n, 2), [m/s], from places, shape (n, 2), [m]; `scale` is the
+    length of an arrow for 1 m/s [m].
+    """
     arrow = scale * velocity
     normal = np.column_stack([-arrow[:, 1], arrow[:, 0]])
     tip = place + arrow
@@ -406,7 +408,8 @@ def weights_part(flight: FlightRecord, follower: int) -> Subplot | None:
     weight, _, _ = estimates.hypotheses
     if np.all(weight[:, 1:] < _MIN_WEIGHT):
         return None
-    time = np.asarray(estimates.fix_step * flight.measurements[follower].dt, dtype=np.float64)
+    dt = flight.measurements[follower].dt
+    time = np.asarray(flight.trajectory.time[0] + estimates.fix_step * dt, dtype=np.float64)
     weighty = [h for h in range(weight.shape[1]) if weight[:, h].max() >= _MIN_WEIGHT]
     lines = [
         Line(

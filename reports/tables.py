@@ -189,7 +189,7 @@ def measurements_table(flight: FlightRecord) -> Table:
     for name, measurements in zip(flight.trajectory.names[1:], flight.measurements, strict=True):
         columns = {
             "follower": [name] * measurements.speed.size,
-            "time_s": measurements.time,
+            "time_s": flight.trajectory.time[0] + measurements.time,
             "speed_m_s": measurements.speed,
         }
         columns |= {

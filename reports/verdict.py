@@ -69,14 +69,15 @@ def longest_silence(flight: FlightRecord, follower: int, begin_s: float, end_s: 
     `end_s` at most.
     """
     measurements = flight.measurements[follower]
-    received = measurements.time[measurements.message_step - 1]
+    truth = flight.trajectory
+    start = float(truth.time[0])
+    received = start + measurements.time[measurements.message_step - 1]
     # with a range; the fields of a message alone give no position
     heard_times = received[np.isfinite(measurements.ranges).any(axis=1)]
-    times = np.concatenate([[0.0], heard_times[heard_times <= end_s], [end_s]])
+    times = np.concatenate([[start], heard_times[heard_times <= end_s], [end_s]])
     spans = np.where(times[1:] > begin_s, np.diff(times), 0.0)
     longest = int(np.argmax(spans))
     begin, end = float(times[longest]), float(times[longest + 1])
-    truth = flight.trajectory
     is_silent = (truth.time >= begin) & (truth.time <= end)
     headings = np.unwrap(truth.heading[is_silent, 0])
     turn = math.degrees(float(np.ptp(headings))) if headings.size else 0.0

@@ -92,7 +92,9 @@ def beacons_of(vehicles: Sequence[Measured]) -> Floats:
 
 
 def _sources(measurements: Measurements, beacons: Floats) -> Floats:
-    """Which beacon each range of each message is of, from 1 on, shape (m, 3); 0: of none."""
+    """Which beacon each range of each message is of, its row counted from 1, shape (m, 3); 0: of
+    none.
+    """
     places = measurements.transmitters
     sources = np.zeros((measurements.message_step.size, 3))
     if places is None:
@@ -103,31 +105,6 @@ def _sources(measurements: Measurements, beacons: Floats) -> Floats:
     return sources
 
 
-def _leader(
-    vehicles: Sequence[Measured], grid: Floats
-) -> tuple[SceneVehicle, Floats, Floats] | None:
-    """The leader as it broadcast itself, its positions, shape (n, 3), and attitudes, shape (n, 4);
-    None if no message holds where it is.
-    """
-    for vehicle in vehicles:
-        pose_columns = _columns(vehicle.measurements, "east", "north", "heading", "depth")
-        if pose_columns.size == 0 or not np.isfinite(pose_columns[:, :2]).all(axis=1).any():
-            continue
-        times = vehicle.measurements.time[vehicle.measurements.message_step - 1]
-        east_north = _between(times, pose_columns[:, :2], grid)
-        depth = np.interp(grid, times, np.nan_to_num(pose_columns[:, 3], nan=_SHOWN_DEPTH_M))
-        half_baseline = 0.5 * vehicle.baseline
-        transmitters = (
-            [[-half_baseline, 0.0, 0.0], [half_baseline, 0.0, 0.0]]
-            if np.isfinite(half_baseline)
-            else []
-        )
-        leader = SceneVehicle(name="leader", role="leader", model=0, transmitters=transmitters)
-        quaternion = _level(_heading(times, pose_columns[:, 2], grid))
-        return leader, np.column_stack([east_north, -depth]), quaternion
-    return None
-
-
 def _known_from(vehicle: Measured) -> float:
     """When the first estimate is there [s]."""
     time = vehicle.measurements.time
@@ -135,14 +112,16 @@ def _known_from(vehicle: Measured) -> float:
 
 
 class _Rows(NamedTuple):
-    """The instants at which a scene has rows."""
+    """The instants at which a scene has rows: those of positions and attitudes, and fewer for what
+    changes slowly.
+    """
 
     start: float  # [s]
-    end: float
-    hz: float
+    end: float  # [s]
+    hz: float  # rows in a second
     slow_hz: float
-    grid: Floats  # shape (n,), [s]
-    slow: Floats  # of what changes slowly
+    grid: Floats  # times of the rows, shape (n,), [s]
+    slow: Floats  # times of the slow rows, shape (m,), [s]
 
 
 def _rows_of(vehicles: Sequence[Measured]) -> _Rows:
@@ -171,22 +150,39 @@ class _Way(NamedTuple):
 
 
 def _way_of_leader(vehicles: Sequence[Measured], rows: _Rows) -> _Way | None:
-    """The leader by its messages; None if none holds where it is."""
-    leader = _leader(vehicles, rows.grid)
-    if leader is None:
-        return None
-    measurements = vehicles[0].measurements
-    times = measurements.time[measurements.message_step - 1]
-    return _Way(*leader, _between(times, _columns(measurements, "speed"), rows.slow)[:, 0])
+    """The leader by the messages of the first vehicle that hold where it is; None if none do."""
+    for vehicle in vehicles:
+        pose_columns = _columns(vehicle.measurements, "east", "north", "heading", "depth")
+        if pose_columns.size == 0 or not np.isfinite(pose_columns[:, :2]).all(axis=1).any():
+            continue
+        times = vehicle.measurements.time[vehicle.measurements.message_step - 1]
+        east_north = _between(times, pose_columns[:, :2], rows.grid)
+        depth = np.interp(rows.grid, times, np.nan_to_num(pose_columns[:, 3], nan=_SHOWN_DEPTH_M))
+        half_baseline = 0.5 * vehicle.baseline
+        transmitters = (
+            [[-half_baseline, 0.0, 0.0], [half_baseline, 0.0, 0.0]]
+            if np.isfinite(half_baseline)
+            else []
+        )
+        leader = SceneVehicle(name="leader", role="leader", model=0, transmitters=transmitters)
+        return _Way(
+            leader,
+            np.column_stack([east_north, -depth]),
+            _level(_heading(times, pose_columns[:, 2], rows.grid)),
+            _between(times, _columns(vehicle.measurements, "speed"), rows.slow)[:, 0],
+        )
+    return None
 
 
 def _way_of_follower(
-    vehicle: Measured, model: int, rows: _Rows, estimated: Floats, *, truth: bool
+    vehicle: Measured, model: int, rows: _Rows, estimated: Floats, *, has_truth: bool
 ) -> _Way:
-    """A follower on its true path, where that is known of all, or else on its estimated one."""
+    """A follower on its true path, where that is known of all, or else on its estimated one, east
+    and north at each row, shape (n, 2), [m]; `model` is the index of its hull.
+    """
     measurements = vehicle.measurements
     path = estimated
-    if truth and vehicle.path is not None:
+    if has_truth and vehicle.path is not None:
         path = _between(vehicle.path[:, 0], vehicle.path[:, 1:3], rows.grid)
     return _Way(
         SceneVehicle(name=vehicle.name, role="follower", model=model),
@@ -217,7 +213,7 @@ def _pack(
 def scene_of_measured(name: str, vehicles: Sequence[Measured]) -> Scene:
     """The scene of a replay."""
     rows = _rows_of(vehicles)
-    truth = all(vehicle.path is not None for vehicle in vehicles)
+    has_truth = all(vehicle.path is not None for vehicle in vehicles)
     beacons = beacons_of(vehicles)
     hulls, hull_of, _ = hulls_of(["leader", "follower"])
     states = [
@@ -227,7 +223,7 @@ def scene_of_measured(name: str, vehicles: Sequence[Measured]) -> Scene:
     leader = None if len(beacons) else _way_of_leader(vehicles, rows)
     ways = [] if leader is None else [leader]
     ways += [
-        _way_of_follower(vehicle, hull_of[1], rows, state, truth=truth)
+        _way_of_follower(vehicle, hull_of[1], rows, state, has_truth=has_truth)
         for vehicle, state in zip(vehicles, states, strict=True)
     ]
     packer = Packer()
@@ -239,13 +235,14 @@ def scene_of_measured(name: str, vehicles: Sequence[Measured]) -> Scene:
             packer.add(f"source{f}", _sources(vehicle.measurements, beacons), order=0)
     heights = np.concatenate([*(way.position[:, 2] for way in ways), beacons[:, 2]])
     received = [np.isfinite(vehicle.measurements.ranges).any(axis=0) for vehicle in vehicles]
+    # as of `meta_of`
     meta = {
         "name": name,
         "hz": rows.hz,
         "slow_hz": rows.slow_hz,
         "start": rows.start,
         "end": rows.end,
-        "truth": truth,
+        "truth": has_truth,
         "floor": float(heights.min()) - _BELOW_M,
         "hues": hues(),
         "vehicles": [vars(way.vehicle) for way in ways],

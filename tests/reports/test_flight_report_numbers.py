@@ -23,7 +23,7 @@ from reports.flight_report import (
 )
 from reports.page import Code, Page, PageTable
 from reports.range_budget import Cause, RangeErrorBudget
-from sim.flight import FlightRecord
+from sim.flight import FlightRecord, excerpt
 from tests.golden import require_golden
 from tests.synthetic import make_flight
 
@@ -192,6 +192,22 @@ def test_weights_of_hypotheses_are_shown_where_there_ever_were_several(
         for line, column in zip(lines(part), weight.T, strict=True):
             np.testing.assert_allclose(line, np.column_stack([[1.0, 2.0, 3.0], column]))
     assert flight_figures.weights_part(flight, 0) is None
+
+
+def test_weights_of_an_excerpt_are_at_times_of_the_mission(flight: FlightRecord) -> None:
+    estimates = object.__new__(TightEstimates)
+    values = {
+        "fix_step": np.array([10, 20]),
+        "weight": np.array([[0.5, 0.5], [0.4, 0.6]]),
+        "hypothesis": np.zeros((2, 2, 2)),
+        "hypothesis_covariance": np.zeros((2, 2, 2, 2)),
+    }
+    for name, value in values.items():
+        object.__setattr__(estimates, name, value)
+    later = excerpt(flight, 5.0, 15.0)
+    part = flight_figures.weights_part(dataclasses.replace(later, estimates=(estimates,)), 0)
+    assert part is not None
+    np.testing.assert_allclose(part.lines[0].x, [6.0, 7.0])
 
 
 def lines(part: Subplot) -> list[Floats]:

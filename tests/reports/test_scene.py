@@ -190,6 +190,38 @@ def test_a_measured_log_shows_the_leader_as_broadcast_and_the_surveyed_path() ->
     assert place == pytest.approx(np.full(place.size, 3.0), abs=MILLIMETRE)
 
 
+def test_a_leader_is_shown_by_the_first_vehicle_that_heard_of_it() -> None:
+    """A vehicle without messages stands before the one that has them all."""
+    heard = vehicle()
+    silent = vehicle(
+        measurements=dataclasses.replace(
+            heard.measurements,
+            message_step=np.empty(0, dtype=np.int64),
+            message=np.empty((0, heard.measurements.message.shape[1])),
+            ranges=np.empty((0, 3)),
+        ),
+        estimates=dataclasses.replace(
+            heard.estimates,
+            fix_step=np.empty(0, dtype=np.int64),
+            fix_position=np.empty((0, 2)),
+            fix_sigma=np.empty(0),
+            fix_kind=np.empty(0, dtype=np.int64),
+            innovation=np.empty((0, 2)),
+            innovation_covariance=np.empty((0, 2, 2)),
+        ),
+    )
+    both = scene_of_measured("log", [measured_of(silent), measured_of(heard)])
+    alone = scene_of_measured("log", [measured_of(heard)])
+    np.testing.assert_array_equal(
+        arrays_of(both)["position"].reshape(-1, 3, 3)[:, 0],
+        arrays_of(alone)["position"].reshape(-1, 2, 3)[:, 0],
+    )
+    leader_speed = [
+        arrays_of(scene)["speed"].reshape(-1, n)[:, 0] for scene, n in ((both, 3), (alone, 2))
+    ]
+    np.testing.assert_array_equal(*leader_speed)
+
+
 def test_fixed_transmitters_take_the_place_of_a_leader() -> None:
     replayed = vehicle()
     places = np.full((4, 3, 3), np.nan)

@@ -13,8 +13,8 @@ from laisn.arrays import Floats
 from laisn_sim.cli.main import app
 from reports.flight_report import flight_report
 from reports.summary import route_events, summarise
-from reports.verdict import Loss, _lost_text, verdict
-from sim.flight import FlightRecord, Termination, position_and_bearing_errors
+from reports.verdict import Loss, _lost_text, longest_silence, verdict
+from sim.flight import FlightRecord, Termination, excerpt, position_and_bearing_errors
 from sim.scenario.formation import Station
 from sim.scenario.parts import MotionSettings
 from sim.tracking import track_errors
@@ -70,6 +70,12 @@ def test_a_flight_in_which_none_is_lost_begins_with_its_errors(flight: FlightRec
     actual = verdict(flight, KEPT)
     assert actual.lost == ()
     assert actual.sentence.startswith("The mean position errors of 3 followers lie between 0.50 m")
+
+
+def test_a_silence_in_an_excerpt_has_the_times_of_the_mission(flight: FlightRecord) -> None:
+    part = excerpt(silent(flight, 1, 340.0, 401.0), 300.0, 500.0)
+    actual = longest_silence(part, 1, 320.0, 480.0)
+    assert (actual.begin_s, actual.end_s) == pytest.approx((340.0, 401.0))
 
 
 def test_a_silence_before_a_loss_is_its_cause_with_the_leaders_turn(flight: FlightRecord) -> None:
