@@ -26,10 +26,11 @@ from sim.trajectory import Trajectory
 
 # standard deviation of |N(0, 1)|, as which compasses err (Eq. 27)
 _FOLDED_NORMAL_SIGMA = float(np.sqrt(1.0 - 2.0 / np.pi))
-# the tight navigator's model with drifting biases; its walks are variances a second, by mode
+# the tight navigator's model with drifting biases; its walks are variances a second, those of log
+# and compass for each of its modes of drift
 _DRIFTING_MODEL = model_of(TightSettings(assume=Assume(drift=True)))
 _TIMESTAMP = LeaderMessage._fields.index("timestamp")
-_UNIFORM_SIGMA = 1.0 / float(np.sqrt(12.0))
+_UNIFORM_SIGMA = 1.0 / float(np.sqrt(12.0))  # of a uniform distribution of width 1
 # from so many instants of all followers on, compiled code follows the sound: it takes ten seconds
 # to compile once, Python 6 µs an instant
 _MANY_INSTANTS = 300_000
@@ -208,6 +209,7 @@ def least_rms(geometry: BoundGeometry, noise: TrueNoise, lag: float = 0.0) -> Fl
 
 
 def _rms(covariance: Floats) -> Floats:
+    """RMS of positions with covariances of shape (n, 2, 2), shape (n,), [m]."""
     return np.asarray(np.sqrt(np.trace(covariance, axis1=1, axis2=2)))
 
 

@@ -62,8 +62,8 @@ class Line:
     y: Floats
     colour: Colour = SERIES[0]
     width: float = 1.0  # [pt]
-    dash: str = "-"
-    marker: str = ""
+    dash: str = "-"  # a key of `_DASHES`
+    marker: str = ""  # a key of `_SYMBOLS`; empty: a line
     size: float = 2.4  # of marks [pt]
     opacity: float = 1.0
     name: str = ""  # what it is, shown with its values under the pointer
@@ -98,7 +98,7 @@ class Subplot:
     y_limits: Limits = (None, None)
     y_log: bool = False
     ticks: Ticks = ()
-    shaded: Sequence[tuple[float, float]] = ()  # stretches of the axis on a darker ground
+    shaded: Sequence[tuple[float, float]] = ()  # stretches of the y axis on a darker ground
     # what is no line, such as a map of colours, as Plotly describes it
     traces: Sequence[Mapping[str, Any]] = ()
     height: float = 1.0  # relative to the other parts
@@ -118,7 +118,7 @@ class Panel:
     x_ticks: Ticks = ()
     width: float = WIDTH  # [inch]; wider panels keep more points
     height: float = HEIGHT  # [inch]
-    points: int = DRAWN_POINTS
+    points: int = DRAWN_POINTS  # most of a line, in a panel of the usual width with few lines
     link: str = ""  # panels of a page with the same name share a time cursor
 
     @property
@@ -127,8 +127,8 @@ class Panel:
         data = list[dict[str, Any]]()
         layout = self._layout()
         lines = sum(len(subplot.lines) for subplot in self.parts)
-        share_of_points = min(max(1.0, self.width / WIDTH), _MAX_LINES / max(lines, 1))
-        points = max(round(self.points * share_of_points), _FEWEST_POINTS)
+        point_factor = min(max(1.0, self.width / WIDTH), _MAX_LINES / max(lines, 1))
+        points = max(round(self.points * point_factor), _FEWEST_POINTS)
         for number, subplot in enumerate(self.parts):
             axis = {"yaxis": f"y{number + 1}"} if number else {}
             data += [
@@ -238,8 +238,8 @@ def panel(
 def marks(
     findings: Sequence["Finding"], places: Floats, *, across: bool = False, **settings: Any
 ) -> Line:
-    """Marks of n findings over places, shape (n,), or beside them if `across`, with bars of
-    their intervals.
+    """Marks of n findings, with bars of their intervals: the finding is y over the places on the x
+    axis, shape (n,), or, if `across`, x beside the places on the y axis.
     """
     value, low, high = np.array(
         [[np.nan if end is None else end for end in (f.number, f.low, f.high)] for f in findings],

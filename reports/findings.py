@@ -56,13 +56,13 @@ class Finding:
             raise ValueError(
                 f"{spec!r} is no format of a finding, such as '.2f', 'low .0%' or '.1f i'"
             )
-        key, inner, added = match.groups()
-        number = getattr(self, key) if key else self.value
-        value, low, high = (_value_text(v, inner) for v in (number, self.low, self.high))
-        if added == " i" and (self.low is not None or self.high is not None):
+        limit, number_format, interval = match.groups()
+        number = getattr(self, limit) if limit else self.value
+        value, low, high = (_value_text(v, number_format) for v in (number, self.low, self.high))
+        if interval == " i" and (self.low is not None or self.high is not None):
             return f"{value} ({low.removesuffix(' %')} to {high})"
-        if added == " ±" and self.low is not None and self.high is not None:
-            return f"{value} ± {_value_text((self.high - self.low) / 2, inner)}"
+        if interval == " ±" and self.low is not None and self.high is not None:
+            return f"{value} ± {_value_text((self.high - self.low) / 2, number_format)}"
         return value
 
 
@@ -96,7 +96,7 @@ def median_finding(values: Floats | Sequence[float], meaning: str, unit: str = "
 
 
 def share_finding(flags: Floats | Bools, meaning: str) -> Finding:
-    """Share of trials with an outcome, of any shape, which is not 0, with its exact limits."""
+    """Share of the trials whose flag is not 0, with its exact limits; flags of any shape."""
     return interval_finding(proportion(int(np.count_nonzero(flags)), np.size(flags)), meaning)
 
 
@@ -108,8 +108,8 @@ class Findings:
 
     study: str
     command: str
-    modules: tuple[str, ...]
-    version: str
+    modules: tuple[str, ...]  # names, as Python imports them
+    version: str  # `version_of` these modules
     findings: Mapping[str, Finding] = field(default_factory=dict)
 
     def __getitem__(self, key: str) -> Finding:

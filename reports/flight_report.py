@@ -62,7 +62,7 @@ CAUSE_COLOURS = dict(zip(_CAUSES, style.SERIES, strict=True))
 """Colours of causes that affect bow and stern differently; clock and sound speed affect both
 (nearly) alike.
 """
-_NOTICEABLE_M = 1e-6
+_NOTICEABLE_M = 1e-6  # causes whose shares never exceed it have no effect
 _BUDGET_FOLLOWERS = 3  # followers whose range error budget is shown
 
 
@@ -125,7 +125,9 @@ def legend_of(causes: Sequence[Cause]) -> list[tuple[style.Colour, str]]:
 
 
 def range_budget(flight: FlightRecord) -> dict[str, Any]:
-    """Range error budgets for the template: followers without a ping, figure and tables."""
+    """Range error budgets for the template: followers without a ping (`silent`), figure and
+    tables.
+    """
     names = flight.trajectory.names[1:]
     silent = list[str]()
     causes = set[Cause]()
@@ -168,7 +170,8 @@ class _Judged(NamedTuple):
     """A follower's estimates at n filter steps."""
 
     error: Floats  # distance from the truth, shape (n,), [m]
-    near_axis: Bools  # as of `accuracy`
+    # as of `accuracy`, shapes (n,)
+    near_axis: Bools
     wrong_side: Bools
     outside: Bools
 
@@ -286,7 +289,9 @@ def _curves(
 
 
 class FinalState(NamedTuple):
-    """A bias, current or offset as a navigator has it after the last message."""
+    """A bias, current or offset as a navigator has it after the last message, in the unit of its
+    label.
+    """
 
     value: float
     sigma: float

@@ -46,7 +46,9 @@ class _File:
         return len(entries) - 1
 
     def accessor(self, values: npt.NDArray[Any]) -> int:
-        """Store an array of shape (n,), (n, 3) or (n, 4), of floats or indices."""
+        """Store an array of shape (n,), (n, 3) or (n, 4), of floats or indices; the index of its
+        accessor.
+        """
         kind, component = (
             (np.uint32, _UNSIGNED) if values.dtype.kind in "iu" else (np.float32, _FLOAT)
         )
@@ -66,7 +68,9 @@ class _File:
         )
 
     def material(self, colour: tuple[float, ...], shine: float) -> int:
-        """A material of a colour, which glTF takes as linear light."""
+        """The index of a material of a colour, 0 … 1, which glTF takes as linear light; shine
+        0 … 1.
+        """
         key = (*colour, shine)
         if key not in self._materials:
             linear = [float(np.clip(c, 0.0, 1.0)) ** 2.2 for c in colour[:3]]
@@ -118,7 +122,7 @@ class _Writer:
         duration = float(truth.time[-1] - truth.time[0])
         stride = max(1, round(1.0 / (rate_of(duration, len(truth.names)) * truth.dt)))
         self.flight = flight
-        self.rows = np.arange(0, truth.time.size, stride)
+        self.rows = np.arange(0, truth.time.size, stride)  # instants of the animation's frames
         self.file = _File()
         self.time = self.file.accessor(truth.time[self.rows] - truth.time[0])
         self.samplers: list[dict[str, Any]] = []
@@ -133,7 +137,7 @@ class _Writer:
         self.channels.append({"sampler": len(self.samplers) - 1, "target": target})
 
     def path(self, name: str, points: Floats, colour: tuple[float, ...]) -> int:
-        """A line through points, shape (n, 3)."""
+        """A line through points, shape (n, 3), [m]; the index of its node."""
         file = self.file
         line = {
             "attributes": {"POSITION": file.accessor(points)},
@@ -143,15 +147,17 @@ class _Writer:
         return file.add("nodes", name=name, mesh=file.add("meshes", primitives=[line]))
 
     def vehicle(self, number: int, shape: dict[str, Any]) -> int:
-        """A hull that moves, with its fins."""
+        """A hull that moves, with its fins; number 0 is the leader, `shape` as of
+        `reports.scene.hulls.hull`.
+        """
         file = self.file
         truth = self.flight.trajectory
-        role = TRUTH if number else LEADER
+        role_colour = TRUTH if number else LEADER
         moving = {fin["part"]: fin for fin in shape["fins"]}
 
         def material(geom: dict[str, Any]) -> int:
             if geom["name"].startswith("band"):
-                return file.material(role, 0.3)
+                return file.material(role_colour, 0.3)
             return file.material(tuple(geom["rgb"]), geom["shine"])
 
         fixed = [geom for geom in shape["parts"] if geom["name"] not in moving]
@@ -172,6 +178,7 @@ class _Writer:
                 translation=geom["at"],
             )
             if truth.thrust.shape[2]:
+                # of a fin its deflection [rad]
                 angle = truth.thrust[self.rows, number, fin["effector"]]
                 half_angle = 0.5 * angle[:, None]
                 axis = np.array(fin["axis"]) / np.linalg.norm(fin["axis"])

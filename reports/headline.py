@@ -18,29 +18,30 @@ Accuracies = Mapping[str, Mapping[str, float]]
 """What `accuracy` of the report tells of each follower, by its name."""
 Tone = Literal["good", "bad", ""]
 
-NEES = 2.0
+EXPECTED_NEES = 2.0
 """Of a consistent filter, on average."""
+# intervals for `tone_of`
 _GOOD_NEES = (1.0, 4.0)
-_BAD_NEES = (0.25, 8.0)
+_TOLERABLE_NEES = (0.25, 8.0)
 CONSISTENT_OUTSIDE_SHARE = math.exp(-2.0)
 """Share of errors outside the 2σ ellipse of a consistent filter (Rayleigh distribution)."""
 _GOOD_OUTSIDE = (0.0, 0.25)
-_BAD_OUTSIDE = (0.0, 0.40)
-_GOOD_BOUND = (0.0, 1.5)
-_BAD_BOUND = (0.0, 3.0)
+_TOLERABLE_OUTSIDE = (0.0, 0.40)
+_GOOD_BOUND = (0.0, 1.5)  # of the RMS error over the bound's
+_TOLERABLE_BOUND = (0.0, 3.0)
 _NEAR_SHARE = 0.3  # least share of the time near the leader's axis that is a cause
 _NEAR_RATIO = 1.5  # least ratio of the mean error there to that elsewhere
-_LOCKED_SHARE = 0.01  # least share of the time on the wrong side that is a cause
+_WRONG_SIDE_SHARE = 0.01  # least share of the time on the wrong side that is a cause
 _TWO_TRANSMITTERS = 2
 
 
-def tone_of(value: float | None, good: tuple[float, float], bad: tuple[float, float]) -> Tone:
-    """Good within the first interval, bad outside the second one, neither between them."""
+def tone_of(value: float | None, good: tuple[float, float], tolerable: tuple[float, float]) -> Tone:
+    """Good within the first interval, bad outside the second, wider one, neither between them."""
     if value is None or not math.isfinite(value):
         return ""
     if good[0] <= value <= good[1]:
         return "good"
-    return "" if bad[0] <= value <= bad[1] else "bad"
+    return "" if tolerable[0] <= value <= tolerable[1] else "bad"
 
 
 def figure_text(value: float, unit: str = "") -> str:
@@ -78,8 +79,8 @@ def subject(flight: FlightRecord) -> str:
 
 
 def cause(transmitters: int, errors: Mapping[str, float], nees: float | None) -> str:
-    """Why the estimate of a follower that uses so many transmitters is as far off as it is; empty:
-    nothing stands out.
+    """Why the estimate of a follower that uses so many transmitters is as far off as it is, with
+    its errors as of `accuracy` of the report; empty: nothing stands out.
     """
     near_axis = errors["near_axis"]
     off_axis = errors["mean_elsewhere"]
@@ -94,10 +95,13 @@ def cause(transmitters: int, errors: Mapping[str, float], nees: float | None) ->
             f"{100 * near_axis:.0f} % of the time it is within {ON_AXIS_DEG:g}° of the leader's "
             f"axis, where {reason}"
         )
-    if errors["wrong_side"] >= _LOCKED_SHARE:
+    if errors["wrong_side"] >= _WRONG_SIDE_SHARE:
         return f"{100 * errors['wrong_side']:.0f} % of the time it is on the wrong side of the axis"
-    if nees is not None and nees > _BAD_NEES[1]:
-        return f"the filter is surer than right (mean NEES {figure_text(nees)}, {NEES:g} expected)"
+    if nees is not None and nees > _TOLERABLE_NEES[1]:
+        return (
+            f"the filter is surer than right (mean NEES {figure_text(nees)}, {EXPECTED_NEES:g} "
+            "expected)"
+        )
     return ""
 
 
@@ -119,6 +123,7 @@ def _stations(summary: Mapping[str, Any]) -> str:
 
 
 def on_stations(summary: Mapping[str, Any]) -> bool:
+    """Whether any follower has a station."""
     return any("station_rms_m" in row for row in summary["followers"].values())
 
 
@@ -127,12 +132,12 @@ def headline(
 ) -> str:
     """Who did what, and how it went and why."""
     sentence = verdict.sentence
-    quiet = (
+    is_uneventful = (
         flight.outcome is Termination.COMPLETED and not verdict.lost and "touched" not in sentence
     )
-    if quiet and on_stations(summary):
+    if is_uneventful and on_stations(summary):
         sentence = _stations(summary)
-    elif quiet and accuracies:
+    elif is_uneventful and accuracies:
         worst = max(accuracies, key=lambda name: accuracies[name]["mean"])
         nees = summary["followers"].get(worst, {}).get("nees")
         follower = flight.trajectory.names.index(worst) - 1
@@ -145,8 +150,8 @@ def headline(
     return f"{subject(flight)} {sentence}".replace(" %", "\u00a0%")
 
 
-def _worst(values: Sequence[float | None]) -> float | None:
-    """The value that is farthest from what is expected, of those that are known."""
+def _largest(values: Sequence[float | None]) -> float | None:
+    """The largest of the values that are known; None without any."""
     finite = [value for value in values if value is not None and math.isfinite(value)]
     return max(finite, default=None)
 
@@ -158,18 +163,18 @@ def _consistency(rows: Mapping[str, Any], accuracies: Accuracies) -> list[Tile]:
     tiles = []
     if nees:
         mean = float(np.mean(nees))
-        tone = tone_of(mean, _GOOD_NEES, _BAD_NEES)
-        expected = f"{prefix}{NEES:g} expected"
+        tone = tone_of(mean, _GOOD_NEES, _TOLERABLE_NEES)
+        expected = f"{prefix}{EXPECTED_NEES:g} expected"
         tiles.append(Tile(name="NEES", value=figure_text(mean), remark=expected, tone=tone))
     outside = float(np.mean([errors["outside"] for errors in accuracies.values()]))
-    tone = tone_of(outside, _GOOD_OUTSIDE, _BAD_OUTSIDE)
+    tone = tone_of(outside, _GOOD_OUTSIDE, _TOLERABLE_OUTSIDE)
     remark = f"{prefix}{100 * CONSISTENT_OUTSIDE_SHARE:.0f} % expected"
     tiles.append(
         Tile(name="outside its 2σ", value=f"{100 * outside:.0f} %", remark=remark, tone=tone)
     )
-    ratio = _worst([row.get("rms_over_bound") for row in rows.values()])
+    ratio = _largest([row.get("rms_over_bound") for row in rows.values()])
     if ratio is not None:
-        tone = tone_of(ratio, _GOOD_BOUND, _BAD_BOUND)
+        tone = tone_of(ratio, _GOOD_BOUND, _TOLERABLE_BOUND)
         # a single flight may be luckier than the least error on average
         remark = "1 at best on average" + (", the worst" if prefix else "")
         tiles.append(Tile(name="× bound", value=figure_text(ratio), remark=remark, tone=tone))

@@ -3,11 +3,11 @@ template.
 
 A template is Markdown with numbers by name: `# title`, perhaps `> question: text`, one paragraph of
 summary that answers it, then sections `## title`; a blank line ends a paragraph, `> warning: text`
-is a notice. `{{ n("lost calm", ".0% i")
-}}` is a finding in a format of `Finding`; `{{ table }}` on a line of its own is a table, figure,
-film or code that the caller passes, or a list of these; `{{ figure | caption("text") }}` gives it a
-caption. Below the rows of a Markdown table stands its caption; a row above its heads has groups:
-one that ends in `||` spans two columns. A cell is text, a number, or a `TableCell` of the caller's.
+is a notice. `{{ n("lost calm", ".0% i") }}` is a finding in a format of `Finding`; `{{ table }}` on
+a line of its own is a table, figure, film or code that the caller passes, or a list of these;
+`{{ figure | caption("text") }}` gives it a caption. Below the rows of a Markdown table stands its
+caption; a row above its heads has groups: one that ends in `||` spans two columns. A cell is text,
+a number, or a `TableCell` of the caller's.
 """
 
 import math
@@ -40,7 +40,7 @@ _SHOWN_VERSIONS = {
     "scipy": "SciPy",
     "numba": "Numba",
 }
-_SHORT_CHARACTERS = 44
+_SHORT_CHARACTERS = 44  # longest text of a cell that stays on one line
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,6 +76,8 @@ Tone = Literal["failure", "warning", "note"]
 
 @dataclass(frozen=True, kw_only=True)
 class Notice:
+    """A paragraph in a coloured box."""
+
     kind: ClassVar[str] = "notice"
     text: str
     tone: Tone = "note"
@@ -86,12 +88,12 @@ class TableCell:
     """A table cell: what is shown, by what it sorts, and how it is coloured."""
 
     text: str
-    sort: float | str = ""
+    sort: float | str = ""  # by what it sorts: a number, or a text; empty: by what is shown
     tone: str = ""
     """Class of the page's style: ratio-low2, ratio-low1, ratio-even, ratio-high1 … ratio-high3,
     yes, no, maybe.
     """
-    title: str = ""
+    title: str = ""  # shown under the pointer
 
     @property
     def numeric(self) -> bool:
@@ -111,6 +113,7 @@ class TableCell:
 
     @property
     def key(self) -> str:
+        """By what the page's script sorts."""
         return repr(self.sort) if self.numeric else str(self.sort or self.text)
 
 
@@ -245,7 +248,9 @@ def words(text: str, tone: str = "", title: str = "") -> TableCell:
 
 
 def ratio_tone(ratio: float) -> str:
-    """Colour of ours over theirs: even within a fifth, then up to 1.5, 2 and beyond, either way."""
+    """Tone of a cell for the ratio of our value to another one: even within a fifth, then up to
+    1.5, 2 and beyond, either way.
+    """
     if math.isnan(ratio):
         return ""
     size = abs(math.log(ratio)) if ratio > 0 else math.inf
@@ -300,7 +305,7 @@ def write(page: Page, path: Path) -> None:
         temporary.write_text(render(page), encoding="utf-8")
 
 
-NAME = "page.md.j2"
+TEMPLATE_NAME = "page.md.j2"  # of the template in the package of a study
 _BLOCKS = get_args(Block)
 _MARK = "\ue000{}\ue000"
 """Stands for a block or cell of the caller's in the text of a template, by its number."""
@@ -309,7 +314,7 @@ _NUMBER = re.compile(r"(−?\d[\d,]*(?:\.\d+)?)(?: %)?(?: \(.*\)| ± \S+)?")
 """A cell that is a number: perhaps with its limits, or in per cent."""
 _TONES: Mapping[str, Tone] = {"failure": "failure", "warning": "warning", "note": "note"}
 _QUESTION = "question: "
-_RULE = re.compile(r"\s*\|[-| ]*-[-| ]*")
+_RULE = re.compile(r"\s*\|[-| ]*-[-| ]*")  # the line |---|---| below the heads of a table
 # text within blocks is no Markdown: names of settings hold underscores
 _MARKDOWN = MarkdownIt("zero").enable(["heading", "blockquote", "table"])
 
@@ -338,7 +343,7 @@ class _Rendered:
 
     name: str  # of the template, for messages
     text: str
-    placed: Sequence[Any]
+    placed: Sequence[Any]  # by the number in its mark
 
     def page(self, facts: Sequence[tuple[str, str]], **first_screen: Any) -> Page:
         """Its page, with tiles and a replay of it; ValueError: it has not the form of one."""
@@ -454,13 +459,14 @@ def page_of(
     facts: Sequence[tuple[str, str]],
     values: Mapping[str, Any],
     findings: Findings | None = None,
-    name: str = NAME,
+    name: str = TEMPLATE_NAME,
     tiles: Sequence[Tile] = (),
     replay: Replay | None = None,
     question: str = "",
 ) -> Page:
-    """The page of a template in a package, such as `experiments.studies.formation`, with a
-    question, key figures and a mission in 3D before its first section.
+    """The page of a template, a file of this name in a package such as
+    `experiments.studies.formation`, with a question, key figures and a mission in 3D before its
+    first section.
 
     The template names `values`, and prints `findings` with `n`. LaisnError: there is no finding of
     a name. ValueError: no title, or text before the first section that is not the summary.

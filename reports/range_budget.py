@@ -72,8 +72,8 @@ class RangeErrorBudget:
 
 
 def _on_plane(slant: Floats, depth_difference: Floats) -> Floats:
-    """Horizontal ranges as the follower computes them (`horizontal_range`); shapes (m, 3) and
-    (m,).
+    """Horizontal ranges, as the follower computes them, of slant ranges, shape (m, 3), and
+    differences of depth, shape (m,), [m].
     """
     return np.asarray(
         np.sqrt(np.maximum(slant * slant - (depth_difference * depth_difference)[:, None], 0.0))
@@ -104,22 +104,23 @@ def range_error_budget(flight: FlightRecord, follower: int = 0) -> RangeErrorBud
         sound.message_step - first, measurements.message_step, return_indices=True
     )
     emission = sound.emission_step[sound_row]
-    fix = measurements.message_step[measured_row] * flight.stride
-    instants = (emission - first) * flight.stride
+    # instants of the trajectory at which a message is sent, and at which the fix of it is made
+    sent = (emission - first) * flight.stride
+    fixed = measurements.message_step[measured_row] * flight.stride
 
-    broadcast = _transmitters(trajectory, instants, trajectory.quaternion[instants, 0])
-    level = _transmitters(
-        trajectory, instants, attitude.from_euler(trajectory.heading[instants, 0])
-    )
-    hydrophone = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone", fix)
-    depth_difference = -trajectory.position[instants, 0, 2] + hydrophone[:, 2]
+    broadcast = _transmitters(trajectory, sent, trajectory.quaternion[sent, 0])
+    level = _transmitters(trajectory, sent, attitude.from_euler(trajectory.heading[sent, 0]))
+    hydrophone = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone", fixed)
+    depth_difference = -trajectory.position[sent, 0, 2] + hydrophone[:, 2]
 
     errors = navigated_errors_of(sensing, follower)
     origin = seed_and_run(scenario.seed, scenario.run)
     paths = [paths_taken(errors, Address(*origin, follower, step)) for step in emission.tolist()]
+    # the `Path` of the ping of each transmitter that the follower takes, shape (m, 3)
     path = np.array(paths, dtype=np.int64).reshape(-1, 3)
 
     def of_received(values: Floats) -> Floats:
+        """Values on the path taken, shape (m, 3), of those on all paths, shape (…, 3, 3)."""
         return np.asarray(np.take_along_axis(values[sound_row], path[:, :, None], axis=2)[:, :, 0])
 
     length = of_received(sound.arrival.length)
@@ -128,8 +129,9 @@ def range_error_budget(flight: FlightRecord, follower: int = 0) -> RangeErrorBud
     measured_difference = message["depth"] - (
         measurements.depth[measurements.message_step[measured_row] - 1] - height
     )
-    d_level = np.linalg.norm(level[..., :2] - hydrophone[:, None, :2], axis=2)
-    steps = {
+    level_range = np.linalg.norm(level[..., :2] - hydrophone[:, None, :2], axis=2)
+    # horizontal ranges with all causes up to this one, shapes (m, 3), [m]
+    range_up_to = {
         Cause.FORESHORTENING: np.linalg.norm(broadcast[..., :2] - hydrophone[:, None, :2], axis=2),
         Cause.LEVER_ARM: _on_plane(
             np.linalg.norm(broadcast - hydrophone[:, None], axis=2), depth_difference
@@ -141,8 +143,10 @@ def range_error_budget(flight: FlightRecord, follower: int = 0) -> RangeErrorBud
         Cause.RANDOM: _on_plane(measurements.ranges[measured_row], depth_difference),
         Cause.DEPTH: _on_plane(measurements.ranges[measured_row], measured_difference),
     }
-    chain = np.stack([d_level, *(steps[cause] for cause in Cause)], axis=2)
-    share = np.diff(chain, axis=2)
+    ranges = np.stack([level_range, *(range_up_to[cause] for cause in Cause)], axis=2)
     return RangeErrorBudget(
-        time=trajectory.time[fix], level_range=d_level, used_range=chain[..., -1], share=share
+        time=trajectory.time[fixed],
+        level_range=level_range,
+        used_range=ranges[..., -1],
+        share=np.diff(ranges, axis=2),
     )

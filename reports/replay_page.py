@@ -22,14 +22,16 @@ from reports.scene.measured import Measured, scene_of_measured
 from reports.style import ESTIMATE, FULL, INK, LEADER, SERIES, TRANSMITTERS, Colour
 from reports.summary import largest_sigma
 
-_HEIGHT = 5.0
-_MAP_WIDTH = 5.4
-_TRACK_POINTS = 1500
-_ELLIPSES = 24
-_ANGLES = np.linspace(0.0, 2.0 * np.pi, 41)
+_HEIGHT = 5.0  # of the figures [inch]
+_MAP_WIDTH = 5.4  # [inch]
+_TRACK_POINTS = 1500  # about so many points of a track are drawn
+_ELLIPSES = 24  # about so many ellipses along a track
+_ANGLES = np.linspace(0.0, 2.0 * np.pi, 41)  # of the points of an ellipse [rad]
 GOOD_NIS = (0.5, 2.0)
 TOLERABLE_NIS = (0.1, 4.0)
-"""Mean NIS per quantity of a filter that is right, and outside which it is far from that."""
+"""Mean NIS per measured quantity: of a filter that is right, and outside which it is far from that
+(`tone_of`).
+"""
 _TRANSMITTER_NAMES = ("rear or first", "front or second", "middle or third")
 
 
@@ -204,12 +206,12 @@ def _values(replayed: Replayed) -> dict[str, Any]:
     nis_values = replayed.nis
     worst = int(two_sigma.argmax())
     chart, legend = _map(replayed)
-    hues = [
+    residual_legend = [
         (colour, f"residual of the {name} transmitter")
         for colour, name in zip(TRANSMITTERS, _TRANSMITTER_NAMES, strict=True)
     ]
     received = [bool(np.isfinite(column).any()) for column in replayed.residuals.T]
-    legend += [hue for hue, used in zip(hues, received, strict=True) if used]
+    legend += [entry for entry, used in zip(residual_legend, received, strict=True) if used]
     legend += [(SERIES[2], "NIS")] if np.isfinite(nis_values).any() else []
     return {
         "name": replayed.name,

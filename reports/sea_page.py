@@ -19,9 +19,9 @@ from sim.water.assembly import current_at, floor_of, rays_of
 from sim.water.region import Region, region_of
 
 _ARROWS = 14  # along the longer side of the map
-_FLOOR_POINTS = 61
+_FLOOR_POINTS = 61  # along each side of the map
 _MARGIN_M = 100.0  # of the map about the routes
-_PROFILE_POINTS = 80  # of profiles
+_PROFILE_POINTS = 80
 _PROFILE_LEGEND = ((SERIES[0], "towards east, and sound"), (SERIES[1], "towards north"))
 _NEGLIGIBLE_CURRENT_M_S = 1e-4  # a current below it is none
 _LEVEL_FLOOR_M = 1e-4  # a floor whose depths differ by less is level
@@ -39,7 +39,7 @@ def _extent_of(plan: MissionPlan) -> _MapExtent:
 
 
 def _colour(number: int) -> Colour:
-    # 0 is the leader
+    """Of a vehicle by its number; 0 is the leader."""
     return LEADER if number == 0 else FOLLOWER
 
 
@@ -77,7 +77,9 @@ def _contours(sea: SeaSettings, region: Region) -> list[Line]:
 
 
 def _map_figure(sea: SeaSettings, paths: list[PlannedPath]) -> tuple[Any, float]:
-    """The map, and the speed whose arrow is as long as their spacing [m/s]."""
+    """The map, with currents at the leader's depth, and the fastest of them, whose arrow is as long
+    as the spacing of arrows [m/s].
+    """
     region, spacing = _extent_of(sea.plan)
     east = np.arange(region.west + 0.5 * spacing, region.east, spacing)
     north = np.arange(region.south + 0.5 * spacing, region.north, spacing)

@@ -19,6 +19,8 @@ def symbols(text: str) -> Markup:
 
 
 class Colour(NamedTuple):
+    """A colour of light and of dark pages, as CSS writes it, and the CSS variable that holds it."""
+
     variable: str
     light: str
     dark: str
@@ -43,13 +45,13 @@ SERIES = (
     Colour("--c6", "#b03060", "#f28bb0"),
 )
 """Distinguishable with the common kinds of colour blindness, on light and on dark pages."""
+# hues of the film, bright enough for dark pages and dark enough for white ones
 LEADER = Colour("--leader", "#d17d00", "#ffad33")
 FOLLOWER = Colour("--follower", "#8f8600", "#fff240")
 ESTIMATE = Colour("--estimate", "#c4009d", "#ff40d9")
 REAR = Colour("--rear", "#5b6670", "#f2f7ff")
 FRONT = Colour("--front", "#0a8a32", "#59ff8c")
 MIDDLE = Colour("--middle", "#2f6fd0", "#73b3ff")
-# hues of the film, bright enough for dark pages and dark enough for white ones
 TRANSMITTERS = (REAR, FRONT, MIDDLE)
 Legend = Sequence[tuple[Colour, str]]
 COLOURS = (PAPER, INK, FRAME, GRID, MUTED, *SERIES, LEADER, FOLLOWER, ESTIMATE, *TRANSMITTERS)
@@ -59,7 +61,7 @@ WIDTH = 4.4
 HEIGHT = 2.5
 FULL = 12.4
 """Width of a panel that stands alone, or of panels side by side together, on the page [inch]."""
-HALF = 6.1
+HALF = 6.1  # width of one of two panels side by side [inch]
 
 
 def css() -> str:

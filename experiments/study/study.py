@@ -211,7 +211,10 @@ class _Package:
     @property
     def has_page(self) -> bool:
         """Whether it has a page of its own."""
-        return bool(self.study) and (FOLDER / self.study.replace("-", "_") / pages.NAME).is_file()
+        return (
+            bool(self.study)
+            and (FOLDER / self.study.replace("-", "_") / pages.TEMPLATE_NAME).is_file()
+        )
 
     @cached_property
     def figures(self) -> Any:

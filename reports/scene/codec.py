@@ -13,9 +13,9 @@ import numpy.typing as npt
 
 @dataclass(frozen=True, kw_only=True)
 class ArrayLayout:
-    """Where an array lies among the bytes, and how it is read."""
+    """Where an array lies among the bytes, column after column, and how it is read."""
 
-    at: int
+    at: int  # its first byte
     rows: int
     columns: int
     order: int  # how often its columns are differenced along the rows
@@ -53,8 +53,8 @@ class Packer:
         self._bytes = bytearray()
 
     def add(self, name: str, values: npt.ArrayLike, unit: float = 1.0, order: int = 2) -> None:
-        """Add an array of shape (rows, …), rounded to multiples of `unit`; ValueError if it is not
-        finite.
+        """Add an array of shape (rows, …), rounded to multiples of `unit`; `order` as of
+        `ArrayLayout`, 0 for what is not smooth. ValueError if the array is not finite.
         """
         table = np.asarray(values, dtype=np.float64)
         table = table.reshape(len(table), math.prod(table.shape[1:]))

@@ -1,4 +1,8 @@
-"""What is seen of a vehicle: its geoms, moving fins and main propellers, for JSON."""
+"""What is seen of a vehicle: its geoms, moving fins and main propellers, for JSON.
+
+Positions `at` [m], attitudes `turn` (w, x, y, z) and axes are in the hull's frame; `effector` is
+the index of an actuator.
+"""
 
 from typing import Any
 
@@ -18,14 +22,14 @@ _KINDS = {
     mujoco.mjtGeom.mjGEOM_ELLIPSOID: "ellipsoid",
     mujoco.mjtGeom.mjGEOM_MESH: "mesh",
 }
-_USUAL_SHINE = 0.2
+_USUAL_SHINE = 0.2  # specular, 0 … 1, of geoms without a material
 _MIN_PUSH_ALONG = (
     0.99  # least share of an effector's push along the hull that makes it a main propeller
 )
 _ASTERN_M = -0.3  # a main propeller is abaft of this
 _NOZZLE = "nozzle_main"
 _USUAL_NOZZLE_M = (0.06, 0.03)  # radius and half length where the model shows none
-_BLADES = 1.45  # radius of the propeller over that of the nozzle, as the film has it
+_RADIUS_RATIO = 1.45  # radius of the propeller over that of the nozzle, as the film has it
 _BEHIND_M = 0.015  # from the nozzle's end to the propeller
 
 
@@ -34,7 +38,9 @@ def _numbers(values: npt.ArrayLike, digits: int) -> list[float]:
 
 
 def _part(model: mujoco.MjModel, geom: int) -> dict[str, Any] | None:
-    """A geom; None for one of a kind that no hull has."""
+    """A geom, its `size` as MuJoCo has it [m], `points` [m] and `faces` those of a mesh; None for
+    one of a kind that no hull has.
+    """
     kind = mujoco.mjtGeom(model.geom_type[geom])
     if kind not in _KINDS:
         return None
@@ -77,7 +83,7 @@ def _propellers(model: mujoco.MjModel) -> list[dict[str, Any]]:
             {
                 "effector": i,
                 "at": _numbers(model.site_pos[site] - [half_length + _BEHIND_M, 0.0, 0.0], 4),
-                "radius": round(_BLADES * float(radius), 4),
+                "radius": round(_RADIUS_RATIO * float(radius), 4),
                 # its state is revolutions per second, else thrust [N]
                 "spins": numeric(model, f"{name}.propeller") is not None,
             }

@@ -24,29 +24,29 @@ from sim.water.floors import LevelFloor
 from sim.water.region import region_of
 
 CROWD = 12
-"""Followers beyond which numbers are rounded more coarsely, as the page would be too large."""
+"""More followers than these have numbers rounded more coarsely, as the page would be too large."""
 _RATES_HZ = (5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01)
 _MAX_POSES = 110_000  # rows times vehicles of a page
 SLOW_HZ = 1.0  # ellipses, stations and speeds, which change slowly
 _MIN_WEIGHT = 0.01  # hypotheses of less weight are not shown
 _TURN_DEG = 25.0  # least change of the leader's heading within `_TURN_S` that is a turn
 _STRAIGHT_DEG = 8.0  # change of heading at which a turn begins
-_TURN_S = 20
+_TURN_S = 20  # also a number of rows of headings, one a second
 _INTO_TURN_S = 12.0  # from the beginning of a formation's turn to what its page opens with
 _SEABED_MARGIN_M = 250.0  # of the floor about the routes
 _SEABED_POINTS = 64  # along each side
 _SEABED_UNIT_M = 0.05
-REFUSED = (FixKind.GATED, FixKind.LOST)
+REFUSED = (FixKind.GATED, FixKind.LOST)  # kinds of fix that a filter does not use
 
 
 @dataclass(frozen=True, kw_only=True)
 class Units:
-    """Steps to which numbers are rounded [m, 1]."""
+    """Steps to which numbers are rounded."""
 
-    position: float = 0.001
-    estimate: float = 0.001
+    position: float = 0.001  # [m]
+    estimate: float = 0.001  # [m]
     quaternion: float = 1 / 8192
-    spread: float = 0.001
+    spread: float = 0.001  # half axes of 1σ ellipses [m]
 
 
 FINE = Units()
@@ -75,14 +75,15 @@ class SceneVehicle:
     name: str
     role: str  # leader or follower
     model: int  # index of its hull
+    # offsets of the devices in the hull's frame [m]
     hydrophone: list[float] | None = None
     transmitters: list[list[float]] = field(default_factory=list)
     station: float | None = None
-    """Height of its station [m]; None: it has none."""
+    """Height of its station, negative below the surface [m]; None: it has none."""
 
 
 def rate_of(duration: float, vehicles: int) -> float:
-    """Rows a second: as many as a page of usual size holds."""
+    """Rows a second of a mission of a duration [s]: as many as a page of usual size holds."""
     return next((hz for hz in _RATES_HZ if duration * hz * vehicles <= _MAX_POSES), _RATES_HZ[-1])
 
 
@@ -108,7 +109,9 @@ def smooth_quaternions(quaternion: Floats) -> Floats:
 
 
 def add_spread(packer: Packer, covariance: Floats, unit: float) -> None:
-    """Add half axes and twice the direction of 1σ ellipses, covariance shape (n, f, 2, 2)."""
+    """Add half axes of 1σ ellipses, and cosine and sine of twice their direction, which do not jump
+    where it turns by 180°; covariance shape (n, f, 2, 2), unit [m].
+    """
     spread = np.nan_to_num(covariance, posinf=0.0, neginf=0.0)
     xx, xy, yy = spread[..., 0, 0], spread[..., 0, 1], spread[..., 1, 1]
     mean = (xx + yy) / 2
@@ -137,8 +140,10 @@ def add_messages(
     start: float,
     first: int = 0,
 ) -> list[list[Any]]:
-    """Add times, kinds and ranges of a follower's messages from the `first` on, and hypotheses
-    after them; returns those lost or rejected as time, kind and follower.
+    """Add times, kinds and ranges of the messages of follower `f` from the `first` on, and
+    hypotheses after them; returns those lost or rejected as time, kind and follower.
+
+    `start` is when the measurements begin [s].
     """
     kinds = kinds_of_messages(measurements, estimates)[first:]
     time = start + measurements.time[measurements.message_step[first:] - 1]
@@ -160,7 +165,8 @@ def add_messages(
 
 def _branches(measurements: Measurements, estimates: Estimates) -> Floats:
     """Hypotheses of the messages after which there were several, shape (h, 7): index of the
-    message, weight, place [m], half axes [m] and direction of the 1σ ellipse [rad].
+    message, weight, place (east, north) [m], half axes [m] and direction of the 1σ ellipse, from
+    east to north [rad].
     """
     weight, position, covariance = estimates.hypotheses
     ambiguous = np.flatnonzero(np.count_nonzero(weight > _MIN_WEIGHT, axis=1) > 1)
@@ -183,9 +189,9 @@ def _branches(measurements: Measurements, estimates: Estimates) -> Floats:
 class SceneHulls(NamedTuple):
     """Hulls of vehicles."""
 
-    shapes: list[dict[str, Any]]  # of different models
+    shapes: list[dict[str, Any]]  # of different models, as of `hull`
     index_of_vehicle: list[int]  # the index of each vehicle's
-    effectors: list[int]  # that move what is seen of any
+    effectors: list[int]  # indices of those that move a fin or propeller of any hull
 
 
 def hulls_of(models: Sequence[str]) -> SceneHulls:
@@ -203,7 +209,7 @@ def hulls_of(models: Sequence[str]) -> SceneHulls:
     return SceneHulls(hulls, [names.index(model) for model in models], effectors)
 
 
-def _vehicles(flight: FlightRecord, hulls: Sequence[int]) -> list[SceneVehicle]:
+def _vehicles(flight: FlightRecord, hull_of_vehicle: Sequence[int]) -> list[SceneVehicle]:
     truth = flight.trajectory
     vehicles = []
     for v, name in enumerate(truth.names):
@@ -220,7 +226,7 @@ def _vehicles(flight: FlightRecord, hulls: Sequence[int]) -> list[SceneVehicle]:
             SceneVehicle(
                 name=name,
                 role="follower" if v else "leader",
-                model=hulls[v],
+                model=hull_of_vehicle[v],
                 hydrophone=sites.get("hydrophone"),
                 transmitters=[sites[name] for name in transmitters if name in sites],
                 station=-station.depth_m if station else None,
@@ -232,16 +238,18 @@ def _vehicles(flight: FlightRecord, hulls: Sequence[int]) -> list[SceneVehicle]:
 def turns(flight: FlightRecord) -> list[tuple[float, float]]:
     """When the leader begins to turn, and its heading afterwards, [s] and [°]."""
     truth = flight.trajectory
-    second = np.unwrap(truth.heading[:: max(1, round(1 / truth.dt)), 0])
-    if second.size <= _TURN_S:
+    # once a second
+    heading = np.unwrap(truth.heading[:: max(1, round(1 / truth.dt)), 0])
+    if heading.size <= _TURN_S:
         return []
-    change = np.abs(second[_TURN_S:] - second[:-_TURN_S])
+    change = np.abs(heading[_TURN_S:] - heading[:-_TURN_S])
     turning = np.diff((change > np.radians(_TURN_DEG)).astype(int), prepend=0) == 1
     begins = []
     for k in np.flatnonzero(turning).tolist():
-        returns = np.abs(second[k + _TURN_S : k : -1] - second[k])
-        begin = k + _TURN_S - int(np.argmax(returns < np.radians(_STRAIGHT_DEG)))
-        after = second[min(k + 2 * _TURN_S, second.size - 1)]
+        # from the end of these seconds back, until the heading is as before the turn
+        departure = np.abs(heading[k + _TURN_S : k : -1] - heading[k])
+        begin = k + _TURN_S - int(np.argmax(departure < np.radians(_STRAIGHT_DEG)))
+        after = heading[min(k + 2 * _TURN_S, heading.size - 1)]
         begins.append((float(truth.time[0]) + begin, float(np.degrees(after)) % 360.0))
     return begins
 
@@ -271,15 +279,17 @@ def _locks(flight: FlightRecord, mirror_locked: Sequence[Bools]) -> list[list[fl
 
 
 def _opening(flight: FlightRecord) -> float:
-    """What the page opens with: a lone follower's largest error, a formation in its first turn."""
+    """The time that the page opens with [s]: of a lone follower's largest error, or of a formation
+    in its first turn.
+    """
     time = flight.trajectory.time
     errors = position_and_bearing_errors(flight)
     if len(errors) == 1:
         error = np.nan_to_num(errors[0][0])
         return float(time[flight.step_index()[int(np.argmax(error))]])
-    effector_turns = turns(flight)
-    if effector_turns:
-        return min(effector_turns[0][0] + _INTO_TURN_S, float(time[-1]))
+    leader_turns = turns(flight)
+    if leader_turns:
+        return min(leader_turns[0][0] + _INTO_TURN_S, float(time[-1]))
     return float(time[0] + (time[-1] - time[0]) / 3)
 
 
@@ -324,8 +334,8 @@ def _stride(hz: float, dt: float) -> int:
 def part_of(
     flight: FlightRecord, hulls: SceneHulls, duration: float, sent: SentCounts
 ) -> SceneUpdate:
-    """Rows and messages of a flight that a page with these does not hold, at the rates of a
-    mission of a duration [s].
+    """Rows and messages of a flight that a page does not hold to which `sent` were sent, at the
+    rates of a mission of a duration [s].
     """
     truth = flight.trajectory
     followers = range(len(flight.estimates))
@@ -375,8 +385,8 @@ def part_of(
 class Seabed(NamedTuple):
     """A floor that is not level, about a mission."""
 
-    layout: dict[str, float]  # bounds [m], and points along each side
-    height: Floats  # by north and east, shape (n, n), [m]
+    layout: dict[str, float]  # bounds [m], and number of points along each side
+    height: Floats  # negative below the surface, by north and east, shape (n, n), [m]
 
 
 def seabed_of(flight: FlightRecord) -> Seabed | None:
@@ -412,15 +422,15 @@ def meta_of(
         "slow_hz": 1 / (truth.dt * _stride(min(SLOW_HZ, hz), truth.dt)),
         "start": float(truth.time[0]),
         "end": float(truth.time[-1]),
-        "truth": True,
+        "truth": True,  # whether vehicles are where they were, rather than where they are estimated
         "floor": -floor_of(SeaSettings.of(flight.scenario)).deepest,
         "seabed": seabed.layout if (seabed := seabed_of(flight)) else None,
         "hues": hues(),
         "vehicles": [vars(vehicle) for vehicle in _vehicles(flight, hulls.index_of_vehicle)],
         "models": hulls.shapes,
-        "columns": len(hulls.effectors) if truth.thrust.shape[2] else 0,
-        "beacons": [],
-        "used": max(n.transmitters for _, n in flight.scenario.navigations()),
+        "columns": len(hulls.effectors) if truth.thrust.shape[2] else 0,  # of the array "effector"
+        "beacons": [],  # places of fixed transmitters (east, north, up) [m]
+        "used": max(n.transmitters for _, n in flight.scenario.navigations()),  # transmitters
         "known": known_from(flight),
         "words": fix_words(),
         "refusedKinds": [int(kind) for kind in REFUSED],
@@ -428,7 +438,7 @@ def meta_of(
         "messagesRefused": sorted(update.refused),
         "locks": [],
         "opening": float(truth.time[-1]),
-        "follow": 1 if len(flight.estimates) == 1 else -1,
+        "follow": 1 if len(flight.estimates) == 1 else -1,  # index of a vehicle; -1: all
         "arrays": update.packer.table(),
     }
 

@@ -9,7 +9,7 @@ from laisn.arrays import Floats, Ints
 from sim import attitude
 
 _ROUND = 28  # corners of a circle
-_ROWS = 13  # of a sphere, from pole to pole
+_ROWS = 13  # circles of a sphere, with both poles
 
 
 class Triangles(NamedTuple):
@@ -21,7 +21,9 @@ class Triangles(NamedTuple):
 
 
 def _grid(rows: int, columns: int) -> Ints:
-    """Corners of a net of points, row by row, that is closed in itself along its rows."""
+    """Triangles between points in rows, each of which is a closed ring: indices of points, row by
+    row, shape (t, 3).
+    """
     first = np.arange((rows - 1) * columns).reshape(rows - 1, columns)
     neighbour = np.roll(first, -1, axis=1)
     squares = np.stack(
@@ -33,13 +35,13 @@ def _grid(rows: int, columns: int) -> Ints:
 
 def _directions(rows: int) -> Floats:
     """Points of a sphere of radius 1, from its lower pole up, shape (rows, _ROUND, 3)."""
-    height = np.linspace(-np.pi / 2, np.pi / 2, rows)[:, None]
-    angles = np.linspace(0.0, 2.0 * np.pi, _ROUND, endpoint=False)
+    latitude = np.linspace(-np.pi / 2, np.pi / 2, rows)[:, None]
+    longitude = np.linspace(0.0, 2.0 * np.pi, _ROUND, endpoint=False)
     return np.stack(
         [
-            np.cos(height) * np.cos(angles),
-            np.cos(height) * np.sin(angles),
-            np.sin(height) * np.ones_like(angles),
+            np.cos(latitude) * np.cos(longitude),
+            np.cos(latitude) * np.sin(longitude),
+            np.sin(latitude) * np.ones_like(longitude),
         ],
         axis=-1,
     )
@@ -87,13 +89,14 @@ def mesh(points: Floats, corners: Ints) -> Triangles:
     faces = points[corners]
     normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     length = np.linalg.norm(normals, axis=1, keepdims=True)
-    solid = length[:, 0] > 0.0
-    normals = np.repeat(normals[solid] / length[solid], 3, axis=0)
+    has_area = length[:, 0] > 0.0
+    normals = np.repeat(normals[has_area] / length[has_area], 3, axis=0)
     return Triangles(
-        faces[solid].reshape(-1, 3), normals, np.arange(3 * solid.sum()).reshape(-1, 3)
+        faces[has_area].reshape(-1, 3), normals, np.arange(3 * has_area.sum()).reshape(-1, 3)
     )
 
 
+# corners of a box with half sides of 1, and indices of those of the triangles of its sides
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
 _SIDES = np.array(
     [
@@ -101,6 +104,7 @@ _SIDES = np.array(
         [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
     ]
 )  # fmt: skip
+# the same of an octahedron
 _TIPS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], np.float64)
 _FACES = np.array(
     [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
@@ -108,7 +112,7 @@ _FACES = np.array(
 
 
 def diamond(radius: float) -> Triangles:
-    """An octahedron [m]."""
+    """An octahedron whose tips are this far from its middle [m]."""
     return mesh(radius * _TIPS, _FACES)
 
 

@@ -22,13 +22,13 @@ from sim.scenario.parts import MissionPlan
 
 
 def text_of(message: dict[str, Any]) -> str:
-    """A message for the page, on one line."""
+    """A message for the page as JSON, on one line."""
     return json.dumps(message, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 
 
 class SceneStream:
-    """What a page of a mission holds, and what it lacks; flights are of one mission, each longer
-    than the last.
+    """What is sent to the page of a mission under way; the flights given are of one mission, each
+    longer than the last.
     """
 
     def __init__(self, plan: MissionPlan) -> None:
