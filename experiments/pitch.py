@@ -30,12 +30,12 @@ _STEEPEST_DEG = 85.0
 _MAP_PITCHES = 61
 _MAP_BEARINGS = 181
 _CURVE_BEARINGS = 721
-_RING_BEARINGS = 36
-_OFF_AXIS_DEG = 30.0
+_RING_BEARINGS = 36  # true places in the view from above
+_OFF_AXIS_DEG = 30.0  # bearings nearer to the leader's axis are left out of "off the axis"
 _PITCHES_DEG = (1.0, 2.0, 5.0, 10.0, 20.0)
 _ORIGIN = Point(0.0, 0.0)
 _LEVEL = turn(0.0)
-_MIN_BASELINE_M = 1e-3
+_MIN_ERROR_M = 1e-3  # smallest error of the figures' scales
 
 
 class PitchedFix(NamedTuple):
@@ -43,8 +43,8 @@ class PitchedFix(NamedTuple):
     north.
     """
 
-    east: float
-    north: float
+    east: float  # [m]
+    north: float  # [m]
     error: float  # horizontal distance from the true place [m]
     on_axis: bool  # by the rule for the leader's axis
 
@@ -132,7 +132,9 @@ class PitchGeometry:
     def worst(
         self, off_axis_deg: float = 0.0, pitch_deg: float | None = None
     ) -> tuple[float, PitchedFix]:
-        """Bearing and fix of the largest error, so far off the axis ahead and astern."""
+        """Bearing [°] and fix of the largest error at bearings `off_axis_deg` or more off the axis,
+        ahead and astern, at a pitch, by default the leader's.
+        """
         pitch = math.radians(self.pitch_deg if pitch_deg is None else pitch_deg)
         bearings = np.linspace(off_axis_deg, 180.0 - off_axis_deg, _CURVE_BEARINGS).tolist()
         fixes = [(bearing, self.fix(math.radians(bearing), pitch)) for bearing in bearings]
@@ -205,8 +207,10 @@ _SIDES = {"behind": "behind it", "predicted": "on the side where it is predicted
 
 
 def _scale(geometry: PitchGeometry) -> float:
-    """A round number of metres near to the error abeam: 1, 2 or 5 times a power of ten."""
-    error = max(geometry.fix_at(90.0).error, _MIN_BASELINE_M)
+    """Factor of the map's error levels, near to the error abeam [m]: 1, 2 or 5 times a power of
+    ten.
+    """
+    error = max(geometry.fix_at(90.0).error, _MIN_ERROR_M)
     power = 10.0 ** math.floor(math.log10(error))
     return power * min((1.0, 2.0, 5.0, 10.0), key=lambda step: abs(step - error / power))
 
@@ -279,7 +283,7 @@ def curves(geometry: PitchGeometry) -> Panel:
         x_label="bearing off the bow, to either side [°]",
         y_label="error [m]",
         y_log=True,
-        y_limits=(max(0.5 * float(errors.min()), _MIN_BASELINE_M), 1.5 * float(errors.max())),
+        y_limits=(max(0.5 * float(errors.min()), _MIN_ERROR_M), 1.5 * float(errors.max())),
         x_limits=(0.0, 180.0),
         x_ticks=range(0, 181, 30),
         width=FULL,

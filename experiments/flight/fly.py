@@ -101,6 +101,7 @@ class MissionToFly:
         self._log: FlightLog | None = None
         self._outcome = Termination.INTERRUPTED
         self._mission: Mission | None = None
+        # what senses and navigates while vehicles move; of point motion `_move_kinematic` makes it
         self._under_way: OpenLoop | ClosedLoopFlight | None = None
         if make_controller is None and scenario.keys_needing_closed_loop():
             # control of formations takes long to load
@@ -144,11 +145,14 @@ class MissionToFly:
     def _move(self, progress: Callable[[float], None] | None) -> Trajectory:
         mission = self._mission
         if mission is None:
-            return self._move_points()
+            return self._move_kinematic()
         mission.observers.append(lambda _: self._follow(mission.instants - 1))
         return fly_mission(MotionSettings.of(self._scenario), mission, progress)
 
-    def _move_points(self) -> Trajectory:
+    def _move_kinematic(self) -> Trajectory:
+        """Point motion without physics, which is computed as a whole; followers then sense and
+        navigate behind it in parts, so that log and memory are as of other motions.
+        """
         ended: EndedError | None = None
         try:
             trajectory = simulate_motion(self._scenario)
@@ -187,7 +191,9 @@ class MissionToFly:
             return self._under_way.flight(trajectory, outcome)
 
     def rest_of(self, flight: FlightRecord) -> FlightRecord | FlightUnderWay:
-        """What the log of a flight of `flight` is finished with."""
+        """What `FlightLog.finish` takes after `flight`: what flew under way, most of which is in
+        the log already, or, where nothing did, the flight.
+        """
         if self._under_way is not None and self._under_way.navigates:
             return self._under_way
         return flight

@@ -85,7 +85,9 @@ def _line_of(source: str, changes: Iterable[str]) -> Callable[[Location], str]:
 
 
 def missing_extras(navigations: Iterable[tuple[str, Navigation]]) -> list[str]:
-    """A line for each navigator, by its key, that needs a package that is not installed."""
+    """A line for each navigator that needs a package that is not installed; `navigations` are pairs
+    of a key of the scenario and the navigation there.
+    """
     lines = []
     for key, navigation in navigations:
         variant = navigation.variant

@@ -9,7 +9,7 @@ from typing import Any, Unpack
 
 from experiments.campaign.campaign import ExecutionOptions
 from experiments.studies.reproduce import findings as claims
-from experiments.studies.reproduce.findings import CLAIMS, JUDGED, MetricValues, Verdict
+from experiments.studies.reproduce.findings import CLAIMS, JUDGED_CELLS, MetricValues, Verdict
 from experiments.study.file import built_in_files, study_of
 from experiments.study.plan import plan_of
 from experiments.study.run import fly_further, fly_studies
@@ -80,7 +80,7 @@ def run(
         judged = [
             entry
             for entry in table_plan.entries
-            if f"{table_plan.points[entry.point]['case']} {entry.arm}" in JUDGED
+            if f"{table_plan.points[entry.point]['case']} {entry.arm}" in JUDGED_CELLS
         ]
         plans["tables"] = table_plan.part(judged, runs)
         outcomes = dict(zip(plans, fly_studies([*plans.values()], folder, **options), strict=True))

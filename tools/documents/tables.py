@@ -5,7 +5,13 @@ from collections.abc import Callable, Mapping, Sequence
 from experiments.flight.library import ROUTES
 from experiments.studies.front.findings import ARMS as FRONT_ARMS
 from experiments.studies.front.findings import CASES as FRONT_CASES
-from experiments.studies.rivals.findings import CONDITIONS, INTERVALS, NAVIGATORS, USUAL, WITH_TWO
+from experiments.studies.rivals.findings import (
+    CONDITIONS,
+    INTERVALS,
+    NAVIGATORS,
+    USUAL_INTERVAL_S,
+    WITH_TWO,
+)
 from experiments.study.file import built_in_files, study_of
 from reports.findings import Finding
 from tools.documents.coverage import LAWS, RUNS
@@ -297,7 +303,10 @@ def tight_limits(records: Records) -> str:
 def rivals(records: Records) -> str:
     """Calm water by the interval of messages, consistency, losses and time."""
     columns = {
-        f"mean E_P [m], every {t:g} s": (f"error NAME calm {t:g}", ".2f i" if t == USUAL else ".2f")
+        f"mean E_P [m], every {t:g} s": (
+            f"error NAME calm {t:g}",
+            ".2f i" if t == USUAL_INTERVAL_S else ".2f",
+        )
         for t in INTERVALS
     }
     rows_of_columns = {

@@ -58,8 +58,9 @@ CAUSE_COLOURS = {"trim": SERIES[0], "dive": SERIES[2], "waves": SERIES[1]}
 EXAMPLE = "waves-1m-following-2m"
 ROUTE = "T6"
 OFFSET_M = 10.0
-"""Mission of the film and of the range error budget: close by on the quarter and far below, where
-pitch does much and is easy to see."""
+"""Case, route and depth of the follower below the leader, of the mission of the film and of the
+range error budget: close by on the quarter and far below, where pitch does much and is easy to
+see."""
 EVERYTHING: Mapping[str, float] = {
     "acoustics.travel_time": True,
     "acoustics.ping_slot_s": 0.1,
@@ -78,10 +79,10 @@ class Message(NamedTuple):
     origin, [m].
     """
 
-    pitch: float
-    hydrophone: Floats
-    transmitters: Floats
-    assumed: Floats
+    pitch: float  # of the leader, nose up [rad]
+    hydrophone: Floats  # of the follower, shape (3,)
+    transmitters: Floats  # rear and front where they are on the pitched hull, shape (2, 3)
+    assumed_transmitters: Floats  # where the follower assumes them, on a level hull, shape (2, 3)
 
     @classmethod
     def of(cls, trajectory: Trajectory, step: int) -> Self:
@@ -103,7 +104,7 @@ class Message(NamedTuple):
         return cls(pitch, np.array(follower), tilted, level)
 
     @property
-    def used_range(self) -> Floats:
+    def horizontal_ranges(self) -> Floats:
         """Horizontal ranges that a noiseless follower computes, shape (2,), [m]."""
         slant = np.linalg.norm(self.transmitters - self.hydrophone, axis=1)
         return np.asarray(np.sqrt(np.maximum(slant**2 - self.hydrophone[2] ** 2, 0.0)))
@@ -113,8 +114,8 @@ class Message(NamedTuple):
         """Point where the circles about the assumed rear and front transmitter meet, (forward,
         port), [m].
         """
-        rear, front = self.assumed[:, 0]
-        ranges = self.used_range
+        rear, front = self.assumed_transmitters[:, 0]
+        ranges = self.horizontal_ranges
         forward = float((ranges[0] ** 2 - ranges[1] ** 2) / (2 * (front - rear)))
         sideways = np.sqrt(max(ranges[0] ** 2 - (forward - rear) ** 2, 0.0))
         return np.array([forward, np.copysign(sideways, self.hydrophone[1])])
@@ -161,7 +162,7 @@ def message_hull(message: Message) -> Panel:
     """
     lines = []
     for sites, colour, dash in (
-        (message.assumed, LEVEL_COLOUR, "--"),
+        (message.assumed_transmitters, LEVEL_COLOUR, "--"),
         (message.transmitters, REAL_COLOUR, "-"),
     ):
         lines.append(_path(sites[:, [0, 2]], colour, dash))
@@ -184,9 +185,10 @@ def message_top(message: Message) -> Panel:
     distance = float(np.hypot(*truth))
     error = float(np.hypot(*(fix - truth)))
     circle = np.column_stack([np.cos(_CIRCLE), np.sin(_CIRCLE)])
-    circles = zip(message.assumed[:, :2], message.used_range, strict=True)
+    centres = message.assumed_transmitters[:, :2]
+    circles = zip(centres, message.horizontal_ranges, strict=True)
     lines = [_path(centre + radius * circle, REAL_COLOUR) for centre, radius in circles]
-    lines += [_path(distance * circle, INK, ":"), _path(message.assumed[:, :2], INK)]
+    lines += [_path(distance * circle, INK, ":"), _path(centres, INK)]
     # labels away from each other, across the ray
     sides = (
         ("middle left", "middle right") if fix[0] < truth[0] else ("middle right", "middle left")
@@ -301,10 +303,10 @@ def over_offset(missions: Missions) -> list[Panel]:
     ]
 
 
-_BEFORE_S = 40.0
-_AFTER_S = 20.0
+_BEFORE_S = 40.0  # how long before the message of the example the film begins
+_AFTER_S = 20.0  # and how long after it the film ends
 VIDEO = Video(camera="profile", speed_up=4.0, frame_rate_hz=24)
-_AWARE_COLOUR = (0.30, 1.0, 0.60)
+_AWARE_COLOUR = (0.30, 1.0, 0.60)  # of the second estimate in the film: red, green, blue, 0 … 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -445,6 +447,7 @@ def map_values(chart: fix_map.Chart) -> dict[str, Any]:
         ],
         "points": laisn_2_error.size,
         "closed_form_m": np.abs(laisn_2_error - closed_form)[is_known].max(),
+        # what the third transmitter changes: median and 95th percentile over the map
         "third_m": np.quantile(
             np.abs(chart["error_laisn-3-2_m"] - laisn_2_error)[is_known], (0.5, 0.95)
         ),

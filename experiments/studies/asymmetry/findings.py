@@ -29,16 +29,18 @@ from reports.intervals import CONFIDENCE, Interval, proportion
 CAUSES = {"trim": "trim", "dive": "depth changes", "waves": "waves"}
 """What makes the leader pitch, by the beginning of the names of conditions."""
 VARIANTS = ("laisn-2", "laisn-3-2")
+# remedies: the leader broadcasts its attitude, exact, of an AHRS, or with an error of 0.5° that is
+# drawn for each message
 BROADCASTS = EXACT, AHRS, READINGS = ("attitude-0", "ahrs-0.5", "attitude-0.5")
-LEVEL = "level"
-REAL = "real"
-LEVEL_BROADCAST = "level-0.5"
-ROUGH = "attitude-2"
-CONSTANT = "offset-0.5"
-INFLATED = "expected"
+LEVEL = "level"  # a leader without pitch
+REAL = "real"  # the leader that pitches, without a remedy
+LEVEL_BROADCAST = "level-0.5"  # a leader without pitch that broadcasts as that of `READINGS`
+ROUGH = "attitude-2"  # remedy: as `READINGS`, with 2°
+CONSTANT = "offset-0.5"  # remedy: a broadcast with an error of 0.5° that stays throughout a run
+INFLATED = "expected"  # remedy: no broadcast, but a σp of fixes inflated by the mission's pitch
 REMEDIES = (*BROADCASTS, ROUGH, CONSTANT, INFLATED)
 ARMS = (LEVEL, REAL, LEVEL_BROADCAST, *REMEDIES)
-"""Arms without their variants; a remedy is held against the level leader."""
+"""Names of arms without their variants; a remedy is held against the level leader."""
 # share of the pitch-driven error that a remedy should remove
 SHARES_WANTED = dict.fromkeys(REMEDIES, 0.9) | {EXACT: 0.99}
 LOOKS = (64, 192, 512, 1280, 5120)
@@ -51,8 +53,9 @@ way round.
 """
 _ERRORS_RISK = 0.015
 _LOCKS_RISK = 0.01
-"""Confidence of the limits: limits over 64 skewed runs may be crossed half as often again, and
-those of rare mirror locks twice as often and more."""
+"""Nominal chances, over all looks together, that a limit of errors, or of mirror locks, is crossed.
+They are below `WRONG`, since limits over 64 skewed runs may be crossed half as often again as they
+should, and those of rare mirror locks twice as often and more."""
 _REACH = 0.5
 """Standard errors by which the mean of d may yet move in the estimate of how many runs would
 settle a question.
@@ -75,6 +78,7 @@ mirror lock.
 """
 QUESTIONS = tuple(RUN_COLUMNS)
 JUDGEMENTS = (*((arm, LEVEL) for arm in REMEDIES), (READINGS, LEVEL_BROADCAST))
+"""Pairs of a remedy and the arm behind a level leader that it is held against."""
 
 
 class RemedyVerdict(StrEnum):
@@ -105,7 +109,8 @@ def judge(
 
     `added` is what pitch adds to each run without the remedy, r − l, `remaining` what it adds with
     it, a − b, both of shape (R,): errors [m], or mirror locks (−1, 0, 1). The remedy should remove
-    `share` of it. `free` are the runs that count, of errors; None: mirror locks, of which all do.
+    `share` of it. `free`, shape (R,), are the runs without a mirror lock, which count for errors;
+    None: mirror locks are judged, for which all runs count.
     """
 
     def interval(values: Floats, runs: int, confidence: float) -> Interval:
@@ -335,15 +340,18 @@ def removed_in_all(
 
 
 INTERVALS_S = (1.0, 5.0)
+"""Message intervals of the curves over τ_rear."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Curve:
-    """Mean position error of LAISN-2 on a route over τ_rear, or over pitch at a depth offset."""
+    """Mean position error of LAISN-2 on a route over τ_rear, the scale of the range error of the
+    rear transmitter (`acoustics.range_tau_m`), or over pitch at a depth offset.
+    """
 
     route: str
-    interval_s: float
-    depth_offset_m: float | None
+    interval_s: float  # between messages
+    depth_offset_m: float | None  # None: a curve over τ_rear
     value: Sequence[float]  # τ_rear [m], or pitch [°]
     e_p_mean_m: Sequence[float]
     # half of the 95 % interval, over runs, of the excess at each value [m]
@@ -377,19 +385,20 @@ class Curve:
 
 
 def _over_tau(curves: Sequence["Curve"], interval_s: float) -> dict[str, "Curve"]:
+    """The curves over τ_rear at a message interval, by route."""
     return {c.route: c for c in curves if c.depth_offset_m is None and c.interval_s == interval_s}
 
 
 def curves_of(outcomes: StudyResults) -> list[Curve]:
-    """The curves of a part over the values that its arms are named by; the noise that arms share
-    drops out.
+    """The curves of a part over the values that its arms are named by, "VALUE INTERVAL"; the noise
+    that arms share drops out of the excess.
     """
     curves = []
     cells = zip(outcomes.rows, outcomes.runs, strict=True)
-    for (_, interval), flown in groupby(
-        cells, key=lambda curve: (curve[0]["point"], curve[0]["arm"].split()[1])
+    for (_, interval), cells_of_curve in groupby(
+        cells, key=lambda cell: (cell[0]["point"], cell[0]["arm"].split()[1])
     ):
-        rows, runs = zip(*flown, strict=True)
+        rows, runs = zip(*cells_of_curve, strict=True)
         means = [lists["e_p_mean_m"] for _, lists in runs]
         limits = [intervals.mean_over_missions([mean - means[0]]) for mean in means]
         values, errors = zip(

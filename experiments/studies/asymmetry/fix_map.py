@@ -23,8 +23,8 @@ from laisn.geometry import pitch_fix_error, turned_cosine
 from laisn.lanes import LANES
 from laisn.settings import VARIANTS, NavigationSettings, Tuning
 
-Grid = Mapping[str, Sequence[float]]
-Chart = Mapping[str, Floats]
+Grid = Mapping[str, Sequence[float]]  # values of each coordinate of a map, by name
+Chart = Mapping[str, Floats]  # columns of a map by name, a row for each point of its grid
 MAP_GRID: Grid = {
     "pitch_deg": range(21), "depth_offset_m": (0.0, 1.0, 2.0, 5.0, 7.5, 10.0, 15.0),
     "range_m": (5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0),
@@ -123,8 +123,8 @@ def measure_map(grid: Grid, settings: NavigationSettings) -> Chart:
 
 
 def worst_error(pitch: float, depth_offset: float, off_axis: float, greatest_range: float) -> float:
-    """Largest error of a noiseless LAISN-2 fix, nose up or down, ahead or astern, from 5 m to a
-    range, [m].
+    """Largest error of a noiseless LAISN-2 fix, nose up or down, ahead or astern at the angle
+    `off_axis` from the leader's axis, from 5 m to the range `greatest_range`, [m].
 
     Infinite where the circles do not meet, so that the follower is put on the leader's axis. Angles
     in [rad].

@@ -12,9 +12,9 @@ SPEED_PERIOD = 300.0  # its period [s]
 HEADING_DRIFT = float(np.deg2rad(3.0))
 HEADING_PERIOD = 400.0
 """Sinusoidal drift of the compass's bias: amplitude [rad] and period [s]."""
-DEVIATION = 0.03  # amplitude of a deviation that goes once round with the heading [rad]
-LATENESS_S = 0.010
-ECHO_CHANCE = 0.05
+DEVIATION = 0.03  # amplitude of a compass deviation that goes once round with the heading [rad]
+LATE_RANGE_M = 0.010  # excess of the front transmitter's ranges, whose pings leave late [m]
+ECHO_CHANCE = 0.05  # chance of each range to be that of an echo
 # least and largest excess of an echo's range, drawn evenly between them [m]
 ECHO_EXCESS = (0.3, 4.8)
 # chance of each message that all its ranges have the same excess, drawn likewise
@@ -22,7 +22,7 @@ COMMON_CHANCE = 0.1
 # clock offset of 1 ms at the start, as a range [m], and drift of 1 ppm [m/s]
 CLOCK_OFFSET = 1.5
 CLOCK_DRIFT = 1.5e-3
-LOSS_CHANCE = 0.2
+LOSS_CHANCE = 0.2  # chance of each message to be lost
 ERRORS = ("drift", "deviation", "echoes", "losses", "late", "common", "clock")
 
 
@@ -50,8 +50,8 @@ class Errors:
                 heading=measurements.heading + compass,
             )
         if "deviation" in self.errors:
-            turned = np.random.default_rng([seed, run, 1]).uniform(0.0, 2.0 * np.pi)
-            deviation = DEVIATION * np.sin(measurements.heading + turned)
+            angle = np.random.default_rng([seed, run, 1]).uniform(0.0, 2.0 * np.pi)
+            deviation = DEVIATION * np.sin(measurements.heading + angle)
             measurements = replace(measurements, heading=measurements.heading + deviation)
         ranges = measurements.ranges.copy()
         if "clock" in self.errors:
@@ -63,7 +63,7 @@ class Errors:
             excess = common_rng.uniform(*ECHO_EXCESS, (ranges.shape[0], 1))
             ranges += np.where(common_rng.random((ranges.shape[0], 1)) < COMMON_CHANCE, excess, 0.0)
         if "late" in self.errors:
-            ranges[:, 1] += LATENESS_S
+            ranges[:, 1] += LATE_RANGE_M
         # drawn in any case, so that an error alone is the same as among others
         echo = rng.random(ranges.shape) < ECHO_CHANCE
         excess = rng.uniform(*ECHO_EXCESS, ranges.shape)

@@ -47,7 +47,11 @@ def _rms_of_missions(cells: Cells) -> Floats:
 
 
 def figures_of(missions: Cells) -> list[dict[str, Any]]:
-    """Figures of all runs of each mission by both navigators."""
+    """Figures of all runs of each mission: of the tightly coupled navigator, and those named
+    `laisn…` of LAISN-2. `error` is the mean, `rms` the RMS and `largest` the largest of E_P [m],
+    `inside` the share of steps at which NEES over the runs is within its 95 % interval, `interval`
+    that of messages [s].
+    """
     tight, laisn = (missions.where(arm=arm) for arm in ("tight", "laisn-2"))
     error, laisn_error = (
         cells.values_by_run("e_p_mean_m").mean(axis=0) for cells in (tight, laisn)

@@ -22,7 +22,7 @@ RATES = (80, 500, 5000)
 """Bit rates that modems of little, middling and much bandwidth offer [bit/s]; JANUS (STANAG
 4748) has 80.
 """
-CHECK_BITS = 16
+CHECK_BITS = 16  # checksum of a message
 _AREA_M = 20_000.0
 _STEP_M = 0.01
 """Side of the square that positions lie in, and their resolution: far below any follower's
@@ -124,7 +124,7 @@ def geometry(amplitude_deg: float, period_s: float, behind_m: float) -> BoundGeo
     path = np.concatenate([np.zeros((1, 2)), np.cumsum(_SPEED * _STEP * ahead[1:], axis=0)])
     n = time.size - delay_steps - 1
     step = np.arange(10, n + 1, 10)
-    # vehicles that at the last instant are where the leader was `late` steps before
+    # the follower is where the leader was `delay_steps` before
     leader = path[delay_steps:]
     follower = path[: n + 1]
     axis = _HALF_BASELINE_M * ahead[delay_steps + step]
@@ -147,7 +147,7 @@ def geometry(amplitude_deg: float, period_s: float, behind_m: float) -> BoundGeo
     )
 
 
-def longer(amplitude_deg: float) -> float:
+def extra_way(amplitude_deg: float) -> float:
     """Way that a weave costs, as a share of the way made good: 1 / mean cos θ − 1."""
     swing = np.deg2rad(amplitude_deg) * np.sin(2.0 * np.pi * (np.arange(720) + 0.5) / 720)
     return float(1.0 / np.mean(np.cos(swing)) - 1.0)
@@ -176,7 +176,7 @@ def weave_findings() -> dict[str, Finding]:
                 least_error(amplitude, period, float(distance)), meaning, "m"
             )
         findings[f"{name} way"] = plain_finding(
-            longer(amplitude), "way that this weave costs, as a share of the way made good"
+            extra_way(amplitude), "way that this weave costs, as a share of the way made good"
         )
     return findings
 

@@ -41,6 +41,7 @@ SLOW = ("10s", "10s-slow", "10s-beta10", "10s-slow-beta10", "10s-slow-beta300")
 """Settings with messages every 10 s, of which the paper's β and T are not known."""
 TONES = {"holds": "yes", "does not hold": "no", "depends": "maybe", "undecided": "", "no data": ""}
 _POINTS = 300  # of a line over time: there are 96 of them, and a page has at most 6 MB
+# groups of rows with the colour, the marker and, for the legend, the sign of their points
 _GROUPS: Mapping[str, tuple[Colour, str, str]] = {
     "messages every 1 and 5 s, stages 1 to 3": (SERIES[0], "o", "●"),
     "unequal range errors, stage 4": (SERIES[2], "D", "◆"),
@@ -54,6 +55,7 @@ def agreement(table: Sequence[Record]) -> tuple[Panel, Legend]:
     band of factor two.
     """
     first_group, *others = _GROUPS
+    # by the paper's stage, 0 for the settings of `SLOW`; all other stages are in the first group
     names = dict(zip((4, 5, 0), others, strict=True))
     span = np.array([0.15, 40.0])
     pairs: dict[str, list[tuple[float, float]]] = {name: [] for name in _GROUPS}
@@ -150,7 +152,7 @@ class TableCells(NamedTuple):
     """Cells of the tables, made of our figures and of the published ones."""
 
     rows: Mapping[Key, Record]
-    published: Mapping[Key, Mapping[str, float]]
+    published: Mapping[Key, Mapping[str, float]]  # the paper's figures by metric
 
     def theirs(self, key: Key, metric: str) -> TableCell:
         """The published figure; a dash if there is none."""

@@ -43,7 +43,8 @@ REPLICATIONS = 20
 RESAMPLES = 2000
 # of the interval of each criterion; of all 26 together 95 % (Bonferroni)
 VERDICT_CONFIDENCE = 0.998
-COMPARED = ("e_p_mean_m", "e_p_max_m", "e_b_max_deg")
+COMPARED_METRICS = ("e_p_mean_m", "e_p_max_m", "e_b_max_deg")  # of `METRICS`, those of claims
+# cells, "SETTING VARIANT": the paper's usual settings, and a compass of the leader that is 5° off
 BASE = "base laisn-2"
 HEADING = "heading5 laisn-2"
 LATERAL = np.isin(ROUTES, ("T3", "T4"))
@@ -121,6 +122,7 @@ Outcome = Literal["met", "not met", "undecided"]
 MARGIN = 0.01
 """A figure nearer than this share of its bound is indistinguishable from it: the paper prints
 errors of some metres with two decimals, so that its own ratios are that uncertain."""
+# functions of relations
 HOLDS: Mapping[str, Callable[[Any, Any], Any]] = {
     "<": operator.lt,
     "≤": operator.le,
@@ -134,7 +136,7 @@ class NoDataError(LookupError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Judged:
+class JudgedCriterion:
     """A criterion with its interval, which is a point where there are no resamples."""
 
     quantity: str
@@ -187,7 +189,7 @@ class MetricValues:
         timed = outcomes["replications"]
         for labels, lists in tables.runs:
             cell = f"{labels['case']} {labels['arm']}"
-            for metric in COMPARED if cell in JUDGED else ():
+            for metric in COMPARED_METRICS if cell in JUDGED_CELLS else ():
                 run_values = lists[metric].reshape(-1, tables.plan.study.runs)
                 store(
                     cell,
@@ -218,8 +220,8 @@ class MetricValues:
 
     @cached_property
     def _weights(self) -> Floats:
-        """Of the replications in their mean, and in those of replications drawn again, shape (1
-        + `RESAMPLES`, K).
+        """Weights of the K replications: in their mean, in the first row, and in the means of
+        bootstrap resamples, in the others; shape (1 + `RESAMPLES`, K), (1, K) if `exact`.
         """
         mean = np.full((1, self.count), 1.0 / self.count)
         if self.exact:
@@ -230,8 +232,8 @@ class MetricValues:
         return np.concatenate([mean, resampled_counts / self.count])
 
     def means_or_nan(self, cell: str, metric: str) -> Floats:
-        """Means over replications, and over such as are drawn again, alike in all cells, shape
-        (1 + B, 8); or NaN.
+        """Means over replications, and over B = `RESAMPLES` bootstrap resamples of them, the same
+        in all cells, shape (1 + B, 8); NaN, shape (1, 8), where there are no figures.
         """
         values = self.values.get((cell, metric))
         if values is None:
@@ -270,10 +272,10 @@ class MetricValues:
 
     def judge(
         self, criterion: str, values: Floats, relation: Relation, bound: float, kind: Kind = "ratio"
-    ) -> Judged:
+    ) -> JudgedCriterion:
         """A criterion: a figure over missions as of `interval`, and the bound that it must keep."""
         margin = 0.0 if self.exact else MARGIN
-        return Judged(
+        return JudgedCriterion(
             quantity=criterion,
             interval=self.interval(values, kind),
             relation=relation,
@@ -290,7 +292,7 @@ class ClaimJudgement:
     """The verdict on a claim, and its criteria."""
 
     verdict: Verdict
-    criteria: Sequence[Judged] = ()
+    criteria: Sequence[JudgedCriterion] = ()
 
 
 def verdict_of(outcomes: Sequence[Outcome]) -> Verdict:
@@ -305,6 +307,9 @@ def verdict_of(outcomes: Sequence[Outcome]) -> Verdict:
 
 
 def _statistic(name: str, ratio: Floats) -> Floats:
+    """A statistic over missions, the last axis, by its name in `claims.toml`: "median", "nine
+    tenths", either with "change", or "share RELATION LIMIT".
+    """
     if name.startswith("share"):
         _, relation, limit = name.split()
         return np.asarray(np.mean(HOLDS[relation](ratio, float(limit)), axis=-1))
@@ -316,21 +321,22 @@ def _statistic(name: str, ratio: Floats) -> Floats:
 
 
 def _median_over_others(values: Floats, routes: Bools) -> Floats:
+    """Median over some routes, divided by that over the others."""
     return _statistic("median", values[:, routes]) / _statistic("median", values[:, ~routes])
 
 
-def _ratio_criteria(claim: "Claim", figures: MetricValues) -> list[Judged]:
+def _ratio_criteria(claim: "Claim", figures: MetricValues) -> list[JudgedCriterion]:
     ratios = []
     for ratio in claim.ratios:
         routes = np.isin(ROUTES, ratio.get("missions", ROUTES))
         metric = ratio.get("metric", "e_p_mean_m")
-        numerator_above, below = (
+        numerator, denominator = (
             np.concatenate(
                 [figures.means(cell, metric)[:, routes] for cell in ratio[side]], axis=-1
             )
             for side in ("of", "over")
         )
-        ratios.append(numerator_above / below)
+        ratios.append(numerator / denominator)
     return [
         figures.judge(
             criterion,
@@ -343,7 +349,7 @@ def _ratio_criteria(claim: "Claim", figures: MetricValues) -> list[Judged]:
     ]
 
 
-def _lateral(figures: MetricValues) -> list[Judged]:
+def _lateral(figures: MetricValues) -> list[JudgedCriterion]:
     error = figures.means(BASE, "e_p_max_m")
     largest = figures.values[BASE, "e_p_max_m"]
     is_below = largest[:, LATERAL].max(axis=1) < largest[:, ~LATERAL].min(axis=1)
@@ -367,26 +373,27 @@ def _lateral(figures: MetricValues) -> list[Judged]:
     )
 
 
-def _heading(figures: MetricValues) -> list[Judged]:
+def _heading(figures: MetricValues) -> list[JudgedCriterion]:
     error = figures.means(HEADING)
     distance = figures.means(BASE, "distance_m")
     growth = error / figures.means(BASE)
-    growth_there, growth_elsewhere = (
+    growth_abeam, growth_elsewhere = (
         _statistic("median", growth[:, mask]) for mask in (LATERAL, ~LATERAL)
     )
     slope = np.sum(error * distance, axis=1) / np.sum(distance**2, axis=1)
     # of a line through the origin: what it leaves over the spread about the mean
-    left = np.sum((error - slope[:, None] * distance) ** 2, axis=1)
+    residual = np.sum((error - slope[:, None] * distance) ** 2, axis=1)
     spread = np.sum((error - error.mean(axis=1, keepdims=True)) ** 2, axis=1)
-    fit = 1.0 - np.divide(left, spread, out=np.ones_like(left), where=spread > 0.0)
-    margin = np.minimum(growth_there / growth_elsewhere, growth_there / 5.0)
+    r_squared = 1.0 - np.divide(residual, spread, out=np.ones_like(residual), where=spread > 0.0)
+    # both are to exceed 1
+    least_growth = np.minimum(growth_abeam / growth_elsewhere, growth_abeam / 5.0)
     return [
-        figures.judge("growth abeam, over that elsewhere and over 5", margin, ">", 1.0),
-        figures.judge("variance that the line explains", fit, "≥", 0.8, "share"),
+        figures.judge("growth abeam, over that elsewhere and over 5", least_growth, ">", 1.0),
+        figures.judge("variance that the line explains", r_squared, "≥", 0.8, "share"),
     ]
 
 
-def _burst(figures: MetricValues) -> list[Judged]:
+def _burst(figures: MetricValues) -> list[JudgedCriterion]:
     error = figures.means(BASE, "e_b_max_deg")
     largest = figures.values[BASE, "e_b_max_deg"]
     is_largest = largest[:, BURST].max(axis=1) > largest[:, ~BURST].max(axis=1)
@@ -405,6 +412,7 @@ def _burst(figures: MetricValues) -> list[Judged]:
     ]
 
 
+# criteria of claims by the name in their `test`
 _TESTS = {"lateral": _lateral, "heading": _heading, "burst": _burst}
 
 
@@ -434,14 +442,14 @@ class Claim:
 CLAIMS = TypeAdapter(tuple[Claim, ...]).validate_python(
     tomllib.loads(_data("claims.toml"))["claim"]
 )
-_COMPARED = (
+_RATIO_CELLS = (
     cell
     for claim in CLAIMS
     for ratio in claim.ratios
     for side in ("of", "over")
     for cell in ratio[side]
 )
-JUDGED = frozenset([BASE, HEADING, *_COMPARED])
+JUDGED_CELLS = frozenset([BASE, HEADING, *_RATIO_CELLS])
 """Cells of the tables, "CASE ARM", whose figures claims are judged by."""
 
 
@@ -481,8 +489,8 @@ def ratios(
     variant: str,
     metric: str,
 ) -> Floats:
-    """Our figure over the published one on each mission that has both; an alternative is held
-    against its like.
+    """Our figure divided by the published one on each mission that has both. An alternative
+    setting, which the paper does not print, is held against the setting in its column `like`.
     """
     mine = {
         (row["like"] or s, m, v): row
@@ -565,7 +573,7 @@ def further_runs(outcomes: Mapping[str, StudyResults]) -> dict[str, RunTotals]:
     numbers = {
         (labels["point"], labels["arm"], labels["realization"]): runs
         for labels, lists in outcomes["tables"].runs
-        if f"{labels['case']} {labels['arm']}" in JUDGED and len(lists["run"]) < runs
+        if f"{labels['case']} {labels['arm']}" in JUDGED_CELLS and len(lists["run"]) < runs
     }
     return {"tables": numbers} if numbers else {}
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from experiments.studies.rivals import findings as study
-from experiments.studies.rivals.findings import CONDITIONS, USUAL, case_name
+from experiments.studies.rivals.findings import CONDITIONS, USUAL_INTERVAL_S, case_name
 from experiments.study.run import StudyResults
 from reports.figures import Panel, marks, panel
 from reports.findings import Findings
@@ -24,7 +24,9 @@ def picture(findings: Findings) -> tuple[Panel, Legend]:
     lines = []
     legend = []
     for i, (condition, title) in enumerate(CONDITIONS.items()):
-        errors = [findings[f"error {case_name(name, condition, USUAL)}"] for name in navigators]
+        errors = [
+            findings[f"error {case_name(name, condition, USUAL_INTERVAL_S)}"] for name in navigators
+        ]
         # a bar needs a positive end on a logarithmic axis
         errors = [f if f.low is None else replace(f, low=max(f.low, 1e-2)) for f in errors]
         lines.append(

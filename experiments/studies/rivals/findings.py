@@ -38,12 +38,13 @@ def _titles(groups: Sequence[Mapping[str, Any]]) -> dict[str, str]:
 
 NAVIGATORS = _titles(_CLOSED["arm"])
 CONDITIONS = _titles(_ROUTES["case"])
-"""Titles by the names of the registry, and of what is simulated."""
+"""Titles of navigators, by the names of their arms, and of what is simulated, by the names of
+cases."""
 TWO = "two"
 """Condition with two transmitters."""
 IN_WATER = (*CONDITIONS, TWO)
 """All conditions, that with two transmitters last."""
-WITH_TWO = _titles(_TWO["arm"])
+WITH_TWO = _titles(_TWO["arm"])  # titles of the navigators that are flown with two transmitters
 STEADY = "tight-steady"
 """The tightly coupled navigator with the speed through the water as a state."""
 OURS = ("laisn-2", "laisn-3-1", "laisn-3-2", "tight", STEADY)
@@ -53,10 +54,10 @@ INTERVALS, SHARED_INTERVALS = (
     tuple(study["vary"][MESSAGE_INTERVAL]) for study in (_ROUTES, _SHARED)
 )
 """Of messages, and of those on channels that many share [s]."""
-USUAL = 5.0
+USUAL_INTERVAL_S = 5.0  # message interval of most tables
 SHARING = tuple(_titles(_SHARED["arm"]))  # navigators on such channels
-MAPPED = tuple(_titles(_MAP["arm"]))
-RANGES_M = tuple(_titles(_MAP["case"]))
+MAPPED = tuple(_titles(_MAP["arm"]))  # navigators of the map
+RANGES_M = tuple(_titles(_MAP["case"]))  # names of the map's cases: ranges in metres, as text
 # factors of the map of LAISN-3(2) and inverted USBL
 BIASES_DEG, BASELINES_M = _MAP["vary"].values()
 # factors of the map of a channel that vehicles share
@@ -75,7 +76,7 @@ def case_name(navigator: str, condition: str, interval: float) -> str:
 
 def key_of_error(name: str) -> str:
     """Key of a navigator's mean error in calm water, messages every 5 s."""
-    return f"error {case_name(name, 'calm', USUAL)}"
+    return f"error {case_name(name, 'calm', USUAL_INTERVAL_S)}"
 
 
 def navigators_in(findings: Mapping[str, Finding]) -> dict[str, str]:
@@ -220,7 +221,7 @@ def with_speed_as_state(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Findi
 
 
 def steered(cells: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
-    """How followers keep their routes that steer by their estimates, messages every 5 s."""
+    """How followers that steer by their estimates keep their routes, messages every 5 s."""
     for name, condition in product(NAVIGATORS, CONDITIONS):
         case = f"{name} {condition}"
         if case not in cells:
@@ -327,7 +328,7 @@ def findings_of_rows(
         for name, time in step_us.items()
     }
     findings |= dict(worst_routes(routes))
-    slow = case_name(SLOW, "calm", USUAL)
+    slow = case_name(SLOW, "calm", USUAL_INTERVAL_S)
     if slow in routes:
         number = len(routes[slow].values_by_run("run"))
         findings["slow-runs"] = plain_finding(number, "of the factor graph")

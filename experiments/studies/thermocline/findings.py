@@ -30,13 +30,13 @@ FIX_NAVIGATORS: tuple[Variant, ...] = ("laisn-2", "laisn-3-2")
 """Navigators that make fixes of single messages."""
 SIZES = {"near": "within 43 m", "wide": "within 107 m"}
 """Cases of the formation."""
-PAIRS = ((8.0, 20.0), (16.0, 16.0), (20.0, 20.0))
+DEPTH_PAIRS_M = ((8.0, 20.0), (16.0, 16.0), (20.0, 20.0))  # depths of leader and follower
 RANGES_M = (50.0, 100.0, 200.0)
 BASELINES_M = (1.0, 2.0)
 SPOILT_SHIFT_M = 0.5
 """A fix that bending alone shifts by more than this is spoilt [m]."""
 _MAX_RANGE_M = 400.0
-_MIDDLE_M = NavigationSettings().middle_offset  # of the middle transmitter, to port
+_MIDDLE_M = NavigationSettings().middle_offset  # of the middle transmitter to port of the axis [m]
 
 
 def _file(name: str) -> dict[str, Any]:
@@ -52,9 +52,9 @@ def rays_of(season: str) -> RefractedRays:
     return traced_rays(scenario["acoustics"]["sound_speed_profile"], floor)
 
 
-def pair_name(pair: tuple[float, float]) -> str:
+def depths_name(depths: tuple[float, float]) -> str:
     """As the cases of the study name depths of leader and follower."""
-    return f"{pair[0]:g}-{pair[1]:g}"
+    return f"{depths[0]:g}-{depths[1]:g}"
 
 
 def measured_range(
@@ -117,37 +117,38 @@ def shortest_spoilt_range(season: str, variant: Variant, baseline: float) -> flo
 
     def worst(distance: float) -> float:
         errors = [
-            fix_error(season, variant, QuarterGeometry(pair, distance, baseline)) for pair in PAIRS
+            fix_error(season, variant, QuarterGeometry(depths, distance, baseline))
+            for depths in DEPTH_PAIRS_M
         ]
         return max((error for error in errors if not math.isnan(error)), default=0.0)
 
-    last = 0.0
+    last_unspoilt = 0.0
     for distance in range(10, round(_MAX_RANGE_M) + 1, 10):
         if worst(float(distance)) > SPOILT_SHIFT_M:
-            low, high = last, float(distance)
+            low, high = last_unspoilt, float(distance)
             while high - low > 0.5:
                 middle = 0.5 * (low + high)
                 low, high = (low, middle) if worst(middle) > SPOILT_SHIFT_M else (middle, high)
             return high
-        last = float(distance)
+        last_unspoilt = float(distance)
     return None
 
 
 def fix_findings() -> Iterator[tuple[str, Finding]]:
     """Errors of ranges and of fixes without noise."""
-    for season, pair, distance in product(BENDING_SEASONS, PAIRS, RANGES_M):
-        error = range_error(season, pair, distance)
-        name = f"{season} {pair_name(pair)} {distance:g}"
+    for season, depths, distance in product(BENDING_SEASONS, DEPTH_PAIRS_M, RANGES_M):
+        error = range_error(season, depths, distance)
+        name = f"{season} {depths_name(depths)} {distance:g}"
         yield (
             f"range {name}",
             plain_finding(error, "range by the mean speed less the true one", "m"),
         )
         for variant, baseline in product(FIX_NAVIGATORS, BASELINES_M):
-            shift = fix_error(season, variant, QuarterGeometry(pair, distance, baseline))
+            shift = fix_error(season, variant, QuarterGeometry(depths, distance, baseline))
             key = f"fix {variant} {name} {baseline:g}"
             yield key, plain_finding(shift, "error of a fix without noise by the mean speed", "m")
     for season, distance in product(BENDING_SEASONS, RANGES_M):
-        errors = [range_error(season, pair, distance) for pair in PAIRS]
+        errors = [range_error(season, depths, distance) for depths in DEPTH_PAIRS_M]
         yield (
             f"range-worst {season} {distance:g}",
             plain_finding(max(map(abs, errors)), "largest error of a range by the mean speed", "m"),

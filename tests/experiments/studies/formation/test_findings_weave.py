@@ -9,9 +9,9 @@ from scipy.special import j0
 from experiments.studies.formation.findings import (
     DISTANCES_BEHIND_M,
     WEAVES,
+    extra_way,
     geometry,
     least_error,
-    longer,
     weave_findings,
 )
 
@@ -44,13 +44,13 @@ def test_a_straight_leader_is_straight_ahead() -> None:
     # a follower 40 m behind, which was there 40 s before, swims 1 m/s
     np.testing.assert_array_equal(bound_geometry.speed, 1.0)
     assert (bound_geometry.dt, bound_geometry.speed.size) == (0.1, 3000)
-    assert longer(0.0) == 0.0
+    assert extra_way(0.0) == 0.0
 
 
 @pytest.mark.parametrize("amplitude", [2.0, 5.0, 10.0])
 def test_a_weave_costs_the_value_of_a_bessel_function(amplitude: float) -> None:
     """The mean of cos(a sin φ) over a period is J₀(a)."""
-    assert longer(amplitude) == pytest.approx(1.0 / j0(np.deg2rad(amplitude)) - 1.0, rel=1e-9)
+    assert extra_way(amplitude) == pytest.approx(1.0 / j0(np.deg2rad(amplitude)) - 1.0, rel=1e-9)
 
 
 def test_the_bound_shrinks_with_weave_amplitude_and_distance() -> None:

@@ -12,7 +12,7 @@ from experiments.studies.reproduce.findings import (
     CLAIMS,
     METRICS,
     ClaimJudgement,
-    Judged,
+    JudgedCriterion,
     Key,
     Verdict,
     findings_of_rows,
@@ -80,7 +80,9 @@ def test_a_cell_of_medians_shows_them(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_record_quotes_medians_captures_and_claims() -> None:
     judgements = judged("holds", "depends", "does not hold", "no data", "holds", "undecided")
-    criterion = Judged(quantity="median", interval=Interval(1.5, 1.4, 1.6), relation="≤", bound=2.0)
+    criterion = JudgedCriterion(
+        quantity="median", interval=Interval(1.5, 1.4, 1.6), relation="≤", bound=2.0
+    )
     judgements[1] = (
         judgements[1][0],
         replace(judgements[1][1], criteria=[criterion]),
@@ -127,7 +129,9 @@ def test_claims_without_data_do_not_count_against_the_others() -> None:
 
 def test_a_claim_has_our_verdict_and_figures_before_the_papers() -> None:
     criteria = [
-        Judged(quantity="median", interval=Interval(1.5, 1.4, 1.6), relation="≤", bound=2.0)
+        JudgedCriterion(
+            quantity="median", interval=Interval(1.5, 1.4, 1.6), relation="≤", bound=2.0
+        )
     ]
     claim, ours = CLAIMS[2], ClaimJudgement(verdict="depends", criteria=criteria)
     page = page_with(

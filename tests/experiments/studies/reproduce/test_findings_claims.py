@@ -12,11 +12,11 @@ from scipy import stats
 from experiments.flight.library import ROUTES
 from experiments.studies.reproduce.findings import (
     CLAIMS,
-    JUDGED,
+    JUDGED_CELLS,
     METRICS,
     TIMED,
     ClaimJudgement,
-    Judged,
+    JudgedCriterion,
     Kind,
     MetricValues,
     Outcome,
@@ -203,11 +203,15 @@ def test_missions_are_judged_by_their_median() -> None:
 
 def test_every_judged_figure_decides_a_criterion() -> None:
     """Every claim has data from the cells that replications fly, and from nothing else."""
-    each = {(cell, x): np.ones((1, 8)) for cell in JUDGED for x in (*METRICS, "distance_m", *TIMED)}
+    each = {
+        (cell, x): np.ones((1, 8))
+        for cell in JUDGED_CELLS
+        for x in (*METRICS, "distance_m", *TIMED)
+    }
     assert all(
         claim.judge(MetricValues(values=each, exact=True)).verdict != "no data" for claim in CLAIMS
     )
-    for cell in JUDGED:
+    for cell in JUDGED_CELLS:
         fewer = MetricValues(
             values={key: values for key, values in each.items() if key[0] != cell}, exact=True
         )
@@ -234,7 +238,7 @@ def test_every_judged_figure_decides_a_criterion() -> None:
 def test_a_criterion_whose_interval_contains_the_bound_is_undecided(
     low: float, high: float, relation: Relation, outcome: Outcome
 ) -> None:
-    actual = Judged(
+    actual = JudgedCriterion(
         quantity="ratio",
         interval=Interval(0.95, low, high),
         relation=relation,
@@ -260,7 +264,9 @@ def test_a_figure_within_the_precision_of_the_papers_own_is_undecided(
 ) -> None:
     """A hundredth of the bound, to either side of it."""
     assert (
-        Judged(quantity="ratio", interval=Interval(low, low, high), relation="≤", bound=2.0).outcome
+        JudgedCriterion(
+            quantity="ratio", interval=Interval(low, low, high), relation="≤", bound=2.0
+        ).outcome
         == outcome
     )
 
