@@ -73,13 +73,15 @@ class Axis(NamedTuple):
 
     name: str
     values: list[Any]
-    places: list[float]
-    numeric: bool
+    positions: list[float]  # of the values along the axis: the numbers, or 0, 1, 2, …
+    numeric: bool  # whether all values are numbers
     log: bool = False
 
 
 class ChartLayout(NamedTuple):
-    """What the main figure shows along x, by lines and by panels; empty names: nothing."""
+    """Names of the factors, or of arms or followers, that the main figure shows along x, by lines
+    and by panels; empty: none.
+    """
 
     against: str
     lines: str
@@ -136,7 +138,7 @@ def _thinned(words: Mapping[float, str]) -> dict[float, str]:
 
 
 def _factors_at(plan: StudyPlan, condition: Condition) -> dict[str, Any]:
-    """The values of factors, arm and follower of a place, by name."""
+    """The values of factors, arm and follower of a condition, by name."""
     return {**plan.points[condition.point], ARM: condition.arm, FOLLOWER: condition.follower}
 
 
@@ -149,10 +151,12 @@ lines stand for.
 def _marks(
     plan: StudyPlan, results: Results, layout: ChartLayout, axis: Axis, base: str
 ) -> dict[str, Marks]:
-    """Marks of all places that have a value, by the titles of their panels; see `over_factor`."""
+    """Marks of all conditions that have a value, by the titles of their panels; arguments as of
+    `over_factor`.
+    """
     metric = plan.study.file.report.metric
     differences = results.differences(base, metric) if base else {}
-    x_of = {repr(value): x for value, x in zip(axis.values, axis.places, strict=True)}
+    x_of = {repr(value): x for value, x in zip(axis.values, axis.positions, strict=True)}
     panels: dict[str, Marks] = {}
     for condition in results.rows:
         values = _factors_at(plan, condition)
@@ -182,16 +186,23 @@ def _y_limits(panels: Mapping[str, Marks], *, from_zero: bool) -> tuple[float, f
 
 
 def _marked_lines(
-    marks: Marks, kinds: Sequence[object], names: Sequence[str], axis: Axis, *, connected: bool
+    marks: Marks,
+    line_levels: Sequence[object],
+    names: Sequence[str],
+    axis: Axis,
+    *,
+    connected: bool,
 ) -> list[Line]:
-    """A line for each of `kinds` that has marks; side by side where the axis has no numbers."""
+    """A line for each value of the factor of lines that has marks; side by side where the axis has
+    no numbers.
+    """
     lines = []
-    for i, (kind, name, colour) in enumerate(zip(kinds, names, SERIES, strict=False)):
-        if repr(kind) not in marks:
+    for i, (level, name, colour) in enumerate(zip(line_levels, names, SERIES, strict=False)):
+        if repr(level) not in marks:
             continue
-        x, y, low, high = np.array(sorted(marks[repr(kind)])).T
+        x, y, low, high = np.array(sorted(marks[repr(level)])).T
         if not axis.numeric:
-            x = x + 0.12 * (i - (len(kinds) - 1) / 2)
+            x = x + 0.12 * (i - (len(line_levels) - 1) / 2)
         if axis.numeric and connected:
             lines.append(Line(x=x, y=y, colour=colour))
         bars = (low, high) if x.size <= _MAX_BARS else None
@@ -213,7 +224,7 @@ def over_factor(plan: StudyPlan, results: Results, layout: ChartLayout, base: st
     names = [label]
     if layout.lines:
         line_levels = levels(plan, layout.lines)
-        names = [value_text(kind) for kind in line_levels]
+        names = [value_text(level) for level in line_levels]
     marks_of = _marks(plan, results, layout, axis, base)
     settings: dict[str, Any] = {
         "x_label": label_of(axis.name),
@@ -222,10 +233,10 @@ def over_factor(plan: StudyPlan, results: Results, layout: ChartLayout, base: st
         "y_limits": _y_limits(marks_of, from_zero=not base),
         "width": WIDTH if len(marks_of) > 1 else 0.6 * FULL,
     }
-    ends = np.array([min(axis.places), max(axis.places)])
+    ends = np.array([min(axis.positions), max(axis.positions)])
     if not axis.numeric:
         ends = np.array([-0.6, len(axis.values) - 0.4])
-        words = {x: value_text(v)[:18] for x, v in zip(axis.places, axis.values, strict=True)}
+        words = {x: value_text(v)[:18] for x, v in zip(axis.positions, axis.values, strict=True)}
         settings |= {"x_ticks": _thinned(words), "x_limits": tuple(ends.tolist())}
     connected = plan.study.file.design == "factorial"
     panels = []
@@ -407,9 +418,11 @@ def over_draws(plan: StudyPlan, results: Results, point: int) -> Figures:
     metric = plan.study.file.report.metric
     panels = list[Panel]()
     label = METRICS[metric].label
-    places = [Condition(point, arm, plan.followers[0]) for arm in plan.arms]
+    conditions = [Condition(point, arm, plan.followers[0]) for arm in plan.arms]
     for draw in plan.study.draws[:MAX_PANELS]:
-        draws = [[row[draw.key] for row in results.rows.get(condition, [])] for condition in places]
+        draws = [
+            [row[draw.key] for row in results.rows.get(condition, [])] for condition in conditions
+        ]
         lines = [
             Line(
                 x=np.array(values),
@@ -418,7 +431,7 @@ def over_draws(plan: StudyPlan, results: Results, point: int) -> Figures:
                 marker="o",
                 name=condition.arm,
             )
-            for condition, values, colour in zip(places, draws, SERIES, strict=False)
+            for condition, values, colour in zip(conditions, draws, SERIES, strict=False)
             if values and all(map(is_number, values))
         ]
         if lines:
@@ -431,10 +444,10 @@ def arms_over(table: Table, x: str, y: str) -> Any:
     arm, across, metric = (table[name] for name in ("arm", x, y))
     lines = []
     for name, colour in zip(dict.fromkeys(arm), itertools.cycle(SERIES)):
-        places = np.unique(across[arm == name])
+        x_values = np.unique(across[arm == name])
         means = np.array(
-            [np.nanmean(metric[(arm == name) & (across == position)]) for position in places]
+            [np.nanmean(metric[(arm == name) & (across == value)]) for value in x_values]
         )
-        lines.append(Line(x=places, y=means, colour=colour, name=name))
+        lines.append(Line(x=x_values, y=means, colour=colour, name=name))
     label = METRICS[y].label if y in METRICS else y
     return plotly(panel(lines, x_label=label_of(x), y_label=label, width=FULL / 2, height=3.6))

@@ -87,7 +87,8 @@ def _flights(names: Sequence[str], flights: Sequence[FlightRecord]) -> dict[str,
 
 
 Place = tuple[str, ...]
-"""Settings of a place of a study in words."""
+"""Settings in words that tell a place of a study, a point, arm and follower, from its others; the
+same words are the same place in all studies."""
 
 
 def _points_text(points: Iterable[Place]) -> str:
@@ -123,15 +124,15 @@ def paired(folders: Sequence[Path], metric: str) -> dict[Place, list[Interval | 
     first, *others = values
     shares = metric in SHARES
     intervals: dict[Place, list[Interval | None]] = {}
-    for condition, runs in first.items():
-        intervals[condition] = [_mean(runs, shares=shares)]
+    for place, runs in first.items():
+        intervals[place] = [_mean(runs, shares=shares)]
         for other in others:
-            other_runs = other.get(condition, {})
+            other_runs = other.get(place, {})
             if other_runs.keys() == runs.keys():
                 differences = {run: value - runs[run] for run, value in other_runs.items()}
-                intervals[condition].append(_mean(differences, shares=shares, paired=True))
+                intervals[place].append(_mean(differences, shares=shares, paired=True))
             else:
-                intervals[condition].append(None)
+                intervals[place].append(None)
     return intervals
 
 
@@ -178,8 +179,8 @@ def _values_of(table: Sequence[Record], keys: Sequence[str], metric: str) -> dic
     values = defaultdict[Place, Runs](dict)
     for row in table:
         if row[metric] is not None:
-            condition = tuple(f"{key} = {row[key]}" for key in keys)
-            values[condition][row["seed"], row["run"]] = float(row[metric])
+            place = tuple(f"{key} = {row[key]}" for key in keys)
+            values[place][row["seed"], row["run"]] = float(row[metric])
     return values
 
 
@@ -194,7 +195,7 @@ def _answers(
     names: Sequence[str], rows: Mapping[Place, Sequence[Interval | None]]
 ) -> dict[str, Counter[str]]:
     """How often each further study is lower, higher, undecided or the same as the first, at the
-    places with the same runs.
+    places with the same runs, by its name.
     """
     answers = dict[str, Counter[str]]()
     for i, name in enumerate(names[1:], start=1):

@@ -25,11 +25,11 @@ Design = Literal["factorial", "latin-hypercube", "sobol"]
 _RANGE = ("from", "to", "steps", "scale")
 # values that follow the run, other keys of the study, or the mission
 RULES = ("cycle", "rotate", "sum", "measured")
-_POINTS_KEY = 0x0D
+_POINTS_KEY = 0x0D  # first of the numbers that seed the points of sampled designs
 
 
 def _tidy(value: float) -> float | int:
-    """A grid value as written by hand: 0.3 and not 0.30000000000000004."""
+    """A value of a range's steps as written by hand: 0.3 and not 0.30000000000000004."""
     rounded = float(f"{value:.12g}")
     return int(rounded) if rounded.is_integer() and abs(rounded) < 1e15 else rounded
 
@@ -192,7 +192,7 @@ def value_at(value: Any, run: int) -> Any:
     )
 
 
-_DRAW_KEY = 0xD3A3
+_DRAW_KEY = 0xD3A3  # first of the numbers that seed a draw
 _LIST_DISTRIBUTIONS: Mapping[str, tuple[str, Callable[..., tuple[float, ...]]]] = {
     "uniform": ("[low, high]", lambda low, high: (low, high - low)),
     "normal": ("[mean, sigma]", lambda mean, sigma: (mean, sigma)),
@@ -229,10 +229,10 @@ _SCIPY_NAMES = (
 """Distributions of scipy.stats that a table of parameters names: their quantiles take
 microseconds at any parameter.
 """
-_MAX_NUMBER = 1e9
+_MAX_NUMBER = 1e9  # of parameters
 Quantile = Callable[[float, list[int]], Any]
-"""The value at a share, 0 … 1, of a law; what needs more than one random number takes them from
-the address.
+"""The value at a share, 0 … 1, of a probability law. The second argument, the address, are numbers
+that seed a generator, for what needs more than one random number.
 """
 
 
@@ -320,7 +320,7 @@ LAWS: Mapping[str, Callable[[object], Quantile]] = {
         for name in sorted({*_LIST_DISTRIBUTIONS, *_SCIPY_NAMES})
     },
 }
-"""Laws of draws by their names: each makes a quantile of its parameters."""
+"""Probability laws of draws by their names: each makes a quantile of its parameters."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -328,7 +328,7 @@ class Draw:
     """A key of the scenario whose value every realization draws."""
 
     key: str
-    law: str
+    law: str  # name and parameters, for comparisons
     quantile: Quantile = field(compare=False)
 
     @classmethod

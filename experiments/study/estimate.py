@@ -29,7 +29,9 @@ from reports.intervals import (
 
 
 class Condition(NamedTuple):
-    """What is told apart in the results of a study."""
+    """What is told apart in the results of a study, a place of it in its documents: a point, an arm
+    and a follower.
+    """
 
     point: int  # index into `StudyPlan.points`
     arm: str
@@ -43,7 +45,7 @@ _MAX_VALUES = 5_000_000
 """Bound on the values that are resampled: designs of many places have fewer resamples, at least
 20.
 """
-_KEY = 0xEF
+_KEY = 0xEF  # first of the numbers that seed resamples
 
 
 def digits(value: float) -> str:
@@ -79,6 +81,7 @@ def verdict_of(difference: Interval, value: float, base: float) -> str:
 
 
 def _quantile(number: float) -> float:
+    """Quantile of Student's t of two-sided limits of `CONFIDENCE`, of a mean of so many values."""
     return float(stdtrit(number - 1, (1 + CONFIDENCE) / 2))
 
 
@@ -274,8 +277,8 @@ def _limits(resampled: Floats) -> tuple[float, float]:
 
 
 def main_effects(plan: StudyPlan, results: Results, metric: str) -> dict[str, Interval]:
-    """First-order Sobol' indices of factors, arms and followers, with bootstrap intervals; largest
-    first.
+    """First-order Sobol' indices of factors, arms and followers by name, with bootstrap intervals;
+    largest first, `INTERACTIONS` last.
 
     Of a factorial design they are main effects of the analysis of variance of the means at all
     places; runs, or realizations, are resampled in all places alike. Of a sampled design each is
@@ -365,8 +368,8 @@ def _quadratic_effects(
     resamples: int,
     random: np.random.Generator,
 ) -> dict[str, Interval]:
-    """Adjusted R² of a quadratic in each factor of a sampled design; `points` are those of the
-    places.
+    """Adjusted R² of a quadratic in each factor of a sampled design; `points` are indices of the
+    points of the places, shape (places,).
     """
     places = points.size
     means = np.nanmean(samples, axis=1)
@@ -379,8 +382,8 @@ def _quadratic_effects(
         rows = (by_point[picked].ravel() for picked in resamples_of)
         share = np.array([explained(factor[r], means[r, None])[0] for r in rows])
         k = factor.shape[1] if factor.ndim == 2 else int(factor.max())
-        freedom = max(places - 1 - k, 1)
-        adjusted = np.maximum(1.0 - (1.0 - share) * (places - 1) / freedom, 0.0)
+        degrees_of_freedom = max(places - 1 - k, 1)
+        adjusted = np.maximum(1.0 - (1.0 - share) * (places - 1) / degrees_of_freedom, 0.0)
         low, high = _limits(adjusted[1:])
         effects[name] = Interval(float(adjusted[0]), low, high)
     return effects

@@ -31,8 +31,8 @@ SCENARIO = "scenario"
 several scenarios.
 """
 ONLY_ARM = "all"  # name of the only arm of a study that names none
-Made = TypeVar("Made")
-Named = TypeVar("Named", bound="Group")
+Made = TypeVar("Made")  # a factor or a draw
+Named = TypeVar("Named", bound="Group")  # an arm or a case
 
 
 class StudyError(LaisnError):
@@ -139,13 +139,13 @@ class StudyFile(Section):
     seed: Annotated[int, Field(ge=0, lt=2**62)] | None = None
     """None: the scenario's."""
     design: Design = "factorial"
-    points: Annotated[int, Field(ge=2, le=65536)] | None = None
+    points: Annotated[int, Field(ge=2, le=65536)] | None = None  # of a sampled design
     set: dict[str, Any] = Field(default_factory=dict)
     case: list[Case] = Field(default_factory=list)
     vary: dict[str, Any] = Field(default_factory=dict)
     draw: dict[str, Any] = Field(default_factory=dict)
     arm: list[Arm] = Field(default_factory=list)
-    steps: bool = False
+    steps: bool = False  # keep errors over time
     engine: Literal["direct", "mujoco"] | None = None
     """Solver of the vehicles' motion, in place of the scenario's `timing.engine`; None: the
     scenario's if its file names one, else "direct" where all hulls allow it.
@@ -173,8 +173,8 @@ class Study:
     file: StudyFile
     # built-in names, or paths of files, by the names that the study gives them
     scenarios: Mapping[str, str]
-    runs: int
-    settings: Mapping[str, Any]
+    runs: int  # of each place
+    settings: Mapping[str, Any]  # [set]: keys of the scenario, alike in all places
     factors: tuple[Factor, ...]
     draws: tuple[Draw, ...]
     cases: Mapping[str, Case]
@@ -258,6 +258,7 @@ def _lines_of(error: ValidationError) -> list[str]:
     return lines
 
 
+# tables of a study file by where they stand in it
 _SECTIONS: dict[tuple[int | str, ...], type[Section]] = {
     ("report",): Report,
     ("runs",): Runs,

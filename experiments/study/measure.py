@@ -106,8 +106,8 @@ def _rms(values: Floats) -> float:
 
 
 def _station(errors: Floats, turning: Bools, time: Floats) -> Record:
-    """How a follower kept its station: distances from it [m] and where its frame turns, all of
-    shape (n,).
+    """Columns of how a follower kept its station: distances from it [m], whether the formation's
+    frame turns, and times [s], all of shape (n,).
     """
     keeping = station_keeping(errors, time)
     leg = errors[~turning]
@@ -124,7 +124,9 @@ def _station(errors: Floats, turning: Bools, time: Floats) -> Record:
 def _motion_columns(
     motion: MotionSettings, trajectory: Trajectory, v: int, depth_error: Floats
 ) -> Record:
-    """Columns of the motion of vehicle v, whose depth is off its route's, shape (n,), [m]."""
+    """Columns of the motion of vehicle v; `depth_error` is its depth less its route's, shape (n,),
+    [m].
+    """
     pitch_deg = np.rad2deg(pitch_angles(trajectory.quaternion[:, v]))
     power = None
     if motion.kind == "physics":
@@ -141,7 +143,9 @@ def _motion_columns(
 
 
 def _distance_columns(motion: MotionSettings, position: Floats, v: int) -> Record:
-    """Columns of the distances of vehicle v from all others; positions of shape (n, v, 3)."""
+    """Columns of the distances of vehicle v from all others; positions of all vehicles, shape (n,
+    vehicles, 3), [m].
+    """
     held_depths = np.array([vehicle.held_depth_m for _, vehicle in motion.plan.vehicles()])
     offsets = np.delete(position, v, axis=1) - position[:, v : v + 1]
     horizontal = np.hypot(offsets[..., 0], offsets[..., 1]).min(axis=0)
@@ -238,8 +242,8 @@ def records_of_run(scenario: Scenario, run: int) -> list[Record]:
     ended = False
     try:
         trajectory, loop = simulate_closed_loop(scenario_of_run)
-        flown = (trajectory.time.size - 1) // stride
-        estimates = np.moveaxis(loop.state.concluded.state[:, :flown, :2], 0, 1)
+        filter_steps = (trajectory.time.size - 1) // stride
+        estimates = np.moveaxis(loop.state.concluded.state[:, :filter_steps, :2], 0, 1)
         gated = loop.gated.tolist()
     except DivergedError:
         raise CampaignError(f"run {run}: {Termination.DIVERGED.value}") from None

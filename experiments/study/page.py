@@ -118,14 +118,12 @@ def commands(plan: StudyPlan, results: Results) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class StudyPage:
-    """What the template of a study's page shows; `failures` are entries that could not be flown,
-    by what happened, `looks` its worst run, filmed or in 3D.
-    """
+    """What the template of a study's page shows. A place is a `Condition` of its results."""
 
     plan: StudyPlan
     results: Results
-    failures: Mapping[str, list[PlanEntry]]
-    looks: Sequence[Film | Replay] = ()
+    failures: Mapping[str, list[PlanEntry]]  # entries that could not be flown, by what happened
+    looks: Sequence[Film | Replay] = ()  # the worst run of the study, in 3D, filmed or both
 
     @property
     def study(self) -> Study:
@@ -365,9 +363,9 @@ def answer(plan: StudyPlan, results: Results) -> Answer:
     for condition in places:
         row = [page.place_text(condition), interval_text(page.estimates[condition])]
         if page.several_arms:
-            other = condition in page.differences
-            row.append(interval_text(page.differences[condition]) if other else "–")
-            row.append(page.verdicts[condition] if other else "")
+            is_compared = condition in page.differences
+            row.append(interval_text(page.differences[condition]) if is_compared else "–")
+            row.append(page.verdicts[condition] if is_compared else "")
         rows.append(tuple(row))
     left_out = len(results.rows) - len(places)
     return Answer(
@@ -400,7 +398,7 @@ _FORMATS: dict[str, Any] = {
     "listed": _listed,
     "changes": _changes,
 }
-"""What the template writes with."""
+"""Functions and tables with which the template writes, by their names there."""
 
 
 def page_of(

@@ -39,7 +39,7 @@ MAX_RUNS = 2**31 - LANES
 class PlanEntry:
     """One scenario of a study: a point of its design, an arm, a realization."""
 
-    point: int
+    point: int  # index into `StudyPlan.points`
     arm: str
     realization: int
     settings: Mapping[str, Any]  # all that differs from the study's scenario, by key
@@ -83,7 +83,7 @@ class StudyPlan:
     """All that a study flies."""
 
     study: Study
-    points: list[dict[str, Any]]
+    points: list[dict[str, Any]]  # values of the factors by key
     arms: tuple[str, ...]
     entries: list[PlanEntry]
 
@@ -249,7 +249,7 @@ class _Examination:
 
     def __init__(self, study: Study, tables: Mapping[str, Mapping[str, Any]]) -> None:
         self.study = study
-        self.tables = tables
+        self.tables = tables  # content of the scenarios' files, by the names of the scenarios
         self.entries = list[PlanEntry]()  # those that are valid
         self.total = 0  # scenarios that were examined
         self._places_of = dict[str, list[str]]()  # where in the design each error is, by its line
@@ -259,8 +259,12 @@ class _Examination:
         self._sections = dict[tuple[str, Section], Section]()
         self._drawn = cache(self._draw)
 
-    def examine(self, number: int, point: Mapping[str, Any], arm: str, realization: int) -> None:
-        """Take a scenario of the study: a point of its design by number, an arm, a realization."""
+    def examine(
+        self, point_index: int, point: Mapping[str, Any], arm: str, realization: int
+    ) -> None:
+        """Examine a scenario of the study, that of a point of its design, an arm and a realization:
+        what is valid is added to `entries`, errors are kept for `error_lines`.
+        """
         self.total += 1
         name = point.get(SCENARIO, next(iter(self.tables)))
         settings, columns, lines = _resolved(self._settings(name, point, arm, realization))
@@ -284,9 +288,9 @@ class _Examination:
         if scenario is not None and not lines:
             if motion_text not in self._motion_keys:
                 self._motion_keys[motion_text] = key_of(MotionSettings.of(scenario))
-            run = scenario.run + number * self.study.file.runs_apart
+            run = scenario.run + point_index * self.study.file.runs_apart
             entry = PlanEntry(
-                point=number,
+                point=point_index,
                 arm=arm,
                 realization=realization,
                 settings=settings,
@@ -405,9 +409,9 @@ def plan_of(study: Study, *, quiet: bool = True) -> StudyPlan:
     total = len(realizations) * sum(len(study.arms_at(point)) for point in points)
     examination = _Examination(study, tables)
     with progress("scenarios", total, quiet=quiet or total < _PROGRESS_FROM) as advance:
-        for number, point in enumerate(points):
+        for point_index, point in enumerate(points):
             for arm, realization in product(study.arms_at(point), realizations):
-                examination.examine(number, point, arm, realization)
+                examination.examine(point_index, point, arm, realization)
                 advance(1)
     errors = _number_errors(study, examination.entries) + examination.error_lines()
     if errors:
@@ -417,7 +421,9 @@ def plan_of(study: Study, *, quiet: bool = True) -> StudyPlan:
 
 
 def _number_errors(study: Study, entries: Sequence[PlanEntry]) -> list[str]:
-    """A line for more realizations than differ, and for more runs than can be numbered."""
+    """A line if realizations would all be equal, and one if there are more runs than can be
+    numbered.
+    """
     errors = []
     has_irregular_waves = any(entry.scenario.ocean.waves.kind == "jonswap" for entry in entries)
     if study.file.realizations > 1 and entries and not study.draws and not has_irregular_waves:

@@ -31,15 +31,17 @@ from sim.trajectory import Trajectory
 
 # largest factor by which runs grow from one look at their intervals to the next
 _MAX_GROWTH = 10.0
-_TABLE_ROWS = 60_000
+_TABLE_ROWS = 60_000  # of a part of runs.parquet, as of `run_tables`
 
 
 class Cells(NamedTuple):
-    """Rows of a study with their lists over runs and, where they are kept, errors over time."""
+    """Rows of a study, one for each entry and follower, with their lists over runs and, where they
+    are kept, errors over time.
+    """
 
     rows: Sequence[Record]
-    lists: Sequence[Mapping[str, Any]]
-    steps: Sequence[Arrays] = ()
+    lists: Sequence[Mapping[str, Any]]  # values of the runs by column, shape (R,) each
+    steps: Sequence[Arrays] = ()  # as of `StudyResults.steps`
 
     def where(self, **columns: object) -> "Cells":
         """Those whose rows have these values."""
@@ -352,30 +354,28 @@ def fly_further(
     place_of = itemgetter("point", "arm", "realization", "follower")
     options |= {"force": False}
     while True:
-        plans_to_extend = choose(outcomes)
-        if not plans_to_extend:
+        totals_by_name = choose(outcomes)
+        if not totals_by_name:
             return
-        for name, numbers in plans_to_extend.items():
+        for name, totals in totals_by_name.items():
             plan = outcomes[name].plan
             lists_at = {place_of(labels): lists for labels, lists in outcomes[name].runs}
             # by the number of their further runs
-            entries = defaultdict[int, list[PlanEntry]](list)
-            for design_key, number in numbers.items():
+            entries_by_runs = defaultdict[int, list[PlanEntry]](list)
+            for design_key, total in totals.items():
                 entry = plan.by_design_key[design_key]
-                run_count = len(lists_at[*design_key, entry.scenario.followers[0].name]["run"])
-                scenario = entry.scenario.model_copy(update={"run": entry.scenario.run + run_count})
-                entries[number - run_count].append(replace(entry, scenario=scenario))
-            plans = [
-                plan.part(number_entries, number) for number, number_entries in entries.items()
-            ]
+                flown = len(lists_at[*design_key, entry.scenario.followers[0].name]["run"])
+                scenario = entry.scenario.model_copy(update={"run": entry.scenario.run + flown})
+                entries_by_runs[total - flown].append(replace(entry, scenario=scenario))
+            plans = [plan.part(entries, runs) for runs, entries in entries_by_runs.items()]
             for results in fly_studies(plans, folder, **options):
                 if results.failures:
                     raise CampaignError("; ".join(sorted(results.failures)))
                 for labels, lists in results.runs:
-                    all_runs = lists_at[place_of(labels)]
-                    all_runs |= {
+                    lists_so_far = lists_at[place_of(labels)]
+                    lists_so_far |= {
                         column: np.append(values, lists[column])
-                        for column, values in all_runs.items()
+                        for column, values in lists_so_far.items()
                     }
 
 

@@ -50,9 +50,10 @@ RUNS = "runs.parquet"
 RECORD = "results.json"
 REPORT = "report.html"
 STUDY = "study.toml"
-_CELL_BYTES = 2_000  # bytes of a stored cell and its row in the tables; a run adds `_RUN_BYTES`
-_RUN_BYTES = 80
-# entries of a mission that are tried for an estimate: more where few take less than _QUICK_S
+_CELL_BYTES = 2_000  # bytes of a stored cell and its row in the tables
+_RUN_BYTES = 80  # bytes that each of its runs adds
+# numbers of entries of a mission that are flown for an estimate of the effort: the next one where
+# that before took less than _QUICK_S
 _TRIAL_ENTRIES = (1, 16, 128)
 _QUICK_S = 2.0  # [s]
 
@@ -86,19 +87,19 @@ def _cost(plan: StudyPlan, workers: int) -> tuple[float, float]:
             )
         runs = -(-workers // len(sample)) if closed else 1
         flights = plan.part(firsts, runs).flights
-        entry_time = 0.0
+        entry_time = 0.0  # of a block of runs of an entry, beside its mission [s]
         time = 0.0
-        mission_count = 0
+        entries_flown = 0
         # all is stored the second time
         missions_time = flight_time(firsts, runs)
         stored_time = flight_time(firsts, runs)
         size = sum(path.stat().st_size for path in Path(folder).glob("store/*")) / flights
         for count in () if closed else _TRIAL_ENTRIES:
             entries = [entry for mission_entries in sample for entry in mission_entries[:count]]
-            if len(entries) > mission_count and time < _QUICK_S:
+            if len(entries) > entries_flown and time < _QUICK_S:
                 time = flight_time(entries, max(2, min(plan.study.runs, LANES)))
-                entry_time = (time - stored_time) / (len(entries) - mission_count)
-                mission_count = len(entries)
+                entry_time = (time - stored_time) / (len(entries) - entries_flown)
+                entries_flown = len(entries)
     blocks = -(-plan.study.runs // LANES)
     seconds = plan.flights * max((missions_time - stored_time) / flights - entry_time, 0.0) + len(
         plan.entries
