@@ -297,7 +297,7 @@ def _densities(sea: SeaSettings, vehicle: Vehicle) -> DensityRange:
         np.linspace(0.0, sea.plan.duration_s, _DENSITY_INSTANTS)
     )
     depths = np.linspace(planned.min(), planned.max(), _DENSITY_INSTANTS)
-    shares = [water.share_at(depth, reference) for depth in depths.tolist()]
+    shares = [water.relative_density_at(depth, reference) for depth in depths.tolist()]
     return DensityRange(min(shares), max(shares))
 
 

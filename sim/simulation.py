@@ -524,10 +524,10 @@ def _require_within(trajectory: Trajectory, bounds: MissionBounds) -> None:
         return
     time = trajectory.time[last]
     name = trajectory.names[departure.vehicle]
-    if departure.left:
+    if departure.left_field:
         raise LeftFieldError(
-            f"at {time:g} s {name} left the area of {departure.left} about the planned routes, "
-            "which ended the mission",
+            f"at {time:g} s {name} left the area of {departure.left_field} about the planned "
+            "routes, which ended the mission",
             trajectory,
         )
     if departure.off_route_m is None:

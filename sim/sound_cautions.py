@@ -21,8 +21,8 @@ def _rays(sound: SoundSettings) -> RefractedRays | None:
 
 
 def _direct_rays(rays: RefractedRays, leader: Floats, follower: Floats) -> tuple[int, float]:
-    """How many direct rays join two places, and by how much the first ray's measured range is too
-    short [m].
+    """How many direct rays join two places (east, north, depth) [m], and by how much the range that
+    is measured by the first one is too short [m].
     """
     source, receiver = (
         (float(east), float(north), -float(depth)) for east, north, depth in (leader, follower)
@@ -31,14 +31,15 @@ def _direct_rays(rays: RefractedRays, leader: Floats, follower: Floats) -> tuple
     if not rays_between:
         return 0, 0.0
     slowness = rays.straight_slowness(int(SoundPath.DIRECT), source, receiver)
-    # `Ray.length` is that of the straight path; what is measured is time / slowness
+    # `Ray.length` is that of the straight path; the range that is measured is time / slowness
     return len(rays_between), rays_between[0].length - rays_between[0].time / slowness
 
 
 def ray_cautions(sound: SoundSettings, assumed: str) -> list[str]:
     """Lines about the direct rays from the leader to its followers along their plans.
 
-    `assumed` is what navigators assume of rays, as of `navigation.sound_speed`.
+    `assumed` is the value of the key `navigation.sound_speed`: with "profile" navigators take into
+    account that rays bend.
     """
     rays = _rays(sound)
     if rays is None:
@@ -48,7 +49,7 @@ def ray_cautions(sound: SoundSettings, assumed: str) -> list[str]:
     instants = np.linspace(0, len(leader) - 1, _INSTANTS).astype(int)
     shadowed = []
     multipath = []
-    worst = 0.0
+    worst = 0.0  # largest error of a range [m]
     for follower, places in zip(plan.followers, followers, strict=True):
         counts_and_errors = [_direct_rays(rays, leader[i], places[i]) for i in instants.tolist()]
         counts = [count for count, _ in counts_and_errors]

@@ -18,7 +18,7 @@ from typing import Any, BinaryIO
 
 from laisn.errors import LaisnError
 
-_CHECK_PARENT_S = 0.5
+_CHECK_PARENT_S = 0.5  # how often a child looks whether its parent still runs [s]
 _M_MMAP_THRESHOLD = -3  # of malloc.h of the GNU C library
 
 
@@ -122,7 +122,7 @@ def read_text(path: Path, max_bytes: int) -> str:
     except UnicodeDecodeError:
         raise LaisnError("not UTF-8 text") from None
     except ValueError as error:
-        # one of these, or a NUL in the path
+        # a LaisnError from above, which is a ValueError, or a NUL character in the path
         raise LaisnError(str(error)) from None
 
 
@@ -135,6 +135,7 @@ def file_digest(path: Path) -> str | None:
         return None
 
 
+# time of the last change and size are only keys of the cache: a changed file is read again
 @lru_cache(maxsize=64)
 def _digest(path: Path, _changed_ns: int, _size: int) -> str:
     with path.open("rb") as file:
@@ -161,7 +162,7 @@ def exit_with_parent(parent: int, *environment: tuple[str, str]) -> None:
 @contextmanager
 def signals_after() -> Iterator[None]:
     """Ctrl-C and signals to end reach their handlers after the block."""
-    came = list[int]()
+    came = list[int]()  # numbers of the signals that came within the block
     handlers = dict[int, Any]()
     if threading.current_thread() is threading.main_thread():
         numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

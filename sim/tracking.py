@@ -98,7 +98,7 @@ def track_error(route: Route, time: Floats, position: Floats) -> Floats:
 
 LEFT_ROUTE_M = 100.0
 """A mission ends where a vehicle that keeps to its route by the truth is farther from it [m]."""
-_BEYOND_M = 1e6  # after its last waypoint a vehicle goes straight on [m]
+_BEYOND_M = 1e6  # length of the leg behind the last waypoint, where vehicles go straight on [m]
 _LOOK_EVERY = 10  # distances from routes are looked at in every such instant: 1 s
 
 
@@ -115,8 +115,9 @@ class Departure(NamedTuple):
 
     instant: int
     vehicle: int  # index
-    off_route_m: float | None  # distance from its route; None: it is on it
-    left: str = ""  # key of a field that it has left; empty: none, and it is below the floor
+    off_route_m: float | None  # distance from its route, where that is why; else None
+    # settings key of the field of the sea whose area it has left, where that is why; else empty
+    left_field: str = ""
 
 
 def distance_from_route(route: Route, time: Floats, position: Floats) -> Floats:
@@ -129,8 +130,8 @@ def distance_from_route(route: Route, time: Floats, position: Floats) -> Floats:
         points = np.vstack([points, points[-1] + _BEYOND_M * last / np.hypot(*last)])
     first_leg = np.zeros(time.size, dtype=np.int64)
     last_leg = np.full(time.size, len(points) - 2)
-    level = _distances(first_leg, last_leg, points, position[:, :2])
-    return np.asarray(np.hypot(level, position[:, 2] + route.depth.depth_at(time)))
+    horizontal = _distances(first_leg, last_leg, points, position[:, :2])
+    return np.asarray(np.hypot(horizontal, position[:, 2] + route.depth.depth_at(time)))
 
 
 def first_departure(time: Floats, pose: Floats, bounds: MissionBounds) -> Departure | None:
@@ -177,13 +178,14 @@ def bounds_of(motion: MotionSettings) -> MissionBounds:
     """
     leader = motion.plan.leader
     followers = motion.plan.followers
-    leader_elsewhere = bool(leader.controller) or leader.guidance_position == "estimate"
-    by_estimate = [leader_elsewhere, *(f.guided_by_estimate for f in followers)]
-    stations = [False, *(follower.station is not None for follower in followers)]
+    # vehicles that keep to no route by the truth
+    leader_is_free = bool(leader.controller) or leader.guidance_position == "estimate"
+    are_free = [leader_is_free, *(f.guided_by_estimate for f in followers)]
+    have_station = [False, *(follower.station is not None for follower in followers)]
     routes = tuple(
-        None if estimated or station else route
-        for route, estimated, station in zip(
-            routes_of(motion.plan), by_estimate, stations, strict=True
+        None if is_free or has_station else route
+        for route, is_free, has_station in zip(
+            routes_of(motion.plan), are_free, have_station, strict=True
         )
     )
     return MissionBounds(floor_of(motion.sea), routes, areas_of(motion.sea))
@@ -221,16 +223,18 @@ def hull_gap(
     [m].
     """
     cosine = _dot(first, second)
-    ahead = _dot(first, offsets)
-    across = _dot(second, offsets)
-    # nearest points s and t along the axes, each within its hull (Ericson, Real-Time Collision
-    # Detection, 2005)
+    along_first = _dot(first, offsets)
+    along_second = _dot(second, offsets)
+    # nearest points, at s and t from the middles along the axes, each within its hull (Ericson,
+    # Real-Time Collision Detection, 2005)
     sine_squared = 1.0 - cosine * cosine
     crossed = sine_squared > 1e-9
-    s = np.where(crossed, (ahead - cosine * across) / np.where(crossed, sine_squared, 1.0), 0.0)
+    s = np.where(
+        crossed, (along_first - cosine * along_second) / np.where(crossed, sine_squared, 1.0), 0.0
+    )
     s = np.clip(s, -half_lengths[0], half_lengths[0])
-    t = np.clip(cosine * s - across, -half_lengths[1], half_lengths[1])
-    s = np.clip(cosine * t + ahead, -half_lengths[0], half_lengths[0])
+    t = np.clip(cosine * s - along_second, -half_lengths[1], half_lengths[1])
+    s = np.clip(cosine * t + along_first, -half_lengths[0], half_lengths[0])
     nearest = offsets + t[..., None] * second - s[..., None] * first
     return np.sqrt(_dot(nearest, nearest))
 
@@ -372,6 +376,7 @@ def _stations(
     formations: Records,
     dt: float,
 ) -> Records:
+    """See `stations_along`."""
     n = leader.shape[0]
     f = stations.shape[0]
     out = np.empty((n, f), STATION_PLACE)
@@ -384,10 +389,12 @@ def _stations(
         time = k * dt
         extend(trail, count, leader[k, 0], leader[k, 1], time, (speed[k], heading[k]))
         for i in range(f):
-            points = trail, count[0]
+            known_trail = trail, count[0]
             if k > 0:
-                turn_frame(formations[i], stations[i], points, (time - dt, time), dt, states[i])
-            target = station_at(stations[i], points, time, states[i])
+                turn_frame(
+                    formations[i], stations[i], known_trail, (time - dt, time), dt, states[i]
+                )
+            target = station_at(stations[i], known_trail, time, states[i])
             out[k, i].east, out[k, i].north = target.east, target.north
             out[k, i].heading = states[i].heading
             out[k, i].rate = states[i].rate
@@ -408,8 +415,8 @@ def stations_along(
     through the water [m/s] and heading [rad], shape (n,). `stations` are records of STATION and
     `formations` the settings of `[formation]` for each, shape (f,).
     """
-    position, through, ahead = (np.ascontiguousarray(values) for values in (leader, speed, heading))
-    return _stations(position, through, ahead, stations, formations, dt).view(np.recarray)
+    leader, speed, heading = (np.ascontiguousarray(values) for values in (leader, speed, heading))
+    return _stations(leader, speed, heading, stations, formations, dt).view(np.recarray)
 
 
 def _limits(motion: MotionSettings, follower: Follower) -> HullLimits | None:
@@ -570,20 +577,23 @@ def _nearest(
 
 
 def _in_one_layer(depth: Floats) -> Bools:
+    """Which pairs of vehicles at depths, shape (v,), [m], are too near in depth to pass one above
+    the other, shape (v, v); also each with itself.
+    """
     return np.abs(depth[:, None] - depth) < MIN_LAYER_SPACING_M
 
 
 def closest_approaches(trajectory: Trajectory) -> tuple[Approach, Approach]:
-    """The pair that came nearest in space, and the one that came nearest horizontally, whatever
+    """The pair that came nearest in in_space, and the one that came nearest horizontally, whatever
     their depths.
     """
     names = trajectory.names
     time = trajectory.time
     position = trajectory.position
-    space = _nearest(names, time, position)
-    level = _nearest(names, time, position[..., :2])
-    assert space is not None and level is not None  # noqa: PT018
-    return space, level
+    in_space = _nearest(names, time, position)
+    horizontal = _nearest(names, time, position[..., :2])
+    assert in_space is not None and horizontal is not None  # noqa: PT018
+    return in_space, horizontal
 
 
 def closest_in_a_layer(plan: MissionPlan, trajectory: Trajectory) -> Approach | None:
@@ -594,7 +604,7 @@ def closest_in_a_layer(plan: MissionPlan, trajectory: Trajectory) -> Approach | 
     )
 
 
-_STEP_S = 0.5  # stations are followed in steps of this time; they move by half a metre in it [s]
+_STEP_S = 0.5  # stations are followed in steps of this time [s]; they move by half a metre in it
 
 
 def closest_stations(motion: MotionSettings) -> Approach | None:
@@ -618,7 +628,7 @@ def closest_stations(motion: MotionSettings) -> Approach | None:
     leader = planned_motion(route_of(plan.leader, "leader")).at(time)
     depth = plan.leader.held_depth_m
     drift = current_at(motion.sea, leader.east, leader.north, depth, time)
-    through = np.hypot(
+    speed_through_water = np.hypot(
         *(leader.speed * np.array([np.sin(leader.course), np.cos(leader.course)]) - drift.T)
     )
     stations = records(STATION, len(places))
@@ -628,6 +638,8 @@ def closest_stations(motion: MotionSettings) -> Approach | None:
     settings = [motion.formation.record(), *formations_of(motion)[kept_by]]
     formations = np.array(settings).view(np.recarray)
     way = np.column_stack([leader.east, leader.north])
-    positions = stations_along(way, through, leader.course, stations, formations, _STEP_S)
+    positions = stations_along(
+        way, speed_through_water, leader.course, stations, formations, _STEP_S
+    )
     names = ["the leader's place", *(key for key, _ in stationed)]
     return _nearest(names, time, np.stack([positions.east, positions.north], axis=-1), pairs)

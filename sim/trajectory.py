@@ -35,8 +35,8 @@ class StateHistory(NamedTuple):
 
 
 def row(array: Floats, k: int, vehicle: int) -> Any:
-    """What an array of shape (n, v, c) holds of a vehicle at an instant, in Python as plain
-    numbers.
+    """What an array of shape (n, v, c) holds of a vehicle at instant number k: c numbers, in Python
+    plain ones.
     """
     return array[k, vehicle].tolist()
 
@@ -87,7 +87,9 @@ def pose_between(
 
 @compiled
 def _poses_at(grid_place: Floats, dt: float, pose: Floats, twist: Floats) -> Floats:
-    """Poses of v vehicles at m places on the grid, counted in its steps, shape (m, v, 7)."""
+    """Poses of v vehicles at m places on the time grid, which are times in multiples of its step
+    since its start, shape (m, v, 7).
+    """
     poses = np.empty((grid_place.size, pose.shape[1], 7))
     for m in range(grid_place.size):
         i = min(int(grid_place[m]), pose.shape[0] - 2)
@@ -250,7 +252,7 @@ class Trajectory(ArrayRecord):
         return path
 
     def part(self, first: int, last: int) -> Self:
-        """Instants number `first` to `last`, two at least."""
+        """Instants number `first` to `last`, both included, two at least."""
         parts = {name: getattr(self, name)[first : last + 1] for name in ("time", *OF_VEHICLES)}
         return replace(self, **parts)
 
@@ -280,7 +282,11 @@ class Trajectory(ArrayRecord):
     @property
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """All fields as arrays by name, for `of_arrays`."""
-        return {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
+        # of hulls with fewer effectors than others, names are filled up with ""
+        most = max(map(len, self.effector_names), default=0)
+        names = [(*own, *[""] * (most - len(own))) for own in self.effector_names]
+        values = {f.name: getattr(self, f.name) for f in fields(self)} | {"effector_names": names}
+        return {name: np.asarray(value) for name, value in values.items()}
 
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
@@ -288,6 +294,9 @@ class Trajectory(ArrayRecord):
         values: dict[str, Any] = {f.name: arrays[f.name] for f in fields(cls)}
         for name in ("names", "site_names"):
             values[name] = tuple(values[name].tolist())
+        values["effector_names"] = tuple(
+            tuple(filter(None, own)) for own in values["effector_names"].tolist()
+        )
         return cls(**values)
 
 

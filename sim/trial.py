@@ -28,7 +28,7 @@ from sim.trajectory import Trajectory
 OFF_ROUTE_M = 2.0  # a vehicle that is once farther than this off its legs is reported [m]
 OFF_DEPTH_M = 2.0  # … or off the depth that is due
 OFF_STATION_M = 5.0  # … or off its station, once it has joined it
-LONGEST_S = 3600.0  # of longer missions this time is tried [s]
+LONGEST_S = 3600.0  # a trial of a longer mission ends at this time [s]
 
 
 class TrackDeviation(NamedTuple):
@@ -61,24 +61,24 @@ def _deviation(quantity: str, errors: Floats, time: Floats) -> TrackDeviation:
 
 
 def _deviations_of(
-    vehicle: Vehicle, trajectory: Trajectory, i: int, station: Floats
+    vehicle: Vehicle, trajectory: Trajectory, i: int, station_error: Floats
 ) -> list[TrackDeviation]:
-    """Where vehicle i is off by more than is usual; `station` are its distances from its station,
-    shape (n,), [m].
+    """Where vehicle i is off by more than is usual; `station_error` is its distance from its
+    station, shape (n,), [m]; without one it is not read.
     """
     time = trajectory.time
     if isinstance(vehicle, Follower) and vehicle.station:
-        joined = int(np.argmax(station < JOINED_M))
-        deviation = _deviation("its station", station[joined:], time[joined:])
+        joined = int(np.argmax(station_error < JOINED_M))
+        deviation = _deviation("its station", station_error[joined:], time[joined:])
         return [deviation] if deviation.largest_m > OFF_STATION_M else []
     route = route_of(vehicle, trajectory.names[i])
     on_route = time <= route.time[-1] + 1e-9
-    level = cross_track(route, time[on_route], trajectory.position[on_route, i, :2])
-    depth = np.abs(trajectory.depth[:, i] - route.depth.depth_at(time))
+    route_error = cross_track(route, time[on_route], trajectory.position[on_route, i, :2])
+    depth_error = np.abs(trajectory.depth[:, i] - route.depth.depth_at(time))
     deviations = []
     for errors, bound, quantity in (
-        (level, OFF_ROUTE_M, "its route"),
-        (depth, OFF_DEPTH_M, "its depth"),
+        (route_error, OFF_ROUTE_M, "its route"),
+        (depth_error, OFF_DEPTH_M, "its depth"),
     ):
         deviation = _deviation(quantity, errors, time)
         if deviation.largest_m > bound:
@@ -107,8 +107,8 @@ def _on_trial(followers: Iterable[Follower]) -> list[Follower]:
 
 def needs_trial(motion: MotionSettings) -> bool:
     """Whether a mission has rigid bodies with other hulls than the project's own."""
-    customs = is_custom(motion.plan.leader) or bool(_on_trial(motion.plan.followers))
-    return motion.kind == "physics" and customs
+    any_custom = is_custom(motion.plan.leader) or bool(_on_trial(motion.plan.followers))
+    return motion.kind == "physics" and any_custom
 
 
 def _trial_scenario(scenario: Scenario) -> Scenario:

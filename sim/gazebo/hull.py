@@ -25,7 +25,7 @@ from sim.gazebo.document import (
     uuv_advice,
 )
 from sim.gazebo.frames import SdfModel
-from sim.vehicle.hull_file import EffectorPart, HullFile, Number
+from sim.vehicle.hull_file import EffectorPart, HullFile, SourcedValues
 from sim.water.waves import GRAVITY
 
 HYDRODYNAMICS = ("Hydrodynamics", hydrodynamics.TETHYS)
@@ -311,7 +311,7 @@ def _numerics(
     length: float,
     diameter: float,
     remarks: Remarks,
-) -> dict[str, Number]:
+) -> dict[str, SourcedValues]:
     origin = "gz-sim's Hydrodynamics"
     count = 10
     strips = length * ((np.arange(count) + 0.5) / count - 0.5)

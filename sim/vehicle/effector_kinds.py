@@ -37,8 +37,8 @@ class Effector(RecordFields):
     lift_area: float
     place: Annotated[Floats, (3,)]  # of the site, in the body frame [m]
     parameters: Annotated[Floats, (MAX_PARAMETERS,)]  # values of the numeric
-    points: int
-    curve: Annotated[Floats, (MAX_CURVE_POINTS, 2)]  # states and thrusts [N]
+    points: int  # of the curve that are used
+    curve: Annotated[Floats, (MAX_CURVE_POINTS, 2)]  # states and thrusts [N], by rising state
 
 
 EFFECTOR = row_dtype(Effector)
@@ -52,7 +52,7 @@ class HullFlow(NamedTuple):
     density: float  # [kg/m³]
     gravity: float  # [m/s²]
     velocity: Vector  # of the hull relative to the water [m/s]
-    spin: Vector  # likewise [rad/s]
+    spin: Vector  # angular velocity of the hull relative to the water [rad/s]
     up: Vector  # unit vector against gravity
 
 
@@ -256,7 +256,7 @@ class CurveThruster(EffectorKind):
 def propeller_load(
     parameters: Floats, density: float, rate: float, inflow: float
 ) -> tuple[float, float]:
-    """Thrust, less its deduction [N], and torque on the hull [N m] (Fossen 2021, chapter 9).
+    """Thrust, less the thrust deduction [N], and torque on the hull [N m] (Fossen 2021, chapter 9).
 
     K_T and K_Q fall linearly with J = (1 − w) u / (n D), with `rate` n [1/s] and `inflow` u, the
     speed of the propeller along its axis [m/s]. Astern, and in water from behind, they are those of
@@ -348,7 +348,7 @@ def fin_force(record: Effector, density: float, deflection: float, local: Vector
     value there (an assumption). Along the flow acts ½ρ S C_D0 U².
     """
     e = record.force
-    p = record.parameters
+    p = record.parameters  # those of `Fin`: S, a, stall angle, C_D0
     u = local[0]
     across = local[0] * e[0] + local[1] * e[1] + local[2] * e[2]
     in_plane_squared = u * u + across * across
@@ -382,6 +382,8 @@ def foil_force(record: Effector, density: float, deflection: float, local: Vecto
     squared cosine of the sweep. α is the incidence of the flow on the deflected chord.
     """
     e = record.force
+    # those of `Foil`: S, C_Lα, stall angle, C_Lα beyond it, incidence at no deflection, C_Dα, C_Dα
+    # beyond the stall angle, 1 if it acts in flow from behind
     p = record.parameters
     ahead_speed = local[0]
     across = local[0] * e[0] + local[1] * e[1] + local[2] * e[2]

@@ -83,7 +83,7 @@ def _kind_named(suffix: str, where: str) -> EffectorKind:
             f"{where}: unknown kind of effector {suffix!r}; available: {available}, and "
             "module:Class of a plugin"
         )
-    # of "module" alone the class with this method is meant
+    # a name without a class, "module", means the class in it that has this method
     kind_class: type[EffectorKind] = find_class("effector", suffix, "load")
     if not (isinstance(kind_class, type) and issubclass(kind_class, EffectorKind)):
         raise LaisnError(f"{where}: {suffix} must be derived from laisn_sim.EffectorKind")
@@ -203,8 +203,8 @@ def read(model: mujoco.MjModel, vehicles: Sequence[VehicleIds]) -> npt.NDArray[n
 
 
 def read_fixed(model: mujoco.MjModel, vehicles: Sequence[VehicleIds]) -> npt.NDArray[np.void]:
-    """Fixed fins of vehicles, from a compiled model: likewise, with limits of zero, shape (v,
-    q).
+    """Fixed fins of vehicles, from a compiled model: records and errors as of `read`, with limits
+    of zero, shape (v, q).
     """
     fixed = [
         (owner, suffix)
@@ -276,8 +276,8 @@ class Hinge:
 
     effector: int  # index among the vehicle's effectors
     geom: int
-    axis: Floats
-    still: Floats  # attitude of the geom at no deflection
+    axis: Floats  # shape (3,)
+    undeflected: Floats  # quaternion (w, x, y, z) of the geom at no deflection
 
 
 class MovingFins:
@@ -299,7 +299,9 @@ class MovingFins:
                 )
                 axis = np.cross((1.0, 0.0, 0.0), push)
                 orientation = model.geom_quat[geom].copy()
-                self.hinges.append(Hinge(effector=number, geom=geom, axis=axis, still=orientation))
+                self.hinges.append(
+                    Hinge(effector=number, geom=geom, axis=axis, undeflected=orientation)
+                )
 
     def __bool__(self) -> bool:
         return bool(self.hinges)
@@ -311,7 +313,7 @@ class MovingFins:
         for hinge in self.hinges:
             orientation = np.zeros(4)
             mujoco.mju_axisAngle2Quat(orientation, hinge.axis, float(state[hinge.effector]))
-            mujoco.mju_mulQuat(self._model.geom_quat[hinge.geom], orientation, hinge.still)
+            mujoco.mju_mulQuat(self._model.geom_quat[hinge.geom], orientation, hinge.undeflected)
 
 
 @compiled

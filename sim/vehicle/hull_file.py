@@ -25,7 +25,7 @@ from laisn.errors import LaisnError
 from sim.water.waves import GRAVITY
 
 DENSITY = 1026.0  # of sea water, where nothing else is given [kg/m³]
-Number = tuple[npt.ArrayLike, str]  # values, and where they come from
+SourcedValues = tuple[npt.ArrayLike, str]  # values, and their formula or source
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +40,7 @@ class EffectorPart:
     source: str  # of limits, lag and parameters
     # of its numeric: "curve", "propeller", "fin", "foil"; empty: a thruster, of thrust [N]
     suffix: str = ""
-    parameters: tuple[float, ...] = ()
+    parameters: tuple[float, ...] = ()  # values of the numeric, in the order of its kind
     # half chord and half span of the box that shows a fin [m]
     blade: tuple[float, float] | None = None
 
@@ -52,13 +52,13 @@ class HullFile:
     name: str
     about: str  # where it comes from, for the head of the file
     length: float  # for looks and places of instruments [m]
-    diameter: float
-    mass: Number  # [kg]
-    inertia: Number  # about the centre of gravity: xx, yy, zz, or with xy, xz, yz [kg m²]
-    centre: Number  # of gravity, in the body frame [m]
-    numerics: dict[str, Number]  # by the names of `sim.vehicle.mjcf.NUMERICS`
+    diameter: float  # likewise [m]
+    mass: SourcedValues  # [kg]
+    inertia: SourcedValues  # about the centre of gravity: xx, yy, zz, or with xy, xz, yz [kg m²]
+    centre: SourcedValues  # of gravity, in the body frame [m]
+    numerics: dict[str, SourcedValues]  # by the names of `sim.vehicle.mjcf.NUMERICS`
     effectors: Sequence[EffectorPart]
-    # of looks and instruments, in the body frame [m]
+    # place about which looks and instruments are laid out, in the body frame [m]
     middle: npt.ArrayLike = (0.0, 0.0, 0.0)
     digits: int = 6  # of the numbers in the file
 
@@ -106,13 +106,15 @@ FIN_SIZE = 0.136
 # roll inertia over mass times radius squared: geometric mean of REMUS 100 (0.64), LAUV (0.5),
 # Tethys (0.88) and Sparus II (0.61); a cylinder has 0.5, a tube 1
 ROLL_INERTIA = 0.64
+# drag coefficients: of the hull on its frontal area, of a cylinder and of a plate across the flow
 _DRAG = 0.42
 _CROSS_FLOW = 1.1
 _PLATE = 1.2
+# thrust and torque coefficient of the propeller: at J = 0, and the slope over J
 _K_T = (0.4566, -0.41737)
 _K_Q = (0.0700, -0.058504)
-_WAKE = 0.056
-_DEDUCTION = 0.1
+_WAKE = 0.056  # wake fraction
+_DEDUCTION = 0.1  # thrust deduction
 
 
 def lamb_factors(length: float, diameter: float) -> tuple[float, float, float]:
@@ -133,13 +135,15 @@ def helmbold_slope(aspect: float) -> float:
     return float(2.0 * np.pi * aspect / (2.0 + np.sqrt(4.0 + aspect**2)))
 
 
-def _require_dimensions(length: float, diameter: float, mass: float, screw: float) -> None:
-    """LaisnError unless they are those of a slender neutral hull and its propeller."""
+def _require_dimensions(
+    length: float, diameter: float, mass: float, propeller_diameter: float
+) -> None:
+    """LaisnError unless they are those of a slender neutral hull and its propeller [m], [kg]."""
     for name, value in (
         ("length", length),
         ("diameter", diameter),
         ("mass", mass),
-        ("propeller", screw),
+        ("propeller", propeller_diameter),
     ):
         if not 0.0 < value < np.inf:
             raise LaisnError(f"{name}: expected a positive number (given: {value:g})")
@@ -154,6 +158,7 @@ def _require_dimensions(length: float, diameter: float, mass: float, screw: floa
             f"length {length:g} m, diameter {diameter:g} m: the formulas are those of slender "
             f"hulls, at least three times as long as thick, and at most {largest:g} times"
         )
+    # mass of the water in the cylinder of length and diameter [kg]
     cylinder = DENSITY * np.pi * diameter**2 / 4.0 * length
     if not FULLNESS[0] <= mass / cylinder <= FULLNESS[1]:
         low, high = (share * cylinder for share in FULLNESS)
@@ -162,20 +167,22 @@ def _require_dimensions(length: float, diameter: float, mass: float, screw: floa
             f"{high:.3g} kg"
         )
     smallest, widest = (share * diameter for share in PROPELLERS)
-    if screw > widest:
+    if propeller_diameter > widest:
         raise LaisnError(
-            f"propeller {screw:g} m: at most twice the diameter of the hull, {widest:g} m"
+            f"propeller {propeller_diameter:g} m: at most twice the diameter of the hull, "
+            f"{widest:g} m"
         )
-    if screw < smallest:
+    if propeller_diameter < smallest:
         raise LaisnError(
-            f"propeller {screw:g} m: at least {PROPELLERS[0]:g} of the diameter of the hull, "
-            f"{smallest:g} m"
+            f"propeller {propeller_diameter:g} m: at least {PROPELLERS[0]:g} of the diameter of "
+            f"the hull, {smallest:g} m"
         )
 
 
 def _transverse_share(fullness: float) -> float:
-    """Transverse inertia over m (a² + b²): 1/5 of a spheroid, which fills 2/3 of its cylinder, to
-    1/3 of the cylinder.
+    """Transverse inertia over m (a² + b²), a half the length, b half the diameter: from 1/5, of a
+    spheroid, which fills 2/3 of its cylinder, to 1/3, of the cylinder. `fullness` is the mass over
+    that of the water in the cylinder.
     """
     excess = max(fullness - 2.0 / 3.0, 0.0) * 3.0
     return 0.2 + (1.0 / 3.0 - 0.2) * excess
@@ -200,8 +207,8 @@ def from_dimensions(
     Raises:
         LaisnError: the dimensions are not those of a slender neutral hull.
     """
-    screw = 0.7 * diameter if propeller is None else propeller
-    _require_dimensions(length, diameter, mass, screw)
+    propeller_diameter = 0.7 * diameter if propeller is None else propeller
+    _require_dimensions(length, diameter, mass, propeller_diameter)
     cylinder = DENSITY * np.pi * diameter**2 / 4.0 * length
     a = length / 2
     b = diameter / 2
@@ -218,13 +225,13 @@ def from_dimensions(
             yaw_factor * inertia,
         ]
     )
-    drop = 0.1 * diameter
-    area = 0.7 * length * diameter
+    drop = 0.1 * diameter  # of the centre of gravity below that of buoyancy [m]
+    area = 0.7 * length * diameter  # reference area of the hull's drag and lift [m²]
     rigid = [mass, mass, mass, roll_inertia + mass * drop**2, inertia + mass * drop**2, inertia]
     total_inertia = added + np.array(rigid)
     weight = mass * GRAVITY
     roll_rate, pitch_rate = np.sqrt(weight * drop / total_inertia[3:5])
-    linear = total_inertia * [
+    linear_damping = total_inertia * [
         1 / 20,
         1 / 20,
         1 / 20,
@@ -232,21 +239,21 @@ def from_dimensions(
         2 * 0.8 * pitch_rate,
         1.0,
     ]
-    frontal = _DRAG * np.pi * b**2 / area
+    drag_coefficient = _DRAG * np.pi * b**2 / area
     aspect = diameter**2 / area
-    lift = np.pi * aspect / (1.0 + np.sqrt(1.0 + (aspect / 2.0) ** 2))
+    lift_slope = np.pi * aspect / (1.0 + np.sqrt(1.0 + (aspect / 2.0) ** 2))
 
     n = 10
     ends = np.linspace(-1.0, 1.0, n + 1)
     side = np.diff(ends * np.sqrt(1.0 - ends**2) + np.arcsin(ends)) * a * b  # of the spheroid
-    slope = helmbold_slope(2.0 * FIN_ASPECT)
+    fin_slope = helmbold_slope(2.0 * FIN_ASPECT)
     fin_x = -0.45 * length
-    pair = FIN_SIZE * length * diameter / slope
-    span = float(np.sqrt(FIN_ASPECT * pair / 2.0))
-    middle = 0.6 * b + span / 2.0
-    rolling = 4 * 0.5 * DENSITY * _PLATE * pair / 2.0 * middle**3
+    pair_area = FIN_SIZE * length * diameter / fin_slope  # of two fins [m²]
+    span = float(np.sqrt(FIN_ASPECT * pair_area / 2.0))
+    mid_span = 0.6 * b + span / 2.0  # distance of the middle of a fin from the axis [m]
+    roll_damping = 4 * 0.5 * DENSITY * _PLATE * pair_area / 2.0 * mid_span**3
 
-    numerics: dict[str, Number] = {
+    numerics: dict[str, SourcedValues] = {
         "added_mass": (
             np.diag(added),
             "6×6 by rows [kg], [kg m²]: Lamb's factors of the spheroid of L and D, times mass and "
@@ -255,7 +262,7 @@ def from_dimensions(
         ),
         "munk_factor": (1.0, "[-]: all Coriolis and Munk terms, as of potential flow"),
         "linear_damping": (
-            linear,
+            linear_damping,
             "[N s/m], [N m s]: time constants 20 s in surge, sway, heave, 1 s in yaw; relative "
             "damping 0.3 in roll, 0.8 in pitch (low speeds; Fossen's remus100)",
         ),
@@ -264,7 +271,7 @@ def from_dimensions(
             "[s/m]: fades as exp(−3 U), where drag and lift take over",
         ),
         "quadratic_damping": (
-            (0, 0, 0, rolling, 0, 0),
+            (0, 0, 0, roll_damping, 0, 0),
             "[N m s²]: fins as plates across the flow of roll, coefficient 1.2 (Hoerner 1965), at "
             "mid span",
         ),
@@ -273,7 +280,7 @@ def from_dimensions(
         "displaced_inertia": (inertia, "[kg m²]: displaced water, as that of the hull"),
         "hull_radius": (b, "[m]: D / 2"),
         "hull_lift": (
-            (area, frontal, lift),
+            (area, drag_coefficient, lift_slope),
             "area 0.7 L D [m²]; drag 0.42 on the frontal area (Allen et al. 2000); slope π A / (1 "
             "+ √(1 + A²/4)) [1/rad], A = D² / area (Beard and McLain 2012)",
         ),
@@ -282,14 +289,14 @@ def from_dimensions(
         "strip_x": (a * (ends[1:] + ends[:-1]) / 2.0, f"[m]: middles of {n} equal lengths"),
         "strip_area": (side, "[m²]: side view of the spheroid, length by length"),
     }
-    load = 0.5 * DENSITY * area * frontal * TOP_SPEED**2
+    drag = 0.5 * DENSITY * area * drag_coefficient * TOP_SPEED**2
 
-    # thrust a n² + b n of the propeller at the top speed equals the load
-    square = (1.0 - _DEDUCTION) * DENSITY * screw**4 * _K_T[0]
+    # thrust quadratic n² + linear n of the propeller at the top speed equals the drag
+    quadratic = (1.0 - _DEDUCTION) * DENSITY * propeller_diameter**4 * _K_T[0]
     inflow = (1.0 - _WAKE) * TOP_SPEED
-    proportional = (1.0 - _DEDUCTION) * DENSITY * screw**3 * _K_T[1] * inflow
-    root = float(np.sqrt(proportional**2 + 4.0 * square * load))
-    rate = (root - proportional) / (2.0 * square)
+    linear = (1.0 - _DEDUCTION) * DENSITY * propeller_diameter**3 * _K_T[1] * inflow
+    root = float(np.sqrt(linear**2 + 4.0 * quadratic * drag))
+    rate = (root - linear) / (2.0 * quadratic)
     parts = [
         EffectorPart(
             name="propeller",
@@ -298,7 +305,7 @@ def from_dimensions(
             limits=(-rate, rate),
             lag=1.0,
             suffix="propeller",
-            parameters=(screw, *_K_T, *_K_Q, _WAKE, _DEDUCTION, 1.0),
+            parameters=(propeller_diameter, *_K_T, *_K_Q, _WAKE, _DEDUCTION, 1.0),
             source=f"state [1/s], up to that for {TOP_SPEED:g} m/s; diameter [m], K_T and K_Q "
             "falling linearly with J "
             "(Wageningen B, 3 blades, as in Fossen's remus100), wake fraction 0.056 (Allen et al. "
@@ -306,21 +313,23 @@ def from_dimensions(
             "deduction 0.1, all of the torque on the hull; lag 1 s (remus100)",
         )
     ]
-    begin = 45.0 if fins == "x" else 0.0
+    first_angle = 45.0 if fins == "x" else 0.0  # of the port fin, from port upwards [°]
     for name, angle in zip(
-        ("port", "top", "starboard", "bottom"), np.deg2rad(begin + 90.0 * np.arange(4)), strict=True
+        ("port", "top", "starboard", "bottom"),
+        np.deg2rad(first_angle + 90.0 * np.arange(4)),
+        strict=True,
     ):
         # the fins of a pair push the same way
         push = angle + np.pi / 2.0 if name in ("port", "bottom") else angle - np.pi / 2.0
         parts.append(
             EffectorPart(
                 name=f"fin_{name}",
-                position=(fin_x, middle * float(np.cos(angle)), middle * float(np.sin(angle))),
+                position=(fin_x, mid_span * float(np.cos(angle)), mid_span * float(np.sin(angle))),
                 axis=(0.0, float(np.cos(push)), float(np.sin(push))),
                 limits=(-0.35, 0.35),
                 lag=0.1,
                 suffix="fin",
-                parameters=(pair / 2.0, slope, 0.44, 0.01),
+                parameters=(pair_area / 2.0, fin_slope, 0.44, 0.01),
                 blade=(span / FIN_ASPECT / 2.0, span / 2.0),
                 source=f"state [rad]; area [m²]: the pair has a lift slope of {FIN_SIZE:g} L D, "
                 "the mean of three published vehicles; slope "
@@ -332,8 +341,8 @@ def from_dimensions(
     return HullFile(
         name="hull",
         about=f"Estimated: laisn hull, length {length:g} m, diameter {diameter:g} m, mass {mass:g} "
-        f"kg, fins {fins}, "
-        f"propeller {screw:g} m. Each number has its formula; replace it by a measured one.",
+        f"kg, fins {fins}, propeller {propeller_diameter:g} m. Each number has its formula; "
+        "replace it by a measured one.",
         length=length,
         diameter=diameter,
         mass=(mass, "as given; neutral in sea water"),

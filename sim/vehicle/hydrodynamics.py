@@ -44,17 +44,19 @@ from sim.water.environment import Environment, SeaInstant, elevation_at, flow, s
 
 
 @inlined
-def _damp(c: Coefficients, i: int, speed: float, rate: float, left: float) -> tuple[float, float]:
-    """Damping along or about an axis, and the share of the linear one that is left; `left` is of
-    the axis before.
+def _damp(c: Coefficients, i: int, speed: float, rate: float, faded: float) -> tuple[float, float]:
+    """Damping along or about axis i, and the factor exp(−fade U) of the linear one.
+
+    `rate` is the velocity along the axis or the rate about it, `speed` U, `faded` the factor of the
+    axis before.
     """
     fade = c.linear_damping_fade
-    # mostly that of the axis before, or none
+    # the fade of an axis is mostly that of the axis before, or 0
     if i == 0 or any_lane(fade[i] != fade[i - 1]):
-        left = 1.0
+        faded = 1.0
         if any_lane(fade[i] != 0.0):
-            left = np.exp(-fade[i] * speed)
-    return -(c.linear_damping[i] * left + c.quadratic_damping[i] * abs(rate)) * rate, left
+            faded = np.exp(-fade[i] * speed)
+    return -(c.linear_damping[i] * faded + c.quadratic_damping[i] * abs(rate)) * rate, faded
 
 
 @compiled
@@ -63,12 +65,12 @@ def damping(c: Coefficients, v: Vector, w: Vector) -> tuple[Vector, Vector]:
     axis.
     """
     speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    surge, left = _damp(c, 0, speed, v[0], 1.0)
-    sway, left = _damp(c, 1, speed, v[1], left)
-    heave, left = _damp(c, 2, speed, v[2], left)
-    roll, left = _damp(c, 3, speed, w[0], left)
-    pitch, left = _damp(c, 4, speed, w[1], left)
-    yaw, _ = _damp(c, 5, speed, w[2], left)
+    surge, faded = _damp(c, 0, speed, v[0], 1.0)
+    sway, faded = _damp(c, 1, speed, v[1], faded)
+    heave, faded = _damp(c, 2, speed, v[2], faded)
+    roll, faded = _damp(c, 3, speed, w[0], faded)
+    pitch, faded = _damp(c, 4, speed, w[1], faded)
+    yaw, _ = _damp(c, 5, speed, w[2], faded)
     return (surge, sway, heave), (roll, pitch, yaw)
 
 
@@ -290,14 +292,15 @@ def wrench(
     force = plus(force, terms[0])
     moment = plus(moment, terms[1])
     # B ρ(z)/ρ_0: a hull that dives into denser water becomes lighter there
-    buoyancy = c.buoyancy * sea.water.share_at(-position[2], c.density)
+    buoyancy = c.buoyancy * sea.water.relative_density_at(-position[2], c.density)
     # Froude-Krylov, ρ V Du/Dt with Du/Dt = du/dt − ∇u (ẋ − u): the pressure that accelerates the
     # water particles acts on the hull in their place, along their own path, not along the hull's
-    particle = minus(water.rate, matvec(gradient, minus(velocity, water.velocity)))
-    displaced = scaled(buoyancy / c.gravity, matvec(to_body, particle))
+    particle_acceleration = minus(water.rate, matvec(gradient, minus(velocity, water.velocity)))
+    displaced = scaled(buoyancy / c.gravity, matvec(to_body, particle_acceleration))
     force = plus(force, displaced)
-    squeeze = cross(axis, water.axis_acceleration_gradient)
-    moment = plus(moment, scaled(c.displaced_inertia, matvec(to_body, squeeze)))
+    # likewise its moment: the water along the hull is accelerated as if it turned with this rate
+    turning_acceleration = cross(axis, water.axis_acceleration_gradient)
+    moment = plus(moment, scaled(c.displaced_inertia, matvec(to_body, turning_acceleration)))
 
     # f = R (s f + thrust) + s B z, and m less the moment of the buoyancy that dry strips lack
     share, dry_arm = immersion(c, position, axis, sea)

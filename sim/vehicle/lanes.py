@@ -25,7 +25,7 @@ from sim.water.densities import UniformDensity
 from sim.water.environment import Environment
 from sim.water.waves import CalmSurface, LaneWaves, WaveTrain
 
-FEW = 2  # vehicles that move faster one after the other
+FEW = 2  # so many vehicles, or fewer, move faster one after the other than in lanes
 
 method_by_type("surface_of_lanes")
 
@@ -82,21 +82,21 @@ class LaneMotion(NamedTuple):
     twist: Floats
     states: Floats  # of the effectors
     acceleration: Floats
-    solved: Floats
+    solved: Floats  # as of `DirectSolver`, shape (r, 6, LANES)
     last_pose: Floats  # valid ones
     last_twist: Floats
-    command: Floats
+    command: Floats  # shape (r, m, LANES), as the next; of both see `update_states`
     response: Floats
     coefficients: Records  # shape (r,), as is that of the bodies
     effectors: Records
     bodies: Records
-    lower: Floats  # room of the solver, shapes (6, 6, LANES) and (6, LANES)
+    lower: Floats  # of the solver's `Room`, shapes (6, 6, LANES) and (6, LANES)
     load: Floats
     surface: Floats  # current at the surface, and its change with z, shape (2, LANES)
     shear: Floats
     change: Floats  # of the current, the same in all lanes
     waves: CalmMemory | WaveMemory
-    clock: Floats
+    clock: Floats  # as of `StepHandles`, as the next
     warnings: Ints
 
 
@@ -209,7 +209,9 @@ class _Rest(NamedTuple):
 
 @compiled
 def _take(values: Floats, vehicles: Ints, out: Floats) -> None:
-    """Copy rows of vehicles, shape (r, LANES), to their lanes."""
+    """Copy rows of values, shape (v, c), to the lanes of `out`, shape (r, c, LANES); `vehicles` are
+    the numbers of their rows, shape (r, LANES).
+    """
     for i in range(out.shape[0]):
         for lane in range(LANES):
             vehicle = vehicles[i, lane]
@@ -230,9 +232,9 @@ def _give(values: Floats, vehicles: Ints, out: Floats) -> None:
 class FleetHandles(NamedTuple):
     """`StepHandles` of a plant some of whose vehicles move side by side."""
 
-    alone: StepHandles  # of all vehicles
+    alone: StepHandles  # of all vehicles, to move one after the other
     memory: LaneMotion
-    vehicles: Ints  # in each lane, shape (r, LANES)
+    vehicles: Ints  # number of the vehicle in each lane, shape (r, LANES)
     rest: _Rest
 
     @compiled

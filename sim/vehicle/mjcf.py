@@ -34,7 +34,7 @@ class VehicleSetup:
     place.
     """
     transmitters: Mapping[str, tuple[int, float]] = field(default_factory=dict)
-    """The same of a leader's transmitters, as of `transmitter_places`."""
+    """What is changed of the places of a leader's transmitters, as of `transmitter_places`."""
 
 
 class VehicleIds(NamedTuple):
@@ -70,7 +70,7 @@ def compose(
     return spec
 
 
-_GROUP = 16  # vehicles that are attached together
+_GROUP = 16  # largest number of vehicles that are attached together
 
 
 def _groups(setups: Sequence[VehicleSetup]) -> Iterator[list[VehicleSetup]]:
@@ -145,6 +145,7 @@ def transmitter_places(leader: vehicles.Leader) -> dict[str, tuple[int, float]]:
 
 
 def _edited(setup: VehicleSetup, with_geoms: bool) -> mujoco.MjSpec:
+    """A vehicle's own MJCF with all that its setup changes."""
     spec = spec_of(setup.model, with_geoms)
     hull = spec.body("hull")
     settings = setup.settings
@@ -211,8 +212,8 @@ SEA_WATER = 1026.0  # density at which a hull's buoyancy holds unless its file s
 class Coefficients(RecordFields):
     """What the water does to one vehicle; units are those of NUMERICS and OPTIONAL.
 
-    Buoyancy and inertia of the displaced water are those in the world's density, where that depends
-    on depth, in that at one depth; `density` is the same.
+    Buoyancy and inertia of the displaced water hold in water of `density`: that of the world, or,
+    where this depends on depth, its value at one depth.
     """
 
     # numerics of its MJCF, damping as its diagonal; docs/vehicles.md says what each means
@@ -242,7 +243,7 @@ class Coefficients(RecordFields):
     cross_flow_root: Annotated[Floats, (2,)]  # cube roots of `cross_flow_drag`
 
 
-RECORD = row_dtype(Coefficients)
+COEFFICIENTS = row_dtype(Coefficients)
 
 _UNITS = {
     "added_mass": "kg, kg m, kg m²",
@@ -259,7 +260,7 @@ _UNITS = {
     "strip_x": "m",
     "strip_area": "m²",
 }
-NUMERICS = {name: (RECORD[name].shape, unit) for name, unit in _UNITS.items()}
+NUMERICS = {name: (COEFFICIENTS[name].shape, unit) for name, unit in _UNITS.items()}
 """Coefficients of an MJCF: shape and unit; strips may be fewer."""
 
 OPTIONAL: dict[str, tuple[tuple[int, ...], str, tuple[float, ...]]] = {
@@ -285,11 +286,11 @@ def read_coefficients(
     """Hydrodynamic coefficients of vehicles by name in a compiled model, in water of a density, or
     of one for each [kg/m³].
 
-    Records of RECORD, shape (v,), read-only. LaisnError if a numeric is missing, of the wrong size
-    or of a sign that it cannot have, strips lack a position or an area, or the added mass is not
-    symmetric positive semidefinite.
+    Records of COEFFICIENTS, shape (v,), read-only. LaisnError if a numeric is missing, of the wrong
+    size or of a sign that it cannot have, strips lack a position or an area, or the added mass is
+    not symmetric positive semidefinite.
     """
-    records = np.zeros(len(names), RECORD)
+    records = np.zeros(len(names), COEFFICIENTS)
     sizes = dict[str, int]()
     densities = np.broadcast_to(np.asarray(density, dtype=np.float64), len(names)).tolist()
     for record, name, water_density in zip(records, names, densities, strict=True):
@@ -348,18 +349,19 @@ def _displace(record: np.void, model: mujoco.MjModel, name: str) -> None:
     """Bring buoyancy and inertia of the displaced water to the density of the world, in place, and
     trim the vehicle as its setup does.
     """
-    share = record["density"] / record["buoyancy_density"]
-    record["displaced_inertia"] *= share
+    density_ratio = record["density"] / record["buoyancy_density"]
+    record["displaced_inertia"] *= density_ratio
     neutral = numeric(model, f"{name}/neutral")
     if neutral is not None and neutral[0]:
         record["buoyancy"] = model.body(f"{name}/hull").mass[0] * record["gravity"]
     else:
-        record["buoyancy"] *= share
+        record["buoyancy"] *= density_ratio
     excess = numeric(model, f"{name}/excess_buoyancy")
     record["buoyancy"] += 0.0 if excess is None else excess[0]
 
 
 def _take_roots(records: npt.NDArray[np.void]) -> None:
+    """Write `cross_flow_root` by `cross_flow_drag`."""
     for root, drag in zip(records["cross_flow_root"], records["cross_flow_drag"], strict=True):
         # not all at once: NumPy's powers of arrays round otherwise than compiled code's of numbers
         root[:] = [float(value) ** (1 / 3) for value in drag]

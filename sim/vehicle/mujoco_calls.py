@@ -81,7 +81,7 @@ def _step(calls: Calls) -> None:
         call_address(stage, calls.model, calls.data)
 
 
-def steps_differ() -> float:
+def largest_step_difference() -> float:
     """Largest difference of positions and velocities after two steps by stages and by `mj_step`.
 
     A body with products of inertia and an offset centre of gravity tumbles under a constant load,
@@ -118,7 +118,7 @@ def _require_tested() -> None:
     verdict = _verdict_file()
     if verdict is not None and verdict.exists():
         return
-    difference = steps_differ()
+    difference = largest_step_difference()
     if not difference == 0.0:
         raise LaisnError(
             f"MuJoCo {mujoco.__version__}: a step by its stages differs from mj_step "

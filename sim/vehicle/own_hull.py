@@ -20,9 +20,11 @@ from sim.vehicle import effectors, mjcf
 from sim.vehicle.effector_kinds import MAX_EFFECTORS
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 
+# what in a text refers to other files, or to plugins of MuJoCo
 _FILES = re.compile(
     r"<!DOCTYPE|<include\b|\b(?:file|file\w+|assetdir|meshdir|texturedir|plugin)\s*=", re.IGNORECASE
 )
+# elements that a hull may have
 _ELEMENTS = {
     "mujoco",
     "compiler",
@@ -50,8 +52,8 @@ _ELEMENTS = {
 }
 _MAX_NUMBER = 1e9  # largest size of a number
 _LIMITS = {("numeric", "size"): 1000, ("mesh", "params"): 64}
-"""Largest numbers of attributes by which MuJoCo makes room for values, and facets or
-subdivisions.
+"""Largest value of an attribute by which MuJoCo reserves memory, by element and attribute: the
+number of values of a numeric, of facets or subdivisions of a mesh.
 """
 _MAX_ELEMENTS = {"mesh": 20, "geom": 200, "site": 200}
 """Largest number of elements of a kind: each mesh takes memory, and MuJoCo moves each site at
@@ -97,15 +99,15 @@ def _unexpected(text: str) -> Iterator[str]:
     for tag, largest in _MAX_ELEMENTS.items():
         if counts[tag] > largest:
             yield f"has {counts[tag]} elements <{tag}>, at most {largest}"
-    sea = next(ElementTree.parse(models.path("ocean")).iter("option"))
+    sea_options = next(ElementTree.parse(models.path("ocean")).iter("option"))
     for element in elements:
         for name, value in element.items():
             quoted = f"<{element.tag} {name}={value[:40]!r}>"
             bound = _LIMITS.get((element.tag, name), _MAX_NUMBER)
             if not _within(value, bound):
                 yield f"{quoted} must be finite and within ±{bound:g}"
-            if element.tag == "option" and value.split() != sea.get(name, "").split():
-                yield f"{quoted} is a property of the sea: {sea.get(name, 'leave it out')}"
+            if element.tag == "option" and value.split() != sea_options.get(name, "").split():
+                yield f"{quoted} is a property of the sea: {sea_options.get(name, 'leave it out')}"
 
 
 def _faults(spec: mujoco.MjSpec, role: str) -> Iterator[str]:
@@ -159,11 +161,11 @@ def _numeric_faults(spec: mujoco.MjSpec) -> Iterator[str]:
         numeric = spec.numeric(name)
         if numeric is not None and (fault := mjcf.numeric_error(name, int(numeric.size))):
             yield fault
-    meanings = mjcf.NUMERICS | mjcf.OPTIONAL
+    known_numerics = mjcf.NUMERICS | mjcf.OPTIONAL
     for numeric in spec.numerics:
         # those of effectors have a point: rudder.fin
-        if numeric.name not in meanings and "." not in numeric.name:
-            available = ", ".join(meanings)
+        if numeric.name not in known_numerics and "." not in numeric.name:
+            available = ", ".join(known_numerics)
             yield f"<numeric name={numeric.name[:40]!r}> has no meaning; available: {available}"
 
 
@@ -180,8 +182,8 @@ def _body_faults(spec: mujoco.MjSpec) -> Iterator[str]:
         yield "there may be no body beside 'hull'"
 
 
-def _compiled(text: str) -> Iterator[str]:
-    """What keeps a hull that has all parts from swimming."""
+def _faults_when_compiled(text: str) -> Iterator[str]:
+    """A line for each reason why a hull that has all parts cannot be simulated."""
     try:
         model = compose(
             [VehicleSetup(name="hull", model=text, position_m=(0.0, 0.0, -10.0))]
@@ -223,4 +225,4 @@ def hull_errors(text: str, role: str) -> list[str]:
         return [f"not valid MJCF: {', '.join(str(error).splitlines()[:2])}"]
     if spec.body("hull") is None:
         return ["has no body 'hull'"]
-    return list(_faults(spec, role)) or list(_compiled(text))
+    return list(_faults(spec, role)) or list(_faults_when_compiled(text))

@@ -94,7 +94,7 @@ class _Fleet(NamedTuple):
     def coefficients_in(
         self, names: Sequence[str], densities: tuple[float, ...]
     ) -> npt.NDArray[np.void]:
-        """Coefficients of the MJCF, records of `mjcf.RECORD`, shape (v,)."""
+        """Coefficients of the MJCF, records of `mjcf.COEFFICIENTS`, shape (v,)."""
         return _kept(
             self.coefficients,
             densities,
@@ -107,8 +107,8 @@ class _Fleet(NamedTuple):
         return _kept(self.placed, starts, lambda: _at_start(self.model, setups), _MOST_MODELS)
 
 
-_MOST_KEPT = 64  # densities or designs of a fleet
-_MOST_MODELS = 8  # of a fleet
+_MOST_KEPT = 64  # largest number of entries that `coefficients` or `designs` of a fleet have
+_MOST_MODELS = 8  # the same of `placed`
 
 
 Made = TypeVar("Made")
@@ -130,15 +130,16 @@ def _kept(
 def _compiled_fleet(
     hulls: tuple[_Hull, ...], floor_depth_m: float | None, dt: float, _plugins: str
 ) -> _Fleet:
+    """See `_fleet_of`; `_plugins`, the version of plugins, is only a key of the cache."""
     spec = compose([hull.setup for hull in hulls], floor_depth_m, with_geoms=False)
     spec.option.timestep = dt
     spec.option.disableflags |= NO_CONTACT | NO_FORCES
     model = spec.compile()
     vehicles = resolve(model, [hull.setup.name for hull in hulls])
-    fitted = effectors.read(model, vehicles)
-    fixed = effectors.read_fixed(model, vehicles)
-    fitted.flags.writeable = fixed.flags.writeable = False
-    return _Fleet(model, vehicles, fitted, fixed, {}, {}, {})
+    actuated = effectors.read(model, vehicles)
+    fixed_fins = effectors.read_fixed(model, vehicles)
+    actuated.flags.writeable = fixed_fins.flags.writeable = False
+    return _Fleet(model, vehicles, actuated, fixed_fins, {}, {}, {})
 
 
 def _fleet_of(setups: Sequence[VehicleSetup], floor_depth_m: float | None, dt: float) -> _Fleet:
@@ -183,6 +184,7 @@ class Plant:
     """Owns the compiled model and its state, and steps it to second order.
 
     Attributes:
+        dt: physics step [s].
         names: of the vehicles, shape (v,).
         pose: position [m] and quaternion (w, x, y, z), shape (v, 7); a view that follows the state,
             as the next.
@@ -194,7 +196,7 @@ class Plant:
         effectors, fixed_fins: records of `sim.vehicle.effector_kinds.EFFECTOR`, shapes (v, m) and
             (v, q), zero beyond a vehicle's own; `true_effectors` has both, with the setups' scales.
         kinds: of the effectors, for compiled code.
-        coefficients: hydrodynamic coefficients of the MJCF, records of RECORD, shape (v,);
+        coefficients: hydrodynamic coefficients of the MJCF, records of COEFFICIENTS, shape (v,);
             `true_coefficients` are these with the setups' scales.
         effector_names: names of each vehicle's own.
         site_names, site_vehicle, site_offset: "vehicle/site" of all sites, shape (s,), index of the
@@ -305,8 +307,9 @@ class Plant:
     def kept_design(
         self, settings: tuple[object, ...], make: Callable[[], npt.NDArray[np.void]]
     ) -> npt.NDArray[np.void]:
-        """What is designed with such settings for hulls as their MJCF has them; it is made once for
-        plants that differ in places, speeds and scales alone, and cannot be written.
+        """A controller's gains and limits, read-only records that `make` designs by these settings
+        for the hulls as their MJCF has them; they are made once for plants that differ in places,
+        speeds and scales alone.
         """
         return _kept(self._fleet.designs, (self._densities, settings), make)
 
@@ -364,15 +367,15 @@ class Plant:
     def finish_step(self, fault: Fault) -> None:
         """Take over the time that steps have reached; PlantError if an error ended it."""
         self.data.time = self._clock[0]
-        kind, vehicle = fault
+        kind, index = fault
         if kind == OK:
             return
         if kind == MUJOCO_WARNING:
-            reason = f"MuJoCo warns: {mujoco.mjtWarning(vehicle).name}"
+            reason = f"MuJoCo warns: {mujoco.mjtWarning(index).name}"
         elif kind == NONFINITE_COMMAND:
-            reason = f"the command of {self.names[vehicle]} is not finite"
+            reason = f"the command of {self.names[index]} is not finite"
         else:
-            reason = f"the state of {self.names[vehicle]} is lost"
+            reason = f"the state of {self.names[index]} is lost"
         message = f"t = {self.time:.3f} s: {reason}; last good pose and twist by vehicle:"
         for name, pose, twist in zip(self.names, self._last_pose, self._last_twist, strict=True):
             message += (

@@ -153,15 +153,15 @@ _SMALL_ANGLE = 0.785  # below a quarter of π [rad]
 
 
 class Room(NamedTuple):
-    """Room for a lower triangle, shape (6, 6), and a load, shape (6,)."""
+    """Scratch memory of `_solve_partly_immersed`."""
 
-    lower: Floats
-    load: Floats
+    lower: Floats  # triangle L of Cholesky's factors, shape (6, 6)
+    load: Floats  # force and moment, then the accelerations, shape (6,)
 
 
 @compiled
 def _solve_partly_immersed(body: Body, c: Coefficients, share: float, room: Room) -> None:
-    """Replace a force and a moment in a room by the accelerations that they give, with a share of
+    """Replace force and moment in `room.load` by the accelerations that they give, with a share of
     the added mass: by the factors L Lᵀ of a positive definite matrix (Cholesky).
     """
     lower = room.lower
@@ -211,12 +211,12 @@ def body_acceleration(
     moment = plus(load.moment, cross(centre, matvec(to_body, weight)))
     force = minus(force, scaled(body.mass, cross(spin, cross(spin, centre))))
     m = body.inertia
-    turning = (
+    angular_momentum = (
         m[0, 0] * spin[0] + m[0, 1] * spin[1] + m[0, 2] * spin[2],
         m[1, 0] * spin[0] + m[1, 1] * spin[1] + m[1, 2] * spin[2],
         m[2, 0] * spin[0] + m[2, 1] * spin[1] + m[2, 2] * spin[2],
     )
-    moment = minus(moment, cross(spin, turning))
+    moment = minus(moment, cross(spin, angular_momentum))
     linear, angular = matrix_times(body.inverse, force, moment)
     whole = load.share == 1.0
     if not all_lanes(whole):
@@ -236,22 +236,23 @@ def _turn(pose: Floats, spin: Vector, dt: float) -> None:
     rate = np.sqrt(spin[0] * spin[0] + spin[1] * spin[1] + spin[2] * spin[2])
     half = 0.5 * rate * dt
     small = half <= _SMALL_ANGLE
-    sine, c = sin_cos_quarter(half)
+    sine, cosine = sin_cos_quarter(half)
     if not all_lanes(small):
         sine = select(small, sine, np.sin(half))
-        c = select(small, c, np.cos(half))
-    share = select(rate > 0.0, sine / select(rate > 0.0, rate, 1.0), 0.0)
-    x = share * spin[0]
-    y = share * spin[1]
-    z = share * spin[2]
+        cosine = select(small, cosine, np.cos(half))
+    # (a, b, d, e) is the attitude, (cosine, x, y, z) the turn
+    scale = select(rate > 0.0, sine / select(rate > 0.0, rate, 1.0), 0.0)
+    x = scale * spin[0]
+    y = scale * spin[1]
+    z = scale * spin[2]
     a = pose[3]
     b = pose[4]
     d = pose[5]
     e = pose[6]
-    qw = a * c - b * x - d * y - e * z
-    qx = a * x + b * c + d * z - e * y
-    qy = a * y - b * z + d * c + e * x
-    qz = a * z + b * y - d * x + e * c
+    qw = a * cosine - b * x - d * y - e * z
+    qx = a * x + b * cosine + d * z - e * y
+    qy = a * y - b * z + d * cosine + e * x
+    qz = a * z + b * y - d * x + e * cosine
     size = np.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
     pose[3] = qw / size
     pose[4] = qx / size
@@ -263,9 +264,9 @@ class DirectSolver(NamedTuple):
     """Each body's equations alone, in its own frame."""
 
     bodies: Records  # of BODY, shape (v,)
-    pose: Floats  # as of `Plant`, as are the next two
+    pose: Floats  # as of `Plant`, as is the next
     twist: Floats
-    acceleration: Floats  # of the last step, shape (v, 6)
+    acceleration: Floats  # rates of `twist` [m/s²] and [rad/s²] in the last step, shape (v, 6)
     solved: Floats  # of this step, likewise
     room: Room
     dt: float  # step [s]
@@ -319,8 +320,8 @@ def bodies_of(
     bodies = np.zeros(len(names), BODY)
     for record, name, c in zip(bodies, names, coefficients, strict=True):
         body = model.body(f"{name}/hull")
-        joint = int(model.body_dofadr[body.id])
-        armature = model.dof_armature[joint : joint + 6]
+        first_dof = int(model.body_dofadr[body.id])
+        armature = model.dof_armature[first_dof : first_dof + 6]
         reason = _unsolved(float(model.body_gravcomp[body.id]), float(np.abs(armature).max()))
         if reason:
             raise LaisnError(f"{name}: timing.engine = 'direct': {reason}")
@@ -345,7 +346,7 @@ def direct_solver_error(model: str) -> str:
 
 
 def _unsolved(gravity_compensation: float, armature: float) -> str:
-    """What of a hull MuJoCo alone takes into account; empty: nothing."""
+    """What of a hull MuJoCo alone takes into account, as the reason of an error; empty: nothing."""
     if gravity_compensation != 0.0:
         return "its hull has gravcomp, which MuJoCo alone solves; use 'mujoco'"
     if armature != 0.0:

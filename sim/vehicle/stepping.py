@@ -1,4 +1,4 @@
-"""Physics steps of vehicles that control leaves alone meanwhile, in compiled code.
+"""Physics steps of vehicles under constant commands, in compiled code.
 
 Semi-implicit Euler is a leapfrog: its velocities belong to the middles of the steps.
 Forces need those of the instant, half a step later, to which the acceleration of the step before
@@ -37,7 +37,7 @@ class StepHandles(NamedTuple):
     clock: Floats  # time and physics step [s], shape (2,)
     pose: Floats  # as of `PlantState`, in MuJoCo's memory, as the next, or in that of lanes
     twist: Floats
-    acceleration: Floats  # of `twist`, shape (v, 6)
+    acceleration: Floats  # rates of `twist` in the last step [m/s²], [rad/s²], shape (v, 6)
     response: Floats  # share of the way to its command that an effector goes in a step, (v, m)
     last_pose: Floats  # the last ones that were valid
     last_twist: Floats
@@ -65,31 +65,31 @@ def advance(handles: StepHandles, command: Floats, n_substeps: int) -> Fault:
     acceleration = h.acceleration
     clock = h.clock
     half_step = 0.5 * clock[1]
-    bad = hydrodynamics.first_row_exceeding(command, np.inf)
-    if bad >= 0:
-        return NONFINITE_COMMAND, bad
+    unusable = hydrodynamics.first_row_exceeding(command, np.inf)
+    if unusable >= 0:
+        return NONFINITE_COMMAND, unusable
     _shift(twist, acceleration, -half_step)
     for _ in range(n_substeps):
         h.solver.begin_solving()
         # forces are those of the instant, velocities those of the middle of the last step
         _shift(twist, acceleration, half_step)
-        fault = hydrodynamics.apply_water_forces(
+        lost = hydrodynamics.apply_water_forces(
             h.coefficients, pose, twist, clock[0], h.environment, h.solver, h.fitted
         )
-        if fault >= 0:
-            return DIVERGED, fault
+        if lost >= 0:
+            return DIVERGED, lost
         h.solver.end_forces()
         _shift(twist, acceleration, -half_step)
         h.solver.move_bodies()
         effectors.update_states(h.fitted, command, h.response, clock[1])
         clock[0] += clock[1]
     _shift(twist, acceleration, half_step)
-    fault = max(
+    lost = max(
         hydrodynamics.first_row_exceeding(pose, np.inf),
         hydrodynamics.first_row_exceeding(twist, hydrodynamics.DIVERGED),
     )
-    if fault >= 0:
-        return DIVERGED, fault
+    if lost >= 0:
+        return DIVERGED, lost
     for i in range(h.warnings.size):
         if h.warnings[i] > 0:
             return MUJOCO_WARNING, i

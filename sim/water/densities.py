@@ -1,7 +1,8 @@
 """Densities of the sea.
 
-A density is a NamedTuple with the methods `density_at(depth)` and `share_at(depth, reference)`, the
-density there by that in which the buoyancy of a hull holds; compiled code chooses them by its type.
+A density is a NamedTuple with the methods `density_at(depth)`, and
+`relative_density_at(depth, reference)`, the density there over that in which the buoyancy of a hull
+holds; compiled code chooses them by its type.
 """
 
 from typing import NamedTuple, Self
@@ -14,7 +15,7 @@ from laisn.compiled import jitable, method_by_type
 from sim.water.waves import GRAVITY
 
 method_by_type("density_at")
-method_by_type("share_at")
+method_by_type("relative_density_at")
 
 
 class UniformDensity(NamedTuple):
@@ -28,12 +29,12 @@ class UniformDensity(NamedTuple):
         return self.density
 
     @jitable
-    def share_at(self, depth: float, reference: float) -> float:
-        """That of the hulls, which are made for this water."""
+    def relative_density_at(self, depth: float, reference: float) -> float:
+        """1: hulls are made for this water."""
         return 1.0
 
     def pressures_at(self, depth: Floats) -> Floats:
-        """What water weighs above depths, any shape, [Pa]."""
+        """Gauge pressure at depths, any shape, [Pa]: the weight of the water above."""
         return np.asarray(GRAVITY * self.density * depth)
 
 
@@ -69,12 +70,12 @@ class DensityProfile(NamedTuple):
         return float(self.density[low] + share * (self.density[high] - self.density[low]))
 
     @jitable
-    def share_at(self, depth: float, reference: float) -> float:
-        """Density at a depth by another one [kg/m³]."""
+    def relative_density_at(self, depth: float, reference: float) -> float:
+        """Density at a depth over `reference`, another density [kg/m³]."""
         return self.density_at(depth) / reference
 
     def pressures_at(self, depth: Floats) -> Floats:
-        """What water weighs above depths, any shape, [Pa]."""
+        """Gauge pressure at depths, any shape, [Pa]: the weight of the water above."""
         deepest = max(float(np.max(depth, initial=0.0)), 0.0)
         layer_depths = self.depth[(self.depth > 0.0) & (self.depth < deepest)]
         nodes = np.concatenate([[0.0], layer_depths, [deepest + 1.0]])

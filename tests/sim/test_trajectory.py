@@ -1,5 +1,6 @@
 """Trajectory: interpolation, sites, files."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -114,6 +115,17 @@ def test_saved_and_loaded_is_the_same_to_the_bit(trajectory: Trajectory, tmp_pat
         "site_vehicle",
     ):
         assert np.array_equal(getattr(loaded, name), getattr(trajectory, name))
+
+
+def test_hulls_with_different_numbers_of_effectors_are_saved_and_loaded(
+    trajectory: Trajectory, tmp_path: Path
+) -> None:
+    names = (("ahead", "aside", "up"), *[("propeller",)] * (len(trajectory.names) - 1))
+    assert len(names) > 1
+    flown = replace(trajectory, effector_names=names)
+    np.savez(tmp_path / "t.npz", **flown.arrays)
+    with np.load(tmp_path / "t.npz") as arrays:
+        assert Trajectory.of_arrays(arrays).effector_names == names
 
 
 def test_outside_the_grid_and_unknown_names_are_refused(trajectory: Trajectory) -> None:

@@ -12,7 +12,7 @@ import pytest
 from laisn.compiled import call_address, compiled
 from laisn.errors import LaisnError
 from sim.vehicle import mujoco_calls
-from sim.vehicle.mujoco_calls import STAGES, calls_of, steps_differ
+from sim.vehicle.mujoco_calls import STAGES, calls_of, largest_step_difference
 
 
 @pytest.fixture(autouse=True)
@@ -51,7 +51,7 @@ def test_compiled_code_moves_the_data_of_python() -> None:
 
 
 def test_two_steps_are_those_of_mujoco_to_the_bit(verdict: Path) -> None:
-    assert steps_differ() == 0.0
+    assert largest_step_difference() == 0.0
     assert not verdict.exists()
     calls_of(*falling())
     assert verdict.exists()
@@ -93,5 +93,5 @@ def test_release_that_passed_is_not_tested_again(
     def tested() -> float:
         raise AssertionError("tested again")
 
-    monkeypatch.setattr(mujoco_calls, "steps_differ", tested)
+    monkeypatch.setattr(mujoco_calls, "largest_step_difference", tested)
     calls_of(*falling())
