@@ -16,6 +16,7 @@ _HEIGHT = 8.2
 _BOX = (0.9, 0.62)
 """Width and height of a package's box; boxes are a unit apart."""
 _PARENTS = {"sim", "experiments"}
+"""Packages of which those within are drawn in their place."""
 _COLOURS = {
     "models": INK,
     "laisn": SERIES[2],
@@ -43,27 +44,28 @@ def transitive_reduction(imports: Mapping[str, set[str]]) -> dict[str, set[str]]
 
 def positions(imports: Mapping[str, set[str]]) -> dict[str, tuple[float, float]]:
     """Where each package is drawn: its layer upwards, and near the mean position of the packages
-    that it imports.
+    that it imports; x and y of the middle of its box.
     """
     level = import_graph.layers(imports)
     places_of: dict[str, tuple[float, float]] = {}
     max_count = max(list(level.values()).count(layer) for layer in set(level.values()))
     for layer in sorted(set(level.values())):
-        middle = {}
+        mean_x = {}  # of the packages that each imports
         for package in sorted(
             package for package, package_layer in level.items() if package_layer == layer
         ):
-            heights = [places_of[name][0] for name in imports[package]]
-            middle[package] = sum(heights) / len(heights) if heights else max_count / 2
-        start = (max_count - len(middle)) / 2
+            imported_x = [places_of[name][0] for name in imports[package]]
+            mean_x[package] = sum(imported_x) / len(imported_x) if imported_x else max_count / 2
+        start = (max_count - len(mean_x)) / 2
         places_of |= {
             name: (start + i, float(layer))
-            for i, name in enumerate(sorted(middle, key=middle.__getitem__))
+            for i, name in enumerate(sorted(mean_x, key=mean_x.__getitem__))
         }
     return places_of
 
 
 def _draw_package(axes: Axes, package: str, position: tuple[float, float], count: int) -> None:
+    """The box of a package of so many files."""
     x, y = position
     colour = _COLOURS[package.partition(".")[0]].light
     box_width, box_height = _BOX
@@ -103,8 +105,9 @@ def _packages(imports: import_graph.Imports) -> dict[str, set[str]]:
 
 
 def _drawn(package: str) -> str:
-    room = package.partition(".")[0]
-    return room if room in ("reports", "laisn_sim") else package
+    """The package in whose box one is drawn: itself, or `reports` or `laisn_sim` around it."""
+    outermost = package.partition(".")[0]
+    return outermost if outermost in ("reports", "laisn_sim") else package
 
 
 def picture() -> Figure:
@@ -138,6 +141,7 @@ def picture() -> Figure:
             )
     for package, position in places_of.items():
         count = sum(_drawn(import_graph.package_of(module)) == package for module in imports)
+        # the __init__.py of a package within another does not count
         _draw_package(axes, package, position, max(1, count - ("." in package and count > 1)))
     columns, rows = zip(*places_of.values(), strict=True)
     axes.set_xlim(min(columns) - 0.6, max(columns) + 0.6)

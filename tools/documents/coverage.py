@@ -27,7 +27,9 @@ from reports.intervals import Interval, mean_interval, proportion, ratio_interva
 COMMAND = "python -m tools.documents.studies coverage"
 MODULES = ("tools.documents.coverage",)
 RUNS = (20, 60)
+"""Numbers of runs that an interval is made of."""
 TRIALS = 10_000
+"""Intervals drawn of each law and number of runs."""
 LOCK_CHANCE = 0.1
 """Chance that a run locks on the mirror image."""
 _ERROR_M = 0.5
@@ -35,8 +37,8 @@ _LOCKED_ERROR_M = 20.0
 """Mean error of a run that does not lock, and of one that does [m]."""
 
 Draw = Callable[[np.random.Generator, tuple[int, int]], tuple[Floats, Floats]]
-"""Numerators and denominators of a ratio, each of the given shape; the denominators of a mean are
-ones.
+"""Numerators and denominators of a ratio, each of the given shape (runs, trials); the denominators of
+a mean are ones.
 """
 
 
@@ -119,7 +121,7 @@ SEQUENTIAL_LAWS: Mapping[str, SequentialLaw] = {
     "normal": SequentialLaw("normal, σ = 1", 0.0, 0.1),
     "binary": SequentialLaw("an outcome of a tenth of the runs", LOCK_CHANCE, 0.03),
 }
-_BATCH = 60
+_BATCH = 60  # runs
 _MAX_RUNS = 5_000
 
 

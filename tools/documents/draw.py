@@ -43,7 +43,7 @@ STILLS = {
 
 TURN_S = (455.0, 620.0)
 """When the formation goes round the leader's corner: the moving picture of the README [s]."""
-FRAMES_HZ = 8
+FRAMES_HZ = 8  # of the moving picture
 
 
 def save(figure: Figure, name: str, legend: Legend = ()) -> None:

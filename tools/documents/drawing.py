@@ -107,6 +107,7 @@ def draw(panel: Panel) -> Figure:
     from below.
     """
     points = round(DRAWN_POINTS * max(1.0, panel.width / WIDTH))
+    # lengths in inches, but for the heights of parts, which are relative
     gap = 0.14
     room = panel.height - 0.72 - gap * (len(panel.parts) - 1)
     total_height = sum(subplot.height for subplot in panel.parts)
@@ -117,7 +118,7 @@ def draw(panel: Panel) -> Figure:
             subplot_height = room * subplot.height / total_height
             axes = _axes(figure, bottom, subplot_height)
             bottom += subplot_height + gap
-            _draw(axes, subplot, 10**9 if panel.equal_scales else points)
+            _draw(axes, subplot, _ALL_POINTS if panel.equal_scales else points)
             if panel.equal_scales:
                 axes.set_aspect("equal", adjustable="datalim")
             axes.margins(x=0.05 if panel.equal_scales else 0.0)
@@ -146,7 +147,7 @@ def draw_lines(lines: Sequence[Line], **settings: Any) -> Figure:
 
 
 def heat_map(bearing_deg: Floats, range_m: Floats, error: Floats, title: str) -> Figure:
-    """Position error over bearing and range.
+    """Position error of a fix over bearing and horizontal range.
 
     Args:
         bearing_deg: shape (b,).
@@ -172,12 +173,17 @@ def heat_map(bearing_deg: Floats, range_m: Floats, error: Floats, title: str) ->
     axes.grid(visible=False)
     left, bottom, _, height = axes.get_position().bounds
     axes.set_position((left, bottom, 0.72, height))
-    key = figure.add_axes((left + 0.75, bottom, 0.03, height))
+    colour_bar = figure.add_axes((left + 0.75, bottom, 0.03, height))
     figure.colorbar(
-        contours, cax=key, ticks=ERROR_LEVELS_M, extendrect=True, extendfrac="auto", format="%g"
+        contours,
+        cax=colour_bar,
+        ticks=ERROR_LEVELS_M,
+        extendrect=True,
+        extendfrac="auto",
+        format="%g",
     )
-    key.set_title("[m]", fontsize=8, loc="left", pad=5, color=INK.light)
-    key.tick_params(length=0, labelcolor=INK.light, labelsize=8)
-    key.grid(visible=False)
-    key.spines[:].set_visible(False)
+    colour_bar.set_title("[m]", fontsize=8, loc="left", pad=5, color=INK.light)
+    colour_bar.tick_params(length=0, labelcolor=INK.light, labelsize=8)
+    colour_bar.grid(visible=False)
+    colour_bar.spines[:].set_visible(False)
     return figure

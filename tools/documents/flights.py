@@ -25,7 +25,9 @@ SEAS = {
     "following-sea-ahrs": (),
     "following-sea-inclinometer": ("sensors.leader_gyro_time_constant_s=0",),
 }
-"""Flights of one sea: settings by name; the last is the second without gyros."""
+"""Flights of one sea: settings by name; the last is the scenario `following-sea-ahrs` without
+gyros.
+"""
 
 
 def slip(truth: IdealMeasurements) -> float:
@@ -58,6 +60,7 @@ def _tilt(flight: FlightRecord) -> dict[str, Finding]:
 
 
 def _slips(flight: FlightRecord) -> Finding:
+    """`slip` of the follower of a flight."""
     settings = CellSettings.of(flight.scenario)
     _, truth = CampaignMission(settings.motion, flight.trajectory).motion_and_measurements(
         settings, 0

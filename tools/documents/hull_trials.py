@@ -62,34 +62,36 @@ steps of 0.01 s.
 
 V. N. Fernandez-Ayala, bluerov2_dynamics, `fossen/BlueROV2.py` (MIT licence, commit aafc093).
 """
-_PITCH = 0.16928464600933177
-_ROLL = 0.11410268696233682
-"""Voltage of the vertical thrusters that cancels the moment of the horizontal ones at a quarter
-of their voltage.
+_PITCH_TRIM = 0.16928464600933177
+_ROLL_TRIM = 0.11410268696233682
+"""Voltages of the vertical thrusters, over the full one, that cancel the pitching and the rolling
+moment of the horizontal ones at a quarter of their voltage.
 """
 BLUEROV_COMMANDS = {
     "turn": (1.0, -1.0, -1.0, 1.0, 0.0, 0.0, 0.0, 0.0),
     "ascent": (0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0),
     "descent": (0.0, 0.0, 0.0, 0.0, -1.0, -1.0, -1.0, -1.0),
-    "surge": (0.25, 0.25, -0.25, -0.25, -_PITCH, -_PITCH, _PITCH, _PITCH),
-    "sway": (-0.25, 0.25, -0.25, 0.25, -_ROLL, _ROLL, -_ROLL, _ROLL),
+    "surge": (0.25, 0.25, -0.25, -0.25, -_PITCH_TRIM, -_PITCH_TRIM, _PITCH_TRIM, _PITCH_TRIM),
+    "sway": (-0.25, 0.25, -0.25, 0.25, -_ROLL_TRIM, _ROLL_TRIM, -_ROLL_TRIM, _ROLL_TRIM),
 }
-"""Voltages of the eight thrusters in the trials of the BlueROV2."""
+"""Voltages of the eight thrusters, over the full one, in the trials of the BlueROV2: four horizontal
+ones, and four vertical ones.
+"""
 
 
 def _remus() -> dict[str, Finding]:
     """Final speed and its rise, steady turns, and pitch under stern planes of a REMUS 100."""
     findings = {}
-    rises = []
-    rates = []
-    radii = []
+    rises = []  # [s]
+    rate_differences = []  # relative
+    radii = []  # of turns [m]
     for rpm, published in PUBLISHED_SPEED.items():
         speed = remus.run(rpm, 100.0)[1][:, 0]
         # to the digits of the published table, lest it be rounded twice
         findings[f"speed {rpm}"] = plain_finding(round(float(speed[-1]), 4), "final speed", "m/s")
-        aim = (1.0 - np.exp(-1.0)) * published
-        k = int(np.argmax(speed >= aim))
-        rises.append(remus.DT * (k - (speed[k] - aim) / (speed[k] - speed[k - 1])))
+        risen = (1.0 - np.exp(-1.0)) * published
+        k = int(np.argmax(speed >= risen))
+        rises.append(remus.DT * (k - (speed[k] - risen) / (speed[k] - speed[k - 1])))
     findings["rise slowest"] = plain_finding(
         float(max(rises)), "rise to 63 % of the final speed at 300 /min", "s"
     )
@@ -98,15 +100,16 @@ def _remus() -> dict[str, Finding]:
     )
     for rpm, turns in PUBLISHED_TURN.items():
         for rudder, published in turns.items():
+            # velocity in the body at the end: surge, sway, heave [m/s], roll, pitch, yaw [rad/s]
             last = remus.run(rpm, 200.0, rudder_deg=rudder)[1][-1]
             rate = float(np.degrees(abs(last[5])))
             findings[f"turn {rpm} {rudder}"] = plain_finding(
                 rate, f"turn rate, rudder {rudder}°", "°/s"
             )
-            rates.append(abs(rate / published - 1.0))
+            rate_differences.append(abs(rate / published - 1.0))
             radii.append(float(np.linalg.norm(last[:3]) / abs(last[5])))
     findings["turn apart"] = plain_finding(
-        max(rates), "largest relative difference of turn rates from the published ones"
+        max(rate_differences), "largest relative difference of turn rates from the published ones"
     )
     findings["radius largest"] = plain_finding(max(radii), "radius", "m")
     findings["radius least"] = plain_finding(min(radii), "radius", "m")
@@ -151,7 +154,7 @@ REMUS_TERMS = {
 """Fossen's model with terms replaced, by the names of the findings."""
 MANOEUVRE_S = 100.0
 RUDDER_DEG = 15.0
-RPM = 1525.0
+RPM = 1525.0  # of the propeller [1/min]
 
 
 def _plant(
@@ -162,6 +165,16 @@ def _plant(
     current: float = 0.0,
     density: float = 1026.0,
 ) -> Plant:
+    """A single vehicle of a model in deep water.
+
+    Args:
+        model: name, path or text of its MJCF.
+        speed: at the start [m/s].
+        heading: at the start [rad].
+        depth: at the start [m].
+        current: speed of a current towards east [m/s].
+        density: of the water [kg/m³].
+    """
     setup = VehicleSetup(
         name="v", model=model, position_m=(0.0, 0.0, -depth), speed_m_s=speed, heading_rad=heading
     )
@@ -177,19 +190,23 @@ def _plant(
 def remus_flight(
     rudder: float, plane: float, rpm: float, changes: dict[float, tuple[float, float, float]]
 ) -> Floats:
-    """Position (north, east, down), surge, turn rate and pitch of the shipped REMUS 100 each 0.1 s,
-    shape (n, 6).
+    """Motion of the shipped REMUS 100, which starts from rest and heads north.
 
     Args:
         rudder: command [rad], as Fossen's.
         plane: of the stern planes [rad].
         rpm: of the propeller [1/min].
-        changes: later commands by time [s].
+        changes: later commands of rudder, stern planes and propeller, by time [s].
+
+    Returns:
+        Place from the start, north, east and down [m], surge [m/s], turn rate to starboard [rad/s]
+        and pitch, nose up [rad], each 0.1 s, shape (n, 6).
     """
     plant = _plant("remus100")
     rows = []
     for k in range(round(MANOEUVRE_S * 10) + 1):
         if k:
+            # 5 physics steps of 0.02 s
             plant.step(np.array([[rpm / 60.0, rudder, rudder, plane, plane]]), 5)
         x, y, z, *quaternion = plant.pose[0]
         ahead = attitude.rotate(np.array(quaternion), np.array([1.0, 0.0, 0.0]))
@@ -202,7 +219,9 @@ def remus_flight(
 
 
 def _shipped_remus() -> dict[str, Finding]:
-    """The same figures of the shipped REMUS 100, with fins that feel the flow."""
+    """Turn rates, pitch under stern planes and final speeds of the shipped REMUS 100, whose fins feel
+    the flow.
+    """
     findings = {}
     for rpm, turns in PUBLISHED_TURN.items():
         for rudder in turns:
@@ -237,7 +256,8 @@ def _fossen() -> dict[str, Finding]:
     rudder = np.radians(RUDDER_DEG)
     plane = np.radians(STERN_PLANE_DEG)
 
-    def steps(t: float) -> tuple[float, float, float]:
+    def dive_command(t: float) -> tuple[float, float, float]:
+        """Stern planes for 50 s, under a constant rudder."""
         return np.radians(5.0), plane if t < 50.0 else 0.0, RPM
 
     ours = remus_flight(np.radians(5.0), plane, RPM, {50.0: (np.radians(5.0), 0.0, RPM)})
@@ -246,14 +266,16 @@ def _fossen() -> dict[str, Finding]:
         remus_flight(0.0, plane, RPM, {})[-1],
         remus_flight(0.0, 0.0, RPM, {})[-1],
     )
+    # turn rate [rad/s], pitch [rad], speed [m/s] and distance from ours [m]
     values = {"ours": (last[0][4], last[1][5], last[2][3], 0.0)}
     for name, terms in REMUS_TERMS.items():
         turn, dive, ahead = (
             fossen.fly(partial(_constant_command, commands), MANOEUVRE_S, terms)[1][-1]
             for commands in ((rudder, 0.0, RPM), (0.0, plane, RPM), (0.0, 0.0, RPM))
         )
-        _, path = fossen.fly(steps, MANOEUVRE_S, terms, (50.0,))
+        _, path = fossen.fly(dive_command, MANOEUVRE_S, terms, (50.0,))
         distance = float(np.linalg.norm(path[:, :3] - ours[:, :3], axis=1).max())
+        # columns of `fossen.fly`: 4 pitch, 6 surge, 11 turn rate
         values[name] = turn[11], dive[4], ahead[6], distance
     for name, (turn_rate, pitch, speed, distance) in values.items():
         findings[f"remus {name} turn"] = plain_finding(
@@ -280,12 +302,14 @@ class PublishedHull:
     diameter: float  # [m]
     mass: float  # [kg]
     figures: dict[str, float]
-    """By the names of `coefficients_of`; empty: those of the shipped model of its name."""
+    """Coefficients by the names of `coefficients_of`; empty: those of the shipped model of its name."""
 
 
-def _half_density(area: float) -> float:
-    """Force of a pair of fins per angle and speed² [N s²/m² per rad] by its area times slope."""
-    return 0.5 * 1025.0 * area
+def _fin_force(area_times_slope: float) -> float:
+    """Force of a pair of fins per angle and speed² [N s²/m² per rad] by its area times the slope of
+    its lift coefficient [m²/rad].
+    """
+    return 0.5 * 1025.0 * area_times_slope
 
 
 PUBLISHED_HULLS = {
@@ -335,8 +359,8 @@ PUBLISHED_HULLS = {
             "vertical force at 0.3 m/s of heave": 601.27 * 0.3**2,
             "moment at 0.2 rad/s of pitch": 632.7 * 0.2**2,
             "moment at 0.2 rad/s of yaw": 632.7 * 0.2**2,
-            "force of the rudders per angle": _half_density(0.0244 * 4.13),
-            "force of the stern planes per angle": _half_density(0.0244 * 4.13),
+            "force of the rudders per angle": _fin_force(0.0244 * 4.13),
+            "force of the stern planes per angle": _fin_force(0.0244 * 4.13),
         },
     ),
     # Sparus II of the University of Girona, which steers by thrusters: Elkholy2021,
@@ -363,18 +387,20 @@ PUBLISHED_HULLS = {
 
 
 def coefficients_of(model: str) -> dict[str, float]:
-    """What a hull's file comes to: inertia, added mass, forces of the water at given velocities,
-    fins and thrust.
+    """What a hull's file comes to: inertia and added mass [kg, kg m²], forces and moments of the
+    water at given velocities [N, N m], forces of fins per angle and speed² [N s²/m² per rad], and
+    thrust [N].
     """
     plant = _plant(model)
-    (record,) = mjcf.read_coefficients(plant.model, plant.names, 1026.0)
-    c = np.array([record], record.dtype).view(np.recarray)[0]
+    (coefficients,) = mjcf.read_coefficients(plant.model, plant.names, 1026.0)
+    c = np.array([coefficients], coefficients.dtype).view(np.recarray)[0]
     inertia = mjcf.inertia_tensor(plant.model, plant.model.body("v/hull").id)
     effectors = plant.effectors[0, : len(plant.effector_names[0])]
     pose = np.array([0.0, 0.0, -200.0, 1.0, 0.0, 0.0, 0.0])
     sea = sea_at(plant.ocean.environment, 0.0)
 
     def load(axis: int, size: float) -> float:
+        """Size of the force or moment of the water about an axis that moves with a velocity."""
         force, moment, _ = wrench(
             c,
             pose,
@@ -448,10 +474,12 @@ def _vehicles() -> dict[str, Finding]:
     in a current.
     """
     findings = {}
+    # four horizontal thrusters of 30.4 N at 45°
     thrust = 4 * 30.4 / np.sqrt(2)
+    # of surge, linear [N s/m] and quadratic [N s²/m²]
     drags = {"von Benzon": (13.7, 141.0), "Wu": (4.03, 18.18)}
-    for name, (linear, square) in drags.items():
-        speed = brentq(lambda u, a=linear, b=square: a * u + b * u * u - thrust, 0.0, 5.0)
+    for name, (linear, quadratic) in drags.items():
+        speed = brentq(lambda u, a=linear, b=quadratic: a * u + b * u * u - thrust, 0.0, 5.0)
         findings[f"bluerov balance {name}"] = plain_finding(
             float(speed), f"speed at full thrust by the drag of {name}", "m/s"
         )
@@ -462,12 +490,14 @@ def _vehicles() -> dict[str, Finding]:
     turn = _plant("bluerov2_heavy", depth=20.0)
     horizontal = turn.effectors[0, :4]
     turn.step(np.array([[*np.sign(horizontal["torque"][:, 2]), 0, 0, 0, 0]]), 1500)
+    # of the last 10 s
     way = float(np.hypot(*(ahead.position[-1, 0, :2] - ahead.position[-101, 0, :2])))
     speed = way / float(ahead.time[-1] - ahead.time[-101])
     findings["bluerov speed"] = plain_finding(speed, "speed at full thrust, simulated", "m/s")
     findings["bluerov turn"] = plain_finding(
         float(np.degrees(abs(turn.twist[0, 5]))), "turn rate at full thrust, simulated", "°/s"
     )
+    # the thrusters are 0.156 m ahead or astern and 0.111 m aside; damping of von Benzon et al.
     rate = np.degrees(np.sqrt(4 * 30.4 * (0.156 + 0.111) / np.sqrt(2) / 1.5))
     findings["bluerov turn balance"] = plain_finding(
         float(rate), "turn rate by thrust and the paper's damping 1.5 r²", "°/s"

@@ -82,9 +82,9 @@ def remus_turn() -> Drawn:
 
 def pendulum() -> Drawn:
     """Pitch of a hull in ideal water that is let go at 1°, beside the closed form."""
-    arm = 0.02
-    dt = 0.002
-    duration = 45.0
+    arm = 0.02  # from the centre of buoyancy down to that of gravity [m]
+    dt = 0.002  # [s]
+    duration = 45.0  # [s]
     tank = Tank(
         hull(SPHEROID_MASS, SPHEROID_INERTIA, cg=(0, 0, -arm), added_mass=SPHEROID_ADDED),
         Ocean(),
@@ -100,10 +100,10 @@ def pendulum() -> Drawn:
     inertia = SPHEROID_INERTIA[1] + SPHEROID_MASS * arm**2 + SPHEROID_ADDED[4, 4]
     inertia -= (SPHEROID_MASS * arm) ** 2 / (SPHEROID_MASS + SPHEROID_ADDED[0, 0])
     period = 2 * np.pi * np.sqrt(inertia / (SPHEROID_MASS * 9.81 * arm))
-    marks = np.linspace(0.0, duration, 46)
+    dot_times = np.linspace(0.0, duration, 46)
     lines = [
         Line(x=time, y=np.array(pitch), colour=SERIES[0], width=1.2),
-        Line(x=marks, y=np.cos(2 * np.pi * marks / period), colour=SERIES[1], marker="o"),
+        Line(x=dot_times, y=np.cos(2 * np.pi * dot_times / period), colour=SERIES[1], marker="o"),
     ]
     figure = draw_lines(lines, x_label="time [s]", y_label="pitch [°]", title="Righting, no drag")
     return figure, [(SERIES[1], f"dots: closed form, period {period:.2f} s")]
@@ -111,11 +111,11 @@ def pendulum() -> Drawn:
 
 def orbits() -> Drawn:
     """Paths of small neutral spheres in a wave, beside the ellipses of linear theory."""
-    floor = 6.0
-    height = 0.5
-    period = 4.0
-    radius = 0.02
-    dt = 0.005
+    floor = 6.0  # depth [m]
+    height = 0.5  # of the wave, from trough to crest [m]
+    period = 4.0  # [s]
+    radius = 0.02  # of a sphere [m]
+    dt = 0.005  # [s]
     waves = Waves.regular(
         height_m=height, period_s=period, direction_rad=np.pi / 2, floor_depth_m=floor
     )

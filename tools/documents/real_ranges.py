@@ -1,8 +1,8 @@
 """The study of real ranges: `python -m tools.documents.studies real-ranges`.
 
 Plaza 1 and 2 are navigated on with two beacons at a time and with all four, from a known start and
-from none: by dead reckoning, LAISN-2, the tightly coupled navigator of a leader's hull, and that
-among beacons, which also has to do without some of its states, or with a scale that is known
+from none: by dead reckoning, LAISN-2, the tightly coupled navigator that takes the beacons for the
+transmitters on a leader's hull, and that among beacons, which also has to do without some of its states, or with a scale that is known
 better.
 """
 
@@ -38,7 +38,7 @@ SETTLED_S = 60.0
 the vehicle turns.
 """
 
-AMONG = {
+BEACON_SETTINGS = {
     "tight": BeaconReplaySettings(),
     "unknown-start": BeaconReplaySettings(known_start=False),
     "steady-gyro": BeaconReplaySettings(medium="air", gyro_bias_sigma_deg_s=0.0),
@@ -53,7 +53,7 @@ with a scale of ranges that is known better.
 """
 
 
-HULL = TightSettings(
+HULL_SETTINGS = TightSettings(
     transmitters=2,
     start_sigma=1.0,
     speed_sigma=0.01,
@@ -65,12 +65,13 @@ HULL = TightSettings(
     outlier_span=20.0,
     slip=0.05,
 )
-"""The tightly coupled navigator of a leader's hull: how good these sensors are, in the settings
-that it has.
+"""The tightly coupled navigator that takes the beacons for transmitters on a leader's hull, with the
+quality of these sensors.
 """
 
 
 def _among(settings: BeaconReplaySettings) -> Callable[[Replayable], Estimates]:
+    """What makes estimates of a recording by the navigator among beacons."""
     return lambda recorded: navigate_among_beacons(recorded, settings)[0]
 
 
@@ -80,9 +81,9 @@ NAVIGATORS: dict[str, Callable[[Replayable], Estimates]] = {
         recorded, NavigationSettings(use_single_range=True)
     ),
     "hull": lambda recorded: TightNavigator(
-        replace(HULL, dt=recorded.measurements.dt), recorded.start
+        replace(HULL_SETTINGS, dt=recorded.measurements.dt), recorded.start
     ).run(recorded.measurements),
-    **{name: _among(settings) for name, settings in AMONG.items()},
+    **{name: _among(settings) for name, settings in BEACON_SETTINGS.items()},
 }
 """What makes estimates of a recording, by its name in the record."""
 
@@ -122,7 +123,7 @@ def findings_of(name: str, scores: dict[str, dict[tuple[str, ...], Score]]) -> d
         all_errors = next(
             errors for beacons, errors in errors_by_beacons.items() if len(beacons) > 2
         )
-        mean, _, high, nees = pairs.T
+        mean, _, high, nees = pairs.T  # the fields of `Score`
         values = {
             "pairs": (
                 float(np.median(mean)),
@@ -145,6 +146,7 @@ def findings_of(name: str, scores: dict[str, dict[tuple[str, ...], Score]]) -> d
 def ranges_of(name: str) -> dict[str, Finding]:
     """Findings on the ranges: their scale and their random error, by the surveyed path."""
     data = read_data_set(DATA / f"{name}.mat")
+    # columns of the truth: time [s], east and north [m]
     positions = np.column_stack(
         [np.interp(data.range_time, data.truth[:, 0], data.truth[:, k]) for k in (1, 2)]
     )

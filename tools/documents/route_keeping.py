@@ -35,7 +35,7 @@ class TrackingReport:
     name: str
     cross_track_rms: float
     """Distance to the straight legs between waypoints [m]; cut corners count as they are."""
-    cross_track_max: float
+    cross_track_max: float  # [m]
     arrival_error_max: float
     """Largest difference between the time at which a waypoint is nearest and its time on the
     route [s].
@@ -44,12 +44,12 @@ class TrackingReport:
     """Error of the speed over ground against the point motion along the same route [m/s]."""
     depth_error_rms: float
     """Error of the depth against that of the route or profile [m]."""
-    depth_error_max: float
+    depth_error_max: float  # [m]
     pitch_max: float
     """Largest size of the pitch [rad]."""
-    pitch_std: float
-    roll_max: float
-    roll_std: float
+    pitch_std: float  # [rad]
+    roll_max: float  # [rad]
+    roll_std: float  # [rad]
 
 
 def arrival_errors(route: Route, time: Floats, position: Floats) -> Floats:
@@ -67,14 +67,14 @@ def arrival_errors(route: Route, time: Floats, position: Floats) -> Floats:
     errors = []
     rests = route.leg_length == 0
     stops = np.append(rests, False) | np.append(False, rests)
-    for arrival, waypoint, first, leg_end, is_stop in zip(
+    for arrival, waypoint, window_begin, window_end, is_stop in zip(
         route.time, route.waypoint, begin, end, stops, strict=True
     ):
         if arrival > time[-1] + 1e-9:
             break
         if is_stop:
             continue
-        window = np.flatnonzero((time >= first) & (time <= leg_end))
+        window = np.flatnonzero((time >= window_begin) & (time <= window_end))
         errors.append(time[window[np.hypot(*(position[window] - waypoint).T).argmin()]] - arrival)
     return np.array(errors)
 
@@ -126,8 +126,8 @@ def measure(mission: Scenario) -> tuple[TrackingReport, ...]:
 
 
 def _findings(report: TrackingReport, name: str) -> dict[str, Finding]:
-    """Row of a vehicle in the table."""
-    pitch, spread, roll = (
+    """Findings on a vehicle, a row of the table."""
+    pitch_max, pitch_std, roll_max = (
         float(np.rad2deg(a)) for a in (report.pitch_max, report.pitch_std, report.roll_max)
     )
     values = {
@@ -136,9 +136,9 @@ def _findings(report: TrackingReport, name: str) -> dict[str, Finding]:
         "arrival": (report.arrival_error_max, "s"),
         "speed": (report.speed_error_rms, "m/s"),
         "depth": (report.depth_error_rms, "m"),
-        "pitch-max": (pitch, "°"),
-        "pitch-sigma": (spread, "°"),
-        "roll-max": (roll, "°"),
+        "pitch-max": (pitch_max, "°"),
+        "pitch-sigma": (pitch_std, "°"),
+        "roll-max": (roll_max, "°"),
     }
     return {
         f"{key} {name}": plain_finding(float(value), "", unit)

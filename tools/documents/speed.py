@@ -14,14 +14,15 @@ FLEETS = {
     50: "the same with fifty followers",
     200: "the same with 200 followers",
 }
-"""Rows of the table of speeds, by the number of followers."""
+"""Rows of physics in the table of speeds, by the number of followers."""
 CLOSED = {
     10: "ten followers that sense, navigate and keep stations",
     50: "fifty of them",
     200: "200 of them",
 }
-"""Closed loops, by the number of followers."""
+"""Rows of closed loops, by the number of followers."""
 SEAS = {"regular": "leader and one follower in a regular wave", "jonswap": "in a JONSWAP sea"}
+"""Rows of seas, by the kind of their waves."""
 STUDIED_S = 1000.0
 """Length of the missions of the benchmark of studies, of two vehicles each [s]."""
 _STEP_S = 0.02  # of physics
@@ -55,15 +56,17 @@ def _physics(record: Findings) -> list[list[str]]:
             calm = record["waves: leader + 1, calm"]
             rows.append([words, f"{step:.1f i} µs a step", f"calm {calm:.1f} µs"])
     for followers, words in CLOSED.items():
-        factor_of = _finding_or_none(record, f"formation: leader + {followers}: real-time factor")
-        if factor_of is None:
+        closed_factor = _finding_or_none(
+            record, f"formation: leader + {followers}: real-time factor"
+        )
+        if closed_factor is None:
             continue
         step = _finding_or_none(record, f"formation: leader + {followers}: closed loop")
-        bare_of = _finding_or_none(record, f"formation: leader + {followers}: mj_step alone")
-        measured = f"{factor_of:,.0f} times real time"
+        closed_bare = _finding_or_none(record, f"formation: leader + {followers}: mj_step alone")
+        measured = f"{closed_factor:,.0f} times real time"
         if step is not None:
             measured = f"{step:.1f i} µs a step, {measured}"
-        comparison = "" if bare_of is None else f"bare `mj_step` {bare_of:.1f} µs"
+        comparison = "" if closed_bare is None else f"bare `mj_step` {closed_bare:.1f} µs"
         rows.append([words, measured, comparison])
     return rows
 
@@ -152,12 +155,12 @@ def speed(records: Records) -> str:
 
 
 class Peer(NamedTuple):
-    """A peer that was measured by hand, and beside what."""
+    """Another program that was measured by hand."""
 
     name: str
-    work: str
-    cost: str
-    beside: str
+    work: str  # what was timed
+    cost: str  # the time that it takes
+    beside: str  # finding of the benchmarks to which that is compared
 
 
 MEASURED_ONCE = (
@@ -199,6 +202,7 @@ MEASURED_ONCE = (
     ),
 )
 """Measured within one hour in November 2026, on one core of the same kind of machine."""
+# what does the work in these findings
 _TITLES = {
     "physics: leader + 10: with autopilot and recording": "eleven vehicles",
     "physics: leader + 50: with autopilot and recording": "51 vehicles",
@@ -249,13 +253,13 @@ class Cost(NamedTuple):
     def of(cls, record: Findings) -> "Cost":
         """From the record of the benchmarks."""
         formation_s = record["formation: leader + 10: a run of 1000 s, whole, by direct"].number
-        beside_ms = record["study: T5 by direct, a mission beside its motion"].number
+        rest_ms = record["study: T5 by direct, a mission beside its motion"].number
 
         def step_us(engine: str) -> float:
             # all that grows with the length of a mission counts as its motion
             mission_ms = record[f"study: T5 by {engine}, another mission with one run"].number
-            beside_ms = record[f"study: T5 by {engine}, a mission beside its motion"].number
-            return (mission_ms - beside_ms) / (2 * STUDIED_S / _STEP_S) * 1e3
+            rest_ms = record[f"study: T5 by {engine}, a mission beside its motion"].number
+            return (mission_ms - rest_ms) / (2 * STUDIED_S / _STEP_S) * 1e3
 
         return cls(
             start_s=record["command: laisn fly T5 --no-video"].number,
@@ -264,7 +268,7 @@ class Cost(NamedTuple):
             station_step_us=formation_s / (11 * STUDIED_S / _STEP_S) * 1e6,
             run_step_ns=record["navigation: lanes, LAISN-2 with noise and metrics"].number,
             tight_step_ns=record["tight: tight, 3 transmitters, messages every 1 s"].number,
-            mission_ms=beside_ms,
+            mission_ms=rest_ms,
         )
 
     def motion_s(self, vehicles: int, duration_s: float, *, closed_loop: bool = False) -> float:
@@ -290,7 +294,7 @@ def _time(seconds: float) -> str:
 
 
 def waiting(records: Records) -> str:
-    """Experiments with their processor times by the formula."""
+    """Experiments with their processor times by the formula of docs/speed.md."""
     cost = Cost.of(records["benchmarks"])
     mission = cost.mission_ms * 1e-3
     t5 = cost.motion_s(2, 1000.0) + mission
@@ -315,7 +319,7 @@ def waiting(records: Records) -> str:
 
 
 def costs(records: Records) -> str:
-    """The symbols of the formula, with their values by the record."""
+    """The symbols of the formula of docs/speed.md, with their values by the record."""
     cost = Cost.of(records["benchmarks"])
     swarm = _finding_or_none(records["benchmarks"], "command: laisn fly swarm --no-video")
     start = f"{cost.start_s:.1f} s"

@@ -27,21 +27,22 @@ from tools.documents.real_ranges import DATA
 Drawn = tuple[Figure, Legend]
 
 _PITCH_DEG = 5.0
-_OFFSET_M = 5.0
-_PLAZA_BEACONS = ("1", "6")
+_BELOW_M = 5.0  # depth of the follower below the leader
+_PLAZA_BEACONS = ("1", "6")  # names in the data set
 
 
 def asymmetry() -> Drawn:
     """Error of a noiseless LAISN-2 fix around a pitched leader."""
     distance = np.array(MAP_GRID["range_m"])
     bearing = np.arange(0.0, 360.0, 2.0)
-    # rows: pitch [rad], depth of the follower below the leader [m], horizontal distance [m],
+    # columns: pitch [rad], depth of the follower below the leader [m], horizontal distance [m],
     # bearing [rad]
     points = np.array(
-        [[np.deg2rad(_PITCH_DEG), _OFFSET_M, r, np.deg2rad(b)] for r in distance for b in bearing]
+        [[np.deg2rad(_PITCH_DEG), _BELOW_M, r, np.deg2rad(b)] for r in distance for b in bearing]
     )
+    # east and north, shape (n, 2) [m]
     error = sweep(points, NavigationSettings(side_rule="predicted"))
-    title = f"Error of a fix: pitch {_PITCH_DEG:g}°, follower {_OFFSET_M:g} m below"
+    title = f"Error of a fix: pitch {_PITCH_DEG:g}°, follower {_BELOW_M:g} m below"
     figure = heat_map(
         bearing, distance, np.hypot(*error.T).reshape(distance.size, bearing.size), title
     )
@@ -92,8 +93,9 @@ def real_ranges() -> Drawn:
         recorded = read_data_set_log(Path(folder) / "plaza.mcap")
     dead_reckoned = dead_reckoning(recorded)
     estimated, _ = navigate_among_beacons(recorded, BeaconReplaySettings())
-    # what was driven in the first five minutes is crowded enough
+    # the first five minutes alone: the lines of the whole drive would cover each other
     steps = np.flatnonzero(recorded.measurements.time < 300.0)
+    # columns: time [s], east and north [m]
     true = recorded.truth[recorded.truth[:, 0] < 300.0]
     lines = [
         Line(

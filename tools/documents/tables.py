@@ -33,6 +33,7 @@ STEERING = {
     "tight-2": "tight, 2 transmitters",
     "tight-3": "tight, 3",
 }
+"""Navigators that followers steer by, in the findings of the study of closed loops; words."""
 RATIOS = (
     ("Table 1: messages every 1 s", ("base",)),
     ("Tables 2 to 4: every 5 s", ("5s",)),
@@ -42,8 +43,9 @@ RATIOS = (
     ("Table 7: τ = 0.06 m at the rear, 0.01 m elsewhere", ("asymmetric",)),
     ("Tables 8 and 9: leader's compass 2.5° and 5° off", ("heading2.5", "heading5")),
 )
-"""Rows of the README's table: words, and settings."""
+"""Rows of the README's table: words, and conditions by their names in the findings."""
 VEHICLES = {"leader": "leader, L"} | {route: route for route in ROUTES} | {"T8-plan": "T8, plan"}
+"""Rows of the table of tracking: vehicles by their names in the findings, and words."""
 TRACKED = {
     "off-rms": ".2f",
     "off-max": ".2f",
@@ -77,10 +79,10 @@ def ratios(records: Records) -> str:
     """Mean E_P over the paper's, median and range of the missions."""
     record = records["reproduce-physics"]
     rows = []
-    for words, settings in RATIOS:
+    for words, conditions in RATIOS:
         cells = []
         for variant in ("laisn-2", "laisn-3-2"):
-            keys = [f"ratio {setting} {variant}" for setting in settings]
+            keys = [f"ratio {condition} {variant}" for condition in conditions]
             cells.append(", ".join(_ratio(record[key]) for key in keys if key in record.findings))
         rows.append([words, *cells])
     heads = [
@@ -309,7 +311,7 @@ def rivals(records: Records) -> str:
         )
         for t in INTERVALS
     }
-    rows_of_columns = {
+    columns_of_one_interval = {
         "worst route [m]": ("worst NAME calm 5", ".2f"),
         "less tightly coupled, every 5 s [m]": ("less tight NAME calm 5", ".3f i"),
         "95 % below [m]": ("high NAME calm 5", ".2f"),
@@ -318,7 +320,7 @@ def rivals(records: Records) -> str:
         "lost": ("lost NAME calm 5", ".0%"),
         "µs per step": ("step NAME", ".1f"),
     }
-    return _rivals(records, columns | rows_of_columns)
+    return _rivals(records, columns | columns_of_one_interval)
 
 
 def rivals_two(records: Records) -> str:
@@ -377,6 +379,7 @@ REMUS_TERMS = {
     "munk": "as published, with the eight Coriolis terms it removes",
     "damping": "as published, with damping that does not fade",
 }
+"""Rows of the table of `fossen`: models by their names in the findings, and words."""
 
 
 def fossen(records: Records) -> str:
@@ -503,7 +506,8 @@ def bluerov_speeds(records: Records) -> str:
     return markdown(["motion, voltage", "published code", "simulation", "unit"], rows)
 
 
-_REACHES = ("50", "100", "200")
+# of the tables of the thermocline: ranges, depths of leader and follower, navigators
+_RANGES_M = ("50", "100", "200")
 _DEPTHS = {"8-20": "8 and 20 m", "16-16": "16 and 16 m", "20-20": "20 and 20 m"}
 _NAVIGATORS = {"laisn-2": "LAISN-2", "laisn-3-2": "LAISN-3(2)", "tight": "tightly coupled"}
 
@@ -512,14 +516,14 @@ def thermocline_fixes(records: Records) -> str:
     """Shifts of fixes without noise, by depths and range."""
     findings = records["bending"].findings
     fixed = ("laisn-2", "laisn-3-2")
-    heads = [f"{_NAVIGATORS[name]}, {reach} m [m]" for name in fixed for reach in _REACHES]
+    heads = [f"{_NAVIGATORS[name]}, {range_m} m [m]" for name in fixed for range_m in _RANGES_M]
     rows = [
         [
             label,
             *(
-                f"{findings[f'fix {name} strong {depths} {reach} 2']:.2f}"
+                f"{findings[f'fix {name} strong {depths} {range_m} 2']:.2f}"
                 for name in fixed
-                for reach in _REACHES
+                for range_m in _RANGES_M
             ),
         ]
         for depths, label in _DEPTHS.items()
@@ -534,19 +538,20 @@ def thermocline_legs(records: Records) -> str:
         [
             f"{title}, {label}",
             *(
-                f"{findings[f'{key} {name} strong {depths} {reach}']:.2f}"
-                for reach in _REACHES
+                f"{findings[f'{key} {name} strong {depths} {range_m}']:.2f}"
+                for range_m in _RANGES_M
                 for key in ("error", "added")
             ),
         ]
         for name, title in _NAVIGATORS.items()
         for depths, label in _DEPTHS.items()
     ]
-    heads = [f"{key}{reach} m [m]" for reach in _REACHES for key in ("", "added at ")]
+    heads = [f"{key}{range_m} m [m]" for range_m in _RANGES_M for key in ("", "added at ")]
     return markdown(["navigator, depths", *heads], rows)
 
 
 _SEASONS = ("weak", "moderate", "strong")
+"""Seasons of the study, named after the strength of their thermoclines."""
 
 
 def thermocline_seasons(records: Records) -> str:

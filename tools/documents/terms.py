@@ -10,10 +10,13 @@ from matplotlib.patches import Circle
 from laisn.arrays import Floats
 from reports.style import FRAME, INK, SERIES
 
+# the leader is at the origin and heads north, up on the picture
 _HALF_BASELINE = 1.0  # [m], drawn larger than the project's
-_TRUTH = np.array([5.6, -4.6])
-_ESTIMATE_ERROR = np.array([-1.3, -1.1])  # of the estimate from the truth
-_ERRORS = 120  # drawn of a filter whose errors have a standard deviation of 1 m along each axis
+_TRUTH = np.array([5.6, -4.6])  # place of the follower: east, north [m]
+_ESTIMATE_ERROR = np.array([-1.3, -1.1])  # of the estimate from the truth [m]
+_ERROR_COUNT = (
+    120  # drawn of a filter whose errors have a standard deviation of 1 m along each axis
+)
 _SIGMA_OF_BOUND = 0.7  # [m]
 
 
@@ -90,7 +93,7 @@ def consistency() -> Figure:
     """
     figure = Figure(figsize=(6.2, 3.1), layout="constrained")
     truth_colour, stated_colour, bound_colour = (colour.light for colour in SERIES[:3])
-    errors = np.random.default_rng(1).standard_normal((_ERRORS, 2))
+    errors = np.random.default_rng(1).standard_normal((_ERROR_COUNT, 2))
     for axes, nees in zip(figure.subplots(1, 2), (2.0, 10.0), strict=True):
         axes.set_aspect("equal")
         axes.set_axis_off()

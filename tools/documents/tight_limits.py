@@ -41,38 +41,49 @@ transmitters.
 DT = 0.1  # [s]
 STEPS = 4000
 RUNS = 30
-START = np.zeros(4)
+START = np.zeros(4)  # east, north and velocity of the follower
 BEARINGS_DEG = (0.0, 15.0, 30.0, 60.0, 90.0, 120.0, 150.0, 165.0, 180.0)
 """From the leader's bow to starboard."""
 DISTANCES_M = (1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 400.0, 500.0)
 INTERVALS_S = (1.0, 5.0)
 DEEPER_M = (0.0, 1.0)
+"""Depths of the follower below the leader."""
 LOCKED_NEES = 25.0
 """Mean over a run beyond which it counts as locked on a wrong place: five standard deviations."""
 
-_HULL = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, 0.1]])
+# transmitters of a leader that heads east, from its middle: rear, front, middle; east, north [m]
+_TRANSMITTERS = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, 0.1]])
 _SPEED_BIAS = 0.2  # [m/s]
-_COMPASS_BIAS = np.deg2rad(5.0)
+_COMPASS_BIAS = np.deg2rad(5.0)  # [rad]
 _RANGE_ERROR = 0.005  # of each range, uniform [m]
-_COMMON_ERROR = 0.05  # of the ranges of a message, in proportion [m]
-_DEPTH = 8.0
+# standard deviation of an error in proportion to the ranges of a message, at the largest of them [m]
+_COMMON_ERROR = 0.05
+_DEPTH = 8.0  # of the leader [m]
 
 
-def abreast(
+def measured_beside(
     bearing_deg: float, distance: float, deeper: float, run: int, interval: float = 1.0
 ) -> Measurements:
     """Measurements of a follower that keeps its place beside a leader on a straight course east at
-    1 m/s, with the paper's errors; it starts at the origin, which the leader passes at that place.
+    1 m/s, with the paper's errors; the follower starts at the origin.
+
+    Args:
+        bearing_deg: of the follower from the leader's bow, to starboard.
+        distance: of the two in the plane [m].
+        deeper: depth of the follower below the leader [m].
+        run: number of the draw of errors.
+        interval: between messages [s].
     """
     rng = np.random.default_rng([run, int(10 * distance), int(bearing_deg)])
     stride = round(interval / DT)
     step = np.arange(stride, STEPS + 1, stride)
     bearing = np.pi / 2 + np.deg2rad(bearing_deg)
     offset = distance * np.array([np.sin(bearing), np.cos(bearing)])
-    true = np.sqrt(np.sum((offset - _HULL) ** 2, axis=1) + deeper**2)
+    true = np.sqrt(np.sum((offset - _TRANSMITTERS) ** 2, axis=1) + deeper**2)
     common = rng.normal(0.0, _COMMON_ERROR, (step.size, 1)) / true.max()
     ranges = true * (1.0 + common) + rng.uniform(-_RANGE_ERROR, _RANGE_ERROR, (step.size, 3))
     message = np.full((step.size, len(LeaderMessage._fields)), np.nan)
+    # as `LeaderMessage`: time, east, north, heading, speed, depth
     message[:, 0] = DT * step
     message[:, 1] = DT * step - offset[0]
     message[:, 2] = -offset[1]
@@ -93,12 +104,14 @@ def abreast(
 def normalised_errors(
     bearing_deg: float, distance: float, deeper: float, interval: float, runs: int
 ) -> Floats:
-    """Mean eᵀP⁻¹e of each run, shape (runs,); 2 for a right covariance."""
+    """Mean eᵀP⁻¹e (NEES) of each run, shape (runs,); 2 for a right covariance. Places as of
+    `measured_beside`.
+    """
     truth = np.zeros((STEPS, 2))
     truth[:, 0] = DT * np.arange(1, STEPS + 1)
     means = np.empty(runs)
     for run in range(runs):
-        measured = abreast(bearing_deg, distance, deeper, run, interval)
+        measured = measured_beside(bearing_deg, distance, deeper, run, interval)
         estimates = run_mission(TightSettings(transmitters=2), measured, START)
         errors = estimates.state[:, :2] - truth
         xx, xy, yy = estimates.covariance.T
@@ -114,20 +127,20 @@ def map_of_nees(runs: int = RUNS) -> Iterator[tuple[str, Finding]]:
     locked runs.
     """
     for interval in INTERVALS_S:
-        all_errors = list[Floats]()
+        nees_of_places = list[Floats]()
         for deeper in DEEPER_M:
             for bearing in BEARINGS_DEG:
                 for distance in DISTANCES_M:
                     nees = normalised_errors(bearing, distance, deeper, interval, runs)
-                    all_errors.append(nees)
+                    nees_of_places.append(nees)
                     yield (
                         f"nees {bearing:g} {distance:g} {deeper:g} {interval:g}",
                         plain_finding(float(np.median(nees)), "NEES, median of runs"),
                     )
-        medians = np.median(all_errors, axis=1)
+        medians = np.median(nees_of_places, axis=1)
         yield f"nees-least {interval:g}", plain_finding(float(medians.min()), "of all places")
         yield f"nees-most {interval:g}", plain_finding(float(medians.max()), "of all places")
-        locked = np.array(all_errors).ravel() > LOCKED_NEES
+        locked = np.array(nees_of_places).ravel() > LOCKED_NEES
         yield f"nees-locked {interval:g}", share_finding(locked, "share of runs that lock, 95 %")
 
 
@@ -148,7 +161,7 @@ def case_findings(case: str, arms: Mapping[str, Cells]) -> Iterator[tuple[str, F
         yield f"nees-least {name}", plain_finding(float(nees.min()), "mean NEES, of all routes")
         yield f"nees-most {name}", plain_finding(float(nees.max()), "mean NEES, of all routes")
     for ours, rivals in RIVALS.items():
-        better = 0
+        better = 0  # pairs of a rival and a route
         for rival in rivals:
             rival_error = arms[rival].values_by_run("e_p_mean_m")
             advantage = rival_error - arms[ours].values_by_run("e_p_mean_m")

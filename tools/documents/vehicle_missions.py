@@ -30,7 +30,7 @@ COMMAND = "python -m tools.documents.studies vehicle-missions"
 MODULES = ("tools.documents.vehicle_missions",)
 ROLES = ("leader", "follower", "station")
 DURATION_S = {"leader": 60.0, "follower": 150.0, "station": 60.0}
-"""Long enough for corners of the followers' routes."""
+"""Length of the missions by role: long enough for corners of the followers' routes."""
 STATION = {"behind_m": 20.0, "port_m": 5.0, "depth_m": 14.0}
 SITES = {
     "follower": '<site name="hydrophone" pos="0 0 -0.1"/>',
@@ -74,7 +74,9 @@ def table_of(name: str, model: str, role: str) -> dict[str, Any]:
 
 
 def fastest_over_ground(directions: Floats, current: Floats, through_water: float) -> Floats:
-    """Speeds along unit vectors of shape (n, 2) that have a speed through the water [m/s]."""
+    """Speeds over ground along unit vectors of shape (n, 2) in a current of shape (2,) that take a
+    speed through the water [m/s].
+    """
     following = directions @ current
     across_squared = current @ current - following**2
     return following + np.sqrt(through_water**2 - across_squared)
@@ -85,6 +87,8 @@ def retimed(table: dict[str, Any]) -> dict[str, Any]:
     scenario = Scenario(**table)
     vehicle = scenario.leader if scenario.leader.model else scenario.followers[0]
     limits = limits_of(hull_of(MotionSettings.of(scenario), vehicle))
+    # least speed over ground [m/s]: 0.1 where the vehicle can hover, else enough for its fins in any
+    # direction of the current
     slowest = 0.1
     if limits.least_speed > 0.0:
         slowest = 1.2 * limits.least_speed + scenario.ocean.current_speed_m_s
@@ -93,6 +97,7 @@ def retimed(table: dict[str, Any]) -> dict[str, Any]:
         route = route_of(timed_vehicle, key)
         current = scenario.ocean.current_at(vehicle.held_depth_m, 0.0)
         directions = np.diff(route.waypoint, axis=0) / route.leg_length[:, None]
+        # the rest of the top speed is a reserve for coming back to the route
         fastest = fastest_over_ground(directions, current, 0.75 * limits.top_speed)
         assert (slowest < fastest).all()
         speed = np.clip(route.leg_speed, slowest, fastest)
@@ -139,9 +144,9 @@ def largest_deviations(flight: FlightRecord, i: int) -> tuple[float, float, floa
     if station is not None:
         return 0.0, 0.0, float(off_station(MotionSettings.of(scenario), truth)[:, i - 1].max())
     route = route_of(vehicle, "route")
-    level = cross_track(route, truth.time, truth.position[:, i, :2])
+    off_route = cross_track(route, truth.time, truth.position[:, i, :2])
     depth = np.abs(truth.depth[:, i] - route.depth.depth_at(truth.time))
-    return float(level.max()), float(depth.max()), 0.0
+    return float(off_route.max()), float(depth.max()), 0.0
 
 
 def keeping(model: str, name: str, role: str) -> Keeping:
@@ -149,10 +154,10 @@ def keeping(model: str, name: str, role: str) -> Keeping:
     scenario, refused = scenario_or_advised(table_of(name, model, role), model, role)
     predicted = trial(scenario)
     flight, _ = fly(scenario)
-    worst = np.zeros(3)
+    worst = np.zeros(3)  # route, depth, station [m]
     for i, (_, vehicle) in enumerate(scenario.vehicles()):
-        start = f"{flight.trajectory.names[i]}: "
-        if vehicle.model and not any(line.startswith(start) for line in predicted):
+        prefix = f"{flight.trajectory.names[i]}: "
+        if vehicle.model and not any(line.startswith(prefix) for line in predicted):
             worst = np.maximum(worst, largest_deviations(flight, i))
     return Keeping(
         outcome=flight.outcome,

@@ -136,13 +136,15 @@ def test_variants_among_beacons_lack_the_states_that_they_name() -> None:
         ("unknown-start", {"known_start": False}),
         ("tight", {}),
     ):
-        assert study.AMONG[name].over(usual) == replace(usual, **{"known_start": True} | lacking)
+        assert study.BEACON_SETTINGS[name].over(usual) == replace(
+            usual, **{"known_start": True} | lacking
+        )
     assert {
         expected.medium
-        for name, expected in study.AMONG.items()
+        for name, expected in study.BEACON_SETTINGS.items()
         if name not in ("tight", "unknown-start")
     } == {"air"}
-    assert len(study.AMONG) == 6
+    assert len(study.BEACON_SETTINGS) == 6
 
 
 def test_the_record_has_the_median_the_worst_and_all() -> None:

@@ -6,7 +6,7 @@ import pytest
 from laisn.arrays import Floats
 from reports.findings import read_findings
 from tools.documents.markers import RECORDS
-from tools.documents.tight_limits import RIVALS, abreast, case_findings, normalised_errors
+from tools.documents.tight_limits import RIVALS, measured_beside, case_findings, normalised_errors
 
 
 class Routes:
@@ -47,12 +47,12 @@ def test_a_rival_counts_as_better_on_a_route_where_the_whole_interval_is() -> No
 
 def test_the_follower_of_the_map_is_where_it_says() -> None:
     """2 m abeam to starboard: both ranges of the leader's ends are √5 m, but for a common error."""
-    measured = abreast(90.0, 2.0, 0.0, run=3)
+    measured = measured_beside(90.0, 2.0, 0.0, run=3)
     rear, front, _ = measured.ranges.T
     np.testing.assert_allclose(rear, front, atol=0.011)
     assert np.mean(rear) == pytest.approx(np.sqrt(5.0), abs=0.02)
     assert np.std(rear) == pytest.approx(0.05, rel=0.2)
-    deeper = abreast(90.0, 2.0, 1.0, run=3)
+    deeper = measured_beside(90.0, 2.0, 1.0, run=3)
     assert np.mean(deeper.ranges[:, 0]) == pytest.approx(np.sqrt(6.0), abs=0.02)
 
 
