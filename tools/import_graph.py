@@ -39,7 +39,9 @@ def statements(body: Iterable[ast.AST]) -> Iterator[ast.AST]:
 
 @cache
 def import_statements(path: Path) -> tuple[tuple[ast.Import | ast.ImportFrom, bool], ...]:
-    """All imports of a source, as of the first call, and whether each stands within a function."""
+    """All imports of a source, as it was at the first call, and whether each stands within a
+    function.
+    """
     tree = ast.parse(path.read_bytes()).body
     functions = [node for node in statements(tree) if isinstance(node, ast.FunctionDef)]
     in_functions = {id(node) for function in functions for node in statements(function.body)}
@@ -47,7 +49,7 @@ def import_statements(path: Path) -> tuple[tuple[ast.Import | ast.ImportFrom, bo
     return tuple((node, id(node) in in_functions) for node in nodes)
 
 
-def named(path: Path, module: str) -> Iterator[str]:
+def imported_names(path: Path, module: str) -> Iterator[str]:
     """Every name that a source imports anywhere, inside functions too: a module, or something
     within one.
     """
@@ -72,17 +74,18 @@ def imports(root: Path = ROOT, packages: tuple[str, ...] = PACKAGES) -> Imports:
     for module, path in module_names.items():
         names = {
             name if name in module_names else name.rpartition(".")[0]
-            for name in named(path, module)
+            for name in imported_names(path, module)
         }
         graph[module] = {name for name in names if name in module_names and name != module}
     return graph
 
 
 def package_of(module: str) -> str:
-    """The package of a module, at most two names deep; a module directly in `sim` or `experiments`
-    stands for itself.
+    """The package of a module, at most two names deep; `laisn` and `models` are one each, and a
+    module directly in another outermost package stands for itself.
 
-    Such as "sim.water" of "sim.water", and "sim.flight" of "sim.flight".
+    Such as "sim.water" of "sim.water.rays", "sim.flight" of "sim.flight", and "laisn" of
+    "laisn.fix".
     """
     package, *rest = module.split(".")
     return package if package in ("laisn", "models") or not rest else f"{package}.{rest[0]}"
@@ -92,8 +95,8 @@ def package_imports(graph: Mapping[str, Iterable[str]]) -> Imports:
     """Which packages each package imports."""
     between_packages: Imports = {}
     for module, names in graph.items():
-        targets = between_packages.setdefault(package_of(module), set())
-        targets |= {package_of(name) for name in names} - {package_of(module)}
+        imported = between_packages.setdefault(package_of(module), set())
+        imported |= {package_of(name) for name in names} - {package_of(module)}
     return between_packages
 
 
@@ -108,19 +111,21 @@ def cycle(graph: Mapping[str, Iterable[str]]) -> list[str]:
     return []
 
 
-def _room(package: str) -> int:
-    """Number of the room of a package from below; `sim` and what it stands on share one."""
+def _tier(package: str) -> int:
+    """Number from below of the tier of a package: `reports`, `experiments` and `laisn_sim` have one
+    each, above that of all others.
+    """
     return {"reports": 1, "experiments": 2, "laisn_sim": 3}.get(package.partition(".")[0], 0)
 
 
 def layers(graph: Mapping[str, Iterable[str]]) -> dict[str, int]:
-    """The layer of each package: one above the highest that it imports; those of `reports`,
-    `experiments` and `laisn_sim` above all of the rooms below.
+    """The layer of each package, from 0: one above the highest that it imports; in `reports`,
+    `experiments` and `laisn_sim` also above all packages of the tiers below.
     """
-    level: dict[str, int] = {}
-    for package in sorted(TopologicalSorter(graph).static_order(), key=_room):
+    layer: dict[str, int] = {}
+    for package in sorted(TopologicalSorter(graph).static_order(), key=_tier):
         imported = {*graph.get(package, ())}
-        if _room(package) > 0:
-            imported |= {name for name in level if _room(name) < _room(package)}
-        level[package] = max((level[name] + 1 for name in imported), default=0)
-    return level
+        if _tier(package) > 0:
+            imported |= {name for name in layer if _tier(name) < _tier(package)}
+        layer[package] = max((layer[name] + 1 for name in imported), default=0)
+    return layer

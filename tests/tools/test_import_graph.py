@@ -126,23 +126,23 @@ def test_the_product_imports_neither_tools_nor_tests() -> None:
     named = {
         (module, name)
         for module, path in SOURCES.items()
-        for name in import_graph.named(path, module)
+        for name in import_graph.imported_names(path, module)
     }
     assert ("laisn_sim", "laisn.errors.LaisnError") in named
     assert not {pair for pair in named if within(pair[1], "tools") or within(pair[1], "tests")}
 
 
-ROOMS = ("laisn_sim", "experiments", "reports", "sim", "laisn", "models")
+TOP_DOWN = ("laisn_sim", "experiments", "reports", "sim", "laisn", "models")
 """Packages from top to bottom; the last two know nothing of each other."""
 
 
 def test_a_package_imports_only_those_below_it() -> None:
-    assert set(ROOMS) == set(import_graph.PACKAGES)
+    assert set(TOP_DOWN) == set(import_graph.PACKAGES)
     upwards = {
         (module, name)
-        for number, room in enumerate(ROOMS)
-        for module, name in imported_by(room)
-        if any(within(name, above) for above in ROOMS[:number])
+        for number, package in enumerate(TOP_DOWN)
+        for module, name in imported_by(package)
+        if any(within(name, above) for above in TOP_DOWN[:number])
     }
     assert upwards == set()
     assert {pair for pair in imported_by("laisn") if within(pair[1], "models")} == set()

@@ -46,13 +46,13 @@ def positions(imports: Mapping[str, set[str]]) -> dict[str, tuple[float, float]]
     """Where each package is drawn: its layer upwards, and near the mean position of the packages
     that it imports; x and y of the middle of its box.
     """
-    level = import_graph.layers(imports)
+    layer_of = import_graph.layers(imports)
     places_of: dict[str, tuple[float, float]] = {}
-    max_count = max(list(level.values()).count(layer) for layer in set(level.values()))
-    for layer in sorted(set(level.values())):
+    max_count = max(list(layer_of.values()).count(layer) for layer in set(layer_of.values()))
+    for layer in sorted(set(layer_of.values())):
         mean_x = {}  # of the packages that each imports
         for package in sorted(
-            package for package, package_layer in level.items() if package_layer == layer
+            package for package, package_layer in layer_of.items() if package_layer == layer
         ):
             imported_x = [places_of[name][0] for name in imports[package]]
             mean_x[package] = sum(imported_x) / len(imported_x) if imported_x else max_count / 2

@@ -37,8 +37,8 @@ _LOCKED_ERROR_M = 20.0
 """Mean error of a run that does not lock, and of one that does [m]."""
 
 Draw = Callable[[np.random.Generator, tuple[int, int]], tuple[Floats, Floats]]
-"""Numerators and denominators of a ratio, each of the given shape (runs, trials); the denominators of
-a mean are ones.
+"""Numerators and denominators of a ratio, each of the given shape (runs, trials); the denominators
+of a mean are ones.
 """
 
 

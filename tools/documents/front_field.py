@@ -1,7 +1,7 @@
 """The current of the built-in study `front`: `python -m tools.documents.front_field`.
 
-It flows towards east. From south to north its speed grows from 0 to 0.4 m/s across a line 60 m north
-of the start, as 1 + tanh, within some 20 m; it is the same at all depths and times.
+It flows towards east. From south to north its speed grows from 0 to 0.4 m/s across a line 60 m
+north of the start, as 1 + tanh, within some 20 m; it is the same at all depths and times.
 """
 
 from pathlib import Path

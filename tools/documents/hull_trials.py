@@ -74,8 +74,8 @@ BLUEROV_COMMANDS = {
     "surge": (0.25, 0.25, -0.25, -0.25, -_PITCH_TRIM, -_PITCH_TRIM, _PITCH_TRIM, _PITCH_TRIM),
     "sway": (-0.25, 0.25, -0.25, 0.25, -_ROLL_TRIM, _ROLL_TRIM, -_ROLL_TRIM, _ROLL_TRIM),
 }
-"""Voltages of the eight thrusters, over the full one, in the trials of the BlueROV2: four horizontal
-ones, and four vertical ones.
+"""Voltages of the eight thrusters, over the full one, in the trials of the BlueROV2: of four
+horizontal ones, and of four vertical ones.
 """
 
 
@@ -219,8 +219,8 @@ def remus_flight(
 
 
 def _shipped_remus() -> dict[str, Finding]:
-    """Turn rates, pitch under stern planes and final speeds of the shipped REMUS 100, whose fins feel
-    the flow.
+    """Turn rates, pitch under stern planes and final speeds of the shipped REMUS 100, whose fins
+    feel the flow.
     """
     findings = {}
     for rpm, turns in PUBLISHED_TURN.items():
@@ -302,7 +302,7 @@ class PublishedHull:
     diameter: float  # [m]
     mass: float  # [kg]
     figures: dict[str, float]
-    """Coefficients by the names of `coefficients_of`; empty: those of the shipped model of its name."""
+    """By the names of `coefficients_of`; empty: the coefficients of the shipped model are taken."""
 
 
 def _fin_force(area_times_slope: float) -> float:

@@ -1,9 +1,9 @@
 """The study of real ranges: `python -m tools.documents.studies real-ranges`.
 
 Plaza 1 and 2 are navigated on with two beacons at a time and with all four, from a known start and
-from none: by dead reckoning, LAISN-2, the tightly coupled navigator that takes the beacons for the
-transmitters on a leader's hull, and that among beacons, which also has to do without some of its states, or with a scale that is known
-better.
+from none: by dead reckoning, LAISN-2, the tightly coupled navigator that is made for transmitters
+on a leader's hull, and that among beacons, which also has to do without some of its states, or
+with a scale that is known better.
 """
 
 from collections.abc import Callable, Iterator
@@ -65,8 +65,8 @@ HULL_SETTINGS = TightSettings(
     outlier_span=20.0,
     slip=0.05,
 )
-"""The tightly coupled navigator that takes the beacons for transmitters on a leader's hull, with the
-quality of these sensors.
+"""Settings of the tightly coupled navigator that is made for transmitters on a leader's hull, for
+the quality of these sensors.
 """
 
 

@@ -56,7 +56,7 @@ _TRANSMITTERS = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, 0.1]])
 _SPEED_BIAS = 0.2  # [m/s]
 _COMPASS_BIAS = np.deg2rad(5.0)  # [rad]
 _RANGE_ERROR = 0.005  # of each range, uniform [m]
-# standard deviation of an error in proportion to the ranges of a message, at the largest of them [m]
+# σ of an error in proportion to the ranges of a message, at the largest of them [m]
 _COMMON_ERROR = 0.05
 _DEPTH = 8.0  # of the leader [m]
 

@@ -87,8 +87,8 @@ def retimed(table: dict[str, Any]) -> dict[str, Any]:
     scenario = Scenario(**table)
     vehicle = scenario.leader if scenario.leader.model else scenario.followers[0]
     limits = limits_of(hull_of(MotionSettings.of(scenario), vehicle))
-    # least speed over ground [m/s]: 0.1 where the vehicle can hover, else enough for its fins in any
-    # direction of the current
+    # least speed over ground [m/s]: 0.1 where the vehicle can hover, else enough for its fins
+    # whatever the direction of the current
     slowest = 0.1
     if limits.least_speed > 0.0:
         slowest = 1.2 * limits.least_speed + scenario.ocean.current_speed_m_s

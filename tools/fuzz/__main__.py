@@ -25,9 +25,9 @@ FOLDER = Path("out") / "fuzz"
 
 def search(kind: str, seed: int, count: int, folder: Path) -> int:
     """Try so many inputs of a kind, print what is wrong with answers and keep their inputs in a
-    folder; how many there are.
+    folder; returns how many inputs had faulty answers.
     """
-    number = 0
+    faulty = 0
     for k in range(count):
         case = KINDS[kind](Random(f"{kind} {seed} {k}"))
         with tempfile.TemporaryDirectory() as work:
@@ -38,14 +38,14 @@ def search(kind: str, seed: int, count: int, folder: Path) -> int:
         faults = faults_of(case, answer)
         if not faults:
             continue
-        number += 1
+        faulty += 1
         case_folder = folder / f"{kind}-{seed}-{k}"
         shutil.rmtree(case_folder, ignore_errors=True)
         case_folder.mkdir(parents=True)
         for name, content in case.files.items():
             (case_folder / name).write_bytes(content)
         print(f"{case_folder}: {report(case, answer, faults)}", flush=True)
-    return number
+    return faulty
 
 
 def main() -> int:
@@ -56,12 +56,12 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=None, help="by chance if left out")
     arguments = parser.parse_args()
     seed = secrets.randbits(32) if arguments.seed is None else arguments.seed
-    number = 0
+    total = 0
     for kind in arguments.kinds or KINDS:
-        faults = search(kind, seed, arguments.count, FOLDER)
-        print(f"{kind}: {arguments.count} inputs, seed {seed}: {faults} faults", flush=True)
-        number += faults
-    return 1 if number else 0
+        faulty = search(kind, seed, arguments.count, FOLDER)
+        print(f"{kind}: {arguments.count} inputs, seed {seed}: {faulty} faults", flush=True)
+        total += faulty
+    return 1 if total else 0
 
 
 if __name__ == "__main__":

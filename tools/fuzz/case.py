@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 from laisn.plugins import PLUGINS_VARIABLE
 from laisn_sim.cli.main import app
 
+# exit codes of the command; TOO_LONG stands for none, as it was ended
 TOO_LONG = -1
 DONE = 0
 REFUSED = 2
@@ -32,7 +33,7 @@ _QUOTED = 600  # characters of an answer in a report
 class FuzzCase:
     """A command and the files that it is given, in an empty folder."""
 
-    words: list[str]
+    words: list[str]  # of the command line, after `laisn`
     files: dict[str, bytes] = field(default_factory=dict)
     written: tuple[str, ...] = ()  # what it writes if it succeeds, and only then
     must_be_refused: bool = False
@@ -74,7 +75,7 @@ def _limited() -> Iterator[None]:
 class CommandResult:
     """What a command did."""
 
-    code: int
+    code: int  # exit code
     output: str
     files: frozenset[str]  # that are in the folder afterwards, beside the input
     seconds: float  # of processor time

@@ -8,6 +8,7 @@ from random import Random
 
 from tools.fuzz.case import FuzzCase
 
+# bodies of methods
 _ACTIONS = (
     "raise ValueError('x')",
     "raise SystemExit(3)",
@@ -39,6 +40,7 @@ _ACTIONS = (
     "import nosuchmodule",
     "return self.nosuch",
 )
+# lines above the class
 _TOPS = (
     "raise ValueError('top')",
     "raise SystemExit(5)",
@@ -55,8 +57,11 @@ _TOPS = (
     "return 3",
     "# -*- coding: nosuch -*-",
 )
+# classes that it is derived from
 _BASES = ("laisn_sim.Navigator", "object", "dict", "int", "Exception", "Nosuch", "type")
+# lines below it
 _TAILS = ("Mine = 3", "Mine = None", "Mine = lambda *a, **k: None", "del Mine", "Mine = Mine()")
+# lines at the beginning of its body
 _BODIES = ("x: int = 1", "step = 3", "__slots__ = ()", "def __repr__(self): 1 / 0")
 
 
@@ -64,9 +69,9 @@ _BODIES = ("x: int = 1", "step = 3", "__slots__ = ()", "def __repr__(self): 1 / 
 class _Kind:
     """What a class is for: its methods as they should be, and where a scenario names it."""
 
-    methods: Mapping[str, str]
+    methods: Mapping[str, str]  # bodies by name, of parameters `*a, **k`
     setting: str  # with "{}" for the class
-    attributes: tuple[str, ...] = ()
+    attributes: tuple[str, ...] = ()  # lines that set them in the class
 
 
 _KINDS = (

@@ -27,7 +27,9 @@ _ODD_KEYS = (
     "followers",
     "navigation",
 )
+# strings as values
 _WORDS = ("tight", "ekf", "laisn3(2)", "T5", "remus100", "mod:Class", "../../etc", "x:", "::")
+# heads of tables that are none, or of the wrong kind
 _TABLES = ("[followers]", "[[leader]]", "[[followers]]", "[factors]", "[draws]", "[[arms]]", "[x]")
 _SHORT_STUDY = ["--set", "duration_s=1", "--set", "motion=kinematic"]
 

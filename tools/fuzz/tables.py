@@ -47,7 +47,7 @@ def _headers(random: Random, unit: str, degrees: bool) -> dict[str, str]:
 
 
 def _columns(random: Random) -> list[FuzzColumn]:
-    """A vehicle 20 m beside its leader, in any units."""
+    """A vehicle 20 m to port of its leader, in any units."""
     degrees = random.random() < 0.5
     unit = random.choice(list(_UNITS_PER_SECOND))
     step = random.choice((0.1, 0.2, 1.0))

@@ -33,6 +33,7 @@ class Passage:
 
     @property
     def received(self) -> np.ndarray:
+        """Rows with a message, shape (n,)."""
         return np.isfinite(self.fields["range_rear"])
 
 
@@ -49,15 +50,16 @@ def _passage(random: Random) -> Passage:
     leader = np.cumsum(speed * interval * ahead, axis=0) + random.uniform(-300.0, 300.0)
     own_position = leader + np.array([random.uniform(-40.0, 40.0), random.uniform(15.0, 40.0)])
     depth, leader_depth = random.choice(((8.0, 8.0), (2.0, 30.0)))
+    # transmitters 1 m behind and ahead of the leader's middle
     ranges = [
         np.hypot(np.linalg.norm(leader + x * ahead - own_position, axis=1), depth - leader_depth)
         for x in (-1.0, 1.0)
     ]
     message_stride = max(1, round(random.choice((1.0, 10.0)) / interval))
-    level = np.ones(k.size)
+    ones = np.ones(k.size)
     received = np.where(k % message_stride == 0, 1.0, np.nan)
-    own_values: list[Floats] = [time, speed * level, heading, depth * level]
-    leader_values: list[Floats] = [*leader.T, heading, speed * level, leader_depth * level]
+    own_values: list[Floats] = [time, speed * ones, heading, depth * ones]
+    leader_values: list[Floats] = [*leader.T, heading, speed * ones, leader_depth * ones]
     fields: dict[str, Floats] = dict(zip(_OWN_COLUMNS, own_values, strict=True))
     names = ("leader_timestamp", *_LEADER, *_RANGES)
     for name, values in zip(names, [time, *leader_values, *ranges], strict=True):
@@ -65,14 +67,16 @@ def _passage(random: Random) -> Passage:
     return Passage(fields, interval)
 
 
-def _sizes(random: Random) -> dict[str, dict[str, float]]:
-    """Units of each quantity: one, or any for each column."""
+def _units(random: Random) -> dict[str, dict[str, float]]:
+    """Units that may stand in headers, with their sizes in SI units, by quantity: one of each, or
+    any.
+    """
     mixed = random.random() < 0.4
     chosen = dict[str, dict[str, float]]()
     for quantity in (TIME, SPEED, ANGLE, LENGTH):
-        units = dict(quantity.units)
-        name = random.choice(list(units))
-        chosen[quantity.name] = units if mixed else {name: units[name]}
+        sizes = dict(quantity.units)
+        name = random.choice(list(sizes))
+        chosen[quantity.name] = sizes if mixed else {name: sizes[name]}
     return chosen
 
 
@@ -83,6 +87,9 @@ def _step_back(time: Floats, interval: float, random: Random) -> Floats:
 
 
 def _cells(values: Floats, size: float, comma: bool) -> list[str]:
+    """Values in a unit of a size in SI units, with a comma for the decimal point or without; NaN is
+    empty.
+    """
     cells = ["" if math.isnan(value) else f"{value / size:.15g}" for value in values.tolist()]
     return [cell.replace(".", ",") for cell in cells] if comma else cells
 
@@ -104,10 +111,10 @@ def _judge(passage: Passage) -> Callable[[Path], list[str]]:
             return [f"{read.speed.size} of {fields['speed'].size} rows are left"]
         messages = np.column_stack([fields[name] for name in _LEADER])[passage.received]
         ranges = np.column_stack([fields[name] for name in _RANGES])[passage.received]
-        turned = np.remainder(read.heading - fields["heading"] + math.pi, math.tau) - math.pi
+        heading_error = np.remainder(read.heading - fields["heading"] + math.pi, math.tau) - math.pi
         differences = {
             "speed": read.speed - fields["speed"],
-            "heading": turned,
+            "heading": heading_error,
             "depth": read.depth - fields["depth"],
             "interval": np.array([read.dt - passage.interval]),
             "messages": read.message[:, 1:6] - messages,
@@ -124,13 +131,11 @@ def _judge(passage: Passage) -> Callable[[Path], list[str]]:
 
 @dataclass(frozen=True, kw_only=True)
 class _Style:
-    """How a table is written: units of each quantity by their size, and those of columns whose
-    header states none.
-    """
+    """How a table is written; a bare column is one whose header states no unit."""
 
-    units: dict[str, dict[str, float]]
-    bare_units: dict[str, str]
-    bare_share: float
+    units: dict[str, dict[str, float]]  # of other columns: size in SI units by name, by quantity
+    bare_units: dict[str, str]  # of bare columns, by quantity
+    bare_share: float  # chance that a column is bare
     comma: bool  # whether decimals have a comma
 
     def column(self, field: str, values: Floats, random: Random) -> list[str]:
@@ -146,7 +151,7 @@ class _Style:
 
 
 def _style(random: Random, delimiter: str) -> _Style:
-    units = _sizes(random)
+    units = _units(random)
     bare_share = random.choice((0.0, 0.3, 0.7))
     if bare_share > 0.0:
         # lengths and speeds without a unit have that of the others, or of the SI
@@ -182,11 +187,11 @@ def make(random: Random) -> FuzzCase:
         header, *cells = random.choice(columns)
         columns.append([random.choice((header, header.upper(), f" {header}")), *cells])
     text = "\n".join(delimiter.join(row) for row in zip(*columns, strict=True))
-    mark = "\ufeff" if random.random() < 0.2 else ""
+    byte_order_mark = "\ufeff" if random.random() < 0.2 else ""
     wrong = fault in ("twice", "heights")
     return FuzzCase(
         words=["log", "import", "in.csv", "--out", _LOG],
-        files={"in.csv": f"{mark}{text}".encode()},
+        files={"in.csv": f"{byte_order_mark}{text}".encode()},
         written=(_LOG,),
         must_be_refused=wrong,
         judge=None if wrong else _judge(passage),

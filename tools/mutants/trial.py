@@ -65,18 +65,18 @@ def equivalents() -> dict[tuple[str, str, str], str]:
 
 
 def without_effect(source: str) -> list[Span]:
-    """Annotations and the `strict` of zip: changes there cannot show when the code runs."""
-    statements: list[ast.expr | None] = []
+    """Places of annotations and of the `strict` of zip: changes there do not show in a run."""
+    expressions: list[ast.expr | None] = []
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.FunctionDef):
-            statements.append(node.returns)
+            expressions.append(node.returns)
         if isinstance(node, ast.arg | ast.AnnAssign):
-            statements.append(node.annotation)
+            expressions.append(node.annotation)
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "zip":
-            statements += [keyword.value for keyword in node.keywords]
+            expressions += [keyword.value for keyword in node.keywords]
     return [
         ((n.lineno, n.col_offset), (n.end_lineno or 0, n.end_col_offset or 0))
-        for n in statements
+        for n in expressions
         if n is not None
     ]
 

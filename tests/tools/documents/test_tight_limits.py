@@ -6,7 +6,7 @@ import pytest
 from laisn.arrays import Floats
 from reports.findings import read_findings
 from tools.documents.markers import RECORDS
-from tools.documents.tight_limits import RIVALS, measured_beside, case_findings, normalised_errors
+from tools.documents.tight_limits import RIVALS, case_findings, measured_beside, normalised_errors
 
 
 class Routes:
