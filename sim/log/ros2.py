@@ -48,8 +48,8 @@ _BLOCK_NS = 20 * 10**9  # messages of this time are in memory at once [ns]
 SURFACE_PRESSURE_PA = 101325.0  # standard atmosphere
 _UNKNOWN_ANGLE = math.pi**2 / 3.0  # variance of an angle that may be any [rad²]
 _UNKNOWN_SPEED = 1e6  # variance of a speed that is not measured [m²/s²]
-_ULTRASOUND = 0
-_POSITION_COVARIANCE_KNOWN = 3
+_ULTRASOUND = 0  # radiation_type of sensor_msgs/Range
+_POSITION_COVARIANCE_KNOWN = 3  # position_covariance_type of sensor_msgs/NavSatFix
 _JPEG_QUALITY = 80
 _MAP = "map"
 _CAMERA = "/camera"
@@ -91,7 +91,7 @@ class _FlightContext:
 
 
 def _ros_names(names: Sequence[str]) -> tuple[str, ...]:
-    """Names of vehicles with the characters that topics may have, each of them once."""
+    """Names of vehicles or sensors with the characters that topics may have, each of them once."""
     topic_names = list[str]()
     for name in names:
         plain = re.sub(r"[\W_]+", "_", name, flags=re.ASCII)
@@ -360,16 +360,16 @@ def _estimate(context: _FlightContext, follower: int) -> Iterator[RosTopic]:
         pose | twist,
     )
     every_second = slice(None, None, max(1, round(1.0 / m.dt)))
-    on_map = np.zeros((n, 9))
-    on_map[:, [0, 1, 3, 4]] = horizontal.reshape(n, 4)
-    on_map[:, 8] = errors.depth_sigma_m**2
+    map_covariance = np.zeros((n, 9))
+    map_covariance[:, [0, 1, 3, 4]] = horizontal.reshape(n, 4)
+    map_covariance[:, 8] = errors.depth_sigma_m**2
     yield _nav_sat(
         context,
         f"/{name}/estimate/navsat",
         f"{name}/hydrophone",
         time_ns[every_second],
         position[every_second],
-        on_map[every_second],
+        map_covariance[every_second],
     )
     yield _fixes(context, follower)
 
@@ -451,11 +451,11 @@ def _sensed(context: _FlightContext, follower: int) -> Iterator[RosTopic]:
         speed,
     )
     water = density_of(flight.scenario.ocean)
-    weight = flight.scenario.ocean.density_kg_m3 * GRAVITY
+    specific_weight = flight.scenario.ocean.density_kg_m3 * GRAVITY  # [N/m³]
     read_at = np.flatnonzero(np.isfinite(m.depth))
     pressure = {
         "fluid_pressure": SURFACE_PRESSURE_PA + water.pressures_at(m.depth[read_at]),
-        "variance": np.full(read_at.size, (weight * errors.depth_sigma_m) ** 2),
+        "variance": np.full(read_at.size, (specific_weight * errors.depth_sigma_m) ** 2),
     }
     yield _numbers(
         context,
@@ -465,11 +465,11 @@ def _sensed(context: _FlightContext, follower: int) -> Iterator[RosTopic]:
         {"header": {"frame_id": f"{name}/depth_sensor"}},
         pressure,
     )
-    for sensor, readings in m.custom.items():
+    for sensor, readings in zip(_ros_names(list(m.custom)), m.custom.values(), strict=True):
         rows = readings.reshape(n, -1)
         yield _numbers(
             context,
-            f"/{name}/sensor/{_ros_names([sensor])[0]}",
+            f"/{name}/sensor/{sensor}",
             READING_TYPE,
             time_ns,
             base | {"values": np.zeros(rows.shape[1])},

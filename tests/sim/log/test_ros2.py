@@ -27,6 +27,7 @@ from laisn_sim.cli.main import app
 from sim import attitude
 from sim.flight import FlightRecord
 from sim.log import writer
+from sim.log.ros2 import write_measurement_bag
 from sim.log.ros2_robot import roll_pitch_yaw, urdf
 from tests.synthetic import make_flight, moved
 
@@ -432,6 +433,20 @@ def test_names_that_topics_cannot_have(tmp_path: Path) -> None:
     scenario = flown.scenario.model_copy(update={"followers": followers})
     topics = by_rosbags(export(replace(flown, trajectory=trajectory, scenario=scenario), tmp_path))
     assert {"/no_1/imu", "/v2nd_auv/imu"} <= topics.keys()
+
+
+def test_sensors_whose_names_are_alike_have_topics_of_their_own(tmp_path: Path) -> None:
+    flown = make_flight(2.0)
+    measured = flown.measurements[0]
+    steps = measured.speed.size
+    custom = {"side-scan": np.ones((steps, 1)), "side_scan": np.full((steps, 2), 2.0)}
+    flight = replace(flown, measurements=(replace(measured, custom=custom),))
+    write_measurement_bag(flight, tmp_path / "bag")
+    topics = by_rosbags(tmp_path / "bag")
+    for name, values in (("side_scan", [1.0]), ("side_scan_2", [2.0, 2.0])):
+        messages = topics[f"/follower/sensor/{name}"]
+        assert len(messages) == steps
+        assert all(message.values.tolist() == values for _, message in messages)
 
 
 def test_times_that_ros_cannot_count(tmp_path: Path) -> None:
