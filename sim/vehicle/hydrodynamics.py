@@ -292,7 +292,7 @@ def wrench(
     force = plus(force, terms[0])
     moment = plus(moment, terms[1])
     # B ρ(z)/ρ_0: a hull that dives into denser water becomes lighter there
-    buoyancy = c.buoyancy * sea.water.relative_density_at(-position[2], c.density)
+    buoyancy = c.buoyancy * sea.density_model.relative_density_at(-position[2], c.density)
     # Froude-Krylov, ρ V Du/Dt with Du/Dt = du/dt − ∇u (ẋ − u): the pressure that accelerates the
     # water particles acts on the hull in their place, along their own path, not along the hull's
     particle_acceleration = minus(water.rate, matvec(gradient, minus(velocity, water.velocity)))

@@ -150,7 +150,7 @@ def suits_lanes(handles: StepHandles) -> bool:
         isinstance(handles.solver, DirectSolver)
         and handles.fitted.kinds == BUILT_IN
         and isinstance(sea.current, ShearedCurrent)
-        and isinstance(sea.water, UniformDensity)
+        and isinstance(sea.density_model, UniformDensity)
     )
 
 

@@ -36,7 +36,8 @@ from sim.water.region import region_of
 from sim.water.waves import Waves
 
 _INSTANTS = 200  # instants at which the plan of a mission is looked at
-_ROOM, _ROOM_M = 1.2, 3.0  # of tables of rays beyond what is planned
+# tables of rays reach beyond what is planned by this factor and, besides, by so much [m]
+_MARGIN_FACTOR, _MARGIN_M = 1.2, 3.0
 
 # keeps the sea's random numbers apart from all others that come from the same seed
 _WAVES_KEY = 0x5EA
@@ -73,8 +74,9 @@ def rays_of(sound: SoundSettings) -> StraightRays | RefractedRays:
 
 
 def planned_places(plan: MissionPlan) -> list[Floats]:
-    """Where each vehicle is planned to be, shapes (n, 3), east, north and depth [m]; stations are
-    beside the leader.
+    """Where each vehicle is planned to be, shapes (n, 3), east, north and depth [m].
+
+    Stations, which turn with the leader, are taken as due west of it, as far as they are from it.
     """
     time = np.linspace(0.0, plan.duration_s, _INSTANTS)
     places = []
@@ -82,9 +84,9 @@ def planned_places(plan: MissionPlan) -> list[Floats]:
     for key, vehicle in plan.vehicles():
         station = getattr(vehicle, "station", None)
         if station is not None:
-            farthest_behind = leader[:, :2] - (math.hypot(station.behind_m, station.port_m), 0.0)
+            west_of_leader = leader[:, :2] - (math.hypot(station.behind_m, station.port_m), 0.0)
             places.append(
-                np.column_stack([farthest_behind, np.full(_INSTANTS, vehicle.held_depth_m)])
+                np.column_stack([west_of_leader, np.full(_INSTANTS, vehicle.held_depth_m)])
             )
             continue
         route = route_of(vehicle, key)
@@ -96,8 +98,8 @@ def planned_places(plan: MissionPlan) -> list[Floats]:
 
 
 def extent_of(sound: SoundSettings) -> Extent:
-    """Depths and distances that the plans of vehicles need, and the places of beacons, with some
-    room.
+    """Depths and distances that the plans of vehicles need, and the places of beacons, with a
+    margin.
     """
     places = planned_places(sound.sea.plan)
     places += [np.array([beacon]) for beacon in sound.beacons_m]
@@ -107,10 +109,10 @@ def extent_of(sound: SoundSettings) -> Extent:
         for i, a in enumerate(places)
         for b in places[:i]
     )
-    reach = _ROOM * farthest + _ROOM_M
+    reach = _MARGIN_FACTOR * farthest + _MARGIN_M
     if sound.acoustics.max_range_m:
         reach = min(reach, sound.acoustics.max_range_m)
-    return Extent(_ROOM * deepest + _ROOM_M, reach)
+    return Extent(_MARGIN_FACTOR * deepest + _MARGIN_M, reach)
 
 
 def _source(key: str, table: SeaFile) -> Source:
@@ -249,13 +251,15 @@ def sea_of_keys(water: OceanTable, seed: int) -> Ocean:
     would break.
     """
     waves = water.waves
-    towards = {
+    direction_and_floor = {
         "direction_rad": float(np.deg2rad(waves.direction_deg)),
         "floor_depth_m": water.floor_depth_m,
     }
     components = Waves.none()
     if waves.kind == "regular":
-        components = Waves.regular(height_m=waves.height_m, period_s=waves.period_s, **towards)
+        components = Waves.regular(
+            height_m=waves.height_m, period_s=waves.period_s, **direction_and_floor
+        )
     elif waves.kind == "jonswap":
         components = Waves.jonswap(
             np.random.default_rng([_WAVES_KEY, seed]),
@@ -264,7 +268,7 @@ def sea_of_keys(water: OceanTable, seed: int) -> Ocean:
             spread_rad=float(np.deg2rad(waves.spreading_deg)),
             peakedness=waves.peak_enhancement,
             n_components=waves.components,
-            **towards,
+            **direction_and_floor,
         )
     return Ocean(
         current_speed_m_s=0.0 if water.current_profile else water.current_speed_m_s,

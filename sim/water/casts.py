@@ -55,6 +55,7 @@ def read_density(source: Source, origin: FieldOrigin, profile: int | None = None
     return _read_profile(source, file_digest(source.file), origin, profile, _DENSITY)
 
 
+# the digest is only a key of the cache: a changed file is read again
 @lru_cache(maxsize=8)
 def _read_profile(
     source: Source,
@@ -74,22 +75,23 @@ def _read_profile(
     value = value[present][order]
     if depth[0] < 0.0:
         raise source.error(f"it has a depth of {depth[0]:g} m; depths count downwards")
+    # first row of each depth
     distinct = np.flatnonzero(np.diff(depth, prepend=-1.0) > 1e-6)
     # rows of one depth are averaged
     means = np.add.reduceat(value, distinct) / np.diff([*distinct, depth.size])
     points = np.column_stack([depth[distinct], means])
-    slowest = points[:, 1].min()
-    fastest = points[:, 1].max()
-    if slowest < quantity.smallest or fastest > quantity.largest:
+    lowest = points[:, 1].min()
+    highest = points[:, 1].max()
+    if lowest < quantity.smallest or highest > quantity.largest:
         raise source.error(
-            f"its {quantity.plural} are {slowest:.4g} to {fastest:.4g} {quantity.unit}; expected "
+            f"its {quantity.plural} are {lowest:.4g} to {highest:.4g} {quantity.unit}; expected "
             f"{quantity.smallest:g} to {quantity.largest:g} {quantity.unit}: are units of "
             "temperature, salinity and depth right?"
         )
     report = (
         f"{source.file.name}: {', '.join(cast_values.names)}; {len(points)} depths, "
-        f"{points[0, 0]:.4g} to {points[-1, 0]:.4g} m, {slowest:.{quantity.digits}f} to "
-        f"{fastest:.{quantity.digits}f} {quantity.unit}"
+        f"{points[0, 0]:.4g} to {points[-1, 0]:.4g} m, {lowest:.{quantity.digits}f} to "
+        f"{highest:.{quantity.digits}f} {quantity.unit}"
     )
     if cast_values.place:
         report += f"; {cast_values.place}"

@@ -45,7 +45,9 @@ DISPLACEMENT = slice(5, 7)
 
 @compiled
 def drift_at(time: float, change: Floats) -> Drift:
-    """The changing part of a current at a time [s], from points of shape (m, 7)."""
+    """The changing part of a current at a time [s], from points of shape (m, 7), columns START,
+    VELOCITY, ACCELERATION, DISPLACEMENT.
+    """
     m = change.shape[0]
     if m == 0:
         return Drift((0.0, 0.0), (0.0, 0.0), (0.0, 0.0))

@@ -22,6 +22,7 @@ _FUNCTION = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
 # steps of the differences: currents change over metres and seconds, and numbers have 16 digits
 _STEP_M = 0.01
 _STEP_S = 0.01
+# where the memory of a `CustomCurrent` has what
 _PLACE = slice(0, 3)
 _TIME = 3
 _VELOCITY = slice(4, 7)
@@ -35,7 +36,7 @@ class CustomInstant(NamedTuple):
 
     drift: Drift
     time: float  # [s]
-    address: int
+    address: int  # as of `CustomCurrent`, as the next
     memory: Floats
 
     @compiled

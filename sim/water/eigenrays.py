@@ -33,9 +33,9 @@ _MIN_STEPS = 8
 _SEARCH_TOLERANCE_M = 1e-8  # of the receiver's depth, at which the search for a ray ends
 _ACCEPTED_MISS_M = 1e-4  # of a ray that ends at the receiver
 MIN_CLEARANCE_M = 1e-3  # least distance of places from surface and floor
-FAN_RAYS = 257  # rays of a fan
+FAN_RAYS = 257  # number of rays that leave a source when all that join two places are searched
 _EDGE_HALVINGS = 14  # of the interval in which a fan's rays cease to be of the wanted path
-MAX_RAYS = 16
+MAX_RAYS = 16  # largest number of rays of one path between two places that are looked for
 _STEEP_SQUARE = 4e-4  # q² above which q follows from n² and p
 # horizontal over vertical distance, below which bending is not noticeable
 _NEAR_VERTICAL_RATIO = 1e-4
@@ -204,7 +204,9 @@ def _steps(distance: float, depth_change: float) -> int:
 
 @compiled
 def trace(w: Water, source: float, angle: float, distance: float, steps: int) -> RayState:
-    """Follow a ray from a depth [m] at an angle [rad] to a horizontal distance [m]."""
+    """Follow a ray from a depth [m] at an angle [rad] to a horizontal distance [m], in so many
+    steps; `NO_STATE` if it is not of the wanted path.
+    """
     horizontal, vertical = _launch(w.profile, source, angle)
     h = distance / (steps * horizontal)
     state = RayState(source, vertical, 0.0, 0)
@@ -474,8 +476,8 @@ def steepest(profile: SmoothProfile, depth: float, distance: float, depth_change
     `distance`.
     """
     speed = speed_and_gradient(profile, depth, 0)[0]
-    level = distance / math.hypot(distance, depth_change)
-    return math.acos(min(1.0, level * speed / profile.fastest))
+    straight_cosine = distance / math.hypot(distance, depth_change)
+    return math.acos(min(1.0, straight_cosine * speed / profile.fastest))
 
 
 @jitable

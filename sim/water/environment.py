@@ -21,7 +21,7 @@ class Environment(NamedTuple):
     waves: Any  # as `sim.water.waves.WaveTrain`
     floor: Any  # as `sim.water.floors.LevelFloor`
     rays: Any  # as `sim.water.rays.StraightRays`
-    water: Any  # as `sim.water.densities.UniformDensity`
+    density_model: Any  # as `sim.water.densities.UniformDensity`
 
     def flow(self, position: Vector, time: float) -> Vector:
         """Velocity of the water at a place [m] and time [s], in the world [m/s]."""
@@ -43,7 +43,7 @@ class Environment(NamedTuple):
 
     def density(self, depth: float) -> float:
         """Density of the water at a depth [kg/m³]."""
-        return float(self.water.density_at(depth))
+        return float(self.density_model.density_at(depth))
 
 
 class SeaInstant(NamedTuple):
@@ -52,7 +52,7 @@ class SeaInstant(NamedTuple):
     time: float  # [s]
     current: Any  # as `sim.water.currents.ShearedInstant`
     waves: Any  # as `sim.water.waves.WaveTrain`
-    water: Any  # as `sim.water.densities.UniformDensity`
+    density_model: Any  # as `sim.water.densities.UniformDensity`
 
 
 @compiled
@@ -60,7 +60,8 @@ def sea_at(environment: Environment, time: float) -> SeaInstant:
     """Current, waves and density of an environment at a time [s]: the first argument of `flow`
     and `elevation_at`.
     """
-    return SeaInstant(time, environment.current.at_time(time), environment.waves, environment.water)
+    current = environment.current.at_time(time)
+    return SeaInstant(time, current, environment.waves, environment.density_model)
 
 
 @compiled
@@ -112,7 +113,9 @@ def velocity_of_water(sea: SeaInstant, position: Vector) -> Vector:
 
 @compiled
 def water_velocity(environment: Environment, position: Floats, time: float, out: Floats) -> None:
-    """Write the velocity of the water at points of shape (n, 3) to `out`, likewise."""
+    """Write the velocity of the water at places, shape (n, 3), [m], and one time [s] to `out`,
+    shape (n, 3), [m/s].
+    """
     sea = sea_at(environment, time)
     for i in range(position.shape[0]):
         point = position[i, 0], position[i, 1], position[i, 2]

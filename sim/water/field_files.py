@@ -65,9 +65,9 @@ class FieldOrigin(NamedTuple):
 class VariableNames(NamedTuple):
     """What a variable may be called."""
 
-    title: str
-    standard_names: tuple[str, ...]
-    names: tuple[str, ...]
+    title: str  # in messages
+    standard_names: tuple[str, ...]  # of CF
+    names: tuple[str, ...]  # names of variables, in lower case
 
 
 EASTWARD = VariableNames(
@@ -132,7 +132,7 @@ _AXES = {
 class Source(NamedTuple):
     """A file, and the key that names it."""
 
-    key: str
+    key: str  # of the settings
     file: Path
 
     def error(self, problem: str) -> FieldError:
@@ -424,7 +424,7 @@ def seconds_from_start(source: Source, axis: "DataArray", origin: FieldOrigin) -
 
 
 def _moment(source: Source, name: str, text: str) -> datetime:
-    """A date of a NetCDF unit, in UTC unless it has a zone."""
+    """The date and time that a NetCDF unit counts from, in UTC unless it has a zone."""
     match = _DATE.fullmatch(text)
     try:
         if match is None:
@@ -518,6 +518,7 @@ def _read_current(
             "X": east.part(region.west, region.east),
         }
         components = [eastward, northward] + ([] if upward is None else [upward])
+        # shape (t, k, j, i, 2 or 3), [m/s]
         velocity = np.empty((*(axis.value.size for axis in axes.values()), len(components)))
         for i, variable in enumerate(components):
             scale = _speed_scale(source, variable)

@@ -83,7 +83,7 @@ class GriddedInstant(NamedTuple):
         rises = grid.velocity.shape[4] == 3
         values = grid.velocity
         # trilinear: u = Σ w_i w_j w_k u_ijk, of u_ijk linear in time; t is its change over the
-        # interval of time, xy the derivative of u_x by y
+        # interval of time, xy the derivative of u_x by y; e and c are u_ijk and its change
         ux = uy = uz = 0.0
         tx = ty = tz = 0.0
         xx = xy = xz = yx = yy = yz = zx = zy = zz = 0.0
@@ -154,9 +154,11 @@ class GriddedFloor(NamedTuple):
         """Depth of the floor below a place [m]."""
         x = cell_of(self.east, east)
         y = cell_of(self.north, north)
-        south = self.depth[y.low, x.low] * (1.0 - x.share) + self.depth[y.low, x.high] * x.share
-        other = self.depth[y.high, x.low] * (1.0 - x.share) + self.depth[y.high, x.high] * x.share
-        return float(south * (1.0 - y.share) + other * y.share)
+        at_south = self.depth[y.low, x.low] * (1.0 - x.share) + self.depth[y.low, x.high] * x.share
+        at_north = (
+            self.depth[y.high, x.low] * (1.0 - x.share) + self.depth[y.high, x.high] * x.share
+        )
+        return float(at_south * (1.0 - y.share) + at_north * y.share)
 
     @jitable
     def reflection_depth(self, source: Vector, receiver: Vector) -> float:

@@ -81,7 +81,7 @@ class Ocean:
             waves=WaveTrain.on(self.waves, surface_current, self.floor_depth_m),
             floor=floor,
             rays=rays,
-            water=self.density or UniformDensity(float(self.density_kg_m3)),
+            density_model=self.density or UniformDensity(float(self.density_kg_m3)),
         )
 
     def trim_density(self, depth: float) -> float:

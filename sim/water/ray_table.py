@@ -1,9 +1,10 @@
 """A table of how much rays bend, for missions that follow thousands of pings.
 
-A ray takes less time than sound would along the straight line. The mean slowness along that line
-exceeds the ray's time by its length by −r² G, in which r is the horizontal distance and G a smooth
-function of both depths and of r. G is interpolated by cubics of Hermite in each of the three, so
-that its gradient is continuous; its derivatives at the nodes follow from the angles of the ray.
+A ray takes less time than sound would along the straight line. Its time over the length of that
+line is the mean slowness along the line plus r² G, in which r is the horizontal distance and G, not
+above zero, a smooth function of both depths and of r. G is interpolated by cubics of Hermite in
+each of the three, so that its gradient is continuous; its derivatives at the nodes follow from the
+angles of the ray.
 
 Where another ray becomes the earliest, G has an edge, and where there is none, no value. Cells of
 the table in which G at the middle differs from that of a traced ray are marked, and rays in them
@@ -19,6 +20,7 @@ from laisn.arrays import Bytes, Floats
 from laisn.compiled import compiled, jitable
 from sim.water.eigenrays import (
     FAN_RAYS,
+    MAX_RAYS,
     MIN_CLEARANCE_M,
     NO_RAY,
     REFERENCE_M_S,
@@ -39,9 +41,10 @@ from sim.water.eigenrays import (
 from sim.water.smooth_profile import SmoothProfile, speed_and_gradient
 
 SMOOTH, MARKED, DARK = range(3)
+"""Kinds of cells: G is interpolated, rays are traced, no ray gets there."""
 
-_TOLERANCE_M = 1.5e-4  # of the range, in the middle of a cell
-_SAME_RAY_RAD = 3e-3
+_TOLERANCE_M = 1.5e-4  # error of the range within a cell above which the cell is marked
+_SAME_RAY_RAD = 3e-3  # rays at corners that leave at angles nearer than this count as one
 
 
 class RayTable(NamedTuple):
@@ -67,6 +70,7 @@ class _Weights(NamedTuple):
 
 @jitable
 def _weights(x: float, width: float) -> _Weights:
+    """Weights of a cubic of Hermite at the part x, 0 … 1, of an interval of a width."""
     y = 1.0 - x
     return _Weights(
         y * y * (1.0 + 2.0 * x), x * y * y * width, x * x * (3.0 - 2.0 * x), -x * x * y * width
@@ -98,9 +102,11 @@ def _along_range(
 class _Cell(NamedTuple):
     """A cell, and a place in it in parts of its sides."""
 
+    # of the first corner: index of the source's depth, the receiver's depth and the distance
     i: int
     j: int
     k: int
+    # place along the same, each 0 … 1
     x: float
     y: float
     z: float
@@ -142,16 +148,16 @@ def _interval(depths: Floats, depth: float) -> int:
 def _traced(table: RayTable, w: Water, cell: tuple[int, int, int], geometry: Geometry) -> Eigenray:
     """The earliest ray in a marked cell."""
     i, j, k = cell
-    errors = np.empty(8)
+    tried_angles = np.empty(8)
     count = 0
     best = NO_RAY
     for corner in range(8):
         angle = table.departure[i + (corner & 1), j + (corner >> 1 & 1), k + (corner >> 2)]
         is_new = angle == angle
         for t in range(count):
-            is_new = is_new and abs(angle - errors[t]) > _SAME_RAY_RAD
+            is_new = is_new and abs(angle - tried_angles[t]) > _SAME_RAY_RAD
         if is_new:
-            errors[count] = angle
+            tried_angles[count] = angle
             count += 1
             ray = refine(w, geometry.source, geometry.receiver, geometry.distance, angle)
             if not best.time <= ray.time and ray.time == ray.time:
@@ -224,6 +230,7 @@ def _write_node(w: Water, geometry: Geometry, ray: Eigenray, out: Floats) -> Non
     out[0] = (slowness - straight_slowness(w, source, receiver)) / square
     at_source = REFERENCE_M_S / speed_and_gradient(w.profile, source, 0)[0]
     at_receiver = REFERENCE_M_S / speed_and_gradient(w.profile, receiver, 0)[0]
+    # derivatives of the ray's time by both depths [s/m]
     by_depth = (
         -at_source * math.sin(ray.departure_angle) / REFERENCE_M_S,
         at_receiver * math.sin(ray.arrival_angle) / REFERENCE_M_S,
@@ -254,7 +261,7 @@ def _earliest_in_fan(
 
 @compiled
 def _widest(w: Water, source: float) -> float:
-    """A bound of the angles at a depth of all rays that may turn, or be joined by one that does."""
+    """Upper bound of the angles [rad] at a depth of all rays between places with `may_turn`."""
     speed = speed_and_gradient(w.profile, source, 0)[0]
     share = w.profile.slowest * speed / (w.profile.fastest * w.profile.fastest)
     return math.acos(min(1.0, share)) + 2e-3
@@ -273,7 +280,7 @@ def _earliest_rays(
     depths = np.empty((FAN_RAYS, ranges.size))
     trace_fan(w, source, first, spacing, ranges, depths)
     fan = Fan(np.empty(3 * FAN_RAYS), np.empty(3 * FAN_RAYS))
-    candidates = np.empty((16, 4))
+    candidates = np.empty((MAX_RAYS, 4))
     for k in range(ranges.size):
         ray_count = fill_fan(w, source, ranges[k], first, spacing, depths[:, k], fan)
         for j in range(receivers.size):
@@ -360,11 +367,11 @@ def _check_cells(w: Water, table: RayTable, x: float, y: float, z: float) -> Non
 
 
 _CHECKED = ((0.5, 0.5, 0.5), (0.25, 0.75, 0.3))  # places in cells at which they are checked
-_MAX_DEPTHS = 90
-_RANGES = 33
-_FINEST_M = 0.2  # steps of depth
+_MAX_DEPTHS = 90  # largest number of depths of a table
+_RANGES = 33  # number of distances of a table
+_FINEST_M = 0.2  # smallest and largest step of depth [m]
 _COARSEST_M = 2.0
-_STEPS_A_BEND = 14.0  # of depth, to the length in which the gradient changes by the speed's range
+_STEPS_A_BEND = 14.0  # steps of depth in L, with L² |d²c/dz²| the difference of largest and least c
 
 
 def _depths(profile: SmoothProfile, deepest: float) -> Floats:

@@ -49,8 +49,8 @@ class SoundProfile(NamedTuple):
 
 @formula
 def _relative_layer_time(growth: float) -> float:
-    """ln(1 + g) / g: time through a layer whose speed grows by a share g, in that at its first
-    speed.
+    """ln(1 + g) / g: time through a layer whose speed grows by a share g, over the time at its
+    first speed.
     """
     return math.log1p(growth) / growth if growth != 0.0 else 1.0
 
@@ -129,15 +129,15 @@ def path_slowness(
     """
     if path == _DIRECT:
         return mean_slowness(profile, -source, -receiver)
-    turn = 0.0 if path == _SURFACE else floor_depth
+    boundary = 0.0 if path == _SURFACE else floor_depth  # depth of the reflection
     # Both legs have the same slope, so that they share the path in proportion to the depths they
     # cross.
-    first = abs(-source - turn)
-    second = abs(-receiver - turn)
+    first = abs(-source - boundary)
+    second = abs(-receiver - boundary)
     if first + second == 0.0:
-        return 1.0 / speed_at(profile, turn)
-    legs = first * mean_slowness(profile, -source, turn) + second * mean_slowness(
-        profile, -receiver, turn
+        return 1.0 / speed_at(profile, boundary)
+    legs = first * mean_slowness(profile, -source, boundary) + second * mean_slowness(
+        profile, -receiver, boundary
     )
     return legs / (first + second)
 
@@ -174,7 +174,7 @@ class StraightRays(NamedTuple):
 
     @jitable
     def straight_slowness(self, path: int, source: Vector, receiver: Vector) -> float:
-        """The same: of the depths that the path crosses."""
+        """The same as `slowness`, since the rays are straight."""
         return self.slowness(path, source, receiver)
 
     def speed(self, depth: float) -> float:

@@ -14,13 +14,13 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled, jitable
 
 _FADE_M = 5.0  # in which the gradient fades beyond the given depths
-# nodes and weights of Gauss and Legendre on 0 … 1
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
-_POINTS = tuple(
+# nodes and weights of Gauss and Legendre on 0 … 1
+_QUADRATURE = tuple(
     (0.5 * (node + 1.0), 0.5 * weight) for node, weight in zip(_NODES, _WEIGHTS, strict=True)
 )
 # smaller depth steps have the slowness of their middle: quotients of small differences round [m]
-_LEVEL_M = 1e-3
+_MIN_DEPTH_STEP_M = 1e-3
 
 
 class SmoothProfile(NamedTuple):
@@ -61,15 +61,15 @@ class SmoothProfile(NamedTuple):
         return profile
 
 
-def _end_slope(widths: Floats, rises: Floats) -> float:
-    """Gradient at the first of three depths, that of a parabola as far as the speed stays monotone;
-    the first two differences come first.
+def _end_slope(widths: Floats, secants: Floats) -> float:
+    """Gradient at the outermost of three depths [1/s], that of a parabola as far as the speed stays
+    monotone, by widths [m] and mean gradients [1/s] of the layers from there on.
     """
-    slope = ((2.0 * widths[0] + widths[1]) * rises[0] - widths[0] * rises[1]) / widths[:2].sum()
-    if np.sign(slope) != np.sign(rises[0]):
+    slope = ((2.0 * widths[0] + widths[1]) * secants[0] - widths[0] * secants[1]) / widths[:2].sum()
+    if np.sign(slope) != np.sign(secants[0]):
         return 0.0
-    if np.sign(rises[0]) != np.sign(rises[1]) and abs(slope) > 3.0 * abs(rises[0]):
-        return float(3.0 * rises[0])
+    if np.sign(secants[0]) != np.sign(secants[1]) and abs(slope) > 3.0 * abs(secants[0]):
+        return float(3.0 * secants[0])
     return float(slope)
 
 
@@ -78,20 +78,20 @@ def _slopes(depth: Floats, speed: Floats) -> Floats:
     if depth.size == 1:
         return np.zeros(1)
     width = np.diff(depth)
-    rise = np.diff(speed) / width
+    secant = np.diff(speed) / width
     if depth.size == 2:
-        return np.full(2, rise[0])
+        return np.full(2, secant[0])
     weight_before = 2.0 * width[1:] + width[:-1]
     weight_after = width[1:] + 2.0 * width[:-1]
     slopes = np.zeros(depth.size)
-    is_monotonic = rise[1:] * rise[:-1] > 0.0
+    is_monotonic = secant[1:] * secant[:-1] > 0.0
     weights = (
-        weight_before[is_monotonic] / rise[:-1][is_monotonic]
-        + weight_after[is_monotonic] / rise[1:][is_monotonic]
+        weight_before[is_monotonic] / secant[:-1][is_monotonic]
+        + weight_after[is_monotonic] / secant[1:][is_monotonic]
     )
     slopes[1:-1][is_monotonic] = (weight_before + weight_after)[is_monotonic] / weights
-    slopes[0] = _end_slope(width, rise)
-    slopes[-1] = _end_slope(width[::-1], rise[::-1])
+    slopes[0] = _end_slope(width, secant)
+    slopes[-1] = _end_slope(width[::-1], secant[::-1])
     return slopes
 
 
@@ -99,19 +99,19 @@ def _coefficients(knots: Floats) -> Floats:
     """Cubics of Hermite by rows of depth, speed and gradient; the last one is a constant."""
     depth, speed, slope = knots.T
     width = np.diff(depth)
-    rise = np.diff(speed) / width
+    secant = np.diff(speed) / width
     cubic = np.zeros((len(knots), 4))
     cubic[:, 0] = speed
     cubic[:, 1] = slope
-    cubic[:-1, 2] = (3.0 * rise - 2.0 * slope[:-1] - slope[1:]) / width
-    cubic[:-1, 3] = (slope[:-1] + slope[1:] - 2.0 * rise) / width**2
+    cubic[:-1, 2] = (3.0 * secant - 2.0 * slope[:-1] - slope[1:]) / width
+    cubic[:-1, 3] = (slope[:-1] + slope[1:] - 2.0 * secant) / width**2
     return cubic
 
 
 @jitable
 def interval_of(p: SmoothProfile, depth: float, index: int) -> int:
-    """Index of the last depth of the profile that is not below another one, perhaps a near one's;
-    0, if that is above all.
+    """Index of the last depth of the profile that is not below another one; 0, if that is above
+    all. `index` is tried first: the answer for a depth nearby, or 0.
     """
     if p.depth[index] <= depth and (index + 1 == p.depth.size or depth < p.depth[index + 1]):
         return index
@@ -128,7 +128,9 @@ def interval_of(p: SmoothProfile, depth: float, index: int) -> int:
 
 @jitable
 def speed_and_gradient(p: SmoothProfile, depth: float, index: int) -> tuple[float, float, int]:
-    """Speed of sound at a depth [m/s], its gradient [1/s], and the index of the interval."""
+    """Speed of sound at a depth [m/s], its gradient [1/s], and the index of the interval; for
+    `index` see `interval_of`.
+    """
     i = interval_of(p, depth, index)
     x = max(depth - p.depth[i], 0.0)
     if depth < p.depth[0]:
@@ -144,7 +146,7 @@ def _time_within(p: SmoothProfile, i: int, depth: float) -> float:
     """Time of a vertical ray from the depth of an interval to one in it [s]."""
     width = depth - p.depth[i]
     time = 0.0
-    for node, weight in _POINTS:
+    for node, weight in _QUADRATURE:
         x = node * width
         speed = p.cubic[i, 0] + x * (p.cubic[i, 1] + x * (p.cubic[i, 2] + x * p.cubic[i, 3]))
         time += weight / speed
@@ -163,6 +165,6 @@ def vertical_time(p: SmoothProfile, depth: float) -> float:
 @compiled
 def mean_slowness(p: SmoothProfile, upper: float, lower: float) -> float:
     """Mean of 1/c between two depths, in either order [s/m]."""
-    if abs(lower - upper) < _LEVEL_M:
+    if abs(lower - upper) < _MIN_DEPTH_STEP_M:
         return 1.0 / speed_and_gradient(p, 0.5 * (upper + lower), 0)[0]
     return (vertical_time(p, lower) - vertical_time(p, upper)) / (lower - upper)

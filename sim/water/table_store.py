@@ -19,7 +19,9 @@ from sim.system import atomic_open, remove_unfinished
 from sim.water.ray_table import RayTable
 
 _MAX_TABLES = 24
-"""Of the same sources that are kept, the ones used last; each takes some megabytes."""
+"""Largest number of tables that are kept for the same sources, those used last; each takes some
+megabytes.
+"""
 
 
 def _folder() -> Path | None:

@@ -182,7 +182,7 @@ class WaveTrain(NamedTuple):
         omega = waves.omega_rad_s
         number = waves.wavenumber_1_m
         k = np.hypot(number[:, 0], number[:, 1])
-        twice_depth = -2.0 * k * floor_depth_m
+        mirror_exponent = -2.0 * k * floor_depth_m
         rows = [
             amplitude,
             number,
@@ -191,8 +191,8 @@ class WaveTrain(NamedTuple):
             waves.phase_rad,
             k,
             number / k[:, None],
-            amplitude * omega / -np.expm1(twice_depth),
-            np.exp(twice_depth),
+            amplitude * omega / -np.expm1(mirror_exponent),
+            np.exp(mirror_exponent),
         ]
         components = np.ascontiguousarray(np.column_stack(rows).T)
         return cls(components, float(floor_depth_m), float(np.abs(amplitude).sum()))
@@ -317,9 +317,9 @@ def wave_elevation(waves: AnyWaves, x: float, y: float, time: float, drift: Drif
 
 
 @compiled
-def _orbits(waves: AnyWaves, x: float, y: float, depth: float, time: float) -> Floats:
-    """Level velocity of each component times cosine and sine of its phase, upward velocity
-    likewise, shape (4, n).
+def _orbits(waves: AnyWaves, x: float, y: float, z: float, time: float) -> Floats:
+    """Horizontal velocity of each component, times cosine and times sine of its phase, and upward
+    velocity, likewise, at a place [m] with z not above 0: shape (4, n), [m/s].
     """
     rows = waves.components
     out = waves.room_for_orbits()
@@ -327,12 +327,12 @@ def _orbits(waves: AnyWaves, x: float, y: float, depth: float, time: float) -> F
         phase = rows[KX, i] * x + rows[KY, i] * y - rows[FIXED_OMEGA, i] * time + rows[PHASE, i]
         sin, cos = sin_cos(phase)
         # cosh(k(z+h))/sinh(kh) and sinh(k(z+h))/sinh(kh) without overflow in deep water
-        decay = exp(max(rows[K, i] * depth, _MIN_EXPONENT))
+        decay = exp(max(rows[K, i] * z, _MIN_EXPONENT))
         mirrored = rows[MIRROR, i] / decay
-        level = rows[ORBITAL, i] * (decay + mirrored)
+        horizontal = rows[ORBITAL, i] * (decay + mirrored)
         upward = rows[ORBITAL, i] * (decay - mirrored)
-        out[0, i] = level * cos
-        out[1, i] = level * sin
+        out[0, i] = horizontal * cos
+        out[1, i] = horizontal * sin
         out[2, i] = upward * cos
         out[3, i] = upward * sin
     return out
@@ -377,6 +377,8 @@ def add_waves(
     vx, vy, vz = velocity
     ax, ay, az = axis
     zero = like(0.0, x)
+    # sums, each the fields of `Flow`: u velocity, d its rate, g gradient, b axis_gradient_rate, c
+    # axis_acceleration_gradient
     ux, uy, uz = (
         like(current.velocity[0], x),
         like(current.velocity[1], x),
@@ -398,12 +400,14 @@ def add_waves(
         k = rows[K, i]
         ex = rows[EAST, i]
         ey = rows[NORTH, i]
+        # horizontal velocity c and upward velocity s, times cosine and sine of the phase θ
         c_cos = orbits[0, i]
         c_sin = orbits[1, i]
         s_cos = orbits[2, i]
         s_sin = orbits[3, i]
         axis_along = ax * ex + ay * ey
         rise = k * vz
+        # of θ along the point's path [rad/s]
         rate = rows[KX, i] * vx + rows[KY, i] * vy - rows[FIXED_OMEGA, i]
 
         ux += c_cos * ex
